@@ -56,6 +56,10 @@ Skipped = list[tuple[str, str]]
               help="estimate the model's own parameters again before a cause is searched")
 @click.option("--out", type=OutputFile(".toml", replaces=False), default=None, metavar="MODEL.TOML",
               help="write the extended model (an older one goes to history/)")
+@click.option("--out-predictor", type=OutputFile(".toml", replaces=False), default=None,
+              metavar="MODEL.TOML",
+              help="look for the best predictor too and write it: every effect that lowers errors "
+                   "in training recordings left out of the fit, sure to be a cause or not")
 @html_option
 @click.option("--only", multiple=True, metavar="EFFECT", help="look for this effect; repeatable")
 @click.option("--exclude", multiple=True, metavar="EFFECT",
@@ -78,10 +82,11 @@ Skipped = list[tuple[str, str]]
 @recorded_car_options
 @json_option
 def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], refit: bool,
-            out: Path | None, html: Path | None, only: tuple[str, ...], exclude: tuple[str, ...],
-            false_alarm: float, max_causes: int, jobs: int | None, reference: Reference | None,
-            seed: int, suggest: bool, loose: tuple[str, ...], car_name: str | None,
-            cars: Path | None, as_json: bool) -> None:
+            out: Path | None, out_predictor: Path | None, html: Path | None,
+            only: tuple[str, ...], exclude: tuple[str, ...], false_alarm: float, max_causes: int,
+            jobs: int | None, reference: Reference | None, seed: int, suggest: bool,
+            loose: tuple[str, ...], car_name: str | None, cars: Path | None,
+            as_json: bool) -> None:
     """Find what a model gets wrong on recordings, and the physical cause.
 
     A cause is an effect of the catalogue (docs/reference/effects.md) that explains the training
@@ -110,7 +115,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
         d = diagnose(file, vehicle, inputs.train, inputs.test, refit=refit, only=names,
                      false_alarm=false_alarm, max_causes=max_causes,
                      jobs=jobs or wanted(sum(map(driving_seconds, inputs.train))),
-                     reference=reference, seed=seed,
+                     reference=reference, seed=seed, predictor=out_predictor is not None,
                      progress=lambda share, text: bar.update(
                          task, completed=READ + (1.0 - READ) * share, description=text))
     sizes.show(as_json)
@@ -119,6 +124,11 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
         from dart_hal.diagnose.write import write_model
 
         d = replace(d, written=str(write_model(d, out, file, inputs.train, typed)))
+    if out_predictor is not None:
+        from dart_hal.diagnose.write import write_predictor
+
+        d = replace(d, predictor_written=str(
+            write_predictor(d, out_predictor, file, inputs.train, typed)))
     suggestions, drives = _suggested(d, file, seed) if suggest else ((), ())
     answer = {**d.to_json(), "sizes": sizes.to_json(), "report": html,
               **({"suggestions": [s.to_json() for s in suggestions],
@@ -212,6 +222,8 @@ def _next(d: Diagnosis, html: Path | None, test: Sequence[Path]) -> None:
                   f"next: dart-hal evaluate --model {model} {where}" if d.evidence.exact else
                   "next: drive and record again, then dart-hal diagnose --no-refit "
                   f"--model {model} --train NEW"]
+    if d.predictor_written is not None:
+        lines.append(f"best predictor: {d.predictor_written}")
     for line in lines:
         console.print(line, markup=False, highlight=False)
 
@@ -224,7 +236,7 @@ def _typed(given: dict[str, Any]) -> str:
     words += [] if given["refit"] else ["--no-refit"]
     for name in ("only", "exclude"):
         words += [word for value in given[name] for word in (f"--{name}", value)]
-    for name in ("out", "html", "false_alarm", "max_causes", "seed"):
+    for name in ("out", "out_predictor", "html", "false_alarm", "max_causes", "seed"):
         if given[name] is not None:
             words += [f"--{name.replace('_', '-')}", str(given[name])]
     r = given["reference"]

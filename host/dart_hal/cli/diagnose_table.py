@@ -18,6 +18,7 @@ from dart_hal.diagnose.report.words import (
     moved,
     pooled,
     possible,
+    predictor,
     quantity,
 )
 from dart_hal.diagnose.result import Diagnosis, Gained
@@ -45,6 +46,8 @@ def show(d: Diagnosis) -> None:
     if d.withdrawn:
         say(f"named at first and withdrawn: {', '.join(d.withdrawn)}", style="dim")
     _errors(d)
+    if d.predictor is not None:
+        say(predictor(d.predictor))
     _moved(d)
     near = sorted((c for c in d.considered if math.isfinite(c.loss)), key=lambda c: -c.loss)
     for c in near[:NEXT_BEST]:

@@ -28,6 +28,7 @@ from .mounted import Mounted, mounted, of_the_imu
 from .parameters.claims import Asked, claims
 from .parameters.sets import Sets
 from .parameters.unseen import Unseen
+from .predictor import find_predictor
 from .report.words import removes, times
 from .result import (
     Cause,
@@ -55,7 +56,10 @@ TOGETHER = "all fitted together"  # where that is better than one after the othe
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What was asked: the base model, both sides, and the search with its settings."""
+    """What was asked: the base model, both sides, and the search with its settings.
+
+    predictor: whether the best predictor is wanted.
+    """
 
     model: str
     base: Vehicle
@@ -64,6 +68,7 @@ class Question:
     settings: Settings
     refit: bool
     search: Search
+    predictor: bool = False
 
 
 def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, Any]],
@@ -117,6 +122,8 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
         seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
         mounting=of_the_imu(at, q.train.evidence, q.settings.policy),
+        predictor=find_predictor(q.search, q.train, q.test, last, partial(as_logged, q),
+                                 q.settings.jobs) if q.predictor else None,
         runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
         ranking={t.effect: t.gain for t in found.ranking})
 

@@ -86,10 +86,16 @@ class Side:
 @lru_cache(maxsize=4)
 def _predicted(side: Side, p: Vehicle) -> FloatArray:
     """Kept for a while: what is before one cause is after the one that gains more."""
-    cases = side.prepared.cases if side.prepared else ()
+    return compute_case_errors(p, side.prepared.cases if side.prepared else (), side.evidence.l_r)
+
+
+def compute_case_errors(p: Vehicle, cases: Sequence[Case], l_r: float) -> FloatArray:
+    """Compute the errors of a vehicle in recordings, as ``evaluate.errors``.
+
+    l_r: from the centre of mass to the rear axle [m], by which the recordings were read.
+    """
     if signals(p, "pose"):  # a turned marker is no side slip
-        cases = tuple(replace(case, grid=freed_of_mocap(case.grid, p, side.evidence.l_r))
-                      for case in cases)
+        cases = [replace(case, grid=freed_of_mocap(case.grid, p, l_r)) for case in cases]
     return errors(predict(settled(p), cases), measured(cases))
 
 

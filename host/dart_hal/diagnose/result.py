@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from scipy.special import stdtrit
+
+from dart_hal.evaluate.prediction import CHANNELS
 from dart_hal.vehicle.parameters import Vehicle
 
 from .evidence.residuals import Evidence, Residuals
@@ -270,12 +275,78 @@ class Stage:
 
 
 @dataclass(frozen=True, slots=True)
+class LeftOutError:
+    """RMS errors 1 s ahead in a recording, by fits to the others, in the order of CHANNELS.
+
+    refitted: parameters alone; predictor: with the effects of the best predictor.
+    """
+
+    refitted: tuple[float, ...]
+    predictor: tuple[float, ...]
+
+    @property
+    def ratio(self) -> float:
+        """Error of the predictor over that of the refit, geometric mean over the channels."""
+        return float(np.exp(np.log(np.array(self.predictor) / np.array(self.refitted)).mean()))
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``predictor.left_out``."""
+        return {"refitted": dict(zip(CHANNELS, self.refitted, strict=True)),
+                "predictor": dict(zip(CHANNELS, self.predictor, strict=True)),
+                "ratio": self.ratio}
+
+
+@dataclass(frozen=True, slots=True)
+class BestPredictor:
+    """The model that errs least in recordings left out of its fit, see ``find_predictor``.
+
+    vehicle: delays counted from the log, with the accepted effects on sensors. effects: sizes of
+    those on the motion that were found; parameters: of the base. Standard errors are the
+    jackknife's over recordings. left_out: by training recording. tried: sets of effects, and their
+    error in recordings left out over that of the refit, geometric mean. horizons: errors on the
+    test recordings.
+    """
+
+    vehicle: Vehicle
+    effects: Mapping[str, Mapping[str, Number]]
+    parameters: Mapping[str, Number]
+    left_out: Mapping[str, LeftOutError]
+    tried: tuple[tuple[tuple[str, ...], float], ...]
+    horizons: Mapping[str, Any]
+
+    @property
+    def ratio(self) -> tuple[float, float, float]:
+        """Error in recordings left out over that of the refit, and its 90 % interval.
+
+        Geometric means over recordings; the interval is Student's over their logarithms. The
+        effects were chosen by these recordings, so the ratio is a little too good.
+        """
+        logs = np.log([one.ratio for one in self.left_out.values()])
+        std = float(np.std(logs, ddof=1)) / math.sqrt(len(logs))
+        half = float(stdtrit(len(logs) - 1, 0.95)) * std
+        mean = float(logs.mean())
+        return math.exp(mean), math.exp(mean - half), math.exp(mean + half)
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``predictor``."""
+        ratio, low, high = self.ratio
+        return {"effects": {e: {k: n.to_json() for k, n in numbers.items()}
+                            for e, numbers in self.effects.items()},
+                "parameters": {k: n.to_json() for k, n in self.parameters.items()},
+                "ratio": ratio, "ratio_ci90": [low, high],
+                "left_out": {k: one.to_json() for k, one in self.left_out.items()},
+                "tried": [{"effects": list(names), "ratio": r} for names, r in self.tried],
+                "errors": self.horizons}
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """Everything a report needs; ``evidence`` holds the test drives of the stages' residuals.
 
     false_alarm: share of data sets in which anything is named where nothing is
     missing; ranking: drop of the loss for every effect alone, before anything was named.
-    mounting: of the IMU, by effect and parameter, see ``mounted``.
+    mounting: of the IMU, by effect and parameter, see ``mounted``. predictor: None where it was
+    not wanted.
     """
 
     verdict: str
@@ -299,6 +370,8 @@ class Diagnosis:
     possible: tuple[Possible, ...] = ()
     claims: tuple[Claim, ...] = ()
     mounting: Mapping[str, Mapping[str, Number]] = field(default_factory=dict)
+    predictor: BestPredictor | None = None
+    predictor_written: str | None = None
 
     @property
     def extended(self) -> Vehicle:
@@ -322,6 +395,8 @@ class Diagnosis:
                          "gain_ci95": {k: [g.low, g.high] for k, g in self.gain.items()}},
             "mounting": {e: {k: n.to_json() for k, n in numbers.items()}
                          for e, numbers in self.mounting.items()},
+            "predictor": self.predictor and {"model": self.predictor_written,
+                                             **self.predictor.to_json()},
             "stages": [{"label": s.label, "errors": s.horizons} for s in self.stages],
             "ctrv": self.ctrv, "withdrawn": list(self.withdrawn), "notes": list(self.notes),
             "runtime_s": self.runtime_s, "files": {k: dict(f) for k, f in self.files.items()},

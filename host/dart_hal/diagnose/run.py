@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dart_hal.config import ModelFile, Quantity
+from dart_hal.errors import UsageError
 from dart_hal.evaluate.cases import prepare as prepare_cases
 from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.recording.dart import Recording, Reference
@@ -21,6 +22,7 @@ from .evidence.residuals import Evidence
 from .gains import Side, side_of
 from .pace import Pace
 from .policy import USUAL, EvidencePolicy, Policy
+from .predictor import check_recordings
 from .result import Diagnosis
 from .search.forward import Search
 from .search.scan import Progress
@@ -34,6 +36,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
              test: Sequence[Recording], *, refit: bool = True, only: Sequence[str] = (),
              false_alarm: float = 0.01, max_causes: int = 12, jobs: int = 1,
              reference: Reference | None = None, seed: int = 0, policy: Policy = USUAL,
+             predictor: bool = False,
              progress: Progress | None = None) -> Diagnosis:
     """Find what the model lacks in the training recordings, and measure it on the test ones.
 
@@ -46,15 +49,23 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     jobs: processes; the result does not depend on it as long as linear algebra has one
     thread, as the command line gives it. reference: marker frame
     of the mocap; None: known or fitted, see ``with_marker_frames``. policy: its thresholds.
-    progress(share, what).
-    Errors: RecordingError for recordings that hold nothing to predict.
+    predictor: look for the best predictor too, see ``find_predictor``. progress(share, what).
+    Errors: RecordingError for recordings that hold nothing to predict; UsageError for a predictor
+    without a refit, or of fewer than three training recordings with motion capture.
     """
     began = time.monotonic()
+    if predictor and not refit:
+        raise UsageError("a predictor needs a refit", found="--no-refit",
+                         expected="a predictor estimates all parameters again, effects and "
+                                  "numbers together",
+                         remedy="leave out --no-refit, or leave out --out-predictor")
     l_r = settled(vehicle).body.l_r
     known = standard_errors(model) if refit else {}
     files: dict[str, dict[str, Any]] = {}
     sides = [_side(role, recordings, l_r, reference, policy.evidence, files)
              for role, recordings in (("train", train), ("test", test))]
+    if predictor:
+        check_recordings(sides[0])
     free = _estimated(vehicle, known, sides[0].evidence.exact) if refit else ()
     settings = Settings(free=free, known=known, names=tuple(only), false_alarm=false_alarm,
                         max_causes=max_causes, jobs=jobs, seed=seed,
@@ -72,7 +83,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
                     lambda: pace.phase(SEARCHING, "looking for causes", EVALUATIONS[1]))
     found = search.run()
     pace.phase(1.0, "measuring the gain", EVALUATIONS[2])
-    return conclude(Question(model.name, vehicle, sides[0], sides[1], settings, refit, search),
+    return conclude(Question(model.name, vehicle, sides[0], sides[1], settings, refit, search,
+                             predictor),
                 found, files, began)
 
 

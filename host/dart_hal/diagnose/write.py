@@ -14,6 +14,7 @@ from dart_hal.config import EffectEntry, ModelFile, Quantity, plain, save_model
 from dart_hal.config.model import Parameter
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.file import model_of
+from dart_hal.vehicle.parameters import Vehicle
 
 from .result import Diagnosis
 
@@ -22,6 +23,15 @@ def write_model(d: Diagnosis, path: Path, base: ModelFile, train: Sequence[Recor
                 command: str = "") -> Path:
     """Save the extended model; an older file goes to history/. Errors: OSError."""
     return save_model(extended_model(d, base, train, command), path)
+
+
+def write_predictor(d: Diagnosis, path: Path, base: ModelFile, train: Sequence[Recording],
+                    command: str = "") -> Path:
+    """Save the best predictor; an older file goes to history/.
+
+    Errors: OSError; ValueError for a diagnosis without one.
+    """
+    return save_model(predictor_model(d, base, train, command), path)
 
 
 def extended_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
@@ -33,35 +43,60 @@ def extended_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
     Covariances of parameters that have moved are left out: they held around
     the old values.
     """
-    model = model_of(d.extended, base)
-    named = {f"{c.effect}.{k}": n.std for c in d.causes for k, n in c.parameters.items()}
-    stds = {**{name: m.std for name, m in d.refitted.items()}, **named}
+    fitted = bool(d.causes or d.refitted)
+    stds = {name: m.std for name, m in d.refitted.items()}
+    stds |= {f"{c.effect}.{k}": n.std for c in d.causes for k, n in c.parameters.items()}
+    provenance = {"method": "diagnosis", "verdict": d.verdict,
+                  "causes": [c.effect for c in d.causes]}
+    return _model(d, d.extended, base, "extended" if fitted else "", stds,
+                  _provenance(d, base, train if fitted else (), command, provenance))
+
+
+def predictor_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
+                    command: str = "") -> ModelFile:
+    """The file of ``d.predictor``, as ``extended_model``.
+
+    Raises ValueError for a diagnosis without one.
+    """
+    if d.predictor is None:
+        raise ValueError("this diagnosis has no predictor: diagnose(..., predictor=True)")
+    stds = {name: n.std for name, n in d.predictor.parameters.items()}
+    stds |= {f"{e}.{k}": n.std for e, numbers in d.predictor.effects.items()
+             for k, n in numbers.items()}
+    ratio, low, high = d.predictor.ratio
+    provenance = {"method": "best predictor", "effects": list(d.predictor.effects),
+                  "error_of_refit": {"ratio": ratio, "ci90": [low, high]}}
+    return _model(d, d.predictor.vehicle, base, "predictor", stds,
+                  _provenance(d, base, train, command, provenance))
+
+
+def _model(d: Diagnosis, vehicle: Vehicle, base: ModelFile, kind: str, stds: Mapping[str, float],
+           provenance: Mapping[str, Any]) -> ModelFile:
+    """kind: added to the name; stds: by parameter, of what was fitted."""
+    model = model_of(vehicle, base)
     effects = tuple(EffectEntry(e.name, _with(e.name, e.parameters, stds))
                     for e in model.effects)
+    has = {e.name for e in effects}
     effects += tuple(EffectEntry(name, {k: _entry(n.value, n.std) for k, n in numbers.items()})
-                     for name, numbers in d.mounting.items())
+                     for name, numbers in d.mounting.items() if name not in has)
     sections: dict[str, Any] = {}
-    for name, moved in d.refitted.items():
+    for name, std in stds.items():
         section, _, key = name.partition(".")
         if key in getattr(model, section, {}):
             table = sections.setdefault(section, dict(getattr(model, section)))
-            table[key] = _entry(plain(table[key]), moved.std)
+            table[key] = _entry(plain(table[key]), std)
     covariance = {key: table for key, table in base.covariance.items()
-                  if not set(table.names) & set(d.refitted)}
+                  if not set(table.names) & set(stds)}
     return msgspec.structs.replace(
-        model, name=f"{base.name}-extended" if d.causes or d.refitted else base.name,
-        effects=effects, covariance=covariance, speed_loop=base.speed_loop,
-        provenance=_provenance(d, base, train, command), **sections)
+        model, name=f"{base.name}-{kind}" if kind else base.name, effects=effects,
+        covariance=covariance, speed_loop=base.speed_loop, provenance=dict(provenance), **sections)
 
 
-def _provenance(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
-                command: str) -> dict[str, Any]:
-    fitted = d.causes or d.refitted
-    files = {r.name: r.sha256 for r in train} if fitted else {}
+def _provenance(d: Diagnosis, base: ModelFile, train: Sequence[Recording], command: str,
+                own: Mapping[str, Any]) -> dict[str, Any]:
+    files = {r.name: r.sha256 for r in train}
     return {**base.provenance, "dart_hal": __version__, "command": command, "base": d.model,
-            "method": "diagnosis", "verdict": d.verdict, "seed": d.seed,
-            "causes": [c.effect for c in d.causes],
-            "files": {**base.provenance.get("files", {}), **files}}
+            "seed": d.seed, **own, "files": {**base.provenance.get("files", {}), **files}}
 
 
 def _with(effect: str, parameters: Mapping[str, Parameter], stds: Mapping[str, float]

@@ -94,6 +94,11 @@ class Evidence:
         return pickle.dumps({**self.__dict__, "_kept": OrderedDict(), "_said": OrderedDict(),
                              "told": None}, protocol=pickle.HIGHEST_PROTOCOL)
 
+    def without(self, drive: int) -> Evidence:
+        """The evidence of all drives but one, by its number."""
+        return Evidence([d for k, d in enumerate(self.drives) if k != drive], self.l_r,
+                        self.overlap)
+
     @property
     def late(self) -> float:
         """What age of a message is expected [s], on the clock of the poses."""

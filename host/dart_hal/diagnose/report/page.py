@@ -51,7 +51,8 @@ def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = 
     found = join(cause_section(d, i, rows) for i in range(len(d.causes)))
     about = {"command": command or "from Python", "dart-hal": __version__,
              "Python": platform.python_version(), "numpy": np.__version__,
-             "model given": d.model, "extended model": d.written or "not written"}
+             "model given": d.model, "extended model": d.written or "not written",
+             **({"best predictor": d.predictor_written or "not written"} if d.predictor else {})}
     sections = {
         "claims": ("Parameters that were wrong", claims_section(d)),
         "causes": ("The causes, and their evidence",
@@ -59,6 +60,8 @@ def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = 
         "possible": ("Possible, not shown above", possible_section(d)),
         "unexplained": ("What is not explained", unexplained_section(d, rows)),
         "errors": ("Errors, step by step", tables.errors(d)),
+        **({"predictor": ("The best predictor", tables.best_predictor(d, d.predictor))}
+           if d.predictor else {}),
         "ranking": ("Every effect by what it would take away", tables.ranking(d)),
         "considered": ("Considered and not named", tables.considered(d)),
         "parameters": ("Base parameters that moved", tables.parameters(d)),

@@ -9,14 +9,23 @@ from typing import Any
 import numpy as np
 
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence
-from dart_hal.diagnose.result import Considered, Diagnosis, Number
+from dart_hal.diagnose.result import BestPredictor, Considered, Diagnosis, Number
 from dart_hal.evaluate import CHANNELS as PREDICTED
 from dart_hal.evaluate import UNITS
 from dart_hal.report import charts, page, svg
 from dart_hal.report.html import Html, el, join, table
 from dart_hal.report.numbers import p_value, percent, significant
 
-from .words import CHANNELS, HORIZONS, channel, interval, pooled, quantity, title
+from .words import (
+    CHANNELS,
+    HORIZONS,
+    channel,
+    interval,
+    pooled,
+    predictor,
+    quantity,
+    title,
+)
 
 MAX_ROWS = 24
 """Bars of the ranking; the table below it holds all."""
@@ -75,6 +84,31 @@ def errors(d: Diagnosis) -> Html:
         out.append(el("p", "No prediction could be judged: the test recordings have no motion "
                            "capture."))
     return join(out)
+
+
+def best_predictor(d: Diagnosis, b: BestPredictor) -> Html:
+    """The best predictor: its effects, its errors by recording left out, and on the test side."""
+    sizes = [(name, title(name), ", ".join(f"{k} {quantity(n)}" for k, n in numbers.items()))
+             for name, numbers in b.effects.items()]
+    left_out = [(name, *(f"{significant(before)} -> {significant(after)}" for before, after in zip(
+        one.refitted, one.predictor, strict=True)), f"{one.ratio:.2f}")
+        for name, one in b.left_out.items()]
+    channels = [f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)]
+    tried = [(f"{len(names)}", ", ".join(names) or "none", f"{ratio:.3f}")
+             for names, ratio in b.tried]
+    stages = [("refitted", d.stages[1].horizons), ("with the causes", d.stages[-1].horizons),
+              ("best predictor", b.horizons)]
+    test = [(label, *(_pair(of, "1.0", c) for c in PREDICTED)) for label, of in stages]
+    return join([
+        el("p", predictor(b)),
+        table(("effect", "the car ...", "size"), sizes, 1, "standard errors: spread of the fits "
+              "without one recording each (jackknife)"),
+        table(("model", *channels), test, 1, "errors after 1 s on the test recordings: RMSE "
+              "(median); they selected nothing of the predictor"),
+        table(("recording left out", *channels, "ratio"), left_out, 1,
+              "RMSE after 1 s: refit -> best predictor, each fitted to the other recordings"),
+        table(("effects", "on the motion", "ratio"), tried, 1,
+              "sets of effects that were tried: errors in recordings left out, over the refit's")])
 
 
 def _pair(horizons: Mapping[str, Any], horizon: str, name: str) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 from dart_hal.diagnose.parameters.groups import MERGED
 from dart_hal.diagnose.result import (
+    BestPredictor,
     Cause,
     Change,
     Claim,
@@ -148,6 +149,18 @@ def times(cost: Cost) -> str:
     ratio, low, high = cost
     between = f" [{low:.2f}, {high:.2f}]" if math.isfinite(low) else f" ({NO_INTERVAL})"
     return f"{ratio:.2f}{between} times as large"
+
+
+def predictor(b: BestPredictor) -> str:
+    """What the best predictor is and how much better it predicts than the refit."""
+    n = len(b.left_out)
+    if not b.effects:
+        return ("Best predictor: the refitted parameters alone; no effect lowers the errors in "
+                f"recordings left out ({n} were left out in turn).")
+    better = sum(one.ratio < 1.0 for one in b.left_out.values())
+    return (f"Best predictor: with {listed(list(b.effects), 'and')} the errors 1 s ahead in "
+            f"recordings left out are {times(b.ratio)} as those of the refit, and smaller in "
+            f"{better} of {n}. These effects predict better; it is not shown that they are causes.")
 
 
 def possible(p: Possible) -> str:

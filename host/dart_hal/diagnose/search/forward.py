@@ -103,6 +103,11 @@ class Search:
         self._before: Before = {}
         self._loose: tuple[str, ...] = ()
 
+    @property
+    def base(self) -> Vehicle:
+        """The model as it was given."""
+        return self._base
+
     def run(self) -> SearchResult:
         """Search until nothing passes; in a run of our own again, where the answer is strained.
 
@@ -124,7 +129,7 @@ class Search:
 
     def _searched(self) -> SearchResult:
         s = self._settings
-        space = self._space(self._base)
+        space = self.make_space(self._base)
         point, noise = self._settle(space, Timing(self._evidence.late))
         if self._fitted is not None:
             self._fitted()
@@ -179,7 +184,7 @@ class Search:
         """
         p, keep = point.vehicle, {*effects, *(a.name for a in self._base.effects)}
         vehicle = replace(p, effects=tuple(a for a in p.effects if a.name in keep))
-        space = self._space(vehicle)
+        space = self.make_space(vehicle)
         x = space.carried(space.start(vehicle, point.timing), start.space, start.x)
         near = refit_near(self._evidence, noise, space, x, start)
         other = {a.name for a in start.vehicle.effects} ^ {a.name for a in vehicle.effects}
@@ -197,7 +202,7 @@ class Search:
             vehicle = apply(vehicle, name)
         if vehicle is point.vehicle:
             return point
-        space = self._space(vehicle)
+        space = self.make_space(vehicle)
         x = space.carried(space.start(vehicle, point.timing), point.space, point.x)
         first = refit_near(self._evidence, noise, space, x, point)
         noise = self._measured(first.vehicle, first.timing)
@@ -309,7 +314,7 @@ class Search:
     def _with(self, noise: Noise, point: Point, trial: Trial) -> Point:
         """The full fit with one more effect, from its trial on."""
         vehicle = apply(point.vehicle, trial.effect, **trial.values)
-        space = self._space(vehicle)
+        space = self.make_space(vehicle)
         start = space.start(vehicle, point.timing)
         return refit_with(self._evidence, noise, space, start, point,
                           trial.residual.astype(np.float64))
@@ -322,10 +327,10 @@ class Search:
                 if a.name not in has:
                     values = zip(a.effect.parameters, a.values, strict=True)
                     vehicle = apply(vehicle, a.name, **{q.name: v for q, v in values})
-        space, timing = self._space(vehicle), fits[0].timing
+        space, timing = self.make_space(vehicle), fits[0].timing
         return space, timing, space.start(vehicle, timing)
 
-    def _space(self, vehicle: Vehicle) -> Space:
+    def make_space(self, vehicle: Vehicle) -> Space:
         """Around the base, with the effects of a vehicle at their null.
 
         Without a refit the effects that the base has keep their values, like its parameters: a
@@ -354,7 +359,7 @@ class Search:
     def _without(self, point: Point, noise: Noise, name: str) -> Point:
         p = point.vehicle
         vehicle = replace(p, effects=tuple(a for a in p.effects if a.name != name))
-        space = self._space(vehicle)
+        space = self.make_space(vehicle)
         return refit_near(self._evidence, noise, space, space.start(vehicle, point.timing), point)
 
     def _weighed(self, point: Point, noise: Noise, named: list[Named]) -> list[Named]:
