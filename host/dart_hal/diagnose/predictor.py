@@ -11,11 +11,15 @@ so every recording counts alike, however long it is and however well the car can
 Each fit minimises the same over its own recordings. Since d ln s = sum_i e_i de_i / (n s^2), that
 is least squares with weights 1 / (n s^2), which are measured again after each fit.
 
-1. Start from the accepted effects. Add all others that lower the loss by more than chance does.
-2. Fit them together, and drop what the fit does not need.
+1. Start from the accepted effects. Add all others that lower the loss by more than chance does, and
+   fit them together.
+2. Drop what the fit does not need.
 3. Fit without each recording in turn, and compute L. Drop the effect whose size no car has, else
    the one that the fit needs least. Repeat until no effect on the motion is left.
-4. Take the effects with the smallest L.
+4. Take the effects with the smallest L. Fit them by the weights of the diagnosis too: these are
+   better where the model is complete, and what is left is noise. Keep the fit with the smaller L.
+5. If its errors are not surely smaller than those of the refit, by the 90 % interval over
+   recordings, the refit is the best predictor.
 """
 
 from __future__ import annotations
@@ -42,7 +46,7 @@ from .evidence.residuals import Evidence, only_read
 from .evidence.space import Timing
 from .gains import AT, Side, compute_case_errors
 from .grade.names import impossible_size
-from .result import BestPredictor, LeftOutError, Number
+from .result import BestPredictor, LeftOutError, Number, Ratio, geometric_mean
 from .search.fit import Point, refit, refit_near
 from .search.forward import Search, effect_names
 from .search.scan import scan
@@ -79,6 +83,10 @@ class _Candidate(NamedTuple):
     def criterion(self) -> float:
         """L of the module's docstring."""
         return float(np.log(self.errors).mean())
+
+    def relative_to(self, other: _Candidate) -> Ratio:
+        """Its errors over those of another, by recording."""
+        return geometric_mean(np.exp(np.log(self.errors / other.errors).mean(axis=1)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,14 +131,13 @@ def find_predictor(search: Search, train: Side, test: Side, accepted: Point,
     work = _PredictorSearch(search, evidence, folds, as_logged, accepted.noise,
                             frozenset(effect_names(search.base)), jobs)
 
-    # 1. all effects on the motion that gain anything beside the accepted ones
+    # 1. with all effects on the motion that gain anything beside the accepted ones
     read = tuple(a for a in accepted.vehicle.effects if only_read(a.effect))
     wide = _without(accepted.vehicle, [a.name for a in read])
-    for trial in scan(train.evidence, accepted, jobs=jobs):
-        if trial.gain > LEAST_GAIN and _moves_car(trial.effect):
-            wide = apply(wide, trial.effect)
-    # 2. together, without those that do nothing then
+    for name in work.gainful(train.evidence, accepted):
+        wide = apply(wide, name)
     fit = work.fit(wide, accepted, FIRST_PASSES)
+    # 2. without those that do nothing then
     needless = [name for name, rise in work.rises(fit).items() if rise < NEEDLESS]
     if needless:
         fit = work.fit(_without(fit.vehicle, needless), fit)
@@ -140,11 +147,14 @@ def find_predictor(search: Search, train: Side, test: Side, accepted: Point,
         least = min(rises, key=lambda name: (not impossible_size(fit, name), rises[name], name))
         fit = work.fit(_without(fit.vehicle, [least]), fit)
         tried.append(work.judge(fit))
-    # 4. the smallest error
-    possible = [one for one in tried
-                if not any(impossible_size(one.fit, name) for name in work.found(one.fit))]
-    best = min(possible, key=lambda one: one.criterion)
-    return work.result(best, tried, test, read)
+    # 4. the smallest error, by either kind of weights
+    refitted = work.judge(work.fit_by_noise(fit))
+    tried.append(work.judge(work.fit_by_noise(work.smallest(tried).fit)))
+    # 5. the refit where none is surely better
+    best = work.smallest(tried)
+    if best.relative_to(refitted).high >= 1.0:
+        best = refitted
+    return work.result(best, refitted, tried, test, read)
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +178,13 @@ class _PredictorSearch:
         return tuple(n for n in effect_names(fit.vehicle)
                      if n not in self.given and _moves_car(n))
 
+    def gainful(self, evidence: Evidence, fit: Point) -> list[str]:
+        """Effects on the motion that lower the loss by more than chance does, each by itself."""
+        has = effect_names(fit.vehicle)
+        names = [n for n in catalogue() if _moves_car(n) and n not in has]
+        return [trial.effect for trial in scan(evidence, fit, names, jobs=self.jobs)
+                if trial.gain > LEAST_GAIN]
+
     def rises(self, fit: Point) -> dict[str, float]:
         """Rise of the loss without each effect that was found, to second order."""
         return {name: fit.wald([f"{name}.{q.name}" for q in catalogue()[name].parameters])
@@ -183,6 +200,16 @@ class _PredictorSearch:
             x = fit.x
         return fit
 
+    def fit_by_noise(self, near: Point) -> Point:
+        """Fit the vehicle of a fit nearby by the noise, as the diagnosis does."""
+        return refit(self.evidence, self.noise, near.space, near.x, jobs=self.jobs)
+
+    def smallest(self, tried: Sequence[_Candidate]) -> _Candidate:
+        """The one with the smallest L of those whose effects all have sizes that a car can have."""
+        possible = [one for one in tried
+                    if not any(impossible_size(one.fit, name) for name in self.found(one.fit))]
+        return min(possible, key=lambda one: one.criterion)
+
     def judge(self, fit: Point) -> _Candidate:
         """Fit without each recording, and predict it."""
         work = [(fold.others, _rows_of_others(self.evidence, fit, fold.drive))
@@ -193,10 +220,9 @@ class _PredictorSearch:
         return _Candidate(fit, np.array([np.sqrt(np.mean(e**2, axis=1)) for e in errors]),
                           np.array([one.x for one in fits]))
 
-    def result(self, best: _Candidate, tried: Sequence[_Candidate], test: Side,
-               read: Sequence[ActiveEffect]) -> BestPredictor:
+    def result(self, best: _Candidate, refitted: _Candidate, tried: Sequence[_Candidate],
+               test: Side, read: Sequence[ActiveEffect]) -> BestPredictor:
         """read: accepted effects on what sensors read, which the fits of the motion leave out."""
-        refitted = tried[-1]
         vehicle, stds = self.as_logged(best.fit), self._jackknife(best)
         effects = {a.name: {q.name: Number(value(vehicle, f"{a.name}.{q.name}"),
                                            stds[f"{a.name}.{q.name}"], q.unit, q.null)
@@ -207,8 +233,7 @@ class _PredictorSearch:
         left_out = {fold.case.file: LeftOutError(tuple(before), tuple(after))
                     for fold, before, after in zip(self.folds, refitted.errors.tolist(),
                                                    best.errors.tolist(), strict=True)}
-        sets = tuple((self.found(one.fit), math.exp(one.criterion - refitted.criterion))
-                     for one in tried)
+        sets = tuple((self.found(one.fit), one.relative_to(refitted)) for one in tried)
         return BestPredictor(replace(vehicle, effects=(*vehicle.effects, *read)), effects, numbers,
                              left_out, sets, test.horizons(vehicle))
 
@@ -274,7 +299,8 @@ def _refit_others(work: tuple[Evidence, Point]) -> Point:
 def _rows_of_others(evidence: Evidence, fit: Point, drive: int) -> Point:
     """A fit with the rows of all recordings but one."""
     keep = evidence.motion_drive != drive
-    noise = replace(fit.noise, certain=np.asarray(fit.noise.certain)[keep])
+    certain = np.broadcast_to(fit.noise.certain, (len(keep), len(fit.noise.motion)))
+    noise = replace(fit.noise, certain=certain[keep])
     rows = np.concatenate([np.repeat(keep, len(noise.motion)),
                            np.repeat(evidence.sensor_drive != drive, len(noise.sensors))])
     return Point(noise, fit.space, fit.x, fit.residual[rows], fit.weight[rows], fit.jacobian[rows])

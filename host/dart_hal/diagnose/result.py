@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.special import stdtrit
@@ -274,6 +274,23 @@ class Stage:
     residuals: Residuals
 
 
+class Ratio(NamedTuple):
+    """A geometric mean of ratios, and the ends of its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def geometric_mean(ratios: Iterable[float]) -> Ratio:
+    """Geometric mean of ratios of recordings; the interval is Student's over their logarithms."""
+    logs = np.log(list(ratios))
+    std = float(np.std(logs, ddof=1)) / math.sqrt(len(logs))
+    half = float(stdtrit(len(logs) - 1, 0.95)) * std
+    mean = float(logs.mean())
+    return Ratio(math.exp(mean), math.exp(mean - half), math.exp(mean + half))
+
+
 @dataclass(frozen=True, slots=True)
 class LeftOutError:
     """RMS errors 1 s ahead in a recording, by fits to the others, in the order of CHANNELS.
@@ -303,29 +320,23 @@ class BestPredictor:
     vehicle: delays counted from the log, with the accepted effects on sensors. effects: sizes of
     those on the motion that were found; parameters: of the base. Standard errors are the
     jackknife's over recordings. left_out: by training recording. tried: sets of effects, and their
-    error in recordings left out over that of the refit, geometric mean. horizons: errors on the
-    test recordings.
+    errors in recordings left out over those of the refit. horizons: errors on the test recordings.
     """
 
     vehicle: Vehicle
     effects: Mapping[str, Mapping[str, Number]]
     parameters: Mapping[str, Number]
     left_out: Mapping[str, LeftOutError]
-    tried: tuple[tuple[tuple[str, ...], float], ...]
+    tried: tuple[tuple[tuple[str, ...], Ratio], ...]
     horizons: Mapping[str, Any]
 
     @property
-    def ratio(self) -> tuple[float, float, float]:
-        """Error in recordings left out over that of the refit, and its 90 % interval.
+    def ratio(self) -> Ratio:
+        """Error in recordings left out over that of the refit.
 
-        Geometric means over recordings; the interval is Student's over their logarithms. The
-        effects were chosen by these recordings, so the ratio is a little too good.
+        The effects were chosen by these recordings, so it is a little too small.
         """
-        logs = np.log([one.ratio for one in self.left_out.values()])
-        std = float(np.std(logs, ddof=1)) / math.sqrt(len(logs))
-        half = float(stdtrit(len(logs) - 1, 0.95)) * std
-        mean = float(logs.mean())
-        return math.exp(mean), math.exp(mean - half), math.exp(mean + half)
+        return geometric_mean(one.ratio for one in self.left_out.values())
 
     def to_json(self) -> dict[str, Any]:
         """As ``predictor``."""
@@ -335,7 +346,8 @@ class BestPredictor:
                 "parameters": {k: n.to_json() for k, n in self.parameters.items()},
                 "ratio": ratio, "ratio_ci90": [low, high],
                 "left_out": {k: one.to_json() for k, one in self.left_out.items()},
-                "tried": [{"effects": list(names), "ratio": r} for names, r in self.tried],
+                "tried": [{"effects": list(names), "ratio": r.value, "ratio_ci90": [r.low, r.high]}
+                          for names, r in self.tried],
                 "errors": self.horizons}
 
 

@@ -94,7 +94,8 @@ def best_predictor(d: Diagnosis, b: BestPredictor) -> Html:
         one.refitted, one.predictor, strict=True)), f"{one.ratio:.2f}")
         for name, one in b.left_out.items()]
     channels = [f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)]
-    tried = [(f"{len(names)}", ", ".join(names) or "none", f"{ratio:.3f}")
+    tried = [(f"{len(names)}", ", ".join(names) or "none",
+              f"{ratio.value:.3f} [{ratio.low:.2f}, {ratio.high:.2f}]")
              for names, ratio in b.tried]
     stages = [("refitted", d.stages[1].horizons), ("with the causes", d.stages[-1].horizons),
               ("best predictor", b.horizons)]
@@ -108,7 +109,8 @@ def best_predictor(d: Diagnosis, b: BestPredictor) -> Html:
         table(("recording left out", *channels, "ratio"), left_out, 1,
               "RMSE after 1 s: refit -> best predictor, each fitted to the other recordings"),
         table(("effects", "on the motion", "ratio"), tried, 1,
-              "sets of effects that were tried: errors in recordings left out, over the refit's")])
+              "sets of effects that were tried: errors in recordings left out over those of the "
+              "refit, with 90 % intervals")])
 
 
 def _pair(horizons: Mapping[str, Any], horizon: str, name: str) -> str:

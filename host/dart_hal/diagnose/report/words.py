@@ -155,8 +155,10 @@ def predictor(b: BestPredictor) -> str:
     """What the best predictor is and how much better it predicts than the refit."""
     n = len(b.left_out)
     if not b.effects:
-        return ("Best predictor: the refitted parameters alone; no effect lowers the errors in "
-                f"recordings left out ({n} were left out in turn).")
+        nearest = min((ratio for _, ratio in b.tried), key=lambda ratio: ratio.value)
+        return ("Best predictor: the refitted parameters alone. No effects surely lower the errors "
+                f"1 s ahead in {n} recordings left out in turn: with the best ones they are "
+                f"{times(nearest)} as those of the refit.")
     better = sum(one.ratio < 1.0 for one in b.left_out.values())
     return (f"Best predictor: with {listed(list(b.effects), 'and')} the errors 1 s ahead in "
             f"recordings left out are {times(b.ratio)} as those of the refit, and smaller in "
