@@ -1,0 +1,53 @@
+"""The benchmark on the real car: its black box, its wins and its regression gate."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bench_real_car
+import numpy as np
+import pytest
+
+from dart_hal.evaluate.cases import prepare
+from dart_hal.evaluate.prediction import errors, measured, predict
+from dart_hal.identify.runs import read_any
+from dart_hal.vehicle.load import find_model
+
+EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
+
+
+def fold(name, refit, best):
+    return {"held_out": name, "rmse": {"refit": [refit] * 5, "best predictor": [best] * 5}}
+
+
+def test_gate_compares_recordings_by_name():
+    reference = [fold("a", 1.0, 0.5), fold("b", 1.0, 2.0)]
+    assert bench_real_car.compare([fold("b", 1.0, 2.0)], reference) == pytest.approx(1.0)
+    worse = bench_real_car.compare([fold("b", 1.0, 2.1), fold("a", 1.0, 0.5)], reference)
+    assert worse == pytest.approx(1.05**0.5)
+    assert worse > bench_real_car.MAX_WORSE
+
+
+def test_gate_refuses_recording_that_reference_lacks():
+    with pytest.raises(KeyError):
+        bench_real_car.compare([fold("c", 1.0, 1.0)], [fold("a", 1.0, 1.0)])
+
+
+@pytest.mark.more
+def test_neural_residual_starts_at_the_bicycle_and_learns():
+    pytest.importorskip("jax", reason="needs the extra bench")
+    import neural_residual
+
+    vehicle = find_model("paper")[1]
+    cases = prepare(read_any([EXCERPT])[0]).cases
+    wrong = errors(predict(vehicle, cases), measured(cases))[1]
+    windows = neural_residual.make_windows(vehicle, cases)
+    scales = neural_residual.make_scales(windows)
+    untrained = neural_residual.make_network()
+    found = neural_residual.compute_errors(vehicle, untrained, scales, cases)
+    assert found == pytest.approx(np.sqrt(np.mean(wrong**2, axis=1)), rel=1e-3)
+
+    trained, losses = neural_residual.train(vehicle, windows, steps=20)
+    assert min(losses) > 0.0
+    assert np.mean(losses[-5:]) < 0.9 * losses[0]
+    assert neural_residual.compute_errors(vehicle, trained, scales, cases)[2] < found[2]
