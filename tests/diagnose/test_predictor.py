@@ -1,0 +1,170 @@
+"""The best predictor: effects that help on recordings left out of the fit, and none else."""
+
+from __future__ import annotations
+
+import json
+from functools import lru_cache
+from pathlib import Path
+from tempfile import mkdtemp
+
+import hidden_drive
+import numpy as np
+import pytest
+from known_frame import read
+
+from dart_hal.cli.diagnose_table import show
+from dart_hal.cli.main import main
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.report import page
+from dart_hal.diagnose.result import geometric_mean
+from dart_hal.diagnose.write import predictor_model, write_predictor
+from dart_hal.errors import UsageError
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.flat import value
+from dart_hal.vehicle.load import find_model
+
+SIZE = 2.5
+"""N/rad of cornering drag: the car loses .1 m/s more in a second than any refit explains."""
+pytestmark = pytest.mark.cpu(25)
+
+
+@lru_cache(maxsize=2)
+def drives(hidden):
+    car = apply(PAPER, "cornering_drag", k=SIZE) if hidden else PAPER
+    folder = Path(mkdtemp())
+    return [read(hidden_drive.write(folder / f"car_1_{seed}.csv", car, seed=seed,
+                                    plan=hidden_drive.Plan(seconds=25.0)))
+            for seed in (11, 12, 13, 14, 15)]
+
+
+@lru_cache(maxsize=2)
+def found(hidden):
+    """Diagnosis of four drives, judged by a fifth; causes are not searched."""
+    *train, test = drives(hidden)
+    model, vehicle = find_model("paper")
+    return diagnose(model, vehicle, train, [test], max_causes=0, only=("gyro_bias",),
+                    predictor=True)
+
+
+def errors_at_1_s(horizons):
+    pooled = horizons["1.0"]["pooled"]
+    return np.array([pooled[c] for c in ("vx", "yaw_rate", "position", "yaw_deg")])
+
+
+def test_a_hidden_effect_is_in_the_predictor_and_predicts_an_unseen_drive():
+    d = found(hidden=True)
+    b = d.predictor
+    assert list(b.effects) == ["cornering_drag"]
+    size = b.effects["cornering_drag"]["k"]
+    assert abs(size.value - SIZE) < 3.0 * size.std
+    assert size.std < 0.2 * SIZE
+    assert b.ratio.high < 0.8
+    refitted = d.stages[1]
+    assert refitted.label == "refitted"
+    assert np.all(errors_at_1_s(b.horizons) < errors_at_1_s(refitted.horizons))
+    assert errors_at_1_s(b.horizons)[0] < 0.4 * errors_at_1_s(refitted.horizons)[0]
+
+
+def test_where_nothing_is_hidden_the_refit_is_the_predictor():
+    d = found(hidden=False)
+    assert d.predictor.effects == {}
+    assert d.predictor.ratio == pytest.approx((1.0, 1.0, 1.0))
+    assert errors_at_1_s(d.predictor.horizons) == pytest.approx(
+        errors_at_1_s(d.stages[1].horizons), rel=0.05)
+
+
+def test_every_recording_is_left_out_once():
+    b = found(hidden=True).predictor
+    assert len(b.left_out) == 4
+    for one in b.left_out.values():
+        ratios = np.array(one.predictor) / np.array(one.refitted)
+        assert one.ratio == pytest.approx(np.exp(np.log(ratios).mean()))
+    assert b.ratio.value == pytest.approx(geometric_mean(
+        one.ratio for one in b.left_out.values()).value)
+
+
+def test_the_interval_of_ratios_holds_the_truth_in_nine_of_ten_draws():
+    rng = np.random.default_rng(5)
+    truth, inside = 0.8, 0
+    for _ in range(1000):
+        ratio = geometric_mean(truth * np.exp(rng.normal(0.0, 0.3, size=6)))
+        inside += ratio.low < truth < ratio.high
+    assert 870 < inside < 930
+
+
+def test_its_file_is_a_model_with_the_same_numbers(tmp_path):
+    d, train = found(hidden=True), drives(hidden=True)[:4]
+    base, _ = find_model("paper")
+    path = write_predictor(d, tmp_path / "predictor.toml", base, train, "command")
+    model, vehicle = find_model(path)
+    assert model.name == "paper-predictor"
+    assert model.provenance["method"] == "best predictor"
+    assert list(model.provenance["effects"]) == ["cornering_drag"]
+    assert len(model.provenance["files"]) == 4
+    for name in ("cornering_drag.k", *d.predictor.parameters):
+        assert value(vehicle, name) == pytest.approx(value(d.predictor.vehicle, name), rel=1e-6)
+    entry = next(e for e in model.effects if e.name == "cornering_drag").parameters["k"]
+    assert entry.std == pytest.approx(d.predictor.effects["cornering_drag"]["k"].std, rel=1e-6)
+
+
+def test_a_diagnosis_without_one_cannot_write_it():
+    import made_by_hand as made
+
+    base, _ = find_model("paper")
+    with pytest.raises(ValueError, match="predictor=True"):
+        predictor_model(made.diagnosis(), base, [])
+
+
+@pytest.mark.parametrize(("hidden", "sentence"), [
+    (True, "Best predictor: with cornering_drag the errors 1 s ahead in recordings left out are "),
+    pytest.param(False, "Best predictor: the refitted parameters alone.", marks=pytest.mark.more)])
+def test_terminal_page_and_json_say_the_same(hidden, sentence, capsys):
+    d = found(hidden)
+    show(d)
+    assert sentence in " ".join(capsys.readouterr().out.split())
+    text = page(d)
+    assert sentence in text
+    assert 'id="predictor"' in text
+    answer = json.loads(json.dumps(d.to_json()))["predictor"]
+    assert answer["ratio_ci90"] == pytest.approx(d.predictor.ratio[1:])
+    assert len(answer["left_out"]) == 4
+
+
+def test_a_page_without_one_has_no_section():
+    import made_by_hand as made
+
+    assert 'id="predictor"' not in page(made.diagnosis())
+
+
+def test_two_recordings_are_refused_before_anything_is_searched():
+    model, vehicle = find_model("paper")
+    one, two, _, _, test = drives(hidden=False)
+    with pytest.raises(UsageError, match="too few recordings") as refused:
+        diagnose(model, vehicle, [one, two], [test], predictor=True)
+    assert refused.value.found.startswith("2 training recording")
+
+
+def test_the_command_line_refuses_it_without_a_refit(tmp_path, capsys):
+    files = [r.path for r in drives(hidden=False)]
+    with pytest.raises(SystemExit) as ended:
+        main(["diagnose", "--no-refit", "--out-predictor", str(tmp_path / "p.toml"),
+              "--train", *map(str, files)])
+    assert ended.value.code == 2
+    assert "a predictor needs a refit" in capsys.readouterr().err
+    assert not (tmp_path / "p.toml").exists()
+
+
+@pytest.mark.more
+def test_the_command_line_writes_it(tmp_path, capsys):
+    files = [str(r.path) for r in drives(hidden=True)]
+    with pytest.raises(SystemExit) as ended:
+        main(["diagnose", "--model", "paper", "--max-causes", "0", "--only", "gyro_bias",
+              "--out-predictor", str(tmp_path / "p.toml"), "--json", "--train", *files[:4],
+              "--test", files[4]])
+    assert ended.value.code == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["predictor"]["model"] == str(tmp_path / "p.toml")
+    assert list(answer["predictor"]["effects"]) == ["cornering_drag"]
+    _, vehicle = find_model(tmp_path / "p.toml")
+    assert [a.name for a in vehicle.effects] == ["cornering_drag"]
