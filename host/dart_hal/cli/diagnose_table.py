@@ -16,6 +16,7 @@ from dart_hal.diagnose.report.words import (
     claim,
     interval,
     moved,
+    outliers,
     pooled,
     possible,
     predictor,
@@ -43,6 +44,8 @@ def show(d: Diagnosis) -> None:
         say(f"possible, not shown: {possible(p)}", style="dim")
     for u in d.unexplained:
         say(f"not explained: {structure(u)}", style="yellow")
+    for o in d.outliers:
+        say(f"single moments: {outliers(o)}", style="yellow")
     if d.withdrawn:
         say(f"named at first and withdrawn: {', '.join(d.withdrawn)}", style="dim")
     _errors(d)

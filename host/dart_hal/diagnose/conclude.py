@@ -39,6 +39,7 @@ from .result import (
     Gained,
     Moved,
     Number,
+    Outliers,
     Possible,
     Stage,
     Unexplained,
@@ -48,6 +49,7 @@ from .search.fit import Point, covariance
 from .search.forward import Search, SearchResult, select_noise
 from .search.selection import Named, Settings, rows_at
 from .search.significance import refit_p_value
+from .unexplained.outliers import find_outliers
 from .unexplained.structure import groups, shares, unexplained
 from .unexplained.waits import unwaited
 
@@ -114,11 +116,12 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     gain = overall(given, fitted, q.train, q.test, q.settings.seed,
                    q.settings.policy.conclusion.gain_block_s)
     notes = cautions(last, (q.train, q.test), moved, gain, causes, q.settings.policy)
+    outliers = find_outliers(q.train.evidence, last.vehicle, last.timing, q.settings.policy.noise)
     return Diagnosis(
-        verdict=_verdict(q, found, causes, left, gain, claimed), model=q.model, refitted=moved,
-        causes=causes, considered=_considered(found, withdrawn, sure),
+        verdict=_verdict(q, found, causes, (*left, *outliers), gain, claimed), model=q.model,
+        refitted=moved, causes=causes, considered=_considered(found, withdrawn, sure),
         possible=_possible(found, sure, q), claims=claimed,
-        unexplained=left, stages=stages,
+        unexplained=left, outliers=outliers, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
         seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
         mounting=of_the_imu(at, q.train.evidence, q.settings.policy),
@@ -340,7 +343,8 @@ def _considered(found: SearchResult, withdrawn: Sequence[str], sure: Shown
                     for r in found.rejected if r.effect not in withdrawn))
 
 
-def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause], left: Sequence[Unexplained],
+def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause],
+             left: Sequence[Unexplained | Outliers],
              gain: Mapping[str, Gained], claimed: Sequence[Claim]) -> str:
     changes = not (all(c.constancy.constant for c in causes) and all(c.constant for c in claimed))
     if causes:  # one that surely makes predictions worse does not explain

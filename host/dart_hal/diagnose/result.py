@@ -249,6 +249,39 @@ class Unexplained:
                 "p_value": self.p_value, "share": self.share}
 
 
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """When an error was far larger than otherwise: second of a file, the error [SI units], how many
+    robust standard deviations that is, and what the car did: speed [m/s], commands (-1..1)."""
+
+    file: str
+    second: float
+    error: float
+    times: float
+    speed: float
+    throttle: float
+    steering: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``outliers``."""
+        return {"file": self.file, "second": self.second, "error": self.error, "times": self.times,
+                "speed": self.speed, "throttle": self.throttle, "steering": self.steering}
+
+
+@dataclass(frozen=True, slots=True)
+class Outliers:
+    """A channel whose errors have long tails, see ``find_outliers``; the worst moments first."""
+
+    channel: str
+    ratio: float
+    moments: tuple[Moment, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``outliers``."""
+        return {"channel": self.channel, "ratio": self.ratio,
+                "moments": [m.to_json() for m in self.moments]}
+
+
 def _cost(cost: Cost) -> dict[str, Any]:
     ratio, low, high = cost
     return {"ratio": ratio, "ci90": [low, high]}
@@ -382,6 +415,7 @@ class Diagnosis:
     possible: tuple[Possible, ...] = ()
     claims: tuple[Claim, ...] = ()
     mounting: Mapping[str, Mapping[str, Number]] = field(default_factory=dict)
+    outliers: tuple[Outliers, ...] = ()
     predictor: BestPredictor | None = None
     predictor_written: str | None = None
 
@@ -402,6 +436,7 @@ class Diagnosis:
             "possible": [p.to_json() for p in self.possible],
             "considered": [c.to_json() for c in self.considered],
             "unexplained": [u.to_json() for u in self.unexplained],
+            "outliers": [o.to_json() for o in self.outliers],
             "extended": {"model": self.written, "errors": self.stages[-1].horizons,
                          "gain": {k: g.test for k, g in self.gain.items()},
                          "gain_ci95": {k: [g.low, g.high] for k, g in self.gain.items()}},

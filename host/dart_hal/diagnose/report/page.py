@@ -59,6 +59,7 @@ def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = 
                    found or el("p", "No effect of the catalogue was named.")),
         "possible": ("Possible, not shown above", possible_section(d)),
         "unexplained": ("What is not explained", unexplained_section(d, rows)),
+        "moments": ("Moments at which it errs most", tables.moments(d)),
         "errors": ("Errors, step by step", tables.errors(d)),
         **({"predictor": ("The best predictor", tables.best_predictor(d, d.predictor))}
            if d.predictor else {}),

@@ -21,6 +21,7 @@ from .words import (
     HORIZONS,
     channel,
     interval,
+    outliers,
     pooled,
     predictor,
     quantity,
@@ -84,6 +85,22 @@ def errors(d: Diagnosis) -> Html:
         out.append(el("p", "No prediction could be judged: the test recordings have no motion "
                            "capture."))
     return join(out)
+
+
+def moments(d: Diagnosis) -> Html:
+    """The moments at which errors are far larger than otherwise, and what the car did then."""
+    if not d.outliers:
+        return el("p", "No errors are far larger than the others.")
+    rows = [(channel(o.channel), m.file, f"{m.second:.1f}", significant(m.error),
+             f"{m.times:.1f}", f"{m.speed:.2f}", f"{m.throttle:.2f}", f"{m.steering:.2f}")
+            for o in d.outliers for m in o.moments]
+    return join([
+        page.items(map(outliers, d.outliers)),
+        page.soft("Events that come at any time, with either sign, are no cause of the catalogue: "
+                  "a gust, a lost command, a wheel that lifts, a jump of the motion capture. Look "
+                  "at these moments in the recordings."),
+        table(("channel", "file", "second", "error", "times the usual one", "speed [m/s]",
+               "throttle", "steering"), rows, 2)])
 
 
 def best_predictor(d: Diagnosis, b: BestPredictor) -> Html:

@@ -17,6 +17,7 @@ from dart_hal.diagnose.result import (
     Gained,
     Moved,
     Number,
+    Outliers,
     Possible,
     Unexplained,
 )
@@ -74,6 +75,8 @@ def _remainder(d: Diagnosis) -> str:
     """What the accepted causes do not explain: the same that the section on it shows."""
     if d.unexplained:
         return "something is left without a cause"
+    if d.outliers:
+        return "at single moments it errs far more than otherwise"
     changing = [*(c.effect for c in d.causes if not c.constancy.constant),
                 *(c.title for c in d.claims if not c.constant)]
     if changing:
@@ -220,6 +223,16 @@ def structure(u: Unexplained) -> str:
     share = f"{percent(u.share)} of the variance" if math.isfinite(u.share) else "a part"
     return (f"{channel(u.channel)}: {u.structure.rstrip('.')}; {share} of what is left follows "
             f"{along} ({p_value(u.p_value)})")
+
+
+def outliers(o: Outliers) -> str:
+    """A channel that errs far more at single moments, with when the worst were."""
+    unit = CHANNELS[o.channel][1]
+    worst = "; ".join(f"{m.file} at {m.second:.1f} s ({m.error:+.2g} {unit})"
+                      for m in o.moments[:MOST_DROPPED])
+    return (f"{channel(o.channel)}: errors 0.5 s ahead have a standard deviation "
+            f"{o.ratio:.1f} times what most of them have"
+            + (f"; the worst: {worst}" if worst else ""))
 
 
 def pooled(horizons: Mapping[str, Any], horizon: str, name: str, kind: str = "pooled") -> float:
