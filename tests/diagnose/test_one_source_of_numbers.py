@@ -7,6 +7,7 @@ import math
 import re
 import warnings
 from dataclasses import replace
+from types import SimpleNamespace
 
 import made_by_hand as made
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 from searched import drive
 
 from dart_hal.cli.diagnose_table import show
+from dart_hal.diagnose import conclude as conclusion
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.gains import _share
 from dart_hal.diagnose.report.page import page
@@ -84,6 +86,14 @@ def test_verdict_names_the_candidates_that_a_gate_dropped(kind, considered, poss
     assert named in text
     assert "grip" not in text
     assert "o effect of the catalogue" not in text
+
+
+def test_a_candidate_that_a_gate_dropped_is_never_nothing_wrong():
+    question = SimpleNamespace(refit=False)
+    assert conclusion._verdict(question, None, (), (), {}, (), (POSSIBLE,)) == "unexplained"
+    assert conclusion._verdict(question, None, (), (), {}, (), ()) == "nothing_wrong"
+    d = replace(made.diagnosis("unexplained", 0, False), considered=(), possible=(POSSIBLE,))
+    assert verdict(d).startswith("Something is wrong, possibly mass, but")
 
 
 def test_verdict_says_that_the_catalogue_has_none_where_no_candidate_was_dropped():

@@ -116,11 +116,12 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     gain = overall(given, fitted, q.train, q.test, q.settings.seed,
                    q.settings.policy.conclusion.gain_block_s)
     notes = cautions(last, (q.train, q.test), moved, gain, causes, q.settings.policy)
+    possible = _possible(found, sure, q)
     outliers = find_outliers(q.train.evidence, last.vehicle, last.timing, q.settings.policy.noise)
     return Diagnosis(
-        verdict=_verdict(q, found, causes, (*left, *outliers), gain, claimed), model=q.model,
-        refitted=moved, causes=causes, considered=_considered(found, withdrawn, sure),
-        possible=_possible(found, sure, q), claims=claimed,
+        verdict=_verdict(q, found, causes, (*left, *outliers), gain, claimed, possible),
+        model=q.model, refitted=moved, causes=causes,
+        considered=_considered(found, withdrawn, sure), possible=possible, claims=claimed,
         unexplained=left, outliers=outliers, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
         seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
@@ -345,7 +346,8 @@ def _considered(found: SearchResult, withdrawn: Sequence[str], sure: Shown
 
 def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause],
              left: Sequence[Unexplained | Outliers],
-             gain: Mapping[str, Gained], claimed: Sequence[Claim]) -> str:
+             gain: Mapping[str, Gained], claimed: Sequence[Claim],
+             possible: Sequence[Possible]) -> str:
     changes = not (all(c.constancy.constant for c in causes) and all(c.constant for c in claimed))
     if causes:  # one that surely makes predictions worse does not explain
         worse = any(c.gain.high < 0.0 for c in causes)
@@ -361,4 +363,5 @@ def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause],
         if (p < q.settings.false_alarm and better
                 and not worse_at(gain, q.settings.policy.conclusion)):
             return "parameters_only"
-    return "nothing_wrong"
+    # the search named it, which it does in 1 of 100 sound cars: something is wrong
+    return "unexplained" if possible else "nothing_wrong"

@@ -56,6 +56,10 @@ def verdict(d: Diagnosis) -> str:
     nothing_else = "Nothing is named" if dropped else (
         "No effect of the catalogue explains how. Nothing is named, because the nearest relative "
         "of an unknown cause is not it")
+    if d.verdict == "unexplained" and not _remainder(d):
+        names = listed([p.effect for p in d.possible], "or")
+        return (f"Something is wrong, possibly {names}, but these recordings are not sure of it, "
+                f"and nothing is named. {dropped}")
     text = {
         "nothing_wrong": "Nothing is wrong as far as these recordings can show: "
                          + ("no structure stands out of the noise, and no effect surely does."
@@ -72,7 +76,7 @@ def verdict(d: Diagnosis) -> str:
 
 
 def _remainder(d: Diagnosis) -> str:
-    """What the accepted causes do not explain: the same that the section on it shows."""
+    """What the accepted causes do not explain, as the section on it shows; "" for nothing."""
     if d.unexplained:
         return "something is left without a cause"
     if d.outliers:
@@ -82,7 +86,8 @@ def _remainder(d: Diagnosis) -> str:
     if changing:
         return f"the size of {listed(changing, 'and')} is not constant"
     worse = [c.effect for c in d.causes if c.gain.high < 0.0]
-    return f"with {listed(worse, 'and')} test recordings are predicted worse in one channel"
+    return (f"with {listed(worse, 'and')} test recordings are predicted worse in one channel"
+            if worse else "")
 
 
 def _dropped(d: Diagnosis) -> str:
