@@ -107,25 +107,24 @@ def best_predictor(d: Diagnosis, b: BestPredictor) -> Html:
     """The best predictor: its effects, its errors by recording left out, and on the test side."""
     sizes = [(name, title(name), ", ".join(f"{k} {quantity(n)}" for k, n in numbers.items()))
              for name, numbers in b.effects.items()]
-    left_out = [(name, *(f"{significant(before)} -> {significant(after)}" for before, after in zip(
-        one.refitted, one.predictor, strict=True)), f"{one.ratio:.2f}")
-        for name, one in b.left_out.items()]
+    left_out = [(name, f"{one.ratio:.2f}", *(
+        f"{significant(before)} -> {significant(after)}" for before, after in zip(
+            one.refitted, one.predictor, strict=True))) for name, one in b.left_out.items()]
     channels = [f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)]
-    tried = [(f"{len(names)}", ", ".join(names) or "none",
-              f"{ratio.value:.3f} [{ratio.low:.2f}, {ratio.high:.2f}]")
-             for names, ratio in b.tried]
+    tried = [(f"{ratio.value:.3f} [{ratio.low:.2f}, {ratio.high:.2f}]",
+              ", ".join(names) or "none") for names, ratio in b.tried]
     stages = [("refitted", d.stages[1].horizons), ("with the causes", d.stages[-1].horizons),
               ("best predictor", b.horizons)]
     test = [(label, *(_pair(of, "1.0", c) for c in PREDICTED)) for label, of in stages]
     return join([
         el("p", predictor(b)),
-        table(("effect", "the car ...", "size"), sizes, 1, "standard errors: spread of the fits "
+        table(("effect", "the car ...", "size"), sizes, 2, "standard errors: spread of the fits "
               "without one recording each (jackknife)"),
         table(("model", *channels), test, 1, "errors after 1 s on the test recordings: RMSE "
               "(median); they selected nothing of the predictor"),
-        table(("recording left out", *channels, "ratio"), left_out, 1,
+        table(("recording left out", "ratio", *channels), left_out, 1,
               "RMSE after 1 s: refit -> best predictor, each fitted to the other recordings"),
-        table(("effects", "on the motion", "ratio"), tried, 1,
+        table(("ratio", "effects on the motion"), tried, 2,
               "sets of effects that were tried: errors in recordings left out over those of the "
               "refit, with 90 % intervals")])
 
