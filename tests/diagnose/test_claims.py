@@ -232,12 +232,12 @@ def test_a_parameter_whose_size_changes_does_not_explain(change, after, verdict)
                     (1.2, 1.1, 1.3), 1.0, (), "",
                     Constancy(0.001, "time", (), change, (0.01, 0.1)))
     explains = verdict == "parameters_only"
-    assert _verdict(None, None, (), (), {}, (claimed,)) == verdict
+    assert _verdict(None, None, (), (), {}, (claimed,), ()) == verdict
     assert ("its size changes with" in claim(claimed)) != explains
     assert (claimed.to_json()["constancy"]["changes_with"] is None) == explains
     constant = Constancy(1.0, "", (), 0.0, (0.01, 0.1))
     cause = SimpleNamespace(gain=SimpleNamespace(high=0.5), constancy=constant)
-    assert (_verdict(None, None, (cause,), (), {}, (claimed,)) == "explained") == explains
+    assert (_verdict(None, None, (cause,), (), {}, (claimed,), ()) == "explained") == explains
 
 
 @pytest.mark.more

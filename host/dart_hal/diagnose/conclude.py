@@ -17,6 +17,7 @@ from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
 
 from .cautions import EDGE, cautions, worse_at
+from .error_summaries import Outliers
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
 from .evidence.space import Timing
@@ -39,7 +40,6 @@ from .result import (
     Gained,
     Moved,
     Number,
-    Outliers,
     Possible,
     Stage,
     Unexplained,

@@ -40,13 +40,14 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import Vehicle
 
+from .error_summaries import LeftOutError, Ratio, geometric_mean
 from .evidence.drive import READ_OUTS
 from .evidence.noise import Noise
 from .evidence.residuals import Evidence, only_read
 from .evidence.space import Timing
 from .gains import AT, Side, compute_case_errors
 from .grade.names import impossible_size
-from .result import BestPredictor, LeftOutError, Number, Ratio, geometric_mean
+from .result import BestPredictor, Number
 from .search.fit import Point, refit, refit_near
 from .search.forward import Search, effect_names
 from .search.scan import scan

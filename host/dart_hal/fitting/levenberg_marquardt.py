@@ -120,8 +120,9 @@ def bounded(normal: FloatArray, slope: FloatArray, low: FloatArray, high: FloatA
                 break
             free &= ~stopped
         edge = np.where(direction > 0.0, high, low)
-        share = np.divide(edge - move, direction, out=np.full(len(move), np.inf),
-                          where=direction != 0.0)
+        with np.errstate(over="ignore"):  # an edge that is infinitely far is none
+            share = np.divide(edge - move, direction, out=np.full(len(move), np.inf),
+                              where=direction != 0.0)
         nearest = float(share.min(initial=np.inf))
         move = np.clip(move + min(nearest, 1.0) * direction, low, high)
         if nearest < 1.0:

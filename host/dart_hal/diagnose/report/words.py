@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from dart_hal.diagnose.error_summaries import Outliers
 from dart_hal.diagnose.parameters.groups import MERGED
 from dart_hal.diagnose.result import (
     BestPredictor,
@@ -17,7 +18,6 @@ from dart_hal.diagnose.result import (
     Gained,
     Moved,
     Number,
-    Outliers,
     Possible,
     Unexplained,
 )

@@ -98,15 +98,10 @@ class Search:
         """fitted: told when the base is."""
         self._evidence, self._settings, self._progress = evidence, settings, progress
         self._fitted = fitted
-        self._base = base
+        self.base = base
         self._done, self._dropped = 0.0, False
         self._before: Before = {}
         self._loose: tuple[str, ...] = ()
-
-    @property
-    def base(self) -> Vehicle:
-        """The model as it was given."""
-        return self._base
 
     def run(self) -> SearchResult:
         """Search until nothing passes; in a run of our own again, where the answer is strained.
@@ -129,12 +124,12 @@ class Search:
 
     def _searched(self) -> SearchResult:
         s = self._settings
-        space = self.make_space(self._base)
+        space = self.make_space(self.base)
         point, noise = self._settle(space, Timing(self._evidence.late))
         if self._fitted is not None:
             self._fitted()
-        fixed = Space(self._base, (), late=self._evidence.late, policy=s.policy.prior,
-                      fixed_effects=effect_names(self._base))
+        fixed = Space(self.base, (), late=self._evidence.late, policy=s.policy.prior,
+                      fixed_effects=effect_names(self.base))
         given = refit(self._evidence, noise, fixed, fixed.point(point.timing))
         base, base_noise, first = point, noise, tuple[Trial, ...]()
         failed: dict[str, float] = {}
@@ -182,7 +177,7 @@ class Search:
 
         What differs only in what sensors read has the slopes of that one.
         """
-        p, keep = point.vehicle, {*effects, *(a.name for a in self._base.effects)}
+        p, keep = point.vehicle, {*effects, *(a.name for a in self.base.effects)}
         vehicle = replace(p, effects=tuple(a for a in p.effects if a.name in keep))
         space = self.make_space(vehicle)
         x = space.carried(space.start(vehicle, point.timing), start.space, start.x)
@@ -337,8 +332,8 @@ class Search:
         rate limit of the model that is free stretches until it takes the place of a missing lag.
         """
         s = self._settings
-        return Space(with_nulls(self._base, vehicle.effects), s.free, s.known, self._evidence.late,
-                     s.policy.prior, self._loose, () if s.refit else effect_names(self._base))
+        return Space(with_nulls(self.base, vehicle.effects), s.free, s.known, self._evidence.late,
+                     s.policy.prior, self._loose, () if s.refit else effect_names(self.base))
 
     def _pruned(self, point: Point, noise: Noise, named: list[Named], new: list[Named]
                  ) -> tuple[Point, Noise, list[Named]]:

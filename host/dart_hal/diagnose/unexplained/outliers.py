@@ -21,12 +21,12 @@ from dart_hal.fitting.robust import MAD_TO_SIGMA
 from dart_hal.types import SAMPLE, FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
+from ..error_summaries import Moment, Outliers
 from ..evidence.ages import older
 from ..evidence.drive import READ_OUTS
 from ..evidence.residuals import MOTION, Evidence
 from ..evidence.space import MAX_COMMAND_AGE, Timing
 from ..policy import NoisePolicy
-from ..result import Moment, Outliers
 
 MOST_RATIO = MappingProxyType({"v_x": 1.5, "v_y": 1.9, "omega": 1.6})
 """Of 72 simulated minutes of six kinds of driving that hide nothing, one is above one of these;

@@ -1,0 +1,85 @@
+"""Summaries of errors: ratios over recordings, and the moments of the largest ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import stdtrit
+
+from dart_hal.evaluate.prediction import CHANNELS
+
+
+class Ratio(NamedTuple):
+    """A geometric mean of ratios, and the ends of its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def geometric_mean(ratios: Iterable[float]) -> Ratio:
+    """Geometric mean of ratios of recordings; the interval is Student's over their logarithms."""
+    logs = np.log(list(ratios))
+    std = float(np.std(logs, ddof=1)) / math.sqrt(len(logs))
+    half = float(stdtrit(len(logs) - 1, 0.95)) * std
+    mean = float(logs.mean())
+    return Ratio(math.exp(mean), math.exp(mean - half), math.exp(mean + half))
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOutError:
+    """RMS errors 1 s ahead in a recording, by fits to the others, in the order of CHANNELS.
+
+    refitted: parameters alone; predictor: with the effects of the best predictor.
+    """
+
+    refitted: tuple[float, ...]
+    predictor: tuple[float, ...]
+
+    @property
+    def ratio(self) -> float:
+        """Error of the predictor over that of the refit, geometric mean over the channels."""
+        return float(np.exp(np.log(np.array(self.predictor) / np.array(self.refitted)).mean()))
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``predictor.left_out``."""
+        return {"refitted": dict(zip(CHANNELS, self.refitted, strict=True)),
+                "predictor": dict(zip(CHANNELS, self.predictor, strict=True)),
+                "ratio": self.ratio}
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """When an error was far larger than otherwise: second of a file, the error [SI units], how many
+    robust standard deviations that is, and what the car did: speed [m/s], commands (-1..1)."""
+
+    file: str
+    second: float
+    error: float
+    times: float
+    speed: float
+    throttle: float
+    steering: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``outliers``."""
+        return {"file": self.file, "second": self.second, "error": self.error, "times": self.times,
+                "speed": self.speed, "throttle": self.throttle, "steering": self.steering}
+
+
+@dataclass(frozen=True, slots=True)
+class Outliers:
+    """A channel whose errors have long tails, see ``find_outliers``; the worst moments first."""
+
+    channel: str
+    ratio: float
+    moments: tuple[Moment, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``outliers``."""
+        return {"channel": self.channel, "ratio": self.ratio,
+                "moments": [m.to_json() for m in self.moments]}
