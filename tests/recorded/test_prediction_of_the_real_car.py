@@ -1,0 +1,63 @@
+"""Recordings of the real car, each predicted by fits to others: no change may make them worse."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from dart_hal.diagnose import diagnose
+from dart_hal.recording.dart import read
+from dart_hal.vehicle.load import find_model
+
+FILES = ("racetrack_lap_v060", "steer015_ramp", "09_16_2024_10_01_01", "09_27_2024_12_06_55",
+         "2024_10_00_45")
+CHANNELS = ("vx", "yaw_rate", "position", "yaw_deg")
+REFITTED = {
+    "racetrack_lap_v060": (0.1369, 0.1303, 0.0775, 5.206),
+    "steer015_ramp": (0.1496, 0.1036, 0.1446, 5.768),
+    "09_16_2024_10_01_01": (0.1604, 0.1755, 0.1112, 6.926)}
+"""RMS errors 1 s ahead (m/s, rad/s, m, deg) by a refit to the four others, 27 November 2026."""
+WORSE = 1.02
+"""Factor by which errors may grow, in the geometric mean over recordings and channels."""
+
+
+@lru_cache(maxsize=1)
+def recordings(folder):
+    files = [next(p for p in folder.rglob("*.csv*") if part in p.name) for part in FILES]
+    return dict(zip(FILES, map(read, files), strict=True))
+
+
+def diagnosis_without(held_out, every, predictor):
+    model, vehicle = find_model("paper")
+    others = [r for name, r in every.items() if name != held_out]
+    return diagnose(model, vehicle, others, [every[held_out]], max_causes=0, only=("gyro_bias",),
+                    predictor=predictor)
+
+
+def log_ratios(held_out, horizons):
+    pooled = horizons["1.0"]["pooled"]
+    return np.log([pooled[c] for c in CHANNELS]) - np.log(REFITTED[held_out])
+
+
+@pytest.mark.cpu(30)
+def test_a_refit_predicts_held_out_recordings_as_well_as_before(excerpt):
+    every = recordings(excerpt)
+    found = {name: diagnosis_without(name, every, False).stages for name in REFITTED}
+    ratio = np.exp(np.mean([log_ratios(n, s[1].horizons) for n, s in found.items()]))
+    print(f"errors over those of the reference: {ratio:.4f}")
+    assert ratio < WORSE
+    given = np.exp(np.mean([log_ratios(n, s[0].horizons) for n, s in found.items()]))
+    assert given > 2.0, "the control: the model as it was given does not pass"
+
+
+@pytest.mark.more
+@pytest.mark.cpu(60)
+def test_the_best_predictor_is_no_worse_than_the_refit(excerpt):
+    """Four recordings of four kinds show no effect surely, and without that none is taken."""
+    name = "steer015_ramp"
+    found = diagnosis_without(name, recordings(excerpt), True)
+    ratio = np.exp(np.mean(log_ratios(name, found.predictor.horizons)))
+    print(f"errors over those of the refit: {ratio:.4f}")
+    assert ratio < WORSE
