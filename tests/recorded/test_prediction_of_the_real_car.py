@@ -20,7 +20,7 @@ REFITTED = {
     "09_16_2024_10_01_01": (0.1604, 0.1755, 0.1112, 6.926)}
 """RMS errors 1 s ahead (m/s, rad/s, m, deg) by a refit to the four others, 27 November 2026."""
 WORSE = 1.02
-"""Factor by which errors may grow, in the geometric mean over recordings and channels."""
+"""Factor by which errors may grow, in the geometric mean over channels."""
 
 
 @lru_cache(maxsize=1)
@@ -41,15 +41,15 @@ def log_ratios(held_out, horizons):
     return np.log([pooled[c] for c in CHANNELS]) - np.log(REFITTED[held_out])
 
 
-@pytest.mark.cpu(30)
-def test_a_refit_predicts_held_out_recordings_as_well_as_before(excerpt):
-    every = recordings(excerpt)
-    found = {name: diagnosis_without(name, every, False).stages for name in REFITTED}
-    ratio = np.exp(np.mean([log_ratios(n, s[1].horizons) for n, s in found.items()]))
-    print(f"errors over those of the reference: {ratio:.4f}")
-    assert ratio < WORSE
-    given = np.exp(np.mean([log_ratios(n, s[0].horizons) for n, s in found.items()]))
-    assert given > 2.0, "the control: the model as it was given does not pass"
+@pytest.mark.cpu(15)
+@pytest.mark.few("racetrack_lap_v060")
+@pytest.mark.parametrize("held_out", REFITTED)
+def test_a_refit_predicts_a_held_out_recording_as_well_as_before(held_out, excerpt):
+    stages = diagnosis_without(held_out, recordings(excerpt), False).stages
+    given, refitted = (np.exp(np.mean(log_ratios(held_out, s.horizons))) for s in stages[:2])
+    print(f"errors over those of the reference: {refitted:.4f}")
+    assert refitted < WORSE
+    assert given > 1.2, "the control: the model as it was given does not pass"
 
 
 @pytest.mark.more
