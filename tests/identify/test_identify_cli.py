@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import shutil
 from pathlib import Path
 
@@ -74,7 +75,8 @@ def test_as_paper_with_out_writes_what_is_sound(run, tmp_path):
     assert len(model.provenance["files"]) == 43
     assert all(len(digest) == 64 for digest in model.provenance["files"].values())
     typed = model.provenance["sections"]["motor"]["command"]
-    assert typed == f"dart-hal identify all --as-paper {EXCERPT} --out m/model.toml"
+    where = shlex.quote(str(EXCERPT))
+    assert typed == f"dart-hal identify all --as-paper {where} --out m/model.toml"
 
 
 def test_an_unsound_fit_does_not_touch_a_good_file(run, tmp_path):
