@@ -34,7 +34,7 @@ def drives(hidden):
     car = apply(PAPER, "cornering_drag", k=SIZE) if hidden else PAPER
     folder = Path(mkdtemp())
     return [read(hidden_drive.write(folder / f"car_1_{seed}.csv", car, seed=seed,
-                                    plan=hidden_drive.Plan(seconds=25.0)))
+                                    plan=hidden_drive.Plan(seconds=16.0)))
             for seed in (11, 12, 13, 14, 15)]
 
 
