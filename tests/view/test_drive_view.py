@@ -57,7 +57,7 @@ class Watcher(threading.Thread):
             time.sleep(0.5)
             self.pressed = self.car.now
             say(socket, type="stop")
-            assert self.news.wait(5.0)
+            assert self.news.wait(15.0)
 
 
 @pytest.fixture
@@ -70,8 +70,8 @@ def stopped(monkeypatch, tmp_path, capsys):
         monkeypatch.setattr(Desk, "_stop", watcher.hears(stop))
         watcher.start()
         with pytest.raises(SystemExit) as left:
-            main(["drive", str(script), "--view", "--url", "sim://?nano=mock", "--duration", "4"])
-        watcher.join(5.0)
+            main(["drive", str(script), "--view", "--url", "sim://?nano=mock", "--duration", "10"])
+        watcher.join(20.0)
         said = capsys.readouterr()
         return watcher, int(left.value.code or 0), said.out + said.err
     return run
