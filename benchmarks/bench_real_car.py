@@ -37,9 +37,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from scipy.special import stdtrit
 
 from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.error_summaries import Ratio, geometric_mean
 from dart_hal.errors import DartHalError
 from dart_hal.evaluate.cases import prepare, short
 from dart_hal.evaluate.prediction import CHANNELS, UNITS
@@ -173,11 +173,10 @@ def tables(folds: Sequence[dict[str, Any]], title: str) -> list[Table]:
     for name in models:
         ratio = log_errors(folds, name) - log_errors(folds, REFIT)
         by_recording = ratio.mean(axis=1)
-        spread = by_recording.std(ddof=1) / np.sqrt(n) if n > 1 else np.inf
-        centre = by_recording.mean()
-        low, high = np.exp(centre + stdtrit(max(n - 1, 1), [0.05, 0.95]) * spread)
-        out[-1].add_row(name, *_figures(np.exp(ratio.mean(axis=0))), f"{np.exp(centre):.3f}",
-                        f"{low:.3f} to {high:.3f}")
+        of_all = np.exp(by_recording.mean())
+        interval = geometric_mean(np.exp(by_recording)) if n > 1 else Ratio(of_all, 0.0, np.inf)
+        out[-1].add_row(name, *_figures(np.exp(ratio.mean(axis=0))), f"{of_all:.3f}",
+                        f"{interval.low:.3f} to {interval.high:.3f}")
 
     out.append(Table("against", *CHANNELS, "all (geometric mean)",
                      title=f"recordings of {n} in which the best predictor is better"))

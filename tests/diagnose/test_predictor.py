@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from tempfile import mkdtemp
@@ -17,6 +18,7 @@ from dart_hal.cli.main import main
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.error_summaries import geometric_mean
 from dart_hal.diagnose.report import page
+from dart_hal.diagnose.report.words import predictor
 from dart_hal.diagnose.write import predictor_model, write_predictor
 from dart_hal.errors import UsageError
 from dart_hal.vehicle import PAPER
@@ -129,6 +131,18 @@ def test_terminal_page_and_json_say_the_same(hidden, sentence, capsys):
     answer = json.loads(json.dumps(d.to_json()))["predictor"]
     assert answer["ratio_ci90"] == pytest.approx(d.predictor.ratio[1:])
     assert len(answer["left_out"]) == 4
+
+
+def test_a_better_fit_without_effects_is_called_one():
+    b = found(hidden=False).predictor
+    assert "No effects significantly lower" in predictor(b)
+    factors = (0.5, 0.6, 0.5, 0.6)
+    left_out = {name: replace(one, predictor=tuple(f * e for e in one.refitted))
+                for f, (name, one) in zip(factors, b.left_out.items(), strict=True)}
+    text = predictor(replace(b, left_out=left_out))
+    assert "fitted with equal weight for each recording: the errors" in text
+    assert "are 0.55 [" in text
+    assert "No effects" not in text
 
 
 def test_a_page_without_one_has_no_section():

@@ -59,7 +59,7 @@ Skipped = list[tuple[str, str]]
 @click.option("--out-predictor", type=OutputFile(".toml", replaces=False), default=None,
               metavar="MODEL.TOML",
               help="look for the best predictor too and write it: every effect that lowers errors "
-                   "in training recordings left out of the fit, sure to be a cause or not")
+                   "in training recordings left out of the fit, accepted as a cause or not")
 @html_option
 @click.option("--only", multiple=True, metavar="EFFECT", help="look for this effect; repeatable")
 @click.option("--exclude", multiple=True, metavar="EFFECT",

@@ -1,15 +1,15 @@
 """Find the best predictor: the effects that lower errors on recordings left out of the fit.
 
-A cause is accepted where the data are sure of it. A model that only has to predict may take more:
-every effect that helps on recordings which its sizes were not fitted to. Over K recordings, with
-s_kc the RMS error 1 s ahead in channel c of recording k, as the fit to the other recordings
+A cause is accepted where data left out of its size support it. A model that only has to predict may
+take more: every effect that helps on recordings which its sizes were not fitted to. Over K
+recordings, with s_kc the RMS error 1 s ahead in channel c of recording k, as the fit to the others
 predicts it, the best predictor minimises
 
     L = mean_k mean_c ln s_kc
 
-so every recording counts alike, however long it is and however well the car can be predicted in it.
-Each fit minimises the same over its own recordings. Since d ln s = sum_i e_i de_i / (n s^2), that
-is least squares with weights 1 / (n s^2), which are measured again after each fit.
+so every recording has the same weight, however long it is and however well the car can be predicted
+in it. Each fit minimises the same over its own recordings. Since d ln s = sum_i e_i de_i / (n s^2),
+that is least squares with weights 1 / (n s^2), which are measured again after each fit.
 
 1. Start from the accepted effects. Add all others that lower the loss by more than chance does, and
    fit them together.
@@ -18,8 +18,8 @@ is least squares with weights 1 / (n s^2), which are measured again after each f
    the one that the fit needs least. Repeat until no effect on the motion is left.
 4. Take the effects with the smallest L. Fit them by the weights of the diagnosis too: these are
    better where the model is complete, and what is left is noise. Keep the fit with the smaller L.
-5. If its errors are not surely smaller than those of the refit, by the 90 % interval over
-   recordings, the refit is the best predictor.
+5. If the 90 % interval of its errors over those of the refit, by recordings, does not lie below 1,
+   the refit is the best predictor.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ NEEDLESS = 1.0
 TYPICAL_WINDOWS = 5
 """Windows of an average recording that are added to each recording's mean square. The error of one
 with a single window is known by chance only."""
-UNFIT = ("battery_fade", "centre_of_mass", "road_slope_x", "road_slope_y")
+NOT_TRANSFERABLE = ("battery_fade", "centre_of_mass", "road_slope_x", "road_slope_y")
 """Effects that predict no other recording: a battery fades and a floor slopes differently there.
 Another centre of mass would be another point whose motion is compared."""
 FIRST_PASSES, LATER_PASSES = 3, 2
@@ -151,7 +151,7 @@ def find_predictor(search: Search, train: Side, test: Side, accepted: Point,
     # 4. the smallest error, by either kind of weights
     refitted = work.judge(work.fit_by_noise(fit))
     tried.append(work.judge(work.fit_by_noise(work.smallest(tried).fit)))
-    # 5. the refit where none is surely better
+    # 5. the refit where the interval includes 1
     best = work.smallest(tried)
     if best.relative_to(refitted).high >= 1.0:
         best = refitted
@@ -196,7 +196,7 @@ class _PredictorSearch:
         space = self.search.make_space(vehicle)
         x = space.carried(space.start(vehicle, near.timing), near.space, near.x)
         for _ in range(passes):
-            noise = _weigh_alike(self.noise, self.evidence, *space.split(x))
+            noise = _weigh_recordings_equally(self.noise, self.evidence, *space.split(x))
             fit = refit(self.evidence, noise, space, x, jobs=self.jobs)
             x = fit.x
         return fit
@@ -258,14 +258,15 @@ def _motion_alone(evidence: Evidence) -> Evidence:
 
 def _moves_car(effect: str) -> bool:
     """Whether an effect belongs to the car and changes how it moves, not what is measured of it."""
-    return catalogue()[effect].stage != "measurement" and effect not in UNFIT
+    return catalogue()[effect].stage != "measurement" and effect not in NOT_TRANSFERABLE
 
 
 def _without(vehicle: Vehicle, names: Sequence[str]) -> Vehicle:
     return replace(vehicle, effects=tuple(a for a in vehicle.effects if a.name not in names))
 
 
-def _weigh_alike(noise: Noise, evidence: Evidence, vehicle: Vehicle, timing: Timing) -> Noise:
+def _weigh_recordings_equally(noise: Noise, evidence: Evidence, vehicle: Vehicle, timing: Timing
+                              ) -> Noise:
     """The noise by which the loss of the motion is the sum of ln s_kc, to first order.
 
     Of residual e_i in read-out and channel c of recording k, with n_k of all N windows:

@@ -58,8 +58,8 @@ def verdict(d: Diagnosis) -> str:
         "of an unknown cause is not it")
     if d.verdict == "unexplained" and not _remainder(d):
         names = listed([p.effect for p in d.possible], "or")
-        return (f"Something is wrong, possibly {names}, but these recordings are not sure of it, "
-                f"and nothing is named. {dropped}")
+        return (f"Something is wrong, possibly {names}, but these recordings do not suffice "
+                f"to accept it, and nothing is named. {dropped}")
     text = {
         "nothing_wrong": "Nothing is wrong as far as these recordings can show: "
                          + ("no structure stands out of the noise, and no effect surely does."
@@ -164,13 +164,18 @@ def predictor(b: BestPredictor) -> str:
     n = len(b.left_out)
     if not b.effects:
         nearest = min((ratio for _, ratio in b.tried), key=lambda ratio: ratio.value)
-        return ("Best predictor: the refitted parameters alone. No effects surely lower the errors "
-                f"1 s ahead in {n} recordings left out in turn: with the best ones they are "
-                f"{times(nearest)} as those of the refit.")
+        alone = "Best predictor: the refitted parameters alone"
+        if b.ratio.high < 1.0:
+            return (f"{alone}, fitted with equal weight for each recording: the errors 1 s ahead "
+                    f"in {n} recordings left out in turn are {times(b.ratio)} as those of the "
+                    "usual refit.")
+        return (f"{alone}. No effects significantly lower the errors 1 s ahead in {n} recordings "
+                f"left out in turn: with the best ones they are {times(nearest)} as those of the "
+                "refit.")
     better = sum(one.ratio < 1.0 for one in b.left_out.values())
     return (f"Best predictor: with {listed(list(b.effects), 'and')} the errors 1 s ahead in "
             f"recordings left out are {times(b.ratio)} as those of the refit, and smaller in "
-            f"{better} of {n}. These effects predict better; it is not shown that they are causes.")
+            f"{better} of {n}. That an effect predicts better does not show that it is a cause.")
 
 
 def possible(p: Possible) -> str:
