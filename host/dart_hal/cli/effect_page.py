@@ -64,8 +64,8 @@ def section(of: Effect) -> str:
 {equation(of)}
 ```
 
-| parameter | unit | null | from | to | physical | sizes |
-|---|---|---|---|---|---|---|
+| parameter | meaning | unit | null | from | to | physical | sizes |
+|---|---|---|---|---|---|---|---|
 {rows}
 
 Looks like {alike}.
@@ -75,7 +75,7 @@ Looks like {alike}.
 
 def _row(q: Parameter) -> str:
     unit = q.unit + (", per recording" if q.per_recording else "")
-    cells = (f"`{q.name}`", unit, *map(_number, (q.null, q.low, q.high)),
+    cells = (f"`{q.name}`", q.meaning, unit, *map(_number, (q.null, q.low, q.high)),
              " to ".join(map(_number, q.physical_range)), " ".join(map(_number, q.sizes)))
     return "| " + " | ".join(cells) + " |"
 

@@ -114,7 +114,8 @@ class Parameter:
     ``alone``: a departure from null is an effect by itself (the phase of one is not);
     ``tops``: what it explains has several tops along it, as where a tyre lets go in one bend
     more: sizes are tried so closely that none is between two of them; ``physical``: what a car
-    can have, where that is less than the interval [low, high] in which a fit may move.
+    can have, where that is less than the interval [low, high] in which a fit may move; meaning:
+    the physical quantity as a noun phrase, for reports.
     """
 
     name: str
@@ -127,6 +128,7 @@ class Parameter:
     alone: bool = True
     tops: bool = False
     physical: tuple[float, float] | None = None
+    meaning: str = ""
 
     @property
     def physical_range(self) -> tuple[float, float]:

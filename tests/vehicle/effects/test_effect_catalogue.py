@@ -50,6 +50,9 @@ def test_an_effect_is_documented(of):
         assert len(text) > 40
     assert of.confused_with
     assert set(of.confused_with) <= set(catalogue()) - {of.name}
+    for parameter in of.parameters:
+        assert parameter.meaning, "a report says what the parameter is"
+        assert not parameter.meaning.endswith(".")
     assert of.vehicle or of.force or of.signals
     assert set(of.signals) <= set(CHANNELS)
 

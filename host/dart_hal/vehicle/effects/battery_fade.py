@@ -31,7 +31,8 @@ EFFECT = Effect(
         "The voltage of a battery sags while it is drained, the motor warms and its "
         "winding resists more: force falls in proportion to time, for every throttle."),
     stage="actuator",
-    parameters=(Parameter("k", "1/100 s", -0.5, 0.3, sizes=(0.03, 0.08, 0.15)),),
+    parameters=(Parameter("k", "1/100 s", -0.5, 0.3, sizes=(0.03, 0.08, 0.15),
+                          meaning="change of the motor force in 100 s of driving"),),
     confused_with=("motor_gain", "quadratic_drag", "rolling_resistance"),
     experiment=(
         "The same throttle step from standstill at the start and at the end of a long "

@@ -37,6 +37,7 @@ EFFECT = Effect(
         "reads."),
     stage="measurement",
     parameters=(Parameter("k", "share", -1.0, 1.5, sizes=(0.1, 0.25, 0.5),
+                          meaning="share of the front axle in the speed that the encoder reads",
                           physical=(0.0, 1.0)),),
     confused_with=("encoder_scale", "encoder_slip"),
     experiment=(

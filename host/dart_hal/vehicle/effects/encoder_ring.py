@@ -46,9 +46,12 @@ EFFECT = Effect(
         "side. The speed ripples with the angle of the gear, and a gap lowers its mean."),
     stage="measurement",
     parameters=(
-        Parameter("missing", "turn", -0.3, 0.5, sizes=(0.05, 0.1, 0.2)),
-        Parameter("uneven", "relative", -0.5, 0.5, sizes=(0.05, 0.1, 0.2)),
-        Parameter("phase", "turn", -0.5, 0.5, sizes=(0.125, 0.25, 0.5), per_recording=True,
+        Parameter("missing", "turn", -0.3, 0.5, sizes=(0.05, 0.1, 0.2),
+                  meaning="part of a turn without marks"),
+        Parameter("uneven", "relative", -0.5, 0.5, sizes=(0.05, 0.1, 0.2),
+                  meaning="unevenness of the marks over a turn"),
+        Parameter("phase", "turn", -0.5, 0.5, sizes=(0.125, 0.25, 0.5),
+                  meaning="place of the closest marks in the turn", per_recording=True,
                   alone=False)),
     confused_with=("encoder_scale",),
     experiment=(

@@ -26,7 +26,8 @@ EFFECT = Effect(
         "A tyre transmits force only by slipping a little, in proportion to the force: "
         "under drive the encoder sees more than the floor, under braking less."),
     stage="measurement",
-    parameters=(Parameter("k", "s2/m", 0.0, 0.2, sizes=(0.005, 0.015, 0.04)),),
+    parameters=(Parameter("k", "s2/m", 0.0, 0.2, sizes=(0.005, 0.015, 0.04),
+                          meaning="slip of the wheels per m/s2 of drive"),),
     confused_with=("encoder_scale", "encoder_latency"),
     experiment=(
         "Accelerate hard and coast on one straight: the error changes sign with the "

@@ -22,7 +22,8 @@ EFFECT = Effect(
         "Front tyres wear faster than rear ones, and a load on one axle changes its "
         "grip and not the other's."),
     stage="force",
-    parameters=(Parameter("k", "relative", -0.6, 0.6, sizes=(0.05, 0.1, 0.2)),),
+    parameters=(Parameter("k", "relative", -0.6, 0.6, sizes=(0.05, 0.1, 0.2),
+                          meaning="change of the side force of the front tyres"),),
     confused_with=("grip", "steering_compliance", "steering_gain", "load_transfer"),
     experiment=(
         "Circles of the same command at rising speed, with the side velocity of the "

@@ -35,7 +35,8 @@ EFFECT = Effect(
         "of gravity into the forward axis, as if the car sped up all the time. "
         "Positive: nose down."),
     stage="measurement",
-    parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.01, 0.02, 0.05)),),
+    parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.01, 0.02, 0.05),
+                          meaning="tilt of the IMU, nose down"),),
     confused_with=("road_slope_x", "road_slope_y", "imu_roll"),
     experiment=(
         "Stand still, then turn the car by hand to the opposite heading and stand "

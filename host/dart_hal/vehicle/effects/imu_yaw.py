@@ -28,7 +28,8 @@ EFFECT = Effect(
         "A board that is glued on askew mixes forward and side acceleration. The gyro "
         "does not notice."),
     stage="measurement",
-    parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.02, 0.05, 0.1)),),
+    parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.02, 0.05, 0.1),
+                          meaning="rotation of the IMU to the left"),),
     confused_with=("imu_lever_arm",),
     experiment=(
         "Accelerate and brake hard on a straight: a side acceleration that follows the "

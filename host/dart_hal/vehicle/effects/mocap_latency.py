@@ -19,7 +19,8 @@ EFFECT = Effect(
         "Cameras expose, a computer solves, a network carries: the stamp is that of the "
         "arrival."),
     stage="measurement",
-    parameters=(Parameter("k", "s", 0.0, 0.3, sizes=(0.01, 0.03, 0.06)),),
+    parameters=(Parameter("k", "s", 0.0, 0.3, sizes=(0.01, 0.03, 0.06),
+                          meaning="additional age of the poses"),),
     confused_with=("steering_delay", "throttle_delay", "clock_offset"),
     experiment=(
         "Turn the standing car by hand to and fro: gyro against the turning rate of the "

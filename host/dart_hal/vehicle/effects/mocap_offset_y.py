@@ -27,7 +27,8 @@ EFFECT = Effect(
         "A marker off the middle of the car goes faster in a curve to the other side: "
         "forward speed seems to change with the turning rate."),
     stage="measurement",
-    parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.003, 0.008, 0.02)),),
+    parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.003, 0.008, 0.02),
+                          meaning="distance of the marker to the left of its stated place"),),
     confused_with=("mocap_offset_x", "cornering_drag"),
     experiment=(
         "Slow circles to the left and to the right against the encoder: the speed of "

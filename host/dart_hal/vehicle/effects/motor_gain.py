@@ -23,7 +23,8 @@ EFFECT = Effect(
         "of 15 %. It is a property of a drive and not of the car."),
     stage="actuator",
     parameters=(
-        Parameter("k", "relative", -0.5, 0.5, sizes=(0.03, 0.08, 0.15), per_recording=True),),
+        Parameter("k", "relative", -0.5, 0.5, sizes=(0.03, 0.08, 0.15),
+                  meaning="change of the motor force", per_recording=True),),
     confused_with=(
         "battery_fade", "quadratic_drag", "rolling_resistance", "mass", "motor_deadband"),
     experiment=(

@@ -39,8 +39,10 @@ EFFECT = Effect(
         "command. A driver that cuts to whole counts makes the mean half a step low."),
     stage="command",
     parameters=(
-        Parameter("k", "-", 0.0, 0.2, sizes=(0.013, 0.026, 0.052)),
-        Parameter("phase", "step", 0.0, 1.0, sizes=(0.25, 0.5, 0.75), alone=False)),
+        Parameter("k", "-", 0.0, 0.2, sizes=(0.013, 0.026, 0.052),
+                  meaning="step of the steering command"),
+        Parameter("phase", "step", 0.0, 1.0, sizes=(0.25, 0.5, 0.75),
+                  meaning="0 where counts are cut, 0.5 where they are rounded", alone=False)),
     confused_with=("steering_backlash", "steering_trim", "motor_deadband"),
     experiment=(
         "A slow ramp of the steering command at constant speed, up and down: steps at "

@@ -27,7 +27,9 @@ EFFECT = Effect(
         "The rear tyre of the paper's model is a straight line without end. A real one "
         "gives way: its force has a limit near the grip of the floor times the load."),
     stage="force",
-    parameters=(Parameter("k", "1/N", 0.0, 2.0, sizes=(0.15, 0.25, 0.40), tops=True),),
+    parameters=(Parameter("k", "1/N", 0.0, 2.0, sizes=(0.15, 0.25, 0.40),
+                          meaning="inverse of the largest side force of the rear tyres",
+                          tops=True),),
     confused_with=("grip", "roll_compliance", "combined_slip", "yaw_damping"),
     experiment=(
         "Circles at rising speed until the rear slides, and a step of the steering at "

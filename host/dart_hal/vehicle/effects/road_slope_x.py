@@ -39,7 +39,8 @@ EFFECT = Effect(
         "tenth of the friction. The pull keeps its direction in the room while the "
         "car turns."),
     stage="force",
-    parameters=(Parameter("k", "m/s2", -1.0, 1.0, sizes=(0.05, 0.1, 0.2)),),
+    parameters=(Parameter("k", "m/s2", -1.0, 1.0, sizes=(0.05, 0.1, 0.2),
+                          meaning="downhill acceleration along x of the room"),),
     confused_with=("road_slope_y", "rolling_resistance", "lateral_pull", "imu_pitch", "imu_roll"),
     experiment=(
         "The same straight drive in four directions of the room, or slow circles: the "

@@ -32,7 +32,8 @@ EFFECT = Effect(
         "than the inner ones lose, and the wheels tilt and steer with the springs. All "
         "of it grows with the square of the side acceleration."),
     stage="force",
-    parameters=(Parameter("k", "-", 0.0, 3.0, sizes=(0.2, 0.5, 1.0)),),
+    parameters=(Parameter("k", "-", 0.0, 3.0, sizes=(0.2, 0.5, 1.0),
+                          meaning="share of the side force lost at 1 g to the side"),),
     confused_with=("grip", "rear_saturation", "front_grip"),
     experiment=(
         "Circles of one radius at rising speed to both sides: the loss grows with the "

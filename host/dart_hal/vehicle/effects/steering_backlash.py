@@ -36,7 +36,8 @@ EFFECT = Effect(
         "the wheels free within a small angle: coming from the left they stand further "
         "left than coming from the right. k is the whole width."),
     stage="actuator",
-    parameters=(Parameter("k", "rad", 0.0, 0.3, sizes=(0.02, 0.05, 0.10)),),
+    parameters=(Parameter("k", "rad", 0.0, 0.3, sizes=(0.02, 0.05, 0.10),
+                          meaning="play of the road wheels from end to end"),),
     confused_with=("steering_trim", "steering_gain", "pwm_quantisation", "steering_delay",
                    "steering_dead_zone"),
     experiment=(

@@ -22,7 +22,8 @@ EFFECT = Effect(
         "Commands wait in queues: radio, bus, the 50 Hz frame of the servo. What "
         "arrives is unchanged, only later."),
     stage="command",
-    parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.02, 0.04, 0.08)),),
+    parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.02, 0.04, 0.08),
+                          meaning="additional delay of the steering"),),
     confused_with=("steering_lag", "steering_rate_limit", "mocap_latency", "clock_offset"),
     experiment=(
         "Steering steps at constant speed: a delay shifts the whole answer, a lag "

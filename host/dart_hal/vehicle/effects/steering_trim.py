@@ -26,7 +26,8 @@ EFFECT = Effect(
         "The horn of the servo sits on a toothed shaft and the rods have threads: "
         "centre is where somebody set it, and a bump moves it."),
     stage="actuator",
-    parameters=(Parameter("k", "rad", -0.2, 0.2, sizes=(0.005, 0.01, 0.02)),),
+    parameters=(Parameter("k", "rad", -0.2, 0.2, sizes=(0.005, 0.01, 0.02),
+                          meaning="road-wheel angle to the left of the model's"),),
     confused_with=("steering_backlash", "pwm_clock", "lateral_pull", "mocap_yaw", "gyro_bias"),
     experiment=(
         "Straight drives at two speeds, then circles of equal command to both sides: a "

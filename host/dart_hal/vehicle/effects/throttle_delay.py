@@ -22,7 +22,8 @@ EFFECT = Effect(
         "Commands wait for the next frame of the ESC, and its own filter waits for "
         "several frames before it believes a change."),
     stage="command",
-    parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.03, 0.06, 0.12)),),
+    parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.03, 0.06, 0.12),
+                          meaning="additional delay of the throttle"),),
     confused_with=("throttle_lag", "mocap_latency", "clock_offset"),
     experiment=(
         "Throttle steps up and down on a straight: a delay shifts the start of the "
