@@ -13,6 +13,8 @@ from known_frame import read
 
 from dart_hal.diagnose.evidence.drive import prepare
 from dart_hal.diagnose.evidence.residuals import Evidence
+from dart_hal.diagnose.gains import Side
+from dart_hal.diagnose.paths import find_paths
 from dart_hal.diagnose.result import (
     Cause,
     Considered,
@@ -25,6 +27,7 @@ from dart_hal.diagnose.result import (
     Unexplained,
 )
 from dart_hal.evaluate import evaluate
+from dart_hal.evaluate import prepare as prepare_cases
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 
@@ -51,6 +54,21 @@ def stages():
         out.append(Stage(label, p, result.model.to_json(), evidence.residuals(p)))
         ctrv = result.ctrv.to_json()
     return tuple(out), evidence, ctrv
+
+
+@lru_cache(maxsize=1)
+def side():
+    """The same recording as test recordings."""
+    return Side(stages()[1], prepare_cases([recording()]))
+
+
+@lru_cache(maxsize=4)
+def paths(causes):
+    """In its worst and its median window, with as many causes."""
+    every = stages()[0]
+    models = {"given": every[0].vehicle, "refitted": every[1].vehicle,
+              **({"extended": every[1 + causes].vehicle} if causes else {})}
+    return find_paths(side(), models, "refitted")
 
 
 CONSTANT = Constancy(0.42, "speed", ((0.5, 0.97, 0.05), (1.0, 1.01, 0.04), (1.5, 1.02, 0.06)), 0.04,
@@ -91,5 +109,5 @@ def diagnosis(verdict="partly_explained", causes=2, unexplained=True, **changes)
                         "why": []}},
         ("The last 40 % of each training recording is held out.",), 7, 3.25,
         None, ("mass",) if causes else (), 0.01,
-        {n: 400.0 / (i + 1)**2 for i, n in enumerate(catalogue())})
+        {n: 400.0 / (i + 1)**2 for i, n in enumerate(catalogue())}, paths=paths(causes))
     return replace(base, **changes)

@@ -1,9 +1,9 @@
-"""Summaries of errors: ratios over recordings, and the moments of the largest ones."""
+"""Summaries of errors: ratios over recordings, the largest ones, and paths of single windows."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from dart_hal.evaluate.prediction import CHANNELS
+from dart_hal.types import FloatArray
 
 
 class Ratio(NamedTuple):
@@ -83,3 +84,30 @@ class Outliers:
         """As in ``outliers``."""
         return {"channel": self.channel, "ratio": self.ratio,
                 "moments": [m.to_json() for m in self.moments]}
+
+
+@dataclass(frozen=True, slots=True)
+class PathWindow:
+    """The path of the centre of mass in one window of a recording, measured and predicted.
+
+    kind: worst or median, by the position error of the model ``chosen_by`` at the end of the
+    window, which is ``error`` [m]; windows: of all test recordings, by which it was chosen; file,
+    second: where it starts; paths: (2, n) by model, x ahead and y to the left of the car at the
+    start [m], one point each ``step`` [s]; "measured" is one of them.
+    """
+
+    kind: str
+    chosen_by: str
+    error: float
+    windows: int
+    file: str
+    second: float
+    step: float
+    paths: Mapping[str, FloatArray]
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``paths``; lengths to a millimetre."""
+        return {"kind": self.kind, "chosen_by": self.chosen_by, "error": self.error,
+                "windows": self.windows, "file": self.file, "second": self.second,
+                "step": self.step,
+                "paths": {name: np.round(xy, 3).tolist() for name, xy in self.paths.items()}}

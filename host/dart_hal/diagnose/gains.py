@@ -94,9 +94,18 @@ def compute_case_errors(p: Vehicle, cases: Sequence[Case], l_r: float) -> FloatA
 
     l_r: from the centre of mass to the rear axle [m], by which the recordings were read.
     """
-    if signals(p, "pose"):  # a turned marker is no side slip
-        cases = [replace(case, grid=freed_of_mocap(case.grid, p, l_r)) for case in cases]
+    cases = correct_poses(p, cases, l_r)
     return errors(predict(settled(p), cases), measured(cases))
+
+
+def correct_poses(p: Vehicle, cases: Sequence[Case], l_r: float) -> Sequence[Case]:
+    """Remove from the poses of recordings what effects of the vehicle do to them.
+
+    l_r: as in ``compute_case_errors``.
+    """
+    if not signals(p, "pose"):
+        return cases
+    return [replace(case, grid=freed_of_mocap(case.grid, p, l_r)) for case in cases]
 
 
 def side_of(evidence: Evidence, recordings: Sequence[Recording], l_r: float,

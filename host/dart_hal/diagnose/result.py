@@ -8,7 +8,7 @@ from typing import Any
 
 from dart_hal.vehicle.parameters import Vehicle
 
-from .error_summaries import LeftOutError, Outliers, Ratio, geometric_mean
+from .error_summaries import LeftOutError, Outliers, PathWindow, Ratio, geometric_mean
 from .evidence.residuals import Evidence, Residuals
 
 Cost = tuple[float, float, float]
@@ -315,7 +315,7 @@ class Diagnosis:
     false_alarm: share of data sets in which anything is named where nothing is
     missing; ranking: drop of the loss for every effect alone, before anything was named.
     mounting: of the IMU, by effect and parameter, see ``mounted``. predictor: None where it was
-    not wanted.
+    not wanted. paths: see ``find_paths``.
     """
 
     verdict: str
@@ -342,6 +342,14 @@ class Diagnosis:
     outliers: tuple[Outliers, ...] = ()
     predictor: BestPredictor | None = None
     predictor_written: str | None = None
+    paths: tuple[PathWindow, ...] = ()
+
+    @property
+    def compared(self) -> dict[str, Stage]:
+        """The model as given, refitted and, where a cause was accepted, extended."""
+        refitted = [s for s in self.stages[1:2] if not s.label.startswith(added(""))]
+        return {"given": self.stages[0], **({"refitted": refitted[0]} if refitted else {}),
+                **({"extended": self.stages[-1]} if self.causes else {})}
 
     @property
     def extended(self) -> Vehicle:
@@ -361,6 +369,7 @@ class Diagnosis:
             "considered": [c.to_json() for c in self.considered],
             "unexplained": [u.to_json() for u in self.unexplained],
             "outliers": [o.to_json() for o in self.outliers],
+            "paths": [w.to_json() for w in self.paths],
             "extended": {"model": self.written, "errors": self.stages[-1].horizons,
                          "gain": {k: g.test for k, g in self.gain.items()},
                          "gain_ci95": {k: [g.low, g.high] for k, g in self.gain.items()}},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from dart_hal.config import ModelFile, Quantity
@@ -21,10 +22,12 @@ from .evidence.drive import READ_OUTS, START_SPACING, WINDOW_SPACING, prepare
 from .evidence.residuals import Evidence
 from .gains import Side, side_of
 from .pace import Pace
+from .parameters.unseen import Unseen
+from .paths import find_paths
 from .policy import USUAL, EvidencePolicy, Policy
 from .predictor import check_recordings
 from .result import Diagnosis
-from .search.forward import Search
+from .search.forward import Search, SearchResult
 from .search.scan import Progress
 from .search.selection import Settings
 
@@ -83,9 +86,17 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
                     lambda: pace.phase(SEARCHING, "looking for causes", EVALUATIONS[1]))
     found = search.run()
     pace.phase(1.0, "measuring the gain", EVALUATIONS[2])
-    return conclude(Question(model.name, vehicle, sides[0], sides[1], settings, refit, search,
-                             predictor),
-                found, files, began)
+    question = Question(model.name, vehicle, sides[0], sides[1], settings, refit, search, predictor)
+    return _with_paths(conclude(question, found, files, began), question, found)
+
+
+def _with_paths(d: Diagnosis, q: Question, found: SearchResult) -> Diagnosis:
+    """Add the paths of single test windows, by models that count delays as the table of errors."""
+    models = {name: stage.vehicle for name, stage in d.compared.items()}
+    if not q.refit and q.test.prepared is not None:
+        timing = Unseen(q.test.evidence, found.point, q.settings.policy).timing(found.point)
+        models = {name: timing.advanced(p) for name, p in models.items()}
+    return replace(d, paths=find_paths(q.test, models, "refitted" if q.refit else "given"))
 
 
 def standard_errors(model: ModelFile) -> dict[str, float]:
