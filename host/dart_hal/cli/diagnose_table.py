@@ -14,6 +14,7 @@ from dart_hal.diagnose.report.words import (
     CHANNELS,
     channel,
     claim,
+    excess,
     interval,
     moved,
     outliers,
@@ -46,6 +47,8 @@ def show(d: Diagnosis) -> None:
         say(f"not explained: {structure(u)}", style="yellow")
     for o in d.outliers:
         say(f"single moments: {outliers(o)}", style="yellow")
+    for e in d.excesses:
+        say(f"above the noise floor: {excess(e)}", style="yellow")
     if d.withdrawn:
         say(f"named at first and withdrawn: {', '.join(d.withdrawn)}", style="dim")
     _errors(d)
@@ -69,7 +72,7 @@ def _causes(d: Diagnosis) -> Table:
 
 
 def _errors(d: Diagnosis) -> None:
-    """Base, extended and CTRV at 1 s, in one line for each channel."""
+    """Base, extended, CTRV and noise floor at 1 s, in one line for each channel."""
     first, last = d.stages[0].horizons, d.stages[-1].horizons
     known = [name for name in PREDICTED if math.isfinite(pooled(first, "1.0", name))]
     same = not (d.causes or d.refitted)
@@ -77,7 +80,8 @@ def _errors(d: Diagnosis) -> None:
     if known:
         say("errors at 1 s on the test recordings (RMSE): "
              + ("model" if same else "base -> extended")
-             + (" | constant velocity (CTRV)" if beside else ""))
+             + (" | constant velocity (CTRV)" if beside else "")
+             + (" | noise floor" if d.noise_floor else ""))
     for name in known:
         base, extended, held = (significant(pooled(of, "1.0", name))
                                 for of in (first, last, d.ctrv))
@@ -85,7 +89,9 @@ def _errors(d: Diagnosis) -> None:
         share = "" if not gain or same else (
             f", {_gain(gain)} less" if gain.test >= 0.0 else f", {percent(-gain.test)} more")
         say(f"  {channel(name)}: {base}{'' if same else f' -> {extended}'}"
-             f"{f' | {held}' if beside else ''} {CHANNELS[name][1]}{share}")
+             f"{f' | {held}' if beside else ''}"
+             f"{f' | {significant(d.noise_floor[name])}' if d.noise_floor else ''}"
+             f" {CHANNELS[name][1]}{share}")
 
 
 def _gain(gain: Gained) -> str:

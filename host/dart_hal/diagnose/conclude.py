@@ -17,7 +17,7 @@ from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
 
 from .cautions import EDGE, cautions, worse_at
-from .error_summaries import Outliers
+from .error_summaries import Excess, Outliers, find_excesses
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
 from .evidence.space import Timing
@@ -26,6 +26,7 @@ from .grade.names import Grading, Shown, impossible_size, shown
 from .grade.secants import secants
 from .judge import Predictor, compute_costs, compute_gains
 from .mounted import Mounted, mounted, of_the_imu
+from .noise_floor import estimate_noise_floor
 from .parameters.claims import Asked, claims
 from .parameters.sets import Sets
 from .parameters.unseen import Unseen
@@ -118,12 +119,16 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     notes = cautions(last, (q.train, q.test), moved, gain, causes, q.settings.policy)
     possible = _possible(found, sure, q)
     outliers = find_outliers(q.train.evidence, last.vehicle, last.timing, q.settings.policy.noise)
+    floor = estimate_noise_floor(q.test, last.vehicle, unseen.timing(last), predicting(last)[1],
+                                 q.settings.policy.unexplained)
+    excesses = find_excesses(stages[-1].horizons, floor)
     return Diagnosis(
-        verdict=_verdict(q, found, causes, (*left, *outliers), gain, claimed, possible),
+        verdict=_verdict(q, found, causes, (*left, *outliers, *excesses), gain, claimed, possible),
         model=q.model, refitted=moved, causes=causes,
         considered=_considered(found, withdrawn, sure), possible=possible, claims=claimed,
         unexplained=left, outliers=outliers, stages=stages,
-        evidence=q.test.evidence, ctrv=q.test.horizons(None), gain=gain, files=files,
+        evidence=q.test.evidence, ctrv=q.test.horizons(None), noise_floor=floor, gain=gain,
+        files=files,
         seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
         mounting=of_the_imu(at, q.train.evidence, q.settings.policy),
         predictor=find_predictor(q.search, q.train, q.test, last, partial(as_logged, q),
@@ -345,7 +350,7 @@ def _considered(found: SearchResult, withdrawn: Sequence[str], sure: Shown
 
 
 def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause],
-             left: Sequence[Unexplained | Outliers],
+             left: Sequence[Unexplained | Outliers | Excess],
              gain: Mapping[str, Gained], claimed: Sequence[Claim],
              possible: Sequence[Possible]) -> str:
     changes = not (all(c.constancy.constant for c in causes) and all(c.constant for c in claimed))

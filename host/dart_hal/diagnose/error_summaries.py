@@ -13,6 +13,10 @@ from scipy.special import stdtrit
 from dart_hal.evaluate.prediction import CHANNELS
 from dart_hal.types import FloatArray
 
+MAX_OVER_FLOOR = 2.0
+"""RMSE over the noise floor, above which a model is not faultless: three quarters of its mean
+square error come from something else."""
+
 
 class Ratio(NamedTuple):
     """A geometric mean of ratios, and the ends of its 90 % interval."""
@@ -111,3 +115,22 @@ class PathWindow:
                 "windows": self.windows, "file": self.file, "second": self.second,
                 "step": self.step,
                 "paths": {name: np.round(xy, 3).tolist() for name, xy in self.paths.items()}}
+
+
+@dataclass(frozen=True, slots=True)
+class Excess:
+    """A channel in which the error 1 s ahead is more than MAX_OVER_FLOOR times the noise floor."""
+
+    channel: str
+    error: float
+    floor: float
+
+
+def find_excesses(horizons: Mapping[str, Any], floor: Mapping[str, float]) -> tuple[Excess, ...]:
+    """Find the channels whose error 1 s ahead is far above the noise floor.
+
+    horizons: errors as ``evaluate`` gives them; floor: by channel.
+    """
+    errors = horizons.get("1.0", {}).get("pooled", {})
+    return tuple(Excess(name, errors[name], value) for name, value in floor.items()
+                 if errors[name] > MAX_OVER_FLOOR * value)

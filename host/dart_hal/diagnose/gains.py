@@ -94,8 +94,17 @@ def compute_case_errors(p: Vehicle, cases: Sequence[Case], l_r: float) -> FloatA
 
     l_r: from the centre of mass to the rear axle [m], by which the recordings were read.
     """
+    difference = compute_case_differences(p, cases, l_r)
+    return errors(difference, np.zeros_like(difference))
+
+
+def compute_case_differences(p: Vehicle, cases: Sequence[Case], l_r: float) -> FloatArray:
+    """Compute predicted minus measured states at all horizons, (horizons, 6, windows).
+
+    l_r: as in ``compute_case_errors``.
+    """
     cases = correct_poses(p, cases, l_r)
-    return errors(predict(settled(p), cases), measured(cases))
+    return predict(settled(p), cases) - measured(cases)
 
 
 def correct_poses(p: Vehicle, cases: Sequence[Case], l_r: float) -> Sequence[Case]:

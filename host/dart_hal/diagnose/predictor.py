@@ -124,7 +124,9 @@ def find_predictor(search: Search, train: Side, test: Side, accepted: Point,
     Raises UsageError with fewer than three training recordings with motion capture.
     """
     cases = check_recordings(train)
-    evidence = _motion_alone(train.evidence)
+    # what an encoder reads of a slipping wheel depends on the drive force: its many messages would
+    # decide the motor of a model that is only wrong about the slip
+    evidence = train.evidence.motion_alone()
     sha256 = [d.recording.sha256 for d in evidence.drives]
     drives = [sha256.index(case.sha256) for case in cases]
     folds = tuple(_Fold(k, evidence.without(k), case)
@@ -243,17 +245,6 @@ class _PredictorSearch:
         vehicles = [self.as_logged(replace(best.fit, x=x)) for x in best.left_out]
         return {n: math.sqrt((len(vehicles) - 1) * float(np.var([value(v, n) for v in vehicles])))
                 for n in best.fit.space.names}
-
-
-def _motion_alone(evidence: Evidence) -> Evidence:
-    """The evidence without messages of sensors.
-
-    What an encoder reads of a slipping wheel depends on the drive force. Its many messages would
-    decide the motor of a model that is only wrong about the slip.
-    """
-    return Evidence([replace(d, at=np.empty(0), read=np.empty((0, 4)),
-                             still=np.empty(0, dtype=np.bool_)) for d in evidence.drives],
-                    evidence.l_r, evidence.overlap)
 
 
 def _moves_car(effect: str) -> bool:

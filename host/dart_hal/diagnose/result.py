@@ -8,7 +8,15 @@ from typing import Any
 
 from dart_hal.vehicle.parameters import Vehicle
 
-from .error_summaries import LeftOutError, Outliers, PathWindow, Ratio, geometric_mean
+from .error_summaries import (
+    Excess,
+    LeftOutError,
+    Outliers,
+    PathWindow,
+    Ratio,
+    find_excesses,
+    geometric_mean,
+)
 from .evidence.residuals import Evidence, Residuals
 
 Cost = tuple[float, float, float]
@@ -315,7 +323,8 @@ class Diagnosis:
     false_alarm: share of data sets in which anything is named where nothing is
     missing; ranking: drop of the loss for every effect alone, before anything was named.
     mounting: of the IMU, by effect and parameter, see ``mounted``. predictor: None where it was
-    not wanted. paths: see ``find_paths``.
+    not wanted. paths: see ``find_paths``. noise_floor: RMS error of a faultless model 1 s ahead on
+    the test recordings, by channel of ``evaluate``; empty where it is not known.
     """
 
     verdict: str
@@ -343,6 +352,12 @@ class Diagnosis:
     predictor: BestPredictor | None = None
     predictor_written: str | None = None
     paths: tuple[PathWindow, ...] = ()
+    noise_floor: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def excesses(self) -> tuple[Excess, ...]:
+        """Channels in which the extended model errs far more than a faultless one would."""
+        return find_excesses(self.stages[-1].horizons, self.noise_floor)
 
     @property
     def compared(self) -> dict[str, Stage]:
@@ -378,7 +393,8 @@ class Diagnosis:
             "predictor": self.predictor and {"model": self.predictor_written,
                                              **self.predictor.to_json()},
             "stages": [{"label": s.label, "errors": s.horizons} for s in self.stages],
-            "ctrv": self.ctrv, "withdrawn": list(self.withdrawn), "notes": list(self.notes),
+            "ctrv": self.ctrv, "noise_floor": dict(self.noise_floor),
+            "withdrawn": list(self.withdrawn), "notes": list(self.notes),
             "runtime_s": self.runtime_s, "files": {k: dict(f) for k, f in self.files.items()},
             "seed": self.seed, "false_alarm": self.false_alarm,
             "ranking": dict(self.ranking)}

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from tempfile import mkdtemp
 
 import numpy as np
 import pytest
+from events import add_gusts, lift_rear_axle
 from known_frame import read
-from stranger import SIDE_REAR, Car, X, Y
+from stranger import Car
 from stranger_files import COMMANDS, Habits, record
 
 from dart_hal.diagnose import diagnose
@@ -28,38 +28,6 @@ STYLES = ("steps", "waves", "prbs", "gentle", "ramps", "laps")
 pytestmark = pytest.mark.cpu(10)
 
 
-def gusts(car, newton, seed):
-    """Wind of one second from anywhere, each 4 to 10 s. Returns when each begins."""
-    rng = np.random.default_rng(seed)
-    begins = np.cumsum(rng.uniform(4.0, 10.0, size=20))
-    angles = rng.uniform(0.0, 2.0 * math.pi, size=20)
-
-    def act(f, now):
-        for begin, angle in zip(begins, angles, strict=True):
-            if begin <= now.t < begin + 1.0:
-                f[X] += newton * math.cos(now.yaw - angle)
-                f[Y] -= newton * math.sin(now.yaw - angle)
-
-    car.force.append(act)
-    return begins
-
-
-def lifted_wheel(car, share, seed):
-    """For 0.4 s the rear axle holds less, at some of the moments with much side force."""
-    rng = np.random.default_rng(seed)
-    until, last = [-1.0], [-10.0]
-
-    def act(f, now):
-        if now.t < 0.01:
-            until[0], last[0] = -1.0, -10.0
-        if abs(now.ay) > 2.5 and now.t > last[0] + 2.0 and rng.random() < 0.01:
-            until[0], last[0] = now.t + 0.4, now.t
-        if now.t < until[0]:
-            f[SIDE_REAR] *= 1.0 - share
-
-    car.force.append(act)
-
-
 def recorded(car, style, seed):
     habits = Habits(style=style, commands=COMMANDS[seed % len(COMMANDS)])
     return read(record(Path(mkdtemp()) / f"car_1_{seed}.csv", car, habits, 60.0, seed))
@@ -75,7 +43,7 @@ def found(recording):
 
 def test_gusts_are_found_with_their_moments():
     car = Car()
-    begins = gusts(car, 1.2, seed=1)
+    begins = add_gusts(car, 1.2, seed=1)
     outliers = found(recorded(car, "steps", seed=4))
     assert outliers["v_x"].ratio > 1.5
     moments = outliers["v_x"].moments
@@ -92,7 +60,7 @@ def test_a_sound_car_has_none():
 
 def test_too_few_windows_say_nothing():
     car = Car()
-    gusts(car, 1.2, seed=1)
+    add_gusts(car, 1.2, seed=1)
     short = read(record(Path(mkdtemp()) / "car_1_4.csv", car, Habits(style="steps"), 15.0, 4))
     assert found(short) == {}
 
@@ -100,7 +68,7 @@ def test_too_few_windows_say_nothing():
 @pytest.mark.more
 def test_gusts_are_not_nothing_wrong():
     car = Car()
-    gusts(car, 1.2, seed=1)
+    add_gusts(car, 1.2, seed=1)
     model, vehicle = find_model("paper")
     recordings = [recorded(car, "steps", seed) for seed in (4, 8)]
     d = diagnose(model, vehicle, recordings[:1], recordings[1:])
@@ -121,10 +89,10 @@ def test_events_are_flagged_and_sound_cars_are_not():
         for seed in range(5000 + 10 * k, 5004 + 10 * k):
             if seed % 2:
                 car = Car()
-                gusts(car, 1.5, seed)
+                add_gusts(car, 1.5, seed)
                 flagged["gusts"] += bool(found(recorded(car, style, seed)))
                 car = Car()
-                lifted_wheel(car, 0.5, seed)
+                lift_rear_axle(car, 0.5, seed)
                 flagged["lifted"] += bool(found(recorded(car, style, seed)))
             flagged["sound"] += bool(found(recorded(Car(), style, seed)))
     assert flagged["gusts"] >= 11

@@ -99,6 +99,17 @@ class Evidence:
         return Evidence([d for k, d in enumerate(self.drives) if k != drive], self.l_r,
                         self.overlap)
 
+    def motion_alone(self, starts: Sequence[IntArray] | None = None) -> Evidence:
+        """The evidence without messages of sensors.
+
+        starts: first samples of the windows of each drive; None: as they are.
+        """
+        mine = [d.starts for d in self.drives] if starts is None else starts
+        return Evidence([replace(d, starts=first, at=np.empty(0), read=np.empty((0, 4)),
+                                 still=np.empty(0, dtype=np.bool_))
+                         for d, first in zip(self.drives, mine, strict=True)],
+                        self.l_r, self.overlap)
+
     @property
     def late(self) -> float:
         """What age of a message is expected [s], on the clock of the poses."""

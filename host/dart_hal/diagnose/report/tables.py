@@ -20,6 +20,7 @@ from .words import (
     CHANNELS,
     HORIZONS,
     channel,
+    excess,
     interval,
     outliers,
     pooled,
@@ -73,10 +74,14 @@ def errors(d: Diagnosis) -> Html:
         out.append(page.soft("Without motion capture: speed as the encoder reads it and yaw rate "
                              "as the gyro reads it; nothing else can be judged."))
     out.append(gains(d))
+    if d.excesses:
+        out.append(page.items(f"Above the noise floor: {excess(e)}." for e in d.excesses))
     known = len(out)
     for horizon in HORIZONS:
         rows = [(label, *(_pair(of, horizon, c) for c in PREDICTED))
                 for label, of in [*steps, ("CTRV", d.ctrv)]]
+        if horizon == "1.0" and d.noise_floor:
+            rows.append(("noise floor", *(significant(d.noise_floor[c]) for c in PREDICTED)))
         if any(cell != "-" for row in rows for cell in row[1:]):
             n = pooled(d.stages[0].horizons, horizon, "n")
             out.append(table(head, rows, 1, f"after {float(horizon):g} s: RMSE (median) of "

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from dart_hal.diagnose.error_summaries import Outliers
+from dart_hal.diagnose.error_summaries import Excess, Outliers
 from dart_hal.diagnose.parameters.groups import MERGED
 from dart_hal.diagnose.result import (
     BestPredictor,
@@ -81,6 +81,9 @@ def _remainder(d: Diagnosis) -> str:
         return "something is left without a cause"
     if d.outliers:
         return "at single moments it errs far more than otherwise"
+    if d.excesses:
+        above = [excess(e) for e in d.excesses]
+        return f"its errors are above the noise floor: {listed(above, 'and')}"
     changing = [*(c.effect for c in d.causes if not c.constancy.constant),
                 *(c.title for c in d.claims if not c.constant)]
     if changing:
@@ -243,6 +246,13 @@ def outliers(o: Outliers) -> str:
     return (f"{channel(o.channel)}: errors 0.5 s ahead have a standard deviation "
             f"{o.ratio:.1f} times what most of them have"
             + (f"; the worst: {worst}" if worst else ""))
+
+
+def excess(e: Excess) -> str:
+    """"yaw rate 0.31 rad/s after 1 s, 2.4 times the noise floor of 0.13 rad/s"."""
+    name, unit = CHANNELS[e.channel]
+    return (f"{name} {significant(e.error)} {unit} after 1 s, {e.error / e.floor:.1f} times the "
+            f"noise floor of {significant(e.floor)} {unit}")
 
 
 def pooled(horizons: Mapping[str, Any], horizon: str, name: str, kind: str = "pooled") -> float:

@@ -28,15 +28,23 @@ def undriven(evidence: Evidence, p: Vehicle, r: Residuals, policy: UnexplainedPo
 
     A column that they do not predict is as it was; with too few blocks every one is.
     """
+    return replace(r, motion=remove_driven(evidence, p, r.motion, SPAN, policy))
+
+
+def remove_driven(evidence: Evidence, p: Vehicle, errors: FloatArray, span: int,
+                  policy: UnexplainedPolicy) -> FloatArray:
+    """Subtract from errors (n, c) of the windows what functions of ALONG predict, see ``undriven``.
+
+    span: samples over which a window is described.
+    """
     block = np.unique(evidence.blocks(BlockPolicy().seconds)[0], return_inverse=True)[1]
     if not len(block) or block.max() + 1 < policy.least_blocks:
-        return r
-    features = exogenous(p, window_features(evidence, p, SPAN), policy.straight)
+        return errors
+    features = exogenous(p, window_features(evidence, p, span), policy.straight)
     columns = np.hstack([basis(features, (name,), policy.tail) for name in ALONG])
     fold = np.random.default_rng(0).permutation(np.arange(block.max() + 1) % policy.folds)[block]
-    motion = np.nan_to_num(r.motion, nan=1e3, posinf=1e3, neginf=-1e3)
-    return replace(r, motion=np.stack([
-        _without(y, columns, fold, policy) for y in motion.T], axis=1))
+    finite = np.nan_to_num(errors, nan=1e3, posinf=1e3, neginf=-1e3)
+    return np.stack([_without(y, columns, fold, policy) for y in finite.T], axis=1)
 
 
 def _without(y: FloatArray, columns: FloatArray, fold: IntArray,
