@@ -3,10 +3,10 @@
     python tests/hidden/noise_floor_cases.py --jobs 2
 
 drives cars that hide nothing and cars to which something happens, 60 s to learn from and 40 s to
-judge by, diagnoses them and prints a row for each kind: the floor over the RMSE 1 s ahead (median,
-10 % and 90 % quantile), and how many drives exceed the floor, have errors flagged as single
-moments, and end as ``nothing_wrong`` or ``parameters_only``. Results are lines of JSON; a drive
-that is there is not repeated.
+judge by, and diagnoses them. A row for each kind of car: the floor over the RMSE 1 s ahead (median,
+10 % and 90 % quantile), in how many drives an error exceeds the floor, single moments and late
+commands are flagged, and how many end as ``nothing_wrong`` or ``parameters_only``. Results are
+lines of JSON; a drive that is there is not repeated.
 """
 
 from __future__ import annotations
@@ -93,6 +93,7 @@ def run(drive: Drive) -> dict[str, Any]:
     return {"key": drive.key, "kind": drive.kind, "verdict": answer["verdict"],
             "commands": how.commands, "style": how.style,
             "error": {c: error[c] for c in CHANNELS}, "floor": answer["noise_floor"],
+            "late": (answer["late_commands"] or {}).get("log_likelihood", 0.0),
             "outliers": {o["channel"]: o["ratio"] for o in answer["outliers"]},
             "structure": [u["channel"] for u in answer["unexplained"]],
             "causes": [c["effect"] for c in answer["causes"]]}
@@ -100,8 +101,8 @@ def run(drive: Drive) -> dict[str, Any]:
 
 def make_table(found: Sequence[dict[str, Any]]) -> Table:
     """One row for each kind, and one for all that hide nothing."""
-    table = Table("kind", "drives", *CHANNELS, "above the floor", "single moments", "either",
-                  "nothing wrong")
+    table = Table("kind", "drives", *CHANNELS, "above floor", "single moments",
+                  "late commands", "any", "nothing wrong")
     kinds = list(dict.fromkeys(one["kind"] for one in found))
     rows = {kind: [one for one in found if one["kind"] == kind] for kind in kinds}
     rows["all that hide nothing"] = [one for one in found if one["kind"] in (*GROUPS, "nothing")]
@@ -114,10 +115,11 @@ def make_table(found: Sequence[dict[str, Any]]) -> Table:
         above = [bool(one["floor"]) and any(one["error"][c] > 2.0 * one["floor"][c]
                                             for c in CHANNELS) for one in of_it]
         moments = [bool(one["outliers"]) for one in of_it]
+        late = [one["late"] > 0.0 for one in of_it]
         table.add_row(kind, str(len(of_it)), *(
             f"{m:.2f} [{a:.2f}, {b:.2f}]" for a, m, b in zip(low, middle, high, strict=True)),
-            str(sum(above)), str(sum(moments)),
-            str(sum(a or b for a, b in zip(above, moments, strict=True))),
+            str(sum(above)), str(sum(moments)), str(sum(late)),
+            str(sum(map(any, zip(above, moments, late, strict=True)))),
             str(sum(one["verdict"] in SILENT for one in of_it)))
     return table
 

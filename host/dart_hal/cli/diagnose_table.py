@@ -16,6 +16,7 @@ from dart_hal.diagnose.report.words import (
     claim,
     excess,
     interval,
+    late_commands,
     moved,
     outliers,
     pooled,
@@ -47,6 +48,8 @@ def show(d: Diagnosis) -> None:
         say(f"not explained: {structure(u)}", style="yellow")
     for o in d.outliers:
         say(f"single moments: {outliers(o)}", style="yellow")
+    if d.late_commands:
+        say(f"late commands: {late_commands(d.late_commands)}", style="yellow")
     for e in d.excesses:
         say(f"above the noise floor: {excess(e)}", style="yellow")
     if d.withdrawn:

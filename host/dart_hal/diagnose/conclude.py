@@ -17,7 +17,7 @@ from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
 
 from .cautions import EDGE, cautions, worse_at
-from .error_summaries import Excess, Outliers, find_excesses
+from .error_summaries import Excess, LateCommands, Outliers, find_excesses
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
 from .evidence.space import Timing
@@ -25,6 +25,7 @@ from .gains import Fitted, Side, overall
 from .grade.names import Grading, Shown, impossible_size, shown
 from .grade.secants import secants
 from .judge import Predictor, compute_costs, compute_gains
+from .late_commands import find_late_commands
 from .mounted import Mounted, mounted, of_the_imu
 from .noise_floor import estimate_noise_floor
 from .parameters.claims import Asked, claims
@@ -54,6 +55,8 @@ from .unexplained.outliers import find_outliers
 from .unexplained.structure import groups, shares, unexplained
 from .unexplained.waits import unwaited
 
+Remainder = Unexplained | Outliers | Excess | LateCommands
+"""What no accepted cause explains."""
 TOGETHER = "all fitted together"  # where that is better than one after the other
 
 
@@ -122,14 +125,16 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     floor = estimate_noise_floor(q.test, last.vehicle, unseen.timing(last), predicting(last)[1],
                                  q.settings.policy.unexplained)
     excesses = find_excesses(stages[-1].horizons, floor)
+    late = find_late_commands((q.train, q.test), last.vehicle, (last.timing, unseen.timing(last)),
+                              q.settings.policy.unexplained)
+    remainder: list[Remainder] = [*left, *outliers, *excesses, *([late] if late else [])]
     return Diagnosis(
-        verdict=_verdict(q, found, causes, (*left, *outliers, *excesses), gain, claimed, possible),
+        verdict=_verdict(q, found, causes, remainder, gain, claimed, possible),
         model=q.model, refitted=moved, causes=causes,
         considered=_considered(found, withdrawn, sure), possible=possible, claims=claimed,
         unexplained=left, outliers=outliers, stages=stages,
-        evidence=q.test.evidence, ctrv=q.test.horizons(None), noise_floor=floor, gain=gain,
-        files=files,
-        seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
+        evidence=q.test.evidence, ctrv=q.test.horizons(None), noise_floor=floor, late_commands=late,
+        gain=gain, files=files, seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
         mounting=of_the_imu(at, q.train.evidence, q.settings.policy),
         predictor=find_predictor(q.search, q.train, q.test, last, partial(as_logged, q),
                                  q.settings.jobs) if q.predictor else None,
@@ -350,7 +355,7 @@ def _considered(found: SearchResult, withdrawn: Sequence[str], sure: Shown
 
 
 def _verdict(q: Question, found: SearchResult, causes: Sequence[Cause],
-             left: Sequence[Unexplained | Outliers | Excess],
+             left: Sequence[Remainder],
              gain: Mapping[str, Gained], claimed: Sequence[Claim],
              possible: Sequence[Possible]) -> str:
     changes = not (all(c.constancy.constant for c in causes) and all(c.constant for c in claimed))

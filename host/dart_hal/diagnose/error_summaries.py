@@ -91,6 +91,25 @@ class Outliers:
 
 
 @dataclass(frozen=True, slots=True)
+class LateCommands:
+    """Commands that acted later than their log allows, see ``find_late_commands``.
+
+    share: of the windows whose error depends on when a command acted; delay [s]: how much later, in
+    the mean; log_likelihood: how much such commands add to it; moments: the clearest ones.
+    """
+
+    share: float
+    delay: float
+    log_likelihood: float
+    moments: tuple[Moment, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``late_commands``."""
+        return {"share": self.share, "delay": self.delay, "log_likelihood": self.log_likelihood,
+                "moments": [m.to_json() for m in self.moments]}
+
+
+@dataclass(frozen=True, slots=True)
 class PathWindow:
     """The path of the centre of mass in one window of a recording, measured and predicted.
 

@@ -55,6 +55,17 @@ class Side:
         return [name if plain.count(name) == 1 else f"{name} ({plain[:i].count(name) + 1})"
                 for i, name in enumerate(plain)]
 
+    def evaluation_windows(self) -> Evidence:
+        """Evidence of the motion alone, in the windows of the evaluation.
+
+        None of them without motion capture.
+        """
+        cases = self.prepared.cases if self.prepared else ()
+        starts = {case.sha256: case.windows.start for case in cases}
+        none = np.empty(0, dtype=np.int64)
+        return self.evidence.motion_alone([starts.get(d.recording.sha256, none)
+                                           for d in self.evidence.drives])
+
     def errors(self, p: Vehicle) -> FloatArray | None:
         """As ``evaluate.errors``; None without motion capture."""
         return None if self.prepared is None else _predicted(self, p)

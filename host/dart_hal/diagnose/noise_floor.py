@@ -11,12 +11,8 @@ with e the error as the table of errors states it, u the same error as the diagn
 smoothed as the poses are), and m the difference, which any model has.
 
 1. Subtract from u what a function of the driving predicts on held-out stretches: it is a fault.
-2. Fit the distribution p of the ages of commands and the standard deviations s by maximum
-   likelihood (expectation maximisation), with u(a) the error if commands are older by a:
-
-       L = prod_i sum_a p_a prod_c [(1 - E) n(u_ic(a) / s_c) + E / W n(u_ic(a) / (W s_c))] / s_c
-
-   n is the normal density; a share E of the windows may hold an event.
+2. Fit the distribution p of the ages of commands and the standard deviations s to u(a), the error
+   if commands are older by a, see ``fit_ages``.
 3. The variance of u is v_c = s_c^2 + mean_i sum_a p_a (u_ic(a) - u_ic)^2.
 4. floor_c^2 = v_c + M_c + 2 r_c sqrt(v_c M_c), with M_c the mean square of m and r_c the
    correlation of m with u, clipped at CLIP standard deviations.
@@ -34,7 +30,6 @@ import numpy as np
 
 from dart_hal.control.drivetrain import FRAME
 from dart_hal.evaluate.prediction import CHANNELS, measured
-from dart_hal.fitting.robust import scatter
 from dart_hal.predict.windows import HORIZONS
 from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.flat import unchecked
@@ -46,6 +41,7 @@ from .evidence.space import MAX_COMMAND_AGE, Timing
 from .gains import AT, Side, compute_case_differences
 from .parameters.unseen import BEYOND
 from .policy import UnexplainedPolicy
+from .unexplained.command_ages import AGE_STEP, fit_ages, interpolate_ages
 from .unexplained.driven import remove_driven
 
 AHEAD = READ_OUTS.index(round(HORIZONS[AT] / SAMPLE))
@@ -53,23 +49,6 @@ AHEAD = READ_OUTS.index(round(HORIZONS[AT] / SAMPLE))
 MIN_WINDOWS = 40
 """10 s of driving. One starts every 0.25 s and its last command decides its error, so of 40 about
 20 are independent: a standard deviation is then known to 16 %."""
-EVENT_SHARE = 0.1
-"""E: windows that an event may disturb ..."""
-EVENT_WIDTH = 10.0
-"""W: ... and the standard deviation of their errors over that of the others. An error beyond 3.0
-standard deviations is then more likely that of an event, (1 - E) n(z) = E / W n(z / W)."""
-AGE_STEP = 0.005
-"""s between ages at which windows are predicted: velocities of the poses are means over 0.06 s, so
-errors are nearly straight from one age to the next ..."""
-AGE_PARTS = 2
-"""... and are interpolated at so many parts of the step."""
-INFORMATIVE = 2.0
-"""Log likelihood between best and worst age, above which a window shows how old its command was. A
-window in which no command changes does not."""
-MIN_INFORMATIVE = 3
-"""Such windows; with fewer all ages count alike."""
-ROUNDS = 50
-"""Of expectation maximisation."""
 CLIP = 2.0
 """Standard deviations; 95 % of normal errors are within."""
 
@@ -88,9 +67,7 @@ def estimate_noise_floor(side: Side, vehicle: Vehicle, timing: Timing, logged: V
     cases = side.prepared.cases
     l_r = side.evidence.l_r
     # 1. the same windows, as the diagnosis compares them
-    starts = {case.sha256: case.windows.start for case in cases}
-    evidence = side.evidence.motion_alone([starts[d.recording.sha256]
-                                           for d in side.evidence.drives])
+    evidence = side.evaluation_windows()
     first = AHEAD * len(MOTION)
     yaw = measured(cases, (0,))[0, 2]
 
@@ -149,51 +126,16 @@ def floor_of_errors(errors: FloatArray, by_age: FloatArray, fault: FloatArray,
     errors (n, c): u; by_age (k, n, c): u with commands older by each of k ages, evenly spaced;
     fault (n, c): the part of u that the driving predicts; method (n, c): m.
     """
-    grid = _interpolate(by_age)
-    s, p = fit_noise(grid - fault)
-    spread = np.einsum("k,knc->nc", p, (grid - errors)**2)
-    variance = s**2 + spread.mean(axis=0)
-    limit = CLIP * np.sqrt(s**2 + spread)
+    grid = interpolate_ages(by_age)
+    fit = fit_ages(grid - fault)
+    spread = np.einsum("k,knc->nc", fit.probability, (grid - errors)**2)
+    variance = fit.std**2 + spread.mean(axis=0)
+    limit = CLIP * np.sqrt(fit.std**2 + spread)
     clipped = np.clip(errors - fault, -limit, limit)
     added = np.mean(method**2, axis=0)
     scale = np.sqrt(np.mean(clipped**2, axis=0) * added)
     correlation = np.mean(clipped * method, axis=0) / np.maximum(scale, 1e-12)
     return np.asarray(np.sqrt(variance + added + 2.0 * correlation * np.sqrt(variance * added)))
-
-
-def fit_noise(by_age: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Fit standard deviations (c,) and probabilities of ages (k,) to errors (k, n, c) by age."""
-    k, _, channels = by_age.shape
-    middle = by_age[k // 2]
-    s = np.array([scatter(middle[:, c] - np.median(middle[:, c])) for c in range(channels)]) + 1e-9
-    p = np.full(k, 1.0 / k)
-    for _ in range(ROUNDS):
-        # 1. probability of each age by window, all channels together
-        z2 = (by_age / s)**2
-        usual = (1.0 - EVENT_SHARE) * np.exp(-0.5 * z2)
-        event = EVENT_SHARE / EVENT_WIDTH * np.exp(-0.5 * z2 / EVENT_WIDTH**2)
-        log_likelihood = np.log(usual + event + 1e-300).sum(axis=2)
-        posterior = np.exp(log_likelihood - log_likelihood.max(axis=0)) * p[:, None] + 1e-300
-        posterior /= posterior.sum(axis=0)
-        # 2. probabilities of the ages, by windows that depend on them
-        informative = np.ptp(log_likelihood, axis=0) > INFORMATIVE
-        p = (posterior[:, informative].mean(axis=1) if informative.sum() >= MIN_INFORMATIVE
-             else np.full(k, 1.0 / k))
-        # 3. standard deviations, by errors that are no event
-        weight = posterior[:, :, None] * usual / (usual + event + 1e-300)
-        s = np.sqrt(np.sum(weight * by_age**2, axis=(0, 1)) / np.sum(weight, axis=(0, 1))) + 1e-9
-    return s, p
-
-
-def _interpolate(by_age: FloatArray) -> FloatArray:
-    """Errors (k, n, c) at AGE_PARTS times as many ages."""
-    k = len(by_age)
-    if k == 1:
-        return by_age
-    at = np.linspace(0.0, k - 1.0, AGE_PARTS * (k - 1) + 1)
-    before = np.minimum(at.astype(np.int64), k - 2)
-    share = (at - before)[:, None, None]
-    return np.asarray((1.0 - share) * by_age[before] + share * by_age[before + 1])
 
 
 def _finite(errors: FloatArray) -> FloatArray:

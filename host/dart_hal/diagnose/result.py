@@ -10,6 +10,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .error_summaries import (
     Excess,
+    LateCommands,
     LeftOutError,
     Outliers,
     PathWindow,
@@ -325,6 +326,7 @@ class Diagnosis:
     mounting: of the IMU, by effect and parameter, see ``mounted``. predictor: None where it was
     not wanted. paths: see ``find_paths``. noise_floor: RMS error of a faultless model 1 s ahead on
     the test recordings, by channel of ``evaluate``; empty where it is not known.
+    late_commands: see ``find_late_commands``.
     """
 
     verdict: str
@@ -353,6 +355,7 @@ class Diagnosis:
     predictor_written: str | None = None
     paths: tuple[PathWindow, ...] = ()
     noise_floor: Mapping[str, float] = field(default_factory=dict)
+    late_commands: LateCommands | None = None
 
     @property
     def excesses(self) -> tuple[Excess, ...]:
@@ -384,6 +387,7 @@ class Diagnosis:
             "considered": [c.to_json() for c in self.considered],
             "unexplained": [u.to_json() for u in self.unexplained],
             "outliers": [o.to_json() for o in self.outliers],
+            "late_commands": self.late_commands and self.late_commands.to_json(),
             "paths": [w.to_json() for w in self.paths],
             "extended": {"model": self.written, "errors": self.stages[-1].horizons,
                          "gain": {k: g.test for k, g in self.gain.items()},

@@ -22,6 +22,7 @@ from .words import (
     channel,
     excess,
     interval,
+    late_commands,
     outliers,
     pooled,
     predictor,
@@ -94,13 +95,14 @@ def errors(d: Diagnosis) -> Html:
 
 def moments(d: Diagnosis) -> Html:
     """The moments at which errors are far larger than otherwise, and what the car did then."""
+    late = page.items([late_commands(d.late_commands)] if d.late_commands else [])
     if not d.outliers:
-        return el("p", "No errors are far larger than the others.")
+        return join([late, el("p", "No errors are far larger than the others.")])
     rows = [(channel(o.channel), m.file, f"{m.second:.1f}", significant(m.error),
              f"{m.times:.1f}", f"{m.speed:.2f}", f"{m.throttle:.2f}", f"{m.steering:.2f}")
             for o in d.outliers for m in o.moments]
     return join([
-        page.items(map(outliers, d.outliers)),
+        late, page.items(map(outliers, d.outliers)),
         page.soft("Events that come at any time, with either sign, are no cause of the catalogue: "
                   "a gust, a lost command, a wheel that lifts, a jump of the motion capture. Look "
                   "at these moments in the recordings."),

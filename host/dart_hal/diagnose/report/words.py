@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from dart_hal.diagnose.error_summaries import Excess, Outliers
+from dart_hal.diagnose.error_summaries import Excess, LateCommands, Outliers
 from dart_hal.diagnose.parameters.groups import MERGED
 from dart_hal.diagnose.result import (
     BestPredictor,
@@ -81,6 +81,8 @@ def _remainder(d: Diagnosis) -> str:
         return "something is left without a cause"
     if d.outliers:
         return "at single moments it errs far more than otherwise"
+    if d.late_commands:
+        return "some commands act later than they were logged"
     if d.excesses:
         above = [excess(e) for e in d.excesses]
         return f"its errors are above the noise floor: {listed(above, 'and')}"
@@ -246,6 +248,14 @@ def outliers(o: Outliers) -> str:
     return (f"{channel(o.channel)}: errors 0.5 s ahead have a standard deviation "
             f"{o.ratio:.1f} times what most of them have"
             + (f"; the worst: {worst}" if worst else ""))
+
+
+def late_commands(late: LateCommands) -> str:
+    """How many commands acted too late, by how much, and when."""
+    when = "; ".join(f"{m.file} at {m.second:.1f} s" for m in late.moments[:MOST_DROPPED])
+    return (f"{percent(late.share)} of the changes of a command act later than their log allows, "
+            f"by {late.delay:.2f} s in the mean (log likelihood {late.log_likelihood:.0f} higher), "
+            "as after a lost message" + (f"; the clearest: {when}" if when else ""))
 
 
 def excess(e: Excess) -> str:
