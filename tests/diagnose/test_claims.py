@@ -25,8 +25,8 @@ from dart_hal.diagnose.parameters.sets import Posterior, Sets
 from dart_hal.diagnose.parameters.unseen import Unseen
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.report.claimed import PICTURES, _measured, pictures
+from dart_hal.diagnose.report.explain import describe_claim
 from dart_hal.diagnose.report.page import page
-from dart_hal.diagnose.report.words import claim
 from dart_hal.diagnose.result import Change, Claim, Constancy
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.flat import names
@@ -84,17 +84,19 @@ def test_the_new_value_is_that_of_the_car(folder):
     peak = c.quantities["peak side force over load"]
     assert peak.after == pytest.approx(1.25 * peak.before, rel=0.03)
     assert abs(peak.after - 1.25 * peak.before) < 4.0 * peak.std
-    assert "front tyres were wrong" in claim(c)
+    assert "front tyres were wrong" in describe_claim(c)["What"]
 
 
-def test_of_two_groups_that_stand_for_each_other_the_deciding_drive_is_said():
+def test_of_two_confounded_groups_the_deciding_drive_is_stated():
     drive = "Coast down straight on. Steps of the throttle."
     one = Claim("motor", "motor", (), 1.0, {}, (1.2, 1.1, 1.3), 1.0, (), drive,
                 Constancy(1.0, "", (), 0.0, (0.01, 0.1)))
-    assert "to decide" not in claim(one)
-    said = claim(replace(one, group="drive force"))
-    assert "whether it was friction or motor these data do not tell" in said
-    assert "to decide, drive: coast down straight on. Steps" in said
+    alone = describe_claim(one)
+    assert "distinguish" not in alone["Why"]
+    assert alone["Next"].startswith("To confirm it: coast down straight on. Steps")
+    both = describe_claim(replace(one, group="drive force"))
+    assert "do not distinguish friction and motor" in both["Why"]
+    assert both["Next"].startswith("To distinguish them: coast down straight on. Steps")
 
 
 def test_every_parameter_that_a_refit_moves_is_of_one_group():
@@ -233,7 +235,7 @@ def test_a_parameter_whose_size_changes_does_not_explain(change, after, verdict)
                     Constancy(0.001, "time", (), change, (0.01, 0.1)))
     explains = verdict == "parameters_only"
     assert _verdict(None, None, (), (), {}, (claimed,), ()) == verdict
-    assert ("its size changes with" in claim(claimed)) != explains
+    assert ("Its size changes with" in describe_claim(claimed)["Why"]) != explains
     assert (claimed.to_json()["constancy"]["changes_with"] is None) == explains
     constant = Constancy(1.0, "", (), 0.0, (0.01, 0.1))
     cause = SimpleNamespace(gain=SimpleNamespace(high=0.5), constancy=constant)

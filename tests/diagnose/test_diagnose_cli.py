@@ -104,19 +104,26 @@ def test_a_model_that_is_diagnosed_again_on_what_it_was_fitted_to_is_told(whole,
 def test_the_terminal_shows_verdict_causes_errors_and_doubts(capsys):
     show(made.diagnosis())
     text = " ".join(capsys.readouterr().out.split())
-    for words in ("2 causes of the catalogue explain part of it", "k 0.1187 +- 0.0043 s",
-                  "cannot be told from yaw_inertia or steering_rate_limit", "41 % (36 % to 47 %)",
-                  "not explained: speed: rises with the speed", "withdrawn: mass",
-                  "yaw rate: 0.378 -> 0.0564 | 1.45 rad/s", "hard to believe: weaker than",
-                  "considered: battery_fade (p = 0.2)"):
+    for words in ("2 causes of the catalogue explain part of it",
+                  "additional time constant of the steering 118.7 +- 4.3 ms",
+                  "do not distinguish it from yaw_inertia or steering_rate_limit",
+                  "not explained: speed: rises with the speed",
+                  "yaw rate [rad/s] 1.45 0.378 0.378 0 % 0:0 0.0564 -85 % 1:0",
+                  "hard to believe: weaker than"):
         assert words in text
 
 
-def test_the_terminal_claims_no_gain_where_nothing_was_changed(capsys):
-    show(replace(made.diagnosis("nothing_wrong", 0, False), refitted={}))
+def test_the_terminal_takes_about_ten_lines(capsys):
+    show(replace(made.diagnosis("explained", 1, False), considered=(), refitted={}))
+    assert len(capsys.readouterr().out.splitlines()) <= 10
+
+
+def test_the_terminal_states_no_step_where_nothing_was_changed(capsys):
+    d = made.diagnosis("nothing_wrong", 0, False)
+    show(replace(d, refitted={}, stages=d.stages[:1]))
     text = capsys.readouterr().out
     assert "->" not in text
-    assert "less" not in text
+    assert "refitted" not in text
 
 
 @pytest.mark.slow
@@ -124,7 +131,7 @@ def test_without_json_the_sentences_are_on_standard_output_and_notices_are_not(f
     code, out, err = run("--no-refit", "--train", *files, "--only", "steering_lag",
                          "--only", "gyro_scale")
     assert code == 0
-    for words in ("steering_lag, k 0.1", "velocity (CTRV)", "on recordings it has not seen"):
+    for words in ("steering_lag: The car turns", "constant velocity", "on the test recordings"):
         assert words in out
     assert "40 % of each training recording" in err
 

@@ -175,8 +175,8 @@ def test_terminal_and_page_state_the_floor_and_what_is_above_it(capsys):
     line = (f"yaw rate {error:.3g} rad/s after 1 s, {error / 0.02:.1f} times the noise floor of "
             "0.02 rad/s")
     assert f"above the noise floor: {line}" in text
-    assert "constant velocity (CTRV) | noise floor" in text
-    assert "| 0.02 rad/s" in text
+    assert "floor: noise floor" in text
+    assert "yaw rate [rad/s] 0.02 " in text
     assert line in page(d)
     assert "noise floor" in page(d)
     assert line in verdict(d)

@@ -18,10 +18,11 @@ from dart_hal.cli.diagnose_table import show
 from dart_hal.diagnose import conclude as conclusion
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.gains import _share
+from dart_hal.diagnose.report.explain import describe_cause
 from dart_hal.diagnose.report.page import page
-from dart_hal.diagnose.report.words import sentence, verdict
+from dart_hal.diagnose.report.words import verdict
 from dart_hal.diagnose.result import Considered, Possible
-from dart_hal.report.numbers import percent
+from dart_hal.report.numbers import percent, significant
 from dart_hal.vehicle.load import find_model
 
 
@@ -57,10 +58,14 @@ def test_sentence_and_table_state_one_number(turned_marker, capsys):
     assert document["causes"][0]["gain"]["test"] == pytest.approx(1.0 - by_json[1] / by_json[0])
     show(d)
     text = " ".join(capsys.readouterr().out.split())
-    number = percent(said)
-    assert f"removes {number}" in text
-    assert re.search(rf"lateral velocity: [^:]*, {number} ", text)
-    assert f"removes {number}" in page(d)
+    before, after = (significant(v) for v in by_json[:2])
+    assert f"lateral velocity error 1 s ahead on the test recordings falls: {before} -> {after}" \
+        in text
+    assert re.search(rf"lateral velocity \[m/s\] \S+ {re.escape(before)} {re.escape(after)} "
+                     rf"-{percent(said)}", text)
+    whole = page(d)
+    assert f"{before} -&gt; {after} m/s" in whole
+    assert f"-{percent(said)}" in whole
 
 
 def test_numbers_of_two_sources_are_told_apart():
@@ -109,10 +114,31 @@ def test_verdict_speaks_of_what_the_section_below_it_shows():
     assert "the size of steering_lag is not constant" in verdict(changing)
 
 
-def test_sentence_says_of_what_each_number_is():
-    text = sentence(made.diagnosis().causes[0])
-    assert "removes 41 % [36 %, 47 %] of the yaw rate error" in text
-    assert "errors of motion and sensors together are 1.21 [1.14, 1.29] times as large" in text
+def test_gain_of_a_cause_is_the_step_of_the_error_table():
+    d = made.diagnosis()
+    before, after = (d.stages[k].horizons["1.0"]["pooled"]["yaw_rate"] for k in (1, 2))
+    assert f"{significant(before)} -> {significant(after)} rad/s" in describe_cause(d, 0)["Gain"]
+    sensor = describe_cause(d, 1)["Gain"]
+    before, after = (float(np.sqrt(np.nanmean(s.residuals.sensors[:, 1] ** 2)))
+                     for s in d.stages[2:4])
+    assert f"gyro error on the test recordings falls: {significant(before)}" in sensor
+    assert f"-> {significant(after)} rad/s" in sensor
+
+
+def test_a_gain_that_may_be_chance_is_no_fall():
+    d = made.diagnosis(causes=1)
+    may_be_chance = replace(d.causes[0], gain=replace(d.causes[0].gain, low=-0.01, high=0.02))
+    assert " falls: " in describe_cause(d, 0)["Gain"]
+    assert "does not change significantly" in describe_cause(
+        replace(d, causes=(may_be_chance,)), 0)["Gain"]
+
+
+def test_sizes_of_several_recordings_are_stated_with_their_spread():
+    d = made.diagnosis(causes=1)
+    several = replace(d.causes[0], sizes={"a": (0.9, 0.05), "b": (1.2, 0.1), "c": (0.1, 0.2)})
+    text = describe_cause(replace(d, causes=(several,)), 0)["Why"]
+    assert "2 of 3 training recordings need it, with sizes from 10 % to 120 % of the" in text
+    assert "probability 0.99" in text
 
 
 def test_nothing_read_has_no_share_and_no_warning():

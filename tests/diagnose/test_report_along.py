@@ -10,14 +10,8 @@ import pytest
 
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.evidence.onboard_drive import sessions
-from dart_hal.diagnose.report.along import (
-    Rows,
-    _error,
-    along,
-    columns,
-    most,
-    stages_of,
-)
+from dart_hal.diagnose.report.along import Rows, _error, along, columns, most
+from dart_hal.diagnose.report.compared import stages_around
 from dart_hal.diagnose.result import Stage
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -36,7 +30,7 @@ def test_the_error_of_a_mean_counts_stretches_and_not_rows():
 def test_a_hidden_lag_shows_most_in_the_yaw_rate_along_the_steering_rate():
     d = made.diagnosis()
     rows = Rows(d.evidence, d.extended)
-    before, after = stages_of(d, 0)
+    before, after = stages_around(d, 0)
     found = most(rows, columns(d.evidence, "yaw_rate"), before, after)
     assert (found.column.channel, found.variable) == ("omega", "steering_rate")
     assert found.score > 0.2
@@ -45,10 +39,10 @@ def test_a_hidden_lag_shows_most_in_the_yaw_rate_along_the_steering_rate():
 
 def test_the_causes_in_the_other_order_are_not_confused():
     d = made.diagnosis()
-    assert [s.label for s in stages_of(d, 1)] == ["+ steering_lag", "+ gyro_scale"]
-    assert [s.label for s in stages_of(d, 0)] == ["refitted base", "+ steering_lag"]
+    assert [s.label for s in stages_around(d, 1)] == ["+ steering_lag", "+ gyro_scale"]
+    assert [s.label for s in stages_around(d, 0)] == ["refitted base", "+ steering_lag"]
     together = replace(d.stages[-1], label="all fitted together")
-    assert stages_of(replace(d, stages=(*d.stages, together)), 1) == stages_of(d, 1)
+    assert stages_around(replace(d, stages=(*d.stages, together)), 1) == stages_around(d, 1)
 
 
 @pytest.mark.more

@@ -12,9 +12,11 @@ from html.parser import HTMLParser
 import made_by_hand as made
 import pytest
 
+from dart_hal.diagnose.error_summaries import Moment, Outliers
 from dart_hal.diagnose.report import page, write_page
-from dart_hal.diagnose.report.words import quantity, removes, sentence
-from dart_hal.diagnose.result import VERDICTS, Gained, Number
+from dart_hal.diagnose.report.explain import describe_cause
+from dart_hal.diagnose.report.words import quantity, removes
+from dart_hal.diagnose.result import VERDICTS, Gained, Number, Possible
 from dart_hal.diagnose.suggest.result import Pair, Suggestion
 from dart_hal.report.numbers import percent, significant
 from dart_hal.report.page import plain
@@ -74,11 +76,12 @@ def embedded(reader):
 
 def test_every_sentence_and_number_of_a_cause_is_there(whole):
     d, _, reader = whole
-    for cause in d.causes:
-        assert sentence(cause).replace(" +- ", " ± ") in reader.text
+    for i, cause in enumerate(d.causes):
+        for words in describe_cause(d, i).values():
+            assert words.replace(" +- ", " ± ") in reader.text
         for number in cause.parameters.values():
             assert quantity(number).replace(" +- ", " ± ") in reader.text
-        for fact in (*cause.evidence, cause.experiment, *cause.cannot_be_told_from,
+        for fact in (*cause.evidence, cause.experiment[1:], *cause.cannot_be_told_from,
                      cause.gain.measure, percent(cause.gain.test), percent(cause.gain.train),
                      significant(cause.loss, 4)):
             assert fact in reader.text
@@ -101,7 +104,7 @@ def test_what_was_rejected_moved_left_and_used_is_there(whole):
             assert why in reader.text
     for u in d.unexplained:
         assert u.structure in reader.text
-    for note in (*d.notes, *d.withdrawn, COMMAND):
+    for note in (*d.notes, COMMAND):
         assert note in reader.text
 
 
@@ -148,7 +151,7 @@ def test_a_cause_is_drawn_before_and_after(whole):
     _, text, _ = whole
     assert text.count("<svg") > 10
     for mark in ("before mark", "after mark", "before line", "after line", "after bar",
-                 "other bar", "limit", "ctrv"):
+                 "other bar", "refit bar"):
         assert mark in text
 
 
@@ -168,7 +171,7 @@ def test_the_same_diagnosis_gives_the_same_page(whole):
 def test_without_numbers_it_says_so_instead_of_drawing(tmp_path):
     d = made.diagnosis("nothing_wrong", 0, False)
     nothing = replace(d, stages=tuple(replace(s, horizons={}) for s in d.stages), ctrv={},
-                      considered=(), refitted={}, files={})
+                      considered=(), refitted={}, files={}, paths=())
     path = write_page(nothing, tmp_path / "new" / "report.html")
     reader = Reader(path.read_text(encoding="utf-8"))
     assert "No prediction could be judged" in reader.text
@@ -216,3 +219,95 @@ def test_errors_that_are_not_known_are_a_dash():
     horizons["1.0"]["pooled"]["vx"] = None
     changed = replace(d, stages=(replace(first, horizons=horizons), *d.stages[1:]))
     assert "nan" not in page(changed).lower().replace("nance", "").split("base64,")[0]
+
+
+MOMENTS = (Outliers("v_x", 2.6, (Moment("a.csv", 53.2, 0.32, 11.8, 1.4, 0.3, 0.0),)),)
+POSSIBLE = (Possible("mass", "is heavier or lighter than the model", 0.7, 30.0, "too rare"),)
+CHANGING = tuple(replace(c, constancy=made.CHANGES) for c in made.diagnosis(causes=1).causes)
+WORSE = tuple(replace(c, gain=replace(c.gain, low=-0.3, high=-0.1))
+              for c in made.diagnosis(causes=1).causes)
+REMAINDERS = [
+    ("unexplained", 0, True, {}, "rises with the speed"),
+    ("unexplained", 0, False, {"outliers": MOMENTS}, "53.2"),
+    ("unexplained", 0, False, {"possible": POSSIBLE}, "the car is heavier or lighter"),
+    ("partly_explained", 1, False, {"causes": CHANGING},
+     "The size of steering_lag is not constant"),
+    ("partly_explained", 1, False, {"causes": WORSE},
+     "With steering_lag test recordings are predicted worse")]
+
+
+@pytest.mark.parametrize(("verdict", "causes", "structure", "changes", "words"), REMAINDERS)
+@pytest.mark.few("unexplained-0-F*", "partly*")
+def test_page_shows_what_remains_and_never_that_nothing_does(verdict, causes, structure, changes,
+                                                             words):
+    d = replace(made.diagnosis(verdict, causes, structure), **changes)
+    reader = read(d)
+    assert "unexplained" in reader.ids
+    assert words in reader.text
+    assert not re.search(r"[Nn]othing (else )?is left", reader.text)
+
+
+def test_without_a_remainder_the_page_has_no_such_section():
+    reader = read(replace(made.diagnosis("explained", 1, False), possible=()))
+    assert "unexplained" not in reader.ids
+
+
+def test_a_verdict_is_marked_as_good_only_where_the_page_lists_nothing_against_it():
+    good = replace(made.diagnosis("nothing_wrong", 0, False), considered=())
+    assert 'class="verdict good"' in page(good)
+    dropped = made.diagnosis("nothing_wrong", 0, False).considered
+    for changes in ({"outliers": MOMENTS}, {"possible": POSSIBLE}, {"considered": dropped}):
+        assert 'class="verdict bad"' in page(replace(good, **changes))
+
+
+def test_no_ratio_of_all_errors_is_next_to_the_gain_of_a_cause():
+    """A cause that removes most of one error and little of all errors states only the first."""
+    d = made.diagnosis("explained", 1, False)
+    d = replace(d, causes=(replace(d.causes[0], cost=(1.07, 1.05, 1.09)),))
+    for words in describe_cause(d, 0).values():
+        assert "times as large" not in words
+        assert "1.07" not in words
+    folded = page(d).partition("<summary>Physics")[2]
+    assert "1.07 [1.05, 1.09] times as large" in folded
+
+
+def test_paths_and_errors_come_directly_after_the_verdict(whole):
+    _, text, _ = whole
+    order = ["verdict", "measured", "Worst window: ", 'aria-label="Path in the worst window"',
+             'aria-label="Path in the median window"', "Worst and median of 195 windows",
+             'aria-label="Error 1 s ahead by channel and model"', "by the causes",
+             'id="details"', "<summary>Errors, step by step"]
+    places = [text.index(words) for words in order]
+    assert places == sorted(places)
+    for style in ("before path line", "refit path line", "after path line", "car path line"):
+        assert text.count(f'class="{style}"') == 2
+
+
+def test_bars_state_the_errors_of_every_model_in_every_channel(whole):
+    d, text, _ = whole
+    bars = text.partition('aria-label="Error 1 s ahead by channel and model"')[2].partition(
+        "</svg>")[0]
+    for errors in (d.ctrv, *(d.stages[k].horizons for k in (0, 1, -1))):
+        for channel in ("vx", "vy", "yaw_rate", "position", "yaw_deg"):
+            assert f">{significant(errors['1.0']['pooled'][channel])}<" in bars
+
+
+def test_refit_and_causes_have_their_shares_stated_separately(whole):
+    d, _, reader = whole
+    before, middle, after = (d.stages[k].horizons["1.0"]["pooled"]["position"]
+                             for k in (0, 1, -1))
+    assert before == middle
+    assert f"position 0 % 0:0 -{percent(1.0 - after / middle)} 1:0" in " ".join(reader.words)
+
+
+def test_without_motion_capture_one_line_says_that_there_is_no_path():
+    d = replace(made.diagnosis(causes=1), paths=())
+    assert "Without motion capture there is no measured path to draw." in read(d).text
+    assert "measured path to draw" not in read(made.diagnosis(causes=1)).text
+
+
+def test_details_are_folded(whole):
+    _, text, _ = whole
+    for words in ("Words and method", "Loss reduction of every effect alone", "Recordings",
+                  "Effects considered and not accepted", "How this was made"):
+        assert f"<summary>{words}</summary>" in text

@@ -77,7 +77,8 @@ def test_a_page_is_sound_and_asks_for_nothing_from_outside(tmp_path):
     figure = figures.new_figure()
     figures.finish(figure.subplots(), "x", "y", "title")
     drawn = [charts.lines("lines", "x", "y", [charts.Series(x, x, reach)], ("a", "b", "c")),
-             charts.steps("steps", "y", np.array([2.0, math.nan, 1.0]), 3.0, "CTRV"),
+             charts.paths("paths", "x", "y", [(np.array([[0.0, 1.0], [0.0, 0.5]]), "car")], 1),
+             charts.grouped_bars("groups", [("one", [(2.0, "before"), (math.inf, "after")])]),
              charts.bars("bars", "x", [("one", 120.0, "after"), ("none", 0.3, "other")]),
              figures.image(figure, "a <picture>")]
     sections = {"one": ("First", page.figures([page.figure("<caption>", d) for d in drawn])),
@@ -90,7 +91,40 @@ def test_a_page_is_sound_and_asks_for_nothing_from_outside(tmp_path):
     assert not re.search(r"\b(nan|inf|None)\b", shown(whole))
     assert all(f'href="#{key}"' in whole and f'id="{key}"' in whole for key in sections)
     assert "<caption>" not in whole
-    assert whole.count("<svg") == 3
+    assert whole.count("<svg") == 4
+
+
+def points_of(picture, style):
+    """Points of the line of a style, in px (2, n)."""
+    text = re.search(rf'points="([^"]*)" class="{style} path line"', picture)[1]
+    return np.array([[float(v) for v in pair.split(",")] for pair in text.split()]).T
+
+
+@pytest.mark.parametrize("size", [(2.0, 0.1), (1.0, 1.0), (0.1, 2.0)])
+def test_paths_have_equal_axes(size):
+    corner = np.array([[0.0, size[0], size[0]], [0.0, 0.0, size[1]]])
+    px = points_of(charts.paths("p", "x", "y", [(corner, "car")], 1), "car")
+    along, up = px[0, 1] - px[0, 0], px[1, 1] - px[1, 2]
+    assert along / size[0] == pytest.approx(up / size[1], rel=0.03)
+    assert px.min() >= 0.0
+    assert px[0].max() <= 440.0
+
+
+def test_a_path_that_leaves_the_picture_does_not_shrink_the_others():
+    car = np.array([[0.0, 0.5, 1.0], [0.0, 0.0, 0.0]])
+    lost = np.array([[0.0, 0.5, 50.0], [0.0, 0.5, 0.0]])
+    picture = charts.paths("p", "x", "y", [(car, "car"), (lost, "before")], 1)
+    assert points_of(picture, "before").shape == (2, 2)
+    assert np.ptp(points_of(picture, "car")[0]) > 200.0
+
+
+def test_each_group_of_bars_has_its_own_scale_and_infinity_no_bar():
+    picture = charts.grouped_bars("g", [("a", [(1.0, "before"), (0.5, "after")]),
+                                        ("b", [(200.0, "before"), (math.inf, "after")])])
+    widths = [float(w) for w in re.findall(r'width="([\d.]+)" height="12"', picture)]
+    assert widths[0] == widths[2] == pytest.approx(2.0 * widths[1], rel=0.01)
+    assert widths[3] == 0.0
+    assert ">diverged<" in picture
 
 
 @pytest.mark.parametrize("tag", ['<img src="http://a.b/c.png">', "<script>", "<link rel=x>",

@@ -11,9 +11,8 @@ from dart_hal.cli.demo_diagnosis import AFTER, BEFORE, UNSEEN, Chapter, as_hidde
 from dart_hal.diagnose.report import structure
 from dart_hal.diagnose.report.along import Rows
 from dart_hal.diagnose.report.causes import KEY, cause_pictures
-from dart_hal.diagnose.report.page import answer_card
-from dart_hal.diagnose.report.tables import step_by_step
-from dart_hal.diagnose.report.words import channel, interval, overall, quantity
+from dart_hal.diagnose.report.overview import answer_card, overview
+from dart_hal.diagnose.report.words import channel, interval, quantity
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.report import page
 from dart_hal.report.html import Html, el, join, table
@@ -61,7 +60,7 @@ def real_section(d: Diagnosis, train: Sequence[str], test: Sequence[str], report
            f"how much they gain is measured on later days ({', '.join(test)}), of which no fit "
            "has seen anything. Step 1 is the model as it is, its parameters fitted anew: a cause "
            "is what that cannot do. There is no ground truth for this car.")
-    return _section(d, how, report, page.text(overall(d)), _found(d))
+    return _section(d, how, report, _found(d))
 
 
 def real_skipped() -> Html:
@@ -74,7 +73,7 @@ def real_skipped() -> Html:
 
 
 def _section(d: Diagnosis, how: str, report: str, *known: Html) -> Html:
-    """The answer, what is known of the truth, where each cause shows, the errors step by step."""
+    """The answer with paths and errors, what is known of the truth, where each cause shows."""
     more = len(d.unexplained) - LEFT
     left = [*map(structure, d.unexplained[:LEFT])]
     left += [f"and {more} more, see the report"] if more > 0 else []
@@ -82,9 +81,8 @@ def _section(d: Diagnosis, how: str, report: str, *known: Html) -> Html:
     rows = Rows(d.evidence, d.extended)
     drawn = [one for i in range(len(d.causes)) for one in islice(cause_pictures(d, i, rows), 1)]
     return join([
-        el("p", how), answer_card(d, *without, report=report), *known,
+        el("p", how), answer_card(d, *without, report=report), overview(d), *known,
         page.figures(drawn), *([KEY] if drawn else []),
-        el("h3", "Error at 1 s, step by step"), step_by_step(d),
         el("p", el("a", "The full report: every figure, and how it was made", href=report,
                    class_="button"))])
 

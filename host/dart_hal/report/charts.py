@@ -1,4 +1,4 @@
-"""The chart kit: lines with whiskers, steps and bars as inline SVG, fed with plain numbers."""
+"""The chart kit: lines with whiskers, paths and bars as inline SVG, of plain numbers."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from .numbers import significant
 
 ROW = 17.0  # px from one bar to the next
 NAMES = 145.0  # px left of the bars
-STEPS_HEIGHT = 220.0  # px
-MAX_LABELLED = 6
-"""Steps whose figures stand beside each other without touching."""
+PATH_HEIGHTS = (90.0, 300.0)  # px of a picture of paths without its axes, least and most
+BAR, GROUP_GAP = 15.0, 11.0  # px from bar to bar, and more from group to group
+FIGURE = 52.0  # px right of the longest bar, for its number
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,24 +47,6 @@ def lines(name: str, x_label: str, y_label: str, series: Sequence[Series],
     return svg.picture(name, parts)
 
 
-def steps(name: str, y_label: str, values: FloatArray, level: float, level_name: str) -> Html:
-    """A value step by step from 0, and a level to compare it with (NaN: none)."""
-    n, nothing = len(values), np.full(len(values), math.nan)
-    frame = svg.Frame((-0.5, n - 0.5), (0.0, svg.around(values, np.array([level]))[1]),
-                      height=STEPS_HEIGHT)
-    parts = frame.axes("step", y_label, [str(i) for i in range(n)])
-    if math.isfinite(level):
-        start, end = frame.at(-0.5, level), frame.at(n - 0.5, level)
-        parts += [svg.line(start, end, "ctrv"),
-                  svg.text(end[0] - 4, end[1] - 5, f"{level_name} {significant(level)}", "end")]
-    parts += svg.curve(frame, np.arange(n, dtype=float), values, nothing, nothing, "after")
-    for i in range(n) if n <= MAX_LABELLED else (0, 1, n - 1):
-        if math.isfinite(values[i]):
-            px, py = frame.at(i, float(values[i]))
-            parts.append(svg.text(px, py - 9, significant(float(values[i])), "middle"))
-    return svg.picture(name, parts, height=STEPS_HEIGHT)
-
-
 def bars(name: str, x_label: str, rows: Sequence[tuple[str, float, str]]) -> Html:
     """(name, value, style) each on a logarithmic scale from 1: below it there is no bar."""
     top = max((value for _, value, _ in rows), default=0.0)
@@ -77,4 +59,61 @@ def bars(name: str, x_label: str, rows: Sequence[tuple[str, float, str]]) -> Htm
         parts += [svg.bar(frame.left, y + 2, end - frame.left, ROW - 5, style),
                   svg.text(frame.left - 6, y + 12, words, "end"),
                   svg.text(end + 5, y + 12, significant(value))]
+    return svg.picture(name, parts, height=height)
+
+
+def paths(name: str, x_label: str, y_label: str, lines: Sequence[tuple[FloatArray, str]],
+          mark_spacing: int) -> Html:
+    """Draw paths (2, n), each with its style, on equal axes.
+
+    Every ``mark_spacing`` points a line has a mark, so that equal times can be compared. Points
+    are drawn up to twice the largest distance that the first line reaches from its first point.
+    """
+    reference = lines[0][0]
+    reach = 2.0 * float(np.max(np.hypot(*(reference - reference[:, :1]))))
+    near = [(np.where(np.hypot(*(xy - reference[:, :1])) <= reach, xy, np.nan), style)
+            for xy, style in lines]
+    x, y = (svg.around(*(xy[i] for xy, _ in near), zero=False) for i in range(2))
+    # The scale that fills the width, unless the picture gets too low or too high.
+    width = svg.WIDTH - svg.LEFT - svg.RIGHT
+    scale = min(width / (x[1] - x[0]), PATH_HEIGHTS[1] / (y[1] - y[0]))
+    height = max(scale * (y[1] - y[0]), PATH_HEIGHTS[0])
+    frame = svg.Frame(_widen(x, width / scale), _widen(y, height / scale),
+                      height=height + svg.TOP + svg.BOTTOM)
+    parts = frame.axes(x_label, y_label)
+    for xy, style in near:
+        nothing = np.full(xy.shape[1], math.nan)
+        parts += svg.curve(frame, xy[0], xy[1], nothing, nothing, f"{style} path", marked=False)
+    for xy, style in near:
+        for a, b in xy[:, mark_spacing::mark_spacing].T:
+            if math.isfinite(a):
+                parts.append(svg.mark(*frame.at(float(a), float(b)), style))
+    return svg.picture(name, parts, height=frame.height)
+
+
+def _widen(interval: tuple[float, float], length: float) -> tuple[float, float]:
+    """Extend an interval to a length, around the same middle."""
+    middle = 0.5 * (interval[0] + interval[1])
+    return middle - 0.5 * length, middle + 0.5 * length
+
+
+def grouped_bars(name: str, groups: Sequence[tuple[str, Sequence[tuple[float, str]]]]) -> Html:
+    """Draw groups of horizontal bars (value, style), each group to its own scale.
+
+    A value that is not finite has no bar; infinity is written as "diverged".
+    """
+    height = svg.TOP + sum(BAR * len(bars) + GROUP_GAP for _, bars in groups)
+    parts: list[Html] = []
+    y = svg.TOP
+    for words, bars in groups:
+        top = max((value for value, _ in bars if math.isfinite(value)), default=0.0)
+        full = svg.WIDTH - NAMES - FIGURE
+        parts.append(svg.text(NAMES - 8, y + 0.5 * BAR * len(bars) + 4, words, "end"))
+        for value, style in bars:
+            length = full * value / top if math.isfinite(value) and top > 0.0 else 0.0
+            number = "diverged" if math.isinf(value) else significant(value)
+            parts += [svg.bar(NAMES, y + 1, length, BAR - 3, style),
+                      svg.text(NAMES + length + 5, y + BAR - 4, number)]
+            y += BAR
+        y += GROUP_GAP
     return svg.picture(name, parts, height=height)

@@ -76,9 +76,9 @@ def figures(drawn: Sequence[Html]) -> Html:
     return el("div", *drawn, class_="figures") if drawn else Html()
 
 
-def fold(title: str, *content: str) -> Html:
-    """What is opened by whom it concerns; open on paper."""
-    return el("details", el("summary", title), *content)
+def fold(title: str, *content: str, **attributes: str) -> Html:
+    """Content that opens by a click on its title; open on paper."""
+    return el("details", el("summary", title), *content, **attributes)
 
 
 def download(answer: Mapping[str, Any], name: str) -> Html:

@@ -2,10 +2,11 @@
 
 CSS = """
 :root { --paper: #fff; --ink: #1c1c1c; --soft: #5c5c5c; --rule: #d8d8d8; --box: #f4f4f2;
-  --before: #c25100; --after: #0068a3; --other: #9a9a9a; --good: #00704f; --warn: #8a4b00; }
+  --before: #c25100; --after: #0068a3; --other: #9a9a9a; --good: #00704f; --warn: #8a4b00;
+  --refit: #8a4fa0; }
 @media (prefers-color-scheme: dark) { :root { --paper: #15171a; --ink: #e8e8e6; --soft: #a5a8ac;
   --rule: #3a3d42; --box: #1f2226; --before: #ff9a4d; --after: #5ab8f0; --other: #6f747b;
-  --good: #4fd1a5; --warn: #ffc174; } }
+  --good: #4fd1a5; --warn: #ffc174; --refit: #d19be3; } }
 * { box-sizing: border-box }
 body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
   max-width: 60rem; margin: 0 auto; padding: 1rem; overflow-wrap: break-word }
@@ -22,19 +23,24 @@ a { color: var(--after) } p, li { max-width: 46rem } .soft { color: var(--soft);
 nav { font-size: .92rem } nav a { margin-right: 1rem; white-space: nowrap }
 .figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(17rem, 100%), 1fr));
   gap: 1rem 1.4rem }
+.pair { display: grid; gap: 0 1.6rem;
+  grid-template-columns: repeat(auto-fit, minmax(min(24rem, 100%), 1fr)) }
 figure { margin: .4rem 0; break-inside: avoid }
 figcaption { font-size: .9rem; margin-bottom: .2rem }
 img { max-width: 100%; height: auto; background: #fff }
 svg { width: 100%; height: auto; display: block } svg.key { width: 14px; height: 14px;
   display: inline-block; vertical-align: -2px; margin-right: .35rem }
 .t { font: 12px system-ui, sans-serif; fill: var(--ink) } .grid { stroke: var(--rule) }
-.zero { stroke: var(--soft) } .tick { stroke: var(--soft) } .ctrv, .limit { stroke: var(--soft);
-  stroke-width: 1.5; stroke-dasharray: 6 4 }
+.zero { stroke: var(--soft) } .tick { stroke: var(--soft) }
 .line { fill: none; stroke-width: 2 } .whisker { stroke-width: 1.2 } .mark { stroke: none }
 .before { stroke: var(--before) } .before.mark, .before.bar { fill: var(--before) }
 .after { stroke: var(--after) } .after.mark, .after.bar { fill: var(--after) }
+.refit { stroke: var(--refit) } .refit.mark, .refit.bar { fill: var(--refit) }
 .car { stroke: var(--ink) } .car.mark { fill: var(--ink) }
+.path.before { stroke-dasharray: 8 4 } .path.refit { stroke-dasharray: 3 3 }
+.path.car { stroke-width: 7; opacity: .3 }
 .line.before, .line.after { fill: none } .bar { stroke: none } .other.bar { fill: var(--other) }
+.floor.bar, .key .floor { fill: none; stroke: var(--ink) } .key .refit { fill: var(--refit) }
 .legend { font-size: .88rem; margin: .2rem 0 .6rem } .key .other { fill: var(--other) }
 .legend span { margin-right: 1.2rem; white-space: nowrap }
 details { margin: .6rem 0 } summary { cursor: pointer; color: var(--after) }
@@ -52,7 +58,8 @@ dt { font-weight: 600; margin-top: .5rem } dd { margin: 0 }
 .button { display: inline-block; border: 1px solid var(--after); border-radius: 4px;
   padding: .3rem .8rem; text-decoration: none }
 @media print { :root { --paper: #fff; --ink: #000; --soft: #444; --rule: #bbb; --box: #f4f4f2;
-  --before: #c25100; --after: #0068a3; --other: #888; --good: #00704f; --warn: #8a4b00 }
+  --before: #c25100; --after: #0068a3; --other: #888; --good: #00704f; --warn: #8a4b00;
+  --refit: #8a4fa0 }
   html { font-size: 10.5px } body { font-size: 1rem; max-width: none; padding: 0 }
   nav, .button { display: none }
   * { print-color-adjust: exact } .wide { overflow: visible } h2, h3 { break-after: avoid }

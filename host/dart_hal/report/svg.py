@@ -97,9 +97,14 @@ def curve(frame: Frame, x: FloatArray, y: FloatArray, low: FloatArray, high: Flo
 
 
 def mark(x: float, y: float, class_: str) -> Html:
-    """A square for "before", a disc for everything else: the shapes tell where colours do not."""
+    """A square for "before", a diamond for "refit", else a disc: shapes differ as colours do."""
     if class_ == "before":
         return el("rect", x=_px(x - MARK), y=_px(y - MARK), width=2 * MARK, height=2 * MARK,
+                  class_=f"{class_} mark")
+    if class_ == "refit":
+        reach = MARK + 1.0
+        corners = ((x, y - reach), (x + reach, y), (x, y + reach), (x - reach, y))
+        return el("polygon", points=" ".join(f"{a:.1f},{b:.1f}" for a, b in corners),
                   class_=f"{class_} mark")
     return el("circle", cx=_px(x), cy=_px(y), r=MARK + 0.5, class_=f"{class_} mark")
 

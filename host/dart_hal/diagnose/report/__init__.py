@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from .explain import describe_cause, describe_claim
 from .page import page, write_page
-from .words import removes, sentence, structure, verdict
+from .words import removes, structure, verdict
 
-__all__ = ["page", "removes", "sentence", "structure", "verdict", "write_page"]
+__all__ = ["describe_cause", "describe_claim", "page", "removes", "structure", "verdict",
+           "write_page"]

@@ -18,7 +18,7 @@ from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.evidence.onboard_drive import ENCODER_SPAN, MESSAGES_AHEAD
 from dart_hal.diagnose.evidence.readings import SENSORS
 from dart_hal.diagnose.evidence.residuals import MOTION, Evidence, Residuals
-from dart_hal.diagnose.result import Diagnosis, Stage, added
+from dart_hal.diagnose.result import Stage
 from dart_hal.diagnose.unexplained.features import (
     UNITS,
     Features,
@@ -197,12 +197,6 @@ def along(rows: Rows, column: Column, variable: str, before: Stage, after: Stage
     if not math.isfinite(score) or size <= 0.0:
         return None
     return Along(column, variable, was, now, score / size)
-
-
-def stages_of(d: Diagnosis, i: int) -> tuple[Stage, Stage]:
-    """The stage before and the one with the cause number i."""
-    at = [s.label for s in d.stages].index(added(d.causes[i].effect))
-    return d.stages[at - 1], d.stages[at]
 
 
 def _tried(rows: Rows, column: Column, before: Stage, after: Stage | None) -> Iterator[Along]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,13 +11,16 @@ from dart_hal.diagnose.result import Cause, Claim, Constancy, Diagnosis, Number,
 from dart_hal.diagnose.unexplained.features import UNITS
 from dart_hal.report import charts, page, svg
 from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.numbers import listed, p_value, percent, significant
+from dart_hal.report.numbers import p_value, percent, significant
 from dart_hal.vehicle.effects import catalogue, equation
 
-from .along import SIDES, WHISKER, Along, Column, Means, Rows, along, columns, most, stages_of
+from . import tables
+from .along import SIDES, WHISKER, Along, Column, Means, Rows, along, columns, most
 from .claimed import KEY as CLAIM_KEY
 from .claimed import pictures
-from .words import channel, claim, interval, quantity, sentence, structure, variable
+from .compared import stages_around
+from .explain import describe_cause, describe_claim
+from .words import channel, excess, interval, quantity, remainder, structure, times, variable
 
 VISIBLE = 0.02
 """Share of a mean square that must go away for a second picture."""
@@ -29,18 +32,16 @@ KEY = svg.legend([("before", "before"), ("after", "with the cause in the model")
 
 
 def cause_section(d: Diagnosis, i: int, rows: Rows) -> Html:
-    """One screen of the cause number i: sentence, pictures, what would decide; more in a fold."""
+    """Describe the cause number i: four sentences, pictures, and all numbers in a fold."""
     cause = d.causes[i]
     known = catalogue().get(cause.effect)
-    like = listed(cause.cannot_be_told_from, "and") or "nothing in the catalogue"
     drawn = list(cause_pictures(d, i, rows))
     physics = Html() if known is None else join([
         el("p", known.physics), el("pre", equation(known))])
     return el(
         "section", el("h3", f"{i + 1}. {cause.effect}"),
-        page.card(el("p", sentence(cause), class_="big"), good=cause.gain.low > 0.0, kind="cause"),
-        el("p", f"Cannot be told from, with these data: {like}."), _decides(cause),
-        page.figures([*drawn[:AT_ONCE], *_constant(cause.effect, cause.constancy)]),
+        _four_sentences(describe_cause(d, i), cause.gain.low > 0.0),
+        page.figures([*drawn[:AT_ONCE], *_constancy_figure(cause.effect, cause.constancy)]),
         KEY if drawn else page.soft(
             "The test recordings are too short for a picture of the residuals, or none of them "
             "became smaller."),
@@ -50,72 +51,82 @@ def cause_section(d: Diagnosis, i: int, rows: Rows) -> Html:
                   _sizes(cause), page.figures(drawn[AT_ONCE:])), id=f"cause-{i + 1}")
 
 
+def _four_sentences(sentences: Mapping[str, str], good: bool) -> Html:
+    """Draw the box of a finding; the first sentence is the large one."""
+    (_, first), *others = sentences.items()
+    return page.card(el("p", first, class_="big"), *(
+        el("p", el("strong", f"{lead}: "), text) for lead, text in others),
+        good=good, kind="cause")
+
+
 def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
-    """What is left after the last cause, with its picture."""
-    if not d.unexplained:
-        return el("p", "Nothing is left whose shape a flexible regression could predict on "
-                       "stretches that it had not seen. That is no proof that the model is right "
-                       "where these recordings did not go.")
+    """Describe patterns and single moments without a cause, and possible effects; "" for none."""
     parts: list[Html] = []
     for u in d.unexplained:
         parts.append(page.card(el("p", structure(u)), good=False, kind="cause"))
-        left = _left(d, u, rows)
-        if left is not None:
+        found = _last_residual(d, u, rows)
+        if found is not None:
             again = f", from 0 again every {u.period:.2f} m" if u.period else ""
-            words = (f"{left.column.words}, along {variable(left.variable)}{again}: the last "
+            words = (f"{found.column.words}, along {variable(found.variable)}{again}: the last "
                      "model on the test recordings (found on the training recordings)")
-            parts.append(page.figure(words, _drawn(left, [(left.before, "before")])))
+            parts.append(page.figure(words, _drawn(found, [(found.before, "before")])))
     head = ("channel", "structure", "with", "p", "share of the rest")
-    return join([*parts, table(head, [
+    parts.append(table(head, [
         (channel(u.channel), u.structure, ", ".join(map(variable, u.along)) or "-",
-         p_value(u.p_value), percent(u.share)) for u in d.unexplained])])
+         p_value(u.p_value), percent(u.share)) for u in d.unexplained]))
+    above = page.items(f"Above the noise floor: {excess(e)}." for e in d.excesses)
+    shown = join([*parts, above, tables.moments(d)])
+    return join([shown or page.text(_as_sentence(remainder(d))), _possible(d)])
+
+
+def _as_sentence(words: str) -> str:
+    return f"{words[0].upper()}{words[1:]}." if words else ""
 
 
 def claims_section(d: Diagnosis) -> Html:
-    """Parameters of the model that were wrong: one card each, and the figures in a table."""
+    """Describe parameters of the model that were wrong; "" for none."""
     if not d.claims:
-        return el("p", "No parameter of the model is said to have been wrong.")
+        return Html()
     head = ("group", "quantity", "before", "after", "probability", "errors without it", "share")
     rows = [(c.title, name, significant(q.before), quantity(Number(q.after, q.std, q.unit)),
              f"{c.probability:.2f}", f"x {c.cost[0]:.2f}", percent(max(c.share, 0.0)))
             for c in d.claims for name, q in c.quantities.items()]
-    return join([*(join([page.card(el("p", claim(c)), good=True, kind="cause"),
-                         page.figures([*pictures(c, d), *_changes(c)])]) for c in d.claims),
-                 CLAIM_KEY, table(head, rows, 2),
-                 page.soft("Errors without it: those of the motion on the test recordings with the "
-                           "group at its old value over those with all fitted anew, each the root "
-                           "of the robust loss that the fits lower. Share: its Shapley value in "
-                           "what all of them take away there.")])
+    cards = (join([_four_sentences(describe_claim(c), True),
+                   page.figures([*pictures(c, d), *_changes(c)])]) for c in d.claims)
+    return join([*cards, CLAIM_KEY, page.fold(
+        "Numbers", table(head, rows, 2),
+        page.soft("Errors without it: those of the motion on the test recordings with the group "
+                  "at its old value over those with all groups estimated again, each the root of "
+                  "the robust loss that the fits lower. Share: its Shapley value in the loss "
+                  "reduction of all of them there."))])
 
 
 def _changes(c: Claim) -> list[Html]:
-    """One that is no constant, drawn."""
-    return [] if c.constant else _constant(c.group, c.constancy)
+    """Draw how the size of a claim changes; nothing for a constant one."""
+    return [] if c.constant else _constancy_figure(c.group, c.constancy)
 
 
-def possible_section(d: Diagnosis) -> Html:
-    """Names of which data left out are not sure enough."""
-    if not d.possible:
-        return el("p", "Nothing: every effect that the search accepted is sure enough to be shown, "
-                       "or hardly more than chance.")
-    head = ("effect", "probability", "drop of the loss", "what it would mean", "why not shown")
-    return join([page.soft("The search accepted these, but not all that a cause must pass. They "
-                           "are not in the extended model."),
-                 table(head, [(p.effect, f"{p.probability:.2f}", significant(p.loss, 4),
-                               f"the car {p.title}", p.why) for p in d.possible], 1)])
+def _possible(d: Diagnosis) -> Html:
+    """Tabulate effects that the search accepted and a later test did not; "" for none."""
+    head = ("possible effect", "probability", "loss reduction", "what it would mean",
+            "why not accepted")
+    return table(head, [(p.effect, f"{p.probability:.2f}", significant(p.loss, 4),
+                         f"the car {p.title}", p.why) for p in d.possible], 1,
+                 "Possible, but not accepted; not in the extended model") if d.possible else Html()
 
 
-def _constant(of: str, found: Constancy) -> list[Html]:
-    """Along what its size changes most, drawn; nothing of one that does nothing."""
+def _constancy_figure(name: str, found: Constancy) -> list[Html]:
+    """Draw along what a size changes most; nothing where it has no curve."""
     if not found.curve:
         return []
-    name, unit = variable(found.along), UNITS[found.along]
+    along_name, unit = variable(found.along), UNITS[found.along]
     x, y, error = (np.array(v) for v in zip(*found.curve, strict=True))
-    says = ("constant, it varies most with" if found.constant else "its size changes with")
+    lead = "constant, it varies most with" if found.constant else "its size changes with"
     return [page.figure(
-        f"{of}: {says} {name} ({p_value(found.p_value)})",
-        charts.lines(f"{of}: size along {name}",
-                     name if unit == "-" else f"{name} [{unit}]", "size, of the fitted one",
+        f"{name}: {lead} {along_name} ({p_value(found.p_value)})",
+        charts.lines(f"{name}: size along {along_name}",
+                     along_name if unit == "-" else f"{along_name} [{unit}]",
+                     "size, of the fitted one",
                      [charts.Series(x, y, WHISKER * error, "after")]))]
 
 
@@ -127,27 +138,22 @@ def _sizes(cause: Cause) -> Html:
         (name, f"{a:.2f} +- {s:.2f}") for name, (a, s) in cause.sizes.items()], 1)
 
 
-def _decides(cause: Cause) -> Html:
-    if not cause.experiment:
-        return Html()
-    lead = "What would decide" if cause.cannot_be_told_from else "A drive that would confirm it"
-    return el("p", f"{lead}: {cause.experiment}")
-
-
 def _figures(cause: Cause) -> Html:
     gain = cause.gain
-    rows = [(f"{name}", quantity(n), significant(n.null)) for name, n in cause.parameters.items()]
+    rows = [(name, quantity(n), significant(n.null)) for name, n in cause.parameters.items()]
     return join([
         table(("parameter", "value", "null value"), rows, 1),
-        table(("channel", "gain on test data", "95 %", "on training data",
-               "drop of the loss", "p"),
+        table(("channel", "gain on test data", "95 %", "on training data", "loss reduction", "p"),
               [(channel(gain.channel), percent(gain.test), interval(gain), percent(gain.train),
-                significant(cause.loss, 4), p_value(cause.p_value))], caption=gain.measure)])
+                significant(cause.loss, 4), p_value(cause.p_value))], caption=gain.measure),
+        page.soft("All residuals of the test recordings, of motion and sensors, are "
+                  f"{times(cause.cost)} without this cause, in the robust loss of the fits. Most "
+                  "of them are noise, which no cause lowers.")])
 
 
 def cause_pictures(d: Diagnosis, i: int, rows: Rows) -> Iterator[Html]:
     """Where the cause number i shows, before and after it is in the model; the clearest first."""
-    before, after = stages_of(d, i)
+    before, after = stages_around(d, i)
     effect, gained = d.causes[i].effect, d.causes[i].gain.channel
     first = most(rows, columns(d.evidence, gained), before, after)
     if first is not None:
@@ -164,9 +170,7 @@ def cause_pictures(d: Diagnosis, i: int, rows: Rows) -> Iterator[Html]:
 
 
 def _captioned(a: Along, effect: str) -> Html:
-    gone = percent(min(max(a.score, 0.0), 1.0))
-    return page.figure(f"{effect}: {a.column.words}, along {variable(a.variable)}; {gone} of its "
-                       "mean square went with this structure",
+    return page.figure(f"{effect}: {a.column.words}, along {variable(a.variable)}",
                        _drawn(a, [(a.before, "before"), (a.after, "after")]))
 
 
@@ -188,8 +192,8 @@ def _sides(before: Means, after: Means, column: Column, effect: str) -> Html:
                                                  (after, MARK_OFFSET, "after"))], SIDES)
 
 
-def _left(d: Diagnosis, u: Unexplained, rows: Rows) -> Along | None:
-    """The last residual of a channel along the first variable that can be drawn."""
+def _last_residual(d: Diagnosis, u: Unexplained, rows: Rows) -> Along | None:
+    """Return the last residual of a channel along the first variable that can be drawn."""
     wanted = columns(d.evidence, u.channel)
     for v in u.along:
         tried = [along(rows, column, v, d.stages[-1], period=u.period) for column in wanted]

@@ -83,10 +83,10 @@ def _drawn(kind: Picture, d: Diagnosis) -> Html:
     if found is not None:
         series.append(charts.Series(found.x, found.mean, WHISKER * found.error, "car",
                                     joined=False))
-    told = NO_SLIP_ANGLES if blind else (
+    note = NO_SLIP_ANGLES if blind else (
         "points: the car on the test recordings, with two standard errors" if found is not None
-        else "the test recordings hold too little of such driving for the car's own points")
-    return page.figure(f"{kind.title}; {told}",
+        else "too little of such driving in the test recordings for the car's own points")
+    return page.figure(f"{kind.title}; {note}",
                        charts.lines(kind.title, kind.x_label, kind.y_label, series))
 
 

@@ -6,21 +6,17 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.result import BestPredictor, Considered, Diagnosis, Number
 from dart_hal.evaluate import CHANNELS as PREDICTED
 from dart_hal.evaluate import UNITS
 from dart_hal.report import charts, page, svg
 from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.numbers import p_value, percent, significant
+from dart_hal.report.numbers import listed, p_value, percent, significant
 
 from .words import (
-    CHANNELS,
     HORIZONS,
     channel,
-    excess,
     interval,
     late_commands,
     outliers,
@@ -34,22 +30,8 @@ MAX_ROWS = 24
 """Bars of the ranking; the table below it holds all."""
 
 
-def step_by_step(d: Diagnosis, horizon: str = "1.0") -> Html:
-    """By channel, the error of the base, of the refitted base and with each cause."""
-    drawn = []
-    for name in PREDICTED:
-        errors = np.array([pooled(s.horizons, horizon, name) for s in d.stages])
-        if np.isfinite(errors).any():
-            drawn.append(page.figure(channel(name), charts.steps(
-                f"RMSE of the {channel(name)} step by step",
-                f"RMSE at {float(horizon):g} s [{CHANNELS[name][1]}]", errors,
-                pooled(d.ctrv, horizon, name), "CTRV")))
-    labels = page.items((s.label for s in d.stages), "ol", start="0", class_="soft")
-    return join([labels, page.figures(drawn)])
-
-
 def ranking(d: Diagnosis) -> Html:
-    """Drop of the loss of every effect alone; without a ranking what is known of it."""
+    """Draw the loss reduction of every effect alone; without a ranking what is known of it."""
     found = d.ranking or {**{c.effect: c.loss for c in d.considered},
                           **{c.effect: c.loss for c in d.causes}}
     if not (d.causes or d.considered):
@@ -57,26 +39,24 @@ def ranking(d: Diagnosis) -> Html:
     named = {c.effect for c in d.causes}
     shown = sorted(((name, loss) for name, loss in found.items() if math.isfinite(loss)),
                    key=lambda e: (-e[1], e[0]))[:MAX_ROWS]
-    said = ("Each effect alone, before anything was named: relatives of a cause gain nearly as "
-            "much, until it is in the model. " if d.ranking else "")
+    note = ("Each effect alone, before any was accepted: effects similar to a cause reduce the "
+            "loss nearly as much, until the cause is in the model. " if d.ranking else "")
     return join([
-        charts.bars("Drop of the loss by effect", "drop of the loss (logarithmic scale)",
+        charts.bars("Loss reduction by effect", "loss reduction (logarithmic scale)",
                     [(name, loss, "after" if name in named else "other") for name, loss in shown]),
-        svg.legend([("after", "named"), ("other", "not named")]),
-        page.soft(said + "How much counts differs from effect to effect, see the p-values below.")])
+        svg.legend([("after", "accepted"), ("other", "not accepted")]),
+        page.soft(f"{note}The threshold differs from effect to effect, see the p-values.")])
 
 
 def errors(d: Diagnosis) -> Html:
-    """Pictures, gains, then every stage and CTRV by horizon and channel: RMSE (median)."""
+    """Tabulate gains, then every stage and CTRV by horizon and channel: RMSE (median)."""
     steps = [(f"{i}. {s.label}", s.horizons) for i, s in enumerate(d.stages)]
     head = ("step", *(f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)))
-    out = [step_by_step(d)]
+    out: list[Html] = []
     if isinstance(d.evidence, OnboardEvidence):
         out.append(page.soft("Without motion capture: speed as the encoder reads it and yaw rate "
-                             "as the gyro reads it; nothing else can be judged."))
+                             "as the gyro reads it; no other channel can be judged."))
     out.append(gains(d))
-    if d.excesses:
-        out.append(page.items(f"Above the noise floor: {excess(e)}." for e in d.excesses))
     known = len(out)
     for horizon in HORIZONS:
         rows = [(label, *(_pair(of, horizon, c) for c in PREDICTED))
@@ -94,10 +74,10 @@ def errors(d: Diagnosis) -> Html:
 
 
 def moments(d: Diagnosis) -> Html:
-    """The moments at which errors are far larger than otherwise, and what the car did then."""
+    """List the moments at which errors are far larger than otherwise; "" for none."""
     late = page.items([late_commands(d.late_commands)] if d.late_commands else [])
     if not d.outliers:
-        return join([late, el("p", "No errors are far larger than the others.")])
+        return late
     rows = [(channel(o.channel), m.file, f"{m.second:.1f}", significant(m.error),
              f"{m.times:.1f}", f"{m.speed:.2f}", f"{m.throttle:.2f}", f"{m.steering:.2f}")
             for o in d.outliers for m in o.moments]
@@ -111,10 +91,10 @@ def moments(d: Diagnosis) -> Html:
 
 
 def best_predictor(d: Diagnosis, b: BestPredictor) -> Html:
-    """The best predictor: its effects, its errors by recording left out, and on the test side."""
+    """Tabulate the best predictor: effects, errors by held-out recording, and on the test side."""
     sizes = [(name, title(name), ", ".join(f"{k} {quantity(n)}" for k, n in numbers.items()))
              for name, numbers in b.effects.items()]
-    left_out = [(name, f"{one.ratio:.2f}", *(
+    held_out = [(name, f"{one.ratio:.2f}", *(
         f"{significant(before)} -> {significant(after)}" for before, after in zip(
             one.refitted, one.predictor, strict=True))) for name, one in b.left_out.items()]
     channels = [f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)]
@@ -129,10 +109,10 @@ def best_predictor(d: Diagnosis, b: BestPredictor) -> Html:
               "without one recording each (jackknife)"),
         table(("model", *channels), test, 1, "errors after 1 s on the test recordings: RMSE "
               "(median); they selected nothing of the predictor"),
-        table(("recording left out", "ratio", *channels), left_out, 1,
+        table(("recording held out", "ratio", *channels), held_out, 1,
               "RMSE after 1 s: refit -> best predictor, each fitted to the other recordings"),
         table(("ratio", "effects on the motion"), tried, 2,
-              "sets of effects that were tried: errors in recordings left out over those of the "
+              "sets of effects that were tried: errors in held-out recordings over those of the "
               "refit, with 90 % intervals")])
 
 
@@ -144,7 +124,7 @@ def _pair(horizons: Mapping[str, Any], horizon: str, name: str) -> str:
 
 
 def gains(d: Diagnosis) -> Html:
-    """The extended model against the base, by channel."""
+    """Compare the extended model with the base, by channel."""
     rows = [(channel(name), percent(g.test), interval(g), percent(g.train))
             for name, g in d.gain.items()]
     measures = "; ".join(dict.fromkeys(g.measure for g in d.gain.values()))
@@ -153,18 +133,19 @@ def gains(d: Diagnosis) -> Html:
 
 
 def considered(d: Diagnosis) -> Html:
-    """Every effect that was not named, and why; those that gain nothing in one line."""
+    """Tabulate effects that were not accepted, and why; those with a loss below 1 in one line."""
     ordered = sorted(d.considered, key=lambda c: (-_or_low(c.loss), c.effect))
     rows = [(c.effect, title(c.effect), significant(c.loss), significant(c.held_out),
              p_value(c.p_value), c.why_not) for c in ordered if not _nothing(c)]
     idle: dict[str, list[str]] = {}
     for c in filter(_nothing, ordered):
         idle.setdefault(c.why_not, []).append(f"{c.effect} ({significant(c.loss)})")
-    head = ("effect", "the car ...", "drop of the loss", "on left-out stretches", "p",
-            "why it was not named")
+    head = ("effect", "the car ...", "loss reduction", "on held-out stretches", "p",
+            "why not accepted")
     return join([table(head, rows), *(
-        page.soft(f"Drop of the loss below 1 ({why}): {', '.join(names)}.")
-        for why, names in idle.items())])
+        page.soft(f"Loss reduction below 1 ({why}): {', '.join(names)}.")
+        for why, names in idle.items()), page.text(
+            f"Found at first and withdrawn: {listed(d.withdrawn, 'and')}." if d.withdrawn else "")])
 
 
 def _nothing(c: Considered) -> bool:
@@ -174,7 +155,7 @@ def _nothing(c: Considered) -> bool:
 def parameters(d: Diagnosis) -> Html:
     """Base parameters that the refit moved."""
     if not d.refitted:
-        return el("p", "The model's own parameters were left as they were.")
+        return el("p", "The model's own parameters were not fitted.")
     rows = []
     for name, m in d.refitted.items():
         change = (m.after - m.before) / m.before if m.before else float("nan")

@@ -7,12 +7,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from dart_hal.diagnose.error_summaries import Excess, LateCommands, Outliers
-from dart_hal.diagnose.parameters.groups import MERGED
 from dart_hal.diagnose.result import (
     BestPredictor,
-    Cause,
     Change,
-    Claim,
     Cost,
     Diagnosis,
     Gained,
@@ -48,7 +45,12 @@ def channel(name: str) -> str:
 
 
 def verdict(d: Diagnosis) -> str:
-    """The whole result in one or two sentences, and the candidates that a gate has dropped."""
+    """Return the result in one or two sentences, and the candidates that a test has dropped."""
+    return " ".join(filter(None, verdict_parts(d)))
+
+
+def verdict_parts(d: Diagnosis) -> tuple[str, str]:
+    """Return the result, and separately the candidates that a test has dropped, "" for none."""
     n = len(d.causes)
     named = "one cause" if n == 1 else f"{n} causes"
     explain = "explains" if n == 1 else "explain"
@@ -56,10 +58,10 @@ def verdict(d: Diagnosis) -> str:
     nothing_else = "Nothing is named" if dropped else (
         "No effect of the catalogue explains how. Nothing is named, because the nearest relative "
         "of an unknown cause is not it")
-    if d.verdict == "unexplained" and not _remainder(d):
+    if d.verdict == "unexplained" and not remainder(d):
         names = listed([p.effect for p in d.possible], "or")
         return (f"Something is wrong, possibly {names}, but these recordings do not suffice "
-                f"to accept it, and nothing is named. {dropped}")
+                "to accept it, and nothing is named."), dropped
     text = {
         "nothing_wrong": "Nothing is wrong as far as these recordings can show: "
                          + ("no structure stands out of the noise, and no effect surely does."
@@ -69,14 +71,14 @@ def verdict(d: Diagnosis) -> str:
                            "re-estimated, nothing is missing from it.",
         "explained": f"The model is wrong, and {named} of the catalogue {explain} how.",
         "partly_explained": f"The model is wrong: {named} of the catalogue {explain} part of it, "
-                            f"and {_remainder(d)}.",
-        "unexplained": f"The model is wrong: {_remainder(d)}. {nothing_else}.",
+                            f"and {remainder(d)}.",
+        "unexplained": f"The model is wrong: {remainder(d)}. {nothing_else}.",
     }.get(d.verdict, d.verdict)
-    return f"{text} {dropped}" if dropped else text
+    return text, dropped
 
 
-def _remainder(d: Diagnosis) -> str:
-    """What the accepted causes do not explain, as the section on it shows; "" for nothing."""
+def remainder(d: Diagnosis) -> str:
+    """Name what the accepted causes do not explain, as the page shows it; "" for nothing."""
     if d.unexplained:
         return "something is left without a cause"
     if d.outliers:
@@ -95,6 +97,15 @@ def _remainder(d: Diagnosis) -> str:
             if worse else "")
 
 
+def is_good(d: Diagnosis) -> bool:
+    """Whether the verdict is good news and the page lists nothing against it."""
+    if remainder(d) or d.possible:
+        return False
+    if d.verdict == "nothing_wrong":
+        return not _dropped(d)
+    return d.verdict in ("explained", "parameters_only")
+
+
 def _dropped(d: Diagnosis) -> str:
     """Candidates that gain more than chance usually does, each with the gate that dropped it."""
     gates = {p.effect: p.why for p in d.possible}
@@ -110,51 +121,9 @@ def _dropped(d: Diagnosis) -> str:
             + "; ".join(items[:MOST_DROPPED]) + (f"; and {more} more" if more > 0 else "") + ".")
 
 
-def sentence(cause: Cause) -> str:
-    """What the car does, how much, what it is worth, and what it cannot be told from."""
-    parts = [f"The car {cause.title}: {amount(cause)} (probability {cause.probability:.2f})",
-             removes(cause.gain),
-             f"errors of motion and sensors together are {times(cause.cost)} without it"]
-    if not cause.constancy.constant:
-        parts.append(f"its size changes with {variable(cause.constancy.along)} "
-                     f"({p_value(cause.constancy.p_value)})")
-    if cause.cannot_be_told_from:
-        like = listed(cause.cannot_be_told_from, "or")
-        parts.append(f"cannot be told from {like} with these data")
-        if cause.experiment:
-            parts.append(f"to decide, drive: {_inside(cause.experiment.rstrip('.'))}")
-    return "; ".join(parts) + "."
-
-
-def claim(c: Claim) -> str:
-    """Parameters that were wrong: old and new values, and what leaving them would cost."""
-    stand_for = {name: sorted(part) for part, (name, *_) in MERGED.items()}
-    parts = [f"The model's {c.title} {'were' if c.title.endswith('s') else 'was'} wrong: "
-             + ", ".join(f"{name} {change(q)}" for name, q in c.quantities.items())
-             + f" (probability {c.probability:.2f})", costs(c)]
-    if c.cannot_be_told_from:
-        parts.append(f"cannot be told from {listed(c.cannot_be_told_from, 'or')} with these data")
-    if c.group in stand_for:
-        parts.append(f"whether it was {listed(stand_for[c.group], 'or')} these data do not tell")
-    if c.cannot_be_told_from or c.group in stand_for:
-        parts.append(f"to decide, drive: {_inside(c.experiment.rstrip('.'))}")
-    if not c.constant:
-        parts.append(f"its size changes with {variable(c.constancy.along)} "
-                     f"({p_value(c.constancy.p_value)})")
-    return "; ".join(parts) + "."
-
-
 def change(q: Change) -> str:
     """"0.294 -> 0.351 +- 0.004 N"."""
     return f"{significant(q.before)} -> {quantity(Number(q.after, q.std, q.unit))}"
-
-
-def costs(c: Claim) -> str:
-    """What becomes of the errors where these parameters are left as they were."""
-    if not math.isfinite(c.cost[0]):
-        return "what leaving it costs could not be measured"
-    return ("with it left as it was, and all else estimated anew, errors on recordings it has not "
-            f"seen are {times(c.cost)}")
 
 
 def times(cost: Cost) -> str:
@@ -190,12 +159,6 @@ def possible(p: Possible) -> str:
             f"not in the extended model{why}")
 
 
-def amount(cause: Cause) -> str:
-    """"steering_lag, k 0.060 +- 0.004 s": the effect and its parameters."""
-    return f"{cause.effect}, " + ", ".join(f"{name} {quantity(number)}"
-                                           for name, number in cause.parameters.items())
-
-
 def removes(gain: Gained) -> str:
     """What becomes of an error on recordings that the fit has not seen."""
     if not math.isfinite(gain.test):
@@ -217,13 +180,6 @@ def share_of(gain: Gained) -> str:
 def _between(low: float, high: float) -> str:
     known = math.isfinite(low) and math.isfinite(high)
     return f"[{percent(low)}, {percent(high)}]" if known else f"({NO_INTERVAL})"
-
-
-def overall(d: Diagnosis) -> str:
-    """The extended model against the one that was given; "" where nothing could be compared."""
-    gains = [share_of(g) for g in d.gain.values()]
-    return ("Against the model as it was given, at 1 s, on recordings it has not seen, the "
-            f"extended model {listed(gains, 'and')}.") if gains else ""
 
 
 def interval(gain: Gained) -> str:
@@ -297,8 +253,3 @@ def title(effect: str) -> str:
     """The catalogue's title of an effect, "" for one that it does not have."""
     found = catalogue().get(effect)
     return found.title if found is not None else ""
-
-
-def _inside(text: str) -> str:
-    """A sentence inside of another: its first letter small, unless it begins a short form."""
-    return text[:1].lower() + text[1:] if text[1:2].islower() else text
