@@ -61,7 +61,7 @@ def test_sentence_and_table_state_one_number(turned_marker, capsys):
     before, after = (significant(v) for v in by_json[:2])
     assert f"lateral velocity error 1 s ahead on the test recordings falls: {before} -> {after}" \
         in text
-    assert re.search(rf"lateral velocity \[m/s\] \S+ {re.escape(before)} {re.escape(after)} "
+    assert re.search(rf"lateral velocity \[m/s\] (\S+ )+{re.escape(before)} {re.escape(after)} "
                      rf"-{percent(said)}", text)
     whole = page(d)
     assert f"{before} -&gt; {after} m/s" in whole
@@ -110,7 +110,7 @@ def test_verdict_says_that_the_catalogue_has_none_where_no_candidate_was_dropped
 def test_verdict_speaks_of_what_the_section_below_it_shows():
     d = replace(made.diagnosis("partly_explained", 1, False), considered=(), possible=())
     changing = replace(d, causes=(replace(d.causes[0], constancy=made.CHANGES),))
-    assert "something is left" not in verdict(changing)
+    assert "a pattern without a cause" not in verdict(changing)
     assert "the size of steering_lag is not constant" in verdict(changing)
 
 

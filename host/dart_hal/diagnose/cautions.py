@@ -12,6 +12,7 @@ from .evidence.space import MAX_COMMAND_AGE
 from .gains import Side
 from .grade.alike import Apart, apart, beside, wanted
 from .policy import ConclusionPolicy, Policy
+from .report.words import channel
 from .result import Cause, Gained, Moved
 from .search.fit import Point
 
@@ -33,9 +34,10 @@ def cautions(last: Point, sides: tuple[Side, Side], moved: Mapping[str, Moved],
     out += _edges(moved, last)
     worse = worse_at(gain, policy.conclusion)
     if worse and not causes:
-        out.append(f"estimated anew, the model predicts the test recordings worse than it did "
-                   f"({', '.join(worse)}): what these training recordings drive does not tell its "
-                   "parameters; drive more of what the test recordings do, or ask with --no-refit")
+        out.append("with refitted parameters the model predicts the test recordings worse "
+                   f"({', '.join(map(channel, worse))}): these training recordings do not "
+                   "determine the parameters. Record more driving like that of the test "
+                   "recordings, or use --no-refit")
     return tuple(out)
 
 

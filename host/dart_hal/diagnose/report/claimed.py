@@ -7,7 +7,7 @@ The car's part is measured on the test recordings, where no fit has been:
     v_x over throttle                 straight on, neither faster nor slower
 
 with the accelerations, yaw rate w and slip of the motion capture. Without it there are no slip
-angles, and the tyres' curves stand alone.
+angles, and the curves of the tyres have no points.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ from .along import FEWEST, STRETCH, WHISKER, Means, means_along
 
 POINTS = 61  # of a drawn curve
 MOVING = 0.5  # m/s; slower, a slip angle is noise
-GENTLE = 1.0  # m/s2 to the side, up to which the wheels say where the car goes
+GENTLE = 1.0  # m/s2 to the side, up to which the car follows its wheels
 STEADY = 0.1  # m/s2; a car that gains or loses less ...
 SAME, HELD = 0.01, 60  # ... with a throttle that was the same for so many samples, is at its speed
 SMOOTH = 21  # samples of its acceleration
-SETTLED = 2.0  # rad/s2; a car that turns faster and faster slips otherwise than its tyres tell
+SETTLED = 2.0  # rad/s2; a car that turns faster and faster slips more than by its slip angles alone
 STRAIGHT = 0.1  # rad at the wheels
 NO_SLIP_ANGLES = "no motion capture, so no slip angles: the car's own points are missing"
 

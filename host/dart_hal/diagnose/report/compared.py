@@ -126,8 +126,8 @@ def _when(evidence: Evidence, channel: str) -> str:
 def _standstill(evidence: Evidence, column: int) -> BoolArray:
     """Return the readings (rows,) of a standing car that count more than the others.
 
-    An accelerometer of a moving car vibrates; where the car stands, the residual is the error of
-    the model, and the fits weigh it by how much less it vibrates.
+    An accelerometer of a moving car vibrates; at rest the residual is the error of the model,
+    and the fits weigh it by how much less it vibrates.
     """
     return np.asarray(evidence.noise_scale[:, column] > 1.0)
 

@@ -1,4 +1,4 @@
-"""The part of the page about what to drive next: how far each pair would be told apart."""
+"""The part of the page about what to drive next: how separable each pair would be after it."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from dart_hal.report.html import Html, el, join, table
 from dart_hal.report.numbers import percent, significant
 from dart_hal.report.page import card, items
 
-NOTHING = ("nothing to suggest: no cause is left that another one could stand for, and no "
-           "parameter is claimed")
+NOTHING = ("nothing to suggest: no cause is confounded with another effect, and no parameter was "
+           "wrong")
 
 
 def next_drives(suggestions: Sequence[Suggestion], drives: Sequence[Sharper] = ()) -> Html:
@@ -44,6 +44,6 @@ def _one(s: Suggestion) -> Html:
     rows = [(p.effect, p.confounder, significant(p.before), significant(p.after), percent(p.right))
             for p in s.pairs]
     return join([*parts, table(
-        ("if the truth is", "confounder", "apart now", "after this drive", "right"), rows, 2,
+        ("if the truth is", "confounder", "separation now", "after this drive", "right"), rows, 2,
         "standard deviations between the two, by simulation "
         f"({ENOUGH:g} are enough); right: share of simulated repeats that name the truth")])

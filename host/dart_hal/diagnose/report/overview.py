@@ -18,7 +18,7 @@ from dart_hal.report.numbers import significant
 
 from .compared import AHEAD, NOTICEABLE, step_changes
 from .explain import describe_cause, describe_claim
-from .words import CHANNELS, channel, is_good, pooled, verdict, verdict_parts
+from .words import CHANNELS, channel, is_good, pooled, verdict_parts
 
 HELD = "constant velocity"
 FLOOR = "noise floor"
@@ -44,8 +44,9 @@ def answer_card(d: Diagnosis, *after: Html, report: str = "") -> Html:
     """Draw the box with verdict and findings, each with a link to its evidence on ``report``."""
     found = [(describe_claim(c)["What"], "claims") for c in d.claims]
     found += [(describe_cause(d, i)["What"], f"cause-{i + 1}") for i in range(len(d.causes))]
+    result, dropped = verdict_parts(d)
     return page.card(
-        el("p", verdict(d), class_="big"),
+        el("p", result, class_="big"), page.text(dropped),
         page.items((join([what, " ", el("a", "evidence", href=f"{report}#{anchor}")])
                     for what, anchor in found), "ol"), *after, good=is_good(d))
 

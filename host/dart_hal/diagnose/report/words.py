@@ -1,4 +1,4 @@
-"""What a diagnosis says in sentences, the same in the terminal and on the page."""
+"""A diagnosis in sentences, the same in the terminal and on the page."""
 
 from __future__ import annotations
 
@@ -64,9 +64,9 @@ def verdict_parts(d: Diagnosis) -> tuple[str, str]:
                 "to accept it, and nothing is named."), dropped
     text = {
         "nothing_wrong": "Nothing is wrong as far as these recordings can show: "
-                         + ("no structure stands out of the noise, and no effect surely does."
-                            if dropped else "no effect of the catalogue, and no other structure, "
-                                            "stands out of the noise."),
+                         + ("no pattern in the errors exceeds the noise, and no effect passes all "
+                            "tests." if dropped else "neither an effect of the catalogue nor "
+                            "another pattern in the errors exceeds the noise."),
         "parameters_only": "Only the parameters were off: with the model's own parameters "
                            "re-estimated, nothing is missing from it.",
         "explained": f"The model is wrong, and {named} of the catalogue {explain} how.",
@@ -80,7 +80,7 @@ def verdict_parts(d: Diagnosis) -> tuple[str, str]:
 def remainder(d: Diagnosis) -> str:
     """Name what the accepted causes do not explain, as the page shows it; "" for nothing."""
     if d.unexplained:
-        return "something is left without a cause"
+        return "a pattern without a cause remains in the errors"
     if d.outliers:
         return "at single moments it errs far more than otherwise"
     if d.late_commands:
@@ -153,19 +153,19 @@ def predictor(b: BestPredictor) -> str:
 
 
 def possible(p: Possible) -> str:
-    """A name that is not sure enough to be shown."""
+    """Describe an effect that the search accepted and a later test did not."""
     why = f": {p.why}" if p.why else ""
     return (f"{p.effect}: perhaps the car {p.title} (probability {p.probability:.2f}); it is "
             f"not in the extended model{why}")
 
 
 def removes(gain: Gained) -> str:
-    """What becomes of an error on recordings that the fit has not seen."""
+    """State what a cause changes of an error on the test recordings."""
     if not math.isfinite(gain.test):
         return f"what it removes of the {channel(gain.channel)} error could not be measured"
     nothing = math.isfinite(gain.low) and gain.low <= 0.0 <= gain.high
-    return (f"{share_of(gain)} on recordings it has not seen"
-            + (", which may be nothing at all" if nothing else ""))
+    return (f"{share_of(gain)} on the test recordings"
+            + (", which may be chance" if nothing else ""))
 
 
 def share_of(gain: Gained) -> str:
