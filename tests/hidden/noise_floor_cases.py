@@ -78,7 +78,7 @@ def run(drive: Drive) -> dict[str, Any]:
             driven, number = Car(), zlib.crc32(drive.key.encode())
             EVENTS[drive.kind](driven, drive.seed)
             how = Habits(style=STYLES[drive.seed % len(STYLES)],
-                         commands=COMMANDS[drive.seed // len(STYLES) % len(COMMANDS)])
+                         commands=COMMANDS[(drive.seed + drive.seed // 6) % len(COMMANDS)])
         else:
             case = Case(drive.kind, drive.seed, ())
             rng, number = np.random.default_rng(case.number), case.number

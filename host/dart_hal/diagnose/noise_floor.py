@@ -17,8 +17,7 @@ smoothed as the poses are), and m the difference, which any model has.
 4. floor_c^2 = v_c + M_c + 2 r_c sqrt(v_c M_c), with M_c the mean square of m and r_c the
    correlation of m with u, clipped at CLIP standard deviations.
 
-Errors of position (along and across the car) and yaw angle are integrals, which smoothing hardly
-changes: there u is e and m is zero.
+The floor of the position joins those of its errors along and across the car.
 """
 
 from __future__ import annotations
@@ -32,7 +31,6 @@ from dart_hal.control.drivetrain import FRAME
 from dart_hal.evaluate.prediction import CHANNELS, measured
 from dart_hal.predict.windows import HORIZONS
 from dart_hal.types import SAMPLE, FloatArray
-from dart_hal.vehicle.flat import unchecked
 from dart_hal.vehicle.parameters import Vehicle
 
 from .evidence.drive import READ_OUTS
@@ -72,35 +70,36 @@ def estimate_noise_floor(side: Side, vehicle: Vehicle, timing: Timing, logged: V
     yaw = measured(cases, (0,))[0, 2]
 
     def compare(age: float) -> FloatArray:
-        """Errors of v_x, v_y and yaw rate (n, 3) with commands older by an age [s]."""
+        """Errors (n, 6), as CHANNELS, with commands older by an age [s]."""
         at = replace(timing, command_age=timing.command_age + age, spread=0.0)
-        return _finite(evidence.residuals(vehicle, at).motion[:, first:first + len(MOTION)])
+        motion = evidence.residuals(vehicle, at).motion[:, first:first + len(MOTION)]
+        pose = evidence.pose_errors(vehicle, at, READ_OUTS[AHEAD])
+        return _finite(np.hstack([motion, _along_and_across(pose, yaw)]))
 
-    def displace(age: float) -> FloatArray:
-        """Errors along and across the car [m] and of the yaw angle [deg] (n, 3), the same."""
-        d = logged.delay
-        p = unchecked(logged, {"delay": {"steering_s": d.steering_s - age,
-                                         "throttle_s": d.throttle_s - age}})
-        x, y, turn = compute_case_differences(p, cases, l_r)[AT, :3]
-        return _finite(np.stack([np.cos(yaw) * x + np.sin(yaw) * y,
-                                 np.cos(yaw) * y - np.sin(yaw) * x, np.degrees(turn)], axis=1))
-
-    def find_fault(errors: FloatArray) -> FloatArray:
-        """What a function of the driving predicts of errors (n, c), and their median."""
-        rest = remove_driven(evidence, vehicle, errors, READ_OUTS[AHEAD], policy)
-        return errors - rest + np.median(rest, axis=0)
-
-    ages = possible_ages(evidence, timing)
-    stated = _finite(compute_case_differences(logged, cases, l_r)[AT, 3:].T)
+    # 2. what the evaluation adds
+    difference = compute_case_differences(logged, cases, l_r)[AT].T
+    stated = _finite(np.hstack([difference[:, 3:], _along_and_across(difference[:, :3], yaw)]))
     u = compare(0.0)
-    motion = floor_of_errors(u, np.stack([compare(a) for a in ages]), find_fault(u), stated - u)
-    # an evaluation delays by whole samples
-    samples = np.unique(np.round(ages / SAMPLE))
-    u = displace(0.0)
-    pose = floor_of_errors(u, np.stack([displace(a) for a in samples * SAMPLE]), find_fault(u),
-                           np.zeros_like(u))
+    rest = remove_driven(evidence, vehicle, u, READ_OUTS[AHEAD], policy)
+    fault = u - rest + np.median(rest, axis=0)
+    by_age = np.stack([compare(a) for a in possible_ages(evidence, timing)])
+    # 3. commands act on velocities at once and on the pose later, so each half has its own ages
+    half = len(MOTION)
+    motion, pose = (floor_of_errors(u[:, some], by_age[:, :, some], fault[:, some],
+                                    (stated - u)[:, some])
+                    for some in (slice(half), slice(half, None)))
     floors = [*motion, math.hypot(pose[0], pose[1]), pose[2]]
     return {name: float(floor) for name, floor in zip(CHANNELS, floors, strict=True)}
+
+
+def _along_and_across(pose: FloatArray, yaw: FloatArray) -> FloatArray:
+    """Errors along and across the car at its start [m] and of the yaw angle [deg], (n, 3).
+
+    pose (n, 3): errors of x, y [m] and yaw [rad]; yaw (n,): at the start.
+    """
+    x, y, turn = pose.T
+    return np.stack([np.cos(yaw) * x + np.sin(yaw) * y, np.cos(yaw) * y - np.sin(yaw) * x,
+                     np.degrees(turn)], axis=1)
 
 
 def possible_ages(evidence: Evidence, timing: Timing) -> FloatArray:

@@ -31,7 +31,7 @@ from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import ActiveEffect, Effect
 from dart_hal.vehicle.parameters import Vehicle
 
-from .drive import HALF, READ_OUTS, Drive
+from .drive import HALF, POINTS, READ_OUTS, Drive
 from .readings import SENSORS, at_rest, driven, measured, pulled, resting
 from .space import EXACT, LATE, POSES_LATE, Timing
 
@@ -198,15 +198,26 @@ class Evidence:
         they would be smoothed, and windows would start where the motion bends.
         """
         self.tell()
-        p, behind = late_last(p, "pose")
-        timing = replace(timing, late=timing.late - behind, command_age=timing.command_age - behind)
-        p, late = timing.advanced(p), (timing.late, timing.gyro)
+        p, timing = _advanced(p, timing)
+        late = timing.late, timing.gyro
         moves, q = _moves(p), settled(p)
         return Residuals(
             self._again((moves, timing.spread), lambda: self._motion(moves, timing.spread)),
             np.concatenate([self._again(_reads(p, q, signal, *late),
                                         partial(self._sensor, p, q, signal, *late))
                             for signal in SENSED], axis=1))
+
+    def pose_errors(self, p: Vehicle, timing: Timing, read_out: int) -> FloatArray:
+        """Compute predicted minus measured x, y [m] and yaw [rad] of all windows, (n, 3).
+
+        p, timing: as for ``residuals``; read_out: one of READ_OUTS.
+        """
+        p, timing = _advanced(p, timing)
+        moves = _moves(p)
+        q = settled(moves)
+        predicted = self._states(moves, q, timing.spread)[READ_OUTS.index(read_out) * POINTS + HALF]
+        measured_at = measured_states(self._parts(moves, q), (read_out,))[0]
+        return np.asarray((predicted - measured_at)[:3].T)
 
     def tell(self) -> None:
         """One more evaluation, to whom it may concern."""
@@ -224,19 +235,31 @@ class Evidence:
 
     def _motion(self, p: Vehicle, spread: float) -> FloatArray:
         q = settled(p)
-        start, seen = self._once(("seen", q.body.l_r, _on(p, POSE)), lambda: self._seen(p, q))
+        error = _velocities(self._states(p, q, spread)) - self._start_and_seen(p, q)[1]
+        return np.asarray(error.reshape(len(READ_OUTS) * len(MOTION), -1).T)
+
+    def _states(self, p: Vehicle, q: Vehicle, spread: float) -> FloatArray:
+        """Predicted states (len(AT), 6, n) of all windows; q: p settled."""
+        start, _ = self._start_and_seen(p, q)
         throttle = self._once(("throttle", *pulled_by(p, q), spread), lambda: np.repeat(
             self._inputs(q, spread, "throttle", _held), FINE, axis=0))
         angle = self._once(("angle", *steered_by(p, q), spread),
                            lambda: self._inputs(q, spread, "steering", _in_parts))
-        states = fine_rollout(p, start, throttle, angle, AT)
-        error = _velocities(states) - seen
-        return np.asarray(error.reshape(len(READ_OUTS) * len(MOTION), -1).T)
+        return fine_rollout(p, start, throttle, angle, AT)
+
+    def _start_and_seen(self, p: Vehicle, q: Vehicle) -> tuple[FloatArray, FloatArray]:
+        """As ``_seen``, kept for a while."""
+        pair: tuple[FloatArray, FloatArray] = self._once(
+            ("seen", q.body.l_r, _on(p, POSE)), lambda: self._seen(p, q))
+        return pair
+
+    def _parts(self, p: Vehicle, q: Vehicle) -> Parts:
+        """The motion of each drive as p measures it, and its windows."""
+        return [(g, d.starts) for g, d in zip(self._grids(p, q), self.drives, strict=True)]
 
     def _seen(self, p: Vehicle, q: Vehicle) -> tuple[FloatArray, FloatArray]:
         """Of all windows: start (6, n) and motion seen (len(READ_OUTS), 3, n)."""
-        parts: Parts = [(g, d.starts) for g, d in zip(self._grids(p, q), self.drives, strict=True)]
-        states = measured_states(parts, (0, *READ_OUTS))
+        states = measured_states(self._parts(p, q), (0, *READ_OUTS))
         return states[0], states[1:, 3:]
 
     def _inputs(self, q: Vehicle, spread: float, channel: str, read: Read) -> FloatArray:
@@ -335,6 +358,13 @@ def only_read(effect: Effect) -> bool:
     """Whether an effect changes nothing but what sensors read."""
     return (set(effect.signals) <= set(SENSED) and effect.vehicle is None
             and effect.force is None)
+
+
+def _advanced(p: Vehicle, timing: Timing) -> tuple[Vehicle, Timing]:
+    """The vehicle with delays counted from the messages, poses in time; and what timing is left."""
+    p, behind = late_last(p, "pose")
+    timing = replace(timing, late=timing.late - behind, command_age=timing.command_age - behind)
+    return timing.advanced(p), timing
 
 
 def _moves(p: Vehicle) -> Vehicle:
