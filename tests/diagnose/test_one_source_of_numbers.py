@@ -139,6 +139,9 @@ def test_sizes_of_several_recordings_are_stated_with_their_spread():
     text = describe_cause(replace(d, causes=(several,)), 0)["Why"]
     assert "2 of 3 training recordings need it, with sizes from 10 % to 120 % of the" in text
     assert "probability 0.99" in text
+    alike = replace(d.causes[0], sizes={"a": (0.999, 0.05), "b": (1.002, 0.1)})
+    text = describe_cause(replace(d, causes=(alike,)), 0)["Why"]
+    assert "2 of 2 training recordings need it, with the same size;" in text
 
 
 def test_nothing_read_has_no_share_and_no_warning():

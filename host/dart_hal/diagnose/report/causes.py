@@ -24,8 +24,8 @@ from .words import channel, excess, interval, quantity, remainder, structure, ti
 
 VISIBLE = 0.02
 """Share of a mean square that must go away for a second picture."""
-AT_ONCE = 2
-"""Pictures outside of the fold, in addition to that of the size: a screen has three columns."""
+AT_ONCE = 1
+"""Pictures outside of the fold, in addition to that of the size: two columns can be read."""
 MARK_OFFSET = 0.08
 """Half the distance of two marks of one side of the turn, whose sides have a distance of 1."""
 KEY = svg.legend([("before", "before"), ("after", "with the cause in the model")])

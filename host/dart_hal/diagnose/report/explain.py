@@ -33,8 +33,9 @@ def _reasons(cause: Cause) -> str:
     sizes = [size for size, _ in cause.sizes.values()]
     needed = sum(size > SIGNIFICANT * std for size, std in cause.sizes.values())
     if len(sizes) > 1:
-        text = (f"{needed} of {len(sizes)} training recordings need it, with sizes from "
-                f"{percent(min(sizes))} to {percent(max(sizes))} of the fitted one")
+        low, high = percent(min(sizes)), percent(max(sizes))
+        spread = "the same size" if low == high else f"sizes from {low} to {high} of the fitted one"
+        text = f"{needed} of {len(sizes)} training recordings need it, with {spread}"
     else:
         text = "The training recording needs it"
         if cause.constancy.constant:
