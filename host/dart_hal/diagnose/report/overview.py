@@ -26,7 +26,7 @@ STYLES = {MEASURED: "car", HELD: "other", FLOOR: "floor", "given": "before", "re
           "extended": "after"}
 """Colour and mark of each model in all pictures of the overview."""
 MODELS = {"given": "model as given", "refitted": "parameters refitted",
-          "extended": "with the causes"}
+          "extended": "with the causes", FLOOR: "noise floor: a model without any fault"}
 STEPS = {"refitted": "by the refit", "extended": "by the causes"}
 MARK_SPACING = 0.5  # s
 SAME_PATH = 0.01
