@@ -1,0 +1,269 @@
+"""What each rule of the diagnosis is worth: hidden drives diagnosed again without it.
+
+    python tests/hidden/ablation.py --cases 24                  all rows, resumed where it was left
+    python tests/hidden/ablation.py --only null --rules "held-out data"
+
+A case is diagnosed once with all rules, and each notes whether it acted: whether anything would
+have gone on differently without it. Only then is the case diagnosed again without that rule, for
+else every step is the same.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial, wraps
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from campaign import HOME, Answer, ask, done, run
+from campaign_cases import GROUPS, Case, cases, thinned
+from rich.progress import track
+
+from dart_hal.diagnose.policy import USUAL
+from dart_hal.process.jobs import each
+
+ROWS = {"medium": 48, "fixed": 48, "small": 24, "null": 48, "null fixed": 24, "pair": 40,
+        "far": 24, "near": 24, "wrong": 24}
+"""Cases of each row."""
+SECONDS = (60.0, 40.0)
+RESULTS = HOME / "build" / "campaign" / "ablation.jsonl"
+Function = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """where: module and attribute of a function, below ``dart_hal.diagnose``. without: makes of
+    that function what takes its place when the rule is off. acted(result, *arguments): whether the
+    rule changed anything in one call."""
+
+    where: str
+    without: Callable[[Function], Function]
+    acted: Callable[..., bool]
+
+
+def _constant(value: Any) -> Callable[[Function], Function]:
+    return lambda _: lambda *_args, **_kw: value
+
+
+def _unless(text: str) -> Callable[[Function], Function]:
+    """The function without one of its reasons."""
+    def make(original: Function) -> Function:
+        return lambda *a, **kw: "" if (found := original(*a, **kw)) == text else found
+
+    return make
+
+
+def _too_small(share: float) -> tuple[Callable[[Function], Function], Callable[..., bool]]:
+    def make(original: Function) -> Function:
+        return lambda e, v, s: False if s == share else original(e, v, s)
+
+    return make, lambda found, _e, _v, s: bool(found and s == share)
+
+
+def _first_only(original: Function) -> Function:
+    def select(*a: Any, **kw: Any) -> Any:
+        step = original(*a, **kw)
+        return replace(step, accepted=step.accepted[:1])
+
+    return select
+
+
+def _forgetful(original: Function) -> Function:
+    return lambda ev, point, trials, fit, s, _failed, ex: original(ev, point, trials, fit, s, {},
+                                                                  ex)
+
+
+def _plain_grades(original: Function) -> Function:
+    from dart_hal.diagnose.grade import bag
+
+    def grades(of: Any, names: Sequence[str], policy: Any, seed: int) -> dict[str, float]:
+        every = bag._every(of, names, policy)
+        return {n: bag.probability(bag._problem(of, every, n, ()), bag.ABSENT, policy.draws, seed)
+                for n in names}
+
+    return grades
+
+
+def _not_sharpened(original: Function) -> Function:
+    from dart_hal.diagnose.search.selection import explain
+
+    def keep(self: Any, point: Any, noise: Any, trials: Any) -> Any:
+        naming = self._settings.policy.naming
+        return point, noise, trials, explain(point, trials, partial(self._with, noise), naming)
+
+    return keep
+
+
+def _one_explanation(original: Function) -> Function:
+    return lambda point, trials, fit, policy: original(point, trials, fit,
+                                                       replace(policy, explanations=1))
+
+
+NAMING = USUAL.naming
+RULES: dict[str, Rule] = {
+    "effects taken back": Rule(
+        "grade.accept:_Fits.take_back", lambda _: lambda self, those, away: (those, dict(away)),
+        lambda out, self, those, away: out[0].names != those.names),
+    "possible size": Rule("conclude:impossible_size", _constant(""), lambda why, *_: bool(why)),
+    "probability": Rule("grade.accept:_Fits._are_confident", _constant(True),
+                        lambda confident, *_: not confident),
+    "variants of stronger names": Rule("grade.accept:grades", _plain_grades, lambda *_: True),
+    "hidden pairs": Rule("search.selection:one_of_a_pair", _constant(None),
+                         lambda found, *_: found is not None),
+    "several names in one round": Rule("search.forward:select", _first_only,
+                                       lambda step, *_: len(step.accepted) > 1),
+    "memory of failures": Rule("search.forward:select", _forgetful,
+                               lambda step, *a: any("nor did it before" in r.why
+                                                    for r in step.rejected)),
+    "size by the linear answer": Rule("search.selection:_too_small",
+                                      *_too_small(NAMING.tried_size)),
+    "size by the fit": Rule("search.selection:_too_small", *_too_small(NAMING.least_size)),
+    "held-out data": Rule("search.selection:HeldOut.doubt", _constant(""),
+                          lambda why, *_: bool(why)),
+    "axes agree": Rule("search.selection:_axes_disagree", _constant(0.0),
+                       lambda much, *_: much > NAMING.axes),
+    "gain where it enters": Rule(
+        "search.selection:_why_not", _unless("gains only where it does not enter"),
+        lambda why, *_: why == "gains only where it does not enter"),
+    "noise without the cause": Rule("search.forward:Search._sharpened", _not_sharpened,
+                                    lambda out, self, point, noise, trials: out[1] is not noise),
+    "names dropped again": Rule(
+        "search.forward:Search._pruned",
+        lambda _: lambda self, point, noise, named, new: (point, noise, [*named, *new]),
+        lambda out, self, point, noise, named, new: len(out[2]) < len(named) + len(new)),
+    "order by gain at the end": Rule(
+        "search.forward:Search._weighed", lambda _: lambda self, point, noise, named: named,
+        lambda out, self, point, noise, named: [n.effect for n in out] != [n.effect for n in named]
+    ),
+    "companions at the end": Rule("search.forward:Search._alike",
+                                  lambda _: lambda self, point, noise, before, one: one,
+                                  lambda out, self, point, noise, before, one: out != one),
+    "confounders": Rule("search.selection:confounders", _constant(()),
+                        lambda found, *_: bool(found)),
+    "joint fit": Rule("search.forward:Search._jointly", _constant(()),
+                      lambda found, *_: bool(found)),
+    "spurious causes withdrawn": Rule("conclude:_spurious", _constant(()),
+                                      lambda found, *_: bool(found)),
+    "noise of the names that stay": Rule(
+        "conclude:select_noise", lambda _: lambda names, noise, base: noise,
+        lambda out, names, noise, base: out is not noise),
+    "several explanations": Rule("search.forward:explain", _one_explanation,
+                                 lambda fits, *_: len(fits) > 1),
+    "cost of a claim": Rule("parameters.claims:_costly", _constant(True), lambda ok, *_: not ok),
+    "claims beyond stated errors": Rule("parameters.claims:_beyond_what_is_stated",
+                                        _constant(True), lambda ok, *_: not ok),
+    "pairs of groups": Rule("parameters.claims:_together", _constant([]),
+                            lambda found, *_: bool(found)),
+    "onset of a threshold": Rule("search.scan:find_onset", _constant(None), lambda *_: True),
+}
+ALWAYS = ("variants of stronger names", "onset of a threshold")
+"""Of these nobody knows whether they acted."""
+
+
+def _place(where: str) -> tuple[Any, str]:
+    module, _, path = where.partition(":")
+    owner: Any = importlib.import_module(f"dart_hal.diagnose.{module}")
+    *inner, name = path.split(".")
+    for part in inner:
+        owner = getattr(owner, part)
+    return owner, name
+
+
+@contextmanager
+def without(name: str) -> Iterator[None]:
+    """Diagnose without a rule."""
+    owner, attribute = _place(RULES[name].where)
+    original = getattr(owner, attribute)
+    setattr(owner, attribute, RULES[name].without(original))
+    try:
+        yield
+    finally:
+        setattr(owner, attribute, original)
+
+
+@contextmanager
+def watched(acted: set[str]) -> Iterator[None]:
+    """Diagnose with all rules, and note those that act."""
+    originals = []
+    for name, rule in RULES.items():
+        owner, attribute = _place(rule.where)
+        originals.append((owner, attribute, getattr(owner, attribute)))
+        setattr(owner, attribute, _watching(name, rule, originals[-1][2], acted))
+    try:
+        yield
+    finally:
+        for owner, attribute, original in reversed(originals):
+            setattr(owner, attribute, original)
+
+
+def _watching(name: str, rule: Rule, original: Function, acted: set[str]) -> Function:
+    @wraps(original)
+    def call(*arguments: Any, **named: Any) -> Any:
+        result = original(*arguments, **named)
+        if rule.acted(result, *arguments, *named.values()):
+            acted.add(name)
+        return result
+
+    return call
+
+
+def examine(work: tuple[Case, str], seconds: tuple[float, float]) -> Answer:
+    """One line of the results: a case with all rules ("") or without one."""
+    case, rule = work
+    acted: set[str] = set()
+    with without(rule) if rule else watched(acted):
+        line = run(case, seconds, ask)
+    if rule:
+        return {**line, "key": f"{case.key} without {rule}"}
+    return {**line, "acted": sorted(acted)}
+
+
+def drawn(group: str, n: int, first: int) -> list[Case]:
+    """n cases of a group, from a seed on."""
+    found = cases([group], first=first)
+    while len(found) < n:
+        found += cases([group], first=first + len(found))
+    return thinned(found, n)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what is missing, write the table."""
+    p = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    p.add_argument("--only", nargs="+", choices=list(GROUPS), default=list(ROWS), metavar="ROW")
+    p.add_argument("--rules", nargs="*", choices=list(RULES), default=list(RULES), metavar="RULE")
+    p.add_argument("--cases", type=int, default=0, metavar="N", help="of each row")
+    p.add_argument("--first-seed", type=int, default=6000, metavar="N")
+    p.add_argument("--seconds", type=float, nargs=2, default=SECONDS, metavar=("TRAIN", "TEST"))
+    p.add_argument("--jobs", type=int, default=2, help="cores")
+    p.add_argument("--out", type=Path, default=RESULTS, help="lines of JSON, resumed")
+    o = p.parse_args(arguments)
+    wanted = [c for row in o.only for c in drawn(row, o.cases or ROWS[row], o.first_seed)]
+    o.out.parent.mkdir(parents=True, exist_ok=True)
+    known = done(o.out)
+    examined(known, [(c, "") for c in wanted], o)
+    examined(known, [(c, r) for r in o.rules for c in wanted if r in known[c.key]["acted"]], o)
+    return 0
+
+
+def examined(known: dict[str, Answer], work: Sequence[tuple[Case, str]], o: argparse.Namespace
+             ) -> None:
+    """Do what is missing, and add it to the lines known."""
+    missing = [(c, r) for c, r in work if (f"{c.key} without {r}" if r else c.key) not in known]
+    found = each(partial(examine, seconds=tuple(o.seconds)), missing, o.jobs, parts=len(missing))
+    with o.out.open("a", encoding="utf-8") as file:
+        for line in track(found, "diagnosing", total=len(missing)):
+            file.write(json.dumps(line) + "\n")
+            file.flush()
+            known[line["key"]] = line
+
+
+if __name__ == "__main__":
+    sys.exit(main())
