@@ -35,13 +35,15 @@ class Score:
     """outcome: one of OUTCOMES; named: the first cause, "unexplained" or "nothing".
 
     extra: causes that are named and not hidden; off: relative error of the size
-    where the effect itself was named, else None.
+    where the effect itself was named, else None; held: of each such size, whether its 90 % interval
+    holds what is hidden.
     """
 
     outcome: str
     named: str
     extra: int = 0
     off: float | None = None
+    held: tuple[bool, ...] = ()
 
 
 def score(case: Case, answer: Mapping[str, Any]) -> Score:
@@ -82,7 +84,7 @@ def _of_wrong(case: Case, answer: Mapping[str, Any], named: str) -> Score:
 
 def _of_hidden(case: Case, causes: Sequence[Mapping[str, Any]], named: str) -> Score:
     """Every cause that is hidden must be covered by a cause of its own; a pair, and no more."""
-    left, off = list(causes), []
+    left, off, held = list(causes), [], list[bool]()
     found = 0
     for name, size in sorted(case.hidden, key=lambda h: all(h[0] != c["effect"] for c in causes)):
         exact = [c for c in left if c["effect"] == name]
@@ -92,9 +94,10 @@ def _of_hidden(case: Case, causes: Sequence[Mapping[str, Any]], named: str) -> S
             left.remove(cover[0])
         if exact:
             off.append(_off(exact[0], size))
+            held.append(_holds(exact[0], size))
     right = found == len(case.hidden) and (len(case.hidden) == 1 or not left)
     outcome = "right" if right else "wrong" if left else "missed"
-    return Score(outcome, named, len(left), max(off) if off else None)
+    return Score(outcome, named, len(left), max(off) if off else None, tuple(held))
 
 
 def _answers(cause: Mapping[str, Any]) -> set[str]:
@@ -108,11 +111,18 @@ def _off(cause: Mapping[str, Any], size: float) -> float:
     return abs(float(value) - size) / abs(size)
 
 
+def _holds(cause: Mapping[str, Any], size: float) -> bool:
+    """Whether the 90 % interval of the first parameter holds a size."""
+    number = next(iter(cause["parameters"].values()))
+    return abs(float(number["value"]) - size) <= 1.645 * float(number["std"])
+
+
 @dataclass(frozen=True)
 class Row:
     """Shares of one group; sizes: median and 90th percentile of the error; time [s] per case.
 
-    alone: right, and nothing named beside it.
+    alone: right, and nothing named beside it. held: (90 % intervals of sizes that hold what is
+    hidden, number of these intervals).
     """
 
     group: str
@@ -121,6 +131,7 @@ class Row:
     extra: float
     alone: float
     sizes: tuple[float, float]
+    held: tuple[int, int]
     seconds: float
 
     @property
@@ -154,7 +165,8 @@ def rows(results: Iterable[tuple[Case, Score, float]]) -> list[Row]:
         out.append(Row(group, len(scores), {o: count[o] / len(scores) for o in OUTCOMES},
                        sum(s.extra > 0 for s in scores) / len(scores),
                        sum(s.outcome == "right" and not s.extra for s in scores) / len(scores),
-                       sizes,
+                       sizes, (sum(h for s in scores for h in s.held),
+                               sum(len(s.held) for s in scores)),
                        float(np.mean([t for *_, t in by_group[group]]))))
     return out
 

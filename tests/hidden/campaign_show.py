@@ -22,11 +22,11 @@ def table(rows: Sequence[Row]) -> Table:
     """One line per group; "right" of null is silence, of far "unexplained", of near the family.
 
     "alone": right and nothing beside it. "and more": share of the cases with a cause named that is
-    not hidden, besides or instead.
+    not hidden, besides or instead. "held": 90 % intervals of sizes that hold what is hidden.
     """
     out = Table(title="Hidden causes, found from files")
     for title in ("hidden", "n", "right", "90 %", "target", "wrong", "missed", "alone",
-                  "and more", "size off", "s/case", "ok"):
+                  "and more", "size off", "held", "s/case", "ok"):
         out.add_column(title, justify="left" if title == "hidden" else "right")
     for r in rows:
         target = TARGETS.get(r.group, {})
@@ -37,7 +37,8 @@ def table(rows: Sequence[Row]) -> Table:
         out.add_row(r.group, str(r.n), f"{r.shares['right']:.3f}", f"{low:.2f}-{high:.2f}", aim,
                     f"{r.shares['wrong']:.3f}", f"{r.shares['missed']:.3f}", f"{r.alone:.3f}",
                     f"{r.extra:.3f}",
-                    size, f"{r.seconds:.1f}", {True: "yes", False: "NO", None: ""}[r.ok])
+                    size, "{} of {}".format(*r.held) if r.held[1] else "",
+                    f"{r.seconds:.1f}", {True: "yes", False: "NO", None: ""}[r.ok])
     return out
 
 

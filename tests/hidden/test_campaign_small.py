@@ -28,7 +28,7 @@ ASKED = ("large/gyro_bias/0", "large/grip/0", "large/steering_lag/0", "large/moc
 
 
 def said(*effects, like=(), flagged=False, size=1.0):
-    return {"causes": [{"effect": e, "parameters": {"k": {"value": size}},
+    return {"causes": [{"effect": e, "parameters": {"k": {"value": size, "std": 0.1}},
                         "cannot_be_told_from": list(like)} for e in effects],
             "unexplained": [{}] if flagged else []}
 
@@ -71,6 +71,12 @@ def case(*hidden, group="medium", size=1.0):
     (case("friction", "grip", group="wrong and one"), claims("friction"), "missed")])
 def test_an_answer_is_judged(question, answer, outcome):
     assert score(question, answer).outcome == outcome
+
+
+def test_interval_of_a_size_holds_the_hidden_one_or_not():
+    assert score(case("grip", size=1.16), said("grip", size=1.0)).held == (True,)
+    assert score(case("grip", size=1.17), said("grip", size=1.0)).held == (False,)
+    assert score(case("grip"), said("mass", like=("grip",))).held == ()
 
 
 def test_the_size_that_was_found_is_held_against_the_hidden_one():

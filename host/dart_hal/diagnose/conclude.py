@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,8 +23,9 @@ from .error_summaries import Excess, LateCommands, Outliers, find_excesses
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
 from .evidence.space import Timing
+from .final_fit import FinalFit, error_of_size, make_equal_fits, make_final_fits
 from .gains import Fitted, Side, overall
-from .grade.names import Grading, Shown, impossible_size, shown
+from .grade.accept import Acceptance, Accepted, accept_effects, impossible_size
 from .grade.secants import secants
 from .judge import Predictor, compute_costs, compute_gains
 from .late_commands import find_late_commands
@@ -47,7 +50,7 @@ from .result import (
     Unexplained,
     added,
 )
-from .search.fit import Point, covariance
+from .search.fit import Fit, Point, covariance
 from .search.forward import Search, SearchResult, select_noise
 from .search.selection import Named, Settings, rows_at
 from .search.significance import refit_p_value
@@ -91,58 +94,63 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         left = _left(q, at)
     unseen = Unseen(q.test.evidence, found.point, q.settings.policy)
     predicting = partial(as_predicted, q, (found.point.timing, unseen.timing(found.point)))
-    grading = Grading(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
-                      partial(compute_costs, unseen),
-                      partial(compute_gains, q.train, q.test, q.settings, unseen, predicting),
-                      impossible_size)
-    sure = shown(grading, points, found.point, found.noise, [n.effect for n in named])
-    noise = select_noise(sure.names, found.noise, found.base_noise)
-    if sure.names and not np.array_equal(noise.motion, found.noise.motion):
-        # the rejected causes had shaped the noise
-        points = q.search.steps(found.base, found.point, noise, sure.names)
-        again = shown(grading, points, found.point, noise, sure.names)
-        sure = replace(again, left_out={**sure.left_out, **again.left_out})
-    if sure.left_out:
-        points, named = sure.points, tuple(n for n in named if n.effect in sure.names)
+    how = Acceptance(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
+                     impossible_size)
+    accepted = accept_effects(how, points, found.point, found.noise, [n.effect for n in named])
+    noise = select_noise(accepted.names, found.noise, found.base_noise)
+    if accepted.names and not np.array_equal(noise.motion, found.noise.motion):
+        # the rejected effects had shaped the noise
+        points = q.search.steps(found.base, found.point, noise, accepted.names)
+        again = accept_effects(how, points, found.point, noise, accepted.names)
+        accepted = replace(again, rejected={**accepted.rejected, **again.rejected})
+    if accepted.rejected:
+        points, named = accepted.points, tuple(n for n in named if n.effect in accepted.names)
         at = _mounted(q, points[-1], noise)
         left = _left(q, at)
-    stages = _stages(q, found.given, points, named, predicting, unseen)
+    costs = compute_costs(unseen, points[-1], accepted.without)
     last = points[-1]
-    stds = last.space.standard_errors(last.x, covariance(last, _blocks(q, last)))
-    causes = tuple(_cause(q, one, last.vehicle, stds, sure) for one in _told_apart(q, found, named))
-    moved = _moved(q, points[-1])
-    claimed = _claims(q, last, unseen) if q.refit else ()
+    fits = make_equal_fits(q.search, q.train, found.base.noise, partial(as_logged, q),
+                           q.settings.jobs)
+    finals = make_final_fits(fits, points, lambda point: covariance(point, _blocks(q, point)),
+                             q.settings.policy.blocks.units if q.refit else sys.maxsize)
+    final = finals[-1]
+    gains = dict(zip(accepted.names, compute_gains(
+        q.train, q.test, q.settings, unseen, predicting, accepted.names, finals), strict=True))
+    stages = _stages(q, found.given, finals, named, predicting, unseen)
+    causes = tuple(_cause(q, one, last, final, accepted, costs[one.effect], gains[one.effect])
+                   for one in _told_apart(q, found, named))
+    moved = _moved(q, final)
+    claimed = _claims(q, last, final, unseen) if q.refit else ()
     given, fitted = (
         Fitted(vehicle, predicted, (point.timing, unseen.timing(point)), q.refit)
         for point, vehicle, predicted in (
             (found.given, found.given.vehicle, given_as_predicted(q, found.given, predicting)),
-            (last, last.vehicle, predicting(last))))
+            (final, final.vehicle, predicting(final))))
     gain = overall(given, fitted, q.train, q.test, q.settings.seed,
                    q.settings.policy.conclusion.gain_block_s)
     notes = cautions(last, (q.train, q.test), moved, gain, causes, q.settings.policy)
-    possible = _possible(found, sure, q)
-    outliers = find_outliers(q.train.evidence, last.vehicle, last.timing, q.settings.policy.noise)
-    floor = estimate_noise_floor(q.test, last.vehicle, unseen.timing(last), predicting(last)[1],
+    possible = _possible(found, accepted, q)
+    outliers = find_outliers(q.train.evidence, final.vehicle, final.timing, q.settings.policy.noise)
+    floor = estimate_noise_floor(q.test, final.vehicle, unseen.timing(final), predicting(final)[1],
                                  q.settings.policy.unexplained)
     excesses = find_excesses(stages[-1].horizons, floor)
-    late = find_late_commands((q.train, q.test), last.vehicle, (last.timing, unseen.timing(last)),
-                              q.settings.policy.unexplained)
+    late = find_late_commands((q.train, q.test), final.vehicle,
+                              (final.timing, unseen.timing(final)), q.settings.policy.unexplained)
     remainder: list[Remainder] = [*left, *outliers, *excesses, *([late] if late else [])]
     return Diagnosis(
         verdict=_verdict(q, found, causes, remainder, gain, claimed, possible),
         model=q.model, refitted=moved, causes=causes,
-        considered=_considered(found, withdrawn, sure), possible=possible, claims=claimed,
+        considered=_considered(found, withdrawn, accepted), possible=possible, claims=claimed,
         unexplained=left, outliers=outliers, stages=stages,
         evidence=q.test.evidence, ctrv=q.test.horizons(None), noise_floor=floor, late_commands=late,
         gain=gain, files=files, seed=q.settings.seed, withdrawn=withdrawn, notes=notes,
         mounting=of_the_imu(at, q.train.evidence, q.settings.policy),
-        predictor=find_predictor(q.search, q.train, q.test, last, partial(as_logged, q),
-                                 q.settings.jobs) if q.predictor else None,
+        predictor=find_predictor(fits, q.train, q.test, last) if q.predictor else None,
         runtime_s=time.monotonic() - began, false_alarm=q.settings.false_alarm,
         ranking={t.effect: t.gain for t in found.ranking})
 
 
-def as_logged(q: Question, point: Point) -> Vehicle:
+def as_logged(q: Question, point: Fit) -> Vehicle:
     """The vehicle of a point; where its delays were fitted, counted from the log.
 
     Whoever predicts from a log has its commands only when they stand there.
@@ -152,7 +160,7 @@ def as_logged(q: Question, point: Point) -> Vehicle:
         name: max(0.0, value(p, name) - age) for name in ("delay.steering_s", "delay.throttle_s")})
 
 
-def as_predicted(q: Question, timings: tuple[Timing, Timing], point: Point
+def as_predicted(q: Question, timings: tuple[Timing, Timing], point: Fit
                  ) -> tuple[Vehicle, Vehicle]:
     """The vehicle of a point as it predicts from the logs of the train and the test recordings.
 
@@ -232,7 +240,7 @@ def _by_channel(q: Question, rows: RowLabels, x: FloatArray) -> dict[str, float]
     return out
 
 
-def _stages(q: Question, given: Point, points: Sequence[Point], named: Sequence[Named],
+def _stages(q: Question, given: Point, points: Sequence[Fit], named: Sequence[Named],
             predicting: Predictor, unseen: Unseen) -> tuple[Stage, ...]:
     """Errors of the given model, the refitted one, and with one name more each."""
     labels = ["refitted" if q.refit else q.model, *(added(n.effect) for n in named), TOGETHER]
@@ -242,7 +250,7 @@ def _stages(q: Question, given: Point, points: Sequence[Point], named: Sequence[
     return tuple(base + stages)
 
 
-def _stage(q: Question, label: str, point: Point, vehicles: tuple[Vehicle, Vehicle],
+def _stage(q: Question, label: str, point: Fit, vehicles: tuple[Vehicle, Vehicle],
            unseen: Unseen) -> Stage:
     """vehicles: as it is written, and as it predicts from the log of the test recordings."""
     r = q.test.evidence.residuals(point.vehicle, unseen.timing(point))
@@ -255,22 +263,27 @@ def _told_apart(q: Question, found: SearchResult, named: Sequence[Named]) -> lis
     return [alike[one.effect] for one in named]
 
 
-def _cause(q: Question, named: Named, final: Vehicle, stds: Mapping[str, float], sure: Shown
-           ) -> Cause:
-    """One cause, its numbers at the end."""
+def _cause(q: Question, named: Named, last: Point, final: FinalFit, accepted: Accepted, cost: Cost,
+           gain: Gained) -> Cause:
+    """One cause, its numbers at the end. last: the fit by which its sizes in each recording are."""
     effect = catalogue()[named.effect]
     numbers = {}
     for parameter in effect.parameters:
         key = f"{effect.name}.{parameter.name}"
-        numbers[parameter.name] = Number(float(value(final, key)),
-                                         stds[key], parameter.unit,
-                                         parameter.null)
-    cost, gain = sure.judged[effect.name]
+        size = float(value(final.vehicle, key))
+        numbers[parameter.name] = Number(size, error_of_size(size - parameter.null,
+                                                             final.stds[key]),
+                                         parameter.unit, parameter.null)
+    grade = accepted.grades[effect.name]
+    first = effect.parameters[0]
+    share = ((float(value(last.vehicle, f"{effect.name}.{first.name}")) - first.null)
+             / (numbers[first.name].value - first.null or math.nan))
+    sizes = [(share * size, abs(share) * error) for size, error in grade.sizes]
     return Cause(effect.name, effect.title, effect.stage, numbers, named.p_value, named.gain,
                  _evidence(q, named, numbers, gain, cost), gain, named.confounders,
-                 effect.experiment, sure.grades[effect.name].probability,
-                 dict(zip(q.train.names, sure.grades[effect.name].sizes, strict=True)),
-                 sure.constancy[effect.name], cost)
+                 effect.experiment, grade.probability,
+                 dict(zip(q.train.names, sizes, strict=True)),
+                 accepted.constancy[effect.name], cost)
 
 
 def _evidence(q: Question, named: Named, numbers: Mapping[str, Number], gain: Gained,
@@ -288,15 +301,14 @@ def _evidence(q: Question, named: Named, numbers: Mapping[str, Number], gain: Ga
         f"{gain.measure}: {removes(gain)}")
 
 
-def _claims(q: Question, last: Point, unseen: Unseen) -> tuple[Claim, ...]:
+def _claims(q: Question, last: Point, final: FinalFit, unseen: Unseen) -> tuple[Claim, ...]:
     """Parameters of the base that were wrong, at the final model."""
     settings = q.settings
     if unseen.last is not last:
         unseen = Unseen(q.test.evidence, last, settings.policy)
     of = secants(q.train.evidence, last, (), settings.policy)
     sets = Sets(q.train.evidence, q.base, last, of.unit, settings.known, settings.policy)
-    return claims(Asked(sets, unseen, of, covariance(last, _blocks(q, last)),
-                        as_logged(q, last), settings.seed))
+    return claims(Asked(sets, unseen, of, final, as_logged(q, final), settings.seed))
 
 
 def _blocks(q: Question, point: Point) -> IntArray:
@@ -309,14 +321,14 @@ def _rows(q: Question, point: Point) -> RowLabels:
     return rows_at(q.train.evidence, point, q.settings.policy)
 
 
-def _moved(q: Question, point: Point) -> dict[str, Moved]:
+def _moved(q: Question, final: FinalFit) -> dict[str, Moved]:
     """Base parameters after the refit, those of effects that the base has among them."""
     own = {f"{a.name}.{k.name}" for a in q.base.effects for k in a.effect.parameters}
+    point = final.point
     space = point.space
     if not q.refit:
         return {}
-    errors = space.standard_errors(point.x, covariance(point, _blocks(q, point)))
-    out, logged = {}, as_logged(q, point)
+    out, logged = {}, as_logged(q, final)
     for i, name in enumerate(space.names):
         if name not in q.settings.free and name not in own:
             continue
@@ -328,28 +340,30 @@ def _moved(q: Question, point: Point) -> dict[str, Moved]:
         elif abs(point.x[i]) > q.settings.policy.prior.doubtful:
             doubt = f"{abs(point.x[i]):.1f} prior standard deviations from where it was"
         out[name] = Moved(float(value(q.base, name)), float(value(logged, name)),
-                          errors[name], unit(q.base, name), doubt)
+                          final.stds[name], unit(q.base, name), doubt)
     return out
 
 
-def _possible(found: SearchResult, sure: Shown, q: Question) -> tuple[Possible, ...]:
+def _possible(found: SearchResult, accepted: Accepted, q: Question) -> tuple[Possible, ...]:
     """Names whose grade is too low to be shown, the surest first."""
-    least = q.settings.policy.grade.possible
+    policy = q.settings.policy.grade
     loss = {n.effect: n.gain for n in found.named}
-    return tuple(Possible(name, catalogue()[name].title, one.probability, loss[name], one.why)
-                 for name, one in sorted(sure.left_out.items(), key=lambda kg: -kg[1].probability)
-                 if one.probability >= least)
+    ordered = sorted(accepted.rejected.items(), key=lambda item: -item[1].probability)
+    return tuple(Possible(name, catalogue()[name].title, one.probability, loss[name], one.why,
+                          "likely" if one.probability >= policy.likely else "possible")
+                 for name, one in ordered if one.probability >= policy.possible)
 
 
-def _considered(found: SearchResult, withdrawn: Sequence[str], sure: Shown
+def _considered(found: SearchResult, withdrawn: Sequence[str], accepted: Accepted
                 ) -> tuple[Considered, ...]:
     out = [Considered(n.effect, n.p_value, n.gain, n.held_out,
                       "withdrawn: with it as much structure is left as without it")
            for n in found.named if n.effect in withdrawn]
     out += [Considered(n.effect, n.p_value, n.gain, n.held_out,
                        f"only possible, with probability "
-                       f"{sure.left_out[n.effect].probability:.2f}: {sure.left_out[n.effect].why}")
-            for n in found.named if n.effect in sure.left_out]
+                       f"{accepted.rejected[n.effect].probability:.2f}: "
+                       f"{accepted.rejected[n.effect].why}")
+            for n in found.named if n.effect in accepted.rejected]
     return (*out, *(Considered(r.effect, r.p_value, r.gain, r.held_out, r.why)
                     for r in found.rejected if r.effect not in withdrawn))
 

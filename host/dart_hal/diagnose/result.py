@@ -200,9 +200,9 @@ class Claim:
 
 @dataclass(frozen=True, slots=True)
 class Possible:
-    """An effect that the search accepted, but of which data left out are not sure enough.
+    """An effect that the search found, and that is not accepted.
 
-    why: or that lowers no error on recordings that no fit has seen.
+    grade: "likely" or "possible", by its probability; why: it is not accepted.
     """
 
     effect: str
@@ -210,11 +210,12 @@ class Possible:
     probability: float
     loss: float
     why: str = ""
+    grade: str = "possible"
 
     def to_json(self) -> dict[str, Any]:
         """As in the list ``possible``."""
         return {"effect": self.effect, "title": self.title, "probability": self.probability,
-                "loss": self.loss, "why": self.why}
+                "grade": self.grade, "loss": self.loss, "why": self.why}
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,6 +13,7 @@ import numpy as np
 from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
+from ..final_fit import FinalFit
 from ..grade.constancy import constancy
 from ..grade.secants import Secants, starting, towards_null
 from ..policy import ClaimPolicy
@@ -31,13 +32,13 @@ class Asked:
     """What claims are made from. unseen: the test recordings, by the last fit; secants: of that
     fit, with its units and features.
 
-    covariance (k, k) of the last fit; logged: its vehicle with delays counted from the log.
+    final: the fit whose numbers are reported; logged: its vehicle with delays counted from the log.
     """
 
     sets: Sets
     unseen: Unseen
     secants: Secants
-    covariance: FloatArray
+    final: FinalFit
     logged: Vehicle
     seed: int
 
@@ -117,17 +118,21 @@ def _claim(asked: Asked, part: Set, probability: float, costs: Cost,
     mine = starting(of.full, names)
     tangent = towards_null(of.full, mine)
     secants = replace(asked.secants, tangent={group: tangent}, coordinates={group: mine})
-    return Claim(group, title, names, probability, changes(asked, mine, quantities), costs, share,
+    return Claim(group, title, names, probability, changes(asked, names, quantities), costs, share,
                  like, " ".join(k.experiment for k in known),
                  constancy(secants, group, policy.grade, asked.seed))
 
 
-def changes(asked: Asked, mine: Sequence[int], quantities: Mapping[str, tuple[str, Quantity]]
+def changes(asked: Asked, names: tuple[str, ...], quantities: Mapping[str, tuple[str, Quantity]]
             ) -> dict[str, Change]:
-    """By quantity, old and new value; its standard error from draws of the parameters."""
-    point, base = asked.sets.full, asked.sets.base
+    """By quantity, old and new value; its standard error from draws of the parameters.
+
+    names: what those of the parameters begin with.
+    """
+    point, base = asked.final.point, asked.sets.base
+    mine = starting(point, names)
     rng = np.random.default_rng(asked.seed)
-    block = asked.covariance[np.ix_(mine, mine)]
+    block = asked.final.covariance[np.ix_(mine, mine)]
     draws = rng.multivariate_normal(point.x[list(mine)], block, SAMPLES, method="eigh")
     cars = [_at(point, mine, x) for x in draws]
     out = {}

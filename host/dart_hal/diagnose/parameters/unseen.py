@@ -23,7 +23,7 @@ from ..evidence.residuals import Evidence, Residuals
 from ..evidence.rows import rows_of
 from ..evidence.space import LATE_REACH, Space, Timing
 from ..policy import Policy
-from ..search.fit import QUICK, Point, loss_at, refit
+from ..search.fit import QUICK, Fit, Point, loss_at, refit
 
 BEYOND = 0.010
 """s, by which an age may leave its range here, where delays are held: how a fit divides a time into
@@ -49,7 +49,7 @@ class Unseen:
         residual, weight = self._noise.stacked(r)
         return self._by_stretch(r, weight * self._noise.loss(residual))
 
-    def timing(self, point: Point) -> Timing:
+    def timing(self, point: Fit) -> Timing:
         """That which suits these recordings best; of each fit found once."""
         key = point.vehicle, point.timing
         if key not in self._timings:
@@ -76,7 +76,7 @@ class Unseen:
                        policy.noise, WAIT_STD if evidence.commands_stamped else None)
         return replace(noise, certain=here.certain)
 
-    def _timing(self, point: Point, noise: Noise) -> Timing:
+    def _timing(self, point: Fit, noise: Noise) -> Timing:
         """Of these recordings, the parameters as they were fitted."""
         evidence, p = self._evidence, point.vehicle
         space = Space(p, (), late=evidence.late, policy=self._policy.prior)

@@ -110,7 +110,7 @@ def _possible(d: Diagnosis) -> Html:
     """Tabulate effects that the search accepted and a later test did not; "" for none."""
     head = ("possible effect", "probability", "loss reduction", "what it would mean",
             "why not accepted")
-    return table(head, [(p.effect, f"{p.probability:.2f}", significant(p.loss, 4),
+    return table(head, [(p.effect, f"{p.probability:.2f}, {p.grade}", significant(p.loss, 4),
                          f"the car {p.title}", p.why) for p in d.possible], 1,
                  "Possible, but not accepted; not in the extended model") if d.possible else Html()
 

@@ -155,7 +155,7 @@ def predictor(b: BestPredictor) -> str:
 def possible(p: Possible) -> str:
     """Describe an effect that the search accepted and a later test did not."""
     why = f": {p.why}" if p.why else ""
-    return (f"{p.effect}: perhaps the car {p.title} (probability {p.probability:.2f}); it is "
+    return (f"{p.effect} is {p.grade}: the car {p.title} (probability {p.probability:.2f}); it is "
             f"not in the extended model{why}")
 
 

@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -35,6 +36,16 @@ ROUNDS, QUICK = 15, 6
 
 Part = slice | BoolArray
 ALL = slice(None)
+
+
+class Fit(Protocol):
+    """What predicts: a vehicle, and the timing of the recordings that it was fitted to."""
+
+    @property
+    def vehicle(self) -> Vehicle: ...
+
+    @property
+    def timing(self) -> Timing: ...
 
 
 @dataclass(frozen=True, slots=True)

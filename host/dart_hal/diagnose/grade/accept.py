@@ -1,0 +1,181 @@
+"""Accept effects: those that data left out of the fit of their size support.
+
+Everything is decided on the training recordings. The test recordings only report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from ..evidence.noise import Noise
+from ..evidence.residuals import Evidence
+from ..policy import Policy
+from ..result import Constancy
+from ..search.fit import Point
+from ..search.forward import Search
+from .bag import grades, sizes
+from .constancy import constancy
+from .secants import Secants, secants
+
+IMPROBABLE = "too few of the data left out from its size want it beside the others"
+
+
+@dataclass(frozen=True, slots=True)
+class Grade:
+    """Share of draws in which data left out from its size want an effect.
+
+    sizes: by recording, (size relative to the fitted one, its standard error).
+    """
+
+    probability: float
+    sizes: tuple[tuple[float, float], ...]
+
+
+class Rejection(NamedTuple):
+    """An effect that is not accepted: its probability, and why."""
+
+    probability: float
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Accepted:
+    """Accepted effects in the order of their gain.
+
+    points: the base, and the fits with one effect more each; without: the fit without each effect;
+    rejected: by effect.
+    """
+
+    names: tuple[str, ...]
+    points: tuple[Point, ...]
+    without: Mapping[str, Point]
+    grades: Mapping[str, Grade]
+    constancy: Mapping[str, Constancy]
+    rejected: Mapping[str, Rejection]
+
+
+@dataclass(frozen=True, slots=True)
+class Acceptance:
+    """What it takes to accept: the search that made the fits, and the training evidence.
+
+    impossible(fit, name): why no car has the size that an effect has there, or "".
+    """
+
+    search: Search
+    evidence: Evidence
+    policy: Policy
+    seed: int
+    impossible: Callable[[Point, str], str]
+
+
+def accept_effects(how: Acceptance, points: Sequence[Point], at: Point, noise: Noise,
+                   names: Sequence[str]) -> Accepted:
+    """Drop one effect at a time until all are confident and have sizes that a car can have.
+
+    points: the base, with one effect more each, and perhaps with all fitted together; at: where the
+    search has ended; names: of the effects, the largest gain first.
+
+    1. Drop an effect with an impossible size, else the least probable one, and fit the others
+       again: an effect that is dropped may have been what hid another.
+    2. Take those back, the one with the largest gain first, with which all are confident: what made
+       them improbable may have been dropped after them.
+    """
+    if not names:
+        return Accepted((), (points[0],), {}, {}, {}, {})
+    fits = _Fits(how, at, noise, names, points[0])
+    kept, rejected = fits.drop(fits.graded(names, points[-1]))
+    kept, rejected = fits.take_back(kept, rejected)
+    if not kept.names:
+        return Accepted((), (points[0],), {}, {}, {}, rejected)
+    steps = points
+    if kept.fit is not points[-1]:
+        steps = (*how.search.steps(points[0], at, noise, kept.names[:-1]), kept.fit)
+    return Accepted(kept.names, tuple(steps),
+                    {n: fits.fit(set(kept.names) - {n}, kept.fit) for n in kept.names},
+                    {n: Grade(p, sizes(kept.of, n)) for n, p in kept.probability.items()},
+                    {n: constancy(kept.of, n, how.policy.grade, how.seed) for n in kept.names},
+                    rejected)
+
+
+class _Graded(NamedTuple):
+    """Effects, the fit with them, what each did in it, and how probable each is."""
+
+    names: tuple[str, ...]
+    fit: Point
+    of: Secants
+    probability: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class _Fits:
+    """Fits of some of the effects, from one start, each done once; base: the one without any."""
+
+    how: Acceptance
+    at: Point
+    noise: Noise
+    names: Sequence[str]
+    base: Point
+    _done: dict[tuple[str, ...], Point] = field(default_factory=dict)
+
+    def graded(self, names: Sequence[str], fit: Point) -> _Graded:
+        """How probable each effect of a fit is."""
+        policy, seed = self.how.policy, self.how.seed
+        of = secants(self.how.evidence, fit, names, policy)
+        return _Graded(tuple(names), fit, of,
+                       grades(of, names, policy.grade, seed) if names else {})
+
+    def fit(self, names: Collection[str], near: Point) -> Point:
+        """The fit with these effects, from one with nearly the same."""
+        ordered = self._ordered(names)
+        if not ordered:
+            return self.base
+        if ordered not in self._done:
+            self._done[ordered] = self.how.search.fit(self.at, self.noise, ordered, near)
+        return self._done[ordered]
+
+    def of(self, names: Collection[str], near: Point) -> _Graded:
+        """How probable each of these effects is, fitted from a fit with nearly the same."""
+        return self.graded(self._ordered(names), self.fit(names, near))
+
+    def drop(self, those: _Graded) -> tuple[_Graded, dict[str, Rejection]]:
+        """Drop effects until the rest are confident and possible."""
+        rejected: dict[str, Rejection] = {}
+        while those.names:
+            whys = {n: why for n in those.names if (why := self.how.impossible(those.fit, n))}
+            worst = min(whys or those.names, key=lambda n: those.probability[n])
+            if not whys and self._are_confident(those):
+                break
+            rejected[worst] = Rejection(those.probability[worst], whys.get(worst, IMPROBABLE))
+            those = self.of(set(those.names) - {worst}, those.fit)
+        return those, rejected
+
+    def take_back(self, those: _Graded, rejected: Mapping[str, Rejection]
+                  ) -> tuple[_Graded, dict[str, Rejection]]:
+        """Add each improbable effect with which all are confident and possible."""
+        away = dict(rejected)
+        for name in self.names:
+            one = rejected.get(name)
+            if (one is None or one.why != IMPROBABLE
+                    or one.probability < self.how.policy.grade.possible):
+                continue
+            more = self.of({*those.names, name}, those.fit)
+            if self._are_confident(more) and not self.how.impossible(more.fit, name):
+                those = more
+                del away[name]
+        return those, away
+
+    def _ordered(self, names: Collection[str]) -> tuple[str, ...]:
+        return tuple(n for n in self.names if n in names)
+
+    def _are_confident(self, those: _Graded) -> bool:
+        return all(p >= self.how.policy.grade.confident for p in those.probability.values())
+
+
+def impossible_size(fit: Point, name: str) -> str:
+    """Why no car has the size that an effect has in a fit; empty where one may have it."""
+    active = next(a for a in fit.vehicle.effects if a.name == name)
+    whys = (q.impossible(float(value))
+            for q, value in zip(active.effect.parameters, active.values, strict=True))
+    return "; ".join(why for why in whys if why)
