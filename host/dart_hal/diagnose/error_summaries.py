@@ -15,7 +15,7 @@ from dart_hal.types import FloatArray
 
 MAX_OVER_FLOOR = 2.0
 """RMSE over the noise floor, above which a model is not faultless: three quarters of its mean
-square error come from something else. The largest of 132 simulated drives that hide nothing is
+square error come from something else. The largest of 144 simulated drives that hide nothing is
 1.5, see docs/results/noise_floor.md."""
 
 
