@@ -93,7 +93,7 @@ def diagnosis(verdict="partly_explained", causes=2, unexplained=True, **changes)
     named = (cause("steering_lag", 0.1187, 0.0043, gain, ("yaw_inertia", "steering_rate_limit")),
              cause("gyro_scale", 0.0588, 0.0011,
                    Gained("gyro", 0.8112, 0.7934, np.nan, np.nan, "residual of the gyro")))
-    rejected = tuple(Considered(n, 0.2 + 0.01 * i, 40.0 / (i + 1), 3.0 - i,
+    rejected = tuple(Considered(n, 0.2 + 0.01 * i, 40.0 / (i + 1),
                                 f"the {n} loses on stretches that were left out")
                      for i, n in enumerate(sorted(set(catalogue()) - {c.effect for c in named}))
                      ) if causes is not None else ()

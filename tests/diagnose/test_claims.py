@@ -19,7 +19,7 @@ from dart_hal.diagnose.evidence.residuals import Evidence, Residuals
 from dart_hal.diagnose.evidence.space import Timing
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.parameters.claims import _costly, _together
-from dart_hal.diagnose.parameters.cost import cost, ratio, shapley
+from dart_hal.diagnose.parameters.cost import cost, ratio
 from dart_hal.diagnose.parameters.groups import GROUPS, quantities_of, steady_speed
 from dart_hal.diagnose.parameters.sets import Posterior, Sets
 from dart_hal.diagnose.parameters.unseen import Unseen
@@ -89,7 +89,7 @@ def test_the_new_value_is_that_of_the_car(folder):
 
 def test_of_two_confounded_groups_the_deciding_drive_is_stated():
     drive = "Coast down straight on. Steps of the throttle."
-    one = Claim("motor", "motor", (), 1.0, {}, (1.2, 1.1, 1.3), 1.0, (), drive,
+    one = Claim("motor", "motor", (), 1.0, {}, (1.2, 1.1, 1.3), (), drive,
                 Constancy(1.0, "", (), 0.0, (0.01, 0.1)))
     alone = describe_claim(one)
     assert "distinguish" not in alone["Why"]
@@ -117,11 +117,6 @@ def test_quantities_are_numbers_of_the_paper_car(group):
 def test_the_steady_speed_is_where_motor_and_friction_are_equal():
     slow, fast = (steady_speed(throttle)(PAPER) for throttle in (0.25, 0.3))
     assert 0.5 < slow < fast < 8.0
-
-
-def test_shapley_shares_add_up_and_are_fair():
-    value = {frozenset(): 0.0, frozenset("a"): 1.0, frozenset("b"): 3.0, frozenset("ab"): 5.0}
-    assert shapley(value, ["a", "b"]) == pytest.approx({"a": 0.3, "b": 0.7})
 
 
 @pytest.mark.more
@@ -231,7 +226,7 @@ def test_a_parameter_whose_size_changes_does_not_explain(change, after, verdict)
     """As of a motor that grows hot: one number of it is no number of the car. Of what moved by 2 %
     a part is next to nothing."""
     claimed = Claim("motor", "motor", (), 1.0, {"pull": Change(1.0, after, 0.01, "N")},
-                    (1.2, 1.1, 1.3), 1.0, (), "",
+                    (1.2, 1.1, 1.3), (), "",
                     Constancy(0.001, "time", (), change, (0.01, 0.1)))
     explains = verdict == "parameters_only"
     assert _verdict(None, None, (), (), {}, (claimed,), ()) == verdict

@@ -74,8 +74,8 @@ def test_numbers_of_two_sources_are_told_apart():
     assert said != pytest.approx(shown, abs=0.01)
 
 
-GATE = Considered("steering_lag", 0.12, 161.0, math.nan, "gains no more than nothing at all might")
-FAINT = Considered("grip", 0.9, 3.0, math.nan, "gains no more than nothing at all might")
+GATE = Considered("steering_lag", 0.12, 161.0, "gains no more than nothing at all might")
+FAINT = Considered("grip", 0.9, 3.0, "gains no more than nothing at all might")
 POSSIBLE = Possible("mass", "is heavier", 0.9, 40.0, "it does not surely lower errors")
 
 

@@ -53,32 +53,11 @@ def _constant(value: Any) -> Callable[[Function], Function]:
     return lambda _: lambda *_args, **_kw: value
 
 
-def _unless(text: str) -> Callable[[Function], Function]:
-    """The function without one of its reasons."""
-    def make(original: Function) -> Function:
-        return lambda *a, **kw: "" if (found := original(*a, **kw)) == text else found
-
-    return make
-
-
 def _too_small(share: float) -> tuple[Callable[[Function], Function], Callable[..., bool]]:
     def make(original: Function) -> Function:
         return lambda e, v, s: False if s == share else original(e, v, s)
 
     return make, lambda found, _e, _v, s: bool(found and s == share)
-
-
-def _first_only(original: Function) -> Function:
-    def select(*a: Any, **kw: Any) -> Any:
-        step = original(*a, **kw)
-        return replace(step, accepted=step.accepted[:1])
-
-    return select
-
-
-def _forgetful(original: Function) -> Function:
-    return lambda ev, point, trials, fit, s, _failed, ex: original(ev, point, trials, fit, s, {},
-                                                                  ex)
 
 
 def _plain_grades(original: Function) -> Function:
@@ -118,21 +97,9 @@ RULES: dict[str, Rule] = {
     "variants of stronger names": Rule("grade.accept:grades", _plain_grades, lambda *_: True),
     "hidden pairs": Rule("search.selection:one_of_a_pair", _constant(None),
                          lambda found, *_: found is not None),
-    "several names in one round": Rule("search.forward:select", _first_only,
-                                       lambda step, *_: len(step.accepted) > 1),
-    "memory of failures": Rule("search.forward:select", _forgetful,
-                               lambda step, *a: any("nor did it before" in r.why
-                                                    for r in step.rejected)),
     "size by the linear answer": Rule("search.selection:_too_small",
                                       *_too_small(NAMING.tried_size)),
     "size by the fit": Rule("search.selection:_too_small", *_too_small(NAMING.least_size)),
-    "held-out data": Rule("search.selection:HeldOut.doubt", _constant(""),
-                          lambda why, *_: bool(why)),
-    "axes agree": Rule("search.selection:_axes_disagree", _constant(0.0),
-                       lambda much, *_: much > NAMING.axes),
-    "gain where it enters": Rule(
-        "search.selection:_why_not", _unless("gains only where it does not enter"),
-        lambda why, *_: why == "gains only where it does not enter"),
     "noise without the cause": Rule("search.forward:Search._sharpened", _not_sharpened,
                                     lambda out, self, point, noise, trials: out[1] is not noise),
     "names dropped again": Rule(
@@ -148,8 +115,6 @@ RULES: dict[str, Rule] = {
                                   lambda out, self, point, noise, before, one: out != one),
     "confounders": Rule("search.selection:confounders", _constant(()),
                         lambda found, *_: bool(found)),
-    "joint fit": Rule("search.forward:Search._jointly", _constant(()),
-                      lambda found, *_: bool(found)),
     "spurious causes withdrawn": Rule("conclude:_spurious", _constant(()),
                                       lambda found, *_: bool(found)),
     "noise of the names that stay": Rule(

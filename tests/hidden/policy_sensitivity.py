@@ -33,8 +33,8 @@ from dart_hal.diagnose.policy import USUAL, Policy
 ROWS = ("fixed", "null fixed", "pair fixed", "pair")
 FACTORS = (0.5, 2.0)
 ALWAYS = ("false_alarm", "blocks.seconds", "noise.robust")
-COMPARED = ("naming.close", "naming.firm", "naming.least_size", "grade.confident", "naming.axes",
-            "confounders.clear", "conclusion.spurious")
+COMPARED = ("naming.close", "naming.least_size", "grade.confident", "confounders.clear",
+            "conclusion.spurious")
 FALSE_ALARM = 0.01  # the default of ``diagnose``
 RESULTS = HOME / "build" / "campaign" / "policy_sensitivity.jsonl"
 TABLE = HOME / "docs" / "results" / "policy_sensitivity.md"

@@ -60,8 +60,6 @@ from .unexplained.waits import unwaited
 
 Remainder = Unexplained | Outliers | Excess | LateCommands
 """What no accepted cause explains."""
-TOGETHER = "all fitted together"  # where that is better than one after the other
-
 
 @dataclass(frozen=True, slots=True)
 class Question:
@@ -243,9 +241,9 @@ def _by_channel(q: Question, rows: RowLabels, x: FloatArray) -> dict[str, float]
 def _stages(q: Question, given: Point, points: Sequence[Fit], named: Sequence[Named],
             predicting: Predictor, unseen: Unseen) -> tuple[Stage, ...]:
     """Errors of the given model, the refitted one, and with one name more each."""
-    labels = ["refitted" if q.refit else q.model, *(added(n.effect) for n in named), TOGETHER]
+    labels = ["refitted" if q.refit else q.model, *(added(n.effect) for n in named)]
     stages = [_stage(q, label, p, (as_logged(q, p), predicting(p)[1]), unseen)
-              for label, p in zip(labels[:len(points)], points, strict=True)]
+              for label, p in zip(labels, points, strict=True)]
     base = [_stage(q, q.model, given, (q.base, q.base), unseen)] if q.refit else []
     return tuple(base + stages)
 
@@ -295,7 +293,6 @@ def _evidence(q: Question, named: Named, numbers: Mapping[str, Number], gain: Ga
         f"robust loss {named.gain:.0f} lower on the training recordings; with nothing missing, "
         f"some effect gains what counts like {named.threshold:.0f} of this one in "
         f"{100.0 * q.settings.false_alarm:g} cases of 100",
-        f"loss {named.held_out:.0f} lower on parts left out from its size",
         f"{key} is {away:.0f} standard errors from its null",
         f"errors on recordings it has not seen are {times(cost)} without it",
         f"{gain.measure}: {removes(gain)}")
@@ -356,15 +353,15 @@ def _possible(found: SearchResult, accepted: Accepted, q: Question) -> tuple[Pos
 
 def _considered(found: SearchResult, withdrawn: Sequence[str], accepted: Accepted
                 ) -> tuple[Considered, ...]:
-    out = [Considered(n.effect, n.p_value, n.gain, n.held_out,
+    out = [Considered(n.effect, n.p_value, n.gain,
                       "withdrawn: with it as much structure is left as without it")
            for n in found.named if n.effect in withdrawn]
-    out += [Considered(n.effect, n.p_value, n.gain, n.held_out,
-                       f"only possible, with probability "
+    out += [Considered(n.effect, n.p_value, n.gain,
+                       f"not accepted, with probability "
                        f"{accepted.rejected[n.effect].probability:.2f}: "
                        f"{accepted.rejected[n.effect].why}")
             for n in found.named if n.effect in accepted.rejected]
-    return (*out, *(Considered(r.effect, r.p_value, r.gain, r.held_out, r.why)
+    return (*out, *(Considered(r.effect, r.p_value, r.gain, r.why)
                     for r in found.rejected if r.effect not in withdrawn))
 
 

@@ -73,8 +73,6 @@ class BlockPolicy:
     """What counts as independent, and what is left out together."""
 
     seconds: float = 2.0  # s; the disturbance has 0.15 s of memory, and 1 s is predicted
-    folds: int = 5  # stretches of one recording, where there are few
-    recordings: int = 4  # from which on one of them at a time is the fold
     units: int = 6  # recordings, from which on they are the blocks: all gain by chance in 1 of 64
 
 
@@ -116,20 +114,10 @@ class NamingPolicy:
     hidden: float = 2.0  # times the gain, once the noise is measured without the best explanation,
     # from where on that explanation was part of the noise: else the two gains are the same
     sharpenings: int = 3  # measurements of that noise in a round; each halves what is left
-    try_again: float = 1.5  # times what an effect gained when it failed
     simpler: float = 2.0  # loss for each parameter, as Akaike's criterion counts it
-    apart: float = 0.1  # cosine of residuals; below it two are accepted in one round ...
-    as_much: float = 0.5  # ... if the second gains this share of the largest gain
     least_size: float = 0.8  # of the small size; below is what sampling conventions do (null rows)
     tried_size: float = 0.4  # of the small size, by the linear answer: half, it may be off as much
-    own_part: float = 0.1  # of the gain must be where the effect enters (far rows)
-    axes: float = 4.0  # loss that a size for each axis of a sensor may gain ...
-    axes_share: float = 0.05  # ... or this share of the gain, if that is more
-    axis_knows: float = 0.02  # of what is known of a size, from where on an axis is asked
-    firm: float = 0.84  # standard errors by which data left out must gain: odds of four to one
-    chance: float = 0.05  # how seldom as many recordings gain by chance, where ``firm`` fails
-    furthest: float = 2.0  # of the change that all data ask for, by each fold: linear no further
-    joint: float = 4.0  # loss of the motion by which one joint fit must beat the steps
+    furthest: float = 2.0  # of the change that each of two asks for alone: linear no further
     sure: float = 4.0  # thresholds; what is worth as much is not doubted again
 
 
@@ -149,7 +137,8 @@ class GradePolicy:
     """How sure a name is, and whether its size is constant."""
 
     draws: int = 400  # of units; P = 0.97 is known to 0.01
-    recordings: int = 6  # from which on they are the units, as ``BlockPolicy.units``
+    own: int = 4  # recordings, from which on each is a unit; of three, 2 in 9 draws leave out none
+    recordings: int = 6  # from which on their signs are turned, as ``BlockPolicy.units``
     units: int = 16  # stretches of time, where recordings are fewer ...
     block_s: float = 2.0  # s ... and no shorter than this, as ``BlockPolicy.seconds``
     family: float = 0.5  # of its size, by which a cause may differ along a function of the state

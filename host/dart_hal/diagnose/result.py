@@ -163,8 +163,7 @@ class Claim:
     """Parameters of the model that were wrong.
 
     cost: root of the robust loss of the test recordings with this group at its old value over that
-    with all refitted, and its 90 % interval (NaN where they are too short). share: of all
-    that refitted parameters take away; all claims together 1, one alone may be below 0 by chance.
+    with all refitted, and its 90 % interval (NaN where they are too short).
     """
 
     group: str
@@ -173,7 +172,6 @@ class Claim:
     probability: float
     quantities: Mapping[str, Change]
     cost: Cost
-    share: float
     cannot_be_told_from: tuple[str, ...]
     experiment: str
     constancy: Constancy
@@ -191,7 +189,7 @@ class Claim:
         return {"group": self.group, "title": self.title, "parameters": list(self.parameters),
                 "probability": self.probability,
                 "quantities": {k: c.to_json() for k, c in self.quantities.items()},
-                "cost": _cost(self.cost), "share": self.share,
+                "cost": _cost(self.cost),
                 "cannot_be_told_from": list(self.cannot_be_told_from),
                 "experiment": self.experiment,
                 "constancy": {**self.constancy.to_json(), "constant": self.constant,
@@ -220,18 +218,17 @@ class Possible:
 
 @dataclass(frozen=True, slots=True)
 class Considered:
-    """An effect that was not named, and why. loss, held_out: drops of the robust loss."""
+    """An effect that was not accepted, and why. loss: drop of the robust loss."""
 
     effect: str
     p_value: float
     loss: float
-    held_out: float
     why_not: str
 
     def to_json(self) -> dict[str, Any]:
         """As in the list ``considered``."""
         return {"effect": self.effect, "p_value": self.p_value, "loss": self.loss,
-                "held_out": self.held_out, "why_not": self.why_not}
+                "why_not": self.why_not}
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,8 +264,7 @@ def added(effect: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """The model after one more step: the base, the refitted base, each cause in order, and all
-    fitted together where that is surely better.
+    """The model after one more step: the base, the refitted base, and each cause in order.
 
     horizons: errors on the test recordings as ``evaluate`` gives them, numbers
     that cannot be known None; residuals: on the test drives, in SI units.
@@ -325,9 +321,8 @@ class Diagnosis:
     false_alarm: share of data sets in which anything is named where nothing is
     missing; ranking: drop of the loss for every effect alone, before anything was named.
     mounting: of the IMU, by effect and parameter, see ``mounted``. predictor: None where it was
-    not wanted. paths: see ``find_paths``. noise_floor: RMS error of a faultless model 1 s ahead on
-    the test recordings, by channel of ``evaluate``; empty where it is not known.
-    late_commands: see ``find_late_commands``.
+    not wanted. paths: see ``find_paths``. late_commands: see ``find_late_commands``. noise_floor:
+    RMS error of a faultless model 1 s ahead on the test recordings, by channel; empty if unknown.
     """
 
     verdict: str
@@ -398,8 +393,7 @@ class Diagnosis:
             "predictor": self.predictor and {"model": self.predictor_written,
                                              **self.predictor.to_json()},
             "stages": [{"label": s.label, "errors": s.horizons} for s in self.stages],
-            "ctrv": self.ctrv, "noise_floor": dict(self.noise_floor),
-            "withdrawn": list(self.withdrawn), "notes": list(self.notes),
-            "runtime_s": self.runtime_s, "files": {k: dict(f) for k, f in self.files.items()},
-            "seed": self.seed, "false_alarm": self.false_alarm,
-            "ranking": dict(self.ranking)}
+            "ctrv": self.ctrv, "noise_floor": dict(self.noise_floor), "notes": list(self.notes),
+            "withdrawn": list(self.withdrawn), "ranking": dict(self.ranking), "seed": self.seed,
+            "false_alarm": self.false_alarm, "runtime_s": self.runtime_s,
+            "files": {k: dict(f) for k, f in self.files.items()}}

@@ -12,9 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dart_hal.types import BoolArray, FloatArray, IntArray
+from dart_hal.types import FloatArray
 from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -29,7 +28,7 @@ from .onboard_drive import (
 )
 from .onboard_windows import Actuated, predicted, pulled, reaches, steered
 from .readings import SENSORS, at_rest, resting
-from .residuals import SENSED, Evidence, Residuals, pulled_by, steered_by
+from .residuals import Evidence, Residuals, pulled_by, steered_by
 from .space import EXACT, Timing
 from .standing import spread
 
@@ -93,18 +92,6 @@ class OnboardEvidence(Evidence):
         """
         half = (MESSAGES_AHEAD // 2 - 1) * len(MOTION)
         return MOTION, slice(half, half + len(MOTION)), slice(2, 4)
-
-    def entered(self, effect: Effect, channel: IntArray) -> BoolArray:
-        """Which residuals an effect must lower to be believed, (N,).
-
-        channel (N,): as ``rows.RowLabels`` has it. What errs in a sensor: those of that
-        sensor; anything else: what the car is predicted to do.
-        """
-        if effect.stage != "measurement":
-            return np.asarray(channel >= 0)
-        shown = {n for c in effect.signals for n in SENSED.get(c, ())}
-        known = {int(c): self.channel(int(c)) for c in np.unique(channel)}
-        return np.isin(channel, [c for c, name in known.items() if name in shown])
 
     def _begins(self) -> Sequence[FloatArray]:
         return [d.begin for d in self.drives]

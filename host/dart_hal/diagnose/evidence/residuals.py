@@ -13,13 +13,7 @@ from uuid import uuid4
 
 import numpy as np
 
-from dart_hal.predict.actuators import (
-    behind_actuator,
-    delayed,
-    first_order_lag,
-    reached,
-    turned,
-)
+from dart_hal.predict.actuators import behind_actuator, delayed, first_order_lag, reached, turned
 from dart_hal.predict.commands import spread_over
 from dart_hal.predict.rollout import Parts
 from dart_hal.predict.rollout import measured as measured_states
@@ -159,16 +153,6 @@ class Evidence:
     def channel(self, column: int) -> str:
         """Name of a column of the motion, or of -1 - column of the sensors."""
         return MOTION[column % len(MOTION)] if column >= 0 else SENSORS[-1 - column]
-
-    def entered(self, effect: Effect, channel: IntArray) -> BoolArray:
-        """Which residuals an effect must lower to be believed, (N,): see ``channel``.
-
-        Causes in the car must show in the motion, those of a sensor in a sensor; what motion
-        capture errs in shows in either, for sensors are held against it.
-        """
-        if effect.stage != "measurement":
-            return channel >= 0
-        return (channel < 0) | ("pose" in effect.signals)
 
     def _motion_at(self, sample: int) -> dict[str, int]:
         first = READ_OUTS.index(sample) * len(MOTION)

@@ -74,8 +74,8 @@ def accept_effects(how: Acceptance, points: Sequence[Point], at: Point, noise: N
                    names: Sequence[str]) -> Accepted:
     """Drop one effect at a time until all are confident and have sizes that a car can have.
 
-    points: the base, with one effect more each, and perhaps with all fitted together; at: where the
-    search has ended; names: of the effects, the largest gain first.
+    points: the base, and with one effect more each; at: where the search has ended; names: of the
+    effects, the largest gain first.
 
     1. Drop an effect with an impossible size, else the least probable one, and fit the others
        again: an effect that is dropped may have been what hid another.

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from itertools import combinations
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from ..grade.secants import Secants, starting, towards_null
 from ..policy import ClaimPolicy
 from ..result import Change, Claim, Cost
 from ..search.fit import Point
-from .cost import cost, shapley
+from .cost import cost
 from .groups import GROUPS, MERGED, Quantity
 from .sets import Posterior, Set, Sets, posterior
 from .unseen import Unseen
@@ -44,7 +43,7 @@ class Asked:
 
 
 def claims(asked: Asked) -> tuple[Claim, ...]:
-    """Those with the largest share first; none where nothing is surely wrong."""
+    """Those with the largest cost first; none where nothing is surely wrong."""
     of, policy = asked.sets, asked.sets.policy.claims
     found = posterior(of, asked.seed)
     together = _together(found, policy.unsure)
@@ -59,10 +58,8 @@ def claims(asked: Asked) -> tuple[Claim, ...]:
     costs = {part: cost(losses, every, part) for part in believed}
     held = [part for part, p in believed.items() if _costly(costs[part], p, policy)
             and _beyond_what_is_stated(of, part)]
-    shares = _shares(losses, held, every)
-    out = [_claim(asked, part, believed[part], costs[part], shares[part],
-                  found) for part in held]
-    return tuple(sorted(out, key=lambda c: -c.share))
+    out = [_claim(asked, part, believed[part], costs[part], found) for part in held]
+    return tuple(sorted(out, key=lambda c: -c.cost[0]))
 
 
 def _costly(cost: Cost, probability: float, policy: ClaimPolicy) -> bool:
@@ -81,22 +78,6 @@ def _together(found: Posterior, by: float) -> list[Set]:
     return [pair for pair in MERGED if pair <= set(found.groups) and unsure(pair)]
 
 
-def _shares(losses: Callable[[Set], FloatArray], parts: Sequence[Set], every: Set
-            ) -> dict[Set, float]:
-    """Of what the claimed groups take away together, beside what else has moved."""
-    rest = every - frozenset().union(*parts)
-    names = [" + ".join(sorted(part)) for part in parts]
-    of = dict(zip(names, parts, strict=True))
-
-    def union(some: Sequence[str]) -> Set:
-        return rest.union(*(of[n] for n in some))
-
-    value = {frozenset(some): -float(losses(union(some)).sum())
-             for k in range(len(names) + 1) for some in combinations(names, k)}
-    found = shapley(value, names) if names else {}
-    return {of[n]: share for n, share in found.items()}
-
-
 def _beyond_what_is_stated(of: Sets, part: Set) -> bool:
     """Whether a parameter has left what the file says it may be; True where it says nothing."""
     point = of.full
@@ -107,7 +88,7 @@ def _beyond_what_is_stated(of: Sets, part: Set) -> bool:
 
 
 def _claim(asked: Asked, part: Set, probability: float, costs: Cost,
-           share: float, found: Posterior) -> Claim:
+           found: Posterior) -> Claim:
     of, policy = asked.sets, asked.sets.policy
     names = tuple(n for g in sorted(part) for n in of.names(g))
     known = [GROUPS[g] for g in sorted(part)]
@@ -118,7 +99,7 @@ def _claim(asked: Asked, part: Set, probability: float, costs: Cost,
     mine = starting(of.full, names)
     tangent = towards_null(of.full, mine)
     secants = replace(asked.secants, tangent={group: tangent}, coordinates={group: mine})
-    return Claim(group, title, names, probability, changes(asked, names, quantities), costs, share,
+    return Claim(group, title, names, probability, changes(asked, names, quantities), costs,
                  like, " ".join(k.experiment for k in known),
                  constancy(secants, group, policy.grade, asked.seed))
 

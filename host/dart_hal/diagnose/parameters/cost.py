@@ -1,7 +1,6 @@
-"""What a group is worth on recordings that no fit has seen, and its share among the claimed ones.
+"""What a group is worth on recordings that no fit has seen.
 
     l_g^2 = sum rho(r) without g / sum rho(r) with all     g at its old value, all else fitted anew
-    share_g = Shapley value of g in -sum rho(r) over subsets of the claimed groups, of all of it
 
 r: whitened errors of the motion in the test recordings, rho: the loss of the fits, for a spin that
 no model follows must not outweigh all the rest. All: the groups that are believed to have been
@@ -15,9 +14,7 @@ long ones say more truly how far other driving may be off than many short ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from itertools import combinations
-from math import factorial
+from collections.abc import Callable
 
 import numpy as np
 
@@ -49,16 +46,3 @@ def ratio(with_all: FloatArray, without: FloatArray) -> Cost:
     error = float(np.sqrt(n / (n - 1) * (rest @ rest))) / max(without.sum(), 1e-12)
     reach = np.exp(0.5 * float(stdtrit(n - 1, LEVEL)) * error)
     return value, value / float(reach), value * float(reach)
-
-
-def shapley(value: Mapping[Set, float], groups: Sequence[str]) -> dict[str, float]:
-    """Shares of value(all) - value(none); value: of every subset of the groups."""
-    n = len(groups)
-    out = {}
-    for g in groups:
-        others = [o for o in groups if o != g]
-        out[g] = sum(factorial(k) * factorial(n - k - 1) / factorial(n)
-                     * (value[frozenset({*s, g})] - value[frozenset(s)])
-                     for k in range(n) for s in combinations(others, k))
-    total = value[frozenset(groups)] - value[frozenset()]
-    return {g: v / total if total else 0.0 for g, v in out.items()}

@@ -87,9 +87,9 @@ def claims_section(d: Diagnosis) -> Html:
     """Describe parameters of the model that were wrong; "" for none."""
     if not d.claims:
         return Html()
-    head = ("group", "quantity", "before", "after", "probability", "errors without it", "share")
+    head = ("group", "quantity", "before", "after", "probability", "errors without it")
     rows = [(c.title, name, significant(q.before), quantity(Number(q.after, q.std, q.unit)),
-             f"{c.probability:.2f}", f"x {c.cost[0]:.2f}", percent(max(c.share, 0.0)))
+             f"{c.probability:.2f}", f"x {c.cost[0]:.2f}")
             for c in d.claims for name, q in c.quantities.items()]
     cards = (join([_four_sentences(describe_claim(c), True),
                    page.figures([*pictures(c, d), *_changes(c)])]) for c in d.claims)
@@ -97,8 +97,7 @@ def claims_section(d: Diagnosis) -> Html:
         "Numbers", table(head, rows, 2),
         page.soft("Errors without it: those of the motion on the test recordings with the group "
                   "at its old value over those with all groups estimated again, each the root of "
-                  "the robust loss that the fits lower. Share: its Shapley value in the loss "
-                  "reduction of all of them there."))])
+                  "the robust loss that the fits lower."))])
 
 
 def _changes(c: Claim) -> list[Html]:

@@ -135,13 +135,12 @@ def gains(d: Diagnosis) -> Html:
 def considered(d: Diagnosis) -> Html:
     """Tabulate effects that were not accepted, and why; those with a loss below 1 in one line."""
     ordered = sorted(d.considered, key=lambda c: (-_or_low(c.loss), c.effect))
-    rows = [(c.effect, title(c.effect), significant(c.loss), significant(c.held_out),
+    rows = [(c.effect, title(c.effect), significant(c.loss),
              p_value(c.p_value), c.why_not) for c in ordered if not _nothing(c)]
     idle: dict[str, list[str]] = {}
     for c in filter(_nothing, ordered):
         idle.setdefault(c.why_not, []).append(f"{c.effect} ({significant(c.loss)})")
-    head = ("effect", "the car ...", "loss reduction", "on held-out stretches", "p",
-            "why not accepted")
+    head = ("effect", "the car ...", "loss reduction", "p", "why not accepted")
     return join([table(head, rows), *(
         page.soft(f"Loss reduction below 1 ({why}): {', '.join(names)}.")
         for why, names in idle.items()), page.text(

@@ -43,8 +43,7 @@ class SearchResult:
     """What a search has found.
 
     given: the model as it is, at the timing that suits it best. points: the fitted
-    base, with one effect more each, and if that is better the fit from where the
-    search has ended. ranking: trials of the first round.
+    base, and with one effect more each. ranking: trials of the first round.
 
     noise: that of the residuals of the last point, from which the causes are taken. A cause that is
     part of the noise has little weight in the very directions in which it shows, and what is left
@@ -132,7 +131,6 @@ class Search:
                       fixed_effects=effect_names(self.base))
         given = refit(self._evidence, noise, fixed, fixed.point(point.timing))
         base, base_noise, first = point, noise, tuple[Trial, ...]()
-        failed: dict[str, float] = {}
         named, rejected = list[Named](), tuple[Rejected, ...]()
         while len(named) < s.max_causes or not first:
             trials: Sequence[Trial] = self._scan(point)
@@ -141,14 +139,13 @@ class Search:
                 break
             point, noise, trials, explanations = self._sharpened(point, noise, trials)
             step = select(self._evidence, point, trials,
-                          partial(self._with, noise), s, failed, explanations)
+                          partial(self._with, noise), s, explanations)
             rejected = step.rejected
-            new = step.accepted[:s.max_causes - len(named)]
-            if not new:
+            if step.accepted is None:
                 break
-            fitted = self._union([candidate for _, candidate in new])
-            point, noise = self._settle(*fitted)
-            point, noise, named = self._pruned(point, noise, named, [one for one, _ in new])
+            one, candidate = step.accepted
+            point, noise = self._settle(candidate.space, candidate.timing, candidate.x)
+            point, noise, named = self._pruned(point, noise, named, one)
         alike: Callable[[Named], Named] = _as_it_is
         if len(named) > 1 or self._dropped:
             named = self._weighed(point, noise, named)
@@ -158,8 +155,7 @@ class Search:
         effects = [one.effect for one in named]
         noise = select_noise(effects, noise, base_noise)
         points = self.steps(base, point, noise, effects)
-        return SearchResult(given, (*points, *self._jointly(points[-1], point, noise)), noise,
-                            base_noise, tuple(named), rejected, first, alike)
+        return SearchResult(given, points, noise, base_noise, tuple(named), rejected, first, alike)
 
     def steps(self, base: Point, point: Point, noise: Noise, effects: Sequence[str]
               ) -> tuple[Point, ...]:
@@ -202,19 +198,6 @@ class Search:
         first = refit_near(self._evidence, noise, space, x, point)
         noise = self._measured(first.vehicle, first.timing)
         return refit_near(self._evidence, noise, space, first.x, first)
-
-    def _jointly(self, near: Point, point: Point, noise: Noise) -> tuple[Point, ...]:
-        """The fit from where the search has ended, if it is better than the last of the steps.
-
-        That is, if the motion is surely better told: for what a sensor gains the car
-        is not moved.
-        """
-        far = refit(self._evidence, noise, point.space, point.x, point, jobs=self._settings.jobs)
-        policy = self._settings.policy
-        motion = rows_at(self._evidence, point, policy).channel >= 0
-        losses = [float(p.weight[motion] @ p.noise.loss(p.residual[motion]))
-                + p.prior(np.zeros(len(p.x))) for p in (near, far)]
-        return (far,) if losses[1] < losses[0] - policy.naming.joint else ()
 
     def _settle(self, space: Space, timing: Timing,
                 x: FloatArray | None = None) -> tuple[Point, Noise]:
@@ -314,17 +297,6 @@ class Search:
         return refit_with(self._evidence, noise, space, start, point,
                           trial.residual.astype(np.float64))
 
-    def _union(self, fits: Sequence[Point]) -> tuple[Space, Timing, FloatArray]:
-        """Where to start a fit with the effects of several, each fitted alone."""
-        vehicle, has = fits[0].vehicle, {a.name for a in fits[0].vehicle.effects}
-        for other in fits[1:]:
-            for a in other.vehicle.effects:
-                if a.name not in has:
-                    values = zip(a.effect.parameters, a.values, strict=True)
-                    vehicle = apply(vehicle, a.name, **{q.name: v for q, v in values})
-        space, timing = self.make_space(vehicle), fits[0].timing
-        return space, timing, space.start(vehicle, timing)
-
     def make_space(self, vehicle: Vehicle) -> Space:
         """Around the base, with the effects of a vehicle at their null.
 
@@ -335,11 +307,11 @@ class Search:
         return Space(with_nulls(self.base, vehicle.effects), s.free, s.known, self._evidence.late,
                      s.policy.prior, self._loose, () if s.refit else effect_names(self.base))
 
-    def _pruned(self, point: Point, noise: Noise, named: list[Named], new: list[Named]
-                 ) -> tuple[Point, Noise, list[Named]]:
-        """Add the new ones, drop what the best of them has made superfluous."""
-        doubted, named = [*named, *new[1:]], [*named, *new]
-        for one in doubted:
+    def _pruned(self, point: Point, noise: Noise, before: list[Named], new: Named
+                ) -> tuple[Point, Noise, list[Named]]:
+        """Add a new one, drop what it has made superfluous."""
+        named = [*before, new]
+        for one in before:
             mine = [f"{one.effect}.{q.name}" for q in catalogue()[one.effect].parameters]
             if point.wald(mine) > self._settings.policy.naming.sure * one.threshold:
                 continue

@@ -1,0 +1,14 @@
+"""What smoothing leaves of a turn looks like an IMU that sits elsewhere, and is not accepted."""
+
+from __future__ import annotations
+
+import pytest
+from campaign import ask, run
+from campaign_cases import cases
+
+
+@pytest.mark.more
+def test_what_smoothing_leaves_of_a_turn_is_no_lever_arm():
+    """A drive in which nothing is hidden, commands in step with the messages."""
+    case = next(c for c in cases(["null"]) if c.seed == 77)
+    assert run(case, asked=ask)["causes"] == []
