@@ -118,10 +118,11 @@ def letters(monkeypatch):
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
                              steps=lambda base, at, noise, kept: (base, *kept))
 
-    def run(probabilities, names, impossible=lambda fit, name: ""):
+    def run(probabilities, names, impossible=lambda fit, name: "", ratios=lambda fit, name: 1.1):
         monkeypatch.setattr(accept, "grades", lambda of, kept, *rest: dict(
             zip(kept, probabilities.get(of, (0.5,) * len(of)), strict=True)))
-        how = accept.Acceptance(search, None, USUAL, 0, impossible)
+        how = accept.Acceptance(search, None, USUAL, 0, impossible, lambda fit, without: {
+            n: (ratios(fit, n), 0.9, 1.3) for n in without})
         return accept_effects(how, ("", *names), "", None, names)
 
     return run
@@ -134,20 +135,44 @@ def test_effect_comes_back_that_was_dropped_before_what_hid_it(letters):
     assert found.names == ("a", "b")
     assert [found.grades[n].probability for n in "ab"] == [0.99, 0.98]
     assert {n: one.probability for n, one in found.rejected.items()} == {"c": 0.7, "d": 0.1}
-    assert found.without == {"a": "b", "b": "a"}
+    assert set(found.costs) == set("ab")
+
+
+@pytest.mark.parametrize(("ratio", "accepted"), [(1.001, "ab"), (1.0, "b"), (0.999, "b")])
+def test_effect_that_lowers_no_error_of_the_test_recordings_is_vetoed(ratio, accepted, letters):
+    """Its interval may include 1, for a small effect lowers errors little; predictions that are
+    the same are no evidence."""
+    found = letters({"ab": (0.99, 0.99), "b": (0.98,)}, "ab",
+                    ratios=lambda fit, name: ratio if name == "a" else 1.1)
+    assert "".join(found.names) == accepted
+    for one in found.rejected.values():
+        assert f"{ratio:.3f} [0.900, 1.300] times as large without it" in one.why
+
+
+def test_effect_does_not_come_back_against_a_veto(letters):
+    """a was improbable beside c; without c it is probable, and missed or not."""
+    probabilities = {"ac": (0.9, 0.8), "a": (0.5,), "abc": (0.9, 0.8, 0.7), "ab": (0.98, 0.98),
+                     "b": (0.99,), "bc": (0.9, 0.6)}
+    for ratio, names in ((1.1, ("a", "b")), (0.9, ("b",))):
+        found = letters(probabilities, "abc", ratios=lambda fit, n, r=ratio: r if n == "a" else 1.1)
+        assert found.names == names
 
 
 @pytest.mark.cpu(30)
-def test_test_recordings_select_nothing():
-    """In one the effect is not there at all, so errors are larger with it: it is reported so."""
+def test_test_recordings_only_veto():
+    """In one the effect is not there at all, so errors are larger with it."""
     train, same, without = (drive(*hidden, seconds=30.0, seed=s) for s, hidden in (
         (3, [("gyro_scale", 0.05)]), (4, [("gyro_scale", 0.05)]), (4, [])))
     file, p = find_model("paper")
     found, other = (diagnose(file, p, [train], [test], refit=False,
                              only=("gyro_scale", "gyro_bias")) for test in (same, without))
     assert [c.effect for c in found.causes] == ["gyro_scale"]
-    assert [c.parameters for c in other.causes] == [c.parameters for c in found.causes]
-    assert found.causes[0].cost[0] > 1.0 > other.causes[0].cost[0]
+    assert found.causes[0].cost[0] > 1.0
+    assert not other.causes
+    one, = other.possible
+    assert one.effect == "gyro_scale"
+    assert one.grade == "likely"
+    assert accept.VETO in one.why
 
 
 @pytest.mark.parametrize(("probability", "accepted"), [(0.97, True), (0.96, False)])

@@ -93,7 +93,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     unseen = Unseen(q.test.evidence, found.point, q.settings.policy)
     predicting = partial(as_predicted, q, (found.point.timing, unseen.timing(found.point)))
     how = Acceptance(q.search, q.train.evidence, q.settings.policy, q.settings.seed,
-                     impossible_size)
+                     impossible_size, partial(compute_costs, unseen))
     accepted = accept_effects(how, points, found.point, found.noise, [n.effect for n in named])
     noise = select_noise(accepted.names, found.noise, found.base_noise)
     if accepted.names and not np.array_equal(noise.motion, found.noise.motion):
@@ -105,7 +105,6 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         points, named = accepted.points, tuple(n for n in named if n.effect in accepted.names)
         at = _mounted(q, points[-1], noise)
         left = _left(q, at)
-    costs = compute_costs(unseen, points[-1], accepted.without)
     last = points[-1]
     fits = make_equal_fits(q.search, q.train, found.base.noise, partial(as_logged, q),
                            q.settings.jobs)
@@ -115,7 +114,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     gains = dict(zip(accepted.names, compute_gains(
         q.train, q.test, q.settings, unseen, predicting, accepted.names, finals), strict=True))
     stages = _stages(q, found.given, finals, named, predicting, unseen)
-    causes = tuple(_cause(q, one, last, final, accepted, costs[one.effect], gains[one.effect])
+    causes = tuple(_cause(q, one, last, final, accepted, gains[one.effect])
                    for one in _told_apart(q, found, named))
     moved = _moved(q, final)
     claimed = _claims(q, last, final, unseen) if q.refit else ()
@@ -261,7 +260,7 @@ def _told_apart(q: Question, found: SearchResult, named: Sequence[Named]) -> lis
     return [alike[one.effect] for one in named]
 
 
-def _cause(q: Question, named: Named, last: Point, final: FinalFit, accepted: Accepted, cost: Cost,
+def _cause(q: Question, named: Named, last: Point, final: FinalFit, accepted: Accepted,
            gain: Gained) -> Cause:
     """One cause, its numbers at the end. last: the fit by which its sizes in each recording are."""
     effect = catalogue()[named.effect]
@@ -272,7 +271,7 @@ def _cause(q: Question, named: Named, last: Point, final: FinalFit, accepted: Ac
         numbers[parameter.name] = Number(size, error_of_size(size - parameter.null,
                                                              final.stds[key]),
                                          parameter.unit, parameter.null)
-    grade = accepted.grades[effect.name]
+    grade, cost = accepted.grades[effect.name], accepted.costs[effect.name]
     first = effect.parameters[0]
     share = ((float(value(last.vehicle, f"{effect.name}.{first.name}")) - first.null)
              / (numbers[first.name].value - first.null or math.nan))

@@ -1,10 +1,13 @@
 """Accept effects: those that data left out of the fit of their size support.
 
-Everything is decided on the training recordings. The test recordings only report.
+The training recordings fit and select. The test recordings can only veto: an effect without which
+their errors are no larger is not accepted. What a base is wrong about is the same in all stretches
+of one drive, and may look like an effect in each of them, but not in another drive.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -12,7 +15,7 @@ from typing import NamedTuple
 from ..evidence.noise import Noise
 from ..evidence.residuals import Evidence
 from ..policy import Policy
-from ..result import Constancy
+from ..result import Constancy, Cost
 from ..search.fit import Point
 from ..search.forward import Search
 from .bag import grades, sizes
@@ -20,6 +23,7 @@ from .constancy import constancy
 from .secants import Secants, secants
 
 IMPROBABLE = "too few of the data left out from its size want it beside the others"
+VETO = "it does not lower the errors on the test recordings"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,13 +48,13 @@ class Rejection(NamedTuple):
 class Accepted:
     """Accepted effects in the order of their gain.
 
-    points: the base, and the fits with one effect more each; without: the fit without each effect;
-    rejected: by effect.
+    points: the base, and the fits with one effect more each; costs: errors of the test recordings
+    without each effect over those with all; rejected: by effect.
     """
 
     names: tuple[str, ...]
     points: tuple[Point, ...]
-    without: Mapping[str, Point]
+    costs: Mapping[str, Cost]
     grades: Mapping[str, Grade]
     constancy: Mapping[str, Constancy]
     rejected: Mapping[str, Rejection]
@@ -60,7 +64,9 @@ class Accepted:
 class Acceptance:
     """What it takes to accept: the search that made the fits, and the training evidence.
 
-    impossible(fit, name): why no car has the size that an effect has there, or "".
+    impossible(fit, name): why no car has the size that an effect has there, or "". costs(fit,
+    without): errors of the test recordings by the fits without one effect each, over those of the
+    fit with all.
     """
 
     search: Search
@@ -68,19 +74,22 @@ class Acceptance:
     policy: Policy
     seed: int
     impossible: Callable[[Point, str], str]
+    costs: Callable[[Point, Mapping[str, Point]], Mapping[str, Cost]]
 
 
 def accept_effects(how: Acceptance, points: Sequence[Point], at: Point, noise: Noise,
                    names: Sequence[str]) -> Accepted:
-    """Drop one effect at a time until all are confident and have sizes that a car can have.
+    """Drop one effect at a time until all are confident, possible and without a veto.
 
     points: the base, and with one effect more each; at: where the search has ended; names: of the
     effects, the largest gain first.
 
     1. Drop an effect with an impossible size, else the least probable one, and fit the others
        again: an effect that is dropped may have been what hid another.
-    2. Take those back, the one with the largest gain first, with which all are confident: what made
-       them improbable may have been dropped after them.
+    2. Where all are probable, drop the one that the test recordings miss least, if they do not miss
+       it at all.
+    3. Take improbable ones back, the one with the largest gain first, with which all are confident:
+       what made them improbable may have been dropped after them.
     """
     if not names:
         return Accepted((), (points[0],), {}, {}, {}, {})
@@ -93,7 +102,7 @@ def accept_effects(how: Acceptance, points: Sequence[Point], at: Point, noise: N
     if kept.fit is not points[-1]:
         steps = (*how.search.steps(points[0], at, noise, kept.names[:-1]), kept.fit)
     return Accepted(kept.names, tuple(steps),
-                    {n: fits.fit(set(kept.names) - {n}, kept.fit) for n in kept.names},
+                    fits.costs(kept),
                     {n: Grade(p, sizes(kept.of, n)) for n, p in kept.probability.items()},
                     {n: constancy(kept.of, n, how.policy.grade, how.seed) for n in kept.names},
                     rejected)
@@ -140,20 +149,29 @@ class _Fits:
         return self.graded(self._ordered(names), self.fit(names, near))
 
     def drop(self, those: _Graded) -> tuple[_Graded, dict[str, Rejection]]:
-        """Drop effects until the rest are confident and possible."""
+        """Drop effects until the rest are confident, possible and without a veto."""
         rejected: dict[str, Rejection] = {}
         while those.names:
             whys = {n: why for n in those.names if (why := self.how.impossible(those.fit, n))}
             worst = min(whys or those.names, key=lambda n: those.probability[n])
             if not whys and self._are_confident(those):
-                break
+                costs = self.costs(those)
+                worst = min(costs, key=lambda n: costs[n][0])
+                if costs[worst][0] > 1.0:
+                    break
+                whys = {worst: describe_veto(costs[worst])}
             rejected[worst] = Rejection(those.probability[worst], whys.get(worst, IMPROBABLE))
             those = self.of(set(those.names) - {worst}, those.fit)
         return those, rejected
 
+    def costs(self, those: _Graded) -> Mapping[str, Cost]:
+        """Errors of the test recordings without each effect, over those with all."""
+        return self.how.costs(those.fit, {n: self.fit(set(those.names) - {n}, those.fit)
+                                          for n in those.names})
+
     def take_back(self, those: _Graded, rejected: Mapping[str, Rejection]
                   ) -> tuple[_Graded, dict[str, Rejection]]:
-        """Add each improbable effect with which all are confident and possible."""
+        """Add each improbable effect with which all are so."""
         away = dict(rejected)
         for name in self.names:
             one = rejected.get(name)
@@ -161,7 +179,8 @@ class _Fits:
                     or one.probability < self.how.policy.grade.possible):
                 continue
             more = self.of({*those.names, name}, those.fit)
-            if self._are_confident(more) and not self.how.impossible(more.fit, name):
+            if (self._are_confident(more) and not self.how.impossible(more.fit, name)
+                    and min(cost[0] for cost in self.costs(more).values()) > 1.0):
                 those = more
                 del away[name]
         return those, away
@@ -171,6 +190,13 @@ class _Fits:
 
     def _are_confident(self, those: _Graded) -> bool:
         return all(p >= self.how.policy.grade.confident for p in those.probability.values())
+
+
+def describe_veto(cost: Cost) -> str:
+    """Why an effect is dropped that does not lower errors, with the figures."""
+    ratio, low, high = cost
+    between = f" [{low:.3f}, {high:.3f}]" if math.isfinite(low) else ""
+    return f"{VETO}: they are {ratio:.3f}{between} times as large without it"
 
 
 def impossible_size(fit: Point, name: str) -> str:
