@@ -118,11 +118,12 @@ def letters(monkeypatch):
     search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
                              steps=lambda base, at, noise, kept: (base, *kept))
 
-    def run(probabilities, names, impossible=lambda fit, name: "", ratios=lambda fit, name: 1.1):
+    def run(probabilities, names, impossible=lambda fit, name: "", ratios=lambda fit, name: 1.1,
+            low=0.9):
         monkeypatch.setattr(accept, "grades", lambda of, kept, *rest: dict(
             zip(kept, probabilities.get(of, (0.5,) * len(of)), strict=True)))
         how = accept.Acceptance(search, None, USUAL, 0, impossible, lambda fit, without: {
-            n: (ratios(fit, n), 0.9, 1.3) for n in without})
+            n: (ratios(fit, n), low, 1.3) for n in without})
         return accept_effects(how, ("", *names), "", None, names)
 
     return run
@@ -151,8 +152,7 @@ def test_effect_that_lowers_no_error_of_the_test_recordings_is_vetoed(ratio, acc
 
 def test_effect_does_not_come_back_against_a_veto(letters):
     """a was improbable beside c; without c it is probable, and missed or not."""
-    probabilities = {"ac": (0.9, 0.8), "a": (0.5,), "abc": (0.9, 0.8, 0.7), "ab": (0.98, 0.98),
-                     "b": (0.99,), "bc": (0.9, 0.6)}
+    probabilities = {"abc": (0.7, 0.9, 0.75), "bc": (0.9, 0.6), "b": (0.99,), "ab": (0.98, 0.98)}
     for ratio, names in ((1.1, ("a", "b")), (0.9, ("b",))):
         found = letters(probabilities, "abc", ratios=lambda fit, n, r=ratio: r if n == "a" else 1.1)
         assert found.names == names
@@ -175,10 +175,11 @@ def test_test_recordings_only_veto():
     assert accept.VETO in one.why
 
 
-@pytest.mark.parametrize(("probability", "accepted"), [(0.97, True), (0.96, False)])
-def test_effect_is_accepted_where_data_left_out_support_it_confidently(probability, accepted,
-                                                                       letters):
-    found = letters({"a": (probability,)}, "a")
+@pytest.mark.parametrize(("probability", "low", "accepted"), [
+    (0.97, 0.9, True), (0.96, 0.9, False), (0.96, 1.01, True), (0.79, 1.01, False)])
+def test_likely_effect_needs_the_interval_of_the_test_recordings(probability, low, accepted,
+                                                                 letters):
+    found = letters({"a": (probability,)}, "a", low=low)
     assert found.names == (("a",) if accepted else ())
     assert accepted or found.rejected["a"].probability == probability
 

@@ -64,4 +64,4 @@ def test_parameters_that_a_drive_does_not_tell_are_not_called_found(tmp_path):
     sides = checked([replace(misled, messages=lie)], [turning], base)
     found = diagnose(file, base, sides.train, sides.test, max_causes=0)
     assert found.verdict != "parameters_only"
-    assert any("worse" in note and "yaw_rate" in note for note in found.notes)
+    assert any("worse" in note and "yaw rate" in note for note in found.notes)

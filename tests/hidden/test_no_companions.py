@@ -32,7 +32,7 @@ def test_a_drag_along_the_wheels_is_one_cause(seed):
 
 def test_without_the_grade_there_are_more_names():
     """The negative control."""
-    every = replace(USUAL, grade=replace(USUAL.grade, shown=0.0))
+    every = replace(USUAL, grade=replace(USUAL.grade, likely=0.0, confident=0.0))
     answer = run(Case("fixed", 100, (("cornering_drag", SIZES["cornering_drag"][1]),)),
                  asked=lambda *files: ask(*files, policy=every))
     assert len(answer["causes"]) > 1

@@ -107,9 +107,9 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         left = _left(q, at)
     last = points[-1]
     fits = make_equal_fits(q.search, q.train, found.base.noise, partial(as_logged, q),
-                           q.settings.jobs)
-    finals = make_final_fits(fits, points, lambda point: covariance(point, _blocks(q, point)),
-                             q.settings.policy.blocks.units if q.refit else sys.maxsize)
+                           q.settings.jobs,
+                           q.settings.policy.blocks.units if q.refit else sys.maxsize)
+    finals = make_final_fits(fits, points, lambda point: covariance(point, _blocks(q, point)))
     final = finals[-1]
     gains = dict(zip(accepted.names, compute_gains(
         q.train, q.test, q.settings, unseen, predicting, accepted.names, finals), strict=True))

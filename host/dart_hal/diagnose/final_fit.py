@@ -82,7 +82,10 @@ class _Fold:
 
 @dataclass(frozen=True, slots=True)
 class EqualFits:
-    """Fits of the motion in which every recording has the same weight, see ``make_equal_fits``."""
+    """Fits of the motion in which every recording has the same weight, see ``make_equal_fits``.
+
+    least_recordings: with fewer, fits by the noise are reported.
+    """
 
     search: Search
     evidence: Evidence
@@ -90,6 +93,7 @@ class EqualFits:
     as_logged: Callable[[Point], Vehicle]
     noise: Noise
     jobs: int
+    least_recordings: int
 
     def fit(self, vehicle: Vehicle, near: Point, passes: int = LATER_PASSES) -> Point:
         """Fit a vehicle from a fit nearby, weights measured before each pass."""
@@ -115,6 +119,16 @@ class EqualFits:
         return JudgedFit(fit, np.array([np.sqrt(np.mean(e**2, axis=1)) for e in errors]),
                          np.array([one.x for one in fits]))
 
+    def select(self, equal: JudgedFit) -> JudgedFit:
+        """The fit itself, or that by the noise if this predicts recordings left out better.
+
+        Of few recordings always that by the noise: one left out is a large part of them.
+        """
+        by_noise = self.judge(self.fit_by_noise(equal.fit))
+        if len(self.folds) < self.least_recordings:
+            return by_noise
+        return min(by_noise, equal, key=lambda one: one.criterion)
+
 
 def error_of_size(size: float, sampling: float) -> float:
     """Return the standard error of an effect's size: by sampling, and by its form in the car.
@@ -126,7 +140,8 @@ def error_of_size(size: float, sampling: float) -> float:
 
 
 def make_equal_fits(search: Search, train: Side, noise: Noise,
-                    as_logged: Callable[[Point], Vehicle], jobs: int) -> EqualFits:
+                    as_logged: Callable[[Point], Vehicle], jobs: int, least_recordings: int
+                    ) -> EqualFits:
     """Prepare fits to the training recordings with motion capture.
 
     noise: of the search, with the weights of windows that overlap; as_logged: the vehicle of a fit,
@@ -134,7 +149,7 @@ def make_equal_fits(search: Search, train: Side, noise: Noise,
     """
     cases = train.prepared.cases if train.prepared else ()
     if not cases:
-        return EqualFits(search, train.evidence, (), as_logged, noise, jobs)
+        return EqualFits(search, train.evidence, (), as_logged, noise, jobs, least_recordings)
     # what an encoder reads of a slipping wheel depends on the drive force: its many messages would
     # decide the motor of a model that is only wrong about the slip
     evidence = train.evidence.motion_alone()
@@ -142,7 +157,7 @@ def make_equal_fits(search: Search, train: Side, noise: Noise,
     drives = [sha256.index(case.sha256) for case in cases]
     folds = tuple(_Fold(k, evidence.without(k), case)
                   for k, case in zip(drives, cases, strict=True))
-    return EqualFits(search, evidence, folds, as_logged, noise, jobs)
+    return EqualFits(search, evidence, folds, as_logged, noise, jobs, least_recordings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,22 +176,20 @@ class FinalFit:
 
 
 def make_final_fits(fits: EqualFits, points: Sequence[Point],
-                    compute_covariance: Callable[[Point], FloatArray], least_recordings: int
-                    ) -> list[FinalFit]:
+                    compute_covariance: Callable[[Point], FloatArray]) -> list[FinalFit]:
     """Return the fits to report, of the base and with one effect more each.
 
     points: the same by the noise of the search; compute_covariance: of one of these.
 
-    With fewer than least_recordings in fits.folds, or where the base fitted by noise predicts
-    recordings left out better, these are points. Else every recording has the same weight, and
-    standard errors are those of the jackknife over recordings.
+    With few recordings, or where the base fitted by noise predicts recordings left out better,
+    these are points. Else every recording has the same weight, and standard errors are those of the
+    jackknife over recordings.
     """
     by_noise = [_as_it_is(point, compute_covariance(point)) for point in points]
-    if len(fits.folds) < least_recordings:
+    if len(fits.folds) < fits.least_recordings:
         return by_noise
-    base = fits.fit(points[0].vehicle, points[0], FIRST_PASSES)
-    judged = fits.judge(base)
-    if judged.criterion >= fits.judge(fits.fit_by_noise(base)).criterion:
+    judged = fits.judge(fits.fit(points[0].vehicle, points[0], FIRST_PASSES))
+    if fits.select(judged) is not judged:
         return by_noise
     found = []
     for sensors in by_noise:

@@ -144,9 +144,9 @@ class GradePolicy:
     family: float = 0.5  # of its size, by which a cause may differ along a function of the state
     place: float = 1.0  # of a force, by which it may act at the steered wheels: all of it
     tail: float = 0.02  # quantile beyond which such a function is flat
-    confident: float = 0.97  # probability from which on an effect is accepted: 110 of 110 right
-    likely: float = 0.8  # from which on it is called likely: 16 of 21 right ...
-    possible: float = 0.3  # ... and below which it is not even possible
+    confident: float = 0.97  # probability of an effect: 110 of 110 right
+    likely: float = 0.8  # 16 of 21 right, 11 of the 12 that the test recordings confirm
+    possible: float = 0.3  # probability below which it is not even possible
     waves: int = 3  # half waves along each variable on which a size may depend
     period_s: float = 5.0  # s; the shortest wave along time
     time_waves: int = 48  # at most: two minutes of them

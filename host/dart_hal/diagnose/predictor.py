@@ -95,7 +95,7 @@ def find_predictor(fits: EqualFits, train: Side, test: Side, accepted: Point) ->
         fit = fits.fit(_without(fit.vehicle, [least]), fit)
         tried.append(fits.judge(fit))
     # 4. the smallest error, by either kind of weights
-    refitted = min(tried[-1], fits.judge(fits.fit_by_noise(fit)), key=lambda one: one.criterion)
+    refitted = fits.select(tried[-1])
     tried.append(fits.judge(fits.fit_by_noise(work.smallest(tried).fit)))
     # 5. the refit where the interval includes 1
     best = work.smallest(tried)

@@ -7,6 +7,8 @@ from dataclasses import replace
 import pytest
 from onboard_files import evidence, recorded
 
+from dart_hal.diagnose.grade.accept import Acceptance, accept_effects
+from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.search.forward import Search
 from dart_hal.diagnose.search.selection import Settings
 from dart_hal.recording.dart import RUN
@@ -26,8 +28,14 @@ def run(tmp_path_factory):
 
 
 def named(seen, *only):
-    found = Search(seen, PAPER, Settings(free=tuple(KNOWN), known=KNOWN, names=only)).run()
-    return [n.effect for n in found.named], found.point.vehicle.tyres.front_D / PAPER.tyres.front_D
+    """(effects that the data left out support, front_D over that of the model)."""
+    search = Search(seen, PAPER, Settings(free=tuple(KNOWN), known=KNOWN, names=only))
+    found = search.run()
+    how = Acceptance(search, seen, USUAL, 0, lambda fit, name: "",
+                     lambda fit, without: dict.fromkeys(without, (1.1, 1.05, 1.2)))
+    accepted = accept_effects(how, found.points, found.point, found.noise,
+                              [n.effect for n in found.named])
+    return list(accepted.names), found.point.vehicle.tyres.front_D / PAPER.tyres.front_D
 
 
 @pytest.mark.more

@@ -210,8 +210,9 @@ def test_what_one_recording_has_is_no_cause(recordings, everywhere):
     bias = 0.03 if everywhere else 0.0075 * recordings
     drives = [drive(*([("gyro_bias", bias)] if everywhere or not i else []), seconds=20.0,
                     seed=30 + i) for i in range(recordings)]
+    test = drive(*([("gyro_bias", bias)] if everywhere else []), seconds=20.0, seed=50)
     file, p = find_model("paper")
-    found = diagnose(file, p, drives, [drive(seconds=20.0, seed=50)], refit=False,
+    found = diagnose(file, p, drives, [test], refit=False,
                      only=["gyro_bias"], false_alarm=0.5)
     assert [c.effect for c in found.causes] == ["gyro_bias"] * everywhere
     if not everywhere:

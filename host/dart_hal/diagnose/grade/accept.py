@@ -1,8 +1,9 @@
 """Accept effects: those that data left out of the fit of their size support.
 
-The training recordings fit and select. The test recordings can only veto: an effect without which
-their errors are no larger is not accepted. What a base is wrong about is the same in all stretches
-of one drive, and may look like an effect in each of them, but not in another drive.
+The training recordings fit and select. Of an effect that they are confident of, the test recordings
+can only veto: it is not accepted if their errors are no larger without it. What a base is wrong
+about is the same in all stretches of one drive, and may look like an effect in each of them, but
+not in another drive. An effect that is likely needs their confirmation: the interval must say so.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from .constancy import constancy
 from .secants import Secants, secants
 
 IMPROBABLE = "too few of the data left out from its size want it beside the others"
-VETO = "it does not lower the errors on the test recordings"
+VETO = "it does not surely lower the errors on the test recordings"
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,16 +80,15 @@ class Acceptance:
 
 def accept_effects(how: Acceptance, points: Sequence[Point], at: Point, noise: Noise,
                    names: Sequence[str]) -> Accepted:
-    """Drop one effect at a time until all are confident, possible and without a veto.
+    """Drop one effect at a time until all are likely, possible and confirmed.
 
     points: the base, and with one effect more each; at: where the search has ended; names: of the
     effects, the largest gain first.
 
     1. Drop an effect with an impossible size, else the least probable one, and fit the others
        again: an effect that is dropped may have been what hid another.
-    2. Where all are probable, drop the one that the test recordings miss least, if they do not miss
-       it at all.
-    3. Take improbable ones back, the one with the largest gain first, with which all are confident:
+    2. Where all are likely, drop the one that the test recordings confirm least, if they do not.
+    3. Take improbable ones back, the one with the largest gain first, with which all are likely:
        what made them improbable may have been dropped after them.
     """
     if not names:
@@ -149,15 +149,16 @@ class _Fits:
         return self.graded(self._ordered(names), self.fit(names, near))
 
     def drop(self, those: _Graded) -> tuple[_Graded, dict[str, Rejection]]:
-        """Drop effects until the rest are confident, possible and without a veto."""
+        """Drop effects until the rest are likely, possible and confirmed."""
         rejected: dict[str, Rejection] = {}
         while those.names:
             whys = {n: why for n in those.names if (why := self.how.impossible(those.fit, n))}
             worst = min(whys or those.names, key=lambda n: those.probability[n])
-            if not whys and self._are_confident(those):
+            if not whys and self._are_likely(those):
                 costs = self.costs(those)
-                worst = min(costs, key=lambda n: costs[n][0])
-                if costs[worst][0] > 1.0:
+                confirmed = self._confirmed(those, costs)
+                worst = min(confirmed, key=lambda n: confirmed[n])
+                if confirmed[worst] > 1.0:
                     break
                 whys = {worst: describe_veto(costs[worst])}
             rejected[worst] = Rejection(those.probability[worst], whys.get(worst, IMPROBABLE))
@@ -179,8 +180,8 @@ class _Fits:
                     or one.probability < self.how.policy.grade.possible):
                 continue
             more = self.of({*those.names, name}, those.fit)
-            if (self._are_confident(more) and not self.how.impossible(more.fit, name)
-                    and min(cost[0] for cost in self.costs(more).values()) > 1.0):
+            if (self._are_likely(more) and not self.how.impossible(more.fit, name)
+                    and min(self._confirmed(more, self.costs(more)).values()) > 1.0):
                 those = more
                 del away[name]
         return those, away
@@ -188,12 +189,20 @@ class _Fits:
     def _ordered(self, names: Collection[str]) -> tuple[str, ...]:
         return tuple(n for n in self.names if n in names)
 
-    def _are_confident(self, those: _Graded) -> bool:
-        return all(p >= self.how.policy.grade.confident for p in those.probability.values())
+    def _are_likely(self, those: _Graded) -> bool:
+        return all(p >= self.how.policy.grade.likely for p in those.probability.values())
+
+    def _confirmed(self, those: _Graded, costs: Mapping[str, Cost]) -> dict[str, float]:
+        """What must be above 1: the ratio of a confident effect, the interval of a likely one."""
+        out = {}
+        for name, (ratio, low, _) in costs.items():
+            confident = those.probability[name] >= self.how.policy.grade.confident
+            out[name] = ratio if confident or not math.isfinite(low) else low
+        return out
 
 
 def describe_veto(cost: Cost) -> str:
-    """Why an effect is dropped that does not lower errors, with the figures."""
+    """Why an effect is dropped that the test recordings do not confirm, with the figures."""
     ratio, low, high = cost
     between = f" [{low:.3f}, {high:.3f}]" if math.isfinite(low) else ""
     return f"{VETO}: they are {ratio:.3f}{between} times as large without it"

@@ -21,8 +21,8 @@ TERMS = {
                          "without any model.",
     "probability": "Of a cause: recordings (or stretches of one) are drawn at random, the size of "
                    "the effect is fitted to them, and the others are predicted. The share of draws "
-                   "in which the prediction is better with it. Below 0.8 an effect is possible and "
-                   "not accepted.",
+                   "in which the prediction is better with it. From 0.97 on it is accepted "
+                   "unless the test recordings contradict, from 0.8 on if they confirm it.",
     "parameters that were wrong": "Groups of parameters that changed rather than not, and whose "
                                   "old values raise the errors of test recordings by 3 %: a "
                                   "posterior over sets of groups, each fitted again, averaged over "
