@@ -97,6 +97,8 @@ def test_a_constant_cause_is_constant_and_of_its_size(fitted):
 def test_a_battery_that_runs_down_is_no_constant_gain(fitted):
     found = constancy(fitted("motor_gain", "battery_fade", k=-0.3), "motor_gain", USUAL.grade, 0)
     assert not found.constant
+    assert "time" in (found.along, *found.others)
+    assert len({found.along, *found.others}) == 1 + len(found.others) <= 3
     places = [size for _, size, _ in found.curve]
     assert max(places) - min(places) > 0.5
 

@@ -80,10 +80,10 @@ class Gained:
 class Constancy:
     """Whether a size is the same throughout the training recordings.
 
-    p_value, family-wise, that a constant size would vary as much; along: what it changes
-    with most; curve: (value of it, size relative to the fitted one, its standard error).
-    change: root mean square of the change, as a share of the size. What is surer than
-    ``least[0]`` and larger than ``least[1]`` is said.
+    p_value, family-wise, that a constant size would vary as much; along: what it changes with most;
+    others: what it may change with instead, most likely first, two at most; curve: (value of along,
+    size relative to the fitted one, its standard error). change: root mean square of the change, as
+    a share of the size. What is surer than ``least[0]`` and larger than ``least[1]`` is said.
     """
 
     p_value: float
@@ -91,6 +91,7 @@ class Constancy:
     curve: tuple[tuple[float, float, float], ...]
     change: float
     least: tuple[float, float]
+    others: tuple[str, ...] = ()
 
     @property
     def constant(self) -> bool:
@@ -98,9 +99,9 @@ class Constancy:
         return self.p_value >= self.least[0] or self.change < self.least[1]
 
     def to_json(self) -> dict[str, Any]:
-        """{"constant", "p_value", "change", "changes_with" or null, "curve"}."""
+        """{"constant", "p_value", "change", "changes_with" or null, "or_with", "curve"}."""
         return {"constant": self.constant, "p_value": self.p_value, "change": self.change,
-                "changes_with": None if self.constant else self.along,
+                "changes_with": None if self.constant else self.along, "or_with": list(self.others),
                 "curve": [list(at) for at in self.curve]}
 
 
@@ -187,9 +188,8 @@ class Claim:
     def to_json(self) -> dict[str, Any]:
         """As in the list ``parameters``."""
         return {"group": self.group, "title": self.title, "parameters": list(self.parameters),
-                "probability": self.probability,
+                "probability": self.probability, "cost": _cost(self.cost),
                 "quantities": {k: c.to_json() for k, c in self.quantities.items()},
-                "cost": _cost(self.cost),
                 "cannot_be_told_from": list(self.cannot_be_told_from),
                 "experiment": self.experiment,
                 "constancy": {**self.constancy.to_json(), "constant": self.constant,

@@ -5,7 +5,8 @@
 
 d: tangent of the cause, every phi_k d with all that is free projected out; z: speed, angle,
 throttle, accelerations, time, place, heading. The null distribution of T turns the signs of blocks:
-a wind named as a slope has its period in time, warming tyres a course. How much it changes is
+a wind named as a slope has its period in time, warming tyres a course. Other variables along which
+a constant size would not vary so either are listed, most likely first. How much it changes is
 
     a = |sum_b s_kb| / sum w (P phi_k d)^2      as a share of its size, phi of unit size
 """
@@ -44,9 +45,11 @@ def constancy(of: Secants, name: str, policy: GradePolicy, seed: int) -> Constan
     null = np.sort((np.abs(signs @ blocks) / size).max(axis=1))
     found = np.abs(blocks.sum(axis=0)) / size
     best = int(found.argmax())
-    return Constancy(p_value(float(found[best]), null), names[best],
-                     _curve(of, name, names[best]), abs(float(change[best])),
-                     (policy.changes, policy.least_change))
+    p = [p_value(float(f), null) for f in found]
+    likely = [names[i] for i in np.argsort(-found) if p[i] < policy.changes]
+    others = [n for n in dict.fromkeys(likely) if n != names[best]]
+    return Constancy(p[best], names[best], _curve(of, name, names[best]), abs(float(change[best])),
+                     (policy.changes, policy.least_change), tuple(others[:2]))
 
 
 def _curve(of: Secants, name: str, along: str, bins: int = 6

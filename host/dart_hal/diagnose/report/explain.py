@@ -48,8 +48,9 @@ def _doubts(found: Cause | Claim) -> str:
     constant = found.constant if isinstance(found, Claim) else found.constancy.constant
     out = ""
     if not constant:
+        others = "".join(f", or with {variable(name)}" for name in found.constancy.others)
         out += (f" Its size changes with {variable(found.constancy.along)} "
-                f"({p_value(found.constancy.p_value)}), so it is not the whole cause.")
+                f"({p_value(found.constancy.p_value)}){others}, so it is not the whole cause.")
     if found.cannot_be_told_from:
         out += (f" These data do not distinguish it from "
                 f"{listed(found.cannot_be_told_from, 'or')}.")
