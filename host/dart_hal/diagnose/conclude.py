@@ -293,7 +293,7 @@ def _evidence(q: Question, named: Named, numbers: Mapping[str, Number], gain: Ga
         f"some effect gains what counts like {named.threshold:.0f} of this one in "
         f"{100.0 * q.settings.false_alarm:g} cases of 100",
         f"{key} is {away:.0f} standard errors from its null",
-        f"errors on recordings it has not seen are {times(cost)} without it",
+        f"errors on the test recordings are {times(cost)} without it",
         f"{gain.measure}: {removes(gain)}")
 
 
