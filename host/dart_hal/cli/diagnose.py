@@ -90,7 +90,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
     """Find what a model gets wrong on recordings, and the physical cause.
 
     A cause is an effect of the catalogue (docs/reference/effects.md) that explains the training
-    recordings and lowers errors on recordings it has not seen. Causes that cannot be
+    recordings and lowers the errors of the test recordings. Causes that cannot be
     distinguished, and structure that no effect explains, are reported. The exit status is 0
     for every verdict.
     """
