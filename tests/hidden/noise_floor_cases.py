@@ -32,6 +32,7 @@ from rich.table import Table
 from stranger import Car
 from stranger_files import COMMANDS, Habits, pair
 
+from dart_hal.diagnose.error_summaries import MAX_OVER_FLOOR
 from dart_hal.evaluate.prediction import CHANNELS
 from dart_hal.process.jobs import each
 
@@ -112,7 +113,7 @@ def make_table(found: Sequence[dict[str, Any]]) -> Table:
         if not ratios:
             continue
         low, middle, high = np.quantile(ratios, (0.1, 0.5, 0.9), axis=0)
-        above = [bool(one["floor"]) and any(one["error"][c] > 2.0 * one["floor"][c]
+        above = [bool(one["floor"]) and any(one["error"][c] > MAX_OVER_FLOOR * one["floor"][c]
                                             for c in CHANNELS) for one in of_it]
         moments = [bool(one["outliers"]) for one in of_it]
         late = [one["late"] > 0.0 for one in of_it]

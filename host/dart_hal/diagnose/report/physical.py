@@ -8,8 +8,8 @@ from collections.abc import Callable, Mapping
 from dart_hal.diagnose.result import Cause, Number
 from dart_hal.report.numbers import significant, with_error
 from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.parameters import GRAVITY
 
-GRAVITY = 9.81  # m/s2
 SCALES: Mapping[str, tuple[float, str]] = {
     "relative": (100.0, "%"), "1/100 s": (100.0, "%"), "s": (1000.0, "ms"), "m": (1000.0, "mm"),
     "-": (1.0, ""), "share": (1.0, "")}
