@@ -41,7 +41,7 @@ def show(d: Diagnosis) -> None:
     for i, cause in enumerate(d.causes):
         say(f"{i + 1}. {cause.effect}: {' '.join(describe_cause(d, i).values())}")
     for p in d.possible:
-        say(f"possible: {possible(p)}", style="dim")
+        say(f"not accepted: {possible(p)}", style="dim")
     for u in d.unexplained:
         say(f"not explained: {structure(u)}", style="yellow")
     for o in d.outliers:

@@ -137,7 +137,7 @@ class GradePolicy:
     """How sure a name is, and whether its size is constant."""
 
     draws: int = 400  # of units; P = 0.97 is known to 0.01
-    own: int = 4  # recordings, from which on each is a unit; of three, 2 in 9 draws leave out none
+    recording_units: int = 4  # recordings, from which on each is a unit; 2 in 9 draws of 3 have all
     recordings: int = 6  # from which on their signs are turned, as ``BlockPolicy.units``
     units: int = 16  # stretches of time, where recordings are fewer ...
     block_s: float = 2.0  # s ... and no shorter than this, as ``BlockPolicy.seconds``

@@ -113,7 +113,7 @@ class Cause:
     recordings; experiment: the drive that would tell it from its like.
     gain: of the channel where it shows most; cost: root of the robust loss of the test recordings
     without it over that with all causes, at the timing that suits them, and its 90 % interval.
-    probability: share of bags of recordings whose rest wants it; sizes: (size
+    probability: share of draws whose rest is predicted better with it; sizes: (size
     relative to the fitted one, standard error) by training recording.
     """
 

@@ -43,6 +43,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
              progress: Progress | None = None) -> Diagnosis:
     """Find what the model lacks in the training recordings, and measure it on the test ones.
 
+    The training recordings fit and select; the test recordings report, and can veto an effect.
+
     model, vehicle: as ``find_model`` gives them. train, test: as
     ``inputs.checked`` gives them: all with motion capture, or all without.
     refit: the parameters of the model are estimated anew before anything is

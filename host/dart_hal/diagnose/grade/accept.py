@@ -1,9 +1,9 @@
-"""Accept effects: those that data left out of the fit of their size support.
+"""Accept effects that data left out of their fit support.
 
-The training recordings fit and select. Of an effect that they are confident of, the test recordings
-can only veto: it is not accepted if their errors are no larger without it. What a base is wrong
-about is the same in all stretches of one drive, and may look like an effect in each of them, but
-not in another drive. An effect that is likely needs their confirmation: the interval must say so.
+The training recordings fit and select. The test recordings can only veto a confident effect: it is
+not accepted if their errors are no larger without it. An error of the base is the same in all
+stretches of one drive, and may look like an effect in each of them, but not in another drive. A
+likely effect needs confirmation: the interval of that ratio must lie above 1.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from .bag import grades, sizes
 from .constancy import constancy
 from .secants import Secants, secants
 
-IMPROBABLE = "too few of the data left out from its size want it beside the others"
-VETO = "it does not surely lower the errors on the test recordings"
+IMPROBABLE = "too few of the data left out of its fit are predicted better with it"
+VETO = "the test recordings do not confirm it"
 
 
 @dataclass(frozen=True, slots=True)
 class Grade:
-    """Share of draws in which data left out from its size want an effect.
+    """Share of draws in which data left out of the fit are predicted better with an effect.
 
     sizes: by recording, (size relative to the fitted one, its standard error).
     """
@@ -172,7 +172,7 @@ class _Fits:
 
     def take_back(self, those: _Graded, rejected: Mapping[str, Rejection]
                   ) -> tuple[_Graded, dict[str, Rejection]]:
-        """Add each improbable effect with which all are so."""
+        """Add each improbable effect with which all are likely, possible and confirmed."""
         away = dict(rejected)
         for name in self.names:
             one = rejected.get(name)
@@ -205,7 +205,7 @@ def describe_veto(cost: Cost) -> str:
     """Why an effect is dropped that the test recordings do not confirm, with the figures."""
     ratio, low, high = cost
     between = f" [{low:.3f}, {high:.3f}]" if math.isfinite(low) else ""
-    return f"{VETO}: they are {ratio:.3f}{between} times as large without it"
+    return f"{VETO}: their errors are {ratio:.3f}{between} times as large without it"
 
 
 def impossible_size(fit: Point, name: str) -> str:

@@ -1,4 +1,4 @@
-"""How sure a name is: does the effect lower the loss on data left out from its size?
+"""How sure a name is: does the effect lower the loss on data left out of its fit?
 
 Around the last fit everything is linear. For a draw of units (recordings, or stretches of one) with
 counts c_u, the bag, the units u that were not drawn judge:

@@ -79,7 +79,7 @@ def towards_null(point: Point, mine: Sequence[int]) -> FloatArray:
 
 def units(evidence: Evidence, rows: RowLabels, point: Point, policy: GradePolicy) -> IntArray:
     """(N,) recordings, where there are enough; else stretches of time of each."""
-    if int(rows.recording.max()) + 1 >= policy.own:
+    if int(rows.recording.max()) + 1 >= policy.recording_units:
         return rows.recording
     seconds = len(np.unique(rows.block[rows.channel >= 0])) * policy.block_s
     length = max(policy.block_s, seconds / policy.units)
