@@ -14,6 +14,7 @@ from stranger_files import Habits, record
 
 from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.space import Space, Timing
+from dart_hal.diagnose.gains import side_of
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.fit import refit
 from dart_hal.diagnose.search.forward import Search
@@ -33,6 +34,18 @@ def car(*causes, **changed):
     for name, size in causes:
         hide(c, name, size)
     return c
+
+
+def fitted_side(hide=lambda car: None, seconds=60.0):
+    """(side, fit) of a simulated car whose model is right; hide: hangs events on the car."""
+    strange = Car()
+    hide(strange)
+    file = Path(mkdtemp()) / "car_1_4.csv"
+    recording = read(record(file, strange, Habits(style="steps"), seconds, 4))
+    evidence, _ = evidence_of([recording], PAPER.body.l_r)
+    search = Search(evidence, PAPER, Settings())
+    fit, _ = search._settle(search.make_space(PAPER), Timing(evidence.late))
+    return side_of(evidence, [recording], PAPER.body.l_r, None), fit
 
 
 def drive(*causes, seconds=40.0, seed=3, habits=USUAL, **changed):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from events import add_gusts, lose_commands
 from known_frame import read
+from searched import fitted_side
 from stranger import Car
 from stranger_files import COMMANDS, Habits, record
 
@@ -69,16 +70,9 @@ def test_events_that_no_age_explains_gain_nothing():
     assert compare_ages(errors, AGES, -0.01, 0.01)[0] < MIN_GAIN
 
 
-def simulated(hide=None):
+def simulated(hide=lambda car: None):
     """What is found in a minute of a car whose model is right."""
-    car = Car()
-    if hide is not None:
-        hide(car)
-    recording = read(record(Path(mkdtemp()) / "car_1_4.csv", car, Habits(style="steps"), 60.0, 4))
-    evidence, _ = evidence_of([recording], PAPER.body.l_r)
-    side = side_of(evidence, [recording], PAPER.body.l_r, None)
-    search = Search(evidence, PAPER, Settings())
-    fit, _ = search._settle(search.make_space(PAPER), Timing(evidence.late))
+    side, fit = fitted_side(hide)
     return side, fit, find_late_commands((side,), fit.vehicle, (fit.timing,), USUAL.unexplained)
 
 
@@ -99,7 +93,7 @@ def test_lost_commands_are_found_with_their_moments():
 
 
 @pytest.mark.cpu(6)
-@pytest.mark.parametrize("hide", [None, lambda car: add_gusts(car, 2.0, seed=1)])
+@pytest.mark.parametrize("hide", [lambda car: None, lambda car: add_gusts(car, 2.0, seed=1)])
 def test_a_sound_link_has_none(hide):
     assert simulated(hide)[2] is None
 

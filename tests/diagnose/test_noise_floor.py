@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from tempfile import mkdtemp
 from types import SimpleNamespace
 
 import made_by_hand as made
 import numpy as np
 import pytest
 from events import add_gusts
-from known_frame import read
-from stranger import Car
-from stranger_files import Habits, record
+from searched import fitted_side
 
 from dart_hal.cli.diagnose_table import show
 from dart_hal.diagnose import conclude as conclusion
 from dart_hal.diagnose.error_summaries import Excess, find_excesses
 from dart_hal.diagnose.evidence.space import Timing
-from dart_hal.diagnose.gains import side_of
 from dart_hal.diagnose.noise_floor import (
     estimate_noise_floor,
     floor_of_errors,
@@ -28,9 +23,6 @@ from dart_hal.diagnose.noise_floor import (
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.report import page
 from dart_hal.diagnose.report.words import verdict
-from dart_hal.diagnose.run import evidence_of
-from dart_hal.diagnose.search.forward import Search
-from dart_hal.diagnose.search.selection import Settings
 from dart_hal.evaluate.prediction import CHANNELS
 from dart_hal.vehicle import PAPER
 
@@ -116,16 +108,10 @@ def test_possible_ages_are_those_that_the_log_allows(stamped, age, ends):
     assert np.all(np.diff(ages) < 0.0051)
 
 
-def simulated(hide=None):
-    """Floor and RMSE of the true model in 40 s of a car whose commands keep step with messages."""
-    car = Car()
-    if hide is not None:
-        hide(car)
-    recording = read(record(Path(mkdtemp()) / "car_1_4.csv", car, Habits(style="steps"), 40.0, 4))
-    evidence, _ = evidence_of([recording], PAPER.body.l_r)
-    side = side_of(evidence, [recording], PAPER.body.l_r, None)
-    search = Search(evidence, PAPER, Settings())
-    fit, _ = search._settle(search.make_space(PAPER), Timing(evidence.late))
+def simulated(hide=lambda car: None):
+    """Floor and errors of the true model in 40 s of a car whose commands keep step with messages.
+    """
+    side, fit = fitted_side(hide, 40.0)
     logged = fit.timing.advanced(fit.vehicle)
     found = estimate_noise_floor(side, fit.vehicle, fit.timing, logged, USUAL.unexplained)
     return found, side.horizons(logged)

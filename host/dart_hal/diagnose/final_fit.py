@@ -31,7 +31,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .error_summaries import Ratio, geometric_mean
 from .evidence.drive import READ_OUTS
-from .evidence.noise import Noise
+from .evidence.noise import Noise, replace_diverged
 from .evidence.residuals import Evidence, only_read
 from .evidence.space import Timing
 from .gains import AT, Side, compute_case_errors
@@ -234,8 +234,7 @@ def _weigh_recordings_equally(noise: Noise, evidence: Evidence, vehicle: Vehicle
 
     The read-outs of one window err together and count as one.
     """
-    motion = np.nan_to_num(evidence.residuals(vehicle, timing).motion, nan=1e3, posinf=1e3,
-                           neginf=-1e3)
+    motion = replace_diverged(evidence.residuals(vehicle, timing).motion)
     drive = evidence.motion_drive
     used = np.unique(drive)
     pooled = np.mean(motion**2, axis=0) + 1e-12

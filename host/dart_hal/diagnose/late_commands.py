@@ -19,13 +19,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.types import SAMPLE, BoolArray, FloatArray
+from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle.compose import signals
 from dart_hal.vehicle.effect import Stateful
 from dart_hal.vehicle.parameters import Vehicle
 
-from .error_summaries import LateCommands, Moment
+from .error_summaries import LateCommands
 from .evidence.drive import READ_OUTS
+from .evidence.noise import replace_diverged
 from .evidence.residuals import MOTION, Evidence
 from .evidence.space import MAX_COMMAND_AGE, Timing
 from .gains import Side
@@ -34,14 +35,16 @@ from .parameters.unseen import BEYOND
 from .policy import UnexplainedPolicy
 from .unexplained.command_ages import INFORMATIVE, fit_ages, interpolate_ages
 from .unexplained.driven import remove_driven
+from .unexplained.outliers import MOST_MOMENTS, list_moments
 
 AHEAD = READ_OUTS.index(25)
 """Windows start every 25 samples, so each change of a command lies in one; further ahead the
 disturbance grows."""
 MAX_LATENESS = 0.11
 """s; a message that is lost delays a change until the next one, 0.1 s, and BEYOND."""
-AGE_STEP = 0.010
-"""s between ages at which windows are predicted."""
+LATE_STEP = 0.010
+"""s between ages at which windows are predicted; errors are interpolated between them. The command
+of the message before is 0.1 s older, ten of these."""
 MIN_GAIN = 5.0
 """Of the log likelihood: late commands make the data 150 times as probable. Of 62 simulated drives
 of six kinds of driving that hide nothing (60 s and 40 s) the largest gain is 4.6."""
@@ -49,9 +52,6 @@ LIKELY = 0.9
 """Probability from which on a window is listed."""
 LATERAL = [AHEAD * len(MOTION) + MOTION.index(name) for name in ("v_y", "omega")]
 """Columns of the residuals that follow the steering at once; the last is the yaw rate."""
-MAX_MOMENTS = 5
-SPACING = 1.0
-"""s between two moments that are listed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +66,11 @@ class _Found:
     informative: BoolArray
     error: FloatArray
     std: float
+
+    @property
+    def clear_windows(self) -> list[int]:
+        """Windows in which a command very probably acted too late, the largest error first."""
+        return [w for w in np.argsort(-np.abs(self.error)).tolist() if self.late[w] >= LIKELY]
 
 
 def find_late_commands(sides: Sequence[Side], vehicle: Vehicle, timings: Sequence[Timing],
@@ -94,9 +99,10 @@ def find_late_commands(sides: Sequence[Side], vehicle: Vehicle, timings: Sequenc
     informative = np.concatenate([one.informative for one in found])
     delay = np.concatenate([one.delay for one in found])
     moments = [m for evidence, one in zip(evidences, found, strict=True)
-               for m in _moments(evidence, one)]
+               for m in list_moments(evidence, READ_OUTS[AHEAD], one.clear_windows, one.error,
+                                     np.abs(one.error) / one.std)]
     return LateCommands(float(late[informative].mean()), float(np.average(delay, weights=late)),
-                        gain, tuple(moments[:MAX_MOMENTS]))
+                        gain, tuple(moments[:MOST_MOMENTS]))
 
 
 def compare_ages(by_age: FloatArray, ages: FloatArray, youngest: float, oldest: float
@@ -119,11 +125,10 @@ def _look(evidence: Evidence, vehicle: Vehicle, timing: Timing, policy: Unexplai
     """Compare the ages in the windows of one side."""
     def compare(age: float) -> FloatArray:
         at = replace(timing, command_age=age, spread=0.0)
-        errors = evidence.residuals(vehicle, at).motion[:, LATERAL]
-        return np.nan_to_num(errors, nan=1e3, posinf=1e3, neginf=-1e3)
+        return replace_diverged(evidence.residuals(vehicle, at).motion[:, LATERAL])
 
-    steps = round((MAX_LATENESS + MAX_COMMAND_AGE + BEYOND) / AGE_STEP)
-    coarse = np.asarray(-MAX_LATENESS + AGE_STEP * np.arange(steps + 1), dtype=np.float64)
+    steps = round((MAX_LATENESS + MAX_COMMAND_AGE + BEYOND) / LATE_STEP)
+    coarse = np.asarray(-MAX_LATENESS + LATE_STEP * np.arange(steps + 1), dtype=np.float64)
     usual = compare(timing.command_age)
     rest = remove_driven(evidence, vehicle, usual, READ_OUTS[AHEAD], policy)
     rest = rest - np.median(rest, axis=0)
@@ -140,21 +145,3 @@ def _look(evidence: Evidence, vehicle: Vehicle, timing: Timing, policy: Unexplai
     std = fit_ages(rest[None]).std
     informative = np.any(np.ptp(by_age / std, axis=0) > np.sqrt(2.0 * INFORMATIVE), axis=1)
     return _Found(gain, late, delay, informative, usual[:, -1], float(std[-1]))
-
-
-def _moments(evidence: Evidence, found: _Found) -> list[Moment]:
-    """Windows in which a command surely acted too late, the largest errors first."""
-    starts = np.concatenate([d.starts for d in evidence.drives])
-    out: list[Moment] = []
-    taken: list[tuple[int, int]] = []
-    for w in np.argsort(-np.abs(found.error)):
-        drive, at = int(evidence.motion_drive[w]), int(starts[w]) + READ_OUTS[AHEAD]
-        if found.late[w] < LIKELY or any(drive == other and abs(at - then) * SAMPLE < SPACING
-                                         for other, then in taken):
-            continue
-        taken.append((drive, at))
-        g = evidence.drives[drive].grid
-        out.append(Moment(evidence.drives[drive].recording.name, at * SAMPLE,
-                          float(found.error[w]), float(abs(found.error[w]) / found.std),
-                          float(g.v_x[at]), float(g.throttle[at]), float(g.steering[at])))
-    return out

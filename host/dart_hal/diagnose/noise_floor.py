@@ -34,6 +34,7 @@ from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from .evidence.drive import READ_OUTS
+from .evidence.noise import replace_diverged
 from .evidence.residuals import MOTION, Evidence
 from .evidence.space import MAX_COMMAND_AGE, Timing
 from .gains import AT, Side, compute_case_differences
@@ -74,11 +75,12 @@ def estimate_noise_floor(side: Side, vehicle: Vehicle, timing: Timing, logged: V
         at = replace(timing, command_age=timing.command_age + age, spread=0.0)
         motion = evidence.residuals(vehicle, at).motion[:, first:first + len(MOTION)]
         pose = evidence.pose_errors(vehicle, at, READ_OUTS[AHEAD])
-        return _finite(np.hstack([motion, _along_and_across(pose, yaw)]))
+        return replace_diverged(np.hstack([motion, _along_and_across(pose, yaw)]))
 
     # 2. what the evaluation adds
     difference = compute_case_differences(logged, cases, l_r)[AT].T
-    stated = _finite(np.hstack([difference[:, 3:], _along_and_across(difference[:, :3], yaw)]))
+    stated = replace_diverged(np.hstack([
+        difference[:, 3:], _along_and_across(difference[:, :3], yaw)]))
     u = compare(0.0)
     rest = remove_driven(evidence, vehicle, u, READ_OUTS[AHEAD], policy)
     fault = u - rest + np.median(rest, axis=0)
@@ -135,8 +137,3 @@ def floor_of_errors(errors: FloatArray, by_age: FloatArray, fault: FloatArray,
     scale = np.sqrt(np.mean(clipped**2, axis=0) * added)
     correlation = np.mean(clipped * method, axis=0) / np.maximum(scale, 1e-12)
     return np.asarray(np.sqrt(variance + added + 2.0 * correlation * np.sqrt(variance * added)))
-
-
-def _finite(errors: FloatArray) -> FloatArray:
-    """Errors with 1000 for those of a prediction that diverged."""
-    return np.nan_to_num(errors, nan=1e3, posinf=1e3, neginf=-1e3)

@@ -26,7 +26,15 @@ from .residuals import Residuals
 from .space import MAX_COMMAND_AGE
 
 WIDEST = MAX_COMMAND_AGE / np.sqrt(12.0)  # s; standard deviation of ages of which nothing is known
+DIVERGED = 1e3  # m/s, rad/s: beyond all that a car does, so that the limit of a residual counts
 ROUNDS = 3  # of sizes and ages, each without the other
+
+
+def replace_diverged(errors: FloatArray) -> FloatArray:
+    """Return errors with DIVERGED for those of a prediction that is not finite."""
+    if np.isfinite(errors).all():
+        return errors
+    return np.nan_to_num(errors, nan=DIVERGED, posinf=DIVERGED, neginf=-DIVERGED)
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +53,7 @@ class Noise:
 
     def whiten(self, r: Residuals) -> tuple[FloatArray, FloatArray]:
         """Residuals in standard deviations, (n, c) and (m, 4), wild ones held down."""
-        motion = r.motion if np.isfinite(r.motion).all() else np.nan_to_num(
-            r.motion, nan=1e3, posinf=1e3, neginf=-1e3)
-        motion = (motion * self.certain) @ self.motion.T
+        motion = (replace_diverged(r.motion) * self.certain) @ self.motion.T
         sensors = np.nan_to_num(r.sensors / self.sensors, nan=0.0)
         wild = self.policy.wild
         return np.clip(motion, -wild, wild), np.clip(sensors, -wild, wild)

@@ -11,6 +11,7 @@ from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.drive import READ_OUTS
+from ..evidence.noise import replace_diverged
 from ..evidence.residuals import Evidence, Residuals
 from ..policy import BlockPolicy, UnexplainedPolicy
 from .bases import basis
@@ -43,7 +44,7 @@ def remove_driven(evidence: Evidence, p: Vehicle, errors: FloatArray, span: int,
     features = exogenous(p, window_features(evidence, p, span), policy.straight)
     columns = np.hstack([basis(features, (name,), policy.tail) for name in ALONG])
     fold = np.random.default_rng(0).permutation(np.arange(block.max() + 1) % policy.folds)[block]
-    finite = np.nan_to_num(errors, nan=1e3, posinf=1e3, neginf=-1e3)
+    finite = replace_diverged(errors)
     return np.stack([_without(y, columns, fold, policy) for y in finite.T], axis=1)
 
 

@@ -12,18 +12,20 @@ which is 1 for normal errors and known ages.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from types import MappingProxyType
 
 import numpy as np
 
 from dart_hal.control.drivetrain import WAIT_STD
 from dart_hal.fitting.robust import MAD_TO_SIGMA
-from dart_hal.types import SAMPLE, FloatArray, IntArray
+from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..error_summaries import Moment, Outliers
 from ..evidence.ages import older
 from ..evidence.drive import READ_OUTS
+from ..evidence.noise import replace_diverged
 from ..evidence.residuals import MOTION, Evidence
 from ..evidence.space import MAX_COMMAND_AGE, Timing
 from ..policy import NoisePolicy
@@ -55,30 +57,36 @@ def find_outliers(evidence: Evidence, vehicle: Vehicle, timing: Timing, policy: 
     changes = older(evidence, vehicle, timing, residuals, policy.age_s)
     # uniform waits of half a PWM frame to either side, or ages up to the next message
     age = np.sqrt(3.0) * WAIT_STD if evidence.commands_stamped else 0.5 * MAX_COMMAND_AGE
-    starts = np.concatenate([d.starts for d in evidence.drives])
     found = []
     for i, channel in enumerate(MOTION):
         column = READ_OUTS.index(AHEAD) * len(MOTION) + i
-        x = np.nan_to_num(residuals.motion[:, column], nan=1e3, posinf=1e3, neginf=-1e3)
+        x = replace_diverged(residuals.motion[:, column])
         x = x - np.median(x)
         size = MAD_TO_SIGMA * float(np.median(np.abs(x))) + 1e-9
         reach = np.zeros(len(x)) if changes is None else age * np.abs(changes[:, column])
         beyond = np.maximum(np.abs(x) - reach, 0.0)
         ratio = float(np.sqrt(np.mean(beyond**2))) / size
         if ratio > MOST_RATIO[channel]:
-            found.append(Outliers(channel, ratio, _moments(evidence, starts, x, beyond / size)))
+            times = beyond / size
+            worst = [w for w in np.argsort(-times).tolist() if times[w] >= FAR]
+            found.append(Outliers(channel, ratio, list_moments(evidence, AHEAD, worst, x, times)))
     return tuple(found)
 
 
-def _moments(evidence: Evidence, starts: IntArray, error: FloatArray, times: FloatArray
-             ) -> tuple[Moment, ...]:
-    """The worst windows first, those that are far beyond the others."""
+def list_moments(evidence: Evidence, ahead: int, windows: Sequence[int], error: FloatArray,
+                 times: FloatArray) -> tuple[Moment, ...]:
+    """List the first moments of some windows that are APART, MOST_MOMENTS at most.
+
+    ahead: samples after the start of a window; windows: the most important one first; error (n,),
+    times (n,): as in ``Moment``, of all windows.
+    """
+    starts = np.concatenate([d.starts for d in evidence.drives])
     out: list[Moment] = []
     taken: list[tuple[int, int]] = []
-    for w in np.argsort(-times):
-        if times[w] < FAR or len(out) == MOST_MOMENTS:
+    for w in windows:
+        if len(out) == MOST_MOMENTS:
             break
-        drive, at = int(evidence.motion_drive[w]), int(starts[w]) + AHEAD
+        drive, at = int(evidence.motion_drive[w]), int(starts[w]) + ahead
         if any(drive == other and abs(at - then) * SAMPLE < APART for other, then in taken):
             continue
         taken.append((drive, at))

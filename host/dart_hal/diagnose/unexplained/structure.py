@@ -19,7 +19,7 @@ from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.drive import READ_OUTS
-from ..evidence.noise import Noise
+from ..evidence.noise import Noise, replace_diverged
 from ..evidence.onboard import OnboardEvidence
 from ..evidence.readings import SENSORS
 from ..evidence.residuals import MOTION, Evidence, Residuals
@@ -111,7 +111,7 @@ def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
     whitener = np.linalg.inv(noise.motion)
     size = np.sqrt((whitener**2).sum(axis=1))[motion]
     certain = np.broadcast_to(noise.certain, residuals.motion.shape)[:, motion]
-    x = certain * np.nan_to_num(residuals.motion[:, motion], nan=1e3, posinf=1e3, neginf=-1e3)
+    x = certain * replace_diverged(residuals.motion[:, motion])
     x = x / size
     while_driven = exogenous(p, window_features(evidence, p, READ_OUTS[READ_OUT]), policy.straight)
     while_counted = exogenous(p, message_features(evidence, p), policy.straight)
