@@ -74,14 +74,14 @@ def test_numbers_of_two_sources_are_told_apart():
     assert said != pytest.approx(shown, abs=0.01)
 
 
-GATE = Considered("steering_lag", 0.12, 161.0, "gains no more than nothing at all might")
-FAINT = Considered("grip", 0.9, 3.0, "gains no more than nothing at all might")
+GATE = Considered("steering_lag", 0.12, 161.0, "its gain is below the threshold of chance")
+FAINT = Considered("grip", 0.9, 3.0, "its gain is below the threshold of chance")
 POSSIBLE = Possible("mass", "is heavier", 0.9, 40.0, "it does not surely lower errors")
 
 
 @pytest.mark.parametrize("kind", ["unexplained", "nothing_wrong", "partly_explained"])
 @pytest.mark.parametrize(("considered", "possible", "named"), [
-    ((GATE, FAINT), (), "steering_lag (gains no more than nothing at all might (p = 0.12))"),
+    ((GATE, FAINT), (), "steering_lag (its gain is below the threshold of chance (p = 0.12))"),
     ((FAINT,), (POSSIBLE,), "mass (it does not surely lower errors)")])
 def test_verdict_names_the_candidates_that_a_gate_dropped(kind, considered, possible, named):
     d = made.diagnosis(kind, 1 if kind == "partly_explained" else 0, kind != "nothing_wrong")

@@ -15,7 +15,7 @@ import importlib
 import json
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial, wraps
 from pathlib import Path
@@ -31,7 +31,8 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from dart_hal.diagnose.policy import USUAL
+from dart_hal.diagnose import gates
+from dart_hal.diagnose.gates import Gate
 from dart_hal.process.jobs import each
 
 ROWS = {"medium": 48, "fixed": 48, "small": 24, "null": 48, "null fixed": 24, "pair": 40,
@@ -55,13 +56,6 @@ class Rule:
 
 def _constant(value: Any) -> Callable[[Function], Function]:
     return lambda _: lambda *_args, **_kw: value
-
-
-def _too_small(share: float) -> tuple[Callable[[Function], Function], Callable[..., bool]]:
-    def make(original: Function) -> Function:
-        return lambda e, v, s: False if s == share else original(e, v, s)
-
-    return make, lambda found, _e, _v, s: bool(found and s == share)
 
 
 def _plain_grades(original: Function) -> Function:
@@ -90,26 +84,15 @@ def _one_explanation(original: Function) -> Function:
                                                        replace(policy, explanations=1))
 
 
-NAMING = USUAL.naming
 RULES: dict[str, Rule] = {
     "effects taken back": Rule(
         "grade.accept:_Fits.take_back", lambda _: lambda self, those, away: (those, dict(away)),
         lambda out, self, those, away: out[0].names != those.names),
-    "possible size": Rule("conclude:impossible_size", _constant(""), lambda why, *_: bool(why)),
-    "probability": Rule("grade.accept:_Fits._are_likely", _constant(True),
-                        lambda likely, *_: not likely),
     "variants of stronger names": Rule("grade.accept:grades", _plain_grades, lambda *_: True),
     "hidden pairs": Rule("search.selection:one_of_a_pair", _constant(None),
                          lambda found, *_: found is not None),
-    "size by the linear answer": Rule("search.selection:_too_small",
-                                      *_too_small(NAMING.tried_size)),
-    "size by the fit": Rule("search.selection:_too_small", *_too_small(NAMING.least_size)),
     "noise without the cause": Rule("search.forward:Search._sharpened", _not_sharpened,
                                     lambda out, self, point, noise, trials: out[1] is not noise),
-    "names dropped again": Rule(
-        "search.forward:Search._pruned",
-        lambda _: lambda self, point, noise, named, new: (point, noise, [*named, new]),
-        lambda out, self, point, noise, named, new: len(out[2]) < len(named) + 1),
     "order by gain at the end": Rule(
         "search.forward:Search._weighed", lambda _: lambda self, point, noise, named: named,
         lambda out, self, point, noise, named: [n.effect for n in out] != [n.effect for n in named]
@@ -119,8 +102,6 @@ RULES: dict[str, Rule] = {
                                   lambda out, self, point, noise, before, one: out != one),
     "confounders": Rule("search.selection:confounders", _constant(()),
                         lambda found, *_: bool(found)),
-    "spurious causes withdrawn": Rule("conclude:_spurious", _constant(()),
-                                      lambda found, *_: bool(found)),
     "noise of the names that stay": Rule(
         "conclude:select_noise", lambda _: lambda names, noise, base: noise,
         lambda out, names, noise, base: out is not noise),
@@ -135,6 +116,15 @@ RULES: dict[str, Rule] = {
     "onset of a threshold": Rule("search.scan:find_onset", _constant(None), lambda *_: True),
 }
 
+
+GATED = {f"gate: {gate.name}": gate for gate in gates.GATES
+         if gate.name not in ("significance", "largest gain")}
+"""Gates that can be left out: without these two every effect would be accepted."""
+
+
+NAMES = [*GATED, *RULES]
+
+
 def _place(where: str) -> tuple[Any, str]:
     module, _, path = where.partition(":")
     owner: Any = importlib.import_module(f"dart_hal.diagnose.{module}")
@@ -145,11 +135,10 @@ def _place(where: str) -> tuple[Any, str]:
 
 
 @contextmanager
-def without(name: str) -> Iterator[None]:
-    """Diagnose without a rule."""
-    owner, attribute = _place(RULES[name].where)
+def replaced(owner: Any, attribute: str, other: Any) -> Iterator[None]:
+    """Put something else in the place of an attribute for a while."""
     original = getattr(owner, attribute)
-    setattr(owner, attribute, RULES[name].without(original))
+    setattr(owner, attribute, other)
     try:
         yield
     finally:
@@ -157,18 +146,39 @@ def without(name: str) -> Iterator[None]:
 
 
 @contextmanager
-def watched(acted: set[str]) -> Iterator[None]:
-    """Diagnose with all rules, and note those that act."""
-    originals = []
-    for name, rule in RULES.items():
-        owner, attribute = _place(rule.where)
-        originals.append((owner, attribute, getattr(owner, attribute)))
-        setattr(owner, attribute, _watching(name, rule, originals[-1][2], acted))
-    try:
+def without(name: str) -> Iterator[None]:
+    """Diagnose without a rule or a gate."""
+    if name in GATED:
+        others = tuple(gate for gate in gates.GATES if gate is not GATED[name])
+        with replaced(gates, "GATES", others):
+            yield
+        return
+    owner, attribute = _place(RULES[name].where)
+    with replaced(owner, attribute, RULES[name].without(getattr(owner, attribute))):
         yield
-    finally:
-        for owner, attribute, original in reversed(originals):
-            setattr(owner, attribute, original)
+
+
+@contextmanager
+def watched(acted: set[str]) -> Iterator[None]:
+    """Diagnose with all rules and gates, and note those that act."""
+    with ExitStack() as stack:
+        for name, rule in RULES.items():
+            owner, attribute = _place(rule.where)
+            watching = _watching(name, rule, getattr(owner, attribute), acted)
+            stack.enter_context(replaced(owner, attribute, watching))
+        tests = tuple(gate._replace(test=_noting(gate, acted)) for gate in gates.GATES)
+        stack.enter_context(replaced(gates, "GATES", tests))
+        yield
+
+
+def _noting(gate: Gate, acted: set[str]) -> Callable[..., bool]:
+    def test(candidate: Any, policy: Any) -> bool:
+        passes = gate.test(candidate, policy)
+        if not passes:
+            acted.add(f"gate: {gate.name}")
+        return passes
+
+    return test
 
 
 def _watching(name: str, rule: Rule, original: Function, acted: set[str]) -> Function:
@@ -213,7 +223,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run what is missing, print the table."""
     p = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     p.add_argument("--only", nargs="+", choices=list(GROUPS), default=list(ROWS), metavar="ROW")
-    p.add_argument("--rules", nargs="*", choices=list(RULES), default=list(RULES), metavar="RULE")
+    p.add_argument("--rules", nargs="*", choices=NAMES, default=NAMES, metavar="RULE")
     p.add_argument("--cases", type=int, default=0, metavar="N", help="of each row")
     p.add_argument("--first-seed", type=int, default=6000, metavar="N")
     p.add_argument("--seconds", type=float, nargs=2, default=SECONDS, metavar=("TRAIN", "TEST"))

@@ -1,15 +1,15 @@
-"""Rules that are switched off are those of the diagnosis, note when they act, and come back."""
+"""Rules and gates that are switched off are those of the diagnosis, note when they act, and come
+back."""
 
 from __future__ import annotations
 
 import ablation
 import pytest
-from ablation import RULES, without
+from ablation import GATED, RULES, without
 
-from dart_hal.diagnose.search import selection
-from dart_hal.vehicle.effects import catalogue
-
-LINEAR = "size by the linear answer"
+from dart_hal.diagnose import gates
+from dart_hal.diagnose.gates import Candidate, explain_failure
+from dart_hal.diagnose.policy import USUAL
 
 
 @pytest.mark.parametrize("name", list(RULES))
@@ -21,14 +21,22 @@ def test_rule_is_off_inside_and_on_again_after(name):
     assert getattr(owner, attribute) is before
 
 
-def test_rule_notes_that_it_acted_only_where_it_did():
-    grip, share = catalogue()["grip"], ablation.NAMING.tried_size
+@pytest.mark.parametrize("name", list(GATED))
+def test_gate_is_off_inside_and_on_again_after(name):
+    before = gates.GATES
+    with without(name):
+        assert set(before) - set(gates.GATES) == {GATED[name]}
+    assert gates.GATES is before
+
+
+def test_gate_notes_that_it_acted_only_where_it_did():
+    small, large = Candidate(size=0.5), Candidate(size=1.0)
     acted = set()
     with ablation.watched(acted):
-        assert not selection._too_small(grip, {"k": 1.0}, share)
+        assert not explain_failure("fit", large, USUAL)
         assert acted == set()
-        assert selection._too_small(grip, {"k": 0.0}, share)
-    assert acted == {LINEAR}
-    with without(LINEAR):
-        assert not selection._too_small(grip, {"k": 0.0}, share)
-        assert selection._too_small(grip, {"k": 0.0}, ablation.NAMING.least_size)
+        assert explain_failure("fit", small, USUAL)
+        assert not explain_failure("scan", small, USUAL), "by the linear answer it may be"
+    assert acted == {"gate: size of the fit"}
+    with without("gate: size of the fit"):
+        assert not explain_failure("fit", small, USUAL)

@@ -8,6 +8,7 @@ import click
 
 from dart_hal.cli.effect_page import render_effects
 from dart_hal.cli.error_page import render_errors
+from dart_hal.cli.gate_page import render_gates
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, output, print_json, results
 from dart_hal.cli.verb_page import render_verbs
@@ -16,7 +17,7 @@ from dart_hal.wire import emit
 from dart_hal.wire.messages import MESSAGES, PROTO, SCHEMA
 
 PAGES = {"docs/reference/errors.md": render_errors, "docs/reference/effects.md": render_effects,
-         "docs/reference/verbs.md": render_verbs}
+         "docs/reference/gates.md": render_gates, "docs/reference/verbs.md": render_verbs}
 FORMATS = {"md": emit.render_markdown, "c": emit.render_header, "lua": emit.render_lua}
 
 

@@ -25,6 +25,7 @@ from .evidence.rows import RowLabels
 from .evidence.space import Timing
 from .final_fit import FinalFit, error_of_size, make_equal_fits, make_final_fits
 from .gains import Fitted, Side, overall
+from .gates import WITHDRAWN, Candidate, explain_failure
 from .grade.accept import Acceptance, Accepted, accept_effects, impossible_size
 from .grade.secants import secants
 from .judge import Predictor, compute_costs, compute_gains
@@ -208,7 +209,9 @@ def _spurious(q: Question, found: SearchResult, left: Sequence[Unexplained]) -> 
         suspect = [u.channel for u in left if "recording" not in u.along
                    and taken.get(u.channel, 0.0) > policy.mainly * total]
         before = _structure(q, found, without) if suspect else {}
-        if any(after[c] > taken[c] and after[c] > policy.spurious * before[c] for c in suspect):
+        if any(explain_failure("structure", Candidate(
+                structure_after=after[c], structure_before=before[c],
+                structure_removed=taken[c]), q.settings.policy) for c in suspect):
             out.append(name)
     return tuple(out)
 
@@ -352,8 +355,7 @@ def _possible(found: SearchResult, accepted: Accepted, q: Question) -> tuple[Pos
 
 def _considered(found: SearchResult, withdrawn: Sequence[str], accepted: Accepted
                 ) -> tuple[Considered, ...]:
-    out = [Considered(n.effect, n.p_value, n.gain,
-                      "withdrawn: with it as much structure is left as without it")
+    out = [Considered(n.effect, n.p_value, n.gain, WITHDRAWN)
            for n in found.named if n.effect in withdrawn]
     out += [Considered(n.effect, n.p_value, n.gain,
                        f"not accepted, with probability "

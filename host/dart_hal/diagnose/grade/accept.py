@@ -8,13 +8,13 @@ likely effect needs confirmation: the interval of that ratio must lie above 1.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from ..evidence.noise import Noise
 from ..evidence.residuals import Evidence
+from ..gates import IMPROBABLE, Candidate, explain_failure
 from ..policy import Policy
 from ..result import Constancy, Cost
 from ..search.fit import Point
@@ -22,9 +22,6 @@ from ..search.forward import Search
 from .bag import grades, sizes
 from .constancy import constancy
 from .secants import Secants, secants
-
-IMPROBABLE = "too few of the data left out of its fit are predicted better with it"
-VETO = "the test recordings do not confirm it"
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,18 +149,34 @@ class _Fits:
         """Drop effects until the rest are likely, possible and confirmed."""
         rejected: dict[str, Rejection] = {}
         while those.names:
-            whys = {n: why for n in those.names if (why := self.how.impossible(those.fit, n))}
-            worst = min(whys or those.names, key=lambda n: those.probability[n])
-            if not whys and self._are_likely(those):
-                costs = self.costs(those)
-                confirmed = self._confirmed(those, costs)
-                worst = min(confirmed, key=lambda n: confirmed[n])
-                if confirmed[worst] > 1.0:
+            candidates = self.candidates(those)
+            whys = self.failures("grade", candidates)
+            impossible = [n for n in whys if candidates[n].impossible]
+            worst = min(impossible or those.names, key=lambda n: those.probability[n])
+            if not whys:
+                candidates = self.candidates(those, self.costs(those))
+                whys = self.failures("test", candidates)
+                if not whys:
                     break
-                whys = {worst: describe_veto(costs[worst])}
-            rejected[worst] = Rejection(those.probability[worst], whys.get(worst, IMPROBABLE))
+                worst = min(whys, key=lambda n: candidates[n].confirmation(self.how.policy))
+            rejected[worst] = Rejection(those.probability[worst], whys[worst])
             those = self.of(set(those.names) - {worst}, those.fit)
         return those, rejected
+
+    def candidates(self, those: _Graded, costs: Mapping[str, Cost] | None = None
+                   ) -> dict[str, Candidate]:
+        """What is known of each effect; costs: once the test recordings were predicted."""
+        out = {}
+        for name in those.names:
+            known = Candidate(probability=those.probability[name],
+                              impossible=self.how.impossible(those.fit, name))
+            out[name] = replace(known, cost=costs[name]) if costs else known
+        return out
+
+    def failures(self, stage: str, candidates: Mapping[str, Candidate]) -> dict[str, str]:
+        """Why effects do not pass a stage, of those that do not."""
+        whys = {n: explain_failure(stage, c, self.how.policy) for n, c in candidates.items()}
+        return {n: why for n, why in whys.items() if why}
 
     def costs(self, those: _Graded) -> Mapping[str, Cost]:
         """Errors of the test recordings without each effect, over those with all."""
@@ -180,32 +193,15 @@ class _Fits:
                     or one.probability < self.how.policy.grade.possible):
                 continue
             more = self.of({*those.names, name}, those.fit)
-            if (self._are_likely(more) and not self.how.impossible(more.fit, name)
-                    and min(self._confirmed(more, self.costs(more)).values()) > 1.0):
+            if self.failures("grade", self.candidates(more)):
+                continue
+            if not self.failures("test", self.candidates(more, self.costs(more))):
                 those = more
                 del away[name]
         return those, away
 
     def _ordered(self, names: Collection[str]) -> tuple[str, ...]:
         return tuple(n for n in self.names if n in names)
-
-    def _are_likely(self, those: _Graded) -> bool:
-        return all(p >= self.how.policy.grade.likely for p in those.probability.values())
-
-    def _confirmed(self, those: _Graded, costs: Mapping[str, Cost]) -> dict[str, float]:
-        """What must be above 1: the ratio of a confident effect, the interval of a likely one."""
-        out = {}
-        for name, (ratio, low, _) in costs.items():
-            confident = those.probability[name] >= self.how.policy.grade.confident
-            out[name] = ratio if confident or not math.isfinite(low) else low
-        return out
-
-
-def describe_veto(cost: Cost) -> str:
-    """Why an effect is dropped that the test recordings do not confirm, with the figures."""
-    ratio, low, high = cost
-    between = f" [{low:.3f}, {high:.3f}]" if math.isfinite(low) else ""
-    return f"{VETO}: their errors are {ratio:.3f}{between} times as large without it"
 
 
 def impossible_size(fit: Point, name: str) -> str:

@@ -19,6 +19,7 @@ from ..evidence.ages import AGES, older
 from ..evidence.noise import Noise, measure
 from ..evidence.residuals import Evidence, Residuals, only_read
 from ..evidence.space import Space, Timing
+from ..gates import Candidate, explain_failure
 from ..unexplained.driven import undriven
 from .confounders import confounders, correlated
 from .fit import Point, loss_at, refit, refit_near, refit_with, seen_by
@@ -316,7 +317,9 @@ class Search:
             if point.wald(mine) > self._settings.policy.naming.sure * one.threshold:
                 continue
             without = self._without(point, noise, one.effect)
-            if without.loss() - point.loss() < one.threshold:
+            candidate = Candidate(threshold=one.threshold,
+                                  remaining_gain=without.loss() - point.loss())
+            if explain_failure("search", candidate, self._settings.policy):
                 point, noise = self._settle(without.space, without.timing, without.x)
                 named = [replace(n, alternatives=(*n.alternatives, one.effect)) for n in named
                          if n.effect != one.effect]

@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from dart_hal.process.jobs import each
-from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.effects import catalogue
 
 from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, rows_of
+from ..gates import Candidate, explain_failure, relative_size
 from ..policy import USUAL, NamingPolicy, Policy
 from .confounders import confounders
 from .fit import Point
 from .pairs import FitWith, one_of_a_pair
 from .scan import Trial
 from .significance import nothing_missing
-from .size_search import scanned
-
-TOO_SMALL = "smaller than what sampling and timing conventions can pretend"
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +108,7 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial], fit_with: 
     limits = nothing.needed([t.effect for t in trials], settings.false_alarm)
     passed = [t for t in trials if t.gain > limits[t.effect]]
     large = [t for t in passed
-             if not _too_small(catalogue()[t.effect], t.values, policy.tried_size)]
+             if not explain_failure("scan", _candidate(t, limits), settings.policy)]
     close = [t for t in large if t.gain > policy.close * large[0].gain]
     fits |= fitted(partial(fit_with, point), [t for t in close if t.effect not in fits],
                    settings.jobs)
@@ -120,29 +117,22 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial], fit_with: 
     before = one_of_a_pair(point, large, trials, limits, fits, fit_with, policy.furthest)
     order.sort(key=lambda t: t is not before)
     accepted: tuple[Named, Point] | None = None
-    rejected, failures = list[Rejected](), 0
+    rejected, failed = list[Rejected](), 0
     for trial in (*order, *(t for t in trials if t not in passed)):
-        limit, why = limits[trial.effect], ""
         p = nothing.p_value(trial.effect, trial.gain)
-        if trial.gain <= limit:
-            why = "gains no more than nothing at all might"
-        elif accepted:
-            why = f"gains less than {accepted[0].effect}"
-        elif trial not in large:
-            why = TOO_SMALL
-        elif failures == policy.tries:
-            why = "not tried: so many that gained more were tried in vain"
-        else:
-            candidate = fits[trial.effect] = fits.get(trial.effect) or fit_with(point, trial)
-            why = _why_not(point, candidate, catalogue()[trial.effect], limit, policy)
-            failures += bool(why)
+        candidate = replace(_candidate(trial, limits), failed=failed,
+                            chosen=accepted[0].effect if accepted else "")
+        why = explain_failure("scan", candidate, settings.policy)
+        if not why:
+            fit = fits[trial.effect] = fits.get(trial.effect) or fit_with(point, trial)
+            gain = point.loss() - fit.loss()
+            candidate = replace(candidate, fit_gain=gain, size=_size(fit, trial.effect))
+            why = explain_failure("fit", candidate, settings.policy)
+            failed += bool(why)
             if not why:
-                accepted = (Named(trial.effect, p, point.loss() - candidate.loss(), limit,
-                                  confounders(point, trial, trials, rows, fits,
-                                              settings.policy.confounders),
-                                  alternatives(trial, trials,
-                                               settings.policy.confounders.alternative)),
-                            candidate)
+                rivals = confounders(point, trial, trials, rows, fits, settings.policy.confounders)
+                others = alternatives(trial, trials, settings.policy.confounders.alternative)
+                accepted = (Named(trial.effect, p, gain, candidate.threshold, rivals, others), fit)
         if why:
             rejected.append(Rejected(trial.effect, p, trial.gain, why))
     return Step(accepted, tuple(rejected))
@@ -169,22 +159,14 @@ def alternatives(trial: Trial, trials: Sequence[Trial], share: float) -> tuple[s
                  if t is not trial and t.gain > max(0.0, share * trial.gain))
 
 
-def _why_not(point: Point, candidate: Point, effect: Effect, limit: float, policy: NamingPolicy
-             ) -> str:
-    """Why the full fit with an effect does not confirm it; empty where it does."""
-    if point.loss() - candidate.loss() <= limit:
-        return "the full fit does not keep what the linear one promised"
-    if _too_small(effect, _values(candidate, effect), policy.least_size):
-        return TOO_SMALL
-    return ""
+def _candidate(trial: Trial, thresholds: Mapping[str, float]) -> Candidate:
+    """What the linear answer says of an effect."""
+    return Candidate(gain=trial.gain, threshold=thresholds[trial.effect],
+                     size=relative_size(catalogue()[trial.effect], trial.values))
 
 
-def _too_small(effect: Effect, values: Mapping[str, float], share: float) -> bool:
-    """Whether every parameter that is an effect of its own is below a share of its small size."""
-    return all(abs(values.get(q.name, q.null) - q.null) < share * q.sizes[0]
-               for q in scanned(effect))
-
-
-def _values(point: Point, effect: Effect) -> dict[str, float]:
-    values = next(a.values for a in point.vehicle.effects if a.name == effect.name)
-    return {q.name: v for q, v in zip(effect.parameters, values, strict=True)}
+def _size(point: Point, name: str) -> float:
+    """Size of an effect in a fit, as ``relative_size``."""
+    active = next(a for a in point.vehicle.effects if a.name == name)
+    names = [q.name for q in active.effect.parameters]
+    return relative_size(active.effect, dict(zip(names, active.values, strict=True)))

@@ -1,0 +1,26 @@
+"""The page of the gates of a diagnosis, generated from their list."""
+
+from __future__ import annotations
+
+from dart_hal.diagnose.gates import GATES, STAGES, Candidate
+from dart_hal.diagnose.policy import USUAL
+
+HEAD = """# Gates of the diagnosis
+
+An effect of the [catalogue](effects.md) becomes an accepted cause if it passes all of these, in
+this order. [How the diagnosis finds a cause](../explanation/diagnosis_method.md) derives the
+quantities, [the ablation](../results/ablation.md) measures what each gate is worth. This page is
+generated from `dart_hal/diagnose/gates.py` (`dart-hal wire --write`).
+"""
+EXAMPLE = Candidate(chosen="grip", failed=USUAL.naming.tries, impossible="k = 1.2 is outside its "
+                    "physical range 0 to 1 share", cost=(0.996, 0.98, 1.01))
+
+
+def render_gates() -> str:
+    """Markdown page of all gates, by stage."""
+    lines = [HEAD, "| judged | gate | an effect passes if | else the report says |",
+             "|---|---|---|---|"]
+    for gate in GATES:
+        lines.append(f"| {STAGES[gate.stage]} | {gate.name} | {gate.condition(USUAL)} "
+                     f"| {gate.message(EXAMPLE)} |")
+    return "\n".join(lines) + "\n"

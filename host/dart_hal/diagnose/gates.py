@@ -1,0 +1,139 @@
+"""The gates of a diagnosis: what an effect of the catalogue must pass to be an accepted cause."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from dart_hal.vehicle.effect import Effect
+
+from .policy import Policy
+from .result import Cost
+from .search.size_search import scanned
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """What is known of an effect when it comes to a gate.
+
+    gain, threshold: drop of the loss by the linear answer, and what chance reaches at the false
+    alarm rate. size: as ``relative_size``, by the linear answer, or by the full fit once there is
+    one. chosen: effect that is accepted in this round, or "". failed: number of effects of the
+    round that the full fit refuted. fit_gain: drop of the loss by the full fit. remaining_gain:
+    the same beside all causes found later.
+
+    structure_after, structure_before, structure_removed: loss that structure takes up in a channel
+    where the effect acts, with it and without it, and the drop of the whole loss there.
+    impossible: why no car has this size, or "". probability: share of draws in which data left out
+    are predicted better. cost: errors of the test recordings without it, over those with it, and
+    the interval of this ratio.
+    """
+
+    gain: float = math.inf
+    threshold: float = 0.0
+    size: float = math.inf
+    chosen: str = ""
+    failed: int = 0
+    fit_gain: float = math.inf
+    remaining_gain: float = math.inf
+    structure_after: float = 0.0
+    structure_before: float = 0.0
+    structure_removed: float = 0.0
+    impossible: str = ""
+    probability: float = 1.0
+    cost: Cost = (math.inf, math.inf, math.inf)
+
+    def confirmation(self, policy: Policy) -> float:
+        """What must be above 1: the ratio of a confident effect, the interval of a likely one."""
+        ratio, low, _ = self.cost
+        confident = self.probability >= policy.grade.confident
+        return ratio if confident or not math.isfinite(low) else low
+
+    def errors_without(self) -> str:
+        """The errors of the test recordings without the effect, in words."""
+        ratio, low, high = self.cost
+        between = f" [{low:.3f}, {high:.3f}]" if math.isfinite(low) else ""
+        return f"{ratio:.3f}{between} times as large without it"
+
+
+class Gate(NamedTuple):
+    """One condition. stage: one of STAGES. test: whether a candidate passes. condition: the same
+    in words, with the thresholds of a policy. message: why a candidate did not pass."""
+
+    name: str
+    stage: str
+    test: Callable[[Candidate, Policy], bool]
+    condition: Callable[[Policy], str]
+    message: Callable[[Candidate], str]
+
+
+STAGES = {
+    "scan": "each effect in each round of the search, by the linear answer",
+    "fit": "the best of them, by the full fit",
+    "search": "each cause once another was found",
+    "structure": "all causes of the search",
+    "grade": "all causes, by training data left out of the fit",
+    "test": "all causes, by the test recordings",
+}
+"""What each stage judges, in the order of a diagnosis."""
+
+TOO_SMALL = "smaller than what sampling and timing conventions can cause"
+WITHDRAWN = "withdrawn: with it as much structure is left as without it"
+IMPROBABLE = "too few of the data left out of its fit are predicted better with it"
+
+GATES = (
+    Gate("significance", "scan", lambda c, p: c.gain > c.threshold,
+         lambda p: "its gain is above the threshold of the null distribution",
+         lambda c: "its gain is below the threshold of chance"),
+    Gate("largest gain", "scan", lambda c, p: not c.chosen,
+         lambda p: "no better effect has passed in this round",
+         lambda c: f"gains less than {c.chosen}"),
+    Gate("size", "scan", lambda c, p: c.size >= p.naming.tried_size,
+         lambda p: f"at least {p.naming.tried_size:g} of its small size", lambda c: TOO_SMALL),
+    Gate("number of fits", "scan", lambda c, p: c.failed < p.naming.tries,
+         lambda p: f"the full fit has refuted fewer than {p.naming.tries} better effects",
+         lambda c: f"not tried: the full fit refuted {c.failed} effects that gained more"),
+    Gate("gain of the fit", "fit", lambda c, p: c.fit_gain > c.threshold,
+         lambda p: "the gain of the full fit is above the same threshold",
+         lambda c: "the full fit does not keep the gain of the linear answer"),
+    Gate("size of the fit", "fit", lambda c, p: c.size >= p.naming.least_size,
+         lambda p: f"at least {p.naming.least_size:g} of its small size", lambda c: TOO_SMALL),
+    Gate("gain with the others", "search", lambda c, p: c.remaining_gain >= c.threshold,
+         lambda p: "without it the loss rises by at least its threshold",
+         lambda c: "causes found later explain what it did"),
+    Gate("structure", "structure",
+         lambda c, p: (c.structure_after <= c.structure_removed
+                       or c.structure_after <= p.conclusion.spurious * c.structure_before),
+         lambda p: ("the structure left where it acts is less than what it removes, or than "
+                    f"{p.conclusion.spurious:g} of the structure without it"),
+         lambda c: WITHDRAWN),
+    Gate("possible size", "grade", lambda c, p: not c.impossible,
+         lambda p: "a car can have its size", lambda c: c.impossible),
+    Gate("probability", "grade", lambda c, p: c.probability >= p.grade.likely,
+         lambda p: f"in at least {p.grade.likely:g} of draws data left out are predicted better",
+         lambda c: IMPROBABLE),
+    Gate("confirmation", "test", lambda c, p: c.confirmation(p) > 1.0,
+         lambda p: ("the test errors without it are larger; the interval of their ratio is above "
+                    f"1 where the probability is below {p.grade.confident:g}"),
+         lambda c: ("the test recordings do not confirm it: their errors are "
+                    f"{c.errors_without()}")),
+)
+"""All gates, in the order in which an effect comes to them."""
+
+
+def relative_size(effect: Effect, values: Mapping[str, float]) -> float:
+    """Largest departure of a parameter from its null, over its small size."""
+    return max(abs(values.get(q.name, q.null) - q.null) / q.sizes[0] for q in scanned(effect))
+
+
+def find_failed(stage: str, candidate: Candidate, policy: Policy) -> Gate | None:
+    """The first gate of a stage that a candidate does not pass."""
+    return next((g for g in GATES if g.stage == stage and not g.test(candidate, policy)), None)
+
+
+def explain_failure(stage: str, candidate: Candidate, policy: Policy) -> str:
+    """Why a candidate does not pass a stage; empty where it does."""
+    gate = find_failed(stage, candidate, policy)
+    return gate.message(candidate) if gate else ""
