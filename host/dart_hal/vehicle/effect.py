@@ -160,7 +160,8 @@ class Parameter:
 class Effect:
     """One entry of the catalogue.
 
-    title: completes "the car ..." in a report; physics: one paragraph; stage:
+    title: completes "the car ..." in a report; signed_titles: the same for a first parameter below
+    and above its null, where the two differ; physics: one paragraph; stage:
     one of STAGES; confused_with: effects that look alike; experiment: the drive
     that tells them apart. Hooks: ``vehicle(p, *values) -> p`` changes parameters
     of the base model, ``force(p, f, *values)`` gives a ``Forces -> Forces``,
@@ -177,6 +178,7 @@ class Effect:
     vehicle: Callable[..., Any] | None = None
     force: Callable[..., Callable[[Forces], Forces]] | None = None
     signals: Mapping[str, Signal] = field(default_factory=dict)
+    signed_titles: tuple[str, ...] = ()
 
     @property
     def nulls(self) -> tuple[float, ...]:

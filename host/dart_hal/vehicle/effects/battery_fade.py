@@ -27,6 +27,7 @@ def faded(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
 EFFECT = Effect(
     name="battery_fade",
     title="loses or gains motor force during a drive",
+    signed_titles=("loses motor force during a drive", "gains motor force during a drive"),
     physics=(
         "The voltage of a battery sags while it is drained, the motor warms and its "
         "winding resists more: force falls in proportion to time, for every throttle."),

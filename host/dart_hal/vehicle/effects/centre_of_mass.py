@@ -19,6 +19,9 @@ def vehicle(p: Vehicle, k: Value) -> Vehicle:
 EFFECT = Effect(
     name="centre_of_mass",
     title="has its weight further forward or backward than the model",
+    signed_titles=(
+        "has its weight further back than the model",
+        "has its weight further forward than the model"),
     physics=(
         "A battery that is put in the other way round moves it by a centimetre: the "
         "moments of both axles change, and with them how willingly the car turns."),

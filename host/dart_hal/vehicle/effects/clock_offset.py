@@ -15,6 +15,7 @@ def seconds(k: float) -> float:
 EFFECT = Effect(
     name="clock_offset",
     title="has sensors whose clock is not that of commands and motion capture",
+    signed_titles=("has sensors whose stamps are early", "has sensors whose stamps are late"),
     physics=(
         "Microcontroller and computer each have a clock; a wrong fit between them "
         "shifts all sensors on the car together, against commands and poses."),

@@ -22,6 +22,7 @@ def scaled(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
 EFFECT = Effect(
     name="encoder_scale",
     title="has an encoder that reads too much or too little",
+    signed_titles=("has an encoder that reads too little", "has an encoder that reads too much"),
     physics=(
         "Wheel radius under load, number of marks and gear ratio give metres per mark; "
         "a worn tyre is 2 % smaller."),

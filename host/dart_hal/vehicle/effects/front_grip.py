@@ -18,6 +18,9 @@ def vehicle(p: Vehicle, k: Value) -> Vehicle:
 EFFECT = Effect(
     name="front_grip",
     title="has more or less grip at its front wheels than the model",
+    signed_titles=(
+        "has less grip at its front wheels than the model",
+        "has more grip at its front wheels than the model"),
     physics=(
         "Front tyres wear faster than rear ones, and a load on one axle changes its "
         "grip and not the other's."),

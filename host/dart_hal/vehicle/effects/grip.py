@@ -24,6 +24,7 @@ def vehicle(p: Vehicle, k: Value) -> Vehicle:
 EFFECT = Effect(
     name="grip",
     title="has more or less grip than the model",
+    signed_titles=("has less grip than the model", "has more grip than the model"),
     physics=(
         "Another floor, dust, or tyres that are worn, warm or cleaned: the same slip "
         "gives another side force, at both axles."),

@@ -22,6 +22,9 @@ def biased(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
 EFFECT = Effect(
     name="gyro_bias",
     title="has a gyro that reads a turn at standstill",
+    signed_titles=(
+        "has a gyro that reads a right turn at standstill",
+        "has a gyro that reads a left turn at standstill"),
     physics=(
         "The zero of a micromechanical gyro moves with temperature and from one "
         "switching-on to the next."),

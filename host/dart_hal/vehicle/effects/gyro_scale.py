@@ -22,6 +22,9 @@ def scaled(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
 EFFECT = Effect(
     name="gyro_scale",
     title="has a gyro that reads turns too large or too small",
+    signed_titles=(
+        "has a gyro that reads turns too small",
+        "has a gyro that reads turns too large"),
     physics=(
         "The sensitivity of a micromechanical gyro is trimmed to a few percent at the "
         "factory."),

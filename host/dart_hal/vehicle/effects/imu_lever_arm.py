@@ -23,6 +23,9 @@ def accel(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
 EFFECT = Effect(
     name="imu_lever_arm",
     title="has an IMU away from its centre of mass",
+    signed_titles=(
+        "has an IMU behind its centre of mass",
+        "has an IMU ahead of its centre of mass"),
     physics=(
         "Away from the centre of mass an accelerometer also feels the turning: outwards "
         "with the square of its rate, sideways with its change. k is positive ahead of "

@@ -23,6 +23,7 @@ def accel(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
 EFFECT = Effect(
     name="imu_offset_y",
     title="has an IMU to the left or right of its middle",
+    signed_titles=("has an IMU to the right of its middle", "has an IMU to the left of its middle"),
     physics=(
         "Off the middle of the car an accelerometer feels the turning sideways with the square "
         "of its rate, to the same side in either turn. k is positive to the left."),

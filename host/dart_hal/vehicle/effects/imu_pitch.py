@@ -30,6 +30,7 @@ def gyro(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
 EFFECT = Effect(
     name="imu_pitch",
     title="has an IMU that is tilted forwards or backwards",
+    signed_titles=("has an IMU that is tilted backwards", "has an IMU that is tilted forwards"),
     physics=(
         "A board on foam tape or a bent plate is never level. One degree lets 0.17 m/s2 "
         "of gravity into the forward axis, as if the car sped up all the time. "

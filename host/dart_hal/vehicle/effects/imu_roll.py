@@ -30,6 +30,9 @@ def gyro(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
 EFFECT = Effect(
     name="imu_roll",
     title="has an IMU that is tilted to one side",
+    signed_titles=(
+        "has an IMU that is tilted to the left",
+        "has an IMU that is tilted to the right"),
     physics=(
         "A board on foam tape or a bent plate is never level. One degree lets 0.17 m/s2 "
         "of gravity into the side axis, as if the car were always in a curve. Positive: "

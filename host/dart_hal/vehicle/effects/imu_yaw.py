@@ -24,6 +24,9 @@ def accel(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
 EFFECT = Effect(
     name="imu_yaw",
     title="has an IMU that is turned about the vertical",
+    signed_titles=(
+        "has an IMU that is turned to the right",
+        "has an IMU that is turned to the left"),
     physics=(
         "A board that is glued on askew mixes forward and side acceleration. The gyro "
         "does not notice."),

@@ -24,6 +24,7 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
 EFFECT = Effect(
     name="lateral_pull",
     title="pulls to one side",
+    signed_titles=("pulls to the right", "pulls to the left"),
     physics=(
         "A wheel that drags, or tyres of different size left and right: resistance on "
         "one side of the car turns it to that side."),

@@ -19,6 +19,7 @@ def vehicle(p: Vehicle, k: Value) -> Vehicle:
 EFFECT = Effect(
     name="mass",
     title="is heavier or lighter than the model",
+    signed_titles=("is lighter than the model", "is heavier than the model"),
     physics=(
         "A battery, a sensor or a mast that was not on the scales: all forces "
         "accelerate it less."),

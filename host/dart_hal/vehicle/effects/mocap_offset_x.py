@@ -23,6 +23,9 @@ def pose(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
 EFFECT = Effect(
     name="mocap_offset_x",
     title="carries its marker further ahead or back than was measured",
+    signed_titles=(
+        "carries its marker further back than was measured",
+        "carries its marker further ahead than was measured"),
     physics=(
         "Motion capture sees a marker; where it sits on the car is measured with a "
         "ruler, if at all. Turning then looks like side velocity, in proportion to its "

@@ -23,6 +23,9 @@ def pose(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
 EFFECT = Effect(
     name="mocap_offset_y",
     title="carries its marker further left or right than was measured",
+    signed_titles=(
+        "carries its marker further right than was measured",
+        "carries its marker further left than was measured"),
     physics=(
         "A marker off the middle of the car goes faster in a curve to the other side: "
         "forward speed seems to change with the turning rate."),

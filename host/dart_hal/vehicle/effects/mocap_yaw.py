@@ -23,6 +23,9 @@ def pose(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
 EFFECT = Effect(
     name="mocap_yaw",
     title="carries its marker turned about the vertical",
+    signed_titles=(
+        "carries its marker turned to the right",
+        "carries its marker turned to the left"),
     physics=(
         "The axes of a marker are those in which it was registered. Driving straight "
         "ahead then looks like drifting sideways, in proportion to speed."),

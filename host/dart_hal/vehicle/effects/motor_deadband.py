@@ -18,6 +18,9 @@ def vehicle(p: Vehicle, k: Value) -> Vehicle:
 EFFECT = Effect(
     name="motor_deadband",
     title="begins to pull at more or less throttle than the model",
+    signed_titles=(
+        "begins to pull at less throttle than the model",
+        "begins to pull at more throttle than the model"),
     physics=(
         "Neutral of the ESC drifts with temperature and with how it was taught; brushes "
         "and gears stick until the torque suffices."),

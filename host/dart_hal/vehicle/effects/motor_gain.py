@@ -18,6 +18,7 @@ def vehicle(p: Vehicle, k: Value) -> Vehicle:
 EFFECT = Effect(
     name="motor_gain",
     title="has a stronger or weaker motor than the model",
+    signed_titles=("has a weaker motor than the model", "has a stronger motor than the model"),
     physics=(
         "Force goes with the voltage of the battery: full or half empty is a difference "
         "of 15 %. It is a property of a drive and not of the car."),

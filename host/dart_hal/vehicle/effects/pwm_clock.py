@@ -33,6 +33,7 @@ def throttle(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value
 EFFECT = Effect(
     name="pwm_clock",
     title="gets pulses that are too long or too short",
+    signed_titles=("gets pulses that are too short", "gets pulses that are too long"),
     physics=(
         "The PCA9685 counts an RC oscillator of 25 MHz +- 4 %. Slow, it stretches every "
         "pulse: the neutral of the servo moves to the left and that of the motor "

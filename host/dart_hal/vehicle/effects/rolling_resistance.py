@@ -18,6 +18,7 @@ def vehicle(p: Vehicle, k: Value) -> Vehicle:
 EFFECT = Effect(
     name="rolling_resistance",
     title="rolls harder or more easily than the model",
+    signed_titles=("rolls more easily than the model", "rolls harder than the model"),
     physics=(
         "Tyres, bearings and gears resist with a force that hardly depends on speed; a "
         "soft floor, dirt or a tight gear mesh adds to it."),

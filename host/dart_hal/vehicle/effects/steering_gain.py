@@ -19,6 +19,9 @@ def vehicle(p: Vehicle, k: Value) -> Vehicle:
 EFFECT = Effect(
     name="steering_gain",
     title="turns its wheels further or less far than the model",
+    signed_titles=(
+        "turns its wheels less far than the model",
+        "turns its wheels further than the model"),
     physics=(
         "Length of the servo's horn and of the steering arms set the ratio of the "
         "linkage; another hole of the horn changes it."),

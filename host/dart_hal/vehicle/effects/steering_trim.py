@@ -22,6 +22,9 @@ def trimmed(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]
 EFFECT = Effect(
     name="steering_trim",
     title="steers to one side of where the model steers",
+    signed_titles=(
+        "steers to the right of where the model steers",
+        "steers to the left of where the model steers"),
     physics=(
         "The horn of the servo sits on a toothed shaft and the rods have threads: "
         "centre is where somebody set it, and a bump moves it."),

@@ -18,6 +18,9 @@ def vehicle(p: Vehicle, k: Value) -> Vehicle:
 EFFECT = Effect(
     name="yaw_inertia",
     title="takes longer or less long to begin and end a turn than the model",
+    signed_titles=(
+        "begins and ends a turn faster than the model",
+        "begins and ends a turn more slowly than the model"),
     physics=(
         "Nobody has measured it: published values are those of a rectangle and differ "
         "by a third. Weight at the ends of the car counts with the square of its "
