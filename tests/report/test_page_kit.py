@@ -50,7 +50,7 @@ def test_an_interval_without_any_number_can_still_be_drawn():
 
 
 def test_markup_is_kept_and_text_is_escaped():
-    assert el("p", "a < b +- 1", el("b", "x")) == "<p>a &lt; b ± 1<b>x</b></p>"
+    assert el("p", "a < b +- 1", el("b", "x")) == "<p>a &lt; b\u00a0±\u00a01<b>x</b></p>"
     assert el("p", class_="n", data_x='"') == '<p class="n" data-x="&quot;"></p>'
     assert isinstance(table(("a",), [("<i>",)]), Html)
     with pytest.raises(ValueError, match="attribute"):
@@ -78,7 +78,8 @@ def test_a_page_is_sound_and_asks_for_nothing_from_outside(tmp_path):
     figures.finish(figure.subplots(), "x", "y", "title")
     drawn = [charts.lines("lines", "x", "y", [charts.Series(x, x, reach)], ("a", "b", "c")),
              charts.paths("paths", "x", "y", [(np.array([[0.0, 1.0], [0.0, 0.5]]), "car")], 1),
-             charts.grouped_bars("groups", [("one", [(2.0, "before"), (math.inf, "after")])]),
+             charts.grouped_bars("groups", [
+                 ("one", [(2.0, 1.0, "before"), (math.inf, math.nan, "after")])]),
              charts.bars("bars", "x", [("one", 120.0, "after"), ("none", 0.3, "other")]),
              figures.image(figure, "a <picture>")]
     sections = {"one": ("First", page.figures([page.figure("<caption>", d) for d in drawn])),
@@ -119,12 +120,24 @@ def test_a_path_that_leaves_the_picture_does_not_shrink_the_others():
 
 
 def test_each_group_of_bars_has_its_own_scale_and_infinity_no_bar():
-    picture = charts.grouped_bars("g", [("a", [(1.0, "before"), (0.5, "after")]),
-                                        ("b", [(200.0, "before"), (math.inf, "after")])])
+    picture = charts.grouped_bars("g", [
+        ("a", [(1.0, math.nan, "before"), (0.5, 0.25, "after")]),
+        ("b", [(200.0, math.nan, "before"), (math.inf, math.nan, "after")])])
     widths = [float(w) for w in re.findall(r'width="([\d.]+)" height="12"', picture)]
     assert widths[0] == widths[2] == pytest.approx(2.0 * widths[1], rel=0.01)
     assert widths[3] == 0.0
     assert ">diverged<" in picture
+    tick = re.search(r'<line x1="([\d.]+)"[^>]*class="median"', picture)
+    assert float(tick[1]) - charts.NAMES == pytest.approx(0.5 * widths[1], abs=0.2)
+
+
+def test_a_line_ends_at_a_point_that_is_not_finite():
+    """A part of a variable without data has no line across it."""
+    x = np.array([0.0, 1.0, math.nan, 3.0, 4.0])
+    picture = charts.lines("l", "x", "y", [charts.Series(x, x, np.zeros(5))])
+    assert picture.count("<polyline") == 2
+    whole = charts.lines("l", "x", "y", [charts.Series(x[:2], x[:2], np.zeros(2))])
+    assert whole.count("<polyline") == 1
 
 
 @pytest.mark.parametrize("tag", ['<img src="http://a.b/c.png">', "<script>", "<link rel=x>",

@@ -84,7 +84,7 @@ def paths(name: str, x_label: str, y_label: str, lines: Sequence[tuple[FloatArra
     for xy, style in near:
         nothing = np.full(xy.shape[1], math.nan)
         parts += svg.curve(frame, xy[0], xy[1], nothing, nothing, f"{style} path", marked=False)
-    for xy, style in near:
+    for xy, style in [*near[1:], near[0]]:  # the marks of the reference on top
         for a, b in xy[:, mark_spacing::mark_spacing].T:
             if math.isfinite(a):
                 parts.append(svg.mark(*frame.at(float(a), float(b)), style))
@@ -97,23 +97,29 @@ def _widen(interval: tuple[float, float], length: float) -> tuple[float, float]:
     return middle - 0.5 * length, middle + 0.5 * length
 
 
-def grouped_bars(name: str, groups: Sequence[tuple[str, Sequence[tuple[float, str]]]]) -> Html:
-    """Draw groups of horizontal bars (value, style), each group to its own scale.
+def grouped_bars(name: str, groups: Sequence[tuple[str, Sequence[tuple[float, float, str]]]]
+                 ) -> Html:
+    """Draw groups of horizontal bars (value, median, style), each group to its own scale.
 
-    A value that is not finite has no bar; infinity is written as "diverged".
+    A value that is not finite has no bar; infinity is written as "diverged". A tick marks the
+    median; none where it is not finite.
     """
     height = svg.TOP + sum(BAR * len(bars) + GROUP_GAP for _, bars in groups)
     parts: list[Html] = []
     y = svg.TOP
     for words, bars in groups:
-        top = max((value for value, _ in bars if math.isfinite(value)), default=0.0)
+        top = max((v for bar in bars for v in bar[:2] if math.isfinite(v)), default=0.0)
         full = svg.WIDTH - NAMES - FIGURE
         parts.append(svg.text(NAMES - 8, y + 0.5 * BAR * len(bars) + 4, words, "end"))
-        for value, style in bars:
+        for value, median, style in bars:
             length = full * value / top if math.isfinite(value) and top > 0.0 else 0.0
             number = "diverged" if math.isinf(value) else significant(value)
+            tick = full * median / top if math.isfinite(median) and top > 0.0 else 0.0
             parts += [svg.bar(NAMES, y + 1, length, BAR - 3, style),
-                      svg.text(NAMES + length + 5, y + BAR - 4, number)]
+                      svg.text(NAMES + max(length, tick) + 5, y + BAR - 4, number)]
+            if tick:
+                x = NAMES + tick
+                parts.append(svg.line((x, y - 0.5), (x, y + BAR - 1.5), "median"))
             y += BAR
         y += GROUP_GAP
     return svg.picture(name, parts, height=height)

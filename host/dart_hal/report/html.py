@@ -29,23 +29,34 @@ def el(name: str, /, *content: str, **attributes: str | float | None) -> Html:
 
 
 def join(content: Iterable[str]) -> Html:
-    """Pieces one after the other; plain text among them is escaped, and its +- typeset."""
-    return Html("".join(c if isinstance(c, Html) else html.escape(c).replace(" +- ", " \u00b1 ")
-                        for c in content))
+    """Pieces one after the other; plain text among them is escaped and typeset."""
+    return Html("".join(c if isinstance(c, Html) else html.escape(_typeset(c)) for c in content))
+
+
+def _typeset(text: str) -> str:
+    """Set +-, -> and per cent so that no line breaks at them."""
+    for plain, typeset in ((" +- ", "\u00a0\u00b1\u00a0"), (" -> ", "\u00a0\u2192\u00a0"),
+                           (" %", "\u00a0%")):
+        text = text.replace(plain, typeset)
+    return text
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: int = 99,
           caption: str = "") -> Html:
     """A table that scrolls sideways where it is too wide; nothing where there is no row.
 
-    Columns from ``numbers`` on are set to the right.
+    Columns from ``numbers`` on are set to the right, except for long cells.
     """
     rows = list(rows)
     if not rows:
         return Html()
     def cells(kind: str, row: Sequence[str]) -> Html:
-        return el("tr", *(el(kind, cell, class_="n" if i >= numbers else
-                             "s" if len(cell) <= SHORT else None) for i, cell in enumerate(row)))
+        out = []
+        for i, cell in enumerate(row):
+            long = len(cell) > SHORT
+            number = i >= numbers and (kind == "th" or not long)
+            out.append(el(kind, cell, class_="n" if number else None if long else "s"))
+        return el("tr", *out)
 
     top = [el("caption", caption)] * bool(caption) + [el("thead", cells("th", head))] * any(head)
     return el("div", el("table", *top, el("tbody", *(cells("td", row) for row in rows))),

@@ -32,6 +32,20 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.0f} %" if math.isfinite(share) else "-"
 
 
+def larger(ratio: float, low: float, high: float) -> str:
+    """A ratio as a change: "7 % larger [+5 %, +9 %]", "0.4 % smaller [-0.6 %, -0.1 %]".
+
+    low, high: of its interval; it is left out where they are not known.
+    """
+    if not math.isfinite(ratio):
+        return "larger by an unknown share"
+    digits = 1 if abs(ratio - 1.0) < 0.02 else 0
+    ends = [f"{100.0 * (end - 1.0):+.{digits}f} %" for end in (low, high) if math.isfinite(end)]
+    word = "larger" if ratio >= 1.0 else "smaller"
+    return (f"{100.0 * abs(ratio - 1.0):.{digits}f} % {word}"
+            + (f" [{', '.join(ends)}]" if len(ends) == 2 else ""))
+
+
 def p_value(p: float | None) -> str:
     """"p = 0.012", "p < 0.0001"; "p unknown" where there is none."""
     if p is None or not math.isfinite(p):

@@ -40,9 +40,10 @@ def write(path: str | Path, whole: str) -> Path:
     return path
 
 
-def card(*lines: Html, good: bool, kind: str = "verdict") -> Html:
-    """What somebody reads who reads nothing else, marked by its colour; kind: verdict, cause."""
-    return el("div", *lines, class_=f"{kind} {'good' if good else 'bad'}")
+def card(*lines: Html, good: bool = False, tone: str = "", kind: str = "verdict") -> Html:
+    """Draw a box marked by its colour. kind: verdict, cause; tone: good, found, bad, by ``good``
+    where it is empty."""
+    return el("div", *lines, class_=f"{kind} {tone or ('good' if good else 'bad')}")
 
 
 def notices(lines: Iterable[str]) -> Html:

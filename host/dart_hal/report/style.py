@@ -18,7 +18,8 @@ a { color: var(--after) } p, li { max-width: 46rem } .soft { color: var(--soft);
   padding: .8rem 1rem; margin: 1rem 0; border-radius: 4px }
 .verdict p, .cause p { margin: .35rem 0 } .big { font-size: 1.08rem }
 .verdict .big { font-weight: 600 } .verdict li { margin: .4rem 0 }
-.good { border-color: var(--good) } .bad { border-color: var(--before) }
+.good { border-color: var(--good) } .found { border-color: var(--after) }
+.bad { border-color: var(--before) }
 .notice { border-left: 3px solid var(--warn); padding-left: .7rem }
 nav { font-size: .92rem } nav a { margin-right: 1rem; white-space: nowrap }
 .figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(17rem, 100%), 1fr));
@@ -41,6 +42,7 @@ svg { width: 100%; height: auto; display: block } svg.key { width: 14px; height:
 .path.car { stroke-width: 7; opacity: .3 }
 .line.before, .line.after { fill: none } .bar { stroke: none } .other.bar { fill: var(--other) }
 .floor.bar, .key .floor { fill: none; stroke: var(--ink) } .key .refit { fill: var(--refit) }
+.median { stroke: var(--ink); stroke-width: 2 }
 .legend { font-size: .88rem; margin: .2rem 0 .6rem } .key .other { fill: var(--other) }
 .legend span { margin-right: 1.2rem; white-space: nowrap }
 details { margin: .6rem 0 } summary { cursor: pointer; color: var(--after) }

@@ -80,14 +80,17 @@ def text(x: float, y: float, words: str, anchor: str = "start", class_: str = "t
 
 def curve(frame: Frame, x: FloatArray, y: FloatArray, low: FloatArray, high: FloatArray,
           class_: str, joined: bool = True, marked: bool = True) -> list[Html]:
-    """Points with whiskers (k,), joined by a line; what is not finite is left out."""
-    points = [(*frame.at(float(a), float(b)), float(a), float(lo), float(hi))
-              for a, b, lo, hi in zip(x, y, low, high, strict=True)
-              if math.isfinite(a) and math.isfinite(b)]
-    out = []
-    if joined and len(points) > 1:
-        path = " ".join(f"{px:.1f},{py:.1f}" for px, py, *_ in points)
-        out.append(el("polyline", points=path, class_=f"{class_} line"))
+    """Points with whiskers (k,), joined by a line that ends at a point that is not finite."""
+    points, lines = [], [list[str]()]
+    for a, b, lo, hi in zip(x, y, low, high, strict=True):
+        if not (math.isfinite(a) and math.isfinite(b)):
+            lines.append([])
+            continue
+        px, py = frame.at(float(a), float(b))
+        points.append((px, py, float(a), float(lo), float(hi)))
+        lines[-1].append(f"{px:.1f},{py:.1f}")
+    out = [el("polyline", points=" ".join(part), class_=f"{class_} line")
+           for part in lines if joined and len(part) > 1]
     for px, py, a, lo, hi in points:
         if math.isfinite(lo) and math.isfinite(hi):
             out.append(line(frame.at(a, lo), frame.at(a, hi), f"{class_} whisker"))
