@@ -107,7 +107,7 @@ def diagnosis(verdict="partly_explained", causes=2, unexplained=True, **changes)
                       "why": ["3 window(s) left out: slow"]},
          "19/<b>.csv": {"role": "test", "sha256": "cd" * 32, "used": 1234, "dropped": 5,
                         "why": []}},
-        ("The last 40 % of each training recording is held out.",), 7, 3.25,
+        ("no test recordings: about 40 % of each training recording is held out",), 7, 3.25,
         None, ("mass",) if causes else (), 0.01,
         {n: 400.0 / (i + 1)**2 for i, n in enumerate(catalogue())}, paths=paths(causes))
     return replace(base, **changes)

@@ -230,7 +230,7 @@ def test_a_parameter_whose_size_changes_does_not_explain(change, after, verdict)
                     Constancy(0.001, "time", (), change, (0.01, 0.1)))
     explains = verdict == "parameters_only"
     assert _verdict(None, None, (), (), {}, (claimed,), ()) == verdict
-    assert ("Its size changes with" in describe_claim(claimed)["Why"]) != explains
+    assert ("The change is not constant" in describe_claim(claimed)["Why"]) != explains
     assert (claimed.to_json()["constancy"]["changes_with"] is None) == explains
     constant = Constancy(1.0, "", (), 0.0, (0.01, 0.1))
     cause = SimpleNamespace(gain=SimpleNamespace(high=0.5), constancy=constant)

@@ -8,7 +8,7 @@ from searched import drive
 
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
-from dart_hal.diagnose.report.words import verdict
+from dart_hal.diagnose.report.summary import verdict
 from dart_hal.vehicle.load import find_model
 
 PAIR = (("motor_gain", -0.12), ("gyro_latency", 0.06))

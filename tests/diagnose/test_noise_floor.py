@@ -22,7 +22,7 @@ from dart_hal.diagnose.noise_floor import (
 )
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.report import page
-from dart_hal.diagnose.report.words import verdict
+from dart_hal.diagnose.report.summary import verdict
 from dart_hal.evaluate.prediction import CHANNELS
 from dart_hal.vehicle import PAPER
 

@@ -20,7 +20,7 @@ from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.gains import _share
 from dart_hal.diagnose.report.explain import describe_cause
 from dart_hal.diagnose.report.page import page
-from dart_hal.diagnose.report.words import verdict
+from dart_hal.diagnose.report.summary import verdict
 from dart_hal.diagnose.result import Considered, Possible
 from dart_hal.report.numbers import percent, significant
 from dart_hal.vehicle.load import find_model
@@ -64,8 +64,8 @@ def test_sentence_and_table_state_one_number(turned_marker, capsys):
     assert re.search(rf"lateral velocity \[m/s\] (\S+ )+{re.escape(before)} {re.escape(after)} "
                      rf"-{percent(said)}", text)
     whole = page(d)
-    assert f"{before} -&gt; {after} m/s" in whole
-    assert f"-{percent(said)}" in whole
+    assert f"{before}\u00a0\u2192\u00a0{after} m/s" in whole
+    assert f"-{percent(said)}".replace(" ", "\u00a0") in whole
 
 
 def test_numbers_of_two_sources_are_told_apart():
@@ -81,16 +81,17 @@ POSSIBLE = Possible("mass", "is heavier", 0.9, 40.0, "it does not surely lower e
 
 @pytest.mark.parametrize("kind", ["unexplained", "nothing_wrong", "partly_explained"])
 @pytest.mark.parametrize(("considered", "possible", "named"), [
-    ((GATE, FAINT), (), "steering_lag (its gain is below the threshold of chance (p = 0.12))"),
-    ((FAINT,), (POSSIBLE,), "mass (it does not surely lower errors)")])
-def test_verdict_names_the_candidates_that_a_gate_dropped(kind, considered, possible, named):
+    ((GATE, FAINT), (), "its gain is below the threshold of chance"),
+    ((FAINT,), (POSSIBLE,), "it does not surely lower errors")])
+def test_page_states_below_the_verdict_which_gate_rejected_a_candidate(kind, considered, possible,
+                                                                        named):
     d = made.diagnosis(kind, 1 if kind == "partly_explained" else 0, kind != "nothing_wrong")
     d = replace(d, causes=tuple(c for c in d.causes if c.effect == "gyro_scale"),
                 considered=considered, possible=possible)
     text = verdict(d)
-    assert named in text
-    assert "grip" not in text
-    assert "o effect of the catalogue" not in text
+    assert named not in text
+    assert "o effect of the catalogue explains" not in text
+    assert named in page(d).partition('id="rejected"')[2]
 
 
 def test_a_candidate_that_a_gate_dropped_is_never_nothing_wrong():
@@ -98,7 +99,7 @@ def test_a_candidate_that_a_gate_dropped_is_never_nothing_wrong():
     assert conclusion._verdict(question, None, (), (), {}, (), (POSSIBLE,)) == "unexplained"
     assert conclusion._verdict(question, None, (), (), {}, (), ()) == "nothing_wrong"
     d = replace(made.diagnosis("unexplained", 0, False), considered=(), possible=(POSSIBLE,))
-    assert verdict(d).startswith("Something is wrong, possibly mass, but")
+    assert verdict(d).startswith("Something is wrong, possibly the car is heavier (mass), but")
 
 
 def test_verdict_says_that_the_catalogue_has_none_where_no_candidate_was_dropped():
@@ -137,11 +138,11 @@ def test_sizes_of_several_recordings_are_stated_with_their_spread():
     d = made.diagnosis(causes=1)
     several = replace(d.causes[0], sizes={"a": (0.9, 0.05), "b": (1.2, 0.1), "c": (0.1, 0.2)})
     text = describe_cause(replace(d, causes=(several,)), 0)["Why"]
-    assert "2 of 3 training recordings need it, with sizes from 10 % to 120 % of the" in text
+    assert "2 of 3 training recordings need it; sizes are 10 % to 120 % of the fitted one" in text
     assert "probability 0.99" in text
     alike = replace(d.causes[0], sizes={"a": (0.999, 0.05), "b": (1.002, 0.1)})
     text = describe_cause(replace(d, causes=(alike,)), 0)["Why"]
-    assert "2 of 2 training recordings need it, with the same size;" in text
+    assert "2 of 2 training recordings need it; sizes are 100 % of the fitted one;" in text
 
 
 def test_nothing_read_has_no_share_and_no_warning():

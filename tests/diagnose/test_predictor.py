@@ -141,7 +141,7 @@ def test_a_better_fit_without_effects_is_called_one():
                 for f, (name, one) in zip(factors, b.left_out.items(), strict=True)}
     text = predictor(replace(b, left_out=left_out))
     assert "fitted with equal weight for each recording: the errors" in text
-    assert "are 0.55 [" in text
+    assert "are 45 % smaller [" in text
     assert "No effects" not in text
 
 

@@ -29,7 +29,7 @@ def test_a_hidden_lag_shows_most_in_the_yaw_rate_along_the_steering_rate():
     d = made.diagnosis()
     rows = Rows(d.evidence, d.extended)
     before, after = stages_around(d, 0)
-    found = most(rows, columns(d.evidence, "yaw_rate"), before, after)
+    found = most(rows, columns(d.evidence, "yaw_rate"), before, after, "steering_lag")
     assert (found.column.channel, found.variable) == ("omega", "steering_rate")
     assert found.score > 0.2
     assert np.nanmax(np.abs(found.after.mean)) < 0.3 * np.nanmax(np.abs(found.before.mean))
@@ -45,7 +45,7 @@ def test_the_causes_in_the_other_order_are_not_confused():
 def test_a_stage_that_changes_nothing_has_nothing_to_show():
     d = made.diagnosis()
     rows = Rows(d.evidence, d.extended)
-    assert most(rows, columns(d.evidence), d.stages[0], d.stages[1]) is None
+    assert most(rows, columns(d.evidence), d.stages[0], d.stages[1], "grip") is None
 
 
 def test_a_variable_that_does_not_vary_or_is_unknown_is_not_drawn():
@@ -75,6 +75,7 @@ def test_without_mocap_the_lag_shows_in_the_gyro():
     lag = apply(PAPER, "steering_lag", k=0.12)
     before, after = (Stage("", p, {}, evidence.residuals(p)) for p in (PAPER, lag))
     assert {c.channel for c in columns(evidence)} == {"encoder", "gyro", "accel_x", "accel_y"}
-    found = most(Rows(evidence, lag), columns(evidence, "gyro"), before, after)
+    found = most(Rows(evidence, lag), columns(evidence, "gyro"), before, after,
+                 "steering_lag")
     assert (found.column.channel, found.variable) == ("gyro", "steering_rate")
     assert found.column.after == pytest.approx(0.3)

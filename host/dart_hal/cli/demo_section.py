@@ -8,7 +8,7 @@ from itertools import islice
 from typing import Any
 
 from dart_hal.cli.demo_diagnosis import AFTER, BEFORE, UNSEEN, Chapter, as_hidden, values_of
-from dart_hal.diagnose.report import structure
+from dart_hal.diagnose.report import describe_pattern
 from dart_hal.diagnose.report.along import Rows
 from dart_hal.diagnose.report.causes import KEY, cause_pictures
 from dart_hal.diagnose.report.overview import answer_card, overview
@@ -75,10 +75,10 @@ def real_skipped() -> Html:
 def _section(d: Diagnosis, how: str, report: str, *known: Html) -> Html:
     """The answer with paths and errors, what is known of the truth, where each cause shows."""
     more = len(d.unexplained) - LEFT
-    left = [*map(structure, d.unexplained[:LEFT])]
+    rows = Rows(d.evidence, d.extended)
+    left = [describe_pattern(d, u, rows) for u in d.unexplained[:LEFT]]
     left += [f"and {more} more, see the report"] if more > 0 else []
     without = [el("p", "Left without a cause:"), page.items(left)] if left else []
-    rows = Rows(d.evidence, d.extended)
     drawn = [one for i in range(len(d.causes)) for one in islice(cause_pictures(d, i, rows), 1)]
     return join([
         el("p", how), answer_card(d, *without, report=report), overview(d), *known,

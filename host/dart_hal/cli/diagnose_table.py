@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -11,6 +13,8 @@ from dart_hal.cli.output import output, results, say
 from dart_hal.diagnose.report.compared import step_changes
 from dart_hal.diagnose.report.explain import describe_cause, describe_claim
 from dart_hal.diagnose.report.overview import FLOOR, HELD
+from dart_hal.diagnose.report.patterns import describe_pattern
+from dart_hal.diagnose.report.summary import headline, summary_lines
 from dart_hal.diagnose.report.words import (
     CHANNELS,
     channel,
@@ -21,8 +25,6 @@ from dart_hal.diagnose.report.words import (
     pooled,
     possible,
     predictor,
-    structure,
-    verdict,
 )
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.evaluate import CHANNELS as PREDICTED
@@ -30,26 +32,34 @@ from dart_hal.report.numbers import significant
 
 NARROWEST = 86
 """Columns that the table takes wherever it is printed."""
+WITH_MEDIANS = 110
+"""Columns of a terminal from which on medians are printed as well."""
 COLUMNS = {"given": "given", "refitted": "refitted", "extended": "with causes"}
 
 
 def show(d: Diagnosis) -> None:
     """Print the verdict, one line for each finding, the errors by model, and what is doubtful."""
-    say(verdict(d), style="bold")
+    say(headline(d), style="bold")
+    for line in summary_lines(d):
+        say(f"  {line}")
     for claim in d.claims:
-        say(f"wrong parameters: {' '.join(describe_claim(claim).values())}")
+        say(f"parameters: {' '.join(describe_claim(claim).values())}")
     for i, cause in enumerate(d.causes):
         say(f"{i + 1}. {cause.effect}: {' '.join(describe_cause(d, i).values())}")
     for p in d.possible:
-        say(f"not accepted: {possible(p)}", style="dim")
+        if p.grade == "likely":
+            say(f"not accepted: {possible(p)}", style="dim")
+    others = [p.effect for p in d.possible if p.grade != "likely"]
+    if others:
+        say(f"not accepted, possible: {', '.join(others)}", style="dim")
     for u in d.unexplained:
-        say(f"not explained: {structure(u)}", style="yellow")
+        say(f"not explained: {describe_pattern(d, u)}", style="yellow")
     for o in d.outliers:
         say(f"single moments: {outliers(o)}", style="yellow")
     if d.late_commands:
         say(f"late commands: {late_commands(d.late_commands)}", style="yellow")
-    for e in d.excesses:
-        say(f"above the noise floor: {excess(e)}", style="yellow")
+    if d.excesses:
+        say(f"above the noise floor: {'; '.join(map(excess, d.excesses))}", style="yellow")
     _show_errors(d)
     if d.predictor is not None:
         say(predictor(d.predictor))
@@ -65,16 +75,27 @@ def _show_errors(d: Diagnosis) -> None:
     if not known:
         return
     floor = ["floor"] * bool(d.noise_floor)
-    say("errors 1 s ahead on the test recordings (RMSE); " + f"floor: {FLOOR}; " * bool(floor)
-        + f"const.: {HELD}; with each step its change and the recordings better:worse")
+    counted = any(c.counts for name in known for c in step_changes(d, name))
+    medians = results.width >= WITH_MEDIANS
+    say(f"errors 1 s ahead on the test recordings: RMSE{' (median)' * medians}; "
+        + f"floor: {FLOOR}; " * bool(floor) + f"const.: {HELD}; with each step its change"
+        + " and the recordings better:worse" * counted)
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for title in ("", *floor, "const.", *(COLUMNS[name] for name in d.compared)):
         table.add_column(title, no_wrap=True)
     for name in known:
-        held, given = (significant(pooled(of, "1.0", name))
-                       for of in (d.ctrv, d.stages[0].horizons))
+        held, given, *later = (_error(of, name, medians) for of in (
+            d.ctrv, *(stage.horizons for stage in d.compared.values())))
         least = [significant(d.noise_floor[name])] if floor else []
-        steps = (f"{significant(c.after)} {c.summary}" for c in step_changes(d, name))
+        steps = (f"{error} {c.summary}"
+                 for error, c in zip(later, step_changes(d, name), strict=False))
         table.add_row(f"{channel(name)} [{CHANNELS[name][1]}]", *least, held, given, *steps)
     Console(file=output, emoji=False, markup=False, highlight=False,
             width=max(results.width, NARROWEST)).print(table)
+
+
+def _error(horizons: Mapping[str, Any], name: str, median: bool) -> str:
+    """"0.137 (0.103)": RMSE, and the median where there is room for it."""
+    typical = pooled(horizons, "1.0", name, "median")
+    note = f" ({significant(typical)})" if median and math.isfinite(typical) else ""
+    return significant(pooled(horizons, "1.0", name)) + note

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal.process.jobs import each
+from dart_hal.report.numbers import larger
 from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
@@ -36,7 +37,7 @@ from .parameters.claims import Asked, claims
 from .parameters.sets import Sets
 from .parameters.unseen import Unseen
 from .predictor import find_predictor
-from .report.words import removes, times
+from .report.words import removes
 from .result import (
     Cause,
     Claim,
@@ -296,7 +297,7 @@ def _evidence(q: Question, named: Named, numbers: Mapping[str, Number], gain: Ga
         f"some effect gains what counts like {named.threshold:.0f} of this one in "
         f"{100.0 * q.settings.false_alarm:g} cases of 100",
         f"{key} is {away:.0f} standard errors from its null",
-        f"errors on the test recordings are {times(cost)} without it",
+        f"errors on the test recordings are {larger(*cost)} without it",
         f"{gain.measure}: {removes(gain)}")
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from dart_hal.report.numbers import larger
 from dart_hal.vehicle.effect import Effect
 
 from .policy import Policy
@@ -53,9 +54,7 @@ class Candidate:
 
     def errors_without(self) -> str:
         """The errors of the test recordings without the effect, in words."""
-        ratio, low, high = self.cost
-        between = f" [{low:.3f}, {high:.3f}]" if math.isfinite(low) else ""
-        return f"{ratio:.3f}{between} times as large without it"
+        return f"without it the test errors are {larger(*self.cost)}"
 
 
 class Gate(NamedTuple):
@@ -79,7 +78,7 @@ STAGES = {
 }
 """What each stage judges, in the order of a diagnosis."""
 
-TOO_SMALL = "smaller than what sampling and timing conventions can cause"
+TOO_SMALL = "so small that sampling or time stamps alone could cause it"
 WITHDRAWN = "withdrawn: with it as much structure is left as without it"
 IMPROBABLE = "too few of the data left out of its fit are predicted better with it"
 
@@ -117,8 +116,7 @@ GATES = (
     Gate("confirmation", "test", lambda c, p: c.confirmation(p) > 1.0,
          lambda p: ("the test errors without it are larger; the interval of their ratio is above "
                     f"1 where the probability is below {p.grade.confident:g}"),
-         lambda c: ("the test recordings do not confirm it: their errors are "
-                    f"{c.errors_without()}")),
+         lambda c: f"the test recordings do not confirm it: {c.errors_without()}"),
 )
 """All gates, in the order in which an effect comes to them."""
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from .explain import describe_cause, describe_claim
 from .page import page, write_page
-from .words import removes, structure, verdict
+from .patterns import describe_pattern
+from .summary import verdict
+from .words import removes
 
-__all__ = ["describe_cause", "describe_claim", "page", "removes", "structure", "verdict",
+__all__ = ["describe_cause", "describe_claim", "describe_pattern", "page", "removes", "verdict",
            "write_page"]

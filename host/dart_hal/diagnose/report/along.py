@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -25,6 +26,7 @@ from dart_hal.diagnose.unexplained.features import (
     message_features,
     window_features,
 )
+from dart_hal.evaluate.cases import short
 from dart_hal.types import SAMPLE, FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -38,12 +40,37 @@ WHISKER = 2.0  # standard errors that one reaches to each side
 STRETCHES = 3  # below that many a mean has no standard error
 SHOWN = (1.0, 0.25)
 """s after the start of a window, or a little more, at which predictions are looked at."""
+AHEAD_OF_PATTERNS = 0.5  # s, where patterns without a cause are searched
 SIDEWAYS = ("v_y", "omega", "gyro", "accel_y")
 """Channels that change sign with the turn: their errors also show in the sense of the turn."""
 MEANT = {"vx": ("v_x",), "position": ("v_x",), "vy": ("v_y",), "yaw_rate": ("omega",),
          "yaw_deg": ("omega",)}
 """Residuals in which a gain of an open-loop channel is looked for."""
 SIDES = ("left", "straight on", "right")
+GAP = 0.15
+"""Share of the range of a variable; a longer part without any row interrupts the line."""
+THROTTLE, TURNING, SIDE_FORCE = (
+    ("throttle", "acceleration"), ("yaw_rate", "steering_rate"), ("lateral_acceleration",))
+ACTS_ALONG = {
+    "battery_fade": ("time", "throttle"), "clock_offset": ("acceleration", "steering_rate"),
+    "centre_of_mass": ("lateral_acceleration", "yaw_rate"), "combined_slip": SIDE_FORCE,
+    "cornering_drag": ("steering_angle",), "differential_drag": ("steering_angle", "yaw_rate"),
+    "encoder_axle": ("steering_angle", "yaw_rate"), "encoder_latency": ("acceleration",),
+    "encoder_ring": ("revolution_angle",), "encoder_scale": ("speed",),
+    "encoder_slip": ("acceleration", "throttle"), "front_grip": SIDE_FORCE, "grip": SIDE_FORCE,
+    "gyro_bias": ("yaw_rate", "time"), "gyro_latency": ("steering_rate",),
+    "gyro_scale": ("yaw_rate",), "load_transfer": ("acceleration",), "mass": THROTTLE,
+    "motor_deadband": THROTTLE, "motor_gain": THROTTLE, "motor_saturation": THROTTLE,
+    "quadratic_drag": ("speed",), "rear_saturation": SIDE_FORCE, "roll_compliance": SIDE_FORCE,
+    "road_slope_x": ("heading", "x"), "road_slope_y": ("heading", "y"),
+    "rolling_resistance": ("speed", "throttle"), "steering_backlash": ("steering_angle",
+                                                                       "steering_rate"),
+    "steering_compliance": SIDE_FORCE, "steering_dead_zone": ("steering_angle",),
+    "steering_delay": ("steering_rate",), "steering_gain": ("steering_angle",),
+    "steering_lag": ("steering_rate",), "steering_rate_limit": ("steering_rate",),
+    "steering_trim": ("steering_angle",), "throttle_delay": THROTTLE, "throttle_lag": THROTTLE,
+    "yaw_damping": ("yaw_rate",), "yaw_inertia": TURNING}
+"""Variables in which an effect acts; any variable shows an effect that is not listed."""
 AS_GOOD = 0.9
 """Share of the best score from where on an earlier variable of UNITS is taken: speed tells more
 to a reader than the heading does."""
@@ -140,6 +167,18 @@ class Rows:
             return None
         return means_along(x[good], y[good], self.stretch(column)[good])
 
+    def by_recording(self, column: Column, r: Residuals) -> tuple[tuple[str, ...], Means]:
+        """Names of the recordings, and the mean residual of each at x = 0, 1, 2..."""
+        values = self.values(column, r)
+        evidence = self._evidence
+        drive = evidence.motion_drive if column.after else evidence.sensor_drive
+        shown = [i for i in range(len(evidence.drives))
+                 if np.isfinite(values[drive == i]).sum() >= STRETCHES]
+        good = [(drive == i) & np.isfinite(values) for i in shown]
+        m = _means([(drive[g], values[g], self.stretch(column)[g]) for g in good])
+        names = tuple(short(evidence.drives[i].recording.name) for i in shown)
+        return names, replace(m, x=np.arange(float(len(shown))))
+
     def sides(self, column: Column, r: Residuals) -> Means | None:
         """Left, straight on, right, at x = 0, 1, 2; NaN where the car did not drive so."""
         y, direction = column.of(r, self._noise_scale), self.features(column)["direction"]
@@ -151,11 +190,15 @@ class Rows:
         return Means(np.arange(3.0), m.mean, m.error, m.n)
 
 
-def columns(evidence: Evidence, channel: str = "") -> list[Column]:
-    """Residuals that a gain in ``channel`` may show in; "" = all that these data have."""
+def columns(evidence: Evidence, channel: str = "", seconds: Sequence[float] = SHOWN
+            ) -> list[Column]:
+    """Residuals that a gain in ``channel`` may show in; "" = all that these data have.
+
+    seconds: after the start of a window, at which predictions are taken.
+    """
     wanted = MEANT.get(channel, (channel,)) if channel else tuple(CHANNELS)
     predicted, times = _predicted(evidence)
-    reads = dict.fromkeys(int(np.searchsorted(times, t - 1e-9)) for t in SHOWN)
+    reads = dict.fromkeys(int(np.searchsorted(times, t - 1e-9)) for t in seconds)
     out = [Column(c, read * len(predicted) + j, times[read])
            for j, c in enumerate(predicted) if c in wanted for read in reads]
     if len(evidence.sensor_drive):
@@ -170,10 +213,11 @@ def _predicted(evidence: Evidence) -> tuple[tuple[str, ...], list[float]]:
     return MOTION, [r * SAMPLE for r in READ_OUTS]
 
 
-def most(rows: Rows, wanted: Sequence[Column], before: Stage, after: Stage | None = None
+def most(rows: Rows, wanted: Sequence[Column], before: Stage, after: Stage, effect: str
          ) -> Along | None:
-    """Column and variable along which most of the structure goes away; without after: is."""
-    found = [a for c in wanted for a in _tried(rows, c, before, after)]
+    """Column and variable in which the effect acts, along which most of the structure goes away."""
+    axes = ACTS_ALONG.get(effect, tuple(UNITS))
+    found = [a for c in wanted for a in _tried(rows, c, before, after) if a.variable in axes]
     best = max((a.score for a in found), default=0.0)
     if best <= 0.0:
         return None
@@ -199,7 +243,7 @@ def along(rows: Rows, column: Column, variable: str, before: Stage, after: Stage
     return Along(column, variable, was, now, score / size)
 
 
-def _tried(rows: Rows, column: Column, before: Stage, after: Stage | None) -> Iterator[Along]:
+def _tried(rows: Rows, column: Column, before: Stage, after: Stage) -> Iterator[Along]:
     for variable in UNITS:
         if variable in ("direction", "way") or (column.folded and variable in (
                 "steering_angle", "lateral_acceleration", "yaw_rate")):
@@ -227,7 +271,20 @@ def means_along(x: FloatArray, y: FloatArray, stretch: IntArray) -> Means | None
     which = np.searchsorted(edges, x)
     parts = [which == i for i in range(BINS)]
     enough = [p for p in parts if p.sum() >= THIN * len(x)]
-    return _means([(x[p], y[p], stretch[p]) for p in enough]) if len(enough) > 2 else None
+    if len(enough) <= 2:
+        return None
+    means = _means([(x[p], y[p], stretch[p]) for p in enough])
+    ordered = np.sort(x)
+    ends = np.searchsorted(ordered, means.x)
+    longest = [np.diff(ordered[max(a - 1, 0):b + 1]).max(initial=0.0)
+               for a, b in pairwise(ends.tolist())]
+    return _with_gaps(means, 1 + np.flatnonzero(np.array(longest) > GAP * (high - low)))
+
+
+def _with_gaps(m: Means, places: IntArray) -> Means:
+    """Insert a point that is not a number before each of the places, where a line ends."""
+    x, mean, error = (np.insert(v, places, math.nan) for v in (m.x, m.mean, m.error))
+    return Means(x, mean, error, np.insert(m.n, places, 0.0))
 
 
 def _means(parts: Sequence[tuple[FloatArray, FloatArray, IntArray]]) -> Means:

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.diagnose.result import Cause, Claim, Constancy, Diagnosis, Number, Unexplained
+from dart_hal.diagnose.result import Cause, Claim, Constancy, Diagnosis
 from dart_hal.diagnose.unexplained.features import UNITS
 from dart_hal.report import charts, page, svg
 from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.numbers import p_value, percent, significant
+from dart_hal.report.numbers import larger, p_value, percent, significant
 from dart_hal.vehicle.effects import catalogue, equation
 
 from . import tables
-from .along import SIDES, WHISKER, Along, Column, Means, Rows, along, columns, most
+from .along import SIDES, WHISKER, Along, Column, Means, Rows, columns, most
 from .claimed import KEY as CLAIM_KEY
 from .claimed import pictures
 from .compared import stages_around
-from .explain import describe_cause, describe_claim
-from .words import channel, excess, interval, quantity, remainder, structure, times, variable
+from .explain import describe_cause, describe_claim, heading, is_small
+from .patterns import Pattern
+from .summary import remainder
+from .words import channel, excess, interval, quantity, variable
 
 VISIBLE = 0.02
 """Share of a mean square that must go away for a second picture."""
@@ -38,10 +40,11 @@ def cause_section(d: Diagnosis, i: int, rows: Rows) -> Html:
     drawn = list(cause_pictures(d, i, rows))
     physics = Html() if known is None else join([
         el("p", known.physics), el("pre", equation(known))])
+    tone = "found" if cause.constancy.constant and cause.gain.low > 0.0 else "bad"
     return el(
-        "section", el("h3", f"{i + 1}. {cause.effect}"),
-        _four_sentences(describe_cause(d, i), cause.gain.low > 0.0),
-        page.figures([*drawn[:AT_ONCE], *_constancy_figure(cause.effect, cause.constancy)]),
+        "section", el("h3", f"{i + 1}. {heading(cause)}"),
+        _four_sentences(describe_cause(d, i), tone),
+        page.figures([*drawn[:AT_ONCE], *_constancy_figure("size", cause.constancy)]),
         KEY if drawn else page.soft(
             "The test recordings are too short for a picture of the residuals, or none of them "
             "became smaller."),
@@ -51,32 +54,31 @@ def cause_section(d: Diagnosis, i: int, rows: Rows) -> Html:
                   _sizes(cause), page.figures(drawn[AT_ONCE:])), id=f"cause-{i + 1}")
 
 
-def _four_sentences(sentences: Mapping[str, str], good: bool) -> Html:
-    """Draw the box of a finding; the first sentence is the large one."""
+def _four_sentences(sentences: Mapping[str, str], tone: str) -> Html:
+    """Draw the box of a finding; the first sentence is the large one. tone: as of ``card``."""
     (_, first), *others = sentences.items()
     return page.card(el("p", first, class_="big"), *(
         el("p", el("strong", f"{lead}: "), text) for lead, text in others),
-        good=good, kind="cause")
+        tone=tone, kind="cause")
 
 
 def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
-    """Describe patterns and single moments without a cause, and possible effects; "" for none."""
+    """Describe patterns, single moments and excesses without a cause; "" for none."""
     parts: list[Html] = []
     for u in d.unexplained:
-        parts.append(page.card(el("p", structure(u)), good=False, kind="cause"))
-        found = _last_residual(d, u, rows)
-        if found is not None:
-            again = f", from 0 again every {u.period:.2f} m" if u.period else ""
-            words = (f"{found.column.words}, along {variable(found.variable)}{again}: the last "
-                     "model on the test recordings (found on the training recordings)")
-            parts.append(page.figure(words, _drawn(found, [(found.before, "before")])))
-    head = ("channel", "structure", "with", "p", "share of the rest")
-    parts.append(table(head, [
-        (channel(u.channel), u.structure, ", ".join(map(variable, u.along)) or "-",
-         p_value(u.p_value), percent(u.share)) for u in d.unexplained]))
+        pattern = Pattern(d, u, rows)
+        parts.append(_four_sentences(pattern.sentences(), "bad"))
+        if pattern.found is not None:
+            parts.append(page.figure(pattern.caption(), _drawn(
+                pattern.found, [(pattern.found.after, "after")], pattern.names)))
     above = page.items(f"Above the noise floor: {excess(e)}." for e in d.excesses)
     shown = join([*parts, above, tables.moments(d)])
-    return join([shown or page.text(_as_sentence(remainder(d))), _possible(d)])
+    return shown or page.text(_as_sentence(remainder(d)))
+
+
+def rejected_section(d: Diagnosis) -> Html:
+    """Tabulate candidates that a gate rejected; "" for none."""
+    return join([_possible(d), tables.considered(d)]) if d.possible or d.considered else Html()
 
 
 def _as_sentence(words: str) -> str:
@@ -84,34 +86,32 @@ def _as_sentence(words: str) -> str:
 
 
 def claims_section(d: Diagnosis) -> Html:
-    """Describe parameters of the model that were wrong; "" for none."""
+    """Describe parameters of the model that changed; "" for none."""
     if not d.claims:
         return Html()
-    head = ("group", "quantity", "before", "after", "probability", "errors without it")
-    rows = [(c.title, name, significant(q.before), quantity(Number(q.after, q.std, q.unit)),
-             f"{c.probability:.2f}", f"x {c.cost[0]:.2f}")
-            for c in d.claims for name, q in c.quantities.items()]
-    cards = (join([_four_sentences(describe_claim(c), True),
+    cards = (join([_four_sentences(describe_claim(c), _claim_tone(c)),
                    page.figures([*pictures(c, d), *_changes(c)])]) for c in d.claims)
-    return join([*cards, CLAIM_KEY, page.fold(
-        "Numbers", table(head, rows, 2),
-        page.soft("Errors without it: those of the motion on the test recordings with the group "
-                  "at its old value over those with all groups estimated again, each the root of "
-                  "the robust loss that the fits lower."))])
+    return join([*cards, CLAIM_KEY, page.soft(
+        "Errors of the motion with the group at its old value are compared with those with all "
+        "groups estimated again: the root of the robust loss that the fits lower.")])
+
+
+def _claim_tone(c: Claim) -> str:
+    return "bad" if not c.constant else "good" if is_small(c) else "found"
 
 
 def _changes(c: Claim) -> list[Html]:
     """Draw how the size of a claim changes; nothing for a constant one."""
-    return [] if c.constant else _constancy_figure(c.group, c.constancy)
+    return [] if c.constant else _constancy_figure("change", c.constancy)
 
 
 def _possible(d: Diagnosis) -> Html:
     """Tabulate effects that the search accepted and a later test did not; "" for none."""
-    head = ("possible effect", "probability", "loss reduction", "what it would mean",
+    head = ("possible effect", "what it would mean", "probability", "loss reduction, alone",
             "why not accepted")
-    return table(head, [(p.effect, f"{p.probability:.2f}, {p.grade}", significant(p.loss, 4),
-                         f"the car {p.title}", p.why) for p in d.possible], 1,
-                 "Possible, but not accepted; not in the extended model") if d.possible else Html()
+    return table(head, [(p.effect, f"the car {p.title}", f"{p.probability:.2f}, {p.grade}",
+                         significant(p.loss, 4), p.why) for p in d.possible],
+                 caption="Possible, but not accepted; not in the extended model")
 
 
 def _constancy_figure(name: str, found: Constancy) -> list[Html]:
@@ -120,13 +120,15 @@ def _constancy_figure(name: str, found: Constancy) -> list[Html]:
         return []
     along_name, unit = variable(found.along), UNITS[found.along]
     x, y, error = (np.array(v) for v in zip(*found.curve, strict=True))
-    lead = "constant, it varies most with" if found.constant else "its size changes with"
+    p = p_value(found.p_value)
+    text = (f"no significant change of its {name} (largest with {along_name}, {p})"
+            if found.constant else f"its {name} changes with {along_name} ({p})")
     return [page.figure(
-        f"{name}: {lead} {along_name} ({p_value(found.p_value)})",
-        charts.lines(f"{name}: size along {along_name}",
+        text[:1].upper() + text[1:],
+        charts.lines(f"{name} along {along_name}",
                      along_name if unit == "-" else f"{along_name} [{unit}]",
                      "size, of the fitted one",
-                     [charts.Series(x, y, WHISKER * error, "after")]))]
+                     [charts.Series(x, y, WHISKER * error, "after", joined=False)]))]
 
 
 def _sizes(cause: Cause) -> Html:
@@ -142,11 +144,12 @@ def _figures(cause: Cause) -> Html:
     rows = [(name, quantity(n), significant(n.null)) for name, n in cause.parameters.items()]
     return join([
         table(("parameter", "value", "null value"), rows, 1),
-        table(("channel", "gain on test data", "95 %", "on training data", "loss reduction", "p"),
+        table(("channel", "gain on test data", "95 %", "on training data",
+               "loss reduction, in the final model", "p"),
               [(channel(gain.channel), percent(gain.test), interval(gain), percent(gain.train),
                 significant(cause.loss, 4), p_value(cause.p_value))], caption=gain.measure),
         page.soft("All residuals of the test recordings, of motion and sensors, are "
-                  f"{times(cause.cost)} without this cause, in the robust loss of the fits. Most "
+                  f"{larger(*cause.cost)} without this cause, in the robust loss of the fits. Most "
                   "of them are noise, which no cause lowers.")])
 
 
@@ -154,13 +157,14 @@ def cause_pictures(d: Diagnosis, i: int, rows: Rows) -> Iterator[Html]:
     """Where the cause number i shows, before and after it is in the model; the clearest first."""
     before, after = stages_around(d, i)
     effect, gained = d.causes[i].effect, d.causes[i].gain.channel
-    first = most(rows, columns(d.evidence, gained), before, after)
+    first = most(rows, columns(d.evidence, gained), before, after, effect)
     if first is not None:
-        yield _captioned(first, effect)
+        yield _captioned(first)
     second = most(rows, [c for c in columns(d.evidence)
-                         if first is None or c.channel != first.column.channel], before, after)
+                         if first is None or c.channel != first.column.channel], before, after,
+                  effect)
     if second is not None and second.score > VISIBLE:
-        yield _captioned(second, effect)
+        yield _captioned(second)
     if first is not None:
         plain = replace(first.column, folded=False)
         was, now = (rows.sides(plain, s.residuals) for s in (before, after))
@@ -168,18 +172,19 @@ def cause_pictures(d: Diagnosis, i: int, rows: Rows) -> Iterator[Html]:
             yield page.figure(f"{plain.words}: left against right", _sides(was, now, plain, effect))
 
 
-def _captioned(a: Along, effect: str) -> Html:
-    return page.figure(f"{effect}: {a.column.words}, along {variable(a.variable)}",
+def _captioned(a: Along) -> Html:
+    words = a.column.words
+    return page.figure(f"{words[:1].upper()}{words[1:]}, along {variable(a.variable)}",
                        _drawn(a, [(a.before, "before"), (a.after, "after")]))
 
 
-def _drawn(a: Along, shown: list[tuple[Means, str]]) -> Html:
-    """Mean residual along a variable, with two standard errors."""
-    name, unit = variable(a.variable), UNITS[a.variable]
+def _drawn(a: Along, shown: list[tuple[Means, str]], names: Sequence[str] = ()) -> Html:
+    """Mean residual along a variable, with two standard errors; names: of recordings instead."""
+    name, unit = variable(a.variable), UNITS.get(a.variable, "-")
     return charts.lines(f"{a.column.words} along {name}",
                         name if unit == "-" else f"{name} [{unit}]", f"error [{a.column.unit}]",
-                        [charts.Series(m.x, m.mean, WHISKER * m.error, style)
-                         for m, style in shown])
+                        [charts.Series(m.x, m.mean, WHISKER * m.error, style, joined=not names)
+                         for m, style in shown], [str(i + 1) for i in range(len(names))])
 
 
 def _sides(before: Means, after: Means, column: Column, effect: str) -> Html:
@@ -189,14 +194,3 @@ def _sides(before: Means, after: Means, column: Column, effect: str) -> Html:
                         [charts.Series(m.x + shift, m.mean, WHISKER * m.error, style, joined=False)
                          for m, shift, style in ((before, -MARK_OFFSET, "before"),
                                                  (after, MARK_OFFSET, "after"))], SIDES)
-
-
-def _last_residual(d: Diagnosis, u: Unexplained, rows: Rows) -> Along | None:
-    """Return the last residual of a channel along the first variable that can be drawn."""
-    wanted = columns(d.evidence, u.channel)
-    for v in u.along:
-        tried = [along(rows, column, v, d.stages[-1], period=u.period) for column in wanted]
-        found = [a for a in tried if a is not None]
-        if found:
-            return max(found, key=lambda a: a.score)
-    return None

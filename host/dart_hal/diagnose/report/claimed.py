@@ -75,7 +75,7 @@ def pictures(c: Claim, d: Diagnosis) -> Iterator[Html]:
 def _drawn(kind: Picture, d: Diagnosis) -> Html:
     blind = kind.needs_mocap and isinstance(d.evidence, OnboardEvidence)
     found = None if blind else _measured(kind, d)
-    low, high = kind.reach if found is None else (float(found.x.min()), float(found.x.max()))
+    low, high = kind.reach if found is None else (np.nanmin(found.x), np.nanmax(found.x))
     x = np.linspace(low, high, POINTS)
     none = np.full(POINTS, math.nan)
     series = [charts.Series(x, kind.curve(p, x), none, style, marked=False)

@@ -25,33 +25,43 @@ NOTICEABLE = 0.01
 class ErrorChange:
     """RMSE of one channel before and after a step, and the number of recordings by direction.
 
-    when: " 1 s ahead" for predictions, " at standstill" for readings of a standing car, else "".
+    recordings: of both. when: " 1 s ahead" for predictions, " at standstill" for readings of a
+    standing car, else "".
     """
 
     before: float
     after: float
     better: int
     worse: int
+    recordings: int
     when: str = ""
+
+    @property
+    def ratio(self) -> float:
+        """Error after over error before; NaN where one of the two is not known."""
+        known = math.isfinite(self.after) and self.before > 0.0
+        return self.after / self.before if known else math.nan
 
     @property
     def share(self) -> str:
         """"-73 %", "+4 %", "0 %"; "-" where one of the two is not known."""
-        if not (math.isfinite(self.after) and self.before > 0.0):
+        if math.isnan(self.ratio):
             return "-"
-        rounded = round(100.0 * (self.after / self.before - 1.0))
+        rounded = round(100.0 * (self.ratio - 1.0))
         return f"{rounded:+d} %" if rounded else "0 %"
 
     @property
     def counts(self) -> str:
-        """"9 recordings better, 2 worse"."""
+        """" (9 recordings better, 2 worse)"; "" for a single recording or none that changes."""
+        if self.recordings < 2 or not self.better + self.worse:
+            return ""
         s = "" if self.better == 1 else "s"
-        return f"{self.better} recording{s} better, {self.worse} worse"
+        return f" ({self.better} recording{s} better, {self.worse} worse)"
 
     @property
     def summary(self) -> str:
-        """"-73 % 9:2", with the recordings better:worse."""
-        return f"{self.share} {self.better}:{self.worse}"
+        """"-73 % 9:2", with the recordings better:worse where ``counts`` has them."""
+        return f"{self.share} {self.better}:{self.worse}" if self.counts else self.share
 
 
 def error_change(d: Diagnosis, before: Stage, after: Stage, channel: str) -> ErrorChange:
@@ -64,7 +74,7 @@ def error_change(d: Diagnosis, before: Stage, after: Stage, channel: str) -> Err
     ratios = [by_file_after[name] / max(value, 1e-300) for name, value in by_file.items()
               if name in by_file_after]
     return ErrorChange(first, second, sum(r < 1.0 - NOTICEABLE for r in ratios),
-                       sum(r > 1.0 + NOTICEABLE for r in ratios),
+                       sum(r > 1.0 + NOTICEABLE for r in ratios), len(ratios),
                        _when(d.evidence, channel))
 
 

@@ -27,6 +27,13 @@ TERMS = {
                                   "old values raise the errors of test recordings by 3 %: a "
                                   "posterior over sets of groups, each fitted again, averaged over "
                                   "draws of recordings.",
+    "small correction": "A parameter that changed by less than 2 % or by less than two standard "
+                        "errors.",
+    "stand-in": "A cause whose size is not constant: it improves the prediction, but something "
+                "else lies behind it.",
+    "noise floor": "The RMSE 1 s ahead that a model without any fault would have on the test "
+                   "recordings. Disturbances, measurement noise and unknown ages of commands "
+                   "make it.",
     "size": "Of a cause in a recording, relative to the one that fits all. It is constant if it "
             "does not change along time, place, speed, angle, throttle and accelerations more than "
             "with the signs of blocks turned.",
@@ -34,7 +41,8 @@ TERMS = {
             "were found. Its 95 % interval is a bootstrap over blocks.",
     "loss": "Squared residuals in standard deviations, linear for large ones, each counted for as "
             "many independent values as it represents. A reduction of 1 is one squared standard "
-            "deviation of one independent residual.",
+            "deviation of one independent residual. Alone: before any cause is in the model. In "
+            "the final model: by the cause, with all others in it.",
     "p-value": "How often the best effect of the whole catalogue would reduce the loss as much if "
                "nothing were missing, with the disturbances of these recordings.",
     "+-": "One standard error of a parameter; whiskers are two standard errors of a mean, from "

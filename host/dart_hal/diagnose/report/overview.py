@@ -17,8 +17,10 @@ from dart_hal.report.html import Html, el, join, table
 from dart_hal.report.numbers import significant
 
 from .compared import AHEAD, NOTICEABLE, step_changes
+from .data_problems import data_problems, model_problems
 from .explain import describe_cause, describe_claim
-from .words import CHANNELS, channel, is_good, pooled, verdict_parts
+from .summary import headline, summary_lines, tone
+from .words import CHANNELS, channel, pooled
 
 HELD = "constant velocity"
 FLOOR = "noise floor"
@@ -28,6 +30,8 @@ STYLES = {MEASURED: "car", HELD: "other", FLOOR: "floor", "given": "before", "re
 MODELS = {"given": "model as given", "refitted": "parameters refitted",
           "extended": "with the causes", FLOOR: "noise floor: a model without any fault"}
 STEPS = {"refitted": "by the refit", "extended": "by the causes"}
+WHAT_FLOOR = ("Noise floor: the error that a model without any fault would have on these "
+              "recordings, from disturbances, measurement noise and the unknown ages of commands.")
 MARK_SPACING = 0.5  # s
 SAME_PATH = 0.01
 """m between two lines that cover each other in the picture."""
@@ -36,19 +40,31 @@ NO_PATH = "Without motion capture there is no measured path to draw."
 
 def verdict_card(d: Diagnosis) -> Html:
     """Draw the box with the verdict."""
-    result, dropped = verdict_parts(d)
-    return page.card(el("p", result, class_="big"), page.text(dropped), good=is_good(d))
+    return page.card(el("p", headline(d), class_="big"), *map(_line, summary_lines(d)),
+                     tone=tone(d))
+
+
+def _line(line: str) -> Html:
+    """Draw a line of the summary; its first word is bold where a colon follows."""
+    lead, colon, rest = line.partition(": ")
+    return el("p", el("strong", f"{lead}: "), rest) if colon and " " not in lead else el("p", line)
+
+
+def problem_card(d: Diagnosis) -> Html:
+    """Draw the box with what limits all numbers: problems of the data, and of the model."""
+    problems = [*data_problems(d), *model_problems(d)]
+    return page.card(el("p", "Before you rely on the numbers", class_="big"),
+                     page.items(problems), tone="bad") if problems else Html()
 
 
 def answer_card(d: Diagnosis, *after: Html, report: str = "") -> Html:
     """Draw the box with verdict and findings, each with a link to its evidence on ``report``."""
     found = [(describe_claim(c)["What"], "claims") for c in d.claims]
     found += [(describe_cause(d, i)["What"], f"cause-{i + 1}") for i in range(len(d.causes))]
-    result, dropped = verdict_parts(d)
     return page.card(
-        el("p", result, class_="big"), page.text(dropped),
+        el("p", headline(d), class_="big"),
         page.items((join([what, " ", el("a", "evidence", href=f"{report}#{anchor}")])
-                    for what, anchor in found), "ol"), *after, good=is_good(d))
+                    for what, anchor in found), "ol"), *after, tone=tone(d))
 
 
 def overview(d: Diagnosis) -> Html:
@@ -59,17 +75,18 @@ def overview(d: Diagnosis) -> Html:
     shown = [MEASURED] * bool(d.paths) + [
         name for name, errors in _errors(d).items() if errors]
     key = svg.legend([(STYLES[name], MODELS.get(name, name)) for name in shown])
-    return join([key, el("div", el("div", _path_figures(d.paths)), el("div", bars, shares(d)),
-                         class_="pair")])
+    return join([key, el("div", el("div", _path_figures(d.paths)),
+                         el("div", bars, page.soft(WHAT_FLOOR) if d.noise_floor else Html(),
+                            shares(d)), class_="pair")])
 
 
-def _errors(d: Diagnosis) -> dict[str, dict[str, float]]:
-    """Return by model the RMSE 1 s ahead of each channel that is known."""
+def _errors(d: Diagnosis) -> dict[str, dict[str, tuple[float, float]]]:
+    """Return by model the RMSE and the median 1 s ahead of each channel that is known."""
     models = {HELD: d.ctrv, **{name: stage.horizons for name, stage in d.compared.items()}}
-    out = {model: {c: pooled(errors, AHEAD, c) for c in PREDICTED}
-           for model, errors in models.items()}
-    out[FLOOR] = dict(d.noise_floor)
-    return {model: {c: value for c, value in errors.items() if not math.isnan(value)}
+    out = {model: {c: (pooled(errors, AHEAD, c), pooled(errors, AHEAD, c, "median"))
+                   for c in PREDICTED} for model, errors in models.items()}
+    out[FLOOR] = {c: (value, math.nan) for c, value in d.noise_floor.items()}
+    return {model: {c: both for c, both in errors.items() if not math.isnan(both[0])}
             for model, errors in out.items()}
 
 
@@ -107,13 +124,14 @@ def _error_figure(d: Diagnosis) -> Html:
     """Draw the RMSE of all models 1 s ahead, one group of bars for each channel."""
     models = _errors(d)
     groups = [(f"{channel(name)} [{CHANNELS[name][1]}]",
-               [(errors[name], STYLES[model]) for model, errors in models.items()
+               [(*errors[name], STYLES[model]) for model, errors in models.items()
                 if name in errors]) for name in PREDICTED]
     groups = [(words, bars) for words, bars in groups if bars]
     if not groups:
         return Html()
-    return page.figure("Error 1 s ahead on the test recordings (RMSE), each channel to its own "
-                       "scale", charts.grouped_bars("Error 1 s ahead by channel and model", groups))
+    return page.figure("Error 1 s ahead on the test recordings: RMSE, with a black tick at the "
+                       "median; each channel to its own scale",
+                       charts.grouped_bars("Error 1 s ahead by channel and model", groups))
 
 
 def shares(d: Diagnosis) -> Html:
@@ -121,6 +139,7 @@ def shares(d: Diagnosis) -> Html:
     head = ("channel", *(STEPS[name] for name in list(d.compared)[1:]))
     rows = [(channel(name), *(c.summary for c in changes))
             for name in PREDICTED if (changes := step_changes(d, name))]
-    return join([page.soft(
-        "Change of the error 1 s ahead by each step, and test recordings better:worse, by "
-        f"{100.0 * NOTICEABLE:g} % or more"), table(head, rows)]) if rows else Html()
+    counted = any(c.counts for name in PREDICTED for c in step_changes(d, name))
+    return join([page.soft("Change of the RMSE 1 s ahead by each step" + (
+        f", and test recordings better:worse, by {100.0 * NOTICEABLE:g} % or more"
+        if counted else "")), table(head, rows)]) if rows else Html()

@@ -26,6 +26,12 @@ from .words import (
     title,
 )
 
+OPEN = ("role", "windows", "why")
+"""Entries of a file that are not listed with its details."""
+WHICH_MODEL = ("To predict (controller, simulation) use this model: it errs least. To understand "
+               "the car use the extended model with its causes: effects of this model may stand in "
+               "for others.")
+BY_NOISE = " (the same effects, fitted with recordings weighted by their noise)"
 MAX_ROWS = 24
 """Bars of the ranking; the table below it holds all."""
 
@@ -42,7 +48,7 @@ def ranking(d: Diagnosis) -> Html:
     note = ("Each effect alone, before any was accepted: effects similar to a cause reduce the "
             "loss nearly as much, until the cause is in the model. " if d.ranking else "")
     return join([
-        charts.bars("Loss reduction by effect", "loss reduction (logarithmic scale)",
+        charts.bars("Loss reduction by effect", "loss reduction, alone (logarithmic scale)",
                     [(name, loss, "after" if name in named else "other") for name, loss in shown]),
         svg.legend([("after", "accepted"), ("other", "not accepted")]),
         page.soft(f"{note}The threshold differs from effect to effect, see the p-values.")])
@@ -98,13 +104,15 @@ def best_predictor(d: Diagnosis, b: BestPredictor) -> Html:
         f"{significant(before)} -> {significant(after)}" for before, after in zip(
             one.refitted, one.predictor, strict=True))) for name, one in b.left_out.items()]
     channels = [f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)]
+    sets = [names for names, _ in b.tried]
     tried = [(f"{ratio.value:.3f} [{ratio.low:.2f}, {ratio.high:.2f}]",
-              ", ".join(names) or "none") for names, ratio in b.tried]
+              (", ".join(names) or "none") + (BY_NOISE if names in sets[:i] else ""))
+             for i, (names, ratio) in enumerate(b.tried)]
     stages = [("refitted", d.stages[1].horizons), ("with the causes", d.stages[-1].horizons),
               ("best predictor", b.horizons)]
     test = [(label, *(_pair(of, "1.0", c) for c in PREDICTED)) for label, of in stages]
     return join([
-        el("p", predictor(b)),
+        el("p", predictor(b)), el("p", WHICH_MODEL),
         table(("effect", "the car ...", "size"), sizes, 2, "standard errors: spread of the fits "
               "without one recording each (jackknife)"),
         table(("model", *channels), test, 1, "errors after 1 s on the test recordings: RMSE "
@@ -140,11 +148,11 @@ def considered(d: Diagnosis) -> Html:
     idle: dict[str, list[str]] = {}
     for c in filter(_nothing, ordered):
         idle.setdefault(c.why_not, []).append(f"{c.effect} ({significant(c.loss)})")
-    head = ("effect", "the car ...", "loss reduction", "p", "why not accepted")
-    return join([table(head, rows), *(
+    head = ("effect", "the car ...", "loss reduction, alone", "p", "why not accepted")
+    return page.fold(f"{len(ordered)} effects", table(head, rows), *(
         page.soft(f"Loss reduction below 1 ({why}): {', '.join(names)}.")
         for why, names in idle.items()), page.text(
-            f"Found at first and withdrawn: {listed(d.withdrawn, 'and')}." if d.withdrawn else "")])
+            f"Found at first and withdrawn: {listed(d.withdrawn, 'and')}." if d.withdrawn else ""))
 
 
 def _nothing(c: Considered) -> bool:
@@ -165,10 +173,15 @@ def parameters(d: Diagnosis) -> Html:
 
 
 def files(d: Diagnosis) -> Html:
-    """Every file with its role, hash, and what was dropped from it."""
-    keys = list(dict.fromkeys(key for use in d.files.values() for key in use))
-    rows = [(name, *(_cell(use.get(key)) for key in keys)) for name, use in d.files.items()]
-    return table(("file", *keys), rows)
+    """Tabulate every file with its role and windows; hash and what was dropped are folded."""
+    rows = []
+    for name, use in d.files.items():
+        details = [f"{key}: {_cell(value)}" for key, value in use.items() if key not in OPEN]
+        why = use.get("why") or ()
+        folded = page.fold(f"{len(details) + len(why)} notes", page.items([*why, *details]))
+        rows.append((name, *(_cell(use.get(key)) for key in OPEN[:2]), folded))
+    return join([table(("file", *OPEN[:2], "details"), rows), page.soft(
+        "Windows: of the fit. Errors are of more windows, one each 0.25 s.")])
 
 
 def sources(d: Diagnosis, about: Mapping[str, str]) -> Html:
@@ -184,6 +197,8 @@ def _or_low(value: float) -> float:
 
 
 def _cell(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {_cell(inner)}" for key, inner in value.items())
     if isinstance(value, (list, tuple)):
         return "; ".join(map(str, value)) or "-"
     if isinstance(value, float):

@@ -1,0 +1,230 @@
+"""The box at the top, problems of the data, and findings in words that fit their size."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import made_by_hand as made
+import numpy as np
+import pytest
+
+from dart_hal.diagnose.error_summaries import LateCommands
+from dart_hal.diagnose.report import page
+from dart_hal.diagnose.report.along import Rows, means_along
+from dart_hal.diagnose.report.data_problems import NOT_FITTED, data_problems, valid_sizes
+from dart_hal.diagnose.report.explain import describe_cause, describe_claim, heading, is_small
+from dart_hal.diagnose.report.patterns import STEPS, Pattern, next_step
+from dart_hal.diagnose.report.summary import headline, median_warnings, summary_lines, tone, verdict
+from dart_hal.diagnose.report.words import change, signed_title
+from dart_hal.diagnose.result import Change, Claim, Number, Unexplained
+from dart_hal.diagnose.unexplained.features import UNITS
+from dart_hal.report.numbers import larger, significant
+from dart_hal.vehicle.effects import catalogue
+
+DEAD = "19/a.csv: the encoder is dead, so the encoder is not judged there"
+CLOCK = ("the car acts 100 ms before its commands are in the recording, at the edge of what is "
+         "allowed: the clocks of command and sensors are apart")
+LATE = LateCommands(0.21, 0.062, 34.2, ())
+
+
+def claim(before, after, std, **changes):
+    base = Claim("motor", "motor", (), 1.0, {"pull": Change(before, after, std, "N")},
+                 (1.03, 1.01, 1.05), (), "Drive steps.", made.CONSTANT)
+    return replace(base, **changes)
+
+
+@pytest.mark.parametrize(("after", "std", "small"), [
+    (2.90, 0.02, True), (2.90, 0.001, True), (3.2, 0.3, True), (3.2, 0.02, False)])
+def test_a_change_below_two_standard_errors_or_two_per_cent_is_a_small_correction(
+        after, std, small):
+    c = claim(2.88, after, std)
+    assert is_small(c) == small
+    assert ("small correction" in describe_claim(c)["What"]) == small
+    assert ("was wrong" in describe_claim(c)["What"]) != small
+
+
+def test_a_change_is_stated_in_per_cent_and_standard_errors_and_its_gain_forwards():
+    assert change(Change(2.0, 2.2, 0.05, "N")) == (
+        "2 -> 2.200 +- 0.050 N (+10 %, 4 standard errors)")
+    assert "standard" not in change(Change(2.0, 2.2, math.nan, "N"))
+    gain = describe_claim(claim(2.0, 2.2, 0.05))["Gain"]
+    assert "fall by 3 % (90 % interval 1 % to 5 %)" in gain
+    assert "rise by 3 %" in describe_claim(claim(2.0, 2.2, 0.05, cost=(0.97, 0.9, 1.0)))["Gain"]
+
+
+def test_a_ratio_is_stated_as_a_change():
+    assert larger(0.996, 0.994, 0.999) == "0.4 % smaller [-0.6 %, -0.1 %]"
+    assert larger(1.5, math.nan, math.nan) == "50 % larger"
+
+
+def test_refit_causes_sensors_and_the_first_step_have_a_line_each():
+    d = made.diagnosis()
+    lines = summary_lines(d)
+    assert [line.partition(":")[0] for line in lines] == [
+        "Parameters", "Cause", "Sensors", "First"]
+    assert "steering_lag" in lines[1]
+    assert "gyro_scale" not in lines[1]
+    assert "not how the model predicts the motion" in lines[2]
+    assert "friction.a" in lines[0]
+    assert "motor.d" in lines[0]
+    wrong = summary_lines(replace(d, claims=(claim(2.0, 3.0, 0.05),)))[0]
+    assert wrong.startswith("Parameters: wrong: motor.")
+
+
+def test_what_is_left_is_a_multiple_of_the_noise_floor():
+    d = made.diagnosis()
+    error = d.stages[-1].horizons["1.0"]["pooled"]["vx"]
+    lines = summary_lines(replace(d, noise_floor={"vx": error / 1.4}))
+    assert "Left: errors of 1.4 (speed) times the noise floor." in lines
+
+
+def test_a_problem_of_the_data_comes_first():
+    d = made.diagnosis()
+    assert "problem" not in summary_lines(d)[-1]
+    both = replace(d, notes=(DEAD, CLOCK), late_commands=LATE)
+    assert summary_lines(both)[-1].startswith("First: solve the first of 3 problems of the data: "
+                                              "the car acts 100 ms before")
+    problems = data_problems(both)
+    assert "Synchronise the clocks" in problems[0]
+    assert "Check the radio link" in problems[1]
+    assert "Check the plug, the ring" in problems[2]
+    text = page(both)
+    places = [text.index(words) for words in ("verdict bad", "Before you rely on the numbers",
+                                              "Synchronise the clocks", 'class="pair"')]
+    assert places == sorted(places)
+    assert "Before you rely" not in page(d)
+
+
+def test_parameters_that_were_not_fitted_are_a_problem_of_the_model():
+    assert NOT_FITTED in page(replace(made.diagnosis(causes=1), refitted={}))
+    assert NOT_FITTED not in page(made.diagnosis(causes=1))
+
+
+def test_a_stand_in_is_marked_and_not_counted_as_a_cause():
+    d = made.diagnosis("partly_explained", 1, False)
+    changing = replace(d, causes=(replace(d.causes[0], constancy=made.CHANGES),))
+    assert heading(changing.causes[0]).startswith("Stand-in: the car")
+    assert heading(d.causes[0]).startswith("The car")
+    assert "one stand-in (of no constant size)" in headline(changing)
+    assert "cause of the catalogue" not in headline(changing)
+    assert "one cause of the catalogue" in headline(d)
+    assert 'class="cause found"' in page(d)
+    assert 'class="cause found"' not in page(changing)
+    assert "its size changes with speed" in describe_cause(changing, 0)["What"]
+
+
+def test_words_follow_the_sign_of_a_size():
+    cause = made.diagnosis(causes=1).causes[0]
+    weak, strong = (replace(cause, effect="motor_gain", parameters={
+        "k": Number(k, 0.01, "relative")}) for k in (-0.3, 0.3))
+    assert signed_title(weak) == "has a weaker motor than the model"
+    assert signed_title(strong) == "has a stronger motor than the model"
+    assert signed_title(cause) == cause.title
+
+
+def test_every_title_with_two_directions_has_signed_titles():
+    for effect in catalogue().values():
+        first = effect.parameters[0]
+        if " or " in effect.title and first.low < first.null < first.high:
+            assert len(set(effect.signed_titles)) == 2, effect.name
+        assert not any(" or " in words for words in effect.signed_titles)
+
+
+def test_sizes_from_broken_data_do_not_count():
+    d = made.diagnosis(causes=1)
+    sizes = {"19/a.csv": (3.98, 0.1), "b": (0.9, 0.1), "c": (1.1, 0.1), "d": (0.45, 0.1)}
+    files = {"d": {"role": "train", "windows": 1}, "c": {"role": "train", "windows": 2}}
+    d = replace(d, causes=(replace(d.causes[0], sizes=sizes),), files=files)
+    assert list(valid_sizes(d, d.causes[0])) == ["19/a.csv", "b", "c"]
+    d = replace(d, notes=(DEAD,))
+    assert list(valid_sizes(d, d.causes[0])) == ["b", "c"]
+    text = describe_cause(d, 0)["Why"]
+    assert "2 of 2 training recordings need it; sizes are 90 % to 110 %" in text
+    assert "2 without valid data left out" in text
+
+
+def test_of_four_recordings_the_middle_half_is_stated():
+    d = made.diagnosis(causes=1)
+    sizes = {str(i): (size, 0.1) for i, size in enumerate((0.1, 0.9, 1.0, 1.1, 4.0))}
+    text = describe_cause(replace(d, causes=(replace(d.causes[0], sizes=sizes),)), 0)["Why"]
+    assert "the middle half of the sizes is 90 % to 110 % of the fitted one" in text
+
+
+def test_a_typical_error_that_grows_is_stated():
+    d = made.diagnosis(causes=1)
+    assert median_warnings(d) == []
+
+    def stage(of, rmse, median):
+        return replace(of, horizons={"1.0": {"pooled": {"vx": rmse}, "median": {"vx": median}}})
+
+    first, *middle, last = d.stages
+    worse = replace(d, stages=(stage(first, 0.211, 0.068), *middle, stage(last, 0.137, 0.103)),
+                    ctrv={"1.0": {"pooled": {"vx": 1.0}, "median": {"vx": 0.05}}})
+    assert median_warnings(worse) == [
+        "The large errors shrink (speed RMSE 0.211 -> 0.137) but the typical one grows (median "
+        "0.068 -> 0.103).",
+        "In the median, constant velocity predicts better than this model: speed 0.05 against "
+        "0.103 m/s."]
+    within = replace(worse, stages=(worse.stages[0], *middle, stage(last, 0.137, 0.074)), ctrv={})
+    assert median_warnings(within) == []
+
+
+def test_colour_follows_the_meaning_of_the_verdict():
+    explained = replace(made.diagnosis("explained", 1, False), considered=())
+    assert tone(explained) == "found"
+    only = replace(made.diagnosis("parameters_only", 0, False), claims=(claim(2.0, 2.01, 0.05),))
+    assert tone(only) == "good"
+    assert tone(replace(only, claims=(claim(2.0, 3.0, 0.05),))) == "found"
+    assert tone(made.diagnosis("unexplained", 0, True)) == "bad"
+
+
+def test_text_and_picture_of_a_pattern_show_the_same_means():
+    d = made.diagnosis("unexplained", 0, True)
+    pattern = Pattern(d, d.unexplained[0], Rows(d.evidence, d.extended))
+    means = pattern.found.after
+    assert pattern.found.column.after == pytest.approx(0.5)
+    for value in (np.nanmax(means.mean), np.nanmin(means.mean)):
+        assert f"{value:+.2g} m/s at speed" in pattern.sentences()["What"]
+    assert "test recordings" in pattern.caption()
+    assert "Size" not in pattern.sentences()
+    error = d.stages[-1].horizons["1.0"]["pooled"]["vx"]
+    floor = Pattern(replace(d, noise_floor={"vx": error / 1.06}), d.unexplained[0],
+                    Rows(d.evidence, d.extended)).sentences()["Size"]
+    assert f"6 % above the noise floor ({significant(error)} against" in floor
+
+
+def test_every_variable_of_a_pattern_has_a_next_step():
+    known = {name for names, _ in STEPS for name in names}
+    assert known >= {*UNITS, "recording"}
+    assert "Check floor" in next_step(Unexplained("v_x", "", ("x",), 0.01, 0.5))
+    assert "no variable that is known" in next_step(Unexplained("v_x", "", (), 0.01, 0.5))
+
+
+def test_a_part_of_a_variable_without_rows_interrupts_the_line():
+    rng = np.random.default_rng(0)
+    x = rng.uniform(0.0, 1.0, 2000)
+    block = np.arange(2000) // 20
+    assert np.isfinite(means_along(x, x, block).x).all()
+    apart = x[(x < 0.3) | (x > 0.7)]
+    means = means_along(apart, apart, block[:len(apart)])
+    assert np.isnan(means.x).sum() == 1
+    gap = int(np.flatnonzero(np.isnan(means.x))[0])
+    assert means.x[gap - 1] < 0.3
+    assert means.x[gap + 1] > 0.7
+
+
+def test_hash_and_frame_of_a_recording_are_folded_and_no_dict_is_printed():
+    d = made.diagnosis()
+    use = {"role": "test", "windows": 3, "sha256": "ab" * 32, "reference": {"lx": 0.1},
+           "why": ["w"]}
+    text = page(replace(d, files={"a.csv": use}))
+    row = text.partition("<td class=\"s\">a.csv</td>")[2].partition("</tr>")[0]
+    assert row.index("<details>") < row.index("ab" * 32)
+    assert "{" not in row
+    assert "lx 0.1" in row
+
+
+def test_the_verdict_states_no_counts_of_a_single_recording():
+    assert "1 recording better" not in verdict(made.diagnosis()) + describe_cause(
+        made.diagnosis(), 0)["Gain"]
