@@ -8,7 +8,7 @@ from searched import drive
 
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
-from dart_hal.diagnose.report.summary import verdict
+from dart_hal.diagnose.report.summary import headline
 from dart_hal.vehicle.load import find_model
 
 PAIR = (("motor_gain", -0.12), ("gyro_latency", 0.06))
@@ -35,4 +35,4 @@ def test_hidden_causes_are_found_without_test_recordings(hidden, seed, recording
         if refit and groups & PARAMETERS.get(name, set()):
             continue
         assert named[name] == pytest.approx(size, rel=0.25)
-    assert "No effect of the catalogue" not in verdict(found)
+    assert "No effect of the catalogue" not in headline(found)

@@ -24,7 +24,7 @@ from dart_hal.diagnose.gains import side_of
 from dart_hal.diagnose.late_commands import MIN_GAIN, compare_ages, find_late_commands
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.report import page
-from dart_hal.diagnose.report.summary import verdict
+from dart_hal.diagnose.report.summary import headline
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.forward import Search
 from dart_hal.diagnose.search.selection import Settings
@@ -128,7 +128,7 @@ def test_terminal_page_and_verdict_state_late_commands(capsys):
     assert conclusion._verdict(question, None, (), (LATE,), {}, (), ()) == "unexplained"
     d = replace(made.diagnosis("unexplained", 0, False), late_commands=LATE, considered=())
     assert d.to_json()["late_commands"]["moments"][0]["second"] == 12.3
-    assert "some commands act later than they were logged" in verdict(d)
+    assert "some commands act later than they were logged" in headline(d)
     show(d)
     text = " ".join(capsys.readouterr().out.split())
     for words in ("21 % of the changes of a command act later", "by 0.06 s", "19/a.csv at 12.3 s"):

@@ -22,7 +22,7 @@ from dart_hal.diagnose.noise_floor import (
 )
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.report import page
-from dart_hal.diagnose.report.summary import verdict
+from dart_hal.diagnose.report.summary import headline
 from dart_hal.evaluate.prediction import CHANNELS
 from dart_hal.vehicle import PAPER
 
@@ -165,7 +165,7 @@ def test_terminal_and_page_state_the_floor_and_what_is_above_it(capsys):
     assert "yaw rate [rad/s] 0.02 " in text
     assert line in page(d)
     assert "noise floor" in page(d)
-    assert line in verdict(d)
+    assert line in headline(d)
 
 
 def test_a_diagnosis_without_a_floor_does_not_mention_one(capsys):

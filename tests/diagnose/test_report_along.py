@@ -11,6 +11,7 @@ from dart_hal.diagnose.evidence.onboard_drive import sessions
 from dart_hal.diagnose.report.along import Rows, _error, along, columns, most
 from dart_hal.diagnose.report.compared import stages_around
 from dart_hal.diagnose.result import Stage
+from dart_hal.diagnose.unexplained.features import UNITS
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 
@@ -29,7 +30,8 @@ def test_a_hidden_lag_shows_most_in_the_yaw_rate_along_the_steering_rate():
     d = made.diagnosis()
     rows = Rows(d.evidence, d.extended)
     before, after = stages_around(d, 0)
-    found = most(rows, columns(d.evidence, "yaw_rate"), before, after, "steering_lag")
+    found = most(rows, columns(d.evidence, "yaw_rate"), before, after,
+                 ("yaw_rate", "steering_rate"))
     assert (found.column.channel, found.variable) == ("omega", "steering_rate")
     assert found.score > 0.2
     assert np.nanmax(np.abs(found.after.mean)) < 0.3 * np.nanmax(np.abs(found.before.mean))
@@ -45,7 +47,7 @@ def test_the_causes_in_the_other_order_are_not_confused():
 def test_a_stage_that_changes_nothing_has_nothing_to_show():
     d = made.diagnosis()
     rows = Rows(d.evidence, d.extended)
-    assert most(rows, columns(d.evidence), d.stages[0], d.stages[1], "grip") is None
+    assert most(rows, columns(d.evidence), d.stages[0], d.stages[1], tuple(UNITS)) is None
 
 
 def test_a_variable_that_does_not_vary_or_is_unknown_is_not_drawn():
@@ -64,7 +66,7 @@ def test_folding_adds_left_and_right_up():
     gyro = columns(d.evidence, "gyro")
     plain, folded = (next(c for c in gyro if c.folded is f) for f in (False, True))
     scale_missing = d.stages[-2].residuals
-    left, _, right = rows.sides(plain, scale_missing).mean
+    right, *_, left = rows.means(plain, "yaw_rate", scale_missing).mean
     assert np.sign(left) == -np.sign(right)
     means = rows.means(folded, "speed", scale_missing).mean
     assert (np.sign(means) == np.sign(left)).all()
@@ -76,6 +78,6 @@ def test_without_mocap_the_lag_shows_in_the_gyro():
     before, after = (Stage("", p, {}, evidence.residuals(p)) for p in (PAPER, lag))
     assert {c.channel for c in columns(evidence)} == {"encoder", "gyro", "accel_x", "accel_y"}
     found = most(Rows(evidence, lag), columns(evidence, "gyro"), before, after,
-                 "steering_lag")
+                 ("steering_rate",))
     assert (found.column.channel, found.variable) == ("gyro", "steering_rate")
     assert found.column.after == pytest.approx(0.3)

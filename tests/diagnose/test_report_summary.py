@@ -15,7 +15,7 @@ from dart_hal.diagnose.report.along import Rows, means_along
 from dart_hal.diagnose.report.data_problems import NOT_FITTED, data_problems, valid_sizes
 from dart_hal.diagnose.report.explain import describe_cause, describe_claim, heading, is_small
 from dart_hal.diagnose.report.patterns import STEPS, Pattern, next_step
-from dart_hal.diagnose.report.summary import headline, median_warnings, summary_lines, tone, verdict
+from dart_hal.diagnose.report.summary import headline, median_warnings, summary_lines, tone
 from dart_hal.diagnose.report.words import change, signed_title
 from dart_hal.diagnose.result import Change, Claim, Number, Unexplained
 from dart_hal.diagnose.unexplained.features import UNITS
@@ -24,7 +24,7 @@ from dart_hal.vehicle.effects import catalogue
 
 DEAD = "19/a.csv: the encoder is dead, so the encoder is not judged there"
 CLOCK = ("the car acts 100 ms before its commands are in the recording, at the edge of what is "
-         "allowed: the clocks of command and sensors are apart")
+         "allowed: the clocks of command and sensors differ. Synchronise the clocks")
 LATE = LateCommands(0.21, 0.062, 34.2, ())
 
 
@@ -86,12 +86,12 @@ def test_a_problem_of_the_data_comes_first():
     assert summary_lines(both)[-1].startswith("First: solve the first of 3 problems of the data: "
                                               "the car acts 100 ms before")
     problems = data_problems(both)
-    assert "Synchronise the clocks" in problems[0]
+    assert problems[0].startswith("The car acts 100 ms")
     assert "Check the radio link" in problems[1]
-    assert "Check the plug, the ring" in problems[2]
+    assert problems[2] == f"{DEAD}."
     text = page(both)
     places = [text.index(words) for words in ("verdict bad", "Before you rely on the numbers",
-                                              "Synchronise the clocks", 'class="pair"')]
+                                              "The car acts 100 ms", 'class="pair"')]
     assert places == sorted(places)
     assert "Before you rely" not in page(d)
 
@@ -226,5 +226,11 @@ def test_hash_and_frame_of_a_recording_are_folded_and_no_dict_is_printed():
 
 
 def test_the_verdict_states_no_counts_of_a_single_recording():
-    assert "1 recording better" not in verdict(made.diagnosis()) + describe_cause(
-        made.diagnosis(), 0)["Gain"]
+    d = made.diagnosis()
+    assert "1 recording better" not in " ".join([*summary_lines(d), describe_cause(d, 0)["Gain"]])
+
+
+def test_every_effect_names_known_variables_in_which_it_acts():
+    for effect in catalogue().values():
+        assert effect.acts_along, effect.name
+        assert set(effect.acts_along) <= set(UNITS), effect.name

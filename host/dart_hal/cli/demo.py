@@ -25,7 +25,7 @@ from dart_hal.config import check_writable
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.plant import plant_of
 from dart_hal.control.trackers import Pursuit
-from dart_hal.diagnose.report import describe_cause, verdict
+from dart_hal.diagnose.report import describe_cause, headline
 from dart_hal.errors import UsageError
 from dart_hal.links.base import Url, open_backend
 from dart_hal.process import jobs
@@ -160,6 +160,6 @@ def show(numbers: dict[str, float], result: SteeringResult, drive: Drive, told: 
                   f"{len(drive.states)} frames decoded, {last.health.lost} lost")
     d = told.diagnosis
     found = " ".join(f"{cause.effect}: {describe_cause(d, i)['What']}"
-                     for i, cause in enumerate(d.causes)) or verdict(d)
+                     for i, cause in enumerate(d.causes)) or headline(d)
     results.print(f"diagnosis: {found}", markup=False)
     results.print(f"what was changed: {'; '.join(map(as_hidden, told.hidden))}", markup=False)

@@ -78,5 +78,6 @@ def _edges(moved: Mapping[str, Moved], last: Point) -> list[str]:
                    "is not in the catalogue")
     if last.timing.command_age > MAX_COMMAND_AGE - CLOSE:
         out.append(f"the car acts {1000.0 * last.timing.command_age:.0f} ms before its commands "
-                   f"are in the recording, {EDGE}: the clocks of command and sensors are apart")
+                   f"are in the recording, {EDGE}: the clocks of command and sensors differ. "
+                   "Synchronise the clocks of all computers that record, and record again")
     return out

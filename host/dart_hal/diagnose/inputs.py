@@ -77,7 +77,8 @@ def checked(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
     notes += check_model(sides[0], p, policy)
     seconds = sum(map(driving_seconds, sides[0]))
     if seconds < policy.small_train_s:
-        notes.append(f"only {seconds:.0f} s of driving to train on: small effects cannot be seen")
+        notes.append(f"only {seconds:.0f} s of driving to train on: small effects cannot be seen. "
+                     "Record a minute or more")
     notes += fitted_before(sides[1], fitted_to)
     return Inputs(tuple(sides[0]), tuple(sides[1]), tuple(notes))
 
@@ -134,7 +135,8 @@ def _of_one_kind(sides: list[list[Recording]], notes: list[str]) -> list[list[Re
             notes.append(f"{some(left)}: no motion capture, left out beside those that have it")
         dead = [r.name for side in seen for r in side if r.encoder == "dead"]
         if dead:
-            notes.append(f"{some(dead)}: the encoder is dead, so the encoder is not judged there")
+            notes.append(f"{some(dead)}: the encoder is dead, so the encoder is not judged there. "
+                         "Check its plug, ring and distance, and record again")
         if not any(has_sensors(r) for r in seen[0]):
             notes.append("no on-board sensors in the training recordings: encoder, gyro and "
                          "accelerometer cannot be judged")

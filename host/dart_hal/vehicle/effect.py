@@ -161,10 +161,10 @@ class Effect:
     """One entry of the catalogue.
 
     title: completes "the car ..." in a report; signed_titles: the same for a first parameter below
-    and above its null, where the two differ; physics: one paragraph; stage:
-    one of STAGES; confused_with: effects that look alike; experiment: the drive
-    that tells them apart. Hooks: ``vehicle(p, *values) -> p`` changes parameters
-    of the base model, ``force(p, f, *values)`` gives a ``Forces -> Forces``,
+    and above its null, where the two differ; physics: one paragraph; stage: one of STAGES;
+    acts_along: variables of a drive that it depends on, for pictures; confused_with: effects that
+    look alike; experiment: the drive that tells them apart. Hooks: ``vehicle(p, *values) -> p``
+    changes parameters of the base model, ``force(p, f, *values)`` gives a ``Forces -> Forces``,
     ``signals`` by channel.
     """
 
@@ -179,6 +179,7 @@ class Effect:
     force: Callable[..., Callable[[Forces], Forces]] | None = None
     signals: Mapping[str, Signal] = field(default_factory=dict)
     signed_titles: tuple[str, ...] = ()
+    acts_along: tuple[str, ...] = ()
 
     @property
     def nulls(self) -> tuple[float, ...]:

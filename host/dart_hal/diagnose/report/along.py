@@ -7,7 +7,7 @@ so the standard error of a mean comes from stretches of 2 s, not from rows.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -43,37 +43,13 @@ SHOWN = (1.0, 0.25)
 AHEAD_OF_PATTERNS = 0.5  # s, where patterns without a cause are searched
 SIDEWAYS = ("v_y", "omega", "gyro", "accel_y")
 """Channels that change sign with the turn: their errors also show in the sense of the turn."""
+SIGNED = ("steering_angle", "lateral_acceleration", "yaw_rate")
+"""Variables along which the sense of the turn is the axis itself."""
 MEANT = {"vx": ("v_x",), "position": ("v_x",), "vy": ("v_y",), "yaw_rate": ("omega",),
          "yaw_deg": ("omega",)}
 """Residuals in which a gain of an open-loop channel is looked for."""
-SIDES = ("left", "straight on", "right")
 GAP = 0.15
 """Share of the range of a variable; a longer part without any row interrupts the line."""
-THROTTLE, TURNING, SIDE_FORCE = (
-    ("throttle", "acceleration"), ("yaw_rate", "steering_rate"), ("lateral_acceleration",))
-ACTS_ALONG = {
-    "battery_fade": ("time", "throttle"), "clock_offset": ("acceleration", "steering_rate"),
-    "centre_of_mass": ("lateral_acceleration", "yaw_rate"), "combined_slip": SIDE_FORCE,
-    "cornering_drag": ("steering_angle",), "differential_drag": ("steering_angle", "yaw_rate"),
-    "encoder_axle": ("steering_angle", "yaw_rate"), "encoder_latency": ("acceleration",),
-    "encoder_ring": ("revolution_angle",), "encoder_scale": ("speed",),
-    "encoder_slip": ("acceleration", "throttle"), "front_grip": SIDE_FORCE, "grip": SIDE_FORCE,
-    "gyro_bias": ("yaw_rate", "time"), "gyro_latency": ("steering_rate",),
-    "gyro_scale": ("yaw_rate",), "load_transfer": ("acceleration",), "mass": THROTTLE,
-    "motor_deadband": THROTTLE, "motor_gain": THROTTLE, "motor_saturation": THROTTLE,
-    "quadratic_drag": ("speed",), "rear_saturation": SIDE_FORCE, "roll_compliance": SIDE_FORCE,
-    "road_slope_x": ("heading", "x"), "road_slope_y": ("heading", "y"),
-    "rolling_resistance": ("speed", "throttle"), "steering_backlash": ("steering_angle",
-                                                                       "steering_rate"),
-    "steering_compliance": SIDE_FORCE, "steering_dead_zone": ("steering_angle",),
-    "steering_delay": ("steering_rate",), "steering_gain": ("steering_angle",),
-    "steering_lag": ("steering_rate",), "steering_rate_limit": ("steering_rate",),
-    "steering_trim": ("steering_angle",), "throttle_delay": THROTTLE, "throttle_lag": THROTTLE,
-    "yaw_damping": ("yaw_rate",), "yaw_inertia": TURNING}
-"""Variables in which an effect acts; any variable shows an effect that is not listed."""
-AS_GOOD = 0.9
-"""Share of the best score from where on an earlier variable of UNITS is taken: speed tells more
-to a reader than the heading does."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,16 +155,6 @@ class Rows:
         names = tuple(short(evidence.drives[i].recording.name) for i in shown)
         return names, replace(m, x=np.arange(float(len(shown))))
 
-    def sides(self, column: Column, r: Residuals) -> Means | None:
-        """Left, straight on, right, at x = 0, 1, 2; NaN where the car did not drive so."""
-        y, direction = column.of(r, self._noise_scale), self.features(column)["direction"]
-        good = np.isfinite(y)
-        if good.sum() < FEWEST:
-            return None
-        parts = [good & (direction == side) for side in (1.0, 0.0, -1.0)]
-        m = _means([(direction[p], y[p], self.stretch(column)[p]) for p in parts])
-        return Means(np.arange(3.0), m.mean, m.error, m.n)
-
 
 def columns(evidence: Evidence, channel: str = "", seconds: Sequence[float] = SHOWN
             ) -> list[Column]:
@@ -213,17 +179,13 @@ def _predicted(evidence: Evidence) -> tuple[tuple[str, ...], list[float]]:
     return MOTION, [r * SAMPLE for r in READ_OUTS]
 
 
-def most(rows: Rows, wanted: Sequence[Column], before: Stage, after: Stage, effect: str
-         ) -> Along | None:
-    """Column and variable in which the effect acts, along which most of the structure goes away."""
-    axes = ACTS_ALONG.get(effect, tuple(UNITS))
-    found = [a for c in wanted for a in _tried(rows, c, before, after) if a.variable in axes]
-    best = max((a.score for a in found), default=0.0)
-    if best <= 0.0:
-        return None
-    order = list(UNITS)
-    return min((a for a in found if a.score >= AS_GOOD * best),
-               key=lambda a: order.index(a.variable))
+def most(rows: Rows, wanted: Sequence[Column], before: Stage, after: Stage,
+         variables: Sequence[str]) -> Along | None:
+    """Column and variable along which most of the structure goes away; None where none does."""
+    tried = [along(rows, column, name, before, after) for column in wanted for name in variables
+             if not (column.folded and name in SIGNED)]
+    found = [a for a in tried if a is not None and a.score > 0.0]
+    return max(found, key=lambda a: a.score, default=None)
 
 
 def along(rows: Rows, column: Column, variable: str, before: Stage, after: Stage | None = None,
@@ -241,16 +203,6 @@ def along(rows: Rows, column: Column, variable: str, before: Stage, after: Stage
     if not math.isfinite(score) or size <= 0.0:
         return None
     return Along(column, variable, was, now, score / size)
-
-
-def _tried(rows: Rows, column: Column, before: Stage, after: Stage) -> Iterator[Along]:
-    for variable in UNITS:
-        if variable in ("direction", "way") or (column.folded and variable in (
-                "steering_angle", "lateral_acceleration", "yaw_rate")):
-            continue  # there the sense of the turn is the axis itself; of the way there are waves
-        found = along(rows, column, variable, before, after)
-        if found is not None:
-            yield found
 
 
 def _structure(m: Means) -> float:

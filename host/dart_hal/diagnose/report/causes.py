@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from dart_hal.report.numbers import larger, p_value, percent, significant
 from dart_hal.vehicle.effects import catalogue, equation
 
 from . import tables
-from .along import SIDES, WHISKER, Along, Column, Means, Rows, columns, most
+from .along import WHISKER, Along, Means, Rows, columns, most
 from .claimed import KEY as CLAIM_KEY
 from .claimed import pictures
 from .compared import stages_around
@@ -28,8 +27,6 @@ VISIBLE = 0.02
 """Share of a mean square that must go away for a second picture."""
 AT_ONCE = 1
 """Pictures outside of the fold, in addition to that of the size: two columns can be read."""
-MARK_OFFSET = 0.08
-"""Half the distance of two marks of one side of the turn, whose sides have a distance of 1."""
 KEY = svg.legend([("before", "before"), ("after", "with the cause in the model")])
 
 
@@ -156,20 +153,15 @@ def _figures(cause: Cause) -> Html:
 def cause_pictures(d: Diagnosis, i: int, rows: Rows) -> Iterator[Html]:
     """Where the cause number i shows, before and after it is in the model; the clearest first."""
     before, after = stages_around(d, i)
-    effect, gained = d.causes[i].effect, d.causes[i].gain.channel
-    first = most(rows, columns(d.evidence, gained), before, after, effect)
+    variables = catalogue()[d.causes[i].effect].acts_along
+    first = most(rows, columns(d.evidence, d.causes[i].gain.channel), before, after, variables)
     if first is not None:
         yield _captioned(first)
     second = most(rows, [c for c in columns(d.evidence)
                          if first is None or c.channel != first.column.channel], before, after,
-                  effect)
+                  variables)
     if second is not None and second.score > VISIBLE:
         yield _captioned(second)
-    if first is not None:
-        plain = replace(first.column, folded=False)
-        was, now = (rows.sides(plain, s.residuals) for s in (before, after))
-        if was is not None and now is not None:
-            yield page.figure(f"{plain.words}: left against right", _sides(was, now, plain, effect))
 
 
 def _captioned(a: Along) -> Html:
@@ -185,12 +177,3 @@ def _drawn(a: Along, shown: list[tuple[Means, str]], names: Sequence[str] = ()) 
                         name if unit == "-" else f"{name} [{unit}]", f"error [{a.column.unit}]",
                         [charts.Series(m.x, m.mean, WHISKER * m.error, style, joined=not names)
                          for m, style in shown], [str(i + 1) for i in range(len(names))])
-
-
-def _sides(before: Means, after: Means, column: Column, effect: str) -> Html:
-    """Mean residual in left turns, straight on and in right turns."""
-    return charts.lines(f"{effect}: {column.words}, left against right", "direction of the turn",
-                        f"error [{column.unit}]",
-                        [charts.Series(m.x + shift, m.mean, WHISKER * m.error, style, joined=False)
-                         for m, shift, style in ((before, -MARK_OFFSET, "before"),
-                                                 (after, MARK_OFFSET, "after"))], SIDES)

@@ -13,20 +13,6 @@ NEUTRAL = ("marker frame fitted", "no test recordings", "no motion capture: judg
            "a copy of another recording", "no motion capture, left out")
 """Beginnings or parts of notes that state how the data were used, and no problem of them."""
 SIZES_ASSUMED = "assumed: "
-REMEDIES = (
-    ("encoder is dead", "Check the plug, the ring and the distance of the encoder, and record "
-                        "again."),
-    ("gyro is dead", "Check the plug and the power of the IMU, and record again."),
-    ("clocks of command and sensors", "Synchronise the clocks of all computers that record, and "
-                                      "record again. Until then delays and lags are not those of "
-                                      "the car."),
-    ("of driving to train on", "Record a minute of driving or more."),
-    ("the car stands still", "Leave out this recording, or drive."),
-    ("ended at the edge", "Check units and sizes of the model, then record more driving of the "
-                          "kind that determines these parameters."),
-    ("were skipped", "Run dart-hal data check on these files."),
-    ("was skipped", "Run dart-hal data check on this file."))
-"""What to do about a note that has a phrase; other notes state their remedy themselves."""
 NOT_FITTED = ("The parameters of the model were not fitted (--no-refit): wrong parameters may "
               "appear as causes. Run it without --no-refit unless the parameters were measured.")
 LOST = ("Some commands were late or lost. Check the radio link and the load of the computer that "
@@ -39,8 +25,7 @@ def data_problems(d: Diagnosis) -> list[str]:
     """List the problems of the recordings with a remedy each, the gravest first."""
     notes = [n for n in d.notes if not any(words in n for words in NEUTRAL)]
     out = [f"{LOST} {_sentence(late_commands(d.late_commands))}"] if d.late_commands else []
-    out += [" ".join([_sentence(n), *(remedy for words, remedy in REMEDIES if words in n)])
-            for n in notes]
+    out += map(_sentence, notes)
     return sorted(out, key=lambda text: "clocks of command" not in text)
 
 

@@ -31,9 +31,6 @@ TERMS = {
                         "errors.",
     "stand-in": "A cause whose size is not constant: it improves the prediction, but something "
                 "else lies behind it.",
-    "noise floor": "The RMSE 1 s ahead that a model without any fault would have on the test "
-                   "recordings. Disturbances, measurement noise and unknown ages of commands "
-                   "make it.",
     "size": "Of a cause in a recording, relative to the one that fits all. It is constant if it "
             "does not change along time, place, speed, angle, throttle and accelerations more than "
             "with the signs of blocks turned.",

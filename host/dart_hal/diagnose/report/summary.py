@@ -8,29 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 
 from dart_hal.diagnose.result import Cause, Diagnosis
 from dart_hal.evaluate import CHANNELS as PREDICTED
 from dart_hal.report.numbers import listed, significant
 from dart_hal.vehicle.effects import catalogue
 
-from .compared import AHEAD, error_change
+from .compared import AHEAD, step_changes
 from .data_problems import data_problems
 from .explain import inside, is_small, largest_changes
 from .patterns import next_step
 from .words import CHANNELS, channel, excess, pooled, short_title
 
-CANDIDATE = 14.0
-"""Drop of the loss: of 52 effects that do nothing, one gains more in 1 of 100 drives where
-residuals are independent (chi-square of one number at 0.01 / 52). Above it it is a candidate."""
 MUCH_WORSE = 1.1
 """Ratio of medians from which on a sentence states that the typical error grows."""
-
-
-def verdict(d: Diagnosis) -> str:
-    """Return the result with all its lines, as the terminal prints it."""
-    return " ".join([headline(d), *summary_lines(d)])
 
 
 def headline(d: Diagnosis) -> str:
@@ -40,21 +31,17 @@ def headline(d: Diagnosis) -> str:
         return (f"Something is wrong, possibly the car {names}, but these recordings do not "
                 "suffice to accept it, and nothing is named.")
     found, explain = _found(d)
-    rejected = has_candidates(d)
     return {
-        "nothing_wrong": "Nothing is wrong as far as these recordings can show: "
-                         + ("no pattern in the errors exceeds the noise, and no effect passes all "
-                            "tests." if rejected else "neither an effect of the catalogue nor "
-                            "another pattern in the errors exceeds the noise."),
+        "nothing_wrong": "Nothing is wrong as far as these recordings can show: no pattern in the "
+                         "errors exceeds the noise, and no effect of the catalogue passes all "
+                         "tests.",
         "parameters_only": "Only the parameters were off: with the model's own parameters "
                            "re-estimated, nothing is missing from it.",
         "explained": f"The model is wrong, and {found} {explain} how.",
         "partly_explained": f"The model is wrong: {found} {explain} part of it, and "
                             f"{remainder(d)}.",
-        "unexplained": f"The model is wrong: {remainder(d)}. " + (
-            "No candidate is accepted." if rejected else
-            "No effect of the catalogue explains how. Nothing is named, because the nearest "
-            "relative of an unknown cause is not it."),
+        "unexplained": f"The model is wrong: {remainder(d)}. No effect of the catalogue passes "
+                       "all tests, so nothing is named.",
     }.get(d.verdict, d.verdict)
 
 
@@ -108,21 +95,11 @@ def remainder(d: Diagnosis) -> str:
             if worse else "")
 
 
-def has_candidates(d: Diagnosis) -> bool:
-    """Whether a gate rejected an effect that gains more than chance usually does."""
-    accepted = {c.effect for c in d.causes}
-    strong = [c.effect for c in d.considered if math.isfinite(c.loss) and c.loss > CANDIDATE]
-    return bool({*strong, *(p.effect for p in d.possible)} - accepted)
-
-
 def tone(d: Diagnosis) -> str:
     """"good": nothing wrong, or only small corrections; "found": explained; "bad": open."""
-    if remainder(d) or (d.verdict == "nothing_wrong" and has_candidates(d)):
+    if remainder(d) or d.verdict not in ("nothing_wrong", "parameters_only", "explained"):
         return "bad"
-    if d.verdict == "nothing_wrong" or (d.verdict == "parameters_only"
-                                        and all(map(is_small, d.claims))):
-        return "good"
-    return "found" if d.verdict in ("explained", "parameters_only") else "bad"
+    return "found" if d.causes or not all(map(is_small, d.claims)) else "good"
 
 
 def _refit(d: Diagnosis) -> str:
@@ -171,9 +148,7 @@ def _named(cause: Cause) -> str:
 def _effect_on_errors(d: Diagnosis, model: str) -> str:
     """"the test errors 1 s ahead fall by 8 % to 16 %", by the step to a model of ``compared``."""
     step = list(d.compared).index(model) - 1
-    before, after = list(pairwise(d.compared.values()))[step]
-    ratios = [error_change(d, before, after, name).ratio for name in PREDICTED]
-    shares = [ratio for ratio in ratios if math.isfinite(ratio)]
+    shares = [changes[step].ratio for name in PREDICTED if (changes := step_changes(d, name))]
     lead = "the test errors 1 s ahead"
     if not shares:
         return f"{lead} could not be measured"
@@ -236,7 +211,7 @@ def first_step(d: Diagnosis) -> str:
     problems = data_problems(d)
     if problems:
         which = f"the first of {len(problems)} problems" if len(problems) > 1 else "a problem"
-        return f"solve {which} of the data: {inside(problems[0].split('. ')[0])}."
+        return f"solve {which} of the data: {inside('. '.join(problems[0].split('. ')[:2]).rstrip('.'))}."
     if d.unexplained:
         return next_step(d.unexplained[0])
     if d.outliers:

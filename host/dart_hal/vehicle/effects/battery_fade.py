@@ -32,6 +32,7 @@ EFFECT = Effect(
         "The voltage of a battery sags while it is drained, the motor warms and its "
         "winding resists more: force falls in proportion to time, for every throttle."),
     stage="actuator",
+    acts_along=("time", "throttle"),
     parameters=(Parameter("k", "1/100 s", -0.5, 0.3, sizes=(0.03, 0.08, 0.15),
                           meaning="change of the motor force in 100 s of driving"),),
     confused_with=("motor_gain", "quadratic_drag", "rolling_resistance"),

@@ -26,6 +26,7 @@ EFFECT = Effect(
         "A battery that is put in the other way round moves it by a centimetre: the "
         "moments of both axles change, and with them how willingly the car turns."),
     stage="motion",
+    acts_along=("lateral_acceleration", "yaw_rate"),
     parameters=(Parameter("k", "m", -0.05, 0.05, sizes=(0.003, 0.006, 0.012),
                           meaning="distance of the centre of mass ahead of the model's"),),
     confused_with=("front_grip", "mocap_offset_x", "yaw_inertia", "grip"),

@@ -20,6 +20,7 @@ EFFECT = Effect(
         "Microcontroller and computer each have a clock; a wrong fit between them "
         "shifts all sensors on the car together, against commands and poses."),
     stage="measurement",
+    acts_along=("acceleration", "steering_rate"),
     parameters=(Parameter("k", "s", -0.3, 0.3, sizes=(0.01, 0.03, 0.06),
                           meaning="time by which the stamps of the sensors are late"),),
     confused_with=("gyro_latency", "encoder_latency", "mocap_latency"),

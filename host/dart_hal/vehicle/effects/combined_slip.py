@@ -33,6 +33,7 @@ EFFECT = Effect(
         "Friction has one limit for both directions: what a tyre uses to drive or to "
         "brake, it lacks for the side."),
     stage="force",
+    acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "-", 0.0, 4.0, sizes=(0.75, 1.5, 3.0),
                           meaning="share of the squared side force lost at 3 N of drive force"),),
     confused_with=("load_transfer", "rear_saturation", "grip", "cornering_drag"),

@@ -30,6 +30,7 @@ EFFECT = Effect(
         "the drive shafts resist at an angle: a force against the motion in proportion "
         "to the steering angle."),
     stage="force",
+    acts_along=("steering_angle",),
     parameters=(Parameter("k", "N/rad", 0.0, 10.0, sizes=(0.3, 1.0, 2.0),
                           meaning="drag per radian of steering angle"),),
     confused_with=("differential_drag", "quadratic_drag", "front_grip", "combined_slip"),

@@ -30,6 +30,7 @@ EFFECT = Effect(
         "against each other in a curve, which makes a moment against it that depends on "
         "the radius and not on the speed."),
     stage="force",
+    acts_along=("steering_angle", "yaw_rate"),
     parameters=(Parameter("k", "N m2", 0.0, 0.5, sizes=(0.01, 0.02, 0.04),
                           meaning="moment against turning per 1/m of curvature"),),
     confused_with=("yaw_damping", "cornering_drag", "steering_gain", "front_grip"),

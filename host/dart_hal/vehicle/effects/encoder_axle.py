@@ -36,6 +36,7 @@ EFFECT = Effect(
         "axles. The steered wheels run on a larger circle, so the tighter the turn, the more it "
         "reads."),
     stage="measurement",
+    acts_along=("steering_angle", "yaw_rate"),
     parameters=(Parameter("k", "share", -1.0, 1.5, sizes=(0.1, 0.25, 0.5),
                           meaning="share of the front axle in the speed that the encoder reads",
                           physical=(0.0, 1.0)),),

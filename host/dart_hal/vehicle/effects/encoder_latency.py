@@ -19,6 +19,7 @@ EFFECT = Effect(
         "A mean over the last 0.1 s is 0.05 s old, then it waits to be fetched: more "
         "than the model of the sensor allows for."),
     stage="measurement",
+    acts_along=("acceleration",),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.01, 0.03, 0.06),
                           meaning="additional age of the encoder's speed"),),
     confused_with=("clock_offset", "mocap_latency", "encoder_slip"),

@@ -45,6 +45,7 @@ EFFECT = Effect(
         "that bounces counts twice, and a ring off centre has its marks closer on one "
         "side. The speed ripples with the angle of the gear, and a gap lowers its mean."),
     stage="measurement",
+    acts_along=("revolution_angle",),
     parameters=(
         Parameter("missing", "turn", -0.3, 0.5, sizes=(0.05, 0.1, 0.2),
                   meaning="part of a turn without marks"),

@@ -27,6 +27,7 @@ EFFECT = Effect(
         "Wheel radius under load, number of marks and gear ratio give metres per mark; "
         "a worn tyre is 2 % smaller."),
     stage="measurement",
+    acts_along=("speed",),
     parameters=(Parameter("k", "relative", -0.3, 0.3, sizes=(0.005, 0.015, 0.04),
                           meaning="excess of the encoder's speed"),),
     confused_with=("encoder_slip", "encoder_ring"),

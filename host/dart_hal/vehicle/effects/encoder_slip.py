@@ -26,6 +26,7 @@ EFFECT = Effect(
         "A tyre transmits force only by slipping a little, in proportion to the force: "
         "under drive the encoder sees more than the floor, under braking less."),
     stage="measurement",
+    acts_along=("acceleration", "throttle"),
     parameters=(Parameter("k", "s2/m", 0.0, 0.2, sizes=(0.005, 0.015, 0.04),
                           meaning="slip of the wheels per m/s2 of drive"),),
     confused_with=("encoder_scale", "encoder_latency"),

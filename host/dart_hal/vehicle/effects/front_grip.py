@@ -25,6 +25,7 @@ EFFECT = Effect(
         "Front tyres wear faster than rear ones, and a load on one axle changes its "
         "grip and not the other's."),
     stage="force",
+    acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "relative", -0.6, 0.6, sizes=(0.05, 0.1, 0.2),
                           meaning="change of the side force of the front tyres"),),
     confused_with=("grip", "steering_compliance", "steering_gain", "load_transfer"),

@@ -29,6 +29,7 @@ EFFECT = Effect(
         "Another floor, dust, or tyres that are worn, warm or cleaned: the same slip "
         "gives another side force, at both axles."),
     stage="force",
+    acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "relative", -0.6, 0.6, sizes=(0.05, 0.1, 0.2),
                           meaning="change of the side force of all tyres"),),
     confused_with=("front_grip", "roll_compliance", "yaw_inertia", "steering_gain"),

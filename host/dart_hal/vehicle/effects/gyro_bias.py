@@ -29,6 +29,7 @@ EFFECT = Effect(
         "The zero of a micromechanical gyro moves with temperature and from one "
         "switching-on to the next."),
     stage="measurement",
+    acts_along=("yaw_rate", "time"),
     parameters=(Parameter("k", "rad/s", -0.3, 0.3, sizes=(0.005, 0.02, 0.05),
                           meaning="yaw rate that the gyro reads at standstill"),),
     confused_with=("steering_trim", "gyro_scale", "lateral_pull"),

@@ -19,6 +19,7 @@ EFFECT = Effect(
         "The filter inside the chip (32 Hz on a BNO055) and the wait until it is read "
         "delay it."),
     stage="measurement",
+    acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.02, 0.04, 0.08),
                           meaning="additional age of the gyro's yaw rate"),),
     confused_with=("clock_offset", "mocap_latency", "steering_lag"),

@@ -29,6 +29,7 @@ EFFECT = Effect(
         "The sensitivity of a micromechanical gyro is trimmed to a few percent at the "
         "factory."),
     stage="measurement",
+    acts_along=("yaw_rate",),
     parameters=(Parameter("k", "relative", -0.3, 0.3, sizes=(0.01, 0.03, 0.06),
                           meaning="excess of the gyro's yaw rate"),),
     confused_with=("steering_gain", "gyro_bias", "imu_pitch", "imu_roll"),

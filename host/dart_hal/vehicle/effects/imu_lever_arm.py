@@ -31,6 +31,7 @@ EFFECT = Effect(
         "with the square of its rate, sideways with its change. k is positive ahead of "
         "the centre."),
     stage="measurement",
+    acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.2, 0.2, sizes=(0.02, 0.05, 0.1),
                           meaning="distance of the IMU ahead of the centre of mass"),),
     confused_with=("imu_yaw", "imu_pitch", "centre_of_mass"),

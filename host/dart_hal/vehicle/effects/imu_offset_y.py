@@ -28,6 +28,7 @@ EFFECT = Effect(
         "Off the middle of the car an accelerometer feels the turning sideways with the square "
         "of its rate, to the same side in either turn. k is positive to the left."),
     stage="measurement",
+    acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.01, 0.02, 0.05),
                           meaning="distance of the IMU to the left of the middle"),),
     confused_with=("imu_roll", "imu_lever_arm"),

@@ -36,6 +36,7 @@ EFFECT = Effect(
         "of gravity into the forward axis, as if the car sped up all the time. "
         "Positive: nose down."),
     stage="measurement",
+    acts_along=("speed",),
     parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.01, 0.02, 0.05),
                           meaning="tilt of the IMU, nose down"),),
     confused_with=("road_slope_x", "road_slope_y", "imu_roll"),

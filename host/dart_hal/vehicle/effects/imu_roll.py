@@ -38,6 +38,7 @@ EFFECT = Effect(
         "of gravity into the side axis, as if the car were always in a curve. Positive: "
         "left side up."),
     stage="measurement",
+    acts_along=("speed",),
     parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.01, 0.02, 0.05),
                           meaning="tilt of the IMU, left side up"),),
     confused_with=("road_slope_x", "road_slope_y", "imu_pitch"),

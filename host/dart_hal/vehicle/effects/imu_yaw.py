@@ -31,6 +31,7 @@ EFFECT = Effect(
         "A board that is glued on askew mixes forward and side acceleration. The gyro "
         "does not notice."),
     stage="measurement",
+    acts_along=("acceleration", "lateral_acceleration"),
     parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.02, 0.05, 0.1),
                           meaning="rotation of the IMU to the left"),),
     confused_with=("imu_lever_arm",),

@@ -29,6 +29,7 @@ EFFECT = Effect(
         "A wheel that drags, or tyres of different size left and right: resistance on "
         "one side of the car turns it to that side."),
     stage="force",
+    acts_along=("speed",),
     parameters=(Parameter("k", "N m", -0.2, 0.2, sizes=(0.003, 0.01, 0.03),
                           meaning="moment that turns the moving car to the left"),),
     confused_with=("steering_trim", "gyro_bias", "mocap_yaw", "road_slope_x", "road_slope_y"),

@@ -32,6 +32,7 @@ EFFECT = Effect(
         "axles, and side force goes with load. k is the height over half the wheelbase, "
         "nearly."),
     stage="force",
+    acts_along=("acceleration",),
     parameters=(Parameter("k", "-", 0.0, 3.0, sizes=(0.2, 0.4, 0.8),
                           meaning="share of the side force that 1 g moves to the rear axle"),),
     confused_with=("combined_slip", "front_grip", "yaw_damping"),

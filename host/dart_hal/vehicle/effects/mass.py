@@ -24,6 +24,7 @@ EFFECT = Effect(
         "A battery, a sensor or a mast that was not on the scales: all forces "
         "accelerate it less."),
     stage="motion",
+    acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "relative", -0.4, 1.0, sizes=(0.05, 0.1, 0.2),
                           meaning="change of the mass"),),
     confused_with=("motor_gain", "rolling_resistance", "grip", "throttle_lag"),

@@ -19,6 +19,7 @@ EFFECT = Effect(
         "Cameras expose, a computer solves, a network carries: the stamp is that of the "
         "arrival."),
     stage="measurement",
+    acts_along=("speed", "yaw_rate"),
     parameters=(Parameter("k", "s", 0.0, 0.3, sizes=(0.01, 0.03, 0.06),
                           meaning="additional age of the poses"),),
     confused_with=("steering_delay", "throttle_delay", "clock_offset"),

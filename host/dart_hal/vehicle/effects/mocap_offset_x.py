@@ -31,6 +31,7 @@ EFFECT = Effect(
         "ruler, if at all. Turning then looks like side velocity, in proportion to its "
         "rate."),
     stage="measurement",
+    acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.003, 0.008, 0.02),
                           meaning="distance of the marker ahead of its stated place"),),
     confused_with=("centre_of_mass", "mocap_offset_y"),

@@ -30,6 +30,7 @@ EFFECT = Effect(
         "A marker off the middle of the car goes faster in a curve to the other side: "
         "forward speed seems to change with the turning rate."),
     stage="measurement",
+    acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.003, 0.008, 0.02),
                           meaning="distance of the marker to the left of its stated place"),),
     confused_with=("mocap_offset_x", "cornering_drag"),

@@ -30,6 +30,7 @@ EFFECT = Effect(
         "The axes of a marker are those in which it was registered. Driving straight "
         "ahead then looks like drifting sideways, in proportion to speed."),
     stage="measurement",
+    acts_along=("speed",),
     parameters=(Parameter("k", "rad", -0.2, 0.2, sizes=(0.005, 0.01, 0.03),
                           meaning="rotation of the marker to the left"),),
     confused_with=("steering_trim", "lateral_pull"),

@@ -25,6 +25,7 @@ EFFECT = Effect(
         "Neutral of the ESC drifts with temperature and with how it was taught; brushes "
         "and gears stick until the torque suffices."),
     stage="actuator",
+    acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "-", -0.1, 0.1, sizes=(0.005, 0.01, 0.02),
                           meaning="additional throttle at which the motor begins to pull"),),
     confused_with=("motor_gain", "rolling_resistance", "pwm_clock"),

@@ -23,6 +23,7 @@ EFFECT = Effect(
         "Force goes with the voltage of the battery: full or half empty is a difference "
         "of 15 %. It is a property of a drive and not of the car."),
     stage="actuator",
+    acts_along=("throttle", "acceleration"),
     parameters=(
         Parameter("k", "relative", -0.5, 0.5, sizes=(0.03, 0.08, 0.15),
                   meaning="change of the motor force", per_recording=True),),

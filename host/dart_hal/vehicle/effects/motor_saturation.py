@@ -26,6 +26,7 @@ EFFECT = Effect(
         "The ESC limits its current, or a stop of the radio's throttle was taught too "
         "near."),
     stage="actuator",
+    acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "-", 0.0, 20.0, sizes=(2.8, 3.3, 4.0),
                           meaning="inverse of the throttle above which the force is constant"),),
     confused_with=("motor_gain", "quadratic_drag", "throttle_lag"),

@@ -38,6 +38,7 @@ EFFECT = Effect(
         "A PCA9685 at 50 Hz makes pulses in steps of 4.88 us: 0.013 of the steering "
         "command. A driver that cuts to whole counts makes the mean half a step low."),
     stage="command",
+    acts_along=("steering_angle",),
     parameters=(
         Parameter("k", "-", 0.0, 0.2, sizes=(0.013, 0.026, 0.052),
                   meaning="step of the steering command"),

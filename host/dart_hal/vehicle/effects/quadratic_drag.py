@@ -22,6 +22,7 @@ EFFECT = Effect(
         "Air, and whatever else in the drive train resists more than in proportion to "
         "speed."),
     stage="force",
+    acts_along=("speed",),
     parameters=(Parameter("k", "N s2/m2", 0.0, 2.0, sizes=(0.03, 0.08, 0.2),
                           meaning="drag per squared speed"),),
     confused_with=("rolling_resistance", "motor_gain", "cornering_drag", "battery_fade"),

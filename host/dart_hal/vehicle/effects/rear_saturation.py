@@ -27,6 +27,7 @@ EFFECT = Effect(
         "The rear tyre of the paper's model is a straight line without end. A real one "
         "gives way: its force has a limit near the grip of the floor times the load."),
     stage="force",
+    acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "1/N", 0.0, 2.0, sizes=(0.15, 0.25, 0.40),
                           meaning="inverse of the largest side force of the rear tyres",
                           tops=True),),

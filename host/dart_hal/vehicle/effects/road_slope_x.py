@@ -39,6 +39,7 @@ EFFECT = Effect(
         "tenth of the friction. The pull keeps its direction in the room while the "
         "car turns."),
     stage="force",
+    acts_along=("heading", "x"),
     parameters=(Parameter("k", "m/s2", -1.0, 1.0, sizes=(0.05, 0.1, 0.2),
                           meaning="downhill acceleration along x of the room"),),
     confused_with=("road_slope_y", "rolling_resistance", "lateral_pull", "imu_pitch", "imu_roll"),

@@ -32,6 +32,7 @@ EFFECT = Effect(
         "than the inner ones lose, and the wheels tilt and steer with the springs. All "
         "of it grows with the square of the side acceleration."),
     stage="force",
+    acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "-", 0.0, 3.0, sizes=(0.2, 0.5, 1.0),
                           meaning="share of the side force lost at 1 g to the side"),),
     confused_with=("grip", "rear_saturation", "front_grip"),

@@ -23,6 +23,7 @@ EFFECT = Effect(
         "Tyres, bearings and gears resist with a force that hardly depends on speed; a "
         "soft floor, dirt or a tight gear mesh adds to it."),
     stage="force",
+    acts_along=("speed", "throttle"),
     parameters=(Parameter("k", "N", -1.0, 5.0, sizes=(0.1, 0.25, 0.5),
                           meaning="additional rolling resistance"),),
     confused_with=(

@@ -36,6 +36,7 @@ EFFECT = Effect(
         "the wheels free within a small angle: coming from the left they stand further "
         "left than coming from the right. k is the whole width."),
     stage="actuator",
+    acts_along=("steering_angle", "steering_rate"),
     parameters=(Parameter("k", "rad", 0.0, 0.3, sizes=(0.02, 0.05, 0.10),
                           meaning="play of the road wheels from end to end"),),
     confused_with=("steering_trim", "steering_gain", "pwm_quantisation", "steering_delay",

@@ -58,6 +58,7 @@ EFFECT = Effect(
         "the steering axis, turns the wheels back towards straight. The faster the "
         "curve, the less the wheels turn."),
     stage="actuator",
+    acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "rad/N", 0.0, 0.03, sizes=(0.003, 0.008, 0.02),
                           meaning="angle that the wheels give way per newton of side force"),),
     confused_with=("front_grip", "grip", "steering_gain"),

@@ -30,6 +30,7 @@ EFFECT = Effect(
         "them to the middle of what the play leaves them, whichever side they come from, so that "
         "they stand straight within it. k is the whole width."),
     stage="actuator",
+    acts_along=("steering_angle",),
     parameters=(Parameter("k", "rad", 0.0, 0.3, sizes=(0.02, 0.05, 0.10),
                           meaning="range of angles without steering from end to end"),),
     confused_with=("steering_backlash", "steering_gain", "steering_compliance"),

@@ -22,6 +22,7 @@ EFFECT = Effect(
         "Commands wait in queues: radio, bus, the 50 Hz frame of the servo. What "
         "arrives is unchanged, only later."),
     stage="command",
+    acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.02, 0.04, 0.08),
                           meaning="additional delay of the steering"),),
     confused_with=("steering_lag", "steering_rate_limit", "mocap_latency", "clock_offset"),

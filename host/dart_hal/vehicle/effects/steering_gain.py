@@ -26,6 +26,7 @@ EFFECT = Effect(
         "Length of the servo's horn and of the steering arms set the ratio of the "
         "linkage; another hole of the horn changes it."),
     stage="actuator",
+    acts_along=("steering_angle",),
     parameters=(Parameter("k", "relative", -0.5, 0.5, sizes=(0.02, 0.05, 0.10),
                           meaning="change of the road-wheel angle"),),
     confused_with=("front_grip", "grip", "steering_compliance", "gyro_scale"),

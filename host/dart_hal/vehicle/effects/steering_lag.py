@@ -22,6 +22,7 @@ EFFECT = Effect(
         "The position loop of the servo, and the play and elasticity behind it, need "
         "time to follow: fast at first, then ever slower."),
     stage="actuator",
+    acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.03, 0.06, 0.12),
                           meaning="additional time constant of the steering"),),
     confused_with=("steering_delay", "steering_rate_limit", "yaw_inertia"),

@@ -36,6 +36,7 @@ EFFECT = Effect(
         "A servo has a top speed: large changes of the command take time in proportion, "
         "small ones pass at once. A weak supply of the servo lowers it."),
     stage="actuator",
+    acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 2.0, sizes=(0.125, 0.25, 0.5),
                           meaning="time from straight ahead to full lock"),),
     confused_with=("steering_lag", "steering_delay"),

@@ -29,6 +29,7 @@ EFFECT = Effect(
         "The horn of the servo sits on a toothed shaft and the rods have threads: "
         "centre is where somebody set it, and a bump moves it."),
     stage="actuator",
+    acts_along=("steering_angle",),
     parameters=(Parameter("k", "rad", -0.2, 0.2, sizes=(0.005, 0.01, 0.02),
                           meaning="road-wheel angle to the left of the model's"),),
     confused_with=("steering_backlash", "pwm_clock", "lateral_pull", "mocap_yaw", "gyro_bias"),

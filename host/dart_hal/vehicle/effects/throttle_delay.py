@@ -22,6 +22,7 @@ EFFECT = Effect(
         "Commands wait for the next frame of the ESC, and its own filter waits for "
         "several frames before it believes a change."),
     stage="command",
+    acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.03, 0.06, 0.12),
                           meaning="additional delay of the throttle"),),
     confused_with=("throttle_lag", "mocap_latency", "clock_offset"),

@@ -22,6 +22,7 @@ EFFECT = Effect(
         "The ESC ramps its duty cycle, the current rises against the motor's "
         "inductance, shafts and gears wind up."),
     stage="actuator",
+    acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.04, 0.08, 0.16),
                           meaning="additional time constant of the throttle"),),
     confused_with=("throttle_delay", "mass"),

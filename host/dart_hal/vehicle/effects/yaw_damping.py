@@ -26,6 +26,7 @@ EFFECT = Effect(
         "Tyres have width and length and resist being twisted on the floor; what the "
         "bicycle has as a point of contact damps the turning as well."),
     stage="force",
+    acts_along=("yaw_rate",),
     parameters=(Parameter("k", "N m s", 0.0, 0.2, sizes=(0.003, 0.01, 0.03),
                           meaning="moment against turning per rad/s of yaw rate"),),
     confused_with=("differential_drag", "yaw_inertia", "front_grip", "rear_saturation"),

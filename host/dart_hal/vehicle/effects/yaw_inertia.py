@@ -26,6 +26,7 @@ EFFECT = Effect(
         "by a third. Weight at the ends of the car counts with the square of its "
         "distance."),
     stage="motion",
+    acts_along=("yaw_rate", "steering_rate"),
     parameters=(Parameter("k", "relative", -0.7, 3.0, sizes=(0.3, 0.6, 1.2),
                           meaning="change of the yaw inertia"),),
     confused_with=("steering_lag", "yaw_damping", "grip", "front_grip"),
