@@ -6,11 +6,12 @@ import ast
 import re
 from dataclasses import FrozenInstanceError, fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import policy_sensitivity as sensitivity
 import pytest
-from policy_sensitivity import COMPARED, Watched, altered, changed, usual
+from policy_sensitivity import Watched, altered, changed, list_thresholds, usual
 from searched import drive, evidence, names, search
 
 from dart_hal.diagnose import policy as module
@@ -98,24 +99,44 @@ def test_a_watched_threshold_decides_as_it_is_and_notes_what_half_and_double_wou
     assert noted == {0, 1}, "with half it would be 3"
 
 
+def test_a_watched_threshold_is_followed_through_arithmetic_and_arrays():
+    noted = set()
+    clip = Watched.of(3.0, (1.5, 6.0), noted)
+    assert (2.0 * clip + 1.0) / 2.0 == 3.5
+    assert not noted, "numbers that nothing was compared with"
+    assert np.array_equal(np.clip([0.0, 1.0], -clip, clip), [0.0, 1.0])
+    assert not noted, "within half of it"
+    assert np.array_equal(np.clip(np.array([0.0, 4.0]), -clip, clip), [0.0, 3.0])
+    assert noted == {0, 1}
+
+
 def test_half_and_double_are_of_what_is_usual():
-    for name in COMPARED:
+    for name in list_thresholds():
+        if name == "false_alarm":
+            continue
         policy = altered(name, 2.0)["policy"]
         group, key = name.split(".")
         assert getattr(getattr(policy, group), key) == 2.0 * usual(name)
     assert altered("false_alarm", 0.5) == {"false_alarm": 0.005}
+    assert altered("naming.tries", 0.1)["policy"].naming.tries == 1
 
 
 def test_a_case_is_diagnosed_again_only_where_a_threshold_matters(monkeypatch):
-    asked = []
-
     def ask(*files, policy=USUAL, **how):
-        asked.append(how)
         return {"verdict": str(policy.naming.close < 1.0)}  # 0.7 is, and 0.35; 1.4 is not
 
     monkeypatch.setattr(sensitivity, "ask", ask)
-    monkeypatch.setattr(sensitivity, "run", lambda case, seconds, asked: asked())
-    line = sensitivity.examine(None, (1.0, 1.0))
-    assert set(line["changed"]) == {"naming.close x 2", *(
-        f"{name} x {f:g}" for name in sensitivity.ALWAYS for f in (0.5, 2.0))}
-    assert len(asked) == 1 + len(line["changed"])
+    monkeypatch.setattr(sensitivity, "run", lambda case, seconds, asked: {
+        "key": case.key, **asked()})
+    cases = [SimpleNamespace(key="a"), SimpleNamespace(key="b")]
+    known = {c.key: sensitivity.examine((c, "", 1.0), (1.0, 1.0)) for c in cases}
+    noted = known["a"]["noted"]
+    assert {n for n, factors in noted.items() if factors} == {"naming.close"}
+    assert noted["naming.close"] == [2.0]
+    repeated = sensitivity.choose(cases, known, checked=1, repeats=9)
+    assert [(c.key, f) for c, n, f in repeated if n == "naming.close"] == [
+        ("a", 0.5), ("a", 2.0), ("b", 2.0)]
+    assert [(c.key, f) for c, n, f in repeated if n == "noise.clip"] == [("a", 0.5), ("a", 2.0)]
+    other = sensitivity.examine((cases[0], "naming.close", 2.0), (1.0, 1.0))
+    assert other == {"key": "a naming.close x 2", "verdict": "False"}
+    assert not sensitivity.same_numbers(known["a"], other)
