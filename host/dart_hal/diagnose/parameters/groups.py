@@ -47,6 +47,17 @@ def _pull(throttle: float, speed: float) -> Quantity:
     return lambda p: float(make_motor(settled(p).motor)(throttle, speed))
 
 
+def _net_force(throttle: float, speed: float) -> Quantity:
+    """N by which the motor pulls more than friction holds.
+
+    Not the speed at which both are equal: where their difference is small over a range of speeds,
+    a hundredth of a newton moves that speed by a metre per second, and no standard error of a
+    linear answer holds.
+    """
+    pull, resistance = _pull(throttle, speed), _resistance(speed)
+    return lambda p: pull(p) - resistance(p)
+
+
 def steady_speed(throttle: float) -> Quantity:
     """m/s at which the motor pulls as much as friction holds, straight on."""
     def quantity(p: Vehicle) -> float:
@@ -131,7 +142,7 @@ MERGED: Mapping[frozenset[str], tuple[str, str, Mapping[str, tuple[str, Quantity
     MappingProxyType({
         frozenset({"friction", "motor"}): (
             "drive force", "drive force (motor and friction)",
-            {"steady speed at throttle 0.25": ("m/s", steady_speed(THROTTLE)),
+            {"net force at throttle 0.25, 1 m/s": ("N", _net_force(THROTTLE, 1.0)),
              "pull at throttle 0.25, standing": ("N", _pull(THROTTLE, 0.0))}),
         frozenset({"front tyre", "rear tyre"}): (
             "tyres", "front and rear tyres",
