@@ -6,7 +6,7 @@ import math
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,19 +14,20 @@ import numpy as np
 
 from dart_hal.process.jobs import each
 from dart_hal.report.numbers import larger
-from dart_hal.types import FloatArray, IntArray
+from dart_hal.types import IntArray
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
 
+from .alternatives import include_alternatives, list_exchanges
 from .cautions import EDGE, cautions, worse_at
 from .error_summaries import Excess, LateCommands, Outliers, find_excesses
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
 from .evidence.space import Timing
 from .final_fit import FinalFit, error_of_size, make_equal_fits, make_final_fits
-from .gains import Fitted, Side, overall
-from .gates import WITHDRAWN, Candidate, explain_failure
+from .gains import Fitted, overall
+from .gates import WITHDRAWN
 from .grade.accept import Acceptance, Accepted, accept_effects, impossible_size
 from .grade.secants import secants
 from .judge import Predictor, compute_costs, compute_gains
@@ -37,6 +38,7 @@ from .parameters.claims import Asked, claims
 from .parameters.sets import Sets
 from .parameters.unseen import Unseen
 from .predictor import find_predictor
+from .question import Question
 from .report.words import removes
 from .result import (
     Cause,
@@ -53,39 +55,23 @@ from .result import (
     added,
 )
 from .search.fit import Fit, Point, covariance
-from .search.forward import Search, SearchResult, select_noise
-from .search.selection import Named, Settings, rows_at
+from .search.forward import SearchResult, select_noise
+from .search.selection import Named, rows_at
 from .search.significance import refit_p_value
+from .spurious import find_spurious
 from .unexplained.outliers import find_outliers
-from .unexplained.structure import groups, shares, unexplained
+from .unexplained.structure import unexplained
 from .unexplained.waits import unwaited
 
 Remainder = Unexplained | Outliers | Excess | LateCommands
 """What no accepted cause explains."""
-
-@dataclass(frozen=True, slots=True)
-class Question:
-    """What was asked: the base model, both sides, and the search with its settings.
-
-    predictor: whether the best predictor is wanted.
-    """
-
-    model: str
-    base: Vehicle
-    train: Side
-    test: Side
-    settings: Settings
-    refit: bool
-    search: Search
-    predictor: bool = False
-
 
 def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, Any]],
              began: float) -> Diagnosis:
     """Everything a report needs."""
     at = _mounted(q, found.point, found.noise)
     left = _left(q, at)
-    withdrawn = _spurious(q, found, left)
+    withdrawn = find_spurious(q, found, left)
     named = tuple(n for n in found.named if n.effect not in withdrawn)
     points = found.points
     if withdrawn:
@@ -116,8 +102,14 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     gains = dict(zip(accepted.names, compute_gains(
         q.train, q.test, q.settings, unseen, predicting, accepted.names, finals), strict=True))
     stages = _stages(q, found.given, finals, named, predicting, unseen)
+    distinguished, possible = _told_apart(q, found, named), _possible(found, accepted, q)
+    exchanges = list_exchanges({one.effect: one.confounders for one in distinguished},
+                               [n for n in accepted.names if _is_unsure(q, accepted, n)],
+                               [one.effect for one in possible])
+    final = include_alternatives(final, exchanges, q.search, q.train.evidence
+                                 if final.point is last else fits.evidence)
     causes = tuple(_cause(q, one, last, final, accepted, gains[one.effect])
-                   for one in _told_apart(q, found, named))
+                   for one in distinguished)
     moved = _moved(q, final)
     claimed = _claims(q, last, final, unseen) if q.refit else ()
     given, fitted = (
@@ -128,7 +120,6 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     gain = overall(given, fitted, q.train, q.test, q.settings.seed,
                    q.settings.policy.conclusion.gain_block_s)
     notes = cautions(last, (q.train, q.test), moved, gain, causes, q.settings.policy)
-    possible = _possible(found, accepted, q)
     outliers = find_outliers(q.train.evidence, final.vehicle, final.timing, q.settings.policy.noise)
     floor = estimate_noise_floor(q.test, final.vehicle, unseen.timing(final), predicting(final)[1],
                                  q.settings.policy.unexplained)
@@ -188,57 +179,6 @@ def _left(q: Question, at: Mounted) -> tuple[Unexplained, ...]:
     r = unwaited(evidence, point.vehicle, point.timing, at.noise)
     return unexplained(evidence, point.vehicle, r, at.noise, q.settings.seed,
                        q.settings.false_alarm, q.settings.policy.unexplained)
-
-
-def _spurious(q: Question, found: SearchResult, left: Sequence[Unexplained]) -> tuple[str, ...]:
-    """Causes that leave more structure, where they act, than they take away.
-
-    And as much as there is without them: a cause may stand beside another that
-    nobody knows. What differs from recording to recording says nothing of a
-    cause that is the same in all.
-    """
-    if all("recording" in u.along for u in left):
-        return ()
-    policy = q.settings.policy.conclusion
-    after, out = _structure(q, found, found.point), []
-    names = [n.effect for n in found.named]
-    for name in names:
-        without = q.search.fit(found.point, found.noise, [n for n in names if n != name],
-                               found.point)
-        taken = _taken(q, without, found.point)
-        total = sum(max(t, 0.0) for t in taken.values())
-        suspect = [u.channel for u in left if "recording" not in u.along
-                   and taken.get(u.channel, 0.0) > policy.mainly * total]
-        before = _structure(q, found, without) if suspect else {}
-        if any(explain_failure("structure", Candidate(
-                structure_after=after[c], structure_before=before[c],
-                structure_removed=taken[c]), q.settings.policy) for c in suspect):
-            out.append(name)
-    return tuple(out)
-
-
-def _structure(q: Question, found: SearchResult, point: Point) -> dict[str, float]:
-    """By channel, loss that a flexible function of what the car was doing would take away."""
-    evidence, rows = q.train.evidence, _rows(q, point)
-    r = unwaited(evidence, point.vehicle, point.timing, found.noise)
-    policy = q.settings.policy.unexplained
-    share = shares(groups(evidence, point.vehicle, r, found.noise, policy), q.settings.seed, policy)
-    total = _by_channel(q, rows, point.weight * point.noise.loss(point.residual))
-    return {c: share.get(c, 0.0) * total[c] for c in total}
-
-
-def _taken(q: Question, before: Point, after: Point) -> dict[str, float]:
-    """By channel, the drop of the loss."""
-    return _by_channel(q, _rows(q, after), before.weight * before.noise.loss(before.residual)
-                       - after.weight * after.noise.loss(after.residual))
-
-
-def _by_channel(q: Question, rows: RowLabels, x: FloatArray) -> dict[str, float]:
-    out: dict[str, float] = {}
-    for column in np.unique(rows.channel):
-        name = q.train.evidence.channel(int(column))
-        out[name] = out.get(name, 0.0) + float(x[rows.channel == column].sum())
-    return out
 
 
 def _stages(q: Question, given: Point, points: Sequence[Fit], named: Sequence[Named],
@@ -342,6 +282,10 @@ def _moved(q: Question, final: FinalFit) -> dict[str, Moved]:
         out[name] = Moved(float(value(q.base, name)), float(value(logged, name)),
                           final.stds[name], unit(q.base, name), doubt)
     return out
+
+
+def _is_unsure(q: Question, accepted: Accepted, name: str) -> bool:
+    return accepted.grades[name].probability < q.settings.policy.grade.confident
 
 
 def _possible(found: SearchResult, accepted: Accepted, q: Question) -> tuple[Possible, ...]:

@@ -17,7 +17,7 @@ from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle
 
-from .conclude import Question, conclude
+from .conclude import conclude
 from .evidence.drive import READ_OUTS, START_SPACING, WINDOW_SPACING, prepare
 from .evidence.residuals import Evidence
 from .gains import Side, side_of
@@ -26,6 +26,7 @@ from .parameters.unseen import Unseen
 from .paths import find_paths
 from .policy import USUAL, EvidencePolicy, Policy
 from .predictor import check_recordings
+from .question import Question
 from .result import Diagnosis
 from .search.forward import Search, SearchResult
 from .search.scan import Progress

@@ -1,0 +1,73 @@
+"""Standard errors include the models that the data do not order."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from searched import drive, evidence
+
+from dart_hal.diagnose.alternatives import (
+    MAX_ALTERNATIVES,
+    Exchange,
+    include_alternatives,
+    list_exchanges,
+)
+from dart_hal.diagnose.evidence.space import Timing
+from dart_hal.diagnose.final_fit import FinalFit
+from dart_hal.diagnose.search.fit import covariance
+from dart_hal.diagnose.search.forward import Search
+from dart_hal.diagnose.search.selection import Settings, rows_at
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.flat import value
+
+FREE = ("tyres.front_D", "tyres.rear_cornering_stiffness")
+
+
+def test_models_that_move_the_car_alike_are_listed_nearest_first():
+    found = list_exchanges({"steering_lag": ("steering_delay", "gyro_latency")}, ["yaw_damping"],
+                           ["grip", "gyro_scale"])
+    assert [str(e) for e in found] == ["with steering_delay for steering_lag",
+                                       "without yaw_damping", "with grip"]
+    many = list_exchanges({}, [], ["grip", "front_grip", "mass", "yaw_inertia", "motor_gain",
+                                   "quadratic_drag", "rolling_resistance"])
+    assert len(many) == MAX_ALTERNATIVES
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    """(search, evidence, fit) of a car with yaw damping."""
+    seen = evidence(drive(("yaw_damping", 0.02), seconds=40.0))
+    search = Search(seen, PAPER, Settings(free=FREE))
+    vehicle = apply(PAPER, "yaw_damping", k=0.01)
+    point, _ = search._settle(search.make_space(vehicle), Timing(seen.late))
+    sampling = covariance(point, rows_at(seen, point, search._settings.policy).block)
+    stds = point.space.standard_errors(point.x, sampling)
+    return search, seen, FinalFit(point.vehicle, point.timing, point, sampling, stds)
+
+
+def test_error_holds_the_number_of_the_other_model(fitted):
+    search, seen, final = fitted
+    wide = include_alternatives(final, (Exchange("yaw_damping"),), search, seen)
+    other, _ = search._settle(search.make_space(PAPER), Timing(seen.late))
+    for name in FREE:
+        away = abs(value(other.vehicle, name) - value(final.vehicle, name))
+        expected = np.hypot(final.stds[name], away / np.sqrt(2.0))
+        assert wide.stds[name] == pytest.approx(expected, rel=0.2)
+    assert wide.stds["yaw_damping.k"] == pytest.approx(final.stds["yaw_damping.k"])
+    assert max(wide.stds[n] / final.stds[n] for n in FREE) > 1.5, "else nothing is tested"
+    assert wide.vehicle is final.vehicle
+
+
+def test_model_with_another_effect_is_fitted(fitted):
+    search, seen, final = fitted
+    wide = include_alternatives(final, (Exchange("yaw_damping", "front_grip"),), search, seen)
+    assert wide.stds["tyres.rear_cornering_stiffness"] > final.stds[
+        "tyres.rear_cornering_stiffness"]
+
+
+def test_without_other_models_errors_are_those_of_the_fit(fitted):
+    search, seen, final = fitted
+    assert include_alternatives(final, (), search, seen) is final
+    missing = (Exchange("grip", "mass"), Exchange(added="yaw_damping"))
+    assert include_alternatives(final, missing, search, seen) is final
