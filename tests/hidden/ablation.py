@@ -2,6 +2,7 @@
 
     python tests/hidden/ablation.py                 all rows and rules, resumed where it was left
     python tests/hidden/ablation.py --only pair --cases 4 --rules "hidden pairs"
+    python tests/hidden/ablation.py --real           the real car instead, recordings split by day
 
 A case is diagnosed once with all rules, and each notes whether it acted: whether anything would
 have gone on differently without it. Only then is the case diagnosed again without that rule, for
@@ -13,7 +14,9 @@ from __future__ import annotations
 import argparse
 import importlib
 import json
+import os
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
@@ -22,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 
 from campaign import HOME, Answer, ask, done, run
 from campaign_cases import GROUPS, Case
@@ -40,6 +44,8 @@ ROWS = {"medium": 48, "fixed": 48, "small": 24, "null": 48, "null fixed": 24, "p
 """Cases of each row."""
 SECONDS = (60.0, 40.0)
 RESULTS = HOME / "build" / "campaign" / "ablation.jsonl"
+DATA = Path(os.environ.get("DART_DATA", HOME.parent / "shared" / "data"))
+CHANNELS = ("vx", "vy", "yaw_rate", "position", "yaw_deg")
 Function = Callable[..., Any]
 
 
@@ -203,6 +209,54 @@ def examine(work: tuple[Case, str], seconds: tuple[float, float]) -> Answer:
     return {**line, "acted": sorted(acted)}
 
 
+def examine_real(rule: str, data: Path) -> Answer:
+    """One line: the real car, recordings split by day, with all rules ("") or without one."""
+    from bench_real_car import HELD_OUT, read, splits
+
+    from dart_hal.diagnose import diagnose
+    from dart_hal.vehicle.load import find_model
+
+    train, test, _ = splits(read(data), len(HELD_OUT), len(HELD_OUT), neural=False)[-1]
+    model, vehicle = find_model("paper")
+    acted: set[str] = set()
+    began = time.process_time()
+    with without(rule) if rule else watched(acted):
+        d = diagnose(model, vehicle, train, test)
+    pooled = d.stages[-1].horizons["1.0"]["pooled"]
+    return {"key": f"real without {rule}" if rule else "real", "acted": sorted(acted),
+            "causes": [c.effect for c in d.causes], "verdict": d.verdict,
+            "errors": {c: pooled[c] for c in CHANNELS},
+            "seconds": round(time.process_time() - began, 1)}
+
+
+def make_real_table(rules: Sequence[str], known: dict[str, Answer]) -> Table:
+    """A row for each rule that acted: the causes, and the errors over those with all rules."""
+    out = Table("without", "causes", "verdict", *CHANNELS, "seconds", title="real car")
+    for rule in ("", *rules):
+        key = f"real without {rule}" if rule else "real"
+        if key in known:
+            line = known[key]
+            errors = [f"{line['errors'][c] / known['real']['errors'][c]:.3f}" for c in CHANNELS]
+            out.add_row(rule or "nothing", ", ".join(line["causes"]), line["verdict"], *errors,
+                        f"{line['seconds']:.0f}")
+    return out
+
+
+def run_real(o: argparse.Namespace) -> int:
+    """Diagnose the real car without each rule that acts on it, one after the other."""
+    known = done(o.out)
+    with o.out.open("a", encoding="utf-8") as file:
+        for rule in ("", *o.rules):
+            key = f"real without {rule}" if rule else "real"
+            if key in known or (rule and rule not in known["real"]["acted"]):
+                continue
+            known[key] = examine_real(rule, o.real)
+            file.write(json.dumps(known[key]) + "\n")
+            file.flush()
+    Console(width=160).print(make_real_table(o.rules, known))
+    return 0
+
+
 def make_table(rules: Sequence[str], cases: Sequence[Case], known: dict[str, Answer]) -> Table:
     """A row for each rule: in how many cases it acted, and what changes in those without it."""
     out = Table("rule", "acted in", "repeated", "right", "right without", "wrong", "wrong without",
@@ -229,9 +283,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     p.add_argument("--seconds", type=float, nargs=2, default=SECONDS, metavar=("TRAIN", "TEST"))
     p.add_argument("--jobs", type=int, default=2, help="cores")
     p.add_argument("--out", type=Path, default=RESULTS, help="lines of JSON, resumed")
+    p.add_argument("--real", type=Path, nargs="?", const=DATA, metavar="DATA",
+                   help="the published recordings of the real car")
     o = p.parse_args(arguments)
-    wanted = [c for row in o.only for c in drawn(row, o.cases or ROWS[row], o.first_seed)]
     o.out.parent.mkdir(parents=True, exist_ok=True)
+    if o.real:
+        return run_real(o)
+    wanted = [c for row in o.only for c in drawn(row, o.cases or ROWS[row], o.first_seed)]
     known = done(o.out)
     examined(known, [(c, "") for c in wanted], o)
     examined(known, [(c, r) for r in o.rules for c in wanted if r in known[c.key]["acted"]], o)
