@@ -55,6 +55,17 @@ def ask(model: str, train: Path, test: Path, refit: bool, **how: Any) -> Answer:
     return diagnose(file, vehicle, [read(train)], [read(test)], refit=refit, **how).to_json()
 
 
+def ask_with_fitted_frames(model: str, train: Path, test: Path, refit: bool, **how: Any) -> Answer:
+    """As ``ask`` by a user who has not measured where the markers are."""
+    from dart_hal.diagnose import diagnose
+    from dart_hal.identify.runs import read_any
+    from dart_hal.vehicle.load import find_model
+
+    file, vehicle = find_model(model)
+    (first, second), _ = read_any([train, test])
+    return diagnose(file, vehicle, [first], [second], refit=refit, **how).to_json()
+
+
 def run(case: Case, seconds: tuple[float, float] = SECONDS,
         asked: Callable[[str, Path, Path, bool], Answer] = ask) -> Answer:
     """One line of the results: the case, the answer, CPU seconds of the diagnosis."""
@@ -79,9 +90,10 @@ def run(case: Case, seconds: tuple[float, float] = SECONDS,
             **{key: answer[key] for key in KEEP if key in answer}}
 
 
-def results(wanted: Sequence[Case], lengths: tuple[float, float], jobs: int) -> Iterator[Answer]:
+def results(wanted: Sequence[Case], lengths: tuple[float, float], jobs: int,
+            asked: Callable[..., Answer] = ask) -> Iterator[Answer]:
     """Of every case, one after the other; on several cores, or on a cluster."""
-    return each(partial(run, seconds=lengths), wanted, jobs, parts=len(wanted))
+    return each(partial(run, seconds=lengths, asked=asked), wanted, jobs, parts=len(wanted))
 
 
 def done(path: Path) -> dict[str, Answer]:
@@ -116,7 +128,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                    TimeRemainingColumn(), console=console)
     with bar, o.out.open("a", encoding="utf-8") as file:
         task = bar.add_task("hiding and seeking", total=len(missing))
-        for line in results(missing, tuple(o.seconds), o.jobs):
+        asked = ask_with_fitted_frames if o.fitted_frames else ask
+        for line in results(missing, tuple(o.seconds), o.jobs, asked):
             file.write(json.dumps(line) + "\n")
             file.flush()
             before[line["key"]] = line
@@ -157,6 +170,8 @@ def _parser() -> argparse.ArgumentParser:
                    help="other draws than those from 0 on, which the search was built with")
     p.add_argument("--seconds", type=float, nargs=2, default=SECONDS, metavar=("TRAIN", "TEST"))
     p.add_argument("--jobs", type=int, default=2, help="cores")
+    p.add_argument("--fitted-frames", action="store_true",
+                   help="fit the marker frame to the drives instead of stating it")
     p.add_argument("--out", type=Path, default=RESULTS, help="lines of JSON, resumed")
     p.add_argument("--fresh", action="store_true", help="forget earlier results")
     p.add_argument("--picture", type=Path, default=None, help="picture of what was taken for what")

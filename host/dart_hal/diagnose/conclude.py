@@ -26,6 +26,7 @@ from .evidence.noise import Noise
 from .evidence.rows import RowLabels
 from .evidence.space import Timing
 from .final_fit import FinalFit, error_of_size, make_equal_fits, make_final_fits
+from .frames import describe_frame
 from .gains import Fitted, overall
 from .gates import WITHDRAWN
 from .grade.accept import Acceptance, Accepted, accept_effects, impossible_size
@@ -119,7 +120,8 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
             (final, final.vehicle, predicting(final))))
     gain = overall(given, fitted, q.train, q.test, q.settings.seed,
                    q.settings.policy.conclusion.gain_block_s)
-    notes = cautions(last, (q.train, q.test), moved, gain, causes, q.settings.policy)
+    notes = (*cautions(last, (q.train, q.test), moved, gain, causes, q.settings.policy),
+             *describe_frame(final.vehicle, q.frame))
     outliers = find_outliers(q.train.evidence, final.vehicle, final.timing, q.settings.policy.noise)
     floor = estimate_noise_floor(q.test, final.vehicle, unseen.timing(final), predicting(final)[1],
                                  q.settings.policy.unexplained)

@@ -15,7 +15,8 @@ from .search.selection import Settings
 class Question:
     """What was asked: the base model, both sides, and the search with its settings.
 
-    predictor: whether the best predictor is wanted.
+    predictor: whether the best predictor is wanted. frame: parameters of the marker frame that move
+    with every fit.
     """
 
     model: str
@@ -26,3 +27,4 @@ class Question:
     refit: bool
     search: Search
     predictor: bool = False
+    frame: tuple[str, ...] = ()

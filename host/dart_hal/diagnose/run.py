@@ -20,6 +20,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from .conclude import conclude
 from .evidence.drive import READ_OUTS, START_SPACING, WINDOW_SPACING, prepare
 from .evidence.residuals import Evidence
+from .frames import find_frame_errors, free_frame
 from .gains import Side, side_of
 from .pace import Pace
 from .parameters.unseen import Unseen
@@ -73,6 +74,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     if predictor:
         check_recordings(sides[0])
     free = _estimated(vehicle, known, sides[0].evidence.exact) if refit else ()
+    frame = find_frame_errors([d.recording for side in sides for d in side.evidence.drives])
+    known, vehicle = {**known, **frame}, free_frame(vehicle, frame)
     settings = Settings(free=free, known=known, names=tuple(only), false_alarm=false_alarm,
                         max_causes=max_causes, jobs=jobs, seed=seed,
                         policy=policy, refit=refit)
@@ -89,7 +92,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
                     lambda: pace.phase(SEARCHING, "looking for causes", EVALUATIONS[1]))
     found = search.run()
     pace.phase(1.0, "measuring the gain", EVALUATIONS[2])
-    question = Question(model.name, vehicle, sides[0], sides[1], settings, refit, search, predictor)
+    question = Question(model.name, vehicle, sides[0], sides[1], settings, refit, search, predictor,
+                        tuple(frame))
     return _with_paths(conclude(question, found, files, began), question, found)
 
 

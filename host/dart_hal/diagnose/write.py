@@ -16,6 +16,7 @@ from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import Vehicle
 
+from .frames import FRAME_EFFECTS
 from .result import Diagnosis
 
 
@@ -74,8 +75,10 @@ def _model(d: Diagnosis, vehicle: Vehicle, base: ModelFile, kind: str, stds: Map
            provenance: Mapping[str, Any]) -> ModelFile:
     """kind: added to the name; stds: by parameter, of what was fitted."""
     model = model_of(vehicle, base)
+    # an offset of the fitted marker frame is of these recordings, and not of the car
+    keep = {*(c.effect for c in d.causes), *(e.name for e in base.effects)}
     effects = tuple(EffectEntry(e.name, _with(e.name, e.parameters, stds))
-                    for e in model.effects)
+                    for e in model.effects if e.name not in FRAME_EFFECTS or e.name in keep)
     has = {e.name for e in effects}
     effects += tuple(EffectEntry(name, {k: _entry(n.value, n.std) for k, n in numbers.items()})
                      for name, numbers in d.mounting.items() if name not in has)

@@ -305,8 +305,9 @@ class Search:
         rate limit of the model that is free stretches until it takes the place of a missing lag.
         """
         s = self._settings
+        fixed = () if s.refit else fixed_effects(self.base, s.known)
         return Space(with_nulls(self.base, vehicle.effects), s.free, s.known, self._evidence.late,
-                     s.policy.prior, self._loose, () if s.refit else effect_names(self.base))
+                     s.policy.prior, self._loose, fixed)
 
     def _pruned(self, point: Point, noise: Noise, before: list[Named], new: Named
                 ) -> tuple[Point, Noise, list[Named]]:
@@ -365,6 +366,11 @@ class Search:
 def effect_names(vehicle: Vehicle) -> tuple[str, ...]:
     """Names of the effects that a vehicle has."""
     return tuple(a.name for a in vehicle.effects)
+
+
+def fixed_effects(vehicle: Vehicle, known: Mapping[str, float]) -> tuple[str, ...]:
+    """Effects of a base that keep their values: all but those whose standard error is stated."""
+    return tuple(n for n in effect_names(vehicle) if not any(k.startswith(f"{n}.") for k in known))
 
 
 def _as_it_is(one: Named) -> Named:

@@ -1,0 +1,68 @@
+"""A marker frame that was fitted to the recordings is free within its errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from searched import drive
+
+from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.frames import describe_frame, find_frame_errors, free_frame
+from dart_hal.diagnose.write import extended_model
+from dart_hal.recording.dart import Reference
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.flat import value
+from dart_hal.vehicle.load import find_model
+
+STD = (0.0020, 0.0020, 0.0020)
+OFF = 0.004
+"""m; two standard errors."""
+
+
+def framed(recording, ahead=0.0, std=STD):
+    """The recording with a fitted frame, so far from where the markers are."""
+    marker = recording.marker
+    return replace(recording, marker=Reference(marker.lx + ahead, marker.theta, marker.ly,
+                                               "fitted to these recordings", std))
+
+
+def test_errors_are_those_of_a_frame_that_all_recordings_share():
+    a, b = drive(seed=3), drive(seed=4)
+    assert find_frame_errors([framed(a), framed(b)]) == {
+        "mocap_offset_x.k": 0.002, "mocap_yaw.k": 0.002, "mocap_offset_y.k": 0.002}
+    assert find_frame_errors([framed(a), framed(b, 0.001)]) == {}, "two mountings"
+    assert find_frame_errors([a, b]) == {}, "known without an error"
+    unknown = framed(a, std=(0.002, 0.002, float("nan")))
+    assert "mocap_offset_y.k" not in find_frame_errors([unknown])
+    assert find_frame_errors([]) == {}
+
+
+def test_offset_that_a_model_has_stays():
+    has = apply(PAPER, "mocap_offset_x", k=0.003)
+    freed = free_frame(has, ["mocap_offset_x.k", "mocap_yaw.k"])
+    assert [a.name for a in freed.effects] == ["mocap_offset_x", "mocap_yaw"]
+    assert value(freed, "mocap_offset_x.k") == 0.003
+    assert "+0.0030 m" in describe_frame(freed, ["mocap_offset_x.k"])[0]
+    assert describe_frame(freed, []) == ()
+
+
+@pytest.mark.cpu(40)
+@pytest.mark.parametrize("refit", [False, pytest.param(True, marks=pytest.mark.more)])
+def test_error_of_a_frame_is_no_cause(refit):
+    """The negative control: the same error of a frame that is said to be known is one."""
+    file, p = find_model("paper")
+    train, test = drive(seconds=60.0, seed=3), drive(seconds=40.0, seed=4)
+    fitted, known = (diagnose(file, p, [framed(train, OFF, std)], [framed(test, OFF, std)],
+                              refit=refit) for std in (STD, None))
+    assert not fitted.causes
+    assert fitted.verdict in ("nothing_wrong", "parameters_only")
+    moved = value(fitted.extended, "mocap_offset_x.k")
+    assert moved == pytest.approx(-OFF, abs=0.0015)
+    assert any("moves it, within its stated errors" in note for note in fitted.notes)
+    written, of_known = (extended_model(d, file, [train]) for d in (fitted, known))
+    assert written.effects == (), "it is of these recordings, and not of the car"
+    if not refit:
+        assert "mocap_offset_x" in [e.name for e in of_known.effects]
+        assert "mocap_offset_x" in [c.effect for c in known.causes]
