@@ -66,8 +66,9 @@ def test_refit_causes_sensors_and_the_first_step_have_a_line_each():
     assert "steering_lag" in lines[1]
     assert "gyro_scale" not in lines[1]
     assert "not how the model predicts the motion" in lines[2]
-    assert "friction.a" in lines[0]
-    assert "motor.d" in lines[0]
+    assert "friction.a" not in lines[0]
+    assert "motor.d 28.9 -> 71.30 +- 0.51 N (+147 %, 83 standard errors)" in lines[0]
+    assert "friction.a" in summary_lines(made.diagnosis("parameters_only", 0, False))[0]
     wrong = summary_lines(replace(d, claims=(claim(2.0, 3.0, 0.05),)))[0]
     assert wrong.startswith("Parameters: wrong: motor.")
 
@@ -159,13 +160,14 @@ def test_a_typical_error_that_grows_is_stated():
         return replace(of, horizons={"1.0": {"pooled": {"vx": rmse}, "median": {"vx": median}}})
 
     first, *middle, last = d.stages
+    middle = [stage(one, 0.2, 0.09) for one in middle]
     worse = replace(d, stages=(stage(first, 0.211, 0.068), *middle, stage(last, 0.137, 0.103)),
                     ctrv={"1.0": {"pooled": {"vx": 1.0}, "median": {"vx": 0.05}}})
     assert median_warnings(worse) == [
         "The large errors shrink (speed RMSE 0.211 -> 0.137) but the typical one grows (median "
         "0.068 -> 0.103).",
-        "In the median, constant velocity predicts better than this model: speed 0.05 against "
-        "0.103 m/s."]
+        "In the median, constant velocity predicts better than every model: speed 0.05 against "
+        "0.068 m/s."]
     within = replace(worse, stages=(worse.stages[0], *middle, stage(last, 0.137, 0.074)), ctrv={})
     assert median_warnings(within) == []
 

@@ -23,6 +23,7 @@ SIGNIFICANT = 2.0
 SMALL_CHANGE = 0.02
 """Share of a parameter below which its change is a small correction, as below SIGNIFICANT."""
 MOST_CHANGES = 3
+"""Parameters that are listed where nothing else was found; one where there are causes."""
 QUARTILES_FROM = 4
 """Recordings from which on the middle half of the sizes is stated, and not their extremes."""
 SPLITS = ("share of random re-splits of the training data in which data left out are predicted "
@@ -150,7 +151,8 @@ def largest_changes(d: Diagnosis) -> str:
     """Return the parameters that the refit changed most, by standard errors; "" for none."""
     moved = [(abs(m.after - m.before) / m.std, name, m) for name, m in d.refitted.items()
              if m.std > 0.0 and m.after != m.before]
-    largest = sorted(moved, key=lambda entry: (-entry[0], entry[1]))[:MOST_CHANGES]
+    most = 1 if d.causes else MOST_CHANGES
+    largest = sorted(moved, key=lambda entry: (-entry[0], entry[1]))[:most]
     return "; ".join(f"{name} {change(m)}" for _, name, m in largest)
 
 

@@ -111,7 +111,7 @@ def _refit(d: Diagnosis) -> str:
     parts += [f"small correction: {listed(small, 'and')}"] if small else []
     if not parts:
         largest = largest_changes(d)
-        parts = [f"no group of parameters is confirmed as wrong; largest changes: {largest}"
+        parts = [f"no group is confirmed as wrong; most changed: {largest}"
                  if largest else "no parameter changes"]
     return f"Parameters: {'; '.join(parts)}. With the refit {_effect_on_errors(d, 'refitted')}."
 
@@ -174,15 +174,16 @@ def _left(d: Diagnosis) -> str:
 
 
 def median_warnings(d: Diagnosis) -> list[str]:
-    """State where medians contradict the root mean squares, for the model with all that is found.
+    """State where medians contradict the root mean squares.
 
-    A typical error that grows while large ones shrink, and constant velocity with a smaller one.
+    A typical error that grows from the first to the last model while large ones shrink, and
+    constant velocity with a smaller one than every model.
     """
     given, last = d.stages[0].horizons, d.stages[-1].horizons
     figures = {name: [pooled(of, AHEAD, name, kind) for kind in ("pooled", "median")
                       for of in (given, last)] for name in PREDICTED}
     grow = [name for name, (rms, rms_after, median, median_after) in figures.items()
-            if rms_after < rms and median_after > MUCH_WORSE * median]
+            if rms_after < rms and median_after > MUCH_WORSE * median > 0.0]
     out = []
     if grow:
         most = max(grow, key=lambda name: figures[name][3] / figures[name][2])
@@ -191,12 +192,14 @@ def median_warnings(d: Diagnosis) -> list[str]:
         out.append(f"The large errors shrink ({channel(most)} RMSE {large}) but the typical one "
                    f"grows (median {typical}){_also(grow, most)}.")
     held = {name: pooled(d.ctrv, AHEAD, name, "median") for name in PREDICTED}
-    beaten = [name for name in PREDICTED if held[name] < figures[name][3]]
+    best = {name: min(pooled(stage.horizons, AHEAD, name, "median")
+                      for stage in d.compared.values()) for name in PREDICTED}
+    beaten = [name for name in PREDICTED if held[name] < best[name]]
     if beaten:
-        most = min(beaten, key=lambda name: held[name] / figures[name][3])
-        out.append("In the median, constant velocity predicts better than this model: "
-                   f"{channel(most)} {significant(held[most])} against "
-                   f"{significant(figures[most][3])} {CHANNELS[most][1]}{_also(beaten, most)}.")
+        most = min(beaten, key=lambda name: held[name] / best[name])
+        out.append("In the median, constant velocity predicts better than every model: "
+                   f"{channel(most)} {significant(held[most])} against {significant(best[most])} "
+                   f"{CHANNELS[most][1]}{_also(beaten, most)}.")
     return out
 
 
@@ -211,7 +214,8 @@ def first_step(d: Diagnosis) -> str:
     problems = data_problems(d)
     if problems:
         which = f"the first of {len(problems)} problems" if len(problems) > 1 else "a problem"
-        return f"solve {which} of the data: {inside('. '.join(problems[0].split('. ')[:2]).rstrip('.'))}."
+        what, *remedy = problems[0].split(". ")[:2]
+        return f"solve {which} of the data: {'. '.join([inside(what), *remedy]).rstrip('.')}."
     if d.unexplained:
         return next_step(d.unexplained[0])
     if d.outliers:

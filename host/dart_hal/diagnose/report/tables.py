@@ -10,6 +10,7 @@ from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.result import BestPredictor, Considered, Diagnosis, Number
 from dart_hal.evaluate import CHANNELS as PREDICTED
 from dart_hal.evaluate import UNITS
+from dart_hal.evaluate.cases import short
 from dart_hal.report import charts, page, svg
 from dart_hal.report.html import Html, el, join, table
 from dart_hal.report.numbers import listed, p_value, percent, significant
@@ -28,9 +29,6 @@ from .words import (
 
 OPEN = ("role", "windows", "why")
 """Entries of a file that are not listed with its details."""
-WHICH_MODEL = ("To predict (controller, simulation) use this model: it errs least. To understand "
-               "the car use the extended model with its causes: effects of this model may stand in "
-               "for others.")
 BY_NOISE = " (the same effects, fitted with recordings weighted by their noise)"
 MAX_ROWS = 24
 """Bars of the ranking; the table below it holds all."""
@@ -100,7 +98,7 @@ def best_predictor(d: Diagnosis, b: BestPredictor) -> Html:
     """Tabulate the best predictor: effects, errors by held-out recording, and on the test side."""
     sizes = [(name, title(name), ", ".join(f"{k} {quantity(n)}" for k, n in numbers.items()))
              for name, numbers in b.effects.items()]
-    held_out = [(name, f"{one.ratio:.2f}", *(
+    held_out = [(short(name), f"{one.ratio:.2f}", *(
         f"{significant(before)} -> {significant(after)}" for before, after in zip(
             one.refitted, one.predictor, strict=True))) for name, one in b.left_out.items()]
     channels = [f"{channel(c)} [{u}]" for c, u in zip(PREDICTED, UNITS, strict=True)]
@@ -112,7 +110,7 @@ def best_predictor(d: Diagnosis, b: BestPredictor) -> Html:
               ("best predictor", b.horizons)]
     test = [(label, *(_pair(of, "1.0", c) for c in PREDICTED)) for label, of in stages]
     return join([
-        el("p", predictor(b)), el("p", WHICH_MODEL),
+        el("p", predictor(b)),
         table(("effect", "the car ...", "size"), sizes, 2, "standard errors: spread of the fits "
               "without one recording each (jackknife)"),
         table(("model", *channels), test, 1, "errors after 1 s on the test recordings: RMSE "

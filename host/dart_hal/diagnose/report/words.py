@@ -66,7 +66,8 @@ def predictor(b: BestPredictor) -> str:
     better = sum(one.ratio < 1.0 for one in b.left_out.values())
     return (f"Best predictor: with {listed(list(b.effects), 'and')} the errors 1 s ahead in "
             f"recordings left out are {larger(*b.ratio)} than those of the refit, and smaller in "
-            f"{better} of {n}. That an effect predicts better does not show that it is a cause.")
+            f"{better} of {n}. Use it to predict (controller, simulation), and the extended model "
+            "to understand the car: an effect that predicts better need not be a cause.")
 
 
 def possible(p: Possible) -> str:
