@@ -22,7 +22,8 @@ from dart_hal.diagnose.unexplained.features import UNITS
 from dart_hal.report.numbers import larger, significant
 from dart_hal.vehicle.effects import catalogue
 
-DEAD = "19/a.csv: the encoder is dead, so the encoder is not judged there"
+DEAD = "encoder dead: always 0 while the mocap shows the car driving"
+FROZEN = "false lock of the mocap (pose stands, encoder turns): 20.91 s, 29% of the recording"
 CLOCK = ("the car acts 100 ms before its commands are in the recording, at the edge of what is "
          "allowed: the clocks of command and sensors differ. Synchronise the clocks")
 LATE = LateCommands(0.21, 0.062, 34.2, ())
@@ -83,13 +84,15 @@ def test_what_is_left_is_a_multiple_of_the_noise_floor():
 def test_a_problem_of_the_data_comes_first():
     d = made.diagnosis()
     assert "problem" not in summary_lines(d)[-1]
-    both = replace(d, notes=(DEAD, CLOCK), late_commands=LATE)
-    assert summary_lines(both)[-1].startswith("First: solve the first of 3 problems of the data: "
+    both = replace(d, notes=(CLOCK, "b.csv: the encoder is dead"), late_commands=LATE,
+                   files={"b.csv": {"why": [DEAD]}, "c.csv": {"why": [FROZEN, "other"]}})
+    assert summary_lines(both)[-1].startswith("First: solve the first of 4 problems of the data: "
                                               "the car acts 100 ms before")
     problems = data_problems(both)
     assert problems[0].startswith("The car acts 100 ms")
     assert "Check the radio link" in problems[1]
-    assert problems[2] == f"{DEAD}."
+    assert problems[2].startswith(f"E{DEAD[1:]}, in b. Check plug")
+    assert problems[3].startswith("False lock of the mocap")
     text = page(both)
     places = [text.index(words) for words in ("verdict bad", "Before you rely on the numbers",
                                               "The car acts 100 ms", 'class="pair"')]
@@ -138,7 +141,7 @@ def test_sizes_from_broken_data_do_not_count():
     files = {"d": {"role": "train", "windows": 1}, "c": {"role": "train", "windows": 2}}
     d = replace(d, causes=(replace(d.causes[0], sizes=sizes),), files=files)
     assert list(valid_sizes(d, d.causes[0])) == ["19/a.csv", "b", "c"]
-    d = replace(d, notes=(DEAD,))
+    d = replace(d, files={**files, "19/a.csv": {"why": [DEAD]}})
     assert list(valid_sizes(d, d.causes[0])) == ["b", "c"]
     text = describe_cause(d, 0)["Why"]
     assert "2 of 2 training recordings need it; sizes are 90 % to 110 %" in text

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
-import re
-
 from dart_hal.diagnose.result import Cause, Diagnosis
+from dart_hal.evaluate.cases import short
 
 from .words import late_commands
 
-NEUTRAL = ("marker frame fitted", "no test recordings", "no motion capture: judged",
-           "cannot be known from these recordings", "assumed: ",
-           "a copy of another recording", "no motion capture, left out")
-"""Beginnings or parts of notes that state how the data were used, and no problem of them."""
 SIZES_ASSUMED = "assumed: "
+NEUTRAL = ("marker frame fitted", "no test recordings", "no motion capture: judged",
+           "cannot be known from these recordings", "a copy of another recording",
+           "no motion capture, left out")
+"""Parts of notes that state how the data were used, and no problem of them."""
+DEAD_ENCODER = "encoder dead"
+BROKEN = {
+    DEAD_ENCODER: "Check plug, ring and distance of the encoder, and record again.",
+    "false lock of the mocap": "Check cameras and markers, and record again: a pose that stands "
+                               "while the car drives is not used."}
+"""Remedy by the beginning of what the reader of a recording states."""
 NOT_FITTED = ("The parameters of the model were not fitted (--no-refit): wrong parameters may "
               "appear as causes. Run it without --no-refit unless the parameters were measured.")
 LOST = ("Some commands were late or lost. Check the radio link and the load of the computer that "
@@ -23,22 +28,24 @@ LEAST_WINDOWS = 2
 
 def data_problems(d: Diagnosis) -> list[str]:
     """List the problems of the recordings with a remedy each, the gravest first."""
-    notes = [n for n in d.notes if not any(words in n for words in NEUTRAL)]
-    out = [f"{LOST} {_sentence(late_commands(d.late_commands))}"] if d.late_commands else []
-    out += map(_sentence, notes)
-    return sorted(out, key=lambda text: "clocks of command" not in text)
+    out = [f"{n[:1].upper()}{n[1:].rstrip('.')}." for n in d.notes if not (
+        n.startswith(SIZES_ASSUMED) or "encoder is dead" in n or n in neutral_notes(d))]
+    if d.late_commands:
+        out.append(f"{LOST} {late_commands(d.late_commands)}.")
+    return out + [f"{why[:1].upper()}{why[1:]}, in {short(name)}. {remedy}"
+                  for name, use in d.files.items() for why in use.get("why", ())
+                  for beginning, remedy in BROKEN.items() if why.startswith(beginning)]
 
 
 def model_problems(d: Diagnosis) -> list[str]:
     """List what was assumed of the model: its sizes, and its parameters where none was fitted."""
-    assumed = [_sentence(n) for n in d.notes if n.startswith(SIZES_ASSUMED)]
+    assumed = [f"A{n[1:]}." for n in d.notes if n.startswith(SIZES_ASSUMED)]
     return assumed + [NOT_FITTED] * (not d.refitted)
 
 
 def neutral_notes(d: Diagnosis) -> list[str]:
     """List the notes that state how the data were used."""
-    return [n for n in d.notes if any(words in n for words in NEUTRAL)
-            and not n.startswith(SIZES_ASSUMED)]
+    return [n for n in d.notes if any(words in n for words in NEUTRAL)]
 
 
 def valid_sizes(d: Diagnosis, cause: Cause) -> dict[str, tuple[float, float]]:
@@ -46,15 +53,9 @@ def valid_sizes(d: Diagnosis, cause: Cause) -> dict[str, tuple[float, float]]:
 
     All of them where none would remain.
     """
-    broken = {name for n in d.notes for files, dead, _ in [n.partition(": the ")]
-              if dead and "is dead" in n for name in re.split(", | and ", files)}
-    good = {name: size for name, size in cause.sizes.items()
-            if name not in broken
-            and d.files.get(name, {}).get("windows", LEAST_WINDOWS) >= LEAST_WINDOWS}
-    return good or dict(cause.sizes)
+    def is_valid(name: str) -> bool:
+        use = d.files.get(name, {})
+        return (use.get("windows", LEAST_WINDOWS) >= LEAST_WINDOWS
+                and not any(why.startswith(DEAD_ENCODER) for why in use.get("why", ())))
 
-
-def _sentence(text: str) -> str:
-    """A note as a sentence; names of files keep their first letter."""
-    words = text if re.search(r"[/.]", text.split(" ")[0]) else text[:1].upper() + text[1:]
-    return f"{words.rstrip('.')}."
+    return {n: size for n, size in cause.sizes.items() if is_valid(n)} or dict(cause.sizes)
