@@ -105,12 +105,12 @@ def test_parameters_that_were_not_fitted_are_a_problem_of_the_model():
     assert NOT_FITTED not in page(made.diagnosis(causes=1))
 
 
-def test_a_stand_in_is_marked_and_not_counted_as_a_cause():
+def test_a_substitute_is_marked_and_not_counted_as_a_cause():
     d = made.diagnosis("partly_explained", 1, False)
     changing = replace(d, causes=(replace(d.causes[0], constancy=made.CHANGES),))
-    assert heading(changing.causes[0]).startswith("Stand-in: the car")
+    assert heading(changing.causes[0]).startswith("Substitute: the car")
     assert heading(d.causes[0]).startswith("The car")
-    assert "one stand-in (of no constant size)" in headline(changing)
+    assert "one substitute (of no constant size)" in headline(changing)
     assert "cause of the catalogue" not in headline(changing)
     assert "one cause of the catalogue" in headline(d)
     assert 'class="cause found"' in page(d)

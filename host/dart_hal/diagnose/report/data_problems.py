@@ -15,15 +15,15 @@ NEUTRAL = ("marker frame fitted", "no test recordings", "no motion capture: judg
 DEAD_ENCODER = "encoder dead"
 BROKEN = {
     DEAD_ENCODER: "Check plug, ring and distance of the encoder, and record again.",
-    "false lock of the mocap": "Check cameras and markers, and record again: a pose that stands "
-                               "while the car drives is not used."}
+    "false lock of the mocap": "Check cameras and markers, and record again: a constant pose "
+                               "of a car that drives is not used."}
 """Remedy by the beginning of what the reader of a recording states."""
 NOT_FITTED = ("The parameters of the model were not fitted (--no-refit): wrong parameters may "
               "appear as causes. Run it without --no-refit unless the parameters were measured.")
 LOST = ("Some commands were late or lost. Check the radio link and the load of the computer that "
         "sends them, and record again.")
 LEAST_WINDOWS = 2
-"""Windows of a recording below which the size of a cause in it says nothing of the others."""
+"""Windows of a recording below which the size of a cause in it is not meaningful."""
 
 
 def data_problems(d: Diagnosis) -> list[str]:

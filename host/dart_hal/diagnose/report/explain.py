@@ -34,8 +34,8 @@ TOGETHER = ({"steering_angle", "lateral_acceleration", "yaw_rate", "direction"},
 
 
 def heading(cause: Cause) -> str:
-    """Return "The car has a weaker motor than the model (motor_gain)", marked as a stand-in."""
-    lead = "The car" if cause.constancy.constant else "Stand-in: the car"
+    """Return "The car has a weaker motor than the model (motor_gain)", marked as a substitute."""
+    lead = "The car" if cause.constancy.constant else "Substitute: the car"
     return f"{lead} {signed_title(cause)} ({cause.effect})"
 
 
@@ -44,7 +44,7 @@ def describe_cause(d: Diagnosis, i: int) -> dict[str, str]:
     cause = d.causes[i]
     what = f"The car {signed_title(cause)}: {describe_size(cause)}."
     if not cause.constancy.constant:
-        what += (" A stand-in: it improves the prediction, but its size changes with "
+        what += (" A substitute: it improves the prediction, but its size changes with "
                  f"{_along(cause)}, so it is not the whole cause.")
     return {"What": what, "Why": _reasons(d, i), "Gain": _gain(d, i),
             "Next": _next(cause.experiment, bool(cause.cannot_be_told_from),
@@ -127,12 +127,12 @@ def _all_steps(d: Diagnosis, i: int) -> str:
         f" From the model as given to the one with all causes: {all_steps}.")
 
 
-def _next(experiment: str, confounded: bool, stand_in: bool = False) -> str:
+def _next(experiment: str, confounded: bool, substitute: bool = False) -> str:
     """The drive that confirms a finding, or distinguishes it from another one."""
     if not experiment:
         return "Use the extended model."
     lead = ("To distinguish them" if confounded else
-            "To find what it stands in for" if stand_in else "To confirm it")
+            "To find the cause behind it" if substitute else "To confirm it")
     return f"{lead}: {inside(experiment)}"
 
 

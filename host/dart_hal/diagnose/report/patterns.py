@@ -58,15 +58,15 @@ class Pattern:
 
     def _residual(self, rows: Rows) -> tuple[Column | None, Along | None]:
         """The residual along the first variable that can be drawn."""
-        wanted = columns(self._d.evidence, self.u.channel, (AHEAD_OF_PATTERNS,))
+        candidates = columns(self._d.evidence, self.u.channel, (AHEAD_OF_PATTERNS,))
         for name in self.u.along:
             tried = [along(rows, column, name, self._d.stages[-1], period=self.u.period)
-                     for column in wanted]
+                     for column in candidates]
             found = [a for a in tried if a is not None]
             if found:
                 best = max(found, key=lambda a: a.score)
                 return best.column, best
-        return (replace(wanted[0], folded=False), None) if wanted else (None, None)
+        return (replace(candidates[0], folded=False), None) if candidates else (None, None)
 
     def sentences(self) -> dict[str, str]:
         """Describe the pattern: what it is, how much it matters, what to do."""

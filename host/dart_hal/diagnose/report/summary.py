@@ -52,19 +52,19 @@ def summary_lines(d: Diagnosis) -> list[str]:
 
 
 def _found(d: Diagnosis) -> tuple[str, str]:
-    """Count causes and stand-ins, with wrong parameters, and return the verb of the sentence."""
+    """Count causes and substitutes, with wrong parameters, and return the verb of the sentence."""
     wrong = any(not is_small(c) for c in d.claims)
     causes = [c for c in d.causes if c.constancy.constant]
     sensors = sum(map(is_sensor, causes))
-    stand_ins = len(d.causes) - len(causes)
+    substitutes = len(d.causes) - len(causes)
     parts = ["wrong parameters"] if wrong else []
     if 0 < sensors < len(causes):
         parts.append(f"{_count(len(causes) - sensors, 'cause')} in the motion and "
                      f"{'one' if sensors == 1 else sensors} in the sensors")
     elif causes:
         parts.append(f"{_count(len(causes), 'cause')} of the catalogue")
-    if stand_ins:
-        parts.append(f"{_count(stand_ins, 'stand-in')} (of no constant size)")
+    if substitutes:
+        parts.append(f"{_count(substitutes, 'substitute')} (of no constant size)")
     if not parts:
         parts.append("small corrections of the parameters")
     single = not wrong and len(d.causes) == 1
@@ -127,7 +127,7 @@ def _causes(d: Diagnosis) -> str:
 
 
 def _sensors(d: Diagnosis) -> str:
-    """State the causes in the sensors, apart from those in the motion."""
+    """State the causes in the sensors."""
     causes = [c for c in d.causes if is_sensor(c)]
     if not causes:
         return ""
@@ -141,7 +141,7 @@ def is_sensor(cause: Cause) -> bool:
 
 
 def _named(cause: Cause) -> str:
-    kind = "" if cause.constancy.constant else ", stand-in"
+    kind = "" if cause.constancy.constant else ", substitute"
     return f"{short_title(cause)} ({cause.effect}{kind})"
 
 
@@ -221,7 +221,7 @@ def first_step(d: Diagnosis) -> str:
     if d.outliers:
         return "look at the listed moments in the recordings."
     for lead, checks in (
-            ("find what {} stands in for", [c for c in d.causes if not c.constancy.constant]),
+            ("find the cause behind {}", [c for c in d.causes if not c.constancy.constant]),
             ("distinguish {}", [c for c in d.causes if c.cannot_be_told_from]),
             ("confirm {}", d.causes)):
         check = next((c for c in checks if c.experiment), None)
