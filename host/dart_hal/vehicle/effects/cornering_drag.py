@@ -1,6 +1,8 @@
 """Cornering drag: turned wheels slow the car.
 
-    F_x = -k |delta| tanh(v_x / 0.3 m/s)
+    D    = -k |delta| tanh(v_x / 0.3 m/s)
+    F_x  = (1 - s) D            along the car, at its centre of mass
+    F_xf = s D                  along the steered wheels, where it turns the car as well
 """
 
 from __future__ import annotations
@@ -14,10 +16,11 @@ from dart_hal.vehicle.parameters import Vehicle
 SLOW = 0.3  # m/s
 
 
-def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
+def force(p: Vehicle, f: Namespace, k: Value, s: Value) -> Callable[[Forces], Forces]:
     def hook(q: Forces) -> Forces:
         turned = f.fabs(f.atan2(q.sin_d, q.cos_d))
-        return q._replace(f_x=q.f_x - k * turned * f.tanh(q.v_x / SLOW))
+        drag = -k * turned * f.tanh(q.v_x / SLOW)
+        return q._replace(f_x=q.f_x + (1.0 - s) * drag, f_xf=q.f_xf + s * drag)
 
     return hook
 
@@ -32,7 +35,9 @@ EFFECT = Effect(
     stage="force",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "N/rad", 0.0, 10.0, sizes=(0.3, 1.0, 2.0),
-                          meaning="drag per radian of steering angle"),),
+                          meaning="drag per radian of steering angle"),
+                Parameter("s", "-", 0.0, 1.0, sizes=(0.25, 0.5, 1.0), alone=False,
+                          meaning="share of the drag that acts along the steered wheels")),
     confused_with=("differential_drag", "quadratic_drag", "front_grip", "combined_slip"),
     experiment=(
         "Coasting on circles of several radii from low speed, and straight beside them: "
