@@ -106,8 +106,12 @@ class EqualFits:
         return fit
 
     def fit_by_noise(self, near: Point) -> Point:
-        """Fit the vehicle of a fit nearby by the noise, as the search does."""
-        return refit(self.evidence, self.noise, near.space, near.x, jobs=self.jobs)
+        """Fit the vehicle of a fit nearby by the noise that this fit leaves.
+
+        By the noise of the base, which has the effects in it, they would be found too small.
+        """
+        noise = self.search.measure_noise(self.evidence, near.vehicle, near.timing)
+        return refit(self.evidence, noise, near.space, near.x, jobs=self.jobs)
 
     def judge(self, fit: Point) -> JudgedFit:
         """Fit without each recording, and predict it."""

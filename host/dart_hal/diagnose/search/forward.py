@@ -17,7 +17,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.ages import AGES, older
 from ..evidence.noise import Noise, measure
-from ..evidence.residuals import Evidence, Residuals, only_read
+from ..evidence.residuals import Evidence, only_read
 from ..evidence.space import Space, Timing
 from ..gates import Candidate, explain_failure
 from ..unexplained.driven import undriven
@@ -250,32 +250,33 @@ class Search:
         return loss_at(self._evidence, noise, point.space, point.x)
 
     def _measured(self, vehicle: Vehicle, timing: Timing) -> Noise:
-        """How large the residuals are, but for what commands do that come at a time of their own.
+        return self.measure_noise(self._evidence, vehicle, timing)
+
+    def measure_noise(self, evidence: Evidence, vehicle: Vehicle, timing: Timing) -> Noise:
+        """Measure the residuals of a vehicle, without what commands do at a time of their own.
 
         In a run of our own that is the wait for a frame. Elsewhere nobody knows when, and some
         change between messages. In a run from on-board sensors alone, neither is noise what goes
         with the driving: the state at a start has errors that last for a window, as those of the
         model do, and once taken for such a one an error of the model would count for nothing.
         """
-        seen = self._evidence.residuals(vehicle, timing)
-        stamped, policy = self._evidence.commands_stamped, self._settings.policy
-        r = undriven(self._evidence, vehicle, seen, policy.unexplained) if (
-            stamped and not self._evidence.exact) else seen
-        moved = older(self._evidence, vehicle, timing, seen, policy.noise.age_s)
-        return self._noise(r, moved, WAIT_STD if stamped else None)
-
-    def _noise(self, r: Residuals, moved: FloatArray | None = None,
-               wait: float | None = None) -> Noise:
-        policy = self._settings.policy
-        return measure(r, self._evidence.blocks(policy.blocks.seconds), self._evidence.overlap,
-                       moved, policy.noise, wait)
+        seen = evidence.residuals(vehicle, timing)
+        stamped, policy = evidence.commands_stamped, self._settings.policy
+        r = undriven(evidence, vehicle, seen, policy.unexplained) if (
+            stamped and not evidence.exact) else seen
+        moved = older(evidence, vehicle, timing, seen, policy.noise.age_s)
+        return measure(r, evidence.blocks(policy.blocks.seconds), evidence.overlap, moved,
+                       policy.noise, WAIT_STD if stamped else None)
 
     def _start(self, space: Space, timing: Timing) -> FloatArray:
         """The base at the best of some ages of commands: in steps by chance a fit finds the
         nearest that suits it, not the best."""
         points = [space.point(Timing(timing.late, *ages)) for ages in AGES]
         vehicle, _ = space.split(points[0])
-        noise = self._noise(self._evidence.residuals(vehicle, timing))
+        policy = self._settings.policy
+        noise = measure(self._evidence.residuals(vehicle, timing),
+                        self._evidence.blocks(policy.blocks.seconds), self._evidence.overlap,
+                        policy=policy.noise)
         return min(points, key=lambda x: loss_at(self._evidence, noise, space, x))
 
     def _scan(self, point: Point) -> list[Trial]:
