@@ -104,7 +104,7 @@ def _changes(c: Claim) -> list[Html]:
 
 def _possible(d: Diagnosis) -> Html:
     """Tabulate effects that the search accepted and a later test did not; "" for none."""
-    head = ("possible effect", "what it would mean", "probability", "loss reduction, alone",
+    head = ("possible effect", "what it would mean", "probability", "loss reduction, added",
             "why not accepted")
     return table(head, [(p.effect, f"the car {p.title}", f"{p.probability:.2f}, {p.grade}",
                          significant(p.loss, 4), p.why) for p in d.possible],
@@ -142,7 +142,7 @@ def _figures(cause: Cause) -> Html:
     return join([
         table(("parameter", "value", "null value"), rows, 1),
         table(("channel", "gain on test data", "95 %", "on training data",
-               "loss reduction, in the final model", "p"),
+               "loss reduction, added", "p"),
               [(channel(gain.channel), percent(gain.test), interval(gain), percent(gain.train),
                 significant(cause.loss, 4), p_value(cause.p_value))], caption=gain.measure),
         page.soft("All residuals of the test recordings, of motion and sensors, are "

@@ -8,9 +8,9 @@ from dart_hal.evaluate.cases import short
 from .words import late_commands
 
 SIZES_ASSUMED = "assumed: "
-NEUTRAL = ("marker frame fitted", "no test recordings", "no motion capture: judged",
-           "cannot be known from these recordings", "a copy of another recording",
-           "no motion capture, left out")
+NEUTRAL = ("marker frame fitted", "marker frame was fitted", "no test recordings", ", left out",
+           "judged by the car's own sensors", "cannot be known from these recordings",
+           "no on-board sensors")
 """Parts of notes that state how the data were used, and no problem of them."""
 DEAD_ENCODER = "encoder dead"
 BROKEN = {

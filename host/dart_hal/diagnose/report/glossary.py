@@ -38,8 +38,8 @@ TERMS = {
             "were found. Its 95 % interval is a bootstrap over blocks.",
     "loss": "Squared residuals in standard deviations, linear for large ones, each counted for as "
             "many independent values as it represents. A reduction of 1 is one squared standard "
-            "deviation of one independent residual. Alone: before any cause is in the model. In "
-            "the final model: by the cause, with all others in it.",
+            "deviation of one independent residual. Alone: before any cause is in the model. "
+            "Added: with the causes in it that were found before.",
     "p-value": "How often the best effect of the whole catalogue would reduce the loss as much if "
                "nothing were missing, with the disturbances of these recordings.",
     "+-": "One standard error of a parameter; whiskers are two standard errors of a mean, from "

@@ -35,21 +35,19 @@ MAX_ROWS = 24
 
 
 def ranking(d: Diagnosis) -> Html:
-    """Draw the loss reduction of every effect alone; without a ranking what is known of it."""
-    found = d.ranking or {**{c.effect: c.loss for c in d.considered},
-                          **{c.effect: c.loss for c in d.causes}}
+    """Draw the loss reduction of every effect alone."""
     if not (d.causes or d.considered):
         return el("p", "No effect was tried.")
     named = {c.effect for c in d.causes}
-    shown = sorted(((name, loss) for name, loss in found.items() if math.isfinite(loss)),
+    shown = sorted(((name, loss) for name, loss in d.ranking.items() if math.isfinite(loss)),
                    key=lambda e: (-e[1], e[0]))[:MAX_ROWS]
-    note = ("Each effect alone, before any was accepted: effects similar to a cause reduce the "
-            "loss nearly as much, until the cause is in the model. " if d.ranking else "")
     return join([
         charts.bars("Loss reduction by effect", "loss reduction, alone (logarithmic scale)",
                     [(name, loss, "after" if name in named else "other") for name, loss in shown]),
         svg.legend([("after", "accepted"), ("other", "not accepted")]),
-        page.soft(f"{note}The threshold differs from effect to effect, see the p-values.")])
+        page.soft("Each effect alone, before any was accepted: effects similar to a cause reduce "
+                  "the loss nearly as much, until the cause is in the model. The threshold differs "
+                  "from effect to effect, see the p-values.")])
 
 
 def errors(d: Diagnosis) -> Html:
@@ -146,9 +144,9 @@ def considered(d: Diagnosis) -> Html:
     idle: dict[str, list[str]] = {}
     for c in filter(_nothing, ordered):
         idle.setdefault(c.why_not, []).append(f"{c.effect} ({significant(c.loss)})")
-    head = ("effect", "the car ...", "loss reduction, alone", "p", "why not accepted")
+    head = ("effect", "the car ...", "loss reduction, added", "p", "why not accepted")
     return page.fold(f"{len(ordered)} effects", table(head, rows), *(
-        page.soft(f"Loss reduction below 1 ({why}): {', '.join(names)}.")
+        page.soft(f"Loss reduction, added, below 1 ({why}): {', '.join(names)}.")
         for why, names in idle.items()), page.text(
             f"Found at first and withdrawn: {listed(d.withdrawn, 'and')}." if d.withdrawn else ""))
 
