@@ -115,7 +115,10 @@ def test_a_substitute_is_marked_and_not_counted_as_a_cause():
     assert "one cause of the catalogue" in headline(d)
     assert 'class="cause found"' in page(d)
     assert 'class="cause found"' not in page(changing)
-    assert "its size changes with speed" in describe_cause(changing, 0)["What"]
+    assert "its size changes with speed (p = 0.001), so" in describe_cause(changing, 0)["What"]
+    either = replace(changing.causes[0], constancy=replace(made.CHANGES, others=("throttle",)))
+    assert "speed (p = 0.001), or with throttle (these go together in the data), so" in (
+        describe_cause(replace(d, causes=(either,)), 0)["What"])
 
 
 def test_words_follow_the_sign_of_a_size():

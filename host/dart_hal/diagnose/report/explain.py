@@ -28,9 +28,6 @@ QUARTILES_FROM = 4
 """Recordings from which on the middle half of the sizes is stated, and not their extremes."""
 SPLITS = ("share of random re-splits of the training data in which data left out are predicted "
           "better")
-TOGETHER = ({"steering_angle", "lateral_acceleration", "yaw_rate", "direction"},
-            {"throttle", "acceleration"})
-"""Variables that change together in most driving."""
 
 
 def heading(cause: Cause) -> str:
@@ -80,12 +77,10 @@ def _spread(sizes: list[float]) -> str:
 
 
 def _along(found: Cause | Claim) -> str:
-    """"place (x) (p = 0.001), or with steering angle and lateral acceleration (these go ...)"."""
+    """"place (x) (p = 0.001), or with steering angle (these go together in the data)"."""
     c = found.constancy
-    names = {c.along, *c.others}
     others = "".join(f", or with {variable(name)}" for name in c.others)
-    together = any(len(names & part) > 1 for part in TOGETHER)
-    note = " (some of these go together in the data)" if together else ""
+    note = " (these go together in the data)" if others else ""
     return f"{variable(c.along)} ({p_value(c.p_value)}){others}{note}"
 
 
