@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from stranger import MOMENT, SIDE_FRONT, SIDE_REAR, Car, G, H, Now, Truth, X
+from stranger import FRONT, MOMENT, REAR, SIDE_FRONT, SIDE_REAR, Car, G, H, Now, Truth, X
 from stranger_causes import Cause
 
 
@@ -55,6 +55,16 @@ def slow_load_transfer(car: Car, k: float) -> None:
         f[SIDE_REAR] *= 1.0 + k * nose[0] / G
 
     car.step.append(watch)
+    car.force.append(act)
+
+
+def drive_load_transfer(car: Car, k: float) -> None:
+    """Load moves with the drive force, whatever the car's acceleration."""
+    def act(f: list[float], now: Now) -> None:
+        moved = k * (f[FRONT] + f[REAR]) / (car.m * G)
+        f[SIDE_FRONT] *= 1.0 - moved
+        f[SIDE_REAR] *= 1.0 + moved
+
     car.force.append(act)
 
 
@@ -150,6 +160,7 @@ NEAR: dict[str, tuple[Cause, float]] = {
     "ringing_servo": (ringing_servo, 0.05), "cubic_drag": (cubic_drag, 0.08),
     "linear_drag": (linear_drag, 0.15), "hard_rear": (hard_rear, 0.43),
     "slow_load_transfer": (slow_load_transfer, 1.2),
+    "drive_load_transfer": (drive_load_transfer, 0.4),
     "square_damping": (square_damping, 0.006), "rubber_linkage": (rubber_linkage, 0.02),
     "throttle_slew": (throttle_slew, 1.0), "sagging_battery": (sagging_battery, 0.12),
     "falling_cell": (falling_cell, 0.12), "one_sided_gyro": (one_sided_gyro, 0.05),
@@ -163,6 +174,7 @@ FAMILY: dict[str, frozenset[str]] = {name: frozenset(family.split()) for name, f
     "linear_drag": "quadratic_drag rolling_resistance motor_gain",
     "hard_rear": "rear_saturation roll_compliance combined_slip grip",
     "slow_load_transfer": "load_transfer combined_slip",
+    "drive_load_transfer": "load_transfer",
     "square_damping": "yaw_damping differential_drag",
     "rubber_linkage": "steering_compliance steering_gain front_grip steering_backlash",
     "throttle_slew": "throttle_lag throttle_delay",
