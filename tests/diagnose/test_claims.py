@@ -20,7 +20,7 @@ from dart_hal.diagnose.evidence.space import Timing
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.parameters.claims import _costly, _together
 from dart_hal.diagnose.parameters.cost import cost, ratio
-from dart_hal.diagnose.parameters.groups import GROUPS, quantities_of, steady_speed
+from dart_hal.diagnose.parameters.groups import GROUPS, holding_throttle, quantities_of
 from dart_hal.diagnose.parameters.sets import Posterior, Sets
 from dart_hal.diagnose.parameters.unseen import Unseen
 from dart_hal.diagnose.policy import USUAL
@@ -30,7 +30,9 @@ from dart_hal.diagnose.report.page import page
 from dart_hal.diagnose.result import Change, Claim, Constancy
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.flat import names
+from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.load import find_model
+from dart_hal.vehicle.motor import make_motor
 
 SECONDS = 60.0
 
@@ -114,9 +116,13 @@ def test_quantities_are_numbers_of_the_paper_car(group):
         assert np.isfinite(quantity(PAPER)), unit
 
 
-def test_the_steady_speed_is_where_motor_and_friction_are_equal():
-    slow, fast = (steady_speed(throttle)(PAPER) for throttle in (0.25, 0.3))
-    assert 0.5 < slow < fast < 8.0
+def test_the_holding_throttle_is_where_motor_and_friction_are_equal():
+    slow, fast = (holding_throttle(speed)(PAPER) for speed in (1.0, 1.5))
+    assert slow < fast
+    for throttle, speed in ((slow, 1.0), (fast, 1.5)):
+        left = make_motor(PAPER.motor)(throttle, speed) + make_friction(PAPER.friction)(speed)
+        assert abs(left) < 0.02, "N; a step of the table is a thousandth of the throttle"
+    assert holding_throttle(9.0)(PAPER) == 1.0, "faster than it can drive"
 
 
 @pytest.mark.more

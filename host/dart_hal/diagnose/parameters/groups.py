@@ -18,7 +18,7 @@ from dart_hal.vehicle.tyres import make_tyres
 
 SLOW_SLIP = 0.02  # rad; where a tyre is still linear
 SLIPS = np.linspace(0.0, 0.8, 161)  # rad; beyond it nothing was ever driven
-SPEEDS = np.linspace(0.0, 8.0, 801)  # m/s
+THROTTLES = np.linspace(0.0, 1.0, 1001)
 THROTTLE = 0.25  # a usual one: 1.3 m/s of the paper's car
 Quantity = Callable[[Vehicle], float]
 
@@ -47,25 +47,17 @@ def _pull(throttle: float, speed: float) -> Quantity:
     return lambda p: float(make_motor(settled(p).motor)(throttle, speed))
 
 
-def _net_force(throttle: float, speed: float) -> Quantity:
-    """N by which the motor pulls more than friction holds.
+def holding_throttle(speed: float) -> Quantity:
+    """Throttle at which the motor pulls as much as friction holds, straight on.
 
-    Not the speed at which both are equal: where their difference is small over a range of speeds,
-    a hundredth of a newton moves that speed by a metre per second, and no standard error of a
-    linear answer holds.
+    Not the speed that a throttle holds: where pull and friction are nearly equal over a range of
+    speeds, a hundredth of a newton moves that speed by a metre per second.
     """
-    pull, resistance = _pull(throttle, speed), _resistance(speed)
-    return lambda p: pull(p) - resistance(p)
-
-
-def steady_speed(throttle: float) -> Quantity:
-    """m/s at which the motor pulls as much as friction holds, straight on."""
     def quantity(p: Vehicle) -> float:
         q = settled(p)
-        motor, friction = make_motor(q.motor, np), make_friction(q.friction, np)
-        left = motor(throttle, SPEEDS) + friction(SPEEDS)
-        over = np.flatnonzero(left[1:] <= 0.0)
-        return float(SPEEDS[over[0] + 1]) if len(over) else float(SPEEDS[-1])
+        resistance = -float(make_friction(q.friction)(speed))
+        pull = make_motor(q.motor, np)(THROTTLES, np.full_like(THROTTLES, speed))
+        return float(np.interp(resistance, np.maximum.accumulate(pull), THROTTLES))
 
     return quantity
 
@@ -142,7 +134,7 @@ MERGED: Mapping[frozenset[str], tuple[str, str, Mapping[str, tuple[str, Quantity
     MappingProxyType({
         frozenset({"friction", "motor"}): (
             "drive force", "drive force (motor and friction)",
-            {"net force at throttle 0.25, 1 m/s": ("N", _net_force(THROTTLE, 1.0)),
+            {"throttle that holds 1 m/s": ("-", holding_throttle(1.0)),
              "pull at throttle 0.25, standing": ("N", _pull(THROTTLE, 0.0))}),
         frozenset({"front tyre", "rear tyre"}): (
             "tyres", "front and rear tyres",

@@ -21,7 +21,7 @@ import numpy as np
 from dart_hal.diagnose.evidence.drive import Drive
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.evidence.readings import measured
-from dart_hal.diagnose.parameters.groups import steady_speed
+from dart_hal.diagnose.parameters.groups import holding_throttle
 from dart_hal.diagnose.result import Claim, Diagnosis
 from dart_hal.predict.actuators import actuated
 from dart_hal.recording.dart import savgol_derivative
@@ -140,11 +140,11 @@ def _rolling(drive: Drive, p: Vehicle) -> Points:
     steady = ((v > MOVING) & (np.abs(delta) < STRAIGHT)
               & (recent.max(axis=1) - recent.min(axis=1) < SAME)
               & (np.abs(savgol_derivative(v, SMOOTH)) < STEADY))
-    return np.where(steady, throttle, np.nan), v
+    return np.where(steady, v, np.nan), throttle
 
 
-def _speed(p: Vehicle, x: FloatArray) -> FloatArray:
-    return np.array([steady_speed(float(throttle))(p) for throttle in x])
+def _throttle(p: Vehicle, x: FloatArray) -> FloatArray:
+    return np.array([holding_throttle(float(speed))(p) for speed in x])
 
 
 KEY = svg.legend([("before", "model as it was"), ("after", "new model"), ("car", "the car")])
@@ -156,5 +156,5 @@ PICTURES = (
             (-0.3, 0.3), needs_mocap=True),
     Picture(("steering.",), "Steering map", "steering command", "angle at the wheels [rad]",
             _angle, _steered, (-1.0, 1.0)),
-    Picture(("motor.", "friction."), "Drive", "throttle", "steady speed [m/s]", _speed, _rolling,
-            (0.1, 0.5)))
+    Picture(("motor.", "friction."), "Drive", "speed [m/s]", "throttle that holds it", _throttle,
+            _rolling, (0.5, 3.0)))
