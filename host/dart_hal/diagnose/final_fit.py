@@ -12,7 +12,7 @@ others predicts it, a fit is judged by
 so every recording has the same weight, however long it is and however well the car can be predicted
 in it. A fit to recordings of equal weight minimises the same over its own recordings. Since
 d ln s = sum_i e_i de_i / (n s^2), that is least squares with weights 1 / (n s^2), which are
-measured again after each fit. It takes the place of the weighting by noise where L says so.
+measured again after each fit. It takes the place of the weighting by noise from six recordings on.
 """
 
 from __future__ import annotations
@@ -124,14 +124,15 @@ class EqualFits:
                          np.array([one.x for one in fits]))
 
     def select(self, equal: JudgedFit) -> JudgedFit:
-        """The fit itself, or that by the noise if this predicts recordings left out better.
+        """The fit itself, or with few recordings that by the noise: one is a large part of them."""
+        if self.weighs_equally:
+            return equal
+        return self.judge(self.fit_by_noise(equal.fit))
 
-        Of few recordings always that by the noise: one left out is a large part of them.
-        """
-        by_noise = self.judge(self.fit_by_noise(equal.fit))
-        if len(self.folds) < self.least_recordings:
-            return by_noise
-        return min(by_noise, equal, key=lambda one: one.criterion)
+    @property
+    def weighs_equally(self) -> bool:
+        """Whether there are enough recordings for equal weights."""
+        return len(self.folds) >= self.least_recordings
 
 
 def error_of_size(size: float, sampling: float) -> float:
@@ -185,16 +186,13 @@ def make_final_fits(fits: EqualFits, points: Sequence[Point],
 
     points: the same by the noise of the search; compute_covariance: of one of these.
 
-    With few recordings, or where the base fitted by noise predicts recordings left out better,
-    these are points. Else every recording has the same weight, and standard errors are those of the
-    jackknife over recordings.
+    With few recordings these are points. Else every recording has the same weight, and standard
+    errors are those of the jackknife over recordings.
     """
     by_noise = [_as_it_is(point, compute_covariance(point)) for point in points]
-    if len(fits.folds) < fits.least_recordings:
+    if not fits.weighs_equally:
         return by_noise
     judged = fits.judge(fits.fit(points[0].vehicle, points[0], FIRST_PASSES))
-    if fits.select(judged) is not judged:
-        return by_noise
     found = []
     for sensors in by_noise:
         moving = replace(sensors.vehicle, effects=tuple(

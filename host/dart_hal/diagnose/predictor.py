@@ -9,8 +9,8 @@ of ``final_fit``, over recordings left out of fits in which every recording has 
 2. Drop what the fit does not need.
 3. Fit without each recording in turn, and compute L. Drop the effect whose size no car has, else
    the one that the fit needs least. Repeat until no effect on the motion is left.
-4. Take the effects with the smallest L. Fit them by the weights of the search too: these are
-   better where the model is complete, and what is left is noise. Keep the fit with the smaller L.
+4. Take the effects with the smallest L. With fewer than six recordings fit them by the noise as
+   well, as the search does, and keep the fit with the smaller L.
 5. If the 90 % interval of its errors over those of the refit, by recordings, does not lie below 1,
    the refit is the best predictor.
 """
@@ -94,9 +94,10 @@ def find_predictor(fits: EqualFits, train: Side, test: Side, accepted: Point) ->
         least = min(rises, key=lambda name: (not impossible_size(fit, name), rises[name], name))
         fit = fits.fit(_without(fit.vehicle, [least]), fit)
         tried.append(fits.judge(fit))
-    # 4. the smallest error, by either kind of weights
+    # 4. the smallest error; of few recordings by the noise as well
     refitted = fits.select(tried[-1])
-    tried.append(fits.judge(fits.fit_by_noise(work.smallest(tried).fit)))
+    if not fits.weighs_equally:
+        tried.append(fits.judge(fits.fit_by_noise(work.smallest(tried).fit)))
     # 5. the refit where the interval includes 1
     best = work.smallest(tried)
     if best.relative_to(refitted).high >= 1.0:
