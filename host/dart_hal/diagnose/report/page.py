@@ -62,7 +62,7 @@ def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = 
     lead = join([verdict_card(d), problem_card(d), overview(d),
                  *map(builder.soft, neutral_notes(d))])
     return builder.page(f"diagnosis of {d.model}",
-                        f"What the model {d.model} gets wrong, and why", lead, shown)
+                        f"What the model {Path(d.model).name} gets wrong, and why", lead, shown)
 
 
 def _details(d: Diagnosis, command: str, answer: Mapping[str, Any] | None) -> Html:
