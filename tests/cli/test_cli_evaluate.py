@@ -218,7 +218,7 @@ def test_pictures_one_file_or_a_folder(verb, tmp_path):
 def test_a_page_has_every_error_and_the_pictures(verb, tmp_path):
     pytest.importorskip("matplotlib")
     got = verb("evaluate", "--json", FREE, "--html", tmp_path / "new" / "a.html").json
-    text = Path(got["report"]).read_text(encoding="utf-8")
+    text = Path(got["report"]).read_text(encoding="utf-8").replace("\u00a0", " ")
     for score in (got["horizons"], got["ctrv"]):
         for of in score.values():
             assert all(f"{significant(of['pooled'][c])} ({significant(of['median'][c])})" in text

@@ -190,7 +190,7 @@ def test_a_page_has_the_tables_and_the_pictures(run, tmp_path):
     _, document, err = run("all", "--as-paper", EXCERPT, "--html", "new/report.html", "--json")
     assert document["report"] == "new/report.html"
     assert "report: new/report.html" in err
-    text = (tmp_path / "new" / "report.html").read_text(encoding="utf-8")
+    text = (tmp_path / "new" / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
     assert "1.726 \u00b1 0.021 N" in text  # friction a, as in the terminal's table
     assert all(name in text for name in (*NAMES, "tyres_front"))
     assert text.count("<img") == len(NAMES) + 1  # and the step response
