@@ -136,7 +136,7 @@ def test_a_case_is_diagnosed_again_only_where_a_threshold_matters(monkeypatch):
     repeated = sensitivity.choose(cases, known, checked=1, repeats=9)
     assert [(c.key, f) for c, n, f in repeated if n == "naming.close"] == [
         ("a", 0.5), ("a", 2.0), ("b", 2.0)]
-    assert [(c.key, f) for c, n, f in repeated if n == "noise.clip"] == [("a", 0.5), ("a", 2.0)]
+    assert [(c.key, f) for c, n, f in repeated if n == "noise.wild"] == [("a", 0.5), ("a", 2.0)]
     other = sensitivity.examine((cases[0], "naming.close", 2.0), (1.0, 1.0))
     assert other == {"key": "a naming.close x 2", "verdict": "False"}
     assert not sensitivity.same_numbers(known["a"], other)

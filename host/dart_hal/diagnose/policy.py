@@ -10,6 +10,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+BLOCK_S = 2.0  # s that are left out together: the disturbance has 0.15 s of memory, and 1 s is
+# predicted
+MANY_RECORDINGS = 6  # from which on they are the units: all gain by chance in 1 of 64
+CLIP = 4.0  # standard deviations of a residual where noise is estimated: 1 in 16,000 normal ones
+TAIL = 0.02  # quantile beyond which a function of the state is flat: few values do not lead
+
 
 @dataclass(frozen=True, slots=True)
 class InputPolicy:
@@ -56,7 +62,6 @@ class NoisePolicy:
 
     robust: float = 3.0  # standard deviations where the loss turns linear; 0.3 % of normal ones
     wild: float = 30.0  # standard deviations; no residual counts as more: ten times ``robust``
-    clip: float = 4.0  # standard deviations, where covariances are estimated: 1 in 16,000 normal
     encoder_floor: float = 0.002  # m/s: half a millisecond of jitter at 4 m/s2
     gyro_floor: float = 0.00031  # rad/s: a step of 1/16 deg/s (BNO055) over sqrt(12) ...
     accel_floor: float = 0.0029  # m/s2: ... and one of 0.01; what is rounded is no better known
@@ -72,8 +77,8 @@ class NoisePolicy:
 class BlockPolicy:
     """What counts as independent, and what is left out together."""
 
-    seconds: float = 2.0  # s; the disturbance has 0.15 s of memory, and 1 s is predicted
-    units: int = 6  # recordings, from which on they are the blocks: all gain by chance in 1 of 64
+    seconds: float = BLOCK_S  # s of a block
+    units: int = MANY_RECORDINGS  # from which on recordings are the blocks
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,7 +134,6 @@ class ConfounderPolicy:
     gain: float = 0.5  # of the gain of the winner, for the linear answer to count
     cosine: float = 0.6  # between what two do to the residuals: 53 degrees, a third in common
     clear: float = 2.0  # standard deviations of the difference of losses over blocks: 1 in 44
-    loss: float = 4.0  # a smaller difference tells nothing, however steady
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,12 +142,9 @@ class GradePolicy:
 
     draws: int = 400  # of units; P = 0.97 is known to 0.01
     recording_units: int = 4  # recordings, from which on each is a unit; 2 in 9 draws of 3 have all
-    recordings: int = 6  # from which on their signs are turned, as ``BlockPolicy.units``
     units: int = 16  # stretches of time, where recordings are fewer ...
-    block_s: float = 2.0  # s ... and no shorter than this, as ``BlockPolicy.seconds``
     family: float = 0.5  # of its size, by which a cause may differ along a function of the state
     place: float = 1.0  # of a force, by which it may act at the steered wheels: all of it
-    tail: float = 0.02  # quantile beyond which such a function is flat
     confident: float = 0.97  # probability of an effect: 110 of 110 right
     likely: float = 0.8  # 16 of 21 right, 11 of the 12 that the test recordings confirm
     possible: float = 0.3  # probability below which it is not even possible
@@ -196,16 +197,12 @@ class UnexplainedPolicy:
     sharp: float = 2.0  # times the level, at which the exact null must agree with the sharp one
     doubted: float = 6.0  # times the level by a tenth of the turns, from where on all are made:
     # what is at the level is above it once in 300
-    add: float = 0.01  # of the variance that one more variable must add ...
-    multiply: float = 1.25  # ... and by how much it must multiply the share
-    block_s: float = 2.0  # s, as ``BlockPolicy.seconds``
+    multiply: float = 1.25  # by which one more variable must multiply the share
     blocks: int = 200  # at most: longer ones for longer data, the cost is by the block
     least_blocks: int = 10  # 2^10 ways to turn signs: enough for a level of 1 %
     folds: int = 8  # of blocks: 7 of 8 to fit
     recordings: int = 3  # from which on they are left out whole
     ridge: float = 10.0  # of residuals of size 1: structure of a tenth of the variance
-    clip: float = 4.0  # standard deviations of a residual, as for its noise
-    tail: float = 0.02  # quantile beyond which a function is flat: few values do not lead
     copies: int = 49  # with turned signs; their median is what chance explains
     straight: float = 0.03  # rad of steering; half of it is neither left nor right
 

@@ -21,7 +21,7 @@ import numpy as np
 from dart_hal.fitting.robust import scatter, soft_l1, soft_l1_weight
 from dart_hal.types import FloatArray, IntArray
 
-from ..policy import USUAL, NoisePolicy
+from ..policy import CLIP, USUAL, NoisePolicy
 from .residuals import Residuals
 from .space import MAX_COMMAND_AGE
 
@@ -114,9 +114,9 @@ def measure(r: Residuals, blocks: tuple[IntArray, IntArray],
     sensors = np.maximum(_size(r.sensors), finest) if len(r.sensors) else np.ones(4)
     rough = Noise(whitener, sensors, np.ones(len(whitener) + len(sensors)), certain, policy)
     motion, read = rough.whiten(r)
-    weight = np.concatenate([np.minimum(_weight(motion, blocks[0], policy.clip), 1.0 / overlap),
+    weight = np.concatenate([np.minimum(_weight(motion, blocks[0], CLIP), 1.0 / overlap),
                             _weight(read - np.median(read, axis=0) if len(read) else read,
-                                   blocks[1], policy.clip)])
+                                   blocks[1], CLIP)])
     return replace(rough, weight=weight)
 
 
@@ -150,7 +150,7 @@ def _ages(motion: FloatArray, older: FloatArray, along: FloatArray, policy: Nois
 
 def _whitener(motion: FloatArray, policy: NoisePolicy) -> FloatArray:
     size = _size(motion)
-    scaled = np.clip(motion / size, -policy.clip, policy.clip)
+    scaled = np.clip(motion / size, -CLIP, CLIP)
     covariance = scaled.T @ scaled / max(len(scaled), 1) + policy.ridge * np.eye(
         scaled.shape[1])
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)) / size)

@@ -24,7 +24,7 @@ import numpy as np
 from dart_hal.evaluate.compare import draws as drawn
 from dart_hal.types import FloatArray, IntArray
 
-from ..policy import GradePolicy
+from ..policy import TAIL, GradePolicy
 from .secants import Secants, modulations
 
 ABSENT = -1.0  # step along a secant at which its effect is gone
@@ -115,7 +115,7 @@ class _Every:
 def _every(of: Secants, names: Sequence[str], policy: GradePolicy) -> _Every:
     """All that is free, the families of all but the last, and the secants."""
     point = of.point
-    states = policy.family * (modulations(of, policy.tail) if names[1:] else np.zeros((1, 0)))
+    states = policy.family * (modulations(of, TAIL) if names[1:] else np.zeros((1, 0)))
     parts, family, k = [point.jacobian], dict[str, IntArray](), len(point.x)
     for name in names[:-1]:
         parts += [of.variants[name], of.of[name][:, None] * states]

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..policy import GradePolicy
+from ..policy import MANY_RECORDINGS, GradePolicy
 from ..result import Constancy
 from ..search.significance import p_value
 from .secants import Secants, shapes
@@ -31,7 +31,7 @@ def constancy(of: Secants, name: str, policy: GradePolicy, seed: int) -> Constan
     along = project(d[:, None] * phi)
     score = along * (w * point.residual)[:, None]
     unit = of.rows.recording
-    if int(unit.max()) + 1 < policy.recordings:
+    if int(unit.max()) + 1 < MANY_RECORDINGS:
         unit = of.rows.block
     blocks = np.stack([np.bincount(unit, column) for column in score.T], axis=1)
     size = np.sqrt((blocks**2).sum(axis=0))

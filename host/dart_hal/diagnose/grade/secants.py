@@ -16,7 +16,7 @@ from dart_hal.types import FloatArray, IntArray
 
 from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, spread
-from ..policy import GradePolicy, Policy
+from ..policy import BLOCK_S, TAIL, GradePolicy, Policy
 from ..search.fit import Point
 from ..search.selection import rows_at
 from ..unexplained.bases import basis
@@ -81,8 +81,8 @@ def units(evidence: Evidence, rows: RowLabels, point: Point, policy: GradePolicy
     """(N,) recordings, where there are enough; else stretches of time of each."""
     if int(rows.recording.max()) + 1 >= policy.recording_units:
         return rows.recording
-    seconds = len(np.unique(rows.block[rows.channel >= 0])) * policy.block_s
-    length = max(policy.block_s, seconds / policy.units)
+    seconds = len(np.unique(rows.block[rows.channel >= 0])) * BLOCK_S
+    length = max(BLOCK_S, seconds / policy.units)
     columns = len(point.noise.motion)
     label = spread(*evidence.blocks(length), columns)
     still = spread(np.zeros(len(evidence.motion_drive), dtype=np.int64),
@@ -125,7 +125,7 @@ def shapes(of: Secants, policy: GradePolicy) -> tuple[list[str], FloatArray]:
         if name == "time":
             span = float(np.ptp(of.features["time"]))
             waves = int(np.clip(2.0 * span / policy.period_s, policy.waves, policy.time_waves))
-        found = basis(of.features, (name,), policy.tail, waves)
+        found = basis(of.features, (name,), TAIL, waves)
         names += [name] * found.shape[1]
         columns.append(found / np.maximum(found.std(axis=0), 1e-9))
     return names, np.concatenate(columns, axis=1)

@@ -13,7 +13,7 @@ from dart_hal.vehicle.parameters import Vehicle
 from ..evidence.drive import READ_OUTS
 from ..evidence.noise import replace_diverged
 from ..evidence.residuals import Evidence, Residuals
-from ..policy import BlockPolicy, UnexplainedPolicy
+from ..policy import CLIP, TAIL, BlockPolicy, UnexplainedPolicy
 from .bases import basis
 from .crossfit import held_out
 from .features import exogenous, window_features
@@ -42,7 +42,7 @@ def remove_driven(evidence: Evidence, p: Vehicle, errors: FloatArray, span: int,
     if not len(block) or block.max() + 1 < policy.least_blocks:
         return errors
     features = exogenous(p, window_features(evidence, p, span), policy.straight)
-    columns = np.hstack([basis(features, (name,), policy.tail) for name in ALONG])
+    columns = np.hstack([basis(features, (name,), TAIL) for name in ALONG])
     fold = np.random.default_rng(0).permutation(np.arange(block.max() + 1) % policy.folds)[block]
     finite = replace_diverged(errors)
     return np.stack([_without(y, columns, fold, policy) for y in finite.T], axis=1)
@@ -53,6 +53,6 @@ def _without(y: FloatArray, columns: FloatArray, fold: IntArray,
     """One column (n,) of the motion, and functions (n, d) that may predict it."""
     away = y - np.median(y)
     size = MAD_TO_SIGMA * float(np.median(np.abs(away))) + 1e-6
-    x = np.clip(away / size, -policy.clip, policy.clip)
+    x = np.clip(away / size, -CLIP, CLIP)
     said = held_out(columns, x, fold, policy.ridge)
     return np.asarray(y - size * said if np.sum((x - said)**2) < x @ x else y)

@@ -23,7 +23,7 @@ from ..evidence.noise import Noise, replace_diverged
 from ..evidence.onboard import OnboardEvidence
 from ..evidence.readings import SENSORS
 from ..evidence.residuals import MOTION, Evidence, Residuals
-from ..policy import USUAL, UnexplainedPolicy
+from ..policy import BLOCK_S, CLIP, TAIL, USUAL, UnexplainedPolicy
 from ..result import Unexplained
 from .bases import basis, sets
 from .crossfit import Blocked, fitted, held_out, normal_scores, predicted_share
@@ -101,7 +101,7 @@ def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
            policy: UnexplainedPolicy = USUAL.unexplained) -> list[Group]:
     """Motion after 0.5 s, and the sensors."""
     seconds = max(0.5 * len(residuals.motion), 0.1 * len(residuals.sensors))
-    length = max(policy.block_s, seconds / policy.blocks)
+    length = max(BLOCK_S, seconds / policy.blocks)
     windows, messages = evidence.blocks(length)
     names: tuple[str, ...] = MOTION
     motion = slice(READ_OUT * len(MOTION), (READ_OUT + 1) * len(MOTION))
@@ -210,10 +210,10 @@ def _tolerance(channel: str, policy: UnexplainedPolicy) -> float:
 def _tried(group: Group, block: IntArray, signs: FloatArray, rng: np.random.Generator,
            policy: UnexplainedPolicy) -> tuple[FloatArray, list[tuple[str, ...]]]:
     """Shares (1 + 2 s, sets x channels): as it is, turned, and turned what is left; the sets."""
-    features, y = _features(group), _centred(group, policy.clip)
+    features, y = _features(group), _centred(group, CLIP)
     within, across = _folds(group, block, rng, policy)
     tried = sets(features)
-    columns = [basis(features, along, policy.tail) for along in tried]
+    columns = [basis(features, along, TAIL) for along in tried]
     folds = [within if set(along) & set(WITHIN) else across for along in tried]
     _, recording = np.unique(group.recording, return_inverse=True)
 
@@ -264,7 +264,7 @@ def _simplest(share: Mapping[tuple[str, ...], float], policy: UnexplainedPolicy
     rank = {along: LAST if WAVES in along else len(along) for along in share}
     for size in sorted(set(rank.values())):
         here = max((along for along in share if rank[along] == size), key=lambda a: share[a])
-        if not best or share[here] > policy.multiply * share[best] + policy.add:
+        if not best or share[here] > policy.multiply * share[best]:
             best = here
     return best
 
@@ -272,7 +272,7 @@ def _simplest(share: Mapping[tuple[str, ...], float], policy: UnexplainedPolicy
 def _words(group: Group, channel: int, along: tuple[str, ...], policy: UnexplainedPolicy
            ) -> tuple[float, str]:
     """Its period, 0 if it has none; where the model is furthest off, or how large its waves are."""
-    features, y = _features(group), _centred(group, policy.clip)[:, channel]
+    features, y = _features(group), _centred(group, CLIP)[:, channel]
     name, unit = group.channels[channel], UNIT[group.channels[channel]]
     lead = f"model minus measured {name}{' after 0.5 s' if name in MOTION else ''}"
     if WAVES in along:
@@ -280,7 +280,7 @@ def _words(group: Group, channel: int, along: tuple[str, ...], policy: Unexplain
         size *= float(np.median(group.size[:, channel]))
         of = "of way" if along[0] == "way" else f"along {along[0]} of the room"
         return length, f"{lead}: waves of +-{size:.2g} {unit}, one every {length:.2f} m {of}"
-    curve = fitted(basis(features, along, policy.tail), y, policy.ridge) * group.size[:, channel]
+    curve = fitted(basis(features, along, TAIL), y, policy.ridge) * group.size[:, channel]
     ends = []
     for row in (int(np.argmax(curve)), int(np.argmin(curve))):
         where = ", ".join(f"{n} {_value(group, n, features[n][row])}" for n in along)
