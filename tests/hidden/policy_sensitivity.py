@@ -210,12 +210,32 @@ def table(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
              "*Repeated*: diagnoses with half and double. *Numbers*: those of them in which any "
              "number of the answer differs. *Answer*: verdict, causes, parameters or structure "
              "differ. *Right*, *wrong*: by how many the outcomes of those cases change, at half "
-             "and at double.", "",
+             "and at double. No outcome and no repetition: not measured yet; the command goes on "
+             "where it was left.", "", summarise(wanted, known), "",
              "| threshold | usual | acts in | repeated | numbers | answer | right | wrong |",
              "|---|---:|---:|---:|---:|---:|---:|---:|"]
     for name in list_thresholds():
         lines.append(make_row(name, wanted, known))
     return "\n".join(lines) + "\n"
+
+
+def repeated(name: str, wanted: Sequence[Case], known: dict[str, Answer]
+             ) -> list[tuple[Case, Answer, Answer]]:
+    """(case, line as it is, line with half or double) of what was repeated."""
+    return [(c, known[c.key], known[key_of(c, name, f)]) for f in FACTORS for c in wanted
+            if key_of(c, name, f) in known]
+
+
+def summarise(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
+    """How many thresholds were repeated, change an outcome, or change no number."""
+    lines = {name: found for name in list_thresholds() if (found := repeated(name, wanted, known))}
+    decisive = [name for name, found in lines.items()
+                if any(score(c, a).outcome != score(c, b).outcome for c, a, b in found)]
+    idle = [name for name, found in lines.items() if all(same_numbers(a, b) for _, a, b in found)]
+    return (f"Of {len(list_thresholds())} thresholds {len(lines)} were repeated, in "
+            f"{sum(map(len, lines.values()))} diagnoses. {len(decisive)} change an outcome: "
+            f"{', '.join(f'`{n}`' for n in decisive)}. {len(idle)} change no number: "
+            f"{', '.join(f'`{n}`' for n in idle)}.")
 
 
 def make_row(name: str, wanted: Sequence[Case], known: dict[str, Answer]) -> str:

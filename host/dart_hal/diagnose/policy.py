@@ -134,6 +134,7 @@ class ConfounderPolicy:
     gain: float = 0.5  # of the gain of the winner, for the linear answer to count
     cosine: float = 0.6  # between what two do to the residuals: 53 degrees, a third in common
     clear: float = 2.0  # standard deviations of the difference of losses over blocks: 1 in 44
+    loss: float = 4.0  # a smaller difference tells nothing, however steady: as of two equal effects
 
 
 @dataclass(frozen=True, slots=True)

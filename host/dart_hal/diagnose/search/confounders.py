@@ -59,6 +59,6 @@ def confounders(point: Point, best: Trial, trials: Sequence[Trial], rows: RowLab
         worse = by_block(trial) - mine
         total = float(worse.sum())
         noise = float(np.sqrt(np.sum((worse - worse.mean())**2)))
-        if total < policy.clear * noise:
+        if total < max(policy.loss, policy.clear * noise):
             out.append((total, trial.effect))
     return tuple(name for _, name in sorted(out))
