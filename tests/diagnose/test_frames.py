@@ -8,6 +8,7 @@ import pytest
 from searched import drive
 
 from dart_hal.diagnose import diagnose
+from dart_hal.diagnose.evidence.space import Space
 from dart_hal.diagnose.frames import describe_frame, find_frame_errors, free_frame
 from dart_hal.diagnose.write import extended_model
 from dart_hal.recording.dart import Reference
@@ -46,6 +47,13 @@ def test_offset_that_a_model_has_stays():
     assert value(freed, "mocap_offset_x.k") == 0.003
     assert "+0.0030 m" in describe_frame(freed, ["mocap_offset_x.k"])[0]
     assert describe_frame(freed, []) == ()
+
+
+def test_offset_that_is_free_is_one_coordinate_even_if_it_is_listed_twice():
+    """A suggestion lists all that a refit has moved, offsets of the frame among it."""
+    freed = free_frame(PAPER, ["mocap_offset_x.k"])
+    space = Space(freed, ("tyres.front_D", "mocap_offset_x.k"), {"mocap_offset_x.k": 0.002})
+    assert space.names == ("tyres.front_D", "mocap_offset_x.k")
 
 
 @pytest.mark.cpu(40)

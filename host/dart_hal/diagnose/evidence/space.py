@@ -73,8 +73,8 @@ class Space:
                  known: Mapping[str, float] = NONE, late: float = LATE,
                  policy: PriorPolicy = USUAL.prior, loose: Collection[str] = (),
                  fixed_effects: Collection[str] = ()) -> None:
-        """free: names of base parameters; those of the effects of p are free as well, except those
-        of fixed_effects (names of effects), which keep their values.
+        """free: names of base parameters; those of the effects of p are free as well, whether they
+        are among them or not, except those of fixed_effects (names of effects).
 
         late: what the age of the messages is expected to be [s]. loose: known ones that may go
         further than is believed; the prior pulls at them as at all others.
@@ -82,7 +82,7 @@ class Space:
         self._late, self.loose = late, tuple(loose)
         effects = {f"{a.name}.{q.name}": q for a in p.effects if a.name not in fixed_effects
                    for q in a.effect.parameters}
-        self.names = (*free, *effects)
+        self.names = tuple(dict.fromkeys((*free, *effects)))
         amounts = {n: policy.effect_width * q.sizes[1] for n, q in effects.items()}
         # with mocap the age of a message moves readings alone, without it commands as well
         own = (READING_STEP if late else TIMING_STEP, TIMING_STEP, TIMING_STEP, READING_STEP)
