@@ -105,10 +105,11 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     stages = _stages(q, found.given, finals, named, predicting, unseen)
     distinguished, possible = _told_apart(q, found, named), _possible(found, accepted, q)
     exchanges = list_exchanges({one.effect: one.confounders for one in distinguished},
-                               [n for n in accepted.names if _is_unsure(q, accepted, n)],
+                               [n for n, grade in accepted.grades.items() if grade.probability
+                                < q.settings.policy.grade.confident],
                                [one.effect for one in possible])
-    final = include_alternatives(final, exchanges, q.search, q.train.evidence
-                                 if final.point is last else fits.evidence)
+    fitted_to = q.train.evidence if final.point is last else fits.evidence
+    final = include_alternatives(final, exchanges, q.search, fitted_to, q.settings.policy.scan)
     causes = tuple(_cause(q, one, last, final, accepted, gains[one.effect])
                    for one in distinguished)
     moved = _moved(q, final)
@@ -284,10 +285,6 @@ def _moved(q: Question, final: FinalFit) -> dict[str, Moved]:
         out[name] = Moved(float(value(q.base, name)), float(value(logged, name)),
                           final.stds[name], unit(q.base, name), doubt)
     return out
-
-
-def _is_unsure(q: Question, accepted: Accepted, name: str) -> bool:
-    return accepted.grades[name].probability < q.settings.policy.grade.confident
 
 
 def _possible(found: SearchResult, accepted: Accepted, q: Question) -> tuple[Possible, ...]:

@@ -26,9 +26,8 @@ import numpy as np
 from dart_hal.errors import UsageError
 from dart_hal.evaluate.cases import Case
 from dart_hal.vehicle.effect import ActiveEffect
-from dart_hal.vehicle.effects import apply, catalogue
+from dart_hal.vehicle.effects import apply, catalogue, remove_effects
 from dart_hal.vehicle.flat import unit, value
-from dart_hal.vehicle.parameters import Vehicle
 
 from .error_summaries import LeftOutError
 from .evidence.residuals import Evidence, only_read
@@ -80,19 +79,19 @@ def find_predictor(fits: EqualFits, train: Side, test: Side, accepted: Point) ->
 
     # 1. with all effects on the motion that gain anything beside the accepted ones
     read = tuple(a for a in accepted.vehicle.effects if only_read(a.effect))
-    wide = _without(accepted.vehicle, [a.name for a in read])
+    wide = remove_effects(accepted.vehicle, [a.name for a in read])
     for name in work.gainful(train.evidence, accepted):
         wide = apply(wide, name)
     fit = fits.fit(wide, accepted, FIRST_PASSES)
     # 2. without those that do nothing then
     needless = [name for name, rise in work.rises(fit).items() if rise < NEEDLESS]
     if needless:
-        fit = fits.fit(_without(fit.vehicle, needless), fit)
+        fit = fits.fit(remove_effects(fit.vehicle, needless), fit)
     # 3. one effect less each time
     tried = [fits.judge(fit)]
     while rises := work.rises(fit):
         least = min(rises, key=lambda name: (not impossible_size(fit, name), rises[name], name))
-        fit = fits.fit(_without(fit.vehicle, [least]), fit)
+        fit = fits.fit(remove_effects(fit.vehicle, [least]), fit)
         tried.append(fits.judge(fit))
     # 4. the smallest error; of few recordings by the noise as well
     refitted = fits.select(tried[-1])
@@ -162,7 +161,3 @@ class _PredictorSearch:
 def _moves_car(effect: str) -> bool:
     """Whether an effect belongs to the car and changes how it moves, not what is measured of it."""
     return catalogue()[effect].stage != "measurement" and effect not in NOT_TRANSFERABLE
-
-
-def _without(vehicle: Vehicle, names: Sequence[str]) -> Vehicle:
-    return replace(vehicle, effects=tuple(a for a in vehicle.effects if a.name not in names))

@@ -8,11 +8,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from dart_hal.types import FloatArray, IntArray
+from dart_hal.vehicle.effects import remove_effects
 
 from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, spread
@@ -57,8 +58,7 @@ def secants(evidence: Evidence, point: Point, effects: Sequence[str], policy: Po
     own = {name: starting(point, (f"{name}.",)) for name in effects}
     for name in effects:
         tangent[name] = towards_null(point, own[name])
-        without = replace(p, effects=tuple(a for a in p.effects if a.name != name))
-        before = point.noise.stacked(evidence.residuals(without, timing))[0]
+        before = point.noise.stacked(evidence.residuals(remove_effects(p, [name]), timing))[0]
         found[name] = point.residual - before
     rows = rows_at(evidence, point, policy)
     # of the last one nobody asks: nothing that is named gained less

@@ -12,7 +12,7 @@ import numpy as np
 from dart_hal.control.drivetrain import WAIT_STD
 from dart_hal.process.jobs import each
 from dart_hal.types import FloatArray
-from dart_hal.vehicle.effects import apply, catalogue, with_nulls
+from dart_hal.vehicle.effects import apply, catalogue, remove_effects, with_nulls
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.ages import AGES, older
@@ -140,7 +140,7 @@ class Search:
                 break
             point, noise, trials, explanations = self._sharpened(point, noise, trials)
             step = select(self._evidence, point, trials,
-                          partial(self._with, noise), s, explanations)
+                          partial(self.add_effect, self._evidence, noise), s, explanations)
             rejected = step.rejected
             if step.accepted is None:
                 break
@@ -229,7 +229,7 @@ class Search:
         3. Repeat until the two agree. Where nothing is missing they do at once.
         """
         policy = self._settings.policy.naming
-        fits = explain(point, trials, partial(self._with, noise), policy)
+        fits = explain(point, trials, partial(self.add_effect, self._evidence, noise), policy)
         for _ in range(policy.sharpenings):
             best = least_lossy(point, fits.values())
             if best is point:
@@ -242,7 +242,7 @@ class Search:
             point = refit(self._evidence, noise, point.space, point.x, point,
                           jobs=self._settings.jobs)
             trials = self._scan(point)
-            fits = explain(point, trials, partial(self._with, noise), policy)
+            fits = explain(point, trials, partial(self.add_effect, self._evidence, noise), policy)
         return point, noise, trials, fits
 
     def _loss(self, noise: Noise, point: Point) -> float:
@@ -291,22 +291,28 @@ class Search:
         self._done += 0.5 * (1.0 - self._done)
         return [replace(t, lines=()) for t in trials]
 
-    def _with(self, noise: Noise, point: Point, trial: Trial) -> Point:
-        """The full fit with one more effect, from its trial on."""
+    def add_effect(self, evidence: Evidence, noise: Noise, point: Point, trial: Trial) -> Point:
+        """Fit evidence with one more effect, from its trial on."""
         vehicle = apply(point.vehicle, trial.effect, **trial.values)
         space = self.make_space(vehicle)
         start = space.start(vehicle, point.timing)
-        return refit_with(self._evidence, noise, space, start, point,
-                          trial.residual.astype(np.float64))
+        return refit_with(evidence, noise, space, start, point, trial.residual.astype(np.float64))
+
+    def remove_effect(self, evidence: Evidence, noise: Noise, point: Point, name: str) -> Point:
+        """Fit evidence without an effect, from a fit with it on."""
+        vehicle = remove_effects(point.vehicle, [name])
+        space = self.make_space(vehicle)
+        return refit_near(evidence, noise, space, space.start(vehicle, point.timing), point)
 
     def make_space(self, vehicle: Vehicle) -> Space:
         """Around the base, with the effects of a vehicle at their null.
 
         Without a refit the effects that the base has keep their values, like its parameters: a
         rate limit of the model that is free stretches until it takes the place of a missing lag.
+        The offsets of a fitted marker frame are free all the same.
         """
         s = self._settings
-        fixed = () if s.refit else fixed_effects(self.base, s.known)
+        fixed = () if s.refit else list_fixed_effects(self.base, s.known)
         return Space(with_nulls(self.base, vehicle.effects), s.free, s.known, self._evidence.late,
                      s.policy.prior, self._loose, fixed)
 
@@ -318,7 +324,7 @@ class Search:
             mine = [f"{one.effect}.{q.name}" for q in catalogue()[one.effect].parameters]
             if point.wald(mine) > self._settings.policy.naming.sure * one.threshold:
                 continue
-            without = self._without(point, noise, one.effect)
+            without = self.remove_effect(self._evidence, noise, point, one.effect)
             candidate = Candidate(threshold=one.threshold,
                                   remaining_gain=without.loss() - point.loss())
             if explain_failure("search", candidate, self._settings.policy):
@@ -328,12 +334,6 @@ class Search:
                 self._dropped = True
         return point, noise, named
 
-    def _without(self, point: Point, noise: Noise, name: str) -> Point:
-        p = point.vehicle
-        vehicle = replace(p, effects=tuple(a for a in p.effects if a.name != name))
-        space = self.make_space(vehicle)
-        return refit_near(self._evidence, noise, space, space.start(vehicle, point.timing), point)
-
     def _weighed(self, point: Point, noise: Noise, named: list[Named]) -> list[Named]:
         """Each with what it gains beside all the others that were found, the largest first."""
         found = each(partial(self._weigh, point, noise), named, self._settings.jobs)
@@ -342,19 +342,20 @@ class Search:
     def _weigh(self, point: Point, noise: Noise, one: Named) -> Named:
         if not one.alternatives:
             return one
-        return replace(one, gain=self._without(point, noise, one.effect).loss() - point.loss())
+        other = self.remove_effect(self._evidence, noise, point, one.effect)
+        return replace(one, gain=other.loss() - point.loss())
 
     def _alike(self, point: Point, noise: Noise, before: Before, one: Named) -> Named:
         if not one.alternatives:
             return one
-        without = self._without(point, noise, one.effect)
+        without = self.remove_effect(self._evidence, noise, point, one.effect)
         policy = self._settings.policy
         trials = scan(self._evidence, without, (one.effect, *one.alternatives), policy=policy.scan,
                       before=before)
         mine = next(t for t in trials if t.effect == one.effect)
         close = [t for t in correlated(without, mine, trials, policy.confounders)
                  if t.gain > policy.naming.close * mine.gain]
-        fits = fitted(partial(self._with, noise, without), close, 1)
+        fits = fitted(partial(self.add_effect, self._evidence, noise, without), close, 1)
         rows = rows_at(self._evidence, without, policy)
         return replace(one, confounders=confounders(
             without, mine, trials, rows, fits, policy.confounders))
@@ -369,8 +370,8 @@ def effect_names(vehicle: Vehicle) -> tuple[str, ...]:
     return tuple(a.name for a in vehicle.effects)
 
 
-def fixed_effects(vehicle: Vehicle, known: Mapping[str, float]) -> tuple[str, ...]:
-    """Effects of a base that keep their values: all but those whose standard error is stated."""
+def list_fixed_effects(vehicle: Vehicle, known: Mapping[str, float]) -> tuple[str, ...]:
+    """List the effects of a base that keep their values: those without a stated standard error."""
     return tuple(n for n in effect_names(vehicle) if not any(k.startswith(f"{n}.") for k in known))
 
 

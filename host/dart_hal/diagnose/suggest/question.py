@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.effects import catalogue, remove_effects
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.noise import Noise, measure
@@ -56,7 +56,7 @@ def ask(diagnosis: Diagnosis, cause: Cause, policy: Policy = USUAL) -> Question:
     others = [name for name in cause.cannot_be_told_from if name in catalogue()]
     others = others[:policy.suggest.confounders]
     full, evidence = diagnosis.extended, diagnosis.evidence
-    base = replace(full, effects=tuple(a for a in full.effects if a.name != cause.effect))
+    base = remove_effects(full, [cause.effect])
     free = tuple(diagnosis.refitted)
     known = {name: moved.std for name, moved in diagnosis.refitted.items()
              if math.isfinite(moved.std)}

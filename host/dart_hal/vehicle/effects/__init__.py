@@ -11,7 +11,7 @@ import importlib
 import inspect
 import pkgutil
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from types import MappingProxyType
@@ -88,6 +88,16 @@ def with_nulls(p: Vehicle, effects: Iterable[ActiveEffect]) -> Vehicle:
     """The vehicle with those effects that it has not, at their null."""
     has = {a.name for a in p.effects}
     return extended(p, [applied(effect(a.name), {}) for a in effects if a.name not in has])
+
+
+def remove_effects(p: Vehicle, names: Collection[str]) -> Vehicle:
+    """Return the vehicle without some effects, given by name; others are ignored.
+
+    >>> from dart_hal.vehicle import PAPER
+    >>> remove_effects(apply(PAPER, "grip", k=0.1), ["grip"]) == PAPER
+    True
+    """
+    return replace(p, effects=tuple(a for a in p.effects if a.name not in names))
 
 
 def place(of: Effect) -> tuple[int, bool, str]:
