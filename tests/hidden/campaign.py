@@ -29,7 +29,7 @@ from campaign_cases import BASES, GROUPS, Case, car, cases, habits, model_file, 
 from campaign_score import confusion, grades, rows, score
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-from stranger_files import pair
+from stranger_files import Habits, pair
 
 from dart_hal.errors import DartHalError
 from dart_hal.process.jobs import each
@@ -44,39 +44,41 @@ KEEP = ("verdict", "base", "parameters", "causes", "possible", "unexplained", "w
 Answer = dict[str, Any]
 
 
-def ask(model: str, train: Path, test: Path, refit: bool, **how: Any) -> Answer:
-    """What the diagnosis says about files, as its JSON document; how: as for ``diagnose``."""
+def ask(model: str, train: Path, test: Path, refit: bool, fitted_frames: bool = False,
+        **how: Any) -> Answer:
+    """What the diagnosis says about files, as its JSON document; how: as for ``diagnose``.
+
+    fitted_frames: fit the marker frame to both files, as for a user who has not measured it.
+    """
     from known_frame import read
 
-    from dart_hal.diagnose import diagnose
-    from dart_hal.vehicle.load import find_model
-
-    file, vehicle = find_model(model)
-    return diagnose(file, vehicle, [read(train)], [read(test)], refit=refit, **how).to_json()
-
-
-def ask_with_fitted_frames(model: str, train: Path, test: Path, refit: bool, **how: Any) -> Answer:
-    """As ``ask`` by a user who has not measured where the markers are."""
     from dart_hal.diagnose import diagnose
     from dart_hal.identify.runs import read_any
     from dart_hal.vehicle.load import find_model
 
     file, vehicle = find_model(model)
-    (first, second), _ = read_any([train, test])
+    first, second = read_any([train, test])[0] if fitted_frames else map(read, (train, test))
     return diagnose(file, vehicle, [first], [second], refit=refit, **how).to_json()
+
+
+def write_case(case: Case, folder: Path, seconds: tuple[float, float] = SECONDS
+               ) -> tuple[str, Path, Path, Habits]:
+    """Write the files of a case; (model, training file, test file, how it was driven)."""
+    rng = np.random.default_rng(case.number)
+    how, what = habits(case, rng), car(case, rng)
+    train, test = pair(folder, what, how, seconds, case.number)
+    model, share = "paper", BASES[case.known]
+    if share:
+        model = str(folder / "stated.toml")
+        Path(model).write_text(model_file(share), encoding="utf-8")
+    return model, train, test, how
 
 
 def run(case: Case, seconds: tuple[float, float] = SECONDS,
         asked: Callable[[str, Path, Path, bool], Answer] = ask) -> Answer:
     """One line of the results: the case, the answer, CPU seconds of the diagnosis."""
-    rng = np.random.default_rng(case.number)
-    how, what = habits(case, rng), car(case, rng)
     with tempfile.TemporaryDirectory() as folder:
-        train, test = pair(Path(folder), what, how, seconds, case.number)
-        model, share = "paper", BASES[case.known]
-        if share:
-            model = str(Path(folder) / "stated.toml")
-            Path(model).write_text(model_file(share))
+        model, train, test, how = write_case(case, Path(folder), seconds)
         start = time.process_time()
         try:
             answer = asked(model, train, test, case.known != "fixed")
@@ -128,7 +130,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                    TimeRemainingColumn(), console=console)
     with bar, o.out.open("a", encoding="utf-8") as file:
         task = bar.add_task("hiding and seeking", total=len(missing))
-        asked = ask_with_fitted_frames if o.fitted_frames else ask
+        asked = partial(ask, fitted_frames=o.fitted_frames)
         for line in results(missing, tuple(o.seconds), o.jobs, asked):
             file.write(json.dumps(line) + "\n")
             file.flush()

@@ -139,7 +139,7 @@ def watch(noted: dict[str, set[int]]) -> Policy:
     policy = USUAL
     for name in noted:
         value = usual(name)
-        if name != "false_alarm" and isinstance(value, float):
+        if is_followed(name):
             policy = changed(policy, name, Watched.of(value, [f * value for f in FACTORS],
                                                       noted[name]))
     return policy
@@ -174,7 +174,7 @@ def choose(wanted: Sequence[Case], known: dict[str, Answer], checked: int, repea
     """What to repeat: where a change was noted, and in the first cases whether or not."""
     out = []
     for name in list_thresholds():
-        followed = name != "false_alarm" and isinstance(usual(name), float)
+        followed = is_followed(name)
         for factor in FACTORS:
             noted = [c for c in wanted if factor in known[c.key]["noted"][name]]
             few = noted[::max(1, len(noted) // repeats)][:repeats] if noted else []
@@ -241,24 +241,26 @@ def summarise(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
 def make_row(name: str, wanted: Sequence[Case], known: dict[str, Answer]) -> str:
     """The row of one threshold."""
     acts = sum(bool(known[c.key]["noted"][name]) for c in wanted)
-    repeated = numbers = answers = 0
-    changes = {"right": [0, 0], "wrong": [0, 0]}
-    for i, factor in enumerate(FACTORS):
-        for case in wanted:
-            other = known.get(key_of(case, name, factor))
-            if other is None:
-                continue
-            one = known[case.key]
-            repeated += 1
-            numbers += not same_numbers(one, other)
-            answers += essence(one) != essence(other)
-            before, after = score(case, one).outcome, score(case, other).outcome
-            for outcome, count in changes.items():
-                count[i] += (after == outcome) - (before == outcome)
-    followed = name != "false_alarm" and isinstance(usual(name), float)
-    cells = [f"`{name}`", f"{usual(name):g}", str(acts) if followed else "", str(repeated),
-             str(numbers), str(answers), *(f"{a:+d}, {b:+d}" for a, b in changes.values())]
+    found = repeated(name, wanted, known)
+    numbers = sum(not same_numbers(one, other) for _, one, other in found)
+    answers = sum(essence(one) != essence(other) for _, one, other in found)
+    changes = []
+    for outcome in ("right", "wrong"):
+        changes.append(", ".join(f"{sum(change_of(outcome, *x) for x in at):+d}" for at in (
+            [(c, a, b) for c, a, b in found if b["key"] == key_of(c, name, f)] for f in FACTORS)))
+    cells = [f"`{name}`", f"{usual(name):g}", str(acts) if is_followed(name) else "",
+             str(len(found)), str(numbers), str(answers), *changes]
     return f"| {' | '.join(cells)} |"
+
+
+def change_of(outcome: str, case: Case, one: Answer, other: Answer) -> int:
+    """1 if a case has an outcome with a change alone, -1 without it alone."""
+    return (score(case, other).outcome == outcome) - (score(case, one).outcome == outcome)
+
+
+def is_followed(name: str) -> bool:
+    """Whether a threshold notes where half and double matter: a fractional one of the policy."""
+    return name != "false_alarm" and isinstance(usual(name), float)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -15,12 +15,10 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-import numpy as np
-from campaign import HOME, SECONDS
-from campaign_cases import BASES, Case, car, habits, model_file
+from campaign import HOME, write_case
+from campaign_cases import Case
 from policy_sensitivity import drawn
 from rich.progress import track
-from stranger_files import pair
 
 REPORTS = {"one": ("fixed", "cornering_drag"), "two": ("pair", ""), "none": ("null", ""),
            "unknown": ("far", ""), "onboard": ("onboard", "encoder_slip")}
@@ -35,17 +33,11 @@ def choose(row: str, cause: str, first_seed: int) -> Case:
 
 def write_report(name: str, case: Case, folder: Path) -> None:
     """Write the files of a case, its page NAME.html and its terminal text NAME.txt."""
-    rng = np.random.default_rng(case.number)
-    how, what = habits(case, rng), car(case, rng)
     files = folder / name
     files.mkdir(parents=True, exist_ok=True)
-    train, test = pair(files, what, how, SECONDS, case.number)
-    words = ["diagnose", "--train", str(train), "--test", str(test),
+    model, train, test, _ = write_case(case, files)
+    words = ["diagnose", "--model", model, "--train", str(train), "--test", str(test),
              "--html", str(folder / f"{name}.html")]
-    if BASES[case.known]:
-        stated = files / "stated.toml"
-        stated.write_text(model_file(BASES[case.known]), encoding="utf-8")
-        words += ["--model", str(stated)]
     if case.known == "fixed":
         words.append("--no-refit")
     done = subprocess.run([str(Path(sys.executable).parent / "dart-hal"), *words],
