@@ -9,8 +9,8 @@ HEAD = """# Gates of the diagnosis
 
 An effect of the [catalogue](effects.md) becomes an accepted cause if it passes all of these, in
 this order. [How the diagnosis finds a cause](../explanation/diagnosis_method.md) derives the
-quantities, [the ablation](../results/ablation.md) measures what each gate is worth. This page is
-generated from `dart_hal/diagnose/gates.py` (`dart-hal wire --write`).
+quantities, [the ablation](../results/ablation.md) measures what changes without each gate. This
+page is generated from `dart_hal/diagnose/gates.py` (`dart-hal wire --write`).
 """
 EXAMPLE = Candidate(chosen="grip", failed=USUAL.naming.tries, impossible="k = 1.2 is outside its "
                     "physical range 0 to 1 share", cost=(0.996, 0.98, 1.01))
@@ -18,7 +18,7 @@ EXAMPLE = Candidate(chosen="grip", failed=USUAL.naming.tries, impossible="k = 1.
 
 def render_gates() -> str:
     """Markdown page of all gates, by stage."""
-    lines = [HEAD, "| judged | gate | an effect passes if | else the report says |",
+    lines = [HEAD, "| judged | gate | an effect passes if | message of the report otherwise |",
              "|---|---|---|---|"]
     for gate in GATES:
         lines.append(f"| {STAGES[gate.stage]} | {gate.name} | {gate.condition(USUAL)} "

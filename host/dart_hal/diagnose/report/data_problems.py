@@ -22,8 +22,8 @@ NOT_FITTED = ("The parameters of the model were not fitted (--no-refit): wrong p
               "appear as causes. Run it without --no-refit unless the parameters were measured.")
 LOST = ("Some commands were late or lost. Check the radio link and the load of the computer that "
         "sends them, and record again.")
-LEAST_WINDOWS = 2
-"""Windows of a recording below which the size of a cause in it is not meaningful."""
+MIN_WINDOWS_OF_SIZE = 2
+"""Windows of a recording that a size of its own needs: from one, no spread of it is known."""
 
 
 def data_problems(d: Diagnosis) -> list[str]:
@@ -55,7 +55,7 @@ def valid_sizes(d: Diagnosis, cause: Cause) -> dict[str, tuple[float, float]]:
     """
     def is_valid(name: str) -> bool:
         use = d.files.get(name, {})
-        return (use.get("windows", LEAST_WINDOWS) >= LEAST_WINDOWS
+        return (use.get("windows", MIN_WINDOWS_OF_SIZE) >= MIN_WINDOWS_OF_SIZE
                 and not any(why.startswith(DEAD_ENCODER) for why in use.get("why", ())))
 
     return {n: size for n, size in cause.sizes.items() if is_valid(n)} or dict(cause.sizes)
