@@ -19,7 +19,6 @@ FAILING = {
     "significance": Candidate(gain=9.0, threshold=10.0),
     "largest gain": Candidate(chosen="grip"),
     "size": Candidate(size=0.3),
-    "number of fits": Candidate(failed=USUAL.naming.tries),
     "gain of the fit": Candidate(gain=20.0, fit_gain=9.0, threshold=10.0),
     "size of the fit": Candidate(size=0.7),
     "gain with the others": Candidate(remaining_gain=9.0, threshold=10.0),

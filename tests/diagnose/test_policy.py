@@ -58,7 +58,7 @@ def test_a_policy_is_frozen_and_equal_to_its_like():
     with pytest.raises(FrozenInstanceError):
         USUAL.naming = USUAL.naming
     assert Policy() == USUAL
-    assert changed(USUAL, "naming.close", 1.0) != USUAL
+    assert changed(USUAL, "naming.keeps", 1.0) != USUAL
 
 
 def test_a_recording_too_short_for_one_policy_is_long_enough_for_another():
@@ -118,12 +118,12 @@ def test_half_and_double_are_of_what_is_usual():
         group, key = name.split(".")
         assert getattr(getattr(policy, group), key) == 2.0 * usual(name)
     assert altered("false_alarm", 0.5) == {"false_alarm": 0.005}
-    assert altered("naming.tries", 0.1)["policy"].naming.tries == 1
+    assert altered("naming.explanations", 0.1)["policy"].naming.explanations == 1
 
 
 def test_a_case_is_diagnosed_again_only_where_a_threshold_matters(monkeypatch):
     def ask(*files, policy=USUAL, **how):
-        return {"verdict": str(policy.naming.close < 1.0)}  # 0.7 is, and 0.35; 1.4 is not
+        return {"verdict": str(policy.naming.keeps < 1.0)}  # 0.5 is, and 0.25; 1 is not
 
     monkeypatch.setattr(sensitivity, "ask", ask)
     monkeypatch.setattr(sensitivity, "run", lambda case, seconds, asked: {
@@ -131,12 +131,12 @@ def test_a_case_is_diagnosed_again_only_where_a_threshold_matters(monkeypatch):
     cases = [SimpleNamespace(key="a"), SimpleNamespace(key="b")]
     known = {c.key: sensitivity.examine((c, "", 1.0), (1.0, 1.0)) for c in cases}
     noted = known["a"]["noted"]
-    assert {n for n, factors in noted.items() if factors} == {"naming.close"}
-    assert noted["naming.close"] == [2.0]
+    assert {n for n, factors in noted.items() if factors} == {"naming.keeps"}
+    assert noted["naming.keeps"] == [2.0]
     repeated = sensitivity.choose(cases, known, checked=1, repeats=9)
-    assert [(c.key, f) for c, n, f in repeated if n == "naming.close"] == [
+    assert [(c.key, f) for c, n, f in repeated if n == "naming.keeps"] == [
         ("a", 0.5), ("a", 2.0), ("b", 2.0)]
     assert [(c.key, f) for c, n, f in repeated if n == "noise.wild"] == [("a", 0.5), ("a", 2.0)]
-    other = sensitivity.examine((cases[0], "naming.close", 2.0), (1.0, 1.0))
-    assert other == {"key": "a naming.close x 2", "verdict": "False"}
+    other = sensitivity.examine((cases[0], "naming.keeps", 2.0), (1.0, 1.0))
+    assert other == {"key": "a naming.keeps x 2", "verdict": "False"}
     assert not sensitivity.same_numbers(known["a"], other)

@@ -12,7 +12,7 @@ this order. [How the diagnosis finds a cause](../explanation/diagnosis_method.md
 quantities, [the ablation](../results/ablation.md) measures what changes without each gate. This
 page is generated from `dart_hal/diagnose/gates.py` (`dart-hal wire --write`).
 """
-EXAMPLE = Candidate(chosen="grip", failed=USUAL.naming.tries, impossible="k = 1.2 is outside its "
+EXAMPLE = Candidate(chosen="grip", impossible="k = 1.2 is outside its "
                     "physical range 0 to 1 share", cost=(0.996, 0.98, 1.01))
 
 

@@ -38,6 +38,7 @@ from .noise_floor import estimate_noise_floor
 from .parameters.claims import Asked, claims
 from .parameters.sets import Sets
 from .parameters.unseen import Unseen
+from .policy import MANY_RECORDINGS
 from .predictor import find_predictor
 from .question import Question
 from .report.words import removes
@@ -97,7 +98,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     last = points[-1]
     fits = make_equal_fits(q.search, q.train, found.base.noise, partial(as_logged, q),
                            q.settings.jobs,
-                           q.settings.policy.blocks.units if q.refit else sys.maxsize)
+                           MANY_RECORDINGS if q.refit else sys.maxsize)
     finals = make_final_fits(fits, points, lambda point: covariance(point, _blocks(q, point)))
     final = finals[-1]
     gains = dict(zip(accepted.names, compute_gains(
@@ -256,7 +257,7 @@ def _claims(q: Question, last: Point, final: FinalFit, unseen: Unseen) -> tuple[
 
 def _blocks(q: Question, point: Point) -> IntArray:
     rows = _rows(q, point)
-    many = rows.recording.max() + 1 >= q.settings.policy.blocks.units
+    many = rows.recording.max() + 1 >= MANY_RECORDINGS
     return rows.recording if many else rows.block
 
 
@@ -280,7 +281,7 @@ def _moved(q: Question, final: FinalFit) -> dict[str, Moved]:
         if ((point.x[i] - space.low[i] < 1e-6 and value(logged, name) > 0.0)
                 or space.high[i] - point.x[i] < 1e-6):
             doubt = EDGE
-        elif abs(point.x[i]) > q.settings.policy.prior.doubtful:
+        elif abs(point.x[i]) > q.settings.policy.prior.believed:
             doubt = f"{abs(point.x[i]):.1f} prior standard deviations from where it was"
         out[name] = Moved(float(value(q.base, name)), float(value(logged, name)),
                           final.stds[name], unit(q.base, name), doubt)

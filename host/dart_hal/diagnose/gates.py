@@ -21,9 +21,8 @@ class Candidate:
 
     gain, threshold: drop of the loss by the linear answer, and what chance reaches at the false
     alarm rate. size: as ``relative_size``, by the linear answer, or by the full fit once there is
-    one. chosen: effect that is accepted in this round, or "". failed: number of effects of the
-    round that the full fit refuted. fit_gain: drop of the loss by the full fit. remaining_gain:
-    the same beside all causes found later.
+    one. chosen: effect that is accepted in this round, or "". fit_gain: drop of the loss by the
+    full fit. remaining_gain: the same beside all causes found later.
 
     structure_after, structure_before, structure_removed: loss that structure takes up in a channel
     where the effect acts, with it and without it, and the drop of the whole loss there.
@@ -36,7 +35,6 @@ class Candidate:
     threshold: float = 0.0
     size: float = math.inf
     chosen: str = ""
-    failed: int = 0
     fit_gain: float = math.inf
     remaining_gain: float = math.inf
     structure_after: float = 0.0
@@ -91,9 +89,6 @@ GATES = (
          lambda c: f"gains less than {c.chosen}"),
     Gate("size", "scan", lambda c, p: c.size >= p.naming.tried_size,
          lambda p: f"at least {p.naming.tried_size:g} of its small size", lambda c: TOO_SMALL),
-    Gate("number of fits", "scan", lambda c, p: c.failed < p.naming.tries,
-         lambda p: f"the full fit has refuted fewer than {p.naming.tries} better effects",
-         lambda c: f"not tried: the full fit refuted {c.failed} effects that gained more"),
     Gate("gain of the fit", "fit", lambda c, p: c.fit_gain > c.threshold,
          lambda p: "the gain of the full fit is above the same threshold",
          lambda c: "the full fit does not keep the gain of the linear answer"),

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 BLOCK_S = 2.0  # s that are left out together: the disturbance has 0.15 s of memory, and 1 s is
 # predicted
 MANY_RECORDINGS = 6  # from which on they are the units: all gain by chance in 1 of 64
+MIN_READINGS = 20  # that tell a spread to 16 %, 1 / sqrt(2 n); 2 s at 10 Hz
 CLIP = 4.0  # standard deviations of a residual where noise is estimated: 1 in 16,000 normal ones
 TAIL = 0.02  # quantile beyond which a function of the state is flat: few values do not lead
 
@@ -25,7 +26,6 @@ class InputPolicy:
     small_train_s: float = 40.0  # s of driving, 20 blocks; below, it is said that little can show
     test_s: float = 4.0  # s of driving: 8 windows
     test_share: float = 0.4  # held out of each recording where no test is given: 80 of 200 s
-    messages: int = 20  # that must tell before a column is judged, 2 s at 10 Hz
     factor: float = 2.5  # to the measured motion: no effect of a sound car reaches it, km/h do
     log_factor: float = 0.2  # of the logarithm; from degrees to cm, the nearest two, it is 0.56
     quartiles: float = 1.5  # third over first quartile of a ratio that is one factor
@@ -52,7 +52,6 @@ class EvidencePolicy:
     held: float = 0.1  # rad/s; a car that turns more on standing wheels is being carried
     wheel: float = 0.2  # m/s; below it an encoder counts too little to be judged
     level: float = 0.05  # m/s2; a floor is level to 5 mrad at best, however quiet the sensor is
-    readings: int = 20  # 2 s that tell the noise of a sensor
     backwards: float = -0.01  # throttle; below it a car may reverse, and an encoder has no sign
 
 
@@ -70,7 +69,6 @@ class NoisePolicy:
     age_tells: float = 3.0  # standard deviations that the oldest command moves what tells its age
     passes: int = 5  # fits with a new effect, each with the noise that the one before leaves ...
     settled: float = 0.1  # ... until its log volume falls by no more: 1 % of each of ten channels
-    age_readouts: int = 20  # such read-outs give the spread of ages to 16 %, 1 / sqrt(2 n)
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +76,6 @@ class BlockPolicy:
     """What counts as independent, and what is left out together."""
 
     seconds: float = BLOCK_S  # s of a block
-    units: int = MANY_RECORDINGS  # from which on recordings are the blocks
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +84,6 @@ class PriorPolicy:
 
     believed: float = 3.5  # stated standard errors (1 in 2000) that a parameter may move
     effect_width: float = 4.0  # medium sizes in one standard deviation: a medium effect costs 0.06
-    doubtful: float = 3.0  # prior standard deviations; of what moves further that is said
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,14 +108,11 @@ class NamingPolicy:
     """When an effect of one round gets its name."""
 
     draws: int = 1999  # data sets without a cause: 20 of them beyond a false alarm of 1 %
-    close: float = 0.7  # of the largest gain: the full fit decides between these (campaign)
-    tries: int = 5  # effects of one round that may fail after a full fit
     explanations: int = 3  # fits of a round that look for the best explanation ...
     keeps: float = 0.5  # ... which keeps so much of the gain that its linear answer promised
     hidden: float = 2.0  # times the gain, once the noise is measured without the best explanation,
     # from where on that explanation was part of the noise: else the two gains are the same
     sharpenings: int = 3  # measurements of that noise in a round; each halves what is left
-    simpler: float = 2.0  # loss for each parameter, as Akaike's criterion counts it
     least_size: float = 0.8  # of the small size; below is what sampling conventions do (null rows)
     tried_size: float = 0.4  # of the small size, by the linear answer: half, it may be off as much
     furthest: float = 2.0  # of the change that each of two asks for alone: linear no further
@@ -130,8 +123,7 @@ class NamingPolicy:
 class ConfounderPolicy:
     """When two effects explain the data equally well."""
 
-    alternative: float = 0.3  # of the gain of the winner, to be compared once all causes are known
-    gain: float = 0.5  # of the gain of the winner, for the linear answer to count
+    gain: float = 0.5  # of the gain of the winner; one that gains less is not compared with it
     cosine: float = 0.6  # between what two do to the residuals: 53 degrees, a third in common
     clear: float = 2.0  # standard deviations of the difference of losses over blocks: 1 in 44
     loss: float = 4.0  # a smaller difference tells nothing, however steady: as of two equal effects
@@ -142,7 +134,6 @@ class GradePolicy:
     """How sure a name is, and whether its size is constant."""
 
     draws: int = 400  # of units; P = 0.97 is known to 0.01
-    recording_units: int = 4  # recordings, from which on each is a unit; 2 in 9 draws of 3 have all
     units: int = 16  # stretches of time, where recordings are fewer ...
     family: float = 0.5  # of its size, by which a cause may differ along a function of the state
     place: float = 1.0  # of a force, by which it may act at the steered wheels: all of it

@@ -22,7 +22,7 @@ from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 
-from ..policy import USUAL, InputPolicy
+from ..policy import MIN_READINGS, USUAL, InputPolicy
 from .motion import at_messages
 
 FACTORS = {1000.0: "thousandths: mm, mrad or mm/s2", 100.0: "cm", 57.2958: "degrees",
@@ -48,7 +48,7 @@ def without_dead_gyro(r: Recording, notes: list[str], policy: InputPolicy) -> Re
     """A gyro that never changes while the car turns reads nothing; that is said."""
     rate, at = r.messages.yaw_rate, at_messages(r)
     turns = np.nan_to_num(np.abs(at.omega)) > policy.turning
-    if (r.mocap is None or turns.sum() < policy.messages
+    if (r.mocap is None or turns.sum() < MIN_READINGS
             or not np.nanmax(np.abs(rate), initial=0.0) < policy.dead_gyro):
         return r
     if r.schema != "C":
@@ -68,7 +68,7 @@ def check_model(train: Sequence[Recording], p: Vehicle, policy: InputPolicy = US
     said, does = (np.concatenate(v) for v in zip(
         *[_turning(r, p, policy) for r in train], strict=True))
     times = does / said
-    if len(times) < policy.messages:
+    if len(times) < MIN_READINGS:
         return []
     factor = float(np.median(times))
     if (times * factor > 0.0).mean() < policy.correlation:
@@ -92,7 +92,7 @@ def check_model(train: Sequence[Recording], p: Vehicle, policy: InputPolicy = US
 def slope(y: FloatArray, x: FloatArray, policy: InputPolicy = USUAL.inputs) -> float:
     """Of y on x with an offset; NaN where they have too little to do with each other."""
     good = np.isfinite(x) & np.isfinite(y)
-    if good.sum() < policy.messages:
+    if good.sum() < MIN_READINGS:
         return math.nan
     x, y = x[good] - x[good].mean(), y[good] - y[good].mean()
     size = math.sqrt(float(x @ x) * float(y @ y))
@@ -113,7 +113,7 @@ def _check(r: Recording, policy: InputPolicy, column: str, read: FloatArray, tru
            rows: BoolArray, witness: str) -> None:
     """A ratio for what has one sign, else the slope."""
     use = rows & np.isfinite(read) & np.isfinite(true)
-    if use.sum() < policy.messages:
+    if use.sum() < MIN_READINGS:
         return
     x, y = true[use], read[use]
     factor = (ratio if (x > 0.0).all() else slope)(y, x, policy)

@@ -21,7 +21,7 @@ import numpy as np
 from dart_hal.fitting.robust import scatter, soft_l1, soft_l1_weight
 from dart_hal.types import FloatArray, IntArray
 
-from ..policy import CLIP, USUAL, NoisePolicy
+from ..policy import CLIP, MIN_READINGS, USUAL, NoisePolicy
 from .residuals import Residuals
 from .space import MAX_COMMAND_AGE
 
@@ -142,7 +142,7 @@ def _ages(motion: FloatArray, older: FloatArray, along: FloatArray, policy: Nois
     along (n, c): ``older`` in standard deviations per second.
     """
     tells = along * MAX_COMMAND_AGE > 2.0 * policy.age_tells
-    if tells.sum() < policy.age_readouts:
+    if tells.sum() < MIN_READINGS:
         return None
     age = np.clip(motion[tells] / older[tells], -MAX_COMMAND_AGE, MAX_COMMAND_AGE)
     return float(min(np.var(age) - np.mean(along[tells]**-2), WIDEST**2))

@@ -17,7 +17,7 @@ from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..policy import USUAL, EvidencePolicy
+from ..policy import MIN_READINGS, USUAL, EvidencePolicy
 from .onboard_drive import (
     ACCEL_READ_OUTS,
     ENCODER_SPAN,
@@ -143,7 +143,7 @@ def limits(evidence: OnboardEvidence, policy: EvidencePolicy = USUAL.evidence
     own = []
     if not windows:
         own.append("how the car moves: there is no second of driving with encoder and gyro")
-    if rest < policy.readings:
+    if rest < MIN_READINGS:
         own.append("biases and tilts of gyro and accelerometer but weakly: the car is never seen "
                    "standing still for 2 s")
     if driving + rest and not np.isfinite(accel).any():

@@ -12,7 +12,7 @@ from dart_hal.fitting.robust import MAD_TO_SIGMA
 from dart_hal.recording.dart import Messages
 from dart_hal.types import BoolArray, FloatArray, IntArray
 
-from ..policy import EvidencePolicy
+from ..policy import MIN_READINGS, EvidencePolicy
 
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
@@ -61,7 +61,7 @@ def spread(n: int) -> FloatArray:
 def _noise(m: Messages, index: IntArray, policy: EvidencePolicy) -> FloatArray:
     """Robust standard deviation of (a_x, a_y) from message to message, at least ``level``."""
     steps = np.diff(np.stack([m.accel_x[index], m.accel_y[index]]), axis=1)
-    if steps.shape[1] < policy.readings or not np.isfinite(steps).all():
+    if steps.shape[1] < MIN_READINGS or not np.isfinite(steps).all():
         return np.full(2, policy.level)
     size = MAD_TO_SIGMA / np.sqrt(2.0) * np.median(np.abs(steps), axis=1)
     return np.asarray(np.maximum(size, policy.level))

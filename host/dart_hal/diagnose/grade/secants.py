@@ -17,7 +17,7 @@ from dart_hal.vehicle.effects import remove_effects
 
 from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, spread
-from ..policy import BLOCK_S, TAIL, GradePolicy, Policy
+from ..policy import BLOCK_S, MANY_RECORDINGS, TAIL, GradePolicy, Policy
 from ..search.fit import Point
 from ..search.selection import rows_at
 from ..unexplained.bases import basis
@@ -79,7 +79,7 @@ def towards_null(point: Point, mine: Sequence[int]) -> FloatArray:
 
 def units(evidence: Evidence, rows: RowLabels, point: Point, policy: GradePolicy) -> IntArray:
     """(N,) recordings, where there are enough; else stretches of time of each."""
-    if int(rows.recording.max()) + 1 >= policy.recording_units:
+    if int(rows.recording.max()) + 1 >= MANY_RECORDINGS:
         return rows.recording
     seconds = len(np.unique(rows.block[rows.channel >= 0])) * BLOCK_S
     length = max(BLOCK_S, seconds / policy.units)

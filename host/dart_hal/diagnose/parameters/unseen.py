@@ -22,7 +22,7 @@ from ..evidence.noise import Noise, measure
 from ..evidence.residuals import Evidence, Residuals
 from ..evidence.rows import rows_of
 from ..evidence.space import LATE_REACH, Space, Timing
-from ..policy import Policy
+from ..policy import MANY_RECORDINGS, Policy
 from ..search.fit import QUICK, Fit, Point, loss_at, refit
 
 BEYOND = 0.010
@@ -59,7 +59,7 @@ class Unseen:
     def _by_stretch(self, r: Residuals, losses: FloatArray) -> FloatArray:
         stretches = replace(self._policy.blocks, seconds=self._policy.claims.stretch_s)
         rows = rows_of(self._evidence, r, stretches)
-        many = int(rows.recording.max()) + 1 >= self._policy.blocks.units
+        many = int(rows.recording.max()) + 1 >= MANY_RECORDINGS
         label = (rows.recording if many else rows.block)[:len(losses)]
         block = np.unique(label, return_inverse=True)[1].ravel()
         return np.asarray(np.bincount(block, losses), dtype=np.float64)

@@ -29,7 +29,6 @@ from .selection import (
     Rejected,
     Settings,
     explain,
-    fitted,
     least_lossy,
     rows_at,
     select,
@@ -353,9 +352,8 @@ class Search:
         trials = scan(self._evidence, without, (one.effect, *one.alternatives), policy=policy.scan,
                       before=before)
         mine = next(t for t in trials if t.effect == one.effect)
-        close = [t for t in correlated(without, mine, trials, policy.confounders)
-                 if t.gain > policy.naming.close * mine.gain]
-        fits = fitted(partial(self.add_effect, self._evidence, noise, without), close, 1)
+        close = correlated(without, mine, trials, policy.confounders)
+        fits = {t.effect: self.add_effect(self._evidence, noise, without, t) for t in close}
         rows = rows_at(self._evidence, without, policy)
         return replace(one, confounders=confounders(
             without, mine, trials, rows, fits, policy.confounders))

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 
-from dart_hal.process.jobs import each
 from dart_hal.vehicle.effects import catalogue
 
 from ..evidence.residuals import Evidence
@@ -109,18 +107,15 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial], fit_with: 
     passed = [t for t in trials if t.gain > limits[t.effect]]
     large = [t for t in passed
              if not explain_failure("scan", _candidate(t, limits), settings.policy)]
-    close = [t for t in large if t.gain > policy.close * large[0].gain]
-    fits |= fitted(partial(fit_with, point), [t for t in close if t.effect not in fits],
-                   settings.jobs)
-    order = sorted(passed, key=lambda t: policy.simpler * len(catalogue()[t.effect].parameters)
-                   - (point.loss() - fits[t.effect].loss()) if t.effect in fits else 0.0)
+    order = sorted(passed, key=lambda t: fits[t.effect].loss() - point.loss()
+                   if t.effect in fits else 0.0)
     before = one_of_a_pair(point, large, trials, limits, fits, fit_with, policy.furthest)
     order.sort(key=lambda t: t is not before)
     accepted: tuple[Named, Point] | None = None
-    rejected, failed = list[Rejected](), 0
+    rejected = list[Rejected]()
     for trial in (*order, *(t for t in trials if t not in passed)):
         p = nothing.p_value(trial.effect, trial.gain)
-        candidate = replace(_candidate(trial, limits), failed=failed,
+        candidate = replace(_candidate(trial, limits),
                             chosen=accepted[0].effect if accepted else "")
         why = explain_failure("scan", candidate, settings.policy)
         if not why:
@@ -128,24 +123,13 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial], fit_with: 
             gain = point.loss() - fit.loss()
             candidate = replace(candidate, fit_gain=gain, size=_size(fit, trial.effect))
             why = explain_failure("fit", candidate, settings.policy)
-            failed += bool(why)
             if not why:
                 rivals = confounders(point, trial, trials, rows, fits, settings.policy.confounders)
-                others = alternatives(trial, trials, settings.policy.confounders.alternative)
+                others = alternatives(trial, trials, settings.policy.confounders.gain)
                 accepted = (Named(trial.effect, p, gain, candidate.threshold, rivals, others), fit)
         if why:
             rejected.append(Rejected(trial.effect, p, trial.gain, why))
     return Step(accepted, tuple(rejected))
-
-
-def fitted(fit_with: Callable[[Trial], Point], trials: Sequence[Trial], jobs: int
-           ) -> dict[str, Point]:
-    """The full fit of each trial, by effect."""
-    return dict(each(partial(_fit, fit_with), trials, jobs))
-
-
-def _fit(fit_with: Callable[[Trial], Point], trial: Trial) -> tuple[str, Point]:
-    return trial.effect, fit_with(trial)
 
 
 def rows_at(evidence: Evidence, point: Point, policy: Policy) -> RowLabels:
