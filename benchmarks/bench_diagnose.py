@@ -20,7 +20,7 @@ from typing import Any
 from bench_evaluate import EXCERPT, folder
 from figures import Figure
 
-from dart_hal.process.jobs import cores
+from dart_hal.core.process.jobs import cores
 
 MINUTE = ("91_free_driving_16_sept_2024",)
 """One recording of about a minute; its end is held out."""

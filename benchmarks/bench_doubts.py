@@ -21,15 +21,15 @@ from typing import Any
 from recorded_frames import FRAME, drives_of, states_of
 
 from dart_hal.car import Car
-from dart_hal.config import parse_car
+from dart_hal.core.config import parse_car
+from dart_hal.core.process.jobs import each
+from dart_hal.core.types import Doubt
 from dart_hal.links.base import open_backend
-from dart_hal.process.jobs import each
 from dart_hal.recording.dart import read
 from dart_hal.sim.car_file import typical_car_toml
 from dart_hal.sim.motion import Felt
 from dart_hal.sim.truth import world_of
 from dart_hal.sim.world import World
-from dart_hal.types import Doubt
 
 UNSURE = frozenset({Doubt.DIRECTION_UNSURE.value})
 """Said of sound cars as well: one encoder has no sign."""

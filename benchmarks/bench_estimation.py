@@ -18,9 +18,9 @@ from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
+from dart_hal.core.types import ExternalPose
 from dart_hal.estimation import ClockFit, FrameReader, Odometry, RoomEstimator, WheelSpeed
 from dart_hal.estimation.pose_tracking import PoseTracker
-from dart_hal.types import ExternalPose
 
 METRES, EDGES = 0.00206459, 20
 FRAMES = 20_000

@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from figures import Figure, best_cpu
 
+from dart_hal.core.types import FloatArray
 from dart_hal.lidar.scan import Stream
 from dart_hal.localisation import matcher
 from dart_hal.localisation.field import map_of_lines
@@ -18,7 +19,6 @@ from dart_hal.localisation.rays import Cast, cast_numpy, native
 from dart_hal.sim.lidar.maps import room_of
 from dart_hal.sim.lidar.params import LidarParams
 from dart_hal.sim.lidar.unit import Unit
-from dart_hal.types import FloatArray
 
 BEAMS = 606
 ROUNDS = 20

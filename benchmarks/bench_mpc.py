@@ -15,8 +15,8 @@ from dart_hal.control.mpc.model import STAGE
 from dart_hal.control.mpc.obstacles import Obstacle
 from dart_hal.control.mpc.problem import Limits
 from dart_hal.control.tracks import track_named
-from dart_hal.errors import UsageError
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.sets import UPSTREAM_2024
 
 SPEED = 2.0

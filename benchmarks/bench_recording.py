@@ -8,8 +8,8 @@ from pathlib import Path
 
 from figures import Figure
 
+from dart_hal.core.types import Applied, Health, Pose, State
 from dart_hal.recording.run import RunWriter
-from dart_hal.types import Applied, Health, Pose, State
 
 SECONDS = 20.0
 RUNS = 5

@@ -34,12 +34,20 @@ from scipy.stats import chi2
 
 from dart_hal import Car
 from dart_hal.calibration.measured import Measured, write
-from dart_hal.config import CarFiles, Quantities, Quantity
+from dart_hal.core.config import CarFiles, Quantities, Quantity
+from dart_hal.core.ports import PoseSource
+from dart_hal.core.types import (
+    START,
+    ExternalPose,
+    FloatArray,
+    MotionEstimate,
+    Pose,
+    State,
+    Tracking,
+)
 from dart_hal.links.base import open_backend
-from dart_hal.ports import PoseSource
 from dart_hal.sim.mocap import MocapParams, mocap_of
 from dart_hal.sim.truth import reveal_url, world_of
-from dart_hal.types import START, ExternalPose, FloatArray, MotionEstimate, Pose, State, Tracking
 
 SETTLED, EVERY, GAP = 10.0, 5.0, 0.5  # s
 SEEN = "rate=10,noise=0.005,yaw_noise=0.005"

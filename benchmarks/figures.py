@@ -16,7 +16,7 @@ from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
 
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 from dart_hal.links import bridge
 from dart_hal.links.image import find_image
 

@@ -16,10 +16,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.evaluate.cases import Case
 from dart_hal.evaluate.prediction import errors, measured, parts
 from dart_hal.predict.rollout import inputs, windowed
-from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.bicycle import make_dynamic
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.integrate import RATES, make_dynamic_midpoint

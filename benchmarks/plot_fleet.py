@@ -17,11 +17,11 @@ import numpy as np
 from bench_fleet import SEEDS, stop_once
 
 from dart_hal.car import Car, Fleet, join
+from dart_hal.core.types import FloatArray, Pose
 from dart_hal.links.base import open_backend
 from dart_hal.sim.lidar.maps import box
 from dart_hal.sim.light.world import Outline
 from dart_hal.sim.truth import room_of_car, world_of
-from dart_hal.types import FloatArray, Pose
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

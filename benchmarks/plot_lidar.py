@@ -15,10 +15,10 @@ import matplotlib
 import numpy as np
 
 from dart_hal.car import Car
+from dart_hal.core.types import FloatArray
 from dart_hal.links.base import open_backend
 from dart_hal.sim.lidar.params import hidden_lidar
 from dart_hal.sim.truth import room_of_car, world_of
-from dart_hal.types import FloatArray
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

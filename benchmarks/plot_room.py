@@ -18,8 +18,8 @@ import matplotlib
 import numpy as np
 from bench_room import SEEN, Drive, driven, in_room, relative
 
+from dart_hal.core.types import FloatArray, Pose, State
 from dart_hal.sim.mocap import mocap_of
-from dart_hal.types import FloatArray, Pose, State
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

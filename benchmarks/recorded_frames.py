@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.car.telemetry import Telemetry
-from dart_hal.config import CarFiles
+from dart_hal.core.config import CarFiles
+from dart_hal.core.types import Applied, FloatArray, State
 from dart_hal.recording.dart import Grid, Recording, grid
-from dart_hal.types import Applied, FloatArray, State
 from dart_hal.vehicle import PAPER, make_steering
 from dart_hal.wire.messages import STATE_FLAGS, TICKS_PER_SECOND
 

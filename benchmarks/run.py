@@ -34,7 +34,7 @@ from figures import Figure, machine
 from rich.console import Console
 from rich.table import Table
 
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 
 QUICK = 0.2
 """Share of the full lengths; figures come out a little less exact."""

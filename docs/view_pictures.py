@@ -21,7 +21,7 @@ from selenium.webdriver.chrome.service import Service
 
 from dart_hal import Car, Fleet
 from dart_hal.cli.localize_truth import lines_by_frame
-from dart_hal.errors import LinkLost, NotArmed
+from dart_hal.core.errors import LinkLost, NotArmed
 from dart_hal.fleet.station import Station
 from dart_hal.view.fleet_desk import FleetPage
 from dart_hal.view.serve import LivePage

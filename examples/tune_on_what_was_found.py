@@ -22,13 +22,13 @@ from dart_hal.actuation.steering_map import steering_map
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.pursuit import PurePursuit
 from dart_hal.control.speed import SpeedLaw
+from dart_hal.core.types import Pose
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.make import conduct, make_plan
 from dart_hal.identify.runs import read_run
 from dart_hal.sim.light import LightCar
-from dart_hal.types import Pose
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 

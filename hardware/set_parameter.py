@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import sys
 
-from dart_hal.errors import DartHalError, LinkLost, UsageError
+from dart_hal.core.errors import DartHalError, LinkLost, UsageError
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.sim.cutoff import CUTOFFS
 from dart_hal.wire.codec import encode

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from dart_hal.cli.main import main
-from dart_hal.process import extras
-from dart_hal.process.extras import install_command, packages_of
+from dart_hal.core.process import extras
+from dart_hal.core.process.extras import install_command, packages_of
 
 LINES = ["numpy>=1.24", "pyyaml>=6", "websockets>=15", "matplotlib>=3.7; extra == 'plot'",
          'opencv-python-headless>=4.5 ; extra == "camera"', 'pillow>=10.1 ; extra == "camera"',

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.config import load_car
-from dart_hal.config.calibration import QUANTITIES, parse_calibration
-from dart_hal.config.model import parse_model
-from dart_hal.errors import EmulatorMissing, PortMissing, RecordingError, UsageError
+from dart_hal.core.config import load_car
+from dart_hal.core.config.calibration import QUANTITIES, parse_calibration
+from dart_hal.core.config.model import parse_model
+from dart_hal.core.errors import EmulatorMissing, PortMissing, RecordingError, UsageError
 from dart_hal.links.base import open_backend
 from dart_hal.sim.eeprom import stored
 from dart_hal.sim.mock_nano import MockNano

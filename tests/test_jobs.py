@@ -7,7 +7,7 @@ from functools import partial
 
 import pytest
 
-from dart_hal.process.jobs import ENOUGH, PARTS, each, wanted
+from dart_hal.core.process.jobs import ENOUGH, PARTS, each, wanted
 
 
 @pytest.mark.parametrize("n", [0, 1, PARTS - 1, PARTS, 3 * PARTS + 1])

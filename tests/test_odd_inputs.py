@@ -17,15 +17,15 @@ import tomlkit
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.config import parse_calibration, parse_config, parse_model
 from dart_hal.control.path_file import read_path
-from dart_hal.errors import ConfigError, DartHalError, RecordingError, UsageError
+from dart_hal.core.config import parse_calibration, parse_config, parse_model
+from dart_hal.core.errors import ConfigError, DartHalError, RecordingError, UsageError
+from dart_hal.core.types import ExternalPose
 from dart_hal.localisation.grid import read_grid
 from dart_hal.poses import line
 from dart_hal.poses.file import open_file
 from dart_hal.poses.reading import Convention
 from dart_hal.recording.mcap_records import MAGIC, as_written, parse_mcap
-from dart_hal.types import ExternalPose
 from dart_hal.vehicle.load import find_model
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -404,7 +404,7 @@ def test_facts_of_a_recording_that_no_parser_can_hold_are_left_out(tmp_path):
 
 
 def test_a_recorded_car_that_cannot_be_is_refused_by_its_recording():
-    from dart_hal.config.folders import parse_run_car
+    from dart_hal.core.config.folders import parse_run_car
 
     with pytest.raises(DartHalError, match=r"run\.mcap"):
         parse_run_car("a = " + "[" * 5000, "car.toml in run.mcap", {})
@@ -419,7 +419,7 @@ def test_a_device_is_no_path_and_no_map(device):
 
 
 def test_a_text_without_an_end_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("dart_hal.text_file.MAX_TEXT_BYTES", 1000)
+    monkeypatch.setattr("dart_hal.core.text_file.MAX_TEXT_BYTES", 1000)
     file = tmp_path / "path.csv"
     file.write_text("x,y\n" + "0,0\n" * 500)
     with pytest.raises(OSError, match="longer"):

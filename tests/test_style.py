@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.errors import CATALOGUE, DartHalError
+from dart_hal.core.errors import CATALOGUE, DartHalError
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "host" / "dart_hal"
@@ -110,7 +110,7 @@ def test_every_class_is_in_the_catalogue_under_a_code_of_its_own():
 
     ours = [c for c in below(DartHalError) if c.__module__.startswith("dart_hal.")]
     assert all(issubclass(c, CATALOGUE[c.code]) for c in ours), "a refinement keeps its code"
-    assert {c for c in ours if c.__module__ == "dart_hal.errors"} == set(CATALOGUE.values())
+    assert {c for c in ours if c.__module__ == "dart_hal.core.errors"} == set(CATALOGUE.values())
 
 
 def test_every_error_is_documented():

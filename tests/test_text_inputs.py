@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from dart_hal.cli.drive import load
-from dart_hal.config.folders import load_car, save_calibration
 from dart_hal.control.path_file import read_path
-from dart_hal.errors import ConfigError, RecordingError
+from dart_hal.core.config.folders import load_car, save_calibration
+from dart_hal.core.errors import ConfigError, RecordingError
+from dart_hal.core.text_file import decode_text, read_text
 from dart_hal.poses import open_poses
 from dart_hal.recording.dart.table import parse
 from dart_hal.recording.table import COLUMNS, read_csv
-from dart_hal.text_file import decode_text, read_text
 
 ROOT = Path(__file__).resolve().parents[1]
 CAR = ROOT / "cars" / "dart-01"

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 from dart_hal.links import bridge
 
 pytestmark = pytest.mark.more

@@ -16,10 +16,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from dart_hal import Car
-from dart_hal.config import save_model
 from dart_hal.control.follow import Follower, Phase, Rules
 from dart_hal.control.plant import plant_of
 from dart_hal.control.tracks import track_named
+from dart_hal.core.config import save_model
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
 

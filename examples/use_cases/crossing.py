@@ -19,12 +19,12 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal import Fleet
-from dart_hal.config import Calibration, Quantity, save_calibration, save_model
 from dart_hal.control.crossing.coordinator import Coordinator
 from dart_hal.control.crossing.crosser import Crosser
 from dart_hal.control.crossing.layouts import LAYOUTS
 from dart_hal.control.crossing.order import Phase
 from dart_hal.control.plant import plant_of
+from dart_hal.core.config import Calibration, Quantity, save_calibration, save_model
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.sets import UPSTREAM_2024
 

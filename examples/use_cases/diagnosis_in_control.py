@@ -16,12 +16,12 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal import Car
-from dart_hal.config import save_model
 from dart_hal.control.follow import Follower, Phase, Rules
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.plant import plant_of
 from dart_hal.control.pursuit import PurePursuit
 from dart_hal.control.tracks import track_named
+from dart_hal.core.config import save_model
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.experiment.floor import Floor

@@ -16,8 +16,8 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from dart_hal.car import Car, Fleet
-    from dart_hal.errors import DartHalError
-    from dart_hal.types import Applied, Estimate, Health, Pose, State
+    from dart_hal.core.errors import DartHalError
+    from dart_hal.core.types import Applied, Estimate, Health, Pose, State
 
 __all__ = ["Applied", "Car", "DartHalError", "Estimate", "Fleet", "Health", "Pose", "State",
            "__version__"]

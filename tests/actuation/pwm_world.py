@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from dart_hal.actuation import Actuator
-from dart_hal.config import Calibration, CarFiles, Quantity, parse_config
+from dart_hal.core.config import Calibration, CarFiles, Quantity, parse_config
 from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.pca9685 import Pca9685 as Chip
 

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.car import Car
-from dart_hal.config import Calibration, Quantity, SteeringTable, save_calibration
-from dart_hal.config.calibration import SteeringCalibration
+from dart_hal.core.config import Calibration, Quantity, SteeringTable, save_calibration
+from dart_hal.core.config.calibration import SteeringCalibration
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.sim.truth import reveal, world_of
 

@@ -15,8 +15,8 @@ from pwm_world import World, car_files
 
 from dart_hal.actuation import LIVE, RAW, Actuator, Output
 from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES
-from dart_hal.config import CarFiles
-from dart_hal.errors import BadCommand, PcaFault
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import BadCommand, PcaFault
 
 NEUTRAL = pytest.approx(1500.0, abs=5.0)
 HELD = Output("neutral", "held", ("NOT_ARMED",))

@@ -31,9 +31,9 @@ from dart_hal.actuation.guard import (
 from dart_hal.actuation.guarded import Guard
 from dart_hal.actuation.owner import own
 from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES
-from dart_hal.errors import BusError
+from dart_hal.core.errors import BusError
+from dart_hal.core.process.waiting import wait_readable
 from dart_hal.links.i2c import REQUEST, open_bus, receive
-from dart_hal.process.waiting import wait_readable
 
 NEUTRAL = bytes([0x0A, 0, 0, 307 & 0xFF, 307 >> 8])
 PATIENCE = 20.0
@@ -187,7 +187,7 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 DRIVER = """
 import multiprocessing, os, sys, time
 from dart_hal.actuation.guarded import Guard
-from dart_hal.process import forks
+from dart_hal.core.process import forks
 from dart_hal.links.i2c import open_bus
 spec, guarded = sys.argv[1], sys.argv[2] == "guarded"
 bus = open_bus(spec)

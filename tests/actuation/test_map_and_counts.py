@@ -12,8 +12,8 @@ from pwm_world import car_files
 from dart_hal.actuation import Quantiser, steering_map
 from dart_hal.actuation.pchip import Pchip
 from dart_hal.actuation.quantiser import count_us, prescale_for
-from dart_hal.config import SteeringTable
-from dart_hal.errors import NotMonotone
+from dart_hal.core.config import SteeringTable
+from dart_hal.core.errors import NotMonotone
 
 steps = st.lists(st.floats(0.01, 1.0), min_size=2, max_size=15)
 

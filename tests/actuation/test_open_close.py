@@ -10,7 +10,7 @@ import pytest
 from pwm_world import World, car_files
 
 from dart_hal.actuation.servokit import Shield, load_servokit
-from dart_hal.errors import BusError, PcaFault, PcaMissing
+from dart_hal.core.errors import BusError, PcaFault, PcaMissing
 
 NEUTRAL_US, SLACK_US, FRAME = 1500.0, 5.0, 0.02
 
@@ -199,7 +199,7 @@ def test_channels_that_are_not_neighbours_are_driven_too() -> None:
 
 
 def test_importing_opens_nothing_and_loads_neither_servokit_nor_scipy() -> None:
-    code = ("import sys, dart_hal, dart_hal.config, dart_hal.actuation\n"
+    code = ("import sys, dart_hal, dart_hal.core.config, dart_hal.actuation\n"
             "heavy = {'adafruit_servokit', 'board', 'busio', 'scipy', 'smbus2', 'matplotlib'}\n"
             "print(sorted(heavy & set(sys.modules)))")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,

@@ -12,8 +12,8 @@ import pytest
 
 from dart_hal.actuation import owner
 from dart_hal.actuation.owner import lock_path, own, refuse_claimed
-from dart_hal.errors import PcaBusy, PcaClaimed
-from dart_hal.process import locks
+from dart_hal.core.errors import PcaBusy, PcaClaimed
+from dart_hal.core.process import locks
 
 OWNER = """
 import sys, time

@@ -18,7 +18,7 @@ from dart_hal.actuation.quantiser import (
     prescale_for,
 )
 from dart_hal.actuation.standby import Throttle
-from dart_hal.config import CarFiles
+from dart_hal.core.config import CarFiles
 
 from .pwm_world import World, car_files
 

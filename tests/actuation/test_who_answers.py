@@ -8,7 +8,7 @@ import pytest
 from pwm_world import World, car_files
 
 from dart_hal.actuation.standby import Throttle
-from dart_hal.errors import CATALOGUE, NotPca, PcaFault
+from dart_hal.core.errors import CATALOGUE, NotPca, PcaFault
 from dart_hal.sim.power_monitor import PowerMonitor
 
 MONITORS = {

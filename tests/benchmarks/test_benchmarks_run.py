@@ -12,7 +12,7 @@ import bench_recording
 import pytest
 from figures import Figure
 
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 from dart_hal.links import bridge
 from dart_hal.links.image import find_image
 from dart_hal.sim.ring import GEAR_REVOLUTION

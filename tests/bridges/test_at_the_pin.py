@@ -10,7 +10,7 @@ from toy_ros import BridgedCar
 
 from dart_hal.bridges import commands
 from dart_hal.bridges.commands import HOLD, Commands
-from dart_hal.errors import Disarmed
+from dart_hal.core.errors import Disarmed
 
 LAST = 1.2
 """s since it was armed: the last message, or the first bad one."""

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.config import CarFiles, parse_car
-from dart_hal.types import NEUTRAL, Applied, Health, Pose, State
+from dart_hal.core.config import CarFiles, parse_car
+from dart_hal.core.types import NEUTRAL, Applied, Health, Pose, State
 from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering

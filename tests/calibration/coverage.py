@@ -25,9 +25,9 @@ import numpy as np
 from tests.calibration.hidden_errors import VERBS, Errors, errors
 from tests.calibration.joint_errors import calibrated, joint_errors
 
-from dart_hal.errors import DartHalError
-from dart_hal.process.jobs import each
-from dart_hal.types import NINETY
+from dart_hal.core.errors import DartHalError
+from dart_hal.core.process.jobs import each
+from dart_hal.core.types import NINETY
 
 RESULTS = Path(__file__).resolve().parents[2] / "build" / "coverage" / "results.jsonl"
 CARS = RESULTS.parent / "cars"

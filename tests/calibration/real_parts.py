@@ -15,8 +15,8 @@ from contextlib import contextmanager
 import numpy as np
 
 from dart_hal.calibration.measured import UNITS
+from dart_hal.core.types import FloatArray
 from dart_hal.sim import mock_imu
-from dart_hal.types import FloatArray
 
 CRYSTAL = (50e-6, 50e-6, 25e-6)
 """Largest relative errors of a plain quartz: as it is sold, from 0 to 70 C, by five years of age.

@@ -10,7 +10,7 @@ from dart_hal.calibration import clock
 from dart_hal.calibration.clock import calibrate_clock, typed_clock
 from dart_hal.calibration.measured import write
 from dart_hal.car import Car
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.pca9685 import Pca9685
 from dart_hal.sim.truth import reveal, world_of

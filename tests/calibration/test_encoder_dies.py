@@ -6,7 +6,7 @@ import pytest
 
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

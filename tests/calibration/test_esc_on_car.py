@@ -15,7 +15,7 @@ from dart_hal.calibration.esc_fit import knee, pull_begins
 from dart_hal.calibration.measured import write
 from dart_hal.calibration.spin import Spin
 from dart_hal.car import Car
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
 from dart_hal.sim.esc import Esc
 from dart_hal.sim.truth import reveal
 

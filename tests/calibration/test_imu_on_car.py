@@ -12,7 +12,7 @@ from dart_hal.calibration.imu_fit import Still, Turn, axis_of, bias_of, still_of
 from dart_hal.calibration.measured import write
 from dart_hal.calibration.sensor_log import Sensed
 from dart_hal.car import Car
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
 from dart_hal.estimation.frames import Mounting
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import reveal

@@ -13,7 +13,7 @@ from dart_hal.calibration.latency_wheel import DT, held
 from dart_hal.calibration.measured import write
 from dart_hal.car import Car
 from dart_hal.control.tuning import answer_of
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

@@ -17,8 +17,8 @@ from dart_hal.calibration.order import steps_of
 from dart_hal.car import Car
 from dart_hal.car.scans import mount_of
 from dart_hal.cli.main import main
-from dart_hal.config import Quantity, load_car, parse_calibration
-from dart_hal.errors import CalibrationFailed, ConfigError
+from dart_hal.core.config import Quantity, load_car, parse_calibration
+from dart_hal.core.errors import CalibrationFailed, ConfigError
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.sim.lidar.maps import room_of

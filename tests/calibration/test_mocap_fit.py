@@ -9,8 +9,8 @@ import pytest
 
 from dart_hal.calibration import mocap_fit
 from dart_hal.calibration.mocap_fit import NAMES, Track, fit_marker
-from dart_hal.errors import CalibrationFailed
-from dart_hal.types import NINETY
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import NINETY
 
 TRUE = {"marker_x": 0.102, "marker_y": -0.006, "marker_yaw": 0.021, "latency": 0.012}
 SLIP = 0.034

@@ -8,9 +8,9 @@ import pytest
 from msgspec.structs import replace
 
 from dart_hal.calibration import order
-from dart_hal.config import Calibration, DriveTable, Quantity, load_car
-from dart_hal.config.calibration import SteeringCalibration, SteeringTable
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.config import Calibration, DriveTable, Quantity, load_car
+from dart_hal.core.config.calibration import SteeringCalibration, SteeringTable
+from dart_hal.core.errors import CalibrationFailed
 
 NOW = datetime(2026, 11, 24, 12, 0, tzinfo=timezone.utc)
 

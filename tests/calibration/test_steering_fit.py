@@ -12,7 +12,7 @@ from dart_hal.calibration.loop import Systematic, Window, contact, fit_loop, res
 from dart_hal.calibration.route import Leg, Spot, trace, waiting_time
 from dart_hal.calibration.schedule import make_plan, make_steps
 from dart_hal.calibration.steering_fit import fit_steering
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
 from dart_hal.identify.curves import steering
 from dart_hal.identify.submodels.samples import Samples, approach, blocks, concatenate
 from dart_hal.identify.submodels.steering_map import fit_map

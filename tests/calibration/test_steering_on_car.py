@@ -10,8 +10,8 @@ import pytest
 from dart_hal.calibration.from_recordings import steering_from
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
-from dart_hal.errors import RecordingError
-from dart_hal.process.jobs import cores, each
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.process.jobs import cores, each
 from dart_hal.sim.truth import reveal
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from dart_hal.calibration.plot import plot_steering
 from dart_hal.calibration.steering import calibrate_steering
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 pytest.importorskip("matplotlib")
 

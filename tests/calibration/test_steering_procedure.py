@@ -9,8 +9,8 @@ import pytest
 
 from dart_hal.actuation.quantiser import count_us, prescale_for
 from dart_hal.calibration.steering import calibrate_steering, plan
-from dart_hal.config import Quantity, load_car, save_calibration
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.config import Quantity, load_car, save_calibration
+from dart_hal.core.errors import CalibrationFailed
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 SLEW = Quantity(3800.0, 50.0)

@@ -20,8 +20,8 @@ from dart_hal.calibration.throttle import (
     table_of,
 )
 from dart_hal.car import Car
-from dart_hal.config import Quantity
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.config import Quantity
+from dart_hal.core.errors import CalibrationFailed
 
 URL = "sim://?nano=mock&seed="
 DRIVE = "throttle.drive"

@@ -11,7 +11,7 @@ from fake_opencv import JPEG, FakeOpenCV
 
 from dart_hal.camera import capture, open_camera
 from dart_hal.car import Car
-from dart_hal.errors import NoImage, PortBusy, PortDenied, PortMissing, UsageError
+from dart_hal.core.errors import NoImage, PortBusy, PortDenied, PortMissing, UsageError
 
 pytestmark = pytest.mark.realtime
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.camera.health import Watch
-from dart_hal.types import Image
+from dart_hal.core.types import Image
 
 
 def health(times, age=0.05):

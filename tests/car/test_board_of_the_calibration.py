@@ -9,8 +9,8 @@ import pytest
 from dart_hal.calibration.measured import Measured, write
 from dart_hal.car import Car
 from dart_hal.cli.main import main
-from dart_hal.config import Calibration, Quantity, calibration_in, save_calibration
-from dart_hal.errors import ConfigError, NotArmed
+from dart_hal.core.config import Calibration, Quantity, calibration_in, save_calibration
+from dart_hal.core.errors import ConfigError, NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

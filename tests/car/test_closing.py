@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.errors import BusError, LinkLost, NoHello, PcaMissing
+from dart_hal.core.errors import BusError, LinkLost, NoHello, PcaMissing
 from dart_hal.links.base import Backend, Url, open_backend
 from dart_hal.recording.run import RunReader
 

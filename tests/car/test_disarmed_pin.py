@@ -7,7 +7,7 @@ import pytest
 from dart_hal.actuation import ArmState
 from dart_hal.actuation.states import ENTRY
 from dart_hal.car import Car
-from dart_hal.errors import Disarmed
+from dart_hal.core.errors import Disarmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.core.types import SPEED_DOUBTS
 from dart_hal.estimation import speed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
-from dart_hal.types import SPEED_DOUBTS
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 

@@ -10,7 +10,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.car.driver import Driver
 from dart_hal.control.speed import SpeedLaw
-from dart_hal.errors import NotArmed
+from dart_hal.core.errors import NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.motion import Felt
 from dart_hal.sim.truth import world_of

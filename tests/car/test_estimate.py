@@ -9,10 +9,10 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.car.telemetry import Telemetry
+from dart_hal.core.types import START, Tracking
 from dart_hal.links.base import open_backend
 from dart_hal.sim.mocap import mocap_of
 from dart_hal.sim.truth import truth
-from dart_hal.types import START, Tracking
 
 SEEN = "rate=10,noise=0.005,yaw_noise=0.005"
 URL = "sim://?seed=3&nano=mock&physics=kinematic"

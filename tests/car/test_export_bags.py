@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 
 from dart_hal.car import Car, Fleet
 from dart_hal.car.export.bags import write_ros1, write_ros2
-from dart_hal.errors import RecordingError, UsageError
+from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.run import RunReader
 
 OLD = Path(__file__).parents[1] / "recording" / "fixtures"

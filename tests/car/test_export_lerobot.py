@@ -14,7 +14,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.car.export.lerobot import COMMANDED, OBSERVED, episode, statistics, write_lerobot
 from dart_hal.car.table import read_table
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 COUNTERS = {"timestamp": "float32", "frame_index": "int64", "episode_index": "int64",
             "index": "int64", "task_index": "int64"}

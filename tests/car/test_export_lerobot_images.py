@@ -16,8 +16,8 @@ from dart_hal.car import Car
 from dart_hal.car.export import lerobot_images as pictures
 from dart_hal.car.export.lerobot import episode, write_lerobot
 from dart_hal.car.table import read_table
-from dart_hal.errors import UsageError
-from dart_hal.types import Image
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Image
 
 QUANTILES = ("q01", "q10", "q50", "q90", "q99")
 

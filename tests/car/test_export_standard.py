@@ -13,11 +13,11 @@ from dart_hal.car import Car
 from dart_hal.car.export import standard
 from dart_hal.car.export.bags import _rosbags, _types_of, write_ros1, write_ros2
 from dart_hal.car.export.standard import Planar
+from dart_hal.core.types import Mount, Scan
 from dart_hal.links.base import open_backend
 from dart_hal.recording.run import RunReader
 from dart_hal.sim.mocap import hidden_mocap
 from dart_hal.sim.truth import world_of
-from dart_hal.types import Mount, Scan
 
 
 @pytest.fixture(scope="module")

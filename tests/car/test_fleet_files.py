@@ -8,7 +8,7 @@ import pytest
 
 from dart_hal.car import Fleet
 from dart_hal.car.fleet import _distinct
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.recording.run import RunReader
 
 URLS = ["sim://?seed=1&nano=mock", "sim://?seed=2&nano=mock"]

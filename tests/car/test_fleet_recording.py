@@ -8,7 +8,7 @@ from mcap.reader import make_reader
 
 from dart_hal.car import Car, Fleet
 from dart_hal.car.table import read_table
-from dart_hal.errors import RecordingError, UsageError
+from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.mcap_records import read_mcap
 from dart_hal.recording.run import RunReader
 from dart_hal.recording.run_file import RunFile, of_car

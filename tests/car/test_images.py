@@ -12,7 +12,7 @@ from mcap_ros2.decoder import DecoderFactory
 from PIL import Image as PILImage
 
 from dart_hal.car import Car
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.recording.run import RunReader
 from dart_hal.sim.camera import EVERY, LATENCY, SIZE
 

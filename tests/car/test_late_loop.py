@@ -12,13 +12,13 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.car.timing import LoopTimer
 from dart_hal.cli.main import main
-from dart_hal.errors import Disarmed, UsageError
+from dart_hal.core.errors import Disarmed, UsageError
+from dart_hal.core.ports import Chunk, Link
+from dart_hal.core.types import SAMPLE
 from dart_hal.links.base import open_backend
 from dart_hal.links.paced import PacedLink
-from dart_hal.ports import Chunk, Link
 from dart_hal.sim.serve import PacedWorld
 from dart_hal.sim.truth import truth
-from dart_hal.types import SAMPLE
 
 SLOW = 2 * SAMPLE
 MOCK = "sim://?seed=1&nano=mock"

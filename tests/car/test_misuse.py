@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.errors import BadCommand, LinkLost, UsageError
+from dart_hal.core.errors import BadCommand, LinkLost, UsageError
 
 MOCK = "sim://?seed=1&nano=mock"
 

@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.actuation.neutral_watch import NeutralWatch
 from dart_hal.car import Car
-from dart_hal.errors import Disarmed, NotArmed
+from dart_hal.core.errors import Disarmed, NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.esc import Esc, Mode
 from dart_hal.sim.failures import parse, schedule

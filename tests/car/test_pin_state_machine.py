@@ -27,7 +27,7 @@ from dart_hal.actuation import Event
 from dart_hal.actuation.plan import Planner
 from dart_hal.car import Car, engine
 from dart_hal.car.driver import Driver
-from dart_hal.errors import BadCommand, LinkLost, NotArmed
+from dart_hal.core.errors import BadCommand, LinkLost, NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 from dart_hal.wire.codec import UP

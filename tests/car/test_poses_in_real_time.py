@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.types import Tracking
+from dart_hal.core.types import Tracking
 
 
 @pytest.mark.realtime

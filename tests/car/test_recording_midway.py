@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 

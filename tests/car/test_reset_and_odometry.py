@@ -8,7 +8,7 @@ from math import hypot
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.errors import LinkLost
+from dart_hal.core.errors import LinkLost
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

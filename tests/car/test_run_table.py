@@ -11,7 +11,7 @@ import pytest
 from dart_hal import Car
 from dart_hal.car.export import write_csv, write_parquet
 from dart_hal.car.table import COLUMNS, read_table
-from dart_hal.errors import RecordingError, UsageError
+from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording import to_dataframe
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from dart_hal import Car
-from dart_hal.notebook import card
+from dart_hal.core.notebook import card
 from dart_hal.recording.run import RunReader
 
 OLD = Path(__file__).parents[1] / "recording" / "fixtures" / "v3" / "run.mcap.gz"

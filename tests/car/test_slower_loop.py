@@ -7,8 +7,8 @@ from itertools import pairwise
 import pytest
 
 from dart_hal import Car
-from dart_hal.errors import UsageError
-from dart_hal.types import Limit
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Limit
 
 URL = "sim://?seed=3&nano=mock"
 

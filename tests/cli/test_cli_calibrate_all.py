@@ -6,8 +6,8 @@ import pytest
 
 from dart_hal.calibration import order
 from dart_hal.calibration.measured import Measured
-from dart_hal.config import Quantity
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.config import Quantity
+from dart_hal.core.errors import CalibrationFailed
 
 URL = "sim://?seed=4&nano=mock"
 VALUES = {"pwm.oscillator_hz": 25.5e6, "encoder.metres_per_edge": 2e-3, "imu.gyro_scale": 1.0}

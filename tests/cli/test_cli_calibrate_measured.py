@@ -8,8 +8,8 @@ import math
 import pytest
 
 from dart_hal.cli.bench import AskedWorkshop, agreed
-from dart_hal.config import parse_calibration
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.config import parse_calibration
+from dart_hal.core.errors import CalibrationFailed
 
 ENCODER = ("calibrate", "encoder", "--url", "sim://?seed=4&nano=mock", "--distance", "1",
            "--runs", "1", "--json")

@@ -6,9 +6,9 @@ import pytest
 
 from dart_hal.cli import demo_real
 from dart_hal.cli.demo_diagnosis import MISSING, WRONG, Chapter, hide, without_effect
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.process import jobs
 from dart_hal.links.base import Url
-from dart_hal.process import jobs
 
 
 def url(text):

@@ -11,7 +11,7 @@ from msgspec import structs
 from dart_hal.cli import checks as checks_module
 from dart_hal.cli import doctor
 from dart_hal.cli.checks import TITLES, Check, no_bus
-from dart_hal.config import Calibration, SteeringTable, save_calibration
+from dart_hal.core.config import Calibration, SteeringTable, save_calibration
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

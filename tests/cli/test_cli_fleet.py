@@ -13,7 +13,7 @@ import pytest
 
 from dart_hal.car import Car, join
 from dart_hal.cli.main import main
-from dart_hal.errors import Disarmed
+from dart_hal.core.errors import Disarmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

@@ -10,9 +10,9 @@ from dart_hal.cli import follow as verb_module
 from dart_hal.cli.follow import SLOWEST, listen
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.tracks import track_named
+from dart_hal.core.types import Pose, Tracking, pose_cov
 from dart_hal.fleet.peers import OtherPose
 from dart_hal.recording.run import RunReader
-from dart_hal.types import Pose, Tracking, pose_cov
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=3&nano=mock&mocap=1"

@@ -12,8 +12,8 @@ import pytest
 
 from dart_hal.cli import flash
 from dart_hal.cli.main import main
-from dart_hal.config import load_car
-from dart_hal.errors import ConfigError
+from dart_hal.core.config import load_car
+from dart_hal.core.errors import ConfigError
 
 MOCK = "sim://?nano=mock"
 CALIBRATION = 'schema = "dart-hal/calibration/1"\ncar = "{car}"\n[steering.map]\n' \

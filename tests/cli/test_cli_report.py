@@ -11,10 +11,10 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.cli import report_page
 from dart_hal.cli.calibrate import command as calibrate
-from dart_hal.config import save_calibration
-from dart_hal.config.calibration import Calibration
-from dart_hal.config.history import calibration_changes, versions
-from dart_hal.config.quantity import Quantity
+from dart_hal.core.config import save_calibration
+from dart_hal.core.config.calibration import Calibration
+from dart_hal.core.config.history import calibration_changes, versions
+from dart_hal.core.config.quantity import Quantity
 
 CAR = "sim://?seed=3&nano=mock"
 

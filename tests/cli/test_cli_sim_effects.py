@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.config import save_model
+from dart_hal.core.config import save_model
 from dart_hal.vehicle import UPSTREAM_2024
 from dart_hal.vehicle.effects import extended, parse
 from dart_hal.vehicle.load import model_of

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.config import load_model
-from dart_hal.config.folders import load_car
+from dart_hal.core.config import load_model
+from dart_hal.core.config.folders import load_car
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.sizes import body_of, with_sizes
 

@@ -12,7 +12,7 @@ from dart_hal.control import follow as rules
 from dart_hal.control import stopping
 from dart_hal.control.follow import PATIENCE, Phase, Rules
 from dart_hal.control.paths import Path
-from dart_hal.errors import Disarmed
+from dart_hal.core.errors import Disarmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 from dart_hal.sim.world import THROTTLE

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.config import (
+from dart_hal.core.config import (
     Calibration,
     EffectEntry,
     ModelFile,
@@ -30,8 +30,8 @@ from dart_hal.config import (
     save,
     save_calibration,
 )
-from dart_hal.config.write import merge
-from dart_hal.errors import ConfigError
+from dart_hal.core.config.write import merge
+from dart_hal.core.errors import ConfigError
 
 EXAMPLE = Path(__file__).parents[2] / "cars" / "dart-01" / "car.toml"
 finite = st.floats(-1e6, 1e6, allow_nan=False)
@@ -232,7 +232,7 @@ def test_old_and_foreign_firmware_are_warned_about() -> None:
 
 
 def test_every_quantity_can_be_set_and_read_by_its_name() -> None:
-    from dart_hal.config import QUANTITIES
+    from dart_hal.core.config import QUANTITIES
     for name in QUANTITIES:
         value = Quantities((1.0,), 0.1) if name == "encoder.ring" else Quantity(1.0, 0.1)
         assert Calibration(car="a").with_quantities({name: value}).quantities() == {name: value}

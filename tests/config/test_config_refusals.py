@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.config import load_car, parse_calibration, parse_config, parse_model
-from dart_hal.errors import ConfigError, NotMonotone, OtherCar
+from dart_hal.core.config import load_car, parse_calibration, parse_config, parse_model
+from dart_hal.core.errors import ConfigError, NotMonotone, OtherCar
 from dart_hal.vehicle.load import find_model
 
 CAR = """

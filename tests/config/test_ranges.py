@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.config import (
+from dart_hal.core.config import (
     Calibration,
     Quantity,
     calibration_in,
@@ -17,8 +17,8 @@ from dart_hal.config import (
     parse_config,
     save_calibration,
 )
-from dart_hal.config.folders import parse_run_car
-from dart_hal.errors import ConfigError
+from dart_hal.core.config.folders import parse_run_car
+from dart_hal.core.errors import ConfigError
 
 CAR = (Path(__file__).parents[2] / "cars" / "dart-01" / "car.toml").read_text(encoding="utf-8")
 MAP = ('schema = "dart-hal/calibration/1"\ncar = "x"\n[steering]\n'

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.errors import BusError, EmulatorMissing, LinkLost, NotArmed
+from dart_hal.core.errors import BusError, EmulatorMissing, LinkLost, NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.links.i2c import open_bus
 from dart_hal.links.image import find_image

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from dart_hal.errors import BadCommand
+from dart_hal.core.errors import BadCommand
 
 ALL = ["mock", pytest.param("avr", marks=pytest.mark.emulator),
        pytest.param("pty", marks=[pytest.mark.realtime, pytest.mark.more])]

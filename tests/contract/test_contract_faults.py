@@ -7,7 +7,7 @@ import random
 import pytest
 
 from dart_hal.car import Car, Fleet
-from dart_hal.errors import LinkLost
+from dart_hal.core.errors import LinkLost
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 from dart_hal.wire.codec import UP

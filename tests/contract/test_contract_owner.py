@@ -11,7 +11,7 @@ import time
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.errors import LinkLost, NotPca, PcaBusy
+from dart_hal.core.errors import LinkLost, NotPca, PcaBusy
 from dart_hal.links import i2c
 from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.power_monitor import PowerMonitor
@@ -23,7 +23,7 @@ PATIENCE = 30.0
 DRIVER = """
 import multiprocessing, sys, time
 from dart_hal.car import Car
-from dart_hal.process import forks
+from dart_hal.core.process import forks
 url, name, cars, workers = sys.argv[1:5]
 
 def work(up):

@@ -17,7 +17,7 @@ import pytest
 from tests.contract.conftest import OFF
 
 from dart_hal.actuation import guarded
-from dart_hal.errors import Disarmed, LinkLost, PortBusy, PortMissing
+from dart_hal.core.errors import Disarmed, LinkLost, PortBusy, PortMissing
 
 pytestmark = pytest.mark.realtime
 
@@ -27,7 +27,7 @@ DRIVER = """
 import sys
 from contextlib import suppress
 from dart_hal.car import Car
-from dart_hal.errors import LinkLost, NotArmed
+from dart_hal.core.errors import LinkLost, NotArmed
 url, name, cars = sys.argv[1:4]
 with Car.open(url, car=name, cars=cars) as car:
     while True:

@@ -10,7 +10,7 @@ from contextlib import nullcontext
 import pytest
 
 from dart_hal.car import pump
-from dart_hal.errors import Disarmed, LinkLost
+from dart_hal.core.errors import Disarmed, LinkLost
 
 pytestmark = pytest.mark.realtime
 

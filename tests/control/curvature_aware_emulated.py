@@ -24,13 +24,13 @@ from tests.control.curvature_aware_loop import BEHIND, TRACK, WEIGHTS, Found, le
 from tests.control.follow_figures import later, write_files
 
 from dart_hal.car import Car
-from dart_hal.config import save_model
 from dart_hal.control.curvature_aware.progress import Law
 from dart_hal.control.curvature_aware.two_layers import TwoLayers
 from dart_hal.control.follow import Follower, Phase, Rules
 from dart_hal.control.mpc.tracker import LANE, Contouring
 from dart_hal.control.plant import plant_of
 from dart_hal.control.trackers import Lqr, uncompensated
+from dart_hal.core.config import save_model
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.source import LidarPoses

@@ -28,7 +28,13 @@ import numpy as np
 from msgspec.structs import replace as replace_table
 
 from dart_hal.car import Car
-from dart_hal.config import (
+from dart_hal.control.follow import MOST, Follower, Phase, Rules
+from dart_hal.control.lap import speed_profile
+from dart_hal.control.plant import Late, Plant, plant_of
+from dart_hal.control.raceline import raceline
+from dart_hal.control.trackers import TRACKERS, Make, uncompensated
+from dart_hal.control.tracks import track_named
+from dart_hal.core.config import (
     Calibration,
     Quantities,
     Quantity,
@@ -36,12 +42,6 @@ from dart_hal.config import (
     save_calibration,
     save_model,
 )
-from dart_hal.control.follow import MOST, Follower, Phase, Rules
-from dart_hal.control.lap import speed_profile
-from dart_hal.control.plant import Late, Plant, plant_of
-from dart_hal.control.raceline import raceline
-from dart_hal.control.trackers import TRACKERS, Make, uncompensated
-from dart_hal.control.tracks import track_named
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.source import LidarPoses

@@ -25,11 +25,11 @@ from msgspec.structs import replace as replace_table
 from tests.control.follow_figures import later, write_files
 
 from dart_hal.car import Car
-from dart_hal.config import Quantity, calibration_in, save_calibration, save_model
 from dart_hal.control.follow import Phase
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
+from dart_hal.core.config import Quantity, calibration_in, save_calibration, save_model
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.sim.lidar.lanes import BEHIND, LANES, boards
 from dart_hal.sim.truth import room_of_car, world_of

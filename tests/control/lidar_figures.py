@@ -30,15 +30,15 @@ from tests.control.follow_figures import later, write_files
 
 from dart_hal import Car
 from dart_hal.cli.follow import follow, follower_of
-from dart_hal.config import Quantity, calibration_in, save_calibration, save_model
 from dart_hal.control.follow import Follower, Rules
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
+from dart_hal.core.config import Quantity, calibration_in, save_calibration, save_model
+from dart_hal.core.types import FloatArray, Scan
 from dart_hal.links.base import Backend, Url, open_backend
 from dart_hal.sim.arena import Place, enter
 from dart_hal.sim.lidar.maps import Room, box, clearance
 from dart_hal.sim.truth import reveal_url, room_of_car, world_of
-from dart_hal.types import FloatArray, Scan
 from dart_hal.vehicle.file import model_of
 
 CELL = 0.025

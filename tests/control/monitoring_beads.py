@@ -19,7 +19,7 @@ from dart_hal.control.monitoring.guard import AHEAD
 from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.control.monitoring.monitor import Monitor
 from dart_hal.control.monitoring.peer import STEP
-from dart_hal.types import Pose
+from dart_hal.core.types import Pose
 from dart_hal.vehicle.sets import PAPER
 
 TEAM = Formation(Lissajous(3.3, 0.9, 1, 2), 3, 1)

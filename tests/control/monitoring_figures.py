@@ -26,11 +26,11 @@ from pathlib import Path
 import numpy as np
 from tests.control.monitoring_targets import parts_of, seen_at
 
-from dart_hal.config import save_model
 from dart_hal.control.monitoring.detection import cleared, coverage
 from dart_hal.control.monitoring.formation import Formation
 from dart_hal.control.monitoring.kuramoto import disagreement
 from dart_hal.control.monitoring.lissajous import Lissajous
+from dart_hal.core.config import save_model
 from dart_hal.sim.truth import truth
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of

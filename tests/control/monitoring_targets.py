@@ -13,7 +13,7 @@ from scipy.ndimage import label
 
 from dart_hal.control.monitoring.detection import seen
 from dart_hal.control.monitoring.lissajous import Lissajous
-from dart_hal.types import FloatArray, IntArray
+from dart_hal.core.types import FloatArray, IntArray
 
 
 def parts_of(curve: Lissajous, robots: FloatArray, radius: float, cells: int = 61

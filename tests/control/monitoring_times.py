@@ -15,7 +15,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dart_hal.control.monitoring.kuramoto import spread
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 K, DT, WITHIN, MOST = 0.1, 0.1, 0.01, 400.0
 TIMES = {(9, 5): 66.0, (9, 4): 66.0, (5, 2): 23.0, (3, 1): 26.0, (4, 2): 20.0, (25, 11): 188.0}

@@ -18,7 +18,7 @@ from dart_hal.control.crossing.layout import Layout
 from dart_hal.control.crossing.message import Fault, decode, encode
 from dart_hal.control.crossing.order import Phase, Right, Verdict
 from dart_hal.control.crossing.speed import safe_speed, stopping_distance, throttle_at
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 LEAST = 0.35
 

@@ -33,7 +33,7 @@ from dart_hal.control.mpc.problem import Limits
 from dart_hal.control.mpc.reference import Reference
 from dart_hal.control.paths import Path
 from dart_hal.control.trackers import curvature_aware
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 PLAIN, LAGS = CASES["kinematic car, its model"], CASES["later set with lags, kinematic model"]
 ITS_OWN = CASES["later set with lags, 40 ms late, its model"]

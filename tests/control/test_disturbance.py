@@ -15,7 +15,7 @@ from dart_hal.control.mpc import disturbance
 from dart_hal.control.mpc.disturbance import MOST, Disturbance, Learning
 from dart_hal.control.plant import Late, Prediction
 from dart_hal.control.tracks import track_named
-from dart_hal.types import Pose
+from dart_hal.core.types import Pose
 
 TRUE = np.array([0.03, -0.15, 0.1])
 ORIGIN = Pose(0.0, 0.0, 0.0)

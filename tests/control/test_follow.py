@@ -22,8 +22,8 @@ from dart_hal.control.follow import (
 from dart_hal.control.paths import Path
 from dart_hal.control.stopping import RESTS, STUCK
 from dart_hal.control.tracks import track_named
-from dart_hal.errors import UsageError
-from dart_hal.types import START, Pose, Tracking
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import START, Pose, Tracking
 from dart_hal.vehicle.sets import UPSTREAM_2024
 
 PLANT = plant_by(UPSTREAM_2024)

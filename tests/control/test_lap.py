@@ -15,7 +15,7 @@ from dart_hal.control.paths import Path
 from dart_hal.control.raceline import raceline
 from dart_hal.control.steady import CURVATURES, SPEEDS, Steady
 from dart_hal.control.tracks import track_named
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.vehicle.bicycle import make_acceleration
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.friction import make_friction

@@ -9,7 +9,7 @@ import pytest
 from dart_hal.control.gamepad import EVENT, FULL, Gamepad, Layout
 from dart_hal.control.input_age import MAX_REPORT_AGE_S, MAX_UNCHANGED_S, InputAge
 from dart_hal.control.keyboard import STEERING_STEP, THROTTLE_STEP, Keyboard
-from dart_hal.errors import PortMissing, UsageError
+from dart_hal.core.errors import PortMissing, UsageError
 
 LEFT, RIGHT, UP, DOWN = b"\x1b[D", b"\x1b[C", b"\x1b[A", b"\x1b[B"
 

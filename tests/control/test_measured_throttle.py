@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.config import Calibration, DriveTable, Quantity, save_calibration
-from dart_hal.config.calibration import ThrottleCalibration
 from dart_hal.control.drivetrain import Inverse
 from dart_hal.control.loop import SpeedLoop
 from dart_hal.control.measured import REST_S, inverse_of, rest_before_reverse, vehicle_for
 from dart_hal.control.reversal import Reversal
+from dart_hal.core.config import Calibration, DriveTable, Quantity, save_calibration
+from dart_hal.core.config.calibration import ThrottleCalibration
 from dart_hal.links.base import open_backend
 from dart_hal.sim.esc import Esc
 from dart_hal.sim.truth import world_of

@@ -22,7 +22,7 @@ from dart_hal.control.monitoring.kuramoto import (
     winding,
 )
 from dart_hal.control.monitoring.lissajous import Lissajous
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 K, DT, STARTS = 0.1, 0.1, 0.5
 """rad/s, s, rad: K / N, the step, and the noise of a start, as published."""

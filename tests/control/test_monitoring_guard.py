@@ -19,8 +19,8 @@ from dart_hal.control.monitoring.guard import APART, BODIES, Guard, Stretch, rea
 from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.control.monitoring.monitor import HURRY, Mode, Monitor
 from dart_hal.control.monitoring.peer import POINTS, STALE, STEP, Peer, Touch
-from dart_hal.errors import UsageError
-from dart_hal.types import Pose
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Pose
 
 COURSE = Course(TEAM.curve)
 GUARD = Guard(COURSE)

@@ -17,7 +17,7 @@ from dart_hal.control.mpc import generated, spread, tracker
 from dart_hal.control.mpc.obstacles import Disc, Obstacle, air, needed
 from dart_hal.control.paths import Path
 from dart_hal.control.trackers import contouring
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 STRAIGHT = Path([(9.0, 0.0)], closed=False)
 

@@ -10,7 +10,7 @@ import pytest
 from dart_hal.control.path_file import read_path
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import TRACKS, track_named
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 
 def circle(n=40, radius=1.2):

@@ -9,8 +9,8 @@ import pytest
 
 from dart_hal.control.paths import Path, figure_of_eight
 from dart_hal.control.pursuit import PurePursuit
-from dart_hal.errors import UsageError
-from dart_hal.types import Pose
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Pose
 
 WHEELBASE = 0.175
 

@@ -15,7 +15,7 @@ from dart_hal.control.mpc.obstacles import Obstacle
 from dart_hal.control.mpc.planner import Outcome
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import plant_of
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

@@ -18,7 +18,7 @@ from dart_hal.control.platoon.gains import DART, STABLE, TRUCK, tuned
 from dart_hal.control.platoon.hearing import Hearing, Told
 from dart_hal.control.platoon.safe import Margins, Underway, moves, safe
 from dart_hal.control.platoon.stability import peak
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 AS_PUBLISHED = {"rule": False, "compensated": False, "detects": False}
 UNREADY = Margins(m=0.02)

@@ -14,7 +14,7 @@ from dart_hal.control.paths import Path
 from dart_hal.control.platoon.car import PlatoonCar
 from dart_hal.control.platoon.spacing import NOSE, TAIL, heard, seen
 from dart_hal.control.tracks import track_named
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 NEUTRAL_US, NEAR_US = 1500.0, 5.0
 SHORT = {"cars": 3, "lasts": 8.0, "brakes": 5.5, "loss": 0.3}

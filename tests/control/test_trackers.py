@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from tests.control.light_follow import LATER, figures, light_drive, motion_at, plant_by
 
-from dart_hal.config import Calibration, Quantity, parse_car
 from dart_hal.control.follow import Follower, Rules
 from dart_hal.control.lqr import PREVIEW
 from dart_hal.control.paths import Path
@@ -17,8 +16,9 @@ from dart_hal.control.plant import Late, Prediction, plant_of
 from dart_hal.control.pursuit import arc
 from dart_hal.control.trackers import TRACKERS, uncompensated
 from dart_hal.control.tracks import track_named
+from dart_hal.core.config import Calibration, Quantity, parse_car
+from dart_hal.core.types import Pose
 from dart_hal.sim.car_file import typical_car_toml
-from dart_hal.types import Pose
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.sets import PAPER
 

@@ -8,8 +8,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from dart_hal.core.errors import RecordingError
 from dart_hal.diagnose.evidence.onboard_drive import sessions
-from dart_hal.errors import RecordingError
 from dart_hal.identify.runs import read_run
 
 OTHERS = {"/camera/compressed": b"\xff\xd8 no picture \xff\xd9", "/battery": b'{"volt": 7.4}',

@@ -12,7 +12,7 @@ import pytest
 
 from dart_hal.cli.diagnose_table import show
 from dart_hal.cli.main import main
-from dart_hal.config import load_model
+from dart_hal.core.config import load_model
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
 

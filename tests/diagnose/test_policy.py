@@ -14,10 +14,10 @@ import pytest
 from policy_sensitivity import Watched, altered, changed, list_thresholds, usual
 from searched import drive, evidence, names, search
 
+from dart_hal.core.errors import RecordingError
 from dart_hal.diagnose import policy as module
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.policy import USUAL, InputPolicy, Policy
-from dart_hal.errors import RecordingError
 from dart_hal.vehicle import PAPER
 
 ROOM = Path(module.__file__).parent

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 pytestmark = pytest.mark.emulator
 

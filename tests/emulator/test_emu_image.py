@@ -8,7 +8,7 @@ import subprocess
 
 import pytest
 
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 from dart_hal.links import bridge, image
 from dart_hal.links.image import (
     FIRMWARE_DIR,

@@ -8,7 +8,7 @@ import sys
 import pytest
 import serial
 
-from dart_hal.errors import LinkLost, UsageError
+from dart_hal.core.errors import LinkLost, UsageError
 from dart_hal.links.avr import VirtualLink, open_avr
 from dart_hal.links.base import Url, open_backend
 from dart_hal.links.emulator import EmulatedNano

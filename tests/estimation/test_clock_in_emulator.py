@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.errors import DartHalError
+from dart_hal.core.errors import DartHalError
 from dart_hal.estimation.clock import LATCH_DELAY
 from dart_hal.recording.run import RunReader
 from dart_hal.sim.hidden import hidden_car

@@ -8,11 +8,11 @@ import random
 import pytest
 
 from dart_hal import Car
+from dart_hal.core.types import Doubt
 from dart_hal.estimation import WheelSpeed
 from dart_hal.estimation.direction import FeltDirection
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
-from dart_hal.types import Doubt
 
 FRAME = 0.01
 

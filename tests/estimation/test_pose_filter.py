@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import chi2
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Pose
 from dart_hal.estimation import Odometry, OdometryNoise
 from dart_hal.estimation.gyro import CORRELATED, QUANTUM
 from dart_hal.estimation.pose_filter import HISTORY, PoseFilter, Verdict
 from dart_hal.estimation.pose_model import BIAS, GYRO, RATE, SAMPLE_AGE, SLIP, SPEED, TRAVEL
-from dart_hal.types import Pose
 
 FRAME = 0.01
 POSE_EVERY, LATE = 0.05, 0.063

@@ -8,8 +8,8 @@ from math import cos, inf, sin
 import numpy as np
 import pytest
 
+from dart_hal.core.types import ExternalPose, Pose, Tracking
 from dart_hal.estimation.pose_tracking import PoseTracker
-from dart_hal.types import ExternalPose, Pose, Tracking
 
 FIRST = 700.0  # s, the source's clock at the car's zero
 

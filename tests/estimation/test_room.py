@@ -7,10 +7,10 @@ from math import cos, hypot, sin, tau
 import numpy as np
 import pytest
 
+from dart_hal.core.types import ExternalPose, pose_cov
 from dart_hal.estimation import Odometry, PoseFilter, RoomEstimator
 from dart_hal.estimation.pose_model import Marker
 from dart_hal.estimation.room import UNKNOWN
-from dart_hal.types import ExternalPose, pose_cov
 
 FRAME, FIRST = 0.01, 700.0
 LX, LY, THETA, LATE = 0.1, -0.008, 0.02, 0.012

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.evaluate import gain, gains
 from dart_hal.evaluate.compare import LEAST_BLOCKS, blocks
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 from dart_hal.evaluate import prepare
 from dart_hal.evaluate.cases import short
 from dart_hal.identify.runs import read_any

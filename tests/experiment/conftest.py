@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.config import CarFiles, parse_car
+from dart_hal.core.config import CarFiles, parse_car
 from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.handover import Outcome, fit_run, mass_of, note_mass
 from dart_hal.experiment.make import conduct, make_plan

@@ -73,8 +73,8 @@ def test_no_fit_drives_and_records_only_and_a_recording_cannot_be_driven(run):
 
 @pytest.mark.more
 def test_out_model_holds_the_fit_and_the_mass_it_hangs_on(run, tmp_path):
-    from dart_hal.config import load_model
-    from dart_hal.config.model import plain
+    from dart_hal.core.config import load_model
+    from dart_hal.core.config.model import plain
     url = "sim://?seed=4&nano=mock&physics=kinematic&tick=10"
     code, out, _ = run("friction", "--url", url, "--space", "9x3", "--out", "one.mcap", "--json",
                        "--out-model", "model.toml")

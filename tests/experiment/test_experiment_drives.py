@@ -7,7 +7,8 @@ from dataclasses import replace
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.errors import ExperimentFailed
+from dart_hal.core.errors import ExperimentFailed
+from dart_hal.core.types import Applied
 from dart_hal.experiment.excitation import Constant
 from dart_hal.experiment.floor import Floor, Place
 from dart_hal.experiment.handover import fit_run, mass_of
@@ -15,7 +16,6 @@ from dart_hal.experiment.make import conduct, make_plan
 from dart_hal.experiment.plans import Plan, Segment
 from dart_hal.experiment.rehearsal import PaperCar
 from dart_hal.experiment.runner import run
-from dart_hal.types import Applied
 
 
 class Troubled(PaperCar):

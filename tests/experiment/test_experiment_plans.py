@@ -8,7 +8,8 @@ import re
 import numpy as np
 import pytest
 
-from dart_hal.errors import ExperimentFailed, UsageError
+from dart_hal.core.errors import ExperimentFailed, UsageError
+from dart_hal.core.types import Pose
 from dart_hal.experiment.excitation import Chirp, Levels, Ramp, random_steps
 from dart_hal.experiment.floor import Floor, fence_of
 from dart_hal.experiment.limits import Rolling, stays_inside
@@ -17,7 +18,6 @@ from dart_hal.experiment.plans import NAMES, PROBES
 from dart_hal.experiment.rehearsal import PaperCar, rehearse
 from dart_hal.experiment.runner import run
 from dart_hal.experiment.track import Track
-from dart_hal.types import Pose
 from dart_hal.vehicle.sets import PAPER
 
 

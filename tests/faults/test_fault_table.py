@@ -12,7 +12,7 @@ from fault_table.layers import VARIABLE, without
 from fault_table.row import Case, Measured, Row
 from fault_table.table import LAYERS, ROWS
 
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 from dart_hal.links import bridge
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 from dart_hal.links import bridge
 
 sys.path.append(str(Path(__file__).parent))

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rooms import pose_frame
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Decoder, encode
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rooms import pose_frame
 
 from dart_hal.car import Car, Fleet, join
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Decoder, encode
 from dart_hal.fleet.key import VARIABLE, RoomKey, find_key, read_key

@@ -7,7 +7,7 @@ from rooms import Pins, pose_frame
 
 from dart_hal.car import Car, Member
 from dart_hal.car.driver import Driver
-from dart_hal.errors import Disarmed, NotArmed
+from dart_hal.core.errors import Disarmed, NotArmed
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
 from dart_hal.fleet.station import Station

@@ -12,7 +12,7 @@ import pytest
 from rooms import pose_frame
 
 from dart_hal.car import Car, join
-from dart_hal.errors import NotArmed, PortBusy, UsageError
+from dart_hal.core.errors import NotArmed, PortBusy, UsageError
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.outbox import Outbox

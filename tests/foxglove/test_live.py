@@ -15,7 +15,7 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.foxglove.server import BACKLOG, serve
 
 pytestmark = pytest.mark.realtime

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from dart_hal.actuation.pca9685 import Pca9685
-from dart_hal.config import parse_car
-from dart_hal.errors import EmulatorMissing, LinkLost
+from dart_hal.core.config import parse_car
+from dart_hal.core.errors import EmulatorMissing, LinkLost
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 from dart_hal.links.base import open_backend
 from dart_hal.sim.cutoff import CUTOFFS
 

@@ -35,9 +35,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from dart_hal.core.process.jobs import each
 from dart_hal.diagnose import gates
 from dart_hal.diagnose.gates import Gate
-from dart_hal.process.jobs import each
 
 ROWS = {"medium": 48, "fixed": 48, "small": 24, "null": 48, "null fixed": 24, "pair": 40,
         "far": 24, "near": 24, "wrong": 24}

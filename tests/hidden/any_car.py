@@ -31,7 +31,8 @@ from dart_hal.calibration.asking import agree, silent
 from dart_hal.car import Car
 from dart_hal.cli.calibrate_all import write
 from dart_hal.cli.demo_diagnosis import FRAME_WAIT, SERVO_S
-from dart_hal.config import ModelFile, save_model
+from dart_hal.core.config import ModelFile, save_model
+from dart_hal.core.process.jobs import each
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.result import Diagnosis
@@ -39,7 +40,6 @@ from dart_hal.diagnose.write import extended_model
 from dart_hal.identify.measured import MEASURED, named_model
 from dart_hal.identify.runs import read_run
 from dart_hal.links.base import open_backend
-from dart_hal.process.jobs import each
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model

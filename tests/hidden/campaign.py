@@ -31,8 +31,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from stranger_files import Habits, pair
 
-from dart_hal.errors import DartHalError
-from dart_hal.process.jobs import each
+from dart_hal.core.errors import DartHalError
+from dart_hal.core.process.jobs import each
 
 HOME = Path(__file__).resolve().parents[2]
 SECONDS = (120.0, 80.0)

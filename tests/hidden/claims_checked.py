@@ -31,12 +31,12 @@ from rich.progress import track
 from scipy.stats import binomtest
 from stranger_files import pair
 
+from dart_hal.core.process.jobs import each
 from dart_hal.diagnose import conclude, diagnose
 from dart_hal.diagnose.parameters.claims import Asked, claims
 from dart_hal.diagnose.parameters.sets import all_sets, posterior
 from dart_hal.diagnose.parameters.unseen import Unseen
 from dart_hal.diagnose.run import evidence_of
-from dart_hal.process.jobs import each
 from dart_hal.vehicle.load import find_model
 
 SECONDS = (60.0, 60.0)

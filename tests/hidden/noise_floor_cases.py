@@ -32,9 +32,9 @@ from rich.table import Table
 from stranger import Car
 from stranger_files import COMMANDS, Habits, pair
 
+from dart_hal.core.process.jobs import each
 from dart_hal.diagnose.error_summaries import MAX_OVER_FLOOR
 from dart_hal.evaluate.prediction import CHANNELS
-from dart_hal.process.jobs import each
 
 SECONDS = (60.0, 40.0)
 """To learn from, to judge by."""

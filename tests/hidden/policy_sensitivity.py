@@ -32,8 +32,8 @@ from campaign_cases import GROUPS, Case, cases, thinned
 from campaign_score import score
 from rich.progress import track
 
+from dart_hal.core.process.jobs import each
 from dart_hal.diagnose.policy import USUAL, Policy
-from dart_hal.process.jobs import each
 
 ROWS = {"fixed": 12, "medium": 12, "small": 6, "null": 6, "pair": 12, "far": 4, "near": 4,
         "wrong": 4}

@@ -13,7 +13,7 @@ import pytest
 from campaign_cases import Case
 from joblib import parallel_config
 
-from dart_hal.process.jobs import each
+from dart_hal.core.process.jobs import each
 
 ROOT = Path(__file__).parents[2]
 CASES = (Case("large", 0, (("steering_lag", 0.12),)), Case("null", 0, ()))

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.config import Quantity, load_model
-from dart_hal.config.model import Covariance
+from dart_hal.core.config import Quantity, load_model
+from dart_hal.core.config.model import Covariance
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.write import Source, model_from, why_unsound, write
 from dart_hal.vehicle import PAPER, UPSTREAM_2024

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.control.drivetrain import WAIT_STD
-from dart_hal.errors import RecordingError, UsageError
+from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.fitting.levenberg_marquardt import descend
 from dart_hal.identify.shooting import Problem, fit_jointly
 from dart_hal.predict.actuators import actuated, delayed, first_order_lag

@@ -10,14 +10,21 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.config import Calibration, EffectEntry, Quantity, plain, save_calibration, save_model
-from dart_hal.config.calibration import (
+from dart_hal.core.config import (
+    Calibration,
+    EffectEntry,
+    Quantity,
+    plain,
+    save_calibration,
+    save_model,
+)
+from dart_hal.core.config.calibration import (
     LatencyCalibration,
     SteeringCalibration,
     SteeringTable,
     ThrottleCalibration,
 )
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.identify.measured import default_model, measured_model, named_model
 from dart_hal.vehicle import PAPER, make_steering
 from dart_hal.vehicle.load import find_model, vehicle_of

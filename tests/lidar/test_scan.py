@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from x4_bytes import packet, revolution
 
+from dart_hal.core.types import Mount, Scan
 from dart_hal.lidar.health import Watch
 from dart_hal.lidar.scan import BYTE, Stream
-from dart_hal.types import Mount, Scan
 
 PERIOD = 0.2e-3
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from dart_hal.cli.stop import real
-from dart_hal.errors import BusMissing
+from dart_hal.core.errors import BusMissing
 from dart_hal.links import computers, serial_port
 from dart_hal.links.base import Url
 

@@ -14,7 +14,7 @@ import serial
 from wire_samples import random_values
 
 from dart_hal.car import Car, handshake
-from dart_hal.errors import (
+from dart_hal.core.errors import (
     BusError,
     DartHalError,
     EmulatorMissing,

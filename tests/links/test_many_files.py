@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 import dart_hal
-from dart_hal.errors import LinkLost
+from dart_hal.core.errors import LinkLost
+from dart_hal.core.process.waiting import wait_readable, wait_writable
 from dart_hal.links.serial_port import WRITE_PATIENCE, SerialLink
-from dart_hal.process.waiting import wait_readable, wait_writable
 
 FILES = 1100
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 import pytest
 import smbus2
 
-from dart_hal.errors import BusError
+from dart_hal.core.errors import BusError
 from dart_hal.links.smbus import SmbusBus
 
 

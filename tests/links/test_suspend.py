@@ -6,9 +6,9 @@ import time
 
 import pytest
 
+from dart_hal.core.process import suspend
+from dart_hal.core.process.suspend import SuspendDetector, elapsed, elapsed_ns
 from dart_hal.links.serial_port import RealClock
-from dart_hal.process import suspend
-from dart_hal.process.suspend import SuspendDetector, elapsed, elapsed_ns
 
 
 class Clocks:

@@ -12,8 +12,9 @@ from tests.localisation.world import drive, hidden
 
 from dart_hal import Car
 from dart_hal.car import poses
-from dart_hal.config import load_car
-from dart_hal.errors import UsageError
+from dart_hal.core.config import load_car
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Pose, Tracking
 from dart_hal.estimation.odometry import Odometry
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
@@ -24,7 +25,6 @@ from dart_hal.localisation.search import search
 from dart_hal.localisation.source import LidarPoses, open_source
 from dart_hal.sim.lidar.maps import box, room_of
 from dart_hal.sim.truth import room_of_car, world_of
-from dart_hal.types import Pose, Tracking
 
 URL = "sim://?seed=0&nano=mock&lidar=1&map=room"
 

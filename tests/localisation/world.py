@@ -12,11 +12,11 @@ from math import isfinite
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray, Mount, Scan
 from dart_hal.localisation.field import Map, map_of_lines
 from dart_hal.localisation.localiser import Localiser, Located
 from dart_hal.localisation.rays import best
 from dart_hal.sim.lidar.maps import Room, box, clearance, room_of
-from dart_hal.types import FloatArray, Mount, Scan
 
 DT = 0.01
 CAR = (0.4, 0.2)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.localisation.world import drive, hidden
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.mapping.checks import Checks
 
 

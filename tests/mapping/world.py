@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from tests.localisation.world import DT, Drive, Hidden, drive_along, wander
 
+from dart_hal.core.types import FloatArray
 from dart_hal.localisation.grid import Grid
 from dart_hal.mapping.align import Laid, laid
 from dart_hal.mapping.graph import between
 from dart_hal.mapping.keyframes import Survey
 from dart_hal.mapping.mapper import Mapper
 from dart_hal.sim.lidar.maps import room_of
-from dart_hal.types import FloatArray
 
 RADIUS = 0.8
 """m of its corners: 5 m/s2 at 2 m/s."""

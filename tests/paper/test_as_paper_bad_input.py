@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 from dart_hal.paper import FOLDERS, fit_as_paper
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dart_hal.core.types import ExternalPose
 from dart_hal.poses.clock_steps import ClockSteps
-from dart_hal.types import ExternalPose
 
 RATE = 100.0
 

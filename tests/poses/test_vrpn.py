@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.errors import PortMissing, UsageError
+from dart_hal.core.errors import PortMissing, UsageError
 from dart_hal.poses import open_poses
 from dart_hal.poses.vrpn import COOKIE, POSE, Parser
 

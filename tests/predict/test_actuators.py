@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.predict.actuators import actuated, delayed, first_order_lag, low_pass, reached
 from dart_hal.vehicle.effect import ActiveEffect, Effect, Late, Parameter, Stateful, Static
 from dart_hal.vehicle.effects import apply, catalogue

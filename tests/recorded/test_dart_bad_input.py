@@ -7,7 +7,7 @@ import gzip
 import numpy as np
 import pytest
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 from dart_hal.recording.dart import grid, read, read_all
 from dart_hal.recording.dart.reference import SEP_24
 

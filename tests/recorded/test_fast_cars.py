@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 from dart_hal.recording.check import check
 from dart_hal.recording.dart import fit_reference, read
 from dart_hal.recording.dart.marker import marker_grid

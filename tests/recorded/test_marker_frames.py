@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from simulated_recording import simulated, table_of, write_table
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 from dart_hal.recording.check import check
 from dart_hal.recording.dart import Reference, fit_reference, grid, read, with_marker_frames
 from dart_hal.recording.dart import reference as reference_module

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.calibration.from_recordings import steering_from, steering_from_recordings
-from dart_hal.errors import CalibrationFailed, RecordingError
+from dart_hal.core.errors import CalibrationFailed, RecordingError
 from dart_hal.recording.dart import read_all
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
+from dart_hal.core.types import Applied, Health, Pose, State
 from dart_hal.recording.run import RunWriter
-from dart_hal.types import Applied, Health, Pose, State
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HELLO, STATE, TIME_PING
 

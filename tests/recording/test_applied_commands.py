@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from dart_hal.core.types import SAMPLE
 from dart_hal.recording.dart import AppliedCommands
 from dart_hal.recording.dart.marker import savgol_derivative, turning_share
-from dart_hal.types import SAMPLE
 
 POINTS = 15
 

@@ -8,16 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import Applied
 from dart_hal.recording.table import COLUMNS, DART_COLUMNS, CsvWriter, DartCsvWriter, read_csv
-from dart_hal.types import Applied
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 
 
 @given(numbers, numbers, st.none() | numbers)
 def test_round_trip_is_exact(tmp_path_factory, t, speed, yaw_rate):
-    from dart_hal.types import Health, Pose, State
+    from dart_hal.core.types import Health, Pose, State
 
     state = State(t, 3, speed, 0.1, yaw_rate, None, -0.0, 7, Pose(1 / 3, -2.0, 0.1),
                   Applied(0.1, 0.2, 1500.5, 1499.9, ("RANGE", "OVERRIDDEN(safety)")),

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from dart_hal.cli.main import main
-from dart_hal.errors import FetchFailed
+from dart_hal.core.errors import FetchFailed
 from dart_hal.recording.fetch import bring, data_folder, fetch, find, load
 from dart_hal.recording.fetch.published import LIST, NOTICE, ROOTS
 

@@ -17,7 +17,7 @@ import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 
-from dart_hal.errors import FetchFailed, RecordingError
+from dart_hal.core.errors import FetchFailed, RecordingError
 from dart_hal.recording import expansion
 from dart_hal.recording.dart.table import read_content
 from dart_hal.recording.expansion import ALWAYS_ALLOWED, MAX_RATIO, expand_gzip, expansion_limit

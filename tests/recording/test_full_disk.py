@@ -9,7 +9,7 @@ from contextlib import contextmanager
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.errors import FileTrouble
+from dart_hal.core.errors import FileTrouble
 from dart_hal.recording.repair import repair
 from dart_hal.recording.run import RunReader, RunWriter
 

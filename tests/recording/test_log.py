@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal import Car
-from dart_hal.errors import LogError
+from dart_hal.core.errors import LogError
 from dart_hal.links.base import open_backend
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.repair import repair

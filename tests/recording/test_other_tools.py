@@ -11,9 +11,9 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader, AnyReaderError
 
+from dart_hal.core.types import ExternalPose, Image, Scan
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.repair import repair
-from dart_hal.types import ExternalPose, Image, Scan
 
 TOPICS = {"/rx", "/tx", "/i2c", "/command", "/applied", "/odom", "/imu", "/drive", "/scan",
           "/external_pose", "/camera/image/compressed", "/log/mpc/cost", "/log/mpc/plan"}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.errors import BusError
-from dart_hal.ports import Bus
+from dart_hal.core.errors import BusError
+from dart_hal.core.ports import Bus
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.recording.run import RunReader, RunWriter
 from dart_hal.sim.bus import VirtualBus

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from dart_hal.core.types import ExternalPose
 from dart_hal.recording import cdr
 from dart_hal.recording.run import RunReader
-from dart_hal.types import ExternalPose
 
 metres = st.floats(-1e4, 1e4)
 stamps = st.floats(0.0, 2.0**31 - 1.0)

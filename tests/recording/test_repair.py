@@ -11,7 +11,7 @@ from mcap.exceptions import McapError
 from mcap.reader import make_reader
 
 from dart_hal.cli.main import main
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 from dart_hal.recording.repair import repair
 from dart_hal.recording.run import RunReader
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.car.replay import open_replay
-from dart_hal.errors import EndOfRecording, LinkLost, RecordingError, UsageError
+from dart_hal.core.errors import EndOfRecording, LinkLost, RecordingError, UsageError
+from dart_hal.core.types import NEUTRAL, Applied
 from dart_hal.links.base import Url, open_backend
 from dart_hal.recording.run import RunReader, RunWriter
-from dart_hal.types import NEUTRAL, Applied
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO

@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import Applied
 from dart_hal.recording import cdr, open_writer, stamp
 from dart_hal.recording.mcap_records import parse_mcap
 from dart_hal.recording.run import RunReader, RunWriter
-from dart_hal.types import Applied
 from ros2msg import decoded
 
 
@@ -293,7 +293,7 @@ def test_odometry_means_what_its_definition_says(run_file, state):
 def test_covariance_sits_where_ros_expects_it(tmp_path, state):
     import numpy as np
 
-    from dart_hal.types import Pose
+    from dart_hal.core.types import Pose
 
     cov = np.array([[1.0, 2, 3], [2, 4, 5], [3, 5, 6]])
     with RunWriter(tmp_path / "r.mcap") as writer:

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.core.types import Applied
 from dart_hal.recording.run import Command, RunReader
-from dart_hal.types import Applied
 
 PACKED = Path(__file__).parent / "fixtures" / "v3" / "run.mcap.gz"
 

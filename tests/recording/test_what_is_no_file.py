@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 from dart_hal.recording.dart.table import read_content
 from dart_hal.recording.mcap_records import read_mcap
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 
 collect_ignore_glob = [] if importlib.util.find_spec("gymnasium") else ["test_gym_*.py"]
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car, Fleet
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.links.base import open_backend
 from dart_hal.sim import arena
 from dart_hal.sim.arena import BODY, overlap

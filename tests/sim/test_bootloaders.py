@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.links.boot import STARTUP
 
 NANOS = ["mock", pytest.param("avr", marks=pytest.mark.emulator)]

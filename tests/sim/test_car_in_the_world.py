@@ -7,7 +7,7 @@ import math
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

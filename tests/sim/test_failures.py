@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.sim.failure_kinds import KINDS
 from dart_hal.sim.failures import Failure, parse
 from dart_hal.wire.messages import STATE_FLAGS

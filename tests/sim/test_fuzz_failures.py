@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.links.base import open_backend
 from dart_hal.sim.failure_kinds import KINDS
 from dart_hal.sim.failures import Failure, parse

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.config import save_model
+from dart_hal.core.config import save_model
 from dart_hal.sim.gym import DartCarEnv, DartCarVectorEnv
 from dart_hal.vehicle import UPSTREAM_2024
 from dart_hal.vehicle.effects import extended, parse

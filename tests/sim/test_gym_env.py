@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from dart_hal.errors import BadCommand, ConfigError, UsageError
+from dart_hal.core.errors import BadCommand, ConfigError, UsageError
 from dart_hal.sim.gym import ENV_ID, SPREAD, GymConfig
 from dart_hal.sim.light import LightConfig
 from dart_hal.vehicle import PAPER, UPSTREAM_2024
@@ -43,7 +43,7 @@ def test_it_can_be_made_without_an_import():
 
 def test_without_gymnasium_it_says_what_to_install():
     code = ("import sys; sys.modules['gymnasium'] = None\n"
-            "from dart_hal.errors import UsageError\n"
+            "from dart_hal.core.errors import UsageError\n"
             "try:\n    import dart_hal.sim.gym\nexcept UsageError as e:\n    print(e.remedy)")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "gymnasium>=" in done.stdout

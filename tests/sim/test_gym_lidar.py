@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import TRACKS, track_named
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.localisation import rays
 from dart_hal.sim.gym import DartCarEnv, DartCarVectorEnv, GymConfig
 from dart_hal.sim.gym.lidar import AXIS_X, BESIDE, BODY, FLAT, MOST, Eyes

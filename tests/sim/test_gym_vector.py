@@ -8,7 +8,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import dart_hal.sim.gym
-from dart_hal.errors import BadCommand, UsageError
+from dart_hal.core.errors import BadCommand, UsageError
 from dart_hal.sim.gym import ENV_ID, DartCarVectorEnv
 from dart_hal.sim.light import RECORDED, Disturbance, LightConfig
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.sim.cutoff import Multiplexer, make_wiring
 from dart_hal.sim.pca9685 import Pca9685
 from dart_hal.wire.codec import encode

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import pytest
 
-from dart_hal.config import parse_config
-from dart_hal.config.calibration import QUANTITIES
+from dart_hal.core.config import parse_config
+from dart_hal.core.config.calibration import QUANTITIES
 from dart_hal.links.base import Url, open_backend
 from dart_hal.sim.hidden import hidden_car
 from dart_hal.sim.truth import reveal, reveal_url

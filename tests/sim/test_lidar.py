@@ -8,12 +8,12 @@ from math import pi, radians, tau
 import numpy as np
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Mount
 from dart_hal.lidar.packets import Decoder
 from dart_hal.sim.lidar.maps import Room, box
 from dart_hal.sim.lidar.params import LidarParams, hidden_lidar, lidar_of
 from dart_hal.sim.lidar.unit import SimLidar, Unit
-from dart_hal.types import Mount
 
 EXACT = LidarParams(noise=0.0, dropout=0.0, jitter=0.0)
 HALL = Room("hall", box(3.0, 2.0, 0.0, 8.0, 6.0), np.empty((0, 4)), (3.0, 2.0, 0.0))

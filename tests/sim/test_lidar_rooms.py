@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.links.base import Url, open_backend
 from dart_hal.localisation import rays
 from dart_hal.localisation.grid import read_grid

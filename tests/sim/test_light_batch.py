@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.errors import BadCommand, UsageError
+from dart_hal.core.errors import BadCommand, UsageError
 from dart_hal.sim.light import (
     DART_ACTUATORS,
     FIRMWARE,

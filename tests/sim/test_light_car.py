@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.errors import BadCommand, ConfigError, UsageError
+from dart_hal.core.errors import BadCommand, ConfigError, UsageError
 from dart_hal.sim.light import (
     DART_ACTUATORS,
     FIRMWARE,
@@ -202,7 +202,7 @@ def test_halving_the_step_changes_little():
 
 
 def test_a_model_file_is_a_vehicle(tmp_path):
-    from dart_hal.config import save_model
+    from dart_hal.core.config import save_model
 
     path = tmp_path / "model.toml"
     save_model(model_of(PAPER), path)

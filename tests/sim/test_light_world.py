@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.errors import ConfigError, UsageError
+from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.sim.light import Area, LightWorld, Outline, WorldConfig
 from dart_hal.sim.light.world import corners, overlaps
 from dart_hal.vehicle import PAPER

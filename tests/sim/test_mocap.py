@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.links.base import Url
 from dart_hal.sim.backend import open_sim
 from dart_hal.sim.mocap import MocapParams, SimMocap, hidden_mocap, mocap_of

@@ -13,7 +13,7 @@ from statistics import median
 
 import pytest
 
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 from dart_hal.sim.eeprom import preset
 from dart_hal.sim.mock_nano import MockNano
 from dart_hal.sim.ring import uneven_ring

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.config import save_model
-from dart_hal.errors import ConfigError, UsageError
+from dart_hal.core.config import save_model
+from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.links.base import Url, open_backend
 from dart_hal.sim.hidden import hidden_car
 from dart_hal.sim.light import LightCar

@@ -6,7 +6,7 @@ import itertools
 
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.pca9685 import Pca9685, high_counts
 

@@ -6,7 +6,7 @@ import errno
 
 import pytest
 
-from dart_hal.ports import Bus
+from dart_hal.core.ports import Bus
 from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.pca9685 import Pca9685
 

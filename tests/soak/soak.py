@@ -23,7 +23,7 @@ from random import Random
 
 import dart_hal.sim.world
 from dart_hal.car.car import Car
-from dart_hal.errors import DartHalError, LinkLost, NotArmed
+from dart_hal.core.errors import DartHalError, LinkLost, NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.failure_kinds import KINDS
 from dart_hal.sim.pwm_output import Pulse

@@ -14,7 +14,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parent))
 import soak
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 from dart_hal.sim.failures import parse
 from dart_hal.sim.world import THROTTLE
 from dart_hal.wire.ledger import Ledger

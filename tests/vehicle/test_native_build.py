@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import PAPER, UPSTREAM_2024, Batch
 from dart_hal.vehicle.native import build, check, committed, kernel, library, model, status
 from dart_hal.vehicle.native.build import CannotCompile, Variant, compiler

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import PAPER, UPSTREAM_2024, Batch, rollout, stack
 from dart_hal.vehicle.batch import car_rollout, car_step
 from dart_hal.vehicle.flat import bind, names, value, with_values

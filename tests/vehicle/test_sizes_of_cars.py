@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from dart_hal.errors import ConfigError
+from dart_hal.core.errors import ConfigError
 from dart_hal.vehicle.flat import bounds
 from dart_hal.vehicle.parameters import REFERENCE_MASS, Body
 from dart_hal.vehicle.sets import PAPER

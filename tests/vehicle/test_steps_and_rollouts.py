@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.errors import ConfigError, UsageError
+from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle import PAPER, SETS, UPSTREAM_2024, Batch, rollout, stack
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.flat import bounds, names, unit, value, with_values

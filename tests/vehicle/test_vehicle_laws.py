@@ -10,7 +10,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from dart_hal.errors import ConfigError, NotMonotone, UsageError
+from dart_hal.core.errors import ConfigError, NotMonotone, UsageError
 from dart_hal.vehicle import (
     ARRAY,
     PAPER,

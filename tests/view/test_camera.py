@@ -14,7 +14,7 @@ from browser import DESK, PHONE
 from sockets import join, live_page, say, until
 
 from dart_hal.car import Car
-from dart_hal.errors import NoImage
+from dart_hal.core.errors import NoImage
 from dart_hal.view import player
 from dart_hal.view.messages import Stop
 from dart_hal.view.player import Player, run_of

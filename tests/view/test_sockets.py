@@ -19,7 +19,7 @@ from sockets import join, live_page, say, until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import dart_hal.view
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.view import server
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("armed_esc")]

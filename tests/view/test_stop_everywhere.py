@@ -11,7 +11,7 @@ from browser import Browser, selenium
 from sockets import join, live_page
 
 from dart_hal.car import Fleet
-from dart_hal.errors import NotArmed
+from dart_hal.core.errors import NotArmed
 from dart_hal.fleet.station import Station
 from dart_hal.view import server
 from dart_hal.view.fleet_desk import FleetPage

@@ -5,7 +5,7 @@ from itertools import count
 
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.wire import messages as spec
 from dart_hal.wire.codec import encode
 from dart_hal.wire.crc import crc16

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.wire import cobs, emit
 from dart_hal.wire.codec import encode, pack
 from dart_hal.wire.crc import crc16

@@ -9,7 +9,7 @@ import wire_samples as samples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.wire.codec import UP, encode, pack
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.frame import Frame, layout

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from dart_hal.errors import NotArmed
+from dart_hal.core.errors import NotArmed
 
 BEAT_LIMIT_MS = 110
 """ms that a Nano with a cut-off waits for a heartbeat: the ESC is at neutral in 140 ms."""

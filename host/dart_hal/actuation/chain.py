@@ -19,10 +19,10 @@ from dart_hal.actuation.plan import OFF, Output, Plan, Planner
 from dart_hal.actuation.play import play_of
 from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
 from dart_hal.actuation.steering_map import steering_map
-from dart_hal.config import CarFiles
-from dart_hal.errors import BadCommand, BusError, PcaFault
-from dart_hal.ports import Bus
-from dart_hal.types import Applied, Limit
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import BadCommand, BusError, PcaFault
+from dart_hal.core.ports import Bus
+from dart_hal.core.types import Applied, Limit
 
 READ_BACK_EVERY = 1.0
 """s between two looks at MODE1, PRE_SCALE and the pulses of the frame before."""

@@ -30,11 +30,11 @@ from pkgutil import resolve_name
 from dart_hal.actuation.owner import lock_path
 from dart_hal.actuation.pca9685 import ALIASES, AUTO_INCREMENT, NEUTRAL_FRAMES
 from dart_hal.actuation.servokit import MODE1, SLEEP
-from dart_hal.errors import BusError
-from dart_hal.ports import Bus
-from dart_hal.process.locks import holder
-from dart_hal.process.suspend import SuspendDetector, elapsed
-from dart_hal.process.waiting import wait_readable
+from dart_hal.core.errors import BusError
+from dart_hal.core.ports import Bus
+from dart_hal.core.process.locks import holder
+from dart_hal.core.process.suspend import SuspendDetector, elapsed
+from dart_hal.core.process.waiting import wait_readable
 
 SILENCE = 0.100
 """s without a beat that count as a dead driver: two missed of 50 Hz, and margin."""

@@ -10,11 +10,11 @@ from collections.abc import Callable
 from typing import IO
 
 from dart_hal.actuation.arming import GUARD_ALIVE
-from dart_hal.errors import BusError
-from dart_hal.ports import Bus
-from dart_hal.process.forks import private
-from dart_hal.process.suspend import elapsed
-from dart_hal.process.waiting import wait_readable
+from dart_hal.core.errors import BusError
+from dart_hal.core.ports import Bus
+from dart_hal.core.process.forks import private
+from dart_hal.core.process.suspend import elapsed
+from dart_hal.core.process.waiting import wait_readable
 
 START_TIME = 10.0
 """s that the guard may take to say that it is ready."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.errors import BadCommand
+from dart_hal.core.errors import BadCommand
 
 LONGEST_VALIDITY = 0.5
 """s that one command may hold the car, whatever its sender asks for."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dart_hal.errors import BusError
+from dart_hal.core.errors import BusError
 
 
 class NoBus:

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 
-from dart_hal.errors import PcaBusy, PcaClaimed
-from dart_hal.process.locks import FileLock, holder, who
+from dart_hal.core.errors import PcaBusy, PcaClaimed
+from dart_hal.core.process.locks import FileLock, holder, who
 
 FOLDERS = (Path("/run/lock"), Path("/tmp"))
 """The first that is everybody's; both forget at a restart of the computer."""

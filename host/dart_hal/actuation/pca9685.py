@@ -22,9 +22,9 @@ from dart_hal.actuation.servokit import (
     Shield,
     make_kit,
 )
-from dart_hal.errors import BusError, NotPca, PcaFault, PcaMissing
-from dart_hal.ports import Bus
-from dart_hal.ports.bus import NACK, bus_name, explain
+from dart_hal.core.errors import BusError, NotPca, PcaFault, PcaMissing
+from dart_hal.core.ports import Bus
+from dart_hal.core.ports.bus import NACK, bus_name, explain
 
 T = TypeVar("T")
 

@@ -11,7 +11,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from itertools import pairwise
 
-from dart_hal.errors import NotMonotone
+from dart_hal.core.errors import NotMonotone
 
 STEPS = 60
 """At most so many steps of the inverse: bisection alone would reach a double's resolution."""

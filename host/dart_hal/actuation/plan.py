@@ -19,8 +19,8 @@ from dart_hal.actuation.limits import (
 )
 from dart_hal.actuation.play import Play
 from dart_hal.actuation.steering_map import SteeringMap, throttle_pulse
-from dart_hal.config import CarConfig
-from dart_hal.types import Limit
+from dart_hal.core.config import CarConfig
+from dart_hal.core.types import Limit
 
 PIN_LOW_US, PIN_HIGH_US = 750.0, 2250.0
 """No pulse outside these leaves the house: ServoKit's own range."""

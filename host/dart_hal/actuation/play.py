@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from dart_hal.actuation.limits import clip
 from dart_hal.actuation.steering_map import SteeringMap
-from dart_hal.config import CarFiles
+from dart_hal.core.config import CarFiles
 
 RESOLVED = 0.004
 """rad, half a count of the PCA9685 at the wheels."""

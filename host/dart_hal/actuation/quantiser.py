@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from dart_hal.config import CarFiles
+from dart_hal.core.config import CarFiles
 
 NOMINAL_HZ = 25e6
 """The PCA9685's oscillator by its data sheet; parts from 24 to 27 MHz are seen."""

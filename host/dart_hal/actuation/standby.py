@@ -19,8 +19,8 @@ from dataclasses import dataclass
 
 from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES, Pca9685
 from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
-from dart_hal.config import CarFiles
-from dart_hal.ports import Bus
+from dart_hal.core.config import CarFiles
+from dart_hal.core.ports import Bus
 
 LOOK_EVERY = 0.1
 """s between two looks at who drives."""

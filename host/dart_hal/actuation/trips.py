@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from dart_hal.errors import Disarmed
+from dart_hal.core.errors import Disarmed
 
 TRIPS: dict[str, tuple[str, str]] = {
     "COMMAND_EXPIRED": ("no new command came while the last one was valid",

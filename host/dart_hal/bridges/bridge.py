@@ -10,8 +10,8 @@ from dart_hal.bridges import told
 from dart_hal.bridges.commands import Commands
 from dart_hal.bridges.messages import Message
 from dart_hal.car import Car
-from dart_hal.process.suspend import elapsed
-from dart_hal.types import State
+from dart_hal.core.process.suspend import elapsed
+from dart_hal.core.types import State
 
 SOURCE = "ros"
 VALID_FOR = 0.15

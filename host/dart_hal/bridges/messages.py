@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from math import cos, sin
 from typing import Any
 
+from dart_hal.core.types import ExternalPose, Pose, State, nanoseconds
 from dart_hal.recording.cdr import planar_covariance, twist_covariance
-from dart_hal.types import ExternalPose, Pose, State, nanoseconds
 
 TIME = "builtin_interfaces/Time"
 """ROS 2's name; ROS 1 has a time of its own, with the same two numbers."""

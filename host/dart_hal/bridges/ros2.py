@@ -8,7 +8,7 @@ from typing import Any
 
 from dart_hal.bridges.messages import Message, built
 from dart_hal.bridges.ros1 import QUEUE, class_of
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 
 class Ros2:

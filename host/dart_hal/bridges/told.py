@@ -14,7 +14,7 @@ from dart_hal.bridges.messages import (
     odometry,
     transform,
 )
-from dart_hal.types import ExternalPose, State
+from dart_hal.core.types import ExternalPose, State
 
 HEARD = {"safety_value": "safety", "throttle_{n}": "throttle", "steering_{n}": "steering"}
 """Topic, and the method of ``Commands`` that takes its number; std_msgs/Float32."""

@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
-from dart_hal.config import CarFiles
-from dart_hal.errors import CalibrationFailed
-from dart_hal.ports import Workshop
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.ports import Workshop
 
 from .runner import AskingCar, NotSeen, StatedCar
 

@@ -17,13 +17,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.config import CarFiles, Quantity
-from dart_hal.config.quantity import Quantities
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.config import CarFiles, Quantity
+from dart_hal.core.config.quantity import Quantities
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.ports import Workshop
+from dart_hal.core.ports.workshop import TAPE
+from dart_hal.core.types import NINETY, State
 from dart_hal.estimation.ring import RingLearner
-from dart_hal.ports import Workshop
-from dart_hal.ports.workshop import TAPE
-from dart_hal.types import NINETY, State
 
 from .asking import Ask, Progress, agree, begin, silent
 from .by_hand import naming

@@ -22,8 +22,8 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicSpline
 from scipy.optimize import brentq, curve_fit, least_squares
 
-from dart_hal.errors import CalibrationFailed
-from dart_hal.types import Estimate, FloatArray
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import Estimate, FloatArray
 
 from .spin import Spin
 

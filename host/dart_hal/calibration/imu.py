@@ -10,10 +10,10 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-from dart_hal.config import CarFiles, Quantity
-from dart_hal.errors import CalibrationFailed
-from dart_hal.ports import Workshop
-from dart_hal.types import State
+from dart_hal.core.config import CarFiles, Quantity
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.ports import Workshop
+from dart_hal.core.types import State
 
 from .asking import Ask, Progress, agree, begin, silent
 from .by_hand import naming

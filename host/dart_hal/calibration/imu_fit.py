@@ -23,12 +23,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.ports.workshop import SIGHT
+from dart_hal.core.types import Estimate, FloatArray
 from dart_hal.estimation.frames import Mounting
 from dart_hal.estimation.gyro import QUANTUM
 from dart_hal.fitting.batches import standard_error
-from dart_hal.ports.workshop import SIGHT
-from dart_hal.types import Estimate, FloatArray
 
 from .sensor_log import Sensed
 

@@ -14,10 +14,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from dart_hal.actuation.quantiser import counter_of
-from dart_hal.config import CarFiles, Quantity
-from dart_hal.config.quantity import Quantities
-from dart_hal.ports import Workshop
-from dart_hal.types import FloatArray, State
+from dart_hal.core.config import CarFiles, Quantity
+from dart_hal.core.config.quantity import Quantities
+from dart_hal.core.ports import Workshop
+from dart_hal.core.types import FloatArray, State
 
 from .asking import Ask, Progress, agree, begin, silent
 from .by_hand import naming

@@ -17,11 +17,11 @@ import numpy as np
 
 from dart_hal.car.identity import Hello
 from dart_hal.car.telemetry import compose_mounting
-from dart_hal.config import CarFiles
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import FloatArray, State
 from dart_hal.estimation.frames import FrameReader, Sample
 from dart_hal.estimation.imu_clock import AGE_STD, ImuClock, gyro_read_delay
-from dart_hal.types import FloatArray, State
 from dart_hal.wire.codec import DOWN, UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import DIAG, HEARTBEAT, STATE, TICKS_PER_SECOND

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.errors import CalibrationFailed
-from dart_hal.types import FloatArray, IntArray
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.motor import make_dead_band
 
 from .latency_fit import Problem, fit_lag

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.estimation.imu_clock import PERIOD
-from dart_hal.types import BoolArray, FloatArray, IntArray
 
 from .latency_fit import Fit, Problem, fit_lag
 from .latency_log import Traffic, not_following

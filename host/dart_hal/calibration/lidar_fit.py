@@ -15,7 +15,8 @@ from math import cos, hypot, radians, remainder, sin, tau
 
 import numpy as np
 
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import Estimate, FloatArray, Mount, Scan, State
 from dart_hal.estimation import pose_check
 from dart_hal.estimation.odometry import OdometryNoise
 from dart_hal.estimation.pose_check import fault_of
@@ -27,7 +28,6 @@ from dart_hal.localisation.health import AGREED, STALE, agreement
 from dart_hal.localisation.matcher import match
 from dart_hal.localisation.path import Steps
 from dart_hal.localisation.search import LOOSE, search
-from dart_hal.types import Estimate, FloatArray, Mount, Scan, State
 
 from .mocap_fit import Marker, Track, fit_marker
 

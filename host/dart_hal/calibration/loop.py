@@ -22,9 +22,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import Estimate, FloatArray, IntArray
 from dart_hal.identify.submodels.understeer import KAPPA_STD
-from dart_hal.types import Estimate, FloatArray, IntArray
 
 BACKLASH_PRIOR = 0.1  # rad, one sigma around 0
 KAPPA_PRIOR = (0.0, KAPPA_STD)  # s2/m2, mean and sigma

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from dart_hal.config import (
+from dart_hal.core.config import (
     CarFiles,
     DriveTable,
     Quantity,
@@ -18,7 +18,7 @@ from dart_hal.config import (
     calibration_in,
     save_calibration,
 )
-from dart_hal.config.quantity import Quantities
+from dart_hal.core.config.quantity import Quantities
 
 from .result import number
 

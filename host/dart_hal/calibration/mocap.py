@@ -12,11 +12,11 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dart_hal.config import CarFiles, Quantity
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.config import CarFiles, Quantity
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import ExternalPose, State
 from dart_hal.estimation.pose_check import Drive, fault_of
 from dart_hal.estimation.source_clock import car_time
-from dart_hal.types import ExternalPose, State
 
 from .asking import Ask, Progress, agree, begin, silent
 from .measured import Measured

@@ -28,10 +28,10 @@ from dart_hal.calibration.measured import Measured
 from dart_hal.calibration.mocap_fit import NAMES
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.car import Car
-from dart_hal.config import Calibration, CarFiles
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.config import Calibration, CarFiles
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.ports import Workshop
 from dart_hal.localisation.field import Map
-from dart_hal.ports import Workshop
 
 FRESH = timedelta(hours=12)
 """A session at the car: what was measured within it is not measured again unless asked for."""

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from dart_hal.types import Estimate, FloatArray
+from dart_hal.core.types import Estimate, FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,10 +18,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dart_hal.config.quantity import Quantities
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.config.quantity import Quantities
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import FloatArray
 from dart_hal.estimation.ring import LearntRing, RingLearner
-from dart_hal.types import FloatArray
 
 NEIGHBOURS = 4
 """Edges more or less than car.toml says that are tried: two marks missing or double."""

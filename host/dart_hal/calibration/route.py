@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 DT = 0.1  # s between points of a predicted path
 CANDIDATES = 36  # headings that are tried on one circle

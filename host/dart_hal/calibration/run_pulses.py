@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from dart_hal.config import parse_config
+from dart_hal.core.config import parse_config
+from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import RUN, Recording
 from dart_hal.recording.run import RunReader
-from dart_hal.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,10 +12,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dart_hal.config import CarFiles
 from dart_hal.control.speed import SpeedLaw
-from dart_hal.errors import CalibrationFailed
-from dart_hal.types import Applied, Doubt, State
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import Applied, Doubt, State
 from dart_hal.vehicle.sets import PAPER
 
 K_P = 0.2

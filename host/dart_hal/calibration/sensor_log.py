@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 
 from dart_hal.car.hooks import Hook
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import FloatArray, State
 from dart_hal.estimation.frames import FrameReader, Sample
-from dart_hal.types import FloatArray, State
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import STATE

@@ -13,10 +13,10 @@ from typing import Protocol
 import numpy as np
 
 from dart_hal.actuation.quantiser import counter_of
-from dart_hal.errors import BadCommand, CalibrationFailed
+from dart_hal.core.errors import BadCommand, CalibrationFailed
+from dart_hal.core.ports import Workshop
+from dart_hal.core.types import Applied, FloatArray, State
 from dart_hal.estimation.frames import Sample
-from dart_hal.ports import Workshop
-from dart_hal.types import Applied, FloatArray, State
 
 from .by_hand import PushedCar, name_silence
 from .sensor_log import SensorLog, WatchedCar

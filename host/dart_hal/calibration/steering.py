@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from dart_hal.actuation.quantiser import counter_of
-from dart_hal.config import (
+from dart_hal.core.config import (
     CarFiles,
     PaperForm,
     Quantity,
@@ -25,12 +25,12 @@ from dart_hal.config import (
     calibration_in,
     save_calibration,
 )
-from dart_hal.config.calibration import SteeringCalibration
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.config.calibration import SteeringCalibration
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import Estimate, FloatArray, State
 from dart_hal.fitting.batches import standard_error
 from dart_hal.identify.submodels.samples import Samples
 from dart_hal.identify.submodels.steering_map import fit_map
-from dart_hal.types import Estimate, FloatArray, State
 
 from .asking import Ask, Progress, agree, begin, silent
 from .loop import LoopFit, Systematic, Window, fit_loop, resample

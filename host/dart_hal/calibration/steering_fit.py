@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import Estimate, FloatArray
 from dart_hal.identify.submodels.samples import LEVEL, SETTLED, Samples
 from dart_hal.identify.submodels.steering_map import (
     MIN_LEVELS,
@@ -20,7 +21,6 @@ from dart_hal.identify.submodels.steering_map import (
     coverage,
     fit_map,
 )
-from dart_hal.types import Estimate, FloatArray
 
 POINT_SPACING = 0.05
 MIN_POINTS = 9

@@ -10,9 +10,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from dart_hal.config import CarFiles
-from dart_hal.errors import CalibrationFailed
-from dart_hal.types import Doubt, Pose, State
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import Doubt, Pose, State
 from dart_hal.vehicle.sets import PAPER
 
 from .runner import Runner, check_pull

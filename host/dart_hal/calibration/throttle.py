@@ -15,10 +15,10 @@ from typing import Protocol
 
 import numpy as np
 
-from dart_hal.config import CarFiles, DriveTable
-from dart_hal.errors import CalibrationFailed
-from dart_hal.ports import Workshop
-from dart_hal.types import NINETY, FloatArray, State
+from dart_hal.core.config import CarFiles, DriveTable
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.ports import Workshop
+from dart_hal.core.types import NINETY, FloatArray, State
 from dart_hal.vehicle.parameters import PaperTyres
 from dart_hal.vehicle.sets import PAPER
 

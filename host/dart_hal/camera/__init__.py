@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dart_hal.camera.capture import CvCamera
 from dart_hal.camera.device import device_of
-from dart_hal.ports import ImageSource
+from dart_hal.core.ports import ImageSource
 
 
 def open_camera(text: str) -> ImageSource:

@@ -9,8 +9,8 @@ from types import ModuleType
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
-from dart_hal.errors import PortBusy, PortDenied, PortMissing, UsageError
-from dart_hal.process.extras import install_command
+from dart_hal.core.errors import PortBusy, PortDenied, PortMissing, UsageError
+from dart_hal.core.process.extras import install_command
 
 EXPECTED = "usb:0, usb:/dev/video0?width=640&height=480&fps=15, csi:0, or top in sim://"
 RANGES = {"width": (16, 4096), "height": (16, 4096), "fps": (1, 120), "quality": (1, 100)}

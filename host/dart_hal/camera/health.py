@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from statistics import median
 
-from dart_hal.types import Image
+from dart_hal.core.types import Image
 
 SPAN = 2.0
 """s that are looked at."""

@@ -10,8 +10,8 @@ from math import inf
 
 from dart_hal.actuation import ArmState, Caution, Event
 from dart_hal.car.recorder import Recorded
-from dart_hal.config import CarFiles
-from dart_hal.types import Applied, State
+from dart_hal.core.config import CarFiles
+from dart_hal.core.types import Applied, State
 
 FIRST_PULSES = 0.1
 """s until the ESC has seen the first neutral of a car that has just been opened."""

@@ -31,14 +31,14 @@ from dart_hal.car.scans import give_lidar
 from dart_hal.car.sensed import Sensed
 from dart_hal.car.show import Shown
 from dart_hal.car.timing import LoopTimer, Timing, check_every
-from dart_hal.config import CarFiles
 from dart_hal.control.loop import SpeedLoop
-from dart_hal.errors import EndOfRecording, NoHello
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import EndOfRecording, NoHello
+from dart_hal.core.ports import ImageSource, PoseSource, ScanSource
+from dart_hal.core.process.forks import ParentsLock, in_child
+from dart_hal.core.types import SAMPLE, Applied, State
 from dart_hal.links.base import Backend, open_backend
-from dart_hal.ports import ImageSource, PoseSource, ScanSource
-from dart_hal.process.forks import ParentsLock, in_child
 from dart_hal.recording.bus import RecordedBus
-from dart_hal.types import SAMPLE, Applied, State
 from dart_hal.wire.messages import BY_NAME
 
 DEFAULT_URL = "sim://"

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from dart_hal.car.car import Car
+from dart_hal.core.types import FloatArray
 from dart_hal.recording.run import RunReader
-from dart_hal.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,11 +29,11 @@ from dart_hal.car.facts import LIVE_AFTER, STALE, Observer
 from dart_hal.car.guarding import GuardPost
 from dart_hal.car.receive import Receiver
 from dart_hal.car.transmit import Transmitter
-from dart_hal.config import CarFiles
-from dart_hal.errors import BadCommand, BusError, NotArmed
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import BadCommand, BusError, NotArmed
+from dart_hal.core.process.suspend import SuspendDetector
+from dart_hal.core.types import Applied, Doubt, Limit, State
 from dart_hal.links.base import Backend
-from dart_hal.process.suspend import SuspendDetector
-from dart_hal.types import Applied, Doubt, Limit, State
 
 REFUSAL_OF = {"LINK_STALE": "LINK_NOT_GOOD_500MS", "COMMAND_EXPIRED": "THROTTLE_NOT_NEUTRAL",
               "TIME_BACKWARD": "COMMAND_INVALID", "PCA_READBACK": "PCA_MODE",

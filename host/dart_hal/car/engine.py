@@ -29,11 +29,11 @@ from dart_hal.car.receive import Receiver
 from dart_hal.car.scans import ScanFeed, mount_of
 from dart_hal.car.telemetry import BITS_PER_BYTE, Telemetry
 from dart_hal.car.transmit import Transmitter
-from dart_hal.config import CarFiles
-from dart_hal.errors import DartHalError
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import DartHalError
+from dart_hal.core.ports import Link
+from dart_hal.core.types import Applied, State
 from dart_hal.links.base import Backend
-from dart_hal.ports import Link
-from dart_hal.types import Applied, State
 from dart_hal.wire.crc import crc16
 from dart_hal.wire.messages import HELLO_REQ, PARAM_GET, PROTO, SCHEMA, SEED_FOREVER
 

@@ -9,9 +9,9 @@ from math import hypot
 
 from dart_hal.actuation import Actuator, ArmState, Facts
 from dart_hal.car.receive import Receiver
-from dart_hal.config import CarFiles
+from dart_hal.core.config import CarFiles
+from dart_hal.core.types import Doubt, State
 from dart_hal.links.base import Backend
-from dart_hal.types import Doubt, State
 from dart_hal.wire.messages import PARAM_BY_NAME
 
 STALE = 0.08

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from dart_hal.config import CarFiles, load_car, named_folders, parse_car
-from dart_hal.config.folders import Folders, parse_run_car
-from dart_hal.errors import ConfigError
+from dart_hal.core.config import CarFiles, load_car, named_folders, parse_car
+from dart_hal.core.config.folders import Folders, parse_run_car
+from dart_hal.core.errors import ConfigError
 from dart_hal.links.base import Backend
 
 DEFAULT_CAR = "dart-01"

@@ -14,13 +14,13 @@ from dart_hal.car.car import Car
 from dart_hal.car.member import Member, join
 from dart_hal.car.misuse import check_record
 from dart_hal.car.recorder import Record, keep_old
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.ports import PoseSource
+from dart_hal.core.types import SAMPLE, Contact, State
 from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.peers import OtherPose
-from dart_hal.ports import PoseSource
 from dart_hal.poses import open_fleet_poses
 from dart_hal.recording.run_file import RunFile
-from dart_hal.types import SAMPLE, Contact, State
 
 T = TypeVar("T")
 

@@ -12,8 +12,8 @@ from contextlib import suppress
 
 from dart_hal.actuation import Actuator, Guard
 from dart_hal.actuation.owner import own
-from dart_hal.config import CarFiles
-from dart_hal.errors import BusError
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import BusError
 from dart_hal.links.base import Backend
 from dart_hal.links.i2c import open_bus
 

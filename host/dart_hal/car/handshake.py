@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import Protocol
 
 from dart_hal.car.identity import Hello
-from dart_hal.errors import NoHello
+from dart_hal.core.errors import NoHello
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.serial_port import RealClock, SerialLink
 from dart_hal.wire.codec import UP, encode

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from dart_hal.types import Applied
+from dart_hal.core.types import Applied
 
 Hook = Callable[[str, bytes, float], bytes]
 

@@ -9,10 +9,10 @@ from dataclasses import replace
 
 from dart_hal.camera import open_camera
 from dart_hal.camera.health import Watch
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.ports import ImageSource
+from dart_hal.core.types import Image, State
 from dart_hal.links.base import Backend
-from dart_hal.ports import ImageSource
-from dart_hal.types import Image, State
 
 KEPT = 16
 """Images that wait for ``Car.images``: 1 s; of a program that never asks the oldest are dropped."""

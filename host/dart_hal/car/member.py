@@ -17,7 +17,8 @@ from types import TracebackType
 from typing import Any
 
 from dart_hal.car.car import Car
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray, State
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Counters, encode
 from dart_hal.fleet.discovery import Announcement
@@ -28,7 +29,6 @@ from dart_hal.fleet.peers import Coordination, OtherPose, Peers, values_of_pose
 from dart_hal.fleet.sender import Session
 from dart_hal.fleet.stopping import REPEAT, StopCall, StopRule
 from dart_hal.fleet.transports import Transport, open_transport
-from dart_hal.types import FloatArray, State
 
 EVERY = 5
 """States from one message to the next: 20 Hz."""

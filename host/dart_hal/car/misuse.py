@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from dart_hal.errors import LinkLost, UsageError
+from dart_hal.core.errors import LinkLost, UsageError
 from dart_hal.recording.run_file import RunFile
 
 

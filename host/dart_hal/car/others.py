@@ -14,7 +14,7 @@ from dart_hal.control.follow import Follower
 from dart_hal.control.mpc.model import STAGE
 from dart_hal.control.mpc.tracker import Contouring
 from dart_hal.control.traffic import Neighbour, Traffic, Wait
-from dart_hal.types import MotionEstimate
+from dart_hal.core.types import MotionEstimate
 
 
 class Others:

@@ -9,7 +9,7 @@ from typing import Any
 from dart_hal.car.identity import Hello
 from dart_hal.car.telemetry import Telemetry
 from dart_hal.car.transmit import Transmitter
-from dart_hal.types import Applied, State
+from dart_hal.core.types import Applied, State
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Counters, Decoder
 from dart_hal.wire.frame import Frame

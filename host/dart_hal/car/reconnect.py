@@ -12,7 +12,7 @@ from math import inf
 from typing import NamedTuple
 
 from dart_hal.car.handshake import ASK, ASK_EVERY, LISTEN, Port
-from dart_hal.errors import DartHalError
+from dart_hal.core.errors import DartHalError
 from dart_hal.links.base import Backend
 from dart_hal.links.serial_port import SerialLink
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from dart_hal.car.engine import Engine
 from dart_hal.car.misuse import check_note
-from dart_hal.config import CarFiles
-from dart_hal.errors import DartHalError, UsageError
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import DartHalError, UsageError
+from dart_hal.core.text_file import read_text
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.recording.live_file import LiveFile
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.run import RunWriter
 from dart_hal.recording.run_file import RunFile
-from dart_hal.text_file import read_text
 
 Record = str | Path | RunFile
 """Where a run goes: a file of its own, or one that the cars of a fleet share."""

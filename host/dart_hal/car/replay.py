@@ -13,12 +13,12 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from typing import Generic, Protocol, TypeVar
 
-from dart_hal.errors import DartHalError, EndOfRecording, RecordingError
+from dart_hal.core.errors import DartHalError, EndOfRecording, RecordingError
+from dart_hal.core.ports import Chunk, Link
+from dart_hal.core.types import NEUTRAL, Applied, ExternalPose
 from dart_hal.links.base import Backend, Url
 from dart_hal.localisation.source import FRAME
-from dart_hal.ports import Chunk, Link
 from dart_hal.recording.run import AppliedAt, RunReader
-from dart_hal.types import NEUTRAL, Applied, ExternalPose
 from dart_hal.wire.codec import DOWN, UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, STATE, TIME_PING

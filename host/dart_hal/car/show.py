@@ -7,9 +7,9 @@ from typing import Any
 
 from dart_hal.car.engine import Engine
 from dart_hal.car.viewers import open_viewer
-from dart_hal.config import CarFiles
-from dart_hal.notebook import card
-from dart_hal.types import Contact, State
+from dart_hal.core.config import CarFiles
+from dart_hal.core.notebook import card
+from dart_hal.core.types import Contact, State
 
 
 class Shown:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from dart_hal.car.car import Car
 from dart_hal.car.identity import Hello
-from dart_hal.errors import UsageError
-from dart_hal.process.extras import install_command
+from dart_hal.core.errors import UsageError
+from dart_hal.core.process.extras import install_command
+from dart_hal.core.types import FloatArray, State
 from dart_hal.recording.run import RunReader
-from dart_hal.types import FloatArray, State
 
 
 class Column(NamedTuple):

@@ -6,7 +6,8 @@ from collections import deque
 from math import inf, nan, tan
 from statistics import median_low
 
-from dart_hal.config import CarFiles, Quantity
+from dart_hal.core.config import CarFiles, Quantity
+from dart_hal.core.types import Applied, Doubt, Health, Limit, State
 from dart_hal.estimation.clock import ClockFit
 from dart_hal.estimation.consistency import EncoderCheck, covering
 from dart_hal.estimation.direction import FeltDirection
@@ -23,7 +24,6 @@ from dart_hal.estimation.single_samples import (
     SingleSampleFilter,
 )
 from dart_hal.estimation.speed import WheelSpeed
-from dart_hal.types import Applied, Doubt, Health, Limit, State
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.wire.frame import Frame
 from dart_hal.wire.messages import STATE, STATE_FLAGS

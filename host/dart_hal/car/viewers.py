@@ -5,8 +5,8 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 from typing import Any
 
-from dart_hal.errors import UsageError
-from dart_hal.process.extras import install_command
+from dart_hal.core.errors import UsageError
+from dart_hal.core.process.extras import install_command
 
 GROUP = "dart_hal.viewers"
 

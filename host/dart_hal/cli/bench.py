@@ -9,8 +9,8 @@ from collections.abc import Callable
 import click
 
 from dart_hal.cli.output import console, notices
-from dart_hal.errors import CalibrationFailed
-from dart_hal.ports.workshop import SCALE
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.ports.workshop import SCALE
 
 Asked = Callable[[str], float]
 

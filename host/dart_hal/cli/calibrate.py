@@ -28,8 +28,8 @@ from dart_hal.cli.output import print_json, progress_bar, results
 from dart_hal.cli.outputs import PlotFile
 from dart_hal.cli.session import opened
 from dart_hal.cli.steering_table import show
-from dart_hal.config import accept_board, check_writable
-from dart_hal.errors import UsageError
+from dart_hal.core.config import accept_board, check_writable
+from dart_hal.core.errors import UsageError
 
 LEAST_DIFFERENCE = 0.1
 """m/s; closer speeds do not show how the tyres slip."""

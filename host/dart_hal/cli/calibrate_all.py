@@ -23,9 +23,9 @@ from dart_hal.cli.options import Number, lidar_option, map_option
 from dart_hal.cli.output import console, notices, print_json, results
 from dart_hal.cli.session import map_of
 from dart_hal.cli.steering_table import show as show_steering
-from dart_hal.config import CarFiles
-from dart_hal.config.folders import calibration_in
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.config import CarFiles
+from dart_hal.core.config.folders import calibration_in
+from dart_hal.core.errors import CalibrationFailed
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import Map
 

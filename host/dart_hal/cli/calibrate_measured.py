@@ -28,11 +28,11 @@ from dart_hal.cli.options import F, Number, car_options, json_option, lidar_opti
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.outputs import PlotFile
 from dart_hal.cli.session import map_of
-from dart_hal.config import CarFiles, DriveTable, Quantity, check_writable
-from dart_hal.errors import UsageError
+from dart_hal.core.config import CarFiles, DriveTable, Quantity, check_writable
+from dart_hal.core.errors import UsageError
+from dart_hal.core.ports import Workshop
+from dart_hal.core.types import NINETY
 from dart_hal.links.base import Backend, open_backend
-from dart_hal.ports import Workshop
-from dart_hal.types import NINETY
 
 T = TypeVar("T")
 Procedure = Callable[[Car, Workshop, Progress, Ask], T]

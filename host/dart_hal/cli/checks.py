@@ -11,7 +11,7 @@ from typing import TypeVar
 from dart_hal.actuation.arming import BY_NAME
 from dart_hal.car import Car
 from dart_hal.car.images import camera_of
-from dart_hal.errors import (
+from dart_hal.core.errors import (
     BusError,
     ConfigError,
     DartHalError,
@@ -19,10 +19,10 @@ from dart_hal.errors import (
     UnknownScheme,
     UsageError,
 )
+from dart_hal.core.ports import ImageSource, PoseSource
+from dart_hal.core.types import State, Tracking
 from dart_hal.links.base import Backend, open_backend
-from dart_hal.ports import ImageSource, PoseSource
 from dart_hal.poses import open_poses
-from dart_hal.types import State, Tracking
 from dart_hal.wire.messages import SCHEMA
 
 T = TypeVar("T")

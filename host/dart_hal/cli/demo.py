@@ -21,15 +21,15 @@ from dart_hal.cli.demo_section import HIDDEN, REAL, hidden_section, real_skipped
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.session import with_progress
-from dart_hal.config import check_writable
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.plant import plant_of
 from dart_hal.control.trackers import Pursuit
+from dart_hal.core.config import check_writable
+from dart_hal.core.errors import UsageError
+from dart_hal.core.process import jobs
+from dart_hal.core.process.extras import install_command
 from dart_hal.diagnose.report import describe_cause, headline
-from dart_hal.errors import UsageError
 from dart_hal.links.base import Url, open_backend
-from dart_hal.process import jobs
-from dart_hal.process.extras import install_command
 from dart_hal.sim.truth import reveal_url, truth
 
 RADIUS = 0.9

@@ -18,7 +18,8 @@ from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
 from dart_hal.control.raceline import raceline
-from dart_hal.errors import DartHalError
+from dart_hal.core.errors import DartHalError
+from dart_hal.core.types import FloatArray, State
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_grid
 from dart_hal.localisation.grid import Grid, write_grid
@@ -30,7 +31,6 @@ from dart_hal.mapping.occupancy import grid_of
 from dart_hal.report import page
 from dart_hal.report.figures import ABOVE, BLUE, INK, ORANGE, finish, image, new_figure
 from dart_hal.report.html import Html, el, join
-from dart_hal.types import FloatArray, State
 
 TITLE = "Map a track by the lidar, find the way in it, follow it"
 SPEED, LAP, OVER = 1.2, 22.9, 1.5

@@ -12,6 +12,7 @@ import numpy as np
 
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.control.paths import Path as Track
+from dart_hal.core.types import NINETY, FloatArray, State
 from dart_hal.report import page
 from dart_hal.report.figures import (
     ABOVE,
@@ -24,7 +25,6 @@ from dart_hal.report.figures import (
     new_figure,
 )
 from dart_hal.report.html import Html, el, join, table
-from dart_hal.types import NINETY, FloatArray, State
 
 
 @dataclass

@@ -23,11 +23,11 @@ from dart_hal.cli.options import (
 from dart_hal.cli.output import console, notices, print_json, progress_bar
 from dart_hal.cli.outputs import OutputFile
 from dart_hal.cli.sizes import named_car, recorded_car_options, sized
-from dart_hal.config import ModelFile
+from dart_hal.core.config import ModelFile
+from dart_hal.core.errors import UsageError
 from dart_hal.diagnose.evidence.motion import driving_seconds
 from dart_hal.diagnose.inputs import checked, effects_named
 from dart_hal.diagnose.result import Diagnosis
-from dart_hal.errors import UsageError
 from dart_hal.identify.measured import default_model, named_model
 from dart_hal.identify.runs import NamedCar, read_all_unframed
 from dart_hal.recording.dart import Recording, Reference, with_marker_frames
@@ -109,8 +109,8 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
         sizes = sized(model, file, car, [*recordings[0], *recordings[1]], fitting=False)
         file, vehicle = sizes.model, sizes.vehicle
         inputs = checked(*recordings, vehicle, hashes(file))
+        from dart_hal.core.process.jobs import wanted
         from dart_hal.diagnose import diagnose
-        from dart_hal.process.jobs import wanted
 
         d = diagnose(file, vehicle, inputs.train, inputs.test, refit=refit, only=names,
                      false_alarm=false_alarm, max_causes=max_causes,

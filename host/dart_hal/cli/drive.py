@@ -28,8 +28,8 @@ from dart_hal.cli.session import in_real_time, opened, paced, shown_live, with_p
 from dart_hal.cli.summary import Summary
 from dart_hal.control.gamepad import Gamepad, Manual
 from dart_hal.control.keyboard import Keyboard
-from dart_hal.errors import DartHalError, ScriptFailed, UsageError
-from dart_hal.types import State
+from dart_hal.core.errors import DartHalError, ScriptFailed, UsageError
+from dart_hal.core.types import State
 
 Control = Callable[[State], tuple[float, float] | None]
 HELP = "arrows or WASD steer and drive, space stops, q ends; letting go stops the car"

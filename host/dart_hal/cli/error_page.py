@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import inspect
 
-from dart_hal.errors import CATALOGUE
+from dart_hal.core.errors import CATALOGUE
 
 HEAD = """# Errors
 
 Every error says what happened, what was found, what is likely, and what to type. With `--json` a
 verb prints it as `{"error": {"code", "what", "found", "try"}}` and exits with 2. The classes live
-in `dart_hal.errors`; each also inherits the builtin that a caller would expect. This page is
+in `dart_hal.core.errors`; each also inherits the builtin that a caller would expect. This page is
 generated from them (`dart-hal wire --write`).
 
 | code | class | what it means | likely | try |

@@ -11,8 +11,8 @@ from dart_hal.cli.options import REFERENCE, html_option, json_option
 from dart_hal.cli.output import notices, print_json, progress_bar
 from dart_hal.cli.outputs import PlotFileOrFolder
 from dart_hal.cli.sizes import named_car, recorded_car_options, sized
-from dart_hal.config import ModelFile
-from dart_hal.errors import UsageError
+from dart_hal.core.config import ModelFile
+from dart_hal.core.errors import UsageError
 from dart_hal.evaluate import Evaluation, evaluate, kinematic
 from dart_hal.identify.measured import MEASURED, default_model, named_model
 from dart_hal.identify.runs import NamedCar, read_any

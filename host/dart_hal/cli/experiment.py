@@ -24,8 +24,8 @@ from dart_hal.cli.options import (
 )
 from dart_hal.cli.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.outputs import OutputFile, PlotFile
-from dart_hal.config import CarFiles
-from dart_hal.errors import ExperimentFailed, UsageError
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import ExperimentFailed, UsageError
 from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.handover import Outcome, fit_run, mass_of, note_mass, write_model
 from dart_hal.experiment.make import conduct, make_plan

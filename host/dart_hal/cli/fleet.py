@@ -16,7 +16,7 @@ from dart_hal.cli.options import Number, json_option, room_key_option
 from dart_hal.cli.output import console, notices, print_json, say
 from dart_hal.cli.page_address import lan_option, tell
 from dart_hal.control.keyboard import Terminal
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.fleet.discovery import found, listed
 from dart_hal.fleet.key import find_key
 from dart_hal.fleet.station import Seen, Station

@@ -44,8 +44,8 @@ from dart_hal.control.plant import plant_of
 from dart_hal.control.raceline import raceline
 from dart_hal.control.trackers import TRACKERS, Make, contouring, curvature_aware
 from dart_hal.control.tracks import track_named
-from dart_hal.errors import UsageError
-from dart_hal.types import MotionEstimate, State
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import MotionEstimate, State
 
 STEP, SLOWEST = 0.1, 0.3
 """m/s for a key, and the least that keys ask for."""

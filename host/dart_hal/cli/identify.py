@@ -14,8 +14,8 @@ from dart_hal.cli.options import REFERENCE, html_option, json_option
 from dart_hal.cli.output import console, print_json, progress_bar, results
 from dart_hal.cli.outputs import OutputFile, PlotFolder
 from dart_hal.cli.sizes import Sizes, named_car, recorded_car_options, sized
-from dart_hal.config import ModelFile
-from dart_hal.errors import UsageError
+from dart_hal.core.config import ModelFile
+from dart_hal.core.errors import UsageError
 from dart_hal.identify.measured import default_model, named_model
 from dart_hal.identify.outcome import Identification, jointly, per_recording
 from dart_hal.identify.runs import NamedCar, read_any

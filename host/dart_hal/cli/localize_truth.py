@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from dart_hal.core.types import START, FloatArray
 from dart_hal.links.base import Backend, Url
 from dart_hal.localisation.field import Map, map_of_lines
 from dart_hal.localisation.source import FRAME
 from dart_hal.sim.truth import room_of_car, room_of_url, world_of
-from dart_hal.types import START, FloatArray
 
 
 def map_of_room(backend: Backend) -> Map:

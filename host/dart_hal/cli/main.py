@@ -13,8 +13,8 @@ import click
 
 from dart_hal import __version__
 from dart_hal.cli.output import console, notices, print_json
-from dart_hal.errors import DartHalError, FileTrouble, InternalError, UsageError
-from dart_hal.process.extras import install_command
+from dart_hal.core.errors import DartHalError, FileTrouble, InternalError, UsageError
+from dart_hal.core.process.extras import install_command
 
 VERBS = {
     "demo": "calibrate, drive and diagnose an emulated car, and compare with ground truth",

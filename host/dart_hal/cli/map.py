@@ -29,7 +29,7 @@ from dart_hal.control.keyboard import Keyboard
 from dart_hal.control.lane_follow import WallFollower
 from dart_hal.control.plant import plant_of
 from dart_hal.control.wall import Wall
-from dart_hal.errors import Disarmed, LinkLost, UsageError
+from dart_hal.core.errors import Disarmed, LinkLost, UsageError
 from dart_hal.localisation.field import map_of_grid
 from dart_hal.localisation.grid import Grid, write_grid
 from dart_hal.localisation.health import AGREED, agreement

@@ -15,9 +15,9 @@ from typing import Any
 import click
 
 from dart_hal.cli.output import notices
-from dart_hal.config import check_writable
-from dart_hal.errors import FileTrouble, UsageError
-from dart_hal.process.extras import install_command
+from dart_hal.core.config import check_writable
+from dart_hal.core.errors import FileTrouble, UsageError
+from dart_hal.core.process.extras import install_command
 from dart_hal.report.figures import FORMATS
 
 

@@ -13,9 +13,9 @@ from dart_hal.cli.options import cars_option, json_option
 from dart_hal.cli.output import console, notices, print_json, progress_bar
 from dart_hal.cli.outputs import OutputFile
 from dart_hal.cli.report_page import About, write_page
-from dart_hal.config import CarFiles, load_car, parse_car
-from dart_hal.config.history import calibration_changes, model_changes
-from dart_hal.errors import ConfigError, DartHalError
+from dart_hal.core.config import CarFiles, load_car, parse_car
+from dart_hal.core.config.history import calibration_changes, model_changes
+from dart_hal.core.errors import ConfigError, DartHalError
 
 RUNS = Path("runs")
 MOST = 10

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from dart_hal.car.digest import Digest
-from dart_hal.config import CarFiles
-from dart_hal.config.calibration import QUANTITIES
-from dart_hal.config.history import Change
-from dart_hal.config.quantity import Quantities, Quantity
+from dart_hal.core.config import CarFiles
+from dart_hal.core.config.calibration import QUANTITIES
+from dart_hal.core.config.history import Change
+from dart_hal.core.config.quantity import Quantities, Quantity
+from dart_hal.core.types import NINETY
 from dart_hal.report import charts, page
 from dart_hal.report.html import Html, el, join, table
 from dart_hal.report.numbers import significant
-from dart_hal.types import NINETY
 
 VERBS = {"pwm": "clock", "throttle": "esc", "steering": "steering", "encoder": "encoder",
          "imu": "imu", "latency": "latency", "mocap": "mocap", "lidar": "lidar",

@@ -12,8 +12,8 @@ import click
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.options import cars_option, json_option, url_option
 from dart_hal.cli.output import console, notices, print_json, results
-from dart_hal.config import cars_home
-from dart_hal.errors import UsageError
+from dart_hal.core.config import cars_home
+from dart_hal.core.errors import UsageError
 from dart_hal.links.base import Backend, Url, open_backend
 from dart_hal.links.pty import Pty
 from dart_hal.sim.failures import parse as parse_failure

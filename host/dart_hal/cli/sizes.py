@@ -12,7 +12,7 @@ import msgspec
 
 from dart_hal.cli.options import cars_option
 from dart_hal.cli.output import console, say
-from dart_hal.config import CarFiles, ModelFile, load_car
+from dart_hal.core.config import CarFiles, ModelFile, load_car
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle

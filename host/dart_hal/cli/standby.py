@@ -13,10 +13,10 @@ from dart_hal.car.exit_signals import stop_on_signals
 from dart_hal.cli.options import Number, car_options, json_option
 from dart_hal.cli.output import console, print_json
 from dart_hal.cli.stop import reach, real
-from dart_hal.errors import BusError
+from dart_hal.core.errors import BusError
+from dart_hal.core.process.suspend import elapsed
 from dart_hal.links.holder import holder, port_of
 from dart_hal.links.notify import notify
-from dart_hal.process.suspend import elapsed
 
 
 @click.command("standby")

@@ -8,7 +8,7 @@ from struct import Struct
 from typing import Any
 
 from dart_hal.car import Car
-from dart_hal.types import State
+from dart_hal.core.types import State
 
 _NUMBERS = Struct("<11d")
 _NONE = float("nan")

@@ -14,7 +14,7 @@ from dart_hal.cli.options import Number, car_options, json_option, poses_option
 from dart_hal.cli.output import console, print_json
 from dart_hal.cli.session import in_real_time, opened
 from dart_hal.cli.summary import Summary
-from dart_hal.types import External, State
+from dart_hal.core.types import External, State
 
 EVERY = 10
 """Frames between two pictures: ten a second."""

@@ -24,9 +24,9 @@ from dart_hal.cli.options import (
 from dart_hal.cli.outputs import OutputFile
 from dart_hal.cli.page_address import lan_option, tell
 from dart_hal.cli.session import opened, paced
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 from dart_hal.localisation.grid import lines_of_grid, read_grid
-from dart_hal.types import FloatArray
 
 
 @click.command("view")

@@ -12,7 +12,7 @@ from dart_hal.cli.gate_page import render_gates
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, output, print_json, results
 from dart_hal.cli.verb_page import render_verbs
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.wire import emit
 from dart_hal.wire.messages import MESSAGES, PROTO, SCHEMA
 

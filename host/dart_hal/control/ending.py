@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum
 
 from dart_hal.control.stopping import Standing, Stopping
-from dart_hal.types import MotionEstimate
+from dart_hal.core.types import MotionEstimate
 
 PATIENCE = 0.5
 """s without a believed pose, or without a lane, four scans; at 2 m/s dead reckoning is 2 cm off by

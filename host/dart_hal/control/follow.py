@@ -24,8 +24,8 @@ from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.stopping import RESTS, ROLLS, SLOWS, STUCK
 from dart_hal.control.trackers import TRACKERS
-from dart_hal.errors import UsageError
-from dart_hal.types import START, FloatArray, MotionEstimate, Pose, Tracking
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import START, FloatArray, MotionEstimate, Pose, Tracking
 
 START_WITHIN = 1.0
 """m from the path and, by 90 deg, along it: where a drive may begin."""

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from dart_hal.control.input_age import MAX_READ_GAP_S, MAX_UNCHANGED_S, InputAge
-from dart_hal.errors import PortMissing
-from dart_hal.process.suspend import elapsed
+from dart_hal.core.errors import PortMissing
+from dart_hal.core.process.suspend import elapsed
 
 EVENT = struct.Struct("<IhBB")
 BUTTON, AXIS, INIT = 0x01, 0x02, 0x80

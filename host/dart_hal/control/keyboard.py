@@ -18,9 +18,9 @@ import tty
 from collections.abc import Callable
 
 from dart_hal.control.input_age import MAX_READ_GAP_S, MAX_REPORT_AGE_S, InputAge
-from dart_hal.errors import PortMissing, UsageError
-from dart_hal.process.suspend import elapsed
-from dart_hal.process.waiting import wait_readable
+from dart_hal.core.errors import PortMissing, UsageError
+from dart_hal.core.process.suspend import elapsed
+from dart_hal.core.process.waiting import wait_readable
 
 KEYS = {b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left",
         b"w": "up", b"s": "down", b"d": "right", b"a": "left", b" ": "stop", b"q": "quit",

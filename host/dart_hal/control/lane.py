@@ -15,7 +15,7 @@ from math import atan, cos, sin
 
 import numpy as np
 
-from dart_hal.types import FloatArray, Pose
+from dart_hal.core.types import FloatArray, Pose
 
 STRIP, WINDOW = 0.10, 0.15
 """m from strip to strip, and to either side of one of which points count: 40 points of a board

@@ -24,7 +24,7 @@ from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.pursuit import arc
 from dart_hal.control.stopping import ROLLS, SLOWS, STUCK
-from dart_hal.types import FloatArray, Pose, Scan
+from dart_hal.core.types import FloatArray, Pose, Scan
 
 NEAR, PER_SPEED = 0.1, 0.2
 """m and s of the look-ahead: 0.3 m at 1 m/s, 0.5 at 2. At 0.5 m the play of the linkage, 1 to

@@ -21,7 +21,7 @@ import numpy as np
 
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import BIAS_MOST, Plant, Prediction, Where
-from dart_hal.types import FloatArray, MotionEstimate, Pose, Scan, Tracking
+from dart_hal.core.types import FloatArray, MotionEstimate, Pose, Scan, Tracking
 
 LEARN_FIRST, LEARN_LATER, LEARN_TIME = 0.7, 4.0, 1.0
 """m at the start and at the most, and s over which an error is learnt: whichever takes longer."""

@@ -21,8 +21,8 @@ from dart_hal.control.drivetrain import BRAKE_FORCE
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.profile import FOLLOWED
-from dart_hal.errors import UsageError
-from dart_hal.types import FloatArray, IntArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_drive
 

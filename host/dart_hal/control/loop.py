@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import math
 
-from dart_hal.config import CarFiles
 from dart_hal.control.drivetrain import BRAKE_ABOVE, COAST, Lead
 from dart_hal.control.measured import end_of_throttle, inverse_of, rest_before_reverse
 from dart_hal.control.profile import Profile
 from dart_hal.control.reversal import Reversal
 from dart_hal.control.tuning import answer_of
-from dart_hal.types import Limit, State
+from dart_hal.core.config import CarFiles
+from dart_hal.core.types import Limit, State
 
 INTEGRAL_MAX = 2.0
 """m/s2 that the integral may add: a slope of 11 degrees, or a dead band that is 0.12 of throttle

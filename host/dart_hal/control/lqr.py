@@ -24,7 +24,7 @@ import numpy as np
 
 from dart_hal.control.drivetrain import FRAME
 from dart_hal.control.steady import SPEEDS, Steady, row_of
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 RATE = 40.0
 """rad/s of the wheels for 1 m of offset."""

@@ -6,10 +6,10 @@ from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import replace
 
-from dart_hal.config import CarFiles
-from dart_hal.config.calibration import ThrottleCalibration
 from dart_hal.control.drivetrain import Correction, Inverse
-from dart_hal.types import NINETY
+from dart_hal.core.config import CarFiles
+from dart_hal.core.config.calibration import ThrottleCalibration
+from dart_hal.core.types import NINETY
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle

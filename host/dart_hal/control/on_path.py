@@ -9,7 +9,7 @@ from typing import Protocol
 
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant, Prediction, Where
-from dart_hal.types import FloatArray, MotionEstimate
+from dart_hal.core.types import FloatArray, MotionEstimate
 
 
 class Tracker(Protocol):

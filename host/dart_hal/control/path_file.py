@@ -20,9 +20,9 @@ from pathlib import Path as File
 import numpy as np
 
 from dart_hal.control.paths import GAP, Path
-from dart_hal.errors import UsageError
-from dart_hal.text_file import read_text
-from dart_hal.types import MAX_COORDINATE, FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.text_file import read_text
+from dart_hal.core.types import MAX_COORDINATE, FloatArray
 
 COLUMNS = ("x", "y")
 UNITS = {"": 1.0, "_m": 1.0, "_cm": 0.01, "_mm": 0.001}

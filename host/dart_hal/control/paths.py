@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dart_hal.errors import UsageError
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 
 STEP = 0.02
 """m between the stored points: a chord of the tightest turn (0.4 m) is 0.1 mm off."""

@@ -9,13 +9,13 @@ from functools import cached_property
 from math import cos, exp, inf, sin
 from typing import NamedTuple
 
-from dart_hal.config import CarFiles
 from dart_hal.control.drivetrain import FRAME
 from dart_hal.control.lqr import Gains, gains_of
 from dart_hal.control.measured import vehicle_for
 from dart_hal.control.steady import Steady
 from dart_hal.control.tuning import TO_PULSE
-from dart_hal.types import MotionEstimate
+from dart_hal.core.config import CarFiles
+from dart_hal.core.types import MotionEstimate
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER

@@ -12,7 +12,7 @@ from __future__ import annotations
 from math import atan, atan2, cos, hypot, pi, remainder, sin
 
 from dart_hal.control.paths import Path
-from dart_hal.types import Pose
+from dart_hal.core.types import Pose
 
 LOOK_AHEAD = 0.35
 """m: a third of the tightest radius below, where the arc cuts corners by 2 cm."""

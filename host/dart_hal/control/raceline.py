@@ -14,8 +14,8 @@ import numpy as np
 from dart_hal.control.lap import speed_profile, turns
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
-from dart_hal.errors import UsageError
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 
 APART = 0.15
 """m between the points: a quarter turn of 0.75 m has eight."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.bicycle import make_dynamic
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.friction import make_friction

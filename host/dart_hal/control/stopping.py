@@ -6,7 +6,7 @@ from __future__ import annotations
 from math import inf
 
 from dart_hal.control.lap import CRAWL
-from dart_hal.types import MotionEstimate
+from dart_hal.core.types import MotionEstimate
 
 SLOWS, ROLLS = 2.0, 0.8
 """m/s2 of a stop, and of a car that rolls out from a crawl (1.0 on the paper's car)."""

@@ -30,8 +30,8 @@ from dart_hal.control.on_path import OnPath, Tracker
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.pursuit import arc
-from dart_hal.errors import UsageError
-from dart_hal.types import MotionEstimate
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import MotionEstimate
 
 NEAR, PER_SPEED = 0.20, 0.15
 """m and s: a look-ahead of 0.35 m at 1 m/s, 0.5 at 2. The offset is then corrected with

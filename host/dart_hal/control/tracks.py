@@ -13,7 +13,7 @@ from pathlib import Path as File
 
 from dart_hal.control.path_file import read_path
 from dart_hal.control.paths import Path, Segment, figure_of_eight
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 
 def _arc(radius: float, degrees: float) -> Segment:

@@ -20,7 +20,7 @@ from dart_hal.control.mpc.obstacles import HALF_LENGTH, HALF_WIDTH, MARGIN, Obst
 from dart_hal.control.mpc.reference import Reference
 from dart_hal.control.mpc.tracker import EDGE
 from dart_hal.control.paths import Path
-from dart_hal.types import Pose
+from dart_hal.core.types import Pose
 
 RADIUS = hypot(HALF_LENGTH, HALF_WIDTH)
 GAP = 0.15

@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dart_hal.config import CarFiles
-from dart_hal.config.model import ModelFile
 from dart_hal.control.drivetrain import FRAME
+from dart_hal.core.config import CarFiles
+from dart_hal.core.config.model import ModelFile
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.load import vehicle_of
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from dart_hal.control.lane import Sight
-from dart_hal.types import FloatArray, Pose
+from dart_hal.core.types import FloatArray, Pose
 
 STEP, FIRST, STEPS = 0.1, 8, 20
 """m from point to point of a way, points of its first arc, and of both: a corner of a corridor."""

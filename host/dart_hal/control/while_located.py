@@ -6,7 +6,7 @@ from math import inf
 
 from dart_hal.control.ending import PATIENCE, WAIT, Ending, Phase
 from dart_hal.control.stopping import STUCK
-from dart_hal.types import MotionEstimate
+from dart_hal.core.types import MotionEstimate
 
 
 class WhileLocated(Ending):

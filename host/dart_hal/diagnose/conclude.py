@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.process.jobs import each
+from dart_hal.core.process.jobs import each
+from dart_hal.core.types import IntArray
 from dart_hal.report.numbers import larger
-from dart_hal.types import IntArray
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import stdtrit
 
+from dart_hal.core.types import FloatArray
 from dart_hal.evaluate.prediction import CHANNELS
-from dart_hal.types import FloatArray
 
 MAX_OVER_FLOOR = 2.0
 """RMSE over the noise floor, above which a model is not faultless: three quarters of its mean

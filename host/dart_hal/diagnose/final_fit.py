@@ -24,9 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dart_hal.core.process.jobs import each
+from dart_hal.core.types import FloatArray
 from dart_hal.evaluate.cases import Case
-from dart_hal.process.jobs import each
-from dart_hal.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from .error_summaries import Ratio, geometric_mean

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.parameters import Vehicle
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.types import BoolArray, FloatArray
+from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.vehicle.compose import signals
 from dart_hal.vehicle.effect import Stateful
 from dart_hal.vehicle.parameters import Vehicle

@@ -28,9 +28,9 @@ from dataclasses import replace
 import numpy as np
 
 from dart_hal.control.drivetrain import FRAME
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.evaluate.prediction import CHANNELS, measured
 from dart_hal.predict.windows import HORIZONS
-from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from .evidence.drive import READ_OUTS

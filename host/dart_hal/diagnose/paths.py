@@ -12,10 +12,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.evaluate.prediction import CHANNELS
 from dart_hal.predict import rollout
 from dart_hal.predict.windows import LENGTH
-from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.evaluate.cases import Case
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, catalogue, remove_effects

@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from dart_hal.config import ModelFile, Quantity
-from dart_hal.errors import UsageError
+from dart_hal.core.config import ModelFile, Quantity
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import SAMPLE
 from dart_hal.evaluate.cases import prepare as prepare_cases
 from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import SAMPLE
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle

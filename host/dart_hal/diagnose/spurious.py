@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 from .evidence.rows import RowLabels
 from .gates import Candidate, explain_failure

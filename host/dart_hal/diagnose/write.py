@@ -10,8 +10,8 @@ from typing import Any
 import msgspec
 
 from dart_hal import __version__
-from dart_hal.config import EffectEntry, ModelFile, Quantity, plain, save_model
-from dart_hal.config.model import Parameter
+from dart_hal.core.config import EffectEntry, ModelFile, Quantity, plain, save_model
+from dart_hal.core.config.model import Parameter
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import Vehicle

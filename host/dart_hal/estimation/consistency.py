@@ -18,8 +18,8 @@ from __future__ import annotations
 
 from math import copysign, hypot, inf
 
+from dart_hal.core.types import Doubt
 from dart_hal.estimation.bounds import SpeedBounds
-from dart_hal.types import Doubt
 from dart_hal.vehicle.parameters import Vehicle
 
 LEAK, QUICK = 1.0, 0.2

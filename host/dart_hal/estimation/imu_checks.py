@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections import deque
 from math import inf, tan
 
-from dart_hal.types import Doubt
+from dart_hal.core.types import Doubt
 
 Vector = tuple[float, float, float]
 

@@ -27,10 +27,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dart_hal.core.types import Pose
 from dart_hal.estimation.gyro import GyroBias
 from dart_hal.estimation.imu_clock import AGE_STD, PERIOD
 from dart_hal.estimation.single_samples import Accepted
-from dart_hal.types import Pose
 
 GYRO_FILTER = 0.005
 """s by which the IMU's 32 Hz filter delays the yaw rate, 1 / (2 pi 32 Hz)."""

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 STEP = 0.2
 """s over which motions are compared: noise of 1 mm and 2 mrad is small against 0.1 m, 0.2 rad."""

@@ -18,7 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray, MotionEstimate, Pose, Tracking
 from dart_hal.estimation.odometry import Motion, OdometryNoise
 from dart_hal.estimation.pose_model import (
     BIAS,
@@ -34,7 +35,6 @@ from dart_hal.estimation.pose_model import (
     placed,
     started,
 )
-from dart_hal.types import FloatArray, MotionEstimate, Pose, Tracking
 
 HISTORY = 0.5
 """s that a pose may be late: several times the 40 to 60 ms of motion capture over a network."""

@@ -29,9 +29,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.estimation.gyro import CORRELATED, GATE, QUANTUM, SETTLE, WALK
 from dart_hal.estimation.odometry import BLIND, BLIND_SHARE, Motion, OdometryNoise
-from dart_hal.types import FloatArray
 
 (X, Y, YAW, SPEED, RATE, BIAS, GYRO, TRAVEL, SLIP,
  LX, LY, THETA, LATENCY) = range(STATES := 13)

@@ -15,7 +15,7 @@ from itertools import accumulate
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 SATURATED_CK = 65535
 ALIGN_MIN = 40

@@ -11,13 +11,13 @@ from dataclasses import replace
 from math import cos, hypot, sin
 from typing import NamedTuple
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import External, ExternalPose, Pose
 from dart_hal.estimation.odometry import Motion, Odometry
 from dart_hal.estimation.pose_filter import Estimate, PoseFilter, Verdict
 from dart_hal.estimation.pose_model import Marker
 from dart_hal.estimation.pose_tracking import CONFIRMED, MARKER, MARKER_YAW, PoseTracker, Taken
 from dart_hal.estimation.spin import LOOSE, Spin
-from dart_hal.types import External, ExternalPose, Pose
 
 UNKNOWN = Marker(latency=0.01, std=(MARKER, MARKER, MARKER_YAW, 0.02))
 """A source of which nothing is known: optical systems are 3 to 15 ms late, 40 to 60 over a

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 from dart_hal.predict.windows import Windows, covered, find_windows
 from dart_hal.recording.check import folder_of
 from dart_hal.recording.dart import (

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 from .cases import Case
 from .noslip import (

@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.predict import rollout
 from dart_hal.predict.rollout import Parts, Progress
 from dart_hal.predict.windows import HORIZONS
-from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from .cases import Case

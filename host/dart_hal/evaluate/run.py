@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from dart_hal.core.types import FloatArray
 from dart_hal.predict.rollout import Progress
 from dart_hal.predict.windows import HORIZONS
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
 

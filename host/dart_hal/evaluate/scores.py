@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.predict.windows import HORIZONS
-from dart_hal.types import FloatArray
 
 from .cases import Case
 from .prediction import CHANNELS

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.predict.rollout import batches, inputs, joined, windowed
 from dart_hal.predict.windows import HORIZONS, LENGTH
-from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
 

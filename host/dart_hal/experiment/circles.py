@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from dart_hal.config import CarFiles
-from dart_hal.errors import ExperimentFailed
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import ExperimentFailed
 
 from .excitation import Chirp, Constant, Levels, Ramp, Sine, random_steps
 from .floor import MARGIN, Floor, Place

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 MARGIN = 0.5
 """m kept free on all sides: half a car, and what odometry and path keeping are off."""

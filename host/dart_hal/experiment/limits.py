@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from dart_hal.types import Pose
+from dart_hal.core.types import Pose
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.parameters import Vehicle
 

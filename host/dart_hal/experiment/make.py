@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from dart_hal.car import Car
-from dart_hal.config import CarFiles
-from dart_hal.errors import UsageError
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import UsageError
 
 from .circles import plan_circles
 from .floor import Floor

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from dart_hal.config import CarFiles
+from dart_hal.core.config import CarFiles
 
 from .circles import MEAN, MOST_LATERAL, Make, home, plan_in_field
 from .excitation import Chirp, Constant, Levels

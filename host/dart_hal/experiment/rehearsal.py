@@ -9,8 +9,8 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 
-from dart_hal.config import CarFiles
-from dart_hal.types import NEUTRAL, Applied, Health, Pose, State
+from dart_hal.core.config import CarFiles
+from dart_hal.core.types import NEUTRAL, Applied, Health, Pose, State
 from dart_hal.vehicle.bicycle import make_acceleration
 from dart_hal.vehicle.load import vehicle_of
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.config import CarFiles
+from dart_hal.core.config import CarFiles
 from dart_hal.identify.fit import Fit
 
 BY_SPEED = {"a": 1.0, "b": -1.0, "q": -1.0, "d": 1.0,

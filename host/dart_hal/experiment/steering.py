@@ -15,9 +15,9 @@ from dart_hal.calibration.schedule import SPEEDS
 from dart_hal.calibration.schedule import Plan as Sweep
 from dart_hal.calibration.steering import drive as sweep
 from dart_hal.calibration.steering import plan as sweep_of
-from dart_hal.config import CarFiles
-from dart_hal.errors import ExperimentFailed
-from dart_hal.types import Applied, State
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import ExperimentFailed
+from dart_hal.core.types import Applied, State
 from dart_hal.vehicle.load import vehicle_of
 
 from .floor import Floor, Place

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dart_hal.config import CarFiles
-from dart_hal.errors import ExperimentFailed
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import ExperimentFailed
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.motor import make_motor
 

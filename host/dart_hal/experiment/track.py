@@ -6,7 +6,7 @@ import math
 
 from dart_hal.control.paths import Path
 from dart_hal.control.pursuit import arc
-from dart_hal.types import Pose
+from dart_hal.core.types import Pose
 
 from .floor import MARGIN, Floor, Place
 

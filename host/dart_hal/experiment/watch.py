@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from dart_hal.errors import ExperimentFailed
-from dart_hal.types import Doubt, Limit, Pose, State
+from dart_hal.core.errors import ExperimentFailed
+from dart_hal.core.types import Doubt, Limit, Pose, State
 
 from .floor import Fence
 from .limits import Rolling, stays_inside

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 NORMAL_90 = 1.6449
 """Standard errors to either side that hold 90 % of a normal distribution."""

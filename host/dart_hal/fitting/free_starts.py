@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.fitting.least_squares import Solution
 from dart_hal.fitting.levenberg_marquardt import descend
 from dart_hal.fitting.robust import ROBUST, scatter, soft_l1_weight
-from dart_hal.types import BoolArray, FloatArray, IntArray
 
 Predict = Callable[[FloatArray, FloatArray], FloatArray]
 """(parameters (P, k), starts (P, S)) -> readings (P, n), P variants at once."""

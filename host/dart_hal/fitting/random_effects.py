@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 KNOWN = 0.3  # std over value of a group that takes part in the variance between them
 

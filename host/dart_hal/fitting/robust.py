@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 MAD_TO_SIGMA = 1.4826
 """Standard deviation over median absolute deviation of a normal variable: 1 / 0.67449."""

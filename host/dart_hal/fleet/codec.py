@@ -10,7 +10,7 @@ from struct import Struct, error
 from typing import Any, NamedTuple
 from zlib import crc32
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.messages import (
     BY_ID,

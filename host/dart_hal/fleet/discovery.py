@@ -12,9 +12,9 @@ import time
 from contextlib import suppress
 from typing import Any
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.process.extras import install_command
 from dart_hal.links.base import Url
-from dart_hal.process.extras import install_command
 
 SERVICE = "_dart-hal._udp.local."
 ROOM = "DART_HAL_ROOM"

@@ -12,7 +12,7 @@ import os
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.fleet.messages import SIGNATURE_BYTES
 
 VARIABLE = "DART_ROOM_KEY"

@@ -32,12 +32,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from dart_hal.core.types import CHANGES, FloatArray, Pose, Tracking
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Decoder, Heard
 from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.sender import Order, Sender, Session
 from dart_hal.fleet.transports import Datagram, Transport
-from dart_hal.types import CHANGES, FloatArray, Pose, Tracking
 
 LOST_AFTER = 0.5
 """s, ten poses: beyond, a car is lost."""

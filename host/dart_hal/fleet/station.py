@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 
+from dart_hal.core.process.suspend import elapsed
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.key import RoomKey, find_key
 from dart_hal.fleet.outbox import Outbox
@@ -21,7 +22,6 @@ from dart_hal.fleet.peers import LOST_AFTER, OtherHealth, OtherPose, Peers
 from dart_hal.fleet.sender import Session
 from dart_hal.fleet.stopping import AT_LEAST, REPEAT, StopCall
 from dart_hal.fleet.transports import Transport, open_transport
-from dart_hal.process.suspend import elapsed
 
 BEAT_EVERY = 0.05
 """s between two BEATs."""

@@ -14,11 +14,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any, Protocol
 
-from dart_hal.config import CarFiles
-from dart_hal.errors import UsageError
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import UsageError
+from dart_hal.core.process.extras import install_command
 from dart_hal.foxglove import protocol
 from dart_hal.foxglove.protocol import Malformed
-from dart_hal.process.extras import install_command
 from dart_hal.recording.run_file import RunFile
 from dart_hal.recording.schemas import definition
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.motor import SHARPNESS
 from dart_hal.vehicle.steering import BLEND
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 
 def smooth(values: FloatArray, points: int, order: int) -> FloatArray:

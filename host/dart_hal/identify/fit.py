@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 TIME_KNOWN = 0.02
 """s; a delay or lag counts as identified below this standard error: a time may be 0, so no share

@@ -8,8 +8,8 @@ from typing import Any
 
 import msgspec
 
-from dart_hal.config import ModelFile, Quantity
-from dart_hal.config.model import Covariance
+from dart_hal.core.config import ModelFile, Quantity
+from dart_hal.core.config.model import Covariance
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.mass import never_weighed, of_mass, weighed
 from dart_hal.identify.report import FileReport, Published

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.config import Calibration
+from dart_hal.core.config import Calibration
+from dart_hal.core.types import ExternalPose
 from dart_hal.estimation.source_clock import car_time
 from dart_hal.recording.dart import Messages, Mocap, Note, Reference
 from dart_hal.recording.dart.mocap import EPOCH_FROM
@@ -15,7 +16,6 @@ from dart_hal.recording.dart.mocap import mocap as read_mocap
 from dart_hal.recording.dart.model import freeze
 from dart_hal.recording.dart.reader import MIN_MOCAP_ROWS
 from dart_hal.recording.dart.schema import MOCAP
-from dart_hal.types import ExternalPose
 
 
 def mocap_of(poses: Sequence[ExternalPose]) -> tuple[Mocap, float, list[Note]] | None:

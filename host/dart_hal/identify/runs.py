@@ -18,9 +18,10 @@ import numpy as np
 
 from dart_hal.actuation.quantiser import counter_of
 from dart_hal.car import Car
-from dart_hal.config import CarFiles
-from dart_hal.config.car import CarConfig
-from dart_hal.errors import DartHalError, RecordingError
+from dart_hal.core.config import CarFiles
+from dart_hal.core.config.car import CarConfig
+from dart_hal.core.errors import DartHalError, RecordingError
+from dart_hal.core.types import SAMPLE, ExternalPose, FloatArray, IntArray, State
 from dart_hal.estimation.imu_clock import GYRO_READ
 from dart_hal.estimation.odometry import GYRO_FILTER
 from dart_hal.identify.run_poses import calibrated, mocap_of, on_clock
@@ -38,7 +39,6 @@ from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.recording.dart.reader import note_false_lock
 from dart_hal.recording.dart.sensors import GAP
 from dart_hal.recording.run import RunReader
-from dart_hal.types import SAMPLE, ExternalPose, FloatArray, IntArray, State
 
 EVERY = 10  # frames of 10 ms
 FINE = 2  # where timing is the question: the PWM frame of the commands

@@ -16,11 +16,11 @@ import msgspec
 import numpy as np
 
 from dart_hal import __version__
-from dart_hal.config import ModelFile, Quantity, save_model
-from dart_hal.config.model import KNOWN, Covariance, Parameter
-from dart_hal.errors import ConfigError
+from dart_hal.core.config import ModelFile, Quantity, save_model
+from dart_hal.core.config.model import KNOWN, Covariance, Parameter
+from dart_hal.core.errors import ConfigError
+from dart_hal.core.types import FloatArray
 from dart_hal.identify.fit import Fit
-from dart_hal.types import FloatArray
 from dart_hal.vehicle.load import vehicle_of
 
 SECTIONS = ("friction", "motor", "steering", "delay", "tyres")

@@ -10,7 +10,7 @@ from math import degrees, radians, tau
 
 import numpy as np
 
-from dart_hal.types import BoolArray, FloatArray, Scan
+from dart_hal.core.types import BoolArray, FloatArray, Scan
 
 SCANS = 16
 """Scans that are looked at: 2 s."""

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 BAUD = 128_000
 """bit/s of an X4."""

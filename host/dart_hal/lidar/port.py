@@ -10,13 +10,13 @@ import threading
 from collections import deque
 from contextlib import suppress
 
-from dart_hal.errors import DartHalError, LinkLost, NoScan
+from dart_hal.core.errors import DartHalError, LinkLost, NoScan
+from dart_hal.core.ports import Chunk
+from dart_hal.core.process.suspend import elapsed
+from dart_hal.core.types import Scan
 from dart_hal.lidar.packets import START, STOP
 from dart_hal.lidar.scan import Stream
 from dart_hal.links.serial_port import SerialLink, candidates
-from dart_hal.ports import Chunk
-from dart_hal.process.suspend import elapsed
-from dart_hal.types import Scan
 
 READ = 0.05
 """s that a read waits at most: so soon does the thread end."""

@@ -14,9 +14,9 @@ from math import pi, tau
 
 import numpy as np
 
+from dart_hal.core.types import Scan
 from dart_hal.estimation.clock import ClockFit
 from dart_hal.lidar.packets import BAUD, PERIOD, Decoder, Packet
-from dart_hal.types import Scan
 
 BYTE = 10 / BAUD
 """s of a byte on the line."""

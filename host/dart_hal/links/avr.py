@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections import deque
 from typing import Protocol
 
-from dart_hal.errors import LinkLost, UsageError
+from dart_hal.core.errors import LinkLost, UsageError
+from dart_hal.core.ports import Chunk, Link
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.emulator import EmulatedNano
-from dart_hal.ports import Chunk, Link
 
 DEFAULT_EDGES = 20
 """Edges per main-gear revolution of the white ring, both flanks counted."""

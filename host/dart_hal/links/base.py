@@ -15,9 +15,9 @@ from difflib import get_close_matches
 from importlib.metadata import EntryPoint, entry_points
 from urllib.parse import parse_qsl
 
-from dart_hal.errors import UnknownScheme, UsageError
-from dart_hal.ports import Bus, Clock, ImageSource, Link, PoseSource, ScanSource, Workshop
-from dart_hal.types import Contact
+from dart_hal.core.errors import UnknownScheme, UsageError
+from dart_hal.core.ports import Bus, Clock, ImageSource, Link, PoseSource, ScanSource, Workshop
+from dart_hal.core.types import Contact
 
 SCHEME = re.compile(r"[A-Za-z][A-Za-z0-9+.-]*")
 URLS = "what each option means: docs/reference/urls.md"

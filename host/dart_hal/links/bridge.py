@@ -11,7 +11,7 @@ import os
 from functools import cache
 from pathlib import Path
 
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 from dart_hal.links.image import FIRMWARE_DIR
 
 ABI = 4

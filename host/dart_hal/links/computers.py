@@ -11,7 +11,7 @@ import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from dart_hal.errors import BusMissing
+from dart_hal.core.errors import BusMissing
 from dart_hal.links.base import Url
 
 I2C = Path("/sys/class/i2c-dev")

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from dart_hal.errors import EmulatorMissing, LinkLost, UsageError
+from dart_hal.core.errors import EmulatorMissing, LinkLost, UsageError
 from dart_hal.links import bridge
 from dart_hal.links.boot import BootWait
 from dart_hal.links.image import (

@@ -7,10 +7,10 @@ port, which would reset the Nano, and a killed one is gone at once.
 
 from __future__ import annotations
 
-from dart_hal.errors import PortMissing
+from dart_hal.core.errors import PortMissing
+from dart_hal.core.process.locks import holder
 from dart_hal.links.base import Url
 from dart_hal.links.serial_port import find_port
-from dart_hal.process.locks import holder
 
 __all__ = ["holder", "port_of"]
 

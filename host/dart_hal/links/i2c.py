@@ -13,12 +13,12 @@ import os
 import socket
 import struct
 
-from dart_hal.errors import BusError, UsageError
+from dart_hal.core.errors import BusError, UsageError
+from dart_hal.core.ports import Bus
+from dart_hal.core.ports.bus import explain
+from dart_hal.core.process.forks import private
 from dart_hal.links.busio import TransferBus
 from dart_hal.links.smbus import SmbusBus
-from dart_hal.ports import Bus
-from dart_hal.ports.bus import explain
-from dart_hal.process.forks import private
 
 REQUEST = struct.Struct("<BHH")
 TIMEOUT = 1.0

@@ -10,7 +10,7 @@ import os
 import struct
 from pathlib import Path
 
-from dart_hal.errors import EmulatorMissing
+from dart_hal.core.errors import EmulatorMissing
 
 FLASH_SIZE = 32 * 1024
 """Bytes of flash of the ATmega328P."""

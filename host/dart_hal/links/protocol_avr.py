@@ -17,7 +17,7 @@ from serial.serialutil import (  # type: ignore[import-untyped, unused-ignore]
     SerialException,
 )
 
-from dart_hal.errors import DartHalError
+from dart_hal.core.errors import DartHalError
 from dart_hal.links.avr import open_nano
 from dart_hal.links.base import Url
 from dart_hal.links.emulator import EmulatedNano

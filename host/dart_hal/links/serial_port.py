@@ -24,15 +24,15 @@ from pathlib import Path
 import serial
 from serial.tools import list_ports
 
-from dart_hal.errors import LinkLost, PortBusy, PortDenied, PortMissing, UsageError
+from dart_hal.core.errors import LinkLost, PortBusy, PortDenied, PortMissing, UsageError
+from dart_hal.core.ports import Chunk, Link
+from dart_hal.core.process.forks import private
+from dart_hal.core.process.suspend import elapsed
+from dart_hal.core.process.waiting import wait_readable, wait_writable
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.computers import settled
 from dart_hal.links.i2c import SocketBus, check_bus, open_bus
 from dart_hal.links.smbus import SmbusBus
-from dart_hal.ports import Chunk, Link
-from dart_hal.process.forks import private
-from dart_hal.process.suspend import elapsed
-from dart_hal.process.waiting import wait_readable, wait_writable
 
 RATES = (500_000, 115_200)
 """Line rates to try, in this order: 0.00 % and +2.12 % error on the AVR."""

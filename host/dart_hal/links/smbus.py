@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from dart_hal.core.ports.bus import explain
 from dart_hal.links.busio import TransferBus
-from dart_hal.ports.bus import explain
 
 
 class SmbusBus(TransferBus):

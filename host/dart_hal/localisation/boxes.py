@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 LARGEST = 0.8
 """m, both sides of what stands around such a part, along x and y: a box of 0.5 m, turned."""

@@ -12,10 +12,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from dart_hal.errors import UsageError
-from dart_hal.process.extras import install_command
-from dart_hal.text_file import read_text
-from dart_hal.types import MAX_COORDINATE, BoolArray, FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.process.extras import install_command
+from dart_hal.core.text_file import read_text
+from dart_hal.core.types import MAX_COORDINATE, BoolArray, FloatArray
 
 _PGM = re.compile(rb"P5\s(?:\s*#[^\n]*\n)*\s*(\d+)\s(?:\s*#[^\n]*\n)*\s*(\d+)\s"
                   rb"(?:\s*#[^\n]*\n)*\s*(\d+)\s")

@@ -17,9 +17,9 @@ from math import cos, sin
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.localisation.field import Map, map_of_lines
 from dart_hal.localisation.native import function
-from dart_hal.types import FloatArray
 
 C = 0.08
 """m at which a beam has a quarter of its weight: five times the noise of a distance; 5 cm are as

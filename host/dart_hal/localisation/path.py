@@ -16,8 +16,8 @@ from math import cos, sin
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.estimation.spin import WINDOW, Spin
-from dart_hal.types import FloatArray
 
 KEPT = 6.0
 """s of steps: a scan, and the longest gap without one that is bridged."""

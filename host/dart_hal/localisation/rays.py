@@ -8,8 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.localisation.native import function
-from dart_hal.types import FloatArray
 
 FAR = 1e9
 """m: a ray that meets nothing."""

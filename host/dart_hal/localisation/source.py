@@ -15,11 +15,11 @@ from pathlib import Path
 from queue import Full, Queue
 from urllib.parse import parse_qsl, urlsplit
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import ExternalPose, Scan, State
 from dart_hal.localisation.field import Map, map_of_grid
 from dart_hal.localisation.grid import read_grid
 from dart_hal.localisation.localiser import Localiser, Located
-from dart_hal.types import ExternalPose, Scan, State
 
 EXPECTED = "lidar:map.yaml, or lidar:map.yaml?start=X,Y,YAW in m and rad"
 FRAME = "lidar-map"

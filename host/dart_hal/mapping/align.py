@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

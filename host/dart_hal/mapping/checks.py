@@ -6,10 +6,10 @@ from math import degrees
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray, Scan
 from dart_hal.lidar.health import Watch, blind
 from dart_hal.localisation.localiser import MIRRORED
-from dart_hal.types import FloatArray, Scan
 
 BLIND = np.radians(30.0)
 """rad: a sector from which nothing came in the whole drive. A post hides 10 to 20 deg; where the

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import csc_matrix
 from scipy.sparse.linalg import spsolve
 
-from dart_hal.types import BoolArray, FloatArray, IntArray
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 
 RIGHT = 16.3
 """r' I r of three numbers that one right closure in 1000 exceeds: chi squared."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray, Scan
 from dart_hal.localisation.beams import Beams, beams_of
 from dart_hal.localisation.belief import ERRORS, POSE, STD, TAU, Belief, begun
 from dart_hal.localisation.localiser import LONGEST
@@ -17,7 +18,6 @@ from dart_hal.mapping.closures import Closures
 from dart_hal.mapping.graph import Edge, between, solve
 from dart_hal.mapping.keyframes import Keyframe, Survey, View, points_of
 from dart_hal.mapping.surfels import chart_of_points
-from dart_hal.types import FloatArray, Scan
 
 APART, TURNED = 0.25, 0.25
 """m and rad from one keyframe to the next: a scan of a car at 2 m/s."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.identify import curves
 from dart_hal.identify.filters import later, slope, smooth
-from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle.sets import PAPER
 
 from .folders import JoinedRows

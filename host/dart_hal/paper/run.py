@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import FloatArray
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.outcome import Identification
 from dart_hal.identify.report import FileReport, Published
 from dart_hal.identify.write import Source
-from dart_hal.types import FloatArray
 from dart_hal.vehicle.sets import PAPER
 
 from .delay import Correlation, fit_delay

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
-from dart_hal.errors import UsageError
-from dart_hal.ports import PoseSource
+from dart_hal.core.errors import UsageError
+from dart_hal.core.ports import PoseSource
 from dart_hal.poses import line
 from dart_hal.poses.file import open_file
 from dart_hal.poses.natnet_source import COMMANDS, NatNetSource

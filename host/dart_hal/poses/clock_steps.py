@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import replace
 
-from dart_hal.types import ExternalPose
+from dart_hal.core.types import ExternalPose
 
 STEP = 0.05
 """s; a pose that is later is no news to the tracker, and quartzes part by less in a minute."""

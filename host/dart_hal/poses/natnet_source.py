@@ -6,13 +6,13 @@ import socket
 import struct
 from collections.abc import Callable
 
-from dart_hal.errors import DartHalError, PortMissing
+from dart_hal.core.errors import DartHalError, PortMissing
+from dart_hal.core.process.suspend import elapsed
+from dart_hal.core.types import ExternalPose
 from dart_hal.poses import natnet
 from dart_hal.poses.reading import Convention
 from dart_hal.poses.rigid import reading
 from dart_hal.poses.udp import Port
-from dart_hal.process.suspend import elapsed
-from dart_hal.types import ExternalPose
 
 COMMANDS = 1510
 AGAIN = 1.0

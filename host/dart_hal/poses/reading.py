@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import isfinite, pi, radians
 
-from dart_hal.errors import UsageError
-from dart_hal.types import MAX_COORDINATE, POSE_STD, POSE_YAW_STD, ExternalPose, pose_cov
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import MAX_COORDINATE, POSE_STD, POSE_YAW_STD, ExternalPose, pose_cov
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,10 +15,10 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from dart_hal.errors import PortBusy, PortDenied, PortMissing
+from dart_hal.core.errors import PortBusy, PortDenied, PortMissing
+from dart_hal.core.process.suspend import elapsed
+from dart_hal.core.types import ExternalPose
 from dart_hal.poses.reading import Convention, Reading
-from dart_hal.process.suspend import elapsed
-from dart_hal.types import ExternalPose
 
 Parse = Callable[[bytes], list[Reading]]
 

@@ -6,12 +6,12 @@ import errno
 import socket
 from collections.abc import Callable
 
+from dart_hal.core.process.suspend import elapsed
+from dart_hal.core.types import ExternalPose
 from dart_hal.poses import vrpn
 from dart_hal.poses.natnet_source import address
 from dart_hal.poses.reading import Convention
 from dart_hal.poses.rigid import reading
-from dart_hal.process.suspend import elapsed
-from dart_hal.types import ExternalPose
 
 PORT = 3883
 AGAIN = 1.0

@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.recording.dart import Grid
-from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle import channels
 from dart_hal.vehicle.compose import settled, signals
 from dart_hal.vehicle.effect import Now, Stateful

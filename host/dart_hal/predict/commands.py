@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.recording.dart import Messages, Recording
-from dart_hal.types import SAMPLE, FloatArray
 
 from .actuators import first_order_lag
 

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray, IntArray
 from dart_hal.fitting.covariance import pooled_blocks
 from dart_hal.recording.dart import Grid
-from dart_hal.types import SAMPLE, FloatArray, IntArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.types import SAMPLE, FloatArray
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.vehicle.channels import through
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Now

@@ -11,7 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from dart_hal.types import SAMPLE, FloatArray
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
 

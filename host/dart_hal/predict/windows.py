@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, BoolArray, IntArray
 from dart_hal.recording.dart import Grid
-from dart_hal.types import SAMPLE, BoolArray, IntArray
 
 HORIZONS = (0.5, 1.0, 2.0)
 """s; the last is the length of a window of the evaluation."""

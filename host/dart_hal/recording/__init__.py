@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 
 
 def open_writer(path: Path | str, **about: Any) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from dart_hal.ports import Bus
+from dart_hal.core.ports import Bus
 
 
 class BusRecorder(Protocol):

@@ -12,8 +12,8 @@ from struct import Struct
 
 import numpy as np
 
+from dart_hal.core.types import Applied, ExternalPose, FloatArray, Image, Scan, State, nanoseconds
 from dart_hal.recording import stamp
-from dart_hal.types import Applied, ExternalPose, FloatArray, Image, Scan, State, nanoseconds
 
 HEADER = b"\x00\x01\x00\x00"
 _U32 = Struct("<I")

@@ -13,7 +13,7 @@ from typing import IO
 import lz4.frame
 import zstandard
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 
 MAX_RATIO = 50
 """Expanded bytes per compressed byte. Recordings reach 3 to 10 (text of numbers, bytes of the

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from dart_hal.core.types import Applied
 from dart_hal.recording.log import Value
-from dart_hal.types import Applied
 
 
 class Command(NamedTuple):

@@ -8,8 +8,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from dart_hal.errors import LogError
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import LogError
+from dart_hal.core.types import FloatArray
 
 PREFIX = "/log/"
 """Of the topics, so that no name of a user can be that of a channel of ours."""

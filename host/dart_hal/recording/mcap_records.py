@@ -26,7 +26,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Metadata, Schema
 from zstandard import ZstdError
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 from dart_hal.recording.expansion import ExpandsTooFar, expand_chunk, expansion_limit
 from dart_hal.recording.regular import check_regular
 from dart_hal.recording.seals import Block, sealed_blocks

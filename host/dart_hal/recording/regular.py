@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 
 
 def check_regular(path: Path) -> None:

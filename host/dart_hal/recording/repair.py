@@ -10,7 +10,7 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.writer import Writer
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 from dart_hal.recording.mcap_records import MESSAGE, PREFIX, McapFile, content, read_mcap, records
 from dart_hal.recording.run_file import mcap_writer
 

@@ -21,9 +21,10 @@ from struct import error as StructError  # noqa: N812
 from types import TracebackType
 from typing import Any
 
-from dart_hal.errors import FileTrouble, RecordingError
-from dart_hal.notebook import card
-from dart_hal.ports import Chunk
+from dart_hal.core.errors import FileTrouble, RecordingError
+from dart_hal.core.notebook import card
+from dart_hal.core.ports import Chunk
+from dart_hal.core.types import Applied, ExternalPose, Image, Scan, State
 from dart_hal.recording import cdr, stamp
 from dart_hal.recording.expansion import refusal
 from dart_hal.recording.items import AppliedAt as AppliedAt
@@ -34,7 +35,6 @@ from dart_hal.recording.items import Recorded as Recorded
 from dart_hal.recording.log import PREFIX, Value
 from dart_hal.recording.mcap_records import JSON, TOML, McapFile, notices, read_mcap
 from dart_hal.recording.run_file import RunFile, named, of_car, split_car
-from dart_hal.types import Applied, ExternalPose, Image, Scan, State
 from dart_hal.wire.messages import PROTO, SCHEMA
 
 _RAW, _TEXT = "std_msgs/msg/UInt8MultiArray", "std_msgs/msg/String"

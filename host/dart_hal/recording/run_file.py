@@ -23,12 +23,12 @@ from typing import Any
 
 from mcap.writer import CompressionType, Writer
 
-from dart_hal.errors import FileTrouble, RecordingError, UsageError
-from dart_hal.process.suspend import elapsed_ns
+from dart_hal.core.errors import FileTrouble, RecordingError, UsageError
+from dart_hal.core.process.suspend import elapsed_ns
+from dart_hal.core.types import nanoseconds
 from dart_hal.recording.mcap_records import JSON, ZERO, McapFile
 from dart_hal.recording.pieces import PieceWriter
 from dart_hal.recording.schemas import definition
-from dart_hal.types import nanoseconds
 
 LIBRARY = "dart-hal recording 5"
 """Fixed: a version of a library here would change the bytes of a run."""

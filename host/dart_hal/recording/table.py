@@ -12,9 +12,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from dart_hal.errors import RecordingError
-from dart_hal.text_file import read_text
-from dart_hal.types import State
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.text_file import read_text
+from dart_hal.core.types import State
 
 COLUMNS = ("t", "seq", "speed", "speed_std", "yaw_rate", "accel_x", "accel_y", "ticks",
            "x", "y", "yaw", "steering", "throttle", "steering_us", "throttle_us", "limited",

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 from . import svg
 from .html import Html

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.errors import UsageError
-from dart_hal.process.extras import install_command
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.process.extras import install_command
+from dart_hal.core.types import FloatArray
 
 from .html import Html, el
 

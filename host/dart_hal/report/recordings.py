@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.recording.check import Check, folder_of, stem_of
-from dart_hal.types import FloatArray
 
 from .figures import ABOVE, BLUE, GREEN, GREY, INK, ORANGE, finish, new_figure, save_figure
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 from .html import Html, el
 

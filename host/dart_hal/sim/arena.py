@@ -17,11 +17,11 @@ from zlib import crc32
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Contact, FloatArray
 from dart_hal.links.base import Url
 from dart_hal.sim.lidar.maps import box
 from dart_hal.sim.light.world import Outline
-from dart_hal.types import Contact, FloatArray
 
 BODY = Outline()
 CORNER = 0.5 * hypot(BODY.length, BODY.width)

@@ -25,7 +25,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from dart_hal.errors import EmulatorMissing, UsageError
+from dart_hal.core.errors import EmulatorMissing, UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.boot import BOOTS, STARTUP, BootWait
 from dart_hal.links.image import BOOTLOADER

@@ -13,12 +13,12 @@ from types import ModuleType
 
 import numpy as np
 
-from dart_hal.errors import DartHalError, UsageError
-from dart_hal.process.extras import install_command
+from dart_hal.core.errors import DartHalError, UsageError
+from dart_hal.core.process.extras import install_command
+from dart_hal.core.types import FloatArray, Image
 from dart_hal.sim.lidar.maps import Room, box
 from dart_hal.sim.lidar.unit import Others, Poses
 from dart_hal.sim.light.world import Outline
-from dart_hal.types import FloatArray, Image
 
 EVERY = 0.08
 """s between two images, 12.5 a second: whole ticks of the world and of its telemetry."""

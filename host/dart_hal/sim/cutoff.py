@@ -16,7 +16,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.sim.levels import LOGIC_V, divided, level
 from dart_hal.sim.pca9685 import Pca9685
 from dart_hal.sim.pwm_output import Pulse

@@ -14,7 +14,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.sim.failure_kinds import KINDS
 from dart_hal.sim.world import World
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.errors import UsageError
-from dart_hal.types import BoolArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import BoolArray
 
 Interval = tuple[float, float]
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from dart_hal.errors import NotMonotone
+from dart_hal.core.errors import NotMonotone
 from dart_hal.sim.esc import EscParams
 from dart_hal.sim.imu import ImuParams
 from dart_hal.sim.ring import (

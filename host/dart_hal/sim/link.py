@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections import deque
 
-from dart_hal.errors import LinkLost
-from dart_hal.ports import Chunk, Link
+from dart_hal.core.errors import LinkLost
+from dart_hal.core.ports import Chunk, Link
 from dart_hal.sim.faults import Line
 from dart_hal.sim.world import World
 

@@ -14,9 +14,9 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import ExternalPose, FloatArray, pose_cov
 from dart_hal.sim.world import Truth, World
-from dart_hal.types import ExternalPose, FloatArray, pose_cov
 
 OFF = ("0", "none")
 SIGNED = ("lx", "ly", "theta", "skew")
@@ -139,7 +139,7 @@ def _number(name: str, text: str) -> float:
 
 
 class SimMocap:
-    """The motion capture of a world, as a source of poses (``dart_hal.ports.PoseSource``)."""
+    """The motion capture of a world, as a source of poses (``dart_hal.core.ports.PoseSource``)."""
 
     name = "the motion capture of sim://"
 

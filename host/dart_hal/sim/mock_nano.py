@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.links.boot import BootWait
 from dart_hal.sim.eeprom import packed_params, stored
 from dart_hal.sim.mock_capture import MockCapture

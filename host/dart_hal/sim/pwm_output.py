@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import insort
 from collections.abc import Callable
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 Pulse = tuple[float, float]
 OscillatorHz = float | Callable[[float], float]

@@ -13,7 +13,7 @@ import stat
 import threading
 from pathlib import Path
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.links.base import Backend
 from dart_hal.links.i2c import REQUEST, receive
 from dart_hal.sim.link import SimLink

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.sim.hidden import HiddenCar
 from dart_hal.sim.imu import Vector
 from dart_hal.sim.ring import twice_round, worn_ring

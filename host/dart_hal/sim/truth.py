@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.paced import PacedLink
 from dart_hal.sim.backend import OPTIONS, lidar_in_room, mocap_in_room, room_in_view

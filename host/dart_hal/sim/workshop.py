@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.ports.workshop import SCALE, SIGHT, TAPE
+from dart_hal.core.ports.workshop import SCALE, SIGHT, TAPE
 from dart_hal.sim.world import Truth, World
 
 PUSH_CAR, PUSH_WHEEL, PUSHES = 4.0, 2.5, 0.3

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.cutoff import Multiplexer, make_wiring
 from dart_hal.sim.esc import Esc, LateEsc
@@ -30,7 +31,6 @@ from dart_hal.sim.pca9685 import Pca9685
 from dart_hal.sim.pwm_output import Pulse
 from dart_hal.sim.servo import Servo
 from dart_hal.sim.stand import Stand
-from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle
 
 STEERING, THROTTLE, CLOCK = 0, 1, 15

@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.errors import UsageError
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import settled, signals
 from dart_hal.vehicle.effect import ActiveEffect, Late, Now, Signal, Stateful
 from dart_hal.vehicle.flat import GROUPS

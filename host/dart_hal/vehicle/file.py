@@ -6,9 +6,9 @@ import math
 from dataclasses import MISSING, fields, replace
 from typing import Any
 
-from dart_hal.config import EffectEntry, ModelFile, plain
-from dart_hal.config.model import Parameter, Parameters
-from dart_hal.errors import ConfigError, UsageError
+from dart_hal.core.config import EffectEntry, ModelFile, plain
+from dart_hal.core.config.model import Parameter, Parameters
+from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import applied, effect, extended
 from dart_hal.vehicle.flat import GROUPS as SECTIONS

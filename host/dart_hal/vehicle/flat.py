@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike
 
-from dart_hal.errors import ConfigError, UsageError
+from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle, limits_of

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from dart_hal.config import ModelFile, load_model
-from dart_hal.errors import ConfigError, UsageError
+from dart_hal.core.config import ModelFile, load_model
+from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle.file import model_of, vehicle_from
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER, SETS

@@ -14,7 +14,7 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from dart_hal.errors import ConfigError
+from dart_hal.core.errors import ConfigError
 from dart_hal.vehicle.effect import ActiveEffect
 
 GRAVITY = 9.81

@@ -11,8 +11,8 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from dart_hal.config import load_model
-from dart_hal.errors import UsageError
+from dart_hal.core.config import load_model
+from dart_hal.core.errors import UsageError
 from dart_hal.vehicle.file import vehicle_from
 from dart_hal.vehicle.parameters import Vehicle
 

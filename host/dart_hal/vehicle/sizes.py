@@ -11,9 +11,9 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from dart_hal.config import ModelFile, Quantity, plain
-from dart_hal.config.car import CarConfig, Geometry, Limits
-from dart_hal.config.model import Parameters
+from dart_hal.core.config import ModelFile, Quantity, plain
+from dart_hal.core.config.car import CarConfig, Geometry, Limits
+from dart_hal.core.config.model import Parameters
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Body, Steering
 from dart_hal.vehicle.sets import PAPER

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.vehicle.namespace import Value, adapt
 from dart_hal.vehicle.parameters import SLIPS, AxleTyres, Body, PaperTyres
 

@@ -18,10 +18,10 @@ from typing import Any
 import msgspec
 
 from dart_hal.car import Car
-from dart_hal.errors import DartHalError, LinkLost, NotArmed
+from dart_hal.core.errors import DartHalError, LinkLost, NotArmed
+from dart_hal.core.process.suspend import elapsed
+from dart_hal.core.types import Scan, State
 from dart_hal.fleet.peers import OtherPose
-from dart_hal.process.suspend import elapsed
-from dart_hal.types import Scan, State
 from dart_hal.view import messages as m
 from dart_hal.view.access import Access
 from dart_hal.view.operator import Operator, Refused

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 
 from dart_hal.car import Car
-from dart_hal.types import Scan
+from dart_hal.core.types import Scan
 from dart_hal.view import messages as m
 from dart_hal.view.access import Access
 from dart_hal.view.operator import Refused

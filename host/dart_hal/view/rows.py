@@ -7,7 +7,7 @@ from math import isfinite
 
 import numpy as np
 
-from dart_hal.types import Scan, State
+from dart_hal.core.types import Scan, State
 
 FIELDS = ("t", "x", "y", "yaw", "speed", "yaw_rate", "accel_x", "accel_y", "steering", "throttle",
           "asked_steering", "asked_throttle", "sxx", "sxy", "syy")

@@ -28,7 +28,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.view.access import Access
 from dart_hal.view.messages import LONGEST, Malformed, Message, Stop, read
 from dart_hal.view.operator import Refused

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from dart_hal.car import Car
+from dart_hal.core.types import FloatArray, State
 from dart_hal.fleet.peers import OtherPose
-from dart_hal.types import FloatArray, State
 from dart_hal.view.rows import FIELDS
 from dart_hal.view.words import Words, refusal_words, trip_words
 

@@ -6,7 +6,7 @@ import struct
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.wire import cobs
 from dart_hal.wire.crc import crc16
 from dart_hal.wire.messages import LOG_TEXT_MIN, MESSAGES, Message

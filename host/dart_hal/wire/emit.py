@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.wire.emit_cpp import render_header
 from dart_hal.wire.emit_lua import render_lua
 from dart_hal.wire.emit_markdown import render_markdown

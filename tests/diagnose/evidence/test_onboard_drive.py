@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from onboard_files import evidence, made
 
+from dart_hal.core.types import SAMPLE
 from dart_hal.diagnose.evidence.onboard import UNKNOWN, limits
 from dart_hal.diagnose.evidence.onboard_drive import (
     ENCODER_SPAN,
@@ -15,7 +16,6 @@ from dart_hal.diagnose.evidence.onboard_drive import (
     sessions,
 )
 from dart_hal.diagnose.policy import USUAL
-from dart_hal.types import SAMPLE
 
 BEFORE, AFTER = (PAST + 2) * ENCODER_SPAN, MESSAGES_AHEAD * ENCODER_SPAN
 

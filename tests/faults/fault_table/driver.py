@@ -18,7 +18,7 @@ import time
 from contextlib import suppress
 
 from dart_hal.car import Car
-from dart_hal.errors import LinkLost, NotArmed
+from dart_hal.core.errors import LinkLost, NotArmed
 from fault_table import switches, switches_nano  # noqa: F401 - the layers that may be gone
 from fault_table.drive import WAIVE
 from fault_table.layers import inherit

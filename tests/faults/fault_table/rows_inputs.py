@@ -11,7 +11,7 @@ from dart_hal.bridges.bridge import Bridge
 from dart_hal.cli import drive as verb
 from dart_hal.control.gamepad import EVENT, FULL, Gamepad, Layout, Manual
 from dart_hal.control.keyboard import Keyboard
-from dart_hal.types import State
+from dart_hal.core.types import State
 from dart_hal.view import messages
 from dart_hal.view.access import Access
 from dart_hal.view.desk import Desk

@@ -7,8 +7,8 @@ from contextlib import suppress
 
 from dart_hal.actuation.quantiser import prescale_for
 from dart_hal.actuation.standby import Throttle, stop
-from dart_hal.config import Calibration, Quantity, save_calibration
-from dart_hal.errors import NotArmed
+from dart_hal.core.config import Calibration, Quantity, save_calibration
+from dart_hal.core.errors import NotArmed
 from dart_hal.sim.esc import Esc, Mode
 from dart_hal.sim.pca9685 import MODE1, PRE_SCALE
 from dart_hal.sim.pwm_output import Pulse

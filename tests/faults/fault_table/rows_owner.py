@@ -10,7 +10,7 @@ from unittest.mock import patch
 
 from dart_hal.car import Car
 from dart_hal.car.driver import Driver as CarDriver
-from dart_hal.errors import BusError, DartHalError, LinkLost, NotArmed
+from dart_hal.core.errors import BusError, DartHalError, LinkLost, NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.sim.cutoff import Direct, Multiplexer, OutputEnable
 from dart_hal.wire.messages import PARAM_SET, PARAMS

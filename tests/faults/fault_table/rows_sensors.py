@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable, Sequence
 
 from dart_hal.car import Car
-from dart_hal.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import State
 from dart_hal.estimation.frames import Sample
-from dart_hal.types import State
 from fault_table.bench import Bench
 from fault_table.drive import Drive, forward
 from fault_table.row import NEVER, Case, Measured, Row, case

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from dart_hal.ports import Chunk
-from dart_hal.process.suspend import SuspendDetector
+from dart_hal.core.ports import Chunk
+from dart_hal.core.process.suspend import SuspendDetector
 from fault_table.bench import Bench
 from fault_table.drive import Drive, forward
 from fault_table.row import Measured, Row, case

@@ -15,10 +15,10 @@ from contextlib import suppress
 from dart_hal.car import guarding
 from dart_hal.car.exit_signals import stop_on_signals
 from dart_hal.car.pump import ThreadPump
-from dart_hal.errors import DartHalError, LinkLost
+from dart_hal.core.errors import DartHalError, LinkLost
+from dart_hal.core.types import State
 from dart_hal.links.base import Backend, Url
 from dart_hal.links.serial_port import SerialLink
-from dart_hal.types import State
 from fault_table.bench import Bench
 from fault_table.drive import Drive, forward
 from fault_table.layers import removed

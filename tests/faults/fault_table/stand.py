@@ -17,7 +17,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from dart_hal.config import load_car
+from dart_hal.core.config import load_car
 from dart_hal.links.base import Url
 from dart_hal.links.i2c import open_bus
 from fault_table.row import NEVER

@@ -11,7 +11,7 @@ from setup_box import Box
 from trees import NAMES, plant
 
 from dart_hal.actuation.owner import refuse_claimed
-from dart_hal.errors import BusMissing, PcaClaimed
+from dart_hal.core.errors import BusMissing, PcaClaimed
 from dart_hal.links.base import Url
 from dart_hal.links.computers import computer, find_bus, settled
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from dart_hal.actuation.standby import Throttle
-from dart_hal.config import load_car
+from dart_hal.core.config import load_car
 from dart_hal.links.i2c import SocketBus
 
 PATIENCE = 60.0

@@ -27,11 +27,11 @@ from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES
 from dart_hal.actuation.standby import REPEAT, WRITES, Throttle, Watchman
 from dart_hal.cli import standby
 from dart_hal.cli.main import main
-from dart_hal.config import load_car
-from dart_hal.errors import BusError
+from dart_hal.core.config import load_car
+from dart_hal.core.errors import BusError
+from dart_hal.core.process.locks import holder, parse_locks
 from dart_hal.links.i2c import REQUEST, receive
 from dart_hal.links.notify import notify
-from dart_hal.process.locks import holder, parse_locks
 from dart_hal.sim.bus import VirtualBus
 from dart_hal.sim.pca9685 import Pca9685 as Chip
 

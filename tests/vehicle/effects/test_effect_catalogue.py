@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from dart_hal.cli.effect_page import render_effects
-from dart_hal.errors import ConfigError, UsageError
+from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effect import CHANNELS, STAGES, Late
 from dart_hal.vehicle.effects import apply, catalogue, effect, extended, parse

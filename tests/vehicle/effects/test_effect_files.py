@@ -6,8 +6,8 @@ import msgspec
 import pytest
 from effect_drive import medium
 
-from dart_hal.config import EffectEntry, Quantity, dump, parse_model
-from dart_hal.errors import ConfigError
+from dart_hal.core.config import EffectEntry, Quantity, dump, parse_model
+from dart_hal.core.errors import ConfigError
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import applied, apply, catalogue, extended, parse
 from dart_hal.vehicle.load import find_model, model_of, vehicle_of

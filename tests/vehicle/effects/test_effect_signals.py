@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from effect_drive import DT, NAMES, PER_TURN, commands, medium, noise
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.predict.actuators import actuated, first_order_lag
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from dart_hal.car.export import lerobot_images as pictures
 from dart_hal.car.table import RunTable, missing
-from dart_hal.errors import UsageError
-from dart_hal.types import Image
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Image
 
 VERSION = "v3.0"
 OBSERVED = ("speed", "yaw_rate", "accel_x", "accel_y", "x", "y", "yaw", "steering", "throttle")

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.car.table import RunTable, missing
-from dart_hal.errors import UsageError
-from dart_hal.types import Image
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Image
 
 NAME = "observation.images.camera"
 SAMPLED = 300

@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.car.scans import mount_of
-from dart_hal.config import CarFiles
-from dart_hal.config.folders import parse_run_car
-from dart_hal.errors import ConfigError
+from dart_hal.core.config import CarFiles
+from dart_hal.core.config.folders import parse_run_car
+from dart_hal.core.errors import ConfigError
+from dart_hal.core.types import Mount, Scan
 from dart_hal.localisation.source import FRAME
 from dart_hal.recording import cdr
 from dart_hal.recording.items import Recorded
 from dart_hal.recording.run import RunReader
-from dart_hal.types import Mount, Scan
 
 SCAN, LIDAR_SCAN = "sensor_msgs/msg/LaserScan", "dart_msgs/msg/LidarScan"
 TF = "tf2_msgs/msg/TFMessage"

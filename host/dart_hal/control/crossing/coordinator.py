@@ -19,7 +19,7 @@ from dart_hal.control.crossing.layout import Layout
 from dart_hal.control.crossing.message import ROOM, Fault, decode, encode, parts
 from dart_hal.control.crossing.order import Phase, Right, Verdict
 from dart_hal.control.crossing.speed import safe_speed
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 ASKS = 2.6
 """m before its ground at which a car asks: 1 m to stop from 1 m/s, and 1.6 s for an answer, which

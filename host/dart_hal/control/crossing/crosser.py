@@ -17,7 +17,7 @@ from dart_hal.control.crossing.order import Verdict
 from dart_hal.control.crossing.speed import safe_speed
 from dart_hal.control.plant import Plant
 from dart_hal.control.trackers import contouring
-from dart_hal.types import FloatArray, MotionEstimate, Tracking
+from dart_hal.core.types import FloatArray, MotionEstimate, Tracking
 
 EVERY = 0.1
 """s from one message to the next."""

@@ -11,8 +11,8 @@ import numpy as np
 from dart_hal.control.crossing.speed import stopping_distance
 from dart_hal.control.crossing.table import distances, lines
 from dart_hal.control.paths import Path
-from dart_hal.errors import UsageError
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 
 APART = 0.45
 """m between the middles of two cars, by their paths: 0.35 m, and twice what a pose (1.5 cm) and a

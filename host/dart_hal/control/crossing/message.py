@@ -14,7 +14,7 @@ from math import isfinite
 from struct import Struct
 
 from dart_hal.control.crossing.order import Message, Phase
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 VERSION = 2
 HEAD, CAR = Struct("<BIBBBBIIQd"), Struct("<QI")

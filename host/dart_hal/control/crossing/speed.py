@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 SLOWS, LATE, MARGIN = 0.8, 0.3, 0.06
 """m/s2: what a car rolls out with, without its brake; s: command to wheels, 0.04 of transport,

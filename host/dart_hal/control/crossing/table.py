@@ -13,7 +13,7 @@ from math import inf
 import numpy as np
 
 from dart_hal.control.paths import Path
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 
 def distances(a: Path, b: Path) -> FloatArray:

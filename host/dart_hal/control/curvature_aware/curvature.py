@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 POINTS = 41
 WIDTH = 1.3 / POINTS

@@ -23,7 +23,7 @@ from dart_hal.control.curvature_aware.programme import RHO_INPUT, Programme, slo
 from dart_hal.control.drivetrain import Inverse
 from dart_hal.control.mpc.model import STAGE, linearised, make_stage
 from dart_hal.control.mpc.problem import Limits, condensed
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering_inverse
 

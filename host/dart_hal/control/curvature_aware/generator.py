@@ -23,7 +23,7 @@ from dart_hal.control.curvature_aware.progress import Law, make_rates, make_stag
 from dart_hal.control.mpc.model import STAGE
 from dart_hal.control.mpc.problem import GRIP, condensed
 from dart_hal.control.mpc.reference import Reference
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 STAGES = 15
 """1.5 s."""

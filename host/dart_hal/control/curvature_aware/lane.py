@@ -15,7 +15,7 @@ import numpy as np
 
 from dart_hal.control.curvature_aware.programme import Programme
 from dart_hal.control.mpc.problem import RHO_METRE, Weights
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.namespace import Value
 
 SLACK, MOST_SLACK = 100.0, 100.0

@@ -14,7 +14,7 @@ import numpy as np
 from dart_hal.control.mpc.admm import Rows, solve
 from dart_hal.control.mpc.model import SLOPE
 from dart_hal.control.mpc.problem import Condensed
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 Value = Any
 RHO_INPUT = 1.0

@@ -22,8 +22,8 @@ from dart_hal.control.mpc.model import STAGE
 from dart_hal.control.mpc.planner import FAR, Aim, Outcome, Plan, Planner
 from dart_hal.control.mpc.problem import Limits
 from dart_hal.control.paths import Path
-from dart_hal.errors import UsageError
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dart_hal.control.monitoring.lissajous import Lissajous
-from dart_hal.types import BoolArray, FloatArray
+from dart_hal.core.types import BoolArray, FloatArray
 
 
 def seen(robots: FloatArray, targets: FloatArray, radius: float) -> BoolArray:

@@ -10,7 +10,7 @@ from dart_hal.control.lap import SpeedProfile
 from dart_hal.control.monitoring.course import Course
 from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.control.plant import Plant
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 LOCK_LEFT = 0.07
 """rad of the lock that stay free in the tightest bend: backlash, an error of the map, and what the

@@ -21,8 +21,8 @@ import numpy as np
 
 from dart_hal.control.monitoring.kuramoto import stable
 from dart_hal.control.monitoring.lissajous import Lissajous
-from dart_hal.errors import UsageError
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 
 LOOK = 801
 """Values of X in 2 pi / N, after which the robots have changed places."""

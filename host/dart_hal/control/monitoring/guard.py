@@ -21,7 +21,7 @@ import numpy as np
 
 from dart_hal.control.monitoring.course import Course
 from dart_hal.control.stopping import SLOWS
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 AHEAD = 0.0875
 """m from the rear axle to the middle of the body, 0.30 x 0.19 m."""

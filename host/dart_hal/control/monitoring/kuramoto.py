@@ -15,7 +15,7 @@ from math import cos, pi
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 FLAT = 1e-9
 """Of cos(2 pi p / N): a quarter turn between neighbours is on the edge, rounding or not."""

@@ -9,8 +9,8 @@ from math import gcd, hypot, isfinite, pi
 import numpy as np
 
 from dart_hal.control.paths import Path
-from dart_hal.errors import UsageError
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 
 DENSE = 0.05
 """m between the points of the path; the spline between them is 1e-5 m off at a bend of 0.5 m."""

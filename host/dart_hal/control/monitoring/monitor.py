@@ -26,8 +26,8 @@ from dart_hal.control.monitoring.guard import Guard, reachable
 from dart_hal.control.monitoring.kuramoto import repulsion
 from dart_hal.control.monitoring.peer import POINTS, STEP, Peer, Told, Touch, apart
 from dart_hal.control.plant import Plant
-from dart_hal.errors import UsageError
-from dart_hal.types import FloatArray, MotionEstimate
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray, MotionEstimate
 
 IN_STEP = 0.2
 """rad of a neighbour's phase from its slot: 4 % of the way from one robot to the next of five."""

@@ -15,7 +15,7 @@ from math import inf, pi, remainder
 from typing import Protocol
 
 from dart_hal.control.monitoring.course import Course
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 STALE = 0.5
 """s, ten messages: as for poses (``dart_hal.fleet``)."""

@@ -28,7 +28,7 @@ from math import exp
 import numpy as np
 
 from dart_hal.control.plant import Plant, Prediction
-from dart_hal.types import FloatArray, MotionEstimate
+from dart_hal.core.types import FloatArray, MotionEstimate
 
 KNOWN = (0.05, 0.1, 0.1)
 """Standard deviations before a drive: a backlash of 2 deg is 0.05 of the command to either side;

@@ -9,7 +9,7 @@ import numpy as np
 
 from dart_hal.control.mpc.planner import Outcome
 from dart_hal.control.plant import Plant, Where
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Delay, Vehicle
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from dart_hal.control.mpc.admm import RELAXATION, Splitting, Sweep
 from dart_hal.control.mpc.model import INPUTS, STATES, Linearise, Linearised, make_stage
-from dart_hal.errors import UsageError
-from dart_hal.process.extras import install_command
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.process.extras import install_command
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.native.build import CannotCompile, Variant, cache_folder, compile_kernel
 from dart_hal.vehicle.parameters import Vehicle
 

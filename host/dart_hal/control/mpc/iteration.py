@@ -19,7 +19,7 @@ from dart_hal.control.mpc.model import STAGE, Linearise, linearised, make_stage
 from dart_hal.control.mpc.planner import FAR, Aim, Outcome, Plan, Planner
 from dart_hal.control.mpc.problem import ST, V_S, Limits, Problem, Weights, condensed
 from dart_hal.control.paths import Path
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 

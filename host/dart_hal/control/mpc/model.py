@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.bicycle import make_dynamic, make_kinematic
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.motor import make_motor_gains

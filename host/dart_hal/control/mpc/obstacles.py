@@ -14,7 +14,7 @@ from math import cos, hypot, inf, sin
 import numpy as np
 
 from dart_hal.control.paths import Path
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 RAMP = 0.4
 """m across for 1 m along: at 2 m/s within the curvature that the car turns."""

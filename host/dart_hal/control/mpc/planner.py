@@ -25,7 +25,7 @@ from dart_hal.control.mpc.obstacles import Corridor, Obstacle
 from dart_hal.control.mpc.problem import Limits
 from dart_hal.control.mpc.reference import Reference
 from dart_hal.control.paths import Path
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
 

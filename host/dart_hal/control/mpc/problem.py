@@ -20,7 +20,7 @@ import numpy as np
 from dart_hal.control.mpc.admm import Rows
 from dart_hal.control.mpc.model import STAGE
 from dart_hal.control.mpc.reference import Errors
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 TAU, ST, V_S = 0, 1, 2
 X, Y, V_X, OMEGA = 0, 1, 3, 5

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from dart_hal.control.paths import Path
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 SMOOTH = 0.2
 """m."""

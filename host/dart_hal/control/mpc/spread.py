@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from dart_hal.control.mpc.planner import Plan
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 KNOWN = (0, 1, 2, 3, 5)
 """States of a plan that an estimate of the motion has a covariance of."""

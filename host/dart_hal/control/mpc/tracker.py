@@ -36,8 +36,8 @@ from dart_hal.control.on_path import OnPath
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.steady import SPEEDS
-from dart_hal.errors import UsageError
-from dart_hal.types import FloatArray, MotionEstimate
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray, MotionEstimate
 
 LANE = 0.3
 """m to either side."""

@@ -13,7 +13,7 @@ from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.on_path import OnPath
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
-from dart_hal.types import MotionEstimate, Scan
+from dart_hal.core.types import MotionEstimate, Scan
 
 
 class Boards(LaneFollower):

@@ -28,7 +28,7 @@ from dart_hal.control.platoon.laws import clipped
 from dart_hal.control.platoon.laws import leader as holds
 from dart_hal.control.platoon.spacing import heard, seen
 from dart_hal.control.trackers import TRACKERS
-from dart_hal.types import FloatArray, MotionEstimate, Scan, Tracking
+from dart_hal.core.types import FloatArray, MotionEstimate, Scan, Tracking
 
 KEPT = 50
 """Poses: 0.5 s of States, a scan takes 0.13."""

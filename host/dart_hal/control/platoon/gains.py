@@ -16,7 +16,7 @@ from math import inf, sqrt
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 
 HEADWAYS = np.linspace(0.0, 3.5, 500)
 """s that are tried, as published: the digits of h come from this grid."""

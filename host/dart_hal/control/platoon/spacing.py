@@ -12,7 +12,7 @@ import numpy as np
 
 from dart_hal.control.paths import Path
 from dart_hal.control.platoon.follower import Gap
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 NOSE, TAIL = 0.2375, 0.0625
 """m from the rear axle to the front and to the rear end of a car (docs/reference/hardware.md)."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dart_hal.control.drivetrain import FRAME
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from .residuals import Evidence, Residuals

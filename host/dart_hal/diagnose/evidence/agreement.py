@@ -13,10 +13,10 @@ from functools import partial
 
 import numpy as np
 
-from dart_hal.errors import OtherCar, RecordingError
+from dart_hal.core.errors import OtherCar, RecordingError
+from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.recording.dart import Recording
 from dart_hal.recording.dart.model import freeze
-from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle

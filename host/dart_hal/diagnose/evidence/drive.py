@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.predict.commands import message_time, zero_order_hold
 from dart_hal.predict.rollout import states
 from dart_hal.predict.sensors import posed
@@ -26,7 +27,6 @@ from dart_hal.recording.dart import (
     grid,
     savgol_derivative,
 )
-from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.compose import signals
 from dart_hal.vehicle.parameters import Vehicle
 

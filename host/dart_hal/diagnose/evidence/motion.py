@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.predict.windows import MIN_SPEED
 from dart_hal.recording.dart import Recording, savgol_derivative
 from dart_hal.recording.dart.marker import marker_grid
 from dart_hal.recording.dart.spans import span_index
-from dart_hal.types import SAMPLE, FloatArray
 
 DELAY = 0.05  # s; an encoder's reading is the mean of the last 0.1 s
 

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.fitting.robust import scatter, soft_l1, soft_l1_weight
-from dart_hal.types import FloatArray, IntArray
 
 from ..policy import CLIP, MIN_READINGS, USUAL, NoisePolicy
 from .residuals import Residuals

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.parameters import Vehicle

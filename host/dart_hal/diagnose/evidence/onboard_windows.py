@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.predict.actuators import delayed, first_order_lag, reached, turned
 from dart_hal.predict.commands import spread_over
 from dart_hal.predict.rollout import states
 from dart_hal.predict.sensors import driven, motion, sensed
 from dart_hal.predict.substeps import FINE, fine, fine_rollout
 from dart_hal.recording.dart import Grid
-from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.compose import signals
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle

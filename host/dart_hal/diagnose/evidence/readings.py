@@ -6,11 +6,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.predict import sensors
 from dart_hal.predict.commands import catmull_rom
 from dart_hal.predict.rollout import states
 from dart_hal.recording.dart import Grid, savgol_derivative
-from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.channels import late_last, through
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.parameters import Vehicle

@@ -13,13 +13,13 @@ from uuid import uuid4
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.predict.actuators import behind_actuator, delayed, first_order_lag, reached, turned
 from dart_hal.predict.commands import spread_over
 from dart_hal.predict.rollout import Parts
 from dart_hal.predict.rollout import measured as measured_states
 from dart_hal.predict.substeps import FINE, fine_rollout, quarters
 from dart_hal.recording.dart import RUN, Grid
-from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.channels import late_last
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import ActiveEffect, Effect

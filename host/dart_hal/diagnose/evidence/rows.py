@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.types import IntArray
+from dart_hal.core.types import IntArray
 
 from ..policy import BlockPolicy
 from .readings import SENSORS

@@ -16,8 +16,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.identify.shooting.coordinates import Coordinates
-from dart_hal.types import FloatArray
 from dart_hal.vehicle.flat import unchecked, unit, value
 from dart_hal.vehicle.parameters import Vehicle
 

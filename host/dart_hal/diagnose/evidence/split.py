@@ -19,9 +19,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording
 from dart_hal.recording.dart.spans import Spans, span_index
-from dart_hal.types import FloatArray
 
 GUARD = 1.0
 """s between two stretches: what disturbed one, with 0.15 s of memory, does not disturb the next,

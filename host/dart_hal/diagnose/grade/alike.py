@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.report.numbers import some
-from dart_hal.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue
 
 from ..evidence.residuals import Evidence

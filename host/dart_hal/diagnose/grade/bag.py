@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.evaluate.compare import draws as drawn
-from dart_hal.types import FloatArray, IntArray
 
 from ..policy import TAIL, GradePolicy
 from .secants import Secants, modulations

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.departures import DEPARTURES, with_departures
 from dart_hal.vehicle.effect import ActiveEffect
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.types import FloatArray, IntArray
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.effects import remove_effects
 
 from ..evidence.residuals import Evidence

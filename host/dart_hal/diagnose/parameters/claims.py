@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..final_fit import FinalFit

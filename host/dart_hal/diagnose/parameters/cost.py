@@ -18,8 +18,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.evaluate.compare import LEAST_BLOCKS
-from dart_hal.types import FloatArray
 
 from ..result import Cost
 from .sets import Set

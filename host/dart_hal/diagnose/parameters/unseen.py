@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from dart_hal.control.drivetrain import WAIT_STD
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.ages import AGES, older

@@ -13,6 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray, IntArray
 from dart_hal.diagnose.evidence.drive import READ_OUTS
 from dart_hal.diagnose.evidence.onboard import MOTION as ONBOARD
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence
@@ -27,7 +28,6 @@ from dart_hal.diagnose.unexplained.features import (
     window_features,
 )
 from dart_hal.evaluate.cases import short
-from dart_hal.types import SAMPLE, FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from .words import CHANNELS

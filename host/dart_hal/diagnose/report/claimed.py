@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.diagnose.evidence.drive import Drive
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.evidence.readings import measured
@@ -27,7 +28,6 @@ from dart_hal.predict.actuators import actuated
 from dart_hal.recording.dart import savgol_derivative
 from dart_hal.report import charts, page, svg
 from dart_hal.report.html import Html
-from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle

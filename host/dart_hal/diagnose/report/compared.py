@@ -9,10 +9,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.diagnose.evidence.residuals import Evidence
 from dart_hal.diagnose.result import Diagnosis, Stage, added
 from dart_hal.evaluate import CHANNELS as PREDICTED
-from dart_hal.types import BoolArray, FloatArray
 
 from .words import pooled
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from dart_hal.control.drivetrain import WAIT_STD
-from dart_hal.process.jobs import each
-from dart_hal.types import FloatArray
+from dart_hal.core.process.jobs import each
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue, remove_effects, with_nulls
 from dart_hal.vehicle.parameters import Vehicle
 

@@ -20,7 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 from .fit import Point
 from .scan import Trial

@@ -19,9 +19,9 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.errors import ConfigError
-from dart_hal.process.jobs import each
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import ConfigError
+from dart_hal.core.process.jobs import each
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effect import Effect, Parameter
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle

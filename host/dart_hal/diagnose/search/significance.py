@@ -21,7 +21,7 @@ from statistics import NormalDist
 
 import numpy as np
 
-from dart_hal.types import FloatArray, IntArray
+from dart_hal.core.types import FloatArray, IntArray
 
 from .fit import Point
 from .scan import Trial

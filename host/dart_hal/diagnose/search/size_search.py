@@ -11,7 +11,7 @@ from itertools import product
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effect import Effect, Parameter
 
 from ..policy import USUAL, ScanPolicy

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from itertools import combinations
 
-from dart_hal.config import ModelFile
+from dart_hal.core.config import ModelFile
 from dart_hal.experiment.floor import Floor
 from dart_hal.vehicle.effects import catalogue
 

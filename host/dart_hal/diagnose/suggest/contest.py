@@ -13,8 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.errors import ConfigError
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import ConfigError
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effect import Parameter
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle

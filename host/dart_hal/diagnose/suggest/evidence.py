@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.drive import prepare

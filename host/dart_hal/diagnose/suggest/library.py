@@ -8,10 +8,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from dart_hal.config import CarFiles, ModelFile, parse_car
-from dart_hal.errors import ExperimentFailed
+from dart_hal.core.config import CarFiles, ModelFile, parse_car
+from dart_hal.core.errors import ExperimentFailed
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.experiment.floor import Floor
-from dart_hal.types import SAMPLE, FloatArray
 
 from .virtual import Commands
 

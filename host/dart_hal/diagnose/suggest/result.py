@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 from ..policy import USUAL
 

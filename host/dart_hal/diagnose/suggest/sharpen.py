@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.config import ModelFile
+from dart_hal.core.config import ModelFile
+from dart_hal.core.types import FloatArray
 from dart_hal.experiment.floor import Floor
-from dart_hal.types import FloatArray
 
 from ..evidence.space import Space, Timing
 from ..parameters.groups import quantities_of

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.predict.actuators import actuated
 from dart_hal.predict.commands import zero_order_hold
 from dart_hal.predict.sensors import driven, motion, posed, sensed
 from dart_hal.recording.dart import Grid, Messages, Mocap, Recording, Reference
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
-from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle

@@ -14,7 +14,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 PERIOD = MappingProxyType({"heading": 2.0 * math.pi, "revolution_angle": 1.0})
 LEVELS = ("direction", "recording")

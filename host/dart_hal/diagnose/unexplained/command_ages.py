@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.fitting.robust import scatter
-from dart_hal.types import FloatArray
 
 EVENT_SHARE = 0.1
 """E: windows that an event may disturb ..."""

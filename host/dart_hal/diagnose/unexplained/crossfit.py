@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.types import BoolArray, FloatArray, IntArray
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

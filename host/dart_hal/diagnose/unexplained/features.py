@@ -13,8 +13,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.predict.actuators import actuated
-from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
 
 from ..evidence.drive import READ_OUTS, Drive

@@ -18,8 +18,8 @@ from types import MappingProxyType
 import numpy as np
 
 from dart_hal.control.drivetrain import WAIT_STD
+from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.fitting.robust import MAD_TO_SIGMA
-from dart_hal.types import SAMPLE, FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..error_summaries import Moment, Outliers

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.types import FloatArray, IntArray
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.drive import READ_OUTS

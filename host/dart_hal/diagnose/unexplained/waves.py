@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.types import FloatArray, IntArray
+from dart_hal.core.types import FloatArray, IntArray
 
 ComplexArray = NDArray[np.complex64]
 

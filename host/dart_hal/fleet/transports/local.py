@@ -13,7 +13,7 @@ from bisect import insort
 from collections.abc import Sequence
 from math import inf
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.fleet.transports import Datagram
 from dart_hal.links.base import Url
 

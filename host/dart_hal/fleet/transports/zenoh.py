@@ -11,11 +11,11 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.process.extras import install_command
+from dart_hal.core.process.suspend import elapsed
 from dart_hal.fleet.transports import Datagram
 from dart_hal.links.base import Url
-from dart_hal.process.extras import install_command
-from dart_hal.process.suspend import elapsed
 
 KEPT = 4096
 """Frames that wait: 10 s of 20 cars."""

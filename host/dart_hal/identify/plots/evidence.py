@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True)

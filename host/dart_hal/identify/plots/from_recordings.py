@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.identify import curves
 from dart_hal.identify.filters import slope, smooth
 from dart_hal.identify.fit import Fit
@@ -19,7 +20,6 @@ from dart_hal.identify.submodels import fitted_car
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.identify.submodels.tyre_forces import tyre_forces
 from dart_hal.recording.dart import Recording, Reference, grid, reference_for, savgol_derivative
-from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle import PAPER, Body, Steering, Vehicle, make_steering
 
 from .complete import papers_form

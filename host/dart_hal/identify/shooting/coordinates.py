@@ -12,8 +12,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dart_hal.errors import UsageError
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.flat import bounds, setter, value
 from dart_hal.vehicle.parameters import Vehicle
 

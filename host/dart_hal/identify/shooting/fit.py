@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dart_hal.control.drivetrain import WAIT_STD
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.fitting.covariance import RECORDINGS, block_covariance, held_covariance
 from dart_hal.fitting.least_squares import EDGE, Solution
 from dart_hal.fitting.levenberg_marquardt import descend
@@ -18,7 +19,6 @@ from dart_hal.fitting.robust import MAD_TO_SIGMA, soft_l1_weight
 from dart_hal.identify.fit import TIME_KNOWN, Estimate, Fit
 from dart_hal.predict.rollout import stretches
 from dart_hal.recording.dart import Grid, Recording, Reference, grid
-from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle.flat import names as flat_names
 from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import AxleTyres, Vehicle

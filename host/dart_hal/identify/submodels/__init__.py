@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.report import FileReport
 from dart_hal.identify.runs import finer

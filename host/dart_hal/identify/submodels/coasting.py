@@ -12,11 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.identify.submodels.guess import first_guess
 from dart_hal.identify.submodels.speeds import SETTLE, Speeds
 from dart_hal.identify.submodels.straight import NAMES, Straight, solve_straight
 from dart_hal.identify.submodels.stretches import SHORTEST, Stretches, cut
-from dart_hal.types import BoolArray, FloatArray
 from dart_hal.vehicle import Vehicle
 
 FRICTION = ("a", "b", "c")

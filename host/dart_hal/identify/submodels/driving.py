@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.identify.fit import Estimate
 from dart_hal.identify.submodels.coasting import (
     IDLE,
@@ -28,7 +29,6 @@ from dart_hal.identify.submodels.speeds import WINDOW, Speeds, speeds_of
 from dart_hal.identify.submodels.straight import NAMES, Straight, solve_straight
 from dart_hal.identify.submodels.stretches import cut
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle
 
 MIN_SAMPLES = 30  # samples: 3 s of straight driving

@@ -13,9 +13,9 @@ from itertools import combinations
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.identify.submodels.sessions import day_of, session_of
 from dart_hal.recording.dart import Recording
-from dart_hal.types import FloatArray
 
 MAX_DAYS = 3
 MAX_DIFFERENCE = 1.0  # deg rms; more is seen on the floor as another radius

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.identify.submodels.speeds import Speeds
-from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle
 
 SPAN = 2  # samples to each side: differences over 0.4 s

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.fitting.covariance import (
     blocks_of,
     collinearity,
@@ -27,7 +28,6 @@ from dart_hal.identify.submodels.coasting import FRICTION
 from dart_hal.identify.submodels.speeds import BLOCK, Speeds
 from dart_hal.identify.submodels.straight import NAMES, Straight, first_speeds, problem_of
 from dart_hal.identify.submodels.stretches import Stretches, cut
-from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle import Vehicle
 
 HUBER = 1.345  # sigmas; 95 % of the efficiency of the mean for normal errors (Huber 1964)

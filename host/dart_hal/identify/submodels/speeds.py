@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.predict.commands import Command, step_of, throttle_of
 from dart_hal.recording.dart import Grid, Recording, Reference, grid, rolling_reference
-from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 
 MAX_YAW_RATE = 0.5  # rad/s; the steered wheels brake by l_r omega^2 = 0.024 m/s2 there
 MAX_STEERING = 0.25  # of the command

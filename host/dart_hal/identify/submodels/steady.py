@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.identify.submodels.samples import (
     SETTLED,
@@ -23,7 +24,6 @@ from dart_hal.identify.submodels.samples import (
 )
 from dart_hal.identify.submodels.speeds import EVERY, mocap_grid
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import BoolArray, FloatArray, IntArray
 
 SLOW = 0.3  # m/s
 MAX_LATERAL = 2.0  # m/s2; beyond it slip is no longer proportional to v^2

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.fitting.covariance import collinearity, independent_blocks
 from dart_hal.fitting.least_squares import Solution
 from dart_hal.identify.fit import Estimate, Fit
@@ -28,7 +29,6 @@ from dart_hal.identify.submodels.steering_map import (
 )
 from dart_hal.identify.submodels.understeer import slip_of
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle
 
 REACHED = 0.3  # of command; a side with less tells no curvature

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.fitting.covariance import (
     collinearity,
     independent_blocks,
@@ -23,7 +24,6 @@ from dart_hal.fitting.covariance import (
 from dart_hal.fitting.least_squares import Solution, least_squares
 from dart_hal.fitting.robust import ROBUST
 from dart_hal.identify.submodels.turning import Turning
-from dart_hal.types import FloatArray, IntArray
 
 LOW, HIGH = (-0.1, 0.0), (0.5, 0.4)  # s, delay and lag
 STEP = 0.008  # s; smaller differences of a staircase are noise

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray, IntArray
 from dart_hal.fitting.covariance import (
     collinearity,
     leverage_covariance,
@@ -23,7 +24,6 @@ from dart_hal.fitting.covariance import (
 from dart_hal.fitting.free_starts import FreeStarts, shoot
 from dart_hal.identify.submodels.speeds import Speeds
 from dart_hal.identify.submodels.stretches import Stretches
-from dart_hal.types import SAMPLE, FloatArray, IntArray
 from dart_hal.vehicle import Vehicle, make_friction, make_motor_gains
 
 NAMES = ("a", "b", "c", "d", "e", "g", "throttle_s", "throttle_lag_s")

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, FloatArray, IntArray
 from dart_hal.fitting.covariance import blocks_of, independent_blocks
 from dart_hal.identify.submodels.speeds import BLOCK, Kernel, Speeds
-from dart_hal.types import SAMPLE, FloatArray, IntArray
 
 LENGTH = 3.0  # s; longer ones add up disturbances, shorter ones only fit their own start
 SHORTEST = 4  # samples; of fewer the free start takes the most

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.fitting.covariance import blocks_of
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.identify.submodels.speeds import BLOCK, MOCAP, MOCAP_SLOW, WINDOW, mocap_grid
@@ -21,7 +22,6 @@ from dart_hal.recording.check.uses import TIMED_CHANGES as MIN_CHANGES
 from dart_hal.recording.check.uses import TIMED_SPEED as MIN_SPEED
 from dart_hal.recording.check.uses import TIMED_SPREAD as MIN_SPREAD
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle import AxleTyres, Vehicle
 
 MAX_LATERAL = 4.0  # m/s2

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.fitting.covariance import blocks_of
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.identify.submodels.speeds import BLOCK, MOCAP, MOCAP_SLOW, Kernel
 from dart_hal.predict.commands import steering_of
 from dart_hal.recording.dart import Grid, Recording, Reference, grid, savgol_derivative
-from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
 from dart_hal.vehicle import Vehicle, make_slip, make_steering
 from dart_hal.vehicle.inverse import make_inverse_dynamics
 

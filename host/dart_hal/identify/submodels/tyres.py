@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.fitting.random_effects import random_effects
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.submodels.report import UNITS, Ledger, not_identified
@@ -16,7 +17,6 @@ from dart_hal.identify.submodels.tyre_fit import REAR_RANGE, fit_curves
 from dart_hal.identify.submodels.tyre_forces import MIN_LATERAL, TyreForces, tyre_forces
 from dart_hal.identify.submodels.understeer import understeer_note
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import FloatArray
 from dart_hal.vehicle import PaperTyres, Vehicle
 
 NAMES = ("front_D", "front_C", "front_B", "rear_cornering_stiffness")

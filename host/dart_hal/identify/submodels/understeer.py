@@ -15,11 +15,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.identify.submodels.samples import LEVEL, Samples, concatenate
 from dart_hal.identify.submodels.steady import steady_samples
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.types import FloatArray, IntArray
 from dart_hal.vehicle import Vehicle
 
 KAPPA_STD = 0.06  # s2/m2, one sigma around 0: 1:10 cars under- or oversteer

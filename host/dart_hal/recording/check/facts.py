@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart.model import Recording
-from dart_hal.types import FloatArray
 
 from .motion import Motion, windows
 

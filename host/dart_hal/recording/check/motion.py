@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import BoolArray
 from dart_hal.recording.dart.grid import Grid, grid
 from dart_hal.recording.dart.model import Recording, Reference
 from dart_hal.recording.dart.reference import fit_reference, rolling_reference
-from dart_hal.types import BoolArray
 
 LEAD, FIRST, STRIDE, TAIL, SPAN = 8, 20, 25, 220, 207  # samples of 10 ms
 START_SPEED = 0.3  # m/s

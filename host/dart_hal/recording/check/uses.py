@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.types import BoolArray, FloatArray
+from dart_hal.core.types import BoolArray, FloatArray
 
 from .facts import Facts
 from .motion import SLIPS, STANDING, Motion

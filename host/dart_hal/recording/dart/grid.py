@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from dart_hal.errors import RecordingError
-from dart_hal.types import BoolArray, FloatArray
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import BoolArray, FloatArray
 
 from .marker import marker_grid
 from .model import Recording, Reference, freeze, freeze_flags

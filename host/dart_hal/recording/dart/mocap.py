@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from dart_hal.types import SAMPLE, BoolArray, FloatArray
+from dart_hal.core.types import SAMPLE, BoolArray, FloatArray
 
 from .model import Mocap, Note, freeze, freeze_flags
 from .schema import MOCAP

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.config.car import CarConfig
-from dart_hal.types import SAMPLE, BoolArray, FloatArray, IntArray
+from dart_hal.core.config.car import CarConfig
+from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
 
 RUN = "run"  # schema of a run of our own, read as a recording
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 LOW, HIGH, STEP = 0.015, 0.12, 1e-5
 MIN_VALUES, MIN_ROUNDED = 5, 8

@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dart_hal.errors import RecordingError
-from dart_hal.types import BoolArray, FloatArray
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import BoolArray, FloatArray
 
 from .mocap import MIN_ADVANCE
 from .schema import SENSOR_TIME

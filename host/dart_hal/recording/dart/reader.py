@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import FloatArray
 from dart_hal.recording.fetch.published import published_content
-from dart_hal.types import FloatArray
 
 from .marker import marker_grid
 from .mocap import mocap as read_mocap

@@ -14,8 +14,8 @@ from datetime import datetime, timezone
 
 import numpy as np
 
+from dart_hal.core.types import SAMPLE, BoolArray, FloatArray
 from dart_hal.fitting.robust import scatter
-from dart_hal.types import SAMPLE, BoolArray, FloatArray
 
 from .marker import marker_grid, savgol_derivative
 from .model import Recording, Reference

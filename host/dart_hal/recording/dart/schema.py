@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 
 SENSOR_TIME = "elapsed time sensors"
 SENSOR = (SENSOR_TIME, "acc x (IMU)", "acc y (IMU)", "W (IMU)", "vel encoder", "safety_value",

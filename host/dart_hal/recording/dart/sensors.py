@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.errors import RecordingError
-from dart_hal.types import BoolArray, FloatArray, IntArray
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 
 from .model import Messages, Note, freeze, freeze_flags, freeze_index
 from .schema import SENSOR, SENSOR_TIME

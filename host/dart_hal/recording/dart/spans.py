@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dart_hal.types import FloatArray, IntArray
+from dart_hal.core.types import FloatArray, IntArray
 
 Spans = Sequence[tuple[float, float]]
 """(begin, end) [s] on the clock of the messages' arrival, in order of time; empty: all of it."""

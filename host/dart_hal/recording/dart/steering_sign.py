@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.errors import RecordingError
-from dart_hal.types import FloatArray
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import FloatArray
 
 from .marker import marker_grid
 from .model import Note, Recording

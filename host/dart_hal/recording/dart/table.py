@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.text_file import decode_text
+from dart_hal.core.types import FloatArray
 from dart_hal.recording.expansion import ExpandsTooFar, expand_gzip, refusal
 from dart_hal.recording.regular import check_regular
-from dart_hal.text_file import decode_text
-from dart_hal.types import FloatArray
 
 from .schema import USED, detect, split_header
 

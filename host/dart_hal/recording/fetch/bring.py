@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from dart_hal.errors import FetchFailed
+from dart_hal.core.errors import FetchFailed
 
 from .folder import data_folder
 from .local import Local

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable
 from pathlib import Path
 
-from dart_hal.errors import RecordingError
+from dart_hal.core.errors import RecordingError
 
 
 def data_folder() -> Path:

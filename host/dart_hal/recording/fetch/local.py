@@ -14,7 +14,7 @@ from math import inf
 from pathlib import Path
 from typing import IO, Any, cast
 
-from dart_hal.errors import FetchFailed
+from dart_hal.core.errors import FetchFailed
 from dart_hal.recording.expansion import (
     MAX_RATIO,
     ExpandsTooFar,

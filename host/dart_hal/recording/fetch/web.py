@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from dart_hal.errors import FetchFailed
+from dart_hal.core.errors import FetchFailed
 
 from .published import AGAIN, BY_HAND, ROOTS
 

@@ -7,8 +7,8 @@ else in ``dart_hal`` imports it.
 
 from __future__ import annotations
 
-from dart_hal.errors import UsageError
-from dart_hal.process.extras import install_command
+from dart_hal.core.errors import UsageError
+from dart_hal.core.process.extras import install_command
 
 try:
     from gymnasium.envs.registration import register, registry

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from dart_hal.control import paths
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.sim.light.car import DEFAULT
 from dart_hal.sim.light.config import DART_ACTUATORS, FIRMWARE, Disturbance, LightConfig, steps_of
 from dart_hal.vehicle import Vehicle

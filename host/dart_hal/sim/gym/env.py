@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.errors import BadCommand
+from dart_hal.core.errors import BadCommand
 from dart_hal.sim.gym.config import GymConfig
 from dart_hal.sim.gym.lidar import Sight
 from dart_hal.sim.gym.render import Picture

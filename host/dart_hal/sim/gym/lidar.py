@@ -14,11 +14,11 @@ import numpy as np
 from dart_hal.car.scans import AXIS_X
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
+from dart_hal.core.types import FloatArray
 from dart_hal.localisation.rays import best
 from dart_hal.sim.gym.config import GymConfig
 from dart_hal.sim.light.noise import LIDAR, Seed, streams
 from dart_hal.sim.light.world import Outline
-from dart_hal.types import FloatArray
 from dart_hal.vehicle.namespace import Value
 
 BESIDE = 0.1

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.control.tracks import track_named
+from dart_hal.core.types import FloatArray
 from dart_hal.sim.gym.config import GymConfig
-from dart_hal.types import FloatArray
 from dart_hal.vehicle import Body
 
 SIZE, MARGIN = 480, 0.4

@@ -10,10 +10,10 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.utils import seeding
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 from dart_hal.sim.gym.config import GymConfig, spread_of
 from dart_hal.sim.gym.tasks import Task
-from dart_hal.types import FloatArray
 from dart_hal.vehicle import Vehicle
 
 

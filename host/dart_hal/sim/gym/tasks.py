@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple, Protocol
 
 from dart_hal.control.tracks import track_named
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.sim.gym.config import GymConfig
 from dart_hal.sim.gym.lidar import BODY as OUTLINE
 from dart_hal.sim.gym.lidar import MOST

@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from dart_hal.errors import BadCommand, UsageError
+from dart_hal.core.errors import BadCommand, UsageError
 from dart_hal.sim.gym.config import GymConfig
 from dart_hal.sim.gym.lidar import Sight
 from dart_hal.sim.gym.render import Picture

@@ -8,7 +8,7 @@ from math import cos, pi, sin
 import numpy as np
 
 from dart_hal.control.paths import Path
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 
 HALF = 0.4
 """m from the middle of a lane to its boards."""

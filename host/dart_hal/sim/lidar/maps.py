@@ -18,10 +18,10 @@ from pathlib import Path as File
 import numpy as np
 
 from dart_hal.control.tracks import track_named
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import FloatArray
 from dart_hal.localisation.grid import lines_of_grid, read_grid
 from dart_hal.sim.lidar.lanes import AROUND, LANES, begins, boards
-from dart_hal.types import FloatArray
 
 BOARD = 0.35
 """m from the middle of the track to its boards; its straights are 1.5 m apart."""

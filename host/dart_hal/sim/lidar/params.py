@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from dart_hal.car.scans import AXIS_X
-from dart_hal.errors import UsageError
-from dart_hal.types import Mount
+from dart_hal.core.errors import UsageError
+from dart_hal.core.types import Mount
 
 OFF = ("0", "none")
 

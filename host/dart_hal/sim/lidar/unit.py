@@ -20,13 +20,13 @@ from math import atan2, pi, tau
 
 import numpy as np
 
-from dart_hal.errors import DartHalError
+from dart_hal.core.errors import DartHalError
+from dart_hal.core.types import FloatArray, IntArray, Scan
 from dart_hal.lidar.packets import BASE, CROSSING, HEAD, PERIOD, QUARTER
 from dart_hal.lidar.scan import BYTE, Stream
 from dart_hal.localisation.rays import FAR, best
 from dart_hal.sim.lidar.maps import Room
 from dart_hal.sim.lidar.params import LidarParams
-from dart_hal.types import FloatArray, IntArray, Scan
 
 PER_PACKET = 40
 """Samples of a packet of an X4."""
@@ -168,7 +168,7 @@ def _ahead(way: FloatArray) -> FloatArray:
 
 
 class SimLidar:
-    """That unit as a source of scans (``dart_hal.ports.ScanSource``), by the real decoder."""
+    """That unit as a source of scans (``dart_hal.core.ports.ScanSource``), by the real decoder."""
 
     name = "the lidar of sim://"
     trouble: DartHalError | None = None

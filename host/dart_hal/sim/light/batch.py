@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.errors import BadCommand, UsageError
+from dart_hal.core.errors import BadCommand, UsageError
 from dart_hal.sim.light.car import DEFAULT, vehicle_named
 from dart_hal.sim.light.config import LightConfig
 from dart_hal.sim.light.history import ArrayHistory

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import isfinite
 from pathlib import Path
 
-from dart_hal.errors import BadCommand
+from dart_hal.core.errors import BadCommand
 from dart_hal.sim.light.config import LightConfig
 from dart_hal.sim.light.history import ScalarHistory
 from dart_hal.sim.light.noise import Seed

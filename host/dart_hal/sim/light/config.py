@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from dart_hal.errors import ConfigError
+from dart_hal.core.errors import ConfigError
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, GRAVITY
 
 GYRO_QUANTUM, ACCEL_QUANTUM = math.radians(1.0 / 16.0), 0.01

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.sim.light.config import Sensors, sensor_list
 from dart_hal.sim.light.ops import Ops
 from dart_hal.sim.light.stepper import State8, Stepper

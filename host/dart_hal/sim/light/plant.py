@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.errors import UsageError
+from dart_hal.core.errors import UsageError
 from dart_hal.sim.light import noise
 from dart_hal.sim.light.chain import make_shaping, make_slew, pieces
 from dart_hal.sim.light.config import PERFECT, LightConfig

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.types import FloatArray
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle import (
     PAPER,
     Vehicle,

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.errors import ConfigError, UsageError
+from dart_hal.core.errors import ConfigError, UsageError
+from dart_hal.core.types import FloatArray
 from dart_hal.sim.light.batch import LightBatch, Named
 from dart_hal.sim.light.config import Checked, LightConfig
-from dart_hal.types import FloatArray
 from dart_hal.vehicle.compose import settled
 
 Array = NDArray[Any]

@@ -18,7 +18,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dart_hal.errors import ConfigError, UsageError
+from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle.effect import STAGES, ActiveEffect, Effect, Late
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle

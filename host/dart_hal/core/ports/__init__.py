@@ -4,11 +4,11 @@ Protocols that whoever drives, records or simulates a car may know; what
 implements them stands above.
 """
 
-from dart_hal.ports.bus import Bus
-from dart_hal.ports.images import ImageSource
-from dart_hal.ports.link import Chunk, Clock, Link
-from dart_hal.ports.poses import PoseSource
-from dart_hal.ports.scans import ScanSource
-from dart_hal.ports.workshop import Workshop
+from dart_hal.core.ports.bus import Bus
+from dart_hal.core.ports.images import ImageSource
+from dart_hal.core.ports.link import Chunk, Clock, Link
+from dart_hal.core.ports.poses import PoseSource
+from dart_hal.core.ports.scans import ScanSource
+from dart_hal.core.ports.workshop import Workshop
 
 __all__ = ["Bus", "Chunk", "Clock", "ImageSource", "Link", "PoseSource", "ScanSource", "Workshop"]

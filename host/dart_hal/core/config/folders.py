@@ -17,13 +17,13 @@ from pathlib import Path
 
 import msgspec
 
-from dart_hal.config.calibration import Calibration, check_calibration, parse_calibration
-from dart_hal.config.car import CarConfig, parse_config
-from dart_hal.config.model import ModelFile, check_model, parse_model
-from dart_hal.config.quantity import Quantity
-from dart_hal.config.write import save
-from dart_hal.errors import ConfigError
-from dart_hal.text_file import read_text
+from dart_hal.core.config.calibration import Calibration, check_calibration, parse_calibration
+from dart_hal.core.config.car import CarConfig, parse_config
+from dart_hal.core.config.model import ModelFile, check_model, parse_model
+from dart_hal.core.config.quantity import Quantity
+from dart_hal.core.config.write import save
+from dart_hal.core.errors import ConfigError
+from dart_hal.core.text_file import read_text
 
 EXAMPLE = "dart-01"
 PACKAGED = Path(__file__).resolve().parents[1] / "cars" / EXAMPLE / "car.toml"

@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager, suppress
 from typing import Protocol, TypeVar
 from weakref import WeakMethod, WeakSet
 
-from dart_hal.errors import LinkLost
+from dart_hal.core.errors import LinkLost
 
 
 class File(Protocol):

@@ -10,9 +10,9 @@ from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from dart_hal.config.quantity import Quantities, Quantity
-from dart_hal.config.where import choices, locate, wanted
-from dart_hal.errors import ConfigError
+from dart_hal.core.config.quantity import Quantities, Quantity
+from dart_hal.core.config.where import choices, locate, wanted
+from dart_hal.core.errors import ConfigError
 
 S = TypeVar("S", bound=msgspec.Struct)
 

@@ -21,8 +21,8 @@ import tomlkit
 from tomlkit.exceptions import TOMLKitError
 from tomlkit.items import AbstractTable, InlineTable, Item
 
-from dart_hal.errors import FileTrouble
-from dart_hal.text_file import read_text
+from dart_hal.core.errors import FileTrouble
+from dart_hal.core.text_file import read_text
 
 Document = tomlkit.TOMLDocument | AbstractTable | InlineTable
 Plain = Mapping[str, Any]

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from math import tau
 from typing import Any
 
-from dart_hal.config.parse import require
-from dart_hal.config.quantity import Quantities, Quantity
+from dart_hal.core.config.parse import require
+from dart_hal.core.config.quantity import Quantities, Quantity
 
 Range = tuple[float, float, str]
 

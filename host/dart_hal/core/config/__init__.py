@@ -4,7 +4,7 @@ No number of a particular car lives in code. Each file is read into a frozen
 struct; a refusal names the file that was read, the key, and the remedy.
 """
 
-from dart_hal.config.calibration import (
+from dart_hal.core.config.calibration import (
     QUANTITIES,
     Calibration,
     DriveTable,
@@ -13,8 +13,8 @@ from dart_hal.config.calibration import (
     check_calibration,
     parse_calibration,
 )
-from dart_hal.config.car import CarConfig, parse_config
-from dart_hal.config.folders import (
+from dart_hal.core.config.car import CarConfig, parse_config
+from dart_hal.core.config.folders import (
     CarFiles,
     accept_board,
     bind_board,
@@ -29,9 +29,9 @@ from dart_hal.config.folders import (
     save_calibration,
     save_model,
 )
-from dart_hal.config.model import EffectEntry, ModelFile, parse_model, plain
-from dart_hal.config.quantity import Quantities, Quantity
-from dart_hal.config.write import check_writable, dump, save
+from dart_hal.core.config.model import EffectEntry, ModelFile, parse_model, plain
+from dart_hal.core.config.quantity import Quantities, Quantity
+from dart_hal.core.config.write import check_writable, dump, save
 
 __all__ = [
     "QUANTITIES", "Calibration", "CarConfig", "CarFiles", "DriveTable", "EffectEntry", "ModelFile",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from dart_hal.types import Applied
+from dart_hal.core.types import Applied
 
 
 @dataclass(frozen=True, slots=True)

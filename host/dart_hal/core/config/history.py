@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dart_hal.config.calibration import Calibration, parse_calibration
-from dart_hal.config.model import KNOWN, ModelFile, parse_model, plain
-from dart_hal.config.quantity import Quantity
-from dart_hal.config.write import number
-from dart_hal.text_file import read_text
+from dart_hal.core.config.calibration import Calibration, parse_calibration
+from dart_hal.core.config.model import KNOWN, ModelFile, parse_model, plain
+from dart_hal.core.config.quantity import Quantity
+from dart_hal.core.config.write import number
+from dart_hal.core.text_file import read_text
 
 
 @dataclass(frozen=True, slots=True)

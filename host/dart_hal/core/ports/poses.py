@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from dart_hal.types import ExternalPose
+from dart_hal.core.types import ExternalPose
 
 
 class PoseSource(Protocol):

@@ -7,8 +7,8 @@ these layers drive the car, so a value outside of these ranges is refused when i
 
 from __future__ import annotations
 
-from dart_hal.config.parse import require
-from dart_hal.config.quantity import Quantity
+from dart_hal.core.config.parse import require
+from dart_hal.core.config.quantity import Quantity
 
 OSCILLATOR_HZ = (22e6, 28e6)
 """Hz. The data sheet gives 25 MHz; boards between 23 and 27 MHz were reported."""

@@ -11,7 +11,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from dart_hal.process.forks import private
+from dart_hal.core.process.forks import private
 
 LOCKS = Path("/proc/locks")
 LONGEST_NAME = 60

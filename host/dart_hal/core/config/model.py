@@ -9,9 +9,9 @@ from typing import Any, Literal
 
 import msgspec
 
-from dart_hal.config.parse import parse, require, unknown_key
-from dart_hal.config.quantity import Quantity, Table
-from dart_hal.errors import ConfigError
+from dart_hal.core.config.parse import parse, require, unknown_key
+from dart_hal.core.config.quantity import Quantity, Table
+from dart_hal.core.errors import ConfigError
 
 SCHEMA = "dart-hal/model/1"
 Parameter = float | Quantity

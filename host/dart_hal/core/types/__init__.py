@@ -14,10 +14,10 @@ from math import cos, degrees, isfinite, sin, tau
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.notebook import card
-from dart_hal.types.image import Image as Image
-from dart_hal.types.scan import Mount as Mount
-from dart_hal.types.scan import Scan as Scan
+from dart_hal.core.notebook import card
+from dart_hal.core.types.image import Image as Image
+from dart_hal.core.types.scan import Mount as Mount
+from dart_hal.core.types.scan import Scan as Scan
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
-from dart_hal.config.parse import PER_EDGE, check_std, parse, require
-from dart_hal.config.plausible import CAR, check_name, check_ranges
-from dart_hal.config.quantity import Quantity, Table
-from dart_hal.config.ranges import check_neutral, check_oscillator
+from dart_hal.core.config.parse import PER_EDGE, check_std, parse, require
+from dart_hal.core.config.plausible import CAR, check_name, check_ranges
+from dart_hal.core.config.quantity import Quantity, Table
+from dart_hal.core.config.ranges import check_neutral, check_oscillator
 
 SCHEMA = "dart-hal/car/1"
 

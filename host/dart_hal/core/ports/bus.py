@@ -9,7 +9,7 @@ import errno
 import os
 from typing import Protocol, runtime_checkable
 
-from dart_hal.errors import BusError
+from dart_hal.core.errors import BusError
 
 NACK = (errno.EREMOTEIO, errno.ENXIO, errno.EIO)
 """Error numbers with which drivers report a missing acknowledge."""

@@ -14,11 +14,11 @@ from typing import Any, Literal
 
 import msgspec
 
-from dart_hal.config.parse import PER_EDGE, check_std, parse, require
-from dart_hal.config.plausible import CALIBRATION, check_ranges
-from dart_hal.config.quantity import Quantities, Quantity, Table
-from dart_hal.config.ranges import check_neutral, check_oscillator
-from dart_hal.errors import ConfigError, NotMonotone, OtherCar
+from dart_hal.core.config.parse import PER_EDGE, check_std, parse, require
+from dart_hal.core.config.plausible import CALIBRATION, check_ranges
+from dart_hal.core.config.quantity import Quantities, Quantity, Table
+from dart_hal.core.config.ranges import check_neutral, check_oscillator
+from dart_hal.core.errors import ConfigError, NotMonotone, OtherCar
 
 SCHEMA = "dart-hal/calibration/1"
 OLD = timedelta(days=180)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from dart_hal.errors import DartHalError
-from dart_hal.types import Image
+from dart_hal.core.errors import DartHalError
+from dart_hal.core.types import Image
 
 
 class ImageSource(Protocol):

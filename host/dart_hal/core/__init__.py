@@ -1,0 +1,1 @@
+"""The foundation of both packages: types, units, errors, configuration, ports, processes."""
