@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 __all__ = ["Applied", "Car", "DartHalError", "Estimate", "Fleet", "Health", "Pose", "State",
            "__version__"]
 
-_WHERE = {"Car": "car", "Fleet": "car", "DartHalError": "errors", "Applied": "types",
-          "Estimate": "types", "Health": "types", "Pose": "types", "State": "types"}
+_WHERE = {"Car": "car", "Fleet": "car", "DartHalError": "core.errors", "Applied": "core.types",
+          "Estimate": "core.types", "Health": "core.types", "Pose": "core.types",
+          "State": "core.types"}
 
 
 def __getattr__(name: str) -> Any:

@@ -19,7 +19,8 @@ def test_the_demo_drives_calibrates_and_writes_its_page(tmp_path, monkeypatch, c
         monkeypatch.setattr(f"dart_hal.cli.demo_diagnosis.{name}", 10.0)
     monkeypatch.setattr("dart_hal.cli.demo_diagnosis.diagnose", lambda *_, **__: made.diagnosis())
     # in this process, where what was replaced is replaced
-    monkeypatch.setattr("dart_hal.core.process.jobs.beside", lambda work, *given: iter([work(*given)]))
+    monkeypatch.setattr("dart_hal.core.process.jobs.beside",
+                        lambda work, *given: iter([work(*given)]))
     out = tmp_path / "demo"
     with pytest.raises(SystemExit) as ended:
         main(["demo", "--url", "sim://?seed=7&nano=mock&effect=steering_lag:0.12", "--out",

@@ -26,7 +26,7 @@ from dart_hal.core.errors import ConfigError
 from dart_hal.core.text_file import read_text
 
 EXAMPLE = "dart-01"
-PACKAGED = Path(__file__).resolve().parents[1] / "cars" / EXAMPLE / "car.toml"
+PACKAGED = Path(__file__).resolve().parents[2] / "cars" / EXAMPLE / "car.toml"
 """The example car inside an installed package (absent in a checkout)."""
 
 UNNAMED = 2
