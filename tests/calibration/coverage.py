@@ -83,7 +83,7 @@ def share_of(z: list[np.ndarray]) -> float:
 
 def plot(rows: list[Row], path: Path) -> None:
     """Shares of all quantities beside what is wanted, with what chance does to as many cars."""
-    from dart_hal.report.figures import BLUE, INK, ORANGE, finish, new_figure, save_figure
+    from dart_hal.core.figures import BLUE, INK, ORANGE, finish, new_figure, save_figure
 
     figure = new_figure((7.2, 0.27 * len(rows) + 1.3), path)
     axis = figure.subplots()

@@ -16,7 +16,7 @@ from rich.console import Console
 from dart_hal.car import Car
 from dart_hal.cli.output import print_json
 from dart_hal.cli.top import picture
-from dart_hal.report.page import plain
+from dart_hal.core.plain_json import plain
 
 NOT_FINITE = [math.nan, math.inf, -math.inf, np.float64("nan"), np.float32("inf"),
               np.array(np.nan)]

@@ -11,7 +11,7 @@ import pytest
 
 from dart_hal.cli import outputs
 from dart_hal.cli.main import VERBS
-from dart_hal.report import figures
+from dart_hal.core import figures
 
 NAMES = re.compile(r"--(out|out-model|plot|html|record|csv)$")
 CHECKED = (outputs.OutputFile, outputs.PlotFolder, outputs.PlotFileOrFolder)

@@ -12,6 +12,7 @@ from html.parser import HTMLParser
 import made_by_hand as made
 import pytest
 
+from dart_hal.core.plain_json import plain
 from dart_hal.diagnose.error_summaries import Moment, Outliers
 from dart_hal.diagnose.report import page, write_page
 from dart_hal.diagnose.report.along import Rows
@@ -22,7 +23,6 @@ from dart_hal.diagnose.report.words import quantity, removes
 from dart_hal.diagnose.result import VERDICTS, Gained, Number, Possible
 from dart_hal.diagnose.suggest.result import Pair, Suggestion
 from dart_hal.report.numbers import percent, significant
-from dart_hal.report.page import plain
 from pages import foreign, shown
 
 COMMAND = "dart-hal diagnose --model '<paper>' --train a.csv"

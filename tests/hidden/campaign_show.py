@@ -74,7 +74,7 @@ def errors(matrix: Mapping[str, Counter[str]]) -> Table:
 
 def picture(matrix: Mapping[str, Counter[str]], path: Path) -> Path:
     """A bar for each hidden cause: what it was called, wrong names in words. Needs matplotlib."""
-    from dart_hal.report.figures import new_figure, save_figure
+    from dart_hal.core.figures import new_figure, save_figure
 
     hidden = [name for name in CAUSES if name in matrix]
     figure = new_figure((8.0, 1.5 + 0.24 * len(hidden)), path)

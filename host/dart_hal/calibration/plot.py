@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.core.types import NINETY, FloatArray
-from dart_hal.report.figures import (
+from dart_hal.core.figures import (
     BLUE,
     GREY,
     INK,
@@ -21,6 +20,7 @@ from dart_hal.report.figures import (
     new_figure,
     save_figure,
 )
+from dart_hal.core.types import NINETY, FloatArray
 from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering

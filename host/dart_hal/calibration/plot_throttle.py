@@ -12,8 +12,8 @@ import numpy as np
 from dart_hal.control.measured import vehicle_for
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.config import CarFiles, DriveTable
+from dart_hal.core.figures import BLUE, INK, ORANGE, finish, new_figure, save_figure
 from dart_hal.core.types import NINETY, FloatArray
-from dart_hal.report.figures import BLUE, INK, ORANGE, finish, new_figure, save_figure
 
 SLOWEST = 0.1
 """m/s from which the model's pulses are drawn."""

@@ -19,6 +19,7 @@ from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
 from dart_hal.control.raceline import raceline
 from dart_hal.core.errors import DartHalError
+from dart_hal.core.figures import ABOVE, BLUE, INK, ORANGE, finish, new_figure
 from dart_hal.core.types import FloatArray, State
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_grid
@@ -29,8 +30,8 @@ from dart_hal.mapping.keyframes import Survey
 from dart_hal.mapping.mapper import Mapper
 from dart_hal.mapping.occupancy import grid_of
 from dart_hal.report import page
-from dart_hal.report.figures import ABOVE, BLUE, INK, ORANGE, finish, image, new_figure
 from dart_hal.report.html import Html, el, join
+from dart_hal.report.page import image
 
 TITLE = "Map a track by the lidar, find the way in it, follow it"
 SPEED, LAP, OVER = 1.2, 22.9, 1.5

@@ -12,9 +12,7 @@ import numpy as np
 
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.control.paths import Path as Track
-from dart_hal.core.types import NINETY, FloatArray, State
-from dart_hal.report import page
-from dart_hal.report.figures import (
+from dart_hal.core.figures import (
     ABOVE,
     BLUE,
     INK,
@@ -24,6 +22,8 @@ from dart_hal.report.figures import (
     image,
     new_figure,
 )
+from dart_hal.core.types import NINETY, FloatArray, State
+from dart_hal.report import page
 from dart_hal.report.html import Html, el, join, table
 
 

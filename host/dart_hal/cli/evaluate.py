@@ -13,12 +13,12 @@ from dart_hal.cli.outputs import PlotFileOrFolder
 from dart_hal.cli.sizes import named_car, recorded_car_options, sized
 from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
+from dart_hal.core.figures import new_figure
 from dart_hal.evaluate import Evaluation, evaluate, kinematic
 from dart_hal.identify.measured import MEASURED, default_model, named_model
 from dart_hal.identify.runs import NamedCar, read_any
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.fetch import find
-from dart_hal.report.figures import new_figure
 from dart_hal.vehicle.file import left_out
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle

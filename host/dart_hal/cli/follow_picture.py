@@ -10,8 +10,8 @@ import numpy as np
 from dart_hal.control.follow import Follower
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.mpc.tracker import Contouring
+from dart_hal.core.figures import BLUE, GREEN, GREY, INK, ORANGE, finish, new_figure, save_figure
 from dart_hal.core.types import FloatArray
-from dart_hal.report.figures import BLUE, GREEN, GREY, INK, ORANGE, finish, new_figure, save_figure
 
 
 def draw(follower: Follower, name: str, file: Path) -> Path:

@@ -16,13 +16,13 @@ from dart_hal.cli.outputs import OutputFile, PlotFolder
 from dart_hal.cli.sizes import Sizes, named_car, recorded_car_options, sized
 from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
+from dart_hal.core.figures import new_figure
 from dart_hal.identify.measured import default_model, named_model
 from dart_hal.identify.outcome import Identification, jointly, per_recording
 from dart_hal.identify.runs import NamedCar, read_any
 from dart_hal.identify.write import SECTIONS, Written, model_from, write
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.fetch import find
-from dart_hal.report.figures import new_figure
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 

@@ -10,7 +10,7 @@ from typing import IO, Any, cast
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from dart_hal.report.page import plain
+from dart_hal.core.plain_json import plain
 
 
 class _Output:

@@ -17,8 +17,8 @@ import click
 from dart_hal.cli.output import notices
 from dart_hal.core.config import check_writable
 from dart_hal.core.errors import FileTrouble, UsageError
+from dart_hal.core.figures import FORMATS
 from dart_hal.core.process.extras import install_command
-from dart_hal.report.figures import FORMATS
 
 
 class OutputFile(click.Path):

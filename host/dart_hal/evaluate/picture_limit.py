@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.report.figures import BLUE, INK, ORANGE, finish, limits, new_figure
+from dart_hal.core.figures import BLUE, INK, ORANGE, finish, limits, new_figure
 
 from .limit import Limit
 from .takeover import Takeover

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from dart_hal.core.errors import UsageError
+from dart_hal.core.figures import BLUE, FORMATS, INK, finish, new_figure, save_figure
 from dart_hal.core.types import SAMPLE, FloatArray
 from dart_hal.predict.actuators import actuated
 from dart_hal.predict.rollout import states
 from dart_hal.predict.windows import HORIZONS, LENGTH
-from dart_hal.report.figures import BLUE, FORMATS, INK, finish, new_figure, save_figure
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
 

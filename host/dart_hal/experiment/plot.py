@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.report.figures import BLUE, GREY, INK, ORANGE, finish, new_figure, save_figure
+from dart_hal.core.figures import BLUE, GREY, INK, ORANGE, finish, new_figure, save_figure
 
 from .runner import Drive
 

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import base64
 import json
-import math
 from collections.abc import Iterable, Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from dart_hal.core.plain_json import plain
 
 from .html import Html, el, join
 from .style import CSS
 
 Sections = Mapping[str, tuple[str, Html]]
 """What a page is made of, in order: key (the anchor) -> (heading, content)."""
+PX_PER_INCH, LEAST_PX_PER_INCH = 88, 52
+"""Size of a picture on a page, and the smallest with legible words: below it, it scrolls."""
 
 
 def page(title: str, heading: str, lead: Html, sections: Sections) -> str:
@@ -72,6 +74,16 @@ def figure(caption: str, picture: Html) -> Html:
     return el("figure", el("figcaption", caption), picture)
 
 
+def image(figure: Any, name: str) -> Html:
+    """The figure inside of a page; name: what a screen reader says."""
+    buffer = BytesIO()
+    figure.savefig(buffer, format="png", dpi=130, metadata={"Software": None})
+    data = base64.b64encode(buffer.getvalue()).decode("ascii")
+    wide, least = (round(figure.get_figwidth() * px) for px in (PX_PER_INCH, LEAST_PX_PER_INCH))
+    return el("div", el("img", alt=name, src=f"data:image/png;base64,{data}",
+                        style=f"width:{wide}px;min-width:{least}px"), class_="wide", tabindex="0")
+
+
 def figures(drawn: Sequence[Html]) -> Html:
     """Figures beside each other as far as there is room; nothing where there is none."""
     return el("div", *drawn, class_="figures") if drawn else Html()
@@ -89,16 +101,3 @@ def download(answer: Mapping[str, Any], name: str) -> Html:
     return el("p", el("a", f"All numbers of this page as JSON ({len(numbers) / 1e3:.0f} kB)",
                       href=f"data:application/json;base64,{data}", download=name,
                       class_="button"))
-
-
-def plain(value: Any) -> Any:
-    """JSON's types only: arrays become lists, paths strings, NaN and inf null."""
-    if isinstance(value, Mapping):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple, set, frozenset)):
-        return [plain(v) for v in value]
-    if isinstance(value, (np.ndarray, np.generic)):
-        return plain(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return str(value) if isinstance(value, Path) else value

@@ -11,10 +11,19 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.core.figures import (
+    ABOVE,
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    finish,
+    new_figure,
+    save_figure,
+)
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.check import Check, folder_of, stem_of
-
-from .figures import ABOVE, BLUE, GREEN, GREY, INK, ORANGE, finish, new_figure, save_figure
 
 WHEEL, GROUND, BAD, GATED, RAW, STEER = BLUE, INK, ORANGE, "#56b4e9", GREY, GREEN
 COLUMNS = 6

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from dart_hal.core.figures import save_figure
 from dart_hal.identify.fit import Fit
-from dart_hal.report.figures import save_figure
 
 from .complete import completed, papers_form
 from .evidence import Coasting, Driving, Evidence, Lagging, Slipping, StepResponse, Turning

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.core.figures import INK, ORANGE, scatter
 from dart_hal.core.types import FloatArray
 from dart_hal.identify.fit import Fit
-from dart_hal.report.figures import INK, ORANGE, scatter
 
 OURS, PAPER = INK, ORANGE
 PAPER_DASHES = (6, 3)

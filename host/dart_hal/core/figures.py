@@ -5,8 +5,6 @@ Needs matplotlib (the extra ``plot``), which is imported here and nowhere else.
 
 from __future__ import annotations
 
-import base64
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -16,15 +14,11 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.process.extras import install_command
 from dart_hal.core.types import FloatArray
 
-from .html import Html, el
-
 FORMATS = (".png", ".svg", ".pdf")
 INK, BLUE, ORANGE, GREEN, GREY = "#222222", "#0072b2", "#d55e00", "#009e73", "#888888"
 """Colours that are told apart in print and by the colour-blind (Okabe and Ito, 2008)."""
 ABOVE: dict[str, Any] = {"frameon": False, "loc": "lower center", "bbox_to_anchor": (0.5, 1.0)}
 """Where a legend stands that must not hide data."""
-PX_PER_INCH, LEAST_PX_PER_INCH = 88, 52
-"""Size of a picture on a page, and the smallest with legible words: below it, it scrolls."""
 DENSE = 400
 """Points; above it they are drawn small and pale."""
 
@@ -49,16 +43,6 @@ def save_figure(figure: Any, path: str | Path) -> Path:
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=110)
     return path
-
-
-def image(figure: Any, name: str) -> Html:
-    """The figure inside of a page; name: what a screen reader says."""
-    buffer = BytesIO()
-    figure.savefig(buffer, format="png", dpi=130, metadata={"Software": None})
-    data = base64.b64encode(buffer.getvalue()).decode("ascii")
-    wide, least = (round(figure.get_figwidth() * px) for px in (PX_PER_INCH, LEAST_PX_PER_INCH))
-    return el("div", el("img", alt=name, src=f"data:image/png;base64,{data}",
-                        style=f"width:{wide}px;min-width:{least}px"), class_="wide", tabindex="0")
 
 
 def finish(axes: Any, x: str = "", y: str = "", title: str = "", *, legend: bool = True,
