@@ -136,7 +136,7 @@ def test_compiler_may_lie_in_a_folder_with_a_space(tmp_path, monkeypatch):
 
 
 def test_url_of_a_recording_keeps_every_character():
-    from dart_hal.links.base import Url
+    from dart_hal.core.url import Url
 
     for name in (*GOOD, "a:b", "a$b", "e\\f", "[x"):
         if "?" not in name:

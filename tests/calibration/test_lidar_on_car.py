@@ -114,7 +114,7 @@ def test_distances_off_by_a_percent_and_a_half_are_mended_end_to_end(tmp_path, c
 
 
 def backend_lidar(url):
-    from dart_hal.links.base import Url
+    from dart_hal.core.url import Url
     from dart_hal.sim.truth import reveal_url
     unit = reveal_url(Url.parse(url))["lidar"]
     return {"mount_x": unit["x"], "mount_y": unit["y"], "mount_yaw": unit["yaw"],

@@ -6,7 +6,8 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.errors import BusError, LinkLost, NoHello, PcaMissing
-from dart_hal.links.base import Backend, Url, open_backend
+from dart_hal.core.url import Url
+from dart_hal.links.base import Backend, open_backend
 from dart_hal.recording.run import RunReader
 
 pytestmark = pytest.mark.usefixtures("armed_esc")

@@ -8,7 +8,7 @@ from dart_hal.cli import demo_real
 from dart_hal.cli.demo_diagnosis import MISSING, WRONG, Chapter, hide, without_effect
 from dart_hal.core.errors import UsageError
 from dart_hal.core.process import jobs
-from dart_hal.links.base import Url
+from dart_hal.core.url import Url
 
 
 def url(text):

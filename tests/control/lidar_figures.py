@@ -35,7 +35,8 @@ from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.core.config import Quantity, calibration_in, save_calibration, save_model
 from dart_hal.core.types import FloatArray, Scan
-from dart_hal.links.base import Backend, Url, open_backend
+from dart_hal.core.url import Url
+from dart_hal.links.base import Backend, open_backend
 from dart_hal.sim.arena import Place, enter
 from dart_hal.sim.lidar.maps import Room, box, clearance
 from dart_hal.sim.truth import reveal_url, room_of_car, world_of

@@ -9,8 +9,9 @@ import pytest
 import serial
 
 from dart_hal.core.errors import LinkLost, UsageError
+from dart_hal.core.url import Url
 from dart_hal.links.avr import VirtualLink, open_avr
-from dart_hal.links.base import Url, open_backend
+from dart_hal.links.base import open_backend
 from dart_hal.links.emulator import EmulatedNano
 
 pytestmark = pytest.mark.emulator

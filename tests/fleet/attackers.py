@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 
+from dart_hal.core.url import Url
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Decoder, encode
 from dart_hal.fleet.key import RoomKey
@@ -12,7 +13,6 @@ from dart_hal.fleet.peers import Peers
 from dart_hal.fleet.station import Station
 from dart_hal.fleet.stopping import StopRule
 from dart_hal.fleet.transports.local import open_local
-from dart_hal.links.base import Url
 
 KEY = RoomKey(b"key of the laboratory")
 OTHER_KEY = RoomKey(b"key of the next laboratory")

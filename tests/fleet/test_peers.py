@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from rooms import pose_frame
 
 from dart_hal.core.errors import UsageError
+from dart_hal.core.url import Url
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
 from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.peers import LATEST, LOST_AFTER, MOST, Peers
 from dart_hal.fleet.transports import Datagram
 from dart_hal.fleet.transports.local import open_local
-from dart_hal.links.base import Url
 
 STEP = 0.05
 

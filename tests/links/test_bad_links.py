@@ -26,8 +26,9 @@ from dart_hal.core.errors import (
     UnknownScheme,
     UsageError,
 )
+from dart_hal.core.url import Url
 from dart_hal.links import serial_port
-from dart_hal.links.base import Url, open_backend
+from dart_hal.links.base import open_backend
 from dart_hal.links.serial_port import SerialLink, find_port, open_serial
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HELLO, TIME_PONG

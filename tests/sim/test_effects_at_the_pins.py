@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from dart_hal.core.errors import ConfigError, UsageError
-from dart_hal.links.base import Url, open_backend
+from dart_hal.core.url import Url
+from dart_hal.links.base import open_backend
 from dart_hal.sim.drawn import car_of
 from dart_hal.sim.esc import Esc
 from dart_hal.sim.servo import Servo

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dart_hal.core.errors import UsageError
-from dart_hal.links.base import Url
+from dart_hal.core.url import Url
 from dart_hal.sim.backend import open_sim
 from dart_hal.sim.mocap import MocapParams, SimMocap, hidden_mocap, mocap_of
 from dart_hal.sim.truth import reveal_url

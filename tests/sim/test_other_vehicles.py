@@ -10,7 +10,8 @@ import pytest
 
 from dart_hal.core.config import save_model
 from dart_hal.core.errors import ConfigError, UsageError
-from dart_hal.links.base import Url, open_backend
+from dart_hal.core.url import Url
+from dart_hal.links.base import open_backend
 from dart_hal.sim.hidden import hidden_car
 from dart_hal.sim.light import LightCar
 from dart_hal.sim.truth import reveal_url, world_of

@@ -11,7 +11,8 @@ from typing import Protocol
 
 from dart_hal.car.identity import Hello
 from dart_hal.core.errors import NoHello
-from dart_hal.links.base import Backend, Url
+from dart_hal.core.url import Url
+from dart_hal.links.base import Backend
 from dart_hal.links.serial_port import RealClock, SerialLink
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder

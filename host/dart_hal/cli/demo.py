@@ -28,8 +28,9 @@ from dart_hal.core.config import check_writable
 from dart_hal.core.errors import UsageError
 from dart_hal.core.process import jobs
 from dart_hal.core.process.extras import install_command
+from dart_hal.core.url import Url
 from dart_hal.diagnose.report import describe_cause, headline
-from dart_hal.links.base import Url, open_backend
+from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import reveal_url, truth
 
 RADIUS = 0.9

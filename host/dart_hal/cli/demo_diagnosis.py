@@ -21,6 +21,7 @@ from dart_hal.cli.output import progress_bar
 from dart_hal.cli.session import with_progress
 from dart_hal.core.config import save_model
 from dart_hal.core.process import jobs
+from dart_hal.core.url import Url
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.report import write_page
@@ -28,7 +29,6 @@ from dart_hal.diagnose.report.words import quantity
 from dart_hal.diagnose.result import Diagnosis, Number
 from dart_hal.diagnose.write import extended_model
 from dart_hal.identify.runs import read_run
-from dart_hal.links.base import Url
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, parse
 from dart_hal.vehicle.file import model_of

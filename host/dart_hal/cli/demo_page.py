@@ -19,12 +19,12 @@ from dart_hal.core.figures import (
     ORANGE,
     band,
     finish,
-    image,
     new_figure,
 )
 from dart_hal.core.types import NINETY, FloatArray, State
 from dart_hal.report import page
 from dart_hal.report.html import Html, el, join, table
+from dart_hal.report.page import image
 
 
 @dataclass

@@ -14,7 +14,8 @@ from dart_hal.cli.options import cars_option, json_option, url_option
 from dart_hal.cli.output import console, notices, print_json, results
 from dart_hal.core.config import cars_home
 from dart_hal.core.errors import UsageError
-from dart_hal.links.base import Backend, Url, open_backend
+from dart_hal.core.url import Url
+from dart_hal.links.base import Backend, open_backend
 from dart_hal.links.pty import Pty
 from dart_hal.sim.failures import parse as parse_failure
 from dart_hal.sim.serve import BusServer, PacedWorld

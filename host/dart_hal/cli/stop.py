@@ -15,7 +15,7 @@ from dart_hal.cli.output import console, print_json, results
 from dart_hal.core.config import load_car
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import Bus
-from dart_hal.links.base import Url
+from dart_hal.core.url import Url
 from dart_hal.links.computers import settled
 from dart_hal.links.holder import holder, port_of
 from dart_hal.links.i2c import open_bus

@@ -14,7 +14,7 @@ from typing import Any
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.process.extras import install_command
-from dart_hal.links.base import Url
+from dart_hal.core.url import Url
 
 SERVICE = "_dart-hal._udp.local."
 ROOM = "DART_HAL_ROOM"

@@ -12,7 +12,8 @@ from typing import Protocol
 
 from dart_hal.core.errors import LinkLost, UsageError
 from dart_hal.core.ports import Chunk, Link
-from dart_hal.links.base import Backend, Url
+from dart_hal.core.url import Url
+from dart_hal.links.base import Backend
 from dart_hal.links.emulator import EmulatedNano
 
 DEFAULT_EDGES = 20

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from dart_hal.core.errors import BusMissing
-from dart_hal.links.base import Url
+from dart_hal.core.url import Url
 
 I2C = Path("/sys/class/i2c-dev")
 MODEL = Path("proc") / "device-tree" / "model"

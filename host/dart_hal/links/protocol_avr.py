@@ -18,8 +18,8 @@ from serial.serialutil import (  # type: ignore[import-untyped, unused-ignore]
 )
 
 from dart_hal.core.errors import DartHalError
+from dart_hal.core.url import Url
 from dart_hal.links.avr import open_nano
-from dart_hal.links.base import Url
 from dart_hal.links.emulator import EmulatedNano
 
 POLL = 0.001

@@ -29,7 +29,8 @@ from dart_hal.core.ports import Chunk, Link
 from dart_hal.core.process.forks import private
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.process.waiting import wait_readable, wait_writable
-from dart_hal.links.base import Backend, Url
+from dart_hal.core.url import Url
+from dart_hal.links.base import Backend
 from dart_hal.links.computers import settled
 from dart_hal.links.i2c import SocketBus, check_bus, open_bus
 from dart_hal.links.smbus import SmbusBus

@@ -19,7 +19,7 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Contact, FloatArray
-from dart_hal.links.base import Url
+from dart_hal.core.url import Url
 from dart_hal.sim.lidar.maps import box
 from dart_hal.sim.light.world import Outline
 

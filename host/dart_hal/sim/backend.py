@@ -26,7 +26,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from dart_hal.core.errors import EmulatorMissing, UsageError
-from dart_hal.links.base import Backend, Url
+from dart_hal.core.url import Url
+from dart_hal.links.base import Backend
 from dart_hal.links.boot import BOOTS, STARTUP, BootWait
 from dart_hal.links.image import BOOTLOADER
 from dart_hal.links.paced import PacedBus, PacedImages, PacedLink, PacedPoses, PacedScans

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from dart_hal.core.errors import UsageError
-from dart_hal.links.base import URLS, Url
+from dart_hal.core.url import URLS, Url
 from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.sim.true_car import only_mocap, with_effects, with_vehicle
 from dart_hal.vehicle import PAPER, Body

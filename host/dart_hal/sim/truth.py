@@ -12,7 +12,8 @@ from dataclasses import asdict
 from typing import Any
 
 from dart_hal.core.errors import UsageError
-from dart_hal.links.base import Backend, Url
+from dart_hal.core.url import Url
+from dart_hal.links.base import Backend
 from dart_hal.links.paced import PacedLink
 from dart_hal.sim.backend import OPTIONS, lidar_in_room, mocap_in_room, room_in_view
 from dart_hal.sim.drawn import car_of

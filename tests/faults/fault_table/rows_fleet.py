@@ -6,12 +6,12 @@ import itertools
 from collections.abc import Callable
 
 from dart_hal.car import join
+from dart_hal.core.url import Url
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode, parse
 from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.station import Station
 from dart_hal.fleet.transports.local import open_local
-from dart_hal.links.base import Url
 from fault_table.bench import Bench
 from fault_table.drive import forward
 from fault_table.row import Measured, Row, case

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from dart_hal.core.config import load_car
-from dart_hal.links.base import Url
+from dart_hal.core.url import Url
 from dart_hal.links.i2c import open_bus
 from fault_table.row import NEVER
 

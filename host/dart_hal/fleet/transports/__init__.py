@@ -11,7 +11,7 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import NamedTuple, Protocol
 
 from dart_hal.core.errors import UsageError
-from dart_hal.links.base import Url
+from dart_hal.core.url import Url
 
 GROUP = "dart_hal.transports"
 

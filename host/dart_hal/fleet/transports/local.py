@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from math import inf
 
 from dart_hal.core.errors import UsageError
+from dart_hal.core.url import Url
 from dart_hal.fleet.transports import Datagram
-from dart_hal.links.base import Url
 
 KEPT = 10_000
 """Datagrams that wait for a receiver; for one that never looks no more are kept."""

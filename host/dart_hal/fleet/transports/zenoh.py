@@ -14,8 +14,8 @@ from typing import Any
 from dart_hal.core.errors import UsageError
 from dart_hal.core.process.extras import install_command
 from dart_hal.core.process.suspend import elapsed
+from dart_hal.core.url import Url
 from dart_hal.fleet.transports import Datagram
-from dart_hal.links.base import Url
 
 KEPT = 4096
 """Frames that wait: 10 s of 20 cars."""
