@@ -16,7 +16,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.evaluate.cases import Case
 from dart_hal.evaluate.prediction import errors, measured, parts
 from dart_hal.predict.rollout import inputs, windowed

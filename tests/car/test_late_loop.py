@@ -14,7 +14,7 @@ from dart_hal.car.timing import LoopTimer
 from dart_hal.cli.main import main
 from dart_hal.core.errors import Disarmed, UsageError
 from dart_hal.core.ports import Chunk, Link
-from dart_hal.core.types import SAMPLE
+from dart_hal.core.timing import SAMPLE
 from dart_hal.links.base import open_backend
 from dart_hal.links.paced import PacedLink
 from dart_hal.sim.serve import PacedWorld

@@ -6,7 +6,7 @@ import pytest
 from rooms import Pins
 
 from dart_hal.car import Fleet
-from dart_hal.core.types import SAMPLE
+from dart_hal.core.timing import SAMPLE
 
 URLS = ["sim://?nano=mock&seed=1", "sim://?nano=mock&seed=2"]
 

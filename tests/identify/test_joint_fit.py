@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.control.drivetrain import WAIT_STD
 from dart_hal.core.errors import RecordingError, UsageError
+from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.fitting.levenberg_marquardt import descend
 from dart_hal.identify.shooting import Problem, fit_jointly
 from dart_hal.predict.actuators import actuated, delayed, first_order_lag
@@ -194,7 +194,7 @@ def test_descent_that_gets_nowhere_does_not_call_it_convergence():
 
 @pytest.mark.more
 @pytest.mark.cpu(20)
-@pytest.mark.parametrize("wait", [WAIT_STD, 0.0])
+@pytest.mark.parametrize("wait", [PWM_WAIT_STD, 0.0])
 def test_commands_of_a_run_that_all_waited_longer_make_no_significant_lag(wait):
     """The control: as if each command waited a time of its own."""
     car = with_values(PAPER, {"delay.throttle_s": 0.02, "delay.throttle_lag_s": 0.0,

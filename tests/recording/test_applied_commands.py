@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.core.types import SAMPLE
+from dart_hal.core.timing import SAMPLE
 from dart_hal.recording.dart import AppliedCommands
 from dart_hal.recording.dart.marker import savgol_derivative, turning_share
 

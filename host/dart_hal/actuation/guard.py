@@ -35,11 +35,10 @@ from dart_hal.core.ports import Bus
 from dart_hal.core.process.locks import holder
 from dart_hal.core.process.suspend import SuspendDetector, elapsed
 from dart_hal.core.process.waiting import wait_readable
+from dart_hal.core.timing import PWM_FRAME
 
 SILENCE = 0.100
 """s without a beat that count as a dead driver: two missed of 50 Hz, and margin."""
-REPEAT = 0.020
-"""s between two neutral writes, and between two beats to the driver."""
 LAST_WORDS = 50
 """Writes that must succeed after the driver is gone: one second."""
 ALL_OFF = bytes([0xFD, 0x10])
@@ -113,7 +112,7 @@ def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, stat
     state, told, written = Watch(), False, -1.0
     _say(status, b"r")
     while not state.done:
-        ready = wait_readable(None if state.gone else beats, REPEAT / 4)
+        ready = wait_readable(None if state.gone else beats, PWM_FRAME / 4)
         now = clock()
         if ready:
             state.heard(os.read(beats, 4096), now)
@@ -122,7 +121,7 @@ def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, stat
         if slept():
             state.woke()
         if state.due(now):
-            if not told or (now - written >= REPEAT and not (state.gone and taken())):
+            if not told or (now - written >= PWM_FRAME and not (state.gone and taken())):
                 told, written = True, now
                 data = ALL_OFF if state.switches_off else neutral
                 state.wrote(_write(bus, address, data, status))
@@ -131,7 +130,7 @@ def watch(bus: Bus, address: int, channel: int, counts: int, *, beats: int, stat
                 _say(status, b"t")
         else:
             told = False
-            if now - written >= REPEAT:
+            if now - written >= PWM_FRAME:
                 written = now
                 _say(status, b"b")
 

@@ -21,11 +21,10 @@ from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES, Pca9685
 from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
 from dart_hal.core.config import CarFiles
 from dart_hal.core.ports import Bus
+from dart_hal.core.timing import PWM_FRAME
 
 LOOK_EVERY = 0.1
 """s between two looks at who drives."""
-REPEAT = 0.02
-"""s between two neutral writes: one PWM frame."""
 WRITES = 50
 """Writes that must succeed: one second, as the guard's last words."""
 GRACE = 1.0
@@ -94,7 +93,7 @@ class Watchman:
 
     def wrote(self, ok: bool, now: float) -> None:
         """The outcome of a write; one that failed is tried again."""
-        self._next = now + REPEAT
+        self._next = now + PWM_FRAME
         self.owed -= ok
 
 
@@ -130,15 +129,15 @@ def stop(throttle: Throttle, holder: Callable[[], int | None],
             throttle.rest()
         else:
             throttle.switch_off()
-        sleep(REPEAT)
+        sleep(PWM_FRAME)
     return Stopped(found, throttle.pulse_us, ended, holder(), throttle.is_off)
 
 
 def _while_driven(throttle: Throttle, holder: Callable[[], int | None],
                   sleep: Callable[[float], None]) -> None:
     """Wait for the driver to leave, neutral all the while."""
-    for _ in range(round(GRACE / REPEAT)):
+    for _ in range(round(GRACE / PWM_FRAME)):
         if holder() is None:
             return
         throttle.rest()
-        sleep(REPEAT)
+        sleep(PWM_FRAME)

@@ -14,10 +14,10 @@ import numpy as np
 from msgspec import structs
 
 from dart_hal.actuation.limits import RAW_HIGH_US
-from dart_hal.control.drivetrain import FRAME
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports import Workshop
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import Estimate
 
 from .asking import Ask, Progress, agree, begin, silent
@@ -52,7 +52,7 @@ LOSSES, LONGEST_LOSS = 3, 3.0
 FADES = 0.1
 """Share of the motor's lag, one sigma, by which its pull without pulses depends on the pull before:
 1 - ln(1 + b) / b of the lag, 0.16 after b = 0.4 dead bands, 0.36 after 1.3."""
-LOST_STD = FRAME / math.sqrt(12.0)
+LOST_STD = PWM_FRAME / math.sqrt(12.0)
 """s: when before the write the last pulse ended; half a frame in the mean less the pulse itself, as
 the write lets one that is under way end (cut short it would be the same to 0.1 ms)."""
 WRITTEN = 0.002
@@ -223,18 +223,18 @@ def _rest(spin: Spinner, first: float) -> Quantity:
     lies between two counts of them, anywhere: one sigma is a frame over the root of 12.
     """
     fast, back = spin.whole(first + LEVELS[QUICK]), _mirrored(spin, first)
-    short, long = 0, round(RESTED / FRAME)
+    short, long = 0, round(RESTED / PWM_FRAME)
     while long - short > 1:
         frames = (short + long) // 2
         spin.hold(0.5 * HELD, fast)
         spin.hold(BRAKES, back)
-        spin.hold((frames - 0.75) * FRAME, spin.neutral)
+        spin.hold((frames - 0.75) * PWM_FRAME, spin.neutral)
         if spin.hold(BRAKES, back).speed(0.1) > TURNING:
             long = frames
         else:
             short = frames
-    seconds = max(long - 1.5, 0.5) * FRAME
-    return Quantity(seconds, FRAME / math.sqrt(12.0), "reverse after the brake, by halving")
+    seconds = max(long - 1.5, 0.5) * PWM_FRAME
+    return Quantity(seconds, PWM_FRAME / math.sqrt(12.0), "reverse after the brake, by halving")
 
 
 # -- full throttle, no pulse -------------------------------------------------------
@@ -271,7 +271,7 @@ def _lost(spin: Spinner, first: float, found: Found) -> None:
         else:
             seconds.append(0.0)
         after, drag = _let_go(gone, found.forward)
-        seconds[-1] += after - WRITTEN + 0.5 * FRAME - 1e-6 * pulse
+        seconds[-1] += after - WRITTEN + 0.5 * PWM_FRAME - 1e-6 * pulse
         drags.append(drag)
         spin.hold(RESTED, spin.neutral)
     found.quantities["signal_loss"] = Quantity(

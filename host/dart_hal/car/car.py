@@ -36,7 +36,8 @@ from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import EndOfRecording, NoHello
 from dart_hal.core.ports import ImageSource, PoseSource, ScanSource
 from dart_hal.core.process.forks import ParentsLock, in_child
-from dart_hal.core.types import SAMPLE, Applied, State
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import Applied, State
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.wire.messages import BY_NAME

@@ -12,7 +12,8 @@ import numpy as np
 from dart_hal.car.table import RunTable, read_table
 from dart_hal.core.config.parse import decode
 from dart_hal.core.errors import ConfigError
-from dart_hal.core.types import SAMPLE, BoolArray, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import BoolArray, FloatArray
 
 CHANNELS = ("speed", "yaw_rate", "steering", "throttle", "command_steering", "command_throttle")
 SAME_COMMAND = {"command_steering": 0.01, "command_throttle": 0.01}

@@ -32,6 +32,7 @@ from dart_hal.car.transmit import Transmitter
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.ports import Link
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import Applied, State
 from dart_hal.links.base import Backend
 from dart_hal.wire.crc import crc16
@@ -42,9 +43,6 @@ GRACE = 0.004
 """s that the user's loop has to answer a STATE before the pulses are written."""
 INQUIRE_EVERY = 0.1
 """s between two questions that the Nano has not answered."""
-REFRESH = 0.020
-"""s, one PWM frame: pulses and heartbeat go on even when no STATE comes."""
-
 
 class Engine:
     """Joins link, receiver, transmitter and driver of one open car."""
@@ -179,7 +177,7 @@ class Engine:
 
         Whoever holds the lock for longer than a PWM frame is not waited for.
         """
-        held = self._own_lock.acquire(timeout=REFRESH)
+        held = self._own_lock.acquire(timeout=PWM_FRAME)
         try:
             now = self.now
             self.driver.close(now)
@@ -215,7 +213,7 @@ class Engine:
         """One PWM frame: pulses, heartbeat, ping and questions when their time has come."""
         self._note_lateness(now)
         self._due = False
-        self._refresh_at = now + 1.5 * REFRESH
+        self._refresh_at = now + 1.5 * PWM_FRAME
         applied = self.driver.frame(now)
         if self.receiver.hello is not None:
             self.transmitter.ping(now)  # first on the line: waiting bytes would look like delay

@@ -16,7 +16,8 @@ from dart_hal.car.misuse import check_record
 from dart_hal.car.recorder import Record, keep_old
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import PoseSource
-from dart_hal.core.types import SAMPLE, Contact, State
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import Contact, State
 from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.peers import OtherPose
 from dart_hal.poses import open_fleet_poses

@@ -8,13 +8,14 @@ from pathlib import Path
 
 import click
 
-from dart_hal.actuation.standby import LOOK_EVERY, REPEAT, Throttle, Watchman
+from dart_hal.actuation.standby import LOOK_EVERY, Throttle, Watchman
 from dart_hal.car.exit_signals import stop_on_signals
 from dart_hal.cli.options import Number, car_options, json_option
 from dart_hal.cli.output import console, print_json
 from dart_hal.cli.stop import reach, real
 from dart_hal.core.errors import BusError
 from dart_hal.core.process.suspend import elapsed
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.links.holder import holder, port_of
 from dart_hal.links.notify import notify
 
@@ -42,7 +43,7 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float |
         port = port_of(address)
         post.step(holder(port) if port else None, now)
         notify("WATCHDOG=1")
-        time.sleep(REPEAT if post.watch.owed and post.error is None else LOOK_EVERY)
+        time.sleep(PWM_FRAME if post.watch.owed and post.error is None else LOOK_EVERY)
     if as_json:
         print_json({"url": address.text, "departures": post.departures})
 

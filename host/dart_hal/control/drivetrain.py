@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -23,13 +24,6 @@ LEAST_BRAKE = 0.09
 """Of the brake: beyond the ESC's dead band."""
 BRAKE_ABOVE = 0.25
 """m/s; slower the car rolls out, for an ESC without a brake would drive it backward."""
-FRAME = 0.020
-"""s of one PWM frame: a throttle is held for it."""
-WAIT_STD = FRAME / 12.0**0.5
-"""s, one sigma of the wait for a PWM frame, which is anything up to a frame. A run writes its
-commands every second message of the Nano, 20.02 ms, and a frame is as long but for 0.02 %: all
-commands of a minute wait about as long, and those of another run another time."""
-
 Correction = Callable[[float], float]
 """Throttle to add at a speed [m/s]."""
 
@@ -115,5 +109,5 @@ class Lead:
 
     def _beta(self, dt: float) -> float:
         """Half the lag as horizon asks for 2.5 times the step, and is heard as little noise."""
-        horizon = max(dt, FRAME, 0.5 * self._lag)
+        horizon = max(dt, PWM_FRAME, 0.5 * self._lag)
         return 1.0 - math.exp(-horizon / self._lag) if self._lag > 0.0 else 1.0

@@ -22,13 +22,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dart_hal.control.drivetrain import FRAME
 from dart_hal.control.steady import SPEEDS, Steady, row_of
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import FloatArray
 
 RATE = 40.0
 """rad/s of the wheels for 1 m of offset."""
-PERIOD, PREVIEW = FRAME, 50
+PERIOD, PREVIEW = PWM_FRAME, 50
 """s between two commands that act, one PWM frame; steps ahead, 1 s."""
 LEAST_LAG = 0.03
 """s: no servo is quicker, for its slew takes as long for 0.1 rad."""

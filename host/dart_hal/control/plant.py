@@ -9,12 +9,12 @@ from functools import cached_property
 from math import cos, exp, inf, sin
 from typing import NamedTuple
 
-from dart_hal.control.drivetrain import FRAME
 from dart_hal.control.lqr import Gains, gains_of
 from dart_hal.control.measured import vehicle_for
 from dart_hal.control.steady import Steady
 from dart_hal.control.tuning import TO_PULSE
 from dart_hal.core.config import CarFiles
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import MotionEstimate
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
@@ -30,7 +30,7 @@ SUBSTEP = 0.01
 BIAS_TIME, BIAS_MOST, BIAS_ABOVE = 0.6, 0.06, 0.4
 """s in which an error of the angle is learnt, rad at most, m/s: slower, noise is no curvature.
 A steering map is 0.3 deg off, a backlash 2 deg wide; the lag that was identified 10 ms."""
-SETTLES = 0.5 * FRAME + 0.012
+SETTLES = 0.5 * PWM_FRAME + 0.012
 """s: half the PWM frame for which a command is held, and what the yaw rate comes behind the wheels:
 by the linear bicycle of the later published set 8 ms at 1 m/s, 12 at 2."""
 KEPT = 0.5

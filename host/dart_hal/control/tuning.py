@@ -16,9 +16,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dart_hal.control.drivetrain import FRAME
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.model import ModelFile
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.load import vehicle_of
 
@@ -58,7 +58,7 @@ class Answer:
 
     def to_force(self, dt: float) -> float:
         """s from a command to its force, on the mean of the ``dt`` s for which it is held."""
-        return self.to_host + self.to_pulse + 0.5 * max(dt, FRAME) + self.delay
+        return self.to_host + self.to_pulse + 0.5 * max(dt, PWM_FRAME) + self.delay
 
     def gains(self, dt: float, lag_left: float) -> tuple[float, float]:
         """(k_a [1/s], tau_i [s]) when called each ``dt`` s, with ``lag_left`` s of the lag."""
@@ -87,7 +87,7 @@ class Answer:
     @property
     def ease(self) -> float:
         """s over which a ramp ends: the motor's lag, and PWM frames, for they come in steps."""
-        return 4.0 * FRAME + self.lag
+        return 4.0 * PWM_FRAME + self.lag
 
 
 def answer_of(files: CarFiles) -> Answer:

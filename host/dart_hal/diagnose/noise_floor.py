@@ -27,8 +27,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.control.drivetrain import FRAME
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import PWM_FRAME, SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.evaluate.prediction import CHANNELS, measured
 from dart_hal.predict.windows import HORIZONS
 from dart_hal.vehicle.parameters import Vehicle
@@ -112,7 +112,7 @@ def possible_ages(evidence: Evidence, timing: Timing) -> FloatArray:
     of none.
     """
     if evidence.commands_stamped:
-        low, high = -0.5 * FRAME, 0.5 * FRAME
+        low, high = -0.5 * PWM_FRAME, 0.5 * PWM_FRAME
     elif timing.command_age <= BEYOND:
         return np.zeros(1)
     else:

@@ -12,7 +12,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.evaluate.prediction import CHANNELS
 from dart_hal.predict import rollout
 from dart_hal.predict.windows import LENGTH

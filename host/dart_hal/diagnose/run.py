@@ -9,7 +9,7 @@ from typing import Any
 
 from dart_hal.core.config import ModelFile, Quantity
 from dart_hal.core.errors import UsageError
-from dart_hal.core.types import SAMPLE
+from dart_hal.core.timing import SAMPLE
 from dart_hal.evaluate.cases import prepare as prepare_cases
 from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.recording.dart import Recording, Reference

@@ -9,7 +9,8 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import BLUE, FORMATS, INK, finish, new_figure, save_figure
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.predict.actuators import actuated
 from dart_hal.predict.rollout import states
 from dart_hal.predict.windows import HORIZONS, LENGTH

@@ -10,7 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.predict import rollout
 from dart_hal.predict.rollout import Parts, Progress
 from dart_hal.predict.windows import HORIZONS

@@ -21,7 +21,8 @@ from dart_hal.car import Car
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.car import CarConfig
 from dart_hal.core.errors import DartHalError, RecordingError
-from dart_hal.core.types import SAMPLE, ExternalPose, FloatArray, IntArray, State
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import ExternalPose, FloatArray, IntArray, State
 from dart_hal.estimation.imu_clock import GYRO_READ
 from dart_hal.estimation.odometry import GYRO_FILTER
 from dart_hal.identify.run_poses import calibrated, mocap_of, on_clock

@@ -13,7 +13,8 @@ from typing import Literal
 import numpy as np
 
 from dart_hal.core.errors import UsageError
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Grid
 from dart_hal.vehicle import channels
 from dart_hal.vehicle.compose import settled, signals

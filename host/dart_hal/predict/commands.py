@@ -14,7 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Messages, Recording
 
 from .actuators import first_order_lag

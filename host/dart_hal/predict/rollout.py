@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.fitting.covariance import pooled_blocks
 from dart_hal.recording.dart import Grid
 from dart_hal.vehicle.batch import rollout

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.channels import through
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import Now

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, BoolArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import BoolArray, IntArray
 from dart_hal.recording.dart import Grid
 
 HORIZONS = (0.5, 1.0, 2.0)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections import deque
 
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.sim.mock_supervisor import Output
 
-PERIOD, WIDTH, FIRST = 0.020, 0.0015, 0.005
+WIDTH, FIRST = 0.0015, 0.005
 """s; the own pulses."""
 SWITCH_GAP = 0.0001
 """s from the end of the own pulse to the switch: an ESC would join what is closer."""
@@ -72,7 +73,7 @@ class MockPins:
             self._next = t + RETRY
             return
         self._drive("D5", self._pass, t)
-        self._rise = self._next = rise + PERIOD
+        self._rise = self._next = rise + PWM_FRAME
 
     def _wants(self, t: float) -> bool:
         """Whether the select shall change."""

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from dart_hal.core.errors import UsageError
-from dart_hal.core.types import SAMPLE
+from dart_hal.core.timing import SAMPLE
 from dart_hal.vehicle.flat import shapes
 from dart_hal.vehicle.namespace import ARRAY, SCALAR
 from dart_hal.vehicle.native.build import CannotCompile

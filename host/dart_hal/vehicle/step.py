@@ -12,7 +12,7 @@ from collections.abc import Callable
 from typing import Any
 
 from dart_hal.core.errors import UsageError
-from dart_hal.core.types import SAMPLE
+from dart_hal.core.timing import SAMPLE
 from dart_hal.vehicle.bicycle import make_dynamic, make_kinematic
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.integrate import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from onboard_files import evidence, made
 
-from dart_hal.core.types import SAMPLE
+from dart_hal.core.timing import SAMPLE
 from dart_hal.diagnose.evidence.onboard import UNKNOWN, limits
 from dart_hal.diagnose.evidence.onboard_drive import (
     ENCODER_SPAN,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from searched import drive, evidence
 
-from dart_hal.control.drivetrain import WAIT_STD
+from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.residuals import Residuals
 from dart_hal.diagnose.evidence.space import Timing
@@ -43,7 +43,7 @@ def test_commands_of_a_run_wait_for_a_frame_and_no_longer(seen):
     run = type(seen)(runs, PAPER.body.l_r)
     assert run.commands_stamped
     r = run.residuals(PAPER, SOME_AGE).motion
-    younger = replace(SOME_AGE, command_age=SOME_AGE.command_age - WAIT_STD)
+    younger = replace(SOME_AGE, command_age=SOME_AGE.command_age - PWM_WAIT_STD)
     late = run.residuals(PAPER, younger).motion
     moved = np.abs(late - r) / np.median(np.abs(r), axis=0)
     certain = certainty(run)
@@ -60,8 +60,8 @@ def test_a_known_wait_is_the_size_of_its_doubt():
     motion = 0.004 * rng.normal(size=(1000, 1)) + older * rng.uniform(-0.01, 0.01, (1000, 1))
     block = np.arange(1000) // 4
     found = measure(Residuals(motion, np.empty((0, 4))), (block, block[:0]), older=older,
-                    wait=WAIT_STD)
+                    wait=PWM_WAIT_STD)
     assert np.all(found.certain[:900] == 1.0)
     assert found.certain[900:] == pytest.approx(
-        1.0 / np.sqrt(1.0 + (WAIT_STD * 5.0 / 0.004)**2), rel=0.1)
+        1.0 / np.sqrt(1.0 + (PWM_WAIT_STD * 5.0 / 0.004)**2), rel=0.1)
     assert np.std(found.certain[900:] * motion[900:]) == pytest.approx(0.004, rel=0.15)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from onboard_files import evidence, recorded
 
-from dart_hal.control.drivetrain import FRAME
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.diagnose.evidence.onboard_drive import MESSAGES_AHEAD
 from dart_hal.diagnose.evidence.space import EXACT, Timing
 from dart_hal.diagnose.search.forward import Search
@@ -50,7 +50,7 @@ def waited(seen):
     """Frames keep step with the messages: all pulses wait 7 ms longer than in the mean."""
     older = (seen.residuals(PAPER, Timing(command_age=0.004)).motion
              - seen.residuals(PAPER, Timing(command_age=-0.004)).motion) / 0.008
-    return 0.35 * FRAME * older
+    return 0.35 * PWM_FRAME * older
 
 
 def turned(seen):

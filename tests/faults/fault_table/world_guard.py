@@ -6,14 +6,15 @@ import math
 import os
 from contextlib import suppress
 
-from dart_hal.actuation.guard import REPEAT, Watch
+from dart_hal.actuation.guard import Watch
 from dart_hal.actuation.guarded import Guard
 from dart_hal.car.guarding import GuardPost
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.sim.world import World
 from fault_table.drive import ESC, Drive
 from fault_table.layers import removed
 
-STEP = REPEAT / 4
+STEP = PWM_FRAME / 4
 """s between two looks of the guard, as in ``dart_hal.actuation.guard.watch``."""
 
 
@@ -94,7 +95,7 @@ class WorldGuard:
             return
         with suppress(BlockingIOError):
             self._watch.heard(os.read(self._read, 4096), world.t)
-        if world.t - self._written < REPEAT:
+        if world.t - self._written < PWM_FRAME:
             return
         self._written = world.t
         if self._watch.due(world.t):

@@ -24,12 +24,13 @@ from types import SimpleNamespace
 import pytest
 
 from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES
-from dart_hal.actuation.standby import REPEAT, WRITES, Throttle, Watchman
+from dart_hal.actuation.standby import WRITES, Throttle, Watchman
 from dart_hal.cli import standby
 from dart_hal.cli.main import main
 from dart_hal.core.config import load_car
 from dart_hal.core.errors import BusError
 from dart_hal.core.process.locks import holder, parse_locks
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.links.i2c import REQUEST, receive
 from dart_hal.links.notify import notify
 from dart_hal.sim.bus import VirtualBus
@@ -52,7 +53,7 @@ def test_a_driver_that_leaves_owes_a_second_neutral_first_and_then_off() -> None
     while watch.due(now):
         written.append(watch.switches_off)
         watch.wrote(True, now)
-        now += REPEAT
+        now += PWM_FRAME
     assert written == [False] * NEUTRAL_FRAMES + [True] * (WRITES - NEUTRAL_FRAMES)
     watch.see(None)
     assert not watch.due(now + 1.0), "and then the bus is left alone"

@@ -23,9 +23,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
-SAMPLE = 0.01
-"""s; period of STATE frames, and step of the grid on which recordings are predicted."""
-
 
 class Limit(str, Enum):
     """Why the pins do not carry what was asked for.

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.control.drivetrain import FRAME
+from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -18,7 +18,7 @@ AGES = tuple((a, share * widest(a)) for a in (0.0, 0.02, 0.04, 0.06, 0.08)
 """s, of commands before their message, and how far they spread around it: where fits begin."""
 OLDER = (-0.025, -0.008, 0.008, 0.025)
 """s, by which commands are moved to see what their age does; a step does it at one instant."""
-WITHIN_FRAME = (-0.4 * FRAME, 0.4 * FRAME)
+WITHIN_FRAME = (-0.4 * PWM_FRAME, 0.4 * PWM_FRAME)
 """s, the same where commands wait for a frame: nearly as far as that goes."""
 
 

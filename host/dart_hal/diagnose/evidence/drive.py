@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.predict.commands import message_time, zero_order_hold
 from dart_hal.predict.rollout import states
 from dart_hal.predict.sensors import posed

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.predict.windows import MIN_SPEED
 from dart_hal.recording.dart import Recording, savgol_derivative
 from dart_hal.recording.dart.marker import marker_grid

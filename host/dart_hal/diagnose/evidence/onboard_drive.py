@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.identify.runs import EVERY as FRAMES
 from dart_hal.identify.runs import finer, read_run
 from dart_hal.predict.commands import message_time, zero_order_hold

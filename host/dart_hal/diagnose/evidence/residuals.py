@@ -13,7 +13,8 @@ from uuid import uuid4
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.predict.actuators import behind_actuator, delayed, first_order_lag, reached, turned
 from dart_hal.predict.commands import spread_over
 from dart_hal.predict.rollout import Parts

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from dart_hal.control.drivetrain import WAIT_STD
+from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -73,7 +73,7 @@ class Unseen:
         r = evidence.residuals(point.vehicle, timing)
         moved = older(evidence, point.vehicle, timing, r, policy.noise.age_s)
         here = measure(r, evidence.blocks(policy.blocks.seconds), evidence.overlap, moved,
-                       policy.noise, WAIT_STD if evidence.commands_stamped else None)
+                       policy.noise, PWM_WAIT_STD if evidence.commands_stamped else None)
         return replace(noise, certain=here.certain)
 
     def _timing(self, point: Fit, noise: Noise) -> Timing:

@@ -13,7 +13,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.diagnose.evidence.drive import READ_OUTS
 from dart_hal.diagnose.evidence.onboard import MOTION as ONBOARD
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.diagnose.evidence.drive import Drive
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.evidence.readings import measured

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.control.drivetrain import WAIT_STD
 from dart_hal.core.process.jobs import each
+from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue, remove_effects, with_nulls
 from dart_hal.vehicle.parameters import Vehicle
@@ -265,7 +265,7 @@ class Search:
             stamped and not evidence.exact) else seen
         moved = older(evidence, vehicle, timing, seen, policy.noise.age_s)
         return measure(r, evidence.blocks(policy.blocks.seconds), evidence.overlap, moved,
-                       policy.noise, WAIT_STD if stamped else None)
+                       policy.noise, PWM_WAIT_STD if stamped else None)
 
     def _start(self, space: Space, timing: Timing) -> FloatArray:
         """The base at the best of some ages of commands: in steps by chance a fit finds the

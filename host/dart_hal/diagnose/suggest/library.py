@@ -10,7 +10,8 @@ import numpy as np
 
 from dart_hal.core.config import CarFiles, ModelFile, parse_car
 from dart_hal.core.errors import ExperimentFailed
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.experiment.floor import Floor
 
 from .virtual import Commands

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.fitting.robust import MAD_TO_SIGMA
 from dart_hal.vehicle.parameters import Vehicle
 

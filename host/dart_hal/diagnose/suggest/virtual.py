@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.predict.actuators import actuated
 from dart_hal.predict.commands import zero_order_hold
 from dart_hal.predict.sensors import driven, motion, posed, sensed

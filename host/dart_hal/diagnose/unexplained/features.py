@@ -13,7 +13,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.predict.actuators import actuated
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
 

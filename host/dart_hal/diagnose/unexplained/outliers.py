@@ -17,8 +17,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dart_hal.control.drivetrain import WAIT_STD
-from dart_hal.core.types import SAMPLE, FloatArray
+from dart_hal.core.timing import PWM_WAIT_STD, SAMPLE
+from dart_hal.core.types import FloatArray
 from dart_hal.fitting.robust import MAD_TO_SIGMA
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -56,7 +56,7 @@ def find_outliers(evidence: Evidence, vehicle: Vehicle, timing: Timing, policy: 
         return ()
     changes = older(evidence, vehicle, timing, residuals, policy.age_s)
     # uniform waits of half a PWM frame to either side, or ages up to the next message
-    age = np.sqrt(3.0) * WAIT_STD if evidence.commands_stamped else 0.5 * MAX_COMMAND_AGE
+    age = np.sqrt(3.0) * PWM_WAIT_STD if evidence.commands_stamped else 0.5 * MAX_COMMAND_AGE
     found = []
     for i, channel in enumerate(MOTION):
         column = READ_OUTS.index(AHEAD) * len(MOTION) + i

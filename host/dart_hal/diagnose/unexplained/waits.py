@@ -5,7 +5,7 @@ Frames may keep step with the messages for a while, so the waits of a minute hav
 and what they do goes with speed and steering rate as an unknown cause would. By window
 
     w = argmin |y + B w|^2 + (w / s)^2        y, B: whitened residuals, and their change with age
-                                              s = WAIT_STD; |w| <= half a frame
+                                              s = PWM_WAIT_STD; |w| <= half a frame
 
 """
 
@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.control.drivetrain import FRAME, WAIT_STD
+from dart_hal.core.timing import PWM_FRAME, PWM_WAIT_STD
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.noise import Noise
@@ -32,9 +32,9 @@ def unwaited(evidence: Evidence, p: Vehicle, timing: Timing, noise: Noise) -> Re
     if not evidence.commands_stamped or not len(r.motion):
         return r
     late, early = (evidence.residuals(p, replace(timing, command_age=timing.command_age + d))
-                   .motion for d in (-WAIT_STD, WAIT_STD))
-    older = np.nan_to_num((early - late) / (2.0 * WAIT_STD))
+                   .motion for d in (-PWM_WAIT_STD, PWM_WAIT_STD))
+    older = np.nan_to_num((early - late) / (2.0 * PWM_WAIT_STD))
     y, b = noise.whiten(r)[0], (older * noise.certain) @ noise.motion.T
-    wait = -np.sum(b * y, axis=1) / (np.sum(b**2, axis=1) + WAIT_STD**-2)
-    wait = np.clip(wait, -0.5 * FRAME, 0.5 * FRAME)
+    wait = -np.sum(b * y, axis=1) / (np.sum(b**2, axis=1) + PWM_WAIT_STD**-2)
+    wait = np.clip(wait, -0.5 * PWM_FRAME, 0.5 * PWM_FRAME)
     return replace(r, motion=r.motion + older * wait[:, None])

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.control.drivetrain import WAIT_STD
 from dart_hal.core.errors import RecordingError
+from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.fitting.covariance import RECORDINGS, block_covariance, held_covariance
 from dart_hal.fitting.least_squares import EDGE, Solution
@@ -158,7 +158,7 @@ def fit_from_recordings(recordings: Sequence[Recording], base: Vehicle,
         raise RecordingError("none of these recordings can be predicted", found=reasons,
                              expected="motion capture of a moving car",
                              remedy="without --joint the sub-models are fitted one by one")
-    waits = tuple(0.0 if r.commands is None else WAIT_STD for r, _ in used)
+    waits = tuple(0.0 if r.commands is None else PWM_WAIT_STD for r, _ in used)
     problem = replace(Problem.of([g for _, g in used]), waits=waits)
     return fit_jointly(problem, base, submodels, progress, known), used, unused
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.errors import RecordingError
-from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.predict.rollout import Parts, measured, predict
 from dart_hal.predict.windows import MIN_SPEED, find_windows
 from dart_hal.recording.dart import Grid

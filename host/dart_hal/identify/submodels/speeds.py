@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dart_hal.core.errors import RecordingError
-from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.predict.commands import Command, step_of, throttle_of
 from dart_hal.recording.dart import Grid, Recording, Reference, grid, rolling_reference

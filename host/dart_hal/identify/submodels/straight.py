@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.fitting.covariance import (
     collinearity,
     leverage_covariance,

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, FloatArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.fitting.covariance import blocks_of, independent_blocks
 from dart_hal.identify.submodels.speeds import BLOCK, Kernel, Speeds
 

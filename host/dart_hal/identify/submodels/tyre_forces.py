@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.errors import RecordingError
-from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.fitting.covariance import blocks_of
 from dart_hal.identify.submodels.report import Ledger
 from dart_hal.identify.submodels.speeds import BLOCK, MOCAP, MOCAP_SLOW, Kernel

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.errors import RecordingError
-from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 
 from .mocap import POSITION_STEP, YAW_STEP, longest_step, position_jumps
 from .model import RUN, Recording

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from dart_hal.core.types import SAMPLE, BoolArray, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import BoolArray, FloatArray
 
 from .model import Mocap, Note, freeze, freeze_flags
 from .schema import MOCAP

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.core.config.car import CarConfig
-from dart_hal.core.types import SAMPLE, BoolArray, FloatArray, IntArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
 
 RUN = "run"  # schema of a run of our own, read as a recording
 

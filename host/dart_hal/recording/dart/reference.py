@@ -14,7 +14,8 @@ from datetime import datetime, timezone
 
 import numpy as np
 
-from dart_hal.core.types import SAMPLE, BoolArray, FloatArray
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.fitting.robust import scatter
 
 from .marker import marker_grid, savgol_derivative

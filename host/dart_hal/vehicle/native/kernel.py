@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import DTypeLike
 
-from dart_hal.core.types import SAMPLE
+from dart_hal.core.timing import SAMPLE
 from dart_hal.vehicle.compose import moving
 from dart_hal.vehicle.flat import shapes
 from dart_hal.vehicle.native.build import CannotCompile, Variant
