@@ -15,8 +15,8 @@ from figures import Figure, best_cpu
 from mcap.writer import Writer
 
 from dart_hal.car import Car
+from dart_hal.car.runs import read_run
 from dart_hal.core.ports import Chunk, Link
-from dart_hal.identify.runs import read_run
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

@@ -16,6 +16,7 @@ import numpy as np
 from baselines import MODELS, ROWS, Row, off
 from figures import Figure, best_cpu
 
+from dart_hal.car.runs import read_any
 from dart_hal.core.types import FloatArray
 from dart_hal.evaluate import (
     CHANNELS,
@@ -28,7 +29,6 @@ from dart_hal.evaluate import (
     predict,
     prepare,
 )
-from dart_hal.identify.runs import read_any
 from dart_hal.recording.check import folder_of
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 

@@ -38,6 +38,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from dart_hal.car.runs import read_any
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import FloatArray
@@ -45,7 +46,6 @@ from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.error_summaries import Ratio, geometric_mean
 from dart_hal.evaluate.cases import prepare, short
 from dart_hal.evaluate.prediction import CHANNELS, UNITS
-from dart_hal.identify.runs import read_any
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.load import find_model

@@ -19,9 +19,9 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
+from dart_hal.car.runs import read_any
 from dart_hal.core.errors import DartHalError
 from dart_hal.diagnose import diagnose
-from dart_hal.identify.runs import read_any
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 

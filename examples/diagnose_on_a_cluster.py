@@ -13,9 +13,9 @@ import sys
 from dask.distributed import Client
 from joblib import parallel_config
 
+from dart_hal.car.runs import read_any
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
-from dart_hal.identify.runs import read_any
 from dart_hal.vehicle.load import find_model
 
 DATA = "tests/recorded/data/"

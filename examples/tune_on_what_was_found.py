@@ -19,6 +19,7 @@ from pathlib import Path
 
 from dart_hal import Car
 from dart_hal.actuation.steering_map import steering_map
+from dart_hal.car.runs import read_run
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.pursuit import PurePursuit
 from dart_hal.control.speed import SpeedLaw
@@ -27,7 +28,6 @@ from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.make import conduct, make_plan
-from dart_hal.identify.runs import read_run
 from dart_hal.sim.light import LightCar
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model

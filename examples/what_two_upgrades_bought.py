@@ -16,11 +16,11 @@ from math import pi
 from pathlib import Path
 
 from dart_hal import Car
+from dart_hal.car.runs import read_run
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.pursuit import PurePursuit
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
-from dart_hal.identify.runs import read_run
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 

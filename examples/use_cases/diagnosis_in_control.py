@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal import Car
+from dart_hal.car.runs import read_run
 from dart_hal.control.follow import Follower, Phase, Rules
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.plant import plant_of
@@ -26,7 +27,6 @@ from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.make import conduct, make_plan
-from dart_hal.identify.runs import read_run
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import Delay

@@ -8,9 +8,9 @@ import bench_real_car
 import numpy as np
 import pytest
 
+from dart_hal.car.runs import read_any
 from dart_hal.evaluate.cases import prepare
 from dart_hal.evaluate.prediction import errors, measured, predict
-from dart_hal.identify.runs import read_any
 from dart_hal.vehicle.load import find_model
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"

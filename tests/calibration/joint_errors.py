@@ -12,13 +12,13 @@ from tests.calibration.hidden_errors import Errors, all_errors, url_of
 
 from dart_hal.car import Car
 from dart_hal.car.files import files_of
+from dart_hal.car.runs import read_any
 from dart_hal.core.url import Url
 from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.handover import mass_of, note_mass
 from dart_hal.experiment.make import conduct, make_plan
 from dart_hal.identify.measured import named_model
 from dart_hal.identify.outcome import jointly
-from dart_hal.identify.runs import read_any
 from dart_hal.identify.write import SECTIONS
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import reveal_url

@@ -10,8 +10,8 @@ from esc_pin import FRAMES, Watched, without_stop
 from dart_hal.calibration.measured import write
 from dart_hal.calibration.mocap import calibrate_mocap
 from dart_hal.car import Car
+from dart_hal.car.runs import read_run
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.identify.runs import read_run
 from dart_hal.links.base import open_backend
 from dart_hal.sim.mocap import hidden_mocap
 from dart_hal.sim.truth import truth

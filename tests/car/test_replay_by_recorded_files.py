@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.car.runs import read_run
 from dart_hal.core.config import Calibration, Quantity, load_car, save_calibration
-from dart_hal.identify.runs import read_run
 from dart_hal.recording.run import RunReader
 
 URL = "sim://?seed=3&nano=mock"

@@ -8,9 +8,9 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from dart_hal.car.runs import read_run
 from dart_hal.core.errors import RecordingError
 from dart_hal.diagnose.evidence.onboard_drive import sessions
-from dart_hal.identify.runs import read_run
 
 OTHERS = {"/camera/compressed": b"\xff\xd8 no picture \xff\xd9", "/battery": b'{"volt": 7.4}',
           "/odom_of_another": b"{}"}

@@ -8,12 +8,12 @@ import any_car
 import numpy as np
 import pytest
 
+from dart_hal.car.runs import read_run
 from dart_hal.diagnose.evidence.noise import measure
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.evidence.onboard_drive import counted, sessions
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.run import diagnose
-from dart_hal.identify.runs import read_run
 from dart_hal.sim.hidden import NOMINAL_VEHICLE
 from dart_hal.sim.servo import HORN_RAD_PER_US, ServoParams
 from dart_hal.vehicle.effects import apply

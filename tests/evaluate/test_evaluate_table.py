@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dart_hal.car.runs import read_any
 from dart_hal.evaluate import (
     HORIZONS,
     errors,
@@ -20,7 +21,6 @@ from dart_hal.evaluate import (
     prepare,
 )
 from dart_hal.evaluate.cases import Case
-from dart_hal.identify.runs import read_any
 from dart_hal.recording.check import folder_of
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle.sets import PAPER

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dart_hal.car.runs import read_any
 from dart_hal.core.errors import RecordingError
 from dart_hal.evaluate import prepare
 from dart_hal.evaluate.cases import short
-from dart_hal.identify.runs import read_any
 from dart_hal.predict.windows import covered, find_windows
 from dart_hal.recording.dart import RUN
 

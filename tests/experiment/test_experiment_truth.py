@@ -14,11 +14,11 @@ from statistics import median
 import numpy as np
 import pytest
 
+from dart_hal.car.runs import read_any, read_run
 from dart_hal.experiment.circles import TYRE_STEERING
 from dart_hal.experiment.understeer import GENTLE
 from dart_hal.identify.mass import never_weighed, weighed
 from dart_hal.identify.outcome import per_recording
-from dart_hal.identify.runs import read_any, read_run
 from dart_hal.identify.submodels import fit_submodels
 from dart_hal.recording.check import check
 from dart_hal.vehicle import PAPER

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.identify.runs import read_run
+from dart_hal.car.runs import read_run
 from dart_hal.links.base import open_backend
 from dart_hal.sim.truth import world_of
 

@@ -29,6 +29,7 @@ import numpy as np
 from dart_hal.calibration import order
 from dart_hal.calibration.asking import agree, silent
 from dart_hal.car import Car
+from dart_hal.car.runs import read_run
 from dart_hal.cli.calibrate_all import write
 from dart_hal.cli.demo_diagnosis import FRAME_WAIT, SERVO_S
 from dart_hal.core.config import ModelFile, save_model
@@ -38,7 +39,6 @@ from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.diagnose.write import extended_model
 from dart_hal.identify.measured import MEASURED, named_model
-from dart_hal.identify.runs import read_run
 from dart_hal.links.base import open_backend
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of

@@ -52,8 +52,8 @@ def ask(model: str, train: Path, test: Path, refit: bool, fitted_frames: bool = 
     """
     from known_frame import read
 
+    from dart_hal.car.runs import read_any
     from dart_hal.diagnose import diagnose
-    from dart_hal.identify.runs import read_any
     from dart_hal.vehicle.load import find_model
 
     file, vehicle = find_model(model)

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
+from dart_hal.car.runs import read_any
 from dart_hal.cli.main import main
 from dart_hal.core.config import load_model
 from dart_hal.core.errors import UsageError
 from dart_hal.evaluate import evaluate
-from dart_hal.identify.runs import read_any
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import model_of, vehicle_of
 from pages import foreign

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dart_hal.car.runs import read_any
 from dart_hal.identify.plots import (
     completed,
     draw,
@@ -17,7 +18,6 @@ from dart_hal.identify.plots import (
     style,
 )
 from dart_hal.identify.plots.from_recordings import HELD, Motion
-from dart_hal.identify.runs import read_any
 from dart_hal.paper import fit_as_paper
 from dart_hal.paper.evidence import evidence_as_paper
 from dart_hal.vehicle import PAPER, make_friction

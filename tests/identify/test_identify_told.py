@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dart_hal.car.runs import read_any
 from dart_hal.identify.fit import TIME_KNOWN
-from dart_hal.identify.runs import read_any
 from dart_hal.identify.submodels import delay, fit_submodels
 from dart_hal.identify.submodels.driving import Driving
 from dart_hal.identify.submodels.report import Ledger

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.car.runs import EVERY, FINE, finer, read_run
 from dart_hal.core.timing import SAMPLE
-from dart_hal.identify.runs import EVERY, FINE, finer, read_run
 from dart_hal.predict.commands import step_of
 
 

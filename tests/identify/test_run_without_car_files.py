@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from dart_hal.car import Car
-from dart_hal.identify.runs import NamedCar, read_any
+from dart_hal.car.runs import NamedCar, read_any
 from dart_hal.recording.check import check
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -60,7 +60,7 @@ def found(pattern: str) -> set[str]:
 
 def test_the_forward_model_stands_once():
     assert found(r"return motor\(.*\) \+ friction\(") == {"vehicle/motor.py"}
-    assert found(r"^[A-Z_]+(, [A-Z_]+)* = 0\.0[12]0?\b(?=.*\b(grid|frames?|sample)\b)") == {
+    assert found(r"^[A-Z_]+(, [A-Z_]+)* = 0\.0[12]0?\b +# s\b.*\b(grid|frames?|pulses)\b") == {
         "core/timing.py"}
     rooms = {name.partition("/")[0] for name in found(r"\bNow\(") - {
         "sim/injected.py", "sim/light/plant.py", "sim/light/sense.py"}}  # tick by tick

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.identify.runs import read_run
+from dart_hal.car.runs import read_run
 from dart_hal.recording.run import RunReader
 
 PACKED = Path(__file__).parent / "fixtures" / "v0_1" / "run.mcap.gz"

@@ -39,7 +39,7 @@ def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, car_na
     all of it is checked. Exit 0: something is good for a fit or an evaluation, 1: all could
     be read but nothing is, 2: a file named by itself, or a whole folder, cannot be read.
     """
-    from dart_hal.identify.runs import NamedCar, read_any
+    from dart_hal.car.runs import NamedCar, read_any
 
     car = named_car(car_name, cars)
     recordings, skipped = read_any(find(files),

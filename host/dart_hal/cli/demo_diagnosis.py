@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from dart_hal.car import Car
+from dart_hal.car.runs import read_run
 from dart_hal.cli.output import progress_bar
 from dart_hal.cli.session import with_progress
 from dart_hal.core.config import save_model
@@ -28,7 +29,6 @@ from dart_hal.diagnose.report import write_page
 from dart_hal.diagnose.report.words import quantity
 from dart_hal.diagnose.result import Diagnosis, Number
 from dart_hal.diagnose.write import extended_model
-from dart_hal.identify.runs import read_run
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, parse
 from dart_hal.vehicle.file import model_of

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import dart_hal
+from dart_hal.car.runs import read_any
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.report import write_page
 from dart_hal.diagnose.result import Diagnosis
-from dart_hal.identify.runs import read_any
 from dart_hal.report.html import Html
 from dart_hal.vehicle.load import find_model
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import click
 
+from dart_hal.car.runs import NamedCar, read_all_unframed
 from dart_hal.cli.evaluate import hashes
 from dart_hal.cli.options import (
     REFERENCE,
@@ -29,7 +30,6 @@ from dart_hal.diagnose.evidence.motion import driving_seconds
 from dart_hal.diagnose.inputs import checked, effects_named
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.identify.measured import default_model, named_model
-from dart_hal.identify.runs import NamedCar, read_all_unframed
 from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.fetch import find
 

@@ -7,6 +7,7 @@ from types import ModuleType
 
 import click
 
+from dart_hal.car.runs import NamedCar, read_any
 from dart_hal.cli.options import REFERENCE, html_option, json_option
 from dart_hal.cli.output import notices, print_json, progress_bar
 from dart_hal.cli.outputs import PlotFileOrFolder
@@ -16,7 +17,6 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import new_figure
 from dart_hal.evaluate import Evaluation, evaluate, kinematic
 from dart_hal.identify.measured import MEASURED, default_model, named_model
-from dart_hal.identify.runs import NamedCar, read_any
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.fetch import find
 from dart_hal.vehicle.file import left_out

@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from dart_hal.car.runs import NamedCar, read_any
 from dart_hal.cli.options import REFERENCE, html_option, json_option
 from dart_hal.cli.output import console, print_json, progress_bar, results
 from dart_hal.cli.outputs import OutputFile, PlotFolder
@@ -19,7 +20,6 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import new_figure
 from dart_hal.identify.measured import default_model, named_model
 from dart_hal.identify.outcome import Identification, jointly, per_recording
-from dart_hal.identify.runs import NamedCar, read_any
 from dart_hal.identify.write import SECTIONS, Written, model_from, write
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.fetch import find

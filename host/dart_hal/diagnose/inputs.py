@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+from dart_hal.car.runs import read_run
 from dart_hal.core.errors import RecordingError, UsageError
-from dart_hal.identify.runs import read_run
 from dart_hal.recording.dart import RUN, Recording
 from dart_hal.report.numbers import some
 from dart_hal.vehicle.effects import catalogue, effect

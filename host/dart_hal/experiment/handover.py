@@ -11,11 +11,11 @@ from typing import Any
 import msgspec
 
 from dart_hal.car import Car
+from dart_hal.car.runs import EVERY, FINE, MASS, read_run
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.ports import Workshop
 from dart_hal.core.ports.workshop import SCALE
 from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.runs import EVERY, FINE, MASS, read_run
 from dart_hal.identify.submodels import fit_submodels
 from dart_hal.identify.write import Source, Written, model_from, write
 from dart_hal.vehicle.load import find_model, vehicle_of

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from dart_hal.car.runs import read_any
 from dart_hal.core.errors import UsageError
-from dart_hal.identify.runs import read_any
 from dart_hal.identify.submodels import SUBMODELS, fit_submodels
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER

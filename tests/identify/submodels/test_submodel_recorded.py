@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.identify.runs import read_any
+from dart_hal.car.runs import read_any
 from dart_hal.identify.submodels import fit_submodels
 from dart_hal.vehicle import PAPER, make_friction, make_motor
 

@@ -10,10 +10,10 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
+from dart_hal.car.runs import finer
 from dart_hal.core.errors import UsageError
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.report import FileReport
-from dart_hal.identify.runs import finer
 from dart_hal.identify.submodels.delay import fit_delay
 from dart_hal.identify.submodels.driving import Driving, drive
 from dart_hal.identify.submodels.friction_motor import longitudinal_fit

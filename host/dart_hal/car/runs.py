@@ -18,6 +18,7 @@ import numpy as np
 
 from dart_hal.actuation.quantiser import counter_of
 from dart_hal.car import Car
+from dart_hal.car.run_poses import calibrated, mocap_of, on_clock
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.car import CarConfig
 from dart_hal.core.errors import DartHalError, RecordingError
@@ -25,7 +26,6 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import ExternalPose, FloatArray, IntArray, State
 from dart_hal.estimation.imu_clock import GYRO_READ
 from dart_hal.estimation.odometry import GYRO_FILTER
-from dart_hal.identify.run_poses import calibrated, mocap_of, on_clock
 from dart_hal.recording.dart import (
     RUN,
     AppliedCommands,
