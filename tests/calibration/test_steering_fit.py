@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from dart_hal.actuation.quantiser import count_us, prescale_for
+from dart_hal.calibration.curves import steering
 from dart_hal.calibration.loop import Systematic, Window, contact, fit_loop, resample
 from dart_hal.calibration.route import Leg, Spot, trace, waiting_time
+from dart_hal.calibration.samples import Samples, approach, blocks, concatenate
 from dart_hal.calibration.schedule import make_plan, make_steps
 from dart_hal.calibration.steering_fit import fit_steering
+from dart_hal.calibration.steering_map import fit_map
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.identify.curves import steering
-from dart_hal.identify.submodels.samples import Samples, approach, blocks, concatenate
-from dart_hal.identify.submodels.steering_map import fit_map
 
 TRUTH = np.array([1.5, 0.35, 0.01, 0.40, 1.4])
 

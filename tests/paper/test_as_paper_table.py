@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.identify import curves
+from dart_hal.calibration import curves
 from dart_hal.identify.filters import smooth
 from dart_hal.paper import fit_as_paper, read_folder
 from dart_hal.paper.problem import solve

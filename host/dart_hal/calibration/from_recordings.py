@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
+from dart_hal.calibration.groups import Group, cautions, groups_of
+from dart_hal.calibration.samples import Samples, concatenate
 from dart_hal.car.runs import read_any
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import FloatArray
-from dart_hal.identify.submodels.groups import Group, cautions, groups_of
-from dart_hal.identify.submodels.samples import Samples, concatenate
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.sets import PAPER
 

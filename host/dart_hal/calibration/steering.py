@@ -16,6 +16,8 @@ import msgspec
 import numpy as np
 
 from dart_hal.actuation.quantiser import counter_of
+from dart_hal.calibration.samples import Samples
+from dart_hal.calibration.steering_map import fit_map
 from dart_hal.core.config import (
     CarFiles,
     PaperForm,
@@ -29,8 +31,6 @@ from dart_hal.core.config.calibration import SteeringCalibration
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray, State
 from dart_hal.fitting.batches import standard_error
-from dart_hal.identify.submodels.samples import Samples
-from dart_hal.identify.submodels.steering_map import fit_map
 
 from .asking import Ask, Progress, agree, begin, silent
 from .loop import LoopFit, Systematic, Window, fit_loop, resample

@@ -11,16 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.core.errors import CalibrationFailed
-from dart_hal.core.types import Estimate, FloatArray
-from dart_hal.identify.submodels.samples import LEVEL, SETTLED, Samples
-from dart_hal.identify.submodels.steering_map import (
+from dart_hal.calibration.samples import LEVEL, SETTLED, Samples
+from dart_hal.calibration.steering_map import (
     MIN_LEVELS,
     MIN_SPAN,
     SteeringMap,
     coverage,
     fit_map,
 )
+from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.types import Estimate, FloatArray
 
 POINT_SPACING = 0.05
 MIN_POINTS = 9

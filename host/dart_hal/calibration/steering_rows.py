@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dart_hal.calibration.samples import Samples, answered, samples_of_turn
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.identify.submodels.samples import Samples, answered, samples_of_turn
 from dart_hal.recording.dart import RUN, Recording, grid, rolling_reference
 
 from .notes import FileNote

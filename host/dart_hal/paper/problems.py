@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dart_hal.calibration import curves
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.identify import curves
 from dart_hal.identify.filters import later, slope, smooth
 from dart_hal.vehicle.sets import PAPER
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.calibration import curves
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.identify import curves
 from dart_hal.identify.filters import later, slope, smooth
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import PaperTyres

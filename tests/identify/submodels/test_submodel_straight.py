@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from dart_hal.calibration.sessions import sessions_of
 from dart_hal.fitting.covariance import wider
 from dart_hal.identify.fit import Estimate
 from dart_hal.identify.submodels import fit_submodels
@@ -14,7 +15,6 @@ from dart_hal.identify.submodels.coasting import driven, fit_coasting
 from dart_hal.identify.submodels.guess import first_guess
 from dart_hal.identify.submodels.motor_fit import fit_motor
 from dart_hal.identify.submodels.report import Ledger
-from dart_hal.identify.submodels.sessions import sessions_of
 from dart_hal.identify.submodels.speeds import speeds_of
 from dart_hal.identify.submodels.straight import NAMES, solve_straight
 from dart_hal.identify.submodels.stretches import cut

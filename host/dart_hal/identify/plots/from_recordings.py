@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.calibration import curves
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.identify import curves
 from dart_hal.identify.filters import slope, smooth
 from dart_hal.identify.fit import Fit
 from dart_hal.identify.submodels import fitted_car

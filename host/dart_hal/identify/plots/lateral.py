@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.calibration import curves
 from dart_hal.core.figures import BLUE, GREEN, finish, limits, new_figure
 from dart_hal.core.types import FloatArray
-from dart_hal.identify import curves
 from dart_hal.identify.fit import Fit
 from dart_hal.vehicle.parameters import PaperTyres
 from dart_hal.vehicle.sets import PAPER as PUBLISHED

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dart_hal.calibration.sessions import sessions_of
 from dart_hal.core.types import FloatArray
 from dart_hal.identify.fit import Estimate
 from dart_hal.identify.submodels.coasting import (
@@ -24,7 +25,6 @@ from dart_hal.identify.submodels.coasting import (
 from dart_hal.identify.submodels.guess import first_guess
 from dart_hal.identify.submodels.motor_fit import band_notes, fit_motor
 from dart_hal.identify.submodels.report import Ledger
-from dart_hal.identify.submodels.sessions import sessions_of
 from dart_hal.identify.submodels.speeds import WINDOW, Speeds, speeds_of
 from dart_hal.identify.submodels.straight import NAMES, Straight, solve_straight
 from dart_hal.identify.submodels.stretches import cut

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.core.errors import RecordingError
-from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.identify.submodels.report import Ledger
-from dart_hal.identify.submodels.samples import (
+from dart_hal.calibration.samples import (
     SETTLED,
     Samples,
     answered,
     approach,
     samples_of_turn,
 )
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
+from dart_hal.identify.submodels.report import Ledger
 from dart_hal.identify.submodels.speeds import EVERY, mocap_grid
 from dart_hal.recording.dart import Recording, Reference
 

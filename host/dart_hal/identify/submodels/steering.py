@@ -12,21 +12,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dart_hal.core.types import FloatArray
-from dart_hal.fitting.covariance import collinearity, independent_blocks
-from dart_hal.fitting.least_squares import Solution
-from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.submodels.groups import cautions, groups_of
-from dart_hal.identify.submodels.report import UNITS, Ledger, not_identified
-from dart_hal.identify.submodels.samples import Samples, concatenate
-from dart_hal.identify.submodels.steady import MAX_LATERAL, SLOW, steady_samples
-from dart_hal.identify.submodels.steering_map import (
+from dart_hal.calibration.groups import cautions, groups_of
+from dart_hal.calibration.samples import Samples, concatenate
+from dart_hal.calibration.steering_map import (
     MIN_LEVELS,
     MIN_SPAN,
     SteeringMap,
     coverage,
     fit_map,
 )
+from dart_hal.core.types import FloatArray
+from dart_hal.fitting.covariance import collinearity, independent_blocks
+from dart_hal.fitting.least_squares import Solution
+from dart_hal.identify.fit import Estimate, Fit
+from dart_hal.identify.submodels.report import UNITS, Ledger, not_identified
+from dart_hal.identify.submodels.steady import MAX_LATERAL, SLOW, steady_samples
 from dart_hal.identify.submodels.understeer import slip_of
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import Vehicle

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dart_hal.calibration.sessions import session_of
 from dart_hal.core.types import FloatArray
 from dart_hal.fitting.random_effects import random_effects
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.submodels.report import UNITS, Ledger, not_identified
-from dart_hal.identify.submodels.sessions import session_of
 from dart_hal.identify.submodels.tyre_fit import REAR_RANGE, fit_curves
 from dart_hal.identify.submodels.tyre_forces import MIN_LATERAL, TyreForces, tyre_forces
 from dart_hal.identify.submodels.understeer import understeer_note

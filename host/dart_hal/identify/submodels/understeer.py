@@ -15,9 +15,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dart_hal.calibration.samples import LEVEL, Samples, concatenate
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.identify.submodels.report import Ledger
-from dart_hal.identify.submodels.samples import LEVEL, Samples, concatenate
 from dart_hal.identify.submodels.steady import steady_samples
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import Vehicle

@@ -13,8 +13,8 @@ from itertools import combinations
 
 import numpy as np
 
+from dart_hal.calibration.sessions import day_of, session_of
 from dart_hal.core.types import FloatArray
-from dart_hal.identify.submodels.sessions import day_of, session_of
 from dart_hal.recording.dart import Recording
 
 MAX_DAYS = 3

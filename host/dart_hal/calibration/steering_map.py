@@ -12,12 +12,12 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from dart_hal.calibration import curves
+from dart_hal.calibration.samples import LEVEL, Samples
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.fitting.covariance import leverage_covariance
 from dart_hal.fitting.least_squares import Solution, fit_curve
 from dart_hal.fitting.robust import ROBUST, scatter
-from dart_hal.identify import curves
-from dart_hal.identify.submodels.samples import LEVEL, Samples
 from dart_hal.vehicle.parameters import Steering
 
 LOW = np.array([0.1, 0.1, -0.4, 0.1, 0.1])
