@@ -24,10 +24,10 @@ import numpy as np
 
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray, IntArray
-from dart_hal.identify.submodels.understeer import KAPPA_STD
 
 BACKLASH_PRIOR = 0.1  # rad, one sigma around 0
-KAPPA_PRIOR = (0.0, KAPPA_STD)  # s2/m2, mean and sigma
+UNDERSTEER_STD = 0.06  # s2/m2, one sigma around 0: 1:10 cars under- or oversteer
+KAPPA_PRIOR = (0.0, UNDERSTEER_STD)  # s2/m2, mean and sigma
 STD_FLOOR = 3e-4  # rad; gyro steps and the speed loop within one window
 REST_PRIOR = (1.0, 3.0)  # us, one sigma of where a servo comes to rest, and its weight in windows
 ROUNDS = 8

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from dart_hal.calibration.loop import UNDERSTEER_STD
 from dart_hal.calibration.samples import LEVEL, Samples, concatenate
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.identify.submodels.report import Ledger
@@ -22,7 +23,6 @@ from dart_hal.identify.submodels.steady import steady_samples
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import Vehicle
 
-KAPPA_STD = 0.06  # s2/m2, one sigma around 0: 1:10 cars under- or oversteer
 STRETCH = 20  # samples
 MIN_SAMPLES = 5  # of a stretch
 MIN_RANGE = 0.2  # m/s between the speeds of one command; less is counting noise
@@ -33,9 +33,9 @@ def slip_of(samples: Samples, square: FloatArray, owner: IntArray) -> tuple[floa
     """(kappa, std) [s2/m2] of data and prior together; arguments as ``slip_in_data``."""
     found = slip_in_data(samples, square, owner)
     if found is None:
-        return 0.0, KAPPA_STD
+        return 0.0, UNDERSTEER_STD
     value, std = found
-    precision = 1.0 / KAPPA_STD**2 + 1.0 / std**2
+    precision = 1.0 / UNDERSTEER_STD**2 + 1.0 / std**2
     return value / std**2 / precision, float(precision**-0.5)
 
 
