@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from types import TracebackType
 
 from dart_hal.links.emulator import EmulatedNano
-from dart_hal.sim.eeprom import preset
-from dart_hal.sim.ring import GEAR_REVOLUTION, even_ring
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.frame import Frame
+from dart_lab.sim.eeprom import preset
+from dart_lab.sim.ring import GEAR_REVOLUTION, even_ring
 
 BOOTED = 2.0
 """s after which firmware and IMU are up."""

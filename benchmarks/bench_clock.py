@@ -7,10 +7,10 @@ from figures import Figure
 
 from dart_hal.car import Car
 from dart_hal.links.base import open_backend
-from dart_hal.sim.hidden import hidden_car
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import TICKS_PER_SECOND, TIME_PING, TIME_PONG
+from dart_lab.sim.hidden import hidden_car
 
 SEED = 7
 URL = f"sim://?seed={SEED}&nano=avr"

@@ -26,10 +26,10 @@ from dart_hal.core.process.jobs import each
 from dart_hal.core.types import Doubt
 from dart_hal.links.base import open_backend
 from dart_hal.recording.dart import read
-from dart_hal.sim.car_file import typical_car_toml
-from dart_hal.sim.motion import Felt
-from dart_hal.sim.truth import world_of
-from dart_hal.sim.world import World
+from dart_lab.sim.car_file import typical_car_toml
+from dart_lab.sim.motion import Felt
+from dart_lab.sim.truth import world_of
+from dart_lab.sim.world import World
 
 UNSURE = frozenset({Doubt.DIRECTION_UNSURE.value})
 """Said of sound cars as well: one encoder has no sign."""

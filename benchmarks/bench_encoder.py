@@ -9,9 +9,9 @@ from figures import Figure
 
 from dart_hal.car import Car
 from dart_hal.estimation import ClockFit, FrameReader, WheelSpeed
-from dart_hal.sim.ring import GEAR_REVOLUTION
 from dart_hal.wire.frame import Frame
 from dart_hal.wire.messages import STATE
+from dart_lab.sim.ring import GEAR_REVOLUTION
 
 EDGES = 20
 SPEEDS = (0.3, 1.0, 3.0, 5.0, 0.0, -5.0)

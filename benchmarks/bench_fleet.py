@@ -23,7 +23,7 @@ from dart_hal.core.errors import NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.source import LidarPoses
-from dart_hal.sim.truth import room_of_car, world_of
+from dart_lab.sim.truth import room_of_car, world_of
 
 CARS, SEEING, PROCESSES = 20, 5, 2
 SECONDS = 10.0

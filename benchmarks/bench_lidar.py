@@ -16,9 +16,9 @@ from dart_hal.lidar.scan import Stream
 from dart_hal.localisation import matcher
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.rays import Cast, cast_numpy, native
-from dart_hal.sim.lidar.maps import room_of
-from dart_hal.sim.lidar.params import LidarParams
-from dart_hal.sim.lidar.unit import Unit
+from dart_lab.sim.lidar.maps import room_of
+from dart_lab.sim.lidar.params import LidarParams
+from dart_lab.sim.lidar.unit import Unit
 
 BEAMS = 606
 ROUNDS = 20

@@ -11,7 +11,8 @@ import math
 import numpy as np
 from figures import Figure, best_cpu
 
-from dart_hal.sim.light import (
+from dart_hal.vehicle.native import status
+from dart_lab.sim.light import (
     DART_ACTUATORS,
     FIRMWARE,
     Disturbance,
@@ -19,7 +20,6 @@ from dart_hal.sim.light import (
     LightCar,
     LightConfig,
 )
-from dart_hal.vehicle.native import status
 
 ROUNDS, CARS = 4, 10_000
 BARE = LightConfig(sensors=None)
@@ -41,7 +41,7 @@ def figures(scale: float = 1.0) -> list[Figure]:
             Figure(f"light: {cars(scale):,} cars, sensors, noise, force", _many(FULL, scale),
                    "car-steps/s", note=engine)]
     try:
-        import dart_hal.sim.gym  # noqa: F401 - the extra may be absent
+        import dart_lab.sim.gym  # noqa: F401 - the extra may be absent
     except ValueError as why:
         return [*rows, Figure("DartCar-v0", math.nan, "", note=str(why).splitlines()[0])]
     return [*rows, _single(scale, FULL, "one car"),
@@ -87,7 +87,7 @@ def _many(config: LightConfig, scale: float) -> float:
 
 
 def _single(scale: float, light: LightConfig, name: str) -> Figure:
-    from dart_hal.sim.gym import DartCarEnv
+    from dart_lab.sim.gym import DartCarEnv
 
     env, steps = DartCarEnv(light=light), max(20, round(2000 * scale))
     env.reset(seed=0)
@@ -104,7 +104,7 @@ def _single(scale: float, light: LightConfig, name: str) -> Figure:
 
 
 def _vector(scale: float, period: float, drawn: bool, beams: int = 0) -> Figure:
-    from dart_hal.sim.gym import DartCarVectorEnv
+    from dart_lab.sim.gym import DartCarVectorEnv
 
     n, steps = cars(scale), max(2, round(20 * scale))
     env = DartCarVectorEnv(n, period=period, beams=beams, opponents=2 if beams else 0)

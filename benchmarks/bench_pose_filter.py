@@ -23,7 +23,7 @@ from dart_hal.core.types import FloatArray, Pose
 from dart_hal.estimation.odometry import Motion, OdometryNoise
 from dart_hal.estimation.pose_filter import PoseFilter
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 STD = np.array((0.01, 0.01, radians(0.3)))
 EVERY, LATE = 5, 6  # frames

@@ -46,8 +46,8 @@ from dart_hal.core.types import (
     Tracking,
 )
 from dart_hal.links.base import open_backend
-from dart_hal.sim.mocap import MocapParams, mocap_of
-from dart_hal.sim.truth import reveal_url, world_of
+from dart_lab.sim.mocap import MocapParams, mocap_of
+from dart_lab.sim.truth import reveal_url, world_of
 
 SETTLED, EVERY, GAP = 10.0, 5.0, 0.5  # s
 SEEN = "rate=10,noise=0.005,yaw_noise=0.005"

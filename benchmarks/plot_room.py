@@ -19,7 +19,7 @@ import numpy as np
 from bench_room import SEEN, Drive, driven, in_room, relative
 
 from dart_hal.core.types import FloatArray, Pose, State
-from dart_hal.sim.mocap import mocap_of
+from dart_lab.sim.mocap import mocap_of
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

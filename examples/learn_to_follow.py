@@ -14,7 +14,7 @@ except ImportError as err:
     raise SystemExit("this example needs gymnasium: pip install -e '.[gym]'") from err
 
 CARS, ROUNDS, STEPS, BEST = 256, 8, 200, 24
-ENV = "dart_hal.sim.gym:DartCar-v0"
+ENV = "dart_lab.sim.gym:DartCar-v0"
 
 
 def steer(seen: dict[str, np.ndarray], k: np.ndarray) -> np.ndarray:

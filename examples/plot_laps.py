@@ -27,7 +27,7 @@ def steer(seen):
 
 def drive(n, randomise):
     """s, offset, speed, x, y over one lap, (steps, n) each."""
-    env = gymnasium.make_vec("dart_hal.sim.gym:DartCar-v0", num_envs=n, speed=SPEED, episode=60.0)
+    env = gymnasium.make_vec("dart_lab.sim.gym:DartCar-v0", num_envs=n, speed=SPEED, episode=60.0)
     seen, _ = env.reset(seed=1, options={"randomise": randomise})
     rows = []
     for k in range(FIRST + STEPS):

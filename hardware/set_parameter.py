@@ -16,10 +16,10 @@ import sys
 
 from dart_hal.core.errors import DartHalError, LinkLost, UsageError
 from dart_hal.links.base import Backend, open_backend
-from dart_hal.sim.cutoff import CUTOFFS
 from dart_hal.wire.codec import encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import PARAM_BY_NAME, PARAM_SET, PARAM_STATUS, Param
+from dart_lab.sim.cutoff import CUTOFFS
 
 USAGE = "python hardware/set_parameter.py NAME VALUE [URL]"
 BOOT = 2.0

@@ -110,8 +110,8 @@ def armed_esc(monkeypatch: pytest.MonkeyPatch) -> None:
     For tests of a car that drives, where this wait is half of what is simulated. Not for tests of
     the neutral itself, nor for cars that a fixture of a module opens.
     """
-    from dart_hal.sim import car_file
-    from dart_hal.sim.esc import Esc, EscParams
+    from dart_lab.sim import car_file
+    from dart_lab.sim.esc import Esc, EscParams
 
     usual = "arm_neutral = 2.0"
     assert usual in car_file._TEXT

@@ -12,10 +12,10 @@ from dart_hal.core.config.calibration import QUANTITIES, parse_calibration
 from dart_hal.core.config.model import parse_model
 from dart_hal.core.errors import EmulatorMissing, PortMissing, RecordingError, UsageError
 from dart_hal.links.base import open_backend
-from dart_hal.sim.eeprom import stored
-from dart_hal.sim.mock_nano import MockNano
 from dart_hal.vehicle.file import vehicle_from
 from dart_hal.wire.messages import PARAM_BY_NAME
+from dart_lab.sim.eeprom import stored
+from dart_lab.sim.mock_nano import MockNano
 
 FILES = Path(__file__).parent / "fixtures_v0_1"
 URLS = (FILES / "urls.txt").read_text().split()

@@ -134,7 +134,7 @@ def test_import_dart_hal_is_light():
 def test_what_runs_on_the_car_loads_no_plotting_no_fitting_no_servokit(statement):
     got = loaded(statement)
     assert not {"scipy", "matplotlib", "adafruit_servokit", "board", "busio", "pandas"} & got
-    assert not {"dart_hal.sim", "dart_hal.cli", "dart_hal.diagnose"} & got
+    assert not {"dart_lab.sim", "dart_hal.cli", "dart_hal.diagnose"} & got
 
 
 @pytest.mark.more
@@ -143,5 +143,5 @@ def test_a_simulated_car_in_full_loads_no_plotting_either(tmp_path):
     got = loaded("from dart_hal import Car\n"
                  f"with Car.open('sim://?nano=mock', cars={str(tmp_path)!r}) as car:\n"
                  "    next(car.states())")
-    assert "dart_hal.sim.world" in got
-    assert not {"matplotlib", "pandas", "dart_hal.cli", "dart_hal.sim.truth"} & got
+    assert "dart_lab.sim.world" in got
+    assert not {"matplotlib", "pandas", "dart_hal.cli", "dart_lab.sim.truth"} & got

@@ -24,7 +24,7 @@ with Car.open("sim://?nano=mock", record="run.mcap") as car:
     for state in car.states(duration=1.0):
         car.drive(steering=0.1, throttle=0.2)
 assert len(to_dataframe("run.mcap")) > 90
-cars = gymnasium.make_vec("dart_hal.sim.gym:DartCar-v0", num_envs=2)
+cars = gymnasium.make_vec("dart_lab.sim.gym:DartCar-v0", num_envs=2)
 cars.reset(seed=1)
 cars.step(cars.action_space.sample())
 occupied = np.eye(4, dtype=bool)

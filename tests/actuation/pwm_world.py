@@ -8,8 +8,8 @@ import msgspec
 
 from dart_hal.actuation import Actuator
 from dart_hal.core.config import Calibration, CarFiles, Quantity, parse_config
-from dart_hal.sim.bus import VirtualBus
-from dart_hal.sim.pca9685 import Pca9685 as Chip
+from dart_lab.sim.bus import VirtualBus
+from dart_lab.sim.pca9685 import Pca9685 as Chip
 
 EXAMPLE = Path(__file__).parents[2] / "cars" / "dart-01" / "car.toml"
 

@@ -9,7 +9,7 @@ from pwm_world import World, car_files
 
 from dart_hal.actuation.standby import Throttle
 from dart_hal.core.errors import CATALOGUE, NotPca, PcaFault
-from dart_hal.sim.power_monitor import PowerMonitor
+from dart_lab.sim.power_monitor import PowerMonitor
 
 MONITORS = {
     "INA3221": None,

@@ -19,7 +19,7 @@ def test_rows():
 def test_without_gymnasium_it_says_so(monkeypatch):
     import sys
 
-    for name in [m for m in sys.modules if m.startswith("dart_hal.sim.gym")]:
+    for name in [m for m in sys.modules if m.startswith("dart_lab.sim.gym")]:
         monkeypatch.delitem(sys.modules, name)
     for name in ("gymnasium", "gymnasium.envs", "gymnasium.envs.registration"):
         monkeypatch.setitem(sys.modules, name, None)

@@ -19,7 +19,7 @@ from dart_hal.bridges.bridge import Bridge
 from dart_hal.bridges.ros1 import Ros1
 from dart_hal.car import Car
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 
 def main(out, url="sim://?nano=mock&seed=1&mocap=1&pace=1"):

@@ -12,8 +12,8 @@ from dart_hal.car import Car
 from dart_hal.car.driver import Driver
 from dart_hal.core.types import State
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
-from dart_hal.sim.world import World
+from dart_lab.sim.truth import world_of
+from dart_lab.sim.world import World
 
 ESC = 1
 PULLS = 12.0

@@ -29,9 +29,9 @@ from dart_hal.core.ports import Workshop
 from dart_hal.core.url import Url
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import Map, map_of_lines
-from dart_hal.sim.truth import reveal, reveal_url
 from dart_hal.vehicle.motor import make_drive
 from dart_hal.vehicle.parameters import Friction, Motor
+from dart_lab.sim.truth import reveal, reveal_url
 
 VERBS: dict[str, Callable[[Car, Workshop], Measured | SteeringResult]] = {
     "clock": lambda car, workshop: calibrate_clock(car),

@@ -21,7 +21,7 @@ from dart_hal.identify.measured import named_model
 from dart_hal.identify.outcome import jointly
 from dart_hal.identify.write import SECTIONS
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import reveal_url
+from dart_lab.sim.truth import reveal_url
 
 DRIVES = ("friction", "motor", "delay", "tyres")
 FLOOR = "8"

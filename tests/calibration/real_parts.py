@@ -16,7 +16,7 @@ import numpy as np
 
 from dart_hal.calibration.measured import UNITS
 from dart_hal.core.types import FloatArray
-from dart_hal.sim import mock_imu
+from dart_lab.sim import mock_imu
 
 CRYSTAL = (50e-6, 50e-6, 25e-6)
 """Largest relative errors of a plain quartz: as it is sold, from 0 to 70 C, by five years of age.

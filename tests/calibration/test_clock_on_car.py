@@ -12,8 +12,8 @@ from dart_hal.calibration.measured import write
 from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.links.base import open_backend
-from dart_hal.sim.pca9685 import Pca9685
-from dart_hal.sim.truth import reveal, world_of
+from dart_lab.sim.pca9685 import Pca9685
+from dart_lab.sim.truth import reveal, world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?nano=mock&seed="

@@ -14,7 +14,7 @@ from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.estimation.ring import LearntRing, RingLearner
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import reveal, truth, world_of
+from dart_lab.sim.truth import reveal, truth, world_of
 
 URL = "sim://?nano=mock&seed="
 

@@ -16,8 +16,8 @@ from dart_hal.calibration.measured import write
 from dart_hal.calibration.spin import Spin
 from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.sim.esc import Esc
-from dart_hal.sim.truth import reveal
+from dart_lab.sim.esc import Esc
+from dart_lab.sim.truth import reveal
 
 URL = "sim://?nano=mock&seed="
 QUANTITIES = {f"throttle.{name}" for name in (

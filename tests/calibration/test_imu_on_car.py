@@ -15,7 +15,7 @@ from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.estimation.frames import Mounting
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import reveal
+from dart_lab.sim.truth import reveal
 
 URL = "sim://?nano=mock&seed="
 

@@ -12,7 +12,7 @@ from dart_hal.calibration.latency_pulse import Grid
 from dart_hal.calibration.latency_turn import linkage_of
 from dart_hal.calibration.latency_yaw import NOISE, fit_yaw
 from dart_hal.estimation.imu_clock import AGE_STD, GYRO_READ, PERIOD, QUICKEST
-from dart_hal.sim.servo import HORN_RAD_PER_US, Servo, ServoParams
+from dart_lab.sim.servo import HORN_RAD_PER_US, Servo, ServoParams
 
 DELAY, PLAY, SLEW, EDGE = 0.0137, 0.03, 4200.0, 0.0021
 FRAMES = Grid(0.003, 0.0204, 1e-3, 3e-4, 1e-4, seen=True)

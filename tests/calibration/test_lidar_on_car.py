@@ -21,8 +21,8 @@ from dart_hal.core.config import Quantity, load_car, parse_calibration
 from dart_hal.core.errors import CalibrationFailed, ConfigError
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
-from dart_hal.sim.lidar.maps import room_of
-from dart_hal.sim.truth import truth
+from dart_lab.sim.lidar.maps import room_of
+from dart_lab.sim.truth import truth
 
 URL = "sim://?seed=4&nano=mock&lidar=scale=1.015&map=room"
 WAIVED = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED", "--json")
@@ -115,7 +115,7 @@ def test_distances_off_by_a_percent_and_a_half_are_mended_end_to_end(tmp_path, c
 
 def backend_lidar(url):
     from dart_hal.core.url import Url
-    from dart_hal.sim.truth import reveal_url
+    from dart_lab.sim.truth import reveal_url
     unit = reveal_url(Url.parse(url))["lidar"]
     return {"mount_x": unit["x"], "mount_y": unit["y"], "mount_yaw": unit["yaw"],
             "scale": unit["scale"]}

@@ -14,8 +14,8 @@ from tests.calibration.real_parts import (
 )
 
 from dart_hal.calibration.clock import CRYSTAL as STATED
-from dart_hal.sim import mock_imu
-from dart_hal.sim.mock_imu import MockImu
+from dart_lab.sim import mock_imu
+from dart_lab.sim.mock_imu import MockImu
 
 CARS = range(1, 401)
 

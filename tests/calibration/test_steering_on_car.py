@@ -12,7 +12,7 @@ from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.process.jobs import cores, each
-from dart_hal.sim.truth import reveal
+from dart_lab.sim.truth import reveal
 
 
 def measured(seed: int, tmp_path, **options):

@@ -8,7 +8,7 @@ import pytest
 from dart_hal.calibration.from_recordings import steering_from
 from dart_hal.car import Car
 from dart_hal.car.runs import undithered
-from dart_hal.sim.truth import reveal
+from dart_lab.sim.truth import reveal
 
 LEVELS = (-0.34, -0.25, -0.15, -0.05, 0.05, 0.15, 0.25, 0.3, 0.25, 0.15, 0.05, -0.05, -0.15,
           -0.25, -0.34)

@@ -12,7 +12,7 @@ from dart_hal.cli.main import main
 from dart_hal.core.config import Calibration, Quantity, calibration_in, save_calibration
 from dart_hal.core.errors import ConfigError, NotArmed
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=3&nano=mock"

@@ -9,7 +9,7 @@ from dart_hal.actuation.states import ENTRY
 from dart_hal.car import Car
 from dart_hal.core.errors import Disarmed
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 NEUTRAL_US, NEAR_US = 1500.0, 5.0
 SETTLED = 0.040  # s: the PWM frame under way and the next, as for every command

@@ -10,7 +10,7 @@ from dart_hal.car import Car
 from dart_hal.core.types import SPEED_DOUBTS
 from dart_hal.estimation import speed
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 

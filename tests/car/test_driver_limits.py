@@ -12,11 +12,11 @@ from dart_hal.car.driver import Driver
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.errors import NotArmed
 from dart_hal.links.base import open_backend
-from dart_hal.sim.motion import Felt
-from dart_hal.sim.truth import world_of
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.wire.codec import DOWN
 from dart_hal.wire.decoder import Decoder
+from dart_lab.sim.motion import Felt
+from dart_lab.sim.truth import world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?nano=mock"

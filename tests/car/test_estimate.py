@@ -11,8 +11,8 @@ from dart_hal.car import Car
 from dart_hal.car.telemetry import Telemetry
 from dart_hal.core.types import START, Tracking
 from dart_hal.links.base import open_backend
-from dart_hal.sim.mocap import mocap_of
-from dart_hal.sim.truth import truth
+from dart_lab.sim.mocap import mocap_of
+from dart_lab.sim.truth import truth
 
 SEEN = "rate=10,noise=0.005,yaw_noise=0.005"
 URL = "sim://?seed=3&nano=mock&physics=kinematic"

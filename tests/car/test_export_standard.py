@@ -16,8 +16,8 @@ from dart_hal.car.export.standard import Planar
 from dart_hal.core.types import Mount, Scan
 from dart_hal.links.base import open_backend
 from dart_hal.recording.run import RunReader
-from dart_hal.sim.mocap import hidden_mocap
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.mocap import hidden_mocap
+from dart_lab.sim.truth import world_of
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,8 @@ from dart_hal.car import Car
 from dart_hal.core.types import Tracking
 from dart_hal.links.base import open_backend
 from dart_hal.recording.run import RunReader
-from dart_hal.sim.mocap import hidden_mocap
-from dart_hal.sim.truth import truth
+from dart_lab.sim.mocap import hidden_mocap
+from dart_lab.sim.truth import truth
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=3&nano=mock&physics=kinematic"

@@ -8,7 +8,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.estimation import imu_clock
 from dart_hal.links.base import open_backend
-from dart_hal.sim.hidden import hidden_car
+from dart_lab.sim.hidden import hidden_car
 
 UPDATES = 0.010
 """s between two updates of a simulated IMU; they begin with the world's clock."""

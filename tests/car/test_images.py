@@ -14,7 +14,7 @@ from PIL import Image as PILImage
 from dart_hal.car import Car
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.run import RunReader
-from dart_hal.sim.camera import EVERY, LATENCY, SIZE
+from dart_lab.sim.camera import EVERY, LATENCY, SIZE
 
 URL = "sim://?seed=3&nano=mock&physics=kinematic"
 TOPIC = "/camera/image/compressed"

@@ -17,8 +17,8 @@ from dart_hal.core.ports import Chunk, Link
 from dart_hal.core.timing import SAMPLE
 from dart_hal.links.base import open_backend
 from dart_hal.links.paced import PacedLink
-from dart_hal.sim.serve import PacedWorld
-from dart_hal.sim.truth import truth
+from dart_lab.sim.serve import PacedWorld
+from dart_lab.sim.truth import truth
 
 SLOW = 2 * SAMPLE
 MOCK = "sim://?seed=1&nano=mock"

@@ -11,9 +11,9 @@ from dart_hal.actuation.neutral_watch import NeutralWatch
 from dart_hal.car import Car
 from dart_hal.core.errors import Disarmed, NotArmed
 from dart_hal.links.base import open_backend
-from dart_hal.sim.esc import Esc, Mode
-from dart_hal.sim.failures import parse, schedule
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.esc import Esc, Mode
+from dart_lab.sim.failures import parse, schedule
+from dart_lab.sim.truth import world_of
 
 CLOCK = (r"oscillator_hz = \{[^}]*\}", "oscillator_hz = {{ value = {}, std = 1000 }}")
 NEUTRAL = (r"neutral_us = 1500.0", "neutral_us = {0}\ndeliberate_neutral_us = {0}")

@@ -29,10 +29,10 @@ from dart_hal.car import Car, engine
 from dart_hal.car.driver import Driver
 from dart_hal.core.errors import BadCommand, LinkLost, NotArmed
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO
+from dart_lab.sim.truth import world_of
 
 FAULT_WITHIN = 0.08
 """s from a bus that fails to the mode that says so: two PWM frames of tries, and a State."""

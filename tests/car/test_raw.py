@@ -12,7 +12,7 @@ from dart_hal.car.facts import Observer
 from dart_hal.core.errors import BadCommand, NotArmed
 from dart_hal.links.base import open_backend
 from dart_hal.recording.run import RunReader
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?nano=mock"

@@ -14,8 +14,8 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Mount
 from dart_hal.links.base import open_backend
 from dart_hal.recording.run import RunReader
-from dart_hal.sim.lidar.maps import clearance
-from dart_hal.sim.truth import room_of_car, world_of
+from dart_lab.sim.lidar.maps import clearance
+from dart_lab.sim.truth import room_of_car, world_of
 
 URL = "sim://?seed=3&nano=mock&physics=kinematic"
 SEEN = f"{URL}&lidar=noise=0,dropout=0,scale=1,x=0.13,y=0,yaw=0"

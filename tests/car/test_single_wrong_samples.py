@@ -11,7 +11,7 @@ from estimator_input import ACCEL_X, ACCEL_Y, GYRO_Z, RecordedFrames, flip, yaw_
 
 from dart_hal.car import Car, telemetry
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 DEGREE = math.pi / 180

@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from dart_hal.sim.world import THROTTLE, World
+from dart_lab.sim.world import THROTTLE, World
 
 NEUTRAL_US, NEAR_US = 1500.0, 5.0
 WITHIN = 0.040

@@ -15,7 +15,7 @@ from dart_hal.car import Car, join
 from dart_hal.cli.main import main
 from dart_hal.core.errors import Disarmed
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 
 def free_port():

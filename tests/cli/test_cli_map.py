@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dart_hal.localisation.grid import read_grid
-from dart_hal.sim.lidar.maps import room_of
-from dart_hal.sim.world import THROTTLE, World
+from dart_lab.sim.lidar.maps import room_of
+from dart_lab.sim.world import THROTTLE, World
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=0&nano=mock&lidar=1&map=room"

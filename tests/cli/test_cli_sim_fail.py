@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.cli import sim
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 MOCK = "sim://?nano=mock"
 

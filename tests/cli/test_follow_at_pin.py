@@ -14,8 +14,8 @@ from dart_hal.control.follow import PATIENCE, Phase, Rules
 from dart_hal.control.paths import Path
 from dart_hal.core.errors import Disarmed
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
-from dart_hal.sim.world import THROTTLE
+from dart_lab.sim.truth import world_of
+from dart_lab.sim.world import THROTTLE
 
 LONG = Path([(15.0, 0.0)], closed=False)
 pytestmark = pytest.mark.usefixtures("armed_esc")

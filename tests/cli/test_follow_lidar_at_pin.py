@@ -14,8 +14,8 @@ from dart_hal.control.paths import Path
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.source import LidarPoses
-from dart_hal.sim.truth import room_of_car, world_of
-from dart_hal.sim.world import THROTTLE
+from dart_lab.sim.truth import room_of_car, world_of
+from dart_lab.sim.world import THROTTLE
 
 RING = Path([(2.0 * np.pi * 0.8, 1.0 / 0.8)], closed=True)
 LOST_AT, SLOWS, SCAN = 5.0, 0.8, 0.2

@@ -15,8 +15,8 @@ from dart_hal.control.follow import Phase
 from dart_hal.control.lane_follow import PATIENCE
 from dart_hal.control.stopping import STUCK
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
-from dart_hal.sim.world import THROTTLE
+from dart_lab.sim.truth import world_of
+from dart_lab.sim.world import THROTTLE
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 LOST_AT, SLOWS = 3.0, 0.8

@@ -16,8 +16,8 @@ from dart_hal.control.while_located import WhileLocated
 from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.source import LidarPoses
-from dart_hal.sim.truth import room_of_car, world_of
-from dart_hal.sim.world import THROTTLE
+from dart_lab.sim.truth import room_of_car, world_of
+from dart_lab.sim.world import THROTTLE
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 LOST_AT, SLOWS = 2.5, 0.8

@@ -15,9 +15,9 @@ from dart_hal.control.follow import Phase
 from dart_hal.control.lane_follow import PATIENCE
 from dart_hal.control.wall import Wall
 from dart_hal.links.base import open_backend
-from dart_hal.sim.lidar.maps import clearance
-from dart_hal.sim.truth import room_of_car, world_of
-from dart_hal.sim.world import THROTTLE
+from dart_lab.sim.lidar.maps import clearance
+from dart_lab.sim.truth import room_of_car, world_of
+from dart_lab.sim.world import THROTTLE
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")

@@ -12,10 +12,10 @@ from dart_hal.car import Car
 from dart_hal.core.errors import Disarmed, LinkLost, NotArmed
 from dart_hal.core.ports import Chunk
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, STATE, STATE_FLAGS
+from dart_lab.sim.truth import world_of
 
 CARS = Path(__file__).parents[2] / "cars"
 URL = "sim://?nano=mock"

@@ -9,10 +9,10 @@ import pytest
 from dart_hal.car import Car, Fleet
 from dart_hal.core.errors import LinkLost
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import STATE
+from dart_lab.sim.truth import world_of
 
 URL = "sim://?nano=mock&seed=2"
 SECONDS = 8.0

@@ -32,7 +32,7 @@ from dart_hal.control.crossing.coordinator import Coordinator
 from dart_hal.control.crossing.crosser import Crosser
 from dart_hal.control.crossing.layouts import LAYOUTS
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 PLACE = Path(__file__).parents[2] / "examples" / "use_cases" / "crossing.py"
 NEUTRAL_US, NEAR_US = 1500.0, 5.0

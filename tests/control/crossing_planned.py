@@ -18,7 +18,7 @@ from tests.control.mpc_loop import LATE, Loop, P, limits_of
 from dart_hal.control.crossing.layouts import LAYOUTS
 from dart_hal.control.crossing.speed import safe_speed, throttle_at
 from dart_hal.control.mpc.iteration import Mpcc
-from dart_hal.sim.light import LightCar
+from dart_lab.sim.light import LightCar
 
 AHEAD = P.body.l_r
 

@@ -45,12 +45,12 @@ from dart_hal.core.config import (
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.source import LidarPoses
-from dart_hal.sim.mocap import hidden_mocap
-from dart_hal.sim.truth import reveal_url, room_of_car, world_of
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import AxleTyres, Delay, Vehicle
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering
+from dart_lab.sim.mocap import hidden_mocap
+from dart_lab.sim.truth import reveal_url, room_of_car, world_of
 
 FORCES, TYRES, DRAG, LATE_STD, MAP_STD = 0.02, 0.05, 0.1, 0.003, 0.0045
 """Relative errors of an identification; s of its delays; rad of a point of the steering map."""

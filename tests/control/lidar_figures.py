@@ -37,10 +37,10 @@ from dart_hal.core.config import Quantity, calibration_in, save_calibration, sav
 from dart_hal.core.types import FloatArray, Scan
 from dart_hal.core.url import Url
 from dart_hal.links.base import Backend, open_backend
-from dart_hal.sim.arena import Place, enter
-from dart_hal.sim.lidar.maps import Room, box, clearance
-from dart_hal.sim.truth import reveal_url, room_of_car, world_of
 from dart_hal.vehicle.file import model_of
+from dart_lab.sim.arena import Place, enter
+from dart_lab.sim.lidar.maps import Room, box, clearance
+from dart_lab.sim.truth import reveal_url, room_of_car, world_of
 
 CELL = 0.025
 SITS = {"lidar.mount_x": 2e-4, "lidar.mount_y": 1e-4, "lidar.mount_yaw": 2.5e-4,

@@ -11,10 +11,10 @@ from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.plant import Late, Plant
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.types import MotionEstimate, Pose, Tracking
-from dart_hal.sim.light import LightCar
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering, make_steering_inverse
+from dart_lab.sim.light import LightCar
 
 DELAY = 0.03
 """s before the lag, in whole steps of the simulation."""

@@ -31,11 +31,11 @@ from dart_hal.control.monitoring.formation import Formation
 from dart_hal.control.monitoring.kuramoto import disagreement
 from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.core.config import save_model
-from dart_hal.sim.truth import truth
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import Delay
 from dart_hal.vehicle.sets import UPSTREAM_2024
+from dart_lab.sim.truth import truth
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "use_cases" / "monitoring.py"
 TEAM = Formation(Lissajous(3.3, 0.9, 1, 2), 3, 1)

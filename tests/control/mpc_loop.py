@@ -27,10 +27,10 @@ from dart_hal.control.mpc.problem import Limits
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Late, Plant
 from dart_hal.control.tracks import track_named
-from dart_hal.sim.light import LightCar
 from dart_hal.vehicle.parameters import Delay, Vehicle
 from dart_hal.vehicle.sets import UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering
+from dart_lab.sim.light import LightCar
 
 LATE = 0.04
 """s from a command to the actuators."""

@@ -28,8 +28,8 @@ from dart_hal.core.types import MotionEstimate, Pose
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.grid import read_grid, write_grid
 from dart_hal.localisation.source import LidarPoses
-from dart_hal.sim.lidar.maps import room_of
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.lidar.maps import room_of
+from dart_lab.sim.truth import world_of
 
 PROGRAM = Path(__file__).parents[2] / "examples" / "use_cases" / "platooning.py"
 SETTLED = 3.0

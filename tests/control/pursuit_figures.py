@@ -18,8 +18,8 @@ import numpy as np
 from tests.control.mpc_loop import P, figures
 
 from dart_hal.control.tracks import track_named
-from dart_hal.sim.light import LightCar
 from dart_hal.vehicle.steering import make_steering
+from dart_lab.sim.light import LightCar
 
 AHEAD, PREDICTED, LENGTH, EVERY = 0.6, 0.165, 0.175, 0.1
 TAU = (0.0, .20, .21, .22, .23, .24, .25, .26, .27, .28, .29, .30, .31, .32, .35, .40)

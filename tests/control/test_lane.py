@@ -12,8 +12,8 @@ from dart_hal.control.lane import REACH, look
 from dart_hal.control.lane_model import Reckoning
 from dart_hal.control.paths import Path
 from dart_hal.core.types import Pose
-from dart_hal.sim.lidar.lanes import HALF, LANES, boards
 from dart_hal.vehicle.sets import UPSTREAM_2024
+from dart_lab.sim.lidar.lanes import HALF, LANES, boards
 
 RNG = np.random.default_rng(5)
 

@@ -15,9 +15,9 @@ from dart_hal.control.reversal import Reversal
 from dart_hal.core.config import Calibration, DriveTable, Quantity, save_calibration
 from dart_hal.core.config.calibration import ThrottleCalibration
 from dart_hal.links.base import open_backend
-from dart_hal.sim.esc import Esc
-from dart_hal.sim.truth import world_of
 from dart_hal.vehicle.sets import PAPER
+from dart_lab.sim.esc import Esc
+from dart_lab.sim.truth import world_of
 
 URL = "sim://?seed=2&nano=mock"
 TABLE = DriveTable(speed=(0.5, 1.0, 1.5), pulse_us=(1600.0, 1612.0, 1627.0),

@@ -9,7 +9,7 @@ from tests.control.monitoring_figures import NINE, OMEGA, SLOW, TEAM, driven, ni
 
 from dart_hal.control.monitoring.kuramoto import disagreement
 from dart_hal.control.monitoring.monitor import Mode
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 NEUTRAL, NEAR = 1.5e-3, 5e-6
 """s, s."""

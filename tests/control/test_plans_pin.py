@@ -17,7 +17,7 @@ from dart_hal.control.paths import Path
 from dart_hal.control.plant import plant_of
 from dart_hal.core.errors import UsageError
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 NEUTRAL_US, NEAR_US, SETTLED = 1500.0, 5.0, 0.040
 SPOILT, AFTER = 1.5, 2.0  # s from the first motion on, s that are looked at

@@ -9,8 +9,8 @@ from dart_hal.car import Car
 from dart_hal.control import drivetrain
 from dart_hal.control.loop import SpeedLoop
 from dart_hal.links.base import open_backend
-from dart_hal.sim.esc import Mode
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.esc import Mode
+from dart_lab.sim.truth import world_of
 
 COUNT = 0.011
 """Of throttle, one count of the PCA9685."""

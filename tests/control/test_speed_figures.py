@@ -119,7 +119,7 @@ def test_it_counts_on_the_window_of_the_estimation():
 
 def test_without_a_model_the_lag_is_not_known(tmp_path):
     from dart_hal.core.config import parse_car
-    from dart_hal.sim.car_file import typical_car_toml
+    from dart_lab.sim.car_file import typical_car_toml
 
     files = parse_car(typical_car_toml(), "test", [tmp_path])
     assert not answer_of(files).known

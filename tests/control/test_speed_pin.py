@@ -7,7 +7,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.control.loop import SpeedLoop
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 NEUTRAL_US, NEAR_US = 1500.0, 5.0
 SETTLED = 0.040  # s: the PWM frame under way and the next, as for every command

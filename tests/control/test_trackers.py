@@ -18,9 +18,9 @@ from dart_hal.control.trackers import TRACKERS, uncompensated
 from dart_hal.control.tracks import track_named
 from dart_hal.core.config import Calibration, Quantity, parse_car
 from dart_hal.core.types import Pose
-from dart_hal.sim.car_file import typical_car_toml
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.sets import PAPER
+from dart_lab.sim.car_file import typical_car_toml
 
 PLANT = plant_by(LATER)
 BOTH = pytest.mark.parametrize("name", TRACKERS)

@@ -21,7 +21,7 @@ from dart_hal.control.plant import plant_of
 from dart_hal.control.traffic import Neighbour, Traffic, Wait
 from dart_hal.core.types import Pose, pose_cov
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 REAR = 0.09
 STRAIGHT = Path([(9.0, 0.0)], closed=False)

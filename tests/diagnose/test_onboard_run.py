@@ -14,10 +14,10 @@ from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.evidence.onboard_drive import counted, sessions
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.run import diagnose
-from dart_hal.sim.hidden import NOMINAL_VEHICLE
-from dart_hal.sim.servo import HORN_RAD_PER_US, ServoParams
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
+from dart_lab.sim.hidden import NOMINAL_VEHICLE
+from dart_lab.sim.servo import HORN_RAD_PER_US, ServoParams
 
 SECONDS = 40.0
 SERVO = ServoParams()

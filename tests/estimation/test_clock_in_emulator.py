@@ -8,9 +8,9 @@ from dart_hal.car import Car
 from dart_hal.core.errors import DartHalError
 from dart_hal.estimation.clock import LATCH_DELAY
 from dart_hal.recording.run import RunReader
-from dart_hal.sim.hidden import hidden_car
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
+from dart_lab.sim.hidden import hidden_car
 
 pytestmark = pytest.mark.emulator
 

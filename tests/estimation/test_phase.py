@@ -11,9 +11,9 @@ import pytest
 from dart_hal import Car
 from dart_hal.estimation.phase import RingPhase
 from dart_hal.links.base import open_backend
-from dart_hal.sim.hidden import hidden_car
-from dart_hal.sim.ring import even_ring, turned_ring
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.hidden import hidden_car
+from dart_lab.sim.ring import even_ring, turned_ring
+from dart_lab.sim.truth import world_of
 
 FRAME = 0.01
 EVEN = even_ring(20)

@@ -16,9 +16,9 @@ from dart_hal.experiment.make import conduct, make_plan
 from dart_hal.experiment.runner import Drive
 from dart_hal.identify.fit import Fit
 from dart_hal.links.base import open_backend
-from dart_hal.sim.car_file import car_toml
-from dart_hal.sim.hidden import HiddenCar, hidden_car
 from dart_hal.vehicle import make_acceleration, make_steering
+from dart_lab.sim.car_file import car_toml
+from dart_lab.sim.hidden import HiddenCar, hidden_car
 
 FLOOR = {"friction": "10x3", "motor": "12x3", "steering": "8", "delay": "7", "tyres": "5"}
 

@@ -13,7 +13,7 @@ from dart_hal.car.driver import Driver
 from dart_hal.car.engine import Engine
 from dart_hal.car.facts import LIVE_AFTER, Observer
 from dart_hal.car.guarding import GuardPost
-from dart_hal.sim.faults import LineFaults
+from dart_lab.sim.faults import LineFaults
 
 ARM_NEUTRAL = 2.0
 """s of neutral that the ESC must receive before the first throttle: car.toml's arm_neutral."""

@@ -11,7 +11,7 @@ from dart_hal.actuation.pca9685 import Pca9685
 from dart_hal.core.config import parse_car
 from dart_hal.core.errors import EmulatorMissing, LinkLost
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "hardware"))

@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.core.errors import EmulatorMissing
 from dart_hal.links.base import open_backend
-from dart_hal.sim.cutoff import CUTOFFS
+from dart_lab.sim.cutoff import CUTOFFS
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "hardware"))

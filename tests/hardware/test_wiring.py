@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.sim.cutoff import CUTOFFS
+from dart_lab.sim.cutoff import CUTOFFS
 
 ROOT = Path(__file__).parents[2]
 WIRING = ROOT / "hardware" / "wiring"

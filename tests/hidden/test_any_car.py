@@ -11,8 +11,8 @@ import pytest
 from any_car import asked
 
 from dart_hal.cli.main import main
-from dart_hal.sim.hidden import hidden_car
 from dart_hal.vehicle.load import find_model
+from dart_lab.sim.hidden import hidden_car
 
 
 @pytest.mark.more

@@ -16,8 +16,8 @@ from dart_hal.estimation.source_clock import car_time
 from dart_hal.evaluate.cases import prepare
 from dart_hal.links.base import open_backend
 from dart_hal.recording.dart import fit_reference
-from dart_hal.sim.mocap import hidden_mocap
-from dart_hal.sim.truth import truth
+from dart_lab.sim.mocap import hidden_mocap
+from dart_lab.sim.truth import truth
 
 
 def drive(url, path, seconds):

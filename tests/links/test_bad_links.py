@@ -148,7 +148,7 @@ def test_a_nano_whose_parameter_is_115200_is_found(hurried):
     from dart_hal.links.emulator import EmulatedNano
     from dart_hal.links.image import find_image
     from dart_hal.links.pty import Pty
-    from dart_hal.sim.eeprom import preset
+    from dart_lab.sim.eeprom import preset
 
     try:
         nano = EmulatedNano(find_image(), eeprom=preset(0x1234, {"baud": 115_200}))

@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.cli.main import main
 from dart_hal.localisation.field import CELL
-from dart_hal.sim.lidar.maps import box, room_of
+from dart_lab.sim.lidar.maps import box, room_of
 
 WAIVED = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED", "--json")
 

@@ -8,7 +8,7 @@ import pytest
 from dart_hal.localisation import matcher
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.rays import cast_numpy
-from dart_hal.sim.lidar.maps import room_of
+from dart_lab.sim.lidar.maps import room_of
 
 
 def scan_of(seed):

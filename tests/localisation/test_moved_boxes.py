@@ -17,7 +17,7 @@ from dart_hal.localisation.health import Status, agreement
 from dart_hal.localisation.localiser import Localiser
 from dart_hal.localisation.rays import best
 from dart_hal.localisation.search import search
-from dart_hal.sim.lidar.maps import box, room_of
+from dart_lab.sim.lidar.maps import box, room_of
 
 HALL = box(3.0, 2.5, 0.0, 6.0, 5.0)
 STOOL = box(4.5, 2.5, 0.3, 0.5, 0.3)

@@ -10,7 +10,7 @@ from tests.localisation.world import drive, hidden, run
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.health import EVERY, FITS, Agreement, Judge, Status, agreement
 from dart_hal.localisation.search import search
-from dart_hal.sim.lidar.maps import box
+from dart_lab.sim.lidar.maps import box
 
 
 @pytest.mark.parametrize("seed", [5100, 5102, 5104])

@@ -23,8 +23,8 @@ from dart_hal.localisation.localiser import Localiser
 from dart_hal.localisation.rays import best
 from dart_hal.localisation.search import search
 from dart_hal.localisation.source import LidarPoses, open_source
-from dart_hal.sim.lidar.maps import box, room_of
-from dart_hal.sim.truth import room_of_car, world_of
+from dart_lab.sim.lidar.maps import box, room_of
+from dart_lab.sim.truth import room_of_car, world_of
 
 URL = "sim://?seed=0&nano=mock&lidar=1&map=room"
 

@@ -16,7 +16,7 @@ from dart_hal.core.types import FloatArray, Mount, Scan
 from dart_hal.localisation.field import Map, map_of_lines
 from dart_hal.localisation.localiser import Localiser, Located
 from dart_hal.localisation.rays import best
-from dart_hal.sim.lidar.maps import Room, box, clearance, room_of
+from dart_lab.sim.lidar.maps import Room, box, clearance, room_of
 
 DT = 0.01
 CAR = (0.4, 0.2)

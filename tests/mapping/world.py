@@ -13,7 +13,7 @@ from dart_hal.mapping.align import Laid, laid
 from dart_hal.mapping.graph import between
 from dart_hal.mapping.keyframes import Survey
 from dart_hal.mapping.mapper import Mapper
-from dart_hal.sim.lidar.maps import room_of
+from dart_lab.sim.lidar.maps import room_of
 
 RADIUS = 0.8
 """m of its corners: 5 m/s2 at 2 m/s."""

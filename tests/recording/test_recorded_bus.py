@@ -8,8 +8,8 @@ from dart_hal.core.errors import BusError
 from dart_hal.core.ports import Bus
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.recording.run import RunReader, RunWriter
-from dart_hal.sim.bus import VirtualBus
-from dart_hal.sim.pca9685 import Pca9685
+from dart_lab.sim.bus import VirtualBus
+from dart_lab.sim.pca9685 import Pca9685
 
 
 @pytest.fixture

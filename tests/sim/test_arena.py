@@ -11,9 +11,9 @@ import pytest
 from dart_hal.car import Car, Fleet
 from dart_hal.core.errors import UsageError
 from dart_hal.links.base import open_backend
-from dart_hal.sim import arena
-from dart_hal.sim.arena import BODY, overlap
-from dart_hal.sim.truth import room_of_car, truth, world_of
+from dart_lab.sim import arena
+from dart_lab.sim.arena import BODY, overlap
+from dart_lab.sim.truth import room_of_car, truth, world_of
 
 PLAIN = "sim://?nano=mock&seed={}&world={}&at={}"
 QUIET = "&lidar=rate=7,noise=0,dropout=0,lost=0&map=corridor"

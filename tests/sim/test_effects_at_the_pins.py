@@ -10,11 +10,11 @@ import pytest
 from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.core.url import Url
 from dart_hal.links.base import open_backend
-from dart_hal.sim.drawn import car_of
-from dart_hal.sim.esc import Esc
-from dart_hal.sim.servo import Servo
-from dart_hal.sim.truth import reveal_url, world_of
 from dart_hal.vehicle.effects import catalogue
+from dart_lab.sim.drawn import car_of
+from dart_lab.sim.esc import Esc
+from dart_lab.sim.servo import Servo
+from dart_lab.sim.truth import reveal_url, world_of
 
 PLAIN = "sim://?nano=mock"
 PLAN = ((-0.04, 0.3, 0.7), (0.6, 0.35, 0.5), (-0.7, 0.45, 0.5), (0.4, 0.0, 0.3))

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.sim.esc import Esc, EscParams, Mode
-from dart_hal.sim.servo import HORN_RAD_PER_US, Servo, ServoParams
 from dart_hal.vehicle import PAPER, make_steering
+from dart_lab.sim.esc import Esc, EscParams, Mode
+from dart_lab.sim.servo import HORN_RAD_PER_US, Servo, ServoParams
 
 FRAME = 0.02
 

@@ -7,9 +7,9 @@ from itertools import pairwise
 import pytest
 
 from dart_hal.core.errors import UsageError
-from dart_hal.sim.failure_kinds import KINDS
-from dart_hal.sim.failures import parse
 from dart_hal.wire.messages import STATE_FLAGS
+from dart_lab.sim.failure_kinds import KINDS
+from dart_lab.sim.failures import parse
 
 START, LASTS = 3.0, 0.6
 """s; the car turns and still gains speed."""

@@ -8,9 +8,9 @@ from itertools import pairwise
 import pytest
 
 from dart_hal.core.errors import UsageError
-from dart_hal.sim.failure_kinds import KINDS
-from dart_hal.sim.failures import Failure, parse
 from dart_hal.wire.messages import STATE_FLAGS
+from dart_lab.sim.failure_kinds import KINDS
+from dart_lab.sim.failures import Failure, parse
 
 
 def flags(state):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.sim.cutoff import INPUT_FILTER, EscInput, make_wiring
-from dart_hal.sim.levels import CLAMP_MAX, clamp_current, divided, level
-from dart_hal.sim.mock_capture import MockCapture
-from dart_hal.sim.pca9685 import Pca9685
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HEARTBEAT
+from dart_lab.sim.cutoff import INPUT_FILTER, EscInput, make_wiring
+from dart_lab.sim.levels import CLAMP_MAX, clamp_current, divided, level
+from dart_lab.sim.mock_capture import MockCapture
+from dart_lab.sim.pca9685 import Pca9685
 
 AT = 5.5
 """s; the car is at throttle."""

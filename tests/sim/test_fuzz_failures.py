@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from dart_hal.core.errors import UsageError
 from dart_hal.links.base import open_backend
-from dart_hal.sim.failure_kinds import KINDS
-from dart_hal.sim.failures import Failure, parse
+from dart_lab.sim.failure_kinds import KINDS
+from dart_lab.sim.failures import Failure, parse
 
 names = st.sampled_from(sorted(KINDS)).map(":".join)
 digits = st.text("0123456789.eE+-_ \u0663x", max_size=8)

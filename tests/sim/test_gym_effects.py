@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from dart_hal.core.config import save_model
-from dart_hal.sim.gym import DartCarEnv, DartCarVectorEnv
 from dart_hal.vehicle import UPSTREAM_2024
 from dart_hal.vehicle.effects import extended, parse
 from dart_hal.vehicle.load import model_of
+from dart_lab.sim.gym import DartCarEnv, DartCarVectorEnv
 
 EFFECTS = "gyro_bias:0.05,steering_backlash:0.05,encoder_scale:0.04,quadratic_drag:0.2"
 ACTION = np.array([0.3, 0.2], dtype=np.float32)

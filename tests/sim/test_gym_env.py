@@ -12,9 +12,9 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from dart_hal.core.errors import BadCommand, ConfigError, UsageError
-from dart_hal.sim.gym import ENV_ID, SPREAD, GymConfig
-from dart_hal.sim.light import LightConfig
 from dart_hal.vehicle import PAPER, UPSTREAM_2024
+from dart_lab.sim.gym import ENV_ID, SPREAD, GymConfig
+from dart_lab.sim.light import LightConfig
 
 KINDS = {"path": {}, "speed": {"task": "speed"}, "paper": {"vehicle": "paper"},
          "randomised": {"randomise": {"body.mass": 0.1}}, "eight": {"track": "eight"},
@@ -35,7 +35,7 @@ def test_gymnasium_has_nothing_to_say(options):
 
 @pytest.mark.more
 def test_it_can_be_made_without_an_import():
-    code = ("import gymnasium; e = gymnasium.make('dart_hal.sim.gym:DartCar-v0'); "
+    code = ("import gymnasium; e = gymnasium.make('dart_lab.sim.gym:DartCar-v0'); "
             "print(e.reset(seed=1)[0].shape)")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "(17,)"
@@ -44,7 +44,7 @@ def test_it_can_be_made_without_an_import():
 def test_without_gymnasium_it_says_what_to_install():
     code = ("import sys; sys.modules['gymnasium'] = None\n"
             "from dart_hal.core.errors import UsageError\n"
-            "try:\n    import dart_hal.sim.gym\nexcept UsageError as e:\n    print(e.remedy)")
+            "try:\n    import dart_lab.sim.gym\nexcept UsageError as e:\n    print(e.remedy)")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "gymnasium>=" in done.stdout
 

@@ -11,9 +11,9 @@ from dart_hal.control.paths import Path
 from dart_hal.control.tracks import TRACKS, track_named
 from dart_hal.core.errors import UsageError
 from dart_hal.localisation import rays
-from dart_hal.sim.gym import DartCarEnv, DartCarVectorEnv, GymConfig
-from dart_hal.sim.gym.lidar import AXIS_X, BESIDE, BODY, FLAT, MOST, Eyes
-from dart_hal.sim.gym.tasks import OFF_TRACK, Memory
+from dart_lab.sim.gym import DartCarEnv, DartCarVectorEnv, GymConfig
+from dart_lab.sim.gym.lidar import AXIS_X, BESIDE, BODY, FLAT, MOST, Eyes
+from dart_lab.sim.gym.tasks import OFF_TRACK, Memory
 
 RING = Path([(2.0 * pi, 1.0)], closed=True)
 """A circle of 1 m about (0, 1), begun at the origin along x."""
@@ -119,7 +119,7 @@ def test_the_picture_shows_them():
 def test_numpy_sees_what_the_kernel_sees(monkeypatch):
     seen = []
     for cast in (rays.best(), rays.cast_numpy):
-        monkeypatch.setattr("dart_hal.sim.gym.lidar.best", lambda cast=cast: cast)
+        monkeypatch.setattr("dart_lab.sim.gym.lidar.best", lambda cast=cast: cast)
         seen.append(DartCarEnv(beams=24).reset(seed=6)[0])
     assert seen[0] == pytest.approx(seen[1], abs=1e-6)
 

@@ -10,9 +10,9 @@ import pytest
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
-from dart_hal.sim.gym import TRACKS, DartCarEnv
-from dart_hal.sim.gym.tracks import make_locate, make_point
-from dart_hal.sim.light.ops import ARRAY_OPS, SCALAR_OPS
+from dart_lab.sim.gym import TRACKS, DartCarEnv
+from dart_lab.sim.gym.tracks import make_locate, make_point
+from dart_lab.sim.light.ops import ARRAY_OPS, SCALAR_OPS
 
 
 @pytest.mark.parametrize("name", TRACKS)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-import dart_hal.sim.gym
+import dart_lab.sim.gym
 from dart_hal.core.errors import BadCommand, UsageError
-from dart_hal.sim.gym import ENV_ID, DartCarVectorEnv
-from dart_hal.sim.light import RECORDED, Disturbance, LightConfig
+from dart_lab.sim.gym import ENV_ID, DartCarVectorEnv
+from dart_lab.sim.light import RECORDED, Disturbance, LightConfig
 
 OLD = LightConfig(sensors=RECORDED, disturbance=Disturbance(0.05, 0.05, 0.0))
 KINDS = {
@@ -112,7 +112,7 @@ def test_same_seed_same_bytes():
 
 
 def test_spaces_and_default_mode():
-    env = gymnasium.make_vec("dart_hal.sim.gym:DartCar-v0", num_envs=7)
+    env = gymnasium.make_vec("dart_lab.sim.gym:DartCar-v0", num_envs=7)
     assert isinstance(env, DartCarVectorEnv)
     seen, _ = env.reset(seed=[10 + i for i in range(7)])
     assert env.observation_space.contains(seen)
@@ -131,9 +131,9 @@ def test_one_picture_with_all_cars():
     (picture,) = env.render()
     assert picture.shape[2] == 3
     colours, counts = np.unique(picture.reshape(-1, 3), axis=0, return_counts=True)
-    of_cars = counts[(colours == dart_hal.sim.gym.render.CAR).all(axis=1)]
+    of_cars = counts[(colours == dart_lab.sim.gym.render.CAR).all(axis=1)]
     (alone,) = (lambda e: (e.reset(seed=0), e.render())[1])(make(1, render_mode="rgb_array"))
-    assert of_cars[0] > 2 * (alone == dart_hal.sim.gym.render.CAR).all(axis=2).sum()
+    assert of_cars[0] > 2 * (alone == dart_lab.sim.gym.render.CAR).all(axis=2).sum()
 
 
 def test_the_randomised_cars_of_a_vector_differ_and_stay_in_bounds():

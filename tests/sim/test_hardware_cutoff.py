@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.core.errors import UsageError
-from dart_hal.sim.cutoff import Multiplexer, make_wiring
-from dart_hal.sim.pca9685 import Pca9685
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HEARTBEAT
+from dart_lab.sim.cutoff import Multiplexer, make_wiring
+from dart_lab.sim.pca9685 import Pca9685
 
 COUNT = 122 / 25e6
 

@@ -10,13 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.sim.esc import Mode
-from dart_hal.sim.hidden import hidden_car
-from dart_hal.sim.imu import Imu, ImuParams, rotation
-from dart_hal.sim.mock_imu import MockImu
-from dart_hal.sim.mock_nano import MockNano
-from dart_hal.sim.truth import reveal
-from dart_hal.sim.world import World
+from dart_lab.sim.esc import Mode
+from dart_lab.sim.hidden import hidden_car
+from dart_lab.sim.imu import Imu, ImuParams, rotation
+from dart_lab.sim.mock_imu import MockImu
+from dart_lab.sim.mock_nano import MockNano
+from dart_lab.sim.truth import reveal
+from dart_lab.sim.world import World
 
 ANGLE = st.floats(-0.5, 0.5)
 L_R = 0.0945

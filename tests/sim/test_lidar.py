@@ -11,9 +11,9 @@ import pytest
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Mount
 from dart_hal.lidar.packets import Decoder
-from dart_hal.sim.lidar.maps import Room, box
-from dart_hal.sim.lidar.params import LidarParams, hidden_lidar, lidar_of
-from dart_hal.sim.lidar.unit import SimLidar, Unit
+from dart_lab.sim.lidar.maps import Room, box
+from dart_lab.sim.lidar.params import LidarParams, hidden_lidar, lidar_of
+from dart_lab.sim.lidar.unit import SimLidar, Unit
 
 EXACT = LidarParams(noise=0.0, dropout=0.0, jitter=0.0)
 HALL = Room("hall", box(3.0, 2.0, 0.0, 8.0, 6.0), np.empty((0, 4)), (3.0, 2.0, 0.0))

@@ -14,9 +14,9 @@ from dart_hal.core.url import Url
 from dart_hal.links.base import open_backend
 from dart_hal.localisation import rays
 from dart_hal.localisation.grid import read_grid
-from dart_hal.sim.lidar import lanes
-from dart_hal.sim.lidar.maps import ROOMS, box, clearance, room_of
-from dart_hal.sim.truth import reveal_url, room_of_car
+from dart_lab.sim.lidar import lanes
+from dart_lab.sim.lidar.maps import ROOMS, box, clearance, room_of
+from dart_lab.sim.truth import reveal_url, room_of_car
 
 CASTS = [rays.cast_numpy, *([rays.native()] if rays.native() else [])]
 

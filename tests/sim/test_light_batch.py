@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from dart_hal.core.errors import BadCommand, UsageError
-from dart_hal.sim.light import (
+from dart_hal.vehicle import PAPER, SETS, UPSTREAM_2024
+from dart_hal.vehicle.flat import with_values
+from dart_lab.sim.light import (
     DART_ACTUATORS,
     FIRMWARE,
     RECORDED,
@@ -17,9 +19,7 @@ from dart_hal.sim.light import (
     LightCar,
     LightConfig,
 )
-from dart_hal.sim.light.noise import ArrayStream, ScalarStream
-from dart_hal.vehicle import PAPER, SETS, UPSTREAM_2024
-from dart_hal.vehicle.flat import with_values
+from dart_lab.sim.light.noise import ArrayStream, ScalarStream
 
 ROUGH = LightConfig(sensors=FIRMWARE, actuators=DART_ACTUATORS,
                     disturbance=Disturbance(0.12, 0.12))

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 
 from dart_hal.core.errors import BadCommand, ConfigError, UsageError
-from dart_hal.sim.light import (
+from dart_hal.vehicle import PAPER, SETS, UPSTREAM_2024, Delay, make_car_step
+from dart_hal.vehicle.load import model_of
+from dart_lab.sim.light import (
     DART_ACTUATORS,
     FIRMWARE,
     Actuators,
@@ -19,11 +21,9 @@ from dart_hal.sim.light import (
     LightCar,
     LightConfig,
 )
-from dart_hal.sim.light.chain import make_slew, pieces
-from dart_hal.sim.light.ops import SCALAR_OPS
-from dart_hal.sim.light.stepper import fineness
-from dart_hal.vehicle import PAPER, SETS, UPSTREAM_2024, Delay, make_car_step
-from dart_hal.vehicle.load import model_of
+from dart_lab.sim.light.chain import make_slew, pieces
+from dart_lab.sim.light.ops import SCALAR_OPS
+from dart_lab.sim.light.stepper import fineness
 
 BARE = LightConfig(sensors=None)
 
@@ -229,10 +229,10 @@ def test_refusals():
         Actuators(dead_band=math.nan)
 
 
-@pytest.mark.few("import dart_hal.sim.light")
-@pytest.mark.parametrize("statement", ["import dart_hal", "import dart_hal.sim",
-                                       "import dart_hal.sim.light",
-                                       "from dart_hal.sim.light import LightBatch"])
+@pytest.mark.few("import dart_lab.sim.light")
+@pytest.mark.parametrize("statement", ["import dart_hal", "import dart_lab.sim",
+                                       "import dart_lab.sim.light",
+                                       "from dart_lab.sim.light import LightBatch"])
 def test_no_learning_library_is_loaded(statement):
     code = f"{statement}\nimport sys; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 
 from dart_hal.core.errors import UsageError
-from dart_hal.sim.light import (
+from dart_hal.vehicle import GRAVITY, UPSTREAM_2024
+from dart_hal.vehicle.channels import Stepper
+from dart_hal.vehicle.effect import Now
+from dart_hal.vehicle.effects import apply, catalogue, extended, parse
+from dart_hal.vehicle.steering import make_steering
+from dart_lab.sim.light import (
     FIRMWARE,
     PERFECT,
     RECORDED,
@@ -20,12 +25,7 @@ from dart_hal.sim.light import (
     Mocap,
     Sensors,
 )
-from dart_hal.sim.light.effects import COMMANDS
-from dart_hal.vehicle import GRAVITY, UPSTREAM_2024
-from dart_hal.vehicle.channels import Stepper
-from dart_hal.vehicle.effect import Now
-from dart_hal.vehicle.effects import apply, catalogue, extended, parse
-from dart_hal.vehicle.steering import make_steering
+from dart_lab.sim.light.effects import COMMANDS
 
 STEPS = 150
 WITH_SIGNALS = [name for name, of in catalogue().items() if of.signals]

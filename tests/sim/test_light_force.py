@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from dart_hal.sim.light import Disturbance, LightBatch, LightConfig
-from dart_hal.sim.light.force import Kicker
 from dart_hal.vehicle import PAPER
+from dart_lab.sim.light import Disturbance, LightBatch, LightConfig
+from dart_lab.sim.light.force import Kicker
 
 CARS = 4000
 SIGMA = 0.05

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from dart_hal.core.errors import ConfigError
-from dart_hal.sim.light import (
+from dart_hal.vehicle import UPSTREAM_2024
+from dart_lab.sim.light import (
     PERFECT,
     RECORDED,
     Encoder,
@@ -20,8 +21,7 @@ from dart_hal.sim.light import (
     Mocap,
     Sensors,
 )
-from dart_hal.sim.light.config import GYRO_DENSITY, GYRO_QUANTUM
-from dart_hal.vehicle import UPSTREAM_2024
+from dart_lab.sim.light.config import GYRO_DENSITY, GYRO_QUANTUM
 
 
 def car_with(**sensors):

@@ -10,10 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.core.errors import ConfigError, UsageError
-from dart_hal.sim.light import Area, LightWorld, Outline, WorldConfig
-from dart_hal.sim.light.world import corners, overlaps
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.flat import with_values
+from dart_lab.sim.light import Area, LightWorld, Outline, WorldConfig
+from dart_lab.sim.light.world import corners, overlaps
 
 OUTLINE = Outline()
 POSE = st.tuples(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-4.0, 4.0))

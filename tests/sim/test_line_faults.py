@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.core.errors import UsageError
-from dart_hal.sim.faults import Latency, Line, LineFaults, jitter
+from dart_lab.sim.faults import Latency, Line, LineFaults, jitter
 
 
 @given(data=st.lists(st.binary(max_size=60), max_size=20))

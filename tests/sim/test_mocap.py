@@ -11,10 +11,10 @@ import pytest
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
-from dart_hal.sim.backend import open_sim
-from dart_hal.sim.mocap import MocapParams, SimMocap, hidden_mocap, mocap_of
-from dart_hal.sim.truth import reveal_url
-from dart_hal.sim.world import Truth
+from dart_lab.sim.backend import open_sim
+from dart_lab.sim.mocap import MocapParams, SimMocap, hidden_mocap, mocap_of
+from dart_lab.sim.truth import reveal_url
+from dart_lab.sim.world import Truth
 
 
 class Circle:

@@ -14,12 +14,12 @@ from statistics import median
 import pytest
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.sim.eeprom import preset
-from dart_hal.sim.mock_nano import MockNano
-from dart_hal.sim.ring import uneven_ring
 from dart_hal.wire import messages as m
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
+from dart_lab.sim.eeprom import preset
+from dart_lab.sim.mock_nano import MockNano
+from dart_lab.sim.ring import uneven_ring
 
 pytestmark = pytest.mark.emulator
 

@@ -6,11 +6,11 @@ import itertools
 
 import pytest
 
-from dart_hal.sim.mock_nano import TO_UART, MockNano
-from dart_hal.sim.mock_supervisor import Output, Supervisor
 from dart_hal.wire import messages as m
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
+from dart_lab.sim.mock_nano import TO_UART, MockNano
+from dart_lab.sim.mock_supervisor import Output, Supervisor
 
 
 class Talk:

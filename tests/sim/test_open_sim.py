@@ -6,8 +6,8 @@ import pytest
 
 from dart_hal.core.errors import EmulatorMissing, LinkLost, UsageError
 from dart_hal.links.base import open_backend
-from dart_hal.sim.mock_nano import MockNano
-from dart_hal.sim.truth import truth, world_of
+from dart_lab.sim.mock_nano import MockNano
+from dart_lab.sim.truth import truth, world_of
 
 
 @pytest.fixture

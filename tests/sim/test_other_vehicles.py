@@ -12,12 +12,12 @@ from dart_hal.core.config import save_model
 from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.core.url import Url
 from dart_hal.links.base import open_backend
-from dart_hal.sim.hidden import hidden_car
-from dart_hal.sim.light import LightCar
-from dart_hal.sim.truth import reveal_url, world_of
 from dart_hal.vehicle import SETS, UPSTREAM_2024
 from dart_hal.vehicle.effects import extended, parse
 from dart_hal.vehicle.load import model_of
+from dart_lab.sim.hidden import hidden_car
+from dart_lab.sim.light import LightCar
+from dart_lab.sim.truth import reveal_url, world_of
 
 CIRCLE = ((0.3, 0.3, 6.0),)
 

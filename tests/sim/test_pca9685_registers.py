@@ -7,8 +7,8 @@ import itertools
 import pytest
 
 from dart_hal.core.errors import UsageError
-from dart_hal.sim.bus import VirtualBus
-from dart_hal.sim.pca9685 import Pca9685, high_counts
+from dart_lab.sim.bus import VirtualBus
+from dart_lab.sim.pca9685 import Pca9685, high_counts
 
 COUNT = 122 / 25e6
 FRAME = 4096 * COUNT

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.sim.mock_encoder import MockEncoder
-from dart_hal.sim.ring import even_ring, twice_round, uneven_ring, worn_ring
+from dart_lab.sim.mock_encoder import MockEncoder
+from dart_lab.sim.ring import even_ring, twice_round, uneven_ring, worn_ring
 
 
 def ticks(t):

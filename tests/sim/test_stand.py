@@ -9,11 +9,11 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.links.base import open_backend
-from dart_hal.sim.hidden import hidden_car
-from dart_hal.sim.motion import Drive
-from dart_hal.sim.stand import Stand
-from dart_hal.sim.truth import world_of
 from dart_hal.vehicle.friction import make_friction
+from dart_lab.sim.hidden import hidden_car
+from dart_lab.sim.motion import Drive
+from dart_lab.sim.stand import Stand
+from dart_lab.sim.truth import world_of
 
 TICK = 1e-3
 URL = "sim://?nano=mock&seed=3"

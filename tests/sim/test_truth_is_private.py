@@ -12,9 +12,9 @@ import dart_hal
 
 ROOT = Path(dart_hal.__file__).parent
 ALLOWED = {"cli/sim.py", "cli/demo.py", "cli/localize_truth.py"}
-SECRET = {"dart_hal.sim.truth", "dart_hal.sim.hidden", "dart_hal.sim.world", "dart_hal.sim.drawn",
-          "dart_hal.sim.true_car", "dart_hal.sim.lidar.maps", "dart_hal.sim.lidar.params",
-          "dart_hal.sim.lidar.unit"}
+SECRET = {"dart_lab.sim.truth", "dart_lab.sim.hidden", "dart_lab.sim.world", "dart_lab.sim.drawn",
+          "dart_lab.sim.true_car", "dart_lab.sim.lidar.maps", "dart_lab.sim.lidar.params",
+          "dart_lab.sim.lidar.unit"}
 
 
 WAYS = re.compile(r"\bsim\b|_world\b|world_of\b")
@@ -65,20 +65,20 @@ def test_nobody_outside_peeks():
 
 
 def test_the_test_would_see_a_peek():
-    for source in ("from dart_hal.sim.truth import truth", "import dart_hal.sim.hidden as h",
-                   "from dart_hal.sim import world", "from dart_hal.sim.lidar import maps",
+    for source in ("from dart_lab.sim.truth import truth", "import dart_lab.sim.hidden as h",
+                   "from dart_lab.sim import world", "from dart_lab.sim.lidar import maps",
                    "from ..sim import truth",
-                   "def f(b):\n    from dart_hal.sim.world import World",
+                   "def f(b):\n    from dart_lab.sim.world import World",
                    "def f(b): return b.link._world.car", "getattr(b.link, '_world')",
-                   "import importlib\nimportlib.import_module('dart_hal.sim.truth')"):
+                   "import importlib\nimportlib.import_module('dart_lab.sim.truth')"):
         assert peeks(source), source
-    assert peeks("from dart_hal.sim.backend import open_sim") == []
+    assert peeks("from dart_lab.sim.backend import open_sim") == []
 
 
 def test_importing_the_library_does_not_load_the_simulator():
     import subprocess
     import sys
 
-    code = "import sys, dart_hal; print([m for m in sys.modules if m.startswith('dart_hal.sim')])"
+    code = "import sys, dart_hal; print([m for m in sys.modules if m.startswith('dart_lab.sim')])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"

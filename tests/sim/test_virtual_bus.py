@@ -7,8 +7,8 @@ import errno
 import pytest
 
 from dart_hal.core.ports import Bus
-from dart_hal.sim.bus import VirtualBus
-from dart_hal.sim.pca9685 import Pca9685
+from dart_lab.sim.bus import VirtualBus
+from dart_lab.sim.pca9685 import Pca9685
 
 
 def make(now=lambda: 0.0):

@@ -21,18 +21,18 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from random import Random
 
-import dart_hal.sim.world
+import dart_lab.sim.world
 from dart_hal.car.car import Car
 from dart_hal.core.errors import DartHalError, LinkLost, NotArmed
 from dart_hal.links.base import open_backend
-from dart_hal.sim.failure_kinds import KINDS
-from dart_hal.sim.pwm_output import Pulse
-from dart_hal.sim.world import THROTTLE
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.frame import Frame
 from dart_hal.wire.ledger import MASK32, T_CK, boot_of
 from dart_hal.wire.messages import HELLO, STATE
+from dart_lab.sim.failure_kinds import KINDS
+from dart_lab.sim.pwm_output import Pulse
+from dart_lab.sim.world import THROTTLE
 
 CYCLE, QUIET = 16.0, 9.0
 """s: eight faults fall into the last 4.4 s of every 8, so that the ESC's 2 s of neutral, half
@@ -339,7 +339,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--until", type=float, help="s: repeat a finding up to here")
     wish = parser.parse_args(arguments)
 
-    dart_hal.sim.world._KEEP = KEPT
+    dart_lab.sim.world._KEEP = KEPT
 
     def bar(share: float) -> None:
         full = round(40 * share)

@@ -15,9 +15,9 @@ import pytest
 sys.path.append(str(Path(__file__).parent))
 import soak
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.sim.failures import parse
-from dart_hal.sim.world import THROTTLE
 from dart_hal.wire.ledger import Ledger
+from dart_lab.sim.failures import parse
+from dart_lab.sim.world import THROTTLE
 from soak import CYCLE, QUIET, Pins, Report, plan
 
 MINUTES = 5
@@ -25,7 +25,7 @@ MINUTES = 5
 
 @pytest.fixture(autouse=True)
 def the_world_forgets_no_truth_of_other_tests(monkeypatch):
-    monkeypatch.setattr("dart_hal.sim.world._KEEP", soak.KEPT)
+    monkeypatch.setattr("dart_lab.sim.world._KEEP", soak.KEPT)
 
 
 def check(report):

@@ -11,11 +11,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.sim.hidden import hidden_car
-from dart_hal.sim.motion import DYNAMIC, KINEMATIC, _dynamic, _kinematic
 from dart_hal.vehicle import PAPER, SCALAR, SETS
 from dart_hal.vehicle.effects import extended, parse
 from dart_hal.vehicle.straight import straight
+from dart_lab.sim.hidden import hidden_car
+from dart_lab.sim.motion import DYNAMIC, KINEMATIC, _dynamic, _kinematic
 
 DT = 1e-3
 CARS = {**{name: SETS[name] for name in SETS}, "hidden": hidden_car(3).vehicle,

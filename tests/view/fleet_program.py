@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 
 from dart_hal.car import Fleet
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 
 def noted(pulses, channel, pulse):

@@ -11,7 +11,7 @@ from websockets.sync.client import connect
 
 from dart_hal.car import Car
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.truth import world_of
 
 
 @contextmanager

@@ -31,7 +31,7 @@ from dart_hal.core.process.extras import install_command
 from dart_hal.core.url import Url
 from dart_hal.diagnose.report import describe_cause, headline
 from dart_hal.links.base import open_backend
-from dart_hal.sim.truth import reveal_url, truth
+from dart_lab.sim.truth import reveal_url, truth
 
 RADIUS = 0.9
 """m of the two circles; the paper's car turns no tighter than 0.55 m."""

@@ -9,7 +9,7 @@ from dart_hal.core.url import Url
 from dart_hal.links.base import Backend
 from dart_hal.localisation.field import Map, map_of_lines
 from dart_hal.localisation.source import FRAME
-from dart_hal.sim.truth import room_of_car, room_of_url, world_of
+from dart_lab.sim.truth import room_of_car, room_of_url, world_of
 
 
 def map_of_room(backend: Backend) -> Map:

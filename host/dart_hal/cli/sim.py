@@ -17,9 +17,9 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
 from dart_hal.links.base import Backend, open_backend
 from dart_hal.links.pty import Pty
-from dart_hal.sim.failures import parse as parse_failure
-from dart_hal.sim.serve import BusServer, PacedWorld
-from dart_hal.sim.truth import reveal_url
+from dart_lab.sim.failures import parse as parse_failure
+from dart_lab.sim.serve import BusServer, PacedWorld
+from dart_lab.sim.truth import reveal_url
 
 LOOK_EVERY = 0.5
 """s between two looks at whether the pacing thread still lives."""

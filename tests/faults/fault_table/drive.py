@@ -11,15 +11,15 @@ from dart_hal.car import Car
 from dart_hal.core.errors import BadCommand, LinkLost
 from dart_hal.core.types import State
 from dart_hal.links.base import open_backend
-from dart_hal.sim.cutoff import Direct
-from dart_hal.sim.esc import Mode
-from dart_hal.sim.failures import parse, schedule
-from dart_hal.sim.faults import LineFaults
-from dart_hal.sim.truth import world_of
-from dart_hal.sim.world import World
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, STATE
+from dart_lab.sim.cutoff import Direct
+from dart_lab.sim.esc import Mode
+from dart_lab.sim.failures import parse, schedule
+from dart_lab.sim.faults import LineFaults
+from dart_lab.sim.truth import world_of
+from dart_lab.sim.world import World
 from fault_table.row import NEVER
 
 WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")

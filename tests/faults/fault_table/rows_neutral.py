@@ -9,10 +9,10 @@ from dart_hal.actuation.quantiser import prescale_for
 from dart_hal.actuation.standby import Throttle, stop
 from dart_hal.core.config import Calibration, Quantity, save_calibration
 from dart_hal.core.errors import NotArmed
-from dart_hal.sim.esc import Esc, Mode
-from dart_hal.sim.pca9685 import MODE1, PRE_SCALE
-from dart_hal.sim.pwm_output import Pulse
-from dart_hal.sim.world import World
+from dart_lab.sim.esc import Esc, Mode
+from dart_lab.sim.pca9685 import MODE1, PRE_SCALE
+from dart_lab.sim.pwm_output import Pulse
+from dart_lab.sim.world import World
 from fault_table.bench import Bench
 from fault_table.drive import WAIVE, Drive, Edit
 from fault_table.row import NEVER, Measured, Row, case

@@ -12,8 +12,8 @@ from dart_hal.car import Car
 from dart_hal.car.driver import Driver as CarDriver
 from dart_hal.core.errors import BusError, DartHalError, LinkLost, NotArmed
 from dart_hal.links.base import open_backend
-from dart_hal.sim.cutoff import Direct, Multiplexer, OutputEnable
 from dart_hal.wire.messages import PARAM_SET, PARAMS
+from dart_lab.sim.cutoff import Direct, Multiplexer, OutputEnable
 from fault_table.bench import Bench
 from fault_table.drive import WAIVE, Drive
 from fault_table.row import NEVER, Measured, Row, case
@@ -232,7 +232,7 @@ def beat_limit(bench: Bench) -> Measured:
 def welded(cut: str) -> Callable[[Bench], Measured]:
     """Cars that arm although the cut-off that the Nano announces is a plain wire."""
     def measure(bench: Bench) -> Measured:
-        with patch("dart_hal.sim.world.make_wiring", lambda _, pca: Direct(pca)):
+        with patch("dart_lab.sim.world.make_wiring", lambda _, pca: Direct(pca)):
             drive = bench.drive(f"&cutoff={cut}")
         drive.run(drive.settling)
         try:

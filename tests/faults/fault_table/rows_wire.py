@@ -9,11 +9,11 @@ from random import Random
 import wire_samples as samples
 
 from dart_hal.estimation.frames import FrameReader
-from dart_hal.sim.faults import LineFaults
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import STATE, TICKS_PER_SECOND
 from dart_hal.wire.plausible import Gates
+from dart_lab.sim.faults import LineFaults
 from fault_table.bench import Bench
 from fault_table.row import Measured, Row, case
 

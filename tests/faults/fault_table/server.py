@@ -21,8 +21,8 @@ from pathlib import Path
 
 from dart_hal.links.base import open_backend
 from dart_hal.links.pty import Pty
-from dart_hal.sim.serve import BusServer, PacedWorld
-from dart_hal.sim.truth import world_of
+from dart_lab.sim.serve import BusServer, PacedWorld
+from dart_lab.sim.truth import world_of
 from fault_table import switches, switches_nano  # noqa: F401 - the layers that may be gone
 from fault_table.drive import ESC, weld_if_removed
 from fault_table.layers import inherit

@@ -10,7 +10,7 @@ from dart_hal.actuation.guard import Watch
 from dart_hal.actuation.guarded import Guard
 from dart_hal.car.guarding import GuardPost
 from dart_hal.core.timing import PWM_FRAME
-from dart_hal.sim.world import World
+from dart_lab.sim.world import World
 from fault_table.drive import ESC, Drive
 from fault_table.layers import removed
 

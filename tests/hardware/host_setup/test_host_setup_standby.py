@@ -33,8 +33,8 @@ from dart_hal.core.process.locks import holder, parse_locks
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.links.i2c import REQUEST, receive
 from dart_hal.links.notify import notify
-from dart_hal.sim.bus import VirtualBus
-from dart_hal.sim.pca9685 import Pca9685 as Chip
+from dart_lab.sim.bus import VirtualBus
+from dart_lab.sim.pca9685 import Pca9685 as Chip
 
 CARS = Path(__file__).parents[3] / "cars"
 OFF = 0x1000

@@ -120,7 +120,7 @@ def _of_the_paper(name: str, floor: Floor) -> Commands | None:
 
 def _files(model: ModelFile | None) -> CarFiles:
     """Those of the simulated car without a secret: the same on every computer."""
-    from dart_hal.sim.car_file import typical_car_toml
+    from dart_lab.sim.car_file import typical_car_toml
 
     files = parse_car(typical_car_toml(), "the simulated car")
     return replace(files, calibration=None, model=model)

@@ -1,5 +1,0 @@
-"""The virtual world: a car at the pins, for ``sim://``.
-
-Nothing outside this room may learn what the simulated car really is; see
-``dart_hal.sim.truth``.
-"""

@@ -1,0 +1,1 @@
+"""DART-Lab: simulate, identify, evaluate and diagnose small cars, on a workstation."""

@@ -1,0 +1,1 @@
+"""What shows or serves a car while it drives: live page, Foxglove, ROS."""

@@ -1,0 +1,176 @@
+"""Hidden cars: a seed decides what the car really is.
+
+Seed 0 (also: no seed) is the nominal paper car without any imperfection but
+the noise of its accelerometer: equal samples are what a stuck sensor sends.
+Every other seed draws a car around it within the bounds stated here. Only
+``dart-hal sim --reveal``, ``demo`` and tests may read it: whoever calibrates
+or drives has to measure.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from dart_hal.core.errors import NotMonotone
+from dart_hal.vehicle import PAPER, PaperTyres, Steering, Vehicle, check_monotone
+from dart_lab.sim.esc import EscParams
+from dart_lab.sim.imu import ImuParams
+from dart_lab.sim.ring import (
+    GEAR_REVOLUTION,
+    RING_A,
+    RING_B,
+    Ring,
+    even_ring,
+    turned_ring,
+    uneven_ring,
+)
+from dart_lab.sim.servo import ServoParams
+
+NOMINAL_HZ = 25e6
+EVEN_B = turned_ring(even_ring(RING_B), 0.25 / RING_A)
+"""Glued on a quarter of an interval of ring A further round, where two rings tell the direction."""
+
+GYRO_NOISE = math.radians(0.014)
+ACCEL_NOISE = 150e-6 * 9.81
+"""rad/s/sqrt(Hz) and m/s2/sqrt(Hz), BNO055 data sheet BST-BNO055-DS000."""
+
+
+def _with_rear_limit(tyres: PaperTyres, body_load: float) -> PaperTyres:
+    """A car that may spin needs an end of the rear tyre: 0.8 of its static load."""
+    return replace(tyres, rear_max=0.8 * body_load)
+
+
+assert isinstance(PAPER.tyres, PaperTyres)
+NOMINAL_VEHICLE = replace(PAPER, name="sim-0",
+                          tyres=_with_rear_limit(PAPER.tyres, PAPER.body.rear_load))
+
+
+@dataclass(frozen=True, slots=True)
+class HiddenCar:
+    """Everything true about one simulated car. SI units, pulses in us.
+
+    ``wheel_mass`` [kg] of what turns, as felt at the tyres: four wheels of 35 g (0.07) and the
+    motor's rotor, 1.5 g cm2 x 1000, behind a ratio of 9 (0.22). ``drivetrain``: share of the
+    friction that stays when the wheels are off the ground: a rubber tyre's rolling resistance of
+    0.025 of its load is a quarter of the paper's 1.72 N.
+    """
+
+    seed: int
+    vehicle: Vehicle = NOMINAL_VEHICLE
+    servo: ServoParams = field(default_factory=ServoParams)
+    esc: EscParams = field(default_factory=EscParams)
+    ring_a: Ring = field(default_factory=lambda: even_ring(RING_A))
+    ring_b: Ring = field(default_factory=lambda: EVEN_B)
+    gear_revolution: float = GEAR_REVOLUTION
+    imu: ImuParams = field(default_factory=lambda: ImuParams(accel_noise=ACCEL_NOISE))
+    oscillator_hz: float = NOMINAL_HZ
+    clock_error: float = 0.0
+    brake_force: float = 8.0
+    wheel_mass: float = 0.3
+    drivetrain: float = 0.75
+
+    @property
+    def name(self) -> str:
+        return f"sim-{self.seed}"
+
+    @property
+    def board_id(self) -> int:
+        """What the Nano's EEPROM is preset with."""
+        return 0xDA270000 | (self.seed & 0xFFFF)
+
+
+def hidden_car(seed: int | None, ring: str | None = None) -> HiddenCar:
+    """The car of a seed; ``ring`` "even" or "hidden" overrides the encoder ring."""
+    number = seed or 0
+    car = HiddenCar(number) if number == 0 else _draw(number)
+    if ring == "even":
+        return replace(car, ring_a=even_ring(RING_A), ring_b=EVEN_B)
+    if ring == "hidden" and number == 0:
+        rng = np.random.default_rng([0, 4])
+        return replace(car, ring_a=uneven_ring(RING_A, rng), ring_b=uneven_ring(RING_B, rng))
+    return car
+
+
+def _draw(seed: int) -> HiddenCar:
+    # one generator per group: a parameter added to one group leaves the others as they were
+    body, steer, esc, ring, imu, clock, stand, glue = (
+        np.random.default_rng([seed, k]) for k in range(1, 9))
+    duty = float(ring.uniform(-0.12, 0.12))
+    curve = _steering(steer)
+    return HiddenCar(
+        seed=seed,
+        vehicle=_vehicle(body, curve, f"sim-{seed}"),
+        servo=ServoParams(curve=curve,
+                          delay=float(steer.uniform(0.005, 0.03)),
+                          backlash=math.radians(float(steer.uniform(0.3, 2.0))),
+                          repeatability=float(steer.uniform(0.5, 1.5))),
+        esc=EscParams(neutral_us=1500.0 + float(esc.uniform(-10.0, 10.0)),
+                      deadband_forward_us=25.0 * float(esc.uniform(0.8, 1.2)),
+                      deadband_reverse_us=25.0 * float(esc.uniform(0.8, 1.2)),
+                      saturation_us=450.0 * float(esc.uniform(0.97, 1.03)),
+                      reverse_gap=0.1 * float(esc.uniform(0.5, 1.0)),
+                      signal_loss=0.5 * float(esc.uniform(0.6, 1.0))),
+        ring_a=uneven_ring(RING_A, ring, 0.02, duty),
+        ring_b=turned_ring(uneven_ring(RING_B, ring, 0.02, duty),
+                           float(glue.uniform(0.0, 1.0 / RING_A))),
+        gear_revolution=GEAR_REVOLUTION * float(ring.uniform(0.995, 1.005)),
+        imu=_imu(imu),
+        oscillator_hz=NOMINAL_HZ * float(clock.uniform(0.97, 1.05)),
+        clock_error=float(clock.uniform(-0.003, 0.003)),
+        brake_force=8.0 * float(body.uniform(0.9, 1.1)),
+        wheel_mass=0.3 * float(stand.uniform(0.8, 1.2)),
+        drivetrain=0.75 * float(stand.uniform(0.8, 1.2)),
+    )
+
+
+def _steering(rng: np.random.Generator) -> Steering:
+    """Gains and amplitudes within 8 %, trim within 0.06 of the command range."""
+    base = PAPER.steering
+    factor = rng.uniform(0.92, 1.08, 4)
+    curve = Steering(k_left=base.k_left * float(factor[0]),
+                     a_left_rad=base.a_left_rad * float(factor[1]),
+                     s0=base.s0 + float(rng.uniform(-0.06, 0.06)),
+                     a_right_rad=base.a_right_rad * float(factor[2]),
+                     k_right=base.k_right * float(factor[3]))
+    try:
+        check_monotone(curve)
+    except NotMonotone:
+        return _steering(rng)
+    return curve
+
+
+def _vehicle(rng: np.random.Generator, steering: Steering, name: str) -> Vehicle:
+    base = PAPER
+    assert isinstance(base.tyres, PaperTyres)
+
+    def near(value: float, part: float) -> float:
+        return value * float(rng.uniform(1.0 - part, 1.0 + part))
+
+    body = replace(base.body, mass=near(base.body.mass, 0.03),
+                   yaw_inertia=near(base.body.yaw_inertia, 0.1))
+    return Vehicle(
+        name=name, body=body, steering=steering,
+        friction=replace(base.friction, a=near(base.friction.a, 0.08),
+                         c=near(base.friction.c, 0.1)),
+        motor=replace(base.motor, d=near(base.motor.d, 0.05), e=near(base.motor.e, 0.05),
+                      g=near(base.motor.g, 0.05)),
+        tyres=replace(_with_rear_limit(base.tyres, body.rear_load),
+                      front_D=near(base.tyres.front_D, 0.1),
+                      front_B=near(base.tyres.front_B, 0.1),
+                      rear_cornering_stiffness=near(base.tyres.rear_cornering_stiffness, 0.1)))
+
+
+def _imu(rng: np.random.Generator) -> ImuParams:
+    """Mounting within 3 deg, bias within 1 deg/s, scale within 1 %, data-sheet noise."""
+    degree = math.radians(1.0)
+    bias = rng.uniform(-degree, degree, 3)
+    mount = rng.uniform(-3.0 * degree, 3.0 * degree, 3)
+    return ImuParams(
+        x=0.0945 + float(rng.uniform(-0.01, 0.01)), y=float(rng.uniform(-0.01, 0.01)),
+        mount_yaw=float(mount[0]), mount_pitch=float(mount[1]), mount_roll=float(mount[2]),
+        gyro_bias=(float(bias[0]), float(bias[1]), float(bias[2])),
+        gyro_scale=1.0 + float(rng.uniform(-0.01, 0.01)),
+        gyro_noise=GYRO_NOISE, accel_noise=ACCEL_NOISE)

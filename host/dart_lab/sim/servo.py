@@ -1,0 +1,99 @@
+"""Steering servo and linkage: pulse width in, road-wheel angle out."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from dart_hal.vehicle import PAPER, Steering, make_steering
+from dart_lab.sim.pwm_output import Pulse
+
+HORN_RAD_PER_US = math.pi / 2 / 1000.0
+"""A servo of this class turns 180 deg for 2000 us."""
+
+
+@dataclass(frozen=True, slots=True)
+class ServoParams:
+    """Linkage: ``curve`` at command = (pulse - center_us) / span_us, then backlash.
+
+    ``rate`` of the horn [rad/s]; ``delay`` [s] from pulse to motion, then a
+    first-order ``lag`` [s] (``injected.InjectedServo`` has one);
+    ``backlash`` [rad] is the full width of the loop at the road wheels;
+    ``repeatability`` [us] is one sigma of where the servo comes to rest: its
+    potentiometer and friction decide anew after every move.
+    """
+
+    center_us: float = 1500.0
+    span_us: float = 375.0
+    curve: Steering = field(default_factory=lambda: PAPER.steering)
+    rate: float = 6.0
+    delay: float = 0.0
+    backlash: float = 0.0
+    repeatability: float = 0.0
+    lag: float = 0.0
+
+
+LIMIT = 1.3
+"""Command at which the horn is at its stop."""
+
+MOVE = 0.02
+"""Commands this far apart (7.5 us) are another move: friction lets go."""
+
+
+class Servo:
+    """Horn position (as command) and road-wheel angle [rad], moved in ticks.
+
+    Without pulses the servo holds. The road wheel follows the linkage as a
+    peg in a slot of width ``backlash``: the middle of the loop is the curve.
+    """
+
+    def __init__(self, params: ServoParams, rng: np.random.Generator | None = None) -> None:
+        self.params = params
+        self._rng = rng or np.random.default_rng(0)
+        self._spread = params.repeatability / params.span_us
+        self._rest = 0.0
+        self._moved_to = 0.0
+        self.command = 0.0
+        self._curve = make_steering(params.curve)
+        self.linkage: float = self._curve(0.0)
+        self.angle: float = self.linkage
+        self._rate = params.rate / (HORN_RAD_PER_US * params.span_us)
+        self._target: float | None = None
+        self._pending: deque[tuple[float, float]] = deque()
+
+    def pulse(self, pulse: Pulse) -> None:
+        """One complete pulse (rise, fall) [s]."""
+        rise, t = pulse
+        width = (t - rise) * 1e6
+        if 400.0 <= width <= 2600.0:            # a servo ignores anything else
+            command = (width - self.params.center_us) / self.params.span_us
+            if abs(command - self._moved_to) > MOVE:
+                self._moved_to = command
+                self._rest = self._spread * float(self._rng.normal())
+            self._pending.append((t + self.params.delay, command + self._rest))
+
+    def move(self, t: float, dt: float) -> float:
+        """Advance by dt up to world time t; returns the road-wheel angle [rad]."""
+        target = self._arrived(t)
+        if target is not None and target != self.command:
+            self.angle = self._turned(target, dt, self.angle)
+        return self.angle
+
+    def _arrived(self, t: float) -> float | None:
+        """The command that the servo knows at time t, None = no pulse yet."""
+        pending = self._pending
+        while pending and pending[0][0] <= t:
+            self._target = pending.popleft()[1]
+        return self._target
+
+    def _turned(self, target: float, dt: float, angle: float) -> float:
+        """The angle [rad] at the end of the linkage after dt on the way to a command."""
+        most = self._rate * dt
+        self.command += max(-most, min(most, target - self.command))
+        self.linkage = middle = self._curve(max(-LIMIT, min(LIMIT, self.command)))
+        half = 0.5 * self.params.backlash
+        held: float = max(middle - half, min(middle + half, angle))
+        return held
