@@ -13,7 +13,7 @@ import pytest
 from rich.console import Console
 
 from dart_hal.cli import evaluate_table
-from dart_hal.report.numbers import significant
+from dart_lab.report.numbers import significant
 from pages import foreign
 
 DATA = Path(__file__).resolve().parents[1] / "recorded" / "data"

@@ -23,10 +23,10 @@ from dart_hal.diagnose.grade.constancy import constancy
 from dart_hal.diagnose.grade.secants import secants
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.search.fit import refit
-from dart_hal.report.numbers import larger
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
+from dart_lab.report.numbers import larger
 
 UNITS, ROWS, DRAWS = 16, 40, 400
 

@@ -22,8 +22,8 @@ from dart_hal.diagnose.report.explain import describe_cause
 from dart_hal.diagnose.report.page import page
 from dart_hal.diagnose.report.summary import headline
 from dart_hal.diagnose.result import Considered, Possible
-from dart_hal.report.numbers import percent, significant
 from dart_hal.vehicle.load import find_model
+from dart_lab.report.numbers import percent, significant
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from dart_hal.diagnose.report.summary import remainder
 from dart_hal.diagnose.report.words import quantity, removes
 from dart_hal.diagnose.result import VERDICTS, Gained, Number, Possible
 from dart_hal.diagnose.suggest.result import Pair, Suggestion
-from dart_hal.report.numbers import percent, significant
+from dart_lab.report.numbers import percent, significant
 from pages import foreign, shown
 
 COMMAND = "dart-hal diagnose --model '<paper>' --train a.csv"

@@ -19,8 +19,8 @@ from dart_hal.diagnose.report.summary import headline, median_warnings, summary_
 from dart_hal.diagnose.report.words import change, signed_title
 from dart_hal.diagnose.result import Change, Claim, Number, Unexplained
 from dart_hal.diagnose.unexplained.features import UNITS
-from dart_hal.report.numbers import larger, significant
 from dart_hal.vehicle.effects import catalogue
+from dart_lab.report.numbers import larger, significant
 
 DEAD = "encoder dead: always 0 while the mocap shows the car driving"
 FROZEN = "false lock of the mocap (pose stands, encoder turns): 20.91 s, 29% of the recording"

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from dart_hal.core import figures
-from dart_hal.report import charts, page, svg
-from dart_hal.report.html import VOID, Html, el, table
-from dart_hal.report.numbers import with_error
+from dart_lab.report import charts, page, svg
+from dart_lab.report.html import VOID, Html, el, table
+from dart_lab.report.numbers import with_error
 from pages import foreign, shown
 
 

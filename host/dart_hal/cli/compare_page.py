@@ -11,9 +11,9 @@ import numpy as np
 from dart_hal.car.compare import Comparison, Differs, driven
 from dart_hal.car.table import COLUMNS
 from dart_hal.core.timing import SAMPLE
-from dart_hal.report import charts, page, svg
-from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.numbers import significant
+from dart_lab.report import charts, page, svg
+from dart_lab.report.html import Html, el, join, table
+from dart_lab.report.numbers import significant
 
 STATISTICS = ("n", "mean", "std", "min", "max")
 POINTS = 400

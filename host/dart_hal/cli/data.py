@@ -67,7 +67,7 @@ def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, car_na
 
 def _plot(checks: list[Check], target: Path) -> list[Path]:
     """One picture for a file name; for a folder one of each recording, and the overview last."""
-    from dart_hal.report.recordings import plot_check, plot_overview
+    from dart_lab.report.recordings import plot_check, plot_overview
 
     if target.suffix:
         draw = plot_overview(checks, target) if len(checks) > 1 else plot_check(checks[0], target)

@@ -29,9 +29,9 @@ from dart_hal.mapping.align import Laid, laid
 from dart_hal.mapping.keyframes import Survey
 from dart_hal.mapping.mapper import Mapper
 from dart_hal.mapping.occupancy import grid_of
-from dart_hal.report import page
-from dart_hal.report.html import Html, el, join
-from dart_hal.report.page import image
+from dart_lab.report import page
+from dart_lab.report.html import Html, el, join
+from dart_lab.report.page import image
 
 TITLE = "Map a track by the lidar, find the way in it, follow it"
 SPEED, LAP, OVER = 1.2, 22.9, 1.5

@@ -22,9 +22,9 @@ from dart_hal.core.figures import (
     new_figure,
 )
 from dart_hal.core.types import NINETY, FloatArray, State
-from dart_hal.report import page
-from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.page import image
+from dart_lab.report import page
+from dart_lab.report.html import Html, el, join, table
+from dart_lab.report.page import image
 
 
 @dataclass

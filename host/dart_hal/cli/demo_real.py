@@ -12,8 +12,8 @@ from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.report import write_page
 from dart_hal.diagnose.result import Diagnosis
-from dart_hal.report.html import Html
 from dart_hal.vehicle.load import find_model
+from dart_lab.report.html import Html
 
 MODEL = "paper"
 FOLDER = Path("tests", "recorded", "data")

@@ -14,9 +14,9 @@ from dart_hal.diagnose.report.causes import KEY, cause_pictures
 from dart_hal.diagnose.report.overview import answer_card, overview
 from dart_hal.diagnose.report.words import channel, interval, quantity
 from dart_hal.diagnose.result import Diagnosis
-from dart_hal.report import page
-from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.numbers import listed, percent
+from dart_lab.report import page
+from dart_lab.report.html import Html, el, join, table
+from dart_lab.report.numbers import listed, percent
 
 LEFT = 2
 """Structures without a cause that are written out; the report has all."""

@@ -28,7 +28,7 @@ from dart_hal.diagnose.report.words import (
 )
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.evaluate import CHANNELS as PREDICTED
-from dart_hal.report.numbers import significant
+from dart_lab.report.numbers import significant
 
 NARROWEST = 86
 """Columns that the table takes wherever it is printed."""

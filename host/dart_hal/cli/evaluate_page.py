@@ -9,10 +9,10 @@ from typing import Any
 from dart_hal.cli.evaluate_table import HEADS, caution, gain
 from dart_hal.evaluate import CHANNELS, HORIZONS, UNITS, Evaluation
 from dart_hal.evaluate.pictures import figures
-from dart_hal.report import page
-from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.numbers import significant
-from dart_hal.report.page import image
+from dart_lab.report import page
+from dart_lab.report.html import Html, el, join, table
+from dart_lab.report.numbers import significant
+from dart_lab.report.page import image
 
 HEAD = [f"{head} [{unit}]" for head, unit in zip(HEADS, UNITS, strict=True)]
 NAMES = {"errors": "Error over the horizon, and by recording", "windows": "Six windows, good to "

@@ -33,7 +33,7 @@ from dart_hal.experiment.plans import NAMES, PROBES, Plan
 from dart_hal.experiment.plot import plot_drive
 from dart_hal.experiment.runner import Drive
 from dart_hal.links.base import Backend, open_backend
-from dart_hal.report.numbers import with_error
+from dart_lab.report.numbers import with_error
 
 SIM_FLOOR = "10"
 """m: the floor of a simulated car, where nobody has to say how large theirs is."""

@@ -9,10 +9,10 @@ from typing import Any
 from dart_hal.cli.identify_table import heads, notes, parameters, quality
 from dart_hal.identify.outcome import Identification
 from dart_hal.identify.write import why_unsound
-from dart_hal.report import page
-from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.numbers import listed
-from dart_hal.report.page import image
+from dart_lab.report import page
+from dart_lab.report.html import Html, el, join, table
+from dart_lab.report.numbers import listed
+from dart_lab.report.page import image
 
 
 def write_page(outcome: Identification, figures: Mapping[str, Any], missing: Mapping[str, str],

@@ -13,8 +13,8 @@ from dart_hal.cli.output import results
 from dart_hal.identify.fit import Estimate, Fit
 from dart_hal.identify.outcome import Identification
 from dart_hal.identify.write import SECTIONS, why_unsound
-from dart_hal.report.numbers import with_error
 from dart_hal.vehicle.sets import PAPER, PER_DEGREE
+from dart_lab.report.numbers import with_error
 
 DEGREES = {"1/rad": "1/deg", "N/rad": "N/deg"}
 NUMBER = re.compile(r"\d+(\.\d+)?(?= (?:step|m/s per count|mocap|row|false|gap|samples slip|"

@@ -17,9 +17,9 @@ from dart_hal.core.config.calibration import QUANTITIES
 from dart_hal.core.config.history import Change
 from dart_hal.core.config.quantity import Quantities, Quantity
 from dart_hal.core.types import NINETY
-from dart_hal.report import charts, page
-from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.numbers import significant
+from dart_lab.report import charts, page
+from dart_lab.report.html import Html, el, join, table
+from dart_lab.report.numbers import significant
 
 VERBS = {"pwm": "clock", "throttle": "esc", "steering": "steering", "encoder": "encoder",
          "imu": "imu", "latency": "latency", "mocap": "mocap", "lidar": "lidar",

@@ -6,7 +6,7 @@ import math
 import shlex
 from collections.abc import Collection, Mapping, Sequence
 
-from dart_hal.report.numbers import some
+from dart_lab.report.numbers import some
 
 from .evidence.space import MAX_COMMAND_AGE
 from .gains import Side

@@ -14,10 +14,10 @@ import numpy as np
 
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import IntArray
-from dart_hal.report.numbers import larger
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import unit, value, with_values
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.report.numbers import larger
 
 from .alternatives import include_alternatives, list_exchanges
 from .cautions import EDGE, cautions, worse_at

@@ -7,8 +7,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from dart_hal.report.numbers import larger
 from dart_hal.vehicle.effect import Effect
+from dart_lab.report.numbers import larger
 
 from .policy import Policy
 from .result import Cost

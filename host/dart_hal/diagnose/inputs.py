@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from dart_hal.car.runs import read_run
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.dart import RUN, Recording
-from dart_hal.report.numbers import some
 from dart_hal.vehicle.effects import catalogue, effect
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.report.numbers import some
 
 from .evidence.agreement import check_model, check_units, without_dead_gyro
 from .evidence.motion import driving_seconds, has_sensors

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.report.numbers import some
 from dart_hal.vehicle.effects import apply, catalogue
+from dart_lab.report.numbers import some
 
 from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, rows_of

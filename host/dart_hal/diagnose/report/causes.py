@@ -8,10 +8,10 @@ import numpy as np
 
 from dart_hal.diagnose.result import Cause, Claim, Constancy, Diagnosis
 from dart_hal.diagnose.unexplained.features import UNITS
-from dart_hal.report import charts, page, svg
-from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.numbers import larger, p_value, percent, significant
 from dart_hal.vehicle.effects import catalogue, equation
+from dart_lab.report import charts, page, svg
+from dart_lab.report.html import Html, el, join, table
+from dart_lab.report.numbers import larger, p_value, percent, significant
 
 from . import tables
 from .along import WHISKER, Along, Means, Rows, columns, most

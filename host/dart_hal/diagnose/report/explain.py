@@ -11,7 +11,7 @@ import numpy as np
 
 from dart_hal.diagnose.parameters.groups import MERGED
 from dart_hal.diagnose.result import Cause, Change, Claim, Diagnosis, Moved
-from dart_hal.report.numbers import listed, p_value, percent, significant
+from dart_lab.report.numbers import listed, p_value, percent, significant
 
 from .compared import error_change, stages_around
 from .data_problems import valid_sizes

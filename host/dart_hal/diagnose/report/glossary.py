@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dart_hal.report.html import Html, el
+from dart_lab.report.html import Html, el
 
 TERMS = {
     "cause, effect": "A physical hypothesis of a fixed catalogue (docs/reference/effects.md): an "

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from dart_hal.diagnose.suggest.result import ENOUGH, Suggestion
 from dart_hal.diagnose.suggest.sharpen import Sharper
-from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.numbers import percent, significant
-from dart_hal.report.page import card, items
+from dart_lab.report.html import Html, el, join, table
+from dart_lab.report.numbers import percent, significant
+from dart_lab.report.page import card, items
 
 NOTHING = ("nothing to suggest: no cause is confounded with another effect, and no parameter was "
            "wrong")

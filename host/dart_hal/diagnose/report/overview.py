@@ -12,9 +12,9 @@ from dart_hal.diagnose.paths import MEASURED
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.evaluate import CHANNELS as PREDICTED
 from dart_hal.evaluate.cases import short
-from dart_hal.report import charts, page, svg
-from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.numbers import significant
+from dart_lab.report import charts, page, svg
+from dart_lab.report.html import Html, el, join, table
+from dart_lab.report.numbers import significant
 
 from .compared import AHEAD, NOTICEABLE, step_changes
 from .data_problems import data_problems, model_problems

@@ -13,8 +13,8 @@ from dart_hal import __version__
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.diagnose.suggest.result import Suggestion
 from dart_hal.diagnose.suggest.sharpen import Sharper
-from dart_hal.report import page as builder
-from dart_hal.report.html import Html, join
+from dart_lab.report import page as builder
+from dart_lab.report.html import Html, join
 
 from . import tables
 from .along import Rows

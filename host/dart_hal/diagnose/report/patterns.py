@@ -13,7 +13,7 @@ import numpy as np
 
 from dart_hal.diagnose.result import Diagnosis, Unexplained
 from dart_hal.diagnose.unexplained.features import UNITS
-from dart_hal.report.numbers import p_value, percent, significant
+from dart_lab.report.numbers import p_value, percent, significant
 
 from .along import AHEAD_OF_PATTERNS, Along, Column, Means, Rows, along, columns
 from .compared import AHEAD

@@ -6,9 +6,9 @@ import math
 from collections.abc import Callable, Mapping
 
 from dart_hal.diagnose.result import Cause, Number
-from dart_hal.report.numbers import significant, with_error
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.parameters import GRAVITY
+from dart_lab.report.numbers import significant, with_error
 
 SCALES: Mapping[str, tuple[float, str]] = {
     "relative": (100.0, "%"), "1/100 s": (100.0, "%"), "s": (1000.0, "ms"), "m": (1000.0, "mm"),

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 from dart_hal.diagnose.result import Cause, Diagnosis
 from dart_hal.evaluate import CHANNELS as PREDICTED
-from dart_hal.report.numbers import listed, significant
 from dart_hal.vehicle.effects import catalogue
+from dart_lab.report.numbers import listed, significant
 
 from .compared import AHEAD, step_changes
 from .data_problems import data_problems

@@ -11,9 +11,9 @@ from dart_hal.diagnose.result import BestPredictor, Considered, Diagnosis, Numbe
 from dart_hal.evaluate import CHANNELS as PREDICTED
 from dart_hal.evaluate import UNITS
 from dart_hal.evaluate.cases import short
-from dart_hal.report import charts, page, svg
-from dart_hal.report.html import Html, el, join, table
-from dart_hal.report.numbers import listed, p_value, percent, significant
+from dart_lab.report import charts, page, svg
+from dart_lab.report.html import Html, el, join, table
+from dart_lab.report.numbers import listed, p_value, percent, significant
 
 from .words import (
     HORIZONS,

@@ -16,8 +16,8 @@ from dart_hal.diagnose.result import (
     Number,
     Possible,
 )
-from dart_hal.report.numbers import larger, listed, percent, significant, with_error
 from dart_hal.vehicle.effects import catalogue
+from dart_lab.report.numbers import larger, listed, percent, significant, with_error
 
 CHANNELS = {
     "vx": ("speed", "m/s"), "vy": ("lateral velocity", "m/s"), "yaw_rate": ("yaw rate", "rad/s"),
