@@ -17,10 +17,10 @@ from dart_hal.core.url import Url
 from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.handover import mass_of, note_mass
 from dart_hal.experiment.make import conduct, make_plan
-from dart_hal.identify.measured import named_model
-from dart_hal.identify.outcome import jointly
-from dart_hal.identify.write import SECTIONS
 from dart_hal.links.base import open_backend
+from dart_lab.identify.measured import named_model
+from dart_lab.identify.outcome import jointly
+from dart_lab.identify.write import SECTIONS
 from dart_lab.sim.truth import reveal_url
 
 DRIVES = ("friction", "motor", "delay", "tyres")

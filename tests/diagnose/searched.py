@@ -19,8 +19,8 @@ from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.fit import refit
 from dart_hal.diagnose.search.forward import Search
 from dart_hal.diagnose.search.selection import Settings
-from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.vehicle import PAPER
+from dart_lab.identify.shooting.fit import FREE, free_names
 
 USUAL = Habits()
 ALL_FREE = free_names(PAPER, tuple(FREE))

@@ -28,9 +28,9 @@ from dart_hal.diagnose.report.summary import headline
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.forward import Search
 from dart_hal.diagnose.search.selection import Settings
-from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
+from dart_lab.identify.shooting.fit import FREE, free_names
 
 AGES = np.linspace(-0.11, 0.11, 45)
 WINDOWS = 300

@@ -14,9 +14,9 @@ from dart_hal.experiment.floor import Floor
 from dart_hal.experiment.handover import Outcome, fit_run, mass_of, note_mass
 from dart_hal.experiment.make import conduct, make_plan
 from dart_hal.experiment.runner import Drive
-from dart_hal.identify.fit import Fit
 from dart_hal.links.base import open_backend
 from dart_hal.vehicle import make_acceleration, make_steering
+from dart_lab.identify.fit import Fit
 from dart_lab.sim.car_file import car_toml
 from dart_lab.sim.hidden import HiddenCar, hidden_car
 

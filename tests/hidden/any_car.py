@@ -38,12 +38,12 @@ from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
 from dart_hal.diagnose.result import Diagnosis
 from dart_hal.diagnose.write import extended_model
-from dart_hal.identify.measured import MEASURED, named_model
 from dart_hal.links.base import open_backend
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.measured import MEASURED, named_model
 
 SILENT = ("nothing_wrong", "parameters_only")
 DRIVES = {"first": 80.0, "train": 60.0, "test": 40.0}  # s

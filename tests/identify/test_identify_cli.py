@@ -288,7 +288,7 @@ def test_a_failed_picture_costs_only_the_picture(run, tmp_path, monkeypatch):
 
     def fail(*_):
         raise UsageError("no room for pictures")
-    monkeypatch.setattr("dart_hal.identify.plots.draw", fail)
+    monkeypatch.setattr("dart_lab.identify.plots.draw", fail)
     status, out, err = run("friction", "--as-paper", EXCERPT, "--plot", "pics", "--out", "m.toml")
     assert status == 2
     assert "1.726 +- 0.021" in out

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from dart_hal.car.runs import read_any
-from dart_hal.identify.plots import (
+from dart_hal.paper import fit_as_paper
+from dart_hal.paper.evidence import evidence_as_paper
+from dart_hal.vehicle import PAPER, make_friction
+from dart_lab.identify.plots import (
     completed,
     draw,
     evidence_of,
@@ -17,10 +20,7 @@ from dart_hal.identify.plots import (
     missing,
     style,
 )
-from dart_hal.identify.plots.from_recordings import HELD, Motion
-from dart_hal.paper import fit_as_paper
-from dart_hal.paper.evidence import evidence_as_paper
-from dart_hal.vehicle import PAPER, make_friction
+from dart_lab.identify.plots.from_recordings import HELD, Motion
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
 

@@ -17,10 +17,10 @@ from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.fit import covariance
 from dart_hal.diagnose.search.forward import Search
 from dart_hal.diagnose.search.selection import Settings, rows_at
-from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.recording.dart import read
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
+from dart_lab.identify.shooting.fit import FREE, free_names
 
 pytestmark = pytest.mark.more  # they share one diagnosis of 15 CPU s
 

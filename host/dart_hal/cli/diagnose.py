@@ -29,9 +29,9 @@ from dart_hal.core.errors import UsageError
 from dart_hal.diagnose.evidence.motion import driving_seconds
 from dart_hal.diagnose.inputs import checked, effects_named
 from dart_hal.diagnose.result import Diagnosis
-from dart_hal.identify.measured import default_model, named_model
 from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.fetch import find
+from dart_lab.identify.measured import default_model, named_model
 
 READ = 0.05
 """Share of the progress bar for reading."""

@@ -15,11 +15,11 @@ from dart_hal.car.runs import EVERY, FINE, MASS, read_run
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.ports import Workshop
 from dart_hal.core.ports.workshop import SCALE
-from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.submodels import fit_submodels
-from dart_hal.identify.write import Source, Written, model_from, write
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.fit import Estimate, Fit
+from dart_lab.identify.submodels import fit_submodels
+from dart_lab.identify.write import Source, Written, model_from, write
 
 from .scales import with_scales
 from .understeer import Understeer, understeer

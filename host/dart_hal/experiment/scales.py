@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from dart_hal.core.config import CarFiles
-from dart_hal.identify.fit import Fit
+from dart_lab.identify.fit import Fit
 
 BY_SPEED = {"a": 1.0, "b": -1.0, "q": -1.0, "d": 1.0,
             "a_left_rad": -1.0, "a_right_rad": -1.0}

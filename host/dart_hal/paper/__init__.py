@@ -2,7 +2,7 @@
 
 For comparing with its published values, not for using: its preprocessing
 differentiates across file joins, smooths half a sample late and rests on
-settings made by hand. ``dart_hal.identify.submodels`` does it right.
+settings made by hand. ``dart_lab.identify.submodels`` does it right.
 """
 
 from __future__ import annotations

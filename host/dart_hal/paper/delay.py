@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.identify.fit import TIME_KNOWN, Estimate, Fit
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
+from dart_lab.identify.fit import TIME_KNOWN, Estimate, Fit
 
 from .folders import LEAST_ROWS, JoinedRows, too_few
 from .problems import fast

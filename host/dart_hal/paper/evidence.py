@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.identify.plots import (
+from dart_lab.identify.plots import (
     Coasting,
     Driving,
     Evidence,

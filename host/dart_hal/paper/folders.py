@@ -17,9 +17,9 @@ import numpy as np
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.identify.report import FileReport
 from dart_hal.recording.dart.schema import MOCAP, SENSOR, SENSOR_TIME
 from dart_hal.recording.dart.table import parse
+from dart_lab.identify.report import FileReport
 
 FOLDERS = {"friction": "19_step_input_data", "motor": "29_step_input_data",
            "steering": "30_step_steering_data", "delay": "40_sinusoidal_steering_data",

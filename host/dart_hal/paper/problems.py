@@ -6,8 +6,8 @@ import numpy as np
 
 from dart_hal.calibration import curves
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.identify.filters import later, slope, smooth
 from dart_hal.vehicle.sets import PAPER
+from dart_lab.identify.filters import later, slope, smooth
 
 from .folders import JoinedRows
 from .problem import CurveProblem

@@ -10,11 +10,11 @@ import numpy as np
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import FloatArray
-from dart_hal.identify.fit import Estimate, Fit
-from dart_hal.identify.outcome import Identification
-from dart_hal.identify.report import FileReport, Published
-from dart_hal.identify.write import Source
 from dart_hal.vehicle.sets import PAPER
+from dart_lab.identify.fit import Estimate, Fit
+from dart_lab.identify.outcome import Identification
+from dart_lab.identify.report import FileReport, Published
+from dart_lab.identify.write import Source
 
 from .delay import Correlation, fit_delay
 from .folders import FOLDERS, JoinedRows, read_folder

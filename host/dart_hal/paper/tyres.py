@@ -9,11 +9,11 @@ import numpy as np
 
 from dart_hal.calibration import curves
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.identify.filters import later, slope, smooth
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import PaperTyres
 from dart_hal.vehicle.sets import PAPER, PER_DEGREE
 from dart_hal.vehicle.steering import make_steering
+from dart_lab.identify.filters import later, slope, smooth
 
 from .folders import JoinedRows
 from .problem import CurveProblem

@@ -28,10 +28,10 @@ from dart_hal.diagnose.run import standard_errors
 from dart_hal.diagnose.search import forward as searching
 from dart_hal.diagnose.search import scan as scanning
 from dart_hal.diagnose.search.scan import scan
-from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.load import find_model
+from dart_lab.identify.shooting.fit import FREE, free_names
 
 INERT = ("mass", "yaw_inertia")
 QUIET = 30.0  # gain; twice what nothing reaches

@@ -20,9 +20,9 @@ from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.forward import Search
 from dart_hal.diagnose.search.selection import Settings
 from dart_hal.diagnose.unexplained.outliers import find_outliers
-from dart_hal.identify.shooting.fit import FREE, free_names
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
+from dart_lab.identify.shooting.fit import FREE, free_names
 
 STYLES = ("steps", "waves", "prbs", "gentle", "ramps", "laps")
 pytestmark = pytest.mark.cpu(10)

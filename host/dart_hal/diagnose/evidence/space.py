@@ -17,9 +17,9 @@ from types import MappingProxyType
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.identify.shooting.coordinates import Coordinates
 from dart_hal.vehicle.flat import unchecked, unit, value
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.shooting.coordinates import Coordinates
 
 from ..policy import USUAL, PriorPolicy
 
