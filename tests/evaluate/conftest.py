@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from dart_hal.evaluate.cases import Case
-from dart_hal.predict.actuators import actuated
-from dart_hal.predict.windows import find_windows
 from dart_hal.recording.dart import Grid, Reference
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.sets import PAPER
+from dart_lab.identify.predict.actuators import actuated
+from dart_lab.identify.predict.windows import find_windows
 
 ROOT = Path(__file__).resolve().parents[2]
 

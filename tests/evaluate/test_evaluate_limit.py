@@ -11,8 +11,8 @@ from dart_hal.evaluate import kinematic, kinematic_limit
 from dart_hal.evaluate.limit import find_limits
 from dart_hal.evaluate.noslip import SLIP_TOLERANCE, crossing
 from dart_hal.evaluate.takeover import Bin, Gain, Takeover
-from dart_hal.predict.windows import find_windows
 from dart_hal.vehicle.sets import PAPER
+from dart_lab.identify.predict.windows import find_windows
 
 L_R = PAPER.body.l_r
 

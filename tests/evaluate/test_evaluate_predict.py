@@ -17,9 +17,9 @@ from dart_hal.evaluate import (
 )
 from dart_hal.evaluate.prediction import CHANNELS
 from dart_hal.evaluate.takeover import at_measured_speed
-from dart_hal.predict import rollout
-from dart_hal.predict.rollout import LANES
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
+from dart_lab.identify.predict import rollout
+from dart_lab.identify.predict.rollout import LANES
 
 
 @pytest.mark.parametrize("p", [PAPER, kinematic(PAPER), UPSTREAM_2024],

@@ -9,11 +9,17 @@ import numpy as np
 import pytest
 
 from dart_hal.core.errors import UsageError
-from dart_hal.predict.actuators import actuated, delayed, first_order_lag, low_pass, reached
 from dart_hal.vehicle.effect import ActiveEffect, Effect, Late, Parameter, Stateful, Static
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering
+from dart_lab.identify.predict.actuators import (
+    actuated,
+    delayed,
+    first_order_lag,
+    low_pass,
+    reached,
+)
 
 
 def recursion(u, lag):

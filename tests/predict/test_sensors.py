@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.predict.sensors import driven, motion, posed, sensed
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import effect
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION
 from dart_hal.vehicle.sets import PAPER
+from dart_lab.identify.predict.sensors import driven, motion, posed, sensed
 
 HOST = Path(__file__).resolve().parents[2] / "host" / "dart_hal"
 T = 0.01 * np.arange(50)

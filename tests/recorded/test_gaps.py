@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from simulated_recording import simulated, table_of, write_table
 
-from dart_hal.predict.windows import BEFORE, CLEAN, find_windows
 from dart_hal.recording.dart import grid, marker, read
 from dart_hal.recording.dart.sensors import GAP
+from dart_lab.identify.predict.windows import BEFORE, CLEAN, find_windows
 
 EDGE = 1e-6  # s
 

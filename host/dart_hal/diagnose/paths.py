@@ -15,10 +15,10 @@ import numpy as np
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.evaluate.prediction import CHANNELS
-from dart_hal.predict import rollout
-from dart_hal.predict.windows import LENGTH
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.predict import rollout
+from dart_lab.identify.predict.windows import LENGTH
 
 from .error_summaries import PathWindow
 from .gains import Side, correct_poses

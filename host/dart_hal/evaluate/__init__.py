@@ -9,8 +9,8 @@ windows (``predict.rollout`` has their inputs), and ``errors`` takes its states.
 
 from __future__ import annotations
 
-from dart_hal.predict.actuators import actuated
-from dart_hal.predict.windows import HORIZONS
+from dart_lab.identify.predict.actuators import actuated
+from dart_lab.identify.predict.windows import HORIZONS
 
 from .cases import Case, FileUse, Prepared, prepare, without
 from .compare import Gain, gain, gains

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from dart_hal.core.errors import RecordingError
-from dart_hal.predict.windows import Windows, covered, find_windows
 from dart_hal.recording.check import folder_of
 from dart_hal.recording.dart import (
     RUN,
@@ -20,6 +19,7 @@ from dart_hal.recording.dart import (
 )
 from dart_hal.recording.dart.grid import L_R, UNKNOWN_FRAME
 from dart_hal.recording.dart.reference import NEEDED, OPTION
+from dart_lab.identify.predict.windows import Windows, covered, find_windows
 
 LEFT_OUT = "window(s) left out"
 NO_MOCAP, OWN = "no motion capture", "a run without poses from outside"

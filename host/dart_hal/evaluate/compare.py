@@ -17,8 +17,8 @@ import numpy as np
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.fitting.covariance import RECORDINGS
-from dart_hal.predict.rollout import stretches
-from dart_hal.predict.windows import HORIZONS
+from dart_lab.identify.predict.rollout import stretches
+from dart_lab.identify.predict.windows import HORIZONS
 
 from .cases import Case
 from .prediction import CHANNELS, parts

@@ -11,11 +11,11 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import BLUE, FORMATS, INK, finish, new_figure, save_figure
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.predict.actuators import actuated
-from dart_hal.predict.rollout import states
-from dart_hal.predict.windows import HORIZONS, LENGTH
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.predict.actuators import actuated
+from dart_lab.identify.predict.rollout import states
+from dart_lab.identify.predict.windows import HORIZONS, LENGTH
 
 from .cases import Case, short
 from .picture_limit import draw_limit

@@ -12,10 +12,10 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.predict import rollout
-from dart_hal.predict.rollout import Parts, Progress
-from dart_hal.predict.windows import HORIZONS
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.predict import rollout
+from dart_lab.identify.predict.rollout import Parts, Progress
+from dart_lab.identify.predict.windows import HORIZONS
 
 from .cases import Case
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from dart_hal.core.types import FloatArray
-from dart_hal.predict.rollout import Progress
-from dart_hal.predict.windows import HORIZONS
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.predict.rollout import Progress
+from dart_lab.identify.predict.windows import HORIZONS
 
 from .cases import Prepared, prepare
 from .compare import Gain, gains

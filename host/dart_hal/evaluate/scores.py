@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.predict.windows import HORIZONS
+from dart_lab.identify.predict.windows import HORIZONS
 
 from .cases import Case
 from .prediction import CHANNELS

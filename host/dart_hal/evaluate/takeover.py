@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.predict.rollout import batches, inputs, joined, windowed
-from dart_hal.predict.windows import HORIZONS, LENGTH
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.predict.rollout import batches, inputs, joined, windowed
+from dart_lab.identify.predict.windows import HORIZONS, LENGTH
 
 from .cases import Case
 from .compare import LEAST_BLOCKS, Gain, blocks, gain

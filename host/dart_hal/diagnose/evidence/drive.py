@@ -15,10 +15,6 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.predict.commands import message_time, zero_order_hold
-from dart_hal.predict.rollout import states
-from dart_hal.predict.sensors import posed
-from dart_hal.predict.windows import find_windows
 from dart_hal.recording.dart import (
     RUN,
     Grid,
@@ -30,6 +26,10 @@ from dart_hal.recording.dart import (
 )
 from dart_hal.vehicle.compose import signals
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.predict.commands import message_time, zero_order_hold
+from dart_lab.identify.predict.rollout import states
+from dart_lab.identify.predict.sensors import posed
+from dart_lab.identify.predict.windows import find_windows
 
 from ..policy import USUAL, EvidencePolicy
 from .standing import dithered, shaking, standing

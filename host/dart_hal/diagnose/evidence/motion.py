@@ -8,10 +8,10 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.predict.windows import MIN_SPEED
 from dart_hal.recording.dart import Recording, savgol_derivative
 from dart_hal.recording.dart.marker import marker_grid
 from dart_hal.recording.dart.spans import span_index
+from dart_lab.identify.predict.windows import MIN_SPEED
 
 DELAY = 0.05  # s; an encoder's reading is the mean of the last 0.1 s
 

@@ -17,10 +17,10 @@ from dart_hal.car.runs import EVERY as FRAMES
 from dart_hal.car.runs import finer, read_run
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.predict.commands import message_time, zero_order_hold
-from dart_hal.predict.windows import MIN_SPEED
 from dart_hal.recording.dart import RUN, Grid, Messages, Recording, Reference
 from dart_hal.recording.dart.spans import span_index
+from dart_lab.identify.predict.commands import message_time, zero_order_hold
+from dart_lab.identify.predict.windows import MIN_SPEED
 
 from ..policy import USUAL, EvidencePolicy
 from .drive import Drive, as_read

@@ -12,16 +12,16 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.predict.actuators import delayed, first_order_lag, reached, turned
-from dart_hal.predict.commands import spread_over
-from dart_hal.predict.rollout import states
-from dart_hal.predict.sensors import driven, motion, sensed
-from dart_hal.predict.substeps import FINE, fine, fine_rollout
 from dart_hal.recording.dart import Grid
 from dart_hal.vehicle.compose import signals
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.tyres import make_tyres
+from dart_lab.identify.predict.actuators import delayed, first_order_lag, reached, turned
+from dart_lab.identify.predict.commands import spread_over
+from dart_lab.identify.predict.rollout import states
+from dart_lab.identify.predict.sensors import driven, motion, sensed
+from dart_lab.identify.predict.substeps import FINE, fine, fine_rollout
 
 from .onboard_drive import ENCODER_SPAN, MAX_JITTER, MESSAGES_AHEAD, Session
 from .space import Timing

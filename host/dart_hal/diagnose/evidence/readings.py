@@ -8,13 +8,13 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.predict import sensors
-from dart_hal.predict.commands import catmull_rom
-from dart_hal.predict.rollout import states
 from dart_hal.recording.dart import Grid, savgol_derivative
 from dart_hal.vehicle.channels import late_last, through
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.predict import sensors
+from dart_lab.identify.predict.commands import catmull_rom
+from dart_lab.identify.predict.rollout import states
 
 from .drive import POINTS, Drive
 

@@ -15,16 +15,22 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.predict.actuators import behind_actuator, delayed, first_order_lag, reached, turned
-from dart_hal.predict.commands import spread_over
-from dart_hal.predict.rollout import Parts
-from dart_hal.predict.rollout import measured as measured_states
-from dart_hal.predict.substeps import FINE, fine_rollout, quarters
 from dart_hal.recording.dart import RUN, Grid
 from dart_hal.vehicle.channels import late_last
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.effect import ActiveEffect, Effect
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.predict.actuators import (
+    behind_actuator,
+    delayed,
+    first_order_lag,
+    reached,
+    turned,
+)
+from dart_lab.identify.predict.commands import spread_over
+from dart_lab.identify.predict.rollout import Parts
+from dart_lab.identify.predict.rollout import measured as measured_states
+from dart_lab.identify.predict.substeps import FINE, fine_rollout, quarters
 
 from .drive import HALF, POINTS, READ_OUTS, Drive
 from .readings import SENSORS, at_rest, driven, measured, pulled, resting

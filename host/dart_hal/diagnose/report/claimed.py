@@ -25,13 +25,13 @@ from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.evidence.readings import measured
 from dart_hal.diagnose.parameters.groups import holding_throttle
 from dart_hal.diagnose.result import Claim, Diagnosis
-from dart_hal.predict.actuators import actuated
 from dart_hal.recording.dart import savgol_derivative
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.tyres import make_slip, make_tyres
+from dart_lab.identify.predict.actuators import actuated
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html
 

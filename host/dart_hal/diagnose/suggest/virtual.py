@@ -14,14 +14,14 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.predict.actuators import actuated
-from dart_hal.predict.commands import zero_order_hold
-from dart_hal.predict.sensors import driven, motion, posed, sensed
 from dart_hal.recording.dart import Grid, Messages, Mocap, Recording, Reference
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.predict.actuators import actuated
+from dart_lab.identify.predict.commands import zero_order_hold
+from dart_lab.identify.predict.sensors import driven, motion, posed, sensed
 
 EVERY = 10  # samples from message to message
 COMMAND_AGE = 0.05

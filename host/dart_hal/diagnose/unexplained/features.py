@@ -15,8 +15,8 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.predict.actuators import actuated
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
+from dart_lab.identify.predict.actuators import actuated
 
 from ..evidence.drive import READ_OUTS, Drive
 from ..evidence.readings import WINDOW

@@ -16,12 +16,12 @@ from dart_hal.fitting.least_squares import EDGE, Solution
 from dart_hal.fitting.levenberg_marquardt import descend
 from dart_hal.fitting.profile import quadratic_sides
 from dart_hal.fitting.robust import MAD_TO_SIGMA, soft_l1_weight
-from dart_hal.predict.rollout import stretches
 from dart_hal.recording.dart import Grid, Recording, Reference, grid
 from dart_hal.vehicle.flat import names as flat_names
 from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import AxleTyres, Vehicle
 from dart_lab.identify.fit import TIME_KNOWN, Estimate, Fit
+from dart_lab.identify.predict.rollout import stretches
 
 from .coordinates import Coordinates
 from .problem import CHANNELS, EVERY, HORIZON, READ, UNITS, Problem

@@ -10,10 +10,10 @@ import numpy as np
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.predict.rollout import Parts, measured, predict
-from dart_hal.predict.windows import MIN_SPEED, find_windows
 from dart_hal.recording.dart import Grid
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.predict.rollout import Parts, measured, predict
+from dart_lab.identify.predict.windows import MIN_SPEED, find_windows
 
 CHANNELS = ("v_x", "v_y", "omega")
 UNITS = ("m/s", "m/s", "rad/s")

@@ -14,8 +14,8 @@ import numpy as np
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.predict.commands import Command, step_of, throttle_of
 from dart_hal.recording.dart import Grid, Recording, Reference, grid, rolling_reference
+from dart_lab.identify.predict.commands import Command, step_of, throttle_of
 from dart_lab.identify.submodels.report import Ledger
 
 MAX_YAW_RATE = 0.5  # rad/s; the steered wheels brake by l_r omega^2 = 0.024 m/s2 there
