@@ -18,7 +18,9 @@ from figures import Figure, best_cpu
 
 from dart_hal.car.runs import read_any
 from dart_hal.core.types import FloatArray
-from dart_hal.evaluate import (
+from dart_hal.recording.check import folder_of
+from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
+from dart_lab.identify.evaluate import (
     CHANNELS,
     HORIZONS,
     Case,
@@ -29,8 +31,6 @@ from dart_hal.evaluate import (
     predict,
     prepare,
 )
-from dart_hal.recording.check import folder_of
-from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
 HOME = Path(__file__).resolve().parents[1]
 EXCERPT = HOME / "tests" / "recorded" / "data"

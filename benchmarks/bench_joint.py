@@ -16,9 +16,9 @@ from figures import Figure
 from dart_hal.car.runs import read_any
 from dart_hal.core.process.jobs import cores, each
 from dart_hal.core.types import FloatArray
-from dart_hal.evaluate import errors, hold, measured, predict, prepare
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.sets import PAPER
+from dart_lab.identify.evaluate import errors, hold, measured, predict, prepare
 from dart_lab.identify.shooting import fit_from_recordings
 
 SECOND = 1

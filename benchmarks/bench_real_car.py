@@ -44,11 +44,11 @@ from dart_hal.core.process.jobs import each
 from dart_hal.core.types import FloatArray
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.error_summaries import Ratio, geometric_mean
-from dart_hal.evaluate.cases import prepare, short
-from dart_hal.evaluate.prediction import CHANNELS, UNITS
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.load import find_model
+from dart_lab.identify.evaluate.cases import prepare, short
+from dart_lab.identify.evaluate.prediction import CHANNELS, UNITS
 
 HELD_OUT = (
     "91_free_driving_16_sept_2024/car_1_Datarecording_09_16_2024_10_01_01.csv",

@@ -18,14 +18,14 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.evaluate.cases import Case
-from dart_hal.evaluate.prediction import errors, measured, parts
 from dart_hal.vehicle.bicycle import make_dynamic
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.integrate import RATES, make_dynamic_midpoint
 from dart_hal.vehicle.motor import make_motor_gains
 from dart_hal.vehicle.namespace import adapt
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.evaluate.cases import Case
+from dart_lab.identify.evaluate.prediction import errors, measured, parts
 from dart_lab.identify.predict.rollout import inputs, windowed
 
 Network = Any

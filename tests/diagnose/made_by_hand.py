@@ -26,10 +26,10 @@ from dart_hal.diagnose.result import (
     Stage,
     Unexplained,
 )
-from dart_hal.evaluate import evaluate
-from dart_hal.evaluate import prepare as prepare_cases
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
+from dart_lab.identify.evaluate import evaluate
+from dart_lab.identify.evaluate import prepare as prepare_cases
 
 HIDDEN = apply(apply(PAPER, "steering_lag", k=0.12), "gyro_scale", k=0.06)
 

@@ -23,8 +23,8 @@ from dart_hal.diagnose.noise_floor import (
 from dart_hal.diagnose.policy import USUAL
 from dart_hal.diagnose.report import page
 from dart_hal.diagnose.report.summary import headline
-from dart_hal.evaluate.prediction import CHANNELS
 from dart_hal.vehicle import PAPER
+from dart_lab.identify.evaluate.prediction import CHANNELS
 
 WINDOWS = 400
 STD = np.array([0.03, 0.01, 0.1])

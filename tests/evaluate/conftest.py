@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.evaluate.cases import Case
 from dart_hal.recording.dart import Grid, Reference
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.sets import PAPER
+from dart_lab.identify.evaluate.cases import Case
 from dart_lab.identify.predict.actuators import actuated
 from dart_lab.identify.predict.windows import find_windows
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.evaluate import (
+from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
+from dart_lab.identify.evaluate import (
     errors,
     hold,
     kinematic,
@@ -15,9 +16,8 @@ from dart_hal.evaluate import (
     predict,
     score,
 )
-from dart_hal.evaluate.prediction import CHANNELS
-from dart_hal.evaluate.takeover import at_measured_speed
-from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
+from dart_lab.identify.evaluate.prediction import CHANNELS
+from dart_lab.identify.evaluate.takeover import at_measured_speed
 from dart_lab.identify.predict import rollout
 from dart_lab.identify.predict.rollout import LANES
 

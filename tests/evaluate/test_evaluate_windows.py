@@ -9,9 +9,9 @@ import pytest
 
 from dart_hal.car.runs import read_any
 from dart_hal.core.errors import RecordingError
-from dart_hal.evaluate import prepare
-from dart_hal.evaluate.cases import short
 from dart_hal.recording.dart import RUN
+from dart_lab.identify.evaluate import prepare
+from dart_lab.identify.evaluate.cases import short
 from dart_lab.identify.predict.windows import covered, find_windows
 
 

@@ -34,7 +34,7 @@ from stranger_files import COMMANDS, Habits, pair
 
 from dart_hal.core.process.jobs import each
 from dart_hal.diagnose.error_summaries import MAX_OVER_FLOOR
-from dart_hal.evaluate.prediction import CHANNELS
+from dart_lab.identify.evaluate.prediction import CHANNELS
 
 SECONDS = (60.0, 40.0)
 """To learn from, to judge by."""

@@ -14,9 +14,9 @@ from dart_hal.car.runs import read_any
 from dart_hal.cli.main import main
 from dart_hal.core.config import load_model
 from dart_hal.core.errors import UsageError
-from dart_hal.evaluate import evaluate
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import model_of, vehicle_of
+from dart_lab.identify.evaluate import evaluate
 from pages import foreign
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"

@@ -27,7 +27,7 @@ from dart_hal.diagnose.report.words import (
     predictor,
 )
 from dart_hal.diagnose.result import Diagnosis
-from dart_hal.evaluate import CHANNELS as PREDICTED
+from dart_lab.identify.evaluate import CHANNELS as PREDICTED
 from dart_lab.report.numbers import significant
 
 NARROWEST = 86

@@ -15,12 +15,12 @@ from dart_hal.cli.sizes import named_car, recorded_car_options, sized
 from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import new_figure
-from dart_hal.evaluate import Evaluation, evaluate, kinematic
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.fetch import find
 from dart_hal.vehicle.file import left_out
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.evaluate import Evaluation, evaluate, kinematic
 from dart_lab.identify.measured import MEASURED, default_model, named_model
 
 
@@ -124,6 +124,6 @@ def _run(vehicle: Vehicle, recordings: list[Recording], skipped: list[tuple[str,
 
 def _drawing() -> ModuleType:
     """Loaded when a picture is asked for: most evaluations draw none."""
-    from dart_hal.evaluate import pictures
+    from dart_lab.identify.evaluate import pictures
 
     return pictures

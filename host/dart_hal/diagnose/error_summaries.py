@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from dart_hal.core.types import FloatArray
-from dart_hal.evaluate.prediction import CHANNELS
+from dart_lab.identify.evaluate.prediction import CHANNELS
 
 MAX_OVER_FLOOR = 2.0
 """RMSE over the noise floor, above which a model is not faultless: three quarters of its mean

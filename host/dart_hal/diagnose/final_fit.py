@@ -26,8 +26,8 @@ import numpy as np
 
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import FloatArray
-from dart_hal.evaluate.cases import Case
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.evaluate.cases import Case
 
 from .error_summaries import Ratio, geometric_mean
 from .evidence.drive import READ_OUTS

@@ -18,14 +18,14 @@ import numpy as np
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.evaluate.cases import Case, Prepared, prepare
-from dart_hal.evaluate.compare import blocks, gain
-from dart_hal.evaluate.prediction import CHANNELS, errors, hold, measured, predict
-from dart_hal.evaluate.scores import score
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.compose import settled, signals
 from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.evaluate.cases import Case, Prepared, prepare
+from dart_lab.identify.evaluate.compare import blocks, gain
+from dart_lab.identify.evaluate.prediction import CHANNELS, errors, hold, measured, predict
+from dart_lab.identify.evaluate.scores import score
 from dart_lab.identify.predict.windows import HORIZONS
 
 from .evidence.drive import freed_of_mocap

@@ -29,8 +29,8 @@ import numpy as np
 
 from dart_hal.core.timing import PWM_FRAME, SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.evaluate.prediction import CHANNELS, measured
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.evaluate.prediction import CHANNELS, measured
 from dart_lab.identify.predict.windows import HORIZONS
 
 from .evidence.drive import READ_OUTS

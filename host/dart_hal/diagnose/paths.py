@@ -14,9 +14,9 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.evaluate.prediction import CHANNELS
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.evaluate.prediction import CHANNELS
 from dart_lab.identify.predict import rollout
 from dart_lab.identify.predict.windows import LENGTH
 

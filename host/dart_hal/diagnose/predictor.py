@@ -24,10 +24,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dart_hal.core.errors import UsageError
-from dart_hal.evaluate.cases import Case
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, catalogue, remove_effects
 from dart_hal.vehicle.flat import unit, value
+from dart_lab.identify.evaluate.cases import Case
 
 from .error_summaries import LeftOutError
 from .evidence.residuals import Evidence, only_read

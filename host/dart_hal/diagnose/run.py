@@ -10,11 +10,11 @@ from typing import Any
 from dart_hal.core.config import ModelFile, Quantity
 from dart_hal.core.errors import UsageError
 from dart_hal.core.timing import SAMPLE
-from dart_hal.evaluate.cases import prepare as prepare_cases
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.evaluate.cases import prepare as prepare_cases
 from dart_lab.identify.shooting.fit import FREE, free_names
 
 from .conclude import conclude

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.evaluate.compare import draws as drawn
+from dart_lab.identify.evaluate.compare import draws as drawn
 
 from ..policy import TAIL, GradePolicy
 from .secants import Secants, modulations

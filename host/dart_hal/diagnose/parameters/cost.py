@@ -19,7 +19,7 @@ from collections.abc import Callable
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.evaluate.compare import LEAST_BLOCKS
+from dart_lab.identify.evaluate.compare import LEAST_BLOCKS
 
 from ..result import Cost
 from .sets import Set

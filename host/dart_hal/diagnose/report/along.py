@@ -28,8 +28,8 @@ from dart_hal.diagnose.unexplained.features import (
     message_features,
     window_features,
 )
-from dart_hal.evaluate.cases import short
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identify.evaluate.cases import short
 
 from .words import CHANNELS
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dart_hal.diagnose.result import Cause, Diagnosis
-from dart_hal.evaluate.cases import short
+from dart_lab.identify.evaluate.cases import short
 
 from .words import late_commands
 

@@ -10,8 +10,8 @@ import numpy as np
 from dart_hal.diagnose.error_summaries import PathWindow
 from dart_hal.diagnose.paths import MEASURED
 from dart_hal.diagnose.result import Diagnosis
-from dart_hal.evaluate import CHANNELS as PREDICTED
-from dart_hal.evaluate.cases import short
+from dart_lab.identify.evaluate import CHANNELS as PREDICTED
+from dart_lab.identify.evaluate.cases import short
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import significant

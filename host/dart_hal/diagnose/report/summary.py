@@ -10,8 +10,8 @@ import math
 from collections.abc import Sequence
 
 from dart_hal.diagnose.result import Cause, Diagnosis
-from dart_hal.evaluate import CHANNELS as PREDICTED
 from dart_hal.vehicle.effects import catalogue
+from dart_lab.identify.evaluate import CHANNELS as PREDICTED
 from dart_lab.report.numbers import listed, significant
 
 from .compared import AHEAD, step_changes

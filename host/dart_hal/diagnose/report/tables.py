@@ -8,9 +8,9 @@ from typing import Any
 
 from dart_hal.diagnose.evidence.onboard import OnboardEvidence
 from dart_hal.diagnose.result import BestPredictor, Considered, Diagnosis, Number
-from dart_hal.evaluate import CHANNELS as PREDICTED
-from dart_hal.evaluate import UNITS
-from dart_hal.evaluate.cases import short
+from dart_lab.identify.evaluate import CHANNELS as PREDICTED
+from dart_lab.identify.evaluate import UNITS
+from dart_lab.identify.evaluate.cases import short
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import listed, p_value, percent, significant
