@@ -26,10 +26,10 @@ from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.types import Pose
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.inputs import checked
-from dart_hal.experiment.floor import Floor
-from dart_hal.experiment.make import conduct, make_plan
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
+from dart_lab.identify.experiment.floor import Floor
+from dart_lab.identify.experiment.make import conduct, make_plan
 from dart_lab.sim.light import LightCar
 
 URL = os.environ.get("DART_HAL_URL", "sim://?effect=steering_lag:0.12")

@@ -9,13 +9,13 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.core.errors import ExperimentFailed
 from dart_hal.core.types import Applied
-from dart_hal.experiment.excitation import Constant
-from dart_hal.experiment.floor import Floor, Place
-from dart_hal.experiment.handover import fit_run, mass_of
-from dart_hal.experiment.make import conduct, make_plan
-from dart_hal.experiment.plans import Plan, Segment
-from dart_hal.experiment.rehearsal import PaperCar
-from dart_hal.experiment.runner import run
+from dart_lab.identify.experiment.excitation import Constant
+from dart_lab.identify.experiment.floor import Floor, Place
+from dart_lab.identify.experiment.handover import fit_run, mass_of
+from dart_lab.identify.experiment.make import conduct, make_plan
+from dart_lab.identify.experiment.plans import Plan, Segment
+from dart_lab.identify.experiment.rehearsal import PaperCar
+from dart_lab.identify.experiment.runner import run
 
 
 class Troubled(PaperCar):

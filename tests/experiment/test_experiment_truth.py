@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from dart_hal.car.runs import read_any, read_run
-from dart_hal.experiment.circles import TYRE_STEERING
-from dart_hal.experiment.understeer import GENTLE
 from dart_hal.recording.check import check
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
+from dart_lab.identify.experiment.circles import TYRE_STEERING
+from dart_lab.identify.experiment.understeer import GENTLE
 from dart_lab.identify.mass import never_weighed, weighed
 from dart_lab.identify.outcome import per_recording
 from dart_lab.identify.submodels import fit_submodels

@@ -26,13 +26,13 @@ from dart_hal.cli.output import console, notices, print_json, progress_bar, resu
 from dart_hal.cli.outputs import OutputFile, PlotFile
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import ExperimentFailed, UsageError
-from dart_hal.experiment.floor import Floor
-from dart_hal.experiment.handover import Outcome, fit_run, mass_of, note_mass, write_model
-from dart_hal.experiment.make import conduct, make_plan
-from dart_hal.experiment.plans import NAMES, PROBES, Plan
-from dart_hal.experiment.plot import plot_drive
-from dart_hal.experiment.runner import Drive
 from dart_hal.links.base import Backend, open_backend
+from dart_lab.identify.experiment.floor import Floor
+from dart_lab.identify.experiment.handover import Outcome, fit_run, mass_of, note_mass, write_model
+from dart_lab.identify.experiment.make import conduct, make_plan
+from dart_lab.identify.experiment.plans import NAMES, PROBES, Plan
+from dart_lab.identify.experiment.plot import plot_drive
+from dart_lab.identify.experiment.runner import Drive
 from dart_lab.report.numbers import with_error
 
 SIM_FLOOR = "10"

@@ -19,10 +19,10 @@ from dart_hal.diagnose.result import Cause, Constancy, Diagnosis, Gained, Moved,
 from dart_hal.diagnose.run import evidence_of
 from dart_hal.diagnose.search.fit import refit
 from dart_hal.diagnose.search.scan import Scan
-from dart_hal.experiment.floor import Floor
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.flat import value
+from dart_lab.identify.experiment.floor import Floor
 
 N = 3000  # samples of 0.01 s
 MOTOR = {"motor.d": 3.0, "motor.e": 0.8, "friction.a": 0.3}

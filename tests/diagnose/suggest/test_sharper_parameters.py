@@ -12,9 +12,9 @@ from known_frame import read
 from dart_hal.diagnose import diagnose
 from dart_hal.diagnose.suggest import sharpen
 from dart_hal.diagnose.suggest.library import CHOICES, rehearsed
-from dart_hal.experiment.floor import Floor
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
+from dart_lab.identify.experiment.floor import Floor
 
 WRONG = replace(PAPER, motor=replace(PAPER.motor, d=1.15 * PAPER.motor.d),
                 tyres=replace(PAPER.tyres, rear_cornering_stiffness=0.7

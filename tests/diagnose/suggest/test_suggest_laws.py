@@ -20,10 +20,10 @@ from dart_hal.diagnose.suggest.library import CHOICES, rehearsed
 from dart_hal.diagnose.suggest.question import ask
 from dart_hal.diagnose.suggest.side import Side
 from dart_hal.diagnose.suggest.virtual import record
-from dart_hal.experiment.floor import Floor
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
+from dart_lab.identify.experiment.floor import Floor
 
 GYRO = Case("straight", ("gyro_bias", 0.02), "steering_trim")
 

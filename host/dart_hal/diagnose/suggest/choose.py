@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 from itertools import combinations
 
 from dart_hal.core.config import ModelFile
-from dart_hal.experiment.floor import Floor
 from dart_hal.vehicle.effects import catalogue
+from dart_lab.identify.experiment.floor import Floor
 
 from ..policy import USUAL, Policy
 from ..result import Cause, Diagnosis

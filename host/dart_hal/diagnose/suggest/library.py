@@ -12,7 +12,7 @@ from dart_hal.core.config import CarFiles, ModelFile, parse_car
 from dart_hal.core.errors import ExperimentFailed
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.experiment.floor import Floor
+from dart_lab.identify.experiment.floor import Floor
 
 from .virtual import Commands
 
@@ -129,8 +129,8 @@ def _files(model: ModelFile | None) -> CarFiles:
 def _commands(name: str, files: CarFiles, floor: Floor) -> Commands | None:
     """None where it does not fit."""
     # a third of a second: every diagnosis loads this module, and few are asked what to drive next
-    from dart_hal.experiment.make import make_plan
-    from dart_hal.experiment.rehearsal import rehearse
+    from dart_lab.identify.experiment.make import make_plan
+    from dart_lab.identify.experiment.rehearsal import rehearse
 
     try:
         _, drive = rehearse(make_plan(name, files, floor, None), files)

@@ -19,7 +19,7 @@ import numpy as np
 
 from dart_hal.core.config import ModelFile
 from dart_hal.core.types import FloatArray
-from dart_hal.experiment.floor import Floor
+from dart_lab.identify.experiment.floor import Floor
 
 from ..evidence.space import Space, Timing
 from ..parameters.groups import quantities_of
