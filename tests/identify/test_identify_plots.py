@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from dart_hal.car.runs import read_any
-from dart_hal.paper import fit_as_paper
-from dart_hal.paper.evidence import evidence_as_paper
 from dart_hal.vehicle import PAPER, make_friction
+from dart_lab.identify.paper import fit_as_paper
+from dart_lab.identify.paper.evidence import evidence_as_paper
 from dart_lab.identify.plots import (
     completed,
     draw,

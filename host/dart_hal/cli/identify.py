@@ -92,7 +92,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     outcome: Identification
     data: Any
     if root is not None:
-        from dart_hal.paper import as_paper
+        from dart_lab.identify.paper import as_paper
 
         outcome, data = as_paper(root, names, typed)
     elif joint:
@@ -196,7 +196,7 @@ def _base(base: str | None, target: Path | None, files: Sequence[Path]
 def _drawn(outcome: Identification, data: Any, reference: Reference | None, base: Vehicle
            ) -> tuple[dict[str, Any], dict[str, str]]:
     """Pictures by name, and why there is none of the other sub-models."""
-    from dart_hal.paper.evidence import evidence_as_paper
+    from dart_lab.identify.paper.evidence import evidence_as_paper
     from dart_lab.identify.plots import completed, evidence_of, figures, missing
 
     fits = completed(outcome.fits, base)
