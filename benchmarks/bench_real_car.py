@@ -42,11 +42,11 @@ from dart_hal.car.runs import read_any
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import FloatArray
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.error_summaries import Ratio, geometric_mean
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.error_summaries import Ratio, geometric_mean
 from dart_lab.identify.evaluate.cases import prepare, short
 from dart_lab.identify.evaluate.prediction import CHANNELS, UNITS
 

@@ -24,10 +24,10 @@ from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.pursuit import PurePursuit
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.types import Pose
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.inputs import checked
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.inputs import checked
 from dart_lab.identify.experiment.floor import Floor
 from dart_lab.identify.experiment.make import conduct, make_plan
 from dart_lab.sim.light import LightCar

@@ -134,7 +134,7 @@ def test_import_dart_hal_is_light():
 def test_what_runs_on_the_car_loads_no_plotting_no_fitting_no_servokit(statement):
     got = loaded(statement)
     assert not {"scipy", "matplotlib", "adafruit_servokit", "board", "busio", "pandas"} & got
-    assert not {"dart_lab.sim", "dart_hal.cli", "dart_hal.diagnose"} & got
+    assert not {"dart_lab.sim", "dart_hal.cli", "dart_lab.diagnose"} & got
 
 
 @pytest.mark.more

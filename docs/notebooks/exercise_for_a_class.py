@@ -15,10 +15,10 @@ import numpy as np
 
 from dart_hal import Car, Fleet
 from dart_hal.car.runs import read_run
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.inputs import checked
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.inputs import checked
 from dart_lab.identify.experiment.floor import Floor
 from dart_lab.identify.experiment.make import conduct, make_plan
 

@@ -23,12 +23,12 @@ from dart_hal.control.plant import plant_of
 from dart_hal.control.pursuit import PurePursuit
 from dart_hal.control.tracks import track_named
 from dart_hal.core.config import save_model
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.inputs import checked
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import Delay
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.inputs import checked
 from dart_lab.identify.experiment.floor import Floor
 from dart_lab.identify.experiment.make import conduct, make_plan
 

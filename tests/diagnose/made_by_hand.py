@@ -11,11 +11,13 @@ import hidden_drive
 import numpy as np
 from known_frame import read
 
-from dart_hal.diagnose.evidence.drive import prepare
-from dart_hal.diagnose.evidence.residuals import Evidence
-from dart_hal.diagnose.gains import Side
-from dart_hal.diagnose.paths import find_paths
-from dart_hal.diagnose.result import (
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply, catalogue
+from dart_lab.diagnose.evidence.drive import prepare
+from dart_lab.diagnose.evidence.residuals import Evidence
+from dart_lab.diagnose.gains import Side
+from dart_lab.diagnose.paths import find_paths
+from dart_lab.diagnose.result import (
     Cause,
     Considered,
     Constancy,
@@ -26,8 +28,6 @@ from dart_hal.diagnose.result import (
     Stage,
     Unexplained,
 )
-from dart_hal.vehicle import PAPER
-from dart_hal.vehicle.effects import apply, catalogue
 from dart_lab.identify.evaluate import evaluate
 from dart_lab.identify.evaluate import prepare as prepare_cases
 

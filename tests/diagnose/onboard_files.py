@@ -8,10 +8,10 @@ import hidden_drive
 import numpy as np
 from known_frame import read
 
-from dart_hal.diagnose.evidence.onboard import OnboardEvidence
-from dart_hal.diagnose.evidence.onboard_drive import sessions
 from dart_hal.recording.dart import Messages, Recording
 from dart_hal.vehicle import PAPER
+from dart_lab.diagnose.evidence.onboard import OnboardEvidence
+from dart_lab.diagnose.evidence.onboard_drive import sessions
 
 SENSORS = 10  # columns
 

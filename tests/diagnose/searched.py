@@ -12,14 +12,14 @@ from stranger import Car
 from stranger_causes import hide
 from stranger_files import Habits, record
 
-from dart_hal.diagnose.evidence.noise import measure
-from dart_hal.diagnose.evidence.space import Space, Timing
-from dart_hal.diagnose.gains import side_of
-from dart_hal.diagnose.run import evidence_of
-from dart_hal.diagnose.search.fit import refit
-from dart_hal.diagnose.search.forward import Search
-from dart_hal.diagnose.search.selection import Settings
 from dart_hal.vehicle import PAPER
+from dart_lab.diagnose.evidence.noise import measure
+from dart_lab.diagnose.evidence.space import Space, Timing
+from dart_lab.diagnose.gains import side_of
+from dart_lab.diagnose.run import evidence_of
+from dart_lab.diagnose.search.fit import refit
+from dart_lab.diagnose.search.forward import Search
+from dart_lab.diagnose.search.selection import Settings
 from dart_lab.identify.shooting.fit import FREE, free_names
 
 USUAL = Habits()

@@ -6,11 +6,11 @@ import hidden_drive
 import numpy as np
 from known_frame import read
 
-from dart_hal.diagnose.evidence.drive import prepare
-from dart_hal.diagnose.evidence.noise import measure
-from dart_hal.diagnose.evidence.residuals import Evidence
-from dart_hal.diagnose.evidence.space import Timing
 from dart_hal.vehicle import PAPER
+from dart_lab.diagnose.evidence.drive import prepare
+from dart_lab.diagnose.evidence.noise import measure
+from dart_lab.diagnose.evidence.residuals import Evidence
+from dart_lab.diagnose.evidence.space import Timing
 
 STEP = 0.002  # s
 MASS, INERTIA = PAPER.body.mass, PAPER.body.yaw_inertia

@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 from searched import drive, evidence
 
-from dart_hal.diagnose.alternatives import (
+from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import apply
+from dart_hal.vehicle.flat import value
+from dart_lab.diagnose.alternatives import (
     MAX_ALTERNATIVES,
     Exchange,
     include_alternatives,
     list_exchanges,
 )
-from dart_hal.diagnose.evidence.space import Timing
-from dart_hal.diagnose.final_fit import FinalFit
-from dart_hal.diagnose.policy import USUAL
-from dart_hal.diagnose.search.fit import covariance
-from dart_hal.diagnose.search.forward import Search
-from dart_hal.diagnose.search.selection import Settings, rows_at
-from dart_hal.vehicle import PAPER
-from dart_hal.vehicle.effects import apply
-from dart_hal.vehicle.flat import value
+from dart_lab.diagnose.evidence.space import Timing
+from dart_lab.diagnose.final_fit import FinalFit
+from dart_lab.diagnose.policy import USUAL
+from dart_lab.diagnose.search.fit import covariance
+from dart_lab.diagnose.search.forward import Search
+from dart_lab.diagnose.search.selection import Settings, rows_at
 
 FREE = ("tyres.front_D", "tyres.rear_cornering_stiffness")
 

@@ -11,28 +11,28 @@ import pytest
 from hidden_drive import Plan, write
 from known_frame import read
 
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.conclude import _verdict
-from dart_hal.diagnose.evidence.drive import prepare
-from dart_hal.diagnose.evidence.noise import Noise, measure
-from dart_hal.diagnose.evidence.residuals import Evidence, Residuals
-from dart_hal.diagnose.evidence.space import Timing
-from dart_hal.diagnose.inputs import checked
-from dart_hal.diagnose.parameters.claims import _costly, _together
-from dart_hal.diagnose.parameters.cost import cost, ratio
-from dart_hal.diagnose.parameters.groups import GROUPS, holding_throttle, quantities_of
-from dart_hal.diagnose.parameters.sets import Posterior, Sets
-from dart_hal.diagnose.parameters.unseen import Unseen
-from dart_hal.diagnose.policy import USUAL
-from dart_hal.diagnose.report.claimed import PICTURES, _measured, pictures
-from dart_hal.diagnose.report.explain import describe_claim
-from dart_hal.diagnose.report.page import page
-from dart_hal.diagnose.result import Change, Claim, Constancy
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.flat import names
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.motor import make_motor
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.conclude import _verdict
+from dart_lab.diagnose.evidence.drive import prepare
+from dart_lab.diagnose.evidence.noise import Noise, measure
+from dart_lab.diagnose.evidence.residuals import Evidence, Residuals
+from dart_lab.diagnose.evidence.space import Timing
+from dart_lab.diagnose.inputs import checked
+from dart_lab.diagnose.parameters.claims import _costly, _together
+from dart_lab.diagnose.parameters.cost import cost, ratio
+from dart_lab.diagnose.parameters.groups import GROUPS, holding_throttle, quantities_of
+from dart_lab.diagnose.parameters.sets import Posterior, Sets
+from dart_lab.diagnose.parameters.unseen import Unseen
+from dart_lab.diagnose.policy import USUAL
+from dart_lab.diagnose.report.claimed import PICTURES, _measured, pictures
+from dart_lab.diagnose.report.explain import describe_claim
+from dart_lab.diagnose.report.page import page
+from dart_lab.diagnose.result import Change, Claim, Constancy
 
 SECONDS = 60.0
 

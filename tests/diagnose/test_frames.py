@@ -7,15 +7,15 @@ from dataclasses import replace
 import pytest
 from searched import drive
 
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.evidence.space import Space
-from dart_hal.diagnose.frames import describe_frame, find_frame_errors, free_frame
-from dart_hal.diagnose.write import extended_model
 from dart_hal.recording.dart import Reference
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.evidence.space import Space
+from dart_lab.diagnose.frames import describe_frame, find_frame_errors, free_frame
+from dart_lab.diagnose.write import extended_model
 
 STD = (0.0020, 0.0020, 0.0020)
 OFF = 0.004

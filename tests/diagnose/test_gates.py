@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.diagnose.gates import (
+from dart_hal.vehicle.effects import catalogue
+from dart_lab.diagnose.gates import (
     GATES,
     STAGES,
     Candidate,
@@ -12,8 +13,7 @@ from dart_hal.diagnose.gates import (
     find_failed,
     relative_size,
 )
-from dart_hal.diagnose.policy import USUAL
-from dart_hal.vehicle.effects import catalogue
+from dart_lab.diagnose.policy import USUAL
 
 FAILING = {
     "significance": Candidate(gain=9.0, threshold=10.0),

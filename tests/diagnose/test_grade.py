@@ -11,21 +11,21 @@ from hidden_drive import Plan, write
 from known_frame import read
 from searched import drive
 
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.evidence.drive import prepare
-from dart_hal.diagnose.evidence.noise import measure
-from dart_hal.diagnose.evidence.residuals import Evidence
-from dart_hal.diagnose.evidence.space import Space, Timing
-from dart_hal.diagnose.grade import accept
-from dart_hal.diagnose.grade.accept import accept_effects, impossible_size
-from dart_hal.diagnose.grade.bag import Problem, probability, sizes
-from dart_hal.diagnose.grade.constancy import constancy
-from dart_hal.diagnose.grade.secants import secants
-from dart_hal.diagnose.policy import USUAL
-from dart_hal.diagnose.search.fit import refit
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.evidence.drive import prepare
+from dart_lab.diagnose.evidence.noise import measure
+from dart_lab.diagnose.evidence.residuals import Evidence
+from dart_lab.diagnose.evidence.space import Space, Timing
+from dart_lab.diagnose.grade import accept
+from dart_lab.diagnose.grade.accept import accept_effects, impossible_size
+from dart_lab.diagnose.grade.bag import Problem, probability, sizes
+from dart_lab.diagnose.grade.constancy import constancy
+from dart_lab.diagnose.grade.secants import secants
+from dart_lab.diagnose.policy import USUAL
+from dart_lab.diagnose.search.fit import refit
 from dart_lab.report.numbers import larger
 
 UNITS, ROWS, DRAWS = 16, 40, 400

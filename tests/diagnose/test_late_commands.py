@@ -17,19 +17,19 @@ from stranger import Car
 from stranger_files import COMMANDS, Habits, record
 
 from dart_hal.cli.diagnose_table import show
-from dart_hal.diagnose import conclude as conclusion
-from dart_hal.diagnose.error_summaries import LateCommands, Moment
-from dart_hal.diagnose.evidence.space import Timing
-from dart_hal.diagnose.gains import side_of
-from dart_hal.diagnose.late_commands import MIN_GAIN, compare_ages, find_late_commands
-from dart_hal.diagnose.policy import USUAL
-from dart_hal.diagnose.report import page
-from dart_hal.diagnose.report.summary import headline
-from dart_hal.diagnose.run import evidence_of
-from dart_hal.diagnose.search.forward import Search
-from dart_hal.diagnose.search.selection import Settings
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
+from dart_lab.diagnose import conclude as conclusion
+from dart_lab.diagnose.error_summaries import LateCommands, Moment
+from dart_lab.diagnose.evidence.space import Timing
+from dart_lab.diagnose.gains import side_of
+from dart_lab.diagnose.late_commands import MIN_GAIN, compare_ages, find_late_commands
+from dart_lab.diagnose.policy import USUAL
+from dart_lab.diagnose.report import page
+from dart_lab.diagnose.report.summary import headline
+from dart_lab.diagnose.run import evidence_of
+from dart_lab.diagnose.search.forward import Search
+from dart_lab.diagnose.search.selection import Settings
 from dart_lab.identify.shooting.fit import FREE, free_names
 
 AGES = np.linspace(-0.11, 0.11, 45)

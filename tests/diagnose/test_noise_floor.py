@@ -12,18 +12,18 @@ from events import add_gusts
 from searched import fitted_side
 
 from dart_hal.cli.diagnose_table import show
-from dart_hal.diagnose import conclude as conclusion
-from dart_hal.diagnose.error_summaries import Excess, find_excesses
-from dart_hal.diagnose.evidence.space import Timing
-from dart_hal.diagnose.noise_floor import (
+from dart_hal.vehicle import PAPER
+from dart_lab.diagnose import conclude as conclusion
+from dart_lab.diagnose.error_summaries import Excess, find_excesses
+from dart_lab.diagnose.evidence.space import Timing
+from dart_lab.diagnose.noise_floor import (
     estimate_noise_floor,
     floor_of_errors,
     possible_ages,
 )
-from dart_hal.diagnose.policy import USUAL
-from dart_hal.diagnose.report import page
-from dart_hal.diagnose.report.summary import headline
-from dart_hal.vehicle import PAPER
+from dart_lab.diagnose.policy import USUAL
+from dart_lab.diagnose.report import page
+from dart_lab.diagnose.report.summary import headline
 from dart_lab.identify.evaluate.prediction import CHANNELS
 
 WINDOWS = 400

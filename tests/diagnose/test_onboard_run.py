@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from dart_hal.car.runs import read_run
-from dart_hal.diagnose.evidence.noise import measure
-from dart_hal.diagnose.evidence.onboard import OnboardEvidence
-from dart_hal.diagnose.evidence.onboard_drive import counted, sessions
-from dart_hal.diagnose.inputs import checked
-from dart_hal.diagnose.run import diagnose
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose.evidence.noise import measure
+from dart_lab.diagnose.evidence.onboard import OnboardEvidence
+from dart_lab.diagnose.evidence.onboard_drive import counted, sessions
+from dart_lab.diagnose.inputs import checked
+from dart_lab.diagnose.run import diagnose
 from dart_lab.sim.hidden import NOMINAL_VEHICLE
 from dart_lab.sim.servo import HORN_RAD_PER_US, ServoParams
 

@@ -15,14 +15,14 @@ import pytest
 from searched import drive
 
 from dart_hal.cli.diagnose_table import show
-from dart_hal.diagnose import conclude as conclusion
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.gains import _share
-from dart_hal.diagnose.report.explain import describe_cause
-from dart_hal.diagnose.report.page import page
-from dart_hal.diagnose.report.summary import headline
-from dart_hal.diagnose.result import Considered, Possible
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import conclude as conclusion
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.gains import _share
+from dart_lab.diagnose.report.explain import describe_cause
+from dart_lab.diagnose.report.page import page
+from dart_lab.diagnose.report.summary import headline
+from dart_lab.diagnose.result import Considered, Possible
 from dart_lab.report.numbers import percent, significant
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import searched
 
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.evidence.residuals import Evidence
-from dart_hal.diagnose.pace import Pace
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.evidence.residuals import Evidence
+from dart_lab.diagnose.pace import Pace
 
 STANDS = 60  # evaluations of a model, a second of five minutes of driving
 

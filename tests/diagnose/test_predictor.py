@@ -16,15 +16,15 @@ from known_frame import read
 from dart_hal.cli.diagnose_table import show
 from dart_hal.cli.main import main
 from dart_hal.core.errors import UsageError
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.error_summaries import geometric_mean
-from dart_hal.diagnose.report import page
-from dart_hal.diagnose.report.words import predictor
-from dart_hal.diagnose.write import predictor_model, write_predictor
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.error_summaries import geometric_mean
+from dart_lab.diagnose.report import page
+from dart_lab.diagnose.report.words import predictor
+from dart_lab.diagnose.write import predictor_model, write_predictor
 
 SIZE = 2.5
 """N/rad of cornering drag: the car loses .1 m/s more in a second than any refit explains."""

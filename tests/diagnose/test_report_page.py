@@ -13,15 +13,15 @@ import made_by_hand as made
 import pytest
 
 from dart_hal.core.plain_json import plain
-from dart_hal.diagnose.error_summaries import Moment, Outliers
-from dart_hal.diagnose.report import page, write_page
-from dart_hal.diagnose.report.along import Rows
-from dart_hal.diagnose.report.explain import describe_cause
-from dart_hal.diagnose.report.patterns import Pattern
-from dart_hal.diagnose.report.summary import remainder
-from dart_hal.diagnose.report.words import quantity, removes
-from dart_hal.diagnose.result import VERDICTS, Gained, Number, Possible
-from dart_hal.diagnose.suggest.result import Pair, Suggestion
+from dart_lab.diagnose.error_summaries import Moment, Outliers
+from dart_lab.diagnose.report import page, write_page
+from dart_lab.diagnose.report.along import Rows
+from dart_lab.diagnose.report.explain import describe_cause
+from dart_lab.diagnose.report.patterns import Pattern
+from dart_lab.diagnose.report.summary import remainder
+from dart_lab.diagnose.report.words import quantity, removes
+from dart_lab.diagnose.result import VERDICTS, Gained, Number, Possible
+from dart_lab.diagnose.suggest.result import Pair, Suggestion
 from dart_lab.report.numbers import percent, significant
 from pages import foreign, shown
 

@@ -9,17 +9,17 @@ import made_by_hand as made
 import numpy as np
 import pytest
 
-from dart_hal.diagnose.error_summaries import LateCommands
-from dart_hal.diagnose.report import page
-from dart_hal.diagnose.report.along import Rows, means_along
-from dart_hal.diagnose.report.data_problems import NOT_FITTED, data_problems, valid_sizes
-from dart_hal.diagnose.report.explain import describe_cause, describe_claim, heading, is_small
-from dart_hal.diagnose.report.patterns import STEPS, Pattern, next_step
-from dart_hal.diagnose.report.summary import headline, median_warnings, summary_lines, tone
-from dart_hal.diagnose.report.words import change, signed_title
-from dart_hal.diagnose.result import Change, Claim, Number, Unexplained
-from dart_hal.diagnose.unexplained.features import UNITS
 from dart_hal.vehicle.effects import catalogue
+from dart_lab.diagnose.error_summaries import LateCommands
+from dart_lab.diagnose.report import page
+from dart_lab.diagnose.report.along import Rows, means_along
+from dart_lab.diagnose.report.data_problems import NOT_FITTED, data_problems, valid_sizes
+from dart_lab.diagnose.report.explain import describe_cause, describe_claim, heading, is_small
+from dart_lab.diagnose.report.patterns import STEPS, Pattern, next_step
+from dart_lab.diagnose.report.summary import headline, median_warnings, summary_lines, tone
+from dart_lab.diagnose.report.words import change, signed_title
+from dart_lab.diagnose.result import Change, Claim, Number, Unexplained
+from dart_lab.diagnose.unexplained.features import UNITS
 from dart_lab.report.numbers import larger, significant
 
 DEAD = "encoder dead: always 0 while the mocap shows the car driving"

@@ -34,15 +34,15 @@ from dart_hal.cli.calibrate_all import write
 from dart_hal.cli.demo_diagnosis import FRAME_WAIT, SERVO_S
 from dart_hal.core.config import ModelFile, save_model
 from dart_hal.core.process.jobs import each
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.inputs import checked
-from dart_hal.diagnose.result import Diagnosis
-from dart_hal.diagnose.write import extended_model
 from dart_hal.links.base import open_backend
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.inputs import checked
+from dart_lab.diagnose.result import Diagnosis
+from dart_lab.diagnose.write import extended_model
 from dart_lab.identify.measured import MEASURED, named_model
 
 SILENT = ("nothing_wrong", "parameters_only")

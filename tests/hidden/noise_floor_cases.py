@@ -33,7 +33,7 @@ from stranger import Car
 from stranger_files import COMMANDS, Habits, pair
 
 from dart_hal.core.process.jobs import each
-from dart_hal.diagnose.error_summaries import MAX_OVER_FLOOR
+from dart_lab.diagnose.error_summaries import MAX_OVER_FLOOR
 from dart_lab.identify.evaluate.prediction import CHANNELS
 
 SECONDS = (60.0, 40.0)

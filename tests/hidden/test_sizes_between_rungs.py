@@ -7,16 +7,16 @@ import pytest
 from hidden_drive import Plan, write
 from known_frame import read
 
-from dart_hal.diagnose.evidence.drive import prepare
-from dart_hal.diagnose.evidence.noise import measure
-from dart_hal.diagnose.evidence.residuals import Evidence
-from dart_hal.diagnose.evidence.space import Space, Timing
-from dart_hal.diagnose.policy import USUAL, ScanPolicy
-from dart_hal.diagnose.search.fit import refit
-from dart_hal.diagnose.search.scan import Scan
-from dart_hal.diagnose.search.size_search import scanned
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
+from dart_lab.diagnose.evidence.drive import prepare
+from dart_lab.diagnose.evidence.noise import measure
+from dart_lab.diagnose.evidence.residuals import Evidence
+from dart_lab.diagnose.evidence.space import Space, Timing
+from dart_lab.diagnose.policy import USUAL, ScanPolicy
+from dart_lab.diagnose.search.fit import refit
+from dart_lab.diagnose.search.scan import Scan
+from dart_lab.diagnose.search.size_search import scanned
 
 SHARE = 0.85  # of what the true size gains
 FEW = 4.0  # of loss: two standard deviations of one number

@@ -6,9 +6,9 @@ import pytest
 from campaign import run
 from campaign_cases import cases
 
-from dart_hal.diagnose import conclude
-from dart_hal.diagnose.evidence import ages, space
-from dart_hal.diagnose.search import forward as search
+from dart_lab.diagnose import conclude
+from dart_lab.diagnose.evidence import ages, space
+from dart_lab.diagnose.search import forward as search
 
 
 @pytest.fixture(scope="module")

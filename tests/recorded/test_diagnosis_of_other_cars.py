@@ -7,10 +7,10 @@ import gzip
 import pytest
 from tests.recorded.test_sizes_in_recorded_data import other_laboratory
 
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.result import VERDICTS
 from dart_hal.recording.dart import read, with_marker_frames
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.result import VERDICTS
 
 
 @pytest.mark.more

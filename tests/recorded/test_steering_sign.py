@@ -7,11 +7,11 @@ import pytest
 from simulated_recording import simulated, table_of, write_table
 
 from dart_hal.core.errors import OtherCar
-from dart_hal.diagnose.inputs import checked
 from dart_hal.recording.check import check
 from dart_hal.recording.dart import read, with_marker_frames
 from dart_hal.recording.dart.steering_sign import follow
 from dart_hal.vehicle.sets import PAPER
+from dart_lab.diagnose.inputs import checked
 
 
 @pytest.mark.parametrize("schema", ["A", "B", "C"])

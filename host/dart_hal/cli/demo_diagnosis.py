@@ -23,16 +23,16 @@ from dart_hal.cli.session import with_progress
 from dart_hal.core.config import save_model
 from dart_hal.core.process import jobs
 from dart_hal.core.url import Url
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.inputs import checked
-from dart_hal.diagnose.report import write_page
-from dart_hal.diagnose.report.words import quantity
-from dart_hal.diagnose.result import Diagnosis, Number
-from dart_hal.diagnose.write import extended_model
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, parse
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.inputs import checked
+from dart_lab.diagnose.report import write_page
+from dart_lab.diagnose.report.words import quantity
+from dart_lab.diagnose.result import Diagnosis, Number
+from dart_lab.diagnose.write import extended_model
 
 MISSING: Mapping[str, tuple[float, float, bool]] = {
     "steering_backlash": (0.05, 0.08, False), "throttle_lag": (0.08, 0.16, False),

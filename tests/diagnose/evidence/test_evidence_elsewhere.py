@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import searched
 
-from dart_hal.diagnose.evidence import residuals
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
+from dart_lab.diagnose.evidence import residuals
 
 
 @pytest.fixture(autouse=True)

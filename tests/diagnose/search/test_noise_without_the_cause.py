@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 from searched import drive, evidence, search, size_of
 
-from dart_hal.diagnose import conclude, diagnose
-from dart_hal.diagnose.policy import USUAL
-from dart_hal.diagnose.search.fit import covariance
-from dart_hal.diagnose.search.forward import Search
-from dart_hal.diagnose.search.selection import Settings, rows_at
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import conclude, diagnose
+from dart_lab.diagnose.policy import USUAL
+from dart_lab.diagnose.search.fit import covariance
+from dart_lab.diagnose.search.forward import Search
+from dart_lab.diagnose.search.selection import Settings, rows_at
 
 SIGMA = 2.6
 """Standard errors within which a size lies with 99 % probability."""

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import searched
 
-from dart_hal.diagnose.evidence.space import Timing
-from dart_hal.diagnose.search.fit import at, refit
+from dart_lab.diagnose.evidence.space import Timing
+from dart_lab.diagnose.search.fit import at, refit
 
 
 @pytest.mark.more

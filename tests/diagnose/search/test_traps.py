@@ -21,16 +21,16 @@ from searched import (
 )
 from stranger_files import COMMANDS, Habits, record
 
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.evidence import drive as prepared
-from dart_hal.diagnose.policy import ScanPolicy
-from dart_hal.diagnose.run import standard_errors
-from dart_hal.diagnose.search import forward as searching
-from dart_hal.diagnose.search import scan as scanning
-from dart_hal.diagnose.search.scan import scan
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.evidence import drive as prepared
+from dart_lab.diagnose.policy import ScanPolicy
+from dart_lab.diagnose.run import standard_errors
+from dart_lab.diagnose.search import forward as searching
+from dart_lab.diagnose.search import scan as scanning
+from dart_lab.diagnose.search.scan import scan
 from dart_lab.identify.shooting.fit import FREE, free_names
 
 INERT = ("mass", "yaw_inertia")

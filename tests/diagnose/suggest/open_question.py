@@ -13,15 +13,15 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "hidden"))
 from hidden_drive import Plan, write
 from known_frame import read
 
-from dart_hal.diagnose.evidence.noise import measure
-from dart_hal.diagnose.evidence.space import Space, Timing
-from dart_hal.diagnose.result import Cause, Constancy, Diagnosis, Gained, Moved, Number, Stage
-from dart_hal.diagnose.run import evidence_of
-from dart_hal.diagnose.search.fit import refit
-from dart_hal.diagnose.search.scan import Scan
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.flat import value
+from dart_lab.diagnose.evidence.noise import measure
+from dart_lab.diagnose.evidence.space import Space, Timing
+from dart_lab.diagnose.result import Cause, Constancy, Diagnosis, Gained, Moved, Number, Stage
+from dart_lab.diagnose.run import evidence_of
+from dart_lab.diagnose.search.fit import refit
+from dart_lab.diagnose.search.scan import Scan
 from dart_lab.identify.experiment.floor import Floor
 
 N = 3000  # samples of 0.01 s

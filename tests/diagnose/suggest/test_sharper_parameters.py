@@ -9,11 +9,11 @@ import pytest
 from hidden_drive import Plan, write
 from known_frame import read
 
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.suggest import sharpen
-from dart_hal.diagnose.suggest.library import CHOICES, rehearsed
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.suggest import sharpen
+from dart_lab.diagnose.suggest.library import CHOICES, rehearsed
 from dart_lab.identify.experiment.floor import Floor
 
 WRONG = replace(PAPER, motor=replace(PAPER.motor, d=1.15 * PAPER.motor.d),

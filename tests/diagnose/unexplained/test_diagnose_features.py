@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.diagnose.evidence.drive import Drive
-from dart_hal.diagnose.evidence.residuals import Evidence
-from dart_hal.diagnose.unexplained.features import UNITS, message_features, window_features
 from dart_hal.recording.dart import Grid, Messages, Recording, Reference
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.steering import make_steering
+from dart_lab.diagnose.evidence.drive import Drive
+from dart_lab.diagnose.evidence.residuals import Evidence
+from dart_lab.diagnose.unexplained.features import UNITS, message_features, window_features
 
 SPEED, RADIUS, N = 0.8, 2.0, 2000
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from onboard_files import evidence, recorded
 
-from dart_hal.diagnose.evidence.onboard_drive import MESSAGES_AHEAD
-from dart_hal.diagnose.policy import USUAL
-from dart_hal.diagnose.unexplained.driven import undriven
-from dart_hal.diagnose.unexplained.features import window_features
 from dart_hal.vehicle import PAPER
+from dart_lab.diagnose.evidence.onboard_drive import MESSAGES_AHEAD
+from dart_lab.diagnose.policy import USUAL
+from dart_lab.diagnose.unexplained.driven import undriven
+from dart_lab.diagnose.unexplained.features import window_features
 
 GYRO = slice(1, None, 2)
 

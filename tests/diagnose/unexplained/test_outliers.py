@@ -12,16 +12,16 @@ from known_frame import read
 from stranger import Car
 from stranger_files import COMMANDS, Habits, record
 
-from dart_hal.diagnose import diagnose
-from dart_hal.diagnose.evidence.space import Timing
-from dart_hal.diagnose.policy import USUAL
-from dart_hal.diagnose.report import page
-from dart_hal.diagnose.run import evidence_of
-from dart_hal.diagnose.search.forward import Search
-from dart_hal.diagnose.search.selection import Settings
-from dart_hal.diagnose.unexplained.outliers import find_outliers
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
+from dart_lab.diagnose import diagnose
+from dart_lab.diagnose.evidence.space import Timing
+from dart_lab.diagnose.policy import USUAL
+from dart_lab.diagnose.report import page
+from dart_lab.diagnose.run import evidence_of
+from dart_lab.diagnose.search.forward import Search
+from dart_lab.diagnose.search.selection import Settings
+from dart_lab.diagnose.unexplained.outliers import find_outliers
 from dart_lab.identify.shooting.fit import FREE, free_names
 
 STYLES = ("steps", "waves", "prbs", "gentle", "ramps", "laps")

@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from dart_hal.diagnose.result import Cause, Diagnosis
 from dart_hal.vehicle.effects import catalogue
+from dart_lab.diagnose.result import Cause, Diagnosis
 from dart_lab.identify.evaluate import CHANNELS as PREDICTED
 from dart_lab.report.numbers import listed, significant
 

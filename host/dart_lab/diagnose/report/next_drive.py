@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dart_hal.diagnose.suggest.result import ENOUGH, Suggestion
-from dart_hal.diagnose.suggest.sharpen import Sharper
+from dart_lab.diagnose.suggest.result import ENOUGH, Suggestion
+from dart_lab.diagnose.suggest.sharpen import Sharper
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import percent, significant
 from dart_lab.report.page import card, items

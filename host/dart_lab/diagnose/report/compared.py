@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.diagnose.evidence.residuals import Evidence
-from dart_hal.diagnose.result import Diagnosis, Stage, added
+from dart_lab.diagnose.evidence.residuals import Evidence
+from dart_lab.diagnose.result import Diagnosis, Stage, added
 from dart_lab.identify.evaluate import CHANNELS as PREDICTED
 
 from .words import pooled

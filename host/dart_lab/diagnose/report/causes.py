@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from dart_hal.diagnose.result import Cause, Claim, Constancy, Diagnosis
-from dart_hal.diagnose.unexplained.features import UNITS
 from dart_hal.vehicle.effects import catalogue, equation
+from dart_lab.diagnose.result import Cause, Claim, Constancy, Diagnosis
+from dart_lab.diagnose.unexplained.features import UNITS
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import larger, p_value, percent, significant

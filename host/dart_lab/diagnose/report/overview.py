@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dart_hal.diagnose.error_summaries import PathWindow
-from dart_hal.diagnose.paths import MEASURED
-from dart_hal.diagnose.result import Diagnosis
+from dart_lab.diagnose.error_summaries import PathWindow
+from dart_lab.diagnose.paths import MEASURED
+from dart_lab.diagnose.result import Diagnosis
 from dart_lab.identify.evaluate import CHANNELS as PREDICTED
 from dart_lab.identify.evaluate.cases import short
 from dart_lab.report import charts, page, svg

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from dart_hal import __version__
-from dart_hal.diagnose.result import Diagnosis
-from dart_hal.diagnose.suggest.result import Suggestion
-from dart_hal.diagnose.suggest.sharpen import Sharper
+from dart_lab.diagnose.result import Diagnosis
+from dart_lab.diagnose.suggest.result import Suggestion
+from dart_lab.diagnose.suggest.sharpen import Sharper
 from dart_lab.report import page as builder
 from dart_lab.report.html import Html, join
 

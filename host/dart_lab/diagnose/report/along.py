@@ -15,20 +15,20 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.diagnose.evidence.drive import READ_OUTS
-from dart_hal.diagnose.evidence.onboard import MOTION as ONBOARD
-from dart_hal.diagnose.evidence.onboard import OnboardEvidence
-from dart_hal.diagnose.evidence.onboard_drive import ENCODER_SPAN, MESSAGES_AHEAD
-from dart_hal.diagnose.evidence.readings import SENSORS
-from dart_hal.diagnose.evidence.residuals import MOTION, Evidence, Residuals
-from dart_hal.diagnose.result import Stage
-from dart_hal.diagnose.unexplained.features import (
+from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.diagnose.evidence.drive import READ_OUTS
+from dart_lab.diagnose.evidence.onboard import MOTION as ONBOARD
+from dart_lab.diagnose.evidence.onboard import OnboardEvidence
+from dart_lab.diagnose.evidence.onboard_drive import ENCODER_SPAN, MESSAGES_AHEAD
+from dart_lab.diagnose.evidence.readings import SENSORS
+from dart_lab.diagnose.evidence.residuals import MOTION, Evidence, Residuals
+from dart_lab.diagnose.result import Stage
+from dart_lab.diagnose.unexplained.features import (
     UNITS,
     Features,
     message_features,
     window_features,
 )
-from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identify.evaluate.cases import short
 
 from .words import CHANNELS

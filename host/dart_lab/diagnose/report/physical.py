@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 
-from dart_hal.diagnose.result import Cause, Number
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.parameters import GRAVITY
+from dart_lab.diagnose.result import Cause, Number
 from dart_lab.report.numbers import significant, with_error
 
 SCALES: Mapping[str, tuple[float, str]] = {

@@ -20,17 +20,17 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.diagnose.evidence.drive import Drive
-from dart_hal.diagnose.evidence.onboard import OnboardEvidence
-from dart_hal.diagnose.evidence.readings import measured
-from dart_hal.diagnose.parameters.groups import holding_throttle
-from dart_hal.diagnose.result import Claim, Diagnosis
 from dart_hal.recording.dart import savgol_derivative
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.tyres import make_slip, make_tyres
+from dart_lab.diagnose.evidence.drive import Drive
+from dart_lab.diagnose.evidence.onboard import OnboardEvidence
+from dart_lab.diagnose.evidence.readings import measured
+from dart_lab.diagnose.parameters.groups import holding_throttle
+from dart_lab.diagnose.result import Claim, Diagnosis
 from dart_lab.identify.predict.actuators import actuated
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html

@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.diagnose.result import Diagnosis, Unexplained
-from dart_hal.diagnose.unexplained.features import UNITS
+from dart_lab.diagnose.result import Diagnosis, Unexplained
+from dart_lab.diagnose.unexplained.features import UNITS
 from dart_lab.report.numbers import p_value, percent, significant
 
 from .along import AHEAD_OF_PATTERNS, Along, Column, Means, Rows, along, columns

@@ -6,8 +6,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from dart_hal.diagnose.error_summaries import Excess, LateCommands, Outliers
-from dart_hal.diagnose.result import (
+from dart_hal.vehicle.effects import catalogue
+from dart_lab.diagnose.error_summaries import Excess, LateCommands, Outliers
+from dart_lab.diagnose.result import (
     BestPredictor,
     Cause,
     Change,
@@ -16,7 +17,6 @@ from dart_hal.diagnose.result import (
     Number,
     Possible,
 )
-from dart_hal.vehicle.effects import catalogue
 from dart_lab.report.numbers import larger, listed, percent, significant, with_error
 
 CHANNELS = {

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from dart_hal.diagnose.parameters.groups import MERGED
-from dart_hal.diagnose.result import Cause, Change, Claim, Diagnosis, Moved
+from dart_lab.diagnose.parameters.groups import MERGED
+from dart_lab.diagnose.result import Cause, Change, Claim, Diagnosis, Moved
 from dart_lab.report.numbers import listed, p_value, percent, significant
 
 from .compared import error_change, stages_around

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dart_hal.diagnose.result import Cause, Diagnosis
+from dart_lab.diagnose.result import Cause, Diagnosis
 from dart_lab.identify.evaluate.cases import short
 
 from .words import late_commands

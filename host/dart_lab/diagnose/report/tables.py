@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from dart_hal.diagnose.evidence.onboard import OnboardEvidence
-from dart_hal.diagnose.result import BestPredictor, Considered, Diagnosis, Number
+from dart_lab.diagnose.evidence.onboard import OnboardEvidence
+from dart_lab.diagnose.result import BestPredictor, Considered, Diagnosis, Number
 from dart_lab.identify.evaluate import CHANNELS as PREDICTED
 from dart_lab.identify.evaluate import UNITS
 from dart_lab.identify.evaluate.cases import short
