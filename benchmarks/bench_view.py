@@ -27,7 +27,7 @@ from websockets.sync.client import connect
 
 from dart_hal.car import Car, Fleet
 from dart_hal.fleet.station import Station
-from dart_hal.view.fleet_desk import FleetDesk
+from dart_lab.live.view.fleet_desk import FleetDesk
 
 URL = "sim://?nano=mock&pace=1&lidar=1&map=room"
 SECONDS = 8.0

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import dart_hal
-from dart_hal.view.flash_page import assets
+from dart_lab.live.view.flash_page import assets
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))

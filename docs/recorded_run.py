@@ -12,7 +12,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from dart_hal import Car, view
+from dart_hal import Car
+from dart_lab.live import view
 
 RUN = Path(__file__).parent / "live" / "run.json"
 URL = "sim://?seed=3&nano=mock&lidar=1&map=track"
@@ -50,7 +51,7 @@ def connect(app: Any) -> None:
 def main() -> None:
     """Drive a lap, write the run."""
     from dart_hal.cli.main import cli
-    from dart_hal.view.player import run_of, save
+    from dart_lab.live.view.player import run_of, save
 
     with tempfile.TemporaryDirectory() as folder:
         record = Path(folder) / "lap.mcap"

@@ -64,7 +64,7 @@ def test_package_that_is_not_installed_has_no_requirements(monkeypatch):
 
 
 def test_view_of_a_recording_without_websockets_names_the_command(monkeypatch, capsys, tmp_path):
-    for name in [n for n in sys.modules if n.startswith(("websockets", "dart_hal.view"))]:
+    for name in [n for n in sys.modules if n.startswith(("websockets", "dart_lab.live.view"))]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "websockets", None)
     run = tmp_path / "run.mcap"

@@ -31,7 +31,7 @@ occupied = np.eye(4, dtype=bool)
 write_grid(Grid(occupied, ~occupied, 0.05, np.zeros(2)), Path("map.yaml"))
 assert (read_grid(Path("map.yaml")).occupied == occupied).all()
 save_figure(new_figure(), "figure.png")
-import dart_hal.view.player
+import dart_lab.live.view.player
 print("all good")
 """
 

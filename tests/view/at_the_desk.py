@@ -6,9 +6,9 @@ import json
 
 from dart_hal.car import Car
 from dart_hal.links.base import open_backend
-from dart_hal.view import messages as m
-from dart_hal.view.access import Access
-from dart_hal.view.desk import Desk
+from dart_lab.live.view import messages as m
+from dart_lab.live.view.access import Access
+from dart_lab.live.view.desk import Desk
 from dart_lab.sim.truth import world_of
 
 NEUTRAL_US, NEAR_US = 1500.0, 5.0

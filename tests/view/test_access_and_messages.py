@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.view import access
-from dart_hal.view import messages as m
-from dart_hal.view.access import LOOPBACK, Access
-from dart_hal.view.messages import Malformed, read
-from dart_hal.view.operator import TRIES, Operator, Refused
+from dart_lab.live.view import access
+from dart_lab.live.view import messages as m
+from dart_lab.live.view.access import LOOPBACK, Access
+from dart_lab.live.view.messages import Malformed, read
+from dart_lab.live.view.operator import TRIES, Operator, Refused
 
 
 @pytest.mark.parametrize("message", [m.Stop(), m.Take("x"), m.Drive(0.5, -1.0, 3.25),

@@ -11,7 +11,7 @@ from browser_drive import drives_off
 from sockets import live_page
 
 from dart_hal.car import Car
-from dart_hal.view.player import Player, run_of
+from dart_lab.live.view.player import Player, run_of
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more]
 NEUTRAL = 0.250

@@ -10,7 +10,7 @@ from sockets import live_page
 
 from dart_hal.car import Fleet
 from dart_hal.fleet.station import Station
-from dart_hal.view.fleet_desk import FleetPage
+from dart_lab.live.view.fleet_desk import FleetPage
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.cpu(30)]
 CHOICES = "return [...document.getElementById('channel0').options].map((one) => one.value)"

@@ -15,9 +15,9 @@ from sockets import join, live_page, say, until
 
 from dart_hal.car import Car
 from dart_hal.core.errors import NoImage
-from dart_hal.view import player
-from dart_hal.view.messages import Stop
-from dart_hal.view.player import Player, run_of
+from dart_lab.live.view import player
+from dart_lab.live.view.messages import Stop
+from dart_lab.live.view.player import Player, run_of
 
 URL = "sim://?nano=mock&pace=1&camera=top&map=hall"
 SHOWN = "return [picture.naturalWidth, picture.naturalHeight, picture.complete]"

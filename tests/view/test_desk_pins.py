@@ -9,10 +9,10 @@ from at_the_desk import AtTheDesk
 from junk import Junk
 
 from dart_hal.control.input_age import InputAge
-from dart_hal.view import desk, operator
-from dart_hal.view import messages as m
-from dart_hal.view.messages import Malformed, read
-from dart_hal.view.operator import Operator, Refused
+from dart_lab.live.view import desk, operator
+from dart_lab.live.view import messages as m
+from dart_lab.live.view.messages import Malformed, read
+from dart_lab.live.view.operator import Operator, Refused
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 NEUTRAL = 0.250

@@ -11,7 +11,7 @@ from at_the_desk import AtTheDesk
 
 from dart_hal.car import Car
 from dart_hal.recording.run import RunReader
-from dart_hal.view import messages as m
+from dart_lab.live.view import messages as m
 
 
 @contextmanager

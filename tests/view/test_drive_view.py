@@ -12,8 +12,8 @@ from sockets import join, say, until
 
 from dart_hal.car import Car
 from dart_hal.cli.main import main
-from dart_hal.view import serve
-from dart_hal.view.desk import Desk
+from dart_lab.live.view import serve
+from dart_lab.live.view.desk import Desk
 from dart_lab.sim.truth import world_of
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.cpu(20)]

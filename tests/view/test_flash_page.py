@@ -14,7 +14,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from dart_hal.view.flash_page import TYPES, assets, serve_flash_page
+from dart_lab.live.view.flash_page import TYPES, assets, serve_flash_page
 
 PREBUILT = Path(__file__).parents[2] / "firmware" / "prebuilt" / "dart_nano.hex"
 

@@ -14,9 +14,9 @@ from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.station import Station
 from dart_hal.fleet.stopping import StopRule
 from dart_hal.fleet.transports import open_transport
-from dart_hal.view import messages as m
-from dart_hal.view.fleet_desk import FleetDesk, FleetPage
-from dart_hal.view.operator import Refused
+from dart_lab.live.view import messages as m
+from dart_lab.live.view.fleet_desk import FleetDesk, FleetPage
+from dart_lab.live.view.operator import Refused
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "fleet"))
 from rooms import Pins

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from dart_hal.fleet.station import Station
-from dart_hal.view import messages as m
-from dart_hal.view.fleet_desk import FleetDesk
+from dart_lab.live.view import messages as m
+from dart_lab.live.view.fleet_desk import FleetDesk
 
 ROOM = "udp://239.255.42.97:7451?via=127.0.0.1"
 FOUND, RED, STOPPED = 5.0, 1.0, 0.3

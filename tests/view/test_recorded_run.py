@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.view.rows import FIELDS
+from dart_lab.live.view.rows import FIELDS
 
 DOCS = Path(__file__).parents[2] / "docs"
 sys.path.insert(0, str(DOCS))

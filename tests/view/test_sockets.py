@@ -18,12 +18,12 @@ from junk import Junk
 from sockets import join, live_page, say, until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
-import dart_hal.view
+import dart_lab.live.view
 from dart_hal.core.errors import UsageError
-from dart_hal.view import server
+from dart_lab.live.view import server
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("armed_esc")]
-ROOM = Path(dart_hal.view.__file__).parent
+ROOM = Path(dart_lab.live.view.__file__).parent
 
 
 def fetch(page, path, host=None):

@@ -13,8 +13,8 @@ from sockets import join, live_page
 from dart_hal.car import Fleet
 from dart_hal.core.errors import NotArmed
 from dart_hal.fleet.station import Station
-from dart_hal.view import server
-from dart_hal.view.fleet_desk import FleetPage
+from dart_lab.live.view import server
+from dart_lab.live.view.fleet_desk import FleetPage
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.cpu(60)]
 SAME_PRESS = 0.45

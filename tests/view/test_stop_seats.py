@@ -15,11 +15,11 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.http11 import Request
 
 from dart_hal.fleet.station import Station
-from dart_hal.view import messages as m
-from dart_hal.view import server
-from dart_hal.view.access import Access
-from dart_hal.view.desk import Desk
-from dart_hal.view.fleet_desk import FleetDesk, FleetPage
+from dart_lab.live.view import messages as m
+from dart_lab.live.view import server
+from dart_lab.live.view.access import Access
+from dart_lab.live.view.desk import Desk
+from dart_lab.live.view.fleet_desk import FleetDesk, FleetPage
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("armed_esc")]
 HEADER = {"X-Dart-Stop": "1"}

@@ -11,9 +11,9 @@ from dart_hal.actuation.arming import REFUSALS
 from dart_hal.actuation.trips import TRIPS
 from dart_hal.car import join
 from dart_hal.fleet.station import Station
-from dart_hal.view import messages as m
-from dart_hal.view import words
-from dart_hal.view.words import AT_REST, refusal_words, trip_words
+from dart_lab.live.view import messages as m
+from dart_lab.live.view import words
+from dart_lab.live.view.words import AT_REST, refusal_words, trip_words
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 PROGRAMMERS = re.compile(r"\w\(|\)\.|\b(member|car)\.[a-z]+\b(?!toml)|\[[a-z]+\]|car\.toml|"

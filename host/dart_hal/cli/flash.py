@@ -22,7 +22,7 @@ from dart_hal.core.errors import FlashFailed, PortMissing, UsageError
 from dart_hal.core.text_file import read_text
 from dart_hal.links.image import find_image
 from dart_hal.links.serial_port import holders, is_port
-from dart_hal.view.flash_page import serve_flash_page
+from dart_lab.live.view.flash_page import serve_flash_page
 
 BAUDS = (115_200, 57_600)
 """Optiboot ("new") first, then ATmegaBOOT ("old"): the wrong one fails in seconds."""

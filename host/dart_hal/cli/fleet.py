@@ -150,7 +150,7 @@ def page_command(rooms: tuple[str, ...], room_key: Path | None, lan: bool, port:
     It watches as ``fleet watch`` does, while the programs of the cars run. Each browser that
     reaches the page may stop the cars, also those of a room with a key.
     """
-    from dart_hal.view.fleet_desk import FleetPage
+    from dart_lab.live.view.fleet_desk import FleetPage
 
     end = time.monotonic() + (duration or float("inf"))
     with ExitStack() as stack:

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import click
 
 from dart_hal.cli.output import console, print_json
-from dart_hal.view.access import PORT
+from dart_lab.live.view.access import PORT
 
 F = TypeVar("F", bound=Callable[..., Any])
 

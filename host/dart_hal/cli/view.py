@@ -84,7 +84,7 @@ def play(run: Path, port: int, lan: bool, duration: float, as_json: bool) -> Non
     """Serve a recording until Ctrl-C, or for ``duration`` s."""
     import time
 
-    from dart_hal.view.player import Player, run_of
+    from dart_lab.live.view.player import Player, run_of
 
     if not run.is_file():
         raise UsageError(f"there is no recording {run}", expected="an MCAP file of this project",

@@ -12,10 +12,10 @@ from dart_hal.cli import drive as verb
 from dart_hal.control.gamepad import EVENT, FULL, Gamepad, Layout, Manual
 from dart_hal.control.keyboard import Keyboard
 from dart_hal.core.types import State
-from dart_hal.view import messages
-from dart_hal.view.access import Access
-from dart_hal.view.desk import Desk
-from dart_hal.view.operator import Refused
+from dart_lab.live.view import messages
+from dart_lab.live.view.access import Access
+from dart_lab.live.view.desk import Desk
+from dart_lab.live.view.operator import Refused
 from fault_table.bench import Bench
 from fault_table.drive import Drive
 from fault_table.row import Measured, Row, case

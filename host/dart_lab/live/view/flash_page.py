@@ -20,7 +20,7 @@ PAGE, IMAGE = "index.html", "dart_nano.hex"
 
 def assets(image: Path) -> dict[str, bytes]:
     """Name: bytes of each file of the page. image: the Intel hex that it offers."""
-    room = files("dart_hal.view") / "flash"
+    room = files("dart_lab.live.view") / "flash"
     found = {place.name: place.read_bytes() for place in room.iterdir()
              if place.name.rpartition(".")[2] in TYPES}
     return found | {IMAGE: image.read_bytes()}

@@ -22,12 +22,12 @@ from dart_hal.core.errors import DartHalError, LinkLost, NotArmed
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import Scan, State
 from dart_hal.fleet.peers import OtherPose
-from dart_hal.view import messages as m
-from dart_hal.view.access import Access
-from dart_hal.view.operator import Operator, Refused
-from dart_hal.view.rows import Row, points, row
-from dart_hal.view.told import Lines, begin, not_armed, others_in, status
-from dart_hal.view.words import AT_REST
+from dart_lab.live.view import messages as m
+from dart_lab.live.view.access import Access
+from dart_lab.live.view.operator import Operator, Refused
+from dart_lab.live.view.rows import Row, points, row
+from dart_lab.live.view.told import Lines, begin, not_armed, others_in, status
+from dart_lab.live.view.words import AT_REST
 
 STATUS_EVERY = 0.2
 """s between two messages about mode and health."""

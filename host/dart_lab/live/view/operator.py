@@ -16,7 +16,7 @@ from collections.abc import Hashable
 from dataclasses import dataclass
 
 from dart_hal.control.input_age import MAX_UNCHANGED_S, InputAge
-from dart_hal.view.access import Access
+from dart_lab.live.view.access import Access
 
 HOLD = 0.2
 """s from what the page had heard to the end of its command. With a PWM frame and a pulse, 22 ms,

@@ -8,10 +8,10 @@ from math import inf
 from pathlib import Path
 
 from dart_hal.car import Car
-from dart_hal.view.access import PORT, Access
-from dart_hal.view.desk import Desk, Others
-from dart_hal.view.server import Server, bound
-from dart_hal.view.told import Lines
+from dart_lab.live.view.access import PORT, Access
+from dart_lab.live.view.desk import Desk, Others
+from dart_lab.live.view.server import Server, bound
+from dart_lab.live.view.told import Lines
 
 
 def serve(car: Car, *, port: int = PORT, lan: bool = False, drives: bool = False,

@@ -8,8 +8,8 @@ from typing import Any
 from dart_hal.car import Car
 from dart_hal.core.types import FloatArray, State
 from dart_hal.fleet.peers import OtherPose
-from dart_hal.view.rows import FIELDS
-from dart_hal.view.words import Words, refusal_words, trip_words
+from dart_lab.live.view.rows import FIELDS
+from dart_lab.live.view.words import Words, refusal_words, trip_words
 
 IDLE = ("DISARMED", "TRIPPED", "LOCKED", "FAULT")
 """Modes in which it matters what would keep the car from arming."""

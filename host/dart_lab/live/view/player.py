@@ -13,11 +13,11 @@ import msgspec
 
 from dart_hal.car import Car
 from dart_hal.core.types import Scan
-from dart_hal.view import messages as m
-from dart_hal.view.access import Access
-from dart_hal.view.operator import Refused
-from dart_hal.view.rows import FIELDS, Row, points, row
-from dart_hal.view.server import Server, bound
+from dart_lab.live.view import messages as m
+from dart_lab.live.view.access import Access
+from dart_lab.live.view.operator import Refused
+from dart_lab.live.view.rows import FIELDS, Row, points, row
+from dart_lab.live.view.server import Server, bound
 
 MOST_ROWS = 360_000
 """An hour at 100 Hz, 40 MB of JSON: more is no page."""

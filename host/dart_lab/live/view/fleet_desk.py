@@ -12,10 +12,10 @@ from typing import Any
 import msgspec
 
 from dart_hal.fleet.station import Seen, Station
-from dart_hal.view import messages as m
-from dart_hal.view.access import Access
-from dart_hal.view.operator import Refused
-from dart_hal.view.server import FLEET, Server, bound
+from dart_lab.live.view import messages as m
+from dart_lab.live.view.access import Access
+from dart_lab.live.view.operator import Refused
+from dart_lab.live.view.server import FLEET, Server, bound
 
 DRIVES = 0.03
 """m/s from which an armed car is said to drive; below it the encoder has told nothing yet."""

@@ -29,9 +29,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.http11 import Request, Response
 
 from dart_hal.core.errors import UsageError
-from dart_hal.view.access import Access
-from dart_hal.view.messages import LONGEST, Malformed, Message, Stop, read
-from dart_hal.view.operator import Refused
+from dart_lab.live.view.access import Access
+from dart_lab.live.view.messages import LONGEST, Malformed, Message, Stop, read
+from dart_lab.live.view.operator import Refused
 
 RATE = 30.0
 """Batches a second."""
@@ -75,7 +75,7 @@ SAFE = {"Content-Security-Policy": "default-src 'self'; style-src 'self' 'unsafe
         "Cache-Control": "no-store"}
 
 log = logging.getLogger("dart_hal")
-_socket_log = logging.getLogger("dart_hal.view.sockets")
+_socket_log = logging.getLogger("dart_lab.live.view.sockets")
 _socket_log.setLevel(logging.WARNING)
 _socket_log.addFilter(lambda record: record.msg != "opening handshake failed")
 """At DEBUG the library would log each message that comes, and so the token. That a stranger's
@@ -130,7 +130,7 @@ class Listener(Protocol):
 
 def assets(page: Sequence[str]) -> dict[str, tuple[str, bytes]]:
     """Path of a request: its type and its bytes."""
-    room = files("dart_hal.view")
+    room = files("dart_lab.live.view")
     served = {f"/{name}": room / "page" / name for name in page}
     served |= {f"/vendor/{name}": room / "vendor" / name for name in VENDOR}
     found = {path: (TYPES[path.rpartition(".")[2]], place.read_bytes())
