@@ -8,8 +8,8 @@ from functools import reduce
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from dart_hal.foxglove import LAYOUT
 from dart_hal.recording.run import RunReader, RunWriter
+from dart_lab.live.foxglove import LAYOUT
 
 IMAGES = "/camera/image/compressed"
 """Which ``tests/car/test_images.py`` reads with other tools."""

@@ -16,7 +16,7 @@ from mcap_ros2.decoder import DecoderFactory
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from dart_hal.core.errors import UsageError
-from dart_hal.foxglove.server import BACKLOG, serve
+from dart_lab.live.foxglove.server import BACKLOG, serve
 
 pytestmark = pytest.mark.realtime
 
@@ -112,7 +112,7 @@ def test_fuzzed_messages_are_answered_and_harm_nobody(shown):
 
 @pytest.mark.more
 def test_a_client_that_asks_and_does_not_read_is_let_go(shown, monkeypatch):
-    monkeypatch.setattr("dart_hal.foxglove.server.BACKLOG", 20_000)
+    monkeypatch.setattr("dart_lab.live.foxglove.server.BACKLOG", 20_000)
     one = Stalled(shown.server.port, [])
     with pytest.raises(OSError, match=r"reset|pipe"):
         one.ask(10**6)

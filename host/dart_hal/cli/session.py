@@ -13,11 +13,11 @@ from dart_hal.cli.output import notices, progress_bar
 from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.types import State
 from dart_hal.core.url import Url
-from dart_hal.foxglove import LAYOUT
 from dart_hal.links.base import Backend
 from dart_hal.localisation.field import Map, map_of_grid
 from dart_hal.localisation.grid import read_grid
 from dart_hal.localisation.source import open_source
+from dart_lab.live.foxglove import LAYOUT
 
 
 @contextmanager
@@ -43,7 +43,7 @@ def shown_live(car: Car, wanted: bool, port: int) -> Iterator[None]:
     if not wanted:
         yield
         return
-    from dart_hal.foxglove.server import serve  # asyncio: 15 ms that other verbs need not pay
+    from dart_lab.live.foxglove.server import serve  # asyncio: 15 ms that other verbs need not pay
 
     with serve(car, port=port) as server:
         notices((f"Foxglove: open ws://localhost:{server.port}; layout to import: {LAYOUT}",))

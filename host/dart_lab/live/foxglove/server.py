@@ -17,10 +17,10 @@ from typing import Any, Protocol
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import UsageError
 from dart_hal.core.process.extras import install_command
-from dart_hal.foxglove import protocol
-from dart_hal.foxglove.protocol import Malformed
 from dart_hal.recording.run_file import RunFile
 from dart_hal.recording.schemas import definition
+from dart_lab.live.foxglove import protocol
+from dart_lab.live.foxglove.protocol import Malformed
 
 PORT = 8765
 """Where Foxglove looks by default."""

@@ -1,6 +1,6 @@
 """Foxglove's live protocol: an open car's channels for Foxglove, Lichtblick and the like.
 
-    from dart_hal.foxglove.server import serve
+    from dart_lab.live.foxglove.server import serve
 
     with serve(car):        # ws://localhost:8765
         ...
