@@ -15,10 +15,10 @@ import threading
 import time
 from pathlib import Path
 
-from dart_hal.bridges.bridge import Bridge
-from dart_hal.bridges.ros1 import Ros1
 from dart_hal.car import Car
 from dart_hal.links.base import open_backend
+from dart_lab.live.ros.bridge import Bridge
+from dart_lab.live.ros.ros1 import Ros1
 from dart_lab.sim.truth import world_of
 
 

@@ -8,9 +8,9 @@ from math import nan
 import pytest
 from toy_ros import BridgedCar
 
-from dart_hal.bridges import commands
-from dart_hal.bridges.commands import HOLD, Commands
 from dart_hal.core.errors import Disarmed
+from dart_lab.live.ros import commands
+from dart_lab.live.ros.commands import HOLD, Commands
 
 LAST = 1.2
 """s since it was armed: the last message, or the first bad one."""

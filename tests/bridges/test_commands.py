@@ -7,8 +7,8 @@ from math import inf, nan
 import numpy as np
 import pytest
 
-from dart_hal.bridges.commands import HOLD, Commands, Wanted, steering_angle
 from dart_hal.control.input_age import InputAge
+from dart_lab.live.ros.commands import HOLD, Commands, Wanted, steering_angle
 
 
 @pytest.fixture

@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 from ros_types import classes_of
 
-from dart_hal.bridges.commands import Commands
-from dart_hal.bridges.messages import built
-from dart_hal.bridges.told import Told
 from dart_hal.car import Car
 from dart_hal.recording.run import RunReader
+from dart_lab.live.ros.commands import Commands
+from dart_lab.live.ros.messages import built
+from dart_lab.live.ros.told import Told
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed")
 from cyclonedds.domain import DomainParticipant

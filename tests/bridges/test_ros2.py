@@ -8,12 +8,12 @@ from types import ModuleType, SimpleNamespace
 import pytest
 from ros_types import classes_of
 
-from dart_hal.bridges.messages import external_pose, number, numbers
-from dart_hal.bridges.ros1 import Ros1
-from dart_hal.bridges.ros2 import Ros2
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import ExternalPose
 from dart_hal.recording import cdr
+from dart_lab.live.ros.messages import external_pose, number, numbers
+from dart_lab.live.ros.ros1 import Ros1
+from dart_lab.live.ros.ros2 import Ros2
 
 
 class ToyNode:

@@ -9,11 +9,11 @@ import pytest
 from ros_types import classes_of
 from toy_ros import BridgedCar, ToyRos
 
-from dart_hal.bridges.bridge import Bridge
-from dart_hal.bridges.messages import built, odometry
-from dart_hal.bridges.told import Told
 from dart_hal.car import Car
 from dart_hal.recording import cdr, stamp
+from dart_lab.live.ros.bridge import Bridge
+from dart_lab.live.ros.messages import built, odometry
+from dart_lab.live.ros.told import Told
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import click
 
-from dart_hal.bridges.bridge import Bridge, Middleware
 from dart_hal.cli.options import (
     car_options,
     drive_options,
@@ -20,6 +19,7 @@ from dart_hal.cli.options import (
 from dart_hal.cli.output import console, notices, print_json, results
 from dart_hal.cli.session import in_real_time, opened, paced
 from dart_hal.cli.summary import Summary
+from dart_lab.live.ros.bridge import Bridge, Middleware
 
 
 @click.command("bridge")
@@ -58,7 +58,7 @@ def command(middleware: str, url: str | None, car_name: str, cars: Path | None, 
 def _opened(middleware: str, name: str) -> Middleware:
     """A node of that name; each module is imported for its own middleware alone."""
     if middleware == "ros1":
-        from dart_hal.bridges.ros1 import Ros1
+        from dart_lab.live.ros.ros1 import Ros1
         return Ros1(name)
-    from dart_hal.bridges.ros2 import Ros2
+    from dart_lab.live.ros.ros2 import Ros2
     return Ros2(name)

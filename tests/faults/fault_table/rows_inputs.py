@@ -7,11 +7,11 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from unittest.mock import patch
 
-from dart_hal.bridges.bridge import Bridge
 from dart_hal.cli import drive as verb
 from dart_hal.control.gamepad import EVENT, FULL, Gamepad, Layout, Manual
 from dart_hal.control.keyboard import Keyboard
 from dart_hal.core.types import State
+from dart_lab.live.ros.bridge import Bridge
 from dart_lab.live.view import messages
 from dart_lab.live.view.access import Access
 from dart_lab.live.view.desk import Desk

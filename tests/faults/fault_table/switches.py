@@ -250,4 +250,4 @@ host("key_backlog", "keys that were typed earlier do not drive",
 host("page_hold", "a command of a live page holds 0.2 s, its age taken off",
      "dart_lab.live.view.operator.HOLD", FOREVER)
 host("topic_release", "ROS drives again after a silence only when safety_value was 0",
-     "dart_hal.bridges.commands.Commands._refuse", nothing)
+     "dart_lab.live.ros.commands.Commands._refuse", nothing)

@@ -6,12 +6,12 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
-from dart_hal.bridges import told
-from dart_hal.bridges.commands import Commands
-from dart_hal.bridges.messages import Message
 from dart_hal.car import Car
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import State
+from dart_lab.live.ros import told
+from dart_lab.live.ros.commands import Commands
+from dart_lab.live.ros.messages import Message
 
 SOURCE = "ros"
 VALID_FOR = 0.15

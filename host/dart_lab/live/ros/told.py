@@ -6,7 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from math import nan
 
-from dart_hal.bridges.messages import (
+from dart_hal.core.types import ExternalPose, State
+from dart_lab.live.ros.messages import (
     Message,
     external_pose,
     number,
@@ -14,7 +15,6 @@ from dart_hal.bridges.messages import (
     odometry,
     transform,
 )
-from dart_hal.core.types import ExternalPose, State
 
 HEARD = {"safety_value": "safety", "throttle_{n}": "throttle", "steering_{n}": "steering"}
 """Topic, and the method of ``Commands`` that takes its number; std_msgs/Float32."""

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
-from dart_hal.bridges.messages import TIME, Message, built
 from dart_hal.core.errors import UsageError
+from dart_lab.live.ros.messages import TIME, Message, built
 
 QUEUE = 10
 """Messages that wait for a slow reader, 0.1 s; then the oldest go."""

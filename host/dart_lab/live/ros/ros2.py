@@ -6,9 +6,9 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-from dart_hal.bridges.messages import Message, built
-from dart_hal.bridges.ros1 import QUEUE, class_of
 from dart_hal.core.errors import UsageError
+from dart_lab.live.ros.messages import Message, built
+from dart_lab.live.ros.ros1 import QUEUE, class_of
 
 
 class Ros2:
