@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.estimation.clock import ClockFit, edge_under_middle, lower_hull
+from dart_hal.core.clock_fit import ClockFit, edge_under_middle, lower_hull
 
 
 def p99(values):

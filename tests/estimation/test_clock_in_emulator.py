@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.core.clock_fit import LATCH_DELAY
 from dart_hal.core.errors import DartHalError
-from dart_hal.estimation.clock import LATCH_DELAY
 from dart_hal.recording.run import RunReader
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder

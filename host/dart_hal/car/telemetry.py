@@ -6,9 +6,9 @@ from collections import deque
 from math import inf, nan, tan
 from statistics import median_low
 
+from dart_hal.core.clock_fit import ClockFit
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.types import Applied, Doubt, Health, Limit, State
-from dart_hal.estimation.clock import ClockFit
 from dart_hal.estimation.consistency import EncoderCheck, covering
 from dart_hal.estimation.direction import FeltDirection
 from dart_hal.estimation.frames import FrameReader, Mounting, Sample, Vector, flag_names

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from dart_hal.car.hooks import Hooks
+from dart_hal.core.clock_fit import ClockFit
 from dart_hal.core.ports import Link
 from dart_hal.core.types import Applied
-from dart_hal.estimation.clock import ClockFit
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import BEAT_MODES, HEARTBEAT, TIME_PING, TIME_PONG, Message
 

@@ -3,7 +3,7 @@
 Pure: time comes in as arguments, nothing reads a port or a clock.
 """
 
-from dart_hal.estimation.clock import ClockFit
+from dart_hal.core.clock_fit import ClockFit
 from dart_hal.estimation.frames import FrameReader, Mounting, Sample, flag_names
 from dart_hal.estimation.gyro import GyroBias
 from dart_hal.estimation.odometry import Motion, Odometry, OdometryNoise

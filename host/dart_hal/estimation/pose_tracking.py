@@ -19,8 +19,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from dart_hal.core.clock_fit import ClockFit
 from dart_hal.core.types import External, ExternalPose, Pose, Tracking
-from dart_hal.estimation.clock import ClockFit
 
 STEP, YAW_STEP = 0.06, 0.2
 """m, rad: steps of the mocap beyond which the published recordings hold outliers."""

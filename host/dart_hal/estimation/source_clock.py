@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from dart_hal.core.clock_fit import edge_under_middle, lower_hull
 from dart_hal.core.types import FloatArray
-from dart_hal.estimation.clock import edge_under_middle, lower_hull
 
 
 def car_time(stamp: FloatArray, arrival: FloatArray) -> tuple[FloatArray, str]:

@@ -14,8 +14,8 @@ from math import pi, tau
 
 import numpy as np
 
+from dart_hal.core.clock_fit import ClockFit
 from dart_hal.core.types import Scan
-from dart_hal.estimation.clock import ClockFit
 from dart_hal.lidar.packets import BAUD, PERIOD, Decoder, Packet
 
 BYTE = 10 / BAUD
