@@ -20,8 +20,8 @@ from scipy.optimize import least_squares
 
 from dart_hal.car.runs import read_any
 from dart_hal.core.types import FloatArray
-from dart_hal.fitting.least_squares import Solution, at_bound
-from dart_hal.fitting.robust import soft_l1_weight
+from dart_hal.vehicle.fitting.least_squares import Solution, at_bound
+from dart_hal.vehicle.fitting.robust import soft_l1_weight
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.identify.shooting import JointFit, Problem, fit, fit_from_recordings
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.fitting.batches import NORMAL_90, standard_error
+from dart_hal.vehicle.fitting.batches import NORMAL_90, standard_error
 
 DRAWS = 20_000
 CHANCE = 0.006

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.fitting.covariance import block_covariance, plain_covariance
-from dart_hal.fitting.least_squares import Solution, least_squares
+from dart_hal.vehicle.fitting.covariance import block_covariance, plain_covariance
+from dart_hal.vehicle.fitting.least_squares import Solution, least_squares
 
 
 def mean_of(y, robust=None):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.fitting.covariance import plain_covariance, pooled_blocks
-from dart_hal.fitting.free_starts import FreeStarts, shoot
+from dart_hal.vehicle.fitting.covariance import plain_covariance, pooled_blocks
+from dart_hal.vehicle.fitting.free_starts import FreeStarts, shoot
 
 T = np.tile(np.linspace(0.0, 1.0, 12), 5)
 STRETCH = np.repeat(np.arange(5), 12)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.fitting.levenberg_marquardt import KEPT, bounded, descend
+from dart_hal.vehicle.fitting.levenberg_marquardt import KEPT, bounded, descend
 
 
 def quadratic(normal, slope, move):

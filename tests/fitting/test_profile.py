@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.fitting.covariance import held_covariance
-from dart_hal.fitting.least_squares import Solution
-from dart_hal.fitting.profile import quadratic_sides
+from dart_hal.vehicle.fitting.covariance import held_covariance
+from dart_hal.vehicle.fitting.least_squares import Solution
+from dart_hal.vehicle.fitting.profile import quadratic_sides
 
 DESIGN = np.column_stack([np.ones(40), np.linspace(-1.0, 1.0, 40)])
 LOW, HIGH = np.full(2, -10.0), np.full(2, 10.0)

@@ -9,10 +9,10 @@ import pytest
 
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.core.timing import PWM_WAIT_STD
-from dart_hal.fitting.levenberg_marquardt import descend
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, rollout
+from dart_hal.vehicle.fitting.levenberg_marquardt import descend
 from dart_hal.vehicle.flat import value, with_values
 from dart_lab.identify.predict.actuators import actuated, delayed, first_order_lag
 from dart_lab.identify.shooting import Problem, fit_jointly

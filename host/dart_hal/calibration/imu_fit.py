@@ -28,7 +28,7 @@ from dart_hal.core.ports.workshop import SIGHT
 from dart_hal.core.types import Estimate, FloatArray
 from dart_hal.estimation.frames import Mounting
 from dart_hal.estimation.gyro import QUANTUM
-from dart_hal.fitting.batches import standard_error
+from dart_hal.vehicle.fitting.batches import standard_error
 
 from .sensor_log import Sensed
 

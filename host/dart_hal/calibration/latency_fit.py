@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.fitting.covariance import block_covariance, plain_covariance
-from dart_hal.fitting.least_squares import Solution, least_squares
+from dart_hal.vehicle.fitting.covariance import block_covariance, plain_covariance
+from dart_hal.vehicle.fitting.least_squares import Solution, least_squares
 
 Residual = Callable[[FloatArray], FloatArray]
 

@@ -24,8 +24,8 @@ import numpy as np
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray, IntArray
 from dart_hal.estimation.imu_clock import READ_STD, WORK_STD
-from dart_hal.fitting.covariance import leverage_covariance
-from dart_hal.fitting.least_squares import least_squares
+from dart_hal.vehicle.fitting.covariance import leverage_covariance
+from dart_hal.vehicle.fitting.least_squares import least_squares
 
 from .latency_yaw import FILTER_STD
 

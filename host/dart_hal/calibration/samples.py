@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.fitting.covariance import pooled_blocks
+from dart_hal.vehicle.fitting.covariance import pooled_blocks
 
 LEVEL = 0.025  # of command: commands closer than half of it are one level
 MAX_BLOCK = 50  # samples; a longer run of slowly changing commands is cut into blocks

@@ -30,7 +30,7 @@ from dart_hal.core.config import (
 from dart_hal.core.config.calibration import SteeringCalibration
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray, State
-from dart_hal.fitting.batches import standard_error
+from dart_hal.vehicle.fitting.batches import standard_error
 
 from .asking import Ask, Progress, agree, begin, silent
 from .loop import LoopFit, Systematic, Window, fit_loop, resample

@@ -15,9 +15,9 @@ import numpy as np
 from dart_hal.calibration import curves
 from dart_hal.calibration.samples import LEVEL, Samples
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.fitting.covariance import leverage_covariance
-from dart_hal.fitting.least_squares import Solution, fit_curve
-from dart_hal.fitting.robust import ROBUST, scatter
+from dart_hal.vehicle.fitting.covariance import leverage_covariance
+from dart_hal.vehicle.fitting.least_squares import Solution, fit_curve
+from dart_hal.vehicle.fitting.robust import ROBUST, scatter
 from dart_hal.vehicle.parameters import Steering
 
 LOW = np.array([0.1, 0.1, -0.4, 0.1, 0.1])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dart_hal.calibration.sessions import sessions_of
-from dart_hal.fitting.covariance import wider
 from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.fitting.covariance import wider
 from dart_lab.identify.fit import Estimate
 from dart_lab.identify.submodels import fit_submodels
 from dart_lab.identify.submodels.coasting import driven, fit_coasting

@@ -16,7 +16,7 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.fitting.robust import scatter
+from dart_hal.vehicle.fitting.robust import scatter
 
 from .marker import marker_grid, savgol_derivative
 from .model import Recording, Reference

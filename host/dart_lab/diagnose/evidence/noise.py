@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.fitting.robust import scatter, soft_l1, soft_l1_weight
+from dart_hal.vehicle.fitting.robust import scatter, soft_l1, soft_l1_weight
 
 from ..policy import CLIP, MIN_READINGS, USUAL, NoisePolicy
 from .residuals import Residuals

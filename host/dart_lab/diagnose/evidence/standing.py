@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.fitting.robust import MAD_TO_SIGMA
 from dart_hal.recording.dart import Messages
+from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA
 
 from ..policy import MIN_READINGS, EvidencePolicy
 

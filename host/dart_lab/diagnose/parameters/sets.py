@@ -21,8 +21,8 @@ from itertools import combinations
 import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.fitting.levenberg_marquardt import bounded
 from dart_hal.vehicle.effects import with_nulls
+from dart_hal.vehicle.fitting.levenberg_marquardt import bounded
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identify.evaluate.compare import draws
 

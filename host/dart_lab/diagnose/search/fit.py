@@ -24,7 +24,7 @@ import numpy as np
 
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.fitting.levenberg_marquardt import KEPT, bounded, descend
+from dart_hal.vehicle.fitting.levenberg_marquardt import KEPT, bounded, descend
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.noise import Noise

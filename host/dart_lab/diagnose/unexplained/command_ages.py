@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.fitting.robust import scatter
+from dart_hal.vehicle.fitting.robust import scatter
 
 EVENT_SHARE = 0.1
 """E: windows that an event may disturb ..."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.fitting.robust import MAD_TO_SIGMA
+from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.drive import READ_OUTS

@@ -19,7 +19,7 @@ import numpy as np
 
 from dart_hal.core.timing import PWM_WAIT_STD, SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.fitting.robust import MAD_TO_SIGMA
+from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..error_summaries import Moment, Outliers

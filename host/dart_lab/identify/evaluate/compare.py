@@ -16,7 +16,7 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.fitting.covariance import RECORDINGS
+from dart_hal.vehicle.fitting.covariance import RECORDINGS
 from dart_lab.identify.predict.rollout import stretches
 from dart_lab.identify.predict.windows import HORIZONS
 

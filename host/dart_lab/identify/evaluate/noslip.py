@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.fitting.robust import scatter
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.grid import L_R
+from dart_hal.vehicle.fitting.robust import scatter
 from dart_lab.identify.predict.windows import MIN_SPEED
 
 from .cases import Case

@@ -18,9 +18,9 @@ import numpy as np
 
 from dart_hal.core.config import CarFiles
 from dart_hal.core.types import FloatArray
-from dart_hal.fitting.covariance import block_covariance
-from dart_hal.fitting.least_squares import least_squares
 from dart_hal.recording.dart import Recording
+from dart_hal.vehicle.fitting.covariance import block_covariance
+from dart_hal.vehicle.fitting.least_squares import least_squares
 from dart_lab.identify.fit import Estimate
 
 from .circles import TYRE_STEERING

@@ -11,8 +11,8 @@ import numpy as np
 
 from dart_hal.calibration.curves import Curve
 from dart_hal.core.types import FloatArray
-from dart_hal.fitting.covariance import plain_covariance, undetermined
-from dart_hal.fitting.least_squares import Solution, fit_curve
+from dart_hal.vehicle.fitting.covariance import plain_covariance, undetermined
+from dart_hal.vehicle.fitting.least_squares import Solution, fit_curve
 from dart_lab.identify.fit import Estimate, Fit
 
 from .folders import LEAST_ROWS, too_few

@@ -13,9 +13,9 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.fitting.covariance import pooled_blocks
 from dart_hal.recording.dart import Grid
 from dart_hal.vehicle.batch import rollout
+from dart_hal.vehicle.fitting.covariance import pooled_blocks
 from dart_hal.vehicle.parameters import Vehicle
 
 from .actuators import Sampled, actuated

@@ -11,12 +11,12 @@ import numpy as np
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.fitting.covariance import RECORDINGS, block_covariance, held_covariance
-from dart_hal.fitting.least_squares import EDGE, Solution
-from dart_hal.fitting.levenberg_marquardt import descend
-from dart_hal.fitting.profile import quadratic_sides
-from dart_hal.fitting.robust import MAD_TO_SIGMA, soft_l1_weight
 from dart_hal.recording.dart import Grid, Recording, Reference, grid
+from dart_hal.vehicle.fitting.covariance import RECORDINGS, block_covariance, held_covariance
+from dart_hal.vehicle.fitting.least_squares import EDGE, Solution
+from dart_hal.vehicle.fitting.levenberg_marquardt import descend
+from dart_hal.vehicle.fitting.profile import quadratic_sides
+from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA, soft_l1_weight
 from dart_hal.vehicle.flat import names as flat_names
 from dart_hal.vehicle.flat import unit, value
 from dart_hal.vehicle.parameters import AxleTyres, Vehicle

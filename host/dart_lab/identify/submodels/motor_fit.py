@@ -14,17 +14,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.fitting.covariance import (
+from dart_hal.vehicle import Vehicle
+from dart_hal.vehicle.fitting.covariance import (
     blocks_of,
     collinearity,
     leverage_covariance,
     scaled_inverse,
     wider,
 )
-from dart_hal.fitting.free_starts import sensitivity, shoot
-from dart_hal.fitting.least_squares import Solution
-from dart_hal.fitting.robust import scatter
-from dart_hal.vehicle import Vehicle
+from dart_hal.vehicle.fitting.free_starts import sensitivity, shoot
+from dart_hal.vehicle.fitting.least_squares import Solution
+from dart_hal.vehicle.fitting.robust import scatter
 from dart_lab.identify.submodels.coasting import FRICTION
 from dart_lab.identify.submodels.speeds import BLOCK, Speeds
 from dart_lab.identify.submodels.straight import NAMES, Straight, first_speeds, problem_of

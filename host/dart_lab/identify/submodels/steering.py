@@ -22,10 +22,10 @@ from dart_hal.calibration.steering_map import (
     fit_map,
 )
 from dart_hal.core.types import FloatArray
-from dart_hal.fitting.covariance import collinearity, independent_blocks
-from dart_hal.fitting.least_squares import Solution
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import Vehicle
+from dart_hal.vehicle.fitting.covariance import collinearity, independent_blocks
+from dart_hal.vehicle.fitting.least_squares import Solution
 from dart_lab.identify.fit import Estimate, Fit
 from dart_lab.identify.submodels.report import UNITS, Ledger, not_identified
 from dart_lab.identify.submodels.steady import MAX_LATERAL, SLOW, steady_samples

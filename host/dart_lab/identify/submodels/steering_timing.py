@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.fitting.covariance import (
+from dart_hal.vehicle.fitting.covariance import (
     collinearity,
     independent_blocks,
     leverage_covariance,
     pooled_blocks,
 )
-from dart_hal.fitting.least_squares import Solution, least_squares
-from dart_hal.fitting.robust import ROBUST
+from dart_hal.vehicle.fitting.least_squares import Solution, least_squares
+from dart_hal.vehicle.fitting.robust import ROBUST
 from dart_lab.identify.submodels.turning import Turning
 
 LOW, HIGH = (-0.1, 0.0), (0.5, 0.4)  # s, delay and lag

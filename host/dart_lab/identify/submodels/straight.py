@@ -16,14 +16,14 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.fitting.covariance import (
+from dart_hal.vehicle import Vehicle, make_friction, make_motor_gains
+from dart_hal.vehicle.fitting.covariance import (
     collinearity,
     leverage_covariance,
     plain_covariance,
     wider,
 )
-from dart_hal.fitting.free_starts import FreeStarts, shoot
-from dart_hal.vehicle import Vehicle, make_friction, make_motor_gains
+from dart_hal.vehicle.fitting.free_starts import FreeStarts, shoot
 from dart_lab.identify.submodels.speeds import Speeds
 from dart_lab.identify.submodels.stretches import Stretches
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.fitting.covariance import blocks_of, independent_blocks
+from dart_hal.vehicle.fitting.covariance import blocks_of, independent_blocks
 from dart_lab.identify.submodels.speeds import BLOCK, Kernel, Speeds
 
 LENGTH = 3.0  # s; longer ones add up disturbances, shorter ones only fit their own start

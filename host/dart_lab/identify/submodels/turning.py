@@ -14,13 +14,13 @@ import numpy as np
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.fitting.covariance import blocks_of
 from dart_hal.recording.check.uses import TIMED as LEAST
 from dart_hal.recording.check.uses import TIMED_CHANGES as MIN_CHANGES
 from dart_hal.recording.check.uses import TIMED_SPEED as MIN_SPEED
 from dart_hal.recording.check.uses import TIMED_SPREAD as MIN_SPREAD
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import AxleTyres, Vehicle
+from dart_hal.vehicle.fitting.covariance import blocks_of
 from dart_lab.identify.predict.commands import Command, steering_of, step_of
 from dart_lab.identify.submodels.report import Ledger
 from dart_lab.identify.submodels.speeds import BLOCK, MOCAP, MOCAP_SLOW, WINDOW, mocap_grid

@@ -13,9 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.fitting.covariance import independent_blocks, leverage_covariance, pooled_blocks
-from dart_hal.fitting.least_squares import Solution, least_squares
-from dart_hal.fitting.robust import ROBUST, scatter
+from dart_hal.vehicle.fitting.covariance import (
+    independent_blocks,
+    leverage_covariance,
+    pooled_blocks,
+)
+from dart_hal.vehicle.fitting.least_squares import Solution, least_squares
+from dart_hal.vehicle.fitting.robust import ROBUST, scatter
 from dart_lab.identify.submodels.tyre_forces import TyreForces, usable
 
 REAR_RANGE = 0.12  # rad; 6.9 deg: beyond it the rear is no straight line

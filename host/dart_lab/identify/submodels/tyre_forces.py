@@ -15,9 +15,9 @@ import numpy as np
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.fitting.covariance import blocks_of
 from dart_hal.recording.dart import Grid, Recording, Reference, grid, savgol_derivative
 from dart_hal.vehicle import Vehicle, make_slip, make_steering
+from dart_hal.vehicle.fitting.covariance import blocks_of
 from dart_hal.vehicle.inverse import make_inverse_dynamics
 from dart_lab.identify.predict.commands import steering_of
 from dart_lab.identify.submodels.report import Ledger

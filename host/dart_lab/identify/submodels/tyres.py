@@ -10,9 +10,9 @@ import numpy as np
 
 from dart_hal.calibration.sessions import session_of
 from dart_hal.core.types import FloatArray
-from dart_hal.fitting.random_effects import random_effects
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import PaperTyres, Vehicle
+from dart_hal.vehicle.fitting.random_effects import random_effects
 from dart_lab.identify.fit import Estimate, Fit
 from dart_lab.identify.submodels.report import UNITS, Ledger, not_identified
 from dart_lab.identify.submodels.tyre_fit import REAR_RANGE, fit_curves

@@ -16,8 +16,8 @@ from collections.abc import Callable
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.fitting.least_squares import Solution, at_bound
-from dart_hal.fitting.robust import soft_l1, soft_l1_weight
+from dart_hal.vehicle.fitting.least_squares import Solution, at_bound
+from dart_hal.vehicle.fitting.robust import soft_l1, soft_l1_weight
 
 ROUNDS = 40
 DAMPING, EASIER, HARDER, TOO_HARD = 1e-3, 0.2, 5.0, 1e6  # of the diagonal: first, factors, end

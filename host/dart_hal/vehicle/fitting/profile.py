@@ -13,9 +13,9 @@ from collections.abc import Callable
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.fitting.covariance import scaled_inverse
-from dart_hal.fitting.least_squares import Solution
-from dart_hal.fitting.robust import soft_l1, soft_l1_weight
+from dart_hal.vehicle.fitting.covariance import scaled_inverse
+from dart_hal.vehicle.fitting.least_squares import Solution
+from dart_hal.vehicle.fitting.robust import soft_l1, soft_l1_weight
 
 REACH = 2.0
 """Standard errors to each side at which the loss is compared."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.fitting.robust import soft_l1_weight
+from dart_hal.vehicle.fitting.robust import soft_l1_weight
 
 EDGE = 1e-6
 """Share of the interval at whose ends a parameter counts as stopped there."""

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.fitting.least_squares import Solution
-from dart_hal.fitting.levenberg_marquardt import descend
-from dart_hal.fitting.robust import ROBUST, scatter, soft_l1_weight
+from dart_hal.vehicle.fitting.least_squares import Solution
+from dart_hal.vehicle.fitting.levenberg_marquardt import descend
+from dart_hal.vehicle.fitting.robust import ROBUST, scatter, soft_l1_weight
 
 Predict = Callable[[FloatArray, FloatArray], FloatArray]
 """(parameters (P, k), starts (P, S)) -> readings (P, n), P variants at once."""

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.fitting.least_squares import Solution
+from dart_hal.vehicle.fitting.least_squares import Solution
 
 LEAST_FREE = 0.1
 """Share of a residual that a block cannot have pulled away, however alone it is."""
