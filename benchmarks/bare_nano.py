@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import TracebackType
 
-from dart_hal.links.emulator import EmulatedNano
+from dart_hal.devices.links.emulator import EmulatedNano
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.frame import Frame

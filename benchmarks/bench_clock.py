@@ -6,7 +6,7 @@ from bench_estimation import simulation
 from figures import Figure
 
 from dart_hal.car import Car
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import TICKS_PER_SECOND, TIME_PING, TIME_PONG

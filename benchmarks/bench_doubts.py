@@ -24,7 +24,7 @@ from dart_hal.car import Car
 from dart_hal.core.config import parse_car
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import Doubt
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.dart import read
 from dart_lab.sim.car_file import typical_car_toml
 from dart_lab.sim.motion import Felt

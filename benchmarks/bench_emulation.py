@@ -17,7 +17,7 @@ from mcap.writer import Writer
 from dart_hal.car import Car
 from dart_hal.car.runs import read_run
 from dart_hal.core.ports import Chunk, Link
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 URL = "sim://?seed=7&nano=avr"

@@ -11,7 +11,7 @@ from math import nan
 from bare_nano import BareNano
 from figures import Figure
 
-from dart_hal.links.image import FIRMWARE_DIR
+from dart_hal.devices.links.image import FIRMWARE_DIR
 from dart_hal.wire.messages import STATE
 
 LINE = re.compile(r"^(\S.*?) {2,}(\d+) (\S+) +(<=|>=) (\d+)", re.MULTILINE)

@@ -20,9 +20,9 @@ import numpy as np
 
 from dart_hal import Car
 from dart_hal.core.types import FloatArray, Pose
+from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.odometry import Motion, OdometryNoise
 from dart_hal.estimation.pose_filter import PoseFilter
-from dart_hal.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 STD = np.array((0.01, 0.01, radians(0.3)))

@@ -45,7 +45,7 @@ from dart_hal.core.types import (
     State,
     Tracking,
 )
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.mocap import MocapParams, mocap_of
 from dart_lab.sim.truth import reveal_url, world_of
 

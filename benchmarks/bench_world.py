@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 
 URLS = ("sim://?nano=mock", "sim://?nano=mock&seed=3", "sim://?nano=mock&physics=kinematic",
         "sim://?nano=avr&seed=3")

@@ -17,8 +17,8 @@ from math import isfinite
 from pathlib import Path
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links import bridge
-from dart_hal.links.image import find_image
+from dart_hal.devices.links import bridge
+from dart_hal.devices.links.image import find_image
 
 
 @dataclass(frozen=True, slots=True)

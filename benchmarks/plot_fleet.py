@@ -18,7 +18,7 @@ from bench_fleet import SEEDS, stop_once
 
 from dart_hal.car import Car, Fleet, join
 from dart_hal.core.types import FloatArray, Pose
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.lidar.maps import box
 from dart_lab.sim.light.world import Outline
 from dart_lab.sim.truth import room_of_car, world_of

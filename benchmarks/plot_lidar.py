@@ -16,7 +16,7 @@ import numpy as np
 
 from dart_hal.car import Car
 from dart_hal.core.types import FloatArray
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.lidar.params import hidden_lidar
 from dart_lab.sim.truth import room_of_car, world_of
 

@@ -18,12 +18,12 @@ from math import cos, pi, sin
 from pathlib import Path
 
 from dart_hal import Car
-from dart_hal.actuation.steering_map import steering_map
 from dart_hal.car.runs import read_run
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.pursuit import PurePursuit
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.types import Pose
+from dart_hal.devices.actuation.steering_map import steering_map
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnose import diagnose

@@ -17,12 +17,12 @@ import sys
 
 import numpy as np
 
-from dart_hal.actuation.pca9685 import Pca9685
-from dart_hal.actuation.quantiser import STEPS
 from dart_hal.car.guarding import own_actuator
 from dart_hal.core.config import CarFiles, load_car, parse_car
 from dart_hal.core.errors import DartHalError, LinkLost, UsageError
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.devices.actuation.pca9685 import Pca9685
+from dart_hal.devices.actuation.quantiser import STEPS
+from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.wire.codec import encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import BEAT_MODES, CAPTURE_REQ, HEARTBEAT

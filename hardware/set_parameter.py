@@ -15,7 +15,7 @@ import os
 import sys
 
 from dart_hal.core.errors import DartHalError, LinkLost, UsageError
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.wire.codec import encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import PARAM_BY_NAME, PARAM_SET, PARAM_STATUS, Param

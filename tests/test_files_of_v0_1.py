@@ -11,7 +11,7 @@ from dart_hal.core.config import load_car
 from dart_hal.core.config.calibration import QUANTITIES, parse_calibration
 from dart_hal.core.config.model import parse_model
 from dart_hal.core.errors import EmulatorMissing, PortMissing, RecordingError, UsageError
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle.file import vehicle_from
 from dart_hal.wire.messages import PARAM_BY_NAME
 from dart_lab.sim.eeprom import stored
@@ -75,8 +75,8 @@ def test_a_board_keeps_its_name_and_parameters():
 
 @pytest.mark.emulator
 def test_the_firmware_starts_from_that_eeprom():
-    from dart_hal.links import bridge
-    from dart_hal.links.emulator import EmulatedNano
+    from dart_hal.devices.links import bridge
+    from dart_hal.devices.links.emulator import EmulatedNano
     from dart_hal.wire.decoder import Decoder
     from dart_hal.wire.messages import HELLO
 
@@ -114,7 +114,7 @@ def test_every_emulated_nano_opens(url):
 def test_other_urls_fail_for_what_is_not_there(url, tmp_path, monkeypatch):
     """The options are understood; port and file are not on this machine."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("dart_hal.links.serial_port.check_bus", lambda bus: None)
+    monkeypatch.setattr("dart_hal.devices.links.serial_port.check_bus", lambda bus: None)
     with pytest.raises((PortMissing, RecordingError)):
         open_backend(url)
 

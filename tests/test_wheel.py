@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links import bridge
+from dart_hal.devices.links import bridge
 
 pytestmark = pytest.mark.more
 

@@ -99,7 +99,7 @@ check_space() {
     fi
 }
 
-# The bus of pins 3 and 5 of the header; host/dart_hal/links/computers.py has the same table.
+# The bus of pins 3 and 5 of the header; host/dart_hal/devices/links/computers.py has the same table.
 header_bus() {
     case $(model) in
         *"Orin Nano"*) echo 7 ;;

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from dart_hal.actuation import Actuator
 from dart_hal.core.config import Calibration, CarFiles, Quantity, parse_config
+from dart_hal.devices.actuation import Actuator
 from dart_lab.sim.bus import VirtualBus
 from dart_lab.sim.pca9685 import Pca9685 as Chip
 

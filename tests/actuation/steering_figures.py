@@ -18,7 +18,7 @@ import numpy as np
 from dart_hal.car import Car
 from dart_hal.core.config import Calibration, Quantity, SteeringTable, save_calibration
 from dart_hal.core.config.calibration import SteeringCalibration
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.devices.links.base import Backend, open_backend
 from dart_lab.sim.truth import reveal, world_of
 
 MAP_STD, PLAY_STD, SLEW_STD = 0.0015, 0.0006, 0.015

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 from pwm_world import World, car_files
 
-from dart_hal.actuation import pca9685
-from dart_hal.actuation.guard import watch
-from dart_hal.actuation.standby import Throttle
 from dart_hal.core.errors import PcaFault
+from dart_hal.devices.actuation import pca9685
+from dart_hal.devices.actuation.guard import watch
+from dart_hal.devices.actuation.standby import Throttle
 
 FOREIGN = bytes([0x0A, 0, 0, 0x9A, 0x01])
 """Data for another chip that would be 2001 us on the ESC: channel 1, 410 counts."""

@@ -20,7 +20,9 @@ from unittest.mock import Mock
 
 import pytest
 
-from dart_hal.actuation.guard import (
+from dart_hal.core.errors import BusError
+from dart_hal.core.process.waiting import wait_readable
+from dart_hal.devices.actuation.guard import (
     ALL_OFF,
     GIVE_UP,
     LAST_WORDS,
@@ -28,12 +30,10 @@ from dart_hal.actuation.guard import (
     Watch,
     watch,
 )
-from dart_hal.actuation.guarded import Guard
-from dart_hal.actuation.owner import own
-from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES
-from dart_hal.core.errors import BusError
-from dart_hal.core.process.waiting import wait_readable
-from dart_hal.links.i2c import REQUEST, open_bus, receive
+from dart_hal.devices.actuation.guarded import Guard
+from dart_hal.devices.actuation.owner import own
+from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES
+from dart_hal.devices.links.i2c import REQUEST, open_bus, receive
 
 NEUTRAL = bytes([0x0A, 0, 0, 307 & 0xFF, 307 >> 8])
 PATIENCE = 20.0
@@ -186,9 +186,9 @@ def bench(tmp_path: Path) -> Iterator[Bench]:
 
 DRIVER = """
 import multiprocessing, os, sys, time
-from dart_hal.actuation.guarded import Guard
+from dart_hal.devices.actuation.guarded import Guard
 from dart_hal.core.process import forks
-from dart_hal.links.i2c import open_bus
+from dart_hal.devices.links.i2c import open_bus
 spec, guarded = sys.argv[1], sys.argv[2] == "guarded"
 bus = open_bus(spec)
 guard = Guard(spec, open_bus, address=0x40, channel=1, neutral_counts=307) if guarded else None

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.actuation.neutral_watch import SETTLE_S, NeutralWatch
+from dart_hal.devices.actuation.neutral_watch import SETTLE_S, NeutralWatch
 
 DT = 0.01
 

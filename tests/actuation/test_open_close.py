@@ -9,8 +9,8 @@ from itertools import pairwise
 import pytest
 from pwm_world import World, car_files
 
-from dart_hal.actuation.servokit import Shield, load_servokit
 from dart_hal.core.errors import BusError, PcaFault, PcaMissing
+from dart_hal.devices.actuation.servokit import Shield, load_servokit
 
 NEUTRAL_US, SLACK_US, FRAME = 1500.0, 5.0, 0.02
 
@@ -199,7 +199,7 @@ def test_channels_that_are_not_neighbours_are_driven_too() -> None:
 
 
 def test_importing_opens_nothing_and_loads_neither_servokit_nor_scipy() -> None:
-    code = ("import sys, dart_hal, dart_hal.core.config, dart_hal.actuation\n"
+    code = ("import sys, dart_hal, dart_hal.core.config, dart_hal.devices.actuation\n"
             "heavy = {'adafruit_servokit', 'board', 'busio', 'scipy', 'smbus2', 'matplotlib'}\n"
             "print(sorted(heavy & set(sys.modules)))")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
@@ -215,7 +215,7 @@ def test_a_host_without_board_still_gets_servokit() -> None:
             "        if name == 'board':\n"
             "            raise NotImplementedError('unknown host')\n"
             "sys.meta_path.insert(0, Refuse())\n"
-            "from dart_hal.actuation.servokit import load_servokit\n"
+            "from dart_hal.devices.actuation.servokit import load_servokit\n"
             "print(load_servokit().__name__, 'board' in sys.modules)")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
                           check=True)

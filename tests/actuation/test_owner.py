@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.actuation import owner
-from dart_hal.actuation.owner import lock_path, own, refuse_claimed
 from dart_hal.core.errors import PcaBusy, PcaClaimed
 from dart_hal.core.process import locks
+from dart_hal.devices.actuation import owner
+from dart_hal.devices.actuation.owner import lock_path, own, refuse_claimed
 
 OWNER = """
 import sys, time
 from pathlib import Path
-from dart_hal.actuation import owner
+from dart_hal.devices.actuation import owner
 owner.FOLDERS = (Path(sys.argv[2]),)
 release = owner.own(sys.argv[1], 0x40)
 print("owner", flush=True)

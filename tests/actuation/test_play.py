@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.actuation.play import RESOLVED, Play
-from dart_hal.actuation.steering_map import SteeringMap, steering_map
+from dart_hal.devices.actuation.play import RESOLVED, Play
+from dart_hal.devices.actuation.steering_map import SteeringMap, steering_map
 
 from .pwm_world import car_files
 from .steering_figures import angle_error

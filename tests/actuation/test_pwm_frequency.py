@@ -6,10 +6,11 @@ import msgspec
 import numpy as np
 import pytest
 
-from dart_hal.actuation import Actuator
-from dart_hal.actuation.pca9685 import Pca9685
-from dart_hal.actuation.plan import LIVE
-from dart_hal.actuation.quantiser import (
+from dart_hal.core.config import CarFiles
+from dart_hal.devices.actuation import Actuator
+from dart_hal.devices.actuation.pca9685 import Pca9685
+from dart_hal.devices.actuation.plan import LIVE
+from dart_hal.devices.actuation.quantiser import (
     NOMINAL_HZ,
     STEPS,
     Quantiser,
@@ -17,8 +18,7 @@ from dart_hal.actuation.quantiser import (
     counter_of,
     prescale_for,
 )
-from dart_hal.actuation.standby import Throttle
-from dart_hal.core.config import CarFiles
+from dart_hal.devices.actuation.standby import Throttle
 
 from .pwm_world import World, car_files
 

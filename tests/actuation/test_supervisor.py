@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import pytest
 
-from dart_hal.actuation import ArmState, Event, Facts, Supervisor, refusals, warnings
-from dart_hal.actuation.arming import BY_NAME, REFUSALS, WAIVABLE
-from dart_hal.actuation.states import ENTRY, GRID, TABLE, check_table, read_grid
 from dart_hal.core.errors import NotArmed
+from dart_hal.devices.actuation import ArmState, Event, Facts, Supervisor, refusals, warnings
+from dart_hal.devices.actuation.arming import BY_NAME, REFUSALS, WAIVABLE
+from dart_hal.devices.actuation.states import ENTRY, GRID, TABLE, check_table, read_grid
 
 SLOT = 0.01
 

@@ -7,8 +7,8 @@ import random
 import pytest
 from pwm_world import World, car_files
 
-from dart_hal.actuation.standby import Throttle
 from dart_hal.core.errors import CATALOGUE, NotPca, PcaFault
+from dart_hal.devices.actuation.standby import Throttle
 from dart_lab.sim.power_monitor import PowerMonitor
 
 MONITORS = {
@@ -123,7 +123,7 @@ def test_a_read_back_without_the_pulses_does_not_see_it() -> None:
 
 def test_no_throttle_follows_the_look_that_found_a_stranger() -> None:
     """The frame that finds it was planned with throttle on; that plan must not be written."""
-    from dart_hal.actuation import LIVE
+    from dart_hal.devices.actuation import LIVE
 
     world = World()
     actuator = drive(world)

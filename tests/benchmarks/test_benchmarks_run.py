@@ -13,8 +13,8 @@ import pytest
 from figures import Figure
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links import bridge
-from dart_hal.links.image import find_image
+from dart_hal.devices.links import bridge
+from dart_hal.devices.links.image import find_image
 from dart_lab.sim.ring import GEAR_REVOLUTION
 
 TINY = 0.02

@@ -16,7 +16,7 @@ import time
 from pathlib import Path
 
 from dart_hal.car import Car
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.live.ros.bridge import Bridge
 from dart_lab.live.ros.ros1 import Ros1
 from dart_lab.sim.truth import world_of

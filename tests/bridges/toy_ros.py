@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dart_hal.car import Car
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.live.ros.bridge import Bridge
 from dart_lab.sim.truth import world_of
 

@@ -11,7 +11,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.car.driver import Driver
 from dart_hal.core.types import State
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import World
 

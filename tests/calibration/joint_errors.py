@@ -14,7 +14,7 @@ from dart_hal.car import Car
 from dart_hal.car.files import files_of
 from dart_hal.car.runs import read_any
 from dart_hal.core.url import Url
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.identify.experiment.floor import Floor
 from dart_lab.identify.experiment.handover import mass_of, note_mass
 from dart_lab.identify.experiment.make import conduct, make_plan

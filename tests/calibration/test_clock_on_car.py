@@ -11,7 +11,7 @@ from dart_hal.calibration.clock import calibrate_clock, typed_clock
 from dart_hal.calibration.measured import write
 from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.pca9685 import Pca9685
 from dart_lab.sim.truth import reveal, world_of
 

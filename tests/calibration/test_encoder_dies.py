@@ -7,7 +7,7 @@ import pytest
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")

@@ -12,8 +12,8 @@ from dart_hal.calibration.ring_table import ring_table, without_swing
 from dart_hal.calibration.straight import Rolled
 from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
+from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.ring import LearntRing, RingLearner
-from dart_hal.links.base import open_backend
 from dart_lab.sim.truth import reveal, truth, world_of
 
 URL = "sim://?nano=mock&seed="

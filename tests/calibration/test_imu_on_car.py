@@ -13,8 +13,8 @@ from dart_hal.calibration.measured import write
 from dart_hal.calibration.sensor_log import Sensed
 from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
+from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.frames import Mounting
-from dart_hal.links.base import open_backend
 from dart_lab.sim.truth import reveal
 
 URL = "sim://?nano=mock&seed="

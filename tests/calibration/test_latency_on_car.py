@@ -14,7 +14,7 @@ from dart_hal.calibration.measured import write
 from dart_hal.car import Car
 from dart_hal.control.tuning import answer_of
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 from .hidden_errors import true_sensors

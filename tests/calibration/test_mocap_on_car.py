@@ -12,7 +12,7 @@ from dart_hal.calibration.mocap import calibrate_mocap
 from dart_hal.car import Car
 from dart_hal.car.runs import read_run
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.mocap import hidden_mocap
 from dart_lab.sim.truth import truth
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.actuation.quantiser import count_us, prescale_for
 from dart_hal.calibration.curves import steering
 from dart_hal.calibration.loop import Systematic, Window, contact, fit_loop, resample
 from dart_hal.calibration.route import Leg, Spot, trace, waiting_time
@@ -16,6 +15,7 @@ from dart_hal.calibration.schedule import make_plan, make_steps
 from dart_hal.calibration.steering_fit import fit_steering
 from dart_hal.calibration.steering_map import fit_map
 from dart_hal.core.errors import CalibrationFailed
+from dart_hal.devices.actuation.quantiser import count_us, prescale_for
 
 TRUTH = np.array([1.5, 0.35, 0.01, 0.40, 1.4])
 

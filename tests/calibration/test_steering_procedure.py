@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from dart_hal.actuation.quantiser import count_us, prescale_for
 from dart_hal.calibration.steering import calibrate_steering, plan
 from dart_hal.core.config import Quantity, load_car, save_calibration
 from dart_hal.core.errors import CalibrationFailed
+from dart_hal.devices.actuation.quantiser import count_us, prescale_for
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 SLEW = Quantity(3800.0, 50.0)

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 from dart_hal.car import Car
 from dart_hal.car.telemetry import Telemetry
 from dart_hal.core.types import State
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 ACCEL_X, ACCEL_Y, GYRO_Z = 6, 7, 11

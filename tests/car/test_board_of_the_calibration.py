@@ -11,7 +11,7 @@ from dart_hal.car import Car
 from dart_hal.cli.main import main
 from dart_hal.core.config import Calibration, Quantity, calibration_in, save_calibration
 from dart_hal.core.errors import ConfigError, NotArmed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")

@@ -7,7 +7,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.core.errors import BusError, LinkLost, NoHello, PcaMissing
 from dart_hal.core.url import Url
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.recording.run import RunReader
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
@@ -151,7 +151,7 @@ def test_leaving_by_an_exit_leaves_no_pulse(tmp_path):
     import subprocess
     import sys
 
-    code = ("from dart_hal.car import Car\nfrom dart_hal.links.base import open_backend\n"
+    code = ("from dart_hal.car import Car\nfrom dart_hal.devices.links.base import open_backend\n"
             "import atexit\n"
             f"b = open_backend({URL!r}); pair = bytearray(2)\n"
             "atexit.register(lambda: (b.bus.writeto_then_readfrom(0x40, b'\\x0c', pair),"

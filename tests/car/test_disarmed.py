@@ -7,10 +7,10 @@ import re
 
 import pytest
 
-from dart_hal.actuation import chain, guarded
-from dart_hal.actuation.trips import TRIPS
 from dart_hal.car import Car, driver, guarding
 from dart_hal.core.errors import BadCommand, Disarmed
+from dart_hal.devices.actuation import chain, guarded
+from dart_hal.devices.actuation.trips import TRIPS
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 MOCK = "sim://?seed=1&nano=mock"

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.actuation import ArmState
-from dart_hal.actuation.states import ENTRY
 from dart_hal.car import Car
 from dart_hal.core.errors import Disarmed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.actuation import ArmState
+from dart_hal.devices.actuation.states import ENTRY
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 NEUTRAL_US, NEAR_US = 1500.0, 5.0

@@ -8,7 +8,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.errors import NotArmed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")

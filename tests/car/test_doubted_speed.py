@@ -8,8 +8,8 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.types import SPEED_DOUBTS
+from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation import speed
-from dart_hal.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")

@@ -11,7 +11,7 @@ from dart_hal.car import Car
 from dart_hal.car.driver import Driver
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.errors import NotArmed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.wire.codec import DOWN
 from dart_hal.wire.decoder import Decoder

@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.car.driver import Driver
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 
 URL = "sim://?seed=1&nano=mock"
 

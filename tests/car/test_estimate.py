@@ -10,7 +10,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.car.telemetry import Telemetry
 from dart_hal.core.types import START, Tracking
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.mocap import mocap_of
 from dart_lab.sim.truth import truth
 

@@ -14,7 +14,7 @@ from dart_hal.car.export import standard
 from dart_hal.car.export.bags import _rosbags, _types_of, write_ros1, write_ros2
 from dart_hal.car.export.standard import Planar
 from dart_hal.core.types import Mount, Scan
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.run import RunReader
 from dart_lab.sim.mocap import hidden_mocap
 from dart_lab.sim.truth import world_of

@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.types import Tracking
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.run import RunReader
 from dart_lab.sim.mocap import hidden_mocap
 from dart_lab.sim.truth import truth

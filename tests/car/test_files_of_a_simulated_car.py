@@ -6,7 +6,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.config import Calibration, Quantity, calibration_in, load_car, save_calibration
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.run import RunReader
 
 pytestmark = pytest.mark.usefixtures("armed_esc")

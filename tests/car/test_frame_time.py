@@ -12,7 +12,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.car.engine import GRACE, Engine
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.messages import PARAM_GET
 
 URL = "sim://?seed=1&nano=mock"

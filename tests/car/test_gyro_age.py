@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
+from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation import imu_clock
-from dart_hal.links.base import open_backend
 from dart_lab.sim.hidden import hidden_car
 
 UPDATES = 0.010

@@ -15,8 +15,8 @@ from dart_hal.cli.main import main
 from dart_hal.core.errors import Disarmed, UsageError
 from dart_hal.core.ports import Chunk, Link
 from dart_hal.core.timing import SAMPLE
-from dart_hal.links.base import open_backend
-from dart_hal.links.paced import PacedLink
+from dart_hal.devices.links.base import open_backend
+from dart_hal.devices.links.paced import PacedLink
 from dart_lab.sim.serve import PacedWorld
 from dart_lab.sim.truth import truth
 
@@ -134,7 +134,7 @@ class Counting(Link):
 
 def test_a_paced_world_is_where_the_wall_clock_is(monkeypatch):
     wall, world = Wall(), Counting()
-    monkeypatch.setattr("dart_hal.links.paced.time.monotonic", wall)
+    monkeypatch.setattr("dart_hal.devices.links.paced.time.monotonic", wall)
     paced = PacedLink(world, lambda: world.t, world.pass_time)
     wall.t = 0.1
     assert paced.now() == pytest.approx(0.1)
@@ -144,7 +144,7 @@ def test_a_paced_world_is_where_the_wall_clock_is(monkeypatch):
 
 def test_a_world_that_cannot_keep_up_is_not_chased_and_says_so_once(monkeypatch, caplog):
     wall, world = Wall(), Counting()
-    monkeypatch.setattr("dart_hal.links.paced.time.monotonic", wall)
+    monkeypatch.setattr("dart_hal.devices.links.paced.time.monotonic", wall)
     paced = PacedLink(world, lambda: world.t, world.pass_time)
     for wall.t in (10.0, 20.0):
         paced.now()

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import pytest
 
-from dart_hal.actuation.neutral_watch import NeutralWatch
 from dart_hal.car import Car
 from dart_hal.core.errors import Disarmed, NotArmed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.actuation.neutral_watch import NeutralWatch
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.esc import Esc, Mode
 from dart_lab.sim.failures import parse, schedule
 from dart_lab.sim.truth import world_of

@@ -23,12 +23,12 @@ from hypothesis.stateful import (
 )
 from pin_witness import Witness
 
-from dart_hal.actuation import Event
-from dart_hal.actuation.plan import Planner
 from dart_hal.car import Car, engine
 from dart_hal.car.driver import Driver
 from dart_hal.core.errors import BadCommand, LinkLost, NotArmed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.actuation import Event
+from dart_hal.devices.actuation.plan import Planner
+from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO

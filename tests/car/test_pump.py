@@ -13,7 +13,7 @@ from dart_hal.car import pump as pumps
 from dart_hal.car.pump import SLICE, ThreadPump
 from dart_hal.car.reconnect import Found
 from dart_hal.core.errors import LinkLost
-from dart_hal.links.serial_port import SerialLink
+from dart_hal.devices.links.serial_port import SerialLink
 
 RAISED = [ZeroDivisionError("listener"), SystemExit(3), KeyboardInterrupt(), GeneratorExit(),
           asyncio.CancelledError(), MemoryError(), RecursionError(), StopIteration()]

@@ -10,7 +10,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.car.facts import Observer
 from dart_hal.core.errors import BadCommand, NotArmed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.run import RunReader
 from dart_lab.sim.truth import world_of
 

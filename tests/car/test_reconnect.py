@@ -12,8 +12,8 @@ from wire_samples import random_values
 
 from dart_hal.car.handshake import ASK, LISTEN
 from dart_hal.car.reconnect import LOOK_EVERY, SILENT_FOR, Search
-from dart_hal.links import serial_port
-from dart_hal.links.serial_port import candidates
+from dart_hal.devices.links import serial_port
+from dart_hal.devices.links.serial_port import candidates
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO

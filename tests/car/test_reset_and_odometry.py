@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.errors import LinkLost
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 KINDS = [("mock", "none"), ("mock", "old"), ("mock", "optiboot"),

@@ -12,7 +12,7 @@ from mcap.reader import make_reader
 from dart_hal.car import Car
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Mount
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.run import RunReader
 from dart_lab.sim.lidar.maps import clearance
 from dart_lab.sim.truth import room_of_car, world_of

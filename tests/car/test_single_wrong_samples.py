@@ -10,7 +10,7 @@ import pytest
 from estimator_input import ACCEL_X, ACCEL_Y, GYRO_Z, RecordedFrames, flip, yaw_sigma
 
 from dart_hal.car import Car, telemetry
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")

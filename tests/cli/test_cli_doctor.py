@@ -12,7 +12,7 @@ from dart_hal.cli import checks as checks_module
 from dart_hal.cli import doctor
 from dart_hal.cli.checks import TITLES, Check, no_bus
 from dart_hal.core.config import Calibration, SteeringTable, save_calibration
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 MOCK = "sim://?nano=mock"

@@ -12,7 +12,7 @@ import pytest
 from wire_samples import random_values
 
 from dart_hal.cli import find
-from dart_hal.links import attached, computers
+from dart_hal.devices.links import attached, computers
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO

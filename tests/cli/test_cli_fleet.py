@@ -14,7 +14,7 @@ import pytest
 from dart_hal.car import Car, join
 from dart_hal.cli.main import main
 from dart_hal.core.errors import Disarmed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 

@@ -46,7 +46,7 @@ def still(monkeypatch):
     def opened(*args, **options):
         raise AssertionError("a car was opened before the outputs were checked")
 
-    monkeypatch.setattr("dart_hal.links.base.open_backend", opened)
+    monkeypatch.setattr("dart_hal.devices.links.base.open_backend", opened)
     for name in ("dart_hal.cli.session", "dart_hal.cli.calibrate_measured"):
         monkeypatch.setattr(f"{name}.open_backend", opened, raising=False)
     monkeypatch.setattr("dart_hal.car.Car.open", opened)

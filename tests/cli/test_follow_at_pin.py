@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from dart_hal import Car
-from dart_hal.actuation.neutral_watch import NeutralWatch
 from dart_hal.cli.follow import follow, follower_of
 from dart_hal.control import follow as rules
 from dart_hal.control import stopping
 from dart_hal.control.follow import PATIENCE, Phase, Rules
 from dart_hal.control.paths import Path
 from dart_hal.core.errors import Disarmed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.actuation.neutral_watch import NeutralWatch
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import THROTTLE
 

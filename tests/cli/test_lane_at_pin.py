@@ -14,7 +14,7 @@ from dart_hal.control import lane_follow
 from dart_hal.control.follow import Phase
 from dart_hal.control.lane_follow import PATIENCE
 from dart_hal.control.stopping import STUCK
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import THROTTLE
 

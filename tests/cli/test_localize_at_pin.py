@@ -13,7 +13,7 @@ from dart_hal.cli.localize import drive
 from dart_hal.control import while_located
 from dart_hal.control.ending import PATIENCE, Phase
 from dart_hal.control.while_located import WhileLocated
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.source import LidarPoses
 from dart_lab.sim.truth import room_of_car, world_of

@@ -14,7 +14,7 @@ from dart_hal.control import lane_follow, wall
 from dart_hal.control.follow import Phase
 from dart_hal.control.lane_follow import PATIENCE
 from dart_hal.control.wall import Wall
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.lidar.maps import clearance
 from dart_lab.sim.truth import room_of_car, world_of
 from dart_lab.sim.world import THROTTLE

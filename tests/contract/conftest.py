@@ -15,9 +15,9 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.errors import BusError, EmulatorMissing, LinkLost, NotArmed
-from dart_hal.links.base import open_backend
-from dart_hal.links.i2c import open_bus
-from dart_hal.links.image import find_image
+from dart_hal.devices.links.base import open_backend
+from dart_hal.devices.links.i2c import open_bus
+from dart_hal.devices.links.image import find_image
 
 WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 COUNT_US = 122 / 25.0

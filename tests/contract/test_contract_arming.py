@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.actuation.arming import BY_NAME
 from dart_hal.car import Car
 from dart_hal.core.errors import Disarmed, LinkLost, NotArmed
 from dart_hal.core.ports import Chunk
-from dart_hal.links.base import open_backend
+from dart_hal.devices.actuation.arming import BY_NAME
+from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, STATE, STATE_FLAGS

@@ -8,7 +8,7 @@ import pytest
 
 from dart_hal.car import Car, Fleet
 from dart_hal.core.errors import LinkLost
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import STATE

@@ -12,7 +12,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.errors import LinkLost, NotPca, PcaBusy
-from dart_hal.links import i2c
+from dart_hal.devices.links import i2c
 from dart_lab.sim.bus import VirtualBus
 from dart_lab.sim.power_monitor import PowerMonitor
 

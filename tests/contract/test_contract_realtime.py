@@ -16,8 +16,8 @@ import time
 import pytest
 from tests.contract.conftest import OFF
 
-from dart_hal.actuation import guarded
 from dart_hal.core.errors import Disarmed, LinkLost, PortBusy, PortMissing
+from dart_hal.devices.actuation import guarded
 
 pytestmark = pytest.mark.realtime
 
@@ -212,7 +212,7 @@ def test_a_second_program_is_refused_by_name_and_the_first_goes_on(served):
     with served.open() as car:
         for _ in car.states(duration=0.1, timeout=PATIENCE):
             pass
-        code = ("import sys; from dart_hal.links.serial_port import SerialLink\n"
+        code = ("import sys; from dart_hal.devices.links.serial_port import SerialLink\n"
                 f"SerialLink({served.port!r})")
         second = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
                                 check=False)

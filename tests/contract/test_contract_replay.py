@@ -12,7 +12,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.errors import EndOfRecording, LinkLost
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 
 KINDS = ["mock", pytest.param("avr", marks=pytest.mark.emulator)]
 

@@ -31,7 +31,7 @@ from dart_hal.car import Car, Fleet, join
 from dart_hal.control.crossing.coordinator import Coordinator
 from dart_hal.control.crossing.crosser import Crosser
 from dart_hal.control.crossing.layouts import LAYOUTS
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 PLACE = Path(__file__).parents[2] / "examples" / "use_cases" / "crossing.py"

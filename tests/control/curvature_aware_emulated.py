@@ -31,7 +31,7 @@ from dart_hal.control.mpc.tracker import LANE, Contouring
 from dart_hal.control.plant import plant_of
 from dart_hal.control.trackers import Lqr, uncompensated
 from dart_hal.core.config import save_model
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.source import LidarPoses
 from dart_hal.vehicle.file import model_of

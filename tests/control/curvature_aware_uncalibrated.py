@@ -22,7 +22,7 @@ from dart_hal.control.follow import Follower, Phase, Rules
 from dart_hal.control.mpc.obstacles import Obstacle, air
 from dart_hal.control.plant import plant_of
 from dart_hal.control.tracks import track_named
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle import UPSTREAM_2024
 from dart_lab.sim.mocap import hidden_mocap
 from dart_lab.sim.truth import world_of

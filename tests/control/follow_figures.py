@@ -42,7 +42,7 @@ from dart_hal.core.config import (
     save_calibration,
     save_model,
 )
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.source import LidarPoses
 from dart_hal.vehicle.file import model_of

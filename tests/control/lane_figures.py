@@ -30,7 +30,7 @@ from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
 from dart_hal.core.config import Quantity, calibration_in, save_calibration, save_model
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.vehicle.file import model_of
 from dart_lab.sim.lidar.lanes import BEHIND, LANES, boards
 from dart_lab.sim.truth import room_of_car, world_of

@@ -36,7 +36,7 @@ from dart_hal.control.tracks import track_named
 from dart_hal.core.config import Quantity, calibration_in, save_calibration, save_model
 from dart_hal.core.types import FloatArray, Scan
 from dart_hal.core.url import Url
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.vehicle.file import model_of
 from dart_lab.sim.arena import Place, enter
 from dart_lab.sim.lidar.maps import Room, box, clearance

@@ -22,7 +22,7 @@ from tests.calibration.hidden_errors import holding_pulse, true_sensors
 
 from dart_hal.car import Car
 from dart_hal.core.config import Calibration, DriveTable, Quantity, save_calibration, save_model
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import Delay, Vehicle
 from dart_lab.sim.truth import world_of

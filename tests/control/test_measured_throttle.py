@@ -14,7 +14,7 @@ from dart_hal.control.measured import REST_S, inverse_of, rest_before_reverse, v
 from dart_hal.control.reversal import Reversal
 from dart_hal.core.config import Calibration, DriveTable, Quantity, save_calibration
 from dart_hal.core.config.calibration import ThrottleCalibration
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.sim.esc import Esc
 from dart_lab.sim.truth import world_of

@@ -16,7 +16,7 @@ from dart_hal.control.mpc.planner import Outcome
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import plant_of
 from dart_hal.core.errors import UsageError
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 NEUTRAL_US, NEAR_US, SETTLED = 1500.0, 5.0, 0.040

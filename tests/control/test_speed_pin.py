@@ -6,7 +6,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.control.loop import SpeedLoop
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 NEUTRAL_US, NEAR_US = 1500.0, 5.0

@@ -20,7 +20,7 @@ from dart_hal.control.paths import Path
 from dart_hal.control.plant import plant_of
 from dart_hal.control.traffic import Neighbour, Traffic, Wait
 from dart_hal.core.types import Pose, pose_cov
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 REAR = 0.09

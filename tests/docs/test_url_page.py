@@ -8,7 +8,7 @@ import pytest
 from handbook import DOCS
 
 from dart_hal.core.errors import UsageError
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 
 PAGE = (DOCS / "reference" / "urls.md").read_text(encoding="utf-8")
 

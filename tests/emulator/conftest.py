@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links import bridge
-from dart_hal.links.emulator import EmulatedNano
-from dart_hal.links.image import FIRMWARE_DIR, find_image
+from dart_hal.devices.links import bridge
+from dart_hal.devices.links.emulator import EmulatedNano
+from dart_hal.devices.links.image import FIRMWARE_DIR, find_image
 
 
 class Probe(EmulatedNano):

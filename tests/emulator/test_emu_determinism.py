@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from dart_hal.links.emulator import EmulatedNano
+from dart_hal.devices.links.emulator import EmulatedNano
 
 pytestmark = pytest.mark.emulator
 EVEN = [i / 20 for i in range(20)]

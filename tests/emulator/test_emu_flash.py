@@ -9,9 +9,9 @@ import pytest
 import serial
 from serial import SerialException
 
-from dart_hal.links.emulator import EmulatedNano
-from dart_hal.links.image import BOOTLOADER, load_image
-from dart_hal.links.pty import Pty
+from dart_hal.devices.links.emulator import EmulatedNano
+from dart_hal.devices.links.image import BOOTLOADER, load_image
+from dart_hal.devices.links.pty import Pty
 from dart_hal.wire.decoder import Decoder
 
 pytestmark = pytest.mark.emulator

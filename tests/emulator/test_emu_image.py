@@ -9,8 +9,8 @@ import subprocess
 import pytest
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links import bridge, image
-from dart_hal.links.image import (
+from dart_hal.devices.links import bridge, image
+from dart_hal.devices.links.image import (
     FIRMWARE_DIR,
     FLASH_SIZE,
     ImageError,

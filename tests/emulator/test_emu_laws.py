@@ -9,8 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dart_hal.links.emulator import EmulatedNano
-from dart_hal.links.image import FLASH_SIZE, ImageError, parse_elf, parse_hex
+from dart_hal.devices.links.emulator import EmulatedNano
+from dart_hal.devices.links.image import FLASH_SIZE, ImageError, parse_elf, parse_hex
 
 RATES = st.lists(st.tuples(st.floats(-80, 80), st.integers(1, 40)), min_size=1, max_size=12)
 MARKS = st.lists(st.integers(0, 9999), min_size=2, max_size=24, unique=True).map(

@@ -9,9 +9,9 @@ from itertools import pairwise
 import pytest
 import serial
 
-from dart_hal.links import pty as pty_module
-from dart_hal.links.emulator import EmulatedNano
-from dart_hal.links.pty import Pty
+from dart_hal.devices.links import pty as pty_module
+from dart_hal.devices.links.emulator import EmulatedNano
+from dart_hal.devices.links.pty import Pty
 
 pytestmark = [pytest.mark.emulator, pytest.mark.realtime]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.core.errors import LinkLost, UsageError
-from dart_hal.links.emulator import EmulatedNano
+from dart_hal.devices.links.emulator import EmulatedNano
 
 pytestmark = pytest.mark.emulator
 

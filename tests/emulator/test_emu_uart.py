@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from dart_hal.links.emulator import EmulatedNano
+from dart_hal.devices.links.emulator import EmulatedNano
 
 pytestmark = pytest.mark.emulator
 BYTE = 10 / 500_000

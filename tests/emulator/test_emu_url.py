@@ -10,9 +10,9 @@ import serial
 
 from dart_hal.core.errors import LinkLost, UsageError
 from dart_hal.core.url import Url
-from dart_hal.links.avr import VirtualLink, open_avr
-from dart_hal.links.base import open_backend
-from dart_hal.links.emulator import EmulatedNano
+from dart_hal.devices.links.avr import VirtualLink, open_avr
+from dart_hal.devices.links.base import open_backend
+from dart_hal.devices.links.emulator import EmulatedNano
 
 pytestmark = pytest.mark.emulator
 
@@ -84,11 +84,11 @@ def test_bad_urls_fail_as_serial_errors(probe):
 
 
 def test_importing_the_links_is_light():
-    code = ("import sys, dart_hal.links; "
-            "print([m for m in ('numpy', 'ctypes', 'dart_hal.links.emulator') if m in sys.modules"
+    code = ("import sys, dart_hal.devices.links; "
+            "print([m for m in ('numpy', 'ctypes', 'dart_hal.devices.links.emulator') if m in sys.modules"
             " and m != 'ctypes'])")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert "dart_hal.links.emulator" not in done.stdout
+    assert "dart_hal.devices.links.emulator" not in done.stdout
 
 
 def test_backend_of_the_firmware(firmware):

@@ -9,9 +9,9 @@ import pytest
 
 from dart_hal import Car
 from dart_hal.core.types import Doubt
+from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation import WheelSpeed
 from dart_hal.estimation.direction import FeltDirection
-from dart_hal.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 FRAME = 0.01

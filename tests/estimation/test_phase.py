@@ -9,8 +9,8 @@ from bisect import bisect_left, bisect_right
 import pytest
 
 from dart_hal import Car
+from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.phase import RingPhase
-from dart_hal.links.base import open_backend
 from dart_lab.sim.hidden import hidden_car
 from dart_lab.sim.ring import even_ring, turned_ring
 from dart_lab.sim.truth import world_of

@@ -10,7 +10,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.config import CarFiles, parse_car
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle import make_acceleration, make_steering
 from dart_lab.identify.experiment.floor import Floor
 from dart_lab.identify.experiment.handover import Outcome, fit_run, mass_of, note_mass

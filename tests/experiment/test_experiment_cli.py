@@ -122,7 +122,7 @@ class NotSim:
     def __init__(self, monkeypatch):
         import dart_hal.cli.experiment as verb
         from dart_hal.core.url import Url
-        from dart_hal.links.base import open_backend
+        from dart_hal.devices.links.base import open_backend
 
         def opened(text: str):
             backend = open_backend("sim://?seed=3&nano=mock")

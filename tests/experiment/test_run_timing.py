@@ -7,7 +7,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.car.runs import read_run
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 START, END = 3.0, 4.5

@@ -13,7 +13,7 @@ from fault_table.row import Case, Measured, Row
 from fault_table.table import LAYERS, ROWS
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links import bridge
+from dart_hal.devices.links import bridge
 
 
 def parameters(fast: bool):

@@ -8,11 +8,11 @@ from unittest.mock import patch
 import pytest
 from fault_table.drive import PERIOD, WAIVE, Drive, forward
 
-from dart_hal.actuation.arming import GOOD_FOR
 from dart_hal.car.driver import Driver
 from dart_hal.car.engine import Engine
 from dart_hal.car.facts import LIVE_AFTER, Observer
 from dart_hal.car.guarding import GuardPost
+from dart_hal.devices.actuation.arming import GOOD_FOR
 from dart_lab.sim.faults import LineFaults
 
 ARM_NEUTRAL = 2.0

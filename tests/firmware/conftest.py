@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links import bridge
+from dart_hal.devices.links import bridge
 
 sys.path.append(str(Path(__file__).parent))
 from firmware_rig import FIRMWARE, Rig, missing

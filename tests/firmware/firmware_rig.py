@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from dart_hal.links.emulator import EmulatedNano
+from dart_hal.devices.links.emulator import EmulatedNano
 from dart_hal.wire import codec, messages
 from dart_hal.wire.decoder import Decoder
 

@@ -10,7 +10,7 @@ import pytest
 from firmware_rig import BOARD_ID, FLAG, Rig, eeprom_image, patched
 
 from dart_hal.core.errors import DartHalError
-from dart_hal.links.boot import BOOTS
+from dart_hal.devices.links.boot import BOOTS
 from dart_hal.wire.messages import CAPS
 
 pytestmark = pytest.mark.emulator

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dart_hal.car import Car, Fleet, join
 from dart_hal.core.types import Pose, Tracking, pose_cov
+from dart_hal.devices.links.base import open_backend
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
 from dart_hal.fleet.peers import values_of_pose
-from dart_hal.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 NEUTRAL_US, NEAR_US = 1500.0, 5.0

@@ -12,9 +12,9 @@ from pathlib import Path
 import click
 import pytest
 
-from dart_hal.actuation.arming import BY_NAME
 from dart_hal.cli import checks
 from dart_hal.cli.main import VERBS, cli
+from dart_hal.devices.actuation.arming import BY_NAME
 from dart_hal.wire.messages import SCHEMA
 
 ROOT = Path(__file__).parents[2]

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.actuation.pca9685 import Pca9685
 from dart_hal.core.config import parse_car
 from dart_hal.core.errors import EmulatorMissing, LinkLost
-from dart_hal.links.base import open_backend
+from dart_hal.devices.actuation.pca9685 import Pca9685
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 ROOT = Path(__file__).parents[2]

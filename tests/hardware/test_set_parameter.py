@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.cutoff import CUTOFFS
 
 ROOT = Path(__file__).parents[2]

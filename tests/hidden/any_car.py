@@ -34,7 +34,7 @@ from dart_hal.cli.calibrate_all import write
 from dart_hal.cli.demo_diagnosis import FRAME_WAIT, SERVO_S
 from dart_hal.core.config import ModelFile, save_model
 from dart_hal.core.process.jobs import each
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model

@@ -12,8 +12,8 @@ from dart_hal.car.run_poses import mocap_of
 from dart_hal.car.runs import read_run
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import ExternalPose
+from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.source_clock import car_time
-from dart_hal.links.base import open_backend
 from dart_hal.recording.dart import fit_reference
 from dart_lab.identify.evaluate.cases import prepare
 from dart_lab.sim.mocap import hidden_mocap

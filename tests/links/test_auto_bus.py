@@ -9,7 +9,7 @@ import pytest
 from dart_hal.cli.stop import real
 from dart_hal.core.errors import BusMissing
 from dart_hal.core.url import Url
-from dart_hal.links import computers, serial_port
+from dart_hal.devices.links import computers, serial_port
 
 URL = "serial:///dev/ttyUSB9?i2c=auto"
 

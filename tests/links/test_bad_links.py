@@ -27,9 +27,9 @@ from dart_hal.core.errors import (
     UsageError,
 )
 from dart_hal.core.url import Url
-from dart_hal.links import serial_port
-from dart_hal.links.base import open_backend
-from dart_hal.links.serial_port import SerialLink, find_port, open_serial
+from dart_hal.devices.links import serial_port
+from dart_hal.devices.links.base import open_backend
+from dart_hal.devices.links.serial_port import SerialLink, find_port, open_serial
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HELLO, TIME_PONG
 
@@ -145,9 +145,9 @@ def test_it_falls_back_to_the_rate_at_which_hello_comes(fake, hurried):
 
 @pytest.mark.emulator
 def test_a_nano_whose_parameter_is_115200_is_found(hurried):
-    from dart_hal.links.emulator import EmulatedNano
-    from dart_hal.links.image import find_image
-    from dart_hal.links.pty import Pty
+    from dart_hal.devices.links.emulator import EmulatedNano
+    from dart_hal.devices.links.image import find_image
+    from dart_hal.devices.links.pty import Pty
     from dart_lab.sim.eeprom import preset
 
     try:

@@ -14,7 +14,7 @@ import pytest
 import dart_hal
 from dart_hal.core.errors import LinkLost
 from dart_hal.core.process.waiting import wait_readable, wait_writable
-from dart_hal.links.serial_port import WRITE_PATIENCE, SerialLink
+from dart_hal.devices.links.serial_port import WRITE_PATIENCE, SerialLink
 
 FILES = 1100
 

@@ -9,7 +9,7 @@ import pytest
 import smbus2
 
 from dart_hal.core.errors import BusError
-from dart_hal.links.smbus import SmbusBus
+from dart_hal.devices.links.smbus import SmbusBus
 
 
 class Device:

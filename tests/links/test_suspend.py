@@ -8,7 +8,7 @@ import pytest
 
 from dart_hal.core.process import suspend
 from dart_hal.core.process.suspend import SuspendDetector, elapsed, elapsed_ns
-from dart_hal.links.serial_port import RealClock
+from dart_hal.devices.links.serial_port import RealClock
 
 
 class Clocks:

@@ -15,8 +15,8 @@ from dart_hal.car import poses
 from dart_hal.core.config import load_car
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Pose, Tracking
+from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.odometry import Odometry
-from dart_hal.links.base import open_backend
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.health import FRESH, Agreement, Judge, Status
 from dart_hal.localisation.localiser import Localiser

@@ -10,7 +10,7 @@ import pytest
 
 from dart_hal import Car
 from dart_hal.core.errors import LogError
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.repair import repair
 from dart_hal.recording.run import RunReader, RunWriter

@@ -8,7 +8,7 @@ from dart_hal.car.replay import open_replay
 from dart_hal.core.errors import EndOfRecording, LinkLost, RecordingError, UsageError
 from dart_hal.core.types import NEUTRAL, Applied
 from dart_hal.core.url import Url
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.run import RunReader, RunWriter
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder

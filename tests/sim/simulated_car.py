@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_lab.sim.truth import world_of

@@ -10,7 +10,7 @@ import pytest
 
 from dart_hal.car import Car, Fleet
 from dart_hal.core.errors import UsageError
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim import arena
 from dart_lab.sim.arena import BODY, overlap
 from dart_lab.sim.truth import room_of_car, truth, world_of

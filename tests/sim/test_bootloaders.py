@@ -7,7 +7,7 @@ from itertools import pairwise
 import pytest
 
 from dart_hal.core.errors import UsageError
-from dart_hal.links.boot import STARTUP
+from dart_hal.devices.links.boot import STARTUP
 
 NANOS = ["mock", pytest.param("avr", marks=pytest.mark.emulator)]
 WAITS = [  # boot, cause, least and most silence on the line [s]

@@ -7,7 +7,7 @@ import struct
 
 import pytest
 
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.serve import BusServer, PacedWorld
 
 PCA9685, MODE1, PRESCALE = 0x40, 0x00, 0xFE

@@ -8,7 +8,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 URLS = ["sim://?nano=mock", "sim://?nano=mock&seed=3&jitter=usb", "sim://?nano=mock&cutoff=oe",

@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.core.url import Url
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle.effects import catalogue
 from dart_lab.sim.drawn import car_of
 from dart_lab.sim.esc import Esc

@@ -7,7 +7,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import truth
 
 NANOS = ["mock", pytest.param("avr", marks=pytest.mark.emulator)]

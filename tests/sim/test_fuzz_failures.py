@@ -11,7 +11,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from dart_hal.core.errors import UsageError
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.failure_kinds import KINDS
 from dart_lab.sim.failures import Failure, parse
 

@@ -12,7 +12,7 @@ import pytest
 from dart_hal.core.config import parse_config
 from dart_hal.core.config.calibration import QUANTITIES
 from dart_hal.core.url import Url
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle import PAPER, check_monotone, make_steering
 from dart_lab.sim.hidden import hidden_car
 from dart_lab.sim.truth import reveal, reveal_url

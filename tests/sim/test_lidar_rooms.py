@@ -11,7 +11,7 @@ from PIL import Image
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.localisation import rays
 from dart_hal.localisation.grid import read_grid
 from dart_lab.sim.lidar import lanes

@@ -65,7 +65,7 @@ def of(frames, name):
 
 @pytest.fixture(scope="module")
 def both():
-    from dart_hal.links.emulator import EmulatedNano
+    from dart_hal.devices.links.emulator import EmulatedNano
 
     try:
         nano = EmulatedNano(eeprom=preset(5))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.core.errors import EmulatorMissing, LinkLost, UsageError
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.mock_nano import MockNano
 from dart_lab.sim.truth import truth, world_of
 

@@ -11,7 +11,7 @@ import pytest
 from dart_hal.core.config import save_model
 from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.core.url import Url
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle import SETS, UPSTREAM_2024
 from dart_hal.vehicle.effects import extended, parse
 from dart_hal.vehicle.load import model_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle.friction import make_friction
 from dart_lab.sim.hidden import hidden_car
 from dart_lab.sim.motion import Drive

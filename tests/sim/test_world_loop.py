@@ -7,7 +7,7 @@ import math
 import pytest
 
 from dart_hal.core.errors import UsageError
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle import PAPER, make_steering
 
 EDGE = 0.0412918 / 20

@@ -24,7 +24,7 @@ from random import Random
 import dart_lab.sim.world
 from dart_hal.car.car import Car
 from dart_hal.core.errors import DartHalError, LinkLost, NotArmed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.frame import Frame

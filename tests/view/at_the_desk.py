@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 from dart_hal.car import Car
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.live.view import messages as m
 from dart_lab.live.view.access import Access
 from dart_lab.live.view.desk import Desk

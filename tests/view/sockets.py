@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from websockets.sync.client import connect
 
 from dart_hal.car import Car
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
 

@@ -16,8 +16,8 @@ from browser import DESK, PHONE
 from web_serial import Relay, web_serial
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links import bridge, emulator
-from dart_hal.links.image import BOOT_START, BOOTLOADER, load_image, with_bootloader
+from dart_hal.devices.links import bridge, emulator
+from dart_hal.devices.links.image import BOOT_START, BOOTLOADER, load_image, with_bootloader
 from dart_lab.live.view.flash_page import serve_flash_page
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.emulator]

@@ -11,7 +11,7 @@ from tempfile import TemporaryFile
 
 import pytest
 
-from dart_hal.links.image import BOOT_START, ImageError, parse_hex
+from dart_hal.devices.links.image import BOOT_START, ImageError, parse_hex
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HELLO, HELLO_REQ, PROTO, SCHEMA
 

@@ -7,9 +7,9 @@ import re
 import pytest
 from at_the_desk import AtTheDesk
 
-from dart_hal.actuation.arming import REFUSALS
-from dart_hal.actuation.trips import TRIPS
 from dart_hal.car import join
+from dart_hal.devices.actuation.arming import REFUSALS
+from dart_hal.devices.actuation.trips import TRIPS
 from dart_hal.fleet.station import Station
 from dart_lab.live.view import messages as m
 from dart_lab.live.view import words

@@ -13,10 +13,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dart_hal.actuation.quantiser import NOMINAL_HZ, STEPS, counter_of
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.config.ranges import MAX_CLOCK_STD, OSCILLATOR_HZ
 from dart_hal.core.errors import CalibrationFailed
+from dart_hal.devices.actuation.quantiser import NOMINAL_HZ, STEPS, counter_of
 from dart_hal.wire.messages import TICKS_PER_SECOND
 
 from .asking import Ask, Progress, agree, begin, silent

@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from msgspec import structs
 
-from dart_hal.actuation.limits import RAW_HIGH_US
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports import Workshop
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import Estimate
+from dart_hal.devices.actuation.limits import RAW_HIGH_US
 
 from .asking import Ask, Progress, agree, begin, silent
 from .by_hand import turn_by_hand

@@ -13,9 +13,9 @@ from collections import deque
 
 import numpy as np
 
-from dart_hal.actuation.quantiser import counter_of
 from dart_hal.core.config import CarFiles
 from dart_hal.core.types import State
+from dart_hal.devices.actuation.quantiser import counter_of
 from dart_hal.vehicle.sets import PAPER
 
 AVERAGED = 40

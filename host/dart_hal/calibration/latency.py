@@ -13,11 +13,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dart_hal.actuation.quantiser import counter_of
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.config.quantity import Quantities
 from dart_hal.core.ports import Workshop
 from dart_hal.core.types import FloatArray, State
+from dart_hal.devices.actuation.quantiser import counter_of
 
 from .asking import Ask, Progress, agree, begin, silent
 from .by_hand import naming

@@ -14,10 +14,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from dart_hal.actuation.quantiser import STEPS, counter_of
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import BoolArray, FloatArray
+from dart_hal.devices.actuation.quantiser import STEPS, counter_of
 from dart_hal.wire.messages import TICKS_PER_SECOND
 
 from .latency_log import LoggedCar, TrafficLog

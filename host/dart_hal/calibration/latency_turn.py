@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dart_hal.actuation.steering_map import SteeringMap, steering_map
 from dart_hal.core.config import CarFiles
 from dart_hal.core.types import FloatArray
+from dart_hal.devices.actuation.steering_map import SteeringMap, steering_map
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import PaperTyres, Vehicle
 

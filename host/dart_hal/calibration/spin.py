@@ -12,10 +12,10 @@ from typing import Protocol
 
 import numpy as np
 
-from dart_hal.actuation.quantiser import counter_of
 from dart_hal.core.errors import BadCommand, CalibrationFailed
 from dart_hal.core.ports import Workshop
 from dart_hal.core.types import Applied, FloatArray, State
+from dart_hal.devices.actuation.quantiser import counter_of
 from dart_hal.estimation.frames import Sample
 
 from .by_hand import PushedCar, name_silence

@@ -15,7 +15,6 @@ from datetime import datetime, timezone
 import msgspec
 import numpy as np
 
-from dart_hal.actuation.quantiser import counter_of
 from dart_hal.calibration.samples import Samples
 from dart_hal.calibration.steering_map import fit_map
 from dart_hal.core.config import (
@@ -30,6 +29,7 @@ from dart_hal.core.config import (
 from dart_hal.core.config.calibration import SteeringCalibration
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray, State
+from dart_hal.devices.actuation.quantiser import counter_of
 from dart_hal.vehicle.fitting.batches import standard_error
 
 from .asking import Ask, Progress, agree, begin, silent

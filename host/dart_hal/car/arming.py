@@ -8,10 +8,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from math import inf
 
-from dart_hal.actuation import ArmState, Caution, Event
 from dart_hal.car.recorder import Recorded
 from dart_hal.core.config import CarFiles
 from dart_hal.core.types import Applied, State
+from dart_hal.devices.actuation import ArmState, Caution, Event
 
 FIRST_PULSES = 0.1
 """s until the ESC has seen the first neutral of a car that has just been opened."""

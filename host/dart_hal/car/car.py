@@ -12,9 +12,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from dart_hal.actuation import ArmState, disarmed
-from dart_hal.actuation.chain import WATCH_PULSE_US
-from dart_hal.actuation.limits import number, validity
 from dart_hal.car.arming import Arming
 from dart_hal.car.engine import Engine
 from dart_hal.car.exit_signals import stop_on_signals
@@ -38,7 +35,10 @@ from dart_hal.core.ports import ImageSource, PoseSource, ScanSource
 from dart_hal.core.process.forks import ParentsLock, in_child
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import Applied, State
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.devices.actuation import ArmState, disarmed
+from dart_hal.devices.actuation.chain import WATCH_PULSE_US
+from dart_hal.devices.actuation.limits import number, validity
+from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.wire.messages import BY_NAME
 

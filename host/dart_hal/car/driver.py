@@ -10,20 +10,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from dart_hal.actuation import (
-    Actuator,
-    ArmState,
-    Caution,
-    Event,
-    Facts,
-    Supervisor,
-    not_armed,
-    refusals,
-)
-from dart_hal.actuation import warnings as cautions
-from dart_hal.actuation.arming import WAIVABLE
-from dart_hal.actuation.neutral_watch import NeutralWatch
-from dart_hal.actuation.supervisor import COMES_BY_WAITING
 from dart_hal.car.cutoff_test import CutoffTest
 from dart_hal.car.facts import LIVE_AFTER, STALE, Observer
 from dart_hal.car.guarding import GuardPost
@@ -33,7 +19,21 @@ from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import BadCommand, BusError, NotArmed
 from dart_hal.core.process.suspend import SuspendDetector
 from dart_hal.core.types import Applied, Doubt, Limit, State
-from dart_hal.links.base import Backend
+from dart_hal.devices.actuation import (
+    Actuator,
+    ArmState,
+    Caution,
+    Event,
+    Facts,
+    Supervisor,
+    not_armed,
+    refusals,
+)
+from dart_hal.devices.actuation import warnings as cautions
+from dart_hal.devices.actuation.arming import WAIVABLE
+from dart_hal.devices.actuation.neutral_watch import NeutralWatch
+from dart_hal.devices.actuation.supervisor import COMES_BY_WAITING
+from dart_hal.devices.links.base import Backend
 
 REFUSAL_OF = {"LINK_STALE": "LINK_NOT_GOOD_500MS", "COMMAND_EXPIRED": "THROTTLE_NOT_NEUTRAL",
               "TIME_BACKWARD": "COMMAND_INVALID", "PCA_READBACK": "PCA_MODE",

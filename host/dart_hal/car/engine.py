@@ -34,7 +34,7 @@ from dart_hal.core.errors import DartHalError
 from dart_hal.core.ports import Link
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import Applied, State
-from dart_hal.links.base import Backend
+from dart_hal.devices.links.base import Backend
 from dart_hal.wire.crc import crc16
 from dart_hal.wire.messages import HELLO_REQ, PARAM_GET, PROTO, SCHEMA, SEED_FOREVER
 

@@ -7,11 +7,11 @@ from collections.abc import Callable
 from datetime import datetime, timezone
 from math import hypot
 
-from dart_hal.actuation import Actuator, ArmState, Facts
 from dart_hal.car.receive import Receiver
 from dart_hal.core.config import CarFiles
 from dart_hal.core.types import Doubt, State
-from dart_hal.links.base import Backend
+from dart_hal.devices.actuation import Actuator, ArmState, Facts
+from dart_hal.devices.links.base import Backend
 from dart_hal.wire.messages import PARAM_BY_NAME
 
 STALE = 0.08

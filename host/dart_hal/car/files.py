@@ -8,7 +8,7 @@ from pathlib import Path
 from dart_hal.core.config import CarFiles, load_car, named_folders, parse_car
 from dart_hal.core.config.folders import Folders, parse_run_car
 from dart_hal.core.errors import ConfigError
-from dart_hal.links.base import Backend
+from dart_hal.devices.links.base import Backend
 
 DEFAULT_CAR = "dart-01"
 REPLAY = "replay"

@@ -10,12 +10,12 @@ import subprocess
 import threading
 from contextlib import suppress
 
-from dart_hal.actuation import Actuator, Guard
-from dart_hal.actuation.owner import own
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import BusError
-from dart_hal.links.base import Backend
-from dart_hal.links.i2c import open_bus
+from dart_hal.devices.actuation import Actuator, Guard
+from dart_hal.devices.actuation.owner import own
+from dart_hal.devices.links.base import Backend
+from dart_hal.devices.links.i2c import open_bus
 
 PATIENCE = 15.0
 """s that its start may take on a busy machine."""

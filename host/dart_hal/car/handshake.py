@@ -12,8 +12,8 @@ from typing import Protocol
 from dart_hal.car.identity import Hello
 from dart_hal.core.errors import NoHello
 from dart_hal.core.url import Url
-from dart_hal.links.base import Backend
-from dart_hal.links.serial_port import RealClock, SerialLink
+from dart_hal.devices.links.base import Backend
+from dart_hal.devices.links.serial_port import RealClock, SerialLink
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, HELLO_REQ, PROTO, SCHEMA

@@ -12,7 +12,7 @@ from dart_hal.camera.health import Watch
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import ImageSource
 from dart_hal.core.types import Image, State
-from dart_hal.links.base import Backend
+from dart_hal.devices.links.base import Backend
 
 KEPT = 16
 """Images that wait for ``Car.images``: 1 s; of a program that never asks the oldest are dropped."""

@@ -12,10 +12,10 @@ from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import PoseSource
 from dart_hal.core.types import ExternalPose, State
+from dart_hal.devices.links.base import Backend
 from dart_hal.estimation.odometry import Odometry
 from dart_hal.estimation.pose_model import Marker
 from dart_hal.estimation.room import UNKNOWN, RoomEstimator
-from dart_hal.links.base import Backend
 from dart_hal.localisation.source import LidarPoses, open_source
 from dart_hal.poses import open_poses
 from dart_hal.poses.clock_steps import ClockSteps

@@ -10,7 +10,7 @@ from dart_hal.car.engine import Engine
 from dart_hal.car.reconnect import Found, Search
 from dart_hal.core.errors import LinkLost
 from dart_hal.core.types import State
-from dart_hal.links.serial_port import SerialLink
+from dart_hal.devices.links.serial_port import SerialLink
 
 SLICE = 0.02
 """s: longest wait in the thread's read, so that expiry is noticed in time."""

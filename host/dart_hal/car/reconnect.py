@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from dart_hal.car.handshake import ASK, ASK_EVERY, LISTEN, Port
 from dart_hal.core.errors import DartHalError
-from dart_hal.links.base import Backend
-from dart_hal.links.serial_port import SerialLink
+from dart_hal.devices.links.base import Backend
+from dart_hal.devices.links.serial_port import SerialLink
 
 LOOK_EVERY = 0.25
 """s between two looks at what is plugged in; with the boot loader found within 2 s."""

@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from dart_hal.actuation.quantiser import counter_of
 from dart_hal.car import Car
 from dart_hal.car.run_poses import calibrated, mocap_of, on_clock
 from dart_hal.core.config import CarFiles
@@ -24,6 +23,7 @@ from dart_hal.core.config.car import CarConfig
 from dart_hal.core.errors import DartHalError, RecordingError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import ExternalPose, FloatArray, IntArray, State
+from dart_hal.devices.actuation.quantiser import counter_of
 from dart_hal.estimation.imu_clock import GYRO_READ
 from dart_hal.estimation.odometry import GYRO_FILTER
 from dart_hal.recording.dart import (

@@ -9,9 +9,9 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from dart_hal.actuation.limits import LONGEST_VALIDITY
 from dart_hal.core.errors import UsageError
 from dart_hal.core.timing import SAMPLE
+from dart_hal.devices.actuation.limits import LONGEST_VALIDITY
 
 SLOWEST = round(LONGEST_VALIDITY / SAMPLE / 2)
 """Frames from one State of a loop to its next, 25: a command that may hold for 0.5 s outlives

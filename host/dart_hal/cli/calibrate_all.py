@@ -26,7 +26,7 @@ from dart_hal.cli.steering_table import show as show_steering
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.folders import calibration_in
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.localisation.field import Map
 
 

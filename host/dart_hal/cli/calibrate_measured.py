@@ -32,7 +32,7 @@ from dart_hal.core.config import CarFiles, DriveTable, Quantity, check_writable
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import Workshop
 from dart_hal.core.types import NINETY
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.devices.links.base import Backend, open_backend
 
 T = TypeVar("T")
 Procedure = Callable[[Car, Workshop, Progress, Ask], T]

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
-from dart_hal.actuation.arming import BY_NAME
 from dart_hal.car import Car
 from dart_hal.car.images import camera_of
 from dart_hal.core.errors import (
@@ -21,7 +20,8 @@ from dart_hal.core.errors import (
 )
 from dart_hal.core.ports import ImageSource, PoseSource
 from dart_hal.core.types import State, Tracking
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.devices.actuation.arming import BY_NAME
+from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.poses import open_poses
 from dart_hal.wire.messages import SCHEMA
 

@@ -29,7 +29,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.process import jobs
 from dart_hal.core.process.extras import install_command
 from dart_hal.core.url import Url
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_lab.diagnose.report import describe_cause, headline
 from dart_lab.sim.truth import reveal_url, truth
 

@@ -21,7 +21,7 @@ from dart_hal.control.raceline import raceline
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.figures import ABOVE, BLUE, INK, ORANGE, finish, new_figure
 from dart_hal.core.types import FloatArray, State
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.localisation.field import map_of_grid
 from dart_hal.localisation.grid import Grid, write_grid
 from dart_hal.localisation.source import LidarPoses

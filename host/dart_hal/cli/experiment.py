@@ -26,7 +26,7 @@ from dart_hal.cli.output import console, notices, print_json, progress_bar, resu
 from dart_hal.cli.outputs import OutputFile, PlotFile
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import ExperimentFailed, UsageError
-from dart_hal.links.base import Backend, open_backend
+from dart_hal.devices.links.base import Backend, open_backend
 from dart_lab.identify.experiment.floor import Floor
 from dart_lab.identify.experiment.handover import Outcome, fit_run, mass_of, note_mass, write_model
 from dart_lab.identify.experiment.make import conduct, make_plan

@@ -12,8 +12,8 @@ from dart_hal.car.handshake import identify_port
 from dart_hal.cli.options import json_option
 from dart_hal.cli.output import print_json, say
 from dart_hal.core.errors import DartHalError
-from dart_hal.links.attached import LIDAR, PortSeen, serial_ports
-from dart_hal.links.computers import BRIDGES, BusSeen, Computer, computer, i2c_buses
+from dart_hal.devices.links.attached import LIDAR, PortSeen, serial_ports
+from dart_hal.devices.links.computers import BRIDGES, BusSeen, Computer, computer, i2c_buses
 
 UNPLUG = ("which one is the car: unplug it and run dart-hal find again; the line that is gone is "
           "its port")

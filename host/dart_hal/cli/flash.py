@@ -20,8 +20,8 @@ from dart_hal.cli.options import json_option
 from dart_hal.cli.output import console, print_json, results
 from dart_hal.core.errors import FlashFailed, PortMissing, UsageError
 from dart_hal.core.text_file import read_text
-from dart_hal.links.image import find_image
-from dart_hal.links.serial_port import holders, is_port
+from dart_hal.devices.links.image import find_image
+from dart_hal.devices.links.serial_port import holders, is_port
 from dart_lab.live.view.flash_page import serve_flash_page
 
 BAUDS = (115_200, 57_600)

@@ -13,7 +13,7 @@ from dart_hal.cli.output import notices, progress_bar
 from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.types import State
 from dart_hal.core.url import Url
-from dart_hal.links.base import Backend
+from dart_hal.devices.links.base import Backend
 from dart_hal.localisation.field import Map, map_of_grid
 from dart_hal.localisation.grid import read_grid
 from dart_hal.localisation.source import open_source

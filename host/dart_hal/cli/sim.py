@@ -15,8 +15,8 @@ from dart_hal.cli.output import console, notices, print_json, results
 from dart_hal.core.config import cars_home
 from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
-from dart_hal.links.base import Backend, open_backend
-from dart_hal.links.pty import Pty
+from dart_hal.devices.links.base import Backend, open_backend
+from dart_hal.devices.links.pty import Pty
 from dart_lab.sim.failures import parse as parse_failure
 from dart_lab.sim.serve import BusServer, PacedWorld
 from dart_lab.sim.truth import reveal_url

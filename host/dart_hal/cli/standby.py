@@ -8,7 +8,6 @@ from pathlib import Path
 
 import click
 
-from dart_hal.actuation.standby import LOOK_EVERY, Throttle, Watchman
 from dart_hal.car.exit_signals import stop_on_signals
 from dart_hal.cli.options import Number, car_options, json_option
 from dart_hal.cli.output import console, print_json
@@ -16,8 +15,9 @@ from dart_hal.cli.stop import reach, real
 from dart_hal.core.errors import BusError
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.timing import PWM_FRAME
-from dart_hal.links.holder import holder, port_of
-from dart_hal.links.notify import notify
+from dart_hal.devices.actuation.standby import LOOK_EVERY, Throttle, Watchman
+from dart_hal.devices.links.holder import holder, port_of
+from dart_hal.devices.links.notify import notify
 
 
 @click.command("standby")

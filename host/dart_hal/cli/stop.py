@@ -8,17 +8,17 @@ from pathlib import Path
 
 import click
 
-from dart_hal.actuation.owner import refuse_claimed
-from dart_hal.actuation.standby import Throttle, stop
 from dart_hal.cli.options import car_options, json_option
 from dart_hal.cli.output import console, print_json, results
 from dart_hal.core.config import load_car
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import Bus
 from dart_hal.core.url import Url
-from dart_hal.links.computers import settled
-from dart_hal.links.holder import holder, port_of
-from dart_hal.links.i2c import open_bus
+from dart_hal.devices.actuation.owner import refuse_claimed
+from dart_hal.devices.actuation.standby import Throttle, stop
+from dart_hal.devices.links.computers import settled
+from dart_hal.devices.links.holder import holder, port_of
+from dart_hal.devices.links.i2c import open_bus
 
 
 @click.command("stop")

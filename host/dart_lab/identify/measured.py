@@ -18,7 +18,6 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from dart_hal.actuation.steering_map import steering_map
 from dart_hal.calibration import curves
 from dart_hal.calibration.samples import Samples
 from dart_hal.calibration.steering_map import NOISE, fit_map
@@ -30,6 +29,7 @@ from dart_hal.core.config.car import Geometry
 from dart_hal.core.config.model import Parameters
 from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.types import FloatArray
+from dart_hal.devices.actuation.steering_map import steering_map
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model, vehicle_of

@@ -27,10 +27,10 @@ from dataclasses import replace
 
 from dart_hal.core.errors import EmulatorMissing, UsageError
 from dart_hal.core.url import Url
-from dart_hal.links.base import Backend
-from dart_hal.links.boot import BOOTS, STARTUP, BootWait
-from dart_hal.links.image import BOOTLOADER
-from dart_hal.links.paced import PacedBus, PacedImages, PacedLink, PacedPoses, PacedScans
+from dart_hal.devices.links.base import Backend
+from dart_hal.devices.links.boot import BOOTS, STARTUP, BootWait
+from dart_hal.devices.links.image import BOOTLOADER
+from dart_hal.devices.links.paced import PacedBus, PacedImages, PacedLink, PacedPoses, PacedScans
 from dart_lab.sim.arena import contacts_of, enter, room_seed, start_of
 from dart_lab.sim.camera import TopView
 from dart_lab.sim.car_file import car_toml
@@ -182,7 +182,7 @@ def _nano(url: Url, car: HiddenCar, eeprom: bytes) -> tuple[Nano, tuple[str, ...
 def _emulated(clock_error: float, eeprom: bytes, boot: str) -> Nano:
     """Opening its port resets a Nano that has a bootloader, as DTR does."""
     try:
-        from dart_hal.links.emulator import EmulatedNano
+        from dart_hal.devices.links.emulator import EmulatedNano
     except ImportError as error:
         raise EmulatorMissing(f"the emulator's bindings cannot be imported ({error})") from error
     if boot == "none":

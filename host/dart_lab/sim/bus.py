@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from dart_hal.links.busio import TransferBus
+from dart_hal.devices.links.busio import TransferBus
 
 GENERAL_CALL, SWRST = 0x00, 0x06
 

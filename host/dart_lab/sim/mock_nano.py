@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from dart_hal.core.errors import UsageError
-from dart_hal.links.boot import BootWait
+from dart_hal.devices.links.boot import BootWait
 from dart_hal.wire import messages as m
 from dart_hal.wire.codec import DOWN, encode
 from dart_hal.wire.crc import crc16

@@ -14,8 +14,8 @@ import threading
 from pathlib import Path
 
 from dart_hal.core.errors import UsageError
-from dart_hal.links.base import Backend
-from dart_hal.links.i2c import REQUEST, receive
+from dart_hal.devices.links.base import Backend
+from dart_hal.devices.links.i2c import REQUEST, receive
 from dart_lab.sim.link import SimLink
 from dart_lab.sim.world import World
 

@@ -13,8 +13,8 @@ from typing import Any
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
-from dart_hal.links.base import Backend
-from dart_hal.links.paced import PacedLink
+from dart_hal.devices.links.base import Backend
+from dart_hal.devices.links.paced import PacedLink
 from dart_hal.vehicle import make_steering
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_lab.sim.backend import OPTIONS, lidar_in_room, mocap_in_room, room_in_view

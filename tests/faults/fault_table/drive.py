@@ -10,7 +10,7 @@ from pathlib import Path
 from dart_hal.car import Car
 from dart_hal.core.errors import BadCommand, LinkLost
 from dart_hal.core.types import State
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, STATE

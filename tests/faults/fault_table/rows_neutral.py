@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 
-from dart_hal.actuation.quantiser import prescale_for
-from dart_hal.actuation.standby import Throttle, stop
 from dart_hal.core.config import Calibration, Quantity, save_calibration
 from dart_hal.core.errors import NotArmed
+from dart_hal.devices.actuation.quantiser import prescale_for
+from dart_hal.devices.actuation.standby import Throttle, stop
 from dart_lab.sim.esc import Esc, Mode
 from dart_lab.sim.pca9685 import MODE1, PRE_SCALE
 from dart_lab.sim.pwm_output import Pulse

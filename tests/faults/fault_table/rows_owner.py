@@ -11,7 +11,7 @@ from unittest.mock import patch
 from dart_hal.car import Car
 from dart_hal.car.driver import Driver as CarDriver
 from dart_hal.core.errors import BusError, DartHalError, LinkLost, NotArmed
-from dart_hal.links.base import open_backend
+from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.messages import PARAM_SET, PARAMS
 from dart_lab.sim.cutoff import Direct, Multiplexer, OutputEnable
 from fault_table.bench import Bench

@@ -18,8 +18,8 @@ from dart_hal.car.pump import ThreadPump
 from dart_hal.core.errors import DartHalError, LinkLost
 from dart_hal.core.types import State
 from dart_hal.core.url import Url
-from dart_hal.links.base import Backend
-from dart_hal.links.serial_port import SerialLink
+from dart_hal.devices.links.base import Backend
+from dart_hal.devices.links.serial_port import SerialLink
 from fault_table.bench import Bench
 from fault_table.drive import Drive, forward
 from fault_table.layers import removed

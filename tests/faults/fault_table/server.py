@@ -19,8 +19,8 @@ import threading
 import time
 from pathlib import Path
 
-from dart_hal.links.base import open_backend
-from dart_hal.links.pty import Pty
+from dart_hal.devices.links.base import open_backend
+from dart_hal.devices.links.pty import Pty
 from dart_lab.sim.serve import BusServer, PacedWorld
 from dart_lab.sim.truth import world_of
 from fault_table import switches, switches_nano  # noqa: F401 - the layers that may be gone

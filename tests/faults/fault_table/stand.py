@@ -19,7 +19,7 @@ from typing import Any
 
 from dart_hal.core.config import load_car
 from dart_hal.core.url import Url
-from dart_hal.links.i2c import open_bus
+from dart_hal.devices.links.i2c import open_bus
 from fault_table.row import NEVER
 
 HERE = Path(__file__).parent
@@ -45,7 +45,7 @@ def guard_of(pid: int) -> int | None:
             words = (entry / "cmdline").read_bytes()
         except (OSError, IndexError):
             continue
-        if parent == pid and b"dart_hal.actuation.guard" in words:
+        if parent == pid and b"dart_hal.devices.actuation.guard" in words:
             return int(entry.name)
     return None
 

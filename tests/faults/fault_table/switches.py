@@ -12,12 +12,12 @@ from weakref import WeakKeyDictionary
 
 import serial
 
-from dart_hal.actuation import limits
-from dart_hal.actuation.pca9685 import Pca9685
-from dart_hal.actuation.servokit import Shield, load_servokit
 from dart_hal.car.cutoff_test import CutoffTest
 from dart_hal.car.driver import Driver
 from dart_hal.car.pump import ThreadPump
+from dart_hal.devices.actuation import limits
+from dart_hal.devices.actuation.pca9685 import Pca9685
+from dart_hal.devices.actuation.servokit import Shield, load_servokit
 from dart_hal.estimation.bounds import Margin
 from dart_hal.estimation.frames import FrameReader
 from dart_hal.estimation.imu_checks import ImuCheck
@@ -168,42 +168,42 @@ host("frame_gates", "a STATE must also be possible", "dart_hal.wire.decoder.Gate
      always(True))
 host("ledger", "sequence numbers tell what was lost", "dart_hal.wire.decoder.Ledger.note", nothing)
 host("unwrap", "counters that wrap run on", "dart_hal.estimation.frames.WRAP", 1 << 40)
-host("raw_hold", "pulses of a calibration run out", "dart_hal.actuation.chain.raw_pulses",
+host("raw_hold", "pulses of a calibration run out", "dart_hal.devices.actuation.chain.raw_pulses",
      endless)
 host("cutoff_test", "a cut-off that does not cut is found at arm()",
      "dart_hal.car.cutoff_test.CutoffTest._judge", pleased)
 host("cut_off", "a Nano that cuts while the host drives is noticed",
      "dart_hal.car.driver.Driver._cut_off", always(False))
-host("expiry", "a command runs out", "dart_hal.actuation.chain.checked", eternal)
+host("expiry", "a command runs out", "dart_hal.devices.actuation.chain.checked", eternal)
 host("link_stale", "80 ms without a frame trip", "dart_hal.car.driver.Driver._causes", deaf)
 host("reboot_disarm", "another boot of the Nano disarms", "dart_hal.car.driver.Driver.on_boot",
      nothing)
 host("suspend", "a suspend of the computer is noticed",
      "dart_hal.core.process.suspend.SuspendDetector.slept", always(False))
 host("own_address", "the PCA9685 answers no address of another chip",
-     "dart_hal.actuation.pca9685.ALIASES", 0)
+     "dart_hal.devices.actuation.pca9685.ALIASES", 0)
 host("neutral_watch", "a car that speeds up at neutral gets no pulse",
-     "dart_hal.actuation.neutral_watch.NeutralWatch.update", always(False))
+     "dart_hal.devices.actuation.neutral_watch.NeutralWatch.update", always(False))
 host("blind", "no pulse while no State shows what neutral does",
      "dart_hal.car.facts.Observer.blind", always(False))
 host("pulses_end", "whoever stops watching leaves no pulse on any channel",
-     "dart_hal.actuation.pca9685.Pca9685.all_off", nothing)
+     "dart_hal.devices.actuation.pca9685.Pca9685.all_off", nothing)
 host("guard", "a process that outlives the driver", "dart_hal.car.driver.GuardPost", NoGuard)
 host("cutoff", "the Nano's hardware cut-off (without: it welds once tested)",
      "fault_table.drive.CUTOFF_HOLDS", False)
 host("read_back", "MODE1 and PRE_SCALE are read back",
-     "dart_hal.actuation.chain.Actuator._read_back", always(True))
+     "dart_hal.devices.actuation.chain.Actuator._read_back", always(True))
 host("bad_command", "a command that is no number trips",
-     "dart_hal.actuation.chain.Actuator.refuse", nothing)
+     "dart_hal.devices.actuation.chain.Actuator.refuse", nothing)
 
 host("rebase", "counts are re-based when the Nano's clock begins anew",
      "dart_hal.estimation.frames.FrameReader._advance", unaware)
 host("guard_session", "the guard lives in a session of its own",
-     "dart_hal.actuation.guarded.subprocess",
+     "dart_hal.devices.actuation.guarded.subprocess",
      SimpleNamespace(Popen=in_our_session, PIPE=subprocess.PIPE,
                      DEVNULL=subprocess.DEVNULL, TimeoutExpired=subprocess.TimeoutExpired))
 host("guard_gate", "a throttle is written only while the guard speaks",
-     "dart_hal.actuation.guarded.Guard.gate", nothing)
+     "dart_hal.devices.actuation.guarded.Guard.gate", nothing)
 host("signals", "SIGTERM and SIGHUP end through the with block",
      "dart_hal.car.car.stop_on_signals", nothing)
 host("close_neutral", "closing writes neutral", "dart_hal.car.driver.Driver.close", nothing)
@@ -220,11 +220,11 @@ host("edge_gate", "edges that no wheel makes are dropped",
 host("ring_table", "uneven marks are learnt", "fault_table.rows_sensors.learnt", nothing)
 host("refusals", "a car that is not fit does not arm", "dart_hal.car.driver.refusals", always(()))
 host("signature", "who answers at 0x40 is read before any write",
-     "dart_hal.actuation.pca9685.Pca9685._recognise", nothing)
+     "dart_hal.devices.actuation.pca9685.Pca9685._recognise", nothing)
 host("open_neutral", "neutral stands in the registers before the chip wakes",
-     "dart_hal.actuation.pca9685.Pca9685.open", as_adafruit)
+     "dart_hal.devices.actuation.pca9685.Pca9685.open", as_adafruit)
 host("owner", "one owner of a PCA9685", "dart_hal.car.guarding.own", always(nothing))
-host("port_lock", "one program on a port", "dart_hal.links.serial_port.serial.Serial", SharedPort)
+host("port_lock", "one program on a port", "dart_hal.devices.links.serial_port.serial.Serial", SharedPort)
 host("search", "a board that comes back is searched by its number",
      "dart_hal.car.reconnect.Search.look", always(None))
 host("lost", "a link that is gone means neutral at once", "dart_hal.car.driver.Driver.lost",

@@ -6,16 +6,16 @@ import math
 import os
 from contextlib import suppress
 
-from dart_hal.actuation.guard import Watch
-from dart_hal.actuation.guarded import Guard
 from dart_hal.car.guarding import GuardPost
 from dart_hal.core.timing import PWM_FRAME
+from dart_hal.devices.actuation.guard import Watch
+from dart_hal.devices.actuation.guarded import Guard
 from dart_lab.sim.world import World
 from fault_table.drive import ESC, Drive
 from fault_table.layers import removed
 
 STEP = PWM_FRAME / 4
-"""s between two looks of the guard, as in ``dart_hal.actuation.guard.watch``."""
+"""s between two looks of the guard, as in ``dart_hal.devices.actuation.guard.watch``."""
 
 
 class GuardProcess:

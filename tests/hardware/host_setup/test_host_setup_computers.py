@@ -10,10 +10,10 @@ import pytest
 from setup_box import Box
 from trees import NAMES, plant
 
-from dart_hal.actuation.owner import refuse_claimed
 from dart_hal.core.errors import BusMissing, PcaClaimed
 from dart_hal.core.url import Url
-from dart_hal.links.computers import computer, find_bus, settled
+from dart_hal.devices.actuation.owner import refuse_claimed
+from dart_hal.devices.links.computers import computer, find_bus, settled
 
 BUS = {"jetson_nano_jetpack4": 1, "jetson_orin_nano_jetpack6": 7, "raspberry_pi_5_debian12": 1,
        "raspberry_pi_5_debian13": None, "laptop_debian13": 8}

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.actuation.standby import Throttle
 from dart_hal.core.config import load_car
-from dart_hal.links.i2c import SocketBus
+from dart_hal.devices.actuation.standby import Throttle
+from dart_hal.devices.links.i2c import SocketBus
 
 PATIENCE = 60.0
 SCRIPT = "def control(state):\n    return 0.0, 0.2\n"

@@ -23,16 +23,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES
-from dart_hal.actuation.standby import WRITES, Throttle, Watchman
 from dart_hal.cli import standby
 from dart_hal.cli.main import main
 from dart_hal.core.config import load_car
 from dart_hal.core.errors import BusError
 from dart_hal.core.process.locks import holder, parse_locks
 from dart_hal.core.timing import PWM_FRAME
-from dart_hal.links.i2c import REQUEST, receive
-from dart_hal.links.notify import notify
+from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES
+from dart_hal.devices.actuation.standby import WRITES, Throttle, Watchman
+from dart_hal.devices.links.i2c import REQUEST, receive
+from dart_hal.devices.links.notify import notify
 from dart_lab.sim.bus import VirtualBus
 from dart_lab.sim.pca9685 import Pca9685 as Chip
 

@@ -11,8 +11,8 @@ import pytest
 from setup_box import SETUP, Box
 from udev_rules import Device, apply, parse
 
-from dart_hal.actuation.standby import LOOK_EVERY
 from dart_hal.cli.main import VERBS
+from dart_hal.devices.actuation.standby import LOOK_EVERY
 
 TEXT = (SETUP / "dart-hal.service").read_text()
 DATA = "/srv/driver/.local/share/dart-hal"

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Protocol
 
-from dart_hal.actuation.quantiser import counter_of
-from dart_hal.actuation.steering_map import steering_map
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.config import CarFiles
 from dart_hal.core.types import Applied, Pose, State
+from dart_hal.devices.actuation.quantiser import counter_of
+from dart_hal.devices.actuation.steering_map import steering_map
 from dart_hal.vehicle.load import vehicle_of
 
 from .excitation import Ramp

@@ -7,8 +7,8 @@ package's own sentences, which say nothing that a page cannot do.
 
 from __future__ import annotations
 
-from dart_hal.actuation.arming import BY_NAME
-from dart_hal.actuation.trips import TRIPS
+from dart_hal.devices.actuation.arming import BY_NAME
+from dart_hal.devices.actuation.trips import TRIPS
 
 Words = tuple[str, str]
 """What happened; what to do."""

@@ -14,9 +14,9 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 from dart_hal.core.errors import EmulatorMissing, LinkLost, UsageError
-from dart_hal.links import bridge
-from dart_hal.links.boot import BootWait
-from dart_hal.links.image import (
+from dart_hal.devices.links import bridge
+from dart_hal.devices.links.boot import BootWait
+from dart_hal.devices.links.image import (
     BOOT_START,
     FLASH_SIZE,
     find_image,

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dart_hal.core.errors import PortMissing
 from dart_hal.core.process.locks import holder
 from dart_hal.core.url import Url
-from dart_hal.links.serial_port import find_port
+from dart_hal.devices.links.serial_port import find_port
 
 __all__ = ["holder", "port_of"]
 

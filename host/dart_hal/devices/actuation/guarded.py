@@ -9,12 +9,12 @@ import sys
 from collections.abc import Callable
 from typing import IO
 
-from dart_hal.actuation.arming import GUARD_ALIVE
 from dart_hal.core.errors import BusError
 from dart_hal.core.ports import Bus
 from dart_hal.core.process.forks import private
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.process.waiting import wait_readable
+from dart_hal.devices.actuation.arming import GUARD_ALIVE
 
 START_TIME = 10.0
 """s that the guard may take to say that it is ready."""
@@ -34,7 +34,7 @@ class Guard:
 
     def __init__(self, bus: str, opener: Callable[[str], Bus], *, address: int, channel: int,
                  neutral_counts: int, clock: Callable[[], float] = elapsed) -> None:
-        command = [sys.executable, "-m", "dart_hal.actuation.guard",
+        command = [sys.executable, "-m", "dart_hal.devices.actuation.guard",
                    f"{opener.__module__}:{opener.__qualname__}", bus, str(address),
                    str(channel), str(neutral_counts)]
         _left[:] = [process for process in _left if process.poll() is None]

@@ -18,8 +18,8 @@ from collections.abc import Callable
 from types import ModuleType
 from typing import Any
 
-from dart_hal.actuation.quantiser import NOMINAL_HZ, STEPS
 from dart_hal.core.ports import Bus
+from dart_hal.devices.actuation.quantiser import NOMINAL_HZ, STEPS
 
 MODE1, MODE2, PRE_SCALE = 0x00, 0x01, 0xFE
 SLEEP = 0x10

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from serial.tools import list_ports
 
-from dart_hal.links.serial_port import holders
+from dart_hal.devices.links.serial_port import holders
 
 LIDAR = "10C4:EA60"
 """The bridge on the adapter of an X4."""

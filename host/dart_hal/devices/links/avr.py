@@ -13,8 +13,8 @@ from typing import Protocol
 from dart_hal.core.errors import LinkLost, UsageError
 from dart_hal.core.ports import Chunk, Link
 from dart_hal.core.url import Url
-from dart_hal.links.base import Backend
-from dart_hal.links.emulator import EmulatedNano
+from dart_hal.devices.links.base import Backend
+from dart_hal.devices.links.emulator import EmulatedNano
 
 DEFAULT_EDGES = 20
 """Edges per main-gear revolution of the white ring, both flanks counted."""

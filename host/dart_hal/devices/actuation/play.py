@@ -14,9 +14,9 @@ would shake the servo from flank to flank.
 
 from __future__ import annotations
 
-from dart_hal.actuation.limits import clip
-from dart_hal.actuation.steering_map import SteeringMap
 from dart_hal.core.config import CarFiles
+from dart_hal.devices.actuation.limits import clip
+from dart_hal.devices.actuation.steering_map import SteeringMap
 
 RESOLVED = 0.004
 """rad, half a count of the PCA9685 at the wheels."""

@@ -10,9 +10,9 @@ import math
 from collections import deque
 from collections.abc import Collection
 
-from dart_hal.actuation.arming import GOOD_FOR, not_armed
-from dart_hal.actuation.plan import OFF, Output
-from dart_hal.actuation.states import ENTRY, TABLE, ArmState, Event
+from dart_hal.devices.actuation.arming import GOOD_FOR, not_armed
+from dart_hal.devices.actuation.plan import OFF, Output
+from dart_hal.devices.actuation.states import ENTRY, TABLE, ArmState, Event
 
 CLEAR_FOR = 0.5
 """s for which the cause must be gone before TRIPPED ends."""

@@ -17,11 +17,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
-from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES, Pca9685
-from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
 from dart_hal.core.config import CarFiles
 from dart_hal.core.ports import Bus
 from dart_hal.core.timing import PWM_FRAME
+from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES, Pca9685
+from dart_hal.devices.actuation.quantiser import NOMINAL_HZ, Quantiser
 
 LOOK_EVERY = 0.1
 """s between two looks at who drives."""

@@ -11,18 +11,18 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import cast
 
-from dart_hal.actuation.counters import ActuatorCounters
-from dart_hal.actuation.limits import LONGEST_RAW, Command, Pulses, checked, raw_pulses
-from dart_hal.actuation.no_bus import NoBus
-from dart_hal.actuation.pca9685 import NEUTRAL_FRAMES, TRIES, Pca9685
-from dart_hal.actuation.plan import OFF, Output, Plan, Planner
-from dart_hal.actuation.play import play_of
-from dart_hal.actuation.quantiser import NOMINAL_HZ, Quantiser
-from dart_hal.actuation.steering_map import steering_map
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import BadCommand, BusError, PcaFault
 from dart_hal.core.ports import Bus
 from dart_hal.core.types import Applied, Limit
+from dart_hal.devices.actuation.counters import ActuatorCounters
+from dart_hal.devices.actuation.limits import LONGEST_RAW, Command, Pulses, checked, raw_pulses
+from dart_hal.devices.actuation.no_bus import NoBus
+from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES, TRIES, Pca9685
+from dart_hal.devices.actuation.plan import OFF, Output, Plan, Planner
+from dart_hal.devices.actuation.play import play_of
+from dart_hal.devices.actuation.quantiser import NOMINAL_HZ, Quantiser
+from dart_hal.devices.actuation.steering_map import steering_map
 
 READ_BACK_EVERY = 1.0
 """s between two looks at MODE1, PRE_SCALE and the pulses of the frame before."""

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.links.image import FIRMWARE_DIR
+from dart_hal.devices.links.image import FIRMWARE_DIR
 
 ABI = 4
 """EMU_ABI of the emu.h that the signatures below follow."""

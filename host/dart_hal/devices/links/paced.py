@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.ports import Chunk, ImageSource, Link, PoseSource, ScanSource
 from dart_hal.core.types import ExternalPose, Image, Scan
-from dart_hal.links.busio import TransferBus
+from dart_hal.devices.links.busio import TransferBus
 
 LOOK = 0.001
 """s between two looks at a line on which nothing came: one tick of the world."""

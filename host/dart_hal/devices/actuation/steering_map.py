@@ -6,8 +6,8 @@ UNCALIBRATED: two maps of the same platform lie up to 3 deg apart.
 
 from __future__ import annotations
 
-from dart_hal.actuation.pchip import Pchip
 from dart_hal.core.config import CarConfig, SteeringTable
+from dart_hal.devices.actuation.pchip import Pchip
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
 

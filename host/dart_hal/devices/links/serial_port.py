@@ -30,10 +30,10 @@ from dart_hal.core.process.forks import private
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.process.waiting import wait_readable, wait_writable
 from dart_hal.core.url import Url
-from dart_hal.links.base import Backend
-from dart_hal.links.computers import settled
-from dart_hal.links.i2c import SocketBus, check_bus, open_bus
-from dart_hal.links.smbus import SmbusBus
+from dart_hal.devices.links.base import Backend
+from dart_hal.devices.links.computers import settled
+from dart_hal.devices.links.i2c import SocketBus, check_bus, open_bus
+from dart_hal.devices.links.smbus import SmbusBus
 
 RATES = (500_000, 115_200)
 """Line rates to try, in this order: 0.00 % and +2.12 % error on the AVR."""

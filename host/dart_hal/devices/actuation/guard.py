@@ -14,7 +14,7 @@ gone, for a second.
 After 0.2 s of neutral all channels are switched off instead: nobody sees whether
 the neutral drives the car. A throttle channel that is off already stays off.
 With the driver gone it stands back while somebody else owns the chip. Until then
-steering is left where it is. Run as ``python -m dart_hal.actuation.guard``; the driver says
+steering is left where it is. Run as ``python -m dart_hal.devices.actuation.guard``; the driver says
 which function opens the bus, since this room does not know the kinds of buses.
 """
 
@@ -27,15 +27,15 @@ from collections.abc import Callable
 from pathlib import Path
 from pkgutil import resolve_name
 
-from dart_hal.actuation.owner import lock_path
-from dart_hal.actuation.pca9685 import ALIASES, AUTO_INCREMENT, NEUTRAL_FRAMES
-from dart_hal.actuation.servokit import MODE1, SLEEP
 from dart_hal.core.errors import BusError
 from dart_hal.core.ports import Bus
 from dart_hal.core.process.locks import holder
 from dart_hal.core.process.suspend import SuspendDetector, elapsed
 from dart_hal.core.process.waiting import wait_readable
 from dart_hal.core.timing import PWM_FRAME
+from dart_hal.devices.actuation.owner import lock_path
+from dart_hal.devices.actuation.pca9685 import ALIASES, AUTO_INCREMENT, NEUTRAL_FRAMES
+from dart_hal.devices.actuation.servokit import MODE1, SLEEP
 
 SILENCE = 0.100
 """s without a beat that count as a dead driver: two missed of 50 Hz, and margin."""

@@ -17,8 +17,8 @@ from dart_hal.core.errors import BusError, UsageError
 from dart_hal.core.ports import Bus
 from dart_hal.core.ports.bus import explain
 from dart_hal.core.process.forks import private
-from dart_hal.links.busio import TransferBus
-from dart_hal.links.smbus import SmbusBus
+from dart_hal.devices.links.busio import TransferBus
+from dart_hal.devices.links.smbus import SmbusBus
 
 REQUEST = struct.Struct("<BHH")
 TIMEOUT = 1.0

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from dart_hal.actuation.plan import LIVE, RAW, Output
+from dart_hal.devices.actuation.plan import LIVE, RAW, Output
 
 
 class ArmState(str, Enum):

@@ -12,8 +12,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, TypeVar
 
-from dart_hal.actuation.quantiser import NOMINAL_HZ, STEPS, count_us, prescale_for
-from dart_hal.actuation.servokit import (
+from dart_hal.core.errors import BusError, NotPca, PcaFault, PcaMissing
+from dart_hal.core.ports import Bus
+from dart_hal.core.ports.bus import NACK, bus_name, explain
+from dart_hal.devices.actuation.quantiser import NOMINAL_HZ, STEPS, count_us, prescale_for
+from dart_hal.devices.actuation.servokit import (
     MODE1,
     MODE2,
     PRE_SCALE,
@@ -22,9 +25,6 @@ from dart_hal.actuation.servokit import (
     Shield,
     make_kit,
 )
-from dart_hal.core.errors import BusError, NotPca, PcaFault, PcaMissing
-from dart_hal.core.ports import Bus
-from dart_hal.core.ports.bus import NACK, bus_name, explain
 
 T = TypeVar("T")
 

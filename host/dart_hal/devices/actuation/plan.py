@@ -8,7 +8,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from dart_hal.actuation.limits import (
+from dart_hal.core.config import CarConfig
+from dart_hal.core.types import Limit
+from dart_hal.devices.actuation.limits import (
     RAW_HIGH_US,
     RAW_LOW_US,
     Arbiter,
@@ -17,10 +19,8 @@ from dart_hal.actuation.limits import (
     clip,
     slew,
 )
-from dart_hal.actuation.play import Play
-from dart_hal.actuation.steering_map import SteeringMap, throttle_pulse
-from dart_hal.core.config import CarConfig
-from dart_hal.core.types import Limit
+from dart_hal.devices.actuation.play import Play
+from dart_hal.devices.actuation.steering_map import SteeringMap, throttle_pulse
 
 PIN_LOW_US, PIN_HIGH_US = 750.0, 2250.0
 """No pulse outside these leaves the house: ServoKit's own range."""

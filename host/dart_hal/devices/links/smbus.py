@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from dart_hal.core.ports.bus import explain
-from dart_hal.links.busio import TransferBus
+from dart_hal.devices.links.busio import TransferBus
 
 
 class SmbusBus(TransferBus):

@@ -1,6 +1,6 @@
 """pyserial's view of the emulator: ``serial.serial_for_url("avr://default")``.
 
-Found by pyserial once `dart_hal.links` is imported. Time is virtual: it
+Found by pyserial once `dart_hal.devices.links` is imported. Time is virtual: it
 passes while `read` waits, not while the program computes; asking an empty
 buffer for ``in_waiting`` lets one millisecond pass, so that polling loops
 advance. Opening the port, and raising DTR, resets the Nano as the real board
@@ -19,8 +19,8 @@ from serial.serialutil import (  # type: ignore[import-untyped, unused-ignore]
 
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.url import Url
-from dart_hal.links.avr import open_nano
-from dart_hal.links.emulator import EmulatedNano
+from dart_hal.devices.links.avr import open_nano
+from dart_hal.devices.links.emulator import EmulatedNano
 
 POLL = 0.001
 """Virtual time [s] that passes when an empty buffer is asked for its length."""
