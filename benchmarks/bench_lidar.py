@@ -12,7 +12,7 @@ import numpy as np
 from figures import Figure, best_cpu
 
 from dart_hal.core.types import FloatArray
-from dart_hal.lidar.scan import Stream
+from dart_hal.devices.lidar.scan import Stream
 from dart_hal.localisation import matcher
 from dart_hal.localisation.field import map_of_lines
 from dart_hal.localisation.rays import Cast, cast_numpy, native

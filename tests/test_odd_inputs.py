@@ -21,10 +21,10 @@ from dart_hal.control.path_file import read_path
 from dart_hal.core.config import parse_calibration, parse_config, parse_model
 from dart_hal.core.errors import ConfigError, DartHalError, RecordingError, UsageError
 from dart_hal.core.types import ExternalPose
+from dart_hal.devices.poses import line
+from dart_hal.devices.poses.file import open_file
+from dart_hal.devices.poses.reading import Convention
 from dart_hal.localisation.grid import read_grid
-from dart_hal.poses import line
-from dart_hal.poses.file import open_file
-from dart_hal.poses.reading import Convention
 from dart_hal.recording.mcap_records import MAGIC, as_written, parse_mcap
 from dart_hal.vehicle.load import find_model
 
@@ -353,7 +353,7 @@ def test_a_line_with_an_odd_number_is_a_pose_or_refused(number):
 
 @given(*[st.floats()] * 6, st.sampled_from(["m", "mm"]), st.booleans())
 def test_any_pose_is_possible_or_refused(t, x, y, yaw, std, yaw_std, unit, left):
-    from dart_hal.poses.reading import Reading
+    from dart_hal.devices.poses.reading import Reading
 
     how = Convention(metres=1e-3 if unit == "mm" else 1.0, left=left)
     try:

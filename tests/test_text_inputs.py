@@ -14,7 +14,7 @@ from dart_hal.control.path_file import read_path
 from dart_hal.core.config.folders import load_car, save_calibration
 from dart_hal.core.errors import ConfigError, RecordingError
 from dart_hal.core.text_file import decode_text, read_text
-from dart_hal.poses import open_poses
+from dart_hal.devices.poses import open_poses
 from dart_hal.recording.dart.table import parse
 from dart_hal.recording.table import COLUMNS, read_csv
 

@@ -9,9 +9,9 @@ import time
 import pytest
 from fake_opencv import JPEG, FakeOpenCV
 
-from dart_hal.camera import capture, open_camera
 from dart_hal.car import Car
 from dart_hal.core.errors import NoImage, PortBusy, PortDenied, PortMissing, UsageError
+from dart_hal.devices.camera import capture, open_camera
 
 pytestmark = pytest.mark.realtime
 

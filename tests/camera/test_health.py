@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.camera.health import Watch
 from dart_hal.core.types import Image
+from dart_hal.devices.camera.health import Watch
 
 
 def health(times, age=0.05):

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from dart_hal.devices.lidar import port
 from dart_hal.devices.links import attached
-from dart_hal.lidar import port
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?nano=mock&physics=kinematic&seed=1"

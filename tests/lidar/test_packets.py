@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from x4_bytes import packet, revolution
 
-from dart_hal.lidar.packets import Decoder, parallax
+from dart_hal.devices.lidar.packets import Decoder, parallax
 
 
 def seen(packets):

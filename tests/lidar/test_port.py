@@ -15,9 +15,9 @@ import serial
 from x4_bytes import revolution
 
 from dart_hal.core.errors import LinkLost, NoScan, PortMissing, UsageError
+from dart_hal.devices.lidar import open_lidar, port
+from dart_hal.devices.lidar.packets import START, STOP
 from dart_hal.devices.links.serial_port import SerialLink
-from dart_hal.lidar import open_lidar, port
-from dart_hal.lidar.packets import START, STOP
 
 pytestmark = pytest.mark.realtime
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from x4_bytes import packet, revolution
 
 from dart_hal.core.types import Mount, Scan
-from dart_hal.lidar.health import Watch
-from dart_hal.lidar.scan import BYTE, Stream
+from dart_hal.devices.lidar.health import Watch
+from dart_hal.devices.lidar.scan import BYTE, Stream
 
 PERIOD = 0.2e-3
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dart_hal.core.types import ExternalPose
-from dart_hal.poses.clock_steps import ClockSteps
+from dart_hal.devices.poses.clock_steps import ClockSteps
 
 RATE = 100.0
 

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from dart_hal.car import Car
 from dart_hal.core.errors import PortBusy, RecordingError, UsageError
 from dart_hal.core.types import Tracking
-from dart_hal.poses import open_poses, udp
-from dart_hal.poses.line import line, parse
-from dart_hal.poses.reading import Reading
+from dart_hal.devices.poses import open_poses, udp
+from dart_hal.devices.poses.line import line, parse
+from dart_hal.devices.poses.reading import Reading
 
 number = st.floats(-1e6, 1e6)
 sigma = st.floats(1e-6, 10.0)

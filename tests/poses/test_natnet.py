@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.poses import natnet, open_poses
+from dart_hal.devices.poses import natnet, open_poses
 
 VERSIONS = [(3, 0), (3, 1), (4, 0), (4, 1), (4, 2), (4, 3)]
 

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.core.errors import PortMissing, UsageError
-from dart_hal.poses import open_poses
-from dart_hal.poses.vrpn import COOKIE, POSE, Parser
+from dart_hal.devices.poses import open_poses
+from dart_hal.devices.poses.vrpn import COOKIE, POSE, Parser
 
 COOKIE_OF_SERVER = b"vrpn: ver. 07.33  0".ljust(24, b"\0")
 

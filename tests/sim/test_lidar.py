@@ -10,7 +10,7 @@ import pytest
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Mount
-from dart_hal.lidar.packets import Decoder
+from dart_hal.devices.lidar.packets import Decoder
 from dart_lab.sim.lidar.maps import Room, box
 from dart_lab.sim.lidar.params import LidarParams, hidden_lidar, lidar_of
 from dart_lab.sim.lidar.unit import SimLidar, Unit

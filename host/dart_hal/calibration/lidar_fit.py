@@ -17,10 +17,10 @@ import numpy as np
 
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray, Mount, Scan, State
+from dart_hal.devices.lidar.health import Watch
 from dart_hal.estimation import pose_check
 from dart_hal.estimation.odometry import OdometryNoise
 from dart_hal.estimation.pose_check import fault_of
-from dart_hal.lidar.health import Watch
 from dart_hal.localisation.beams import Beams, beams_of
 from dart_hal.localisation.belief import LATE, UNLEARNT
 from dart_hal.localisation.field import Map

@@ -18,9 +18,9 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import PoseSource
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import Contact, State
+from dart_hal.devices.poses import open_fleet_poses
 from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.peers import OtherPose
-from dart_hal.poses import open_fleet_poses
 from dart_hal.recording.run_file import RunFile
 
 T = TypeVar("T")

@@ -7,11 +7,11 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
-from dart_hal.camera import open_camera
-from dart_hal.camera.health import Watch
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import ImageSource
 from dart_hal.core.types import Image, State
+from dart_hal.devices.camera import open_camera
+from dart_hal.devices.camera.health import Watch
 from dart_hal.devices.links.base import Backend
 
 KEPT = 16

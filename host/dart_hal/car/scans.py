@@ -11,9 +11,9 @@ from dart_hal.core.config import CarFiles
 from dart_hal.core.config.calibration import LidarCalibration
 from dart_hal.core.ports import ScanSource
 from dart_hal.core.types import Mount, Scan, State
+from dart_hal.devices.lidar import open_lidar
+from dart_hal.devices.lidar.health import Watch
 from dart_hal.devices.links.base import Backend
-from dart_hal.lidar import open_lidar
-from dart_hal.lidar.health import Watch
 
 KEPT = 64
 """Scans that wait for ``Car.scans``: 8 s; of a program that never asks the oldest are dropped."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dart_hal.camera.health import CameraHealth
 from dart_hal.car.engine import Engine
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.types import Image, Scan
-from dart_hal.lidar.health import LidarHealth
+from dart_hal.devices.camera.health import CameraHealth
+from dart_hal.devices.lidar.health import LidarHealth
 
 
 class Sensed:

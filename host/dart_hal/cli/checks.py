@@ -22,7 +22,7 @@ from dart_hal.core.ports import ImageSource, PoseSource
 from dart_hal.core.types import State, Tracking
 from dart_hal.devices.actuation.arming import BY_NAME
 from dart_hal.devices.links.base import Backend, open_backend
-from dart_hal.poses import open_poses
+from dart_hal.devices.poses import open_poses
 from dart_hal.wire.messages import SCHEMA
 
 T = TypeVar("T")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import Pose, Scan
-from dart_hal.lidar.health import Watch
+from dart_hal.devices.lidar.health import Watch
 from dart_hal.localisation.beams import Beams, beams_of
 from dart_hal.localisation.belief import ERRORS, POSE, SEEN, TAU, UNLEARNT, Belief, again, begun
 from dart_hal.localisation.field import Map

@@ -8,7 +8,7 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, Scan
-from dart_hal.lidar.health import Watch, blind
+from dart_hal.devices.lidar.health import Watch, blind
 from dart_hal.localisation.localiser import MIRRORED
 
 BLIND = np.radians(30.0)

@@ -18,8 +18,8 @@ from typing import Any
 from dart_hal.core.errors import UsageError
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.url import Url
+from dart_hal.devices.poses.udp import Port, SharedPort
 from dart_hal.fleet.transports import Datagram
-from dart_hal.poses.udp import Port, SharedPort
 
 EXPECTED = "udp://239.255.42.99:7447, or udp://:7447?to=10.0.0.11:7447,10.0.0.12:7447"
 GUESTS = 64

@@ -22,8 +22,8 @@ import numpy as np
 
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.types import FloatArray, IntArray, Scan
-from dart_hal.lidar.packets import BASE, CROSSING, HEAD, PERIOD, QUARTER
-from dart_hal.lidar.scan import BYTE, Stream
+from dart_hal.devices.lidar.packets import BASE, CROSSING, HEAD, PERIOD, QUARTER
+from dart_hal.devices.lidar.scan import BYTE, Stream
 from dart_hal.localisation.rays import FAR, best
 from dart_lab.sim.lidar.maps import Room
 from dart_lab.sim.lidar.params import LidarParams

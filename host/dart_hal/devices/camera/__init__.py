@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dart_hal.camera.capture import CvCamera
-from dart_hal.camera.device import device_of
 from dart_hal.core.ports import ImageSource
+from dart_hal.devices.camera.capture import CvCamera
+from dart_hal.devices.camera.device import device_of
 
 
 def open_camera(text: str) -> ImageSource:

@@ -18,7 +18,7 @@ from typing import Any, Protocol
 from dart_hal.core.errors import PortBusy, PortDenied, PortMissing
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import ExternalPose
-from dart_hal.poses.reading import Convention, Reading
+from dart_hal.devices.poses.reading import Convention, Reading
 
 Parse = Callable[[bytes], list[Reading]]
 

@@ -14,9 +14,9 @@ from dart_hal.core.errors import DartHalError, LinkLost, NoScan
 from dart_hal.core.ports import Chunk
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import Scan
+from dart_hal.devices.lidar.packets import START, STOP
+from dart_hal.devices.lidar.scan import Stream
 from dart_hal.devices.links.serial_port import SerialLink, candidates
-from dart_hal.lidar.packets import START, STOP
-from dart_hal.lidar.scan import Stream
 
 READ = 0.05
 """s that a read waits at most: so soon does the thread end."""

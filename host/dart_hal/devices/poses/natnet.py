@@ -12,7 +12,7 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
-from dart_hal.poses.rigid import Body
+from dart_hal.devices.poses.rigid import Body
 
 CONNECT, SERVER_INFO, REQUEST_MODELS, MODELS, FRAME, KEEP_ALIVE = 0, 1, 4, 5, 7, 10
 SIZED = (4, 1)

@@ -16,7 +16,7 @@ import numpy as np
 
 from dart_hal.core.clock_fit import ClockFit
 from dart_hal.core.types import Scan
-from dart_hal.lidar.packets import BAUD, PERIOD, Decoder, Packet
+from dart_hal.devices.lidar.packets import BAUD, PERIOD, Decoder, Packet
 
 BYTE = 10 / BAUD
 """s of a byte on the line."""

@@ -8,10 +8,10 @@ from collections.abc import Callable
 
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import ExternalPose
-from dart_hal.poses import vrpn
-from dart_hal.poses.natnet_source import address
-from dart_hal.poses.reading import Convention
-from dart_hal.poses.rigid import reading
+from dart_hal.devices.poses import vrpn
+from dart_hal.devices.poses.natnet_source import address
+from dart_hal.devices.poses.reading import Convention
+from dart_hal.devices.poses.rigid import reading
 
 PORT = 3883
 AGAIN = 1.0

@@ -10,10 +10,10 @@ from collections import deque
 from contextlib import suppress
 from typing import Any
 
-from dart_hal.camera.device import Device, opencv
 from dart_hal.core.errors import DartHalError, NoImage
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import Image
+from dart_hal.devices.camera.device import Device, opencv
 
 PATIENCE = 1.0
 """s without an image from which on it is said: fifteen of a usual camera."""

@@ -8,12 +8,12 @@ from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import PoseSource
-from dart_hal.poses import line
-from dart_hal.poses.file import open_file
-from dart_hal.poses.natnet_source import COMMANDS, NatNetSource
-from dart_hal.poses.reading import IN_SPACE, OPTIONS, Convention, convention
-from dart_hal.poses.udp import Datagrams, Port, SharedPort, UdpSource
-from dart_hal.poses.vrpn_source import PORT, VrpnSource
+from dart_hal.devices.poses import line
+from dart_hal.devices.poses.file import open_file
+from dart_hal.devices.poses.natnet_source import COMMANDS, NatNetSource
+from dart_hal.devices.poses.reading import IN_SPACE, OPTIONS, Convention, convention
+from dart_hal.devices.poses.udp import Datagrams, Port, SharedPort, UdpSource
+from dart_hal.devices.poses.vrpn_source import PORT, VrpnSource
 
 EXPECTED = "udp://:5005, natnet://HOST?body=car, vrpn://car@HOST, file://poses.csv"
 _OPTIONS = {"udp": OPTIONS, "file": OPTIONS, "natnet": IN_SPACE, "vrpn": (*IN_SPACE, "sensor")}

@@ -9,7 +9,7 @@ on any clock that does not jump. std: one sigma of x and y, and of yaw.
 
 from __future__ import annotations
 
-from dart_hal.poses.reading import Reading
+from dart_hal.devices.poses.reading import Reading
 
 MAGIC, VERSION = "dart-hal-pose", "1"
 LONGEST = 300

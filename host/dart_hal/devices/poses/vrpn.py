@@ -12,7 +12,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from dart_hal.poses.rigid import Body
+from dart_hal.devices.poses.rigid import Body
 
 COOKIE = b"vrpn: ver. 07.35  0".ljust(24, b"\0")
 """Of this version; the 0 says that nothing is to be logged for us."""

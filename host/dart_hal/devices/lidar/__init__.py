@@ -6,9 +6,9 @@ from urllib.parse import parse_qsl, urlsplit
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import ScanSource
+from dart_hal.devices.lidar.packets import BAUD
+from dart_hal.devices.lidar.port import SerialLidar
 from dart_hal.devices.links.serial_port import find_port
-from dart_hal.lidar.packets import BAUD
-from dart_hal.lidar.port import SerialLidar
 
 EXPECTED = "serial:///dev/dart-lidar or hwgrep://10C4:EA60"
 OPTIONS = ("baud",)

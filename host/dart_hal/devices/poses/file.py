@@ -10,7 +10,7 @@ from pathlib import Path
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.text_file import read_text
 from dart_hal.core.types import ExternalPose
-from dart_hal.poses.reading import Convention, Reading
+from dart_hal.devices.poses.reading import Convention, Reading
 
 NEEDED = ("t", "x", "y", "yaw")
 OPTIONAL = ("std", "yaw_std")

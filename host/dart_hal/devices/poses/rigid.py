@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import atan2, hypot, isfinite, sqrt
 from typing import NamedTuple
 
-from dart_hal.poses.reading import Reading
+from dart_hal.devices.poses.reading import Reading
 
 LEVEL = 0.5
 """Least horizontal part of a body's x axis: beyond 60 deg of pitch nobody means a car."""

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from dart_hal.core.errors import DartHalError, PortMissing
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import ExternalPose
-from dart_hal.poses import natnet
-from dart_hal.poses.reading import Convention
-from dart_hal.poses.rigid import reading
-from dart_hal.poses.udp import Port
+from dart_hal.devices.poses import natnet
+from dart_hal.devices.poses.reading import Convention
+from dart_hal.devices.poses.rigid import reading
+from dart_hal.devices.poses.udp import Port
 
 COMMANDS = 1510
 AGAIN = 1.0
