@@ -21,8 +21,8 @@ from contextlib import suppress
 from dart_hal.car import Car, Fleet, join
 from dart_hal.core.errors import NotArmed
 from dart_hal.devices.links.base import open_backend
-from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.source import LidarPoses
+from dart_hal.estimation.localisation.field import map_of_lines
+from dart_hal.estimation.localisation.source import LidarPoses
 from dart_lab.sim.truth import room_of_car, world_of
 
 CARS, SEEING, PROCESSES = 20, 5, 2

@@ -13,9 +13,9 @@ from figures import Figure, best_cpu
 
 from dart_hal.core.types import FloatArray
 from dart_hal.devices.lidar.scan import Stream
-from dart_hal.localisation import matcher
-from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.rays import Cast, cast_numpy, native
+from dart_hal.estimation.localisation import matcher
+from dart_hal.estimation.localisation.field import map_of_lines
+from dart_hal.estimation.localisation.rays import Cast, cast_numpy, native
 from dart_lab.sim.lidar.maps import room_of
 from dart_lab.sim.lidar.params import LidarParams
 from dart_lab.sim.lidar.unit import Unit

@@ -15,7 +15,7 @@ PROGRAM = """
 import gymnasium, numpy as np
 from pathlib import Path
 from dart_hal.car import Car
-from dart_hal.localisation.grid import Grid, read_grid, write_grid
+from dart_hal.estimation.localisation.grid import Grid, read_grid, write_grid
 from dart_hal.recording import to_dataframe
 from dart_hal.core.figures import new_figure, save_figure
 

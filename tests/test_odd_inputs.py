@@ -24,7 +24,7 @@ from dart_hal.core.types import ExternalPose
 from dart_hal.devices.poses import line
 from dart_hal.devices.poses.file import open_file
 from dart_hal.devices.poses.reading import Convention
-from dart_hal.localisation.grid import read_grid
+from dart_hal.estimation.localisation.grid import read_grid
 from dart_hal.recording.mcap_records import MAGIC, as_written, parse_mcap
 from dart_hal.vehicle.load import find_model
 

@@ -26,7 +26,7 @@ from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.control.monitoring.monitor import Monitor
 from dart_hal.control.monitoring.peer import STEP
 from dart_hal.control.plant import plant_of
-from dart_hal.localisation.grid import Grid, write_grid
+from dart_hal.estimation.localisation.grid import Grid, write_grid
 
 TEAM = Formation(Lissajous(3.9, 7.8, 3, 2), 5, 2)
 OMEGA, COUPLING = 0.07, 0.14  # rad/s: of the formation, 0.4 to 1.4 m/s; K / N

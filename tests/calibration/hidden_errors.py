@@ -28,7 +28,7 @@ from dart_hal.core.config import CarFiles, DriveTable
 from dart_hal.core.ports import Workshop
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
-from dart_hal.localisation.field import Map, map_of_lines
+from dart_hal.estimation.localisation.field import Map, map_of_lines
 from dart_hal.vehicle.motor import make_drive
 from dart_hal.vehicle.parameters import Friction, Motor
 from dart_lab.sim.truth import reveal, reveal_url

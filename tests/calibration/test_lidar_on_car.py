@@ -20,7 +20,7 @@ from dart_hal.cli.main import main
 from dart_hal.core.config import Quantity, load_car, parse_calibration
 from dart_hal.core.errors import CalibrationFailed, ConfigError
 from dart_hal.devices.links.base import open_backend
-from dart_hal.localisation.field import map_of_lines
+from dart_hal.estimation.localisation.field import map_of_lines
 from dart_lab.sim.lidar.maps import room_of
 from dart_lab.sim.truth import truth
 

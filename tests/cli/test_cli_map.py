@@ -7,7 +7,7 @@ import signal
 import numpy as np
 import pytest
 
-from dart_hal.localisation.grid import read_grid
+from dart_hal.estimation.localisation.grid import read_grid
 from dart_lab.sim.lidar.maps import room_of
 from dart_lab.sim.world import THROTTLE, World
 

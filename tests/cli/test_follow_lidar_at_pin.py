@@ -12,8 +12,8 @@ from dart_hal.control import follow as rules
 from dart_hal.control.follow import BRIDGED, PATIENCE, Phase, Rules
 from dart_hal.control.paths import Path
 from dart_hal.devices.links.base import open_backend
-from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.source import LidarPoses
+from dart_hal.estimation.localisation.field import map_of_lines
+from dart_hal.estimation.localisation.source import LidarPoses
 from dart_lab.sim.truth import room_of_car, world_of
 from dart_lab.sim.world import THROTTLE
 

@@ -14,8 +14,8 @@ from dart_hal.control import while_located
 from dart_hal.control.ending import PATIENCE, Phase
 from dart_hal.control.while_located import WhileLocated
 from dart_hal.devices.links.base import open_backend
-from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.source import LidarPoses
+from dart_hal.estimation.localisation.field import map_of_lines
+from dart_hal.estimation.localisation.source import LidarPoses
 from dart_lab.sim.truth import room_of_car, world_of
 from dart_lab.sim.world import THROTTLE
 

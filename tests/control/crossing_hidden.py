@@ -13,7 +13,7 @@ import numpy as np
 from tests.control.follow_figures import later, write_files
 
 from dart_hal.core.config import save_model
-from dart_hal.localisation.grid import Grid, write_grid
+from dart_hal.estimation.localisation.grid import Grid, write_grid
 from dart_hal.vehicle.file import model_of
 
 SEEDS = 20

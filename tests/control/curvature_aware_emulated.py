@@ -32,8 +32,8 @@ from dart_hal.control.plant import plant_of
 from dart_hal.control.trackers import Lqr, uncompensated
 from dart_hal.core.config import save_model
 from dart_hal.devices.links.base import open_backend
-from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.source import LidarPoses
+from dart_hal.estimation.localisation.field import map_of_lines
+from dart_hal.estimation.localisation.source import LidarPoses
 from dart_hal.vehicle.file import model_of
 from dart_lab.sim.mocap import hidden_mocap
 from dart_lab.sim.truth import room_of_car, world_of

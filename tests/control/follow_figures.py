@@ -43,8 +43,8 @@ from dart_hal.core.config import (
     save_model,
 )
 from dart_hal.devices.links.base import Backend, open_backend
-from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.source import LidarPoses
+from dart_hal.estimation.localisation.field import map_of_lines
+from dart_hal.estimation.localisation.source import LidarPoses
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import AxleTyres, Delay, Vehicle
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024

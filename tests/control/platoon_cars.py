@@ -25,9 +25,9 @@ import numpy as np
 
 from dart_hal.control.tracks import track_named
 from dart_hal.core.types import MotionEstimate, Pose
-from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.grid import read_grid, write_grid
-from dart_hal.localisation.source import LidarPoses
+from dart_hal.estimation.localisation.field import map_of_lines
+from dart_hal.estimation.localisation.grid import read_grid, write_grid
+from dart_hal.estimation.localisation.source import LidarPoses
 from dart_lab.sim.lidar.maps import room_of
 from dart_lab.sim.truth import world_of
 

@@ -8,7 +8,7 @@ import pytest
 from dart_hal.control import wall as wall_module
 from dart_hal.control.wall import BODY, ROUND, Wall
 from dart_hal.core.types import Pose
-from dart_hal.localisation.rays import FAR, cast_numpy
+from dart_hal.estimation.localisation.rays import FAR, cast_numpy
 
 BEAMS = 300
 

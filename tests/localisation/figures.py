@@ -17,10 +17,10 @@ from dataclasses import replace
 import numpy as np
 from tests.localisation.world import Drive, Hidden, Result, drive, hidden, run
 
-from dart_hal.localisation.belief import begun
-from dart_hal.localisation.health import Judge, Status
-from dart_hal.localisation.localiser import PROVEN, Localiser
-from dart_hal.localisation.search import search
+from dart_hal.estimation.localisation.belief import begun
+from dart_hal.estimation.localisation.health import Judge, Status
+from dart_hal.estimation.localisation.localiser import PROVEN, Localiser
+from dart_hal.estimation.localisation.search import search
 
 ROWS: dict[str, dict[str, float]] = {
     "0.5 m/s": {"speed": 0.5}, "1 m/s": {}, "2 m/s": {"speed": 2.0},

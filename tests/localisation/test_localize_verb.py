@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.cli.main import main
-from dart_hal.localisation.field import CELL
+from dart_hal.estimation.localisation.field import CELL
 from dart_lab.sim.lidar.maps import box, room_of
 
 WAIVED = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED", "--json")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.localisation import matcher
-from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.rays import cast_numpy
+from dart_hal.estimation.localisation import matcher
+from dart_hal.estimation.localisation.field import map_of_lines
+from dart_hal.estimation.localisation.rays import cast_numpy
 from dart_lab.sim.lidar.maps import room_of
 
 

@@ -10,13 +10,13 @@ import pytest
 from tests.localisation.figures import _warmed, wrongs
 from tests.localisation.world import drive, hidden, run
 
-from dart_hal.localisation.belief import begun
-from dart_hal.localisation.field import map_of_grid, map_of_lines
-from dart_hal.localisation.grid import Grid
-from dart_hal.localisation.health import Status, agreement
-from dart_hal.localisation.localiser import Localiser
-from dart_hal.localisation.rays import best
-from dart_hal.localisation.search import search
+from dart_hal.estimation.localisation.belief import begun
+from dart_hal.estimation.localisation.field import map_of_grid, map_of_lines
+from dart_hal.estimation.localisation.grid import Grid
+from dart_hal.estimation.localisation.health import Status, agreement
+from dart_hal.estimation.localisation.localiser import Localiser
+from dart_hal.estimation.localisation.rays import best
+from dart_hal.estimation.localisation.search import search
 from dart_lab.sim.lidar.maps import box, room_of
 
 HALL = box(3.0, 2.5, 0.0, 6.0, 5.0)

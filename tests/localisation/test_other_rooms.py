@@ -7,9 +7,9 @@ import pytest
 from tests.localisation.figures import _warmed
 from tests.localisation.world import drive, hidden, run
 
-from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.health import EVERY, FITS, Agreement, Judge, Status, agreement
-from dart_hal.localisation.search import search
+from dart_hal.estimation.localisation.field import map_of_lines
+from dart_hal.estimation.localisation.health import EVERY, FITS, Agreement, Judge, Status, agreement
+from dart_hal.estimation.localisation.search import search
 from dart_lab.sim.lidar.maps import box
 
 

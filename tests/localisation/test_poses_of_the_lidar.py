@@ -16,13 +16,13 @@ from dart_hal.core.config import load_car
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Pose, Tracking
 from dart_hal.devices.links.base import open_backend
+from dart_hal.estimation.localisation.field import map_of_lines
+from dart_hal.estimation.localisation.health import FRESH, Agreement, Judge, Status
+from dart_hal.estimation.localisation.localiser import Localiser
+from dart_hal.estimation.localisation.rays import best
+from dart_hal.estimation.localisation.search import search
+from dart_hal.estimation.localisation.source import LidarPoses, open_source
 from dart_hal.estimation.odometry import Odometry
-from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.health import FRESH, Agreement, Judge, Status
-from dart_hal.localisation.localiser import Localiser
-from dart_hal.localisation.rays import best
-from dart_hal.localisation.search import search
-from dart_hal.localisation.source import LidarPoses, open_source
 from dart_lab.sim.lidar.maps import box, room_of
 from dart_lab.sim.truth import room_of_car, world_of
 

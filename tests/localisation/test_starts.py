@@ -7,8 +7,8 @@ import pytest
 from tests.localisation.figures import kidnapped
 from tests.localisation.world import drive, hidden, run
 
-from dart_hal.localisation.health import Status
-from dart_hal.localisation.localiser import Localiser
+from dart_hal.estimation.localisation.health import Status
+from dart_hal.estimation.localisation.localiser import Localiser
 
 
 def test_a_car_is_found_without_a_start_and_told_only_when_proven():

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from tests.localisation.world import Drive, drive, hidden, run
 
-from dart_hal.localisation.field import map_of_lines
-from dart_hal.localisation.health import Status
-from dart_hal.localisation.localiser import Localiser
+from dart_hal.estimation.localisation.field import map_of_lines
+from dart_hal.estimation.localisation.health import Status
+from dart_hal.estimation.localisation.localiser import Localiser
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from math import isfinite
 import numpy as np
 
 from dart_hal.core.types import FloatArray, Mount, Scan
-from dart_hal.localisation.field import Map, map_of_lines
-from dart_hal.localisation.localiser import Localiser, Located
-from dart_hal.localisation.rays import best
+from dart_hal.estimation.localisation.field import Map, map_of_lines
+from dart_hal.estimation.localisation.localiser import Localiser, Located
+from dart_hal.estimation.localisation.rays import best
 from dart_lab.sim.lidar.maps import Room, box, clearance, room_of
 
 DT = 0.01

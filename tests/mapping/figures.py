@@ -21,10 +21,10 @@ from tests.localisation.figures import rms
 from tests.localisation.world import Drive, drive, hidden
 from tests.mapping.world import again, around, gap, mapped, placed_on, walls
 
-from dart_hal.localisation.field import map_of_grid
-from dart_hal.localisation.grid import Grid, read_grid, write_grid
-from dart_hal.localisation.localiser import Localiser
-from dart_hal.mapping.occupancy import grid_of
+from dart_hal.estimation.localisation.field import map_of_grid
+from dart_hal.estimation.localisation.grid import Grid, read_grid, write_grid
+from dart_hal.estimation.localisation.localiser import Localiser
+from dart_hal.estimation.mapping.occupancy import grid_of
 
 CLOSED, TURNED = 0.01, np.radians(0.3)
 """m and rad: half a cell of the map, and what that is at 2 m."""

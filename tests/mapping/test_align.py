@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.mapping.align import laid
+from dart_hal.estimation.mapping.align import laid
 
 
 def test_turn_shift_and_size_are_found():

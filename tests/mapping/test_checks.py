@@ -9,7 +9,7 @@ import pytest
 from tests.localisation.world import drive, hidden
 
 from dart_hal.core.errors import UsageError
-from dart_hal.mapping.checks import Checks
+from dart_hal.estimation.mapping.checks import Checks
 
 
 @pytest.fixture(scope="module")

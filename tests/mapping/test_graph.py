@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.mapping.graph import Edge, between, onto, solve
+from dart_hal.estimation.mapping.graph import Edge, between, onto, solve
 
 STD = np.array((2e-3, 2e-3, 1e-3))
 INFO = np.diag(1.0 / STD**2)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.localisation.grid import Grid, read_grid, write_grid
-from dart_hal.mapping.keyframes import Keyframe, Survey, View
-from dart_hal.mapping.occupancy import FREE, OCCUPIED, grid_of, log_odds, passed, thinned
-from dart_hal.mapping.surfels import chart_of_points, lines_of_points
+from dart_hal.estimation.localisation.grid import Grid, read_grid, write_grid
+from dart_hal.estimation.mapping.keyframes import Keyframe, Survey, View
+from dart_hal.estimation.mapping.occupancy import FREE, OCCUPIED, grid_of, log_odds, passed, thinned
+from dart_hal.estimation.mapping.surfels import chart_of_points, lines_of_points
 
 
 def test_log_odds_are_those_of_bayes():

@@ -9,7 +9,7 @@ from tests.localisation.world import drive, hidden
 from tests.mapping.figures import CLOSED, TURNED, localised, outer, written
 from tests.mapping.world import again, around, gap, mapped, placed_on, walls
 
-from dart_hal.mapping.occupancy import grid_of
+from dart_hal.estimation.mapping.occupancy import grid_of
 
 
 def test_a_car_of_hidden_errors_maps_what_it_sees_in_six_seconds():

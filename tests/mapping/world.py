@@ -8,11 +8,11 @@ import numpy as np
 from tests.localisation.world import DT, Drive, Hidden, drive_along, wander
 
 from dart_hal.core.types import FloatArray
-from dart_hal.localisation.grid import Grid
-from dart_hal.mapping.align import Laid, laid
-from dart_hal.mapping.graph import between
-from dart_hal.mapping.keyframes import Survey
-from dart_hal.mapping.mapper import Mapper
+from dart_hal.estimation.localisation.grid import Grid
+from dart_hal.estimation.mapping.align import Laid, laid
+from dart_hal.estimation.mapping.graph import between
+from dart_hal.estimation.mapping.keyframes import Survey
+from dart_hal.estimation.mapping.mapper import Mapper
 from dart_lab.sim.lidar.maps import room_of
 
 RADIUS = 0.8

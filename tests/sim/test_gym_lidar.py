@@ -10,7 +10,7 @@ import pytest
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import TRACKS, track_named
 from dart_hal.core.errors import UsageError
-from dart_hal.localisation import rays
+from dart_hal.estimation.localisation import rays
 from dart_lab.sim.gym import DartCarEnv, DartCarVectorEnv, GymConfig
 from dart_lab.sim.gym.lidar import AXIS_X, BESIDE, BODY, FLAT, MOST, Eyes
 from dart_lab.sim.gym.tasks import OFF_TRACK, Memory

@@ -12,8 +12,8 @@ from PIL import Image
 from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
-from dart_hal.localisation import rays
-from dart_hal.localisation.grid import read_grid
+from dart_hal.estimation.localisation import rays
+from dart_hal.estimation.localisation.grid import read_grid
 from dart_lab.sim.lidar import lanes
 from dart_lab.sim.lidar.maps import ROOMS, box, clearance, room_of
 from dart_lab.sim.truth import reveal_url, room_of_car

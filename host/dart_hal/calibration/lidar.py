@@ -13,7 +13,7 @@ from typing import Protocol
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.errors import CalibrationFailed, DartHalError
 from dart_hal.core.types import Estimate, Scan, State
-from dart_hal.localisation.field import Map
+from dart_hal.estimation.localisation.field import Map
 
 from .asking import Ask, Progress, agree, begin, silent
 from .lidar_fit import ANY_GYRO, Drive, Sits, fit_lidar, sense_of

@@ -19,15 +19,15 @@ from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray, Mount, Scan, State
 from dart_hal.devices.lidar.health import Watch
 from dart_hal.estimation import pose_check
+from dart_hal.estimation.localisation.beams import Beams, beams_of
+from dart_hal.estimation.localisation.belief import LATE, UNLEARNT
+from dart_hal.estimation.localisation.field import Map
+from dart_hal.estimation.localisation.health import AGREED, STALE, agreement
+from dart_hal.estimation.localisation.matcher import match
+from dart_hal.estimation.localisation.path import Steps
+from dart_hal.estimation.localisation.search import LOOSE, search
 from dart_hal.estimation.odometry import OdometryNoise
 from dart_hal.estimation.pose_check import fault_of
-from dart_hal.localisation.beams import Beams, beams_of
-from dart_hal.localisation.belief import LATE, UNLEARNT
-from dart_hal.localisation.field import Map
-from dart_hal.localisation.health import AGREED, STALE, agreement
-from dart_hal.localisation.matcher import match
-from dart_hal.localisation.path import Steps
-from dart_hal.localisation.search import LOOSE, search
 
 from .mocap_fit import Marker, Track, fit_marker
 

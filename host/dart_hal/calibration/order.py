@@ -31,7 +31,7 @@ from dart_hal.car import Car
 from dart_hal.core.config import Calibration, CarFiles
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports import Workshop
-from dart_hal.localisation.field import Map
+from dart_hal.estimation.localisation.field import Map
 
 FRESH = timedelta(hours=12)
 """A session at the car: what was measured within it is not measured again unless asked for."""

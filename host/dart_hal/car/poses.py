@@ -15,10 +15,10 @@ from dart_hal.core.types import ExternalPose, State
 from dart_hal.devices.links.base import Backend
 from dart_hal.devices.poses import open_poses
 from dart_hal.devices.poses.clock_steps import ClockSteps
+from dart_hal.estimation.localisation.source import LidarPoses, open_source
 from dart_hal.estimation.odometry import Odometry
 from dart_hal.estimation.pose_model import Marker
 from dart_hal.estimation.room import UNKNOWN, RoomEstimator
-from dart_hal.localisation.source import LidarPoses, open_source
 
 
 class PoseFeed:

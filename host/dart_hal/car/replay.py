@@ -18,7 +18,7 @@ from dart_hal.core.ports import Chunk, Link
 from dart_hal.core.types import NEUTRAL, Applied, ExternalPose
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend
-from dart_hal.localisation.source import FRAME
+from dart_hal.estimation.localisation.source import FRAME
 from dart_hal.recording.run import AppliedAt, RunReader
 from dart_hal.wire.codec import DOWN, UP, encode
 from dart_hal.wire.decoder import Decoder

@@ -27,7 +27,7 @@ from dart_hal.core.config import CarFiles
 from dart_hal.core.config.folders import calibration_in
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.devices.links.base import open_backend
-from dart_hal.localisation.field import Map
+from dart_hal.estimation.localisation.field import Map
 
 
 @click.command("all")

@@ -22,13 +22,13 @@ from dart_hal.core.errors import DartHalError
 from dart_hal.core.figures import ABOVE, BLUE, INK, ORANGE, finish, new_figure
 from dart_hal.core.types import FloatArray, State
 from dart_hal.devices.links.base import open_backend
-from dart_hal.localisation.field import map_of_grid
-from dart_hal.localisation.grid import Grid, write_grid
-from dart_hal.localisation.source import LidarPoses
-from dart_hal.mapping.align import Laid, laid
-from dart_hal.mapping.keyframes import Survey
-from dart_hal.mapping.mapper import Mapper
-from dart_hal.mapping.occupancy import grid_of
+from dart_hal.estimation.localisation.field import map_of_grid
+from dart_hal.estimation.localisation.grid import Grid, write_grid
+from dart_hal.estimation.localisation.source import LidarPoses
+from dart_hal.estimation.mapping.align import Laid, laid
+from dart_hal.estimation.mapping.keyframes import Survey
+from dart_hal.estimation.mapping.mapper import Mapper
+from dart_hal.estimation.mapping.occupancy import grid_of
 from dart_lab.report import page
 from dart_lab.report.html import Html, el, join
 from dart_lab.report.page import image

@@ -27,7 +27,7 @@ from dart_hal.cli.summary import Summary
 from dart_hal.control.ending import Phase
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.plant import plant_of
-from dart_hal.localisation.localiser import MIRRORED
+from dart_hal.estimation.localisation.localiser import MIRRORED
 
 SOURCE = "lane"
 

@@ -28,8 +28,8 @@ from dart_hal.control.ending import Phase
 from dart_hal.control.while_located import WhileLocated
 from dart_hal.core.types import FloatArray, Pose
 from dart_hal.devices.links.base import Backend
-from dart_hal.localisation.localiser import Located
-from dart_hal.localisation.source import LidarPoses, start_of
+from dart_hal.estimation.localisation.localiser import Located
+from dart_hal.estimation.localisation.source import LidarPoses, start_of
 
 
 @click.command("localize")

@@ -8,8 +8,8 @@ import numpy as np
 
 from dart_hal.core.figures import BLUE, GREY, INK, ORANGE, finish, new_figure, save_figure
 from dart_hal.core.types import FloatArray
-from dart_hal.localisation.field import Map
-from dart_hal.localisation.localiser import Located
+from dart_hal.estimation.localisation.field import Map
+from dart_hal.estimation.localisation.localiser import Located
 
 
 def draw(chart: Map, told: list[Located], truth: FloatArray | None, file: Path) -> Path:

@@ -7,8 +7,8 @@ import numpy as np
 from dart_hal.core.types import START, FloatArray
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend
-from dart_hal.localisation.field import Map, map_of_lines
-from dart_hal.localisation.source import FRAME
+from dart_hal.estimation.localisation.field import Map, map_of_lines
+from dart_hal.estimation.localisation.source import FRAME
 from dart_lab.sim.truth import room_of_car, room_of_url, world_of
 
 

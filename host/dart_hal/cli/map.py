@@ -30,13 +30,13 @@ from dart_hal.control.lane_follow import WallFollower
 from dart_hal.control.plant import plant_of
 from dart_hal.control.wall import Wall
 from dart_hal.core.errors import Disarmed, LinkLost, UsageError
-from dart_hal.localisation.field import map_of_grid
-from dart_hal.localisation.grid import Grid, write_grid
-from dart_hal.localisation.health import AGREED, agreement
-from dart_hal.mapping.checks import Checks
-from dart_hal.mapping.keyframes import Survey
-from dart_hal.mapping.mapper import Mapper
-from dart_hal.mapping.occupancy import CELL, grid_of
+from dart_hal.estimation.localisation.field import map_of_grid
+from dart_hal.estimation.localisation.grid import Grid, write_grid
+from dart_hal.estimation.localisation.health import AGREED, agreement
+from dart_hal.estimation.mapping.checks import Checks
+from dart_hal.estimation.mapping.keyframes import Survey
+from dart_hal.estimation.mapping.mapper import Mapper
+from dart_hal.estimation.mapping.occupancy import CELL, grid_of
 
 
 @click.command("map")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.core.figures import BLUE, GREEN, INK, finish, new_figure, save_figure
-from dart_hal.localisation.grid import Grid
-from dart_hal.mapping.keyframes import Survey
+from dart_hal.estimation.localisation.grid import Grid
+from dart_hal.estimation.mapping.keyframes import Survey
 
 
 def draw(survey: Survey, grid: Grid, file: Path) -> Path:

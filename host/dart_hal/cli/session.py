@@ -14,9 +14,9 @@ from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.types import State
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend
-from dart_hal.localisation.field import Map, map_of_grid
-from dart_hal.localisation.grid import read_grid
-from dart_hal.localisation.source import open_source
+from dart_hal.estimation.localisation.field import Map, map_of_grid
+from dart_hal.estimation.localisation.grid import read_grid
+from dart_hal.estimation.localisation.source import open_source
 from dart_lab.live.foxglove import LAYOUT
 
 

@@ -26,7 +26,7 @@ from dart_hal.cli.page_address import lan_option, tell
 from dart_hal.cli.session import opened, paced
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
-from dart_hal.localisation.grid import lines_of_grid, read_grid
+from dart_hal.estimation.localisation.grid import lines_of_grid, read_grid
 
 
 @click.command("view")

@@ -18,7 +18,7 @@ from dart_hal.core.config import CarFiles
 from dart_hal.core.config.folders import parse_run_car
 from dart_hal.core.errors import ConfigError
 from dart_hal.core.types import Mount, Scan
-from dart_hal.localisation.source import FRAME
+from dart_hal.estimation.localisation.source import FRAME
 from dart_hal.recording import cdr
 from dart_hal.recording.items import Recorded
 from dart_hal.recording.run import RunReader

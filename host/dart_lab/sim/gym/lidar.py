@@ -15,7 +15,7 @@ from dart_hal.car.scans import AXIS_X
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.core.types import FloatArray
-from dart_hal.localisation.rays import best
+from dart_hal.estimation.localisation.rays import best
 from dart_hal.vehicle.namespace import Value
 from dart_lab.sim.gym.config import GymConfig
 from dart_lab.sim.light.noise import LIDAR, Seed, streams

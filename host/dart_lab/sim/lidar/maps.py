@@ -20,7 +20,7 @@ import numpy as np
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
-from dart_hal.localisation.grid import lines_of_grid, read_grid
+from dart_hal.estimation.localisation.grid import lines_of_grid, read_grid
 from dart_lab.sim.lidar.lanes import AROUND, LANES, begins, boards
 
 BOARD = 0.35

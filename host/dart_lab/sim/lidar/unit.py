@@ -24,7 +24,7 @@ from dart_hal.core.errors import DartHalError
 from dart_hal.core.types import FloatArray, IntArray, Scan
 from dart_hal.devices.lidar.packets import BASE, CROSSING, HEAD, PERIOD, QUARTER
 from dart_hal.devices.lidar.scan import BYTE, Stream
-from dart_hal.localisation.rays import FAR, best
+from dart_hal.estimation.localisation.rays import FAR, best
 from dart_lab.sim.lidar.maps import Room
 from dart_lab.sim.lidar.params import LidarParams
 

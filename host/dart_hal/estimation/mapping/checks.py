@@ -9,7 +9,7 @@ import numpy as np
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, Scan
 from dart_hal.devices.lidar.health import Watch, blind
-from dart_hal.localisation.localiser import MIRRORED
+from dart_hal.estimation.localisation.localiser import MIRRORED
 
 BLIND = np.radians(30.0)
 """rad: a sector from which nothing came in the whole drive. A post hides 10 to 20 deg; where the

@@ -18,8 +18,8 @@ from math import cos, sin
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.localisation.field import Map, map_of_lines
-from dart_hal.localisation.native import function
+from dart_hal.estimation.localisation.field import Map, map_of_lines
+from dart_hal.estimation.localisation.native import function
 
 C = 0.08
 """m at which a beam has a quarter of its weight: five times the noise of a distance; 5 cm are as

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import FloatArray, Scan
-from dart_hal.localisation.path import Steps, Stretch
+from dart_hal.estimation.localisation.path import Steps, Stretch
 
 LEAST = 60
 """Beams that came back, a tenth of a scan: below, it tells nothing."""

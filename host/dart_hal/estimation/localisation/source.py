@@ -17,9 +17,9 @@ from urllib.parse import parse_qsl, urlsplit
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import ExternalPose, Scan, State
-from dart_hal.localisation.field import Map, map_of_grid
-from dart_hal.localisation.grid import read_grid
-from dart_hal.localisation.localiser import Localiser, Located
+from dart_hal.estimation.localisation.field import Map, map_of_grid
+from dart_hal.estimation.localisation.grid import read_grid
+from dart_hal.estimation.localisation.localiser import Localiser, Located
 
 EXPECTED = "lidar:map.yaml, or lidar:map.yaml?start=X,Y,YAW in m and rad"
 FRAME = "lidar-map"

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.localisation.field import Map
-from dart_hal.mapping.graph import Edge, between, onto
-from dart_hal.mapping.surfels import chart_of_points
+from dart_hal.estimation.localisation.field import Map
+from dart_hal.estimation.mapping.graph import Edge, between, onto
+from dart_hal.estimation.mapping.surfels import chart_of_points
 
 
 @dataclass(frozen=True, slots=True, eq=False)

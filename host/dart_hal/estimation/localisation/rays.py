@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.localisation.native import function
+from dart_hal.estimation.localisation.native import function
 
 FAR = 1e9
 """m: a ray that meets nothing."""

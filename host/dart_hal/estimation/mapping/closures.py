@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.localisation.health import agreement
-from dart_hal.localisation.matcher import match
-from dart_hal.mapping.graph import Edge, between
-from dart_hal.mapping.keyframes import Keyframe, Submap, submap
+from dart_hal.estimation.localisation.health import agreement
+from dart_hal.estimation.localisation.matcher import match
+from dart_hal.estimation.mapping.graph import Edge, between
+from dart_hal.estimation.mapping.keyframes import Keyframe, Submap, submap
 
 LENGTH, EVERY = 4.0, 2.0
 """m of way in a submap, and from one to the next."""

@@ -13,9 +13,9 @@ from scipy.ndimage import gaussian_filter
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.localisation.grid import Grid
-from dart_hal.mapping.graph import onto
-from dart_hal.mapping.keyframes import Survey, placed
+from dart_hal.estimation.localisation.grid import Grid
+from dart_hal.estimation.mapping.graph import onto
+from dart_hal.estimation.mapping.keyframes import Survey, placed
 
 CELL = 0.02
 """m: a wall is where its cell is, to 1 cm."""

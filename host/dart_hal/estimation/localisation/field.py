@@ -13,8 +13,8 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
-from dart_hal.localisation.boxes import walls_of
-from dart_hal.localisation.grid import Grid, lines_of_grid
+from dart_hal.estimation.localisation.boxes import walls_of
+from dart_hal.estimation.localisation.grid import Grid, lines_of_grid
 
 CELL = 0.025
 """m between two nodes: the c of the weights in the matcher is three of them."""

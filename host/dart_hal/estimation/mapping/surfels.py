@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.localisation.field import Map, map_of_pieces
+from dart_hal.estimation.localisation.field import Map, map_of_pieces
 
 CELL = 0.04
 """m: a window of 3 cells is 8 sigma of a distance wide, and shorter than a side of a box."""

@@ -19,10 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from dart_hal.core.types import FloatArray
+from dart_hal.estimation.localisation.field import Map
+from dart_hal.estimation.localisation.matcher import Match, match
+from dart_hal.estimation.localisation.path import Stretch
 from dart_hal.estimation.spin import LOOSE
-from dart_hal.localisation.field import Map
-from dart_hal.localisation.matcher import Match, match
-from dart_hal.localisation.path import Stretch
 
 POSE, ERRORS, TAU, SCALE = slice(0, 3), slice(3, 7), 7, 8
 SEEN = (0, 1, 2, SCALE)

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.localisation.field import REACH, Map
-from dart_hal.localisation.health import FITS, Agreement, agreement
-from dart_hal.localisation.matcher import C, match
+from dart_hal.estimation.localisation.field import REACH, Map
+from dart_hal.estimation.localisation.health import FITS, Agreement, agreement
+from dart_hal.estimation.localisation.matcher import C, match
 
 EVERY, HEADINGS, PLACE = 9, 90, 0.10
 """Beams of the coarse score; of a turn; m between places."""

@@ -12,12 +12,21 @@ import numpy as np
 
 from dart_hal.core.types import Pose, Scan
 from dart_hal.devices.lidar.health import Watch
-from dart_hal.localisation.beams import Beams, beams_of
-from dart_hal.localisation.belief import ERRORS, POSE, SEEN, TAU, UNLEARNT, Belief, again, begun
-from dart_hal.localisation.field import Map
-from dart_hal.localisation.health import FITS, Judge, Status, agreement
-from dart_hal.localisation.path import Steps
-from dart_hal.localisation.search import search
+from dart_hal.estimation.localisation.beams import Beams, beams_of
+from dart_hal.estimation.localisation.belief import (
+    ERRORS,
+    POSE,
+    SEEN,
+    TAU,
+    UNLEARNT,
+    Belief,
+    again,
+    begun,
+)
+from dart_hal.estimation.localisation.field import Map
+from dart_hal.estimation.localisation.health import FITS, Judge, Status, agreement
+from dart_hal.estimation.localisation.path import Steps
+from dart_hal.estimation.localisation.search import search
 
 PROVEN = 5
 """Scans that a pose which was searched must explain, while the car goes on, until it is told."""

@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 
 from dart_hal.core.types import FloatArray, Scan
-from dart_hal.localisation.beams import Beams, beams_of
-from dart_hal.localisation.belief import ERRORS, POSE, STD, TAU, Belief, begun
-from dart_hal.localisation.localiser import LONGEST
-from dart_hal.localisation.path import Steps
-from dart_hal.mapping.closures import Closures
-from dart_hal.mapping.graph import Edge, between, solve
-from dart_hal.mapping.keyframes import Keyframe, Survey, View, points_of
-from dart_hal.mapping.surfels import chart_of_points
+from dart_hal.estimation.localisation.beams import Beams, beams_of
+from dart_hal.estimation.localisation.belief import ERRORS, POSE, STD, TAU, Belief, begun
+from dart_hal.estimation.localisation.localiser import LONGEST
+from dart_hal.estimation.localisation.path import Steps
+from dart_hal.estimation.mapping.closures import Closures
+from dart_hal.estimation.mapping.graph import Edge, between, solve
+from dart_hal.estimation.mapping.keyframes import Keyframe, Survey, View, points_of
+from dart_hal.estimation.mapping.surfels import chart_of_points
 
 APART, TURNED = 0.25, 0.25
 """m and rad from one keyframe to the next: a scan of a car at 2 m/s."""

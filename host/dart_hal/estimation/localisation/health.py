@@ -18,8 +18,8 @@ from typing import NamedTuple
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.localisation.field import Map
-from dart_hal.localisation.rays import best
+from dart_hal.estimation.localisation.field import Map
+from dart_hal.estimation.localisation.rays import best
 
 NEAR, SHARE = 0.08, 0.02
 """m and share of the distance."""
