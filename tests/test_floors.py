@@ -127,7 +127,8 @@ def test_import_dart_hal_is_light():
 
 @pytest.mark.parametrize("statement", [
     "from dart_hal import Car, Fleet", "import dart_hal.car", "import dart_hal.recording",
-    "import dart_hal.devices.actuation", "import dart_hal.devices.links.serial_port", "import dart_hal.vehicle",
+    "import dart_hal.devices.actuation", "import dart_hal.devices.links.serial_port",
+    "import dart_hal.vehicle",
     "import dart_hal.estimation", "import dart_hal.calibration", "import dart_hal.control.speed",
 ])
 @pytest.mark.few("from dart_hal import Car, Fleet")

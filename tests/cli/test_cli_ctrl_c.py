@@ -78,5 +78,6 @@ def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(press, tmp_path, n
 def test_without_neutral_at_the_end_it_drives_on(press, monkeypatch):
     """Control: a close that leaves the pins as they are."""
     monkeypatch.setattr("dart_hal.car.driver.Driver.close", lambda driver, now: None)
-    monkeypatch.setattr("dart_hal.devices.actuation.chain.Actuator.stop", lambda actuator: actuator.applied)
+    monkeypatch.setattr("dart_hal.devices.actuation.chain.Actuator.stop",
+                        lambda actuator: actuator.applied)
     assert abs(press(37)[1].pulses[-1][1] - NEUTRAL_US) > NEAR_US

@@ -88,7 +88,8 @@ def test_ctrl_c_stops_the_car_and_what_was_driven_is_mapped(interrupted, tmp_pat
 def test_without_neutral_at_the_end_it_drives_on(interrupted, monkeypatch):
     """Control: a close that leaves the pins as they are."""
     monkeypatch.setattr("dart_hal.car.driver.Driver.close", lambda driver, now: None)
-    monkeypatch.setattr("dart_hal.devices.actuation.chain.Actuator.stop", lambda actuator: actuator.applied)
+    monkeypatch.setattr("dart_hal.devices.actuation.chain.Actuator.stop",
+                        lambda actuator: actuator.applied)
     _, before, after = interrupted()
     assert abs((before + after)[-1] - NEUTRAL_US) > NEAR_US
 

@@ -85,8 +85,8 @@ def test_bad_urls_fail_as_serial_errors(probe):
 
 def test_importing_the_links_is_light():
     code = ("import sys, dart_hal.devices.links; "
-            "print([m for m in ('numpy', 'ctypes', 'dart_hal.devices.links.emulator') if m in sys.modules"
-            " and m != 'ctypes'])")
+            "print([m for m in ('numpy', 'ctypes', 'dart_hal.devices.links.emulator')"
+            " if m in sys.modules and m != 'ctypes'])")
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "dart_hal.devices.links.emulator" not in done.stdout
 

@@ -40,8 +40,8 @@ class Shown:
         """Serve a live page of this car: ``with car.view() as page: print(page.urls)``.
 
         Whoever opens it may stop the car; the program goes on driving. options: those of
-        ``dart_lab.live.view.serve.serve``, such as port and lan. Raises UsageError for a port that is
-        in use, and without the package websockets.
+        ``dart_lab.live.view.serve.serve``, such as port and lan. Raises UsageError for a port that
+        is in use, and without the package websockets.
         """
         return open_viewer("page", self, options)
 

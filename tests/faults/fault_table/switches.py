@@ -224,7 +224,8 @@ host("signature", "who answers at 0x40 is read before any write",
 host("open_neutral", "neutral stands in the registers before the chip wakes",
      "dart_hal.devices.actuation.pca9685.Pca9685.open", as_adafruit)
 host("owner", "one owner of a PCA9685", "dart_hal.car.guarding.own", always(nothing))
-host("port_lock", "one program on a port", "dart_hal.devices.links.serial_port.serial.Serial", SharedPort)
+host("port_lock", "one program on a port",
+     "dart_hal.devices.links.serial_port.serial.Serial", SharedPort)
 host("search", "a board that comes back is searched by its number",
      "dart_hal.car.reconnect.Search.look", always(None))
 host("lost", "a link that is gone means neutral at once", "dart_hal.car.driver.Driver.lost",

@@ -15,10 +15,10 @@ from dart_hal.core.errors import EmulatorMissing
 FLASH_SIZE = 32 * 1024
 """Bytes of flash of the ATmega328P."""
 
-FIRMWARE_DIR = Path(__file__).resolve().parents[3] / "firmware"
+FIRMWARE_DIR = Path(__file__).resolve().parents[4] / "firmware"
 """The firmware of the checkout (absent in an installed package)."""
 
-PACKAGED = Path(__file__).resolve().parents[1] / "prebuilt" / "dart_nano.hex"
+PACKAGED = Path(__file__).resolve().parents[2] / "prebuilt" / "dart_nano.hex"
 """The prebuilt image inside an installed package (absent in a checkout)."""
 
 BOOT_START = 0x7800
