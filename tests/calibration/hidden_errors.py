@@ -23,7 +23,7 @@ from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.calibration.throttle import calibrate_throttle
 from dart_hal.car import Car
-from dart_hal.cli.calibrate_all import write
+from dart_hal.cli.common.calibrate_all import write
 from dart_hal.core.config import CarFiles, DriveTable
 from dart_hal.core.ports import Workshop
 from dart_hal.core.url import Url

@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.car.driver import Driver
-from dart_hal.cli.checks import examine
+from dart_hal.cli.common.checks import examine
 from dart_hal.core.errors import BadCommand
 
 pytestmark = pytest.mark.usefixtures("armed_esc")

@@ -11,7 +11,7 @@ import pytest
 
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.cli import calibrate
-from dart_hal.cli.steering_table import rows_shown
+from dart_hal.cli.common.steering_table import rows_shown
 from dart_hal.core.errors import CalibrationFailed
 
 PLAN = "This drives 26 m. Is the floor free?"

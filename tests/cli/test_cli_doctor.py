@@ -8,9 +8,9 @@ import shlex
 import pytest
 from msgspec import structs
 
-from dart_hal.cli import checks as checks_module
 from dart_hal.cli import doctor
-from dart_hal.cli.checks import TITLES, Check, no_bus
+from dart_hal.cli.common import checks as checks_module
+from dart_hal.cli.common.checks import TITLES, Check, no_bus
 from dart_hal.core.config import Calibration, SteeringTable, save_calibration
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of

@@ -14,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from dart_hal.car import Car
-from dart_hal.cli.output import print_json
+from dart_hal.cli.common.output import print_json
 from dart_hal.cli.top import picture
 from dart_hal.core.plain_json import plain
 

@@ -9,7 +9,7 @@ import sys
 import click
 import pytest
 
-from dart_hal.cli import outputs
+from dart_hal.cli.common import outputs
 from dart_hal.cli.main import VERBS
 from dart_hal.core import figures
 
@@ -47,7 +47,7 @@ def still(monkeypatch):
         raise AssertionError("a car was opened before the outputs were checked")
 
     monkeypatch.setattr("dart_hal.devices.links.base.open_backend", opened)
-    for name in ("dart_hal.cli.session", "dart_hal.cli.calibrate_measured"):
+    for name in ("dart_hal.cli.common.session", "dart_hal.cli.common.calibrate_measured"):
         monkeypatch.setattr(f"{name}.open_backend", opened, raising=False)
     monkeypatch.setattr("dart_hal.car.Car.open", opened)
 

@@ -12,7 +12,7 @@ import pytest
 from websockets.sync.client import connect
 
 from dart_hal.car import Car
-from dart_hal.cli.session import in_real_time
+from dart_hal.cli.common.session import in_real_time
 from dart_lab.live.foxglove.server import serve
 
 URL = "sim://?seed=1&nano=mock"

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 import pytest
 
-from dart_hal.cli import checks
+from dart_hal.cli.common import checks
 from dart_hal.cli.main import VERBS, cli
 from dart_hal.devices.actuation.arming import BY_NAME
 from dart_hal.wire.messages import SCHEMA

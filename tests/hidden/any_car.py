@@ -30,7 +30,7 @@ from dart_hal.calibration import order
 from dart_hal.calibration.asking import agree, silent
 from dart_hal.car import Car
 from dart_hal.car.runs import read_run
-from dart_hal.cli.calibrate_all import write
+from dart_hal.cli.common.calibrate_all import write
 from dart_hal.cli.demo_diagnosis import FRAME_WAIT, SERVO_S
 from dart_hal.core.config import ModelFile, save_model
 from dart_hal.core.process.jobs import each

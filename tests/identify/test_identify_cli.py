@@ -119,7 +119,7 @@ def test_every_file_of_the_paper_is_in_the_list(run):
 @pytest.mark.parametrize(("columns", "shown"), [("80", False), ("89", False), ("90", True)])
 def test_a_narrow_terminal_costs_a_column_and_no_digits(run, monkeypatch, columns, shown):
     monkeypatch.setenv("COLUMNS", columns)
-    monkeypatch.setattr("dart_hal.cli.output.results._width", int(columns))
+    monkeypatch.setattr("dart_hal.cli.common.output.results._width", int(columns))
     _, out, _ = run("friction", "--as-paper", EXCERPT)
     table = out.split("residuals")[1]
     assert (" loss " in table) == shown

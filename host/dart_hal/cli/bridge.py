@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from dart_hal.cli.options import (
+from dart_hal.cli.common.options import (
     car_options,
     drive_options,
     json_option,
@@ -16,9 +16,9 @@ from dart_hal.cli.options import (
     poses_option,
     waive_option,
 )
-from dart_hal.cli.output import console, notices, print_json, results
-from dart_hal.cli.session import in_real_time, opened, paced
-from dart_hal.cli.summary import Summary
+from dart_hal.cli.common.output import console, notices, print_json, results
+from dart_hal.cli.common.session import in_real_time, opened, paced
+from dart_hal.cli.common.summary import Summary
 from dart_lab.live.ros.bridge import Bridge, Middleware
 
 

@@ -11,9 +11,9 @@ from dart_hal.calibration.plot import plot_steering
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.schedule import SPEEDS
 from dart_hal.calibration.steering import calibrate_steering
-from dart_hal.cli.bench import agreed
-from dart_hal.cli.calibrate_all import everything
-from dart_hal.cli.calibrate_measured import (
+from dart_hal.cli.common.bench import agreed
+from dart_hal.cli.common.calibrate_all import everything
+from dart_hal.cli.common.calibrate_measured import (
     clock,
     encoder,
     esc,
@@ -23,11 +23,11 @@ from dart_hal.cli.calibrate_measured import (
     mocap,
     throttle,
 )
-from dart_hal.cli.options import Number, PathsOption, car_options, json_option
-from dart_hal.cli.output import print_json, progress_bar, results
-from dart_hal.cli.outputs import PlotFile
-from dart_hal.cli.session import opened
-from dart_hal.cli.steering_table import show
+from dart_hal.cli.common.options import Number, PathsOption, car_options, json_option
+from dart_hal.cli.common.output import print_json, progress_bar, results
+from dart_hal.cli.common.outputs import PlotFile
+from dart_hal.cli.common.session import opened
+from dart_hal.cli.common.steering_table import show
 from dart_hal.core.config import accept_board, check_writable
 from dart_hal.core.errors import UsageError
 

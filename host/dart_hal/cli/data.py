@@ -7,11 +7,11 @@ from pathlib import Path
 
 import click
 
+from dart_hal.cli.common.options import json_option
+from dart_hal.cli.common.output import console, print_json, progress_bar
+from dart_hal.cli.common.outputs import PlotFileOrFolder
+from dart_hal.cli.common.sizes import named_car, recorded_car_options
 from dart_hal.cli.data_show import show_checks, show_fetch, show_repair
-from dart_hal.cli.options import json_option
-from dart_hal.cli.output import console, print_json, progress_bar
-from dart_hal.cli.outputs import PlotFileOrFolder
-from dart_hal.cli.sizes import named_car, recorded_car_options
 from dart_hal.recording.check import Check, check, folder_of, stem_of, summary
 from dart_hal.recording.fetch import fetch, find
 from dart_hal.recording.repair import repair

@@ -9,7 +9,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from dart_hal.cli.output import results, say
+from dart_hal.cli.common.output import results, say
 from dart_hal.recording.check import DONE, Check, Summary, folder_of, stem_of
 from dart_hal.recording.fetch import Outcome
 from dart_hal.recording.fetch.published import BY_HAND

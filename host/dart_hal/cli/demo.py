@@ -15,12 +15,12 @@ from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
 from dart_hal.cli import demo_map, demo_real
+from dart_hal.cli.common.options import json_option
+from dart_hal.cli.common.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.common.session import with_progress
 from dart_hal.cli.demo_diagnosis import Chapter, as_hidden, chapter, without_effect
 from dart_hal.cli.demo_page import Drive, Shown, write_page, write_summary
 from dart_hal.cli.demo_section import HIDDEN, REAL, hidden_section, real_skipped
-from dart_hal.cli.options import json_option
-from dart_hal.cli.output import console, notices, print_json, progress_bar, results
-from dart_hal.cli.session import with_progress
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.plant import plant_of
 from dart_hal.control.trackers import Pursuit

@@ -18,8 +18,8 @@ import numpy as np
 
 from dart_hal.car import Car
 from dart_hal.car.runs import read_run
-from dart_hal.cli.output import progress_bar
-from dart_hal.cli.session import with_progress
+from dart_hal.cli.common.output import progress_bar
+from dart_hal.cli.common.session import with_progress
 from dart_hal.core.config import save_model
 from dart_hal.core.process import jobs
 from dart_hal.core.url import Url

@@ -13,17 +13,17 @@ from typing import Any
 import click
 
 from dart_hal.car.runs import NamedCar, read_all_unframed
-from dart_hal.cli.evaluate import hashes
-from dart_hal.cli.options import (
+from dart_hal.cli.common.options import (
     REFERENCE,
     Number,
     PathsOption,
     html_option,
     json_option,
 )
-from dart_hal.cli.output import console, notices, print_json, progress_bar
-from dart_hal.cli.outputs import OutputFile
-from dart_hal.cli.sizes import named_car, recorded_car_options, sized
+from dart_hal.cli.common.output import console, notices, print_json, progress_bar
+from dart_hal.cli.common.outputs import OutputFile
+from dart_hal.cli.common.sizes import named_car, recorded_car_options, sized
+from dart_hal.cli.evaluate import hashes
 from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Recording, Reference, with_marker_frames

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from rich import box
 from rich.table import Table
 
-from dart_hal.cli.output import results, say
+from dart_hal.cli.common.output import results, say
 from dart_lab.diagnose.report.next_drive import NOTHING
 from dart_lab.diagnose.suggest.result import Suggestion
 from dart_lab.diagnose.suggest.sharpen import Sharper

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from dart_hal.cli.output import output, results, say
+from dart_hal.cli.common.output import output, results, say
 from dart_lab.diagnose.report.compared import step_changes
 from dart_lab.diagnose.report.explain import describe_cause, describe_claim
 from dart_lab.diagnose.report.overview import FLOOR, HELD

@@ -7,9 +7,15 @@ from pathlib import Path
 import click
 from rich.markup import escape
 
-from dart_hal.cli.checks import Check, examine
-from dart_hal.cli.options import Number, camera_option, car_options, json_option, poses_option
-from dart_hal.cli.output import print_json, results
+from dart_hal.cli.common.checks import Check, examine
+from dart_hal.cli.common.options import (
+    Number,
+    camera_option,
+    car_options,
+    json_option,
+    poses_option,
+)
+from dart_hal.cli.common.output import print_json, results
 
 COLOURS = {"ok": "green", "warn": "yellow", "fail": "red", "skip": "dim"}
 

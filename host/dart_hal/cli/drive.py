@@ -14,7 +14,7 @@ from typing import Any
 import click
 
 from dart_hal.car import Car
-from dart_hal.cli.options import (
+from dart_hal.cli.common.options import (
     Number,
     car_options,
     foxglove_options,
@@ -22,10 +22,10 @@ from dart_hal.cli.options import (
     poses_option,
     waive_option,
 )
-from dart_hal.cli.output import console, print_json, results
-from dart_hal.cli.outputs import OutputFile
-from dart_hal.cli.session import in_real_time, opened, paced, shown_live, with_progress
-from dart_hal.cli.summary import Summary
+from dart_hal.cli.common.output import console, print_json, results
+from dart_hal.cli.common.outputs import OutputFile
+from dart_hal.cli.common.session import in_real_time, opened, paced, shown_live, with_progress
+from dart_hal.cli.common.summary import Summary
 from dart_hal.control.gamepad import Gamepad, Manual
 from dart_hal.control.keyboard import Keyboard
 from dart_hal.core.errors import DartHalError, ScriptFailed, UsageError

@@ -8,10 +8,10 @@ from types import ModuleType
 import click
 
 from dart_hal.car.runs import NamedCar, read_any
-from dart_hal.cli.options import REFERENCE, html_option, json_option
-from dart_hal.cli.output import notices, print_json, progress_bar
-from dart_hal.cli.outputs import PlotFileOrFolder
-from dart_hal.cli.sizes import named_car, recorded_car_options, sized
+from dart_hal.cli.common.options import REFERENCE, html_option, json_option
+from dart_hal.cli.common.output import notices, print_json, progress_bar
+from dart_hal.cli.common.outputs import PlotFileOrFolder
+from dart_hal.cli.common.sizes import named_car, recorded_car_options, sized
 from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import new_figure

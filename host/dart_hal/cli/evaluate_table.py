@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from dart_hal.cli.output import console, output, results
+from dart_hal.cli.common.output import console, output, results
 from dart_lab.identify.evaluate import CHANNELS, HORIZONS, UNITS, Evaluation
 from dart_lab.identify.evaluate.cases import LEFT_OUT, short
 

@@ -15,15 +15,15 @@ from rich.table import Table
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.car.files import files_of
-from dart_hal.cli.options import (
+from dart_hal.cli.common.options import (
     Number,
     car_options,
     json_option,
     poses_option,
     waive_option,
 )
-from dart_hal.cli.output import console, notices, print_json, progress_bar, results
-from dart_hal.cli.outputs import OutputFile, PlotFile
+from dart_hal.cli.common.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.common.outputs import OutputFile, PlotFile
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import ExperimentFailed, UsageError
 from dart_hal.devices.links.base import Backend, open_backend

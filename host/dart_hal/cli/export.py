@@ -13,8 +13,8 @@ from dart_hal.car.export.lerobot import HELD, HELD_IMAGE, write_lerobot
 from dart_hal.car.export.tables import write_csv, write_parquet
 from dart_hal.car.export.whole import whole
 from dart_hal.car.table import read_table
-from dart_hal.cli.options import json_option
-from dart_hal.cli.output import notices, print_json, results
+from dart_hal.cli.common.options import json_option
+from dart_hal.cli.common.output import notices, print_json, results
 from dart_hal.core.config import check_writable
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.run import RunReader

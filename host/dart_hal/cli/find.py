@@ -9,8 +9,8 @@ from typing import Any
 import click
 
 from dart_hal.car.handshake import identify_port
-from dart_hal.cli.options import json_option
-from dart_hal.cli.output import print_json, say
+from dart_hal.cli.common.options import json_option
+from dart_hal.cli.common.output import print_json, say
 from dart_hal.core.errors import DartHalError
 from dart_hal.devices.links.attached import LIDAR, PortSeen, serial_ports
 from dart_hal.devices.links.computers import BRIDGES, BusSeen, Computer, computer, i2c_buses

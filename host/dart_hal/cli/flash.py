@@ -16,8 +16,8 @@ import click
 from serial.tools import list_ports
 
 from dart_hal.car.handshake import identify_port
-from dart_hal.cli.options import json_option
-from dart_hal.cli.output import console, print_json, results
+from dart_hal.cli.common.options import json_option
+from dart_hal.cli.common.output import console, print_json, results
 from dart_hal.core.errors import FlashFailed, PortMissing, UsageError
 from dart_hal.core.text_file import read_text
 from dart_hal.devices.links.image import find_image

@@ -12,9 +12,9 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from dart_hal.cli.options import Number, json_option, room_key_option
-from dart_hal.cli.output import console, notices, print_json, say
-from dart_hal.cli.page_address import lan_option, tell
+from dart_hal.cli.common.options import Number, json_option, room_key_option
+from dart_hal.cli.common.output import console, notices, print_json, say
+from dart_hal.cli.common.page_address import lan_option, tell
 from dart_hal.control.keyboard import Terminal
 from dart_hal.core.errors import UsageError
 from dart_hal.fleet.discovery import found, listed

@@ -16,8 +16,8 @@ import numpy as np
 
 from dart_hal.car import Car, join
 from dart_hal.car.others import Others
-from dart_hal.cli.follow_picture import draw
-from dart_hal.cli.options import (
+from dart_hal.cli.common.follow_picture import draw
+from dart_hal.cli.common.options import (
     DiscType,
     Number,
     car_options,
@@ -28,10 +28,10 @@ from dart_hal.cli.options import (
     room_key_option,
     waive_option,
 )
-from dart_hal.cli.output import console, notices, print_json, progress_bar, results
-from dart_hal.cli.outputs import PlotFile
-from dart_hal.cli.session import opened
-from dart_hal.cli.summary import Summary
+from dart_hal.cli.common.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.common.outputs import PlotFile
+from dart_hal.cli.common.session import opened
+from dart_hal.cli.common.summary import Summary
 from dart_hal.control.curvature_aware.generator import WEIGHTS
 from dart_hal.control.ending import Phase
 from dart_hal.control.follow import LANE, Follower, Rules

@@ -11,10 +11,10 @@ from typing import Any
 import click
 
 from dart_hal.car.runs import NamedCar, read_any
-from dart_hal.cli.options import REFERENCE, html_option, json_option
-from dart_hal.cli.output import console, print_json, progress_bar, results
-from dart_hal.cli.outputs import OutputFile, PlotFolder
-from dart_hal.cli.sizes import Sizes, named_car, recorded_car_options, sized
+from dart_hal.cli.common.options import REFERENCE, html_option, json_option
+from dart_hal.cli.common.output import console, print_json, progress_bar, results
+from dart_hal.cli.common.outputs import OutputFile, PlotFolder
+from dart_hal.cli.common.sizes import Sizes, named_car, recorded_car_options, sized
 from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import new_figure

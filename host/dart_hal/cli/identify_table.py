@@ -9,7 +9,7 @@ from dataclasses import replace
 from rich import box
 from rich.table import Table
 
-from dart_hal.cli.output import results
+from dart_hal.cli.common.output import results
 from dart_hal.vehicle.sets import PAPER, PER_DEGREE
 from dart_lab.identify.fit import Estimate, Fit
 from dart_lab.identify.outcome import Identification

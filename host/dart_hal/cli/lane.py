@@ -10,9 +10,8 @@ import click
 import numpy as np
 
 from dart_hal.car import Car
-from dart_hal.cli.follow import listen, typed
-from dart_hal.cli.follow_picture import draw_lane
-from dart_hal.cli.options import (
+from dart_hal.cli.common.follow_picture import draw_lane
+from dart_hal.cli.common.options import (
     Number,
     car_options,
     drive_options,
@@ -20,10 +19,11 @@ from dart_hal.cli.options import (
     lidar_option,
     waive_option,
 )
-from dart_hal.cli.output import console, notices, print_json, progress_bar, results
-from dart_hal.cli.outputs import PlotFile
-from dart_hal.cli.session import check_drives_by_lidar, opened
-from dart_hal.cli.summary import Summary
+from dart_hal.cli.common.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.common.outputs import PlotFile
+from dart_hal.cli.common.session import check_drives_by_lidar, opened
+from dart_hal.cli.common.summary import Summary
+from dart_hal.cli.follow import listen, typed
 from dart_hal.control.ending import Phase
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.plant import plant_of

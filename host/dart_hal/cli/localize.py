@@ -12,8 +12,8 @@ import numpy as np
 
 from dart_hal.car import Car
 from dart_hal.car.car import backend_of
-from dart_hal.cli.localize_picture import draw
-from dart_hal.cli.options import (
+from dart_hal.cli.common.localize_picture import draw
+from dart_hal.cli.common.options import (
     Number,
     car_options,
     json_option,
@@ -21,9 +21,9 @@ from dart_hal.cli.options import (
     map_option,
     waive_option,
 )
-from dart_hal.cli.output import notices, print_json, progress_bar, results
-from dart_hal.cli.outputs import OutputFile, PlotFile
-from dart_hal.cli.session import map_of, say_trouble, with_progress
+from dart_hal.cli.common.output import notices, print_json, progress_bar, results
+from dart_hal.cli.common.outputs import OutputFile, PlotFile
+from dart_hal.cli.common.session import map_of, say_trouble, with_progress
 from dart_hal.control.ending import Phase
 from dart_hal.control.while_located import WhileLocated
 from dart_hal.core.types import FloatArray, Pose

@@ -12,7 +12,7 @@ from importlib import import_module
 import click
 
 from dart_hal import __version__
-from dart_hal.cli.output import console, notices, print_json
+from dart_hal.cli.common.output import console, notices, print_json
 from dart_hal.core.errors import DartHalError, FileTrouble, InternalError, UsageError
 from dart_hal.core.process.extras import install_command
 

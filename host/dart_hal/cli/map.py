@@ -11,19 +11,19 @@ import click
 import numpy as np
 
 from dart_hal.car import Car
-from dart_hal.cli.drive import run_manual
-from dart_hal.cli.lane import drive as drive_along
-from dart_hal.cli.map_picture import draw
-from dart_hal.cli.options import (
+from dart_hal.cli.common.map_picture import draw
+from dart_hal.cli.common.options import (
     Number,
     car_options,
     json_option,
     lidar_option,
     waive_option,
 )
-from dart_hal.cli.output import console, notices, print_json, progress_bar, results
-from dart_hal.cli.outputs import OutputFile, PlotFile
-from dart_hal.cli.session import check_drives_by_lidar, opened
+from dart_hal.cli.common.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.common.outputs import OutputFile, PlotFile
+from dart_hal.cli.common.session import check_drives_by_lidar, opened
+from dart_hal.cli.drive import run_manual
+from dart_hal.cli.lane import drive as drive_along
 from dart_hal.control.gamepad import Gamepad
 from dart_hal.control.keyboard import Keyboard
 from dart_hal.control.lane_follow import WallFollower

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from dart_hal.cli.options import (
+from dart_hal.cli.common.options import (
     Number,
     camera_option,
     car_options,
@@ -15,10 +15,10 @@ from dart_hal.cli.options import (
     lidar_option,
     poses_option,
 )
-from dart_hal.cli.output import print_json, results
-from dart_hal.cli.outputs import OutputFile
-from dart_hal.cli.session import in_real_time, opened, shown_live, with_progress
-from dart_hal.cli.summary import Summary
+from dart_hal.cli.common.output import print_json, results
+from dart_hal.cli.common.outputs import OutputFile
+from dart_hal.cli.common.session import in_real_time, opened, shown_live, with_progress
+from dart_hal.cli.common.summary import Summary
 
 
 @click.command("record")

@@ -8,10 +8,10 @@ from pathlib import Path
 import click
 
 from dart_hal.car import Car
-from dart_hal.cli.options import json_option
-from dart_hal.cli.output import notices, print_json, results
-from dart_hal.cli.outputs import OutputFile
-from dart_hal.cli.summary import Summary
+from dart_hal.cli.common.options import json_option
+from dart_hal.cli.common.output import notices, print_json, results
+from dart_hal.cli.common.outputs import OutputFile
+from dart_hal.cli.common.summary import Summary
 from dart_hal.recording import open_writer
 
 

@@ -9,9 +9,9 @@ import click
 
 from dart_hal.car.digest import Digest, digest
 from dart_hal.car.files import DEFAULT_CAR
-from dart_hal.cli.options import cars_option, json_option
-from dart_hal.cli.output import console, notices, print_json, progress_bar
-from dart_hal.cli.outputs import OutputFile
+from dart_hal.cli.common.options import cars_option, json_option
+from dart_hal.cli.common.output import console, notices, print_json, progress_bar
+from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.cli.report_page import About, write_page
 from dart_hal.core.config import CarFiles, load_car, parse_car
 from dart_hal.core.config.history import calibration_changes, model_changes

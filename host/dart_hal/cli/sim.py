@@ -10,8 +10,8 @@ from urllib.parse import urlencode
 import click
 
 from dart_hal.car.car import DEFAULT_URL
-from dart_hal.cli.options import cars_option, json_option, url_option
-from dart_hal.cli.output import console, notices, print_json, results
+from dart_hal.cli.common.options import cars_option, json_option, url_option
+from dart_hal.cli.common.output import console, notices, print_json, results
 from dart_hal.core.config import cars_home
 from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url

@@ -9,8 +9,8 @@ from pathlib import Path
 import click
 
 from dart_hal.car.exit_signals import stop_on_signals
-from dart_hal.cli.options import Number, car_options, json_option
-from dart_hal.cli.output import console, print_json
+from dart_hal.cli.common.options import Number, car_options, json_option
+from dart_hal.cli.common.output import console, print_json
 from dart_hal.cli.stop import reach, real
 from dart_hal.core.errors import BusError
 from dart_hal.core.process.suspend import elapsed

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import click
 
-from dart_hal.cli.options import car_options, json_option
-from dart_hal.cli.output import console, print_json, results
+from dart_hal.cli.common.options import car_options, json_option
+from dart_hal.cli.common.output import console, print_json, results
 from dart_hal.core.config import load_car
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import Bus

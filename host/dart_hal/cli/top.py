@@ -10,10 +10,10 @@ from rich.table import Table
 from rich.text import Text
 
 from dart_hal.car import Car
-from dart_hal.cli.options import Number, car_options, json_option, poses_option
-from dart_hal.cli.output import console, print_json
-from dart_hal.cli.session import in_real_time, opened
-from dart_hal.cli.summary import Summary
+from dart_hal.cli.common.options import Number, car_options, json_option, poses_option
+from dart_hal.cli.common.output import console, print_json
+from dart_hal.cli.common.session import in_real_time, opened
+from dart_hal.cli.common.summary import Summary
 from dart_hal.core.types import External, State
 
 EVERY = 10

@@ -10,7 +10,7 @@ import click
 
 from dart_hal.car import Car
 from dart_hal.car.member import join
-from dart_hal.cli.options import (
+from dart_hal.cli.common.options import (
     Number,
     camera_option,
     car_options,
@@ -21,9 +21,9 @@ from dart_hal.cli.options import (
     room_key_option,
     waive_option,
 )
-from dart_hal.cli.outputs import OutputFile
-from dart_hal.cli.page_address import lan_option, tell
-from dart_hal.cli.session import opened, paced
+from dart_hal.cli.common.outputs import OutputFile
+from dart_hal.cli.common.page_address import lan_option, tell
+from dart_hal.cli.common.session import opened, paced
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 from dart_hal.estimation.localisation.grid import lines_of_grid, read_grid

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
+from dart_hal.cli.common.options import json_option
+from dart_hal.cli.common.output import console, output, print_json, results
 from dart_hal.cli.effect_page import render_effects
 from dart_hal.cli.error_page import render_errors
 from dart_hal.cli.gate_page import render_gates
-from dart_hal.cli.options import json_option
-from dart_hal.cli.output import console, output, print_json, results
 from dart_hal.cli.verb_page import render_verbs
 from dart_hal.core.errors import UsageError
 from dart_hal.wire import emit

@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 import click
 import msgspec
 
-from dart_hal.cli.options import cars_option
-from dart_hal.cli.output import console, say
+from dart_hal.cli.common.options import cars_option
+from dart_hal.cli.common.output import console, say
 from dart_hal.core.config import CarFiles, ModelFile, load_car
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.load import vehicle_of

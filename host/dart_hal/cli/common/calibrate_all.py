@@ -17,12 +17,12 @@ from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.steering import write as write_steering
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
-from dart_hal.cli.calibrate_measured import may_write, measuring, run
-from dart_hal.cli.calibrate_measured import show as show_measured
-from dart_hal.cli.options import Number, lidar_option, map_option
-from dart_hal.cli.output import console, notices, print_json, results
-from dart_hal.cli.session import map_of
-from dart_hal.cli.steering_table import show as show_steering
+from dart_hal.cli.common.calibrate_measured import may_write, measuring, run
+from dart_hal.cli.common.calibrate_measured import show as show_measured
+from dart_hal.cli.common.options import Number, lidar_option, map_option
+from dart_hal.cli.common.output import console, notices, print_json, results
+from dart_hal.cli.common.session import map_of
+from dart_hal.cli.common.steering_table import show as show_steering
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.folders import calibration_in
 from dart_hal.core.errors import CalibrationFailed

@@ -8,7 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dart_hal.calibration.result import SteeringResult
-from dart_hal.cli.output import console, results
+from dart_hal.cli.common.output import console, results
 
 MOST_ROWS = 13
 """Rows of the map on a terminal, so that the result does not scroll away."""

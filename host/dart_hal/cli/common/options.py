@@ -11,7 +11,7 @@ import click
 
 from dart_hal.car.files import DEFAULT_CAR
 from dart_hal.car.misuse import check_url
-from dart_hal.cli.outputs import OutputFile
+from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.control.mpc.obstacles import Disc
 from dart_hal.recording.dart import Reference
 

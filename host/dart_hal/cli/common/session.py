@@ -9,7 +9,7 @@ from pathlib import Path
 
 from dart_hal.car import Car
 from dart_hal.car.car import backend_of
-from dart_hal.cli.output import notices, progress_bar
+from dart_hal.cli.common.output import notices, progress_bar
 from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.types import State
 from dart_hal.core.url import Url

@@ -23,11 +23,18 @@ from dart_hal.calibration.plot_throttle import plot_throttle
 from dart_hal.calibration.throttle import ROOM, calibrate_throttle
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
-from dart_hal.cli.bench import AskedWorkshop, agreed
-from dart_hal.cli.options import F, Number, car_options, json_option, lidar_option, map_option
-from dart_hal.cli.output import console, notices, print_json, progress_bar, results
-from dart_hal.cli.outputs import PlotFile
-from dart_hal.cli.session import map_of
+from dart_hal.cli.common.bench import AskedWorkshop, agreed
+from dart_hal.cli.common.options import (
+    F,
+    Number,
+    car_options,
+    json_option,
+    lidar_option,
+    map_option,
+)
+from dart_hal.cli.common.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.common.outputs import PlotFile
+from dart_hal.cli.common.session import map_of
 from dart_hal.core.config import CarFiles, DriveTable, Quantity, check_writable
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import Workshop

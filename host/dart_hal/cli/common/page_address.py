@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from dart_hal.cli.output import console, print_json
+from dart_hal.cli.common.output import console, print_json
 from dart_lab.live.view.access import PORT
 
 F = TypeVar("F", bound=Callable[..., Any])

@@ -14,7 +14,7 @@ from typing import Any
 
 import click
 
-from dart_hal.cli.output import notices
+from dart_hal.cli.common.output import notices
 from dart_hal.core.config import check_writable
 from dart_hal.core.errors import FileTrouble, UsageError
 from dart_hal.core.figures import FORMATS

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import click
 
-from dart_hal.cli.output import console, notices
+from dart_hal.cli.common.output import console, notices
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports.workshop import SCALE
 

@@ -1,0 +1,1 @@
+"""Parts of ``dart-hal demo``: map, diagnosis, real recordings, and the page of them."""

@@ -1,0 +1,1 @@
+"""Pages and tables of what verbs of the laboratory answer."""
