@@ -20,11 +20,11 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 
 from dart_hal import Car, Fleet
-from dart_hal.cli.localize_truth import lines_by_frame
 from dart_hal.core.errors import LinkLost, NotArmed
 from dart_hal.fleet.station import Station
 from dart_lab.live.view.fleet_desk import FleetPage
 from dart_lab.live.view.serve import LivePage
+from dart_lab.sim.room_truth import lines_by_frame
 
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
          "--disable-background-networking", "--disable-component-update", "--disable-sync",

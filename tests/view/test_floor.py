@@ -11,7 +11,6 @@ from at_the_desk import AtTheDesk
 from sockets import live_page
 
 from dart_hal import Fleet
-from dart_hal.cli.localize_truth import lines_by_frame
 from dart_hal.cli.view import map_lines
 from dart_hal.core.types import START
 from dart_hal.estimation.localisation.source import FRAME
@@ -19,6 +18,7 @@ from dart_lab.live.view.player import Player
 from dart_lab.live.view.rows import FIELDS
 from dart_lab.live.view.told import others_in
 from dart_lab.sim.lidar.maps import clearance
+from dart_lab.sim.room_truth import lines_by_frame
 
 COUNT = """
 const c = document.getElementById('floor'), [r, g, b] = arguments[0];

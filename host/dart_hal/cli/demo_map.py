@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from dart_hal.car import Car
-from dart_hal.cli.localize_truth import map_of_room, true_path
 from dart_hal.control.ending import Ending, Phase
 from dart_hal.control.follow import Command, Follower, Rules
 from dart_hal.control.lane_follow import LaneFollower
@@ -32,6 +31,7 @@ from dart_hal.estimation.mapping.occupancy import grid_of
 from dart_lab.report import page
 from dart_lab.report.html import Html, el, join
 from dart_lab.report.page import image
+from dart_lab.sim.room_truth import map_of_room, true_path
 
 TITLE = "Map a track by the lidar, find the way in it, follow it"
 SPEED, LAP, OVER = 1.2, 22.9, 1.5

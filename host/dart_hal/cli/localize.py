@@ -116,7 +116,7 @@ def drive(car: Car, source: LidarPoses, ended: WhileLocated, steering: float,
 
 
 def _truth(backend: Backend, told: list[Located]) -> FloatArray | None:
-    from dart_hal.cli.localize_truth import true_path
+    from dart_lab.sim.room_truth import true_path
     return true_path(backend, np.array([seen.t for seen in told])) if told else None
 
 

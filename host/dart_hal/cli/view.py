@@ -75,7 +75,7 @@ def map_lines(url: str, chart: Path | None) -> FloatArray | dict[str, FloatArray
     """Of a map's file; without one those of a simulated car's room, by frame."""
     if chart is not None:
         return lines_of_grid(read_grid(chart))
-    from dart_hal.cli.localize_truth import lines_by_frame
+    from dart_lab.sim.room_truth import lines_by_frame
 
     return lines_by_frame(url)
 

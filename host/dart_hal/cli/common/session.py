@@ -85,7 +85,7 @@ def map_of(backend: Backend, chart: Path | None = None) -> Map:
             return map_of_grid(read_grid(chart))
         if backend.url.scheme != "sim":
             raise UsageError(f"{backend.url.text}: in which map?", expected="--map FILE.yaml")
-        from dart_hal.cli.localize_truth import map_of_room
+        from dart_lab.sim.room_truth import map_of_room
         return map_of_room(backend)
     except DartHalError:
         backend.close()
