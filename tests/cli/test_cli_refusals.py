@@ -159,7 +159,7 @@ def test_a_mistake_of_ours_is_one_sentence(verb, monkeypatch):
     def broken(seed, ring=None):
         raise KeyError("a mistake of ours")
 
-    monkeypatch.setattr("dart_hal.cli.sim.reveal_url", broken)
+    monkeypatch.setattr("dart_lab.cli.sim.reveal_url", broken)
     error = verb("sim", "--reveal", "--url", MOCK, "--json").error
     assert error["code"] == "D-BUG-01"
     assert "line" in error["found"]
@@ -327,7 +327,7 @@ def test_ctrl_c_is_130_and_one_word(capsys, monkeypatch):
     def interrupted(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dart_hal.cli.sim.reveal_url", interrupted)
+    monkeypatch.setattr("dart_lab.cli.sim.reveal_url", interrupted)
     with pytest.raises(SystemExit) as left:
         main(["sim", "--reveal", "--url", MOCK])
     assert left.value.code == 130

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.cli import sim
+from dart_lab.cli import sim
 from dart_lab.sim.truth import world_of
 
 MOCK = "sim://?nano=mock"

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from dart_hal.cli import view
+from dart_lab.cli import view
 
 MOCK = "sim://?nano=mock&lidar=1&map=room&seed=2"
 

@@ -120,7 +120,7 @@ class NotSim:
     """The backend of sim:// under another scheme: what a real car would be asked."""
 
     def __init__(self, monkeypatch):
-        import dart_hal.cli.experiment as verb
+        import dart_lab.cli.experiment as verb
         from dart_hal.core.url import Url
         from dart_hal.devices.links.base import open_backend
 

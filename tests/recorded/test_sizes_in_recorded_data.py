@@ -55,7 +55,7 @@ def fitted_drive(file, base, reference):
     """The drive of a file, and the model that ``identify all --joint`` fits to it."""
     from click.testing import CliRunner
 
-    from dart_hal.cli.identify import command
+    from dart_lab.cli.identify import command
 
     model = Path(mkdtemp()) / "model.toml"
     frame = f"{reference.lx},{reference.theta},{reference.ly}"

@@ -11,9 +11,9 @@ from at_the_desk import AtTheDesk
 from sockets import live_page
 
 from dart_hal import Fleet
-from dart_hal.cli.view import map_lines
 from dart_hal.core.types import START
 from dart_hal.estimation.localisation.source import FRAME
+from dart_lab.cli.view import map_lines
 from dart_lab.live.view.player import Player
 from dart_lab.live.view.rows import FIELDS
 from dart_lab.live.view.told import others_in

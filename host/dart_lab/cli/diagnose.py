@@ -23,11 +23,11 @@ from dart_hal.cli.common.options import (
 from dart_hal.cli.common.output import console, notices, print_json, progress_bar
 from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.cli.common.sizes import named_car, recorded_car_options, sized
-from dart_hal.cli.evaluate import hashes
 from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.fetch import find
+from dart_lab.cli.evaluate import hashes
 from dart_lab.diagnose.evidence.motion import driving_seconds
 from dart_lab.diagnose.inputs import checked, effects_named
 from dart_lab.diagnose.result import Diagnosis
