@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from dart_hal.cli import evaluate_table
+from dart_lab.pages import evaluate_table
 from dart_lab.report.numbers import significant
 from pages import foreign
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.cli import report_page
 from dart_hal.cli.calibrate import command as calibrate
 from dart_hal.core.config import save_calibration
 from dart_hal.core.config.calibration import Calibration
 from dart_hal.core.config.history import calibration_changes, versions
 from dart_hal.core.config.quantity import Quantity
+from dart_lab.pages import report_page
 
 CAR = "sim://?seed=3&nano=mock"
 

@@ -10,11 +10,11 @@ import hidden_drive
 import made_by_hand as made
 import pytest
 
-from dart_hal.cli.diagnose_table import show
 from dart_hal.cli.main import main
 from dart_hal.core.config import load_model
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
+from dart_lab.pages.diagnose_table import show
 
 KEYS = {"verdict", "base", "causes", "considered", "unexplained", "extended", "ctrv", "runtime_s",
         "files", "seed"}

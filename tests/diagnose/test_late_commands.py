@@ -16,7 +16,6 @@ from searched import fitted_side
 from stranger import Car
 from stranger_files import COMMANDS, Habits, record
 
-from dart_hal.cli.diagnose_table import show
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_lab.diagnose import conclude as conclusion
@@ -31,6 +30,7 @@ from dart_lab.diagnose.run import evidence_of
 from dart_lab.diagnose.search.forward import Search
 from dart_lab.diagnose.search.selection import Settings
 from dart_lab.identify.shooting.fit import FREE, free_names
+from dart_lab.pages.diagnose_table import show
 
 AGES = np.linspace(-0.11, 0.11, 45)
 WINDOWS = 300

@@ -11,7 +11,6 @@ import pytest
 from events import add_gusts
 from searched import fitted_side
 
-from dart_hal.cli.diagnose_table import show
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnose import conclude as conclusion
 from dart_lab.diagnose.error_summaries import Excess, find_excesses
@@ -25,6 +24,7 @@ from dart_lab.diagnose.policy import USUAL
 from dart_lab.diagnose.report import page
 from dart_lab.diagnose.report.summary import headline
 from dart_lab.identify.evaluate.prediction import CHANNELS
+from dart_lab.pages.diagnose_table import show
 
 WINDOWS = 400
 STD = np.array([0.03, 0.01, 0.1])

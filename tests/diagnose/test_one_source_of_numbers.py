@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from searched import drive
 
-from dart_hal.cli.diagnose_table import show
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnose import conclude as conclusion
 from dart_lab.diagnose import diagnose
@@ -23,6 +22,7 @@ from dart_lab.diagnose.report.explain import describe_cause
 from dart_lab.diagnose.report.page import page
 from dart_lab.diagnose.report.summary import headline
 from dart_lab.diagnose.result import Considered, Possible
+from dart_lab.pages.diagnose_table import show
 from dart_lab.report.numbers import percent, significant
 
 

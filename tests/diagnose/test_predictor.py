@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from known_frame import read
 
-from dart_hal.cli.diagnose_table import show
 from dart_hal.cli.main import main
 from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import PAPER
@@ -25,6 +24,7 @@ from dart_lab.diagnose.error_summaries import geometric_mean
 from dart_lab.diagnose.report import page
 from dart_lab.diagnose.report.words import predictor
 from dart_lab.diagnose.write import predictor_model, write_predictor
+from dart_lab.pages.diagnose_table import show
 
 SIZE = 2.5
 """N/rad of cornering drag: the car loses .1 m/s more in a second than any refit explains."""

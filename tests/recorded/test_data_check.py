@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.cli.data_show import broken
 from dart_hal.cli.main import main
 from dart_hal.recording.check import DONE, check, summary
 from dart_hal.recording.check.facts import marks, named_time
 from dart_hal.recording.check.findings import DROPPED
 from dart_hal.recording.dart import read, read_all
 from dart_hal.recording.dart.reference import SEP_24
+from dart_lab.pages.data_show import broken
 
 
 @pytest.fixture

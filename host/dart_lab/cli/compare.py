@@ -10,7 +10,7 @@ import click
 from dart_hal.car.compare import Comparison, compare
 from dart_hal.cli.common.options import html_option, json_option
 from dart_hal.cli.common.output import notices, print_json, say
-from dart_hal.cli.compare_page import difference_rows, lead, statistic_rows, write_page
+from dart_lab.pages.compare_page import difference_rows, lead, statistic_rows, write_page
 
 SHOWN = 20
 """Differences on the screen; --html and --json have all."""

@@ -11,10 +11,10 @@ from dart_hal.cli.common.options import json_option
 from dart_hal.cli.common.output import console, print_json, progress_bar
 from dart_hal.cli.common.outputs import PlotFileOrFolder
 from dart_hal.cli.common.sizes import named_car, recorded_car_options
-from dart_hal.cli.data_show import show_checks, show_fetch, show_repair
 from dart_hal.recording.check import Check, check, folder_of, stem_of, summary
 from dart_hal.recording.fetch import fetch, find
 from dart_hal.recording.repair import repair
+from dart_lab.pages.data_show import show_checks, show_fetch, show_repair
 
 
 @click.group("data")

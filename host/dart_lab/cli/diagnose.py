@@ -142,11 +142,11 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
     if as_json:
         print_json(answer)
         return
-    from dart_hal.cli.diagnose_table import show
+    from dart_lab.pages.diagnose_table import show
 
     show(d)
     if suggest:
-        from dart_hal.cli.diagnose_suggest import show_suggestions
+        from dart_lab.pages.diagnose_suggest import show_suggestions
 
         show_suggestions(suggestions, drives)
     _next(d, html, test)

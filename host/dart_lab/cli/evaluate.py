@@ -76,13 +76,13 @@ def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
     pictures = _drawing().draw(result, plot) if plot is not None else []
     answer = {**result.to_json(), "sizes": sizes.to_json(), "plots": pictures, "report": html}
     if html is not None:
-        from dart_hal.cli.evaluate_page import write_page
+        from dart_lab.pages.evaluate_page import write_page
 
         write_page(result, html, answer, sizes.lines)
     if as_json:
         print_json(answer)
     else:
-        from dart_hal.cli.evaluate_table import show
+        from dart_lab.pages.evaluate_table import show
 
         show(result, pictures)
 

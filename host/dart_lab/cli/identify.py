@@ -119,7 +119,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
                          joint=outcome.joint)
     path = None if dry_run or target is None else write(written, target)
     if not as_json:
-        from dart_hal.cli.identify_table import show
+        from dart_lab.pages.identify_table import show
 
         show(outcome, full)
         results.print(f"base: {origin}", markup=False, highlight=False)
@@ -132,7 +132,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
               "model": path, "plots": pictures,
               "report": html, "left_out": dict(written.left_out)}
     if html is not None:
-        from dart_hal.cli.identify_page import write_page
+        from dart_lab.pages.identify_page import write_page
 
         write_page(outcome, drawn, missing, html, command=typed, answer=answer,
                    cautions=sizes.lines if sizes else ())

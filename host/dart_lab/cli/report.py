@@ -12,10 +12,10 @@ from dart_hal.car.files import DEFAULT_CAR
 from dart_hal.cli.common.options import cars_option, json_option
 from dart_hal.cli.common.output import console, notices, print_json, progress_bar
 from dart_hal.cli.common.outputs import OutputFile
-from dart_hal.cli.report_page import About, write_page
 from dart_hal.core.config import CarFiles, load_car, parse_car
 from dart_hal.core.config.history import calibration_changes, model_changes
 from dart_hal.core.errors import ConfigError, DartHalError
+from dart_lab.pages.report_page import About, write_page
 
 RUNS = Path("runs")
 MOST = 10

@@ -8,13 +8,13 @@ import click
 
 from dart_hal.cli.common.options import json_option
 from dart_hal.cli.common.output import console, output, print_json, results
-from dart_hal.cli.effect_page import render_effects
-from dart_hal.cli.error_page import render_errors
-from dart_hal.cli.gate_page import render_gates
-from dart_hal.cli.verb_page import render_verbs
 from dart_hal.core.errors import UsageError
 from dart_hal.wire import emit
 from dart_hal.wire.messages import MESSAGES, PROTO, SCHEMA
+from dart_lab.pages.effect_page import render_effects
+from dart_lab.pages.error_page import render_errors
+from dart_lab.pages.gate_page import render_gates
+from dart_lab.pages.verb_page import render_verbs
 
 PAGES = {"docs/reference/errors.md": render_errors, "docs/reference/effects.md": render_effects,
          "docs/reference/gates.md": render_gates, "docs/reference/verbs.md": render_verbs}

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.cli.effect_page import render_effects
 from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effect import CHANNELS, STAGES, Late
 from dart_hal.vehicle.effects import apply, catalogue, effect, extended, parse
 from dart_hal.vehicle.flat import names, stack, value, with_values
+from dart_lab.pages.effect_page import render_effects
 
 FIXED = set("""
 steering_delay steering_lag steering_rate_limit steering_backlash steering_trim steering_gain

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dart_hal.cli.evaluate_table import HEADS, caution, gain
 from dart_lab.identify.evaluate import CHANNELS, HORIZONS, UNITS, Evaluation
 from dart_lab.identify.evaluate.pictures import figures
+from dart_lab.pages.evaluate_table import HEADS, caution, gain
 from dart_lab.report import page
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import significant

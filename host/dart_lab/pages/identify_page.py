@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dart_hal.cli.identify_table import heads, notes, parameters, quality
 from dart_lab.identify.outcome import Identification
 from dart_lab.identify.write import why_unsound
+from dart_lab.pages.identify_table import heads, notes, parameters, quality
 from dart_lab.report import page
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import listed
