@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from dart_hal.cli import demo_real
-from dart_hal.cli.demo_diagnosis import MISSING, WRONG, Chapter, hide, without_effect
 from dart_hal.core.errors import UsageError
 from dart_hal.core.process import jobs
 from dart_hal.core.url import Url
+from dart_lab.demo import real as demo_real
+from dart_lab.demo.diagnosis import MISSING, WRONG, Chapter, hide, without_effect
 
 
 def url(text):

@@ -12,12 +12,12 @@ from dart_hal.cli.main import main
 
 @pytest.mark.more
 def test_the_demo_drives_calibrates_and_writes_its_page(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("dart_hal.cli.demo_real.excerpt", lambda: None)
+    monkeypatch.setattr("dart_lab.demo.real.excerpt", lambda: None)
     monkeypatch.setattr("dart_lab.cli.demo.LAPS", 1)
     monkeypatch.setattr("dart_lab.diagnose.inputs._long_enough", lambda *_: None)
     for name in ("BEFORE", "AFTER", "UNSEEN"):
-        monkeypatch.setattr(f"dart_hal.cli.demo_diagnosis.{name}", 10.0)
-    monkeypatch.setattr("dart_hal.cli.demo_diagnosis.diagnose", lambda *_, **__: made.diagnosis())
+        monkeypatch.setattr(f"dart_lab.demo.diagnosis.{name}", 10.0)
+    monkeypatch.setattr("dart_lab.demo.diagnosis.diagnose", lambda *_, **__: made.diagnosis())
     # in this process, where what was replaced is replaced
     monkeypatch.setattr("dart_hal.core.process.jobs.beside",
                         lambda work, *given: iter([work(*given)]))

@@ -31,7 +31,6 @@ from dart_hal.calibration.asking import agree, silent
 from dart_hal.car import Car
 from dart_hal.car.runs import read_run
 from dart_hal.cli.common.calibrate_all import write
-from dart_hal.cli.demo_diagnosis import FRAME_WAIT, SERVO_S
 from dart_hal.core.config import ModelFile, save_model
 from dart_hal.core.process.jobs import each
 from dart_hal.devices.links.base import open_backend
@@ -39,6 +38,7 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.demo.diagnosis import FRAME_WAIT, SERVO_S
 from dart_lab.diagnose import diagnose
 from dart_lab.diagnose.inputs import checked
 from dart_lab.diagnose.result import Diagnosis

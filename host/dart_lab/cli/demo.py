@@ -14,13 +14,9 @@ import numpy as np
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
-from dart_hal.cli import demo_map, demo_real
 from dart_hal.cli.common.options import json_option
 from dart_hal.cli.common.output import console, notices, print_json, progress_bar, results
 from dart_hal.cli.common.session import with_progress
-from dart_hal.cli.demo_diagnosis import Chapter, as_hidden, chapter, without_effect
-from dart_hal.cli.demo_page import Drive, Shown, write_page, write_summary
-from dart_hal.cli.demo_section import HIDDEN, REAL, hidden_section, real_skipped
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.plant import plant_of
 from dart_hal.control.trackers import Pursuit
@@ -30,6 +26,11 @@ from dart_hal.core.process import jobs
 from dart_hal.core.process.extras import install_command
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
+from dart_lab.demo import map as demo_map
+from dart_lab.demo import real as demo_real
+from dart_lab.demo.diagnosis import Chapter, as_hidden, chapter, without_effect
+from dart_lab.demo.page import Drive, Shown, write_page, write_summary
+from dart_lab.demo.section import HIDDEN, REAL, hidden_section, real_skipped
 from dart_lab.diagnose.report import describe_cause, headline
 from dart_lab.sim.truth import reveal_url, truth
 

@@ -49,7 +49,7 @@ def diagnosed(folder: Path, page: Path) -> Diagnosis:
 
 def section(folder: Path, page: Path) -> Section:
     """What the demo's page and its JSON say of it."""
-    from dart_hal.cli.demo_section import real_section
+    from dart_lab.demo.section import real_section
 
     found = diagnosed(folder, page)
     gains = {k: {"test": g.test, "test_ci95": [g.low, g.high]} for k, g in found.gain.items()}

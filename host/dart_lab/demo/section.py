@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from itertools import islice
 from typing import Any
 
-from dart_hal.cli.demo_diagnosis import AFTER, BEFORE, UNSEEN, Chapter, as_hidden, values_of
+from dart_lab.demo.diagnosis import AFTER, BEFORE, UNSEEN, Chapter, as_hidden, values_of
 from dart_lab.diagnose.report import describe_pattern
 from dart_lab.diagnose.report.along import Rows
 from dart_lab.diagnose.report.causes import KEY, cause_pictures
