@@ -10,7 +10,7 @@ import click
 import pytest
 
 from dart_hal.cli.common import outputs
-from dart_hal.cli.main import VERBS
+from dart_hal.cli.main import list_verbs
 from dart_hal.core import figures
 
 NAMES = re.compile(r"--(out|out-model|plot|html|record|csv)$")
@@ -28,7 +28,7 @@ def options_of(command):
         yield from options_of(inner)
 
 
-ALL = [pair for verb in VERBS
+ALL = [pair for verb in list_verbs()
        for pair in options_of(importlib.import_module(f"dart_hal.cli.{verb}").command)]
 
 

@@ -43,7 +43,7 @@ class Shown:
         ``dart_lab.live.view.serve.serve``, such as port and lan. Raises UsageError for a port that
         is in use, and without the package websockets.
         """
-        return open_viewer("page", self, options)
+        return open_viewer("page", self, **options)
 
     def __repr__(self) -> str:
         last = f"; {self._state!r}" if self._state is not None else ""

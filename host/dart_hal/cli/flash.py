@@ -16,13 +16,13 @@ import click
 from serial.tools import list_ports
 
 from dart_hal.car.handshake import identify_port
+from dart_hal.car.viewers import open_viewer
 from dart_hal.cli.common.options import json_option
 from dart_hal.cli.common.output import console, print_json, results
 from dart_hal.core.errors import FlashFailed, PortMissing, UsageError
 from dart_hal.core.text_file import read_text
 from dart_hal.devices.links.image import find_image
 from dart_hal.devices.links.serial_port import holders, is_port
-from dart_lab.live.view.flash_page import serve_flash_page
 
 BAUDS = (115_200, 57_600)
 """Optiboot ("new") first, then ATmegaBOOT ("old"): the wrong one fails in seconds."""
@@ -74,7 +74,7 @@ def command(image: Path | None, port: str | None, avrdude: str, baud: int | None
 
 
 def _serve(path: Path, as_json: bool) -> int:
-    with serve_flash_page(path) as server:
+    with open_viewer("flash", path) as server:
         url = f"http://localhost:{server.server_port}/"
         if as_json:
             print_json({"url": url})

@@ -12,6 +12,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from dart_hal.car.viewers import open_viewer
 from dart_hal.cli.common.options import Number, json_option, room_key_option
 from dart_hal.cli.common.output import console, notices, print_json, say
 from dart_hal.cli.common.page_address import lan_option, tell
@@ -150,12 +151,11 @@ def page_command(rooms: tuple[str, ...], room_key: Path | None, lan: bool, port:
     It watches as ``fleet watch`` does, while the programs of the cars run. Each browser that
     reaches the page may stop the cars, also those of a room with a key.
     """
-    from dart_lab.live.view.fleet_desk import FleetPage
-
     end = time.monotonic() + (duration or float("inf"))
     with ExitStack() as stack:
         stations = _entered(rooms, room_key, stack)
-        tell(stack.enter_context(FleetPage(stations, port, lan)).urls, lan, as_json)
+        page = stack.enter_context(open_viewer("fleet", stations, port=port, lan=lan))
+        tell(page.urls, lan, as_json)
         while time.monotonic() < end:
             time.sleep(0.1)
 

@@ -24,6 +24,7 @@ from dart_hal.cli.common.options import (
 from dart_hal.cli.common.output import notices, print_json, progress_bar, results
 from dart_hal.cli.common.outputs import OutputFile, PlotFile
 from dart_hal.cli.common.session import map_of, say_trouble, with_progress
+from dart_hal.cli.common.simulated_room import load_simulator
 from dart_hal.control.ending import Phase
 from dart_hal.control.while_located import WhileLocated
 from dart_hal.core.types import FloatArray, Pose
@@ -116,8 +117,9 @@ def drive(car: Car, source: LidarPoses, ended: WhileLocated, steering: float,
 
 
 def _truth(backend: Backend, told: list[Located]) -> FloatArray | None:
-    from dart_lab.sim.room_truth import true_path
-    return true_path(backend, np.array([seen.t for seen in told])) if told else None
+    if not told:
+        return None
+    return load_simulator().true_path(backend, np.array([seen.t for seen in told]))
 
 
 def figures(told: list[Located], truth: FloatArray | None) -> dict[str, Any]:

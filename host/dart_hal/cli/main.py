@@ -14,17 +14,13 @@ import click
 from dart_hal import __version__
 from dart_hal.cli.common.output import console, notices, print_json
 from dart_hal.core.errors import DartHalError, FileTrouble, InternalError, UsageError
+from dart_hal.core.plugins import list_plugins
 from dart_hal.core.process.extras import install_command
 
 VERBS = {
-    "demo": "calibrate, drive and diagnose an emulated car, and compare with ground truth",
     "find": "list serial ports and I2C buses, and say behind which is a car",
     "doctor": "check port, firmware, stream, I2C, PCA9685, IMU and encoder; suggest the fix",
     "calibrate": "measure this car and write calibration.toml",
-    "identify": "fit the sub-models of the car to recordings; writes model.toml",
-    "evaluate": "open-loop prediction errors of a model on recordings, against constant velocity",
-    "diagnose": "find what a model gets wrong on recordings, name the cause, extend the model",
-    "experiment": "drive the test manoeuvres for a sub-model, record them, fit it",
     "drive": "drive by keyboard, gamepad or a script",
     "follow": "follow a path: a CSV file, or a track by its name",
     "lane": "drive in the middle of a lane between boards, by the lidar alone",
@@ -33,46 +29,53 @@ VERBS = {
     "stop": "set the throttle to neutral, whichever program drives; needs only the I2C bus",
     "fleet": "list the cars of a room, watch them, stop them all",
     "standby": "service on the car: neutral throttle whenever no program drives",
-    "report": "one page for a car: calibrations, last runs, what changed",
     "record": "record a run, raw bytes included, to an MCAP file",
     "replay": "decode a recording again with the same code",
     "export": "write a run for other programs: table, ROS bag, LeRobot",
-    "compare": "put two runs side by side, and say when they part",
     "top": "live view of a car in the terminal",
-    "bridge": "let ROS drive a car by the topics of DART's own software",
-    "view": "live page in a browser: watch a car, drive it, stop it; or look at a recording",
-    "sim": "serve the simulated car as a serial port, or reveal its true parameters",
-    "data": "check, repair or download recordings",
     "flash": "write the firmware to a Nano and wait for its HELLO",
-    "wire": "print the frame table; regenerate the files made from the specification",
 }
+GROUP = "dart_hal.verbs"  # entry points: mappings like VERBS of other packages
+
+
+def list_verbs() -> dict[str, tuple[str, str]]:
+    """List what each verb does and the package of its module, those of other packages too.
+
+    An entry point of ``dart_hal.verbs`` is a mapping like ``VERBS`` in the ``__init__`` of a
+    package that has one module per verb, each with a click command named ``command``.
+    """
+    verbs = {name: (text, "dart_hal.cli") for name, text in VERBS.items()}
+    for entry in list_plugins(GROUP).values():
+        verbs |= {name: (text, entry.module) for name, text in entry.load().items()}
+    return verbs
 
 
 class _Verbs(click.Group):
     """Imports a verb's module only when it is needed: `dart-hal --help` stays quick."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(VERBS)
+        return list(list_verbs())
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        if name not in VERBS:
+        package = "dart_hal.cli" if name in VERBS else list_verbs().get(name, ("", ""))[1]
+        if not package:
             return None
-        module = import_module(f"dart_hal.cli.{name}")
-        command: click.Command = module.command
+        command: click.Command = import_module(f"{package}.{name}").command
         return command
 
     def resolve_command(self, ctx: click.Context, args: list[str]
                         ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and not args[0].startswith("-") and args[0] not in VERBS:
-            near = get_close_matches(args[0], VERBS, n=1)
+        if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
+            known = list_verbs()
+            near = get_close_matches(args[0], known, n=1)
             raise UsageError(f"there is no verb {args[0]!r}", found=args[0],
-                             expected=", ".join(VERBS),
+                             expected=", ".join(known),
                              remedy=f"dart-hal {near[0]}" if near else "dart-hal --help")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Verbs"):
-            formatter.write_dl(list(VERBS.items()))
+            formatter.write_dl([(name, text) for name, (text, _) in list_verbs().items()])
 
 
 @click.command(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
@@ -85,7 +88,7 @@ def main(args: list[str] | None = None) -> None:
     """Entry point: 0 done, 1 the answer is no, 2 usage or input error, 130 Ctrl-C."""
     argv = sys.argv[1:] if args is None else args
     as_json = "--json" in argv
-    verb = next((word for word in argv if word in VERBS), "")
+    verb = next((word for word in argv if not word.startswith("-")), "")
     logger = logging.getLogger("dart_hal")
     logger.handlers = [h for h in logger.handlers if not isinstance(h, _Notices)]
     logger.addHandler(_Notices(verb))

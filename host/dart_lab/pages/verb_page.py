@@ -7,7 +7,7 @@ import re
 
 import click
 
-from dart_hal.cli.main import VERBS, cli
+from dart_hal.cli.main import cli, list_verbs
 
 HEAD = """# Verbs
 
@@ -22,9 +22,10 @@ MARKUP = re.compile(r"([|*_$<\\`])")
 def render_verbs() -> str:
     """Markdown page of all verbs, in the order of ``dart-hal --help``."""
     top = click.Context(cli, info_name="dart-hal")
+    verbs = list_verbs()
     listed = "\n".join(f"- [`{name}`](#{anchor(f'dart-hal {name}')}): {plain(text)}"
-                       for name, text in VERBS.items())
-    return "\n".join([HEAD, listed, "", *(part for name in VERBS for part in _command(name, top))])
+                       for name, (text, _) in verbs.items())
+    return "\n".join([HEAD, listed, "", *(part for name in verbs for part in _command(name, top))])
 
 
 def anchor(title: str) -> str:

@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 
 import click
 
+from dart_hal.car.viewers import PORT
 from dart_hal.cli.common.output import console, print_json
-from dart_lab.live.view.access import PORT
 
 F = TypeVar("F", bound=Callable[..., Any])
 

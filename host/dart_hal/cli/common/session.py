@@ -9,7 +9,9 @@ from pathlib import Path
 
 from dart_hal.car import Car
 from dart_hal.car.car import backend_of
+from dart_hal.car.viewers import open_viewer
 from dart_hal.cli.common.output import notices, progress_bar
+from dart_hal.cli.common.simulated_room import load_simulator
 from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.types import State
 from dart_hal.core.url import Url
@@ -17,7 +19,6 @@ from dart_hal.devices.links.base import Backend
 from dart_hal.estimation.localisation.field import Map, map_of_grid
 from dart_hal.estimation.localisation.grid import read_grid
 from dart_hal.estimation.localisation.source import open_source
-from dart_lab.live.foxglove import LAYOUT
 
 
 @contextmanager
@@ -43,10 +44,9 @@ def shown_live(car: Car, wanted: bool, port: int) -> Iterator[None]:
     if not wanted:
         yield
         return
-    from dart_lab.live.foxglove.server import serve  # asyncio: 15 ms that other verbs need not pay
-
-    with serve(car, port=port) as server:
-        notices((f"Foxglove: open ws://localhost:{server.port}; layout to import: {LAYOUT}",))
+    with open_viewer("foxglove", car, port=port) as server:
+        notices((f"Foxglove: open ws://localhost:{server.port}; "
+                 f"layout to import: {server.layout}",))
         yield
 
 
@@ -85,8 +85,7 @@ def map_of(backend: Backend, chart: Path | None = None) -> Map:
             return map_of_grid(read_grid(chart))
         if backend.url.scheme != "sim":
             raise UsageError(f"{backend.url.text}: in which map?", expected="--map FILE.yaml")
-        from dart_lab.sim.room_truth import map_of_room
-        return map_of_room(backend)
+        return load_simulator(backend.url.scheme).map_of_room(backend)
     except DartHalError:
         backend.close()
         raise

@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 
 from dart_hal.core.errors import UnknownScheme
+from dart_hal.core.plugins import list_plugins
 from dart_hal.core.ports import Bus, Clock, ImageSource, Link, PoseSource, ScanSource, Workshop
 from dart_hal.core.types import Contact
 from dart_hal.core.url import Url
@@ -67,7 +68,7 @@ class Backend:
 
 def schemes() -> dict[str, EntryPoint]:
     """URL schemes that an installed package serves."""
-    return {e.name: e for e in entry_points(group="dart_hal.backends")}
+    return list_plugins("dart_hal.backends")
 
 
 def open_backend(text: str) -> Backend:

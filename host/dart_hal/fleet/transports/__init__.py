@@ -7,10 +7,11 @@ entry is a function ``open(url: Url) -> Transport``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint
 from typing import NamedTuple, Protocol
 
 from dart_hal.core.errors import UsageError
+from dart_hal.core.plugins import list_plugins
 from dart_hal.core.url import Url
 
 GROUP = "dart_hal.transports"
@@ -55,7 +56,7 @@ class Transport(Protocol):
 
 def transports() -> dict[str, EntryPoint]:
     """URL schemes that an installed package carries."""
-    return {e.name: e for e in entry_points(group=GROUP)}
+    return list_plugins(GROUP)
 
 
 def open_transport(text: str) -> Transport:

@@ -19,7 +19,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.process.extras import install_command
 from dart_hal.recording.run_file import RunFile
 from dart_hal.recording.schemas import definition
-from dart_lab.live.foxglove import protocol
+from dart_lab.live.foxglove import LAYOUT, protocol
 from dart_lab.live.foxglove.protocol import Malformed
 
 PORT = 8765
@@ -105,6 +105,7 @@ class Server:
         self._closed: type[Exception] = ConnectionError
         self._thread: threading.Thread | None = None
         self.port = 0
+        self.layout = LAYOUT
 
     def start(self, port: int, origins: Sequence[str]) -> None:
         """Listen. Raises UsageError."""

@@ -12,7 +12,8 @@ import secrets
 import socket
 from dataclasses import dataclass, field
 
-PORT = 8642
+from dart_hal.car.viewers import PORT as PORT
+
 LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
 LONGEST_NAME = 255
 """Characters of a host name (RFC 1035)."""
