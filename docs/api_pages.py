@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -22,7 +22,7 @@ def missing() -> list[str]:
 
 
 def packages(root: Path) -> dict[str, list[str]]:
-    """Package -> its modules, in the order of the tree; ``root`` is the folder dart_hal."""
+    """Package -> its modules, in the order of the tree; ``root`` is its folder."""
     found = {}
     for init in sorted(root.rglob("__init__.py")):
         parts = init.parent.relative_to(root).parts
@@ -32,11 +32,11 @@ def packages(root: Path) -> dict[str, list[str]]:
     return found
 
 
-def write(root: Path, folder: Path) -> None:
-    """Write ``folder``/<package>.rst for each package; what is left of others goes."""
+def write(roots: Sequence[Path], folder: Path) -> None:
+    """Write ``folder``/<package>.rst for each package below some folders; delete all others."""
     folder.mkdir(parents=True, exist_ok=True)
     wanted = {f"{package}.rst": "\n".join(_page(package, modules))
-              for package, modules in packages(root).items()}
+              for root in roots for package, modules in packages(root).items()}
     for old in folder.glob("*.rst"):
         if old.name not in wanted:
             old.unlink()
@@ -81,9 +81,9 @@ def _escaped(text: str) -> str:
     return "\\ ".join(pieces) if len(pieces) > 1 else pieces[0]
 
 
-def connect(app: object, source: Path, root: Path) -> None:
+def connect(app: object, source: Path, roots: Sequence[Path]) -> None:
     """Write the pages before Sphinx looks for pages, and make docstrings harmless."""
     warnings.filterwarnings("ignore", category=SyntaxWarning)
-    write(root, source / "reference" / "api")
+    write(roots, source / "reference" / "api")
     app.connect("autodoc-process-docstring",  # type: ignore[attr-defined]
                 lambda app, what, name, obj, options, lines: as_rst(lines))

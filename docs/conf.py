@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import dart_hal
+import dart_lab
 from dart_lab.live.view.flash_page import assets
 
 HERE = Path(__file__).parent
@@ -55,5 +56,5 @@ def setup(app):
 
     app.connect("source-read", hardware_page)
     app.connect("build-finished", flasher)
-    api_pages.connect(app, HERE, Path(dart_hal.__file__).parent)
+    api_pages.connect(app, HERE, [Path(p.__file__).parent for p in (dart_hal, dart_lab)])
     recorded_run.connect(app)

@@ -1,6 +1,6 @@
 """No circles: which file needs which is a tree that can be read from the bottom up.
 
-The rooms of the package have contracts (test_floors.py). Here the scripts of
+The packages have contracts (test_layers.py). Here the scripts of
 ``hardware`` and the C files of the emulator, which those do not see.
 """
 

@@ -79,7 +79,7 @@ def test_view_of_a_recording_without_websockets_names_the_command(monkeypatch, c
 
 def test_no_message_names_a_package_that_is_on_no_index():
     """`pip install 'dart-hal[view]'` fetched nothing, or another Python's package."""
-    host = Path(__file__).resolve().parents[1] / "host" / "dart_hal"
+    host = Path(__file__).resolve().parents[1] / "host"
     wrong = [path.name for path in host.rglob("*.py")
              if "pip install 'dart-hal" in path.read_text(encoding="utf-8")]
     assert wrong == []

@@ -14,8 +14,8 @@ import pytest
 from dart_hal.core.errors import CATALOGUE, DartHalError
 
 ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "host" / "dart_hal"
-SOURCES = sorted(PACKAGE.rglob("*.py"))
+HOST = ROOT / "host"
+SOURCES = sorted(HOST.rglob("*.py"))
 IN_CI = os.environ.get("CI", "").lower() in ("1", "true", "yes")
 
 
@@ -48,15 +48,17 @@ def test_ruff():
 @pytest.mark.more
 @pytest.mark.cpu(90)  # without its cache; with it 3
 def test_mypy():
-    done = tool("mypy", "host/dart_hal")
+    done = tool("mypy")
     assert done.returncode == 0, done.stdout
 
 
-@pytest.mark.parametrize(("room", "found"), [("car", True), ("cli", False)])
-def test_only_the_cli_prints(room, found):
+@pytest.mark.parametrize(("package", "found"), [
+    ("dart_hal/car", True), ("dart_hal/cli", False), ("dart_lab/diagnose", True),
+    ("dart_lab/cli", False)])
+def test_only_the_cli_prints(package, found):
     """It is ruff that looks for it, by the rules of this project: would it see one?"""
     done = subprocess.run([sys.executable, "-m", "ruff", "check", "--select", "T20",
-                           "--stdin-filename", f"host/dart_hal/{room}/x.py", "-"],
+                           "--stdin-filename", f"host/{package}/x.py", "-"],
                           input="print(1)\n", capture_output=True, text=True, cwd=ROOT, check=False)
     assert ("T201" in done.stdout) is found, done.stdout + done.stderr
 
@@ -77,14 +79,6 @@ def test_no_bare_except_and_blind_ones_say_why():
                                          and not reraised and not excused):
                     bad.append(f"{path.name}:{node.lineno}")
     assert bad == []
-
-
-def test_files_stay_small():
-    lengths = {p.relative_to(ROOT): len(p.read_text(encoding="utf-8").splitlines())
-               for p in SOURCES}
-    assert {p: n for p, n in lengths.items() if n > 400} == {}
-    ordered = sorted(n for n in lengths.values() if n > 5)
-    assert ordered[len(ordered) // 2] <= 130
 
 
 @pytest.mark.parametrize("code", sorted(CATALOGUE))

@@ -360,7 +360,7 @@ def scenario(happens):
 
 @pytest.mark.parametrize(("happens", "broken"), [
     (stopped, [(Planner, "obey", sticky), (Driver, "stop", told_alone)]),
-    (silenced, [(Driver, "overdue", False), (engine, "REFRESH", 0.2)])])
+    (silenced, [(Driver, "overdue", False), (engine, "PWM_FRAME", 0.2)])])
 def test_without_a_layer_the_machine_finds_it(monkeypatch, happens, broken):
     """Negative controls: outputs that a handler forgets; a step that waits for a late frame."""
     scenario(happens)

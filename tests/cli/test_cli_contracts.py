@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import subprocess
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from dart_hal.cli.main import list_verbs
+from dart_hal.cli.main import list_verbs, load_command
 from pages import foreign
 
 MOCK = "sim://?seed=7&nano=mock"
@@ -24,9 +23,9 @@ def test_every_verb_explains_itself(verb, name):
     shown = verb(name, "--help")
     assert shown.code == 0
     assert "Usage: dart-hal" in shown.out
-    module = importlib.import_module(f"dart_hal.cli.{name}")
-    assert module.command.help
-    leaves = getattr(module.command, "commands", {name: module.command}).values()
+    whole = load_command(name)
+    assert whole.help
+    leaves = getattr(whole, "commands", {name: whole}).values()
     for command in leaves:
         options = {o for p in command.params for o in p.opts}
         assert "--json" in options

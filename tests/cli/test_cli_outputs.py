@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import sys
 
@@ -10,7 +9,7 @@ import click
 import pytest
 
 from dart_hal.cli.common import outputs
-from dart_hal.cli.main import list_verbs
+from dart_hal.cli.main import list_verbs, load_command
 from dart_hal.core import figures
 
 NAMES = re.compile(r"--(out|out-model|plot|html|record|csv)$")
@@ -29,7 +28,7 @@ def options_of(command):
 
 
 ALL = [pair for verb in list_verbs()
-       for pair in options_of(importlib.import_module(f"dart_hal.cli.{verb}").command)]
+       for pair in options_of(load_command(verb))]
 
 
 def test_every_output_option_is_checked_by_its_type():

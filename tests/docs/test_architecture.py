@@ -1,14 +1,15 @@
-"""The page of the architecture draws every room that stands, and none that does not."""
+"""The page of the architecture shows every package and folder, and none that does not exist."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
 
+import pytest
 from handbook import DOCS, ROOT
 
 PAGE = DOCS / "explanation" / "architecture.md"
-HOST = ROOT / "host" / "dart_hal"
+HOST = ROOT / "host"
 SOURCES = {".py", ".cpp", ".c", ".h", ".hex", ".sh", ".toml", ".md"}
 LEAF = ("examples", "benchmarks", "tests", "docs", "cars")
 """Drawn as one; every other top folder is drawn by its folders."""
@@ -17,13 +18,13 @@ MADE = {"hardware/stl", "hardware/dxf", "hardware/pictures"}  # by hardware/cad,
 
 def drawing(title: str) -> list[str]:
     """Lines of the first drawing below a heading."""
-    below = PAGE.read_text(encoding="utf-8").split(f"\n## {title}\n", 1)[1]
+    below = PAGE.read_text(encoding="utf-8").split(f"# {title}\n", 1)[1]
     match = re.search(r"```text\n(.*?)```", below, re.DOTALL)
     assert match
     return match[1].splitlines()
 
 
-def drawn_rooms(lines: list[str]) -> set[str]:
+def names_in(lines: list[str]) -> set[str]:
     """Names in the first column, which ends where two blanks follow each other."""
     return {word for line in lines if line[:1].isalpha()
             for word in re.split(r"\s{2,}", line)[0].split() if word not in "|:"}
@@ -33,16 +34,19 @@ def holds_sources(folder: Path) -> bool:
     return any(p.suffix in SOURCES for p in folder.rglob("*") if "build" not in p.parts)
 
 
-def test_every_room_of_the_package_is_drawn():
-    standing = {p.name for p in HOST.iterdir()
+@pytest.mark.parametrize("package", ["dart_hal: what runs on a car",
+                                     "dart_lab: what runs on a workstation"])
+def test_every_package_is_shown(package):
+    folder = HOST / package.partition(":")[0]
+    existing = {p.name for p in folder.iterdir()
                 if p.is_dir() and p.name not in ("__pycache__", "prebuilt", "cars")
                 and any(p.glob("*.py"))}
-    standing |= {p.stem for p in HOST.glob("*.py") if not p.stem.startswith("_")}
-    assert drawn_rooms(drawing("Rooms and floors")) == standing
+    existing |= {p.stem for p in folder.glob("*.py") if not p.stem.startswith("_")}
+    assert names_in(drawing(package)) == existing
 
 
-def test_every_folder_of_the_house_is_drawn():
-    drawn = {line.split()[0].rstrip("/") for line in drawing("The whole house")}
+def test_every_folder_of_the_tree_is_shown():
+    drawn = {line.split()[0].rstrip("/") for line in drawing("The whole tree")}
     standing = set()
     for top in sorted(p for p in ROOT.iterdir() if p.is_dir() and holds_sources(p)):
         if top.name in LEAF:
@@ -57,5 +61,5 @@ def test_every_folder_of_the_house_is_drawn():
     assert drawn == standing
 
 
-def test_a_room_that_is_not_drawn_is_seen():
-    assert drawn_rooms(["car | links   the facade", "   more words"]) == {"car", "links"}
+def test_a_package_that_is_not_shown_is_found():
+    assert names_in(["car | links   the facade", "   more words"]) == {"car", "links"}

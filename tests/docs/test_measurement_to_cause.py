@@ -20,7 +20,7 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 
 PAGE = DOCS / "explanation" / "measurement_to_cause.md"
-STEP = re.compile(r"^\d+\. `dart_hal\.([\w.]+)`", re.MULTILINE)
+STEP = re.compile(r"^\d+\. `(dart_\w+\.[\w.]+)`", re.MULTILINE)
 MOST = 10
 
 
@@ -29,11 +29,11 @@ def steps() -> list[str]:
 
 
 def function(name: str):
-    """A function or method by its dotted name below dart_hal."""
+    """A function or method by its dotted name."""
     parts = name.split(".")
     for cut in range(len(parts) - 1, 0, -1):
         try:
-            found = import_module(".".join(["dart_hal", *parts[:cut]]))
+            found = import_module(".".join(parts[:cut]))
         except ModuleNotFoundError:
             continue
         for part in parts[cut:]:
@@ -65,7 +65,7 @@ def test_there_are_at_most_ten():
 
 def test_a_name_that_is_gone_is_seen():
     with pytest.raises(AttributeError):
-        function("diagnose.run.diagnosis")
+        function("dart_lab.diagnose.run.diagnosis")
 
 
 @pytest.mark.more
@@ -76,8 +76,8 @@ def test_a_diagnosis_calls_them_in_this_order(tmp_path):
     found = []
 
     def work():
-        train, test = (function("identify.runs.read_any")([f])[0] for f in files)
-        found.append(function("diagnose.run.diagnose")(
+        train, test = (function("dart_hal.car.runs.read_any")([f])[0] for f in files)
+        found.append(function("dart_lab.diagnose.run.diagnose")(
             *find_model("paper"), train, test, refit=False, only=("gyro_scale", "grip")))
 
     assert first_calls(steps(), work) == steps()
@@ -87,7 +87,7 @@ def test_a_diagnosis_calls_them_in_this_order(tmp_path):
 def test_another_order_is_seen():
     def work():
         find_model("paper")
-        function("vehicle.effects.parse")("gyro_scale:0.1")
+        function("dart_hal.vehicle.effects.parse")("gyro_scale:0.1")
 
-    order = ["vehicle.load.find_model", "vehicle.effects.parse"]
+    order = ["dart_hal.vehicle.load.find_model", "dart_hal.vehicle.effects.parse"]
     assert first_calls(order[::-1], work) == order

@@ -13,7 +13,7 @@ import click
 import pytest
 
 from dart_hal.cli.common import checks
-from dart_hal.cli.main import VERBS, cli
+from dart_hal.cli.main import cli
 from dart_hal.devices.actuation.arming import BY_NAME
 from dart_hal.wire.messages import SCHEMA
 
@@ -86,11 +86,9 @@ def _unknown_verb(words: list[str]) -> str:
     for word in list(words):
         if not isinstance(node, click.Group) or word.startswith("-"):
             break
-        if node is cli and word not in VERBS:
-            return f"no verb {word}"
         found = node.get_command(click.Context(node), word)
         if found is None:
-            return f"no command {word}"
+            return f"no verb {word}" if node is cli else f"no command {word}"
         node, words = found, words[1:]
     options = [o for p in node.params if isinstance(p, click.Option)
                for o in (*p.opts, *p.secondary_opts)]

@@ -42,14 +42,14 @@ EQUIVALENTS = (
         "loss = (self._lost[-1] - self._lost[0]) / len(self._lost) if self._lost else -1.0",
         "without a frame; the loss is compared with 2 % alone, and LINK_NOT_GOOD_500MS holds"),
     Equivalent(
-        HOST + "actuation/arming.py", "guard_age: float | None = 0.0",
+        HOST + "devices/actuation/arming.py", "guard_age: float | None = 0.0",
         "guard_age: float | None = -1.0",
         "the age is compared by > GUARD_ALIVE, <= STALE and is None alone: 0 and -1 give the same"),
     Equivalent(
-        HOST + "actuation/guard.py", "if mode1[0] & ALIASES:", "if mode1[ -1] & ALIASES:",
+        HOST + "devices/actuation/guard.py", "if mode1[0] & ALIASES:", "if mode1[ -1] & ALIASES:",
         "the buffer has one byte"),
     Equivalent(
-        HOST + "actuation/guard.py", "if newest >= 0:", "if newest >= -1:",
+        HOST + "devices/actuation/guard.py", "if newest >= 0:", "if newest >= -1:",
         "data without b and o are a, which sets the same fields, or q, which ends the guard"),
 )
 

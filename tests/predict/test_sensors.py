@@ -17,7 +17,7 @@ from dart_hal.vehicle.parameters import GEAR_REVOLUTION
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.identify.predict.sensors import driven, motion, posed, sensed
 
-HOST = Path(__file__).resolve().parents[2] / "host" / "dart_hal"
+HOST = Path(__file__).resolve().parents[2] / "host"
 T = 0.01 * np.arange(50)
 SPEED, RATE = 1.5, 0.8
 CIRCLE = np.stack([SPEED / RATE * np.sin(RATE * T), SPEED / RATE * (1 - np.cos(RATE * T)),
@@ -59,9 +59,9 @@ def found(pattern: str) -> set[str]:
 
 
 def test_the_forward_model_stands_once():
-    assert found(r"return motor\(.*\) \+ friction\(") == {"vehicle/motor.py"}
+    assert found(r"return motor\(.*\) \+ friction\(") == {"dart_hal/vehicle/motor.py"}
     assert found(r"^[A-Z_]+(, [A-Z_]+)* = 0\.0[12]0?\b +# s\b.*\b(grid|frames?|pulses)\b") == {
-        "core/timing.py"}
-    rooms = {name.partition("/")[0] for name in found(r"\bNow\(") - {
-        "sim/injected.py", "sim/light/plant.py", "sim/light/sense.py"}}  # tick by tick
-    assert rooms == {"vehicle", "predict"}
+        "dart_hal/core/timing.py"}
+    packages = {name.rpartition("/")[0] for name in found(r"\bNow\(") - {
+        f"dart_lab/sim/{n}.py" for n in ("injected", "light/plant", "light/sense")}}  # tick by tick
+    assert packages == {"dart_hal/vehicle", "dart_lab/identify/predict"}

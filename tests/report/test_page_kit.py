@@ -82,7 +82,7 @@ def test_a_page_is_sound_and_asks_for_nothing_from_outside(tmp_path):
              charts.grouped_bars("groups", [
                  ("one", [(2.0, 1.0, "before"), (math.inf, math.nan, "after")])]),
              charts.bars("bars", "x", [("one", 120.0, "after"), ("none", 0.3, "other")]),
-             figures.image(figure, "a <picture>")]
+             page.image(figure, "a <picture>")]
     sections = {"one": ("First", page.figures([page.figure("<caption>", d) for d in drawn])),
                 "two": ("Second", page.card(el("p", "told"), good=True))}
     whole = page.page("of <a test>", "Heading", page.text("lead"), sections)

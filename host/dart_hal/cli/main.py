@@ -50,6 +50,15 @@ def list_verbs() -> dict[str, tuple[str, str]]:
     return verbs
 
 
+def load_command(name: str) -> click.Command | None:
+    """Import the command of a verb; None if there is no such verb."""
+    package = "dart_hal.cli" if name in VERBS else list_verbs().get(name, ("", ""))[1]
+    if not package:
+        return None
+    command: click.Command = import_module(f"{package}.{name}").command
+    return command
+
+
 class _Verbs(click.Group):
     """Imports a verb's module only when it is needed: `dart-hal --help` stays quick."""
 
@@ -57,11 +66,7 @@ class _Verbs(click.Group):
         return list(list_verbs())
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        package = "dart_hal.cli" if name in VERBS else list_verbs().get(name, ("", ""))[1]
-        if not package:
-            return None
-        command: click.Command = import_module(f"{package}.{name}").command
-        return command
+        return load_command(name)
 
     def resolve_command(self, ctx: click.Context, args: list[str]
                         ) -> tuple[str | None, click.Command | None, list[str]]:

@@ -28,73 +28,80 @@ def lint(folder: Path) -> subprocess.CompletedProcess[str]:
                           env={"PYTHONPATH": str(folder / "host"), "PATH": "/usr/bin:/bin"})
 
 
-def test_the_floors_hold():
+def test_the_contracts_hold():
     done = lint(ROOT)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-500:]
     assert "0 broken" in done.stdout
 
 
 @pytest.fixture
-def house(tmp_path):
-    """The contracts over a package of the same rooms with nothing in them."""
-    package = tmp_path / "host" / "dart_hal"
-    for room in PACKAGE.iterdir():
-        if room.suffix == ".py" or (room / "__init__.py").is_file():
-            place = package / room.name / ("" if room.suffix else "__init__.py")
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.touch()
+def empty_packages(tmp_path):
+    """The contracts over empty packages of the same names."""
+    for init in (ROOT / "host").rglob("__init__.py"):
+        copy = tmp_path / "host" / init.relative_to(ROOT / "host")
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.touch()
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
     return tmp_path
 
 
-def let_import(house: Path, room: str, other: str) -> None:
-    place = house / "host" / "dart_hal" / room
-    place = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
-    place.write_text(f"import dart_hal.{other}\n")
+def add_import(folder: Path, package: str, other: str) -> None:
+    """Let a package import another one."""
+    path = folder / "host" / package.replace(".", "/") / "__init__.py"
+    path.write_text(f"import {other}\n")
 
 
-@pytest.mark.parametrize(("room", "other"), [
-    ("types", "cli"), ("vehicle", "ports"),                             # up; the physics
-    ("links", "actuation"), ("actuation", "links"),                     # sideways
-    ("links", "recording"), ("recording", "links"), ("control", "estimation"),
-    ("vehicle", "wire"), ("report", "car"), ("sim", "calibration"), ("identify", "evaluate"),
-    ("evaluate", "identify"), ("predict", "evaluate"), ("lidar", "car"), ("poses", "lidar"),
-    ("lidar", "localisation"), ("localisation", "sim"),
+@pytest.mark.parametrize(("package", "other"), [
+    ("dart_hal.core", "dart_hal.cli"), ("dart_hal.vehicle", "dart_hal.core.ports"),
+    ("dart_hal.car", "dart_lab.sim"), ("dart_hal.cli", "dart_lab.diagnose"),
+    ("dart_hal.devices.links", "dart_hal.devices.actuation"),
+    ("dart_hal.devices.actuation", "dart_hal.devices.links"),
+    ("dart_hal.devices.links", "dart_hal.recording"), ("dart_hal.control", "dart_hal.estimation"),
+    ("dart_hal.recording", "dart_hal.devices.links"), ("dart_hal.vehicle", "dart_hal.wire"),
+    ("dart_hal.devices.lidar", "dart_hal.car"),
+    ("dart_hal.devices.poses", "dart_hal.devices.lidar"),
+    ("dart_hal.estimation.localisation", "dart_hal.estimation.mapping"),
+    ("dart_lab.sim", "dart_lab.identify"), ("dart_lab.report", "dart_lab.sim"),
+    ("dart_lab.identify.submodels", "dart_lab.identify.evaluate"),
+    ("dart_lab.identify.predict", "dart_lab.identify.evaluate"),
+    ("dart_lab.diagnose", "dart_lab.live"),
 ])
-@pytest.mark.few("types-cli")
-def test_an_import_up_or_sideways_would_be_seen(house, room, other):
+@pytest.mark.few("dart_hal.core-dart_hal.cli")
+def test_an_import_up_or_sideways_would_be_seen(empty_packages, package, other):
     """The negative control."""
-    let_import(house, room, other)
-    done = lint(house)
+    add_import(empty_packages, package, other)
+    done = lint(empty_packages)
     assert done.returncode != 0
-    assert f"dart_hal.{room}" in done.stdout
+    assert package in done.stdout
 
 
 @pytest.mark.more
-def test_an_import_down_is_free_and_on_the_ground_floor_any(house):
-    let_import(house, "cli", "sim")
-    let_import(house, "types", "errors")
-    done = lint(house)
+def test_an_import_down_is_free(empty_packages):
+    add_import(empty_packages, "dart_lab.cli", "dart_lab.sim")
+    add_import(empty_packages, "dart_lab.sim", "dart_hal.cli")
+    done = lint(empty_packages)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-500:]
 
 
 @pytest.mark.more
-def test_a_room_without_a_floor_would_be_seen(house):
-    (house / "host" / "dart_hal" / "attic.py").touch()
-    assert lint(house).returncode != 0
+def test_a_package_without_a_layer_would_be_seen(empty_packages):
+    (empty_packages / "host" / "dart_hal" / "attic.py").touch()
+    assert lint(empty_packages).returncode != 0
 
 
-def floors() -> list[str]:
-    """Lines of the contract, from the roof down."""
+def layers_of(package: str) -> list[str]:
+    """Layers of a package in its contract, from the top."""
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    return re.findall(r'"(.+)",', text[text.index("layers = ["):].partition("\n]")[0])
+    contract = text[text.index(f'containers = ["{package}"]'):]
+    return re.findall(r'"(.+)",', contract[contract.index("layers = ["):].partition("\n]")[0])
 
 
-def test_the_drawing_shows_the_floors_of_the_contract():
+@pytest.mark.parametrize("package", ["dart_hal", "dart_lab"])
+def test_the_page_shows_the_layers_of_the_contract(package):
     text = (ROOT / "docs" / "explanation" / "architecture.md").read_text(encoding="utf-8")
-    drawn = text.partition("## Rooms and floors")[2].partition("```text\n")[2].partition("```")[0]
-    lines = [line.partition("  ")[0] for line in drawn.splitlines()]
-    assert [line for line in lines if line] == floors()
+    shown = text.partition(f"### {package}:")[2].partition("```text\n")[2].partition("```")[0]
+    lines = [line.partition("  ")[0] for line in shown.splitlines()]
+    assert [line for line in lines if line] == layers_of(package)
 
 
 def asked_by_name(text: str) -> list[str]:
