@@ -1,1 +1,58 @@
-"""DART-Lab: simulate, identify, evaluate and diagnose small cars, on a workstation."""
+"""DART-Lab: simulate, identify, evaluate and diagnose small cars, on a workstation.
+
+    from dart_hal import find_model, read_any
+    from dart_lab import diagnose
+
+    file, vehicle = find_model("paper")
+    train, test = (read_any([folder])[0] for folder in ("training", "test"))
+    print(diagnose(file, vehicle, train, test).causes)
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dart_hal.vehicle.effect import Effect, Parameter
+    from dart_hal.vehicle.effects import apply, catalogue
+    from dart_lab.diagnose import Diagnosis, diagnose
+    from dart_lab.diagnose.inputs import checked
+    from dart_lab.diagnose.report import write_page
+    from dart_lab.diagnose.write import extended_model
+    from dart_lab.identify.evaluate import evaluate
+    from dart_lab.identify.outcome import jointly, per_recording
+    from dart_lab.sim.light import LightBatch, LightCar, LightConfig, LightWorld
+
+__all__ = [
+    "Diagnosis", "Effect", "LightBatch", "LightCar", "LightConfig", "LightWorld", "Parameter",
+    "apply", "catalogue", "checked", "diagnose", "evaluate", "extended_model", "jointly",
+    "per_recording", "write_page",
+]
+
+_MODULES = {
+    "dart_hal.vehicle.effect": ("Effect", "Parameter"),
+    "dart_hal.vehicle.effects": ("apply", "catalogue"),
+    "dart_lab.diagnose.inputs": ("checked",),
+    "dart_lab.diagnose.report": ("write_page",),
+    "dart_lab.diagnose.result": ("Diagnosis",),
+    "dart_lab.diagnose.run": ("diagnose",),
+    "dart_lab.diagnose.write": ("extended_model",),
+    "dart_lab.identify.evaluate": ("evaluate",),
+    "dart_lab.identify.outcome": ("jointly", "per_recording"),
+    "dart_lab.sim.light": ("LightBatch", "LightCar", "LightConfig", "LightWorld"),
+}
+_MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Load on first use."""
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'dart_lab' has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(_MODULE_OF[name]), name)
+
+
+def __dir__() -> list[str]:
+    """The public names, for completion."""
+    return sorted(__all__)

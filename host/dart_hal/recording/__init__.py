@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from dart_hal.compat import load_moved_name
 from dart_hal.core.errors import RecordingError
 
 
@@ -31,7 +31,5 @@ def open_writer(path: Path | str, **about: Any) -> Any:
 
 
 def __getattr__(name: str) -> Any:
-    """``to_dataframe`` stands where a replay is known, above this room: loaded when it is asked."""
-    if name != "to_dataframe":
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module("dart_hal.car.table"), name)
+    """Names that were here in version 0.1."""
+    return load_moved_name(__name__, name)

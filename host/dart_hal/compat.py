@@ -1,0 +1,120 @@
+"""Import paths of version 0.1, kept for one version with a DeprecationWarning.
+
+``import dart_hal.sim`` imports ``dart_lab.sim`` and gives the same module under both names. Strings
+here are the only way in which this package reaches ``dart_lab``.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+from typing import Any
+
+MOVED = {
+    # one module
+    "dart_hal.identify.runs": "dart_hal.car.runs",
+    "dart_hal.identify.run_poses": "dart_hal.car.run_poses",
+    "dart_hal.identify.curves": "dart_hal.calibration.curves",
+    "dart_hal.identify.submodels.groups": "dart_hal.calibration.groups",
+    "dart_hal.identify.submodels.samples": "dart_hal.calibration.samples",
+    "dart_hal.identify.submodels.sessions": "dart_hal.calibration.sessions",
+    "dart_hal.identify.submodels.steering_map": "dart_hal.calibration.steering_map",
+    "dart_hal.estimation.clock": "dart_hal.core.clock_fit",
+    "dart_hal.report.figures": "dart_hal.core.figures",
+    # a package with all that is in it
+    "dart_hal.actuation": "dart_hal.devices.actuation",
+    "dart_hal.bridges": "dart_lab.live.ros",
+    "dart_hal.camera": "dart_hal.devices.camera",
+    "dart_hal.config": "dart_hal.core.config",
+    "dart_hal.diagnose": "dart_lab.diagnose",
+    "dart_hal.errors": "dart_hal.core.errors",
+    "dart_hal.evaluate": "dart_lab.identify.evaluate",
+    "dart_hal.experiment": "dart_lab.identify.experiment",
+    "dart_hal.fitting": "dart_hal.vehicle.fitting",
+    "dart_hal.foxglove": "dart_lab.live.foxglove",
+    "dart_hal.identify": "dart_lab.identify",
+    "dart_hal.lidar": "dart_hal.devices.lidar",
+    "dart_hal.links": "dart_hal.devices.links",
+    "dart_hal.localisation": "dart_hal.estimation.localisation",
+    "dart_hal.mapping": "dart_hal.estimation.mapping",
+    "dart_hal.notebook": "dart_hal.core.notebook",
+    "dart_hal.paper": "dart_lab.identify.paper",
+    "dart_hal.ports": "dart_hal.core.ports",
+    "dart_hal.poses": "dart_hal.devices.poses",
+    "dart_hal.predict": "dart_lab.identify.predict",
+    "dart_hal.process": "dart_hal.core.process",
+    "dart_hal.report": "dart_lab.report",
+    "dart_hal.sim": "dart_lab.sim",
+    "dart_hal.text_file": "dart_hal.core.text_file",
+    "dart_hal.types": "dart_hal.core.types",
+    "dart_hal.view": "dart_lab.live.view",
+}
+MOVED_NAMES = {("dart_hal.recording", "to_dataframe"): "dart_hal.car.table"}
+
+
+def find_new_path(old: str) -> str | None:
+    """Return where a module of version 0.1 is now; None if it has not moved.
+
+    >>> find_new_path("dart_hal.sim.light")
+    'dart_lab.sim.light'
+    """
+    parts = old.split(".")
+    for n in range(len(parts), 1, -1):
+        new = MOVED.get(".".join(parts[:n]))
+        if new is not None:
+            return ".".join([new, *parts[n:]])
+    return None
+
+
+def load_moved_name(module: str, name: str) -> Any:
+    """Return a name that a module had in version 0.1. Raises AttributeError for any other."""
+    if (module, name) not in MOVED_NAMES:
+        raise AttributeError(f"module {module!r} has no attribute {name!r}")
+    new = MOVED_NAMES[module, name]
+    _warn(f"{module}.{name}", f"{new}.{name}", 4)
+    return getattr(import_module(new), name)
+
+
+def _warn(old: str, new: str, level: int) -> None:
+    """Warn where a program imports an old path: ``level`` calls above."""
+    warnings.warn(f"{old} is {new} since version 0.2", DeprecationWarning, stacklevel=level)
+
+
+class _NewModule(Loader):
+    """Puts the module at its new path under its old name, too."""
+
+    def __init__(self, new: str) -> None:
+        self._new = new
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType | None:
+        return None
+
+    def exec_module(self, module: ModuleType) -> None:
+        sys.modules[module.__name__] = import_module(self._new)
+
+
+class MovedModules(MetaPathFinder):
+    """Finds modules by their paths of version 0.1.
+
+    It is asked first: a moved package is under its old name, too, and its modules would be loaded
+    a second time from there.
+    """
+
+    def find_spec(self, fullname: str, path: Sequence[str] | None,
+                  target: ModuleType | None = None) -> ModuleSpec | None:
+        new = find_new_path(fullname)
+        if new is None:
+            return None
+        _warn(fullname, new, 3)
+        return ModuleSpec(fullname, _NewModule(new), is_package=True)
+
+
+def install() -> None:
+    """Let Python find modules by their old paths."""
+    if not any(isinstance(finder, MovedModules) for finder in sys.meta_path):
+        sys.meta_path.insert(0, MovedModules())
