@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_lab.identify.paper.problem import CurveProblem
+from dart_lab.identification.paper.problem import CurveProblem
 
 BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-8
 

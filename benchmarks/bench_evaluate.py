@@ -20,7 +20,7 @@ from dart_hal.car.runs import read_any
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.check import folder_of
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
-from dart_lab.identify.evaluate import (
+from dart_lab.identification.evaluation import (
     CHANNELS,
     HORIZONS,
     Case,

@@ -14,8 +14,8 @@ from pathlib import Path
 from adam import SETTINGS, Run, adam, torch_or_none
 from figures import Figure
 
-from dart_lab.identify.paper import fit_as_paper
-from dart_lab.identify.paper.problem import CurveProblem, solve
+from dart_lab.identification.paper import fit_as_paper
+from dart_lab.identification.paper.problem import CurveProblem, solve
 
 HOME = Path(__file__).resolve().parents[1]
 EXCERPT = HOME / "tests" / "recorded" / "data"

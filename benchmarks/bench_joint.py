@@ -18,8 +18,8 @@ from dart_hal.core.process.jobs import cores, each
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.identify.evaluate import errors, hold, measured, predict, prepare
-from dart_lab.identify.shooting import fit_from_recordings
+from dart_lab.identification.evaluation import errors, hold, measured, predict, prepare
+from dart_lab.identification.shooting import fit_from_recordings
 
 SECOND = 1
 """Index of the horizon of 1 s."""

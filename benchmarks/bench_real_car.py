@@ -45,10 +45,10 @@ from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.error_summaries import Ratio, geometric_mean
-from dart_lab.identify.evaluate.cases import prepare, short
-from dart_lab.identify.evaluate.prediction import CHANNELS, UNITS
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.error_summaries import Ratio, geometric_mean
+from dart_lab.identification.evaluation.cases import prepare, short
+from dart_lab.identification.evaluation.prediction import CHANNELS, UNITS
 
 HELD_OUT = (
     "91_free_driving_16_sept_2024/car_1_Datarecording_09_16_2024_10_01_01.csv",

@@ -23,7 +23,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.fitting.least_squares import Solution, at_bound
 from dart_hal.vehicle.fitting.robust import soft_l1_weight
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.identify.shooting import JointFit, Problem, fit, fit_from_recordings
+from dart_lab.identification.shooting import JointFit, Problem, fit, fit_from_recordings
 
 FOLDERS = ("60*", "circles*")
 TOLERANCE = 1e-4  # of the cost, as ours

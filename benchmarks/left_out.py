@@ -23,7 +23,7 @@ from dart_hal.car.runs import read_any
 from dart_hal.core.errors import DartHalError
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
+from dart_lab.diagnosis import diagnose
 
 OF_ONE_CAR = ("60_", "80_", "81_throttle", "91_free", "steering_identification_25", "circles_27")
 """July to September 2024: the same tyres, floor and weight."""

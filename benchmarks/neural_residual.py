@@ -24,9 +24,9 @@ from dart_hal.vehicle.integrate import RATES, make_dynamic_midpoint
 from dart_hal.vehicle.motor import make_motor_gains
 from dart_hal.vehicle.namespace import adapt
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.identify.evaluate.cases import Case
-from dart_lab.identify.evaluate.prediction import errors, measured, parts
-from dart_lab.identify.predict.rollout import inputs, windowed
+from dart_lab.identification.evaluation.cases import Case
+from dart_lab.identification.evaluation.prediction import errors, measured, parts
+from dart_lab.identification.prediction.rollout import inputs, windowed
 
 Network = Any
 """[(weights, offsets)] of each layer, with the scales of inputs and outputs that stay fixed."""

@@ -15,8 +15,8 @@ from joblib import parallel_config
 
 from dart_hal.car.runs import read_any
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.inputs import checked
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.inputs import checked
 
 DATA = "tests/recorded/data/"
 TRAIN, TEST = DATA + "50_tire_model_data", DATA + "91_free_driving_16_sept_2024"

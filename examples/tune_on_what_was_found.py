@@ -26,10 +26,10 @@ from dart_hal.core.types import Pose
 from dart_hal.devices.actuation.steering_map import steering_map
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.inputs import checked
-from dart_lab.identify.experiment.floor import Floor
-from dart_lab.identify.experiment.make import conduct, make_plan
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.inputs import checked
+from dart_lab.identification.experiment.floor import Floor
+from dart_lab.identification.experiment.make import conduct, make_plan
 from dart_lab.sim.light import LightCar
 
 URL = os.environ.get("DART_HAL_URL", "sim://?effect=steering_lag:0.12")

@@ -21,8 +21,8 @@ from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.pursuit import PurePursuit
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.inputs import checked
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.inputs import checked
 
 NANO = os.environ.get("DART_NANO", "avr")  # mock: no firmware, faster
 KIT = "steering_backlash:0.1,battery_fade:-0.15"  # rad, share of the force per 100 s

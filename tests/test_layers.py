@@ -53,7 +53,7 @@ def add_import(folder: Path, package: str, other: str) -> None:
 
 @pytest.mark.parametrize(("package", "other"), [
     ("dart_hal.core", "dart_hal.cli"), ("dart_hal.vehicle", "dart_hal.core.ports"),
-    ("dart_hal.car", "dart_lab.sim"), ("dart_hal.cli", "dart_lab.diagnose"),
+    ("dart_hal.car", "dart_lab.sim"), ("dart_hal.cli", "dart_lab.diagnosis"),
     ("dart_hal.devices.links", "dart_hal.devices.actuation"),
     ("dart_hal.devices.actuation", "dart_hal.devices.links"),
     ("dart_hal.devices.links", "dart_hal.recording"), ("dart_hal.control", "dart_hal.estimation"),
@@ -61,10 +61,10 @@ def add_import(folder: Path, package: str, other: str) -> None:
     ("dart_hal.devices.lidar", "dart_hal.car"),
     ("dart_hal.devices.poses", "dart_hal.devices.lidar"),
     ("dart_hal.estimation.localisation", "dart_hal.estimation.mapping"),
-    ("dart_lab.sim", "dart_lab.identify"), ("dart_lab.report", "dart_lab.sim"),
-    ("dart_lab.identify.submodels", "dart_lab.identify.evaluate"),
-    ("dart_lab.identify.predict", "dart_lab.identify.evaluate"),
-    ("dart_lab.diagnose", "dart_lab.live"),
+    ("dart_lab.sim", "dart_lab.identification"), ("dart_lab.report", "dart_lab.sim"),
+    ("dart_lab.identification.submodels", "dart_lab.identification.evaluation"),
+    ("dart_lab.identification.prediction", "dart_lab.identification.evaluation"),
+    ("dart_lab.diagnosis", "dart_lab.live"),
 ])
 @pytest.mark.few("dart_hal.core-dart_hal.cli")
 def test_an_import_up_or_sideways_would_be_seen(empty_packages, package, other):
@@ -142,7 +142,7 @@ def test_import_dart_hal_is_light():
 def test_what_runs_on_the_car_loads_no_plotting_no_fitting_no_servokit(statement):
     got = loaded(statement)
     assert not {"scipy", "matplotlib", "adafruit_servokit", "board", "busio", "pandas"} & got
-    assert not {"dart_lab.sim", "dart_hal.cli", "dart_lab.diagnose"} & got
+    assert not {"dart_lab.sim", "dart_hal.cli", "dart_lab.diagnosis"} & got
 
 
 @pytest.mark.more

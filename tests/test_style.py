@@ -53,7 +53,7 @@ def test_mypy():
 
 
 @pytest.mark.parametrize(("package", "found"), [
-    ("dart_hal/car", True), ("dart_hal/cli", False), ("dart_lab/diagnose", True),
+    ("dart_hal/car", True), ("dart_hal/cli", False), ("dart_lab/diagnosis", True),
     ("dart_lab/cli", False)])
 def test_only_the_cli_prints(package, found):
     """It is ruff that looks for it, by the rules of this project: would it see one?"""

@@ -17,10 +17,10 @@ from dart_hal import Car, Fleet
 from dart_hal.car.runs import read_run
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.inputs import checked
-from dart_lab.identify.experiment.floor import Floor
-from dart_lab.identify.experiment.make import conduct, make_plan
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.inputs import checked
+from dart_lab.identification.experiment.floor import Floor
+from dart_lab.identification.experiment.make import conduct, make_plan
 
 plt.rcParams.update({"figure.dpi": 72, "axes.grid": True, "grid.alpha": 0.3})
 

@@ -27,10 +27,10 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.parameters import Delay
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.inputs import checked
-from dart_lab.identify.experiment.floor import Floor
-from dart_lab.identify.experiment.make import conduct, make_plan
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.inputs import checked
+from dart_lab.identification.experiment.floor import Floor
+from dart_lab.identification.experiment.make import conduct, make_plan
 
 PULSE = 0.013  # s from a command to the pulse that carries it, in the mean
 KNOWN = replace(UPSTREAM_2024, name="known", delay=Delay(PULSE, PULSE))  # all but its lags

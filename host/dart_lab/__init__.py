@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from dart_hal.vehicle.effect import Effect, Parameter
     from dart_hal.vehicle.effects import apply, catalogue
-    from dart_lab.diagnose import Diagnosis, diagnose
-    from dart_lab.diagnose.inputs import checked
-    from dart_lab.diagnose.report import write_page
-    from dart_lab.diagnose.write import extended_model
-    from dart_lab.identify.evaluate import evaluate
-    from dart_lab.identify.outcome import jointly, per_recording
+    from dart_lab.diagnosis import Diagnosis, diagnose
+    from dart_lab.diagnosis.inputs import checked
+    from dart_lab.diagnosis.report import write_page
+    from dart_lab.diagnosis.write import extended_model
+    from dart_lab.identification.evaluation import evaluate
+    from dart_lab.identification.outcome import jointly, per_recording
     from dart_lab.sim.light import LightBatch, LightCar, LightConfig, LightWorld
 
 __all__ = [
@@ -32,13 +32,13 @@ __all__ = [
 _MODULES = {
     "dart_hal.vehicle.effect": ("Effect", "Parameter"),
     "dart_hal.vehicle.effects": ("apply", "catalogue"),
-    "dart_lab.diagnose.inputs": ("checked",),
-    "dart_lab.diagnose.report": ("write_page",),
-    "dart_lab.diagnose.result": ("Diagnosis",),
-    "dart_lab.diagnose.run": ("diagnose",),
-    "dart_lab.diagnose.write": ("extended_model",),
-    "dart_lab.identify.evaluate": ("evaluate",),
-    "dart_lab.identify.outcome": ("jointly", "per_recording"),
+    "dart_lab.diagnosis.inputs": ("checked",),
+    "dart_lab.diagnosis.report": ("write_page",),
+    "dart_lab.diagnosis.result": ("Diagnosis",),
+    "dart_lab.diagnosis.run": ("diagnose",),
+    "dart_lab.diagnosis.write": ("extended_model",),
+    "dart_lab.identification.evaluation": ("evaluate",),
+    "dart_lab.identification.outcome": ("jointly", "per_recording"),
     "dart_lab.sim.light": ("LightBatch", "LightCar", "LightConfig", "LightWorld"),
 }
 _MODULE_OF = {name: module for module, names in _MODULES.items() for name in names}

@@ -10,8 +10,8 @@ import pytest
 
 from dart_hal.car.runs import read_any
 from dart_hal.vehicle.load import find_model
-from dart_lab.identify.evaluate.cases import prepare
-from dart_lab.identify.evaluate.prediction import errors, measured, predict
+from dart_lab.identification.evaluation.cases import prepare
+from dart_lab.identification.evaluation.prediction import errors, measured, predict
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
 

@@ -9,7 +9,7 @@ import bench_identify
 import numpy as np
 import pytest
 
-from dart_lab.identify.paper import fit_as_paper
+from dart_lab.identification.paper import fit_as_paper
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
 

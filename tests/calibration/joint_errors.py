@@ -15,12 +15,12 @@ from dart_hal.car.files import files_of
 from dart_hal.car.runs import read_any
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
-from dart_lab.identify.experiment.floor import Floor
-from dart_lab.identify.experiment.handover import mass_of, note_mass
-from dart_lab.identify.experiment.make import conduct, make_plan
-from dart_lab.identify.measured import named_model
-from dart_lab.identify.outcome import jointly
-from dart_lab.identify.write import SECTIONS
+from dart_lab.identification.experiment.floor import Floor
+from dart_lab.identification.experiment.handover import mass_of, note_mass
+from dart_lab.identification.experiment.make import conduct, make_plan
+from dart_lab.identification.measured import named_model
+from dart_lab.identification.outcome import jointly
+from dart_lab.identification.write import SECTIONS
 from dart_lab.sim.truth import reveal_url
 
 DRIVES = ("friction", "motor", "delay", "tyres")

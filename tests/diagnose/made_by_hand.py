@@ -13,11 +13,11 @@ from known_frame import read
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
-from dart_lab.diagnose.evidence.drive import prepare
-from dart_lab.diagnose.evidence.residuals import Evidence
-from dart_lab.diagnose.gains import Side
-from dart_lab.diagnose.paths import find_paths
-from dart_lab.diagnose.result import (
+from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.residuals import Evidence
+from dart_lab.diagnosis.gains import Side
+from dart_lab.diagnosis.paths import find_paths
+from dart_lab.diagnosis.result import (
     Cause,
     Considered,
     Constancy,
@@ -28,8 +28,8 @@ from dart_lab.diagnose.result import (
     Stage,
     Unexplained,
 )
-from dart_lab.identify.evaluate import evaluate
-from dart_lab.identify.evaluate import prepare as prepare_cases
+from dart_lab.identification.evaluation import evaluate
+from dart_lab.identification.evaluation import prepare as prepare_cases
 
 HIDDEN = apply(apply(PAPER, "steering_lag", k=0.12), "gyro_scale", k=0.06)
 

@@ -10,8 +10,8 @@ from known_frame import read
 
 from dart_hal.recording.dart import Messages, Recording
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose.evidence.onboard import OnboardEvidence
-from dart_lab.diagnose.evidence.onboard_drive import sessions
+from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
+from dart_lab.diagnosis.evidence.onboard_drive import sessions
 
 SENSORS = 10  # columns
 

@@ -13,14 +13,14 @@ from stranger_causes import hide
 from stranger_files import Habits, record
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.space import Space, Timing
-from dart_lab.diagnose.gains import side_of
-from dart_lab.diagnose.run import evidence_of
-from dart_lab.diagnose.search.fit import refit
-from dart_lab.diagnose.search.forward import Search
-from dart_lab.diagnose.search.selection import Settings
-from dart_lab.identify.shooting.fit import FREE, free_names
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.gains import side_of
+from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.search.fit import refit
+from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.selection import Settings
+from dart_lab.identification.shooting.fit import FREE, free_names
 
 USUAL = Habits()
 ALL_FREE = free_names(PAPER, tuple(FREE))

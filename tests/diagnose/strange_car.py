@@ -7,10 +7,10 @@ import numpy as np
 from known_frame import read
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose.evidence.drive import prepare
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.residuals import Evidence
-from dart_lab.diagnose.evidence.space import Timing
+from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.residuals import Evidence
+from dart_lab.diagnosis.evidence.space import Timing
 
 STEP = 0.002  # s
 MASS, INERTIA = PAPER.body.mass, PAPER.body.yaw_inertia

@@ -9,18 +9,18 @@ from searched import drive, evidence
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.flat import value
-from dart_lab.diagnose.alternatives import (
+from dart_lab.diagnosis.alternatives import (
     MAX_ALTERNATIVES,
     Exchange,
     include_alternatives,
     list_exchanges,
 )
-from dart_lab.diagnose.evidence.space import Timing
-from dart_lab.diagnose.final_fit import FinalFit
-from dart_lab.diagnose.policy import USUAL
-from dart_lab.diagnose.search.fit import covariance
-from dart_lab.diagnose.search.forward import Search
-from dart_lab.diagnose.search.selection import Settings, rows_at
+from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.final_fit import FinalFit
+from dart_lab.diagnosis.policy import USUAL
+from dart_lab.diagnosis.search.fit import covariance
+from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.selection import Settings, rows_at
 
 FREE = ("tyres.front_D", "tyres.rear_cornering_stiffness")
 

@@ -10,7 +10,7 @@ from mcap.writer import Writer
 
 from dart_hal.car.runs import read_run
 from dart_hal.core.errors import RecordingError
-from dart_lab.diagnose.evidence.onboard_drive import sessions
+from dart_lab.diagnosis.evidence.onboard_drive import sessions
 
 OTHERS = {"/camera/compressed": b"\xff\xd8 no picture \xff\xd9", "/battery": b'{"volt": 7.4}',
           "/odom_of_another": b"{}"}

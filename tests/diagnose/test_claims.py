@@ -16,23 +16,23 @@ from dart_hal.vehicle.flat import names
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.motor import make_motor
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.conclude import _verdict
-from dart_lab.diagnose.evidence.drive import prepare
-from dart_lab.diagnose.evidence.noise import Noise, measure
-from dart_lab.diagnose.evidence.residuals import Evidence, Residuals
-from dart_lab.diagnose.evidence.space import Timing
-from dart_lab.diagnose.inputs import checked
-from dart_lab.diagnose.parameters.claims import _costly, _together
-from dart_lab.diagnose.parameters.cost import cost, ratio
-from dart_lab.diagnose.parameters.groups import GROUPS, holding_throttle, quantities_of
-from dart_lab.diagnose.parameters.sets import Posterior, Sets
-from dart_lab.diagnose.parameters.unseen import Unseen
-from dart_lab.diagnose.policy import USUAL
-from dart_lab.diagnose.report.claimed import PICTURES, _measured, pictures
-from dart_lab.diagnose.report.explain import describe_claim
-from dart_lab.diagnose.report.page import page
-from dart_lab.diagnose.result import Change, Claim, Constancy
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.conclude import _verdict
+from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.noise import Noise, measure
+from dart_lab.diagnosis.evidence.residuals import Evidence, Residuals
+from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.parameters.claims import _costly, _together
+from dart_lab.diagnosis.parameters.cost import cost, ratio
+from dart_lab.diagnosis.parameters.groups import GROUPS, holding_throttle, quantities_of
+from dart_lab.diagnosis.parameters.sets import Posterior, Sets
+from dart_lab.diagnosis.parameters.unseen import Unseen
+from dart_lab.diagnosis.policy import USUAL
+from dart_lab.diagnosis.report.claimed import PICTURES, _measured, pictures
+from dart_lab.diagnosis.report.explain import describe_claim
+from dart_lab.diagnosis.report.page import page
+from dart_lab.diagnosis.result import Change, Claim, Constancy
 
 SECONDS = 60.0
 

@@ -14,11 +14,11 @@ from known_frame import read
 
 from dart_hal.core.errors import DartHalError, OtherCar, RecordingError, UsageError
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose.evidence.agreement import check_model, check_units, ratio, slope
-from dart_lab.diagnose.evidence.drive import prepare
-from dart_lab.diagnose.evidence.motion import driving_seconds
-from dart_lab.diagnose.evidence.split import GUARD
-from dart_lab.diagnose.inputs import checked, effects_named, fitted_before
+from dart_lab.diagnosis.evidence.agreement import check_model, check_units, ratio, slope
+from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.motion import driving_seconds
+from dart_lab.diagnosis.evidence.split import GUARD
+from dart_lab.diagnosis.inputs import checked, effects_named, fitted_before
 
 EXCERPT = Path(__file__).parents[1] / "recorded" / "data"
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.vehicle.effects import catalogue
-from dart_lab.diagnose.gates import (
+from dart_lab.diagnosis.gates import (
     GATES,
     STAGES,
     Candidate,
@@ -13,7 +13,7 @@ from dart_lab.diagnose.gates import (
     find_failed,
     relative_size,
 )
-from dart_lab.diagnose.policy import USUAL
+from dart_lab.diagnosis.policy import USUAL
 
 FAILING = {
     "significance": Candidate(gain=9.0, threshold=10.0),

@@ -14,18 +14,18 @@ from searched import drive
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.evidence.drive import prepare
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.residuals import Evidence
-from dart_lab.diagnose.evidence.space import Space, Timing
-from dart_lab.diagnose.grade import accept
-from dart_lab.diagnose.grade.accept import accept_effects, impossible_size
-from dart_lab.diagnose.grade.bag import Problem, probability, sizes
-from dart_lab.diagnose.grade.constancy import constancy
-from dart_lab.diagnose.grade.secants import secants
-from dart_lab.diagnose.policy import USUAL
-from dart_lab.diagnose.search.fit import refit
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.residuals import Evidence
+from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.grade import accept
+from dart_lab.diagnosis.grade.accept import accept_effects, impossible_size
+from dart_lab.diagnosis.grade.bag import Problem, probability, sizes
+from dart_lab.diagnosis.grade.constancy import constancy
+from dart_lab.diagnosis.grade.secants import secants
+from dart_lab.diagnosis.policy import USUAL
+from dart_lab.diagnosis.search.fit import refit
 from dart_lab.report.numbers import larger
 
 UNITS, ROWS, DRAWS = 16, 40, 400

@@ -7,9 +7,9 @@ from known_frame import read as framed
 from searched import drive
 
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.inputs import checked
-from dart_lab.diagnose.report.summary import headline
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.report.summary import headline
 
 PAIR = (("motor_gain", -0.12), ("gyro_latency", 0.06))
 OTHERS = ("yaw_inertia", "clock_offset")

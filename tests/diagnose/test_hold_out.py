@@ -10,9 +10,9 @@ import pytest
 from onboard_files import made, recorded
 
 from dart_hal.recording.dart.spans import span_index
-from dart_lab.diagnose.evidence.motion import driving_seconds
-from dart_lab.diagnose.evidence.onboard_drive import sessions
-from dart_lab.diagnose.evidence.split import GUARD, SHORTEST, hold_out, split
+from dart_lab.diagnosis.evidence.motion import driving_seconds
+from dart_lab.diagnosis.evidence.onboard_drive import sessions
+from dart_lab.diagnosis.evidence.split import GUARD, SHORTEST, hold_out, split
 
 SECONDS = 120.0
 

@@ -18,18 +18,18 @@ from stranger_files import COMMANDS, Habits, record
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
-from dart_lab.diagnose import conclude as conclusion
-from dart_lab.diagnose.error_summaries import LateCommands, Moment
-from dart_lab.diagnose.evidence.space import Timing
-from dart_lab.diagnose.gains import side_of
-from dart_lab.diagnose.late_commands import MIN_GAIN, compare_ages, find_late_commands
-from dart_lab.diagnose.policy import USUAL
-from dart_lab.diagnose.report import page
-from dart_lab.diagnose.report.summary import headline
-from dart_lab.diagnose.run import evidence_of
-from dart_lab.diagnose.search.forward import Search
-from dart_lab.diagnose.search.selection import Settings
-from dart_lab.identify.shooting.fit import FREE, free_names
+from dart_lab.diagnosis import conclude as conclusion
+from dart_lab.diagnosis.error_summaries import LateCommands, Moment
+from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.gains import side_of
+from dart_lab.diagnosis.late_commands import MIN_GAIN, compare_ages, find_late_commands
+from dart_lab.diagnosis.policy import USUAL
+from dart_lab.diagnosis.report import page
+from dart_lab.diagnosis.report.summary import headline
+from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.selection import Settings
+from dart_lab.identification.shooting.fit import FREE, free_names
 from dart_lab.pages.diagnose_table import show
 
 AGES = np.linspace(-0.11, 0.11, 45)

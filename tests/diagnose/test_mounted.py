@@ -16,17 +16,17 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import vehicle_from
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.space import LATE, LATE_REACH, Space, Timing
-from dart_lab.diagnose.mounted import mounted, of_the_imu
-from dart_lab.diagnose.policy import USUAL
-from dart_lab.diagnose.result import Number
-from dart_lab.diagnose.run import evidence_of
-from dart_lab.diagnose.search.fit import refit
-from dart_lab.diagnose.search.forward import Search
-from dart_lab.diagnose.search.selection import Settings
-from dart_lab.diagnose.write import extended_model
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.space import LATE, LATE_REACH, Space, Timing
+from dart_lab.diagnosis.mounted import mounted, of_the_imu
+from dart_lab.diagnosis.policy import USUAL
+from dart_lab.diagnosis.result import Number
+from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.search.fit import refit
+from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.selection import Settings
+from dart_lab.diagnosis.write import extended_model
 
 
 def beside(seen, p=PAPER):

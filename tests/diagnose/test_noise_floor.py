@@ -12,18 +12,18 @@ from events import add_gusts
 from searched import fitted_side
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose import conclude as conclusion
-from dart_lab.diagnose.error_summaries import Excess, find_excesses
-from dart_lab.diagnose.evidence.space import Timing
-from dart_lab.diagnose.noise_floor import (
+from dart_lab.diagnosis import conclude as conclusion
+from dart_lab.diagnosis.error_summaries import Excess, find_excesses
+from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.noise_floor import (
     estimate_noise_floor,
     floor_of_errors,
     possible_ages,
 )
-from dart_lab.diagnose.policy import USUAL
-from dart_lab.diagnose.report import page
-from dart_lab.diagnose.report.summary import headline
-from dart_lab.identify.evaluate.prediction import CHANNELS
+from dart_lab.diagnosis.policy import USUAL
+from dart_lab.diagnosis.report import page
+from dart_lab.diagnosis.report.summary import headline
+from dart_lab.identification.evaluation.prediction import CHANNELS
 from dart_lab.pages.diagnose_table import show
 
 WINDOWS = 400

@@ -11,8 +11,8 @@ from onboard_files import recorded
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose.inputs import checked
-from dart_lab.diagnose.run import diagnose
+from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.run import diagnose
 
 NEAR = ("quadratic_drag", "rolling_resistance", "motor_deadband", "encoder_scale", "throttle_lag")
 

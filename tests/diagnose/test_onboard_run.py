@@ -11,11 +11,11 @@ import pytest
 from dart_hal.car.runs import read_run
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.onboard import OnboardEvidence
-from dart_lab.diagnose.evidence.onboard_drive import counted, sessions
-from dart_lab.diagnose.inputs import checked
-from dart_lab.diagnose.run import diagnose
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
+from dart_lab.diagnosis.evidence.onboard_drive import counted, sessions
+from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.run import diagnose
 from dart_lab.sim.hidden import NOMINAL_VEHICLE
 from dart_lab.sim.servo import HORN_RAD_PER_US, ServoParams
 

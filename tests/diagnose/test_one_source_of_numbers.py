@@ -15,13 +15,13 @@ import pytest
 from searched import drive
 
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import conclude as conclusion
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.gains import _share
-from dart_lab.diagnose.report.explain import describe_cause
-from dart_lab.diagnose.report.page import page
-from dart_lab.diagnose.report.summary import headline
-from dart_lab.diagnose.result import Considered, Possible
+from dart_lab.diagnosis import conclude as conclusion
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.gains import _share
+from dart_lab.diagnosis.report.explain import describe_cause
+from dart_lab.diagnosis.report.page import page
+from dart_lab.diagnosis.report.summary import headline
+from dart_lab.diagnosis.result import Considered, Possible
 from dart_lab.pages.diagnose_table import show
 from dart_lab.report.numbers import percent, significant
 

@@ -8,7 +8,7 @@ import pytest
 import searched
 
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
+from dart_lab.diagnosis import diagnose
 
 SURE = 0.9
 HIDDEN = (("steering_lag", 0.06), ("quadratic_drag", 0.1))

@@ -13,8 +13,8 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import AxleTyres
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.inputs import checked
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.inputs import checked
 
 THEIRS = replace(
     PAPER, body=replace(PAPER.body, mass=2.1, wheelbase=0.2, l_f=0.1, l_r=0.1, yaw_inertia=0.012),

@@ -7,9 +7,9 @@ import pytest
 import searched
 
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.evidence.residuals import Evidence
-from dart_lab.diagnose.pace import Pace
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.evidence.residuals import Evidence
+from dart_lab.diagnosis.pace import Pace
 
 STANDS = 60  # evaluations of a model, a second of five minutes of driving
 

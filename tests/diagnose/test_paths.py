@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose.gains import Side
-from dart_lab.diagnose.paths import find_paths
+from dart_lab.diagnosis.gains import Side
+from dart_lab.diagnosis.paths import find_paths
 
 
 def test_windows_are_the_worst_and_the_median_of_the_position_error_at_their_end():

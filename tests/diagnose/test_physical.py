@@ -7,8 +7,8 @@ from types import SimpleNamespace
 import pytest
 
 from dart_hal.vehicle.effects import catalogue
-from dart_lab.diagnose.report.physical import EXAMPLES, SCALES, describe_size
-from dart_lab.diagnose.result import Number
+from dart_lab.diagnosis.report.physical import EXAMPLES, SCALES, describe_size
+from dart_lab.diagnosis.result import Number
 
 PLAIN = {"rad/s", "N", "N m", "turn", "step"}
 """Units that a reader knows as they are."""

@@ -16,9 +16,9 @@ from searched import drive, evidence, names, search
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose import policy as module
-from dart_lab.diagnose.inputs import checked
-from dart_lab.diagnose.policy import USUAL, InputPolicy, Policy
+from dart_lab.diagnosis import policy as module
+from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.policy import USUAL, InputPolicy, Policy
 
 ROOM = Path(module.__file__).parent
 GRIDS = {"ROUNDS", "QUICK", "FAINT", "ROUNDING", "PASSES", "AGES", "OLDER",

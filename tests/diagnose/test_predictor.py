@@ -19,11 +19,11 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.error_summaries import geometric_mean
-from dart_lab.diagnose.report import page
-from dart_lab.diagnose.report.words import predictor
-from dart_lab.diagnose.write import predictor_model, write_predictor
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.error_summaries import geometric_mean
+from dart_lab.diagnosis.report import page
+from dart_lab.diagnosis.report.words import predictor
+from dart_lab.diagnosis.write import predictor_model, write_predictor
 from dart_lab.pages.diagnose_table import show
 
 SIZE = 2.5

@@ -15,16 +15,16 @@ from onboard_files import recorded
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.cautions import EDGE, cautions
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.space import LATE_REACH, MAX_COMMAND_AGE, Space, Timing
-from dart_lab.diagnose.gains import side_of
-from dart_lab.diagnose.grade.alike import PROBES, Wanted, apart
-from dart_lab.diagnose.policy import USUAL, AlikePolicy
-from dart_lab.diagnose.result import Moved
-from dart_lab.diagnose.run import evidence_of
-from dart_lab.diagnose.search.fit import at
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.cautions import EDGE, cautions
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.space import LATE_REACH, MAX_COMMAND_AGE, Space, Timing
+from dart_lab.diagnosis.gains import side_of
+from dart_lab.diagnosis.grade.alike import PROBES, Wanted, apart
+from dart_lab.diagnosis.policy import USUAL, AlikePolicy
+from dart_lab.diagnosis.result import Moved
+from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.search.fit import at
 
 SLIPPERY = apply(PAPER, "grip", k=-0.25)
 WEAK = apply(PAPER, "motor_gain", k=-0.12)

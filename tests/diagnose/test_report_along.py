@@ -8,12 +8,12 @@ import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
-from dart_lab.diagnose.evidence.onboard import OnboardEvidence
-from dart_lab.diagnose.evidence.onboard_drive import sessions
-from dart_lab.diagnose.report.along import Rows, _error, along, columns, most
-from dart_lab.diagnose.report.compared import stages_around
-from dart_lab.diagnose.result import Stage
-from dart_lab.diagnose.unexplained.features import UNITS
+from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
+from dart_lab.diagnosis.evidence.onboard_drive import sessions
+from dart_lab.diagnosis.report.along import Rows, _error, along, columns, most
+from dart_lab.diagnosis.report.compared import stages_around
+from dart_lab.diagnosis.result import Stage
+from dart_lab.diagnosis.unexplained.features import UNITS
 
 
 def test_the_error_of_a_mean_counts_stretches_and_not_rows():

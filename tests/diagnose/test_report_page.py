@@ -13,15 +13,15 @@ import made_by_hand as made
 import pytest
 
 from dart_hal.core.plain_json import plain
-from dart_lab.diagnose.error_summaries import Moment, Outliers
-from dart_lab.diagnose.report import page, write_page
-from dart_lab.diagnose.report.along import Rows
-from dart_lab.diagnose.report.explain import describe_cause
-from dart_lab.diagnose.report.patterns import Pattern
-from dart_lab.diagnose.report.summary import remainder
-from dart_lab.diagnose.report.words import quantity, removes
-from dart_lab.diagnose.result import VERDICTS, Gained, Number, Possible
-from dart_lab.diagnose.suggest.result import Pair, Suggestion
+from dart_lab.diagnosis.error_summaries import Moment, Outliers
+from dart_lab.diagnosis.report import page, write_page
+from dart_lab.diagnosis.report.along import Rows
+from dart_lab.diagnosis.report.explain import describe_cause
+from dart_lab.diagnosis.report.patterns import Pattern
+from dart_lab.diagnosis.report.summary import remainder
+from dart_lab.diagnosis.report.words import quantity, removes
+from dart_lab.diagnosis.result import VERDICTS, Gained, Number, Possible
+from dart_lab.diagnosis.suggest.result import Pair, Suggestion
 from dart_lab.report.numbers import percent, significant
 from pages import foreign, shown
 

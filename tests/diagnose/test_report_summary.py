@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from dart_hal.vehicle.effects import catalogue
-from dart_lab.diagnose.error_summaries import LateCommands
-from dart_lab.diagnose.report import page
-from dart_lab.diagnose.report.along import Rows, means_along
-from dart_lab.diagnose.report.data_problems import NOT_FITTED, data_problems, valid_sizes
-from dart_lab.diagnose.report.explain import describe_cause, describe_claim, heading, is_small
-from dart_lab.diagnose.report.patterns import STEPS, Pattern, next_step
-from dart_lab.diagnose.report.summary import headline, median_warnings, summary_lines, tone
-from dart_lab.diagnose.report.words import change, signed_title
-from dart_lab.diagnose.result import Change, Claim, Number, Unexplained
-from dart_lab.diagnose.unexplained.features import UNITS
+from dart_lab.diagnosis.error_summaries import LateCommands
+from dart_lab.diagnosis.report import page
+from dart_lab.diagnosis.report.along import Rows, means_along
+from dart_lab.diagnosis.report.data_problems import NOT_FITTED, data_problems, valid_sizes
+from dart_lab.diagnosis.report.explain import describe_cause, describe_claim, heading, is_small
+from dart_lab.diagnosis.report.patterns import STEPS, Pattern, next_step
+from dart_lab.diagnosis.report.summary import headline, median_warnings, summary_lines, tone
+from dart_lab.diagnosis.report.words import change, signed_title
+from dart_lab.diagnosis.result import Change, Claim, Number, Unexplained
+from dart_lab.diagnosis.unexplained.features import UNITS
 from dart_lab.report.numbers import larger, significant
 
 DEAD = "encoder dead: always 0 while the mocap shows the car driving"

@@ -65,7 +65,7 @@ def test_there_are_at_most_ten():
 
 def test_a_name_that_is_gone_is_seen():
     with pytest.raises(AttributeError):
-        function("dart_lab.diagnose.run.diagnosis")
+        function("dart_lab.diagnosis.run.diagnosis")
 
 
 @pytest.mark.more
@@ -77,7 +77,7 @@ def test_a_diagnosis_calls_them_in_this_order(tmp_path):
 
     def work():
         train, test = (function("dart_hal.car.runs.read_any")([f])[0] for f in files)
-        found.append(function("dart_lab.diagnose.run.diagnose")(
+        found.append(function("dart_lab.diagnosis.run.diagnose")(
             *find_model("paper"), train, test, refit=False, only=("gyro_scale", "grip")))
 
     assert first_calls(steps(), work) == steps()

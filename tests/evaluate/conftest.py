@@ -11,9 +11,9 @@ import pytest
 from dart_hal.recording.dart import Grid, Reference
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.identify.evaluate.cases import Case
-from dart_lab.identify.predict.actuators import actuated
-from dart_lab.identify.predict.windows import find_windows
+from dart_lab.identification.evaluation.cases import Case
+from dart_lab.identification.prediction.actuators import actuated
+from dart_lab.identification.prediction.windows import find_windows
 
 ROOT = Path(__file__).resolve().parents[2]
 

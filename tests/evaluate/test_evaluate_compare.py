@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dart_hal.core.errors import UsageError
-from dart_lab.identify.evaluate import gain, gains
-from dart_lab.identify.evaluate.compare import LEAST_BLOCKS, blocks
+from dart_lab.identification.evaluation import gain, gains
+from dart_lab.identification.evaluation.compare import LEAST_BLOCKS, blocks
 
 
 def test_an_exact_gain_has_an_interval_of_no_width():

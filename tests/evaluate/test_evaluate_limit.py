@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.identify.evaluate import kinematic, kinematic_limit
-from dart_lab.identify.evaluate.limit import find_limits
-from dart_lab.identify.evaluate.noslip import SLIP_TOLERANCE, crossing
-from dart_lab.identify.evaluate.takeover import Bin, Gain, Takeover
-from dart_lab.identify.predict.windows import find_windows
+from dart_lab.identification.evaluation import kinematic, kinematic_limit
+from dart_lab.identification.evaluation.limit import find_limits
+from dart_lab.identification.evaluation.noslip import SLIP_TOLERANCE, crossing
+from dart_lab.identification.evaluation.takeover import Bin, Gain, Takeover
+from dart_lab.identification.prediction.windows import find_windows
 
 L_R = PAPER.body.l_r
 
@@ -83,7 +83,7 @@ def test_loss_of_curvature_is_found_at_its_speed(empty):
         return driven_case(f"{k}", g)
 
     def driven_case(file, g):
-        from dart_lab.identify.evaluate import Case
+        from dart_lab.identification.evaluation import Case
         return Case(file, g, find_windows(g))
 
     _, loss = find_limits([case(k) for k in (0.6, 0.9, -1.2, 1.5)], L_R)
@@ -149,7 +149,7 @@ def test_edges_need_certainty_all_the_way():
 @pytest.mark.more
 def test_the_legend_explains_only_what_is_drawn(ramps):
     pytest.importorskip("matplotlib")
-    from dart_lab.identify.evaluate.picture_limit import draw_limit
+    from dart_lab.identification.evaluation.picture_limit import draw_limit
 
     limit = kinematic_limit(PAPER, ramps())
 

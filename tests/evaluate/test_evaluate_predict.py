@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
-from dart_lab.identify.evaluate import (
+from dart_lab.identification.evaluation import (
     errors,
     hold,
     kinematic,
@@ -16,10 +16,10 @@ from dart_lab.identify.evaluate import (
     predict,
     score,
 )
-from dart_lab.identify.evaluate.prediction import CHANNELS
-from dart_lab.identify.evaluate.takeover import at_measured_speed
-from dart_lab.identify.predict import rollout
-from dart_lab.identify.predict.rollout import LANES
+from dart_lab.identification.evaluation.prediction import CHANNELS
+from dart_lab.identification.evaluation.takeover import at_measured_speed
+from dart_lab.identification.prediction import rollout
+from dart_lab.identification.prediction.rollout import LANES
 
 
 @pytest.mark.parametrize("p", [PAPER, kinematic(PAPER), UPSTREAM_2024],

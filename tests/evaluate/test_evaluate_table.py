@@ -14,7 +14,7 @@ from dart_hal.car.runs import read_any
 from dart_hal.recording.check import folder_of
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.identify.evaluate import (
+from dart_lab.identification.evaluation import (
     HORIZONS,
     errors,
     hold,
@@ -23,7 +23,7 @@ from dart_lab.identify.evaluate import (
     predict,
     prepare,
 )
-from dart_lab.identify.evaluate.cases import Case
+from dart_lab.identification.evaluation.cases import Case
 
 SOURCE = Path(__file__).resolve().parents[2] / "benchmarks" / "baselines.py"
 spec = importlib.util.spec_from_file_location("published_baselines", SOURCE)

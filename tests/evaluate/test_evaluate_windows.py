@@ -10,9 +10,9 @@ import pytest
 from dart_hal.car.runs import read_any
 from dart_hal.core.errors import RecordingError
 from dart_hal.recording.dart import RUN
-from dart_lab.identify.evaluate import prepare
-from dart_lab.identify.evaluate.cases import short
-from dart_lab.identify.predict.windows import covered, find_windows
+from dart_lab.identification.evaluation import prepare
+from dart_lab.identification.evaluation.cases import short
+from dart_lab.identification.prediction.windows import covered, find_windows
 
 
 @pytest.fixture

@@ -12,11 +12,11 @@ from dart_hal.car import Car
 from dart_hal.core.config import CarFiles, parse_car
 from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle import make_acceleration, make_steering
-from dart_lab.identify.experiment.floor import Floor
-from dart_lab.identify.experiment.handover import Outcome, fit_run, mass_of, note_mass
-from dart_lab.identify.experiment.make import conduct, make_plan
-from dart_lab.identify.experiment.runner import Drive
-from dart_lab.identify.fit import Fit
+from dart_lab.identification.experiment.floor import Floor
+from dart_lab.identification.experiment.handover import Outcome, fit_run, mass_of, note_mass
+from dart_lab.identification.experiment.make import conduct, make_plan
+from dart_lab.identification.experiment.runner import Drive
+from dart_lab.identification.fit import Fit
 from dart_lab.sim.car_file import car_toml
 from dart_lab.sim.hidden import HiddenCar, hidden_car
 

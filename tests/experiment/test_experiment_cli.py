@@ -151,8 +151,8 @@ def test_a_real_car_wants_floor_and_agreement(run, monkeypatch, tmp_path):
 
 @pytest.mark.more
 def test_ctrl_c_keeps_the_recording_and_says_where(run, monkeypatch, tmp_path):
-    import dart_lab.identify.experiment.runner as runner
-    from dart_lab.identify.experiment.rehearsal import PaperCar
+    import dart_lab.identification.experiment.runner as runner
+    from dart_lab.identification.experiment.rehearsal import PaperCar
 
     def broken(self, *args):
         if len(self._frames) > 300 and not isinstance(self._car, PaperCar):  # not the rehearsal

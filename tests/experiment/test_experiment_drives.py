@@ -9,13 +9,13 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.core.errors import ExperimentFailed
 from dart_hal.core.types import Applied
-from dart_lab.identify.experiment.excitation import Constant
-from dart_lab.identify.experiment.floor import Floor, Place
-from dart_lab.identify.experiment.handover import fit_run, mass_of
-from dart_lab.identify.experiment.make import conduct, make_plan
-from dart_lab.identify.experiment.plans import Plan, Segment
-from dart_lab.identify.experiment.rehearsal import PaperCar
-from dart_lab.identify.experiment.runner import run
+from dart_lab.identification.experiment.excitation import Constant
+from dart_lab.identification.experiment.floor import Floor, Place
+from dart_lab.identification.experiment.handover import fit_run, mass_of
+from dart_lab.identification.experiment.make import conduct, make_plan
+from dart_lab.identification.experiment.plans import Plan, Segment
+from dart_lab.identification.experiment.rehearsal import PaperCar
+from dart_lab.identification.experiment.runner import run
 
 
 class Troubled(PaperCar):

@@ -11,14 +11,14 @@ import pytest
 from dart_hal.core.errors import ExperimentFailed, UsageError
 from dart_hal.core.types import Pose
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.identify.experiment.excitation import Chirp, Levels, Ramp, random_steps
-from dart_lab.identify.experiment.floor import Floor, fence_of
-from dart_lab.identify.experiment.limits import Rolling, stays_inside
-from dart_lab.identify.experiment.make import make_plan
-from dart_lab.identify.experiment.plans import NAMES, PROBES
-from dart_lab.identify.experiment.rehearsal import PaperCar, rehearse
-from dart_lab.identify.experiment.runner import run
-from dart_lab.identify.experiment.track import Track
+from dart_lab.identification.experiment.excitation import Chirp, Levels, Ramp, random_steps
+from dart_lab.identification.experiment.floor import Floor, fence_of
+from dart_lab.identification.experiment.limits import Rolling, stays_inside
+from dart_lab.identification.experiment.make import make_plan
+from dart_lab.identification.experiment.plans import NAMES, PROBES
+from dart_lab.identification.experiment.rehearsal import PaperCar, rehearse
+from dart_lab.identification.experiment.runner import run
+from dart_lab.identification.experiment.track import Track
 
 
 @pytest.mark.parametrize(("text", "sides"), [("8", (8.0, 8.0)), ("12x3", (12.0, 3.0)),
@@ -113,7 +113,7 @@ def test_rolling_distance_is_that_of_the_friction_with_a_reserve():
 
 
 def test_fence_looks_ahead_along_the_arc():
-    from dart_lab.identify.experiment.floor import Place
+    from dart_lab.identification.experiment.floor import Place
     fence = fence_of(Floor(6.0, 6.0), Place(3.0, 3.0), margin=0.0)
     at = Pose(2.5, 0.0, 0.0)
     assert not stays_inside(fence, at, 0.0, 1.0)  # straight through the wall

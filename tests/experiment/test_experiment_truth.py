@@ -18,11 +18,11 @@ from dart_hal.car.runs import read_any, read_run
 from dart_hal.recording.check import check
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
-from dart_lab.identify.experiment.circles import TYRE_STEERING
-from dart_lab.identify.experiment.understeer import GENTLE
-from dart_lab.identify.mass import never_weighed, weighed
-from dart_lab.identify.outcome import per_recording
-from dart_lab.identify.submodels import fit_submodels
+from dart_lab.identification.experiment.circles import TYRE_STEERING
+from dart_lab.identification.experiment.understeer import GENTLE
+from dart_lab.identification.mass import never_weighed, weighed
+from dart_lab.identification.outcome import per_recording
+from dart_lab.identification.submodels import fit_submodels
 
 WAIT = 0.0119
 """s from a command to the end of its pulse: half a PWM frame in the mean, then 1.9 ms."""

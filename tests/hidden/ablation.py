@@ -36,8 +36,8 @@ from rich.progress import track
 from rich.table import Table
 
 from dart_hal.core.process.jobs import each
-from dart_lab.diagnose import gates
-from dart_lab.diagnose.gates import Gate
+from dart_lab.diagnosis import gates
+from dart_lab.diagnosis.gates import Gate
 
 ROWS = {"medium": 48, "fixed": 48, "small": 24, "null": 48, "null fixed": 24, "pair": 40,
         "far": 24, "near": 24, "wrong": 24}
@@ -51,7 +51,7 @@ Function = Callable[..., Any]
 
 @dataclass(frozen=True)
 class Rule:
-    """where: module and attribute of a function, below ``dart_lab.diagnose``. without: makes of
+    """where: module and attribute of a function, below ``dart_lab.diagnosis``. without: makes of
     that function what takes its place when the rule is off. acted(result, *arguments): whether the
     rule changed anything in one call."""
 
@@ -65,7 +65,7 @@ def _constant(value: Any) -> Callable[[Function], Function]:
 
 
 def _plain_grades(original: Function) -> Function:
-    from dart_lab.diagnose.grade import bag
+    from dart_lab.diagnosis.grade import bag
 
     def grades(of: Any, names: Sequence[str], policy: Any, seed: int) -> dict[str, float]:
         every = bag._every(of, names, policy)
@@ -76,7 +76,7 @@ def _plain_grades(original: Function) -> Function:
 
 
 def _not_sharpened(original: Function) -> Function:
-    from dart_lab.diagnose.search.selection import explain
+    from dart_lab.diagnosis.search.selection import explain
 
     def keep(self: Any, point: Any, noise: Any, trials: Any) -> Any:
         naming = self._settings.policy.naming
@@ -133,7 +133,7 @@ NAMES = [*GATED, *RULES]
 
 def _place(where: str) -> tuple[Any, str]:
     module, _, path = where.partition(":")
-    owner: Any = importlib.import_module(f"dart_lab.diagnose.{module}")
+    owner: Any = importlib.import_module(f"dart_lab.diagnosis.{module}")
     *inner, name = path.split(".")
     for part in inner:
         owner = getattr(owner, part)
@@ -214,7 +214,7 @@ def examine_real(rule: str, data: Path) -> Answer:
     from bench_real_car import HELD_OUT, read, splits
 
     from dart_hal.vehicle.load import find_model
-    from dart_lab.diagnose import diagnose
+    from dart_lab.diagnosis import diagnose
 
     train, test, _ = splits(read(data), len(HELD_OUT), len(HELD_OUT), neural=False)[-1]
     model, vehicle = find_model("paper")

@@ -39,11 +39,11 @@ from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.demo.diagnosis import FRAME_WAIT, SERVO_S
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.inputs import checked
-from dart_lab.diagnose.result import Diagnosis
-from dart_lab.diagnose.write import extended_model
-from dart_lab.identify.measured import MEASURED, named_model
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.result import Diagnosis
+from dart_lab.diagnosis.write import extended_model
+from dart_lab.identification.measured import MEASURED, named_model
 
 SILENT = ("nothing_wrong", "parameters_only")
 DRIVES = {"first": 80.0, "train": 60.0, "test": 40.0}  # s

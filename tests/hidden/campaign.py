@@ -3,7 +3,7 @@
     make campaign                                  all of it, resumed where it was left
     python tests/hidden/campaign.py --only medium null --cases 20 --jobs 2
 
-Each case writes two files and asks ``dart_lab.diagnose.diagnose`` about them,
+Each case writes two files and asks ``dart_lab.diagnosis.diagnose`` about them,
 which gets nothing else. Results are lines of JSON; a case that is there is not
 run again.
 """
@@ -54,7 +54,7 @@ def ask(model: str, train: Path, test: Path, refit: bool, fitted_frames: bool = 
 
     from dart_hal.car.runs import read_any
     from dart_hal.vehicle.load import find_model
-    from dart_lab.diagnose import diagnose
+    from dart_lab.diagnosis import diagnose
 
     file, vehicle = find_model(model)
     first, second = read_any([train, test])[0] if fitted_frames else map(read, (train, test))

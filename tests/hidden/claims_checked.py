@@ -33,11 +33,11 @@ from stranger_files import pair
 
 from dart_hal.core.process.jobs import each
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import conclude, diagnose
-from dart_lab.diagnose.parameters.claims import Asked, claims
-from dart_lab.diagnose.parameters.sets import all_sets, posterior
-from dart_lab.diagnose.parameters.unseen import Unseen
-from dart_lab.diagnose.run import evidence_of
+from dart_lab.diagnosis import conclude, diagnose
+from dart_lab.diagnosis.parameters.claims import Asked, claims
+from dart_lab.diagnosis.parameters.sets import all_sets, posterior
+from dart_lab.diagnosis.parameters.unseen import Unseen
+from dart_lab.diagnosis.run import evidence_of
 
 SECONDS = (60.0, 60.0)
 LONG = 300.0  # s; its own error is less than half that of a minute

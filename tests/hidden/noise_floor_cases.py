@@ -33,8 +33,8 @@ from stranger import Car
 from stranger_files import COMMANDS, Habits, pair
 
 from dart_hal.core.process.jobs import each
-from dart_lab.diagnose.error_summaries import MAX_OVER_FLOOR
-from dart_lab.identify.evaluate.prediction import CHANNELS
+from dart_lab.diagnosis.error_summaries import MAX_OVER_FLOOR
+from dart_lab.identification.evaluation.prediction import CHANNELS
 
 SECONDS = (60.0, 40.0)
 """To learn from, to judge by."""

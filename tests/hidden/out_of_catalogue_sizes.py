@@ -26,12 +26,12 @@ from stranger_causes import SIZES, hide
 from stranger_files import Habits, pair
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose.evidence.noise import Noise, measure
-from dart_lab.diagnose.evidence.residuals import Evidence
-from dart_lab.diagnose.evidence.space import Space, Timing
-from dart_lab.diagnose.policy import BlockPolicy
-from dart_lab.diagnose.run import evidence_of
-from dart_lab.diagnose.search.fit import Point, refit
+from dart_lab.diagnosis.evidence.noise import Noise, measure
+from dart_lab.diagnosis.evidence.residuals import Evidence
+from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.policy import BlockPolicy
+from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.search.fit import Point, refit
 
 MEASURE, MEDIUM = "steering_lag", 1
 DRIVES = tuple(product(("steps", "waves", "laps"), (1, 2)))  # style, seed

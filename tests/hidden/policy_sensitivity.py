@@ -33,7 +33,7 @@ from campaign_score import score
 from rich.progress import track
 
 from dart_hal.core.process.jobs import each
-from dart_lab.diagnose.policy import USUAL, Policy
+from dart_lab.diagnosis.policy import USUAL, Policy
 
 ROWS = {"fixed": 12, "medium": 12, "small": 6, "null": 6, "pair": 12, "far": 4, "near": 4,
         "wrong": 4}

@@ -7,9 +7,9 @@ import ablation
 import pytest
 from ablation import GATED, RULES, without
 
-from dart_lab.diagnose import gates
-from dart_lab.diagnose.gates import Candidate, explain_failure
-from dart_lab.diagnose.policy import USUAL
+from dart_lab.diagnosis import gates
+from dart_lab.diagnosis.gates import Candidate, explain_failure
+from dart_lab.diagnosis.policy import USUAL
 
 
 @pytest.mark.parametrize("name", list(RULES))

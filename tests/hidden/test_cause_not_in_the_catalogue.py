@@ -11,13 +11,13 @@ from stranger_files import Habits, pair
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.space import Space, Timing
-from dart_lab.diagnose.inputs import effects_named
-from dart_lab.diagnose.run import evidence_of
-from dart_lab.diagnose.search.fit import refit
-from dart_lab.diagnose.search.scan import scan
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.inputs import effects_named
+from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.search.fit import refit
+from dart_lab.diagnosis.search.scan import scan
 
 LARGE = 2
 AS_MUCH = 1.05  # times the gain of the right name, both by the scan, which is linear in the base

@@ -8,12 +8,12 @@ from known_frame import read
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
-from dart_lab.diagnose.evidence.drive import prepare
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.residuals import Evidence
-from dart_lab.diagnose.evidence.space import Space, Timing
-from dart_lab.diagnose.search.fit import refit
-from dart_lab.diagnose.search.scan import scan
+from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.residuals import Evidence
+from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.search.fit import refit
+from dart_lab.diagnosis.search.scan import scan
 
 QUIET = 30.0
 """Gain below which nothing is named: about twice the largest without anything hidden."""

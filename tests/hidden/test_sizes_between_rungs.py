@@ -9,14 +9,14 @@ from known_frame import read
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
-from dart_lab.diagnose.evidence.drive import prepare
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.residuals import Evidence
-from dart_lab.diagnose.evidence.space import Space, Timing
-from dart_lab.diagnose.policy import USUAL, ScanPolicy
-from dart_lab.diagnose.search.fit import refit
-from dart_lab.diagnose.search.scan import Scan
-from dart_lab.diagnose.search.size_search import scanned
+from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.residuals import Evidence
+from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.policy import USUAL, ScanPolicy
+from dart_lab.diagnosis.search.fit import refit
+from dart_lab.diagnosis.search.scan import Scan
+from dart_lab.diagnosis.search.size_search import scanned
 
 SHARE = 0.85  # of what the true size gains
 FEW = 4.0  # of loss: two standard deviations of one number

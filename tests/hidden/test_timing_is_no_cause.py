@@ -6,9 +6,9 @@ import pytest
 from campaign import run
 from campaign_cases import cases
 
-from dart_lab.diagnose import conclude
-from dart_lab.diagnose.evidence import ages, space
-from dart_lab.diagnose.search import forward as search
+from dart_lab.diagnosis import conclude
+from dart_lab.diagnosis.evidence import ages, space
+from dart_lab.diagnosis.search import forward as search
 
 
 @pytest.fixture(scope="module")

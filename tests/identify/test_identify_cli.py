@@ -16,7 +16,7 @@ from dart_hal.core.config import load_model
 from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import model_of, vehicle_of
-from dart_lab.identify.evaluate import evaluate
+from dart_lab.identification.evaluation import evaluate
 from pages import foreign
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
@@ -288,7 +288,7 @@ def test_a_failed_picture_costs_only_the_picture(run, tmp_path, monkeypatch):
 
     def fail(*_):
         raise UsageError("no room for pictures")
-    monkeypatch.setattr("dart_lab.identify.plots.draw", fail)
+    monkeypatch.setattr("dart_lab.identification.plots.draw", fail)
     status, out, err = run("friction", "--as-paper", EXCERPT, "--plot", "pics", "--out", "m.toml")
     assert status == 2
     assert "1.726 +- 0.021" in out

@@ -10,9 +10,9 @@ import pytest
 
 from dart_hal.car.runs import read_any
 from dart_hal.vehicle import PAPER, make_friction
-from dart_lab.identify.paper import fit_as_paper
-from dart_lab.identify.paper.evidence import evidence_as_paper
-from dart_lab.identify.plots import (
+from dart_lab.identification.paper import fit_as_paper
+from dart_lab.identification.paper.evidence import evidence_as_paper
+from dart_lab.identification.plots import (
     completed,
     draw,
     evidence_of,
@@ -20,7 +20,7 @@ from dart_lab.identify.plots import (
     missing,
     style,
 )
-from dart_lab.identify.plots.from_recordings import HELD, Motion
+from dart_lab.identification.plots.from_recordings import HELD, Motion
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
 

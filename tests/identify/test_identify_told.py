@@ -10,11 +10,11 @@ import pytest
 
 from dart_hal.car.runs import read_any
 from dart_hal.vehicle import PAPER
-from dart_lab.identify.fit import TIME_KNOWN
-from dart_lab.identify.submodels import delay, fit_submodels
-from dart_lab.identify.submodels.driving import Driving
-from dart_lab.identify.submodels.report import Ledger
-from dart_lab.identify.submodels.steering_timing import Timing
+from dart_lab.identification.fit import TIME_KNOWN
+from dart_lab.identification.submodels import delay, fit_submodels
+from dart_lab.identification.submodels.driving import Driving
+from dart_lab.identification.submodels.report import Ledger
+from dart_lab.identification.submodels.steering_timing import Timing
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
 NOT_DRIVEN = Driving(None, "held", 0, 0, 0, 0.0, 0.0, 0.0, 0, 0.0)

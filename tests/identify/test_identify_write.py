@@ -13,8 +13,8 @@ from dart_hal.core.config.model import Covariance
 from dart_hal.vehicle import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.flat import with_values
 from dart_hal.vehicle.load import model_of, vehicle_of
-from dart_lab.identify.fit import Estimate, Fit
-from dart_lab.identify.write import Source, model_from, why_unsound, write
+from dart_lab.identification.fit import Estimate, Fit
+from dart_lab.identification.write import Source, model_from, why_unsound, write
 
 SOURCE = Source({"a.csv": "12ab"}, "dart-hal identify all a.csv", {"a.csv": (0.09, -0.0164, 0.0)})
 

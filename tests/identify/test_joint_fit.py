@@ -14,8 +14,8 @@ from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, rollout
 from dart_hal.vehicle.fitting.levenberg_marquardt import descend
 from dart_hal.vehicle.flat import value, with_values
-from dart_lab.identify.predict.actuators import actuated, delayed, first_order_lag
-from dart_lab.identify.shooting import Problem, fit_jointly
+from dart_lab.identification.prediction.actuators import actuated, delayed, first_order_lag
+from dart_lab.identification.shooting import Problem, fit_jointly
 
 TRUE = with_values(PAPER, {
     "friction.a": 1.5, "motor.d": 26.0, "motor.g": -0.14, "steering.a_left_rad": 0.30,

@@ -28,7 +28,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import PAPER, make_steering
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Steering
-from dart_lab.identify.measured import default_model, measured_model, named_model
+from dart_lab.identification.measured import default_model, measured_model, named_model
 
 WHEN = datetime(2026, 11, 1, tzinfo=timezone.utc)
 TRUE = Steering(k_left=1.5, a_left_rad=0.33, s0=-0.03, a_right_rad=0.39, k_right=1.8)

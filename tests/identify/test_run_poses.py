@@ -15,7 +15,7 @@ from dart_hal.core.types import ExternalPose
 from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.source_clock import car_time
 from dart_hal.recording.dart import fit_reference
-from dart_lab.identify.evaluate.cases import prepare
+from dart_lab.identification.evaluation.cases import prepare
 from dart_lab.sim.mocap import hidden_mocap
 from dart_lab.sim.truth import truth
 

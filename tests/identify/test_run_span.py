@@ -10,7 +10,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.car.runs import EVERY, FINE, finer, read_run
 from dart_hal.core.timing import SAMPLE
-from dart_lab.identify.predict.commands import step_of
+from dart_lab.identification.prediction.commands import step_of
 
 
 @pytest.fixture(scope="module")

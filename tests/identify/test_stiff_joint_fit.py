@@ -13,8 +13,8 @@ from dart_hal.vehicle import PAPER, integrate, rollout
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.native.library import SWITCH
 from dart_hal.vehicle.parameters import AxleTyres
-from dart_lab.identify.predict.actuators import actuated
-from dart_lab.identify.shooting import Problem, fit_jointly
+from dart_lab.identification.prediction.actuators import actuated
+from dart_lab.identification.shooting import Problem, fit_jointly
 
 STIFF = replace(PAPER, tyres=AxleTyres(front_D=0.8, front_C=1.4, front_B=30.0, rear_D=0.8,
                                        rear_C=1.4, rear_B=40.0))

@@ -11,10 +11,10 @@ import pytest
 
 from dart_hal.calibration import curves
 from dart_hal.vehicle import PAPER, make_friction, make_motor, make_steering, make_tyres
-from dart_lab.identify.filters import smooth
-from dart_lab.identify.paper import fit_as_paper, read_folder
-from dart_lab.identify.paper.problem import solve
-from dart_lab.identify.paper.problems import LABEL_FRICTION, friction_problem, motor_problem
+from dart_lab.identification.filters import smooth
+from dart_lab.identification.paper import fit_as_paper, read_folder
+from dart_lab.identification.paper.problem import solve
+from dart_lab.identification.paper.problems import LABEL_FRICTION, friction_problem, motor_problem
 
 HOME = Path(__file__).resolve().parents[2]
 EXCERPT = HOME / "tests" / "recorded" / "data"

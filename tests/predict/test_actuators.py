@@ -13,7 +13,7 @@ from dart_hal.vehicle.effect import ActiveEffect, Effect, Late, Parameter, State
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering
-from dart_lab.identify.predict.actuators import (
+from dart_lab.identification.prediction.actuators import (
     actuated,
     delayed,
     first_order_lag,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_lab.identify.predict.commands import catmull_rom, spread_over, zero_order_hold
+from dart_lab.identification.prediction.commands import catmull_rom, spread_over, zero_order_hold
 
 
 def test_a_held_command_is_its_mean_over_every_sample():

@@ -15,7 +15,7 @@ from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.identify.predict.sensors import driven, motion, posed, sensed
+from dart_lab.identification.prediction.sensors import driven, motion, posed, sensed
 
 HOST = Path(__file__).resolve().parents[2] / "host"
 T = 0.01 * np.arange(50)
@@ -64,4 +64,4 @@ def test_the_forward_model_stands_once():
         "dart_hal/core/timing.py"}
     packages = {name.rpartition("/")[0] for name in found(r"\bNow\(") - {
         f"dart_lab/sim/{n}.py" for n in ("injected", "light/plant", "light/sense")}}  # tick by tick
-    assert packages == {"dart_hal/vehicle", "dart_lab/identify/predict"}
+    assert packages == {"dart_hal/vehicle", "dart_lab/identification/prediction"}

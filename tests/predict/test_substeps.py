@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_lab.identify.predict.substeps import FINE, fine, quarters
+from dart_lab.identification.prediction.substeps import FINE, fine, quarters
 
 
 def stepped(at, n=40):

@@ -11,7 +11,7 @@ from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.dart.model import freeze
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.diagnose.suggest.virtual import Commands, record
+from dart_lab.diagnosis.suggest.virtual import Commands, record
 
 POSITION_NOISE, YAW_NOISE = 5e-4, 2e-3  # m, rad: of a motion capture
 

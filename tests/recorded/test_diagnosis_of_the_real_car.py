@@ -12,15 +12,15 @@ import pytest
 from dart_hal.recording.dart import read
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import Diagnosis, diagnose
-from dart_lab.diagnose.evidence.space import TIMES
-from dart_lab.diagnose.gains import rollout_gains, side_of
-from dart_lab.diagnose.result import VERDICTS
-from dart_lab.diagnose.run import evidence_of
-from dart_lab.diagnose.search.fit import covariance
-from dart_lab.diagnose.search.forward import Search
-from dart_lab.diagnose.search.selection import Settings, rows_at
-from dart_lab.identify.shooting.fit import FREE, free_names
+from dart_lab.diagnosis import Diagnosis, diagnose
+from dart_lab.diagnosis.evidence.space import TIMES
+from dart_lab.diagnosis.gains import rollout_gains, side_of
+from dart_lab.diagnosis.result import VERDICTS
+from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.search.fit import covariance
+from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.selection import Settings, rows_at
+from dart_lab.identification.shooting.fit import FREE, free_names
 
 pytestmark = pytest.mark.more  # they share one diagnosis of 15 CPU s
 
@@ -114,7 +114,7 @@ def test_no_error_on_other_days_grows(case):
 
 def settled(recordings, passes, monkeypatch):
     """The base, fitted to recordings with noise that has been measured so often."""
-    monkeypatch.setattr("dart_lab.diagnose.search.forward.PASSES", passes)
+    monkeypatch.setattr("dart_lab.diagnosis.search.forward.PASSES", passes)
     _, vehicle = find_model("paper")
     free = free_names(vehicle, tuple(FREE))
     seen = evidence_of(recordings, vehicle.body.l_r)[0]

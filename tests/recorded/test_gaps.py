@@ -10,7 +10,7 @@ from simulated_recording import simulated, table_of, write_table
 
 from dart_hal.recording.dart import grid, marker, read
 from dart_hal.recording.dart.sensors import GAP
-from dart_lab.identify.predict.windows import BEFORE, CLEAN, find_windows
+from dart_lab.identification.prediction.windows import BEFORE, CLEAN, find_windows
 
 EDGE = 1e-6  # s
 

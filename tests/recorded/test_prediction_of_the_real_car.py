@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.recording.dart import read
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
+from dart_lab.diagnosis import diagnose
 
 FILES = ("racetrack_lap_v060", "steer015_ramp", "09_16_2024_10_01_01", "09_27_2024_12_06_55",
          "2024_10_00_45")

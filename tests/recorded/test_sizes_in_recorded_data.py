@@ -24,8 +24,8 @@ from dart_hal.recording.dart import Reference, read, with_marker_frames
 from dart_hal.recording.dart.model import freeze
 from dart_hal.recording.dart.reference import reference_for
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.inputs import checked
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.inputs import checked
 
 OTHER = Path(__file__).resolve().parents[3] / "shared" / "data" / "other"
 ZHENG = Reference(0.21, -0.0117, 0.0, "of that car")

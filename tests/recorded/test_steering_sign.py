@@ -11,7 +11,7 @@ from dart_hal.recording.check import check
 from dart_hal.recording.dart import read, with_marker_frames
 from dart_hal.recording.dart.steering_sign import follow
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.diagnose.inputs import checked
+from dart_lab.diagnosis.inputs import checked
 
 
 @pytest.mark.parametrize("schema", ["A", "B", "C"])

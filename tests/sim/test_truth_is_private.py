@@ -36,7 +36,7 @@ def imported(nodes: list[ast.AST], package: str) -> set[str]:
     return names
 
 
-def peeks(source: str, package: str = "dart_lab.diagnose") -> list[str]:
+def peeks(source: str, package: str = "dart_lab.diagnosis") -> list[str]:
     """What in a source reaches for the truth."""
     if not WAYS.search(source):  # most sources: parsing them all takes two seconds
         return []

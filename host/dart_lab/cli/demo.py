@@ -31,7 +31,7 @@ from dart_lab.demo import real as demo_real
 from dart_lab.demo.diagnosis import Chapter, as_hidden, chapter, without_effect
 from dart_lab.demo.page import Drive, Shown, write_page, write_summary
 from dart_lab.demo.section import HIDDEN, REAL, hidden_section, real_skipped
-from dart_lab.diagnose.report import describe_cause, headline
+from dart_lab.diagnosis.report import describe_cause, headline
 from dart_lab.sim.truth import reveal_url, truth
 
 RADIUS = 0.9

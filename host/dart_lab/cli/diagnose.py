@@ -28,10 +28,10 @@ from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.fetch import find
 from dart_lab.cli.evaluate import hashes
-from dart_lab.diagnose.evidence.motion import driving_seconds
-from dart_lab.diagnose.inputs import checked, effects_named
-from dart_lab.diagnose.result import Diagnosis
-from dart_lab.identify.measured import default_model, named_model
+from dart_lab.diagnosis.evidence.motion import driving_seconds
+from dart_lab.diagnosis.inputs import checked, effects_named
+from dart_lab.diagnosis.result import Diagnosis
+from dart_lab.identification.measured import default_model, named_model
 
 READ = 0.05
 """Share of the progress bar for reading."""
@@ -110,7 +110,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
         file, vehicle = sizes.model, sizes.vehicle
         inputs = checked(*recordings, vehicle, hashes(file))
         from dart_hal.core.process.jobs import wanted
-        from dart_lab.diagnose import diagnose
+        from dart_lab.diagnosis import diagnose
 
         d = diagnose(file, vehicle, inputs.train, inputs.test, refit=refit, only=names,
                      false_alarm=false_alarm, max_causes=max_causes,
@@ -121,11 +121,11 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
     sizes.show(as_json)
     d = _completed(d, model, skipped, (*sizes.lines, *inputs.notes))
     if out is not None:
-        from dart_lab.diagnose.write import write_model
+        from dart_lab.diagnosis.write import write_model
 
         d = replace(d, written=str(write_model(d, out, file, inputs.train, typed)))
     if out_predictor is not None:
-        from dart_lab.diagnose.write import write_predictor
+        from dart_lab.diagnosis.write import write_predictor
 
         d = replace(d, predictor_written=str(
             write_predictor(d, out_predictor, file, inputs.train, typed)))
@@ -134,7 +134,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
               **({"suggestions": [s.to_json() for s in suggestions],
                   "parameter_drives": [s.to_json() for s in drives]} if suggest else {})}
     if html is not None:
-        from dart_lab.diagnose.report import write_page
+        from dart_lab.diagnosis.report import write_page
 
         write_page(d, html, command=typed, answer=answer,
                    suggestions=suggestions if suggest else None, drives=drives)
@@ -191,7 +191,7 @@ def _completed(d: Diagnosis, model: str, skipped: Skipped, first: Sequence[str])
 
 def _unknowable(d: Diagnosis) -> tuple[str, ...]:
     """What recordings without motion capture cannot tell."""
-    from dart_lab.diagnose.evidence.onboard import OnboardEvidence, limits
+    from dart_lab.diagnosis.evidence.onboard import OnboardEvidence, limits
 
     return (tuple(f"cannot be known from these recordings: {limit}" for limit in limits(d.evidence))
             if isinstance(d.evidence, OnboardEvidence) else ())
@@ -199,7 +199,7 @@ def _unknowable(d: Diagnosis) -> tuple[str, ...]:
 
 def _suggested(d: Diagnosis, file: ModelFile, seed: int) -> tuple[Sequence[Any], Sequence[Any]]:
     """What to drive for causes, and for parameters; loaded only when asked for: it simulates."""
-    from dart_lab.diagnose.suggest import sharpen, suggest
+    from dart_lab.diagnosis.suggest import sharpen, suggest
 
     with progress_bar() as bar:
         task = bar.add_task("simulating drives", total=2.0)

@@ -20,8 +20,8 @@ from dart_hal.recording.fetch import find
 from dart_hal.vehicle.file import left_out
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.identify.evaluate import Evaluation, evaluate, kinematic
-from dart_lab.identify.measured import MEASURED, default_model, named_model
+from dart_lab.identification.evaluation import Evaluation, evaluate, kinematic
+from dart_lab.identification.measured import MEASURED, default_model, named_model
 
 
 @click.command("evaluate")
@@ -124,6 +124,6 @@ def _run(vehicle: Vehicle, recordings: list[Recording], skipped: list[tuple[str,
 
 def _drawing() -> ModuleType:
     """Loaded when a picture is asked for: most evaluations draw none."""
-    from dart_lab.identify.evaluate import pictures
+    from dart_lab.identification.evaluation import pictures
 
     return pictures

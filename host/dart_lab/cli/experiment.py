@@ -27,12 +27,18 @@ from dart_hal.cli.common.outputs import OutputFile, PlotFile
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import ExperimentFailed, UsageError
 from dart_hal.devices.links.base import Backend, open_backend
-from dart_lab.identify.experiment.floor import Floor
-from dart_lab.identify.experiment.handover import Outcome, fit_run, mass_of, note_mass, write_model
-from dart_lab.identify.experiment.make import conduct, make_plan
-from dart_lab.identify.experiment.plans import NAMES, PROBES, Plan
-from dart_lab.identify.experiment.plot import plot_drive
-from dart_lab.identify.experiment.runner import Drive
+from dart_lab.identification.experiment.floor import Floor
+from dart_lab.identification.experiment.handover import (
+    Outcome,
+    fit_run,
+    mass_of,
+    note_mass,
+    write_model,
+)
+from dart_lab.identification.experiment.make import conduct, make_plan
+from dart_lab.identification.experiment.plans import NAMES, PROBES, Plan
+from dart_lab.identification.experiment.plot import plot_drive
+from dart_lab.identification.experiment.runner import Drive
 from dart_lab.report.numbers import with_error
 
 SIM_FLOOR = "10"

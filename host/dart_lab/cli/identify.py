@@ -22,9 +22,9 @@ from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.fetch import find
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.identify.measured import default_model, named_model
-from dart_lab.identify.outcome import Identification, jointly, per_recording
-from dart_lab.identify.write import SECTIONS, Written, model_from, write
+from dart_lab.identification.measured import default_model, named_model
+from dart_lab.identification.outcome import Identification, jointly, per_recording
+from dart_lab.identification.write import SECTIONS, Written, model_from, write
 
 DEFAULT_OUT = Path("model.toml")
 
@@ -92,7 +92,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     outcome: Identification
     data: Any
     if root is not None:
-        from dart_lab.identify.paper import as_paper
+        from dart_lab.identification.paper import as_paper
 
         outcome, data = as_paper(root, names, typed)
     elif joint:
@@ -196,8 +196,8 @@ def _base(base: str | None, target: Path | None, files: Sequence[Path]
 def _drawn(outcome: Identification, data: Any, reference: Reference | None, base: Vehicle
            ) -> tuple[dict[str, Any], dict[str, str]]:
     """Pictures by name, and why there is none of the other sub-models."""
-    from dart_lab.identify.paper.evidence import evidence_as_paper
-    from dart_lab.identify.plots import completed, evidence_of, figures, missing
+    from dart_lab.identification.paper.evidence import evidence_as_paper
+    from dart_lab.identification.plots import completed, evidence_of, figures, missing
 
     fits = completed(outcome.fits, base)
     evidence = (evidence_of(data, fits, reference, base) if isinstance(data, list)
@@ -206,7 +206,7 @@ def _drawn(outcome: Identification, data: Any, reference: Reference | None, base
 
 
 def _save(drawn: Mapping[str, Any], missing: Mapping[str, str], folder: Path) -> list[Path]:
-    from dart_lab.identify.plots import draw
+    from dart_lab.identification.plots import draw
 
     pictures = draw(drawn, folder)
     for picture in pictures:

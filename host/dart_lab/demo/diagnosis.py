@@ -27,12 +27,12 @@ from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, parse
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.inputs import checked
-from dart_lab.diagnose.report import write_page
-from dart_lab.diagnose.report.words import quantity
-from dart_lab.diagnose.result import Diagnosis, Number
-from dart_lab.diagnose.write import extended_model
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.report import write_page
+from dart_lab.diagnosis.report.words import quantity
+from dart_lab.diagnosis.result import Diagnosis, Number
+from dart_lab.diagnosis.write import extended_model
 
 MISSING: Mapping[str, tuple[float, float, bool]] = {
     "steering_backlash": (0.05, 0.08, False), "throttle_lag": (0.08, 0.16, False),

@@ -9,10 +9,10 @@ from typing import Any
 import dart_hal
 from dart_hal.car.runs import read_any
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.inputs import checked
-from dart_lab.diagnose.report import write_page
-from dart_lab.diagnose.result import Diagnosis
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.report import write_page
+from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.report.html import Html
 
 MODEL = "paper"

@@ -8,12 +8,12 @@ from itertools import islice
 from typing import Any
 
 from dart_lab.demo.diagnosis import AFTER, BEFORE, UNSEEN, Chapter, as_hidden, values_of
-from dart_lab.diagnose.report import describe_pattern
-from dart_lab.diagnose.report.along import Rows
-from dart_lab.diagnose.report.causes import KEY, cause_pictures
-from dart_lab.diagnose.report.overview import answer_card, overview
-from dart_lab.diagnose.report.words import channel, interval, quantity
-from dart_lab.diagnose.result import Diagnosis
+from dart_lab.diagnosis.report import describe_pattern
+from dart_lab.diagnosis.report.along import Rows
+from dart_lab.diagnosis.report.causes import KEY, cause_pictures
+from dart_lab.diagnosis.report.overview import answer_card, overview
+from dart_lab.diagnosis.report.words import channel, interval, quantity
+from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.report import page
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import listed, percent

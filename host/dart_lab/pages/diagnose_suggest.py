@@ -9,9 +9,9 @@ from rich import box
 from rich.table import Table
 
 from dart_hal.cli.common.output import results, say
-from dart_lab.diagnose.report.next_drive import NOTHING
-from dart_lab.diagnose.suggest.result import Suggestion
-from dart_lab.diagnose.suggest.sharpen import Sharper
+from dart_lab.diagnosis.report.next_drive import NOTHING
+from dart_lab.diagnosis.suggest.result import Suggestion
+from dart_lab.diagnosis.suggest.sharpen import Sharper
 
 
 def show_suggestions(suggestions: Sequence[Suggestion], drives: Sequence[Sharper]) -> None:

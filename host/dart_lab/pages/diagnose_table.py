@@ -10,12 +10,12 @@ from rich.console import Console
 from rich.table import Table
 
 from dart_hal.cli.common.output import output, results, say
-from dart_lab.diagnose.report.compared import step_changes
-from dart_lab.diagnose.report.explain import describe_cause, describe_claim
-from dart_lab.diagnose.report.overview import FLOOR, HELD
-from dart_lab.diagnose.report.patterns import describe_pattern
-from dart_lab.diagnose.report.summary import headline, summary_lines
-from dart_lab.diagnose.report.words import (
+from dart_lab.diagnosis.report.compared import step_changes
+from dart_lab.diagnosis.report.explain import describe_cause, describe_claim
+from dart_lab.diagnosis.report.overview import FLOOR, HELD
+from dart_lab.diagnosis.report.patterns import describe_pattern
+from dart_lab.diagnosis.report.summary import headline, summary_lines
+from dart_lab.diagnosis.report.words import (
     CHANNELS,
     channel,
     excess,
@@ -26,8 +26,8 @@ from dart_lab.diagnose.report.words import (
     possible,
     predictor,
 )
-from dart_lab.diagnose.result import Diagnosis
-from dart_lab.identify.evaluate import CHANNELS as PREDICTED
+from dart_lab.diagnosis.result import Diagnosis
+from dart_lab.identification.evaluation import CHANNELS as PREDICTED
 from dart_lab.report.numbers import significant
 
 NARROWEST = 86

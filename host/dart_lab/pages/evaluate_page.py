@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dart_lab.identify.evaluate import CHANNELS, HORIZONS, UNITS, Evaluation
-from dart_lab.identify.evaluate.pictures import figures
+from dart_lab.identification.evaluation import CHANNELS, HORIZONS, UNITS, Evaluation
+from dart_lab.identification.evaluation.pictures import figures
 from dart_lab.pages.evaluate_table import HEADS, caution, gain
 from dart_lab.report import page
 from dart_lab.report.html import Html, el, join, table

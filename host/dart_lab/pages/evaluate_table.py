@@ -12,8 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from dart_hal.cli.common.output import console, output, results
-from dart_lab.identify.evaluate import CHANNELS, HORIZONS, UNITS, Evaluation
-from dart_lab.identify.evaluate.cases import LEFT_OUT, short
+from dart_lab.identification.evaluation import CHANNELS, HORIZONS, UNITS, Evaluation
+from dart_lab.identification.evaluation.cases import LEFT_OUT, short
 
 DIGITS = {"vx": 2, "vy": 3, "yaw_rate": 2, "position": 2, "yaw_deg": 1}
 EXACT, ROOMY = ("vy", "yaw_deg"), 100

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dart_lab.diagnose.gates import GATES, STAGES, Candidate
-from dart_lab.diagnose.policy import USUAL
+from dart_lab.diagnosis.gates import GATES, STAGES, Candidate
+from dart_lab.diagnosis.policy import USUAL
 
 HEAD = """# Gates of the diagnosis
 
 An effect of the [catalogue](effects.md) becomes an accepted cause if it passes all of these, in
 this order. [How the diagnosis finds a cause](../explanation/diagnosis_method.md) derives the
 quantities, [the ablation](../results/ablation.md) measures what changes without each gate. This
-page is generated from `dart_lab/diagnose/gates.py` (`dart-hal wire --write`).
+page is generated from `dart_lab/diagnosis/gates.py` (`dart-hal wire --write`).
 """
 EXAMPLE = Candidate(chosen="grip", impossible="k = 1.2 is outside its "
                     "physical range 0 to 1 share", cost=(0.996, 0.98, 1.01))

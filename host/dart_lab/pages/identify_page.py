@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from dart_lab.identify.outcome import Identification
-from dart_lab.identify.write import why_unsound
+from dart_lab.identification.outcome import Identification
+from dart_lab.identification.write import why_unsound
 from dart_lab.pages.identify_table import heads, notes, parameters, quality
 from dart_lab.report import page
 from dart_lab.report.html import Html, el, join, table

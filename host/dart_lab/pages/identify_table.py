@@ -11,9 +11,9 @@ from rich.table import Table
 
 from dart_hal.cli.common.output import results
 from dart_hal.vehicle.sets import PAPER, PER_DEGREE
-from dart_lab.identify.fit import Estimate, Fit
-from dart_lab.identify.outcome import Identification
-from dart_lab.identify.write import SECTIONS, why_unsound
+from dart_lab.identification.fit import Estimate, Fit
+from dart_lab.identification.outcome import Identification
+from dart_lab.identification.write import SECTIONS, why_unsound
 from dart_lab.report.numbers import with_error
 
 DEGREES = {"1/rad": "1/deg", "N/rad": "N/deg"}

@@ -10,7 +10,7 @@ import searched
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
-from dart_lab.diagnose.evidence import residuals
+from dart_lab.diagnosis.evidence import residuals
 
 
 @pytest.fixture(autouse=True)

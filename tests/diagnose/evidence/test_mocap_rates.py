@@ -13,12 +13,12 @@ from dart_hal.recording.dart import Reference, grid
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.evidence.drive import prepare
-from dart_lab.diagnose.evidence.residuals import Evidence
-from dart_lab.diagnose.evidence.space import Timing
-from dart_lab.diagnose.inputs import checked
-from dart_lab.diagnose.run import evidence_of
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.residuals import Evidence
+from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.run import evidence_of
 
 RATES = (20, 25, 30, 50, 60, 120, 200)  # Hz; a drive without any is one of 100
 YAW = 13  # column

@@ -7,15 +7,15 @@ import pytest
 from onboard_files import evidence, made
 
 from dart_hal.core.timing import SAMPLE
-from dart_lab.diagnose.evidence.onboard import UNKNOWN, limits
-from dart_lab.diagnose.evidence.onboard_drive import (
+from dart_lab.diagnosis.evidence.onboard import UNKNOWN, limits
+from dart_lab.diagnosis.evidence.onboard_drive import (
     ENCODER_SPAN,
     MESSAGES_AHEAD,
     PAST,
     counted,
     sessions,
 )
-from dart_lab.diagnose.policy import USUAL
+from dart_lab.diagnosis.policy import USUAL
 
 BEFORE, AFTER = (PAST + 2) * ENCODER_SPAN, MESSAGES_AHEAD * ENCODER_SPAN
 

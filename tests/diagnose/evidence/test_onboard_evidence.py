@@ -10,10 +10,10 @@ from onboard_files import evidence, recorded
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.onboard import limits, unseen
-from dart_lab.diagnose.evidence.onboard_drive import MESSAGES_AHEAD
-from dart_lab.diagnose.evidence.space import Timing
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.onboard import limits, unseen
+from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
+from dart_lab.diagnosis.evidence.space import Timing
 
 ENCODER, GYRO = slice(0, None, 2), slice(1, None, 2)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.residuals import Residuals
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.residuals import Residuals
 
 WINDOWS, COLUMNS, AGES = 400, 6, 0.025
 MOVED = slice(0, 2)

@@ -15,11 +15,11 @@ from searched import drive, evidence
 from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.residuals import Residuals
-from dart_lab.diagnose.evidence.space import Timing
-from dart_lab.diagnose.search.forward import Search
-from dart_lab.diagnose.search.selection import Settings
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.residuals import Residuals
+from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.selection import Settings
 
 SOME_AGE = Timing(command_age=0.02, spread=0.01)
 

@@ -10,11 +10,11 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import conclude, diagnose
-from dart_lab.diagnose.policy import USUAL
-from dart_lab.diagnose.search.fit import covariance
-from dart_lab.diagnose.search.forward import Search
-from dart_lab.diagnose.search.selection import Settings, rows_at
+from dart_lab.diagnosis import conclude, diagnose
+from dart_lab.diagnosis.policy import USUAL
+from dart_lab.diagnosis.search.fit import covariance
+from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.selection import Settings, rows_at
 
 SIGMA = 2.6
 """Standard errors within which a size lies with 99 % probability."""

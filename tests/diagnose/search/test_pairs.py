@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from dart_lab.diagnose.evidence.noise import Noise
-from dart_lab.diagnose.search.fit import Point
-from dart_lab.diagnose.search.pairs import gains, hidden_pairs, one_of_a_pair
-from dart_lab.diagnose.search.scan import Trial
+from dart_lab.diagnosis.evidence.noise import Noise
+from dart_lab.diagnosis.search.fit import Point
+from dart_lab.diagnosis.search.pairs import gains, hidden_pairs, one_of_a_pair
+from dart_lab.diagnosis.search.scan import Trial
 
 ROWS = 400
 LIMIT = 20.0

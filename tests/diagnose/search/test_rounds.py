@@ -9,11 +9,11 @@ import pytest
 from searched import ALL_FREE, drive, evidence, fitted
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose.parameters.sets import Sets, _subsets
-from dart_lab.diagnose.policy import USUAL
-from dart_lab.diagnose.search import scan as scanning
-from dart_lab.diagnose.search.fit import at, seen_by
-from dart_lab.diagnose.search.scan import scan
+from dart_lab.diagnosis.parameters.sets import Sets, _subsets
+from dart_lab.diagnosis.policy import USUAL
+from dart_lab.diagnosis.search import scan as scanning
+from dart_lab.diagnosis.search.fit import at, seen_by
+from dart_lab.diagnosis.search.scan import scan
 
 NAMES = ("grip", "quadratic_drag", "motor_gain", "steering_gain", "gyro_scale", "steering_lag",
          "mass", "road_slope_x")

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import searched
 
-from dart_lab.diagnose.evidence.space import Timing
-from dart_lab.diagnose.search.fit import at, refit
+from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.search.fit import at, refit
 
 
 @pytest.mark.more

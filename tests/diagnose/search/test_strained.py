@@ -9,10 +9,10 @@ from onboard_files import evidence, recorded
 
 from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose.grade.accept import Acceptance, accept_effects
-from dart_lab.diagnose.policy import USUAL
-from dart_lab.diagnose.search.forward import Search
-from dart_lab.diagnose.search.selection import Settings
+from dart_lab.diagnosis.grade.accept import Acceptance, accept_effects
+from dart_lab.diagnosis.policy import USUAL
+from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.selection import Settings
 
 WORN = replace(PAPER, tyres=replace(PAPER.tyres, front_D=0.9 * PAPER.tyres.front_D))
 KNOWN = {"tyres.front_D": 0.005 * PAPER.tyres.front_D}
@@ -44,7 +44,7 @@ def test_an_impostor_goes_once_the_tyre_may_be_what_it_is(run, monkeypatch):
     names, tyre = named(run, "steering_gain")
     assert names == []
     assert tyre < 0.96  # bound 0.9825; the prior still pulls
-    monkeypatch.setattr("dart_lab.diagnose.evidence.space.Space.strained", lambda *_: ())
+    monkeypatch.setattr("dart_lab.diagnosis.evidence.space.Space.strained", lambda *_: ())
     assert named(run, "steering_gain")[0] == ["steering_gain"]
 
 

@@ -24,14 +24,14 @@ from stranger_files import COMMANDS, Habits, record
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.evidence import drive as prepared
-from dart_lab.diagnose.policy import ScanPolicy
-from dart_lab.diagnose.run import standard_errors
-from dart_lab.diagnose.search import forward as searching
-from dart_lab.diagnose.search import scan as scanning
-from dart_lab.diagnose.search.scan import scan
-from dart_lab.identify.shooting.fit import FREE, free_names
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.evidence import drive as prepared
+from dart_lab.diagnosis.policy import ScanPolicy
+from dart_lab.diagnosis.run import standard_errors
+from dart_lab.diagnosis.search import forward as searching
+from dart_lab.diagnosis.search import scan as scanning
+from dart_lab.diagnosis.search.scan import scan
+from dart_lab.identification.shooting.fit import FREE, free_names
 
 INERT = ("mass", "yaw_inertia")
 QUIET = 30.0  # gain; twice what nothing reaches

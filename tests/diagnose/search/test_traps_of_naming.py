@@ -14,13 +14,13 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.evidence import readings
-from dart_lab.diagnose.evidence.readings import at_rest
-from dart_lab.diagnose.evidence.space import Space
-from dart_lab.diagnose.policy import NamingPolicy, Policy
-from dart_lab.diagnose.search import forward as searching
-from dart_lab.diagnose.search.scan import Trial, ladder, scan
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.evidence import readings
+from dart_lab.diagnosis.evidence.readings import at_rest
+from dart_lab.diagnosis.evidence.space import Space
+from dart_lab.diagnosis.policy import NamingPolicy, Policy
+from dart_lab.diagnosis.search import forward as searching
+from dart_lab.diagnosis.search.scan import Trial, ladder, scan
 
 TIMING = ("steering_delay", "steering_lag", "steering_rate_limit", "throttle_delay",
           "throttle_lag", "encoder_latency", "gyro_latency", "clock_offset", "mocap_latency",
@@ -155,8 +155,8 @@ def twins(monkeypatch):
     twin = replace(grip, name="twin", parameters=(half,),
                    vehicle=lambda p, k: grip.vehicle(p, 0.5 * k))
     known["twin"] = twin
-    everywhere = ("dart_lab.diagnose.search.scan", "dart_lab.diagnose.search.selection",
-                  "dart_lab.diagnose.search.forward", "dart_lab.diagnose.conclude",
+    everywhere = ("dart_lab.diagnosis.search.scan", "dart_lab.diagnosis.search.selection",
+                  "dart_lab.diagnosis.search.forward", "dart_lab.diagnosis.conclude",
                   "dart_hal.vehicle.effects")
     for place in everywhere:
         monkeypatch.setattr(f"{place}.catalogue", lambda: known)

@@ -16,13 +16,13 @@ from known_frame import read
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.flat import value
-from dart_lab.diagnose.evidence.noise import measure
-from dart_lab.diagnose.evidence.space import Space, Timing
-from dart_lab.diagnose.result import Cause, Constancy, Diagnosis, Gained, Moved, Number, Stage
-from dart_lab.diagnose.run import evidence_of
-from dart_lab.diagnose.search.fit import refit
-from dart_lab.diagnose.search.scan import Scan
-from dart_lab.identify.experiment.floor import Floor
+from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.result import Cause, Constancy, Diagnosis, Gained, Moved, Number, Stage
+from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.search.fit import refit
+from dart_lab.diagnosis.search.scan import Scan
+from dart_lab.identification.experiment.floor import Floor
 
 N = 3000  # samples of 0.01 s
 MOTOR = {"motor.d": 3.0, "motor.e": 0.8, "friction.a": 0.3}

@@ -11,10 +11,10 @@ from known_frame import read
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.suggest import sharpen
-from dart_lab.diagnose.suggest.library import CHOICES, rehearsed
-from dart_lab.identify.experiment.floor import Floor
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.suggest import sharpen
+from dart_lab.diagnosis.suggest.library import CHOICES, rehearsed
+from dart_lab.identification.experiment.floor import Floor
 
 WRONG = replace(PAPER, motor=replace(PAPER.motor, d=1.15 * PAPER.motor.d),
                 tyres=replace(PAPER.tyres, rear_cornering_stiffness=0.7

@@ -14,16 +14,16 @@ from dart_hal.cli.main import main
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
-from dart_lab.diagnose.evidence.drive import prepare
-from dart_lab.diagnose.evidence.residuals import Evidence
-from dart_lab.diagnose.suggest import suggest
-from dart_lab.diagnose.suggest.contest import Contest
-from dart_lab.diagnose.suggest.evidence import MIDDLE
-from dart_lab.diagnose.suggest.library import CHOICES, rehearsed
-from dart_lab.diagnose.suggest.question import ask
-from dart_lab.diagnose.suggest.side import Side
-from dart_lab.diagnose.suggest.virtual import record
-from dart_lab.identify.experiment.floor import Floor
+from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.residuals import Evidence
+from dart_lab.diagnosis.suggest import suggest
+from dart_lab.diagnosis.suggest.contest import Contest
+from dart_lab.diagnosis.suggest.evidence import MIDDLE
+from dart_lab.diagnosis.suggest.library import CHOICES, rehearsed
+from dart_lab.diagnosis.suggest.question import ask
+from dart_lab.diagnosis.suggest.side import Side
+from dart_lab.diagnosis.suggest.virtual import record
+from dart_lab.identification.experiment.floor import Floor
 
 GYRO = Case("straight", ("gyro_bias", 0.02), "steering_trim")
 
@@ -88,7 +88,7 @@ def test_a_suggestion_is_the_same_again_and_is_json_without_nan(question):
 @pytest.mark.more
 def test_what_no_drive_separates_is_said_and_not_promised(tmp_path, monkeypatch):
     still = tuple(c for c in CHOICES if c.name == "standstill")
-    monkeypatch.setattr("dart_lab.diagnose.suggest.choose.rehearsed",
+    monkeypatch.setattr("dart_lab.diagnosis.suggest.choose.rehearsed",
                         lambda floor, model: rehearsed(floor, model, still))
     case = Case("slow waves", ("steering_lag", 0.06), "steering_delay")
     d = diagnosis(case, [recorded(tmp_path / "one.csv", case, DRIVES[case.drive], 5, True)])

@@ -9,8 +9,8 @@ import pytest
 from open_question import DRIVES as AT_HAND
 from open_question import FLOOR, Case, diagnosis, gains, recorded
 
-from dart_lab.diagnose.suggest import suggest
-from dart_lab.diagnose.suggest.library import CHOICES, rehearsed
+from dart_lab.diagnosis.suggest import suggest
+from dart_lab.diagnosis.suggest.library import CHOICES, rehearsed
 
 pytestmark = pytest.mark.more
 

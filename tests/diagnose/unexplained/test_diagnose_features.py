@@ -10,9 +10,9 @@ import pytest
 from dart_hal.recording.dart import Grid, Messages, Recording, Reference
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.steering import make_steering
-from dart_lab.diagnose.evidence.drive import Drive
-from dart_lab.diagnose.evidence.residuals import Evidence
-from dart_lab.diagnose.unexplained.features import UNITS, message_features, window_features
+from dart_lab.diagnosis.evidence.drive import Drive
+from dart_lab.diagnosis.evidence.residuals import Evidence
+from dart_lab.diagnosis.unexplained.features import UNITS, message_features, window_features
 
 SPEED, RADIUS, N = 0.8, 2.0, 2000
 

@@ -9,10 +9,10 @@ import pytest
 from onboard_files import evidence, recorded
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose.evidence.onboard_drive import MESSAGES_AHEAD
-from dart_lab.diagnose.policy import USUAL
-from dart_lab.diagnose.unexplained.driven import undriven
-from dart_lab.diagnose.unexplained.features import window_features
+from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
+from dart_lab.diagnosis.policy import USUAL
+from dart_lab.diagnosis.unexplained.driven import undriven
+from dart_lab.diagnosis.unexplained.features import window_features
 
 GYRO = slice(1, None, 2)
 

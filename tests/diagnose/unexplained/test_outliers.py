@@ -14,15 +14,15 @@ from stranger_files import COMMANDS, Habits, record
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnose import diagnose
-from dart_lab.diagnose.evidence.space import Timing
-from dart_lab.diagnose.policy import USUAL
-from dart_lab.diagnose.report import page
-from dart_lab.diagnose.run import evidence_of
-from dart_lab.diagnose.search.forward import Search
-from dart_lab.diagnose.search.selection import Settings
-from dart_lab.diagnose.unexplained.outliers import find_outliers
-from dart_lab.identify.shooting.fit import FREE, free_names
+from dart_lab.diagnosis import diagnose
+from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.policy import USUAL
+from dart_lab.diagnosis.report import page
+from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.selection import Settings
+from dart_lab.diagnosis.unexplained.outliers import find_outliers
+from dart_lab.identification.shooting.fit import FREE, free_names
 
 STYLES = ("steps", "waves", "prbs", "gentle", "ramps", "laps")
 pytestmark = pytest.mark.cpu(10)

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_lab.diagnose.evidence.readings import SENSORS
-from dart_lab.diagnose.evidence.residuals import MOTION
-from dart_lab.diagnose.unexplained import crossfit
-from dart_lab.diagnose.unexplained.structure import Group, shares, structure
+from dart_lab.diagnosis.evidence.readings import SENSORS
+from dart_lab.diagnosis.evidence.residuals import MOTION
+from dart_lab.diagnosis.unexplained import crossfit
+from dart_lab.diagnosis.unexplained.structure import Group, shares, structure
 
 SECONDS = 120.0
 

@@ -6,7 +6,7 @@ import pytest
 from hidden_drive import Plan
 from strange_car import CARS, looked_at, write
 
-from dart_lab.diagnose.unexplained.structure import groups, shares, structure, unexplained
+from dart_lab.diagnosis.unexplained.structure import groups, shares, structure, unexplained
 
 PLAN = Plan(seconds=120.0)
 

@@ -11,13 +11,13 @@ from onboard_files import evidence, recorded
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnose.evidence.onboard_drive import MESSAGES_AHEAD
-from dart_lab.diagnose.evidence.space import EXACT, Timing
-from dart_lab.diagnose.search.forward import Search
-from dart_lab.diagnose.search.selection import Settings
-from dart_lab.diagnose.unexplained.features import window_features
-from dart_lab.diagnose.unexplained.structure import unexplained
-from dart_lab.diagnose.unexplained.waits import unwaited
+from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
+from dart_lab.diagnosis.evidence.space import EXACT, Timing
+from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.selection import Settings
+from dart_lab.diagnosis.unexplained.features import window_features
+from dart_lab.diagnosis.unexplained.structure import unexplained
+from dart_lab.diagnosis.unexplained.waits import unwaited
 
 GYRO = slice(1, None, 2)
 

@@ -12,7 +12,7 @@ from dart_hal.car.runs import read_any
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import read
 from dart_hal.vehicle import PAPER
-from dart_lab.identify.submodels import SUBMODELS, fit_submodels
+from dart_lab.identification.submodels import SUBMODELS, fit_submodels
 
 EXCERPT = Path(__file__).resolve().parents[2] / "recorded" / "data"
 

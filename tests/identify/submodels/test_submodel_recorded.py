@@ -10,7 +10,7 @@ import pytest
 
 from dart_hal.car.runs import read_any
 from dart_hal.vehicle import PAPER, make_friction, make_motor
-from dart_lab.identify.submodels import fit_submodels
+from dart_lab.identification.submodels import fit_submodels
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from dart_hal.vehicle import PAPER
-from dart_lab.identify.submodels import fit_submodels
-from dart_lab.identify.submodels.understeer import understeer
+from dart_lab.identification.submodels import fit_submodels
+from dart_lab.identification.submodels.understeer import understeer
 
 MAP = {n: getattr(PAPER.steering, n)
        for n in ("k_left", "a_left_rad", "s0", "a_right_rad", "k_right")}

@@ -10,15 +10,15 @@ import pytest
 from dart_hal.calibration.sessions import sessions_of
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.fitting.covariance import wider
-from dart_lab.identify.fit import Estimate
-from dart_lab.identify.submodels import fit_submodels
-from dart_lab.identify.submodels.coasting import driven, fit_coasting
-from dart_lab.identify.submodels.guess import first_guess
-from dart_lab.identify.submodels.motor_fit import fit_motor
-from dart_lab.identify.submodels.report import Ledger
-from dart_lab.identify.submodels.speeds import speeds_of
-from dart_lab.identify.submodels.straight import NAMES, solve_straight
-from dart_lab.identify.submodels.stretches import cut
+from dart_lab.identification.fit import Estimate
+from dart_lab.identification.submodels import fit_submodels
+from dart_lab.identification.submodels.coasting import driven, fit_coasting
+from dart_lab.identification.submodels.guess import first_guess
+from dart_lab.identification.submodels.motor_fit import fit_motor
+from dart_lab.identification.submodels.report import Ledger
+from dart_lab.identification.submodels.speeds import speeds_of
+from dart_lab.identification.submodels.straight import NAMES, solve_straight
+from dart_lab.identification.submodels.stretches import cut
 
 LEVELS = (0.2, 0.22, 0.24, 0.27, 0.29, 0.32, 0.36, 0.4)
 TRUTH = {**{n: getattr(PAPER.friction, n) for n in "abc"},

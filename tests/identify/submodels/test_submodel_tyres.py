@@ -9,9 +9,9 @@ import pytest
 
 from dart_hal.recording.dart import savgol_derivative
 from dart_hal.vehicle import PAPER, make_tyres
-from dart_lab.identify.submodels import fit_submodels
-from dart_lab.identify.submodels.speeds import MOCAP
-from dart_lab.identify.submodels.tyre_forces import smoothing
+from dart_lab.identification.submodels import fit_submodels
+from dart_lab.identification.submodels.speeds import MOCAP
+from dart_lab.identification.submodels.tyre_forces import smoothing
 
 LATE = 0.05
 

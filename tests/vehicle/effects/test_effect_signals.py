@@ -15,7 +15,7 @@ from dart_hal.vehicle import PAPER, make_motor, make_steering, stack
 from dart_hal.vehicle.channels import Stepper, delayed, through
 from dart_hal.vehicle.effect import CHANNELS, Now
 from dart_hal.vehicle.effects import apply, catalogue, effect, extended, parse
-from dart_lab.identify.predict.actuators import actuated, first_order_lag
+from dart_lab.identification.prediction.actuators import actuated, first_order_lag
 
 WITH_SIGNALS = [(n, c) for n in NAMES for c in catalogue()[n].signals]
 EVERY = pytest.mark.parametrize(("name", "channel"), WITH_SIGNALS)

@@ -1,0 +1,156 @@
+"""Summaries of errors: ratios over recordings, the largest ones, and paths of single windows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import stdtrit
+
+from dart_hal.core.types import FloatArray
+from dart_lab.identification.evaluation.prediction import CHANNELS
+
+MAX_OVER_FLOOR = 2.0
+"""RMSE over the noise floor, above which a model is not faultless: three quarters of its mean
+square error come from something else. The largest of 144 simulated drives that hide nothing is
+1.5, see docs/results/noise_floor.md."""
+
+
+class Ratio(NamedTuple):
+    """A geometric mean of ratios, and the ends of its 90 % interval."""
+
+    value: float
+    low: float
+    high: float
+
+
+def geometric_mean(ratios: Iterable[float]) -> Ratio:
+    """Geometric mean of ratios of recordings; the interval is Student's over their logarithms."""
+    logs = np.log(list(ratios))
+    std = float(np.std(logs, ddof=1)) / math.sqrt(len(logs))
+    half = float(stdtrit(len(logs) - 1, 0.95)) * std
+    mean = float(logs.mean())
+    return Ratio(math.exp(mean), math.exp(mean - half), math.exp(mean + half))
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOutError:
+    """RMS errors 1 s ahead in a recording, by fits to the others, in the order of CHANNELS.
+
+    refitted: parameters alone; predictor: with the effects of the best predictor.
+    """
+
+    refitted: tuple[float, ...]
+    predictor: tuple[float, ...]
+
+    @property
+    def ratio(self) -> float:
+        """Error of the predictor over that of the refit, geometric mean over the channels."""
+        return float(np.exp(np.log(np.array(self.predictor) / np.array(self.refitted)).mean()))
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``predictor.left_out``."""
+        return {"refitted": dict(zip(CHANNELS, self.refitted, strict=True)),
+                "predictor": dict(zip(CHANNELS, self.predictor, strict=True)),
+                "ratio": self.ratio}
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """When an error was far larger than otherwise: second of a file, the error [SI units], how many
+    robust standard deviations that is, and what the car did: speed [m/s], commands (-1..1)."""
+
+    file: str
+    second: float
+    error: float
+    times: float
+    speed: float
+    throttle: float
+    steering: float
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``outliers``."""
+        return {"file": self.file, "second": self.second, "error": self.error, "times": self.times,
+                "speed": self.speed, "throttle": self.throttle, "steering": self.steering}
+
+
+@dataclass(frozen=True, slots=True)
+class Outliers:
+    """A channel whose errors have long tails, see ``find_outliers``; the worst moments first."""
+
+    channel: str
+    ratio: float
+    moments: tuple[Moment, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``outliers``."""
+        return {"channel": self.channel, "ratio": self.ratio,
+                "moments": [m.to_json() for m in self.moments]}
+
+
+@dataclass(frozen=True, slots=True)
+class LateCommands:
+    """Commands that acted later than their log allows, see ``find_late_commands``.
+
+    share: of the windows whose error depends on when a command acted; delay [s]: how much later, in
+    the mean; log_likelihood: how much such commands add to it; moments: the clearest ones.
+    """
+
+    share: float
+    delay: float
+    log_likelihood: float
+    moments: tuple[Moment, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``late_commands``."""
+        return {"share": self.share, "delay": self.delay, "log_likelihood": self.log_likelihood,
+                "moments": [m.to_json() for m in self.moments]}
+
+
+@dataclass(frozen=True, slots=True)
+class PathWindow:
+    """The path of the centre of mass in one window of a recording, measured and predicted.
+
+    kind: worst or median, by the position error of the model ``chosen_by`` at the end of the
+    window, which is ``error`` [m]; windows: of all test recordings, by which it was chosen; file,
+    second: where it starts; paths: (2, n) by model, x ahead and y to the left of the car at the
+    start [m], one point each ``step`` [s]; "measured" is one of them.
+    """
+
+    kind: str
+    chosen_by: str
+    error: float
+    windows: int
+    file: str
+    second: float
+    step: float
+    paths: Mapping[str, FloatArray]
+
+    def to_json(self) -> dict[str, Any]:
+        """As in ``paths``; lengths to a millimetre."""
+        return {"kind": self.kind, "chosen_by": self.chosen_by, "error": self.error,
+                "windows": self.windows, "file": self.file, "second": self.second,
+                "step": self.step,
+                "paths": {name: np.round(xy, 3).tolist() for name, xy in self.paths.items()}}
+
+
+@dataclass(frozen=True, slots=True)
+class Excess:
+    """A channel in which the error 1 s ahead is more than MAX_OVER_FLOOR times the noise floor."""
+
+    channel: str
+    error: float
+    floor: float
+
+
+def find_excesses(horizons: Mapping[str, Any], floor: Mapping[str, float]) -> tuple[Excess, ...]:
+    """Find the channels whose error 1 s ahead is far above the noise floor.
+
+    horizons: errors as ``evaluate`` gives them; floor: by channel.
+    """
+    errors = horizons.get("1.0", {}).get("pooled", {})
+    return tuple(Excess(name, errors[name], value) for name, value in floor.items()
+                 if errors[name] > MAX_OVER_FLOOR * value)

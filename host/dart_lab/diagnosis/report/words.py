@@ -1,0 +1,179 @@
+"""A diagnosis in sentences, the same in the terminal and on the page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from dart_hal.vehicle.effects import catalogue
+from dart_lab.diagnosis.error_summaries import Excess, LateCommands, Outliers
+from dart_lab.diagnosis.result import (
+    BestPredictor,
+    Cause,
+    Change,
+    Gained,
+    Moved,
+    Number,
+    Possible,
+)
+from dart_lab.report.numbers import larger, listed, percent, significant, with_error
+
+CHANNELS = {
+    "vx": ("speed", "m/s"), "vy": ("lateral velocity", "m/s"), "yaw_rate": ("yaw rate", "rad/s"),
+    "position": ("position", "m"), "yaw_deg": ("yaw angle", "deg"),
+    "v_x": ("speed", "m/s"), "v_y": ("lateral velocity", "m/s"), "omega": ("yaw rate", "rad/s"),
+    "encoder": ("encoder", "m/s"), "gyro": ("gyro", "rad/s"),
+    "accel_x": ("longitudinal accelerometer", "m/s2"),
+    "accel_y": ("lateral accelerometer", "m/s2")}
+"""Name and unit of every channel that an error is stated in."""
+HORIZONS = ("0.5", "1.0", "2.0")
+UNIT_WORDS = {"": "", "-": "", "relative": " (relative)"}
+NO_INTERVAL = "too little data for an interval"
+MOST_LISTED = 3
+"""Moments in a sentence; the page lists all."""
+
+
+def channel(name: str) -> str:
+    """The channel in words, its own name if it is none of CHANNELS."""
+    return CHANNELS.get(name, (name.replace("_", " "), ""))[0]
+
+
+def change(q: Change | Moved) -> str:
+    """"0.294 -> 0.351 +- 0.004 N (+19 %, 14 standard errors)"."""
+    share = 100.0 * (q.after / q.before - 1.0) if q.before else math.nan
+    parts = [f"{share:+.{1 if abs(share) < 9.95 else 0}f} %"] if q.before else []
+    if math.isfinite(q.std) and q.std > 0.0:
+        errors = significant(abs(q.after - q.before) / q.std, 2)
+        parts.append(f"{errors} standard error{'' if errors == '1' else 's'}")
+    note = f" ({', '.join(parts)})" if parts else ""
+    return f"{significant(q.before, 4)} -> {quantity(Number(q.after, q.std, q.unit))}{note}"
+
+
+def predictor(b: BestPredictor) -> str:
+    """What the best predictor is and how much better it predicts than the refit."""
+    n = len(b.left_out)
+    if not b.effects:
+        nearest = min((ratio for _, ratio in b.tried), key=lambda ratio: ratio.value)
+        alone = "Best predictor: the refitted parameters alone"
+        if b.ratio.high < 1.0:
+            return (f"{alone}, fitted with equal weight for each recording: the errors 1 s ahead "
+                    f"in {n} recordings left out in turn are {larger(*b.ratio)} than those of the "
+                    "usual refit.")
+        return (f"{alone}. No effects significantly lower the errors 1 s ahead in {n} recordings "
+                f"left out in turn: with the best ones they are {larger(*nearest)} than those of "
+                "the refit.")
+    better = sum(one.ratio < 1.0 for one in b.left_out.values())
+    return (f"Best predictor: with {listed(list(b.effects), 'and')} the errors 1 s ahead in "
+            f"recordings left out are {larger(*b.ratio)} than those of the refit, and smaller in "
+            f"{better} of {n}. Use it to predict (controller, simulation), and the extended model "
+            "to understand the car: an effect that predicts better need not be a cause.")
+
+
+def possible(p: Possible) -> str:
+    """Describe an effect that the search accepted and a later test did not."""
+    why = f": {p.why}" if p.why else ""
+    return (f"{p.effect} is {p.grade}: the car {p.title} (probability {p.probability:.2f}); it is "
+            f"not in the extended model{why}")
+
+
+def removes(gain: Gained) -> str:
+    """State what a cause changes of an error on the test recordings."""
+    if not math.isfinite(gain.test):
+        return f"what it removes of the {channel(gain.channel)} error could not be measured"
+    nothing = math.isfinite(gain.low) and gain.low <= 0.0 <= gain.high
+    return (f"{share_of(gain)} on the test recordings"
+            + (", which may be chance" if nothing else ""))
+
+
+def share_of(gain: Gained) -> str:
+    """"removes 24 % [13 %, 33 %] of the speed error", or "raises the speed error by ..."."""
+    name = channel(gain.channel)
+    if gain.test < 0.0:
+        worse = _between(-gain.high, -gain.low)
+        return f"raises the {name} error by {percent(-gain.test)} {worse}"
+    return f"removes {percent(gain.test)} {_between(gain.low, gain.high)} of the {name} error"
+
+
+def _between(low: float, high: float) -> str:
+    known = math.isfinite(low) and math.isfinite(high)
+    return f"[{percent(low)}, {percent(high)}]" if known else f"({NO_INTERVAL})"
+
+
+def interval(gain: Gained) -> str:
+    """Its 95 % interval for a table."""
+    known = math.isfinite(gain.low) and math.isfinite(gain.high)
+    return f"{percent(gain.low)} to {percent(gain.high)}" if known else NO_INTERVAL
+
+
+def outliers(o: Outliers) -> str:
+    """A channel that errs far more at single moments, with when the worst were."""
+    unit = CHANNELS[o.channel][1]
+    worst = "; ".join(f"{m.file} at {m.second:.1f} s ({m.error:+.2g} {unit})"
+                      for m in o.moments[:MOST_LISTED])
+    return (f"{channel(o.channel)}: errors 0.5 s ahead have a standard deviation "
+            f"{o.ratio:.1f} times what most of them have"
+            + (f"; the worst: {worst}" if worst else ""))
+
+
+def late_commands(late: LateCommands) -> str:
+    """How many commands acted too late, by how much, and when."""
+    when = "; ".join(f"{m.file} at {m.second:.1f} s" for m in late.moments[:MOST_LISTED])
+    return (f"{percent(late.share)} of the changes of a command act later than their log allows, "
+            f"by {late.delay:.2f} s in the mean (log likelihood {late.log_likelihood:.0f} higher), "
+            "as after a lost message" + (f"; the clearest: {when}" if when else ""))
+
+
+def excess(e: Excess) -> str:
+    """"yaw rate 0.31 rad/s after 1 s, 2.4 times the noise floor of 0.13 rad/s"."""
+    name, unit = CHANNELS[e.channel]
+    return (f"{name} {significant(e.error)} {unit} after 1 s, {e.error / e.floor:.1f} times the "
+            f"noise floor of {significant(e.floor)} {unit}")
+
+
+def pooled(horizons: Mapping[str, Any], horizon: str, name: str, kind: str = "pooled") -> float:
+    """One figure of an error table of ``evaluate``; NaN where there is none."""
+    value = horizons.get(horizon, {}).get(kind, {}).get(name)
+    return float(value) if value is not None else math.nan
+
+
+def moved(name: str, m: Moved) -> str:
+    """One base parameter that the refit changed."""
+    doubt = f"; hard to believe: {m.doubt}" if m.doubt else ""
+    return (f"{name}: {significant(m.before)} -> {quantity(Number(m.after, m.std, m.unit))}"
+            f"{doubt}")
+
+
+def quantity(number: Number) -> str:
+    """"0.060 +- 0.004 s"; the standard error has two digits, the value as many decimals."""
+    known = math.isfinite(number.std) and number.std > 0.0
+    value = with_error(number.value, number.std) if known else significant(number.value)
+    return value + UNIT_WORDS.get(number.unit, f" {number.unit}")
+
+
+def variable(name: str) -> str:
+    """A feature in words."""
+    return {"x": "place (x)", "y": "place (y)", "time": "time in the recording",
+            "revolution_angle": "angle of the encoder's gear",
+            "direction": "direction of the turn",
+            "way": "way since the start"}.get(name, name.replace("_", " "))
+
+
+def title(effect: str) -> str:
+    """The catalogue's title of an effect, "" for one that it does not have."""
+    found = catalogue().get(effect)
+    return found.title if found is not None else ""
+
+
+def signed_title(found: Cause | Possible) -> str:
+    """Return the title of an effect by the sign of its size: "has a weaker motor than ..."."""
+    known = catalogue().get(found.effect)
+    if known is None or not known.signed_titles or not isinstance(found, Cause):
+        return found.title
+    size = found.parameters[known.parameters[0].name]
+    return known.signed_titles[size.value > size.null]
+
+
+def short_title(found: Cause | Possible) -> str:
+    """Return the title without the comparison with the model, for lists."""
+    return signed_title(found).replace(" than the model", "")

@@ -1,0 +1,148 @@
+"""The drives that can be suggested: experiments, once or twice, as series of commands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from dart_hal.core.config import CarFiles, ModelFile, parse_car
+from dart_hal.core.errors import ExperimentFailed
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
+from dart_lab.identification.experiment.floor import Floor
+
+from .virtual import Commands
+
+FLOOR = Floor(10.0, 10.0)
+Progress = Callable[[float, str], None]
+REST = 0.5  # s of standing before and after
+TURNED = 0.5 * np.pi  # rad
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One experiment of a drive. yaw [rad]: how the car stands, against the first part.
+
+    battery: how many medium sizes lower a level that belongs to the recording is.
+    """
+
+    experiment: str
+    yaw: float = 0.0
+    battery: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A drive by name: what it does, in words, and its parts."""
+
+    name: str
+    description: str
+    parts: tuple[Part, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsed:
+    """A choice on a floor: commands of each part, what to type, and how long it takes."""
+
+    choice: Choice
+    commands: tuple[Commands, ...]
+    typed: tuple[str, ...]
+    seconds: float
+
+
+CIRCLES, LAUNCH, ROLLOUTS = Part("circles"), Part("launch"), Part("rollouts")
+CHOICES: tuple[Choice, ...] = (
+    Choice("standstill", "standing still for ten seconds", (Part("standstill"),)),
+    Choice("rollouts", "accelerating and coasting on circles of two radii to both sides",
+           (ROLLOUTS,)),
+    Choice("weave", "a chirp of the steering at speed", (Part("weave"),)),
+    Choice("staircase", "the steering up and down in steps at constant low speed",
+           (Part("staircase"),)),
+    Choice("rollouts-battery", "the roll-outs twice, with a full and a half empty battery",
+           (ROLLOUTS, replace(ROLLOUTS, battery=1.0))),
+    Choice("laps", "laps of an oval at constant speed", (Part("laps"),)),
+    Choice("circles", "circles of two radii to the left and to the right, slow and fast",
+           (CIRCLES,)),
+    Choice("tyres", "slow throttle ramps on a circle to each side", (Part("tyres"),)),
+    Choice("crawl", "rolling slowly and steadily, round to both sides", (Part("crawl"),)),
+    Choice("launch", "hard throttle from standstill at rising levels, coasting down, on a straight",
+           (LAUNCH,)),
+    Choice("steps", "small and large steps of the steering at two speeds", (Part("steps"),)),
+    Choice("circles-turned", "the circles twice, the car turned by 90 degrees between",
+           (CIRCLES, replace(CIRCLES, yaw=TURNED))),
+    Choice("launch-turned", "the launch twice, the car turned by 90 degrees between",
+           (LAUNCH, replace(LAUNCH, yaw=TURNED))),
+    Choice("friction", "throttle to several speeds and coasting down, on a straight",
+           (Part("friction"),)),
+    Choice("motor", "throttle steps of many levels and coasting down, on a straight",
+           (Part("motor"),)),
+    Choice("delay", "throttle steps; sine, chirp and steps of the steering", (Part("delay"),)))
+"""The shortest first, on a floor of 10 m x 10 m."""
+
+
+def rehearsed(floor: Floor, model: ModelFile | None = None,
+              choices: tuple[Choice, ...] = CHOICES) -> Iterator[Rehearsed]:
+    """Those of the choices that fit on the floor, one by one.
+
+    model: of the car that drives; None = the paper's.
+    """
+    files = _files(model)
+    known: dict[str, Commands | None] = {}
+    for choice in choices:
+        for part in choice.parts:
+            if part.experiment not in known:
+                known[part.experiment] = (
+                    _of_the_paper(part.experiment, floor) if model is None
+                    else _commands(part.experiment, files, floor))
+        commands = [c for part in choice.parts if (c := known[part.experiment]) is not None]
+        if len(commands) == len(choice.parts):
+            yield Rehearsed(choice, tuple(commands), typed(choice, floor),
+                            sum(c.seconds for c in commands))
+
+
+def typed(choice: Choice, floor: Floor) -> tuple[str, ...]:
+    """What drives and records a choice, line by line; a real car needs its --url as well."""
+    lines = []
+    for i, part in enumerate(choice.parts):
+        run = f"runs/{choice.name}{f'-{i + 1}' if len(choice.parts) > 1 else ''}.mcap"
+        lines.append(f"dart-hal experiment {part.experiment} --space {floor.length:g}x"
+                     f"{floor.width:g} --no-fit --out {run}")
+    return tuple(lines)
+
+
+@lru_cache(maxsize=64)
+def _of_the_paper(name: str, floor: Floor) -> Commands | None:
+    return _commands(name, _files(None), floor)
+
+
+def _files(model: ModelFile | None) -> CarFiles:
+    """Those of the simulated car without a secret: the same on every computer."""
+    from dart_lab.sim.car_file import typical_car_toml
+
+    files = parse_car(typical_car_toml(), "the simulated car")
+    return replace(files, calibration=None, model=model)
+
+
+def _commands(name: str, files: CarFiles, floor: Floor) -> Commands | None:
+    """None where it does not fit."""
+    # a third of a second: every diagnosis loads this module, and few are asked what to drive next
+    from dart_lab.identification.experiment.make import make_plan
+    from dart_lab.identification.experiment.rehearsal import rehearse
+
+    try:
+        _, drive = rehearse(make_plan(name, files, floor, None), files)
+    except ExperimentFailed:
+        return None
+    t = np.array([f.t for f in drive.frames])
+    grid = np.arange(0.0, t[-1], SAMPLE)
+    index = np.clip(np.searchsorted(t, grid, side="right") - 1, 0, len(t) - 1)
+
+    def series(values: list[float]) -> FloatArray:
+        rest = np.zeros(round(REST / SAMPLE))
+        return np.concatenate([rest, np.array(values)[index], rest])
+
+    return Commands(series([f.throttle for f in drive.frames]),
+                    series([f.steering for f in drive.frames]))

@@ -1,0 +1,86 @@
+"""A drive that nobody has driven: a recording of a car with known effects, free of noise.
+
+What the noise would do is known from the data at hand; here only the
+difference between two cars counts.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import FloatArray
+from dart_hal.recording.dart import Grid, Messages, Mocap, Recording, Reference
+from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
+from dart_hal.vehicle.batch import rollout
+from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.prediction.actuators import actuated
+from dart_lab.identification.prediction.commands import zero_order_hold
+from dart_lab.identification.prediction.sensors import driven, motion, posed, sensed
+
+EVERY = 10  # samples from message to message
+COMMAND_AGE = 0.05
+"""s that a command acts before the message that tells of it: the middle of what a 10 Hz log
+leaves open, so that a hypothesis may hide behind it to both sides."""
+STANDS = 0.02
+"""m/s; below it hardly a mark passes in 0.1 s, and what the equations creep at rest is not real."""
+EPOCH = datetime(2024, 9, 8, tzinfo=timezone.utc).timestamp()
+
+
+@dataclass(frozen=True, slots=True)
+class Commands:
+    """throttle, steering -1..1, (n,) on a grid of 0.01 s."""
+
+    throttle: FloatArray
+    steering: FloatArray
+
+    @property
+    def seconds(self) -> float:
+        return len(self.throttle) * SAMPLE
+
+
+def record(p: Vehicle, commands: Commands, reference: Reference, name: str = "drive",
+           yaw: float = 0.0) -> Recording:
+    """The drive of the car p, from standstill at heading ``yaw`` [rad]."""
+    n = len(commands.throttle)
+    when = np.arange(EVERY, n - 1, EVERY)
+    sent = np.asarray(when * SAMPLE, dtype=np.float64)
+    # the last 10 Hz decide what the car gets, as with the logger of the recordings
+    index = np.clip(when - round(COMMAND_AGE / SAMPLE), 0, n - 1)
+    throttle, steering = commands.throttle[index], commands.steering[index]
+    held = [zero_order_hold(sent - COMMAND_AGE, u, n) for u in (throttle, steering)]
+    g = _grid(n, held[0], held[1], reference)
+    tau, angle = actuated(p, g, smooth=True)
+    start = np.array([[0.0], [0.0], [yaw], [0.0], [0.0], [0.0]])
+    s = rollout(p, start, tau[:-1, None], angle[:-1, None], at=range(n))[:, :, 0].T
+    rates = np.gradient(s[3:], SAMPLE, axis=1)
+    speed, rate, a_x, a_y = sensed(p, driven(p, motion(g.t, s, rates), tau))
+    mocap = _mocap(p, g, s, settled(p).body.l_r)
+    way = np.concatenate([[0.0], np.cumsum(0.5 * np.abs(speed[1:] + speed[:-1]))])
+    counted = (way[when] - way[when - EVERY]) / EVERY
+    m = Messages(
+        t=freeze(sent), arrival=freeze(sent), segment=freeze_index(np.zeros(len(sent))),
+        throttle=freeze(throttle), throttle_raw=freeze(throttle), steering=freeze(steering),
+        gate=freeze_flags(np.ones(len(sent))),
+        speed=freeze(np.where(counted < STANDS, 0.0, counted)), yaw_rate=freeze(rate[when]),
+        accel_x=freeze(a_x[when]), accel_y=freeze(a_y[when]))
+    return Recording(Path("suggested") / name, "B", m, mocap, "ok", None, "", ())
+
+
+def _grid(n: int, throttle: FloatArray, steering: FloatArray, reference: Reference) -> Grid:
+    none = np.zeros(n)
+    t = np.asarray(np.arange(n) * SAMPLE, dtype=np.float64)
+    return Grid(t, none, none, none, none, none, none, throttle, steering,
+                none, np.zeros(n, dtype=np.bool_), reference)
+
+
+def _mocap(p: Vehicle, g: Grid, s: FloatArray, l_r: float) -> Mocap:
+    marker = (*g.reference.marker(l_r, *s[:3]), s[2] - g.reference.theta)
+    x, y, yaw = posed(p, g.t, s, marker)
+    return Mocap(freeze(g.t), EPOCH, freeze(x), freeze(y), freeze(yaw),
+                 freeze_flags(np.zeros(len(g))))

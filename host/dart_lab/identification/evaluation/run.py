@@ -1,0 +1,79 @@
+"""The whole evaluation of one model on some recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from dart_hal.core.types import FloatArray
+from dart_hal.recording.dart import Recording, Reference
+from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.parameters import Vehicle
+from dart_lab.identification.prediction.rollout import Progress
+from dart_lab.identification.prediction.windows import HORIZONS
+
+from .cases import Prepared, prepare
+from .compare import Gain, gains
+from .prediction import errors, hold, measured, predict
+from .scores import Score, score
+from .validity import KinematicLimit, kinematic_limit
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """One model against constant velocity (CTRV), on the same windows.
+
+    fitted_to: keys of the recordings that the model was fitted to, so that
+    its errors on them do not tell what it does on others.
+    """
+
+    vehicle: Vehicle
+    prepared: Prepared
+    model: Score
+    ctrv: Score
+    limit: KinematicLimit | None
+    fitted_to: tuple[str, ...] = ()
+
+    def gain_over_ctrv(self, horizon: float = 1.0) -> dict[str, Gain]:
+        """By channel, what the model gains over constant velocity (CTRV), with its interval."""
+        return gains(self.ctrv.errors, self.model.errors, self.prepared.cases, horizon=horizon)
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``dart-hal evaluate --json`` prints it."""
+        cases = self.prepared.cases
+        over = {f"{h:.1f}": {name: g.to_json() for name, g in self.gain_over_ctrv(h).items()}
+                for h in HORIZONS}
+        return {
+            "model": self.vehicle.name, "kind": self.vehicle.kind,
+            "fitted_to": list(self.fitted_to),
+            "horizons": self.model.to_json(), "ctrv": self.ctrv.to_json(),
+            "gain_over_ctrv": over,
+            "kinematic_limit": self.limit.to_json() if self.limit else None,
+            "references": {c.file: c.grid.reference.to_json() for c in cases},
+            "files": {file: use.to_json() for file, use in self.prepared.files.items()}}
+
+
+def evaluate(p: Vehicle, recordings: Sequence[Recording], *, reference: Reference | None = None,
+             named: Sequence[Path] = (), skipped: Sequence[tuple[str, str]] = (),
+             limit: bool = True, fitted_to: Collection[str] = (),
+             progress: Progress | None = None) -> Evaluation:
+    """Score a model on recordings. limit: also find where its kinematic form ends.
+
+    fitted_to: SHA-256 of the files that the model was fitted to. Other
+    options and errors as for ``prepare``; progress(share) is called as it goes.
+    """
+    p = settled(p)  # an effect may move the centre of mass
+    prepared = prepare(recordings, l_r=p.body.l_r, reference=reference, named=named,
+                       skipped=skipped)
+    cases = prepared.cases
+    truth = measured(cases)
+
+    def judged(states: FloatArray) -> Score:
+        return score(errors(states, truth), cases)
+
+    share = (lambda done: progress(0.6 * done)) if progress else None
+    out = Evaluation(p, prepared, judged(predict(p, cases, share)), judged(hold(cases)), None,
+                     tuple(c.file for c in cases if c.sha256 and c.sha256 in fitted_to))
+    return replace(out, limit=kinematic_limit(p, cases)) if limit else out

@@ -1,0 +1,124 @@
+"""What on-board sensors tell of the tyres: how the turn widens with lateral acceleration.
+
+Steady turning at a held command gives atan(l omega / v) = delta - (alpha_f -
+alpha_r), where delta is the angle of the wheels, the same all along a ramp.
+The slip difference is fitted as K a + K3 a^3 + K7 a^7 of the lateral
+acceleration a = v omega, equal to the left and to the right: a line, its bend,
+and a front tyre that comes to its end. Its mean slope at small accelerations is
+the understeer gradient, for linear tyres (m / l) (l_r / C_f - l_f / C_r): one
+equation for two stiffnesses; v_y, which would part them, is not measured.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from dart_hal.core.config import CarFiles
+from dart_hal.core.types import FloatArray
+from dart_hal.recording.dart import Recording
+from dart_hal.vehicle.fitting.covariance import block_covariance
+from dart_hal.vehicle.fitting.least_squares import least_squares
+from dart_lab.identification.fit import Estimate
+
+from .circles import TYRE_STEERING
+
+NEAR = 0.02
+"""Of the command: the held levels of the two ramps."""
+SLOW = 0.35
+"""m/s; below, the ring turns too slowly for the speed of a moment."""
+BLOCK = 10
+"""samples of one error: a second."""
+MIN_SAMPLES = 60
+"""samples: 6 s of ramps."""
+FLOOR = 1e-3
+"""rad, one sigma that any value of the slip difference has: ring, gyro bias, form."""
+SLOPE_FLOOR = 4e-4
+"""rad/(m/s2), the same for the slope."""
+POWERS = (1, 3, 7)
+GENTLE = (0.4, 1.2)
+"""m/s2 between which the slope is the understeer gradient: below no ramp begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class Understeer:
+    """terms K, K3, K7 [rad/(m/s2)^power] with their covariance (3, 3).
+
+    n samples up to ``lateral`` [m/s2], rmse [rad]; scale: wheelbase by mass [m/kg].
+    """
+
+    terms: tuple[float, ...]
+    covariance: FloatArray
+    n: int
+    lateral: float
+    rmse: float
+    scale: float
+
+    @property
+    def gradient(self) -> Estimate:
+        """Mean slope between GENTLE accelerations, + = understeer."""
+        low, high = GENTLE
+        g = np.array([high**power - low**power for power in POWERS]) / (high - low)
+        std = math.hypot(math.sqrt(float(g @ self.covariance @ g)), SLOPE_FLOOR)
+        return Estimate(float(g @ np.array(self.terms)), std, "rad s2/m")
+
+    @property
+    def combination(self) -> tuple[float, float]:
+        """(l_r/C_f - l_f/C_r, one sigma) [m rad/N] if the tyres were linear."""
+        return self.gradient.value * self.scale, self.gradient.std * self.scale
+
+    def slip(self, lateral: float) -> tuple[float, float]:
+        """(alpha_f - alpha_r, one sigma) [rad] at a lateral acceleration [m/s2]."""
+        g = np.array([lateral**power for power in POWERS])
+        value = float(g @ np.array(self.terms))
+        return value, math.hypot(math.sqrt(float(g @ self.covariance @ g)), FLOOR)
+
+    def to_json(self) -> dict[str, object]:
+        """As ``experiment tyres --json`` prints it."""
+        at = [round(0.25 * i, 2) for i in range(1, int(4.0 * self.lateral) + 1)]
+        curve = [self.slip(a) for a in at]
+        return {"gradient": {"value": self.gradient.value, "std": self.gradient.std,
+                             "unit": self.gradient.unit},
+                "combination": {"value": self.combination[0], "std": self.combination[1],
+                                "unit": "m rad/N"},
+                "slip_difference": {"lateral": at, "rad": [v for v, _ in curve],
+                                    "std_rad": [s for _, s in curve]},
+                "n": self.n, "max_lateral": self.lateral, "rmse_rad": self.rmse}
+
+    def __str__(self) -> str:
+        k, std = self.gradient.value, self.gradient.std
+        at, spread = self.slip(self.lateral)
+        return (f"understeer gradient {1e3 * k:+.2f} +- {1e3 * std:.2f} mrad per m/s2 "
+                f"(+: understeer), so l_r/C_f - l_f/C_r = {1e6 * self.combination[0]:+.0f} +- "
+                f"{1e6 * self.combination[1]:.0f} um rad/N; at {self.lateral:.1f} m/s2 the front "
+                f"slips {math.degrees(at):+.2f} +- {math.degrees(spread):.2f} deg more than the "
+                "rear")
+
+
+def understeer(recording: Recording, files: CarFiles, mass: float) -> Understeer | None:
+    """Fit the ramps of ``experiment tyres``; None when too little was driven. mass [kg]."""
+    m, wheelbase = recording.messages, files.config.geometry.wheelbase
+    side = np.sign(m.steering)
+    held = (np.abs(np.abs(m.steering) - TYRE_STEERING) < NEAR) & (m.speed > SLOW)
+    use = held & (m.throttle > 0.0) & (m.yaw_rate * side > 0.0)
+    if use.sum() < MIN_SAMPLES:
+        return None
+    lateral = (m.speed * m.yaw_rate * side)[use]
+    angle = np.arctan2(wheelbase * m.yaw_rate * side, m.speed)[use]
+    left = side[use] > 0.0
+    design = np.column_stack([left, ~left, *(-lateral**power for power in POWERS)])
+    design = design.astype(np.float64)
+
+    def residual(x: FloatArray) -> FloatArray:
+        return design @ x - angle
+
+    start = [float(angle.max())] * 2 + [0.0] * len(POWERS)
+    found = least_squares(residual, start, ([-1.0] * len(start), [1.0] * len(start)),
+                          jacobian=lambda x: design, robust=0.01)
+    block = np.arange(len(angle)) // BLOCK + 1000 * left
+    covariance = block_covariance(found, block)[2:, 2:]
+    top = float(lateral.max())
+    return Understeer(tuple(float(v) for v in found.x[2:]), covariance, len(angle), top,
+                      found.rmse, wheelbase / mass)

@@ -1,0 +1,151 @@
+"""Rows of the paper's folders, joined the way its scripts join them.
+
+Files of a folder in name order, time running on with one mean step between
+them, throttle zero while the gate is closed. Differentiating across the joins
+invents accelerations (four per folder or so): kept here, because the published
+figures contain them; nothing else in this package does it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.types import BoolArray, FloatArray
+from dart_hal.recording.dart.schema import MOCAP, SENSOR, SENSOR_TIME
+from dart_hal.recording.dart.table import parse
+from dart_lab.identification.report import FileReport
+
+FOLDERS = {"friction": "19_step_input_data", "motor": "29_step_input_data",
+           "steering": "30_step_steering_data", "delay": "40_sinusoidal_steering_data",
+           "tyres": "50_tire_model_data"}
+"""The folder of each sub-model."""
+LEAST_ROWS = 50
+STANDS = 0.05
+"""m/s; a car whose encoder never shows more did not drive."""
+
+
+@dataclass(frozen=True, slots=True)
+class JoinedRows:
+    """n joined rows: t [s] running on, columns (n,) by their names in the files.
+
+    throttle: behind the gate. spans: (first, end) row of each file.
+    """
+
+    t: FloatArray
+    columns: Mapping[str, FloatArray]
+    throttle: FloatArray
+    spans: Mapping[str, tuple[int, int]]
+    sha256: Mapping[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @property
+    def speed(self) -> FloatArray:
+        """Encoder [m/s]."""
+        return self.columns["vel encoder"]
+
+    @property
+    def yaw_rate(self) -> FloatArray:
+        """Gyro [rad/s]."""
+        return self.columns["W (IMU)"]
+
+    @property
+    def steering(self) -> FloatArray:
+        """Command, -1..1."""
+        return self.columns["steering"]
+
+    def reports(self, used: BoolArray, why: str) -> dict[str, FileReport]:
+        """By file: how many of its rows the mask (n,) keeps, and why not the others."""
+        out = {}
+        for file, (first, end) in self.spans.items():
+            kept = int(used[first:end].sum())
+            left = end - first - kept
+            out[file] = FileReport(kept, left, (why,) if left else (), self.sha256.get(file, ""))
+        return out
+
+
+def too_few(submodel: str, needs: str, found: int) -> RecordingError:
+    """The error for less than LEAST_ROWS rows that count; needs: which these are, in words."""
+    return RecordingError(f"too few rows for {submodel}: it needs {needs}",
+                          found=f"{found} such row(s)", expected=f"at least {LEAST_ROWS}",
+                          remedy="give recordings of the test that the paper made for it")
+
+
+def read_folder(root: str | Path, folder: str, schema: str = "A") -> JoinedRows:
+    """All files of ``root/folder`` joined; schema "A", or "B" with mocap.
+
+    Errors: RecordingError for a folder that is missing, empty or of mixed
+    schemas, for a file whose time runs backwards, for too few rows, and for a
+    car that never moves.
+    """
+    place = Path(root) / folder
+    files = sorted([*place.glob("*.csv"), *place.glob("*.csv.gz")])
+    if not files:
+        raise RecordingError(f"{place}: no recording", read=str(place),
+                             found="no such folder" if not place.is_dir() else "no *.csv file",
+                             expected=f"{', '.join(FOLDERS.values())} inside {root}",
+                             remedy="--as-paper ROOT, the folder that holds these folders")
+    needed = SENSOR if schema == "A" else (*SENSOR, *MOCAP)
+    tables = [_table(file, schema, needed) for file in files]
+    rows = _joined(files, tables)
+    if len(rows) < LEAST_ROWS:
+        raise RecordingError(f"{place}: too few rows for a fit", found=f"{len(rows)} rows",
+                             expected=f"at least {LEAST_ROWS}", read=str(place),
+                             remedy="leave this folder out")
+    if not np.any(rows.speed > STANDS):
+        raise RecordingError(f"{place}: the car never moves, or its encoder is dead",
+                             found=f"at most {rows.speed.max():.3f} m/s", read=str(place),
+                             expected=f"speeds above {STANDS} m/s",
+                             remedy="leave this folder out, or without --as-paper use the mocap")
+    return rows
+
+
+def _table(file: Path, schema: str, needed: Sequence[str]) -> dict[str, FloatArray]:
+    found, columns, _ = parse(file)
+    if found != schema:
+        raise RecordingError(f"{file}: schema {found} among files of schema {schema}",
+                             found=f"schema {found}", expected=f"schema {schema}", read=str(file),
+                             likely="a recording of another test in the same folder",
+                             remedy="move this file elsewhere, or identify without --as-paper")
+    used = {name: columns[name] for name in needed}
+    bad = ~np.all([np.isfinite(v) for v in used.values()], axis=0)
+    if bad.any():
+        raise RecordingError(f"{file}: line {int(np.argmax(bad)) + 2} holds no finite number",
+                             found=f"{int(bad.sum())} such line(s)", read=str(file),
+                             expected="numbers in every cell", remedy="repair or delete the line")
+    if schema == "B":
+        started = used[SENSOR_TIME] != 0.0
+        used = {name: v[started] for name, v in used.items()}
+    time = used[SENSOR_TIME if schema == "A" else "vicon time"]
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if len(time) < 2 or len(back):
+        raise RecordingError(
+            f"{file}: time does not advance" + (f" after row {back[0] + 1}" if len(back) else ""),
+            found=f"{len(time)} row(s), {len(back)} step(s) back or of zero", read=str(file),
+            expected="advancing stamps, as the paper's splines need them",
+            remedy="leave this file out, or identify without --as-paper, which cuts there")
+    return used
+
+
+def _joined(files: Sequence[Path], tables: Sequence[Mapping[str, FloatArray]]) -> JoinedRows:
+    clock = "vicon time" if "vicon time" in tables[0] else SENSOR_TIME
+    parts: list[FloatArray] = []
+    spans, first = {}, 0
+    for file, table in zip(files, tables, strict=True):
+        t = table[clock] - table[clock][0]
+        if parts:
+            t = t + parts[-1][-1] + float(np.mean(np.diff(t)))
+        parts.append(t)
+        spans[str(file)] = (first, first + len(t))
+        first += len(t)
+    columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    throttle = np.where(columns["safety_value"] == 1.0, columns["throttle"], 0.0)
+    digests = {str(file): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+    return JoinedRows(np.concatenate(parts), columns, throttle, spans, digests)

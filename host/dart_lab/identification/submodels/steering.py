@@ -1,0 +1,109 @@
+"""The steering map of the paper's form, with tyre slip taken out by its dependence on v^2.
+
+At the same angle a faster car turns less (or more): atan(l W/v) = delta -
+kappa v^2 sin(2 delta)/2. With kappa known the map is that of v -> 0 and not
+of the speed that was driven.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from dart_hal.calibration.groups import cautions, groups_of
+from dart_hal.calibration.samples import Samples, concatenate
+from dart_hal.calibration.steering_map import (
+    MIN_LEVELS,
+    MIN_SPAN,
+    SteeringMap,
+    coverage,
+    fit_map,
+)
+from dart_hal.core.types import FloatArray
+from dart_hal.recording.dart import Recording, Reference
+from dart_hal.vehicle import Vehicle
+from dart_hal.vehicle.fitting.covariance import collinearity, independent_blocks
+from dart_hal.vehicle.fitting.least_squares import Solution
+from dart_lab.identification.fit import Estimate, Fit
+from dart_lab.identification.submodels.report import UNITS, Ledger, not_identified
+from dart_lab.identification.submodels.steady import MAX_LATERAL, SLOW, steady_samples
+from dart_lab.identification.submodels.understeer import slip_of
+
+REACHED = 0.3  # of command; a side with less tells no curvature
+MAX_RELATIVE = {"k_left": 0.3, "a_left_rad": 0.2, "a_right_rad": 0.2, "k_right": 0.3}
+MAX_STD_S0 = 0.03  # of command
+
+
+def fit_steering(recordings: Sequence[Recording], reference: Reference | None, base: Vehicle,
+                 ledger: Ledger) -> Fit:
+    """The five parameters; what the commands do not reach is held by a weak prior and said."""
+    begin = time.process_time()
+    parts: list[tuple[Recording, Samples, FloatArray]] = []
+    for recording in recordings:
+        found = steady_samples(recording, base.body.wheelbase, reference, ledger)
+        if found is not None:
+            parts.append((recording, *found))
+    held = {n: float(getattr(base.steering, n)) for n in UNITS["steering"]}
+    if not parts:
+        return not_identified("steering", held, [f"no recording turns at more than {SLOW} m/s"])
+    samples = concatenate([s for _, s, _ in parts])
+    why = _too_little(samples)
+    if why:
+        return not_identified("steering", held, [why], time.process_time() - begin)
+    square = np.concatenate([q for _, _, q in parts])
+    owner = np.repeat(np.arange(len(parts)), [len(s) for _, s, _ in parts])
+    slip = slip_of(samples, square, owner)
+    fitted = fit_map(samples, block=independent_blocks(owner, samples.block), square=square,
+                     understeer=slip, robust=True)
+    said = _notes(parts, samples, square, fitted.solution, slip)
+    return _fit(samples, fitted, said, time.process_time() - begin)
+
+
+def _too_little(samples: Samples) -> str:
+    levels, span, rising = coverage(samples)
+    if levels < MIN_LEVELS or span < MIN_SPAN:
+        return (f"{levels} steering level(s) over a span of {span:.2f}, at least {MIN_LEVELS} "
+                f"over {MIN_SPAN} needed")
+    return "" if rising else "the car turns right where the command is left: sign of W?"
+
+
+def _fit(samples: Samples, found: SteeringMap, notes: list[str], cpu_s: float) -> Fit:
+    s, covariance = found.solution, found.covariance
+    units = UNITS["steering"]
+    reach = {"left": float(samples.command.max()), "right": float(-samples.command.min())}
+    independent = collinearity(s)
+    out = {}
+    for i, (name, unit) in enumerate(units.items()):
+        value, std = float(s.x[i]), float(np.sqrt(covariance[i, i]))
+        side = next((reach[k] for k in reach if k in name), 1.0)
+        limit = MAX_RELATIVE[name] * abs(value) if name in MAX_RELATIVE else MAX_STD_S0
+        known = std < limit and side > REACHED and independent[i] > 0.01
+        out[name] = Estimate(value, std, unit, bool(known))
+    residual = s.residual[:len(samples)]
+    stopped = tuple(n for n, edge in zip(units, s.at_bound, strict=True) if edge)
+    return Fit("steering", out, covariance, len(samples),
+               float(np.sqrt(np.mean(residual**2))), "rad", s.converged, stopped, cpu_s,
+               tuple(notes))
+
+
+def _notes(parts: Sequence[tuple[Recording, Samples, FloatArray]], samples: Samples,
+           square: FloatArray, s: Solution, slip: tuple[float, float]) -> list[str]:
+    speed = np.sqrt(square)
+    out = [f"commands {samples.command.min():+.2f} to {samples.command.max():+.2f} at "
+           f"{speed.min():.2f} to {speed.max():.2f} m/s, below {MAX_LATERAL} m/s2",
+           f"slip taken out: kappa {slip[0]:+.3f} +- {slip[1]:.3f} s2/m2, so the map is that of "
+           f"v -> 0; as the paper does it, without this, {_without(samples)}"]
+    for side, reach in (("left", samples.command.max()), ("right", -samples.command.min())):
+        if reach < REACHED:
+            out.append(f"nothing beyond {reach:+.2f} on the {side}: its curve is the prior's")
+    residual = -s.residual[:len(samples)]
+    ends = np.cumsum([len(part) for _, part, _ in parts])[:-1]
+    triples = [(r, part.command, rest) for (r, part, _), rest
+               in zip(parts, np.split(residual, ends), strict=True)]
+    return [*out, *cautions(groups_of(triples))]
+
+
+def _without(samples: Samples) -> str:
+    return ", ".join(f"{n} {v:.3f}" for n, v in fit_map(samples, robust=True).as_dict().items())

@@ -1,0 +1,117 @@
+"""Slip angles and lateral tyre forces of one recording by exact inverse dynamics.
+
+Accelerations are derivatives (the grid's kernel once more) of velocities that
+the same kernel made; so slip angles come from smoothed velocities and a
+smoothed steering angle, and the force a model gives for them passes through
+the kernel once more before it is compared. What differs then is the tyre.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from dart_hal.core.errors import RecordingError
+from dart_hal.core.timing import SAMPLE
+from dart_hal.core.types import BoolArray, FloatArray, IntArray
+from dart_hal.recording.dart import Grid, Recording, Reference, grid, savgol_derivative
+from dart_hal.vehicle import Vehicle, make_slip, make_steering
+from dart_hal.vehicle.fitting.covariance import blocks_of
+from dart_hal.vehicle.inverse import make_inverse_dynamics
+from dart_lab.identification.prediction.commands import steering_of
+from dart_lab.identification.submodels.report import Ledger
+from dart_lab.identification.submodels.speeds import BLOCK, MOCAP, MOCAP_SLOW, Kernel
+
+MIN_SPEED = 0.5  # m/s; below it slip angles are noise
+MIN_LATERAL = 1.5  # m/s2 that 5 % of the samples must exceed: else the slip is mocap noise,
+# and noise in the slip angle makes a tyre look soft
+MAX_SLIP = 0.5  # rad of the front; a spin is no tyre curve
+EVERY = 10  # samples of the grid: about the span of the kernel
+
+
+@dataclass(frozen=True, slots=True)
+class TyreForces:
+    """alpha_f, alpha_r (n,) rad on the whole grid; at the ``rows`` (k,) that are used
+    force_f, force_r (k,) N in the tyres' own frames; kernel weights (j,); block (k,)."""
+
+    name: str
+    alpha_f: FloatArray
+    alpha_r: FloatArray
+    rows: IntArray
+    force_f: FloatArray
+    force_r: FloatArray
+    kernel: FloatArray
+    block: IntArray
+    lateral: FloatArray
+
+    def seen(self, force: FloatArray) -> FloatArray:
+        """What the derivative's window shows (k,) of a force (n,) on the grid."""
+        return np.asarray(np.convolve(force, self.kernel, mode="same")[self.rows])
+
+
+def tyre_forces(recording: Recording, reference: Reference | None, car: Vehicle,
+                ledger: Ledger) -> TyreForces | None:
+    """None without mocap or without a usable sample; the reason is in the ledger."""
+    if recording.mocap is None:
+        ledger.add(recording.name, 0, len(recording.messages),
+                   ["tyres: no motion capture, so no side slip"])
+        return None
+    try:
+        g = grid(recording, reference, car.body.l_r)
+    except RecordingError as err:
+        ledger.add(recording.name, 0, len(recording.messages), [f"tyres: {err.what}"])
+        return None
+    slow = float(np.median(np.diff(recording.mocap.t))) > 0.03
+    kernel = smoothing(MOCAP_SLOW if slow else MOCAP)
+    delta = _angle(recording, g, car, kernel)
+    alpha_f, alpha_r = make_slip(car.body, np)(g.v_x, g.v_y, g.omega, np.cos(delta),
+                                               np.sin(delta))
+    good = (~g.bad) & (g.v_x > MIN_SPEED) & (np.abs(alpha_f) < MAX_SLIP)
+    edge = len(kernel)
+    good[:edge] = good[-edge:] = False
+    rows = np.flatnonzero(good)
+    rows = rows[rows % EVERY == 0]
+    lively = len(rows) and np.quantile(np.abs(g.omega * g.v_x)[rows], 0.95) > MIN_LATERAL
+    if not lively:
+        rows = rows[:0]
+    ledger.add(recording.name, len(rows), len(g) // EVERY - len(rows),
+               [] if len(rows) else [f"tyres: hardly anything above {MIN_SPEED} m/s and "
+                                     f"{MIN_LATERAL} m/s2"])
+    if not len(rows):
+        return None
+    front, rear, lateral = _forces(g, delta, car, kernel, 25 if slow else 15)
+    group = np.concatenate([[0], np.cumsum(np.diff(rows) > 5 * EVERY)]).astype(np.int64)
+    return TyreForces(recording.name, np.asarray(alpha_f), np.asarray(alpha_r), rows,
+                      front[rows], rear[rows], kernel, blocks_of(g.t[rows], group, BLOCK),
+                      lateral[rows])
+
+
+def smoothing(kernel: Kernel) -> FloatArray:
+    """Weights (j,), sum 1, with which a derivative sees the rate: odd length, centred."""
+    covered = np.cumsum((kernel.weight * SAMPLE)[::-1])[::-1][1:]
+    return np.asarray(0.5 * (np.append(covered, 0.0) + np.append(0.0, covered)))
+
+
+def _angle(recording: Recording, g: Grid, car: Vehicle, kernel: FloatArray) -> FloatArray:
+    """Road-wheel angle (n,) as delayed, lagged and smoothed as the velocities are."""
+    command = steering_of(recording, recording.messages.arrival)
+    at_wheels = command.on_grid(float(g.t[0]) - 0.5 * SAMPLE, len(g),
+                                car.delay.steering_s + command.hold, car.delay.steering_lag_s)
+    delta = np.asarray(make_steering(car.steering, np)(at_wheels))
+    return np.convolve(delta, kernel, mode="same")
+
+
+def _forces(g: Grid, delta: FloatArray, car: Vehicle, kernel: FloatArray, points: int
+            ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(F^_yf, F_yr, a_y) (n,) from the 3 x 3 system of the 4WD bicycle."""
+    a_x = savgol_derivative(g.v_x, points) - np.convolve(g.omega * g.v_y, kernel, mode="same")
+    a_y = savgol_derivative(g.v_y, points) + np.convolve(g.omega * g.v_x, kernel, mode="same")
+    forces = make_inverse_dynamics(car, np)
+    _, front, rear = forces(a_x, a_y, savgol_derivative(g.omega, points), delta)
+    return front, rear, a_y
+
+
+def usable(part: TyreForces, limit: float) -> BoolArray:
+    """Where (k,) the rear slip lies within +-limit [rad]."""
+    return np.asarray(np.abs(part.alpha_r[part.rows]) < limit)
