@@ -13,10 +13,8 @@ import sys
 from dask.distributed import Client
 from joblib import parallel_config
 
-from dart_hal.car.runs import read_any
-from dart_hal.vehicle.load import find_model
-from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.inputs import checked
+from dart_hal import find_model, read_any
+from dart_lab import check_inputs, diagnose
 
 DATA = "tests/recorded/data/"
 TRAIN, TEST = DATA + "50_tire_model_data", DATA + "91_free_driving_16_sept_2024"
@@ -25,7 +23,7 @@ TRAIN, TEST = DATA + "50_tire_model_data", DATA + "91_free_driving_16_sept_2024"
 def diagnosed(train, test, **options):
     """What the model of the paper gets wrong on folders or files of recordings."""
     file, vehicle = find_model("paper")
-    sides = checked(read_any([train])[0], read_any([test])[0], vehicle)
+    sides = check_inputs(read_any([train])[0], read_any([test])[0], vehicle)
     return diagnose(file, vehicle, sides.train, sides.test, **options)
 
 

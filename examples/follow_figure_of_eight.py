@@ -3,10 +3,7 @@
     python examples/follow_figure_of_eight.py
 """
 
-from dart_hal import Car
-from dart_hal.control.paths import figure_of_eight
-from dart_hal.control.plant import plant_of
-from dart_hal.control.trackers import Pursuit
+from dart_hal import Car, Pursuit, figure_of_eight, plant_of
 
 RADIUS = 0.9  # m; the car turns no tighter than 0.55
 SPEED = 0.6  # m/s

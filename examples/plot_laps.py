@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from matplotlib.figure import Figure
 
-from dart_hal.control.tracks import track_named
+from dart_hal import track_named
 
 CARS, FIRST, STEPS, SPEED = 50, 60, 305, 1.5  # steps: a lap, behind what they start with
 GAINS = 4.1, 0.06, 0.30, 0.64  # found by learn_to_follow.py

@@ -17,20 +17,17 @@ from itertools import product
 from math import cos, pi, sin
 from pathlib import Path
 
-from dart_hal import Car
-from dart_hal.car.runs import read_run
-from dart_hal.control.paths import figure_of_eight
-from dart_hal.control.pursuit import PurePursuit
-from dart_hal.control.speed import SpeedLaw
-from dart_hal.core.types import Pose
-from dart_hal.devices.actuation.steering_map import steering_map
-from dart_hal.vehicle.effects import apply
-from dart_hal.vehicle.load import find_model
-from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.inputs import checked
-from dart_lab.identification.experiment.floor import Floor
-from dart_lab.identification.experiment.make import conduct, make_plan
-from dart_lab.sim.light import LightCar
+from dart_hal import (
+    Car,
+    Pose,
+    PurePursuit,
+    SpeedLaw,
+    figure_of_eight,
+    find_model,
+    read_run,
+    steering_map,
+)
+from dart_lab import Floor, LightCar, apply, check_inputs, conduct, diagnose, make_plan
 
 URL = os.environ.get("DART_HAL_URL", "sim://?effect=steering_lag:0.12")
 ONLY = ()  # effects that may be named; () = all
@@ -55,7 +52,7 @@ def probe(file, base, run):
     """(files of the car, diagnosis of a recorded drive: steps of the steering at two speeds)."""
     with Car.open(URL, record=run) as car:
         conduct(car, make_plan("steps", car.files, Floor.parse("10"), None))
-    sides = checked([read_run(run)], [], base)
+    sides = check_inputs([read_run(run)], [], base)
     return car.files, diagnose(file, base, sides.train, sides.test, refit=False, only=ONLY,
                                max_causes=2)
 

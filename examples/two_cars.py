@@ -14,8 +14,7 @@ import subprocess
 import sys
 import time
 
-from dart_hal import Car
-from dart_hal.car import join
+from dart_hal import Car, join
 
 ROOM = os.environ.get("DART_HAL_ROOM", "udp://239.255.42.99:7447")
 SPEED, STEERING = 0.5, 0.1  # m/s, rad

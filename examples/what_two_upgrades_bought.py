@@ -15,14 +15,8 @@ from dataclasses import replace
 from math import pi
 from pathlib import Path
 
-from dart_hal import Car
-from dart_hal.car.runs import read_run
-from dart_hal.control.paths import figure_of_eight
-from dart_hal.control.pursuit import PurePursuit
-from dart_hal.vehicle.effects import apply
-from dart_hal.vehicle.load import find_model
-from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.inputs import checked
+from dart_hal import Car, PurePursuit, figure_of_eight, find_model, read_run
+from dart_lab import apply, check_inputs, diagnose
 
 NANO = os.environ.get("DART_NANO", "avr")  # mock: no firmware, faster
 KIT = "steering_backlash:0.1,battery_fade:-0.15"  # rad, share of the force per 100 s
@@ -60,7 +54,7 @@ def drive(url, run, seconds):
 def diagnosed(run):
     """What the drive shows, with the car's own sensors."""
     file, base = known_model()
-    sides = checked([read_run(run)], [], base)
+    sides = check_inputs([read_run(run)], [], base)
     return diagnose(file, base, sides.train, sides.test, refit=False, only=ONLY, max_causes=2)
 
 

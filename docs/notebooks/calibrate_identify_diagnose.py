@@ -16,10 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from IPython.display import Image
 
-from dart_hal import Car
-from dart_hal.control.paths import figure_of_eight
-from dart_hal.control.plant import plant_of
-from dart_hal.control.trackers import Pursuit
+from dart_hal import Car, Pursuit, figure_of_eight, plant_of
 
 URL = "sim://?seed=11&mocap=1&nano=mock"
 os.environ |= {"DART_HAL_URL": URL, "DART_CARS": "cars"}  # for every command below

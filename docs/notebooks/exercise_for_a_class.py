@@ -13,14 +13,8 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from dart_hal import Car, Fleet
-from dart_hal.car.runs import read_run
-from dart_hal.vehicle.effects import apply
-from dart_hal.vehicle.load import find_model
-from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.inputs import checked
-from dart_lab.identification.experiment.floor import Floor
-from dart_lab.identification.experiment.make import conduct, make_plan
+from dart_hal import Car, Fleet, find_model, read_run
+from dart_lab import Floor, apply, check_inputs, conduct, diagnose, make_plan
 
 plt.rcParams.update({"figure.dpi": 72, "axes.grid": True, "grid.alpha": 0.3})
 
@@ -116,7 +110,7 @@ known = apply(replace(known, delay=replace(known.delay, steering_s=pulse, thrott
 
 solution = {}
 for group in HIDDEN:
-    sides = checked([read_run(Path(f"{group}.mcap"))], [], known)
+    sides = check_inputs([read_run(Path(f"{group}.mcap"))], [], known)
     found = diagnose(file, known, sides.train, sides.test, refit=False, only=NAMES, max_causes=1)
     cause = found.causes[0] if found.causes else None
     solution[group] = (cause.effect, cause.parameters["k"].value) if cause else None

@@ -15,13 +15,17 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from dart_hal import Car
-from dart_hal.control.follow import Follower, Phase, Rules
-from dart_hal.control.plant import plant_of
-from dart_hal.control.tracks import track_named
-from dart_hal.core.config import save_model
-from dart_hal.vehicle.file import model_of
-from dart_hal.vehicle.load import find_model
+from dart_hal import (
+    Car,
+    Follower,
+    Phase,
+    Rules,
+    find_model,
+    model_of,
+    plant_of,
+    save_model,
+    track_named,
+)
 
 URL = "sim://?nano=mock&mocap=1&vehicle=upstream-2024"
 TRACK = track_named("racetrack_vicon_2")

@@ -18,15 +18,20 @@ from pathlib import Path
 
 import numpy as np
 
-from dart_hal import Fleet
+from dart_hal import (
+    UPSTREAM_2024,
+    Calibration,
+    Fleet,
+    Quantity,
+    model_of,
+    plant_of,
+    save_calibration,
+    save_model,
+)
 from dart_hal.control.crossing.coordinator import Coordinator
 from dart_hal.control.crossing.crosser import Crosser
 from dart_hal.control.crossing.layouts import LAYOUTS
 from dart_hal.control.crossing.order import Phase
-from dart_hal.control.plant import plant_of
-from dart_hal.core.config import Calibration, Quantity, save_calibration, save_model
-from dart_hal.vehicle.file import model_of
-from dart_hal.vehicle.sets import UPSTREAM_2024
 
 ROOM = os.environ.get("DART_HAL_ROOM", "local://crossing?loss=0.5&delay=0.02&jitter=0.03&seed=1")
 LAYOUT = os.environ.get("DART_HAL_CROSSING", "intersection")

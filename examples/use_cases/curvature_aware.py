@@ -22,16 +22,20 @@ from typing import NamedTuple
 import numpy as np
 from diagnosis_in_control import KNOWN, found_of, url
 
-from dart_hal import Car
+from dart_hal import (
+    Car,
+    Follower,
+    Law,
+    Obstacle,
+    Phase,
+    Rules,
+    curvature_aware,
+    model_of,
+    plant_of,
+    save_model,
+    track_named,
+)
 from dart_hal.control.curvature_aware.generator import TUNED, PathWeights
-from dart_hal.control.curvature_aware.progress import Law
-from dart_hal.control.follow import Follower, Phase, Rules
-from dart_hal.control.mpc.obstacles import Obstacle
-from dart_hal.control.plant import plant_of
-from dart_hal.control.trackers import curvature_aware
-from dart_hal.control.tracks import track_named
-from dart_hal.core.config import save_model
-from dart_hal.vehicle.file import model_of
 
 URL = os.environ.get("DART_HAL_URL")  # None: the emulated car with hidden lags
 TRACK = track_named("racetrack_vicon_2")

@@ -15,22 +15,23 @@ from pathlib import Path
 
 import numpy as np
 
-from dart_hal import Car
-from dart_hal.car.runs import read_run
-from dart_hal.control.follow import Follower, Phase, Rules
-from dart_hal.control.paths import figure_of_eight
-from dart_hal.control.plant import plant_of
-from dart_hal.control.pursuit import PurePursuit
-from dart_hal.control.tracks import track_named
-from dart_hal.core.config import save_model
-from dart_hal.vehicle.effects import apply
-from dart_hal.vehicle.file import model_of
-from dart_hal.vehicle.parameters import Delay
-from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
-from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.inputs import checked
-from dart_lab.identification.experiment.floor import Floor
-from dart_lab.identification.experiment.make import conduct, make_plan
+from dart_hal import (
+    PAPER,
+    UPSTREAM_2024,
+    Car,
+    Delay,
+    Follower,
+    Phase,
+    PurePursuit,
+    Rules,
+    figure_of_eight,
+    model_of,
+    plant_of,
+    read_run,
+    save_model,
+    track_named,
+)
+from dart_lab import Floor, apply, check_inputs, conduct, diagnose, make_plan
 
 PULSE = 0.013  # s from a command to the pulse that carries it, in the mean
 KNOWN = replace(UPSTREAM_2024, name="known", delay=Delay(PULSE, PULSE))  # all but its lags
@@ -63,7 +64,7 @@ def found_of(where, folder):
         for s in car.states(duration=EIGHTS):
             car.drive(steering=pursuit.steer(s.pose, s.speed, s.yaw_rate or 0.0),
                       throttle=THROTTLE[int((car.now - begun) / HOLD) % 2])
-    sides = checked([read_run(run) for run in runs], [], KNOWN)
+    sides = check_inputs([read_run(run) for run in runs], [], KNOWN)
     return diagnose(Path("known"), KNOWN, sides.train, sides.test, refit=False, max_causes=2)
 
 

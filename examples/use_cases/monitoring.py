@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dart_hal import Fleet
+from dart_hal import Fleet, Grid, plant_of, write_grid
 from dart_hal.control.monitoring.course import Course
 from dart_hal.control.monitoring.detection import coverage, hiding
 from dart_hal.control.monitoring.formation import Formation
@@ -25,8 +25,6 @@ from dart_hal.control.monitoring.kuramoto import disagreement
 from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.control.monitoring.monitor import Monitor
 from dart_hal.control.monitoring.peer import STEP
-from dart_hal.control.plant import plant_of
-from dart_hal.estimation.localisation.grid import Grid, write_grid
 
 TEAM = Formation(Lissajous(3.9, 7.8, 3, 2), 5, 2)
 OMEGA, COUPLING = 0.07, 0.14  # rad/s: of the formation, 0.4 to 1.4 m/s; K / N

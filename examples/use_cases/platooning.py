@@ -20,9 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from dart_hal import Fleet
-from dart_hal.control.paths import Path as Track
-from dart_hal.control.plant import plant_of
+from dart_hal import Fleet, plant_of
+from dart_hal import Path as Track
 from dart_hal.control.platoon.car import Ahead, PlatoonCar
 from dart_hal.control.platoon.follower import Follower
 from dart_hal.control.platoon.gains import DART, STABLE

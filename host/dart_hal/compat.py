@@ -54,7 +54,10 @@ MOVED = {
     "dart_hal.types": "dart_hal.core.types",
     "dart_hal.view": "dart_lab.live.view",
 }
-MOVED_NAMES = {("dart_hal.recording", "to_dataframe"): "dart_hal.car.table"}
+MOVED_NAMES = {  # module and name: new module and name
+    ("dart_hal.recording", "to_dataframe"): ("dart_hal.car.table", "to_dataframe"),
+    ("dart_lab.diagnosis.inputs", "checked"): ("dart_lab.diagnosis.inputs", "check_inputs"),
+}
 
 
 def find_new_path(old: str) -> str | None:
@@ -75,9 +78,9 @@ def load_moved_name(module: str, name: str) -> Any:
     """Return a name that a module had in version 0.1. Raises AttributeError for any other."""
     if (module, name) not in MOVED_NAMES:
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
-    new = MOVED_NAMES[module, name]
-    _warn(f"{module}.{name}", f"{new}.{name}", 4)
-    return getattr(import_module(new), name)
+    new_module, new_name = MOVED_NAMES[module, name]
+    _warn(f"{module}.{name}", f"{new_module}.{new_name}", 4)
+    return getattr(import_module(new_module), new_name)
 
 
 def _warn(old: str, new: str, level: int) -> None:

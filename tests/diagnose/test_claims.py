@@ -22,7 +22,7 @@ from dart_lab.diagnosis.evidence.drive import prepare
 from dart_lab.diagnosis.evidence.noise import Noise, measure
 from dart_lab.diagnosis.evidence.residuals import Evidence, Residuals
 from dart_lab.diagnosis.evidence.space import Timing
-from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.parameters.claims import _costly, _together
 from dart_lab.diagnosis.parameters.cost import cost, ratio
 from dart_lab.diagnosis.parameters.groups import GROUPS, holding_throttle, quantities_of
@@ -54,7 +54,7 @@ def answer(folder, **factors):
     train, test = (read(write(folder / f"{seed}.csv", car, seed, Plan(seconds=SECONDS)))
                    for seed in (21, 22))
     file, p = find_model("paper")
-    sides = checked([train], [test], p)
+    sides = check_inputs([train], [test], p)
     return diagnose(file, p, sides.train, sides.test, max_causes=0)
 
 

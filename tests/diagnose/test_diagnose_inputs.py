@@ -18,7 +18,7 @@ from dart_lab.diagnosis.evidence.agreement import check_model, check_units, rati
 from dart_lab.diagnosis.evidence.drive import prepare
 from dart_lab.diagnosis.evidence.motion import driving_seconds
 from dart_lab.diagnosis.evidence.split import GUARD
-from dart_lab.diagnosis.inputs import checked, effects_named, fitted_before
+from dart_lab.diagnosis.inputs import check_inputs, effects_named, fitted_before
 
 EXCERPT = Path(__file__).parents[1] / "recorded" / "data"
 
@@ -46,7 +46,7 @@ def scaled(tmp_path, recording, column, factor, offset=0.0):
 
 
 def test_a_sound_pair_passes_without_a_word(drive):
-    inputs = checked([drive], [other(drive)], PAPER)
+    inputs = check_inputs([drive], [other(drive)], PAPER)
     assert inputs.notes == ()
     assert inputs.train == (drive,)
 
@@ -55,15 +55,15 @@ def test_train_equal_to_test_is_refused_even_under_another_name(drive, tmp_path)
     copy = tmp_path / "renamed.csv"
     shutil.copy(drive.path, copy)
     with pytest.raises(UsageError, match="the test recordings are the training recordings"):
-        checked([drive], [read(copy)], PAPER)
+        check_inputs([drive], [read(copy)], PAPER)
     with pytest.raises(UsageError, match="1 recording"):
-        checked([drive, other(drive)], [drive], PAPER)
+        check_inputs([drive, other(drive)], [drive], PAPER)
 
 
 def test_a_copy_among_the_training_recordings_counts_once(drive, tmp_path):
     copy = tmp_path / "car_1_copy.csv"
     shutil.copy(drive.path, copy)
-    inputs = checked([drive, read(copy)], [other(drive)], PAPER)
+    inputs = check_inputs([drive, read(copy)], [other(drive)], PAPER)
     assert inputs.train == (drive,)
     assert "car_1_copy.csv" in inputs.notes[0]
 
@@ -93,7 +93,7 @@ def test_positions_in_km_look_like_standstill_and_are_refused(drive, tmp_path):
     path = scaled(tmp_path, drive, "vicon x", 0.001)
     path = scaled(tmp_path, replace(drive, path=path), "vicon y", 0.001)
     with pytest.raises(RecordingError):
-        checked([read(path)], [], PAPER)
+        check_inputs([read(path)], [], PAPER)
 
 
 @pytest.mark.parametrize(("column", "factor"), [
@@ -105,14 +105,14 @@ def test_what_an_effect_may_do_passes(drive, tmp_path, column, factor):
 
 def test_a_dead_encoder_is_said_and_not_judged(drive, tmp_path):
     dead = read(scaled(tmp_path, drive, "vel encoder", 0.0))
-    inputs = checked([dead], [other(drive)], PAPER)
+    inputs = check_inputs([dead], [other(drive)], PAPER)
     assert "encoder is dead" in " ".join(inputs.notes)
     assert not np.isfinite(prepare(inputs.train[0], PAPER.body.l_r).read[:, 0]).any()
 
 
 def test_a_dead_gyro_is_said_and_not_judged(drive, tmp_path):
     dead = read(scaled(tmp_path, drive, "W (IMU)", 0.0))
-    inputs = checked([dead], [other(drive)], PAPER)
+    inputs = check_inputs([dead], [other(drive)], PAPER)
     assert "gyro is dead" in " ".join(inputs.notes)
     found = prepare(inputs.train[0], PAPER.body.l_r).read
     assert not np.isfinite(found[:, 1]).any()
@@ -121,23 +121,23 @@ def test_a_dead_gyro_is_said_and_not_judged(drive, tmp_path):
 
 def test_without_mocap_it_is_said_what_cannot_be_known(drive):
     bare = [replace(r, mocap=None, schema="A") for r in (drive, other(drive))]
-    inputs = checked(bare[:1], bare[1:], PAPER)
+    inputs = check_inputs(bare[:1], bare[1:], PAPER)
     assert any("no motion capture" in n and "side slip" in n for n in inputs.notes)
-    mixed = checked([drive, replace(other(drive), mocap=None)], [], PAPER)
+    mixed = check_inputs([drive, replace(other(drive), mocap=None)], [], PAPER)
     assert [r.name for r in mixed.train] == [drive.name]
     assert "left out" in mixed.notes[0]
 
 
 def test_mocap_on_one_side_alone_is_of_no_use(drive):
     bare = replace(drive, mocap=None, schema="A")
-    inputs = checked([bare], [other(drive)], PAPER)
+    inputs = check_inputs([bare], [other(drive)], PAPER)
     assert [r.mocap for r in (*inputs.train, *inputs.test)] == [None, None]
 
 
 def test_neither_mocap_nor_encoder_is_refused(drive):
     blind = replace(drive, mocap=None, schema="A", encoder="zero")
     with pytest.raises(RecordingError, match="neither motion capture nor a working encoder"):
-        checked([blind], [], PAPER)
+        check_inputs([blind], [], PAPER)
 
 
 def test_a_standing_car_is_refused(drive):
@@ -146,9 +146,9 @@ def test_a_standing_car_is_refused(drive):
                     messages=replace(drive.messages, speed=0 * drive.messages.speed,
                                      yaw_rate=0 * drive.messages.yaw_rate))
     with pytest.raises(RecordingError, match="does not drive"):
-        checked([still], [], PAPER)
-    beside = checked([drive, replace(other(drive), mocap=still.mocap, messages=still.messages)],
-                     [], PAPER)
+        check_inputs([still], [], PAPER)
+    second = replace(other(drive), mocap=still.mocap, messages=still.messages)
+    beside = check_inputs([drive, second], [], PAPER)
     assert len(beside.train) == 1
     assert any("stands still" in n for n in beside.notes)
 
@@ -160,10 +160,10 @@ def first_part(drive, share):
 
 def test_a_short_drive_is_refused_and_a_meagre_one_is_said(drive):
     with pytest.raises(RecordingError, match="too little driving to train on"):
-        checked([first_part(drive, 0.1)], [other(drive)], PAPER)
+        check_inputs([first_part(drive, 0.1)], [other(drive)], PAPER)
     with pytest.raises(RecordingError, match="too little driving to test"):
-        checked([drive], [other(first_part(drive, 0.04))], PAPER)
-    meagre = checked([first_part(drive, 0.4)], [other(drive)], PAPER)
+        check_inputs([drive], [other(first_part(drive, 0.04))], PAPER)
+    meagre = check_inputs([first_part(drive, 0.4)], [other(drive)], PAPER)
     assert any("small effects" in n for n in meagre.notes)
 
 
@@ -183,7 +183,7 @@ def test_a_model_that_turns_much_more_is_doubted_and_its_own_is_not(drive):
 
 
 def test_without_test_recordings_stretches_are_held_out(drive):
-    inputs = checked([drive], [], PAPER)
+    inputs = check_inputs([drive], [], PAPER)
     train, test = inputs.train[0], inputs.test[0]
     assert any("40 %" in n for n in inputs.notes)
     a, b = (prepare(r, PAPER.body.l_r) for r in (train, test))

@@ -8,7 +8,7 @@ from searched import drive
 
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.report.summary import headline
 
 PAIR = (("motor_gain", -0.12), ("gyro_latency", 0.06))
@@ -26,7 +26,7 @@ PARAMETERS = {"motor_gain": {"motor", "drive force"},
 def test_hidden_causes_are_found_without_test_recordings(hidden, seed, recordings, refit):
     file, p = find_model("paper")
     files = [framed(drive(*hidden, seconds=60.0, seed=seed + i).path) for i in range(recordings)]
-    inputs = checked(files, [], p)
+    inputs = check_inputs(files, [], p)
     found = diagnose(file, p, inputs.train, inputs.test, refit=refit,
                      only=(*dict(hidden), *OTHERS))
     named = {c.effect: c.parameters["k"].value for c in found.causes}

@@ -11,7 +11,7 @@ from onboard_files import recorded
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.run import diagnose
 
 NEAR = ("quadratic_drag", "rolling_resistance", "motor_deadband", "encoder_scale", "throttle_lag")
@@ -20,7 +20,7 @@ NEAR = ("quadratic_drag", "rolling_resistance", "motor_deadband", "encoder_scale
 def diagnosed(folder, p, seed, only=(), seconds=(60.0, 40.0)):
     file, base = find_model("paper")
     train, test = ([recorded(folder, p, seed + 50 * i, s)] for i, s in enumerate(seconds))
-    sides = checked(train, test, base)
+    sides = check_inputs(train, test, base)
     return diagnose(file, base, sides.train, sides.test, refit=False, only=only)
 
 
@@ -61,7 +61,7 @@ def test_parameters_that_a_drive_does_not_tell_are_not_called_found(tmp_path):
     misled, turning = (recorded(tmp_path, PAPER, seed, 40.0) for seed in (35, 36))
     m = misled.messages
     lie = replace(m, steering=np.full(len(m.steering), 0.6))  # of which the fit makes what it can
-    sides = checked([replace(misled, messages=lie)], [turning], base)
+    sides = check_inputs([replace(misled, messages=lie)], [turning], base)
     found = diagnose(file, base, sides.train, sides.test, max_causes=0)
     assert found.verdict != "parameters_only"
     assert any("worse" in note and "yaw rate" in note for note in found.notes)

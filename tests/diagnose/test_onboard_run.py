@@ -14,7 +14,7 @@ from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis.evidence.noise import measure
 from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
 from dart_lab.diagnosis.evidence.onboard_drive import counted, sessions
-from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.run import diagnose
 from dart_lab.sim.hidden import NOMINAL_VEHICLE
 from dart_lab.sim.servo import HORN_RAD_PER_US, ServoParams
@@ -78,7 +78,7 @@ def test_every_residual_of_a_run_has_a_size(run):
 def test_a_run_is_diagnosed(run, tmp_path, effect):
     recording = drive(tmp_path / "hidden.mcap", effect) if effect else run
     file, _ = find_model("paper")
-    sides = checked([recording], [], EXACT)
+    sides = check_inputs([recording], [], EXACT)
     only = ("motor_gain", "rolling_resistance", "gyro_scale", "encoder_scale")
     found = diagnose(file, EXACT, sides.train, sides.test, refit=False, only=only)
     assert [c.effect for c in found.causes] == [effect.split(":")[0]] * bool(effect)

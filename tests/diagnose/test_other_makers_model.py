@@ -14,7 +14,7 @@ from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import AxleTyres
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.inputs import check_inputs
 
 THEIRS = replace(
     PAPER, body=replace(PAPER.body, mass=2.1, wheelbase=0.2, l_f=0.1, l_r=0.1, yaw_inertia=0.012),
@@ -29,7 +29,7 @@ def drive(path, seed, seconds, car):
 
 def diagnosed(folder, car):
     """Of drives of ``car``, by the other maker's model."""
-    sides = checked([drive(folder / "car_1_a.csv", 5, 60.0, car)],
+    sides = check_inputs([drive(folder / "car_1_a.csv", 5, 60.0, car)],
                     [drive(folder / "car_1_b.csv", 6, 40.0, car)], THEIRS)
     assert sides.notes == ()
     return diagnose(model_of(THEIRS, find_model("paper")[0]), THEIRS, sides.train, sides.test)

@@ -17,7 +17,7 @@ from searched import drive, evidence, names, search
 from dart_hal.core.errors import RecordingError
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis import policy as module
-from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.policy import USUAL, InputPolicy, Policy
 
 ROOM = Path(module.__file__).parent
@@ -63,9 +63,9 @@ def test_a_policy_is_frozen_and_equal_to_its_like():
 
 def test_a_recording_too_short_for_one_policy_is_long_enough_for_another():
     short = [drive(seconds=12.0)]
-    assert checked(short, [], PAPER, policy=InputPolicy(train_s=5.0)).train
+    assert check_inputs(short, [], PAPER, policy=InputPolicy(train_s=5.0)).train
     with pytest.raises(RecordingError, match="too little driving"):
-        checked(short, [], PAPER, policy=InputPolicy(train_s=60.0))
+        check_inputs(short, [], PAPER, policy=InputPolicy(train_s=60.0))
 
 
 @pytest.mark.more

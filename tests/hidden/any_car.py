@@ -40,7 +40,7 @@ from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.demo.diagnosis import FRAME_WAIT, SERVO_S
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.diagnosis.write import extended_model
 from dart_lab.identification.measured import MEASURED, named_model
@@ -82,7 +82,7 @@ def asked(seed: int, options: str = "", calibrate: bool = False, poses: bool = F
         model = own_model(runs["first"], Path(folder) / "own.toml", poses, calibrate)
         began = time.process_time()
         file, p = find_model(model)
-        sides = checked([read_run(runs["train"], poses=poses)],
+        sides = check_inputs([read_run(runs["train"], poses=poses)],
                         [read_run(runs["test"], poses=poses)], p)
         return Answer(seed, diagnose(file, p, sides.train, sides.test),
                       time.process_time() - began)
@@ -136,7 +136,7 @@ def drive(url: str, run: Path, seconds: float, rng: np.random.Generator, held: f
 def own_model(run: Path, target: Path, poses: bool = True, measured: bool = False) -> Path:
     """The paper's model with what was measured, or data sheets say, extended by a diagnosis."""
     sheet, p = named_model(MEASURED, [run]) if measured else of_data_sheets()
-    sides = checked([read_run(run, poses=poses)], [], p)
+    sides = check_inputs([read_run(run, poses=poses)], [], p)
     found = diagnose(sheet, p, sides.train, sides.test)
     save_model(msgspec.structs.replace(extended_model(found, sheet, sides.train, "any car"),
                                        name="own"), target)

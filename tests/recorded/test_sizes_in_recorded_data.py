@@ -25,7 +25,7 @@ from dart_hal.recording.dart.model import freeze
 from dart_hal.recording.dart.reference import reference_for
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.inputs import check_inputs
 
 OTHER = Path(__file__).resolve().parents[3] / "shared" / "data" / "other"
 ZHENG = Reference(0.21, -0.0117, 0.0, "of that car")
@@ -140,7 +140,7 @@ def scaled_encoder(r, k):
 
 def found_size(drive, name, hide, hidden):
     """Size with its standard error that the diagnosis accepts where this much is hidden."""
-    inputs = checked([hide(drive.recording, hidden)], [], drive.vehicle)
+    inputs = check_inputs([hide(drive.recording, hidden)], [], drive.vehicle)
     found = diagnose(drive.model, drive.vehicle, inputs.train, inputs.test, refit=False,
                      only=(name,))
     return {c.effect: c for c in found.causes}[name].parameters["k"]

@@ -11,7 +11,7 @@ from dart_hal.recording.check import check
 from dart_hal.recording.dart import read, with_marker_frames
 from dart_hal.recording.dart.steering_sign import follow
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.inputs import check_inputs
 
 
 @pytest.mark.parametrize("schema", ["A", "B", "C"])
@@ -45,5 +45,5 @@ def test_diagnose_names_the_remedy_for_a_reversed_column(tmp_path):
     table["steering"] = -table["steering"]
     wrong = with_marker_frames([read(write_table(table, tmp_path / "wrong.csv"))])
     with pytest.raises(OtherCar) as caught:
-        checked(wrong, [], PAPER)
+        check_inputs(wrong, [], PAPER)
     assert "multiply their column 'steering' by -1" in caught.value.remedy

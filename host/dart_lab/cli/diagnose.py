@@ -29,7 +29,7 @@ from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.fetch import find
 from dart_lab.cli.evaluate import hashes
 from dart_lab.diagnosis.evidence.motion import driving_seconds
-from dart_lab.diagnosis.inputs import checked, effects_named
+from dart_lab.diagnosis.inputs import check_inputs, effects_named
 from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.identification.measured import default_model, named_model
 
@@ -108,7 +108,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
             task, completed=READ * (1.0 - READS**next(number)), description=f"reading {file.name}"))
         sizes = sized(model, file, car, [*recordings[0], *recordings[1]], fitting=False)
         file, vehicle = sizes.model, sizes.vehicle
-        inputs = checked(*recordings, vehicle, hashes(file))
+        inputs = check_inputs(*recordings, vehicle, hashes(file))
         from dart_hal.core.process.jobs import wanted
         from dart_lab.diagnosis import diagnose
 

@@ -28,7 +28,7 @@ from dart_hal.vehicle.effects import apply, parse
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.report import write_page
 from dart_lab.diagnosis.report.words import quantity
 from dart_lab.diagnosis.result import Diagnosis, Number
@@ -158,7 +158,7 @@ def healthy_model(run: Path, target: Path) -> None:
     timing = replace(p.delay, steering_s=FRAME_WAIT, throttle_s=FRAME_WAIT)
     p = apply(replace(p, delay=timing), "steering_rate_limit", k=SERVO_S)
     sheet = model_of(p, file)
-    sides = checked([read_run(run)], [], p)
+    sides = check_inputs([read_run(run)], [], p)
     fitted = diagnose(sheet, p, sides.train, sides.test, max_causes=0)
     model = extended_model(fitted, sheet, sides.train, "dart-hal demo")
     save_model(msgspec.structs.replace(model, name=target.stem), target)
@@ -169,7 +169,7 @@ def told(run: Path, unseen: Path, model: Path) -> Diagnosis:
     file, p = find_model(model)
     with progress_bar() as bar:
         task = bar.add_task("looking for the cause", total=1.0)
-        sides = checked([read_run(run)], [read_run(unseen)], p)
+        sides = check_inputs([read_run(run)], [read_run(unseen)], p)
         found = diagnose(file, p, sides.train, sides.test, refit=False, max_causes=MAX_CAUSES,
                          jobs=jobs.cores(),
                          progress=lambda share, _: bar.update(task, completed=share))

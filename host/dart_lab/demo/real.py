@@ -10,7 +10,7 @@ import dart_hal
 from dart_hal.car.runs import read_any
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.report import write_page
 from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.report.html import Html
@@ -37,7 +37,7 @@ def diagnosed(folder: Path, page: Path) -> Diagnosis:
     """The diagnosis of the excerpt; its report is written to ``page``."""
     file, p = find_model(MODEL)
     train, test = (read_any([folder / name for name in names])[0] for names in (TRAIN, TEST))
-    sides = checked(train, test, p)
+    sides = check_inputs(train, test, p)
     found = diagnose(file, p, sides.train, sides.test, max_causes=MAX_CAUSES)
     found = replace(found, model=MODEL, notes=(*sides.notes, *found.notes))
     given = (f"--{side} " + " ".join(str(FOLDER / name) for name in names)

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from dart_hal.car.runs import read_run
+from dart_hal.compat import load_moved_name
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.dart import RUN, Recording
 from dart_hal.vehicle.effects import catalogue, effect
@@ -48,7 +50,7 @@ def effects_named(only: Sequence[str], exclude: Sequence[str]) -> tuple[str, ...
     return left
 
 
-def checked(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
+def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
             fitted_to: Collection[str] = (), policy: InputPolicy = USUAL.inputs) -> Inputs:
     """Recordings that a diagnosis of the model p may use.
 
@@ -185,3 +187,8 @@ def _long_enough(side: Sequence[Recording], least: float, which: str) -> None:
             expected=f"at least {least:g} s, better a minute", read=some([r.name for r in side]),
             likely="cut-off recordings, or the car hardly moved",
             remedy="give more recordings; dart-hal data check says how long each one drives")
+
+
+def __getattr__(name: str) -> Any:
+    """Names that were here in version 0.1."""
+    return load_moved_name(__name__, name)

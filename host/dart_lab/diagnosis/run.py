@@ -48,7 +48,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     The training recordings fit and select; the test recordings report, and can veto an effect.
 
     model, vehicle: as ``find_model`` gives them. train, test: as
-    ``inputs.checked`` gives them: all with motion capture, or all without.
+    ``inputs.check_inputs`` gives them: all with motion capture, or all without.
     refit: the parameters of the model are estimated anew before anything is
     called a missing effect, from where the file says and within the standard
     errors that it states. only: effects that may be named; () = all.

@@ -99,6 +99,41 @@ def base_values(base: Vehicle, fit: Fit) -> Published:
                       if (name := f"{fit.submodel}.{key}") in names and unit(base, name) == e.unit})
 
 
+def identify(recordings: Sequence[Recording], base: ModelFile,
+             submodels: Sequence[str] = SECTIONS, *, joint: bool = False,
+             reference: Reference | None = None) -> Identification:
+    """Fit the sub-models of a car to recordings.
+
+    Args:
+        recordings: as ``read_any`` gives them.
+        base: the model to start from, as ``find_model`` gives it; what the recordings do not tell
+            stays as it is there.
+        submodels: some of ``friction``, ``motor``, ``steering``, ``delay``, ``tyres``.
+        joint: fit all of them together on their prediction errors, from recordings with motion
+            capture, instead of one after the other.
+        reference: where the marker frame of the motion capture is; None: known or fitted.
+
+    Returns:
+        Values with standard errors, and which file was used for what.
+
+    Raises:
+        RecordingError: none of the recordings can be used.
+
+    Example::
+
+        from dart_hal import find_model, read_any
+        from dart_lab import identify
+
+        recordings, skipped = read_any(["recordings"])
+        found = identify(recordings, find_model("paper")[0])
+        print(found.fits["friction"].parameters)
+    """
+    if joint:
+        return jointly(list(recordings), [], submodels, base, "identify()", reference)[0]
+    return per_recording(list(recordings), [], submodels, vehicle_of(base), "identify()",
+                         reference)[0]
+
+
 def jointly(recordings: list[Recording], skipped: Skipped, names: Sequence[str], base: ModelFile,
             command: str, reference: Reference | None = None, progress: Progress | None = None
             ) -> tuple[Identification, list[Recording]]:

@@ -17,7 +17,7 @@ from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.evidence.drive import prepare
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.evidence.space import Timing
-from dart_lab.diagnosis.inputs import checked
+from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.run import evidence_of
 
 RATES = (20, 25, 30, 50, 60, 120, 200)  # Hz; a drive without any is one of 100
@@ -80,7 +80,7 @@ def test_at_either_end_of_the_rates_what_is_hidden_is_named_and_nothing_else(tmp
             tmp_path / "made.csv", apply(PAPER, "steering_lag", k=k), seed,
             hidden_drive.Plan(seconds=seconds))), hz, tmp_path / f"car_1_{seed}_{k}.csv")
             for seed, seconds in ((3, 60.0), (4, 40.0)))
-        sides = checked([train], [test], base)
+        sides = check_inputs([train], [test], base)
         found = diagnose(file, base, sides.train, sides.test, refit=False, only=only)
         assert [c.effect for c in found.causes] == ["steering_lag"] * (k > 0.0)
         assert all(c.parameters["k"].value == pytest.approx(k, rel=0.2) for c in found.causes)

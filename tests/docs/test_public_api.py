@@ -1,0 +1,73 @@
+"""What users import: the names of two packages, and nothing deeper."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from handbook import ROOT
+
+import dart_hal
+import dart_lab
+
+PUBLIC = ("dart_hal", "dart_lab")
+USE_CASES = tuple(f"dart_hal.control.{name}" for name in (
+    "crossing", "curvature_aware", "monitoring", "platoon"))
+"""Packages of one use case each, which its example alone imports."""
+PROGRAMS = [ROOT / "README.md", *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
+            *sorted((ROOT / "docs" / "notebooks").glob("*.py")),
+            *sorted((ROOT / "examples").rglob("*.py"))]
+
+
+def programs_in(path: Path) -> list[str]:
+    """Python programs of a file: itself, or the code blocks of a page."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".py":
+        return [text]
+    return re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+
+
+def imports_below(program: str) -> list[str]:
+    """Modules below the public packages that a program imports."""
+    modules = []
+    for node in ast.walk(ast.parse(program)):
+        if isinstance(node, ast.ImportFrom):
+            modules.append(node.module or "")
+        elif isinstance(node, ast.Import):
+            modules += [alias.name for alias in node.names]
+    return [m for m in modules if m.startswith(tuple(f"{p}." for p in PUBLIC))]
+
+
+@pytest.mark.parametrize("path", PROGRAMS, ids=lambda p: p.name)
+def test_a_program_for_users_imports_public_names_alone(path):
+    allowed = USE_CASES if path.parent.name == "use_cases" else ()
+    deeper = [m for program in programs_in(path) for m in imports_below(program)
+              if not m.startswith(allowed or "-")]
+    assert deeper == []
+
+
+def test_a_deeper_import_would_be_seen():
+    assert imports_below("from dart_hal.car import Car") == ["dart_hal.car"]
+    assert imports_below("def f():\n    import dart_lab.sim.light") == ["dart_lab.sim.light"]
+    assert imports_below("from dart_hal import Car") == []
+
+
+@pytest.mark.parametrize("package", [dart_hal, dart_lab], ids=PUBLIC)
+def test_every_public_name_is_there_and_completion_offers_it_alone(package):
+    assert all(getattr(package, name) is not None for name in package.__all__)
+    assert dir(package) == sorted(package.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        package.nothing  # noqa: B018
+
+
+def test_a_verb_is_a_function_after_its_package_was_imported():
+    program = ("import dart_lab.diagnosis, dart_lab.identification.evaluation\n"
+               "from dart_lab import diagnose, evaluate, identify\n"
+               "print(callable(diagnose), callable(evaluate), callable(identify))")
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True,
+                          check=True)
+    assert done.stdout.split() == ["True"] * 3
