@@ -14,7 +14,7 @@ import click
 from dart_hal import __version__
 from dart_hal.cli.common.output import console, notices, print_json
 from dart_hal.core.errors import DartHalError, FileTrouble, InternalError, UsageError
-from dart_hal.core.plugins import list_plugins
+from dart_hal.core.plugins import list_plugins, load_entry
 from dart_hal.core.process.extras import install_command
 
 VERBS = {
@@ -46,7 +46,7 @@ def list_verbs() -> dict[str, tuple[str, str]]:
     """
     verbs = {name: (text, "dart_hal.cli") for name, text in VERBS.items()}
     for entry in list_plugins(GROUP).values():
-        verbs |= {name: (text, entry.module) for name, text in entry.load().items()}
+        verbs |= {name: (text, entry.module) for name, text in load_entry(entry).items()}
     return verbs
 
 

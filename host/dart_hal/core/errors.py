@@ -313,6 +313,14 @@ class ScriptFailed(DartHalError, RuntimeError):
     remedy_default = "correct the script at the line that is named"
 
 
+class PluginFailed(DartHalError, RuntimeError):
+    """The entry point of another package raised an error; the message names both."""
+
+    code = "D-PLUG-01"
+    likely_default = "a mistake or a missing part of that package, not of DART-HAL"
+    remedy_default = "check the URL and what it connects to; report the rest to that package"
+
+
 class InternalError(DartHalError, RuntimeError):
     """A mistake of this program."""
 

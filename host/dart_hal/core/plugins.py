@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from typing import Any
 
-from dart_hal.core.errors import UsageError
+from dart_hal.core.errors import DartHalError, PluginFailed, UsageError
 from dart_hal.core.process.extras import install_command
+
+OWN_DISTRIBUTION = "dart-hal"
 
 
 def list_plugins(group: str) -> dict[str, EntryPoint]:
@@ -18,7 +24,8 @@ def load_plugin(group: str, name: str) -> Any:
     """Load the object behind an entry point.
 
     Raises UsageError if no installed package offers it, or if it lacks a Python package. The error
-    names the command that installs that package for this interpreter.
+    names the command that installs that package for this interpreter. Raises PluginFailed if the
+    module of another package cannot be imported for another reason.
     """
     known = list_plugins(group)
     if name not in known:
@@ -26,10 +33,56 @@ def load_plugin(group: str, name: str) -> Any:
                          found=", ".join(sorted(known)) or "none",
                          expected=f"an entry point {name} of {group}",
                          remedy="make setup, or install dart-hal again")
+    return load_entry(known[name])
+
+
+def load_entry(entry: EntryPoint) -> Any:
+    """Load the object behind an entry point that is known. Raises UsageError, PluginFailed."""
     try:
-        return known[name].load()
+        with attribute_errors(entry):
+            return entry.load()
     except ImportError as why:
-        package = (why.name or name).partition(".")[0]
-        raise UsageError(f"{name} needs the Python package {package}",
+        package = (why.name or entry.name).partition(".")[0]
+        raise UsageError(f"{entry.name} needs the Python package {package}",
                          found=f"{package} is not installed",
                          remedy=install_command(package)) from why
+
+
+@contextmanager
+def attribute_errors(entry: EntryPoint) -> Iterator[None]:
+    """Turn an error of another package's entry point into PluginFailed, which names that package.
+
+    Errors of the catalogue pass: they state their cause already. So do errors of this
+    distribution, a missing Python package and exhausted memory.
+    """
+    try:
+        yield
+    except (DartHalError, ImportError, MemoryError):
+        raise
+    except Exception as error:
+        if is_own(entry):
+            raise
+        raise PluginFailed(f"{describe(entry)} failed: {type(error).__name__}: {error}",
+                           found=locate(error)) from error
+
+
+def is_own(entry: EntryPoint) -> bool:
+    """Whether this distribution offers the entry point."""
+    return entry.dist is not None and entry.dist.name.replace("_", "-") == OWN_DISTRIBUTION
+
+
+def describe(entry: EntryPoint) -> str:
+    """Name an entry point and its distribution.
+
+    >>> describe(EntryPoint("tcp", "tcp_nano:open_tcp", "dart_hal.backends"))
+    'tcp = tcp_nano:open_tcp (dart_hal.backends) of an unknown distribution'
+    """
+    owner = ("an unknown distribution" if entry.dist is None
+             else f"{entry.dist.name} {entry.dist.version}")
+    return f"{entry.name} = {entry.value} ({entry.group}) of {owner}"
+
+
+def locate(error: BaseException) -> str:
+    """Return file and line that raised the error."""
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{Path(frame.filename).name}, line {frame.lineno}"

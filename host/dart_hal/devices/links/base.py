@@ -2,7 +2,8 @@
 
 Backends register under the entry-point group ``dart_hal.backends`` by URL
 scheme; each entry is a function ``open(url: Url) -> Backend``. Nothing above
-this file knows whether the car is real, emulated or recorded.
+this file knows whether the car is real, emulated or recorded. How to write one:
+docs/how_to/backend.md.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint
 
-from dart_hal.core.errors import UnknownScheme
-from dart_hal.core.plugins import list_plugins
+from dart_hal.core.errors import PluginFailed, UnknownScheme
+from dart_hal.core.plugins import attribute_errors, describe, list_plugins, load_entry
 from dart_hal.core.ports import Bus, Clock, ImageSource, Link, PoseSource, ScanSource, Workshop
 from dart_hal.core.types import Contact
 from dart_hal.core.url import Url
@@ -21,16 +22,17 @@ from dart_hal.core.url import Url
 
 @dataclass
 class Backend:
-    """An opened backend.
+    """An opened backend: ``url``, ``link`` and ``clock`` are needed, the rest has defaults.
 
+    ``bus``: I2C bus of the PCA9685; None = commands are accepted and reported as not sent (replay).
     ``virtual``: time advances only inside ``link.read`` and ``clock.sleep``.
     ``simulated``: what is driven is a world of this program, in whatever time.
     ``car``: name of the car this backend is (``sim-7``), None = the caller's.
     ``car_toml``: text of a car file that comes with the backend.
     ``measured``: texts of its calibration.toml and model.toml as a run recorded them.
-    ``bus`` None: commands are accepted and reported as not sent (replay).
     ``notices``: sentences the user must see once (for example: mock in use).
     ``resets``: opening restarted the Nano, so HELLO comes unasked.
+    ``closers``: functions that ``close`` calls, the last one first.
     ``candidates``: ports where the board may be after it was unplugged.
     ``workshop``: answers the questions of a calibration; None = ask the user.
     ``poses``: external poses that come with the backend; ``lidar``: scans that do;
@@ -41,8 +43,8 @@ class Backend:
     url: Url
     link: Link
     clock: Clock
-    bus: Bus | None
-    virtual: bool
+    bus: Bus | None = None
+    virtual: bool = False
     simulated: bool = False
     car: str | None = None
     car_toml: str | None = None
@@ -72,11 +74,21 @@ def schemes() -> dict[str, EntryPoint]:
 
 
 def open_backend(text: str) -> Backend:
-    """Open the backend of a URL. Raises UnknownScheme and what the backend raises."""
+    """Open the backend of a URL.
+
+    Raises UnknownScheme, the catalogue errors of the backend, and PluginFailed for whatever else
+    the backend of another package raises.
+    """
     url = Url.parse(text)
     loaders = schemes()
     if url.scheme not in loaders:
         raise UnknownScheme(f"no backend for {url.scheme}://", found=text,
                             expected=", ".join(f"{s}://" for s in sorted(loaders)))
-    opener: Callable[[Url], Backend] = loaders[url.scheme].load()
-    return opener(url)
+    entry = loaders[url.scheme]
+    opener: Callable[[Url], Backend] = load_entry(entry)
+    with attribute_errors(entry):
+        opened = opener(url)
+    if not isinstance(opened, Backend):
+        raise PluginFailed(f"{describe(entry)} returned no backend", found=type(opened).__name__,
+                           expected="an object of dart_hal.devices.links.base.Backend")
+    return opened

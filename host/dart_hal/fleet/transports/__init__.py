@@ -11,7 +11,7 @@ from importlib.metadata import EntryPoint
 from typing import NamedTuple, Protocol
 
 from dart_hal.core.errors import UsageError
-from dart_hal.core.plugins import list_plugins
+from dart_hal.core.plugins import attribute_errors, list_plugins, load_entry
 from dart_hal.core.url import Url
 
 GROUP = "dart_hal.transports"
@@ -60,7 +60,7 @@ def transports() -> dict[str, EntryPoint]:
 
 
 def open_transport(text: str) -> Transport:
-    """Open the transport of a URL. Raises UsageError, and what the transport raises."""
+    """Open the transport of a URL. Raises UsageError, PluginFailed, errors of the transport."""
     known = transports()
     expected = ", ".join(f"{name}://" for name in sorted(known))
     if "://" not in text:
@@ -70,7 +70,10 @@ def open_transport(text: str) -> Transport:
     if url.scheme not in known:
         raise UsageError(f"no transport for {url.scheme}://", found=text, expected=expected,
                          remedy=ROOMS)
-    opened: Transport = known[url.scheme].load()(url)
+    entry = known[url.scheme]
+    opener = load_entry(entry)
+    with attribute_errors(entry):
+        opened: Transport = opener(url)
     return opened
 
 
