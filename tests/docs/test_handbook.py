@@ -9,7 +9,7 @@ import pytest
 from handbook import DOCS, ROOT
 
 KINDS = {"tutorials", "notebooks", "gallery", "build_guide", "how_to", "use_cases", "reference",
-         "explanation", "results"}
+         "explanation", "contributing", "results"}
 WORDS = 900  # of the README
 
 

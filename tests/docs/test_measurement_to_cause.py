@@ -1,4 +1,4 @@
-"""The page "from a measurement to a named cause" is what a diagnosis does.
+"""The walk "from a recording to a named cause" is what a diagnosis does.
 
 A small diagnosis runs under a tracer that writes down in which order the functions of
 the page are called for the first time.
@@ -6,66 +6,24 @@ the page are called for the first time.
 
 from __future__ import annotations
 
-import inspect
-import re
-import sys
-from importlib import import_module
-
 import hidden_drive
 import pytest
-from handbook import DOCS
+from walks import MAX_STEPS, find_object, first_calls, steps
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 
-PAGE = DOCS / "explanation" / "measurement_to_cause.md"
-STEP = re.compile(r"^\d+\. `(dart_\w+\.[\w.]+)`", re.MULTILINE)
-MOST = 10
-
-
-def steps() -> list[str]:
-    return STEP.findall(PAGE.read_text(encoding="utf-8"))
-
-
-def function(name: str):
-    """A function or method by its dotted name."""
-    parts = name.split(".")
-    for cut in range(len(parts) - 1, 0, -1):
-        try:
-            found = import_module(".".join(parts[:cut]))
-        except ModuleNotFoundError:
-            continue
-        for part in parts[cut:]:
-            found = getattr(found, part)
-        return found
-    raise LookupError(name)
-
-
-def first_calls(names: list[str], work) -> list[str]:
-    """Those of some functions that ``work()`` calls, in the order of their first calls."""
-    waiting = {inspect.unwrap(function(n)).__code__: n for n in names}
-    seen: list[str] = []
-
-    def look(frame, event, arg):
-        if event == "call" and frame.f_code in waiting:
-            seen.append(waiting.pop(frame.f_code))
-
-    sys.setprofile(look)
-    try:
-        work()
-    finally:
-        sys.setprofile(None)
-    return seen
+HEADING = "From a recording to a named cause"
 
 
 def test_there_are_at_most_ten():
-    assert 5 <= len(steps()) <= MOST
+    assert 5 <= len(steps(HEADING)) <= MAX_STEPS
 
 
 def test_a_name_that_is_gone_is_seen():
     with pytest.raises(AttributeError):
-        function("dart_lab.diagnosis.run.diagnosis")
+        find_object("dart_lab.diagnosis.run.diagnosis")
 
 
 @pytest.mark.more
@@ -76,18 +34,18 @@ def test_a_diagnosis_calls_them_in_this_order(tmp_path):
     found = []
 
     def work():
-        train, test = (function("dart_hal.car.runs.read_any")([f])[0] for f in files)
-        found.append(function("dart_lab.diagnosis.run.diagnose")(
+        train, test = (find_object("dart_hal.car.runs.read_any")([f])[0] for f in files)
+        found.append(find_object("dart_lab.diagnosis.run.diagnose")(
             *find_model("paper"), train, test, refit=False, only=("gyro_scale", "grip")))
 
-    assert first_calls(steps(), work) == steps()
+    assert first_calls(steps(HEADING), work) == steps(HEADING)
     assert [c.effect for c in found[0].causes] == ["gyro_scale"]
 
 
 def test_another_order_is_seen():
     def work():
         find_model("paper")
-        function("dart_hal.vehicle.effects.parse")("gyro_scale:0.1")
+        find_object("dart_hal.vehicle.effects.parse")("gyro_scale:0.1")
 
     order = ["dart_hal.vehicle.load.find_model", "dart_hal.vehicle.effects.parse"]
     assert first_calls(order[::-1], work) == order
