@@ -8,13 +8,12 @@ from pathlib import Path
 
 from dart_hal.core.errors import UsageError
 from dart_hal.wire.emit_cpp import render_header
-from dart_hal.wire.emit_lua import render_lua
 from dart_hal.wire.emit_markdown import render_markdown
 from dart_hal.wire.messages import RETIRED
 from dart_hal.wire.rules import check
 from dart_hal.wire.vectors import render_vectors
 
-__all__ = ["FILES", "drift", "render_header", "render_lua", "render_markdown", "render_vectors",
+__all__ = ["FILES", "drift", "render_header", "render_markdown", "render_vectors",
            "write_all"]
 
 VECTORS = "tests/wire/vectors.json"
@@ -22,7 +21,6 @@ VECTORS = "tests/wire/vectors.json"
 FILES: dict[str, Callable[[], str]] = {
     "firmware/src/core/messages.h": render_header,
     "docs/reference/wire.md": render_markdown,
-    "docs/reference/wire.lua": render_lua,
     VECTORS: render_vectors,
 }
 """Generated files below the root of a checkout."""

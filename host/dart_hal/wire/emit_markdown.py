@@ -20,10 +20,9 @@ _FRAME = """\
 One binary stream each way: framed, numbered, checked. The newest data win; only parameters
 and HELLO are asked for and answered. The definitions live in
 [`messages.py`](../../host/dart_hal/wire/messages.py); this page, the firmware's
-[`messages.h`](../../firmware/src/core/messages.h), the
-[golden vectors](../../tests/wire/vectors.json) and a [Wireshark dissector](wire.lua) are
-generated from it by `dart-hal wire`, and `dart-hal wire --check` fails when one of them
-differs.
+[`messages.h`](../../firmware/src/core/messages.h) and the
+[golden vectors](../../tests/wire/vectors.json) are generated from it by `dart-hal wire`, and
+`dart-hal wire --check` fails when one of them differs.
 
 Protocol version **{proto}**, schema **{schema:#010x}**.
 

@@ -18,7 +18,7 @@ from dart_lab.pages.verb_page import render_verbs
 
 PAGES = {"docs/reference/errors.md": render_errors, "docs/reference/effects.md": render_effects,
          "docs/reference/gates.md": render_gates, "docs/reference/verbs.md": render_verbs}
-FORMATS = {"md": emit.render_markdown, "c": emit.render_header, "lua": emit.render_lua}
+FORMATS = {"md": emit.render_markdown, "c": emit.render_header}
 
 
 def checkout() -> Path:
@@ -32,7 +32,7 @@ def checkout() -> Path:
 
 @click.command("wire")
 @click.option("--format", "form", type=click.Choice(sorted(FORMATS)), default="md",
-              show_default=True, help="markdown table, C++ header or Wireshark dissector")
+              show_default=True, help="markdown table or C++ header")
 @click.option("--write", is_flag=True, help="regenerate header, docs and golden vectors in place")
 @click.option("--check", is_flag=True, help="exit 1 if a generated file differs")
 @json_option

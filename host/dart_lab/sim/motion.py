@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 from dart_hal.vehicle import (
-    Namespace,
+    SCALAR,
     Vehicle,
     make_dynamic,
     make_dynamic_step,
@@ -17,21 +16,17 @@ from dart_hal.vehicle import (
     make_motor_gains,
 )
 from dart_hal.vehicle.integrate import RATES
-from dart_hal.vehicle.straight import straight
-
-DYNAMIC = ("x", "y", "eta", "v_x", "v_y", "omega", "k0", "k1", "brake", "cos_d", "sin_d")
-KINEMATIC = ("x", "y", "eta", "v", "k0", "k1", "brake", "tan_d")
-"""State, and what is held over a tick."""
 
 
-def _dynamic(p: Vehicle, dt: float, xp: Namespace) -> Callable[..., Any]:
-    """A tick with its inputs held."""
-    step = make_dynamic_step(make_dynamic(p, xp, max_rate=RATES["rk4"] / dt))
+def _dynamic(p: Vehicle, dt: float) -> Callable[..., Any]:
+    """A step over one tick: x, y, eta, v_x, v_y, omega; inputs k0, k1, brake, cos d, sin d."""
+    step = make_dynamic_step(make_dynamic(p, SCALAR, max_rate=RATES["rk4"] / dt))
     return lambda *a: step(*a[:6], dt, a[6:], a[6:], a[6:])
 
 
-def _kinematic(p: Vehicle, dt: float, xp: Namespace) -> Callable[..., Any]:
-    step = make_kinematic_step(make_kinematic(p, xp))
+def _kinematic(p: Vehicle, dt: float) -> Callable[..., Any]:
+    """A step over one tick: x, y, eta, v; inputs k0, k1, brake, tan d."""
+    step = make_kinematic_step(make_kinematic(p, SCALAR))
     return lambda *a: step(*a[:4], dt, a[4:], a[4:], a[4:])
 
 
@@ -88,7 +83,7 @@ class DynamicMotion:
         self.x, self.y, self.eta = vehicle.body.l_r, 0.0, 0.0
         self.v_x = self.v_y = self.omega = 0.0
         self._per_dt = 1.0 / dt
-        self._advance = straight(partial(_dynamic, vehicle, dt), DYNAMIC)
+        self._advance = _dynamic(vehicle, dt)
         self.drive = Drive(vehicle)
         self._angle, self._cos, self._sin = 0.0, 1.0, 0.0
 
@@ -114,7 +109,7 @@ class KinematicMotion:
         self.v_x = self.v_y = self.omega = 0.0
         self._per_dt = 1.0 / dt
         self._l_r, self._wheelbase = vehicle.body.l_r, vehicle.body.wheelbase
-        self._advance = straight(partial(_kinematic, vehicle, dt), KINEMATIC)
+        self._advance = _kinematic(vehicle, dt)
         self.drive = Drive(vehicle)
 
     def step(self, throttle: float, brake: float, angle: float) -> Felt:
