@@ -16,7 +16,7 @@ import gymnasium, numpy as np
 from pathlib import Path
 from dart_hal.car import Car
 from dart_hal.estimation.localisation.grid import Grid, read_grid, write_grid
-from dart_hal.recording import to_dataframe
+from dart_hal import to_dataframe
 from dart_hal.core.figures import new_figure, save_figure
 
 with Car.open("sim://?nano=mock", record="run.mcap") as car:

@@ -14,7 +14,7 @@ MOCK = "sim://?seed=1&nano=mock"
 
 
 @pytest.mark.parametrize("given", [{"duration": math.nan}, {"duration": -1.0},
-                                   {"timeout": math.nan}])
+                                   {"timeout": math.nan}, {"duration": "3"}])
 def test_a_time_that_is_none_is_refused(given):
     with Car.open(MOCK) as car, pytest.raises(UsageError):
         next(car.states(**given))
@@ -42,6 +42,28 @@ def test_a_note_that_is_not_text_is_refused_recording_or_not(tmp_path, records):
 def test_an_empty_url_is_not_the_default_car(url):
     with pytest.raises(UsageError, match="empty"):
         Car.open(url)
+
+
+def test_a_url_of_another_type_is_refused():
+    with pytest.raises(UsageError, match="is text"):
+        Car.open(7)
+
+
+@pytest.mark.parametrize("name", ["steering", "throttle", "speed", "steer", "lidars"])
+def test_an_attribute_that_nothing_reads_is_refused(name):
+    """JetRacer and donkeycar drive by ``car.steering = 0.3``."""
+    with Car.open(MOCK) as car:
+        with pytest.raises(AttributeError, match="would do nothing") as refused:
+            setattr(car, name, 0.3)
+        assert "car.drive(" in str(refused.value)
+        car.raise_on_trip = False
+        assert car.raise_on_trip is False
+
+
+def test_a_request_that_the_protocol_does_not_have_is_refused():
+    with Car.open(MOCK) as car, pytest.raises(UsageError, match="no message 'EDGE_REQ'") as why:
+        car.request("EDGE_REQ")
+    assert "EDGES_REQ" in why.value.remedy
 
 
 @pytest.mark.parametrize(("command", "shortened"), [

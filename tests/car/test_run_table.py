@@ -8,11 +8,10 @@ import sys
 import numpy as np
 import pytest
 
-from dart_hal import Car
+from dart_hal import Car, to_dataframe
 from dart_hal.car.export import write_csv, write_parquet
 from dart_hal.car.table import COLUMNS, read_table
 from dart_hal.core.errors import RecordingError, UsageError
-from dart_hal.recording import to_dataframe
 
 
 @pytest.fixture(scope="module")

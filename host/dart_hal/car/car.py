@@ -20,7 +20,14 @@ from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
 from dart_hal.car.images import give_camera
-from dart_hal.car.misuse import check_record, check_times, check_url, shut
+from dart_hal.car.misuse import (
+    check_attribute,
+    check_message,
+    check_record,
+    check_times,
+    check_url,
+    shut,
+)
 from dart_hal.car.poses import give_poses
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
 from dart_hal.car.recorder import Record, keep_old, start_recording
@@ -73,6 +80,11 @@ class Car(Arming, Sensed, Shown):
         self._closed = False
         self._told: set[str] = set()
         self._recorder = start_recording(self._engine, files, record) if record else None
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse what other libraries know: ``car.steering = 0.3`` would move nothing."""
+        check_attribute(name)
+        super().__setattr__(name, value)
 
     # -- life ------------------------------------------------------------------
 
@@ -333,8 +345,12 @@ class Car(Arming, Sensed, Shown):
                       self._engine.link_age, *self._timer.work(), self._timer.late)
 
     def request(self, name: str, **values: int) -> None:
-        """Send the Nano a request of the wire ("EDGES_REQ", frames=4); see ``answers``."""
+        """Send the Nano a request of the wire ("EDGES_REQ", frames=4); see ``answers``.
+
+        Raises UsageError for a message that there is not.
+        """
         engine = self._engine
+        check_message(name, BY_NAME)
         with engine.lock:
             engine.transmitter.send(BY_NAME[name], values, engine.now)
 

@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
+from numbers import Real
 from pathlib import Path
 
-from dart_hal.core.errors import LinkLost, UsageError
+from dart_hal.core.errors import LinkLost, UnknownAttribute, UsageError
 from dart_hal.recording.run_file import RunFile
+
+# what a car has that is neither method nor property
+ATTRIBUTES = ("files", "logged", "notices", "raise_on_trip", "url")
+
+
+def check_attribute(name: str) -> None:
+    """Raise UnknownAttribute for a public attribute of a car that nothing would read."""
+    if not name.startswith("_") and name not in ATTRIBUTES:
+        raise UnknownAttribute(f"car.{name} = ... would do nothing", found=name,
+                               expected=", ".join(ATTRIBUTES),
+                               remedy="car.drive(steering=0.1, throttle=0.2)")
 
 
 def check_url(url: str | None) -> str | None:
-    """The URL; None is the default car. Raises UsageError for an empty one."""
+    """The URL; None is the default car. Raises UsageError for an empty one or another type."""
+    if url is not None and not isinstance(url, str):
+        raise UsageError("the URL of a car is text", found=repr(url),
+                         expected="sim://?seed=7, serial:///dev/ttyUSB0?i2c=1, ...",
+                         remedy="leave it out for the default car")
     if url is not None and not url.strip():
         raise UsageError("the URL of the car is empty", found=repr(url),
                          expected="sim://?seed=7, serial:///dev/ttyUSB0?i2c=1, ...",
@@ -33,9 +50,9 @@ def check_record(path: str | Path | RunFile) -> None:
 
 def check_times(**seconds: float) -> None:
     """Arguments of states() [s]. Raises UsageError for NaN, beyond which nothing would ever be,
-    and below 0."""
+    below 0, and for what is no number."""
     for name, value in seconds.items():
-        if not value >= 0.0:
+        if not isinstance(value, Real) or not value >= 0.0:
             raise UsageError(f"{name} of states() is no time", found=f"{name}={value!r}",
                              expected="seconds, 0 or more")
 
@@ -47,6 +64,15 @@ def check_note(name: str, values: Mapping[str, str]) -> None:
     if wrong:
         raise UsageError(f"note {name!r} holds what is not text", found=repr(values[wrong[0]]),
                          expected="text for text", remedy=f"str(...) around {wrong[0]!r}")
+
+
+def check_message(name: str, known: Iterable[str]) -> None:
+    """Raise UsageError for a message that the protocol does not have."""
+    if name not in known:
+        near = get_close_matches(str(name), list(known), n=1)
+        raise UsageError(f"the protocol has no message {name!r}", found=repr(name),
+                         expected=", ".join(known),
+                         remedy=near[0] if near else "docs/reference/wire.md")
 
 
 def shut(what: str) -> LinkLost:

@@ -306,6 +306,14 @@ class UsageError(DartHalError, ValueError):
     remedy_default = "dart-hal --help"
 
 
+class UnknownAttribute(DartHalError, AttributeError):
+    """A program sets an attribute of a car that nothing reads."""
+
+    code = "D-USE-03"
+    likely_default = "the program was written for another library, where this moves the car"
+    remedy_default = "car.drive(steering=..., throttle=...)"
+
+
 class ScriptFailed(DartHalError, RuntimeError):
     """The user's own script raised; the car was stopped."""
 
