@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_drive import CARS, DT, NAMES, medium
+from effect_drive import CARS, DT, medium
 
 from dart_hal.vehicle import (
     PAPER,
@@ -28,14 +28,6 @@ from dart_hal.vehicle.native.model import DT as STEP
 from dart_hal.vehicle.native.model import form_of, trace
 from dart_hal.vehicle.native.trace import evaluate
 
-MOVING = [n for n in NAMES if catalogue()[n].force or catalogue()[n].vehicle]
-EVERY = pytest.mark.parametrize("name", MOVING)
-
-
-def cars_of(name, p=PAPER):
-    of = effect(name)
-    return [apply(p, name, **medium(of, size, sign)) for size in (1, 2) for sign in (1.0, -1.0)]
-
 
 def states(n=6, seed=1):
     draw = np.random.default_rng(seed)
@@ -44,24 +36,26 @@ def states(n=6, seed=1):
     return draw.uniform(low, high, (n, 10)).T
 
 
-def everything(p):
-    return extended(p, (applied(e, medium(e, 0)) for e in catalogue().values()))
+def car_with_all(p, size=0):
+    return extended(p, (applied(e, medium(e, size)) for e in catalogue().values()))
 
 
-@EVERY
 @pytest.mark.parametrize("car", CARS)
-def test_floats_and_arrays_agree(name, car):
+def test_floats_arrays_and_a_stack_move_a_car_with_all_effects_alike(car):
     x = states()
-    for p in cars_of(name, CARS[car])[:2]:
-        many = np.array(make_car_step(p, np, DT)(*x))
-        one = np.array([make_car_step(p, math, DT)(*column) for column in x.T.tolist()]).T
-        assert np.abs(many - one).max() < 1e-12
+    cars = [car_with_all(CARS[car], size) for size in (0, 1)]
+    alone = np.array([[make_car_step(p, math, DT)(*column) for column in x.T.tolist()]
+                      for p in cars])
+    for p, expected in zip(cars, alone, strict=True):
+        assert np.abs(np.array(make_car_step(p, np, DT)(*x)).T - expected).max() < 1e-12
+    together = np.array(make_car_step(stack(cars), np, DT)(*np.repeat(x[:, :1], 2, axis=1)))
+    assert np.abs(together.T - alone[:, 0]).max() < 1e-12
+    assert np.abs(alone[0] - alone[1]).max() > 1e-3
 
 
-@EVERY
-def test_symbols_compute_the_same(name):
+def test_symbols_move_a_car_with_all_effects_alike():
     """No branch, no float(): parameters and states are symbols of a graph."""
-    p = cars_of(name)[0]
+    p = car_with_all(PAPER)
     x = states(1)[:, 0].tolist()
     traced = trace(form_of(p), "car", "rk4")
     symbols = {n: min(value(p, n), 1e30) for n in names(p)}
@@ -70,10 +64,9 @@ def test_symbols_compute_the_same(name):
     assert got == pytest.approx(make_car_step(p, math, DT)(*x), rel=1e-12, abs=1e-12)
 
 
-@EVERY
-def test_casadi_computes_the_same(name):
+def test_casadi_has_the_rates_of_a_car_with_all_effects_and_their_slope():
     casadi = pytest.importorskip("casadi")
-    p = settled(cars_of(name)[0])
+    p = settled(car_with_all(PAPER))
     held = (3.0, 0.8, 0.0, math.cos(0.2), math.sin(0.2))
     x = casadi.SX.sym("x", 4)
     rates = casadi.Function("rates", [x], [casadi.vertcat(*make_dynamic(p, casadi)(
@@ -85,21 +78,10 @@ def test_casadi_computes_the_same(name):
         assert np.isfinite(slope).all(), "an optimiser can differentiate it, at rest as well"
 
 
-@EVERY
-def test_a_stack_is_its_cars(name):
-    cars = cars_of(name)
-    x = np.repeat(states(1), len(cars), axis=1)
-    together = np.array(make_car_step(stack(cars), np, DT)(*x))
-    alone = np.array([make_car_step(p, math, DT)(*column)
-                      for p, column in zip(cars, x.T.tolist(), strict=True)]).T
-    assert np.abs(together - alone).max() < 1e-12
-
-
 @pytest.mark.more
 @pytest.mark.skipif(not compiler(), reason="no C compiler")
 def test_the_compiled_kernel_has_every_effect():
-    cars = [everything(PAPER), extended(PAPER, (applied(e, medium(e)) for e in
-                                                catalogue().values()))]
+    cars = [car_with_all(PAPER, size) for size in (0, 1)]
     draw = np.random.default_rng(2)
     start = states(2)[:6]
     start[3] = 1.0, 2.0

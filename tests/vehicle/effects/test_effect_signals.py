@@ -14,11 +14,10 @@ from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, make_motor, make_steering, stack
 from dart_hal.vehicle.channels import Stepper, delayed, through
 from dart_hal.vehicle.effect import CHANNELS, Now
-from dart_hal.vehicle.effects import apply, catalogue, effect, extended, parse
+from dart_hal.vehicle.effects import applied, apply, catalogue, effect, extended, parse
 from dart_lab.identification.prediction.actuators import actuated, first_order_lag
 
 WITH_SIGNALS = [(n, c) for n in NAMES for c in catalogue()[n].signals]
-EVERY = pytest.mark.parametrize(("name", "channel"), WITH_SIGNALS)
 TWO = {c: ",".join(f"{n}:{catalogue()[n].parameters[0].sizes[1]}" for n, of in WITH_SIGNALS
                    if of == c) for c in CHANNELS}
 """All effects of a channel at once, as text."""
@@ -32,14 +31,6 @@ def stepped(p, channel, signal, now):
                    Now(*(float(v) for v in here)))
            for row, here in zip(rows, zip(*now, strict=True), strict=True)]
     return np.array(out).T
-
-
-@EVERY
-def test_tick_by_tick_gives_the_series(name, channel):
-    p = apply(PAPER, name, **medium(effect(name)))
-    signal, now = noise(channel)
-    assert np.abs(stepped(p, channel, signal, now)
-                  - np.array(through(p, channel, signal, now, DT))).max() < 1e-12
 
 
 @pytest.mark.parametrize("name", ["steering_backlash", "steering_rate_limit"])
@@ -77,11 +68,13 @@ def test_tick_by_tick_gives_the_series_through_all_of_them(channel):
     assert np.abs(expected - np.array(signal)).max() > 1e-3
 
 
-@EVERY
-def test_lanes_are_cars_of_their_own(name, channel):
+@pytest.mark.parametrize("channel", CHANNELS)
+def test_lanes_are_cars_of_their_own(channel):
     """Values per lane, a series (n,) or (n, lanes): each lane as if alone."""
-    of = effect(name)
-    cars = [apply(PAPER, name), *(apply(PAPER, name, **medium(of, size)) for size in (0, 2))]
+    some = [effect(n) for n, c in WITH_SIGNALS if c == channel]
+    cars = [extended(PAPER, (applied(of, values) for of, values in zip(some, sizes, strict=True)))
+            for sizes in ([{}] * len(some), [medium(of, 0) for of in some],
+                          [medium(of, 2) for of in some])]
     together = stack(cars)
     for lanes in ((), (3,)):
         signal, now = noise(channel, lanes=lanes)
@@ -134,12 +127,6 @@ def test_play_is_a_loop_of_its_width():
     assert (got - u)[settled][(~up & crossing)[settled]] == pytest.approx(0.03, abs=1e-9)
 
 
-def test_a_dead_zone_is_straight_in_the_middle_whichever_side_it_came_from():
-    u = np.array([0.2, 0.031, 0.02, -0.02, -0.031, -0.2, -0.02, 0.02])
-    got = through(apply(PAPER, "steering_dead_zone", k=0.06), "angle", u, Now(), DT)
-    assert got == pytest.approx([0.17, 0.001, 0.0, 0.0, -0.001, -0.17, 0.0, 0.0], abs=1e-12)
-
-
 def test_a_rate_limit_takes_its_time_per_unit_of_command():
     u = np.where(np.arange(200) < 10, -0.4, 0.4)
     got = through(apply(PAPER, "steering_rate_limit", k=0.5), "steering", u, Now(), DT)
@@ -158,12 +145,6 @@ def test_the_battery_scales_the_force_of_the_motor():
     assert force(0.0, 1.0) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_stop_of_the_throttle_is_where_it_says():
-    u = np.linspace(-1.0, 1.0, 41)
-    got = through(apply(PAPER, "motor_saturation", k=2.5), "throttle", u, Now(), DT)
-    assert got == pytest.approx(np.clip(u, -0.4, 0.4), abs=1e-15)
-
-
 def test_pulses_are_whole_counts_cut_off():
     u = np.linspace(-1.0, 1.0, 20011)
     p = apply(PAPER, "pwm_quantisation", k=0.013)
@@ -173,13 +154,6 @@ def test_pulses_are_whole_counts_cut_off():
         assert (u - got).min() >= -1e-12
         assert (u - got).max() < count + 1e-12
         assert np.mean(u - got) == pytest.approx(0.5 * count, rel=0.05)
-
-
-def test_a_slow_clock_moves_both_neutrals():
-    p = apply(PAPER, "pwm_clock", k=0.01)
-    zero = np.zeros(1)
-    assert through(p, "steering", zero, Now(), DT)[0] == pytest.approx(15.0 / 375.0)
-    assert through(p, "throttle", zero, Now(), DT)[0] == pytest.approx(15.0 / 450.0)
 
 
 # sensors
