@@ -260,7 +260,8 @@ FORCES: dict[str, Cause] = {f.__name__: f for f in (
     rolling_resistance, quadratic_drag, cornering_drag, differential_drag, grip, front_grip,
     rear_saturation, combined_slip, load_transfer, roll_compliance, yaw_damping, lateral_pull,
     road_slope_x, road_slope_y, mass, yaw_inertia, centre_of_mass)}
-ALONE: dict[str, Cause] = {f.__name__: f for f in (imu_offset_y, steering_dead_zone)}
+ALONE: dict[str, Cause] = {f.__name__: f for f in (
+    imu_offset_y, steering_dead_zone)}
 """Known later than the others: not in pairs, whose draws were counted without."""
 CAUSES: dict[str, Cause] = ACTUATORS | FORCES | SENSORS | ALONE
 

@@ -25,6 +25,8 @@ SECONDS = (60.0, 40.0)
 ASKED = ("large/gyro_bias/0", "large/grip/0", "large/steering_lag/0", "large/mocap_offset_x/0",
          "null/nothing/0", "pair/motor_gain+mocap_offset_y/0", "far/compass_gyro/0",
          "near/filtered_gyro/0", "near/square_cornering/0")
+NOT_HIDDEN = {"encoder_axle"}
+"""Effects without a second implementation yet: the campaign never hides them."""
 
 
 def said(*effects, like=(), flagged=False, size=1.0):
@@ -102,7 +104,7 @@ def test_every_effect_has_a_stranger_of_the_sizes_that_the_catalogue_states():
         assert stated.sizes == pytest.approx(sizes), name
         assert (stated.low < 0.0) >= (name in EITHER_SIGN), name
     assert set(CAUSES) == set(SIZES)
-    assert set(catalogue()) >= set(CAUSES)
+    assert set(catalogue()) - NOT_HIDDEN == set(CAUSES), "docs/contributing/recipes.md, An effect"
 
 
 def test_strange_causes_are_in_no_catalogue_and_families_are():
