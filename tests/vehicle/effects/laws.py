@@ -139,17 +139,14 @@ COMMANDS = (
     Law("steering_trim", {"k": -0.1}, {"angle": [0.3, 0.0, -0.3]}, {"angle": [0.2, -0.1, -0.4]}),
 )
 
-SPEED_OF_QUARTER = 0.25 * TURN / 0.1
-"""m/s at which the window of the encoder, 0.1 s, holds a quarter of a turn."""
-
-
 def ring_law(turns: float, density: float, part: float = 0.25, **values: float) -> Law:
     """Make a law of encoder_ring: the mean density of the marks over the last ``part`` of a turn.
 
-    The window ends at ``turns``; driving in reverse it reads the same with the other sign.
+    The window of 0.1 s ends at ``turns``. In reverse the same marks go by the other way round, and
+    the window ends where it began.
     """
     speed = part * TURN / 0.1
-    return Law("encoder_ring", values, {"wheel": [speed, -speed], "turns": [turns, turns]},
+    return Law("encoder_ring", values, {"wheel": [speed, -speed], "turns": [turns, turns - part]},
                {"wheel": [density * speed, -density * speed]}, tolerance=1e-11)
 
 
@@ -195,9 +192,10 @@ SENSORS = (
     ring_law(0.25, 1.0 + 0.1 / 0.25, missing=-0.1),
     ring_law(1.05, 1.0 + 0.05 / 0.25, missing=-0.1),
     ring_law(0.25, 1.0 - 0.1 / 0.25 + 0.2 * 4.0 / (2.0 * math.pi), missing=0.1, uneven=0.2),
-    # at rest the window counts as 0.001 of a turn
-    Law("encoder_ring", {"missing": 0.1}, {"wheel": [0.0, 1e-5, -1e-5], "turns": [0.0005] * 3},
-        {"wheel": [0.0, 0.5e-5, -0.5e-5]}, tolerance=1e-16),
+    # hardly moving: a window within the gap, and one beyond it
+    Law("encoder_ring", {"missing": 0.1},
+        {"wheel": [0.0, 1e-5, -1e-5, 1e-5, -1e-5], "turns": [0.05, 0.05, 0.05, 0.5, 0.5]},
+        {"wheel": [0.0, 0.0, 0.0, 1e-5, -1e-5]}, tolerance=1e-15),
     Law("encoder_scale", {"k": 0.25}, {"wheel": [2.0, -2.0]}, {"wheel": [2.5, -2.5]}),
     Law("encoder_scale", {"k": -0.25}, {"wheel": [2.0]}, {"wheel": [1.5]}),
     # v (1 + k F / m), m = 2 kg

@@ -167,7 +167,7 @@ def ring_of(marks, period, v, seconds=40.0):
     return np.diff(counted) / period * PER_TURN / 0.1, turns[1:]
 
 
-@pytest.mark.parametrize("v", [0.13, 0.31, 1.7])
+@pytest.mark.parametrize("v", [0.13, 0.31, 1.7, -0.31])
 def test_a_ring_without_a_mark_reads_as_counting_says(v):
     """200 marks without the first 20: what is counted in 0.1 s, to a count or two."""
     marks = (np.arange(200) + 0.5) / 200.0

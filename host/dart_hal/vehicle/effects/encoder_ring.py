@@ -19,7 +19,8 @@ from dart_hal.vehicle.parameters import Vehicle
 
 WINDOW = 0.1  # s
 METRES_PER_TURN = 2.0 * math.pi * 11.0 / 39.0 * 0.0233
-FEWEST = 1e-3  # turns in a window
+SPEED_OF_A_TURN = METRES_PER_TURN / WINDOW
+"""m/s at which one turn goes by in a window."""
 
 
 def ring(p: Vehicle, f: Namespace, missing: Value, uneven: Value,
@@ -30,9 +31,10 @@ def ring(p: Vehicle, f: Namespace, missing: Value, uneven: Value,
         return uneven * f.sin(2.0 * math.pi * u) / (2.0 * math.pi) - gap
 
     def signal(v: Value, now: Now) -> Value:
-        turned = f.fmax(f.fabs(v) * (WINDOW / METRES_PER_TURN), FEWEST)
         end = now.turns + phase
-        return v * (1.0 + (passed(end) - passed(end - turned)) / turned)
+        begin = end - v / SPEED_OF_A_TURN       # in reverse it is ahead of the end
+        # v times (1 + change of the integral / turns in the window), without a quotient 0 / 0
+        return v + (passed(end) - passed(begin)) * SPEED_OF_A_TURN
 
     return signal
 
