@@ -131,6 +131,8 @@ COMMANDS = (
     Law("steering_rate_limit", {"k": 0.5},
         {"steering": [0.0, 0.05, 0.05, 0.05, 0.05, 0.03, 0.0, 0.0, -0.5, -0.5]},
         {"steering": [0.0, 0.02, 0.04, 0.05, 0.05, 0.03, 0.01, 0.0, -0.02, -0.04]}),
+    Law("steering_rate_limit", {"k": 0.0}, {"steering": [0.0, 1.0, -1.0]},
+        {"steering": [0.0, 1.0, -1.0]}),
     Law("steering_rate_limit", {"k": 2.0}, {"steering": [0.0, 0.0, 0.008, 0.008, 0.012]},
         {"steering": [0.0, 0.0, 0.005, 0.008, 0.012]}),
     Law("steering_rate_limit", {"k": 0.25}, {"steering": [0.0, 0.1, 0.1, 0.1]},

@@ -105,8 +105,7 @@ CHANGES = {
 """Channel of the standard drive, and the least rms change by the medium size (SI units)."""
 
 
-@pytest.mark.few("steering_compliance", "cornering_drag", "battery_fade", "gyro_scale",
-                 "mass", "steering_lag", "encoder_ring", "mocap_latency")
+@pytest.mark.few("steering_compliance", "gyro_scale", "battery_fade")
 @EVERY
 def test_at_medium_size_it_shows_in_ten_seconds(name, base_drive):
     channel, least = CHANGES[name]
