@@ -5,7 +5,7 @@ from __future__ import annotations
 import textwrap
 
 from dart_hal.vehicle.effect import STAGES, Effect, Parameter
-from dart_hal.vehicle.effects import catalogue, equation, place
+from dart_hal.vehicle.effects import equation, own_effects, place
 
 HEAD = """# Effects
 
@@ -40,7 +40,7 @@ STAGE_TEXT = {
 
 def render_effects() -> str:
     """Markdown page of the catalogue, by stage and in the order in which effects act."""
-    effects = sorted(catalogue().values(), key=place)
+    effects = sorted(own_effects().values(), key=place)
     parts = [HEAD]
     for stage in STAGES:
         mine = [e for e in effects if e.stage == stage]

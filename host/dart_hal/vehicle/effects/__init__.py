@@ -1,7 +1,8 @@
 """Catalogue of physical effects that the base models lack, one file per cause.
 
 A module of this package with an ``EFFECT`` is an entry of the catalogue, and
-nothing else has to know of it.
+nothing else has to know of it. Other packages add effects by entry points of the group
+``dart_hal.effects`` (examples/plugin).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import sys
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
+from importlib.metadata import entry_points
 from types import MappingProxyType
 
 import numpy as np
@@ -23,19 +25,48 @@ from dart_hal.vehicle.effect import STAGES, ActiveEffect, Effect, Late
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
+GROUP = "dart_hal.effects"  # entry points: effects of other packages
+
 
 @lru_cache(maxsize=1)
-def catalogue() -> Mapping[str, Effect]:
-    """All effects by name, in the order of the alphabet."""
+def own_effects() -> Mapping[str, Effect]:
+    """The effects of this package by name, in the order of the alphabet."""
     found = [importlib.import_module(f"{__name__}.{module.name}").EFFECT
              for module in pkgutil.iter_modules(__path__)]
     return MappingProxyType({e.name: e for e in sorted(found, key=lambda e: e.name)})
 
 
+@lru_cache(maxsize=1)
+def catalogue() -> Mapping[str, Effect]:
+    """All effects by name, in the order of the alphabet, those of other packages too.
+
+    Raises ConfigError for an entry point that is no effect, or has a name that is taken.
+    """
+    found = {**own_effects(), **{name: one for name, (one, _) in _added_effects().items()}}
+    return MappingProxyType({name: found[name] for name in sorted(found)})
+
+
+@lru_cache(maxsize=1)
+def _added_effects() -> Mapping[str, tuple[Effect, str]]:
+    """Effects of other packages by name, each with its module."""
+    found: dict[str, tuple[Effect, str]] = {}
+    for entry in entry_points(group=GROUP):
+        one = entry.load()
+        is_effect = isinstance(one, Effect)
+        if not is_effect or one.name in found or one.name in own_effects():
+            raise ConfigError(
+                f"the entry point {entry.name} of {GROUP} cannot be added to the catalogue",
+                found=f"a second effect named {one.name}" if is_effect else repr(one),
+                expected="an Effect with a name of its own",
+                remedy=f"correct {entry.value}, or uninstall its package")
+        found[one.name] = (one, entry.module)
+    return found
+
+
 def equation(of: Effect) -> str:
     """As the docstring of its file has it, behind the title."""
-    module = sys.modules[f"{__name__}.{of.name}"]
-    return "\n".join((inspect.getdoc(module) or "").splitlines()[2:])
+    module = f"{__name__}.{of.name}" if of.name in own_effects() else _added_effects()[of.name][1]
+    return "\n".join((inspect.getdoc(sys.modules[module]) or "").splitlines()[2:])
 
 
 def effect(name: str) -> Effect:
