@@ -6,6 +6,7 @@ import os
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from dart_hal.car.scans import ScanFeed
 from dart_hal.core.config import CarFiles
@@ -15,10 +16,12 @@ from dart_hal.core.types import ExternalPose, State
 from dart_hal.devices.links.base import Backend
 from dart_hal.devices.poses import open_poses
 from dart_hal.devices.poses.clock_steps import ClockSteps
-from dart_hal.estimation.localisation.source import LidarPoses, open_source
 from dart_hal.estimation.odometry import Odometry
 from dart_hal.estimation.pose_model import Marker
 from dart_hal.estimation.room import UNKNOWN, RoomEstimator
+
+if TYPE_CHECKING:
+    from dart_hal.estimation.localisation.source import LidarPoses
 
 
 class PoseFeed:
@@ -71,6 +74,10 @@ def room_of(files: CarFiles, odometry: Odometry, source: PoseSource) -> RoomEsti
 def localiser_of(backend: Backend, scans: ScanFeed | None) -> LidarPoses | None:
     """The source, if it is the car's own lidar, joined to its scans. Raises UsageError without."""
     source = backend.poses
+    if source is None or not source.on_board:
+        return None
+    from dart_hal.estimation.localisation.source import LidarPoses
+
     if not isinstance(source, LidarPoses):
         return None
     if scans is None:
@@ -96,4 +103,8 @@ def give_poses(backend: Backend, poses: str | PoseSource | None) -> None:
 
 
 def _opened(text: str) -> PoseSource:
-    return open_source(text) if text.startswith("lidar:") else open_poses(text)
+    if not text.startswith("lidar:"):
+        return open_poses(text)
+    from dart_hal.estimation.localisation.source import open_source
+
+    return open_source(text)
