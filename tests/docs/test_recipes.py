@@ -1,0 +1,179 @@
+"""The recipes for contributors are true: their code does what they say in a copy of the tree.
+
+Recipes of other packages run in this process, from a folder on ``sys.path``. Recipes that change
+the tree run in a copy of it; here, each of their changes still fits its place.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from importlib.metadata import distribution
+from pathlib import Path
+from shutil import which
+
+import pytest
+from handbook import ROOT
+from plugin_package import files_of_page, install, on_path
+from recipe import PAGE, Checkout, RecipeFailed, changed, edited_file, headings, recipe
+from walks import NAME, find_object
+
+from dart_hal.cli.main import main
+from dart_hal.core.errors import UsageError
+from dart_hal.devices.links.base import open_backend
+
+OF_THE_TREE = ("An effect", "A sensor channel", "A verb", "A message", "A calibration")
+"""Recipes that change files of the tree."""
+OF_PACKAGES = {"A verb of another package": "hello from sim-0\n", "A backend": "", "A viewer": ""}
+"""Recipes of other packages, and what their command prints, where that is one line."""
+
+
+def test_every_recipe_is_followed():
+    with_code = [h for h in headings() if recipe(h)]
+    assert set(with_code) == {*OF_THE_TREE, *OF_PACKAGES}
+
+
+def test_every_name_exists():
+    text = PAGE.read_text(encoding="utf-8")
+    groups = {entry.group for entry in distribution("dart-hal").entry_points}
+    names = set(NAME.findall(text)) - groups
+    assert len(names) > 15
+    for name in names:
+        find_object(name)
+
+
+# recipes that change the tree
+
+@pytest.mark.parametrize("heading", headings())
+def test_every_change_fits_its_place(heading):
+    texts = {}
+    for block in recipe(heading):
+        if name := edited_file(block):
+            texts.setdefault(name, (ROOT / name).read_text(encoding="utf-8"))
+            texts[name] = changed(texts[name], block.text, name)
+        elif "/" in block.file and heading not in OF_PACKAGES:
+            assert not (ROOT / block.file).exists(), f"{block.file} is no dummy any more"
+            assert (ROOT / block.file).parent.is_dir()
+
+
+@pytest.mark.parametrize(("changes", "message"), [
+    (" gone\n+new\n", "0 places"), (" twice\n+new\n", "2 places"), ("+new\n", "places"),
+    ("once\n", "in front")])
+def test_a_change_without_a_single_place_is_seen(changes, message):
+    with pytest.raises(RecipeFailed, match=message):
+        changed("once\ntwice\ntwice\n", changes)
+
+
+def test_a_change_is_applied_in_its_place():
+    text = "once\ntwice\ntwice\nlast\n"
+    assert changed(text, "+before\n once\n@@\n-last\n+end\n") == "before\nonce\ntwice\ntwice\nend\n"
+
+
+@pytest.mark.more
+@pytest.mark.parametrize("heading", OF_THE_TREE)
+def test_a_recipe_passes_its_own_checks(heading, tmp_path):
+    Checkout(tmp_path / "copy").follow(heading)
+
+
+@pytest.mark.more
+@pytest.mark.parametrize(("heading", "left_out"), [
+    ("An effect", "tests/vehicle/effects/laws.py"),
+    ("An effect", "tests/vehicle/effects/test_effect_physics.py"),
+    ("An effect", "tests/hidden/stranger_causes.py"),
+    ("A sensor channel", "host/dart_hal/vehicle/effect.py"),
+    ("A sensor channel", "tests/vehicle/effects/effect_drive.py"),
+    ("A verb", "host/dart_hal/cli/main.py"),
+    pytest.param("A message", "firmware/test/native_api.cpp", marks=pytest.mark.skipif(
+        which("g++") is None, reason="g++ compiles the core of the firmware for this machine")),
+    ("A message", "firmware/test/fuzz.py"),
+    ("A message", "host/dart_lab/sim/mock_nano.py"),
+    ("A message", "tests/wire/test_definitions.py"),
+    ("A calibration", "host/dart_hal/calibration/measured.py"),
+    ("A calibration", "host/dart_hal/core/config/calibration.py"),
+    ("A calibration", "host/dart_hal/cli/calibrate.py")])
+def test_a_step_that_is_left_out_is_seen(heading, left_out, tmp_path):
+    """The negative control: the checks of the recipe find each step that is missing."""
+    assert left_out in [edited_file(block) for block in recipe(heading)]
+    with pytest.raises(RecipeFailed):
+        Checkout(tmp_path / "copy").follow(heading, skip=lambda b: edited_file(b) == left_out)
+
+
+# recipes of other packages
+
+@pytest.fixture
+def package(tmp_path):
+    """Install the package of a recipe for the rest of the test: ``package(heading)``."""
+    opened = []
+
+    def put(heading: str) -> Path:
+        folder = tmp_path / "package"
+        install(folder, files_of_page(PAGE, heading))
+        opened.append(on_path(folder))
+        opened[-1].__enter__()
+        return folder
+
+    yield put
+    for one in opened:
+        one.__exit__(None, None, None)
+
+
+def commands(heading: str) -> list[list[str]]:
+    """Arguments of ``dart-hal`` in the commands of a recipe."""
+    return [command.replace('"', "").split()[1:] for block in recipe(heading)
+            if block.kind == "sh" and block.runs for command in block.commands()]
+
+
+def run_verb(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    """Exit status and output of ``dart-hal``."""
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    return int(ended.value.code or 0), capsys.readouterr().out
+
+
+def test_a_verb_of_another_package_runs(package, capsys):
+    heading = "A verb of another package"
+    package(heading)
+    (arguments,) = commands(heading)
+    assert run_verb(arguments, capsys) == (0, OF_PACKAGES[heading])
+    code, printed = run_verb(["--help"], capsys)
+    assert code == 0
+    assert "print the name of a car" in printed
+
+
+def test_a_verb_that_is_not_installed_is_unknown(capsys):
+    """The negative control."""
+    (arguments,) = commands("A verb of another package")
+    code, _ = run_verb(arguments, capsys)
+    assert code == 2
+
+
+def test_the_shortest_backend_opens_a_car(package, capsys):
+    (arguments,) = commands("A backend")
+    code, _ = run_verb(arguments, capsys)
+    assert code == 2, "the negative control: not installed"
+    package("A backend")
+    code, printed = run_verb(arguments, capsys)
+    assert code == 0
+    assert json.loads(printed)["frames"] > 10
+    assert open_backend("twin://7").car == "sim-7"
+
+
+def test_a_viewer_sees_the_car(package, capsys):
+    (program,) = (b.text for b in recipe("A viewer") if b.kind == "python" and b.runs
+                  and not b.file)
+    with pytest.raises(UsageError, match="peak"):
+        exec(program, {})
+    package("A viewer")
+    exec(program, {})
+    assert capsys.readouterr().out == "0.0 m/s\n"
+
+
+def test_a_package_is_seen_by_a_process_of_its_own(package):
+    """As pip installs it, not only in the process of the tests."""
+    folder = package("A verb of another package")
+    code = ("from dart_hal.core.plugins import list_plugins; "
+            "print(*list_plugins('dart_hal.verbs'))")
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True,
+                          cwd=folder)
+    assert {"hello", "laboratory"} <= set(done.stdout.split())
