@@ -13,7 +13,8 @@ from handbook import DOCS
 
 PAGE = DOCS / "contributing" / "code_overview.md"
 STEP = re.compile(r"^\d+\. `(dart_\w+\.[\w.]+)`", re.MULTILINE)
-NAME = re.compile(r"`(dart_(?:hal|lab)\.[\w.]+)`")
+NAME = re.compile(r"`(dart_(?:hal|lab)\.\w+\.[\w.]+)`")
+"""Not groups of entry points, which have one dot."""
 FIRMWARE = re.compile(r"`(firmware/[\w/.]+)`,\s+`(\w+)`")
 MAX_STEPS = 10
 
