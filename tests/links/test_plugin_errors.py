@@ -12,6 +12,7 @@ from dart_hal.core import plugins
 from dart_hal.core.errors import DartHalError, LinkLost, PluginFailed, UsageError
 from dart_hal.core.plugins import load_plugin
 from dart_hal.devices.links.base import open_backend
+from dart_hal.fleet.transports import open_transport
 
 CODE = """
 from dart_hal.core.errors import LinkLost
@@ -50,8 +51,9 @@ def package(tmp_path, monkeypatch):
     folder = tmp_path / "other_car-2.5.dist-info"
     folder.mkdir()
     (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: other-car\nVersion: 2.5\n")
-    (folder / "entry_points.txt").write_text("[dart_hal.backends]\n" + "".join(
-        f"{scheme(name)} = other_car:{name}\n" for name in NAMES))
+    entries = "".join(f"{scheme(name)} = other_car:{name}\n" for name in NAMES)
+    (folder / "entry_points.txt").write_text(
+        f"[dart_hal.backends]\n{entries}[dart_hal.transports]\n{entries}")
     monkeypatch.syspath_prepend(str(tmp_path))
 
 
@@ -66,6 +68,27 @@ def test_an_error_of_another_package_names_it(package, name, message):
     assert "other-car 2.5" in caught.value.what
     assert f"other_car:{name}" in caught.value.what
     assert "not of DART-HAL" in caught.value.likely
+
+
+def test_an_error_of_a_transport_names_its_package(package):
+    with pytest.raises(PluginFailed, match=r"dart_hal.transports\) of other-car 2.5 failed"):
+        open_transport("refuse-connection://room")
+
+
+def test_a_broken_package_of_verbs_is_named(tmp_path, monkeypatch, capsys):
+    (tmp_path / "other_verbs.py").write_text("raise RuntimeError('half installed')\n")
+    folder = tmp_path / "other_verbs-1.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: other-verbs\nVersion: 1.0\n")
+    (folder / "entry_points.txt").write_text("[dart_hal.verbs]\nother = other_verbs:VERBS\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(SystemExit):
+        main(["no-such-verb", "--json"])
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert "other-verbs 1.0" in error["what"]
+    with pytest.raises(SystemExit) as ended:
+        main(["stop", "--help"])
+    assert not ended.value.code, "a broken plugin does not keep a car from being stopped"
 
 
 def test_the_line_that_raised_is_reported(package):
