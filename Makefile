@@ -31,7 +31,7 @@ QUICK := --cpu-limit 2 $(ARGS)
 test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (about three minutes)
 	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "not (more or slow or realtime)" $(QUICK)
 	@$(BIN)/python -m pytest -n 4 --dist loadfile -m "realtime and not (more or slow)" $(ARGS) $(REALTIME) || test $$? -eq 5
-	@echo "All good: tests, style and floors hold. Types and the other cases: make test-more."
+	@echo "All good: tests, style and layers hold. Types and the other cases: make test-more."
 
 test-more: $(VENV)/.dev toolchain browser ros ## the other cases of it, and more examples of each law
 	@$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile ci -rs -m "(more or hypothesis) and not (slow or realtime)" $(ARGS)
@@ -52,7 +52,7 @@ soak: $(VENV)/.dev toolchain ## a fault a second for two simulated hours; nothin
 mutants: $(VENV)/.mutants toolchain ## break the safety parts in 200 small ways: do the tests notice? (an hour)
 	@$(BIN)/python tests/mutation/mutation_run.py $(ARGS)
 
-lint: $(VENV)/.dev ## style, types and import floors
+lint: $(VENV)/.dev ## style, types and import layers
 	@$(BIN)/ruff check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports

@@ -1,1 +1,1 @@
-"""The kit of all reports: page builder, charts and pictures. What a page says, its room knows."""
+"""Building blocks of all pages: HTML, tables, SVG charts, numbers with errors."""

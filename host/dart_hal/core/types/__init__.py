@@ -1,4 +1,4 @@
-"""Values that the rooms hand to each other: frozen, SI units, ISO 8855 axes.
+"""Values that packages pass to each other: frozen, SI units, ISO 8855 axes.
 
 x forward, y left, angles positive to the left. A name carries a suffix only
 when its unit is not SI (``_us``, ``_deg``, ``_ticks``).

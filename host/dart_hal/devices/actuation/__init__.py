@@ -2,7 +2,7 @@
 
 ``Actuator`` (chain) drives servo and ESC through the PCA9685; ``Supervisor``
 says what it may carry; ``arming`` says why a car does not arm. Importing this
-room opens nothing and loads neither ServoKit nor scipy.
+package opens nothing and loads neither ServoKit nor scipy.
 """
 
 from dart_hal.devices.actuation.arming import Caution, Facts, not_armed, refusals, warnings

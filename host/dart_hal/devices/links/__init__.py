@@ -1,6 +1,6 @@
 """Bytes to and from a Nano: serial port, emulator.
 
-Importing this room tells pyserial where ``avr://`` is handled; the emulator
+Importing this package tells pyserial where ``avr://`` is handled; the emulator
 itself is loaded only when such a URL is opened.
 """
 

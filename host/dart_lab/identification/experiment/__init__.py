@@ -1,1 +1,1 @@
-"""Room of the experiments: a sub-model's test, driven on any car, recorded and fitted."""
+"""Experiments: manoeuvres for each sub-model, planned for a floor, driven, recorded and fitted."""
