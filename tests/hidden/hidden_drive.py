@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.vehicle import PAPER
-from dart_hal.vehicle.channels import delayed, through
+from dart_hal.vehicle.channels import through
 from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.delay import delay_series
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
@@ -84,8 +85,8 @@ def motion(p, throttle, steering, plan, rng):
     q = settled(p)
     t = np.arange(len(throttle)) * DT
     d = q.delay
-    tau = _lag(delayed(throttle, d.throttle_s, DT), d.throttle_lag_s)
-    command = _lag(delayed(steering, d.steering_s, DT), d.steering_lag_s)
+    tau = _lag(delay_series(throttle, d.throttle_s, DT), d.throttle_lag_s)
+    command = _lag(delay_series(steering, d.steering_s, DT), d.steering_lag_s)
     command = through(p, "steering", command, Now(t), DT)
     angle = through(p, "angle", make_steering(q.steering, np)(command), Now(t), DT)
     tau = through(p, "throttle", tau, Now(t), DT)

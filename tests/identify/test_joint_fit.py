@@ -12,9 +12,10 @@ from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, rollout
+from dart_hal.vehicle.delay import first_order_lag
 from dart_hal.vehicle.fitting.levenberg_marquardt import descend
 from dart_hal.vehicle.flat import value, with_values
-from dart_lab.identification.prediction.actuators import actuated, delayed, first_order_lag
+from dart_lab.identification.prediction.actuators import actuated, delay_command
 from dart_lab.identification.shooting import Problem, fit_jointly
 
 TRUE = with_values(PAPER, {
@@ -152,8 +153,8 @@ def test_bad_samples_are_never_predicted():
 
 def test_delays_are_smooth_and_lags_are_those_of_the_evaluation():
     u = np.array([0.0, 0.0, 1.0, 1.0, 1.0, 1.0])
-    np.testing.assert_allclose(delayed(u, 0.02, smooth=True), [0, 0, 0, 0, 1, 1])
-    np.testing.assert_allclose(delayed(u, 0.005, smooth=True), [0, 0, 0.5, 1, 1, 1])
+    np.testing.assert_allclose(delay_command(u, 0.02, smooth=True), [0, 0, 0, 0, 1, 1])
+    np.testing.assert_allclose(delay_command(u, 0.005, smooth=True), [0, 0, 0.5, 1, 1, 1])
     y, expected = u[0], []
     for i in range(len(u)):
         y = u[0] if i == 0 else y + (1.0 - np.exp(-0.01 / 0.03)) * (u[i - 1] - y)

@@ -9,17 +9,12 @@ import numpy as np
 import pytest
 
 from dart_hal.core.errors import UsageError
+from dart_hal.vehicle.delay import first_order_lag, low_pass
 from dart_hal.vehicle.effect import ActiveEffect, Effect, Late, Parameter, Stateful, Static
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering
-from dart_lab.identification.prediction.actuators import (
-    actuated,
-    delayed,
-    first_order_lag,
-    low_pass,
-    reached,
-)
+from dart_lab.identification.prediction.actuators import actuated, delay_command, reached
 
 
 def recursion(u, lag):
@@ -73,8 +68,8 @@ def test_blocks_of_a_lag_are_its_recursion(shape, keep):
 def test_delay_shifts_by_whole_samples_and_holds_the_first_value(delay, samples):
     u = np.arange(1.0, 31.0)
     expected = np.concatenate([np.full(samples, 1.0), u])[:30]
-    assert np.array_equal(delayed(u, delay), expected)
-    assert np.array_equal(delayed(u[::-1], -delay), expected[::-1])
+    assert np.array_equal(delay_command(u, delay), expected)
+    assert np.array_equal(delay_command(u[::-1], -delay), expected[::-1])
 
 
 def test_delay_then_lag_then_map(empty):
@@ -126,11 +121,11 @@ def test_effects_on_commands_enter_where_they_say(empty):
     assert np.array_equal(got[1], angle)
     offset = Static(lambda p, f, k: lambda u, now: u + k)
     got = actuated(carrying(PAPER, 0.02, signals={"steering": offset}), g)
-    s = delayed(g.steering, PAPER.delay.steering_s)
+    s = delay_command(g.steering, PAPER.delay.steering_s)
     assert np.allclose(got[1], make_steering(PAPER.steering, np)(s + 0.02), atol=1e-12)
     late = Late(lambda k: k)
     assert np.array_equal(actuated(carrying(PAPER, 0.05, signals={"angle": late}), g)[1],
-                          delayed(angle, 0.05))
+                          delay_command(angle, 0.05))
 
     def slack(p, f, dt, width):
         def step(u, now, held):

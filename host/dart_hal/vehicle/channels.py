@@ -7,9 +7,7 @@ without an effect on a channel gives back what it was given, itself.
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_left
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import repeat
@@ -20,13 +18,12 @@ import numpy as np
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import settled, signals
+from dart_hal.vehicle.delay import DelayRing, delay_series
 from dart_hal.vehicle.effect import ActiveEffect, Late, Now, Signal, Stateful
 from dart_hal.vehicle.flat import GROUPS
-from dart_hal.vehicle.namespace import ARRAY, SCALAR, Namespace
+from dart_hal.vehicle.namespace import ARRAY, SCALAR
 from dart_hal.vehicle.parameters import Vehicle
 
-EXACT = 1e-9
-"""Samples; a time closer than that to a sample is at it."""
 AHEAD = 1024
 """Samples that are looked at together, until a signal turns: some hundreds of a steered one."""
 
@@ -44,7 +41,8 @@ def through(p: Vehicle, channel: str, signal: Any, now: Now, dt: float) -> Any:
     p = settled(p)
     if lanes := _lanes(p):
         now = Now(*(_in_lanes(field, lanes) for field in now))
-        signal = _each(lambda part: _in_lanes(part, lanes), signal)
+        signal = (tuple(_in_lanes(part, lanes) for part in signal) if isinstance(signal, tuple)
+                  else _in_lanes(signal, lanes))
     for a, hook in chain:
         signal = _series(p, a, hook, signal, now, dt)
     return signal
@@ -85,17 +83,9 @@ class Stepper:
         return signal
 
 
-def delayed(signal: Any, seconds: Any, dt: float) -> Any:
-    """The series ``seconds`` later, linear between samples, its ends held; also earlier.
-
-    signal (n,) or (n, lanes), or a tuple of them; seconds a number, or (lanes,).
-    """
-    return _each(lambda part: _delayed(np.asarray(part), seconds, dt), signal)
-
-
 def _series(p: Vehicle, a: ActiveEffect, hook: Signal, signal: Any, now: Now, dt: float) -> Any:
     if isinstance(hook, Late):
-        return delayed(signal, hook.seconds(*a.values), dt)
+        return delay_series(signal, hook.seconds(*a.values), dt)
     if isinstance(hook, Stateful):
         return _stateful(p, a, hook, signal, now, dt)
     return hook.make(p, ARRAY, *a.values)(signal, now)
@@ -166,24 +156,6 @@ def _pushed(signal: FloatArray, play: float) -> FloatArray:
     return out
 
 
-def _delayed(series: FloatArray, seconds: Any, dt: float) -> FloatArray:
-    whole, share = _split(np.asarray(seconds, dtype=np.float64) / dt, ARRAY)
-    last = len(series) - 1
-    index = np.arange(len(series))
-    if series.ndim == 2:
-        index, whole = index[:, None], np.broadcast_to(whole, series.shape[1:])
-    late = index - whole.astype(np.int64)
-    here, before = (np.take_along_axis(series, np.clip(at, 0, last), axis=0)
-                    for at in (late, late - 1))
-    return np.asarray(here + share * (before - here))
-
-
-def _split(samples: Any, f: Namespace) -> tuple[Any, Any]:
-    """Whole samples of a delay, and the share of the next one."""
-    whole = f.floor(samples + EXACT)
-    return whole, f.fmax(0.0, samples - whole)
-
-
 def _stepper(p: Vehicle, a: ActiveEffect, hook: Signal, dt: float) -> Callable[[Any, Now], Any]:
     if isinstance(hook, Late):
         return _late(a, float(hook.seconds(*a.values)), dt)
@@ -200,27 +172,13 @@ def _stepper(p: Vehicle, a: ActiveEffect, hook: Signal, dt: float) -> Callable[[
 
 
 def _late(a: ActiveEffect, seconds: float, dt: float) -> Callable[[Any, Now], Any]:
-    """A ring of the last samples."""
-    whole, share = _split(seconds / dt, SCALAR)
-    if whole < 0:
+    """The signal ``seconds`` later. Raises UsageError for a time in the future."""
+    ring = DelayRing(seconds, dt)
+    if ring.whole < 0:
         raise UsageError(f"{a.name} of {seconds} s would need the future",
                          found=f"{seconds} s", expected="0 s or more in a running car",
                          remedy=f"give {a.name} another sign, or apply it to a recording")
-    size = math.floor(whole) + 2
-    ring: deque[Any] = deque(maxlen=size)
-
-    def step(signal: Any, now: Now) -> Any:
-        ring.extend([signal] * (1 if ring else size))
-        here, before = ring[1], ring[0]
-        if isinstance(signal, tuple):
-            return tuple(h + share * (b - h) for h, b in zip(here, before, strict=True))
-        return here + share * (before - here)
-
-    return step
-
-
-def _each(change: Callable[[Any], Any], signal: Any) -> Any:
-    return tuple(map(change, signal)) if isinstance(signal, tuple) else change(signal)
+    return lambda signal, now: ring.step(signal)
 
 
 def _lanes(p: Vehicle) -> int:

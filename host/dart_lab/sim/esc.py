@@ -7,10 +7,10 @@ of neutral after power-on, coasting when the pulses stop.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from enum import Enum
 
+from dart_hal.vehicle.delay import DelayQueue
 from dart_lab.sim.pwm_output import Pulse
 
 
@@ -113,13 +113,13 @@ class LateEsc(Esc):
 
     def __init__(self, params: EscParams) -> None:
         super().__init__(params)
-        self._waiting: deque[Pulse] = deque()
+        self._waiting = DelayQueue[Pulse]()
 
     def pulse(self, pulse: Pulse) -> None:
         late = self.params.delay
-        self._waiting.append((pulse[0] + late, pulse[1] + late))
+        self._waiting.put(pulse[1] + late, (pulse[0] + late, pulse[1] + late))
 
     def check(self, t: float) -> None:
-        while self._waiting and self._waiting[0][1] <= t:
-            super().pulse(self._waiting.popleft())
+        for pulse in self._waiting.take(t):
+            super().pulse(pulse)
         super().check(t)

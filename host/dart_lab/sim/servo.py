@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from dart_hal.vehicle import PAPER, Steering, make_steering
+from dart_hal.vehicle.delay import DelayQueue
 from dart_lab.sim.pwm_output import Pulse
 
 HORN_RAD_PER_US = math.pi / 2 / 1000.0
@@ -62,7 +62,7 @@ class Servo:
         self.angle: float = self.linkage
         self._rate = params.rate / (HORN_RAD_PER_US * params.span_us)
         self._target: float | None = None
-        self._pending: deque[tuple[float, float]] = deque()
+        self._pending = DelayQueue[float]()
 
     def pulse(self, pulse: Pulse) -> None:
         """One complete pulse (rise, fall) [s]."""
@@ -73,7 +73,7 @@ class Servo:
             if abs(command - self._moved_to) > MOVE:
                 self._moved_to = command
                 self._rest = self._spread * float(self._rng.normal())
-            self._pending.append((t + self.params.delay, command + self._rest))
+            self._pending.put(t + self.params.delay, command + self._rest)
 
     def move(self, t: float, dt: float) -> float:
         """Advance by dt up to world time t; returns the road-wheel angle [rad]."""
@@ -84,9 +84,8 @@ class Servo:
 
     def _arrived(self, t: float) -> float | None:
         """The command that the servo knows at time t, None = no pulse yet."""
-        pending = self._pending
-        while pending and pending[0][0] <= t:
-            self._target = pending.popleft()[1]
+        for command in self._pending.take(t):
+            self._target = command
         return self._target
 
     def _turned(self, target: float, dt: float, angle: float) -> float:

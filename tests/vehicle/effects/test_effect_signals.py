@@ -12,10 +12,11 @@ from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, make_motor, make_steering, stack
-from dart_hal.vehicle.channels import Stepper, delayed, through
+from dart_hal.vehicle.channels import Stepper, through
+from dart_hal.vehicle.delay import delay_series, first_order_lag
 from dart_hal.vehicle.effect import CHANNELS, Now
 from dart_hal.vehicle.effects import applied, apply, catalogue, effect, extended, parse
-from dart_lab.identification.prediction.actuators import actuated, first_order_lag
+from dart_lab.identification.prediction.actuators import actuated
 
 WITH_SIGNALS = [(n, c) for n in NAMES for c in catalogue()[n].signals]
 TWO = {c: ",".join(f"{n}:{catalogue()[n].parameters[0].sizes[1]}" for n, of in WITH_SIGNALS
@@ -101,7 +102,7 @@ def test_without_effects_the_very_same_arrays_come_back():
 @pytest.mark.parametrize("seconds", [0.0, 0.01, 0.03, 0.0125, 0.5, 9.0])
 def test_a_delay_is_one_between_samples_too(seconds):
     t = np.arange(200) * DT
-    line, got = 3.0 * t + 1.0, delayed(3.0 * t + 1.0, seconds, DT)
+    line, got = 3.0 * t + 1.0, delay_series(3.0 * t + 1.0, seconds, DT)
     assert got == pytest.approx(np.maximum(line - 3.0 * seconds, 1.0), abs=1e-12)
     assert seconds or np.array_equal(got, line)
 

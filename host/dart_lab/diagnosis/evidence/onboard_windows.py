@@ -14,10 +14,11 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Grid
 from dart_hal.vehicle.compose import signals
+from dart_hal.vehicle.delay import first_order_lag
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.tyres import make_tyres
-from dart_lab.identification.prediction.actuators import delayed, first_order_lag, reached, turned
+from dart_lab.identification.prediction.actuators import delay_command, reached, turned
 from dart_lab.identification.prediction.commands import spread_over
 from dart_lab.identification.prediction.rollout import states
 from dart_lab.identification.prediction.sensors import driven, motion, sensed
@@ -56,8 +57,8 @@ def reaches(drive: Session, q: Vehicle, channel: str, timing: Timing) -> FloatAr
     """Where servo or throttle of a settled vehicle are, means over samples (n,)."""
     delay, lag = (getattr(q.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
     command = spread_over(getattr(drive.grid, channel), timing.spread)
-    return reached(q, channel, first_order_lag(delayed(command, delay, smooth=True), lag, "mean"),
-                   drive.grid.t, "mean")
+    lagged = first_order_lag(delay_command(command, delay, smooth=True), lag, "mean")
+    return reached(q, channel, lagged, drive.grid.t, "mean")
 
 
 def _samples(drive: Session) -> FloatArray:

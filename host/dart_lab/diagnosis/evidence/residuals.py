@@ -18,12 +18,12 @@ from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.recording.dart import RUN, Grid
 from dart_hal.vehicle.channels import late_last
 from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.delay import first_order_lag
 from dart_hal.vehicle.effect import ActiveEffect, Effect
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.prediction.actuators import (
     behind_actuator,
-    delayed,
-    first_order_lag,
+    delay_command,
     reached,
     turned,
 )
@@ -282,7 +282,7 @@ class Evidence:
         for drive, at in zip(self.drives, sent, strict=True):
             if at is None:
                 command = spread_over(getattr(drive.grid, channel), spread)
-                command = delayed(command, delay, smooth=True)
+                command = delay_command(command, delay, smooth=True)
             else:
                 command = spread_over(drive.commanded(channel, at + delay), spread)
             out.append(first_order_lag(command, lag, "mean"))

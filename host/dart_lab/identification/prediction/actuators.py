@@ -7,8 +7,6 @@ came before it.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 
@@ -18,76 +16,24 @@ from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Grid
 from dart_hal.vehicle import channels
 from dart_hal.vehicle.compose import settled, signals
+from dart_hal.vehicle.delay import Sampled as Sampled
+from dart_hal.vehicle.delay import delay_series, first_order_lag
 from dart_hal.vehicle.effect import Now, Stateful
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 
-BLOCK = 64  # samples of a lag at once
 PARTS = 4  # of a sample, in which an effect with a memory has its mean
-Sampled = Literal["start", "middle", "mean"]
-"""At which moment of a sample, in which the command is held, the output of a lag is taken."""
 
 
-def delayed(command: FloatArray, delay: float, smooth: bool = False) -> FloatArray:
-    """The series (n,) ``delay`` [s] later, or below 0 earlier; beyond its ends what stands there.
+def delay_command(command: FloatArray, delay: float, smooth: bool = False) -> FloatArray:
+    """The command (n,) ``delay`` [s] later, or below 0 earlier; its ends are held.
 
-    By whole samples, as open-loop evaluation is defined; smooth: linear
-    between samples, so that a fit can find a delay below the grid's step.
+    By whole samples, as open-loop evaluation is defined; smooth: linear between samples, so that a
+    fit can find a delay below the step of the grid.
     """
-    if smooth:
-        at = np.arange(len(command))
-        return np.asarray(np.interp(at - delay / SAMPLE, at, command))
-    by = max(-len(command), min(round(delay / SAMPLE), len(command)))
-    if by < 0:
-        return np.concatenate([command[-by:], np.repeat(command[-1:], -by)])
-    return np.concatenate([np.repeat(command[:1], by), command[:len(command) - by]])
-
-
-def first_order_lag(u: FloatArray, lag: float, sampled: Sampled = "start") -> FloatArray:
-    """T y' = u - y of a command u (..., n) held over each sample, T = ``lag`` [s], y_0 = u_0.
-
-    y_i = k y_(i-1) + (1 - k) u_(i-1) with k = exp(-0.01 s / T) as sample i starts. In its
-    middle sqrt(k) y_i + (1 - sqrt(k)) u_i; its mean u_i + (y_i - u_i) (1 - k) T / 0.01 s.
-    """
-    if lag <= 0.0:
-        return u
-    keep = math.exp(-SAMPLE / lag)
-    y = low_pass(u, keep)
-    if sampled == "mean":
-        return np.asarray(u + (y - u) * (1.0 - keep) * lag / SAMPLE)
-    half = math.exp(-0.5 * SAMPLE / lag)
-    return np.asarray(half * y + (1.0 - half) * u) if sampled == "middle" else y
-
-
-def low_pass(u: FloatArray, keep: float) -> FloatArray:
-    """y (..., n) with y_0 = u_0 and y_i = keep y_(i-1) + (1 - keep) u_(i-1), u (..., n).
-
-    In blocks, each a product with the same triangle. (scipy's ``lfilter`` does the same;
-    its module alone takes longer to import than a recording to evaluate.)
-    """
-    n, (left, answer) = u.shape[-1], _block(keep)
-    padded = np.concatenate([u, np.repeat(u[..., -1:], -n % BLOCK, axis=-1)], axis=-1)
-    blocks = padded.reshape(*u.shape[:-1], -1, BLOCK)
-    forced = blocks @ answer
-    last = keep * forced[..., -1] + (1.0 - keep) * blocks[..., -1]
-    begin, over = [u[..., 0]], keep**BLOCK
-    # numbers are quicker than arrays of one
-    for one in last.tolist() if u.ndim == 1 else np.moveaxis(last, -1, 0):
-        begin.append(over * begin[-1] + one)
-    # np.stack makes an array of each plain number
-    starts = np.array(begin[:-1]) if u.ndim == 1 else np.stack(begin[:-1], axis=-1)
-    out = forced + starts[..., None] * left
-    return np.asarray(out.reshape(padded.shape)[..., :n])
-
-
-@lru_cache(maxsize=8)
-def _block(keep: float) -> tuple[FloatArray, FloatArray]:
-    """Of a lag: what is left of y_0 after each sample of a block, and y (j) by u (i), (i, j)."""
-    ahead = np.arange(BLOCK)
-    since = ahead[None, :] - 1 - ahead[:, None]  # samples from u_i to y_j
-    left = np.asarray(keep**ahead, dtype=np.float64)
-    return left, np.where(since >= 0, (1.0 - keep) * left[np.maximum(since, 0)], 0.0)
+    return np.asarray(delay_series(
+        command, delay if smooth else SAMPLE * round(delay / SAMPLE), SAMPLE))
 
 
 def actuated(p: Vehicle, g: Grid, *, smooth: bool = False, sampled: Sampled = "start"
@@ -103,7 +49,7 @@ def behind_actuator(p: Vehicle, channel: str, command: FloatArray, t: FloatArray
                     smooth: bool = False, sampled: Sampled = "start") -> FloatArray:
     """One command (n,) at times t (n,) behind its actuator: "throttle", or of "steering" the angle.
 
-    smooth: as ``delayed``. As open-loop evaluation is defined, a lag is what it is
+    smooth: as ``delay_command``. As open-loop evaluation is defined, a lag is what it is
     when a sample starts, an effect with a memory what it has reached when it ends:
     5 ms late, and 5 ms early, where both are held over the sample; sampled "mean":
     the means over it instead. Errors: UsageError for an effect that wants to know
@@ -111,8 +57,8 @@ def behind_actuator(p: Vehicle, channel: str, command: FloatArray, t: FloatArray
     """
     p = settled(p)
     delay, lag = (getattr(p.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
-    return behind_lag(p, channel, first_order_lag(delayed(command, delay, smooth), lag, sampled),
-                      t, sampled)
+    lagged = first_order_lag(delay_command(command, delay, smooth), lag, sampled)
+    return behind_lag(p, channel, lagged, t, sampled)
 
 
 def behind_lag(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,

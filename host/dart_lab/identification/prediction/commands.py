@@ -17,8 +17,7 @@ import numpy as np
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Messages, Recording
-
-from .actuators import first_order_lag
+from dart_hal.vehicle.delay import first_order_lag
 
 PROMPT = 0.02  # quantile of the delay between sending and arrival that stands for "at once"
 

@@ -15,10 +15,11 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.recording.dart import Grid
 from dart_hal.vehicle.batch import rollout
+from dart_hal.vehicle.delay import Sampled
 from dart_hal.vehicle.fitting.covariance import pooled_blocks
 from dart_hal.vehicle.parameters import Vehicle
 
-from .actuators import Sampled, actuated
+from .actuators import actuated
 
 Parts = Sequence[tuple[Grid, IntArray]]
 Progress = Callable[[float], None]
