@@ -37,8 +37,9 @@ def test_the_contracts_hold():
 @pytest.fixture
 def empty_packages(tmp_path):
     """The contracts over empty packages of the same names."""
-    for init in (ROOT / "host").rglob("__init__.py"):
-        copy = tmp_path / "host" / init.relative_to(ROOT / "host")
+    modules = [*(ROOT / "host").rglob("__init__.py"), *(ROOT / "host").glob("*/*.py")]
+    for module in modules:
+        copy = tmp_path / "host" / module.relative_to(ROOT / "host")
         copy.parent.mkdir(parents=True, exist_ok=True)
         copy.touch()
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
