@@ -12,11 +12,11 @@ sender was still alive: ``Sender.proof``. No recording contains the number of a 
 sent after it was made, so a replay never moves this time, whatever clocks the members have and
 however often they were restarted.
 
-* A BEAT counts from ``proof``, in every room. Delay on the way makes it older, not younger.
-* With a key all other frames count only while ``proof`` is at most ``LATEST`` s old; a STOP also
+- A BEAT counts from ``proof``, in every room. Delay on the way makes it older, not younger.
+- With a key all other frames count only while ``proof`` is at most ``LATEST`` s old; a STOP also
   later, once its session was proven. Frames of a session that is not proven change nothing, but
   are echoed, so that it is proven with the next frame if it lives.
-* Without a key poses, health and stops count without a proof.
+- Without a key poses, health and stops count without a proof.
 
 Age. The sender says how old its pose was when it left. From then on this car's own clock counts,
 whose rate need not be the sender's. How long the frame travelled is given by the lines' clocks, in
