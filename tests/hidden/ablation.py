@@ -80,7 +80,8 @@ def _not_sharpened(original: Function) -> Function:
 
     def keep(self: Any, point: Any, noise: Any, trials: Any) -> Any:
         naming = self._settings.policy.naming
-        return point, noise, trials, explain(point, trials, partial(self._with, noise), naming)
+        return point, noise, trials, explain(point, trials, partial(
+            self.add_effect, self._evidence, noise), naming)
 
     return keep
 
