@@ -14,7 +14,7 @@ from campaign_cases import Case
 from near_relatives import NEAR
 from stranger_causes import SIZES
 
-from dart_hal.vehicle.effects import catalogue, cornering_drag
+from dart_hal.vehicle.effects import catalogue, cornering_drag, own_effects
 
 pytestmark = pytest.mark.more
 
@@ -39,16 +39,22 @@ def test_a_load_transfer_by_drive_force_is_one_cause():
     assert [c["effect"] for c in answer["causes"]] == ["load_transfer"]
 
 
+def forget_the_catalogue() -> None:
+    """Let the catalogue read the files of the effects again."""
+    own_effects.cache_clear()
+    catalogue.cache_clear()
+
+
 def test_without_its_share_at_the_wheels_a_second_cause_is_named(monkeypatch):
     """The negative control."""
     whole = cornering_drag.EFFECT
     along_the_car = replace(whole, parameters=whole.parameters[:1],
                             force=lambda p, f, k: whole.force(p, f, k, 0.0))
     monkeypatch.setattr(cornering_drag, "EFFECT", along_the_car)
-    catalogue.cache_clear()
+    forget_the_catalogue()
     try:
         answer = run(Case("fixed", 100, (("cornering_drag", SIZES["cornering_drag"][1]),)))
     finally:
         monkeypatch.undo()
-        catalogue.cache_clear()
+        forget_the_catalogue()
     assert [c["effect"] for c in answer["causes"]] == ["cornering_drag", "yaw_damping"]
