@@ -16,7 +16,7 @@ from msgspec import structs
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports import Workshop
-from dart_hal.core.timing import PWM_FRAME
+from dart_hal.core.timing import PWM_FRAME, PWM_WAIT_STD
 from dart_hal.core.types import Estimate
 from dart_hal.devices.actuation.limits import RAW_HIGH_US
 
@@ -52,7 +52,7 @@ LOSSES, LONGEST_LOSS = 3, 3.0
 FADES = 0.1
 """Share of the motor's lag, one sigma, by which its pull without pulses depends on the pull before:
 1 - ln(1 + b) / b of the lag, 0.16 after b = 0.4 dead bands, 0.36 after 1.3."""
-LOST_STD = PWM_FRAME / math.sqrt(12.0)
+LOST_STD = PWM_WAIT_STD
 """s: when before the write the last pulse ended; half a frame in the mean less the pulse itself, as
 the write lets one that is under way end (cut short it would be the same to 0.1 ms)."""
 WRITTEN = 0.002
@@ -234,7 +234,7 @@ def _rest(spin: Spinner, first: float) -> Quantity:
         else:
             short = frames
     seconds = max(long - 1.5, 0.5) * PWM_FRAME
-    return Quantity(seconds, PWM_FRAME / math.sqrt(12.0), "reverse after the brake, by halving")
+    return Quantity(seconds, PWM_WAIT_STD, "reverse after the brake, by halving")
 
 
 # -- full throttle, no pulse -------------------------------------------------------
