@@ -7,9 +7,11 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from dart_hal.cli import main
 from dart_hal.cli.main import list_verbs, load_command
 from pages import foreign
 
@@ -47,6 +49,15 @@ def test_the_list_of_verbs(verb):
     shown = verb("--help")
     assert all(name in shown.out for name in list_verbs())
     assert "dart-hal" in verb("--version").out
+
+
+def test_a_verb_of_another_package_takes_no_name_of_ours(monkeypatch):
+    added = {"stop": "does something else", "weigh": "weigh the car"}
+    entry = SimpleNamespace(module="their.cli")
+    monkeypatch.setattr(main, "list_plugins", lambda group: {"theirs": entry})
+    monkeypatch.setattr(main, "load_entry", lambda entry: added)
+    assert main.list_verbs()["stop"] == (main.VERBS["stop"], "dart_hal.cli")
+    assert main.list_verbs()["weigh"] == ("weigh the car", "their.cli")
 
 
 @pytest.mark.parametrize(("arguments", "answer"), [

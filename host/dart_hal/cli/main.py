@@ -46,7 +46,8 @@ def list_verbs() -> dict[str, tuple[str, str]]:
     """
     verbs = {name: (text, "dart_hal.cli") for name, text in VERBS.items()}
     for entry in list_plugins(GROUP).values():
-        verbs |= {name: (text, entry.module) for name, text in load_entry(entry).items()}
+        for name, text in load_entry(entry).items():
+            verbs.setdefault(name, (text, entry.module))  # ``stop`` is ours, whoever adds one
     return verbs
 
 
