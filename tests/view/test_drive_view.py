@@ -89,6 +89,7 @@ def test_the_script_drives_and_the_page_stops_it(stopped):
 
 
 def test_control_a_stop_that_nobody_obeys_is_seen_at_the_pin(stopped):
-    watcher, code, _ = stopped(lambda desk, now: None)
-    assert driving(watcher.pulses, watcher.heard + 0.3)
-    assert code == 0
+    watcher, _, told = stopped(lambda desk, now: None)
+    assert driving(watcher.pulses, watcher.heard + 0.3), told
+    # Not the exit code: where the computer stalls in these ten seconds, the car stops by itself.
+    assert "RUN_STOP" not in told
