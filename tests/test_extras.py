@@ -20,7 +20,7 @@ LINES = ["numpy>=1.24", "pyyaml>=6", "websockets>=15", "matplotlib>=3.7; extra =
 
 @pytest.fixture(autouse=True)
 def requirements(monkeypatch):
-    monkeypatch.setattr(extras, "requires", lambda _name: LINES)
+    monkeypatch.setattr("importlib.metadata.requires", lambda _name: LINES)
 
 
 def test_extra_becomes_its_packages():
@@ -59,7 +59,7 @@ def test_package_that_is_not_installed_has_no_requirements(monkeypatch):
     def missing(_name):
         raise metadata.PackageNotFoundError
 
-    monkeypatch.setattr(extras, "requires", missing)
+    monkeypatch.setattr("importlib.metadata.requires", missing)
     assert packages_of("plot") == ["plot"]
 
 

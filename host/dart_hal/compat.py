@@ -10,7 +10,6 @@ import sys
 import warnings
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
@@ -88,7 +87,7 @@ def _warn(old: str, new: str, level: int) -> None:
     warnings.warn(f"{old} is {new} since version 0.2", DeprecationWarning, stacklevel=level)
 
 
-class _NewModule(Loader):
+class _NewModule:
     """Puts the module at its new path under its old name, too."""
 
     def __init__(self, new: str) -> None:
@@ -101,7 +100,7 @@ class _NewModule(Loader):
         sys.modules[module.__name__] = import_module(self._new)
 
 
-class MovedModules(MetaPathFinder):
+class MovedModules:
     """Finds modules by their paths of version 0.1.
 
     It is asked first: a moved package is under its old name, too, and its modules would be loaded
@@ -114,7 +113,8 @@ class MovedModules(MetaPathFinder):
         if new is None:
             return None
         _warn(fullname, new, 3)
-        return ModuleSpec(fullname, _NewModule(new), is_package=True)
+        loader: Any = _NewModule(new)  # no importlib.abc.Loader, which takes long to import
+        return ModuleSpec(fullname, loader, is_package=True)
 
 
 def install() -> None:

@@ -5,18 +5,22 @@ from __future__ import annotations
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dart_hal.core.errors import DartHalError, PluginFailed, UsageError
 from dart_hal.core.process.extras import install_command
+
+if TYPE_CHECKING:  # takes a tenth of the import of a car
+    from importlib.metadata import EntryPoint
 
 OWN_DISTRIBUTION = "dart-hal"
 
 
 def list_plugins(group: str) -> dict[str, EntryPoint]:
     """List the entry points of a group by name."""
+    from importlib.metadata import entry_points
+
     return {entry.name: entry for entry in entry_points(group=group)}
 
 
@@ -74,6 +78,7 @@ def is_own(entry: EntryPoint) -> bool:
 def describe(entry: EntryPoint) -> str:
     """Name an entry point and its distribution.
 
+    >>> from importlib.metadata import EntryPoint
     >>> describe(EntryPoint("tcp", "tcp_nano:open_tcp", "dart_hal.backends"))
     'tcp = tcp_nano:open_tcp (dart_hal.backends) of an unknown distribution'
     """

@@ -19,9 +19,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-from mcap.writer import CompressionType, Writer
+from typing import TYPE_CHECKING, Any
 
 from dart_hal.core.errors import FileTrouble, RecordingError, UsageError
 from dart_hal.core.process.suspend import elapsed_ns
@@ -29,6 +27,9 @@ from dart_hal.core.types import nanoseconds
 from dart_hal.recording.mcap_records import JSON, ZERO, McapFile
 from dart_hal.recording.pieces import PieceWriter
 from dart_hal.recording.schemas import definition
+
+if TYPE_CHECKING:
+    from mcap.writer import Writer
 
 LIBRARY = "dart-hal recording 5"
 """Fixed: a version of a library here would change the bytes of a run."""
@@ -45,6 +46,8 @@ log = logging.getLogger("dart_hal")
 
 def mcap_writer(file: Any) -> Writer:
     """mcap's writer as runs use it: nothing compressed, a checksum on everything."""
+    from mcap.writer import CompressionType, Writer
+
     writer = Writer(file, compression=CompressionType.NONE, enable_data_crcs=True)
     writer.start(profile="ros2", library=LIBRARY)
     return writer

@@ -7,7 +7,8 @@ numpy)`` takes arrays of cars, ``make_dynamic(PAPER, casadi)`` symbols.
 
 from __future__ import annotations
 
-from dart_hal.vehicle.batch import Batch, rollout
+from typing import TYPE_CHECKING, Any
+
 from dart_hal.vehicle.bicycle import make_acceleration, make_dynamic, make_kinematic
 from dart_hal.vehicle.flat import stack
 from dart_hal.vehicle.friction import make_friction
@@ -30,6 +31,9 @@ from dart_hal.vehicle.steering import check_monotone, make_steering, make_steeri
 from dart_hal.vehicle.step import make_car_step, make_motion_step
 from dart_hal.vehicle.tyres import make_slip, make_tyres
 
+if TYPE_CHECKING:
+    from dart_hal.vehicle.batch import Batch, rollout
+
 __all__ = [
     "ARRAY", "GRAVITY", "PAPER", "PAPER_PRINTED", "SCALAR", "SETS", "UPSTREAM_2024",
     "AxleTyres", "Batch", "Body", "Delay", "Friction", "Motor", "Namespace", "PaperTyres",
@@ -38,3 +42,12 @@ __all__ = [
     "make_kinematic_step", "make_motion_step", "make_motor", "make_motor_gains", "make_slip",
     "make_steering", "make_steering_inverse", "make_tyres", "rollout", "stack", "vehicle_set",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """Load what runs many cars on first use: a car that drives needs no compiled kernels."""
+    if name not in ("Batch", "rollout"):
+        raise AttributeError(f"module 'dart_hal.vehicle' has no attribute {name!r}")
+    from dart_hal.vehicle import batch
+
+    return getattr(batch, name)

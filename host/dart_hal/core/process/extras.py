@@ -7,7 +7,6 @@ import re
 import shlex
 import shutil
 import sys
-from importlib.metadata import PackageNotFoundError, requires
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -36,6 +35,8 @@ def install_command(*names: str) -> str:
 
 def packages_of(name: str) -> list[str]:
     """Return the requirements of an extra, or the requirement that provides an import name."""
+    from importlib.metadata import PackageNotFoundError, requires
+
     try:
         lines = requires(DISTRIBUTION) or []
     except PackageNotFoundError:

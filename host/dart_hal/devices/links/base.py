@@ -11,13 +11,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from importlib.metadata import EntryPoint
+from typing import TYPE_CHECKING
 
 from dart_hal.core.errors import PluginFailed, UnknownScheme
 from dart_hal.core.plugins import attribute_errors, describe, list_plugins, load_entry
 from dart_hal.core.ports import Bus, Clock, ImageSource, Link, PoseSource, ScanSource, Workshop
 from dart_hal.core.types import Contact
 from dart_hal.core.url import Url
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 
 @dataclass

@@ -7,12 +7,14 @@ entry is a function ``open(url: Url) -> Transport``.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from importlib.metadata import EntryPoint
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.plugins import attribute_errors, list_plugins, load_entry
 from dart_hal.core.url import Url
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 GROUP = "dart_hal.transports"
 

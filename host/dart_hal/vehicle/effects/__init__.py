@@ -15,7 +15,6 @@ import sys
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import replace
 from functools import lru_cache
-from importlib.metadata import entry_points
 from types import MappingProxyType
 
 import numpy as np
@@ -49,6 +48,8 @@ def catalogue() -> Mapping[str, Effect]:
 @lru_cache(maxsize=1)
 def _added_effects() -> Mapping[str, tuple[Effect, str]]:
     """Effects of other packages by name, each with its module."""
+    from importlib.metadata import entry_points
+
     found: dict[str, tuple[Effect, str]] = {}
     for entry in entry_points(group=GROUP):
         one = entry.load()
