@@ -61,10 +61,10 @@ bench: $(VENV)/.dev toolchain ## every figure of docs/results/benchmarks.md, mea
 	@$(BIN)/python benchmarks/run.py $(ARGS)
 
 campaign: $(VENV)/.dev ## hide every cause in drives and see whether it is found (some hours)
-	@$(BIN)/python tests/hidden/campaign.py --picture docs/pictures/diagnose_confusion.png $(ARGS)
+	@$(BIN)/python -m studies.diagnosis.campaign --picture docs/pictures/diagnose_confusion.png $(ARGS)
 
 coverage: $(VENV)/.dev ## calibrate and identify 100 hidden cars: do the 90 % intervals hold the truth? (four hours)
-	@$(BIN)/python -m tests.calibration.coverage all joint --jobs 2 --plot docs/pictures/calibration_coverage.png $(ARGS)
+	@$(BIN)/python -m studies.calibration.coverage all joint --jobs 2 --plot docs/pictures/calibration_coverage.png $(ARGS)
 
 docs: $(VENV)/.docs ## regenerate the generated pages and build the handbook (docs/build/index.html)
 	@$(BIN)/dart-hal wire --write

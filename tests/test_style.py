@@ -41,7 +41,7 @@ def tracked() -> list[Path]:
 @pytest.mark.cpu(4)
 def test_ruff():
     done = tool("ruff", "check", "--output-format", "concise", "host", "tests",
-                "examples", "benchmarks")
+                "studies", "examples", "benchmarks")
     assert done.returncode == 0, done.stdout
 
 

@@ -35,7 +35,6 @@ def build(p: Parameters, out: Path) -> dict[str, object]:
     import drawings
     import drill_sheets
     import families
-
     import report
 
     for folder in ("stl", "step", "dxf", "drill", "pictures", "cad"):

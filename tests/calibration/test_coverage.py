@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from .coverage import EACH, POOLED, rows_of
-from .hidden_errors import errors, worst
-from .joint_errors import calibrated, joint_errors, true_parameters
+from studies.calibration.coverage import EACH, POOLED, rows_of
+from studies.calibration.hidden_errors import errors, worst
+from studies.calibration.joint_errors import calibrated, joint_errors, true_parameters
 
 CARS = 400
 

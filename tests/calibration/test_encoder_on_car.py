@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden_errors import off_by
 
 from dart_hal.calibration.encoder import Taped, calibrate_encoder, travel_per_edge
 from dart_hal.calibration.measured import write
@@ -15,6 +14,7 @@ from dart_hal.core.errors import CalibrationFailed
 from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.ring import LearntRing, RingLearner
 from dart_lab.sim.truth import reveal, truth, world_of
+from studies.calibration.hidden_errors import off_by
 
 URL = "sim://?nano=mock&seed="
 

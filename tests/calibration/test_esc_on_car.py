@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from esc_pin import FRAMES, Watched, without_stop
-from hidden_errors import errors, worst
 
 from dart_hal.calibration import esc, esc_fit
 from dart_hal.calibration.esc import calibrate_esc
@@ -18,6 +17,7 @@ from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
 from dart_lab.sim.esc import Esc
 from dart_lab.sim.truth import reveal
+from studies.calibration.hidden_errors import errors, worst
 
 URL = "sim://?nano=mock&seed="
 QUANTITIES = {f"throttle.{name}" for name in (

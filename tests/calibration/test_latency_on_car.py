@@ -16,8 +16,7 @@ from dart_hal.control.tuning import answer_of
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
-
-from .hidden_errors import true_sensors
+from studies.calibration.hidden_errors import true_sensors
 
 URL = "sim://?nano=mock&seed="
 LATE = "&effect=throttle_delay:0.02,throttle_lag:0.06"

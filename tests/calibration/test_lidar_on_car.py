@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from esc_pin import FRAMES, Watched, without_stop
-from hidden_errors import room_map
 
 from dart_hal.calibration.lidar import calibrate_lidar, found_by
 from dart_hal.calibration.lidar_fit import Drive, fit_lidar
@@ -23,6 +22,7 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.localisation.field import map_of_lines
 from dart_lab.sim.lidar.maps import room_of
 from dart_lab.sim.truth import truth
+from studies.calibration.hidden_errors import room_map
 
 URL = "sim://?seed=4&nano=mock&lidar=scale=1.015&map=room"
 WAIVED = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED", "--json")

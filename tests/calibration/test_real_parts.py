@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.calibration.hidden_errors import true_sensors, url_of
-from tests.calibration.real_parts import (
+
+from dart_hal.calibration.clock import CRYSTAL as STATED
+from dart_lab.sim import mock_imu
+from dart_lab.sim.mock_imu import MockImu
+from studies.calibration.hidden_errors import true_sensors, url_of
+from studies.calibration.real_parts import (
     CRYSTAL,
     filtered_gyro,
     host_second,
     in_seconds,
     rear_bend,
 )
-
-from dart_hal.calibration.clock import CRYSTAL as STATED
-from dart_lab.sim import mock_imu
-from dart_lab.sim.mock_imu import MockImu
 
 CARS = range(1, 401)
 

@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from esc_pin import FRAMES, Watched, without_stop
-from hidden_errors import errors, holding_pulse, worst
 
 from dart_hal.calibration.measured import write
 from dart_hal.calibration.throttle import (
@@ -22,6 +21,7 @@ from dart_hal.calibration.throttle import (
 from dart_hal.car import Car
 from dart_hal.core.config import Quantity
 from dart_hal.core.errors import CalibrationFailed
+from studies.calibration.hidden_errors import errors, holding_pulse, worst
 
 URL = "sim://?nano=mock&seed="
 DRIVE = "throttle.drive"

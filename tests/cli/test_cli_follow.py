@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.control.light_follow import LATER, plant_by
 
 from dart_hal.cli import follow as verb_module
 from dart_hal.cli.follow import SLOWEST, listen
@@ -13,6 +12,7 @@ from dart_hal.control.tracks import track_named
 from dart_hal.core.types import Pose, Tracking, pose_cov
 from dart_hal.fleet.peers import OtherPose
 from dart_hal.recording.run import RunReader
+from studies.control.light_follow import LATER, plant_by
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=3&nano=mock&mocap=1"

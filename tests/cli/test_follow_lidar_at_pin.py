@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.cli.test_localize_at_pin import WAIVED, Wrong
 
 from dart_hal import Car
 from dart_hal.cli.follow import follow, follower_of
@@ -16,6 +15,7 @@ from dart_hal.estimation.localisation.field import map_of_lines
 from dart_hal.estimation.localisation.source import LidarPoses
 from dart_lab.sim.truth import room_of_car, world_of
 from dart_lab.sim.world import THROTTLE
+from tests.cli.test_localize_at_pin import WAIVED, Wrong
 
 RING = Path([(2.0 * np.pi * 0.8, 1.0 / 0.8)], closed=True)
 LOST_AT, SLOWS, SCAN = 5.0, 0.8, 0.2

@@ -6,7 +6,6 @@ from math import inf
 
 import numpy as np
 import pytest
-from tests.cli.test_lane_at_pin import FAULTS, LOST_AT, SLOWS, Changed
 
 from dart_hal import Car
 from dart_hal.cli.map import along_walls
@@ -18,6 +17,7 @@ from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.lidar.maps import clearance
 from dart_lab.sim.truth import room_of_car, world_of
 from dart_lab.sim.world import THROTTLE
+from tests.cli.test_lane_at_pin import FAULTS, LOST_AT, SLOWS, Changed
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")

@@ -14,10 +14,10 @@ import threading
 import time
 
 import pytest
-from tests.contract.conftest import OFF
 
 from dart_hal.core.errors import Disarmed, LinkLost, PortBusy, PortMissing
 from dart_hal.devices.actuation import guarded
+from tests.contract.conftest import OFF
 
 pytestmark = pytest.mark.realtime
 

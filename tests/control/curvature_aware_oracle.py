@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import casadi as ca
 import numpy as np
-from tests.control.mpc_oracle import QUIET
 
 from dart_hal.control.curvature_aware import curvature, progress
 from dart_hal.control.curvature_aware.follower import Motion
@@ -19,6 +18,7 @@ from dart_hal.control.curvature_aware.two_layers import TwoLayers, _plan
 from dart_hal.control.mpc.model import STAGE, make_stage
 from dart_hal.control.mpc.planner import Outcome
 from dart_hal.vehicle.namespace import adapt
+from tests.control.mpc_oracle import QUIET
 
 LENGTH = REACH * STAGES * STAGE
 """Of the grid, by the speed."""

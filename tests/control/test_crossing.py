@@ -8,9 +8,6 @@ from math import inf
 
 import numpy as np
 import pytest
-from tests.control import crossing_light as light
-from tests.control.crossing_figures import campaign
-from tests.control.crossing_light import Faults, Network, Start
 
 from dart_hal.control.crossing import layouts, order
 from dart_hal.control.crossing.coordinator import Coordinator, Wait
@@ -19,6 +16,9 @@ from dart_hal.control.crossing.message import Fault, decode, encode
 from dart_hal.control.crossing.order import Phase, Right, Verdict
 from dart_hal.control.crossing.speed import safe_speed, stopping_distance, throttle_at
 from dart_hal.core.errors import UsageError
+from studies.control import crossing_light as light
+from studies.control.crossing_figures import campaign
+from studies.control.crossing_light import Faults, Network, Start
 
 LEAST = 0.35
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import inf
 
 import pytest
-from tests.control.crossing_fleet import Emulated, Fault
 
 from dart_hal.control.crossing.coordinator import Answer, Coordinator, Wait
 from dart_hal.control.crossing.layouts import LAYOUTS
+from studies.control.crossing_fleet import Emulated, Fault
 
 ROUTES = (("S-N", 1.2), ("E-W", 1.2))
 MEET = (("S-N", 1.7), ("E-W", 1.2))

@@ -4,10 +4,10 @@ protocol's parts, left out one at a time, let two of them on it."""
 from __future__ import annotations
 
 import pytest
-from tests.control.crossing_model import BEFORE, ON, PAST, Rules, check, put
 
 from dart_hal.control.crossing import order
 from dart_hal.control.crossing.order import Phase, Right
+from studies.control.crossing_model import BEFORE, ON, PAST, Rules, check, put
 
 
 class NoAcknowledgement(Rules):

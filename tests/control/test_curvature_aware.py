@@ -8,18 +8,6 @@ from math import inf
 
 import numpy as np
 import pytest
-from tests.control.curvature_aware_loop import (
-    CASES,
-    KINEMATIC,
-    PAPERS,
-    TRACK,
-    controller,
-    drive,
-    error_on_arc,
-    passed,
-)
-from tests.control.light_follow import LATER, figures, light_drive, plant_by
-from tests.control.mpc_loop import Loop, limits_of
 
 from dart_hal.control.curvature_aware.curvature import GRID, curvature, weights_of
 from dart_hal.control.curvature_aware.generator import STAGES, TUNED, Generator, PathWeights
@@ -34,6 +22,18 @@ from dart_hal.control.mpc.reference import Reference
 from dart_hal.control.paths import Path
 from dart_hal.control.trackers import curvature_aware
 from dart_hal.core.errors import UsageError
+from studies.control.curvature_aware_loop import (
+    CASES,
+    KINEMATIC,
+    PAPERS,
+    TRACK,
+    controller,
+    drive,
+    error_on_arc,
+    passed,
+)
+from studies.control.light_follow import LATER, figures, light_drive, plant_by
+from studies.control.mpc_loop import Loop, limits_of
 
 PLAIN, LAGS = CASES["kinematic car, its model"], CASES["later set with lags, kinematic model"]
 ITS_OWN = CASES["later set with lags, 40 ms late, its model"]

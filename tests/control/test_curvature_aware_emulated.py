@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.control.curvature_aware_emulated import drive
-from tests.control.curvature_aware_uncalibrated import drive as uncalibrated
 
 from dart_hal.control.curvature_aware.generator import TUNED, PathWeights
 from dart_hal.control.curvature_aware.progress import Law
 from dart_hal.control.mpc.disturbance import MOST
 from dart_hal.control.mpc.planner import Outcome
+from studies.control.curvature_aware_emulated import drive
+from studies.control.curvature_aware_uncalibrated import drive as uncalibrated
 
 FOLDER = Path(__file__).parents[2] / "examples" / "use_cases"
 

@@ -7,8 +7,6 @@ from math import inf
 
 import numpy as np
 import pytest
-from tests.control.light_follow import LATER, light_drive, motion_at, plant_by
-from tests.control.mpc_loop import P, known
 
 from dart_hal.control.follow import Follower
 from dart_hal.control.mpc import disturbance
@@ -16,6 +14,8 @@ from dart_hal.control.mpc.disturbance import MOST, Disturbance, Learning
 from dart_hal.control.plant import Late, Prediction
 from dart_hal.control.tracks import track_named
 from dart_hal.core.types import Pose
+from studies.control.light_follow import LATER, light_drive, motion_at, plant_by
+from studies.control.mpc_loop import P, known
 
 TRUE = np.array([0.03, -0.15, 0.1])
 ORIGIN = Pose(0.0, 0.0, 0.0)

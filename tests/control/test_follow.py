@@ -7,7 +7,6 @@ from math import pi
 
 import numpy as np
 import pytest
-from tests.control.light_follow import light_drive, motion_at, plant_by
 
 from dart_hal.control.follow import (
     BRIDGED,
@@ -25,6 +24,7 @@ from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import START, Pose, Tracking
 from dart_hal.vehicle.sets import UPSTREAM_2024
+from studies.control.light_follow import light_drive, motion_at, plant_by
 
 PLANT = plant_by(UPSTREAM_2024)
 STRAIGHT = Path([(4.0, 0.0)], closed=False)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from tests.control.follow_figures import driven
+
+from studies.control.follow_figures import driven
 
 pytestmark = pytest.mark.slow
 SEEDS = (21, 22)

@@ -6,7 +6,6 @@ from math import cos, sin
 
 import numpy as np
 import pytest
-from tests.control.light_follow import plant_by
 
 from dart_hal.control.lane import REACH, look
 from dart_hal.control.lane_model import Reckoning
@@ -14,6 +13,7 @@ from dart_hal.control.paths import Path
 from dart_hal.core.types import Pose
 from dart_hal.vehicle.sets import UPSTREAM_2024
 from dart_lab.sim.lidar.lanes import HALF, LANES, boards
+from studies.control.light_follow import plant_by
 
 RNG = np.random.default_rng(5)
 

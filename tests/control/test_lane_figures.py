@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.control.lane_figures import driven
+
+from studies.control.lane_figures import driven
 
 FRESH = range(201, 221)
 """None of the cars on which anything was tuned."""

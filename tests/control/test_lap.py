@@ -8,7 +8,6 @@ from math import atan, pi, sqrt
 import numpy as np
 import pytest
 from scipy.optimize import brentq
-from tests.control.light_follow import LATER, plant_by
 
 from dart_hal.control.lap import ALONG, GRIP, SpeedProfile, speed_profile
 from dart_hal.control.paths import Path
@@ -21,6 +20,7 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.sets import PAPER
+from studies.control.light_follow import LATER, plant_by
 
 PLANT = plant_by(LATER)
 

@@ -1,10 +1,11 @@
-"""The racetrack by lidar poses: a small version of ``python -m tests.control.lidar_figures``."""
+"""The racetrack by lidar poses: a small version of ``python -m studies.control.lidar_figures``."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.control.lidar_figures import driven
+
+from studies.control.lidar_figures import driven
 
 FRESH = range(101, 121)
 """None of the cars on which anything was tuned."""

@@ -6,8 +6,6 @@ from math import cos, pi
 
 import numpy as np
 import pytest
-from tests.control.monitoring_targets import moving, parts_of
-from tests.control.monitoring_times import TIMES, times
 
 from dart_hal.control.monitoring.course import Course
 from dart_hal.control.monitoring.detection import cleared, coverage, first_seen
@@ -23,6 +21,8 @@ from dart_hal.control.monitoring.kuramoto import (
 )
 from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.core.errors import UsageError
+from studies.control.monitoring_targets import moving, parts_of
+from studies.control.monitoring_times import TIMES, times
 
 K, DT, STARTS = 0.1, 0.1, 0.5
 """rad/s, s, rad: K / N, the step, and the noise of a start, as published."""

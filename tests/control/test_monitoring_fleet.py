@@ -5,11 +5,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.control.monitoring_figures import NINE, OMEGA, SLOW, TEAM, driven, nine
 
 from dart_hal.control.monitoring.kuramoto import disagreement
 from dart_hal.control.monitoring.monitor import Mode
 from dart_lab.sim.truth import world_of
+from studies.control.monitoring_figures import NINE, OMEGA, SLOW, TEAM, driven, nine
 
 NEUTRAL, NEAR = 1.5e-3, 5e-6
 """s, s."""

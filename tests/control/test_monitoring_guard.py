@@ -8,8 +8,6 @@ from math import pi
 
 import numpy as np
 import pytest
-from tests.control.light_follow import motion_at
-from tests.control.monitoring_beads import NAMES, OMEGA, PLANT, TEAM, K, scenario
 
 from dart_hal.control.follow import Phase
 from dart_hal.control.monitoring.course import Course
@@ -21,6 +19,8 @@ from dart_hal.control.monitoring.monitor import HURRY, Mode, Monitor
 from dart_hal.control.monitoring.peer import POINTS, STALE, STEP, Peer, Touch
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Pose
+from studies.control.light_follow import motion_at
+from studies.control.monitoring_beads import NAMES, OMEGA, PLANT, TEAM, K, scenario
 
 COURSE = Course(TEAM.curve)
 GUARD = Guard(COURSE)

@@ -7,18 +7,6 @@ from math import inf
 
 import numpy as np
 import pytest
-from tests.control.light_follow import LATER, light_drive, plant_by
-from tests.control.mpc_loop import (
-    NO_LAGS,
-    Loop,
-    P,
-    around,
-    by_profile,
-    controller,
-    figures,
-    lap,
-    margin,
-)
 
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.mpc.admm import Rows, solve
@@ -30,6 +18,18 @@ from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.step import make_car_step
+from studies.control.light_follow import LATER, light_drive, plant_by
+from studies.control.mpc_loop import (
+    NO_LAGS,
+    Loop,
+    P,
+    around,
+    by_profile,
+    controller,
+    figures,
+    lap,
+    margin,
+)
 
 TRACK = track_named("racetrack_vicon_2")
 CORNERING = (0.3, -0.2, 0.4, 1.6, 0.05, 1.2, 0.28, 0.35)

@@ -7,13 +7,13 @@ from math import inf
 
 import numpy as np
 import pytest
-from tests.control.mpc_loop import Loop, P, controller
-from tests.control.test_mpc import CORNERING, TRACK
 
 from dart_hal.control.mpc import generated
 from dart_hal.control.mpc.admm import Rows, solve
 from dart_hal.control.mpc.model import linearised, make_stage
 from dart_hal.core.errors import UsageError
+from studies.control.mpc_loop import Loop, P, controller
+from tests.control.test_mpc import CORNERING, TRACK
 
 STATES = np.array([CORNERING, (1.0, 2.0, -3.0, 0.4, 0.0, 0.1, 0.2, -0.4),
                    (0.0, 0.0, 2.0, 2.1, -0.1, -2.5, 0.35, -0.8)])

@@ -6,11 +6,6 @@ from math import inf, pi
 
 import numpy as np
 import pytest
-from tests.control.light_follow import LATER, light_drive, plant_by
-from tests.control.mpc_loop import Loop, P, controller
-from tests.control.mpc_spread import COV, errors
-from tests.control.obstacle_figures import passed
-from tests.control.test_mpc import TRACK
 
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.mpc import generated, spread, tracker
@@ -18,6 +13,11 @@ from dart_hal.control.mpc.obstacles import Disc, Obstacle, air, needed
 from dart_hal.control.paths import Path
 from dart_hal.control.trackers import contouring
 from dart_hal.core.errors import UsageError
+from studies.control.light_follow import LATER, light_drive, plant_by
+from studies.control.mpc_loop import Loop, P, controller
+from studies.control.mpc_spread import COV, errors
+from studies.control.obstacle_figures import passed
+from tests.control.test_mpc import TRACK
 
 STRAIGHT = Path([(9.0, 0.0)], closed=False)
 

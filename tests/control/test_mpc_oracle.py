@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.control.mpc_loop import Loop, P, controller, figures, limits_of
 
 from dart_hal.control.mpc.iteration import Mpcc
 from dart_hal.control.tracks import track_named
+from studies.control.mpc_loop import Loop, P, controller, figures, limits_of
 
 TRACK = track_named("racetrack_vicon_2")
 

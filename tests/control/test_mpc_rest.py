@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.control.mpc_loop import Loop, P, limits_of
 
 from dart_hal.control.crossing.speed import safe_speed, throttle_at
 from dart_hal.control.mpc.iteration import Mpcc, Outcome
 from dart_hal.control.mpc.model import linearised, make_stage
 from dart_hal.control.paths import Path
 from dart_hal.vehicle.sets import PAPER
+from studies.control.mpc_loop import Loop, P, limits_of
 
 LINE, WAITS = 3.0, 8.0
 """m; s until the line is gone."""

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.control.platoon_loop import Line, Scenario, drive, published, random_scenario
 
 from dart_hal.control.platoon.detector import Detector
 from dart_hal.control.platoon.follower import Follower, Gap, Mode
@@ -19,6 +18,7 @@ from dart_hal.control.platoon.hearing import Hearing, Told
 from dart_hal.control.platoon.safe import Margins, Underway, moves, safe
 from dart_hal.control.platoon.stability import peak
 from dart_hal.core.errors import UsageError
+from studies.control.platoon_loop import Line, Scenario, drive, published, random_scenario
 
 AS_PUBLISHED = {"rule": False, "compensated": False, "detects": False}
 UNREADY = Margins(m=0.02)

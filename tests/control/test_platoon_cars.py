@@ -6,8 +6,6 @@ import re
 
 import numpy as np
 import pytest
-from tests.control import platoon_cars as cars
-from tests.control.platoon_cars import example, gaps, lateral
 
 from dart_hal.car import Fleet
 from dart_hal.control.paths import Path
@@ -15,6 +13,8 @@ from dart_hal.control.platoon.car import PlatoonCar
 from dart_hal.control.platoon.spacing import NOSE, TAIL, heard, seen
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
+from studies.control import platoon_cars as cars
+from studies.control.platoon_cars import example, gaps, lateral
 
 NEUTRAL_US, NEAR_US = 1500.0, 5.0
 SHORT = {"cars": 3, "lasts": 8.0, "brakes": 5.5, "loss": 0.3}

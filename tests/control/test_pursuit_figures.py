@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from tests.control.pursuit_figures import lap
+
+from studies.control.pursuit_figures import lap
 
 
 @pytest.mark.parametrize(("speed", "predicted", "rms", "largest"), [

@@ -8,9 +8,8 @@ import pytest
 from dart_hal.control.profile import FOLLOWED, Profile
 from dart_hal.control.tuning import Answer, answer_of
 from dart_hal.vehicle.parameters import Delay
-
-from . import speed_figures
-from .speed_figures import STEP, driven, figures, identified, sine, step
+from studies.control import speed_figures
+from studies.control.speed_figures import STEP, driven, figures, identified, sine, step
 
 LATE = 0.084
 

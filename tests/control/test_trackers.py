@@ -7,7 +7,6 @@ from math import pi
 
 import numpy as np
 import pytest
-from tests.control.light_follow import LATER, figures, light_drive, motion_at, plant_by
 
 from dart_hal.control.follow import Follower, Rules
 from dart_hal.control.lqr import PREVIEW
@@ -21,6 +20,7 @@ from dart_hal.core.types import Pose
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.sim.car_file import typical_car_toml
+from studies.control.light_follow import LATER, figures, light_drive, motion_at, plant_by
 
 PLANT = plant_by(LATER)
 BOTH = pytest.mark.parametrize("name", TRACKERS)

@@ -7,9 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.control.follow_figures import write_files
-from tests.control.light_follow import LATER, light_drive, plant_by
-from tests.control.test_mpc import TRACK
 
 from dart_hal.car import Car, Fleet, join
 from dart_hal.car.others import Others
@@ -22,6 +19,9 @@ from dart_hal.control.traffic import Neighbour, Traffic, Wait
 from dart_hal.core.types import Pose, pose_cov
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
+from studies.control.follow_figures import write_files
+from studies.control.light_follow import LATER, light_drive, plant_by
+from tests.control.test_mpc import TRACK
 
 REAR = 0.09
 STRAIGHT = Path([(9.0, 0.0)], closed=False)

@@ -7,9 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 from tempfile import mkdtemp
 
-import hidden_drive
 import numpy as np
-from known_frame import read
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
@@ -30,6 +28,8 @@ from dart_lab.diagnosis.result import (
 )
 from dart_lab.identification.evaluation import evaluate
 from dart_lab.identification.evaluation import prepare as prepare_cases
+from studies.diagnosis import hidden_drive
+from studies.diagnosis.known_frame import read
 
 HIDDEN = apply(apply(PAPER, "steering_lag", k=0.12), "gyro_scale", k=0.06)
 

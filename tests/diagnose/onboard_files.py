@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import hidden_drive
 import numpy as np
-from known_frame import read
 
 from dart_hal.recording.dart import Messages, Recording
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
 from dart_lab.diagnosis.evidence.onboard_drive import sessions
+from studies.diagnosis import hidden_drive
+from studies.diagnosis.known_frame import read
 
 SENSORS = 10  # columns
 

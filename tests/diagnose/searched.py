@@ -7,10 +7,6 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 import numpy as np
-from known_frame import read
-from stranger import Car
-from stranger_causes import hide
-from stranger_files import Habits, record
 
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.noise import measure
@@ -21,6 +17,10 @@ from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.forward import Search
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.identification.shooting.fit import FREE, free_names
+from studies.diagnosis.known_frame import read
+from studies.diagnosis.stranger import Car
+from studies.diagnosis.stranger_causes import hide
+from studies.diagnosis.stranger_files import Habits, record
 
 USUAL = Habits()
 ALL_FREE = free_names(PAPER, tuple(FREE))

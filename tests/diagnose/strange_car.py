@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import hidden_drive
 import numpy as np
-from known_frame import read
 
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.drive import prepare
 from dart_lab.diagnosis.evidence.noise import measure
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.evidence.space import Timing
+from studies.diagnosis import hidden_drive
+from studies.diagnosis.known_frame import read
 
 STEP = 0.002  # s
 MASS, INERTIA = PAPER.body.mass, PAPER.body.yaw_inertia

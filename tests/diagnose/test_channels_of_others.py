@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import any_car
 import numpy as np
 import pytest
 from mcap.reader import make_reader
@@ -11,6 +10,7 @@ from mcap.writer import Writer
 from dart_hal.car.runs import read_run
 from dart_hal.core.errors import RecordingError
 from dart_lab.diagnosis.evidence.onboard_drive import sessions
+from studies.diagnosis import any_car
 
 OTHERS = {"/camera/compressed": b"\xff\xd8 no picture \xff\xd9", "/battery": b'{"volt": 7.4}',
           "/odom_of_another": b"{}"}

@@ -8,8 +8,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_drive import Plan, write
-from known_frame import read
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.flat import names
@@ -33,6 +31,8 @@ from dart_lab.diagnosis.report.claimed import PICTURES, _measured, pictures
 from dart_lab.diagnosis.report.explain import describe_claim
 from dart_lab.diagnosis.report.page import page
 from dart_lab.diagnosis.result import Change, Claim, Constancy
+from studies.diagnosis.hidden_drive import Plan, write
+from studies.diagnosis.known_frame import read
 
 SECONDS = 60.0
 

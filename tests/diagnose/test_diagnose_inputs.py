@@ -10,7 +10,6 @@ from pathlib import Path
 import made_by_hand as made
 import numpy as np
 import pytest
-from known_frame import read
 
 from dart_hal.core.errors import DartHalError, OtherCar, RecordingError, UsageError
 from dart_hal.vehicle import PAPER
@@ -19,6 +18,7 @@ from dart_lab.diagnosis.evidence.drive import prepare
 from dart_lab.diagnosis.evidence.motion import driving_seconds
 from dart_lab.diagnosis.evidence.split import GUARD
 from dart_lab.diagnosis.inputs import check_inputs, effects_named, fitted_before
+from studies.diagnosis.known_frame import read
 
 EXCERPT = Path(__file__).parents[1] / "recorded" / "data"
 

@@ -7,8 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hidden_drive import Plan, write
-from known_frame import read
 from searched import drive
 
 from dart_hal.vehicle import PAPER
@@ -27,6 +25,8 @@ from dart_lab.diagnosis.grade.secants import secants
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search.fit import refit
 from dart_lab.report.numbers import larger
+from studies.diagnosis.hidden_drive import Plan, write
+from studies.diagnosis.known_frame import read
 
 UNITS, ROWS, DRAWS = 16, 40, 400
 

@@ -10,11 +10,7 @@ from types import SimpleNamespace
 import made_by_hand as made
 import numpy as np
 import pytest
-from events import add_gusts, lose_commands
-from known_frame import read
 from searched import fitted_side
-from stranger import Car
-from stranger_files import COMMANDS, Habits, record
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -31,6 +27,10 @@ from dart_lab.diagnosis.search.forward import Search
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.identification.shooting.fit import FREE, free_names
 from dart_lab.pages.diagnose_table import show
+from studies.diagnosis.events import add_gusts, lose_commands
+from studies.diagnosis.known_frame import read
+from studies.diagnosis.stranger import Car
+from studies.diagnosis.stranger_files import COMMANDS, Habits, record
 
 AGES = np.linspace(-0.11, 0.11, 45)
 WINDOWS = 300
@@ -102,7 +102,7 @@ def test_a_sound_link_has_none(hide):
 @pytest.mark.cpu(60)
 def test_lost_commands_are_flagged_in_most_kinds_of_driving():
     """Six styles, a refit of the paper's model: 35 % lost in 4 of 6 or more, of six sound links
-    none. (Found: 4 and none.) Whole diagnoses: ``tests/hidden/noise_floor_cases.py``."""
+    none. (Found: 4 and none.) Whole diagnoses: ``studies/diagnosis/noise_floor_cases.py``."""
     flagged = {0.35: 0, 0.0: 0}
     for k, style in enumerate(("steps", "waves", "prbs", "gentle", "ramps", "laps")):
         for share in flagged:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import hidden_drive
 import made_by_hand as made
 import onboard_files
 import pytest
 import searched
-from known_frame import read
 
 from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
@@ -27,6 +25,8 @@ from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.forward import Search
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.diagnosis.write import extended_model
+from studies.diagnosis import hidden_drive
+from studies.diagnosis.known_frame import read
 
 
 def beside(seen, p=PAPER):

@@ -8,7 +8,6 @@ from types import SimpleNamespace
 import made_by_hand as made
 import numpy as np
 import pytest
-from events import add_gusts
 from searched import fitted_side
 
 from dart_hal.vehicle import PAPER
@@ -25,6 +24,7 @@ from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.report.summary import headline
 from dart_lab.identification.evaluation.prediction import CHANNELS
 from dart_lab.pages.diagnose_table import show
+from studies.diagnosis.events import add_gusts
 
 WINDOWS = 400
 STD = np.array([0.03, 0.01, 0.1])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import any_car
 import numpy as np
 import pytest
 
@@ -18,6 +17,7 @@ from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.run import diagnose
 from dart_lab.sim.hidden import NOMINAL_VEHICLE
 from dart_lab.sim.servo import HORN_RAD_PER_US, ServoParams
+from studies.diagnosis import any_car
 
 SECONDS = 40.0
 SERVO = ServoParams()

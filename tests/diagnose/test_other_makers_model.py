@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import hidden_drive
 import pytest
-from known_frame import read
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -15,6 +13,8 @@ from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import AxleTyres
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.inputs import check_inputs
+from studies.diagnosis import hidden_drive
+from studies.diagnosis.known_frame import read
 
 THEIRS = replace(
     PAPER, body=replace(PAPER.body, mass=2.1, wheelbase=0.2, l_f=0.1, l_r=0.1, yaw_inertia=0.012),

@@ -9,9 +9,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import policy_sensitivity as sensitivity
 import pytest
-from policy_sensitivity import Watched, altered, changed, list_thresholds, usual
 from searched import drive, evidence, names, search
 
 from dart_hal.core.errors import RecordingError
@@ -19,6 +17,8 @@ from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis import policy as module
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.policy import USUAL, InputPolicy, Policy
+from studies.diagnosis import policy_sensitivity as sensitivity
+from studies.diagnosis.policy_sensitivity import Watched, altered, changed, list_thresholds, usual
 
 ROOM = Path(module.__file__).parent
 GRIDS = {"ROUNDS", "QUICK", "FAINT", "ROUNDING", "PASSES", "AGES", "OLDER",

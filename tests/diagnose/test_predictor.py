@@ -8,10 +8,8 @@ from functools import lru_cache
 from pathlib import Path
 from tempfile import mkdtemp
 
-import hidden_drive
 import numpy as np
 import pytest
-from known_frame import read
 
 from dart_hal.cli.main import main
 from dart_hal.core.errors import UsageError
@@ -25,6 +23,8 @@ from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.report.words import predictor
 from dart_lab.diagnosis.write import predictor_model, write_predictor
 from dart_lab.pages.diagnose_table import show
+from studies.diagnosis import hidden_drive
+from studies.diagnosis.known_frame import read
 
 SIZE = 2.5
 """N/rad of cornering drag: the car loses .1 m/s more in a second than any refit explains."""

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import hidden_drive
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from known_frame import read
 from onboard_files import recorded
 
 from dart_hal.vehicle import PAPER
@@ -25,6 +23,8 @@ from dart_lab.diagnosis.policy import USUAL, AlikePolicy
 from dart_lab.diagnosis.result import Moved
 from dart_lab.diagnosis.run import evidence_of
 from dart_lab.diagnosis.search.fit import at
+from studies.diagnosis import hidden_drive
+from studies.diagnosis.known_frame import read
 
 SLIPPERY = apply(PAPER, "grip", k=-0.25)
 WEAK = apply(PAPER, "motor_gain", k=-0.12)

@@ -6,5 +6,5 @@ import sys
 from pathlib import Path
 
 TESTS = Path(__file__).parents[1]
-for folder in (TESTS / "hidden", TESTS / "hardware", Path(__file__).parent):
+for folder in (TESTS / "hardware", Path(__file__).parent):
     sys.path.insert(0, str(folder))

@@ -14,7 +14,7 @@ import handbook
 from handbook import DOCS, ROOT, Block
 
 PAGE = DOCS / "contributing" / "recipes.md"
-COPIED = ("host", "tests", "firmware", "docs/reference", "docs/contributing")
+COPIED = ("host", "tests", "studies", "firmware", "docs/reference", "docs/contributing")
 """Folders that recipes change, or that the commands compare with."""
 LINKED = ("cars", "examples", "hardware", "benchmarks", "pyproject.toml")
 PATIENCE = 600.0

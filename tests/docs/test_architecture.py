@@ -11,7 +11,7 @@ from handbook import DOCS, ROOT
 PAGE = DOCS / "explanation" / "architecture.md"
 HOST = ROOT / "host"
 SOURCES = {".py", ".cpp", ".c", ".h", ".hex", ".sh", ".toml", ".md"}
-LEAF = ("examples", "benchmarks", "tests", "docs", "cars")
+LEAF = ("examples", "benchmarks", "studies", "tests", "docs", "cars")
 """Drawn as one; every other top folder is drawn by its folders."""
 MADE = {"hardware/stl", "hardware/dxf", "hardware/pictures"}  # by hardware/cad, said on its line
 

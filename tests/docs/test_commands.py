@@ -21,7 +21,7 @@ from handbook import DOCS, ROOT, Block
 from test_guide import unknown_command
 
 PAGES = [ROOT / "README.md", *sorted((DOCS / "tutorials").glob("*.md"))]
-READ = ("examples", "hardware", "host", "tests")
+READ = ("examples", "hardware", "host", "studies", "tests")
 """Of the checkout; whatever a page writes stays in the test's own folder, with a copy of cars/."""
 
 

@@ -23,7 +23,8 @@ def commands(text: str) -> list[str]:
 
 def missing_paths(text: str) -> list[str]:
     """Paths of the tree in the running text that do not exist."""
-    named = [c for c in CODE.findall(text) if re.match(r"(?:host|tests|firmware|docs|cars)/", c)]
+    tops = r"(?:host|tests|studies|firmware|docs|cars)/"
+    named = [c for c in CODE.findall(text) if re.match(tops, c)]
     assert len(named) > 15
     return [name for name in named if not (ROOT / name).exists()]
 

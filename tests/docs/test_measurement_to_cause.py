@@ -6,13 +6,13 @@ the page are called for the first time.
 
 from __future__ import annotations
 
-import hidden_drive
 import pytest
 from walks import MAX_STEPS, find_object, first_calls, steps
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
+from studies.diagnosis import hidden_drive
 
 HEADING = "From a recording to a named cause"
 

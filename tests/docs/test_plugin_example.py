@@ -52,9 +52,9 @@ for car in (LightCar(PAPER), LightCar(apply(PAPER, "tail_fin", k=4.0))):
 @pytest.mark.more
 def test_the_diagnosis_names_it(installed):
     done = run_with(installed, f"""
-sys.path.insert(0, {str(Path(__file__).parents[1] / "hidden")!r})
+sys.path.insert(0, {str(Path(__file__).parents[2])!r})
 import tempfile, pathlib
-import hidden_drive
+from studies.diagnosis import hidden_drive
 from dart_hal import find_model, read_any
 from dart_lab import apply, diagnose
 from dart_hal.vehicle import PAPER

@@ -77,7 +77,7 @@ def test_a_recipe_passes_its_own_checks(heading, tmp_path):
 @pytest.mark.parametrize(("heading", "left_out"), [
     ("An effect", "tests/vehicle/effects/laws.py"),
     ("An effect", "tests/vehicle/effects/test_effect_physics.py"),
-    ("An effect", "tests/hidden/stranger_causes.py"),
+    ("An effect", "studies/diagnosis/stranger_causes.py"),
     ("A sensor channel", "host/dart_hal/vehicle/effect.py"),
     ("A sensor channel", "tests/vehicle/effects/effect_drive.py"),
     ("A verb", "host/dart_hal/cli/main.py"),

@@ -3,13 +3,13 @@ back."""
 
 from __future__ import annotations
 
-import ablation
 import pytest
-from ablation import GATED, RULES, without
 
 from dart_lab.diagnosis import gates
 from dart_lab.diagnosis.gates import Candidate, explain_failure
 from dart_lab.diagnosis.policy import USUAL
+from studies.diagnosis import ablation
+from studies.diagnosis.ablation import GATED, RULES, without
 
 
 @pytest.mark.parametrize("name", list(RULES))

@@ -5,14 +5,14 @@ from __future__ import annotations
 import sys
 from types import SimpleNamespace
 
-import any_car
 import numpy as np
 import pytest
-from any_car import asked
 
 from dart_hal.cli.main import main
 from dart_hal.vehicle.load import find_model
 from dart_lab.sim.hidden import hidden_car
+from studies.diagnosis import any_car
+from studies.diagnosis.any_car import asked
 
 
 @pytest.mark.more

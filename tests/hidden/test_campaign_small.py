@@ -6,20 +6,19 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import campaign
-import claims_checked
 import numpy as np
 import pytest
-from campaign_cases import GROUPS, Case, car, cases, habits, model_file, thinned
-from campaign_score import confusion, grades, rows, score
-from known_frame import read
-from out_of_catalogue import FAMILY, FAR, NEAR
-from stranger import Car
-from stranger_causes import CAUSES, EITHER_SIGN, SIZES
-from stranger_files import Habits, record
 
 from dart_hal.vehicle.effects import catalogue, own_effects
 from dart_hal.vehicle.load import find_model
+from studies.diagnosis import campaign, claims_checked
+from studies.diagnosis.campaign_cases import GROUPS, Case, car, cases, habits, model_file, thinned
+from studies.diagnosis.campaign_score import confusion, grades, rows, score
+from studies.diagnosis.known_frame import read
+from studies.diagnosis.out_of_catalogue import FAMILY, FAR, NEAR
+from studies.diagnosis.stranger import Car
+from studies.diagnosis.stranger_causes import CAUSES, EITHER_SIGN, SIZES
+from studies.diagnosis.stranger_files import Habits, record
 
 SECONDS = (60.0, 40.0)
 ASKED = ("large/gyro_bias/0", "large/grip/0", "large/steering_lag/0", "large/mocap_offset_x/0",

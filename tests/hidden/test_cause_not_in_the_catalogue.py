@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from known_frame import read
-from stranger import Car
-from stranger_causes import SIZES, hide
-from stranger_files import Habits, pair
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
@@ -18,6 +14,10 @@ from dart_lab.diagnosis.inputs import effects_named
 from dart_lab.diagnosis.run import evidence_of
 from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.scan import scan
+from studies.diagnosis.known_frame import read
+from studies.diagnosis.stranger import Car
+from studies.diagnosis.stranger_causes import SIZES, hide
+from studies.diagnosis.stranger_files import Habits, pair
 
 LARGE = 2
 AS_MUCH = 1.05  # times the gain of the right name, both by the scan, which is linear in the base

@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from campaign import run
-from campaign_cases import Case
-from near_relatives import NEAR
-from stranger_causes import SIZES
 
 from dart_hal.vehicle.effects import catalogue, cornering_drag, own_effects
+from studies.diagnosis.campaign import run
+from studies.diagnosis.campaign_cases import Case
+from studies.diagnosis.near_relatives import NEAR
+from studies.diagnosis.stranger_causes import SIZES
 
 pytestmark = pytest.mark.more
 

@@ -8,12 +8,12 @@ import os
 import re
 from pathlib import Path
 
-import campaign
 import pytest
-from campaign_cases import Case
 from joblib import parallel_config
 
 from dart_hal.core.process.jobs import each
+from studies.diagnosis import campaign
+from studies.diagnosis.campaign_cases import Case
 
 ROOT = Path(__file__).parents[2]
 CASES = (Case("large", 0, (("steering_lag", 0.12),)), Case("null", 0, ()))

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from hidden_drive import Plan, write
-from known_frame import read
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -14,6 +12,8 @@ from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.evidence.space import Space, Timing
 from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.scan import scan
+from studies.diagnosis.hidden_drive import Plan, write
+from studies.diagnosis.known_frame import read
 
 QUIET = 30.0
 """Gain below which nothing is named: about twice the largest without anything hidden."""

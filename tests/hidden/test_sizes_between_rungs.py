@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden_drive import Plan, write
-from known_frame import read
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
@@ -17,6 +15,8 @@ from dart_lab.diagnosis.policy import USUAL, ScanPolicy
 from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.scan import Scan
 from dart_lab.diagnosis.search.size_search import scanned
+from studies.diagnosis.hidden_drive import Plan, write
+from studies.diagnosis.known_frame import read
 
 SHARE = 0.85  # of what the true size gains
 FEW = 4.0  # of loss: two standard deviations of one number

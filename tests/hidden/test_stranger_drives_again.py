@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from known_frame import read
-from stranger import Car
-from stranger_causes import SIZES, hide
-from stranger_files import Habits, record
+
+from studies.diagnosis.known_frame import read
+from studies.diagnosis.stranger import Car
+from studies.diagnosis.stranger_causes import SIZES, hide
+from studies.diagnosis.stranger_files import Habits, record
 
 HOW = Habits(style="steps")
 APART = 0.3  # m after 12 s; angles and lags may begin where the last drive left them

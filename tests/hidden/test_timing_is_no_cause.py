@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from campaign import run
-from campaign_cases import cases
 
 from dart_lab.diagnosis import conclude
 from dart_lab.diagnosis.evidence import ages, space
 from dart_lab.diagnosis.search import forward as search
+from studies.diagnosis.campaign import run
+from studies.diagnosis.campaign_cases import cases
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
-from campaign import ask, run
-from campaign_cases import cases
+
+from studies.diagnosis.campaign import ask, run
+from studies.diagnosis.campaign_cases import cases
 
 
 @pytest.mark.more

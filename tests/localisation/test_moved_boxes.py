@@ -7,8 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from tests.localisation.figures import _warmed, wrongs
-from tests.localisation.world import drive, hidden, run
 
 from dart_hal.estimation.localisation.belief import begun
 from dart_hal.estimation.localisation.field import map_of_grid, map_of_lines
@@ -18,6 +16,8 @@ from dart_hal.estimation.localisation.localiser import Localiser
 from dart_hal.estimation.localisation.rays import best
 from dart_hal.estimation.localisation.search import search
 from dart_lab.sim.lidar.maps import box, room_of
+from studies.localisation.figures import _warmed, wrongs
+from studies.localisation.world import drive, hidden, run
 
 HALL = box(3.0, 2.5, 0.0, 6.0, 5.0)
 STOOL = box(4.5, 2.5, 0.3, 0.5, 0.3)

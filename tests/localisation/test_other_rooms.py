@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.localisation.figures import _warmed
-from tests.localisation.world import drive, hidden, run
 
 from dart_hal.estimation.localisation.field import map_of_lines
 from dart_hal.estimation.localisation.health import EVERY, FITS, Agreement, Judge, Status, agreement
 from dart_hal.estimation.localisation.search import search
 from dart_lab.sim.lidar.maps import box
+from studies.localisation.figures import _warmed
+from studies.localisation.world import drive, hidden, run
 
 
 @pytest.mark.parametrize("seed", [5100, 5102, 5104])

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from tests.localisation.world import drive, hidden
 
 from dart_hal import Car
 from dart_hal.car import poses
@@ -25,6 +24,7 @@ from dart_hal.estimation.localisation.source import LidarPoses, open_source
 from dart_hal.estimation.odometry import Odometry
 from dart_lab.sim.lidar.maps import box, room_of
 from dart_lab.sim.truth import room_of_car, world_of
+from studies.localisation.world import drive, hidden
 
 URL = "sim://?seed=0&nano=mock&lidar=1&map=room"
 

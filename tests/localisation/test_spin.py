@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.localisation.world import drive, hidden, run
 
 from dart_hal.estimation.spin import LONGEST, Spin
+from studies.localisation.world import drive, hidden, run
 
 
 @pytest.fixture(scope="module")

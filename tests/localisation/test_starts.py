@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.localisation.figures import kidnapped
-from tests.localisation.world import drive, hidden, run
 
 from dart_hal.estimation.localisation.health import Status
 from dart_hal.estimation.localisation.localiser import Localiser
+from studies.localisation.figures import kidnapped
+from studies.localisation.world import drive, hidden, run
 
 
 def test_a_car_is_found_without_a_start_and_told_only_when_proven():

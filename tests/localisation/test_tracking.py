@@ -1,4 +1,4 @@
-"""A small version of ``python -m tests.localisation.figures``: two rooms, half a minute."""
+"""A small version of ``python -m studies.localisation.figures``: two rooms, half a minute."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.localisation.world import Drive, drive, hidden, run
 
 from dart_hal.estimation.localisation.field import map_of_lines
 from dart_hal.estimation.localisation.health import Status
 from dart_hal.estimation.localisation.localiser import Localiser
+from studies.localisation.world import Drive, drive, hidden, run
 
 
 @pytest.fixture(scope="module")

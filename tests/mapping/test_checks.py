@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.localisation.world import drive, hidden
 
 from dart_hal.core.errors import UsageError
 from dart_hal.estimation.mapping.checks import Checks
+from studies.localisation.world import drive, hidden
 
 
 @pytest.fixture(scope="module")

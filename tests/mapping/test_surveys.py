@@ -1,15 +1,15 @@
-"""A small version of ``python -m tests.mapping.figures``: a room, and the ring of one seed."""
+"""A small version of ``python -m studies.mapping.figures``: a room, and the ring of one seed."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.localisation.figures import rms
-from tests.localisation.world import drive, hidden
-from tests.mapping.figures import CLOSED, TURNED, localised, outer, written
-from tests.mapping.world import again, around, gap, mapped, placed_on, walls
 
 from dart_hal.estimation.mapping.occupancy import grid_of
+from studies.localisation.figures import rms
+from studies.localisation.world import drive, hidden
+from studies.mapping.figures import CLOSED, TURNED, localised, outer, written
+from studies.mapping.world import again, around, gap, mapped, placed_on, walls
 
 
 def test_a_car_of_hidden_errors_maps_what_it_sees_in_six_seconds():

@@ -5,12 +5,12 @@ from __future__ import annotations
 import gzip
 
 import pytest
-from tests.recorded.test_sizes_in_recorded_data import other_laboratory
 
 from dart_hal.recording.dart import read, with_marker_frames
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.result import VERDICTS
+from tests.recorded.test_sizes_in_recorded_data import other_laboratory
 
 
 @pytest.mark.more

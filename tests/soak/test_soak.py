@@ -14,11 +14,12 @@ import pytest
 
 sys.path.append(str(Path(__file__).parent))
 import soak
+from soak import CYCLE, QUIET, Pins, Report, plan
+
 from dart_hal.core.errors import EmulatorMissing
 from dart_hal.wire.ledger import Ledger
 from dart_lab.sim.failures import parse
 from dart_lab.sim.world import THROTTLE
-from soak import CYCLE, QUIET, Pins, Report, plan
 
 MINUTES = 5
 

@@ -1,7 +1,7 @@
 """What the diagnosis decides by: every threshold, with its unit and where it comes from.
 
-"Campaign" means: set on the draws from 0 on of ``tests/hidden/campaign.py``, judged on those from
-100 on (docs/results/campaign.md). What half and double of each do:
+"Campaign" means: set on the draws from 0 on of ``studies/diagnosis/campaign.py``, judged on those
+from 100 on (docs/results/campaign.md). What half and double of each do:
 docs/results/policy_sensitivity.md. A loss is in squared standard deviations of one independent
 residual, so 4.0 is two standard deviations of one number.
 """

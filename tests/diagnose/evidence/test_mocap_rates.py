@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import hidden_drive
 import numpy as np
 import pytest
-from known_frame import read
 
 from dart_hal.recording.dart import Reference, grid
 from dart_hal.vehicle import PAPER
@@ -19,6 +17,8 @@ from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.evidence.space import Timing
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.run import evidence_of
+from studies.diagnosis import hidden_drive
+from studies.diagnosis.known_frame import read
 
 RATES = (20, 25, 30, 50, 60, 120, 200)  # Hz; a drive without any is one of 100
 YAW = 13  # column

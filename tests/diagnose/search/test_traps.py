@@ -6,9 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from campaign_cases import car as known_roughly
-from campaign_cases import cases, model_file
-from known_frame import read
 from searched import (
     ALL_FREE,
     drive,
@@ -19,7 +16,6 @@ from searched import (
     share_explained,
     size_of,
 )
-from stranger_files import COMMANDS, Habits, record
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
@@ -32,6 +28,10 @@ from dart_lab.diagnosis.search import forward as searching
 from dart_lab.diagnosis.search import scan as scanning
 from dart_lab.diagnosis.search.scan import scan
 from dart_lab.identification.shooting.fit import FREE, free_names
+from studies.diagnosis.campaign_cases import car as known_roughly
+from studies.diagnosis.campaign_cases import cases, model_file
+from studies.diagnosis.known_frame import read
+from studies.diagnosis.stranger_files import COMMANDS, Habits, record
 
 INERT = ("mass", "yaw_inertia")
 QUIET = 30.0  # gain; twice what nothing reaches

@@ -6,9 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from known_frame import read
 from searched import car, drive, evidence, fitted, names, search, size_of
-from stranger_files import Habits, record
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effect import ActiveEffect
@@ -21,6 +19,8 @@ from dart_lab.diagnosis.evidence.space import Space
 from dart_lab.diagnosis.policy import NamingPolicy, Policy
 from dart_lab.diagnosis.search import forward as searching
 from dart_lab.diagnosis.search.scan import Trial, ladder, scan
+from studies.diagnosis.known_frame import read
+from studies.diagnosis.stranger_files import Habits, record
 
 TIMING = ("steering_delay", "steering_lag", "steering_rate_limit", "throttle_delay",
           "throttle_lag", "encoder_latency", "gyro_latency", "clock_offset", "mocap_latency",

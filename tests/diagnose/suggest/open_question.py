@@ -2,16 +2,9 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "hidden"))
-
-from hidden_drive import Plan, write
-from known_frame import read
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
@@ -23,6 +16,8 @@ from dart_lab.diagnosis.run import evidence_of
 from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.scan import Scan
 from dart_lab.identification.experiment.floor import Floor
+from studies.diagnosis.hidden_drive import Plan, write
+from studies.diagnosis.known_frame import read
 
 N = 3000  # samples of 0.01 s
 MOTOR = {"motor.d": 3.0, "motor.e": 0.8, "friction.a": 0.3}

@@ -6,8 +6,6 @@ from dataclasses import replace
 from functools import cache
 
 import pytest
-from hidden_drive import Plan, write
-from known_frame import read
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
@@ -15,6 +13,8 @@ from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.suggest import sharpen
 from dart_lab.diagnosis.suggest.library import CHOICES, rehearsed
 from dart_lab.identification.experiment.floor import Floor
+from studies.diagnosis.hidden_drive import Plan, write
+from studies.diagnosis.known_frame import read
 
 WRONG = replace(PAPER, motor=replace(PAPER.motor, d=1.15 * PAPER.motor.d),
                 tyres=replace(PAPER.tyres, rear_cornering_stiffness=0.7

@@ -7,10 +7,6 @@ from tempfile import mkdtemp
 
 import numpy as np
 import pytest
-from events import add_gusts, lift_rear_axle
-from known_frame import read
-from stranger import Car
-from stranger_files import COMMANDS, Habits, record
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
@@ -23,6 +19,10 @@ from dart_lab.diagnosis.search.forward import Search
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.diagnosis.unexplained.outliers import find_outliers
 from dart_lab.identification.shooting.fit import FREE, free_names
+from studies.diagnosis.events import add_gusts, lift_rear_axle
+from studies.diagnosis.known_frame import read
+from studies.diagnosis.stranger import Car
+from studies.diagnosis.stranger_files import COMMANDS, Habits, record
 
 STYLES = ("steps", "waves", "prbs", "gentle", "ramps", "laps")
 pytestmark = pytest.mark.cpu(10)

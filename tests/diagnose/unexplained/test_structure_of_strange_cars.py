@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from hidden_drive import Plan
 from strange_car import CARS, looked_at, write
 
 from dart_lab.diagnosis.unexplained.structure import groups, shares, structure, unexplained
+from studies.diagnosis.hidden_drive import Plan
 
 PLAN = Plan(seconds=120.0)
 

@@ -1,0 +1,302 @@
+"""How diagnoses change when a threshold of the policy is halved or doubled.
+
+    python -m studies.diagnosis.policy_sensitivity              all of it, resumed where it ended
+    python -m studies.diagnosis.policy_sensitivity --cases 1 --out few.jsonl
+
+1. Diagnose each case once, with thresholds that note whether half or double of them would have
+   decided a comparison, or changed an array, anywhere.
+2. Diagnose a case again with a threshold halved or doubled where that was noted, in at most
+   ``--repeats`` cases of each; elsewhere every step is the same.
+3. A threshold may reach code that the notes do not follow: in the first ``--checked`` cases the
+   diagnosis is repeated whether or not anything was noted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import operator
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from datetime import date
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.progress import track
+
+from dart_hal.core.process.jobs import each
+from dart_lab.diagnosis.policy import USUAL, Policy
+from studies.diagnosis.campaign import HOME, Answer, ask, done, run
+from studies.diagnosis.campaign_cases import GROUPS, Case, cases, thinned
+from studies.diagnosis.campaign_score import score
+
+ROWS = {"fixed": 12, "medium": 12, "small": 6, "null": 6, "pair": 12, "far": 4, "near": 4,
+        "wrong": 4}
+"""Cases of each row: 60."""
+SECONDS = (60.0, 40.0)
+FACTORS = (0.5, 2.0)
+FALSE_ALARM = 0.01  # the default of ``diagnose``
+APART = ("suggest", "inputs")
+"""Groups that decide nothing of a diagnosis: of the next drive, and of files that are refused."""
+RESULTS = HOME / "build" / "campaign" / "policy_sensitivity.jsonl"
+TABLE = HOME / "docs" / "results" / "policy_sensitivity.md"
+COMPARISONS = ("lt", "le", "gt", "ge")
+ARITHMETIC = ("add", "radd", "sub", "rsub", "mul", "rmul", "truediv", "rtruediv", "pow", "neg")
+
+
+class Watched(float):
+    """A threshold, or what is computed of it, that notes which other values decide otherwise.
+
+    others: what it would be at each of FACTORS; noted: indices of those that once mattered.
+    """
+
+    others: tuple[float, ...]
+    noted: set[int]
+
+    @classmethod
+    def of(cls, value: float, others: Sequence[float], noted: set[int]) -> Watched:
+        """A number with what it would be otherwise."""
+        self = cls(value)
+        self.others, self.noted = tuple(map(float, others)), noted
+        return self
+
+    def _follow(self, compute: Callable[[float], Any]) -> Any:
+        """Compute with the value and with the others: a number is watched on, all else compared."""
+        result = compute(float(self))
+        others = [compute(o) for o in self.others]
+        if isinstance(result, float):
+            return Watched.of(result, others, self.noted)
+        self.noted |= {i for i, o in enumerate(others) if not np.array_equal(o, result)}
+        return result
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        """Follow a function of numpy; of several watched numbers each in turn."""
+        place = next(i for i, x in enumerate(inputs) if x is self)
+
+        def compute(value: float) -> Any:
+            return getattr(ufunc, method)(*inputs[:place], value, *inputs[place + 1:], **options)
+
+        return self._follow(compute)
+
+
+def _method(name: str) -> Callable[..., Any]:
+    """A method of ``Watched`` in place of that of float."""
+    plain = getattr(float, f"__{name}__")
+
+    def method(self: Watched, *other: Any) -> Any:
+        def compute(value: float) -> Any:
+            answer = plain(value, *other)
+            if answer is NotImplemented and isinstance(other[0], np.ndarray | np.generic):
+                return getattr(np.float64, f"__{name}__")(np.float64(value), *other)
+            return answer
+
+        if compute(float(self)) is NotImplemented:
+            return NotImplemented
+        return self._follow(compute)
+
+    return method
+
+
+for _name in (*COMPARISONS, *ARITHMETIC):
+    setattr(Watched, f"__{_name}__", _method(_name))
+
+
+def list_thresholds() -> list[str]:
+    """Names of the numbers of the policy that decide something in a diagnosis."""
+    found = [f"{group.name}.{one.name}" for group in fields(USUAL) if group.name not in APART
+             for one in fields(getattr(USUAL, group.name))]
+    return ["false_alarm", *(n for n in found if isinstance(usual(n), int | float))]
+
+
+def changed(policy: Policy, name: str, value: float) -> Policy:
+    """The policy with one threshold, ``group.field``, at another value."""
+    group, key = name.split(".")
+    return replace(policy, **{group: replace(getattr(policy, group), **{key: value})})
+
+
+def usual(name: str) -> Any:
+    """The value of a threshold."""
+    return FALSE_ALARM if name == "false_alarm" else operator.attrgetter(name)(USUAL)
+
+
+def altered(name: str, factor: float) -> dict[str, Any]:
+    """Arguments of ``diagnose`` with one threshold half or double."""
+    value = factor * usual(name)
+    if name == "false_alarm":
+        return {"false_alarm": value}
+    if isinstance(usual(name), int):
+        value = max(1, round(value))
+    return {"policy": changed(USUAL, name, value)}
+
+
+def watch(noted: dict[str, set[int]]) -> Policy:
+    """The usual policy, with all its fractional numbers watched."""
+    policy = USUAL
+    for name in noted:
+        value = usual(name)
+        if is_followed(name):
+            policy = changed(policy, name, Watched.of(value, [f * value for f in FACTORS],
+                                                      noted[name]))
+    return policy
+
+
+def examine(work: tuple[Case, str, float], seconds: tuple[float, float]) -> Answer:
+    """One line of the results: a case as it is ("", with what was noted) or with a change."""
+    case, name, factor = work
+    if name:
+        line = run(case, seconds, partial(ask, **altered(name, factor)))
+        return {**line, "key": key_of(case, name, factor)}
+    noted = {n: set[int]() for n in list_thresholds()}
+    line = run(case, seconds, partial(ask, policy=watch(noted)))
+    return {**line, "noted": {n: [FACTORS[i] for i in sorted(at)] for n, at in noted.items()}}
+
+
+def key_of(case: Case, name: str, factor: float) -> str:
+    """Under which a line is kept."""
+    return f"{case.key} {name} x {factor:g}"
+
+
+def drawn(group: str, n: int, first: int) -> list[Case]:
+    """n cases of a group, from a seed on."""
+    found = cases([group], first=first)
+    while len(found) < n:
+        found += cases([group], first=first + len(found))
+    return thinned(found, n)
+
+
+def choose(wanted: Sequence[Case], known: dict[str, Answer], checked: int, repeats: int
+           ) -> list[tuple[Case, str, float]]:
+    """What to repeat: where a change was noted, and in the first cases whether or not."""
+    out = []
+    for name in list_thresholds():
+        followed = is_followed(name)
+        for factor in FACTORS:
+            noted = [c for c in wanted if factor in known[c.key]["noted"][name]]
+            few = noted[::max(1, len(noted) // repeats)][:repeats] if noted else []
+            first = wanted[:: max(1, len(wanted) // checked)][:checked]
+            also = [c for c in first if c not in few] if len(few) < checked or not followed else []
+            out += [(c, name, factor) for c in (*few, *also)]
+    return out
+
+
+def essence(line: Answer) -> tuple[Any, ...]:
+    """What a user acts on: the verdict, the causes and the parameters."""
+    return (line.get("verdict"), tuple(sorted(c["effect"] for c in line.get("causes", []))),
+            tuple(sorted(p["group"] for p in line.get("parameters", []))),
+            tuple(sorted(u["channel"] for u in line.get("unexplained", []))), line.get("error"))
+
+
+def same_numbers(one: Answer, other: Answer) -> bool:
+    """Whether two lines agree in every number but those that carry the names of files."""
+    def numbers(line: Answer) -> list[Any]:
+        causes = [{k: v for k, v in c.items() if k != "sizes"} for c in line.get("causes", [])]
+        return [causes, *(line.get(k) for k in ("parameters", "possible", "withdrawn", "notes"))]
+
+    return essence(one) == essence(other) and numbers(one) == numbers(other)
+
+
+def table(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
+    """A Markdown page: one row for each threshold."""
+    lines = ["# What half and double of a threshold do", "",
+             f"Figures of {date.today():%B %Y}: {len(wanted)} cases of the "
+             "[campaign](campaign.md), 60 s to learn from and 40 s to judge by.", "",
+             "```sh", "python -m studies.diagnosis.policy_sensitivity", "```", "",
+             "*Acts in*: cases in which half or double changes a comparison or an array. "
+             "*Repeated*: diagnoses with half and double. *Numbers*: those of them in which any "
+             "number of the answer differs. *Answer*: verdict, causes, parameters or structure "
+             "differ. *Right*, *wrong*: by how many the outcomes of those cases change, at half "
+             "and at double. No outcome and no repetition: not measured yet; the command goes on "
+             "where it was left.", "", summarise(wanted, known), "",
+             "| threshold | usual | acts in | repeated | numbers | answer | right | wrong |",
+             "|---|---:|---:|---:|---:|---:|---:|---:|"]
+    for name in list_thresholds():
+        lines.append(make_row(name, wanted, known))
+    return "\n".join(lines) + "\n"
+
+
+def repeated(name: str, wanted: Sequence[Case], known: dict[str, Answer]
+             ) -> list[tuple[Case, Answer, Answer]]:
+    """(case, line as it is, line with half or double) of what was repeated."""
+    return [(c, known[c.key], known[key_of(c, name, f)]) for f in FACTORS for c in wanted
+            if key_of(c, name, f) in known]
+
+
+def summarise(wanted: Sequence[Case], known: dict[str, Answer]) -> str:
+    """How many thresholds were repeated, change an outcome, or change no number."""
+    lines = {name: found for name in list_thresholds() if (found := repeated(name, wanted, known))}
+    decisive = [name for name, found in lines.items()
+                if any(score(c, a).outcome != score(c, b).outcome for c, a, b in found)]
+    idle = [name for name, found in lines.items() if all(same_numbers(a, b) for _, a, b in found)]
+    return (f"Of {len(list_thresholds())} thresholds {len(lines)} were repeated, in "
+            f"{sum(map(len, lines.values()))} diagnoses. {len(decisive)} change an outcome: "
+            f"{', '.join(f'`{n}`' for n in decisive)}. {len(idle)} change no number: "
+            f"{', '.join(f'`{n}`' for n in idle)}.")
+
+
+def make_row(name: str, wanted: Sequence[Case], known: dict[str, Answer]) -> str:
+    """The row of one threshold."""
+    acts = sum(bool(known[c.key]["noted"][name]) for c in wanted)
+    found = repeated(name, wanted, known)
+    numbers = sum(not same_numbers(one, other) for _, one, other in found)
+    answers = sum(essence(one) != essence(other) for _, one, other in found)
+    changes = []
+    for outcome in ("right", "wrong"):
+        changes.append(", ".join(f"{sum(change_of(outcome, *x) for x in at):+d}" for at in (
+            [(c, a, b) for c, a, b in found if b["key"] == key_of(c, name, f)] for f in FACTORS)))
+    cells = [f"`{name}`", f"{usual(name):g}", str(acts) if is_followed(name) else "",
+             str(len(found)), str(numbers), str(answers), *changes]
+    return f"| {' | '.join(cells)} |"
+
+
+def change_of(outcome: str, case: Case, one: Answer, other: Answer) -> int:
+    """1 if a case has an outcome with a change alone, -1 without it alone."""
+    return (score(case, other).outcome == outcome) - (score(case, one).outcome == outcome)
+
+
+def is_followed(name: str) -> bool:
+    """Whether a threshold notes where half and double matter: a fractional one of the policy."""
+    return name != "false_alarm" and isinstance(usual(name), float)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what is missing, write the table."""
+    p = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    p.add_argument("--only", nargs="+", choices=list(GROUPS), default=list(ROWS), metavar="ROW")
+    p.add_argument("--cases", type=int, default=0, metavar="N", help="of each row")
+    p.add_argument("--checked", type=int, default=4, metavar="N",
+                   help="cases that are repeated whether or not anything was noted")
+    p.add_argument("--repeats", type=int, default=10, metavar="N",
+                   help="most cases that are repeated for half, and for double")
+    p.add_argument("--first-seed", type=int, default=7000, metavar="N")
+    p.add_argument("--seconds", type=float, nargs=2, default=SECONDS, metavar=("TRAIN", "TEST"))
+    p.add_argument("--jobs", type=int, default=2, help="cores")
+    p.add_argument("--out", type=Path, default=RESULTS, help="lines of JSON, resumed")
+    p.add_argument("--table", type=Path, default=TABLE, help="Markdown page to write")
+    o = p.parse_args(arguments)
+    wanted = [c for row in o.only for c in drawn(row, o.cases or ROWS[row], o.first_seed)]
+    o.out.parent.mkdir(parents=True, exist_ok=True)
+    known = done(o.out)
+    complete(known, [(c, "", 1.0) for c in wanted], o)
+    complete(known, choose(wanted, known, o.checked, o.repeats), o)
+    o.table.write_text(table(wanted, known), encoding="utf-8")
+    print(f"{len(wanted)} cases: {o.table}")
+    return 0
+
+
+def complete(known: dict[str, Answer], work: Sequence[tuple[Case, str, float]],
+             o: argparse.Namespace) -> None:
+    """Do what is missing, and add it to the lines known."""
+    missing = [(c, n, f) for c, n, f in work if (key_of(c, n, f) if n else c.key) not in known]
+    found = each(partial(examine, seconds=tuple(o.seconds)), missing, o.jobs, parts=len(missing))
+    with o.out.open("a", encoding="utf-8") as file:
+        for line in track(found, "half and double", total=len(missing)):
+            file.write(json.dumps(line) + "\n")
+            file.flush()
+            known[line["key"]] = line
+
+
+if __name__ == "__main__":
+    sys.exit(main())
