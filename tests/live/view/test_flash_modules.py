@@ -17,7 +17,7 @@ from dart_hal.wire.messages import HELLO, HELLO_REQ, PROTO, SCHEMA
 
 pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PAGE = ROOT / "host" / "dart_lab" / "live" / "view" / "flash"
 PREBUILT = ROOT / "firmware" / "prebuilt" / "dart_nano.hex"
 GIVEN = """import { readFileSync } from "node:fs"; import { exit } from "node:process";

@@ -17,7 +17,7 @@ from dart_hal.vehicle.parameters import GEAR_REVOLUTION
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.identification.prediction.sensors import driven, motion, posed, sensed
 
-HOST = Path(__file__).resolve().parents[2] / "host"
+HOST = Path(__file__).resolve().parents[3] / "host"
 T = 0.01 * np.arange(50)
 SPEED, RATE = 1.5, 0.8
 CIRCLE = np.stack([SPEED / RATE * np.sin(RATE * T), SPEED / RATE * (1 - np.cos(RATE * T)),

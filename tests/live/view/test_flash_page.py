@@ -16,7 +16,7 @@ import pytest
 
 from dart_lab.live.view.flash_page import TYPES, assets, serve_flash_page
 
-PREBUILT = Path(__file__).parents[2] / "firmware" / "prebuilt" / "dart_nano.hex"
+PREBUILT = Path(__file__).parents[3] / "firmware" / "prebuilt" / "dart_nano.hex"
 
 
 @contextmanager

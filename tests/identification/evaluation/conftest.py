@@ -15,7 +15,7 @@ from dart_lab.identification.evaluation.cases import Case
 from dart_lab.identification.prediction.actuators import actuated
 from dart_lab.identification.prediction.windows import find_windows
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 @pytest.fixture(scope="session")

@@ -20,7 +20,7 @@ from dart_hal.core.config import (
 from dart_hal.core.config.folders import parse_run_car
 from dart_hal.core.errors import ConfigError
 
-CAR = (Path(__file__).parents[2] / "cars" / "dart-01" / "car.toml").read_text(encoding="utf-8")
+CAR = (Path(__file__).parents[3] / "cars" / "dart-01" / "car.toml").read_text(encoding="utf-8")
 MAP = ('schema = "dart-hal/calibration/1"\ncar = "x"\n[steering]\n'
        "map = {{ pulse_us = [{a}, 1500, {b}], angle_rad = [-{c}, 0.0, {c}],"
        " std_rad = [0.01, 0.01, 0.01] }}\n")

@@ -12,7 +12,7 @@ import pytest
 from dart_hal.core.errors import RecordingError
 from dart_lab.identification.paper import FOLDERS, fit_as_paper
 
-EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
+EXCERPT = Path(__file__).resolve().parents[2] / "recorded" / "data"
 HEADER = ("elapsed time sensors,current,voltage,acc x (IMU),acc y (IMU),W (IMU),vel encoder,"
           "safety_value,throttle,steering")
 

@@ -14,7 +14,7 @@ import pytest
 
 from dart_lab.live.view.rows import FIELDS
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[3] / "docs"
 sys.path.insert(0, str(DOCS))
 import recorded_run  # noqa: E402 - beside the handbook
 

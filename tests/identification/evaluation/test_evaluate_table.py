@@ -25,7 +25,7 @@ from dart_lab.identification.evaluation import (
 )
 from dart_lab.identification.evaluation.cases import Case
 
-SOURCE = Path(__file__).resolve().parents[2] / "benchmarks" / "baselines.py"
+SOURCE = Path(__file__).resolve().parents[3] / "benchmarks" / "baselines.py"
 spec = importlib.util.spec_from_file_location("published_baselines", SOURCE)
 baselines = importlib.util.module_from_spec(spec)
 sys.modules[spec.name] = baselines

@@ -11,7 +11,7 @@ from dart_hal.devices.actuation import Actuator
 from dart_lab.sim.bus import VirtualBus
 from dart_lab.sim.pca9685 import Pca9685 as Chip
 
-EXAMPLE = Path(__file__).parents[2] / "cars" / "dart-01" / "car.toml"
+EXAMPLE = Path(__file__).parents[3] / "cars" / "dart-01" / "car.toml"
 
 
 def car_files(oscillator_hz: float | None = 25e6, **limits: float | None) -> CarFiles:

@@ -31,7 +31,7 @@ def installed():
 def upstream_nodes():
     """The folder of DART's own nodes; None where it is not."""
     folder = Path(os.environ.get("DART_UPSTREAM_ROS")
-                  or HERE.parents[2] / "shared" / "upstream_ros")
+                  or HERE.parents[3] / "shared" / "upstream_ros")
     return folder if (folder / "v_tracking_controller.py").is_file() else None
 
 

@@ -18,7 +18,7 @@ from dart_lab.live.view import messages as m
 from dart_lab.live.view.fleet_desk import FleetDesk, FleetPage
 from dart_lab.live.view.operator import Refused
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "fleet"))
+sys.path.insert(0, str(Path(__file__).parents[2] / "fleet"))
 from rooms import Pins
 
 pytestmark = pytest.mark.usefixtures("armed_esc")

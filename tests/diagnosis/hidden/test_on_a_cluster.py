@@ -15,7 +15,7 @@ from dart_hal.core.process.jobs import each
 from studies.diagnosis import campaign
 from studies.diagnosis.campaign_cases import Case
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 CASES = (Case("large", 0, (("steering_lag", 0.12),)), Case("null", 0, ()))
 SECONDS = (40.0, 25.0)
 ONLY = ("gyro_bias", "imu_pitch", "steering_lag", "quadratic_drag")

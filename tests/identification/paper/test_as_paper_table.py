@@ -16,7 +16,7 @@ from dart_lab.identification.paper import fit_as_paper, read_folder
 from dart_lab.identification.paper.problem import solve
 from dart_lab.identification.paper.problems import LABEL_FRICTION, friction_problem, motor_problem
 
-HOME = Path(__file__).resolve().parents[2]
+HOME = Path(__file__).resolve().parents[3]
 EXCERPT = HOME / "tests" / "recorded" / "data"
 DEGREE = math.pi / 180.0
 

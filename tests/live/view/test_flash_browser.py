@@ -22,7 +22,7 @@ from dart_lab.live.view.flash_page import serve_flash_page
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.emulator]
 
-PREBUILT = Path(__file__).parents[2] / "firmware" / "prebuilt" / "dart_nano.hex"
+PREBUILT = Path(__file__).parents[3] / "firmware" / "prebuilt" / "dart_nano.hex"
 OPTIBOOT = BOOTLOADER.parents[1] / "optiboot" / "optiboot.c"
 OPTIBOOT_START = 0x7E00
 BEFORE = b"\xff\xcf"

@@ -33,7 +33,7 @@ from dart_hal.core.config import (
 from dart_hal.core.config.write import merge
 from dart_hal.core.errors import ConfigError
 
-EXAMPLE = Path(__file__).parents[2] / "cars" / "dart-01" / "car.toml"
+EXAMPLE = Path(__file__).parents[3] / "cars" / "dart-01" / "car.toml"
 finite = st.floats(-1e6, 1e6, allow_nan=False)
 positive = st.floats(1e-6, 1e6)
 plain_letters = st.characters(exclude_categories=["Cc", "Cs"])
