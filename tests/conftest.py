@@ -33,8 +33,6 @@ sys.path.append(str(Path(__file__).parent))
 import cpu_time  # noqa: E402
 
 HOME = Path(__file__).resolve().parents[1]
-sys.path.append(str(HOME / "tests" / "wire"))  # wire_samples: traffic and damage for every room
-
 
 TESTS = itertools.count()
 SHORT_NEUTRAL = 0.1

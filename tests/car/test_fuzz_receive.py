@@ -6,7 +6,6 @@ import math
 from random import Random
 
 import pytest
-import wire_samples as samples
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,6 +16,7 @@ from dart_hal.car.telemetry import Telemetry
 from dart_hal.car.transmit import Transmitter
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.messages import HELLO, PARAM_STATUS, PARAM_VALUE, STATE
+from tests.wire import wire_samples as samples
 
 BYTE_TIME = 20e-6
 OK = PARAM_STATUS["OK"]

@@ -8,7 +8,6 @@ import tty
 from dataclasses import dataclass, field
 
 import pytest
-from wire_samples import random_values
 
 from dart_hal.car.handshake import ASK, LISTEN
 from dart_hal.car.reconnect import LOOK_EVERY, SILENT_FOR, Search
@@ -17,6 +16,7 @@ from dart_hal.devices.links.serial_port import candidates
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO
+from tests.wire.wire_samples import random_values
 
 OURS = 0x1234
 

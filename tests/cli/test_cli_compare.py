@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pages import foreign
 
 from dart_hal import Car
 from dart_hal.car.compare import LASTING, _lasting
+from tests.pages import foreign
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 CAR = "sim://?seed=3&nano=mock"

@@ -10,10 +10,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from pages import foreign
 
 from dart_hal.cli import main
 from dart_hal.cli.main import list_verbs, load_command
+from tests.pages import foreign
 
 MOCK = "sim://?seed=7&nano=mock"
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pages import foreign
 from rich.console import Console
 
 from dart_lab.pages import evaluate_table
 from dart_lab.report.numbers import significant
+from tests.pages import foreign
 
 DATA = Path(__file__).resolve().parents[1] / "recorded" / "data"
 FREE = DATA / "91_free_driving_16_sept_2024"

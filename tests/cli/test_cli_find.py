@@ -9,13 +9,13 @@ import tty
 from types import SimpleNamespace
 
 import pytest
-from wire_samples import random_values
 
 from dart_hal.cli import find
 from dart_hal.devices.links import attached, computers
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO
+from tests.wire.wire_samples import random_values
 
 
 def port(device, vid=0x1A86, pid=0x7523, description="USB2.0-Serial"):

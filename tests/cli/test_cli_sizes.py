@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
@@ -11,10 +10,9 @@ from dart_hal.core.config import load_model
 from dart_hal.core.config.folders import load_car
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.sizes import body_of, with_sizes
+from tests.recorded.simulated_recording import simulated, table_of, write_table
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.insert(0, str(ROOT / "tests" / "recorded"))
-from simulated_recording import simulated, table_of, write_table  # noqa: E402
 
 LONG = {"wheelbase": 0.2, "l_f": 0.1, "l_r": 0.1, "mass": 2.0, "yaw_inertia": 0.01}
 PUBLISHED = (ROOT / "tests" / "recorded" / "data" / "91_free_driving_16_sept_2024"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from searched import drive, evidence
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -21,6 +20,7 @@ from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search.fit import covariance
 from dart_lab.diagnosis.search.forward import Search
 from dart_lab.diagnosis.search.selection import Settings, rows_at
+from tests.diagnosis.searched import drive, evidence
 
 FREE = ("tyres.front_D", "tyres.rear_cornering_stiffness")
 

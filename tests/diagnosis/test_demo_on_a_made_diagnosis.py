@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 
-import made_by_hand as made
 import pytest
 
 from dart_hal.cli.main import main
+from tests.diagnosis import made_by_hand as made
 
 
 @pytest.mark.more

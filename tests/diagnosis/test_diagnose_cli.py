@@ -6,7 +6,6 @@ import json
 import shutil
 from dataclasses import replace
 
-import made_by_hand as made
 import pytest
 
 from dart_hal.cli.main import main
@@ -15,6 +14,7 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
 from dart_lab.pages.diagnose_table import show
 from studies.diagnosis import hidden_drive
+from tests.diagnosis import made_by_hand as made
 
 KEYS = {"verdict", "base", "causes", "considered", "unexplained", "extended", "ctrv", "runtime_s",
         "files", "seed"}

@@ -7,7 +7,6 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import made_by_hand as made
 import numpy as np
 import pytest
 
@@ -19,6 +18,7 @@ from dart_lab.diagnosis.evidence.motion import driving_seconds
 from dart_lab.diagnosis.evidence.split import GUARD
 from dart_lab.diagnosis.inputs import check_inputs, effects_named, fitted_before
 from studies.diagnosis.known_frame import read
+from tests.diagnosis import made_by_hand as made
 
 EXCERPT = Path(__file__).parents[1] / "recorded" / "data"
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from searched import drive
 
 from dart_hal.recording.dart import Reference
 from dart_hal.vehicle import PAPER
@@ -16,6 +15,7 @@ from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.evidence.space import Space
 from dart_lab.diagnosis.frames import describe_frame, find_frame_errors, free_frame
 from dart_lab.diagnosis.write import extended_model
+from tests.diagnosis.searched import drive
 
 STD = (0.0020, 0.0020, 0.0020)
 OFF = 0.004

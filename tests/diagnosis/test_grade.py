@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from searched import drive
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -27,6 +26,7 @@ from dart_lab.diagnosis.search.fit import refit
 from dart_lab.report.numbers import larger
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
+from tests.diagnosis.searched import drive
 
 UNITS, ROWS, DRAWS = 16, 40, 400
 

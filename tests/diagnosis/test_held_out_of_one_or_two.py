@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import pytest
-from searched import drive
 
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.report.summary import headline
 from studies.diagnosis.known_frame import read as framed
+from tests.diagnosis.searched import drive
 
 PAIR = (("motor_gain", -0.12), ("gyro_latency", 0.06))
 OTHERS = ("yaw_inertia", "clock_offset")

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from onboard_files import made, recorded
 
 from dart_hal.recording.dart.spans import span_index
 from dart_lab.diagnosis.evidence.motion import driving_seconds
 from dart_lab.diagnosis.evidence.onboard_drive import sessions
 from dart_lab.diagnosis.evidence.split import GUARD, SHORTEST, hold_out, split
+from tests.diagnosis.onboard_files import made, recorded
 
 SECONDS = 120.0
 

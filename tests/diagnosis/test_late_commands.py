@@ -7,10 +7,8 @@ from pathlib import Path
 from tempfile import mkdtemp
 from types import SimpleNamespace
 
-import made_by_hand as made
 import numpy as np
 import pytest
-from searched import fitted_side
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -31,6 +29,8 @@ from studies.diagnosis.events import add_gusts, lose_commands
 from studies.diagnosis.known_frame import read
 from studies.diagnosis.stranger import Car
 from studies.diagnosis.stranger_files import COMMANDS, Habits, record
+from tests.diagnosis import made_by_hand as made
+from tests.diagnosis.searched import fitted_side
 
 AGES = np.linspace(-0.11, 0.11, 45)
 WINDOWS = 300

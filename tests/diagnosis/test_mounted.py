@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import made_by_hand as made
-import onboard_files
 import pytest
-import searched
 
 from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
@@ -27,6 +24,8 @@ from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.diagnosis.write import extended_model
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
+from tests.diagnosis import made_by_hand as made
+from tests.diagnosis import onboard_files, searched
 
 
 def beside(seen, p=PAPER):

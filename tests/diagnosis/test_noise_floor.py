@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from types import SimpleNamespace
 
-import made_by_hand as made
 import numpy as np
 import pytest
-from searched import fitted_side
 
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis import conclude as conclusion
@@ -25,6 +23,8 @@ from dart_lab.diagnosis.report.summary import headline
 from dart_lab.identification.evaluation.prediction import CHANNELS
 from dart_lab.pages.diagnose_table import show
 from studies.diagnosis.events import add_gusts
+from tests.diagnosis import made_by_hand as made
+from tests.diagnosis.searched import fitted_side
 
 WINDOWS = 400
 STD = np.array([0.03, 0.01, 0.1])

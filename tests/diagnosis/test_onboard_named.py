@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from onboard_files import recorded
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.run import diagnose
+from tests.diagnosis.onboard_files import recorded
 
 NEAR = ("quadratic_drag", "rolling_resistance", "motor_deadband", "encoder_scale", "throttle_lag")
 

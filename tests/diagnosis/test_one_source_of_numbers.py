@@ -9,10 +9,8 @@ import warnings
 from dataclasses import replace
 from types import SimpleNamespace
 
-import made_by_hand as made
 import numpy as np
 import pytest
-from searched import drive
 
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import conclude as conclusion
@@ -24,6 +22,8 @@ from dart_lab.diagnosis.report.summary import headline
 from dart_lab.diagnosis.result import Considered, Possible
 from dart_lab.pages.diagnose_table import show
 from dart_lab.report.numbers import percent, significant
+from tests.diagnosis import made_by_hand as made
+from tests.diagnosis.searched import drive
 
 
 @pytest.fixture(scope="module")

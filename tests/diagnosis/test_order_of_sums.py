@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-import searched
 
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
+from tests.diagnosis import searched
 
 SURE = 0.9
 HIDDEN = (("steering_lag", 0.06), ("quadratic_drag", 0.1))

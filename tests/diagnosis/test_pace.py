@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import searched
 
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.pace import Pace
+from tests.diagnosis import searched
 
 STANDS = 60  # evaluations of a model, a second of five minutes of driving
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 from types import SimpleNamespace
 
-import made_by_hand as made
 import numpy as np
 import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.gains import Side
 from dart_lab.diagnosis.paths import find_paths
+from tests.diagnosis import made_by_hand as made
 
 
 def test_windows_are_the_worst_and_the_median_of_the_position_error_at_their_end():

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from searched import drive, evidence, names, search
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.vehicle import PAPER
@@ -19,6 +18,7 @@ from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.policy import USUAL, InputPolicy, Policy
 from studies.diagnosis import policy_sensitivity as sensitivity
 from studies.diagnosis.policy_sensitivity import Watched, altered, changed, list_thresholds, usual
+from tests.diagnosis.searched import drive, evidence, names, search
 
 ROOM = Path(module.__file__).parent
 GRIDS = {"ROUNDS", "QUICK", "FAINT", "ROUNDING", "PASSES", "AGES", "OLDER",

@@ -111,7 +111,7 @@ def test_its_file_is_a_model_with_the_same_numbers(tmp_path):
 
 
 def test_a_diagnosis_without_one_cannot_write_it():
-    import made_by_hand as made
+    from tests.diagnosis import made_by_hand as made
 
     base, _ = find_model("paper")
     with pytest.raises(ValueError, match="predictor=True"):
@@ -146,7 +146,7 @@ def test_a_better_fit_without_effects_is_called_one():
 
 
 def test_a_page_without_one_has_no_section():
-    import made_by_hand as made
+    from tests.diagnosis import made_by_hand as made
 
     assert 'id="predictor"' not in page(made.diagnosis())
 

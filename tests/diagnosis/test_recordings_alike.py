@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from onboard_files import recorded
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -25,6 +24,7 @@ from dart_lab.diagnosis.run import evidence_of
 from dart_lab.diagnosis.search.fit import at
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
+from tests.diagnosis.onboard_files import recorded
 
 SLIPPERY = apply(PAPER, "grip", k=-0.25)
 WEAK = apply(PAPER, "motor_gain", k=-0.12)

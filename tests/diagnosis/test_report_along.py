@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import made_by_hand as made
 import numpy as np
 import pytest
 
@@ -14,6 +13,7 @@ from dart_lab.diagnosis.report.along import Rows, _error, along, columns, most
 from dart_lab.diagnosis.report.compared import stages_around
 from dart_lab.diagnosis.result import Stage
 from dart_lab.diagnosis.unexplained.features import UNITS
+from tests.diagnosis import made_by_hand as made
 
 
 def test_the_error_of_a_mean_counts_stretches_and_not_rows():

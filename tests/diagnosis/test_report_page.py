@@ -9,9 +9,7 @@ import re
 from dataclasses import replace
 from html.parser import HTMLParser
 
-import made_by_hand as made
 import pytest
-from pages import foreign, shown
 
 from dart_hal.core.plain_json import plain
 from dart_lab.diagnosis.error_summaries import Moment, Outliers
@@ -24,6 +22,8 @@ from dart_lab.diagnosis.report.words import quantity, removes
 from dart_lab.diagnosis.result import VERDICTS, Gained, Number, Possible
 from dart_lab.diagnosis.suggest.result import Pair, Suggestion
 from dart_lab.report.numbers import percent, significant
+from tests.diagnosis import made_by_hand as made
+from tests.pages import foreign, shown
 
 COMMAND = "dart-hal diagnose --model '<paper>' --train a.csv"
 

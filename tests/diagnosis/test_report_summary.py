@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import made_by_hand as made
 import numpy as np
 import pytest
 
@@ -21,6 +20,7 @@ from dart_lab.diagnosis.report.words import change, signed_title
 from dart_lab.diagnosis.result import Change, Claim, Number, Unexplained
 from dart_lab.diagnosis.unexplained.features import UNITS
 from dart_lab.report.numbers import larger, significant
+from tests.diagnosis import made_by_hand as made
 
 DEAD = "encoder dead: always 0 while the mocap shows the car driving"
 FROZEN = "false lock of the mocap (pose stands, encoder turns): 20.91 s, 29% of the recording"

@@ -4,7 +4,6 @@ car. What an attacker can do without a key is stated by the last tests."""
 from __future__ import annotations
 
 import pytest
-from attackers import KEY, OTHER_KEY, STEP, WITHIN, FakeCar, Scene, forged_beats, reader
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -13,6 +12,7 @@ from dart_hal.fleet.codec import encode
 from dart_hal.fleet.peers import LATEST, Peers
 from dart_hal.fleet.sender import REPLAY_WINDOW, Order, Sender, Session
 from dart_hal.fleet.stopping import StopCall, StopRule
+from tests.fleet.attackers import KEY, OTHER_KEY, STEP, WITHIN, FakeCar, Scene, forged_beats, reader
 
 STOPS_WITHIN = WITHIN + 2 * STEP
 """s: the limit of the rule and two looks. The last beat that counts is older, not younger."""

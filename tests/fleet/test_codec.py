@@ -7,11 +7,11 @@ from zlib import crc32
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rooms import pose_frame
 
 from dart_hal.core.errors import UsageError
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Decoder, encode
+from tests.fleet.rooms import pose_frame
 
 
 def numbers(f):

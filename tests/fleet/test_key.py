@@ -8,7 +8,6 @@ import hmac
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rooms import pose_frame
 
 from dart_hal.car import Car, Fleet, join
 from dart_hal.core.errors import UsageError
@@ -16,6 +15,7 @@ from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Decoder, encode
 from dart_hal.fleet.key import VARIABLE, RoomKey, find_key, read_key
 from dart_hal.fleet.station import Station
+from tests.fleet.rooms import pose_frame
 
 SECRET = "4f7c" * 16
 KEY = RoomKey(SECRET.encode())

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from rooms import Pins
 
 from dart_hal.car import Fleet
 from dart_hal.core.timing import SAMPLE
+from tests.fleet.rooms import Pins
 
 URLS = ["sim://?nano=mock&seed=1", "sim://?nano=mock&seed=2"]
 

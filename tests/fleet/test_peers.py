@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rooms import pose_frame
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
@@ -16,6 +15,7 @@ from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.peers import LATEST, LOST_AFTER, MOST, Peers
 from dart_hal.fleet.transports import Datagram
 from dart_hal.fleet.transports.local import open_local
+from tests.fleet.rooms import pose_frame
 
 STEP = 0.05
 

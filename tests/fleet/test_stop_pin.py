@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-from rooms import Pins, pose_frame
 
 from dart_hal.car import Car, Member
 from dart_hal.car.driver import Driver
@@ -12,6 +11,7 @@ from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
 from dart_hal.fleet.station import Station
 from dart_hal.fleet.stopping import HOLD, PATIENCE, StopCall, StopRule
+from tests.fleet.rooms import Pins, pose_frame
 
 HALF = "local://stop?loss=0.5&seed={}"
 WITHIN = 0.15

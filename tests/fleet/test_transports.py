@@ -9,7 +9,6 @@ from importlib.util import find_spec
 
 import msgspec
 import pytest
-from rooms import pose_frame
 
 from dart_hal.car import Car, join
 from dart_hal.core.errors import NotArmed, PortBusy, UsageError
@@ -18,6 +17,7 @@ from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.outbox import Outbox
 from dart_hal.fleet.peers import Peers
 from dart_hal.fleet.transports import open_transport, transports
+from tests.fleet.rooms import pose_frame
 
 needs_zenoh = pytest.mark.skipif(find_spec("zenoh") is None,
                                  reason="needs eclipse-zenoh: pip install 'dart-hal[fleet]'")

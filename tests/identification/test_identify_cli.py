@@ -9,7 +9,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from pages import foreign
 
 from dart_hal.car.runs import read_any
 from dart_hal.cli.main import main
@@ -18,6 +17,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import model_of, vehicle_of
 from dart_lab.identification.evaluation import evaluate
+from tests.pages import foreign
 
 EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
 FIT_KEYS = {"parameters", "n", "rmse", "loss", "unit", "converged", "identifiable", "cpu_s"}

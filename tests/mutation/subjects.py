@@ -10,6 +10,7 @@ from picked import PICKS
 from python_mutants import python_mutants
 
 HOST, SRC = "host/dart_hal/", "firmware/src/"
+PULSES = "tests/devices/actuation/"
 
 PINS, FAULTS = "tests/faults/test_pin_details.py", "tests/faults/test_fault_table.py"
 
@@ -52,17 +53,17 @@ SUBJECTS = (
             ("tests/firmware/test_core_frames.py", "tests/firmware/test_nano_stream.py"), 12),
     Subject("supervisor", (
         HOST + "devices/actuation/supervisor.py", HOST + "devices/actuation/states.py"),
-            ("tests/devices/actuation/test_supervisor.py", "tests/devices/actuation", "tests/car",
+            (PULSES + "test_supervisor.py", "tests/devices/actuation", "tests/car",
              "tests/contract/test_contract_arming.py"), 14),
     Subject("supervisor of the Nano", (SRC + "core/supervisor.cpp",),
             ("tests/firmware/test_core_supervisor.py", "tests/firmware/test_nano_safety.py",
              "tests/firmware"), 12),
     Subject("guard", (HOST + "devices/actuation/guard.py", HOST + "devices/actuation/guarded.py"),
-            ("tests/devices/actuation/test_guard.py", "tests/car/test_guard_causes.py",
-             "tests/devices/actuation/test_further_addresses.py", PINS,
+            (PULSES + "test_guard.py", "tests/car/test_guard_causes.py",
+             PULSES + "test_further_addresses.py", PINS,
              "tests/contract/test_contract_realtime.py", "tests/car"), 14, realtime=True),
     Subject("arming", (HOST + "devices/actuation/arming.py",),
-            ("tests/devices/actuation/test_supervisor.py", "tests/contract/test_contract_arming.py", PINS,
+            (PULSES + "test_supervisor.py", "tests/contract/test_contract_arming.py", PINS,
              "tests/car/test_disarmed.py", "tests/devices/actuation", "tests/car"), 10),
     Subject("driver", (HOST + "car/driver.py",),
             (PINS, "tests/car/test_guard_causes.py", "tests/car/test_driver_steps.py",
@@ -77,17 +78,17 @@ SUBJECTS = (
             ("tests/firmware/test_core_imu.py", "tests/firmware/test_nano_imu.py",
              "tests/firmware"), 12),
     Subject("chain", (HOST + "devices/actuation/chain.py",),
-            ("tests/devices/actuation/test_actuator.py", PINS, "tests/devices/actuation/test_open_close.py",
+            (PULSES + "test_actuator.py", PINS, PULSES + "test_open_close.py",
              "tests/car/test_disarmed_pin.py", FAULTS), 7),
     Subject("plan", (HOST + "devices/actuation/plan.py",),
-            ("tests/devices/actuation/test_actuator.py", "tests/devices/actuation/test_play.py", PINS, FAULTS), 7),
+            (PULSES + "test_actuator.py", PULSES + "test_play.py", PINS, FAULTS), 7),
     Subject("limits", (HOST + "devices/actuation/limits.py",),
-            ("tests/devices/actuation/test_actuator.py", "tests/car/test_misuse.py", PINS,
+            (PULSES + "test_actuator.py", "tests/car/test_misuse.py", PINS,
              "tests/car/test_raw.py", FAULTS), 6),
     Subject("pca9685", (HOST + "devices/actuation/pca9685.py",),
-            ("tests/devices/actuation/test_open_close.py", "tests/devices/actuation/test_who_answers.py",
-             "tests/devices/actuation/test_further_addresses.py",
-             "tests/devices/actuation/test_pwm_frequency.py", "tests/devices/actuation/test_actuator.py",
+            (PULSES + "test_open_close.py", PULSES + "test_who_answers.py",
+             PULSES + "test_further_addresses.py",
+             PULSES + "test_pwm_frequency.py", PULSES + "test_actuator.py",
              FAULTS), 7),
     Subject("facts", (HOST + "car/facts.py",),
             (PINS, "tests/contract/test_contract_arming.py", "tests/car/test_disarmed.py",

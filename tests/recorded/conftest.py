@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent))
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMES_A = ("elapsed time sensors", "current", "voltage", "acc x (IMU)", "acc y (IMU)", "W (IMU)",

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated_recording import simulated, table_of, write_table
 
 from dart_hal.recording.dart import grid, marker, read
 from dart_hal.recording.dart.sensors import GAP
 from dart_lab.identification.prediction.windows import BEFORE, CLEAN, find_windows
+from tests.recorded.simulated_recording import simulated, table_of, write_table
 
 EDGE = 1e-6  # s
 

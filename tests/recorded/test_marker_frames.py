@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulated_recording import simulated, table_of, write_table
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.recording.check import check
@@ -16,6 +15,7 @@ from dart_hal.recording.dart import Reference, fit_reference, grid, read, with_m
 from dart_hal.recording.dart import reference as reference_module
 from dart_hal.recording.dart.reference import SEP_24, Y_2025, difference, tabulated
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
+from tests.recorded.simulated_recording import simulated, table_of, write_table
 
 FREE = "91_free_driving_16_sept_2024/car_1_Datarecording_09_16_2024_10_01_01.csv.gz"
 ALLOWED = 2.6

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_recording import simulated, table_of, write_table
 
 from dart_hal.core.errors import OtherCar
 from dart_hal.recording.check import check
@@ -12,6 +11,7 @@ from dart_hal.recording.dart import read, with_marker_frames
 from dart_hal.recording.dart.steering_sign import follow
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.diagnosis.inputs import check_inputs
+from tests.recorded.simulated_recording import simulated, table_of, write_table
 
 
 @pytest.mark.parametrize("schema", ["A", "B", "C"])

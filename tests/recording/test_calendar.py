@@ -7,11 +7,11 @@ from datetime import datetime, timezone
 
 import pytest
 from mcap.reader import make_reader
-from ros2msg import decoded
 
 from dart_hal.car import Car
 from dart_hal.recording.repair import repair
 from dart_hal.recording.run import RunReader, RunWriter
+from tests.ros2msg import decoded
 
 THIRD = 100.0 + 1 / 3 + 0.5e-9
 """s: 100_333_333_333.8 ns."""

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-from ros2msg import decoded
 
 from dart_hal import Car
 from dart_hal.core.errors import LogError
@@ -15,6 +14,7 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.repair import repair
 from dart_hal.recording.run import RunReader, RunWriter
+from tests.ros2msg import decoded
 
 URL = "sim://?seed=3&nano=mock"
 GRID = np.arange(6.0).reshape(2, 3)

@@ -14,13 +14,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from ros2msg import decoded
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import Applied
 from dart_hal.recording import cdr, open_writer, stamp
 from dart_hal.recording.mcap_records import parse_mcap
 from dart_hal.recording.run import RunReader, RunWriter
+from tests.ros2msg import decoded
 
 
 @given(st.floats(1e-3, 1e7) | st.just(0.0))

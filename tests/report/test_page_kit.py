@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pages import foreign, shown
 
 from dart_hal.core import figures
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import VOID, Html, el, table
 from dart_lab.report.numbers import with_error
+from tests.pages import foreign, shown
 
 
 class Reader(HTMLParser):

@@ -3,7 +3,6 @@
 from random import Random
 
 import pytest
-import wire_samples as samples
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -12,6 +11,7 @@ from dart_hal.wire.codec import DOWN, UP, encode
 from dart_hal.wire.crc import crc16
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import BY_NAME, MAX_BLOCK, MESSAGES, STATE
+from tests.wire import wire_samples as samples
 
 ranges = {"u8": (0, 0xFF), "u16": (0, 0xFFFF), "u32": (0, 0xFFFF_FFFF), "i16": (-32768, 32767)}
 

@@ -4,13 +4,13 @@ from math import comb
 from random import Random
 
 import pytest
-import wire_samples as samples
 
 from dart_hal.wire import blocks
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import STATE
 from dart_hal.wire.plausible import Gates
+from tests.wire import wire_samples as samples
 
 FRAMES = samples.drive(2.0, seed=3)
 STATES = [f for f in FRAMES if len(f) == STATE.wire_size]

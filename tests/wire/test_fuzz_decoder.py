@@ -7,7 +7,6 @@ pass the CRC, in any order, with damage and noise between them.
 from random import Random
 
 import pytest
-import wire_samples as samples
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,6 +14,7 @@ from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import MAX_BLOCK
 from dart_hal.wire.plausible import Gates
+from tests.wire import wire_samples as samples
 
 MOST = 255 + 1
 """Numbers that one frame can add to the count of lost ones."""

@@ -4,11 +4,11 @@ from random import Random
 
 import numpy as np
 import pytest
-import wire_samples as samples
 
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import STATE
+from tests.wire import wire_samples as samples
 
 FAULTS = [*samples.SMALL_FAULTS.values(), samples.burst(8)]
 

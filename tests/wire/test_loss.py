@@ -3,7 +3,6 @@
 from random import Random
 
 import pytest
-import wire_samples as samples
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -11,6 +10,7 @@ from dart_hal.wire import ledger
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import STATE
+from tests.wire import wire_samples as samples
 
 DRIVE = samples.drive(40.0, seed=1)
 

@@ -5,7 +5,6 @@ from random import Random
 
 import numpy as np
 import pytest
-import wire_samples as samples
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -16,6 +15,7 @@ from dart_hal.wire.frame import Frame, layout
 from dart_hal.wire.messages import BY_NAME, LOG, MESSAGES, STATE
 from dart_hal.wire.plausible import Gates
 from dart_hal.wire.unwrap import Unwrapper, unwrap
+from tests.wire import wire_samples as samples
 
 AT = layout(STATE.id)
 BASE = list(STATE.struct.unpack(bytes(38)))

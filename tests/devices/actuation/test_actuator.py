@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pwm_world import World, car_files
 
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import BadCommand, PcaFault
 from dart_hal.devices.actuation import LIVE, RAW, Actuator, Output
 from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES
+from tests.devices.actuation.pwm_world import World, car_files
 
 NEUTRAL = pytest.approx(1500.0, abs=5.0)
 HELD = Output("neutral", "held", ("NOT_ARMED",))

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from pwm_world import World, car_files
 
 from dart_hal.core.errors import PcaFault
 from dart_hal.devices.actuation import pca9685
 from dart_hal.devices.actuation.guard import watch
 from dart_hal.devices.actuation.standby import Throttle
+from tests.devices.actuation.pwm_world import World, car_files
 
 FOREIGN = bytes([0x0A, 0, 0, 0x9A, 0x01])
 """Data for another chip that would be 2001 us on the ESC: channel 1, 410 counts."""

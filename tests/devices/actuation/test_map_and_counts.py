@@ -7,13 +7,13 @@ from itertools import accumulate
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from pwm_world import car_files
 
 from dart_hal.core.config import SteeringTable
 from dart_hal.core.errors import NotMonotone
 from dart_hal.devices.actuation import Quantiser, steering_map
 from dart_hal.devices.actuation.pchip import Pchip
 from dart_hal.devices.actuation.quantiser import count_us, prescale_for
+from tests.devices.actuation.pwm_world import car_files
 
 steps = st.lists(st.floats(0.01, 1.0), min_size=2, max_size=15)
 

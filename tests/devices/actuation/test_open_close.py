@@ -7,10 +7,10 @@ import sys
 from itertools import pairwise
 
 import pytest
-from pwm_world import World, car_files
 
 from dart_hal.core.errors import BusError, PcaFault, PcaMissing
 from dart_hal.devices.actuation.servokit import Shield, load_servokit
+from tests.devices.actuation.pwm_world import World, car_files
 
 NEUTRAL_US, SLACK_US, FRAME = 1500.0, 5.0, 0.02
 

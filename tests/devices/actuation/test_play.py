@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from dart_hal.devices.actuation.play import RESOLVED, Play
 from dart_hal.devices.actuation.steering_map import SteeringMap, steering_map
 from studies.actuation.steering_figures import angle_error
-
-from .pwm_world import car_files
+from tests.devices.actuation.pwm_world import car_files
 
 CURVE: SteeringMap = steering_map(car_files().config, None)
 HALF = 0.0125

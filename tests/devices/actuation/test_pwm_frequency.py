@@ -19,8 +19,7 @@ from dart_hal.devices.actuation.quantiser import (
     prescale_for,
 )
 from dart_hal.devices.actuation.standby import Throttle
-
-from .pwm_world import World, car_files
+from tests.devices.actuation.pwm_world import World, car_files
 
 CLOCKS = (24.06e6, 25e6, 26.08e6, 27.0e6)
 """Hz, as they were seen on boards."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import random
 
 import pytest
-from pwm_world import World, car_files
 
 from dart_hal.core.errors import CATALOGUE, NotPca, PcaFault
 from dart_hal.devices.actuation.standby import Throttle
 from dart_lab.sim.power_monitor import PowerMonitor
+from tests.devices.actuation.pwm_world import World, car_files
 
 MONITORS = {
     "INA3221": None,

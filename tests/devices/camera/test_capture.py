@@ -7,11 +7,11 @@ import sys
 import time
 
 import pytest
-from fake_opencv import JPEG, FakeOpenCV
 
 from dart_hal.car import Car
 from dart_hal.core.errors import NoImage, PortBusy, PortDenied, PortMissing, UsageError
 from dart_hal.devices.camera import capture, open_camera
+from tests.devices.camera.fake_opencv import JPEG, FakeOpenCV
 
 pytestmark = pytest.mark.realtime
 

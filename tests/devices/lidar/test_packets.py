@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
-from x4_bytes import packet, revolution
 
 from dart_hal.devices.lidar.packets import Decoder, parallax
+from tests.devices.lidar.x4_bytes import packet, revolution
 
 
 def seen(packets):

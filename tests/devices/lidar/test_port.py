@@ -12,12 +12,12 @@ from math import isfinite
 import numpy as np
 import pytest
 import serial
-from x4_bytes import revolution
 
 from dart_hal.core.errors import LinkLost, NoScan, PortMissing, UsageError
 from dart_hal.devices.lidar import open_lidar, port
 from dart_hal.devices.lidar.packets import START, STOP
 from dart_hal.devices.links.serial_port import SerialLink
+from tests.devices.lidar.x4_bytes import revolution
 
 pytestmark = pytest.mark.realtime
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from x4_bytes import packet, revolution
 
 from dart_hal.core.types import Mount, Scan
 from dart_hal.devices.lidar.health import Watch
 from dart_hal.devices.lidar.scan import BYTE, Stream
+from tests.devices.lidar.x4_bytes import packet, revolution
 
 PERIOD = 0.2e-3
 

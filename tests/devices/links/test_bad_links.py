@@ -11,7 +11,6 @@ from types import SimpleNamespace
 
 import pytest
 import serial
-from wire_samples import random_values
 
 from dart_hal.car import Car, handshake
 from dart_hal.core.errors import (
@@ -32,6 +31,7 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.devices.links.serial_port import SerialLink, find_port, open_serial
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HELLO, TIME_PONG
+from tests.wire.wire_samples import random_values
 
 
 class FakeNano:

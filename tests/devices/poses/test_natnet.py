@@ -6,12 +6,12 @@ import socket
 from contextlib import contextmanager
 from math import pi, sqrt
 
-import natnet_bytes as built
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.devices.poses import natnet, open_poses
+from tests.devices.poses import natnet_bytes as built
 
 VERSIONS = [(3, 0), (3, 1), (4, 0), (4, 1), (4, 2), (4, 3)]
 

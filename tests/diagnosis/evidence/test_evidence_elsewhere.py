@@ -6,11 +6,11 @@ import pickle
 
 import numpy as np
 import pytest
-import searched
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_lab.diagnosis.evidence import residuals
+from tests.diagnosis import searched
 
 
 @pytest.fixture(autouse=True)

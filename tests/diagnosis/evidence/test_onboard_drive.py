@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from onboard_files import evidence, made
 
 from dart_hal.core.timing import SAMPLE
 from dart_lab.diagnosis.evidence.onboard import UNKNOWN, limits
@@ -16,6 +15,7 @@ from dart_lab.diagnosis.evidence.onboard_drive import (
     sessions,
 )
 from dart_lab.diagnosis.policy import USUAL
+from tests.diagnosis.onboard_files import evidence, made
 
 BEFORE, AFTER = (PAST + 2) * ENCODER_SPAN, MESSAGES_AHEAD * ENCODER_SPAN
 

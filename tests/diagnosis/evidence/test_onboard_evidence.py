@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from onboard_files import evidence, recorded
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
@@ -14,6 +13,7 @@ from dart_lab.diagnosis.evidence.noise import measure
 from dart_lab.diagnosis.evidence.onboard import limits, unseen
 from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
 from dart_lab.diagnosis.evidence.space import Timing
+from tests.diagnosis.onboard_files import evidence, recorded
 
 ENCODER, GYRO = slice(0, None, 2), slice(1, None, 2)
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from searched import drive, evidence
 
 from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.recording.dart import RUN
@@ -20,6 +19,7 @@ from dart_lab.diagnosis.evidence.residuals import Residuals
 from dart_lab.diagnosis.evidence.space import Timing
 from dart_lab.diagnosis.search.forward import Search
 from dart_lab.diagnosis.search.selection import Settings
+from tests.diagnosis.searched import drive, evidence
 
 SOME_AGE = Timing(command_age=0.02, spread=0.01)
 

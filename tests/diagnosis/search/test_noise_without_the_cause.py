@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from searched import drive, evidence, search, size_of
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
@@ -15,6 +14,7 @@ from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search.fit import covariance
 from dart_lab.diagnosis.search.forward import Search
 from dart_lab.diagnosis.search.selection import Settings, rows_at
+from tests.diagnosis.searched import drive, evidence, search, size_of
 
 SIGMA = 2.6
 """Standard errors within which a size lies with 99 % probability."""

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from searched import ALL_FREE, drive, evidence, fitted
 
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.parameters.sets import Sets, _subsets
@@ -14,6 +13,7 @@ from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search import scan as scanning
 from dart_lab.diagnosis.search.fit import at, seen_by
 from dart_lab.diagnosis.search.scan import scan
+from tests.diagnosis.searched import ALL_FREE, drive, evidence, fitted
 
 NAMES = ("grip", "quadratic_drag", "motor_gain", "steering_gain", "gyro_scale", "steering_lag",
          "mass", "road_slope_x")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import searched
 
 from dart_lab.diagnosis.evidence.space import Timing
 from dart_lab.diagnosis.search.fit import at, refit
+from tests.diagnosis import searched
 
 
 @pytest.mark.more

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from onboard_files import evidence, recorded
 
 from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
@@ -13,6 +12,7 @@ from dart_lab.diagnosis.grade.accept import Acceptance, accept_effects
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search.forward import Search
 from dart_lab.diagnosis.search.selection import Settings
+from tests.diagnosis.onboard_files import evidence, recorded
 
 WORN = replace(PAPER, tyres=replace(PAPER.tyres, front_D=0.9 * PAPER.tyres.front_D))
 KNOWN = {"tyres.front_D": 0.005 * PAPER.tyres.front_D}

@@ -6,16 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from searched import (
-    ALL_FREE,
-    drive,
-    evidence,
-    fitted,
-    names,
-    search,
-    share_explained,
-    size_of,
-)
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
@@ -32,6 +22,16 @@ from studies.diagnosis.campaign_cases import car as known_roughly
 from studies.diagnosis.campaign_cases import cases, model_file
 from studies.diagnosis.known_frame import read
 from studies.diagnosis.stranger_files import COMMANDS, Habits, record
+from tests.diagnosis.searched import (
+    ALL_FREE,
+    drive,
+    evidence,
+    fitted,
+    names,
+    search,
+    share_explained,
+    size_of,
+)
 
 INERT = ("mass", "yaw_inertia")
 QUIET = 30.0  # gain; twice what nothing reaches

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from searched import car, drive, evidence, fitted, names, search, size_of
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effect import ActiveEffect
@@ -21,6 +20,7 @@ from dart_lab.diagnosis.search import forward as searching
 from dart_lab.diagnosis.search.scan import Trial, ladder, scan
 from studies.diagnosis.known_frame import read
 from studies.diagnosis.stranger_files import Habits, record
+from tests.diagnosis.searched import car, drive, evidence, fitted, names, search, size_of
 
 TIMING = ("steering_delay", "steering_lag", "steering_rate_limit", "throttle_delay",
           "throttle_lag", "encoder_latency", "gyro_latency", "clock_offset", "mocap_latency",

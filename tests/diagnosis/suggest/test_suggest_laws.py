@@ -8,7 +8,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from open_question import DRIVES, FLOOR, Case, diagnosis, recorded
 
 from dart_hal.cli.main import main
 from dart_hal.recording.dart.reference import SEP_24
@@ -24,6 +23,7 @@ from dart_lab.diagnosis.suggest.question import ask
 from dart_lab.diagnosis.suggest.side import Side
 from dart_lab.diagnosis.suggest.virtual import record
 from dart_lab.identification.experiment.floor import Floor
+from tests.diagnosis.suggest.open_question import DRIVES, FLOOR, Case, diagnosis, recorded
 
 GYRO = Case("straight", ("gyro_bias", 0.02), "steering_trim")
 

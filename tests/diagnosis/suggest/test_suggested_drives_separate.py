@@ -6,11 +6,11 @@ from functools import cache
 from statistics import mean
 
 import pytest
-from open_question import DRIVES as AT_HAND
-from open_question import FLOOR, Case, diagnosis, gains, recorded
 
 from dart_lab.diagnosis.suggest import suggest
 from dart_lab.diagnosis.suggest.library import CHOICES, rehearsed
+from tests.diagnosis.suggest.open_question import DRIVES as AT_HAND
+from tests.diagnosis.suggest.open_question import FLOOR, Case, diagnosis, gains, recorded
 
 pytestmark = pytest.mark.more
 

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from onboard_files import evidence, recorded
 
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.unexplained.driven import undriven
 from dart_lab.diagnosis.unexplained.features import window_features
+from tests.diagnosis.onboard_files import evidence, recorded
 
 GYRO = slice(1, None, 2)
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from strange_car import CARS, looked_at, write
 
 from dart_lab.diagnosis.unexplained.structure import groups, shares, structure, unexplained
 from studies.diagnosis.hidden_drive import Plan
+from tests.diagnosis.strange_car import CARS, looked_at, write
 
 PLAN = Plan(seconds=120.0)
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from onboard_files import evidence, recorded
 
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.recording.dart import RUN
@@ -18,6 +17,7 @@ from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.diagnosis.unexplained.features import window_features
 from dart_lab.diagnosis.unexplained.structure import unexplained
 from dart_lab.diagnosis.unexplained.waits import unwaited
+from tests.diagnosis.onboard_files import evidence, recorded
 
 GYRO = slice(1, None, 2)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from at_the_desk import driving
+from tests.live.view.at_the_desk import driving
 
 
 def drives_off(browser, page, car, tries=5, watcher=None):

@@ -5,13 +5,13 @@ from __future__ import annotations
 import time
 
 import pytest
-from at_the_desk import driving
-from browser import DESK, PHONE, Browser, selenium
-from browser_drive import drives_off
-from sockets import live_page
 
 from dart_hal.car import Car
 from dart_lab.live.view.player import Player, run_of
+from tests.live.view.at_the_desk import driving
+from tests.live.view.browser import DESK, PHONE, Browser, selenium
+from tests.live.view.browser_drive import drives_off
+from tests.live.view.sockets import live_page
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more]
 NEUTRAL = 0.250

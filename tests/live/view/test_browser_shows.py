@@ -6,11 +6,11 @@ import threading
 import time
 
 import pytest
-from sockets import live_page
 
 from dart_hal.car import Fleet
 from dart_hal.fleet.station import Station
 from dart_lab.live.view.fleet_desk import FleetPage
+from tests.live.view.sockets import live_page
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.cpu(30)]
 CHOICES = "return [...document.getElementById('channel0').options].map((one) => one.value)"

@@ -9,15 +9,15 @@ from urllib.error import HTTPError
 from urllib.request import urlopen
 
 import pytest
-from at_the_desk import driving
-from browser import DESK, PHONE
-from sockets import join, live_page, say, until
 
 from dart_hal.car import Car
 from dart_hal.core.errors import NoImage
 from dart_lab.live.view import player
 from dart_lab.live.view.messages import Stop
 from dart_lab.live.view.player import Player, run_of
+from tests.live.view.at_the_desk import driving
+from tests.live.view.browser import DESK, PHONE
+from tests.live.view.sockets import join, live_page, say, until
 
 URL = "sim://?nano=mock&pace=1&camera=top&map=hall"
 SHOWN = "return [picture.naturalWidth, picture.naturalHeight, picture.complete]"

@@ -5,14 +5,14 @@ from __future__ import annotations
 from contextlib import suppress
 
 import pytest
-from at_the_desk import AtTheDesk
-from junk import Junk
 
 from dart_hal.control.input_age import InputAge
 from dart_lab.live.view import desk, operator
 from dart_lab.live.view import messages as m
 from dart_lab.live.view.messages import Malformed, read
 from dart_lab.live.view.operator import Operator, Refused
+from tests.live.view.at_the_desk import AtTheDesk
+from tests.live.view.junk import Junk
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 NEUTRAL = 0.250

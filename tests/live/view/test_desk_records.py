@@ -7,11 +7,11 @@ import resource
 from contextlib import contextmanager
 
 import pytest
-from at_the_desk import AtTheDesk
 
 from dart_hal.car import Car
 from dart_hal.recording.run import RunReader
 from dart_lab.live.view import messages as m
+from tests.live.view.at_the_desk import AtTheDesk
 
 
 @contextmanager

@@ -7,14 +7,14 @@ import time
 from urllib.request import urlopen
 
 import pytest
-from at_the_desk import driving
-from sockets import join, say, until
 
 from dart_hal.car import Car
 from dart_hal.cli.main import main
 from dart_lab.live.view import serve
 from dart_lab.live.view.desk import Desk
 from dart_lab.sim.truth import world_of
+from tests.live.view.at_the_desk import driving
+from tests.live.view.sockets import join, say, until
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.cpu(20)]
 SCRIPT = "def control(state):\n    return 0.1, 0.3\n"

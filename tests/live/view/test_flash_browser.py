@@ -12,13 +12,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from browser import DESK, PHONE
-from web_serial import Relay, web_serial
 
 from dart_hal.core.errors import EmulatorMissing
 from dart_hal.devices.links import bridge, emulator
 from dart_hal.devices.links.image import BOOT_START, BOOTLOADER, load_image, with_bootloader
 from dart_lab.live.view.flash_page import serve_flash_page
+from tests.live.view.browser import DESK, PHONE
+from tests.live.view.web_serial import Relay, web_serial
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.emulator]
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
-from pathlib import Path
 
 import pytest
 
@@ -17,9 +15,7 @@ from dart_hal.fleet.transports import open_transport
 from dart_lab.live.view import messages as m
 from dart_lab.live.view.fleet_desk import FleetDesk, FleetPage
 from dart_lab.live.view.operator import Refused
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "fleet"))
-from rooms import Pins
+from tests.fleet.rooms import Pins
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 WITHIN = 0.3
@@ -110,7 +106,7 @@ def test_it_drives_nobody():
 
 @pytest.mark.realtime
 def test_it_is_served():
-    from sockets import join, until
+    from tests.live.view.sockets import join, until
 
     with Station("local://page3") as station, FleetPage([station], 0, lan=False) as page:
         assert "#" not in page.urls[0]

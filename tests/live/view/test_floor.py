@@ -7,8 +7,6 @@ import time
 
 import numpy as np
 import pytest
-from at_the_desk import AtTheDesk
-from sockets import live_page
 
 from dart_hal import Fleet
 from dart_hal.core.types import START
@@ -19,6 +17,8 @@ from dart_lab.live.view.rows import FIELDS
 from dart_lab.live.view.told import others_in
 from dart_lab.sim.lidar.maps import clearance
 from dart_lab.sim.room_truth import lines_by_frame
+from tests.live.view.at_the_desk import AtTheDesk
+from tests.live.view.sockets import live_page
 
 COUNT = """
 const c = document.getElementById('floor'), [r, g, b] = arguments[0];

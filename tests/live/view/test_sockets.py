@@ -14,13 +14,13 @@ from pathlib import Path
 from socket import SO_RCVBUF, SOL_SOCKET
 
 import pytest
-from junk import Junk
-from sockets import join, live_page, say, until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 import dart_lab.live.view
 from dart_hal.core.errors import UsageError
 from dart_lab.live.view import server
+from tests.live.view.junk import Junk
+from tests.live.view.sockets import join, live_page, say, until
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("armed_esc")]
 ROOM = Path(dart_lab.live.view.__file__).parent

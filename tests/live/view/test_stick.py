@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 
 import pytest
-from at_the_desk import driving
-from browser_drive import drives_off
-from sockets import live_page
+
+from tests.live.view.at_the_desk import driving
+from tests.live.view.browser_drive import drives_off
+from tests.live.view.sockets import live_page
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more]
 KEY = "dispatchEvent(new KeyboardEvent('{}', {{code: '{}', bubbles: true}}))"

@@ -7,14 +7,14 @@ import time
 from contextlib import ExitStack
 
 import pytest
-from browser import Browser, selenium
-from sockets import join, live_page
 
 from dart_hal.car import Fleet
 from dart_hal.core.errors import NotArmed
 from dart_hal.fleet.station import Station
 from dart_lab.live.view import server
 from dart_lab.live.view.fleet_desk import FleetPage
+from tests.live.view.browser import Browser, selenium
+from tests.live.view.sockets import join, live_page
 
 pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.cpu(60)]
 SAME_PRESS = 0.45

@@ -10,7 +10,6 @@ import urllib.request
 from contextlib import ExitStack, suppress
 
 import pytest
-from sockets import join, live_page, say, until
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.http11 import Request
 
@@ -20,6 +19,7 @@ from dart_lab.live.view import server
 from dart_lab.live.view.access import Access
 from dart_lab.live.view.desk import Desk
 from dart_lab.live.view.fleet_desk import FleetDesk, FleetPage
+from tests.live.view.sockets import join, live_page, say, until
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("armed_esc")]
 HEADER = {"X-Dart-Stop": "1"}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 
 import pytest
-from at_the_desk import AtTheDesk
 
 from dart_hal.car import join
 from dart_hal.devices.actuation.arming import REFUSALS
@@ -14,6 +13,7 @@ from dart_hal.fleet.station import Station
 from dart_lab.live.view import messages as m
 from dart_lab.live.view import words
 from dart_lab.live.view.words import AT_REST, refusal_words, trip_words
+from tests.live.view.at_the_desk import AtTheDesk
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 PROGRAMMERS = re.compile(r"\w\(|\)\.|\b(member|car)\.[a-z]+\b(?!toml)|\[[a-z]+\]|car\.toml|"

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))
-
-from effect_drive import drive
-
 from dart_hal.vehicle import PAPER
+from tests.vehicle.effects.effect_drive import drive
 
 
 @pytest.fixture(scope="session")

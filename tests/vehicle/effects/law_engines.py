@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from laws import CARS, DT, FORCES, LAWS
 
 from dart_hal.vehicle.channels import Stepper, through
 from dart_hal.vehicle.compose import settled
@@ -23,6 +22,7 @@ from dart_hal.vehicle.native.model import computed, record
 from dart_hal.vehicle.native.trace import Graph, evaluate
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.tyres import make_tyres
+from tests.vehicle.effects.laws import CARS, DT, FORCES, LAWS
 
 QUANTITIES = {
     "angle": lambda p, f, s: make_steering(p.steering, f)(s),

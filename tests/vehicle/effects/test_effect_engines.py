@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from effect_drive import CARS, DT, medium
 
 from dart_hal.vehicle import (
     PAPER,
@@ -27,6 +26,7 @@ from dart_hal.vehicle.native.build import compiler
 from dart_hal.vehicle.native.model import DT as STEP
 from dart_hal.vehicle.native.model import form_of, trace
 from dart_hal.vehicle.native.trace import evaluate
+from tests.vehicle.effects.effect_drive import CARS, DT, medium
 
 
 def states(n=6, seed=1):

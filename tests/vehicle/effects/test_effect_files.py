@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import msgspec
 import pytest
-from effect_drive import medium
 
 from dart_hal.core.config import EffectEntry, Quantity, dump, parse_model
 from dart_hal.core.errors import ConfigError
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import applied, apply, catalogue, extended, parse
 from dart_hal.vehicle.load import find_model, model_of, vehicle_of
+from tests.vehicle.effects.effect_drive import medium
 
 TEXT = """
 [[effects]]

@@ -6,7 +6,10 @@ from itertools import groupby
 
 import numpy as np
 import pytest
-from law_engines import (
+
+from dart_hal.vehicle.effects import catalogue
+from dart_hal.vehicle.native.build import cache_folder, compiler
+from tests.vehicle.effects.law_engines import (
     channels_of,
     check_effect,
     evaluate_forces_compiled,
@@ -22,10 +25,7 @@ from law_engines import (
     force_effects,
     laws_of,
 )
-from laws import FORCE_LAWS
-
-from dart_hal.vehicle.effects import catalogue
-from dart_hal.vehicle.native.build import cache_folder, compiler
+from tests.vehicle.effects.laws import FORCE_LAWS
 
 EVERY = pytest.mark.parametrize("of", catalogue().values(), ids=catalogue())
 FORCES = pytest.mark.parametrize("of", force_effects(), ids=lambda of: of.name)

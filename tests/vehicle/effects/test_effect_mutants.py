@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from law_engines import check_effect
 
 from dart_hal.vehicle.effects import catalogue
+from tests.vehicle.effects.law_engines import check_effect
 
 sys.path.append(str(Path(__file__).parents[2] / "mutation"))
 from equivalent import EFFECTS, EQUIVALENTS, equivalence
@@ -56,7 +56,7 @@ def test_an_equation_is_broken_in_every_one_of_its_terms():
 
 def test_mutant_survives_where_the_law_is_missing(monkeypatch):
     """The control: without its laws for a right turn and for braking, a term goes unnoticed."""
-    import law_engines
+    from tests.vehicle.effects import law_engines
 
     laws = [law for law in law_engines.LAWS if law.effect == "load_transfer"]
     monkeypatch.setattr(law_engines, "LAWS", laws[3:4])

@@ -8,7 +8,6 @@ from itertools import combinations, product
 
 import numpy as np
 import pytest
-from effect_drive import CARS, DT, NAMES, drive, medium
 
 from dart_hal.vehicle import PAPER, make_car_step
 from dart_hal.vehicle.bicycle import make_dynamic
@@ -19,6 +18,7 @@ from dart_hal.vehicle.effects import applied, apply, catalogue, effect, extended
 from dart_hal.vehicle.flat import names, value
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.tyres import make_slip, make_tyres
+from tests.vehicle.effects.effect_drive import CARS, DT, NAMES, drive, medium
 
 EVERY = pytest.mark.parametrize("name", NAMES)
 MOVING = [n for n in NAMES if catalogue()[n].force or catalogue()[n].vehicle]

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 import pytest
-from effect_drive import DT, NAMES, PER_TURN, commands, medium, noise
 
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Grid
@@ -17,6 +16,7 @@ from dart_hal.vehicle.delay import delay_series, first_order_lag
 from dart_hal.vehicle.effect import CHANNELS, Now
 from dart_hal.vehicle.effects import applied, apply, catalogue, effect, extended, parse
 from dart_lab.identification.prediction.actuators import actuated
+from tests.vehicle.effects.effect_drive import DT, NAMES, PER_TURN, commands, medium, noise
 
 WITH_SIGNALS = [(n, c) for n in NAMES for c in catalogue()[n].signals]
 TWO = {c: ",".join(f"{n}:{catalogue()[n].parameters[0].sizes[1]}" for n, of in WITH_SIGNALS
