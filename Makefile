@@ -119,7 +119,7 @@ $(BIN)/python:
 
 $(VENV)/.demo: pyproject.toml | $(BIN)/python
 	@echo "-- installing dart-hal and its Python packages (once)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[plot]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[lab]'
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml | $(BIN)/python
@@ -133,13 +133,13 @@ $(VENV)/.mutants: pyproject.toml | $(BIN)/python
 	@touch $@ $(VENV)/.dev $(VENV)/.demo
 
 $(VENV)/.docs: pyproject.toml | $(BIN)/python
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[plot,docs]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[lab,docs]'
 	@touch $@
 
 # Debian: WeasyPrint prints with Pango.
 $(VENV)/.guide: pyproject.toml | $(BIN)/python
 	@ldconfig -p 2>/dev/null | grep -q libpangoft2-1.0 || sh firmware/toolchain.sh --apt libpangoft2-1.0-0
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[plot,docs,guide]'
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[lab,docs,guide]'
 	@touch $@
 
 clean: ## remove what was built (not the environment)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-EXTRAS = "plot,gym,table"
+EXTRAS = "lab,gym,table"
 PROGRAM = """
 import gymnasium, numpy as np
 from pathlib import Path

@@ -2,7 +2,7 @@
 # # Calibrate, identify, evaluate, diagnose
 #
 # For a **PhD student** with a new car. You measure the steering of an emulated car, identify its model, see how well the model predicts, and find what changed in the car
-# a week later. It needs no hardware: type `pip install -e '.[plot]'` in the checkout once, then run the cells from top to bottom.
+# a week later. It needs no hardware: type `pip install -e '.[lab]'` in the checkout once, then run the cells from top to bottom.
 # The [tutorial of the same course](../tutorials/own_car.md) does all of it with all parts and the firmware in the emulator.
 #
 # The text of this notebook is `docs/notebooks/calibrate_identify_diagnose.py`.

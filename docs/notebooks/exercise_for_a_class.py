@@ -2,7 +2,7 @@
 # # An exercise for a class: four cars, hidden faults, and its marking
 #
 # For a **lecturer**. Four emulated cars drive in one room; then each group gets the recording of a car in which something may be wrong, and says what.
-# The last part marks the answers. Nothing but a computer is needed: type `pip install -e '.[plot]'` in the checkout once, then run the cells from top to bottom.
+# The last part marks the answers. Nothing but a computer is needed: type `pip install -e '.[lab]'` in the checkout once, then run the cells from top to bottom.
 #
 # The text of this notebook is `docs/notebooks/exercise_for_a_class.py`.
 

@@ -2,7 +2,7 @@
 # # A controller of your own, and what a model is worth
 #
 # For a **control engineer**. You write a controller, drive the emulated car with it, identify a model from that very drive, and give the model to a
-# predictive controller. It needs no hardware; on a real car only `URL` changes. Type `pip install -e '.[plot]'` in the checkout once, then run the cells from top to bottom.
+# predictive controller. It needs no hardware; on a real car only `URL` changes. Type `pip install -e '.[lab]'` in the checkout once, then run the cells from top to bottom.
 #
 # The text of this notebook is `docs/notebooks/own_controller.py`.
 

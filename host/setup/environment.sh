@@ -12,7 +12,7 @@ installer=https://astral.sh/uv/install.sh
 
 name_environment() { # changes when the environment must be made anew
     hash=$({ cat "$checkout/pyproject.toml" "$here/constraints.txt"
-        printf '%s' "$checkout" "$python_version"; } | sha256sum | cut -c 1-12)
+        printf '%s' "$checkout" "$python_version" "$extras"; } | sha256sum | cut -c 1-12)
     venv=$data/venv-$hash
 }
 
@@ -56,7 +56,7 @@ step_package() {
         [ ! -e "$venv" ] || run rm -rf "$venv"
         in_home venv --quiet --python "$python_version" "$venv"
         in_home pip install --quiet --python "$venv/bin/python" --only-binary :all: \
-            --constraint "$here/constraints.txt" --editable "$checkout"
+            --constraint "$here/constraints.txt" --editable "${checkout}[$extras]"
         run "$venv/bin/dart-hal" --version
         run touch "$venv/.complete"
     fi

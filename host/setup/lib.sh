@@ -109,14 +109,16 @@ home_is_usable() {
     done
 }
 
-settings() { # --car and --i2c, else what an earlier run wrote, else the defaults
-    old_car='' old_i2c=''
+settings() { # --car, --i2c and --with, else what an earlier run wrote, else the defaults
+    old_car='' old_i2c='' old_extras=''
     if [ -r "$environment" ]; then
         old_car=$(sed -n 's/^DART_HAL_CAR="\(.*\)"$/\1/p' "$environment")
         old_i2c=$(sed -n 's/^DART_HAL_URL=.*[?&]i2c=\([0-9]*\)"$/\1/p' "$environment")
+        old_extras=$(sed -n 's/^DART_HAL_EXTRAS="\(.*\)"$/\1/p' "$environment")
     fi
     car=${car:-${old_car:-dart-01}}
     i2c=${i2c:-${old_i2c:-$(header_bus)}}
+    extras=${extras:-${old_extras:-view,map}}
 }
 
 finish() {

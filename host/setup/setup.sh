@@ -13,6 +13,8 @@ usage: sh host/setup/setup.sh [options]      as the user who will drive, without
   --dry-run     print every command and every file, change nothing
   --check       look at this computer only
   --car NAME    the car whose files are used; made from the example if it is new
+  --with LIST   extras of the package: view (live page), map, camera, fleet, ros, table, ...
+                (default: view,map)
   --i2c N       number of the I2C bus with the PCA9685 (default: that of header pins 3 and 5)
   --ft232       the Nano has an FT232 bridge: neither ch341 nor brltty matter
   --uv FILE     use this uv instead of bringing one
@@ -45,7 +47,7 @@ value() { # OPTION VALUE PATTERN MEANING: the value of an option, or a usage err
     printf '%s' "$2"
 }
 
-dry=no job=setup car='' i2c='' ft232=no given_uv=''
+dry=no job=setup car='' i2c='' extras='' ft232=no given_uv=''
 while [ $# -gt 0 ]; do
     case $1 in
         --dry-run) dry=yes ;;
@@ -54,6 +56,8 @@ while [ $# -gt 0 ]; do
         --ft232) ft232=yes ;;
         --car) car=$(value --car "${2:-}" '[A-Za-z0-9][A-Za-z0-9_-]*' \
             'a name of letters, digits, - and _') || exit 2; shift ;;
+        --with) extras=$(value --with "${2:-}" '[a-z]+(,[a-z]+)*' \
+            'names of extras, as in view,camera') || exit 2; shift ;;
         --i2c) i2c=$(value --i2c "${2:-}" '[0-9]{1,3}' 'the number N of /dev/i2c-N') || exit 2
             shift ;;
         --uv) given_uv=$(value --uv "${2:-}" '/.*' 'the whole path of a uv program') || exit 2

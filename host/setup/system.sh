@@ -61,9 +61,10 @@ brought_by_package() { # in a dry run only: i2c-tools, not there yet, makes the 
 step_settings() { # one file for the service and for every login
     say "settings of this car"
     write_file "$environment" service <<END
-# Written by host/setup/setup.sh; change it by --car NAME and --i2c N.
+# Written by host/setup/setup.sh; change it by --car NAME, --i2c N, --with LIST.
 DART_HAL_URL="serial:///dev/dart-nano?i2c=$i2c"
 DART_HAL_CAR="$car"
+DART_HAL_EXTRAS="$extras"
 DART_CARS="$data/cars:$checkout/cars"
 END
     write_file "$profile" login <<'END'

@@ -123,6 +123,17 @@ def test_settings_of_an_earlier_run_stay_until_they_are_changed(box: Box) -> Non
     assert "daemon-reload" in done.stdout, "the service must read its settings again"
 
 
+def test_other_extras_make_a_new_environment_and_are_remembered(box: Box) -> None:
+    assert "[view,map]" in box.run("--dry-run").stdout
+    box.run("--with", "view,camera")
+    assert any("[view,camera]" in call for call in box.calls)
+    chosen = (box.home / DATA / "current").resolve()
+    assert 'DART_HAL_EXTRAS="view,camera"' in box.tree()[ENVIRONMENT]
+    assert "nothing to do" in box.run().stdout
+    assert (box.home / DATA / "current").resolve() == chosen
+    assert box.run("--with", "Camera;rm").returncode == 2
+
+
 @pytest.mark.more
 def test_new_constraints_make_a_new_environment_and_drop_the_old(box: Box) -> None:
     box.run()

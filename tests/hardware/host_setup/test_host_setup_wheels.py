@@ -45,6 +45,7 @@ def resolved(folder: Path) -> dict[str, str]:
     out = folder / "resolved.txt"
     done = subprocess.run(
         [sys.executable, "-m", "uv", "pip", "compile", "-q", "--no-annotate", "--no-header",
+         "--extra", "view", "--extra", "map",
          "--python-platform", "aarch64-manylinux_2_28", *TARGET, "-c", SETUP / "constraints.txt",
          "-o", out, ROOT / "pyproject.toml"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from dart_hal.core.errors import UsageError
@@ -84,7 +83,13 @@ def read_grid(path: Path) -> Grid:
 
 
 def read_map_table(path: Path) -> dict[str, Any]:
-    """Read the keys of a map's YAML file. Raises OSError and ValueError."""
+    """Read the keys of a map's YAML file. Raises OSError, ValueError, UsageError without PyYAML."""
+    try:
+        import yaml
+    except ImportError as error:
+        raise UsageError(f"{path.name}: a map needs PyYAML", read=str(path),
+                         expected="the Python package yaml",
+                         remedy=install_command("map")) from error
     text = read_text(path)
     if len(text) > MAX_YAML or text.count("[") + text.count("{") > MAX_BRACKETS:
         raise ValueError(f"a file of {len(text)} characters and {text.count('[')} lists, where ten "
