@@ -35,7 +35,7 @@ def main(seed: int, out: Path) -> None:
         car.arm()
         for _ in car.states(duration=3.0):
             car.drive_speed(steering=0.36, speed=1.0)
-        scan = car.scans()[-1].mounted(hidden_lidar(seed).mount)
+        scan = car.lidar.scans()[-1].mounted(hidden_lidar(seed).mount)
         room, poses = room_of_car(backend), world_of(backend).poses
 
     def pose_at(t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -70,7 +70,7 @@ def shoot(car: Car, page: LivePage, folder: Path) -> None:
 
 def drives(car: Car, window: webdriver.Chrome) -> bool:
     """Whether it does, by itself and by its page."""
-    speed = abs(car.logged.get("speed", 0.0))
+    speed = abs(car.recorder.logged.get("speed", 0.0))
     return speed > 0.2 and window.find_element("id", "mode").text == "ARMED"
 
 

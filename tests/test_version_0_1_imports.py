@@ -9,7 +9,8 @@ from importlib import import_module
 
 import pytest
 
-from dart_hal.compat import MOVED, find_new_path
+from dart_hal import Car
+from dart_hal.compat import MOVED, MOVED_MEMBERS, find_new_path
 
 PATHS = {
     "dart_hal": "Car Fleet",
@@ -114,3 +115,20 @@ def test_a_path_that_never_was_is_not_found():
     with pytest.raises(ModuleNotFoundError):
         import_module("dart_hal.simulation")
     assert find_new_path("dart_hal.car") is None
+
+
+@pytest.mark.parametrize("url", ["sim://?lidar=1&camera=top", "sim://"])
+def test_members_of_a_car_are_at_their_new_paths(url):
+    with Car.open(url) as car:
+        for name, (path, without) in MOVED_MEMBERS.items():
+            with pytest.warns(DeprecationWarning, match=f"car.{name} is car.{path}") as told:
+                old = getattr(car, name)
+            assert told[0].filename == __file__
+            part, _, member = path.partition(".")
+            absent = part in ("lidar", "camera") and url == "sim://"
+            assert old == (without if absent else getattr(getattr(car, part), member))
+
+
+def test_no_other_member_is_known():
+    with Car.open("sim://") as car, pytest.raises(AttributeError, match="lidars"):
+        _ = car.lidars

@@ -125,7 +125,7 @@ def drive(urls, path, *, poses, lasts=LASTS, loss=LOSS, brakes=BRAKES, lies=None
                 t = car.now - begun[n]
                 told = ahead_of(fleet.other_poses(fleet.names[n]), fleet.names[n - 1],
                                 car.now) if n else None
-                steering, speed = one.answer(motion, car.scans(), told)
+                steering, speed = one.answer(motion, car.lidar.scans(), told)
                 if tick % EVERY == 0 and n not in silent:
                     plan = one.plan(motion, lies[n](t) if n in lies else None)
                     fleet.members[n].tell_plan(plan, step=0.05, frame=motion.frame)

@@ -1,4 +1,4 @@
-"""Import paths of version 0.1, kept for one version with a DeprecationWarning.
+"""Paths of version 0.1, kept for one version with a DeprecationWarning.
 
 ``import dart_hal.sim`` imports ``dart_lab.sim`` and gives the same module under both names. Strings
 here are the only way in which this package reaches ``dart_lab``.
@@ -58,6 +58,22 @@ MOVED_NAMES = {  # module and name: new module and name
     ("dart_lab.diagnosis.inputs", "checked"): ("dart_lab.diagnosis.inputs", "check_inputs"),
 }
 
+MOVED_MEMBERS = {  # of Car: new path, what it was without that device
+    "camera_health": ("camera.health", None),
+    "camera_trouble": ("camera.trouble", None),
+    "end_recording": ("recorder.end", None),
+    "images": ("camera.images", tuple),
+    "lidar_health": ("lidar.health", None),
+    "lidar_silent": ("lidar.located", False),
+    "lidar_trouble": ("lidar.trouble", None),
+    "logged": ("recorder.logged", None),
+    "messages": ("recorder.messages", None),
+    "recording": ("recorder.path", None),
+    "recording_trouble": ("recorder.trouble", None),
+    "scans": ("lidar.scans", tuple),
+    "start_recording": ("recorder.start", None),
+}
+
 
 def find_new_path(old: str) -> str | None:
     """Return where a module of version 0.1 is now; None if it has not moved.
@@ -82,8 +98,19 @@ def load_moved_name(module: str, name: str) -> Any:
     return getattr(import_module(new_module), new_name)
 
 
+def load_moved_member(car: Any, name: str) -> Any:
+    """Return a member that a car had in version 0.1. Raises AttributeError for any other."""
+    if name not in MOVED_MEMBERS:
+        raise AttributeError(f"a car has no attribute {name!r}")
+    path, without = MOVED_MEMBERS[name]
+    _warn(f"car.{name}", f"car.{path}", 4)
+    part, _, member = path.partition(".")
+    there = {"camera": car.has_camera, "lidar": car.has_lidar, "recorder": True}[part]
+    return getattr(getattr(car, part), member) if there else without
+
+
 def _warn(old: str, new: str, level: int) -> None:
-    """Warn where a program imports an old path: ``level`` calls above."""
+    """Warn where a program names an old path: ``level`` calls above."""
     warnings.warn(f"{old} is {new} since version 0.2", DeprecationWarning, stacklevel=level)
 
 

@@ -109,7 +109,7 @@ def driven(seed: int, speed: float, name: str, kind: str = "paper", learns: bool
         world, (x0, y0, yaw0) = world_of(backend), room_of_car(backend).start
         armed = False
         for state in car.states(duration=60.0):
-            steering, wanted = follower.answer(car.now, state.speed, car.scans())
+            steering, wanted = follower.answer(car.now, state.speed, car.lidar.scans())
             if follower.phase is Phase.ENDED:
                 break
             if follower.phase is Phase.WAITING:

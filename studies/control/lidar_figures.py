@@ -181,7 +181,7 @@ def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr", l
             follower = follower_of(car, path, speed or inf, tracker, Rules(laps=laps), None)
             for other in others:
                 other.follower = follower
-            follower.silent = lambda: bridge and car.lidar_silent
+            follower.silent = lambda: bridge and car.lidar.located
             follow(car, follower, ())
             car.stop()
             contacts = len(backend.contacts())

@@ -14,7 +14,7 @@ from dart_hal.calibration.lidar_fit import Drive, fit_lidar
 from dart_hal.calibration.measured import write
 from dart_hal.calibration.order import steps_of
 from dart_hal.car import Car
-from dart_hal.car.scans import mount_of
+from dart_hal.car.lidar import mount_of
 from dart_hal.cli.main import main
 from dart_hal.core.config import Quantity, load_car, parse_calibration
 from dart_hal.core.errors import CalibrationFailed, ConfigError
@@ -44,7 +44,7 @@ def told():
                 yield state
 
         def scans(self):
-            some = self.car.scans()
+            some = self.car.lidar.scans()
             self.drive.scans.extend(some)
             return some
 

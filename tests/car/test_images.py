@@ -25,12 +25,12 @@ def drive(url, seconds=3.0, **options):
     states, images = [], []
     with Car.open(url, **options) as car:
         car.arm()
-        car.images()
+        car.camera.images()
         for state in car.states(duration=seconds):
             states.append(state)
-            images += car.images()
+            images += car.camera.images()
             car.drive(steering=0.35, throttle=0.25)
-        assert car.camera_trouble is None
+        assert car.camera.trouble is None
     return states, images
 
 
@@ -66,7 +66,7 @@ def test_it_sees_the_car_where_it_is_and_a_replay_has_the_same(tmp_path):
     live = {state.seq: state.image for state in states if state.image}
     with Car.open(f"replay://{path}") as car:
         again = {state.seq: state.image for state in car.states() if state.image}
-        assert car.camera_health.rate == pytest.approx(1.0 / EVERY)
+        assert car.camera.health.rate == pytest.approx(1.0 / EVERY)
     assert all(again[seq] == image for seq, image in live.items())
 
 
@@ -115,10 +115,10 @@ def test_a_recording_begun_midway_has_them_and_one_without_a_camera_has_no_chann
     with Car.open(URL, camera="top") as car:
         for _ in car.states(duration=0.3):
             pass
-        car.start_recording(path)
+        car.recorder.start(path)
         for _ in car.states(duration=0.5):
             pass
-        car.end_recording()
+        car.recorder.end()
         for _ in car.states(duration=0.3):
             pass
     assert len(list(RunReader(path).images())) == pytest.approx(0.5 / EVERY, abs=1)
@@ -133,10 +133,10 @@ def test_a_program_that_never_asks_keeps_the_newest():
     with Car.open(URL, camera="top") as car:
         for state in car.states(duration=2.5):
             pass
-        came = car.images()
+        came = car.camera.images()
         assert len(came) == 16
         assert came[-1] is state.image
-        assert car.images() == ()
+        assert car.camera.images() == ()
 
 
 def test_a_real_camera_does_not_wait_for_a_program_in_virtual_time(monkeypatch):

@@ -23,12 +23,12 @@ def test_it_replays_what_passed_meanwhile_and_nothing_else(tmp_path):
     with Car.open("sim://?nano=mock&seed=3&mocap=1") as car:
         car.arm()
         drive(car, 0.5)
-        assert car.start_recording(path) is None
-        assert car.recording == path
+        assert car.recorder.start(path) is None
+        assert car.recorder.path == path
         meanwhile = drive(car, 1.0)
-        car.end_recording()
+        car.recorder.end()
         size = path.stat().st_size
-        assert car.recording is None
+        assert car.recorder.path is None
         drive(car, 0.5)
         assert path.stat().st_size == size
     with Car.open(f"replay://{path}") as replay:
@@ -42,14 +42,14 @@ def test_one_at_a_time_and_an_old_file_is_kept(tmp_path):
     path = tmp_path / "run.mcap"
     path.write_text("old")
     with Car.open("sim://?nano=mock") as car:
-        kept = car.start_recording(path)
+        kept = car.recorder.start(path)
         assert kept is not None
         assert kept.read_text() == "old"
         with pytest.raises(UsageError, match="under way"):
-            car.start_recording(tmp_path / "other.mcap")
-        car.end_recording()
-        car.end_recording()
-        car.start_recording(tmp_path / "other.mcap")
+            car.recorder.start(tmp_path / "other.mcap")
+        car.recorder.end()
+        car.recorder.end()
+        car.recorder.start(tmp_path / "other.mcap")
         for _ in car.states(duration=0.2):
             pass
     with Car.open(f"replay://{tmp_path / 'other.mcap'}"):

@@ -27,12 +27,12 @@ def drive(url, seconds, record=None):
     states, scans = [], []
     with Car.over(backend, record=record) as car:
         car.arm()
-        car.scans()
+        car.lidar.scans()
         for state in car.states(duration=seconds):
             states.append(state)
-            scans += car.scans()
+            scans += car.lidar.scans()
             car.drive(steering=0.35 * sin(3.0 * state.t), throttle=0.2)
-        assert car.lidar_trouble is None
+        assert car.lidar.trouble is None
         return states, scans, room_of_car(backend), world_of(backend).poses
 
 
@@ -67,7 +67,7 @@ def test_scans_lie_on_the_walls_of_the_true_room_and_a_replay_has_the_same(tmp_p
     live = {state.seq: told(state.scan) for state in states if state.scan}
     with Car.open(f"replay://{path}") as car:
         again = {state.seq: told(state.scan) for state in car.states() if state.scan}
-        assert car.lidar_trouble is None
+        assert car.lidar.trouble is None
     assert all(again[seq] == seen for seq, seen in live.items())
 
 
@@ -89,8 +89,9 @@ def test_without_a_lidar_nothing_is_told_or_recorded(tmp_path):
     path = tmp_path / "run.mcap"
     with Car.open(URL, record=path) as car:
         assert next(car.states()).scan is None
-        assert car.scans() == ()
-        assert car.lidar_trouble is None
+        assert not car.has_lidar
+        with pytest.raises(UsageError, match="no lidar"):
+            car.lidar.scans()
     with path.open("rb") as file:
         assert "/scan" not in {
             c.topic for c in make_reader(file).get_summary().channels.values()}
@@ -102,10 +103,10 @@ def test_a_program_that_never_asks_keeps_the_newest():
     with Car.open(f"{URL}&lidar=1") as car:
         for state in car.states(duration=9.5):
             pass
-        came = car.scans()
+        came = car.lidar.scans()
         assert len(came) == 64
         assert came[-1] is state.scan
-        assert car.scans() == ()
+        assert car.lidar.scans() == ()
 
 
 def test_the_lidar_of_the_environment_is_opened(monkeypatch):
@@ -113,7 +114,7 @@ def test_the_lidar_of_the_environment_is_opened(monkeypatch):
     with pytest.raises(UsageError, match="is no lidar"):
         Car.open(URL)
     with Car.open(f"{URL}&lidar=1") as car:  # which has one of its own
-        assert car.scans() == ()
+        assert car.lidar.scans() == ()
 
 
 def test_a_map_without_a_lidar_is_refused():

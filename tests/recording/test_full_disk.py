@@ -31,7 +31,7 @@ def test_the_drive_goes_on_and_the_file_ends_with_its_last_whole_chunk(tmp_path,
     path = tmp_path / "run.mcap"
     with Car.open(URL, record=path) as car:
         car.arm()
-        assert car.recording_trouble is None
+        assert car.recorder.trouble is None
         room = path.stat().st_size + 60_001
         with room_for(room):
             seen = []
@@ -40,8 +40,8 @@ def test_the_drive_goes_on_and_the_file_ends_with_its_last_whole_chunk(tmp_path,
                 car.drive(steering=0.1, throttle=0.3)
                 car.log("speed", state.speed)
                 car.note("lap", {"n": str(len(seen))})
-        assert isinstance(car.recording_trouble, FileTrouble)
-        assert "large" in car.recording_trouble.what  # "File too large": what the kernel said
+        assert isinstance(car.recorder.trouble, FileTrouble)
+        assert "large" in car.recorder.trouble.what  # "File too large": what the kernel said
     assert len(seen) > 95
     assert seen[-1].speed > 0.3, "it drove until the end"
     assert [r.getMessage() for r in caplog.records].count(caplog.records[-1].getMessage()) == 1

@@ -54,7 +54,7 @@ def hits(fleet, first, second, seconds=1.0):
     car = fleet.cars[0]
     found = []
     for _ in fleet.states(duration=seconds):
-        for scan in car.scans():
+        for scan in car.lidar.scans():
             at = in_room(car, first)
             here = in_room(fleet.cars[1], second)
             mount = car._engine.backend.lidar.unit._params.mount  # as it truly sits

@@ -37,14 +37,21 @@ one that was screwed on the other way round, and somebody should look at it."""
 KEYS = {"x": "mount_x", "y": "mount_y", "yaw": "mount_yaw", "scale": "scale"}
 
 
+class Scanning(Protocol):
+    """A lidar that tells scans (``car.CarLidar``)."""
+
+    @property
+    def trouble(self) -> DartHalError | None: ...
+    def scans(self) -> tuple[Scan, ...]: ...
+
+
 class LidarCar(AskingCar, Protocol):
-    """A car whose lidar tells scans."""
+    """A car with a lidar."""
 
     @property
     def has_lidar(self) -> bool: ...
     @property
-    def lidar_trouble(self) -> DartHalError | None: ...
-    def scans(self) -> tuple[Scan, ...]: ...
+    def lidar(self) -> Scanning: ...
 
 
 def plan(files: CarFiles) -> str:
@@ -63,17 +70,19 @@ def calibrate_lidar(car: LidarCar, chart: Map, *, progress: Progress = silent, a
     (with the likely cause), NoScan, LinkLost, NotArmed.
     """
     files = car.files
+    if not car.has_lidar:
+        raise _no_scans(False)
     begin(ask, plan(files))
     states: list[State] = []
     scans: list[Scan] = []
 
     def watch(some: list[State]) -> None:
         states.extend(some)
-        scans.extend(car.scans())
+        scans.extend(car.lidar.scans())
 
     watch(list(car.states(duration=WAIT)))
     if not scans:
-        raise car.lidar_trouble or _no_scans(car.has_lidar)
+        raise car.lidar.trouble or _no_scans(True)
     try:
         with car.raw():
             drive(Runner(car), files, progress, watch, LEGS, LOCK, whole=True)

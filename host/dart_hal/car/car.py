@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import atexit
+import logging
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from math import inf
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from dart_hal.car.arming import Arming
+from dart_hal.car.camera import CarCamera, give_camera
 from dart_hal.car.engine import Engine
 from dart_hal.car.exit_signals import stop_on_signals
 from dart_hal.car.files import files_of
 from dart_hal.car.guarding import own_actuator
 from dart_hal.car.hooks import Hook
 from dart_hal.car.identity import Hello
-from dart_hal.car.images import give_camera
+from dart_hal.car.lidar import CarLidar, give_lidar
 from dart_hal.car.misuse import (
+    absent,
     check_attribute,
     check_message,
     check_record,
@@ -30,19 +32,19 @@ from dart_hal.car.misuse import (
 )
 from dart_hal.car.poses import give_poses
 from dart_hal.car.pump import InlinePump, Pump, ThreadPump
-from dart_hal.car.recorder import Record, keep_old, start_recording
-from dart_hal.car.scans import give_lidar
-from dart_hal.car.sensed import Sensed
-from dart_hal.car.show import Shown
+from dart_hal.car.recorder import Record, Recorder, keep_old
 from dart_hal.car.timing import LoopTimer, Timing, check_every
+from dart_hal.car.viewers import open_viewer
+from dart_hal.compat import load_moved_member
 from dart_hal.control.loop import SpeedLoop
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import EndOfRecording, NoHello
+from dart_hal.core.notebook import card
 from dart_hal.core.ports import ImageSource, PoseSource, ScanSource
 from dart_hal.core.process.forks import ParentsLock, in_child
 from dart_hal.core.timing import SAMPLE
-from dart_hal.core.types import Applied, State
-from dart_hal.devices.actuation import ArmState, disarmed
+from dart_hal.core.types import Applied, Contact, State
+from dart_hal.devices.actuation import ArmState, Caution, Event, disarmed
 from dart_hal.devices.actuation.chain import WATCH_PULSE_US
 from dart_hal.devices.actuation.limits import number, validity
 from dart_hal.devices.links.base import Backend, open_backend
@@ -50,6 +52,14 @@ from dart_hal.recording.bus import RecordedBus
 from dart_hal.wire.messages import BY_NAME
 
 DEFAULT_URL = "sim://"
+FIRST_PULSES = 0.1
+"""s until the ESC has seen the first neutral of a car that has just been opened."""
+RAW_PATIENCE = 1.0
+"""s that raw() waits for what comes by waiting: a clean half second of frames."""
+ARM_PATIENCE = 4.5
+"""s: the ESC's 2 s of neutral, 0.5 s of good checks, 1.5 s for what comes by waiting."""
+
+log = logging.getLogger("dart_hal")
 
 
 def backend_of(url: str | None) -> Backend:
@@ -58,7 +68,7 @@ def backend_of(url: str | None) -> Backend:
     return open_backend(url or os.environ.get("DART_HAL_URL") or DEFAULT_URL)
 
 
-class Car(Arming, Sensed, Shown):
+class Car:
     """One open car: real, emulated or recorded. Made by ``Car.open``; a context manager.
 
     ``files`` the car's files; ``hello`` who answered; ``notices`` sentences
@@ -71,7 +81,6 @@ class Car(Arming, Sensed, Shown):
         self.files = files
         self.notices = backend.notices
         self.url = backend.url.text
-        super().__init__()
         self._engine = Engine(backend, files)
         self._loop = SpeedLoop(files)
         self._timer = LoopTimer()
@@ -79,12 +88,19 @@ class Car(Arming, Sensed, Shown):
         self._pump: Pump | None = None
         self._closed = False
         self._told: set[str] = set()
-        self._recorder = start_recording(self._engine, files, record) if record else None
+        self._asked: tuple[float, float] | None = None
+        self._recorder = Recorder(self._engine, files, record)
 
     def __setattr__(self, name: str, value: object) -> None:
         """Refuse what other libraries know: ``car.steering = 0.3`` would move nothing."""
         check_attribute(name)
         super().__setattr__(name, value)
+
+    if not TYPE_CHECKING:  # a type checker is to know of no other member
+
+        def __getattr__(self, name: str) -> Any:
+            """Return what a member of version 0.1 is now."""
+            return load_moved_member(self, name)
 
     # -- life ------------------------------------------------------------------
 
@@ -162,8 +178,7 @@ class Car(Arming, Sensed, Shown):
         with ExitStack() as steps:  # from the last to the first
             steps.callback(atexit.unregister, self.close)
             steps.callback(self._engine.backend.close)
-            if self._recorder is not None:
-                steps.callback(self._recorder.close)
+            steps.callback(self._recorder.close)
             if self._pump is not None:
                 steps.callback(self._pump.stop)
             steps.callback(self._engine.close)
@@ -171,7 +186,7 @@ class Car(Arming, Sensed, Shown):
     def _disown(self) -> None:
         """In a forked child: the car stays its parent's, whatever is called here."""
         self._closed = True
-        self._recorder = None  # its lock may be held by a thread that the child has not
+        self._recorder.disown()
         self._engine.lock = ParentsLock()
         atexit.unregister(self.close)
 
@@ -241,8 +256,7 @@ class Car(Arming, Sensed, Shown):
         with self._commanding() as now:
             planned = engine.driver.actuator.command(steering, throttle, valid_for, source, now)
             self._asked = (steering, throttle)
-            if self._recorder is not None:
-                self._recorder.command(now, steering, throttle, source)
+            self._recorder.command(now, steering, throttle, source)
             return engine.driver.applied if engine.answer() else planned
 
     def drive_speed(self, *, steering: float, speed: float, valid_for: float = 0.2,
@@ -305,6 +319,174 @@ class Car(Arming, Sensed, Shown):
         self._loop.reset()
         with self._engine.lock:
             return self._engine.driver.stop(self._engine.now)
+
+    # -- arming ------------------------------------------------------------------------
+
+    def arm(self, *, waive: Sequence[str] = ()) -> tuple[Caution, ...]:
+        """Hold neutral for the ESC's start-up time, check everything, arm.
+
+        Raises NotArmed with every reason that holds; never prompts. Waivable:
+        PWM_CLOCK_UNCALIBRATED, CALIBRATION_MISSING; waivers are recorded.
+        Returns what does not refuse but should be known; the log tells it too
+        (``logging``, "dart_hal"), each once per open car.
+        """
+        for _ in self.arming(waive=waive):
+            pass
+        return () if self._engine.backend.bus is None else self._caution()
+
+    def arming(self, *, waive: Sequence[str] = ()) -> Iterator[State]:
+        """``arm()`` in steps, one State each, for whoever arms several cars at once."""
+        engine = self._engine
+        if engine.backend.bus is None:
+            return
+        yield from self._until_good()
+        with engine.lock:
+            engine.driver.arm(engine.now, tuple(waive))
+            if waive:
+                self.note("waived", {"reasons": ", ".join(waive)})
+        try:
+            yield from self._until_armed()
+        except BaseException:  # Ctrl-C while it arms must not leave a car that arms by itself
+            self.stop()
+            raise
+
+    def _caution(self) -> tuple[Caution, ...]:
+        found = self.cautions
+        for caution in found:
+            if caution.name not in self._told:
+                self._told.add(caution.name)
+                log.warning("%s", caution)
+        return found
+
+    def _until_armed(self) -> Iterator[State]:
+        driver = self._engine.driver
+        for state in self.states(duration=ARM_PATIENCE):
+            if driver.mode is ArmState.ARMED:
+                return
+            if driver.mode is not ArmState.ARMING:
+                break
+            yield state
+        with self._engine.lock:
+            raise driver.refused()
+
+    def _until_good(self) -> Iterator[State]:
+        """States until clock and IMU have settled after the opening; 2 s at most."""
+        for state in self.states(duration=2.0):
+            with self._engine.lock:
+                if self._engine.driver.settled(self._engine.now):
+                    return
+            yield state
+
+    @contextmanager
+    def raw(self, *, lifted: bool = False) -> Iterator[None]:
+        """Calibration: ``pulses()`` instead of ``drive()``, after the ESC's neutral time.
+
+        As safe as ARMED: pulses hold for 0.2 s, the car's limits, the cap of a
+        lost encoder and every trip apply. ``lifted=True`` says that the wheels
+        are off the ground: it allows the full range of 1000 to 2000 us, is
+        written to the recording, and ends when the IMU shows motion. Ends
+        after 10 s without a call. Raises NotArmed when the link or the bus is
+        not good; clock and calibration need not exist yet.
+        """
+        engine, driver = self._engine, self._engine.driver
+        for _ in self.states(duration=RAW_PATIENCE):
+            with engine.lock:
+                if driver.resume_pulses(engine.now):
+                    break
+        for _ in self.states(duration=self.files.config.throttle.arm_neutral + FIRST_PULSES):
+            pass
+        for _ in self.states(duration=RAW_PATIENCE):
+            with engine.lock:
+                if not driver.raw_refusals(engine.now, lifted=lifted):
+                    break
+        with engine.lock:
+            driver.open_raw(engine.now, lifted=lifted)
+        if lifted:
+            self.note("raw_lifted", {"wheels": "off the ground, as the caller says"})
+        try:
+            yield
+        finally:
+            with engine.lock:
+                driver.stop(engine.now, Event.RAW_CLOSE)
+
+    def unlock(self, reason: str) -> None:
+        """Leave LOCKED (three trips in a minute); the reason is recorded."""
+        with self._engine.lock:
+            self._engine.driver.event(Event.UNLOCK, self._engine.now)
+            self.note("unlock", {"reason": str(reason)})
+
+    def run_stop(self, held: bool, by: str = "program", reason: str = "") -> None:
+        """Press a run-stop: a trip, the throttle neutral at once, and nothing arms while somebody
+        holds one; False lets go of that of ``by`` alone. A car that it has tripped has to be armed
+        again. reason: a sentence for the operator."""
+        with self._engine.lock:
+            self._engine.driver.hold(held, self._engine.now, by, reason)
+
+    @property
+    def stop_reason(self) -> str:
+        """Reason of the run-stop that is pressed now, else of the last that ended a drive; ""."""
+        with self._engine.lock:
+            driver = self._engine.driver
+            return next(iter(driver.holders.values()), driver.stop_reason)
+
+    def refusals(self) -> tuple[str, ...]:
+        """Names of what would keep ``arm()`` from arming now, waiting apart."""
+        with self._engine.lock:
+            return self._engine.driver.arm_refusals(self._engine.now)
+
+    @property
+    def cautions(self) -> tuple[Caution, ...]:
+        """What does not keep the car from arming but should be known."""
+        with self._engine.lock:
+            return self._engine.driver.cautions(self._engine.now)
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Names of what tripped the car last."""
+        return self._engine.driver.supervisor.causes
+
+    # -- beside the telemetry --------------------------------------------------------
+
+    @property
+    def recorder(self) -> Recorder:
+        """The recording: begun and ended here, and what the program has logged."""
+        return self._recorder
+
+    @property
+    def has_lidar(self) -> bool:
+        """Whether a lidar was named, or comes with the URL."""
+        return self._engine.lidar is not None
+
+    @property
+    def lidar(self) -> CarLidar:
+        """The lidar: its scans and how it is. Raises UsageError for a car without one."""
+        return self._engine.lidar or absent("lidar", "1", "serial:///dev/dart-lidar", self.url)
+
+    @property
+    def has_camera(self) -> bool:
+        """Whether a camera was named, or comes with the URL."""
+        return self._engine.camera is not None
+
+    @property
+    def camera(self) -> CarCamera:
+        """The camera: its images and how it is. Raises UsageError for a car without one."""
+        return self._engine.camera or absent("camera", "top", "usb:0", self.url)
+
+    def note(self, name: str, values: Mapping[str, str]) -> None:
+        """Put a record of this name into the recording; the newest counts.
+
+        Raises UsageError, recording or not, for values that are not text.
+        """
+        self._recorder.note(name, values)
+
+    def log(self, name: str, value: object) -> None:
+        """Record a number, an array of any shape, or a dict of them, under ``name``, now.
+
+        ``name`` is of letters, digits and _, its parts joined by /: ``mpc/cost``; an entry of a
+        dict becomes the channel ``name/key``. NaN and inf are values, True is 1. Stamped in
+        the car's clock. Raises LogError for another name or value, recording or not.
+        """
+        self._recorder.log(name, value)
 
     # -- what is known -----------------------------------------------------------------
 
@@ -385,3 +567,44 @@ class Car(Arming, Sensed, Shown):
         def leave() -> None:
             engine.listeners = [one for one in engine.listeners if one is not listener]
         return leave
+
+    # -- shown -------------------------------------------------------------------------
+
+    @property
+    def mode(self) -> str:
+        """DISARMED, ARMING, ARMED, TRIPPED, LOCKED, RAW, FAULT or CLOSED."""
+        return self._engine.driver.mode.value
+
+    @property
+    def asked(self) -> tuple[float, float] | None:
+        """Steering [rad] and throttle of the last ``drive``, as they were asked for; None: none."""
+        return self._asked
+
+    @property
+    def contacts(self) -> tuple[Contact, ...]:
+        """With the other emulated cars of its world (``sim://?world=NAME``), so far."""
+        return self._engine.backend.contacts()
+
+    def view(self, **options: Any) -> Any:
+        """Serve a live page of this car: ``with car.view() as page: print(page.urls)``.
+
+        Whoever opens it may stop the car; the program goes on driving. options: those of
+        ``dart_lab.live.view.serve.serve``, such as port and lan. Raises UsageError for a port that
+        is in use, and without the package websockets.
+        """
+        return open_viewer("page", self, **options)
+
+    def __repr__(self) -> str:
+        last = f"; {self._state!r}" if self._state is not None else ""
+        return f"<Car {self.files.config.name} at {self.url}: {self.mode}{last}>"
+
+    def _repr_html_(self) -> str:
+        return card(f"Car {self.files.config.name}", self._rows())
+
+    def _rows(self) -> Iterator[tuple[str, str]]:
+        yield "URL", self.url
+        yield "mode", self.mode
+        calibration, model = self.files.calibration, self.files.model
+        yield "calibration", "measured" if calibration is not None else "none; nominal values"
+        yield "model", "identified" if model is not None else "none; that of the paper"
+        yield from self._state.rows() if self._state is not None else (("State", "none yet"),)

@@ -18,15 +18,15 @@ from dataclasses import replace
 from math import isfinite
 from typing import Any
 
+from dart_hal.car.camera import CarCamera
 from dart_hal.car.driver import Driver
 from dart_hal.car.facts import BEAT_LIMIT, STALE
 from dart_hal.car.handshake import await_hello
 from dart_hal.car.hooks import Hooks
 from dart_hal.car.identity import Hello
-from dart_hal.car.images import ImageFeed
+from dart_hal.car.lidar import CarLidar, mount_of
 from dart_hal.car.poses import PoseFeed, localiser_of, room_of
 from dart_hal.car.receive import Receiver
-from dart_hal.car.scans import ScanFeed, mount_of
 from dart_hal.car.telemetry import BITS_PER_BYTE, Telemetry
 from dart_hal.car.transmit import Transmitter
 from dart_hal.core.config import CarFiles
@@ -67,15 +67,16 @@ class Engine:
         self._refresh_at = self._inquire_at = float("-inf")
         self._late: deque[float] = deque(maxlen=500)
         self._noted: Applied | None = None
-        self.recorder: Any = None
+        self.writer: Any = None
         self.poses: PoseFeed | None = None
         if backend.poses is not None:
             self.telemetry.room = room = room_of(files, self.telemetry.odometry, backend.poses)
             self.poses = PoseFeed(backend.poses, room)
-        self.scans = (None if backend.lidar is None
-                      else ScanFeed(backend.lidar, mount_of(files)))
-        self.images = None if backend.camera is None else ImageFeed(backend.camera)
-        self.localiser = localiser_of(backend, self.scans)
+        self.lidar = (None if backend.lidar is None
+                      else CarLidar(backend.lidar, mount_of(files), lambda: self.lock))
+        self.camera = (None if backend.camera is None
+                       else CarCamera(backend.camera, lambda: self.lock))
+        self.localiser = localiser_of(backend, self.lidar)
         self.listeners: list[Callable[[State], None]] = []
 
     @property
@@ -126,8 +127,8 @@ class Engine:
         with self.lock:
             self.backend.link = link
             self.transmitter.over(link)
-            if self.recorder is not None:
-                self.recorder.note("replugged", {"port": link.device, "t": repr(self.now)})
+            if self.writer is not None:
+                self.writer.note("replugged", {"port": link.device, "t": repr(self.now)})
         return self._take(said, self.now)
 
     def _take(self, data: bytes, t: float) -> list[State]:
@@ -137,10 +138,10 @@ class Engine:
                 self.hooks.rx(data, t), t, self.applied)]
             if self.localiser is not None:
                 self.localiser.moved(states)
-            if self.scans is not None:
-                states = self.scans.take(states, t, self.now)
-            if self.images is not None:
-                states = self.images.take(states, t, self.now)
+            if self.lidar is not None:
+                states = self.lidar.take(states, t, self.now)
+            if self.camera is not None:
+                states = self.camera.take(states, t, self.now)
             if self.poses is not None:
                 states = self.poses.take(states, t, self.now)
             if self.driver.overdue:
@@ -168,9 +169,9 @@ class Engine:
 
     def start(self) -> None:
         """HELLO is there: note it in the recording."""
-        if self.recorder is not None and self.receiver.hello_values is not None:
-            self.recorder.hello(self.receiver.hello_values)
-            self.recorder.note("line", {"baud": str(self.backend.link.baud or BAUD)})
+        if self.writer is not None and self.receiver.hello_values is not None:
+            self.writer.hello(self.receiver.hello_values)
+            self.writer.note("line", {"baud": str(self.backend.link.baud or BAUD)})
 
     def close(self) -> None:
         """Neutral on the pins, a last heartbeat that says stop.
@@ -223,8 +224,8 @@ class Engine:
 
     def _record(self, now: float, applied: Applied) -> None:
         """What the pins carry from ``now`` on, where it changes."""
-        if self.recorder is not None and applied != self._noted:
-            self.recorder.applied(now, applied)
+        if self.writer is not None and applied != self._noted:
+            self.writer.applied(now, applied)
             self._noted = applied
 
     def _inquire(self, now: float) -> None:

@@ -2,7 +2,7 @@
 
 A hook gets ``(direction, data, t)`` and returns the bytes to go on with:
 "rx" from the Nano, "tx" to it. That is how faults are injected and how a
-recording keeps the raw bytes; the recorder sees what the hooks let through.
+recording keeps the raw bytes; the writer sees what the hooks let through.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dart_hal.core.types import Applied
 Hook = Callable[[str, bytes, float], bytes]
 
 
-class Recorder(Protocol):
+class TrafficWriter(Protocol):
     """What a run writer offers to the engine (``recording.RunWriter``)."""
 
     def rx(self, data: bytes, t: float) -> None: ...
@@ -24,11 +24,11 @@ class Recorder(Protocol):
 
 
 class Hooks:
-    """The chain of hooks, then the recorder."""
+    """The chain of hooks, then the writer."""
 
     def __init__(self) -> None:
         self._hooks: list[Hook] = []
-        self.recorder: Recorder | None = None
+        self.writer: TrafficWriter | None = None
 
     def add(self, hook: Hook) -> None:
         self._hooks.append(hook)
@@ -36,13 +36,13 @@ class Hooks:
     def rx(self, data: bytes, t: float) -> bytes:
         for hook in self._hooks:
             data = hook("rx", data, t)
-        if self.recorder is not None and data:
-            self.recorder.rx(data, t)
+        if self.writer is not None and data:
+            self.writer.rx(data, t)
         return data
 
     def tx(self, data: bytes, t: float) -> bytes:
         for hook in self._hooks:
             data = hook("tx", data, t)
-        if self.recorder is not None and data:
-            self.recorder.tx(data, t)
+        if self.writer is not None and data:
+            self.writer.tx(data, t)
         return data

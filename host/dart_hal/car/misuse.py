@@ -6,12 +6,13 @@ from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from numbers import Real
 from pathlib import Path
+from typing import NoReturn
 
 from dart_hal.core.errors import LinkLost, UnknownAttribute, UsageError
 from dart_hal.recording.run_file import RunFile
 
 # what a car has that is neither method nor property
-ATTRIBUTES = ("files", "logged", "notices", "raise_on_trip", "url")
+ATTRIBUTES = ("files", "notices", "raise_on_trip", "url")
 
 
 def check_attribute(name: str) -> None:
@@ -73,6 +74,13 @@ def check_message(name: str, known: Iterable[str]) -> None:
         raise UsageError(f"the protocol has no message {name!r}", found=repr(name),
                          expected=", ".join(known),
                          remedy=near[0] if near else "docs/reference/wire.md")
+
+
+def absent(part: str, simulated: str, real: str, url: str) -> NoReturn:
+    """Raise UsageError: a car was asked for its lidar or camera, and has none."""
+    raise UsageError(f"this car has no {part}", found=url,
+                     expected=f"a URL or Car.open with {part}=...",
+                     remedy=f'sim://?{part}={simulated}, or Car.open({part}="{real}")')
 
 
 def shut(what: str) -> LinkLost:

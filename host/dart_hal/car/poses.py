@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from dart_hal.car.scans import ScanFeed
+from dart_hal.car.lidar import CarLidar
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import PoseSource
@@ -71,7 +71,7 @@ def room_of(files: CarFiles, odometry: Odometry, source: PoseSource) -> RoomEsti
     return RoomEstimator(odometry, Marker(lx, ly, theta, latency, (a, b, c, d)))
 
 
-def localiser_of(backend: Backend, scans: ScanFeed | None) -> LidarPoses | None:
+def localiser_of(backend: Backend, lidar: CarLidar | None) -> LidarPoses | None:
     """The source, if it is the car's own lidar, joined to its scans. Raises UsageError without."""
     source = backend.poses
     if source is None or not source.on_board:
@@ -80,10 +80,10 @@ def localiser_of(backend: Backend, scans: ScanFeed | None) -> LidarPoses | None:
 
     if not isinstance(source, LidarPoses):
         return None
-    if scans is None:
+    if lidar is None:
         raise UsageError(f"poses by {source.name}: the car has no lidar", found=backend.url.text,
                          expected="sim://?lidar=1, or --lidar serial:///dev/dart-lidar")
-    scans.place = source.add
+    lidar.localiser = source
     if not backend.virtual:
         source.in_thread()
     return source

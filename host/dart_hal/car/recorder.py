@@ -1,4 +1,4 @@
-"""Recording of an open car: bytes both ways, commands, pulses, who it was."""
+"""``car.recorder``: bytes both ways, commands, pulses, who the car was."""
 
 from __future__ import annotations
 
@@ -21,60 +21,77 @@ Record = str | Path | RunFile
 FILES = ("car.toml", "calibration.toml", "model.toml")
 
 
-class Recorded:
-    """What a program may add to the recording of its car; nothing is done where none is made."""
+class Recorder:
+    """The recording of an open car; what a program adds is dropped where none is made.
 
-    files: CarFiles
-    _engine: Engine
-    _recorder: RunWriter | None
+    ``logged``: the newest number of each name that ``log`` was given; arrays are left out.
+    """
 
-    def __init__(self) -> None:
-        self._log_names = LogNames()
+    def __init__(self, engine: Engine, files: CarFiles, record: Record | None) -> None:
         self.logged: dict[str, float] = {}
-        """The newest number of each name that ``log`` was given; arrays are left out."""
+        self._engine, self._files = engine, files
+        self._log_names = LogNames()
+        self._writer = start_recording(engine, files, record) if record else None
 
-    def start_recording(self, path: str | Path) -> Path | None:
-        """Record from now on, until ``end_recording`` or the end; a file that is there is kept
-        under another name, which is returned.
+    def start(self, path: str | Path) -> Path | None:
+        """Record from now on, until ``end`` or the car is closed.
 
-        A replay of it begins its estimators where it begins, so the first second differs from
-        what the program saw; bytes of the I2C bus are there only in a recording that began with
-        ``Car.open``. Raises UsageError where one is under way already, OSError.
+        A file that is there is kept under another name, which is returned. A replay begins its
+        estimators where the recording begins, so the first second differs from what the program
+        saw. Bytes of the I2C bus are there only in a recording that began with ``Car.open``.
+        Raises UsageError where one is under way already, OSError.
         """
-        if self._recorder is not None:
-            raise UsageError("a recording is under way", found=str(self._recorder.path),
-                             expected="one at a time", remedy="car.end_recording()")
+        if self._writer is not None:
+            raise UsageError("a recording is under way", found=str(self._writer.path),
+                             expected="one at a time", remedy="car.recorder.end()")
         kept = keep_old(path)
         with self._engine.lock:
-            self._recorder = start_recording(self._engine, self.files, path)
+            self._writer = start_recording(self._engine, self._files, path)
             self._engine.start()
             self._engine.ask()  # a HELLO among the bytes, by which a replay begins
         return kept
 
-    def end_recording(self) -> None:
+    def end(self) -> None:
         """Close the file; nothing is done where none is written."""
-        if self._recorder is not None:
+        if self._writer is not None:
             with self._engine.lock:
-                leave_recording(self._engine, self._recorder)
-                recorder, self._recorder = self._recorder, None
-            recorder.close()
+                leave_recording(self._engine, self._writer)
+                writer, self._writer = self._writer, None
+            writer.close()
+
+    def close(self) -> None:
+        """Close the file, as the last of what an open car does."""
+        if self._writer is not None:
+            self._writer.close()
+
+    def disown(self) -> None:
+        """Forget the file in a forked child: its lock may be held by a thread that is not there."""
+        self._writer = None
 
     @property
-    def recording(self) -> Path | None:
+    def path(self) -> Path | None:
         """The file that is being written; None: none is."""
-        writer = self._recorder
+        writer = self._writer
         return None if writer is None or isinstance(writer.file, LiveFile) else writer.path
 
     @property
-    def recording_trouble(self) -> DartHalError | None:
+    def trouble(self) -> DartHalError | None:
         """Why the recording ended before the drive, as on a full disk; None while it goes on."""
-        return self._recorder.trouble if self._recorder is not None else None
+        return self._writer.trouble if self._writer is not None else None
 
     def messages(self) -> RunFile:
-        """Where every message passes that a recording gets, made or not: ``taps`` hear them."""
-        if self._recorder is None:
-            self._recorder = start_recording(self._engine, self.files, LiveFile())
-        return self._recorder.file
+        """Return where every message passes that a recording gets, made or not.
+
+        Its ``taps`` hear them.
+        """
+        if self._writer is None:
+            self._writer = start_recording(self._engine, self._files, LiveFile())
+        return self._writer.file
+
+    def command(self, t: float, steering: float, throttle: float, source: str) -> None:
+        """Record what a program asked for."""
+        if self._writer is not None:
+            self._writer.command(t, steering, throttle, source)
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
         """Put a record of this name into the recording; the newest counts.
@@ -82,20 +99,15 @@ class Recorded:
         Raises UsageError, recording or not, for values that are not text.
         """
         check_note(name, values)
-        if self._recorder is not None:
-            self._recorder.note(name, values)
+        if self._writer is not None:
+            self._writer.note(name, values)
 
     def log(self, name: str, value: object) -> None:
-        """Record a number, an array of any shape, or a dict of them, under ``name``, now.
-
-        ``name`` is of letters, digits and _, its parts joined by /: ``mpc/cost``; an entry of a
-        dict becomes the channel ``name/key``. NaN and inf are values, True is 1. Stamped in
-        the car's clock. Raises LogError for another name or value, recording or not.
-        """
+        """Record a number, an array or a dict of them, as ``Car.log`` says."""
         channels = self._log_names.take(name, value)
         self.logged |= {one: v for one, v in channels.items() if isinstance(v, float)}
-        if self._recorder is not None:
-            self._recorder.log(self._engine.now, channels)
+        if self._writer is not None:
+            self._writer.log(self._engine.now, channels)
 
 
 def keep_old(path: Record) -> Path | None:
@@ -128,15 +140,15 @@ def start_recording(engine: Engine, files: CarFiles, path: Record) -> RunWriter:
         Path(path).parent.mkdir(parents=True, exist_ok=True)
     writer = RunWriter(path, url=backend.url.text, car=files.config.name, start=engine.now,
                        files=texts, now=None if backend.virtual else engine.now)
-    engine.hooks.recorder = writer
-    engine.recorder = writer
+    engine.hooks.writer = writer
+    engine.writer = writer
     engine.listeners.append(writer.state)
     if engine.poses is not None:
         engine.poses.record = writer.pose
-    if engine.scans is not None:
-        engine.scans.record = writer.scan
-    if engine.images is not None:
-        engine.images.record = writer.image
+    if engine.lidar is not None:
+        engine.lidar.record = writer.scan
+    if engine.camera is not None:
+        engine.camera.record = writer.image
     if isinstance(backend.bus, RecordedBus):
         backend.bus.recorder = writer
     return writer
@@ -144,13 +156,13 @@ def start_recording(engine: Engine, files: CarFiles, path: Record) -> RunWriter:
 
 def leave_recording(engine: Engine, writer: RunWriter) -> None:
     """The engine writes nothing more into it; the inverse of ``start_recording``."""
-    engine.hooks.recorder = engine.recorder = None
+    engine.hooks.writer = engine.writer = None
     engine.listeners = [one for one in engine.listeners if one != writer.state]
     if engine.poses is not None:
         engine.poses.record = lambda pose: None
-    if engine.scans is not None:
-        engine.scans.record = lambda scan: None
-    if engine.images is not None:
-        engine.images.record = lambda image: None
+    if engine.lidar is not None:
+        engine.lidar.record = lambda scan: None
+    if engine.camera is not None:
+        engine.camera.record = lambda image: None
     if isinstance(engine.backend.bus, RecordedBus):
         engine.backend.bus.recorder = None

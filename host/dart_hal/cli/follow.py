@@ -154,7 +154,8 @@ def follower_of(car: Car, track: Track, speed: float, tracker: Make, rules: Rule
     if half_width is not None:
         track = raceline(track, half_width, plant, cap)
     follower = Follower(track, plant, cap, tracker, rules, most)
-    follower.clock, follower.silent = lambda: car.now, lambda: car.lidar_silent
+    follower.clock = lambda: car.now
+    follower.silent = lambda: car.has_lidar and car.lidar.located
     slowest = int(np.argmin(follower.profile.speed[1:])) + 1
     v = float(follower.profile.speed[slowest])
     said = [] if car.files.model else ["the car has no model.toml: bends and delays by the paper's"]

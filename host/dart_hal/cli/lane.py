@@ -86,7 +86,7 @@ def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...],
     with typed() as keys, progress_bar() as bar:
         task = bar.add_task(title, total=None)
         for state in car.states():
-            scans = car.scans()
+            scans = car.lidar.scans()
             steering, speed = follower.answer(car.now, state.speed, scans)
             if scans and mirrored(car):
                 follower.stop("the scans turn against the gyro: inverted in [lidar]", good=False)
@@ -108,7 +108,7 @@ def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...],
 
 def mirrored(car: Car) -> bool:
     """Whether the lidar takes left for right, as far as the car has turned."""
-    health = car.lidar_health
+    health = car.lidar.health
     return health is not None and health.sense is not None and health.sense < MIRRORED
 
 

@@ -138,7 +138,7 @@ def survey_of(run: Path, car_name: str, cars: Path | None) -> tuple[Survey, tupl
             way += 0.0 if before is None else float(np.hypot(at.x - before.x, at.y - before.y))
             before = at
             mapper.moved(state.t, at.x, at.y, at.yaw)
-            for scan in car.scans():
+            for scan in car.lidar.scans():
                 checks.add(scan, at.yaw)
                 mapper.add(scan)
             if n % 20 == 0:

@@ -43,8 +43,8 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float, 
         for _ in with_progress(in_real_time(states) if foxglove else states, duration,
                                "recording"):
             pass
-        if car.recording_trouble is not None:
-            raise car.recording_trouble
+        if car.recorder.trouble is not None:
+            raise car.recorder.trouble
         result = summary.as_json({"recording": out})
     if as_json:
         print_json(result)

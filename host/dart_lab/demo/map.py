@@ -112,7 +112,7 @@ def mapped(url: str, cars: Path) -> tuple[Survey, Laid, FloatArray]:
         follower = LaneFollower(plant_of(car.files), SPEED, LAP + OVER)
 
         def answer(state: State) -> Command:
-            scans = car.scans()
+            scans = car.lidar.scans()
             mapper.moved(state.t, state.pose.x, state.pose.y, state.pose.yaw)
             for scan in scans:
                 mapper.add(scan)

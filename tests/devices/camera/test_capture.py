@@ -99,7 +99,7 @@ def test_one_that_hangs_holds_up_neither_the_car_nor_its_end(cv2, monkeypatch):
             count += 1
         assert count / (time.monotonic() - begun) > 80.0, "States come at 100 Hz"
         assert car.mode == "ARMED"
-        assert "silent" in str(car.camera_trouble)
+        assert "silent" in str(car.camera.trouble)
         begun = time.monotonic()
     assert time.monotonic() - begun < 1.5
 
@@ -109,10 +109,10 @@ def test_a_car_in_real_time_records_them(cv2, tmp_path):
     with Car.open("sim://?nano=mock&pace=1", camera=f"usb:{cv2.path}", record=path) as car:
         for state in car.states(duration=0.5):
             pass
-        live = [state.image, *car.images()]
-        assert car.camera_health.rate > 20.0
+        live = [state.image, *car.camera.images()]
+        assert car.camera.health.rate > 20.0
     with Car.open(f"replay://{path}") as car:
-        again = {s.t: (s.image, car.images()) for s in car.states()}
+        again = {s.t: (s.image, car.camera.images()) for s in car.states()}
     assert again[state.t][0] == live[0]
     assert set(live) <= {image for _, came in again.values() for image in came}
 

@@ -13,11 +13,11 @@ URL = "sim://?nano=mock&physics=kinematic&seed="
 
 def health(seed, lidar="1", seconds=4.0, steering=0.35):
     with Car.open(f"{URL}{seed}&lidar={lidar}") as car:
-        assert car.lidar_health is None
+        assert car.lidar.health is None
         car.arm()
         for _ in car.states(duration=seconds):
             car.drive(steering=steering, throttle=0.3)
-        return car.lidar_health
+        return car.lidar.health
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -72,13 +72,13 @@ def test_a_page_of_somebody_else_is_refused(shown):
 
 
 def test_read_only_means_that_nobody_drives(shown):
-    before = shown.car.recording_trouble, shown.car.mode
+    before = shown.car.recorder.trouble, shown.car.mode
     with shown.client() as client:
         client.advertise(1, "/cmd_vel")
         assert "read-only" in client.last_said()
         client.publish(1, {"linear": {"x": 1.0}, "angular": {"z": 0.0}})
         assert "read-only" in client.last_said()
-    assert (shown.car.recording_trouble, shown.car.mode) == before
+    assert (shown.car.recorder.trouble, shown.car.mode) == before
 
 
 def junk(rng):

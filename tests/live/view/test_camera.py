@@ -39,7 +39,7 @@ def test_the_newest_image_is_served_and_no_page_of_another_origin_shows_it():
         jpeg, headers = picture(page)
         assert headers["Content-Type"] == "image/jpeg"
         assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
-        assert jpeg in [image.jpeg for image in car.images()[-2:]]
+        assert jpeg in [image.jpeg for image in car.camera.images()[-2:]]
 
 
 @pytest.mark.realtime
@@ -111,7 +111,7 @@ def recorded(path, seconds=1.0):
         car.arm()
         for _ in car.states(duration=seconds):
             car.drive(steering=0.3, throttle=0.25)
-        return car.images()
+        return car.camera.images()
 
 
 def test_a_recorded_run_has_its_images_and_a_long_one_fewer(tmp_path, monkeypatch):

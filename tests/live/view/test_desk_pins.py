@@ -241,7 +241,7 @@ def test_whatever_another_page_sends_who_drives_drives_on():
         at.drive(2.0, lambda t: each(at))
         assert len(understood) > 10, "among them are messages that are none of a driver's"
         assert at.car.mode == "ARMED"
-        assert at.car.recording is None
+        assert at.car.recorder.path is None
         pulses = at.driving(at.now() - 1.5)
         assert len(pulses) > 70, "no pulse was left out"
         assert len({round((fall - rise) * 1e6, -1) for rise, fall in pulses}) <= 2, "or changed"

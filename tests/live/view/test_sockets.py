@@ -162,7 +162,7 @@ def test_whatever_pages_send_nobody_gets_control_and_others_are_served():
         until(good, "rows", where=lambda m: m["rows"])
         assert until(good, "status")["driven"] is False
         assert car.mode == "DISARMED"
-        assert car.recording is None
+        assert car.recorder.path is None
 
 
 def test_a_port_in_use_is_said():

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.car.scans import mount_of
+from dart_hal.car.lidar import mount_of
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.folders import parse_run_car
 from dart_hal.core.errors import ConfigError

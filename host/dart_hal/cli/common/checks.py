@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from dart_hal.car import Car
-from dart_hal.car.images import camera_of
+from dart_hal.car.camera import camera_of
 from dart_hal.core.errors import (
     BusError,
     ConfigError,
@@ -248,7 +248,7 @@ def _poses(source: PoseSource, states: list[State]) -> Check:
 
 def _lidar(car: Car) -> Check:
     """Whether scans come, and what they say of the lidar."""
-    trouble, health, count = car.lidar_trouble, car.lidar_health, len(car.scans())
+    trouble, health, count = car.lidar.trouble, car.lidar.health, len(car.lidar.scans())
     if trouble is not None:
         return replace(_failed("lidar", trouble), verdict="warn")
     if health is None:
@@ -264,7 +264,8 @@ def _lidar(car: Car) -> Check:
 
 def _camera(car: Car) -> Check:
     """Whether images come, and what they say of the camera."""
-    trouble, health, image = car.camera_trouble, car.camera_health, (car.images() or (None,))[-1]
+    trouble, health = car.camera.trouble, car.camera.health
+    image = (car.camera.images() or (None,))[-1]
     if trouble is not None:
         return replace(_failed("camera", trouble), verdict="warn")
     if health is None or image is None:

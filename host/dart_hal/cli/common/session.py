@@ -62,7 +62,9 @@ def check_drives_by_lidar(car: Car, room: str) -> None:
 
 def say_trouble(car: Car) -> None:
     """Why no scans came of a lidar that was named, or no images of a camera."""
-    notices(tuple(str(why) for why in (car.lidar_trouble, car.camera_trouble) if why is not None))
+    troubles = (car.lidar.trouble if car.has_lidar else None,
+                car.camera.trouble if car.has_camera else None)
+    notices(tuple(str(why) for why in troubles if why is not None))
 
 
 def _by_lidar(url: str | None, car_name: str, cars: Path | None, record: Path | None,

@@ -38,12 +38,19 @@ LARGEST = 1 << 16
 READ_ONLY = "this server is read-only: drive by the live page, a gamepad or a program"
 
 
+class Messages(Protocol):
+    """Where the messages of a car pass (``car.Recorder``)."""
+
+    def messages(self) -> RunFile: ...
+
+
 class LiveCar(Protocol):
     """What is served of a ``Car``."""
 
     @property
     def files(self) -> CarFiles: ...
-    def messages(self) -> RunFile: ...
+    @property
+    def recorder(self) -> Messages: ...
 
 
 @contextmanager
@@ -53,7 +60,7 @@ def serve(car: LiveCar, *, port: int = PORT, origins: Sequence[str] = ORIGINS
 
     Raises UsageError without websockets, and for a port that is in use.
     """
-    server = Server(car.messages(), car.files.config.name)
+    server = Server(car.recorder.messages(), car.files.config.name)
     server.start(port, origins)
     try:
         yield server

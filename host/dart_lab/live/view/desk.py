@@ -132,11 +132,11 @@ class Desk:
     def _record(self, on: bool) -> None:
         """Begin a file in the folder for recordings, or end it."""
         if not on:
-            self.car.end_recording()
+            self.car.recorder.end()
             return
         path = self._folder / time.strftime("run_%Y-%m-%d_%H-%M-%S.mcap")
         try:
-            self.car.start_recording(path)
+            self.car.recorder.start(path)
         except (DartHalError, OSError) as why:
             self._say(f"no recording: {why}")
         else:
@@ -195,7 +195,7 @@ class Desk:
         if not self.pages:
             return
         yield _json({"type": "rows", "now": now, "rows": rows}).decode()
-        if (logged := dict(self.car.logged)) != self._logged:
+        if (logged := dict(self.car.recorder.logged)) != self._logged:
             self._logged = logged
             yield _json({"type": "log", "values": logged}).decode()
         if state is not None and now - self._told_at >= STATUS_EVERY:
@@ -225,9 +225,10 @@ class Desk:
         return _json({"type": "said", "text": why}).decode()
 
     def _extra(self) -> dict[str, Any]:
-        trouble = self._trouble or str(self.car.recording_trouble or "")
+        trouble = self._trouble or str(self.car.recorder.trouble or "")
+        path = self.car.recorder.path
         return {"pages": self.pages, "driven": self.operator.page is not None, "trouble": trouble,
-                "recording": self.car.recording.name if self.car.recording else ""}
+                "recording": path.name if path else ""}
 
     def _say(self, text: str) -> None:
         self._said.append(text)

@@ -63,7 +63,7 @@ def status(car: Car, state: State, extra: Mapping[str, Any]) -> dict[str, Any]:
 
 def camera(car: Car, state: State) -> dict[str, Any]:
     """How its images come: when the newest was taken [s], pace [1/s], what to look at."""
-    health, trouble = car.camera_health, car.camera_trouble
+    health, trouble = car.camera.health, car.camera.trouble
     told = trouble.what if trouble else "; ".join(health.sentences() if health else ())
     return {"t": state.image and round(state.image.t, 3),
             "rate": health and round(health.rate, 1), "told": told}

@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dart_hal.car.scans import AXIS_X
+from dart_hal.car.lidar import AXIS_X
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.core.types import FloatArray

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from dart_hal.car.scans import AXIS_X
+from dart_hal.car.lidar import AXIS_X
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Mount
 
