@@ -15,7 +15,7 @@ A Python environment cannot be made there. Try: move the checkout to a folder wi
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-more test-slow faults fuzz soak mutants lint bench campaign coverage docs guide release firmware native hardware clean
+.PHONY: help setup demo test test-more test-long faults fuzz soak mutants lint bench campaign coverage docs guide release firmware native hardware clean
 
 help: ## list the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## (.*)/  make \1\t\2/' | expand -t 20
@@ -24,21 +24,20 @@ demo: $(VENV)/.demo toolchain ## drive, calibrate and check the emulated car; wr
 	@$(BIN)/dart-hal demo --out demo $(ARGS)
 
 # Real time comes behind the tests that keep the processors busy, from the files that name it:
-# collecting all of them takes as long as running these. They mostly wait: four run at a time, and
-# their CPU time, which says how busy the machine is, has no limit. 5: none of it was asked for.
+# collecting all of them takes as long as running these. They mostly wait: four run at a time.
+# 5: none of it was asked for.
 REALTIME := $(if $(filter tests/%,$(ARGS)),,$(shell grep -rl --include='test_*.py' realtime tests))
-QUICK := --cpu-limit 2 $(ARGS)
 test: $(VENV)/.dev toolchain ## the quick run: every behaviour that counts (about three minutes)
-	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "not (more or slow or realtime)" $(QUICK)
-	@$(BIN)/python -m pytest -n 4 --dist loadfile -m "realtime and not (more or slow)" $(ARGS) $(REALTIME) || test $$? -eq 5
-	@echo "All good: tests, style and layers hold. Types and the other cases: make test-more."
+	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "not (slow or long or realtime)" --durations 5 --durations-min 5 $(ARGS)
+	@$(BIN)/python -m pytest -n 4 --dist loadfile -m "realtime and not (slow or long)" $(ARGS) $(REALTIME) || test $$? -eq 5
+	@echo "All good: tests, style and layers hold. Types: make lint. The other cases: make test-more."
 
 test-more: $(VENV)/.dev toolchain browser ros ## the other cases of it, and more examples of each law
-	@$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile ci -rs -m "(more or hypothesis) and not (slow or realtime)" $(ARGS)
-	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "more and realtime and not slow" $(ARGS) $(REALTIME) || test $$? -eq 5
+	@$(BIN)/python -m pytest -n 2 --dist loadfile --hypothesis-profile ci -rs -m "(slow or hypothesis) and not (long or realtime)" $(ARGS)
+	@$(BIN)/python -m pytest -n 2 --dist loadfile -m "slow and realtime and not long" $(ARGS) $(REALTIME) || test $$? -eq 5
 
-test-slow: $(VENV)/.dev toolchain ## the long suites: 40 hidden cars, faults by the million, flashing
-	@$(BIN)/python -m pytest -m slow $(ARGS)
+test-long: $(VENV)/.dev toolchain ## the long suites: 40 hidden cars, faults by the million, flashing
+	@$(BIN)/python -m pytest -m long $(ARGS)
 
 faults: $(VENV)/.dev toolchain ## every fault stopped at the ESC pin, with its negative control (half an hour)
 	@$(BIN)/python tests/faults/run.py $(ARGS)

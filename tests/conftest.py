@@ -5,7 +5,6 @@ from __future__ import annotations
 import gc
 import itertools
 import os
-import sys
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -13,8 +12,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# Before numpy comes: threads of a linear algebra that wait for each other burn the CPU time that is
-# watched here, and two processes of tests fill two cores.
+# Before numpy comes: two processes of tests fill two cores, and threads of a linear algebra would
+# wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -29,26 +28,11 @@ settings.register_profile("dev", deadline=None, max_examples=10)
 settings.register_profile("ci", deadline=None, max_examples=200)
 settings.load_profile("dev")
 
-sys.path.append(str(Path(__file__).parent))
-import cpu_time  # noqa: E402
-
 HOME = Path(__file__).resolve().parents[1]
 
 TESTS = itertools.count()
 SHORT_NEUTRAL = 0.1
 """s of neutral that an ESC needs where it was armed before: five pulses."""
-
-
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--cpu-limit", type=float, default=0.0, metavar="SECONDS",
-                     help="fail a test that takes more CPU time and has no mark for it")
-    parser.addoption("--cpu-list", type=Path, metavar="FILE", help="write each test's CPU seconds")
-
-
-def pytest_configure(config: pytest.Config) -> None:
-    keep = None if hasattr(config, "workerinput") else config.getoption("--cpu-list")
-    config.pluginmanager.register(
-        cpu_time.Watch(config.getoption("--cpu-limit"), keep), "cpu-time")
 
 
 @pytest.hookimpl(wrapper=True)
@@ -64,20 +48,22 @@ def pytest_collection(session: pytest.Session) -> Iterator[None]:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """What a mark ``few`` does not name is for ``make test-more``."""
-    dead: set[tuple[str, str]] = set()
-    live: set[tuple[str, str]] = set()
+    """Mark as slow each case that the mark ``slow_except`` of its test does not name.
+
+    Raises UsageError if a name fits no case.
+    """
+    fits: dict[tuple[str, str], bool] = {}
     for item in items:
-        few, case = item.get_closest_marker("few"), getattr(item, "callspec", None)
-        if few and case:
-            name = item.nodeid.partition("[")[0]
-            named = {(name, i) for i in few.args if fnmatchcase(case.id, i)}
-            live |= named
-            dead |= {(name, i) for i in few.args}
-            if not named:
-                item.add_marker("more")
-    if dead - live and not any("[" in asked for asked in config.args):
-        raise pytest.UsageError(f"marks `few` for cases that are not there: {sorted(dead - live)}")
+        mark, case = item.get_closest_marker("slow_except"), getattr(item, "callspec", None)
+        if mark and case:
+            test = item.nodeid.partition("[")[0]
+            own = {(test, name): fnmatchcase(case.id, name) for name in mark.args}
+            fits |= {key: fit or fits.get(key, False) for key, fit in own.items()}
+            if not any(own.values()):
+                item.add_marker("slow")
+    wrong = sorted(key for key, fit in fits.items() if not fit)
+    if wrong and not any("[" in argument for argument in config.args):
+        raise pytest.UsageError(f"marks `slow_except` for cases that do not exist: {wrong}")
 
 
 @pytest.fixture(scope="session")

@@ -62,7 +62,7 @@ def includes(folder: Path) -> Graph:
 
 
 @pytest.mark.parametrize("folder", [ROOT / "hardware", *SCRIPTS], ids=lambda p: p.name)
-@pytest.mark.few("wiring", "hardware")
+@pytest.mark.slow_except("wiring", "hardware")
 def test_no_script_of_the_hardware_needs_itself(folder):
     assert circle(imports(folder)) == []
 

@@ -31,13 +31,13 @@ def test_there_are_examples_of_both_kinds():
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.stem)
-@pytest.mark.few("drive_circle")
+@pytest.mark.slow_except("drive_circle")
 def test_a_program(program, tmp_path):
     said = run([program], tmp_path, URLS[0])
     assert any(c.isdigit() for c in said)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
 def test_a_script_for_drive(script, tmp_path):
     result = json.loads(run(["-m", "dart_hal.cli.main", "drive", script, "--json"], tmp_path,
@@ -47,7 +47,7 @@ def test_a_script_for_drive(script, tmp_path):
 
 
 @pytest.mark.emulator
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_example_on_the_firmware(tmp_path):
     said = run([EXAMPLES / "drive_circle.py"], tmp_path, "sim://?seed=2")
     assert "turned" in said

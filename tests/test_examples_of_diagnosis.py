@@ -44,7 +44,7 @@ def upgraded(seconds, only):
     return example.main(seconds)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_extended_model_tunes_the_better_controller():
     found, driven = tuned(LAG, short=True)
     assert [c.effect for c in found.causes] == ["steering_lag"]
@@ -53,7 +53,7 @@ def test_the_extended_model_tunes_the_better_controller():
     assert driven["extended"] < 0.2 * driven["base"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_it_does_on_cars_that_differ_in_more_than_that(seed):
     found, driven = tuned(f"{LAG}&seed={seed}", short=False)
@@ -62,7 +62,7 @@ def test_it_does_on_cars_that_differ_in_more_than_that(seed):
     assert driven["extended"] < 0.2 * driven["base"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_where_nothing_is_hidden_nothing_is_gained():
     found, driven = tuned("sim://?nano=mock", short=False)
     assert not found.causes
@@ -81,17 +81,17 @@ def check_upgrades(seen):
     assert after[3] == pytest.approx(after[2], rel=0.03)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_both_upgrades_are_told_from_a_drive_before_and_after():
     check_upgrades(upgraded(32.0, LOSSES))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_both_upgrades_are_told_among_all_effects():
     check_upgrades(upgraded(60.0, ()))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_contouring_control_by_what_was_found():
     """The car's own model without its lags swings; the one that names them does not."""
     found, driven = loaded(IN_CONTROL).main()
@@ -103,7 +103,7 @@ def test_contouring_control_by_what_was_found():
     assert extended[0] < 0.2 * without[0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.emulator
 @pytest.mark.parametrize("program", [TUNE, UPGRADES], ids=lambda p: p.stem)
 def test_it_runs_as_it_stands(program, tmp_path):

@@ -95,7 +95,7 @@ def test_the_firmware_starts_from_that_eeprom():
     nano.close()
 
 
-@pytest.mark.few("*cutoff*", "*vehicle*", "*enc*", "sim:///")
+@pytest.mark.slow_except("*cutoff*", "*vehicle*", "*enc*", "sim:///")
 @pytest.mark.parametrize("url", [u for u in URLS if u.startswith("sim") and "avr" not in u])
 def test_every_simulated_car_opens(url):
     open_backend(url).link.close()

@@ -67,7 +67,7 @@ def add_import(folder: Path, package: str, other: str) -> None:
     ("dart_lab.identification.prediction", "dart_lab.identification.evaluation"),
     ("dart_lab.diagnosis", "dart_lab.live"),
 ])
-@pytest.mark.few("dart_hal.core-dart_hal.cli")
+@pytest.mark.slow_except("dart_hal.core-dart_hal.cli")
 def test_an_import_up_or_sideways_would_be_seen(empty_packages, package, other):
     """The negative control."""
     add_import(empty_packages, package, other)
@@ -76,7 +76,7 @@ def test_an_import_up_or_sideways_would_be_seen(empty_packages, package, other):
     assert package in done.stdout
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_import_down_is_free(empty_packages):
     add_import(empty_packages, "dart_lab.cli", "dart_lab.sim")
     add_import(empty_packages, "dart_lab.sim", "dart_hal.cli")
@@ -84,7 +84,7 @@ def test_an_import_down_is_free(empty_packages):
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-500:]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_package_without_a_layer_would_be_seen(empty_packages):
     (empty_packages / "host" / "dart_hal" / "attic.py").touch()
     assert lint(empty_packages).returncode != 0
@@ -139,14 +139,14 @@ def test_import_dart_hal_is_light():
     "import dart_hal.vehicle",
     "import dart_hal.estimation", "import dart_hal.calibration", "import dart_hal.control.speed",
 ])
-@pytest.mark.few("from dart_hal import Car, Fleet")
+@pytest.mark.slow_except("from dart_hal import Car, Fleet")
 def test_what_runs_on_the_car_loads_no_plotting_no_fitting_no_servokit(statement):
     got = loaded(statement)
     assert not {"scipy", "matplotlib", "adafruit_servokit", "board", "busio", "pandas"} & got
     assert not {"dart_lab.sim", "dart_hal.cli", "dart_lab.diagnosis"} & got
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_simulated_car_in_full_loads_no_plotting_either(tmp_path):
     """Opened and driven: only what moves it."""
     got = loaded("from dart_hal import Car\n"

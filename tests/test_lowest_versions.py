@@ -36,7 +36,7 @@ print("all good")
 """
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_lowest_versions_work_together(tmp_path):
     """gymnasium 1.0 was allowed though the vector environment needs 1.1."""
     uv = [sys.executable, "-m", "uv"]

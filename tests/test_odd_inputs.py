@@ -78,12 +78,12 @@ def refusals(kind, values):
 
 
 @pytest.mark.parametrize("kind", list(READERS))
-@pytest.mark.few("car")
+@pytest.mark.slow_except("car")
 def test_each_entry_of_a_file_with_some_odd_values(kind):
     assert refusals(kind, ("1e300", '"[bold red]"', "[[]]")) > 50
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", list(READERS))
 def test_each_entry_of_a_file_with_each_odd_value(kind):
     assert refusals(kind, ODD) > 500
@@ -97,7 +97,7 @@ def test_each_entry_of_a_file_with_each_odd_value(kind):
     "=", "[a", '"\\uD800" = 1', "a = 0x" + "f" * 10_000, "\ufffe", "a = 1979-99-99",
 ], ids=range(20))
 @pytest.mark.parametrize("kind", list(READERS))
-@pytest.mark.few("car-[013-9]", "car-1[02-9]", "calibration-1", "model-1")
+@pytest.mark.slow_except("car-[013-9]", "car-1[02-9]", "calibration-1", "model-1")
 def test_texts_that_no_parser_can_hold(kind, text):
     assert not read_or_refuse(READERS[kind][0], text)
 
@@ -203,7 +203,7 @@ def read_path_or_refuse(file):
 
 @pytest.mark.parametrize("header", ["x,y", "x,y,speed", "# x_m; y_m; vx_mps", "x_mm,y_mm"])
 @pytest.mark.parametrize("cell", CELLS, ids=range(len(CELLS)))
-@pytest.mark.few("*-x,y,speed", "3-*")
+@pytest.mark.slow_except("*-x,y,speed", "3-*")
 def test_a_path_with_an_odd_cell(tmp_path, header, cell):
     delimiter = ";" if ";" in header else ","
     end = f"{delimiter}1.0" if "speed" in header or "vx" in header else ""

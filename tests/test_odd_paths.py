@@ -39,7 +39,7 @@ def firmware_in(folder):
 
 @needs_avr
 @pytest.mark.emulator
-@pytest.mark.few("my car", "it's")
+@pytest.mark.slow_except("my car", "it's")
 @pytest.mark.parametrize("name", [*GOOD, "a$b", 'q"x', "b`c", "e\\f", "a:b"])
 def test_firmware_is_compiled_in_a_folder_of_any_name(tmp_path, name):
     firmware = firmware_in(tmp_path / name)
@@ -117,7 +117,7 @@ def test_toolchain_that_works_prints_no_notice(tmp_path):
 
 
 @pytest.mark.skipif(build.compiler() is None, reason="no C compiler")
-@pytest.mark.few("it's")
+@pytest.mark.slow_except("it's")
 @pytest.mark.parametrize("name", [*GOOD, "a$b", 'q"x', "b`c", "e\\f", "a:b"])
 def test_kernels_are_compiled_in_a_folder_of_any_name(tmp_path, name):
     source = "double twice(double x) { return 2.0 * x; }\n"

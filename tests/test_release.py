@@ -66,7 +66,7 @@ def test_an_archive_hangs_on_its_files_alone(tmp_path):
     assert zipfile.ZipFile(tmp_path / "x.zip").namelist() == ["a", "b"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_whole_release_and_its_checksums(tmp_path):
     pytest.importorskip("weasyprint")
     pytest.importorskip("sphinx")

@@ -38,15 +38,13 @@ def tracked() -> list[Path]:
     return [p for name in names if name and (p := ROOT / name).is_file()]
 
 
-@pytest.mark.cpu(4)
 def test_ruff():
     done = tool("ruff", "check", "--output-format", "concise", "host", "tests",
                 "studies", "examples", "benchmarks")
     assert done.returncode == 0, done.stdout
 
 
-@pytest.mark.more
-@pytest.mark.cpu(90)  # without its cache; with it 3
+@pytest.mark.slow
 def test_mypy():
     done = tool("mypy")
     assert done.returncode == 0, done.stdout

@@ -8,7 +8,7 @@ import bench_light
 import pytest
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_rows():
     pytest.importorskip("gymnasium", reason="needs the extra gym")
     rows = bench_light.figures(0.002)

@@ -6,7 +6,7 @@ import bench_view
 import pytest
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.realtime
 def test_twenty_cars_are_found_lost_and_stopped_in_time():
     found, red, stopped = bench_view.fleet()

@@ -27,7 +27,7 @@ def test_adam_stops_where_the_paper_stopped(made):
     assert run.loss > 1.1 * made.fits["motor"].loss
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_more_steps_reach_our_optimum(made, monkeypatch):
     monkeypatch.setitem(adam.SETTINGS, "motor", adam.Settings(5000, 0.01, (0.95, 0.5, 0.5)))
     run = adam.adam(made.problems["motor"], None)
@@ -45,7 +45,7 @@ def test_torch_takes_the_same_steps(made):
         assert with_tape.x == pytest.approx(by_hand.x, rel=1e-2)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_every_row_is_there(monkeypatch):
     monkeypatch.setattr(bench_identify, "recordings", lambda: EXCERPT)
     rows = {f.name: f for f in bench_identify.figures(0.01)}

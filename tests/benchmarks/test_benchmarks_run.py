@@ -36,7 +36,7 @@ def by_name(figures: list[Figure]) -> dict[str, Figure]:
 
 
 @pytest.mark.emulator
-@pytest.mark.more
+@pytest.mark.slow
 def test_encoder():
     rows = by_name(bench_encoder.figures(TINY))
     assert len(rows) == 7
@@ -51,14 +51,14 @@ def test_counts_tell_when_edges_are_missed():
     assert counted[0] < 0.5 * given[0]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.emulator
 def test_speed_error_tells_a_wrong_ring(monkeypatch):
     monkeypatch.setattr(bench_encoder, "GEAR_REVOLUTION", 1.002 * GEAR_REVOLUTION)
     assert bench_encoder.speed_error(1.0, 0.5).ok is False
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_decode():
     rows = by_name(bench_decode.figures(TINY))
     assert min(f.value for f in rows.values()) == rows["decode: byte loop"].value
@@ -71,7 +71,7 @@ def test_recording():
 
 
 @pytest.mark.emulator
-@pytest.mark.more
+@pytest.mark.slow
 def test_emulation():
     rows = by_name(bench_emulation.figures(TINY))
     assert rows["different byte streams by read slice"].ok
@@ -79,7 +79,7 @@ def test_emulation():
     assert sum(f.name.startswith("times real time") for f in rows.values()) == 4
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.emulator
 def test_another_drive_gives_another_stream():
     first, other = (bench_emulation.rx_hash(0.01, 0.1, f"sim://?seed={n}") for n in (7, 8))
@@ -87,7 +87,7 @@ def test_another_drive_gives_another_stream():
 
 
 @pytest.mark.emulator
-@pytest.mark.more
+@pytest.mark.slow
 def test_clock():
     rows = by_name(bench_clock.figures(TINY))
     assert len(rows) == 4
@@ -95,7 +95,7 @@ def test_clock():
 
 
 @pytest.mark.emulator
-@pytest.mark.more
+@pytest.mark.slow
 def test_clock_errors_are_seen():
     """A zero that is 1 ms off shows as 1 ms of error."""
     zero = bench_clock.tick_zero()
@@ -119,7 +119,7 @@ def test_budgets_are_read_as_the_firmware_prints_them():
         ("firmware: flash", 17000, "B", False), ("firmware: RAM never touched", 600, "B", True)]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.emulator
 def test_calibration():
     rows = by_name(bench_calibration.figures(TINY))

@@ -28,8 +28,8 @@ def measured(url, tmp_path, begin=lambda world: None):
 
 
 @pytest.mark.parametrize("url", [
-    pytest.param("1", marks=pytest.mark.cpu(4)),
-    *(pytest.param(url, marks=pytest.mark.more) for url in (
+    "1",
+    *(pytest.param(url, marks=pytest.mark.slow) for url in (
         "2", "3&cutoff=oe", "4&cutoff=mux", "5&jitter=usb", "6&jitter=busy"))])
 def test_hidden_clocks(tmp_path, url):
     """Whatever the Nano's own clock is off by, which is up to 0.3 %."""
@@ -39,21 +39,21 @@ def test_hidden_clocks(tmp_path, url):
     assert found.std < 1e-4 * true
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.emulator
 def test_the_firmware_times_as_many_periods_as_it_is_asked_for(tmp_path):
     _, found = measured("sim://?nano=avr&seed=3", tmp_path)
     assert abs(found.value - reveal(3)["sensors"][NAME]) < 3.0 * found.std
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_by_the_nanos_clock_it_would_be_off(tmp_path, monkeypatch):
     monkeypatch.setattr(clock.SensorLog, "device_rate", lambda self: 1.0)
     _, found = measured(f"{URL}1", tmp_path)
     assert abs(found.value - reveal(1)["sensors"][NAME]) > 20.0 * found.std
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_the_wire_it_says_what_to_do(tmp_path):
     def cut(world):
         world._capture_edges = lambda now: []
@@ -65,7 +65,7 @@ def test_without_the_wire_it_says_what_to_do(tmp_path):
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_throttle_stays_neutral_and_the_pulse_goes_off(tmp_path):
     backend = open_backend(f"{URL}2")
     with Car.over(backend, cars=tmp_path) as car:
@@ -94,7 +94,7 @@ def test_typed_frequency_becomes_the_oscillator(tmp_path):
         assert car.files.oscillator_hz.std == pytest.approx(0.005 * 122 * 4096, rel=0.01)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_verb_wants_both_or_none(tmp_path, capsys):
     from dart_hal.cli.main import main
 

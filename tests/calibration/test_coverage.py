@@ -35,7 +35,7 @@ def test_control_intervals_that_are_not_are_seen(stated):
     assert not POOLED[0] < pooled.share < POOLED[1]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_every_number_of_one_hidden_car_is_near_the_truth():
     z = worst(errors("all", 12))
     assert len(z) >= 25
@@ -50,8 +50,7 @@ def test_true_parameters_are_in_units_of_the_recorded_throttle():
     assert own["delay.steering_s"] > 0.012  # the wait for a PWM frame and the pulse
 
 
-@pytest.mark.more
-@pytest.mark.cpu(240)
+@pytest.mark.slow
 def test_the_joint_fit_of_a_calibrated_hidden_car_is_near_the_truth(tmp_path):
     """Before commands counted from their writes 9 of 18 were beyond 3.8 standard errors."""
     calibrated(9001, tmp_path)

@@ -52,7 +52,7 @@ def pulled_after(tmp_path, marks, *, believed: bool = False) -> tuple[float, flo
 
 @pytest.mark.parametrize("marks", [lambda edges: (), lambda edges: edges[:2]],
                          ids=["dead", "two marks left"])
-@pytest.mark.few("dead")
+@pytest.mark.slow_except("dead")
 def test_the_throttle_is_off_within_300_ms(tmp_path, marks):
     seconds, fastest, failed = pulled_after(tmp_path, marks)
     assert seconds <= 0.3
@@ -60,7 +60,7 @@ def test_the_throttle_is_off_within_300_ms(tmp_path, marks):
     assert failed
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_an_encoder_that_is_believed_drives_on(tmp_path):
     seconds, fastest, _ = pulled_after(tmp_path, lambda edges: (), believed=True)
     assert seconds > 1.0

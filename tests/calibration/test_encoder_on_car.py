@@ -29,7 +29,7 @@ def measured(url, tmp_path, *, alter=lambda backend: None, workshop=None, **opti
             assert car.mode != "RAW"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [range(1, 2), range(2, 9), range(9, 10)],
                          ids=["1 car", "7 cars", "car 9"])
 def test_hidden_cars(tmp_path, seeds):
@@ -64,7 +64,7 @@ def swinging(newton):
     return alter
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("speeds", "told"), [
     ((0.35, 0.5), True), pytest.param((0.35,), False, id="control: one speed")])
 def test_a_swing_in_step_with_the_ring_is_told_from_its_marks(tmp_path, monkeypatch, speeds, told):
@@ -77,7 +77,7 @@ def test_a_swing_in_step_with_the_ring_is_told_from_its_marks(tmp_path, monkeypa
     assert any("swings in step" in note for note in result.notes) == told
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.emulator
 def test_intervals_of_the_firmware_give_the_ring(tmp_path):
     _, result = measured("sim://?nano=avr&seed=3", tmp_path, distance=1.0, runs=1)
@@ -97,7 +97,7 @@ def test_control_the_drawing_would_be_off():
     assert np.min(uneven) > 0.005
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_is_written_is_read_and_keeps_what_was_there(tmp_path):
     files, result = measured(f"{URL}3", tmp_path, distance=1.0, runs=1)
     assert result.written is None
@@ -112,7 +112,7 @@ def test_what_is_written_is_read_and_keeps_what_was_there(tmp_path):
     assert known.provenance["encoder"]["residual"] == result.residual
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("missing", "edges", "said"), [
     ("0.05", 19, r"an interval of 1\.\d\d times the mean: 1 edge"),
     ("0.1", 18, r"an interval of 2\.\d\d times the mean: 2 edge"),
@@ -124,7 +124,7 @@ def test_missing_and_double_marks_are_named(tmp_path, missing, edges, said):
     assert f"edges_per_rev = {edges}" in caught.value.remedy
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("url", "why"), [
     ("2&fail=enc:off@0s", "encoder does not count"),
     ("2&fail=enc:off@6s", "encoder does not count"), ("2&fail=wheel:stuck@6s", "wheel is blocked"),
@@ -135,7 +135,7 @@ def test_what_does_not_turn_or_count_is_named(tmp_path, url, why):
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_steering_that_answers_the_other_way_is_noticed(tmp_path):
     def turn_round(backend):
         backend.car_toml = backend.car_toml.replace("[steering]", "[steering]\ndirection = -1")
@@ -154,7 +154,7 @@ class Tape:
         return self._misread.pop(0)(self._true())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("misread", "why"), [
     ([lambda m: m, lambda m: m + 0.1], "do not agree"),
     ([lambda m: m / 0.3048], "does not fit the edges"),
@@ -166,7 +166,7 @@ def test_misread_tape_is_refused(tmp_path, misread, why):
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_ctrl_c_stops_the_car(tmp_path):
     backend = open_backend(f"{URL}2")
     with Car.over(backend, cars=tmp_path) as car:
@@ -185,7 +185,7 @@ def test_ctrl_c_stops_the_car(tmp_path):
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_nothing_moves_unless_it_was_agreed(tmp_path):
     backend = open_backend(f"{URL}2")
     said = []
@@ -221,7 +221,7 @@ def test_even_ring_is_no_other_ring():
 
 
 @pytest.mark.parametrize("swing", [0.0, 1e-4, 1e-3])
-@pytest.mark.few("0.001")
+@pytest.mark.slow_except("0.001")
 def test_interval_of_the_ring_knows_what_swings_with_it(swing):
     """Two hundred virtual rings: 90 % of the 90 % intervals, whatever the swing."""
     rng, inside = np.random.default_rng(3), []

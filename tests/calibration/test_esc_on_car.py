@@ -42,7 +42,7 @@ def measured(tmp_path_factory):
     watched.car.close()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_hidden_esc_is_found(measured):
     _, result, watched = measured
     true = reveal(5)["sensors"]
@@ -56,7 +56,7 @@ def test_a_hidden_esc_is_found(measured):
     assert watched.pulled_after(watched.car._engine.now) < -0.4
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_is_written_is_read(measured, tmp_path):
     files, result, _ = measured
     assert not files.folder.exists()
@@ -103,7 +103,7 @@ def spun(rng, begin, lag=0.0):
     return spins
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_interval_of_the_onset_is_what_the_marks_make_it(monkeypatch):
     """Fifty virtual ESCs: the 90 % intervals hold the onset, by their scatter alone."""
     monkeypatch.setattr(esc_fit, "LAW", 0.0)
@@ -117,7 +117,7 @@ def test_interval_of_the_onset_is_what_the_marks_make_it(monkeypatch):
 
 
 @pytest.mark.parametrize("lag", [0.04, 0.084, 0.12])
-@pytest.mark.few("0.12")
+@pytest.mark.slow_except("0.12")
 def test_a_motor_that_follows_late_is_told_from_its_onset(lag):
     force = pull_begins(spun(np.random.default_rng(1), 1565.0, lag), 1500.0)
     assert force.begin.value == pytest.approx(1565.0, abs=3.5 * force.begin.std)
@@ -138,7 +138,7 @@ def test_control_without_its_lag_the_onset_is_off_or_refused(monkeypatch):
     assert off == 3
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4])
 def test_a_hidden_esc_with_the_lag_of_the_later_set_is_found(seed, tmp_path):
     """Both cars were refused before the lag was fitted."""
@@ -153,7 +153,7 @@ def test_a_hidden_esc_with_the_lag_of_the_later_set_is_found(seed, tmp_path):
     assert any("follows its pulses" in note for note in result.notes)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.emulator)])
 def test_esc_of_the_car_without_a_seed_is_measured(nano, tmp_path):
     """It has a gyro without noise, whose samples on the stand are zeros now and then."""
@@ -161,13 +161,13 @@ def test_esc_of_the_car_without_a_seed_is_measured(nano, tmp_path):
     assert result.quantities["throttle.neutral_us"].value == pytest.approx(1500.0, abs=1.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 9])
 def test_more_hidden_escs(seed):
     assert {name: z for name, z in worst(errors("esc", seed)).items() if z > 3.5} == {}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.emulator
 def test_the_firmware_counts_as_well(tmp_path):
     result = Spun("sim://?nano=avr&seed=3", tmp_path).calibrate()
@@ -176,7 +176,7 @@ def test_the_firmware_counts_as_well(tmp_path):
     assert all(abs(q.value - true[n]) < 3.5 * q.std for n, q in result.quantities.items())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_intervals_of_30_hidden_cars_hold_the_truth():
     rows = [worst(errors("esc", seed)) for seed in range(1, 31)]
     for name in QUANTITIES:
@@ -185,7 +185,7 @@ def test_intervals_of_30_hidden_cars_hold_the_truth():
     assert all(set(row) == QUANTITIES for row in rows)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_coasting_tells_friction_from_the_dead_band(tmp_path, monkeypatch):
     """Without the stretches at neutral dry friction and dead band are the same thing."""
     stretches = esc_fit._stretches
@@ -226,7 +226,7 @@ def as_esc(kind, **params):
     return alter
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "params", "reverse", "absent"), [
     (AtOnce, {}, "at_once", {"reverse_rest"}),
     (NoReverse, {}, "never", {"reverse_rest", "neutral_us", "deadband_forward_us",
@@ -247,7 +247,7 @@ def test_what_another_esc_does_is_told(tmp_path, kind, params, reverse, absent):
         assert any(note.startswith("caution:") for note in result.notes)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("taken_off", [True, False])
 def test_a_brake_at_neutral_is_no_friction(tmp_path, monkeypatch, taken_off):
     """Control: not taken off, it moves neutral by 4 us, for the motor pulls less in reverse."""
@@ -271,7 +271,7 @@ def test_a_knee_that_is_not_there_is_not_found():
 # -- what is wrong is named, and the pin is at neutral -----------------------------
 
 
-@pytest.mark.few("esc:wrong@0")
+@pytest.mark.slow_except("esc:wrong@0")
 @pytest.mark.parametrize(("fail", "why"), [
     pytest.param(fail, why, id=fail) for fail, why in (
         ("esc:wrong@0", "turns the wheels backward"), ("wheel:stuck@0", "a wheel is blocked"),
@@ -291,7 +291,7 @@ def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
     assert watched.world.stand is None
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_edges_of_wheels_that_stand_are_no_motion(tmp_path):
     watched = Spun(f"{URL}5", tmp_path)
     watched.backend.workshop.wheels_turned = lambda: 0
@@ -320,7 +320,7 @@ def pressed(tmp_path, t: float) -> Spun:
     return watched
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("when", PRESSED)
 def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path, when):
     watched = pressed(tmp_path, PRESSED[when])
@@ -331,7 +331,7 @@ def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path, when):
     watched.car.close()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
     without_stop(monkeypatch)
     watched = pressed(tmp_path, PRESSED["forward"])

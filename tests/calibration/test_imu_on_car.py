@@ -29,7 +29,7 @@ def measured(url, tmp_path, **options):
             assert car.mode != "RAW"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3, 5])
 def test_hidden_cars(tmp_path, seed):
     _, result = measured(f"{URL}{seed}", tmp_path)
@@ -46,7 +46,7 @@ def test_control_an_uncalibrated_imu_misses_the_target():
     assert np.mean(np.array(scale) > 0.003) > 0.4
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_second_time_finds_the_same_and_not_the_rest_of_the_first(tmp_path):
     """The sensors are read in their own axes: what the file holds does not enter."""
     files, first = measured(f"{URL}2", tmp_path, turns=1)
@@ -69,7 +69,7 @@ class Miscounted:
         return self._true() + self._extra.pop(0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_miscounted_turn_is_refused(tmp_path):
     backend = open_backend(f"{URL}2")
     with Car.over(backend, cars=tmp_path) as car, pytest.raises(
@@ -78,7 +78,7 @@ def test_miscounted_turn_is_refused(tmp_path):
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("alter", "url", "why"), [
     ("[steering]\ndirection = -1", "2", "to the left gives a yaw rate the other way"),
     ("[imu]\nmount_roll = 3.1416", "2", "to the left gives a yaw rate the other way"),

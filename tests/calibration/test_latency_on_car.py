@@ -33,7 +33,7 @@ def measured(url, tmp_path, begin=lambda backend: None):
             assert not list(tmp_path.rglob("calibration.toml"))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_is_measured_is_near_the_truth_and_tunes_the_speed_loop(tmp_path):
     url = f"{URL}5{LATE}"
     files, result = measured(url, tmp_path)
@@ -49,7 +49,7 @@ def test_what_is_measured_is_near_the_truth_and_tunes_the_speed_loop(tmp_path):
     assert answer.delay == pytest.approx(0.02, abs=0.004)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_of_clocks_in_step_the_age_of_the_gyro_is_told_all_the_same(tmp_path):
     """Gyro and Nano of car 18 differ by less than 0.01 %: 4 ms off without the looks."""
     url = f"{URL}18"
@@ -60,7 +60,7 @@ def test_of_clocks_in_step_the_age_of_the_gyro_is_told_all_the_same(tmp_path):
 
 
 @pytest.mark.parametrize("looks", [True, False])
-@pytest.mark.few("True")
+@pytest.mark.slow_except("True")
 def test_the_log_follows_the_clock_of_the_gyro_where_the_firmware_looks(
         tmp_path, monkeypatch, looks):
     if not looks:
@@ -73,7 +73,7 @@ def test_the_log_follows_the_clock_of_the_gyro_where_the_firmware_looks(
         assert (np.ptp(log.take().column("age_std")) > 0.0) == looks
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_the_wire_the_wait_is_derived_and_said(tmp_path):
     def cut(backend):
         world_of(backend)._capture_edges = lambda now: []
@@ -85,7 +85,7 @@ def test_without_the_wire_the_wait_is_derived_and_said(tmp_path):
     assert result.quantities["latency.pulse_to_wheel"].std > 0.005
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("fail", "why"), [
     pytest.param(fail, why, id=fail) for fail, why in (
         ("enc:off@0", "encoder does not count"), ("enc:off@24", "encoder does not count"),
@@ -100,7 +100,7 @@ def test_what_is_wrong_is_named_and_the_pin_is_at_neutral(tmp_path, fail, why):
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("table", "line"), [("steering", "direction = -1"),
                                              ("imu", "mount_roll = 3.1416")])
 def test_wrong_wiring_is_noticed(tmp_path, table, line):
@@ -113,7 +113,7 @@ def test_wrong_wiring_is_noticed(tmp_path, table, line):
         measured(f"{URL}2", tmp_path, turn_round)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_encoder_that_dies_under_a_held_pulse_is_neutral_within_300_ms(tmp_path):
     """The steps of the throttle are held by no speed loop, which could see it."""
     watched = Watched(f"{URL}2&fail=enc:off@24", tmp_path)
@@ -122,7 +122,7 @@ def test_an_encoder_that_dies_under_a_held_pulse_is_neutral_within_300_ms(tmp_pa
     assert watched.pulled_after(24.0) <= 0.3
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_believed_the_dead_encoder_would_pull_on(tmp_path, monkeypatch):
     watched = Watched(f"{URL}2&fail=enc:off@24", tmp_path)
     watched.car._engine.telemetry.encoder.judge = lambda *_: None
@@ -138,7 +138,7 @@ class _Absent:
         raise CalibrationFailed("nobody is there")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
     watched = Watched(f"{URL}2", tmp_path)
     when = watched.press(lambda state: state.speed > 0.6, calibrate_latency,
@@ -148,7 +148,7 @@ def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
     watched.car.close()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
     without_stop(monkeypatch)
     watched = Watched(f"{URL}2", tmp_path)
@@ -182,7 +182,7 @@ def test_a_pulse_that_ends_between_two_points_counts_for_its_share():
     assert set(seen[np.abs(t - up) > DT].round(6)) == {1500.0, 1600.0}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_rates_that_a_state_withholds_are_in_the_log(tmp_path):
     """At the begin of a turn each rate jumps: the log has the sample, the State the one before."""
     with Car.open(f"{URL}5", cars=tmp_path) as car:

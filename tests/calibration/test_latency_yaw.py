@@ -57,7 +57,7 @@ def found(files, age, looks):
 
 
 @pytest.mark.parametrize("age", [1e-3, 9e-3])
-@pytest.mark.few("0.009")
+@pytest.mark.slow_except("0.009")
 def test_of_clocks_in_step_the_looks_tell_the_age(files, age):
     """Whatever it is, and whatever the linkage's play: steps that go on do not cross it."""
     delay, std = found(files, lambda t: np.full(len(t), age), True)
@@ -65,7 +65,7 @@ def test_of_clocks_in_step_the_looks_tell_the_age(files, age):
     assert std < 1e-3
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_looks_the_interval_is_as_wide_as_the_age(files):
     delay, std = found(files, lambda t: np.full(len(t), 9.5e-3), False)
     assert std > AGE_STD

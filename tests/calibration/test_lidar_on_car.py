@@ -79,15 +79,14 @@ def test_a_scale_that_cannot_be_is_refused():
                           "scale = { value = 1015.0, std = 1.0 }\n", "mine")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_it_is_part_of_all_only_with_a_map():
     files = load_car("dart-01", ["cars"])
     assert "lidar" not in [s.verb for s in steps_of(files)]
     assert steps_of(files, chart=room_map(URL))[-1].verb == "lidar"
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 def test_distances_off_by_a_percent_and_a_half_are_mended_end_to_end(tmp_path, capsys):
     """Poses of the localiser before and after; what is hidden is near what was found."""
     def localised():
@@ -121,8 +120,7 @@ def backend_lidar(url):
             "scale": unit["scale"]}
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 def test_what_is_wrong_with_the_mount_is_named(told):
     chart = room_map(URL)
 
@@ -152,8 +150,7 @@ def read_with_gyro(drive, scale):
                   for s, p, w in zip(drive.states, place, yaw, strict=True)], drive.scans)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 def test_the_yaw_follows_the_scale_of_the_gyro_as_its_standard_error_says(told):
     chart = room_map(URL)
     any_gyro, calibrated = fit_lidar(told, chart), fit_lidar(told, chart, 3e-4)
@@ -165,15 +162,13 @@ def test_the_yaw_follows_the_scale_of_the_gyro_as_its_standard_error_says(told):
     assert any_gyro.found["x"].std == calibrated.found["x"].std
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 def test_a_map_of_another_room_is_refused(told):
     with pytest.raises(CalibrationFailed, match="not of this map"):
         found_by(told, map_of_lines(room_of("room", 999).lines))
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 def test_a_unit_upside_down_is_named_and_nothing_is_written(tmp_path, capsys):
     with pytest.raises(SystemExit) as done:
         main(["calibrate", "lidar", "--url", "sim://?seed=4&nano=mock&lidar=clockwise=0&map=room",
@@ -183,7 +178,7 @@ def test_a_unit_upside_down_is_named_and_nothing_is_written(tmp_path, capsys):
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
     watched = Watched(URL, tmp_path)
     when = watched.press(lambda state: state.speed > 0.3, calibrate_lidar, room_map(URL))
@@ -193,7 +188,7 @@ def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
     watched.car.close()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
     without_stop(monkeypatch)
     watched = Watched(URL, tmp_path)

@@ -42,7 +42,7 @@ def track(seed: int, rate: float = 100.0, turn_in: float = TURN_IN) -> Track:
 
 
 @pytest.mark.parametrize("rate", [100.0, 10.0])
-@pytest.mark.few("10.0")
+@pytest.mark.slow_except("10.0")
 def test_the_intervals_hold_the_truth(rate):
     errors = []
     for seed in range(4):
@@ -69,7 +69,7 @@ def test_control_slip_of_steady_turns_alone_scatters(monkeypatch):
     assert steady["marker_yaw"].std > 2.0 * free["marker_yaw"].std
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_poses_of_another_drive_are_refused():
     mine, other = track(1), track(2)
     wrong = replace(mine, seen=other.seen[::-1])

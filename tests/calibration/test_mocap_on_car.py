@@ -40,8 +40,7 @@ def measured(url: str, change=None, cars=None):
         return calibrate_mocap(car), car.files
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [4, 61])
 def test_a_hidden_marker_is_found_and_used(seed, tmp_path):
     url = f"sim://?seed={seed}&nano=mock&mocap=1"
@@ -62,8 +61,7 @@ def test_a_hidden_marker_is_found_and_used(seed, tmp_path):
     assert run.marker.lx == pytest.approx(true.lx, abs=1e-3)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [11, 8801])
 def test_the_latency_is_unbiased_on_the_real_firmware(seed):
     """The gyro is read after the acceleration: not counted, that was 2.4 ms on every car."""
@@ -71,8 +69,7 @@ def test_the_latency_is_unbiased_on_the_real_firmware(seed):
     assert abs(found.quantities["mocap.latency"].value - hidden_mocap(seed).latency) < 0.8e-3
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 @pytest.mark.parametrize(("change", "words", "remedy"), [
     (lambda p: replace(p, x=1e3 * p.x, y=1e3 * p.y), "told in mm", "units=mm"),
     (lambda p: replace(p, y=-p.y, yaw=-p.yaw), "left-handed", "hand=left"),
@@ -92,7 +89,7 @@ def test_without_a_source_the_car_does_not_move():
         assert truth(backend).distance == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
     watched = Watched(f"{URL}&mocap=1", tmp_path)
     when = watched.press(lambda state: state.speed > 0.3, calibrate_mocap)
@@ -102,7 +99,7 @@ def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
     watched.car.close()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
     without_stop(monkeypatch)
     watched = Watched(f"{URL}&mocap=1", tmp_path)

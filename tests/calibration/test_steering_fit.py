@@ -47,7 +47,7 @@ def test_form_is_recovered_without_noise():
     assert fit_map(samples).parameters == pytest.approx(TRUTH, rel=2e-4)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_standard_errors_hold_over_repeats_although_samples_are_not_independent():
     at = np.linspace(-0.9, 0.9, 9)
     inside, naive_inside = [], []
@@ -156,7 +156,7 @@ def test_loop_separates_map_backlash_and_slip(backlash, kappa):
     assert fitted.kappa.value == pytest.approx(kappa, abs=6e-3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_servos_spread_is_not_underestimated():
     """Sixty servos that rest 1 us beside their targets; two windows a level say little of it."""
     rng, said = np.random.default_rng(1), []

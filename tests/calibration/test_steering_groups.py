@@ -51,7 +51,7 @@ def test_one_day_of_one_map_has_no_caution(recorded):
     assert not any("caution" in note for note in result.notes)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_neighbouring_days_of_one_map_have_no_caution(recorded):
     """Noise alone is no difference between maps."""
     for seed in range(10):

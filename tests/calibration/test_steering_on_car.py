@@ -25,7 +25,7 @@ def measured(seed: int, tmp_path, **options):
     return result, angle, truth["sensors"]["steering.backlash"], mode
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_nominal_car_has_the_papers_map(tmp_path):
     result, angle, _, mode = measured(0, tmp_path)
     assert np.degrees(np.abs(result.angle - angle)).max() < 0.12
@@ -34,10 +34,10 @@ def test_nominal_car_has_the_papers_map(tmp_path):
 
 
 @pytest.mark.parametrize("seeds", [
-    pytest.param(range(1, 2), id="1 car", marks=pytest.mark.more),
-    pytest.param(range(1, 4), id="3 cars", marks=pytest.mark.more),
-    pytest.param(range(1, 21), id="20 cars", marks=pytest.mark.slow),
-    pytest.param(range(21, 41), id="20 other cars", marks=pytest.mark.slow),
+    pytest.param(range(1, 2), id="1 car", marks=pytest.mark.slow),
+    pytest.param(range(1, 4), id="3 cars", marks=pytest.mark.slow),
+    pytest.param(range(1, 21), id="20 cars", marks=pytest.mark.long),
+    pytest.param(range(21, 41), id="20 other cars", marks=pytest.mark.long),
 ])
 def test_hidden_cars(tmp_path, seeds):
     inside, backlash = [], []
@@ -63,7 +63,7 @@ def test_papers_map_instead_of_a_measurement_would_be_off():
     assert np.mean(np.array(rms) > 0.4) > 0.8
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_second_run_uses_the_file_that_the_first_one_wrote(tmp_path):
     url = "sim://?seed=3&nano=mock"
     with Car.open(url, cars=tmp_path) as car:
@@ -75,7 +75,7 @@ def test_second_run_uses_the_file_that_the_first_one_wrote(tmp_path):
     assert second.angle == pytest.approx(first.angle, abs=2e-3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_interrupt_stops_the_car(tmp_path):
     with Car.open("sim://?seed=1&nano=mock", cars=tmp_path) as car:
         def interrupt(share: float, text: str) -> None:
@@ -91,7 +91,7 @@ def test_interrupt_stops_the_car(tmp_path):
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_run_of_the_procedure_gives_the_same_map_as_a_recording(tmp_path):
     """Driven, recorded, replayed: the slip and the turning points are not removed there."""
     run = tmp_path / "run.mcap"

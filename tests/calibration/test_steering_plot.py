@@ -16,20 +16,20 @@ def result(bench):
     return calibrate_steering(bench(), dry_run=True)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "magic"), [("a.png", b"\x89PNG"), ("b.svg", b"<?xml")])
 def test_figure_in_the_format_of_its_suffix(result, tmp_path, name, magic):
     path = plot_steering(result, tmp_path / "new" / name)
     assert path.read_bytes().startswith(magic)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_unknown_format_is_refused(result, tmp_path):
     with pytest.raises(UsageError, match="format"):
         plot_steering(result, tmp_path / "a.txt")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_import_of_the_room_does_not_load_matplotlib():
     import subprocess
     import sys

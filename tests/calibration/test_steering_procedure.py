@@ -15,7 +15,7 @@ from dart_hal.devices.actuation.quantiser import count_us, prescale_for
 pytestmark = pytest.mark.usefixtures("armed_esc")
 SLEW = Quantity(3800.0, 50.0)
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_finds_map_and_backlash_of_hidden_cars(drawn):
     inside, rms, backlash, reach = [], [], [], []
     for seed in range(20):
@@ -32,7 +32,7 @@ def test_finds_map_and_backlash_of_hidden_cars(drawn):
     assert np.mean(np.array(reach) < plan(car.files).radius) >= 0.9
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_time_speed_and_pulses_keep_to_the_plan(bench, files):
     car = bench()
     route = plan(files)
@@ -43,7 +43,7 @@ def test_time_speed_and_pulses_keep_to_the_plan(bench, files):
     assert ticks == pytest.approx(np.round(ticks), abs=1e-6)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_slip_is_removed(bench):
     slipping = calibrate_steering(bench(kappa=0.08), dry_run=True)
     error = slipping.angle - bench().true_angle(slipping.command)
@@ -53,7 +53,7 @@ def test_slip_is_removed(bench):
     assert slipping.extra["understeer"]["value"] == pytest.approx(0.08, abs=0.015)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_dry_run_writes_nothing(bench, files):
     result = calibrate_steering(bench(), dry_run=True)
     assert result.written is None
@@ -78,7 +78,7 @@ def test_written_file_is_read_back_and_the_old_one_kept(bench, files, car_toml):
     assert len(list((files.folder / "history").iterdir())) == 2
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_json_is_the_contract(bench):
     data = json.loads(json.dumps(calibrate_steering(bench(), dry_run=True).to_json(),
                                  allow_nan=False))
@@ -88,7 +88,7 @@ def test_json_is_the_contract(bench):
     assert data["backlash_rad"]["value"] == pytest.approx(0.015, abs=0.002)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_progress_rises_and_is_the_only_output(bench, capsys):
     seen = []
     calibrate_steering(bench(), dry_run=True, progress=lambda f, text: seen.append((f, text)))
@@ -116,7 +116,7 @@ def test_nothing_moves_without_consent(bench):
     assert "floor" in questions[0]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_notes_hold_what_raw_mode_did_not_ask_for(bench):
     clock = "PWM clock of this car was never measured"
     known = calibrate_steering(bench(), dry_run=True)

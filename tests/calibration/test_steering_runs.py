@@ -26,7 +26,7 @@ def test_levels_a_count_apart_stay_apart():
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.2])
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_stated_interval_holds_the_truth_at_any_speed(tmp_path, speed):
     run = tmp_path / "run.mcap"
     with Car.open("sim://?seed=11&nano=mock", cars=tmp_path, record=run) as car:

@@ -92,13 +92,13 @@ def test_control_the_papers_car_would_be_off():
     assert np.ptp(pulses) > 15.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "verb"), [(1, "throttle"), (2, "circle"), (21, "circle")])
 def test_more_hidden_cars(seed, verb):
     assert worst(errors(verb, seed))["throttle.drive"] < 3.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("room", "radius"), [(12.0, None), (0.0, 1.6)])
 def test_more_room_is_faster_and_none_is_a_circle(tmp_path, room, radius):
     watched = Driven(f"{URL}6", tmp_path)
@@ -115,7 +115,7 @@ def test_more_room_is_faster_and_none_is_a_circle(tmp_path, room, radius):
     watched.car.close()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("verb", ["throttle", "circle"])
 def test_intervals_of_30_hidden_cars_hold_the_truth(verb):
     rows = [pair for seed in range(1, 31) for pairs in errors(verb, seed).values()
@@ -127,7 +127,7 @@ def test_intervals_of_30_hidden_cars_hold_the_truth(verb):
 # -- what is wrong is named, and the pin is at neutral -----------------------------
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("fail", "why"), [
     pytest.param(fail, why, id=fail) for fail, why in (
         ("esc:wrong@0", "drives the car backward"), ("wheel:stuck@0", "a wheel is blocked"),
@@ -143,7 +143,7 @@ def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
     assert watched.pulled_after(watched.world.t) < -0.4
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_lifted_wheels_are_no_floor(tmp_path):
     watched = Driven(f"{URL}5", tmp_path)
     watched.backend.workshop.lift()

@@ -29,7 +29,7 @@ def drive_on(car: Car) -> None:
         car.drive(throttle=0.1)
 
 
-@pytest.mark.few("*0")
+@pytest.mark.slow_except("*0")
 @pytest.mark.parametrize("command", [
     lambda car: car.drive(throttle=0.1), lambda car: car.drive_speed(steering=0.0, speed=0.3)])
 def test_a_command_to_a_car_that_tripped_raises_until_it_is_armed(command):

@@ -78,7 +78,7 @@ def test_control_without_the_checks_garbage_is_believed(tmp_path):
     assert yaw_sigmas(rows) > 3.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_gyro_that_turns_the_other_way_is_found(tmp_path):
     rows = drive(tmp_path, wrong_side)
     late = [s for s, _ in rows[60:]]

@@ -83,7 +83,7 @@ def drive(tmp_path, fault, *, asked: float, at: float, believed: bool = False,
 
 @pytest.mark.parametrize("at", [0.0, 2.5], ids=["from rest", "while driving"])
 @pytest.mark.parametrize("fault", [half, two_marks, off], ids=lambda f: f.__name__)
-@pytest.mark.few("half-while driving")
+@pytest.mark.slow_except("half-while driving")
 def test_missing_edges_are_said_and_do_not_open_the_throttle(tmp_path, fault, at):
     run = drive(tmp_path, fault, asked=1.0, at=at)
     assert run.said <= 0.5
@@ -94,14 +94,14 @@ def test_missing_edges_are_said_and_do_not_open_the_throttle(tmp_path, fault, at
 
 
 @pytest.mark.parametrize("fault", [half, two_marks, off], ids=lambda f: f.__name__)
-@pytest.mark.few("off")
+@pytest.mark.slow_except("off")
 def test_control_an_encoder_that_is_believed_runs_away(tmp_path, fault):
     run = drive(tmp_path, fault, asked=1.0, at=0.0, believed=True)
     assert run.fastest > 1.3
     assert run.said > 0.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("fault", "fastest"), [(half, 0.9), (two_marks, 0.6), (off, 0.5)],
                          ids=["half", "two marks", "off"])
 def test_reverse_is_watched_as_well(tmp_path, fault, fastest):
@@ -120,7 +120,7 @@ def test_edges_from_nowhere_are_said_and_covered(tmp_path):
     assert run.uncovered <= 3.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_doubt_ends_with_a_stop_and_the_next_drive_is_judged_anew(tmp_path):
     backend = open_backend("sim://?nano=mock&seed=3")
     with Car.over(backend, cars=tmp_path) as car:
@@ -149,7 +149,7 @@ def spins(world) -> None:
     world.at(world.t + 0.4, lambda w: setattr(nano, "set_wheel", inner))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_wheel_that_spins_for_a_moment_is_no_ring_that_lost_its_marks(tmp_path):
     """Said soon, nothing is held against the ring, and the brakes do not turn its sign."""
     run = drive(tmp_path, spins, asked=2.0, at=1.7, seconds=1.0)
@@ -159,7 +159,7 @@ def test_a_wheel_that_spins_for_a_moment_is_no_ring_that_lost_its_marks(tmp_path
     assert run.uncovered <= 3.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_wheels_that_turn_round_from_any_speed_run_away(tmp_path, monkeypatch):
     """Quicker against the brakes looks like backwards: the throttle opens."""
     monkeypatch.setattr(speed, "TURNS", 1e9)

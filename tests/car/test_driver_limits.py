@@ -182,7 +182,7 @@ def test_a_loop_that_does_not_answer_holds_the_pulses_up_for_4_ms(lab):
     assert late == pytest.approx([0.004] * len(late), abs=1e-4)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_pings_are_many_at_first_and_then_two_a_second(tmp_path):
     with Car.open(URL, cars=tmp_path) as car:
         sent = downward(car)

@@ -53,8 +53,7 @@ def test_without_a_source_it_is_dead_reckoning():
         assert np.sqrt(told.cov[3, 3]) == pytest.approx(state.speed_std)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(4)
+@pytest.mark.slow
 def test_with_a_source_it_is_the_axle_in_the_room():
     told = [(state.estimate, place) for state, place in drive(URL, 4.0, SEEN)]
     assert {e.frame for e, _ in told} == {"mocap"}
@@ -64,8 +63,7 @@ def test_with_a_source_it_is_the_axle_in_the_room():
     assert last.speed > 0.2
 
 
-@pytest.mark.more
-@pytest.mark.cpu(5)
+@pytest.mark.slow
 def test_it_is_less_sure_while_nobody_sees_the_car():
     told = [(s.estimate, place) for s, place in drive(URL, 6.0, f"{SEEN},occlusion=30")]
     hidden = [e.tracking is Tracking.DEAD_RECKONING for e, _ in told]
@@ -77,7 +75,7 @@ def test_it_is_less_sure_while_nobody_sees_the_car():
     assert max(off(e.pose, place) for e, place in told) < FAR
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_false_lock_does_not_move_it():
     told = drive(URL, 8.0, f"{SEEN},lock=20")
     fooled = [(s.estimate, place) for s, place in told
@@ -89,16 +87,14 @@ def test_a_false_lock_does_not_move_it():
     assert max(off(e.pose, place) for e, place in in_room) < FAR
 
 
-@pytest.mark.more
-@pytest.mark.cpu(5)
+@pytest.mark.slow
 def test_a_clock_that_is_set_does_not_move_it():
     told = [(s.estimate, place) for s, place in drive(URL, 5.0, "noise=0.002,step=60")]
     assert any(e.tracking is not Tracking.TRACKING for e, _ in told), "it was never set"
     assert max(off(e.pose, place) for e, place in told) < FAR
 
 
-@pytest.mark.more
-@pytest.mark.cpu(4)
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["enc:off@4", "enc:wrong=0.5@4"])
 def test_dead_reckoning_with_a_doubted_encoder_is_not_sure(fault, monkeypatch):
     def worst():
@@ -112,7 +108,7 @@ def test_dead_reckoning_with_a_doubted_encoder_is_not_sure(fault, monkeypatch):
     assert worst() > FAR, "the doubt makes no difference"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_ahead_it_goes_on_along_its_arc():
     state = drive(URL, 3.0)[-1][0]
     now = state.estimate

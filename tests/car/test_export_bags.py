@@ -85,7 +85,7 @@ def test_a_bag_of_ros_2_has_its_metadata(run, tmp_path):
     assert (tmp_path / "two" / "two.mcap").is_file()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("packed", ["v0_1", "v3"])
 def test_older_runs_become_bags_with_absolute_topics(packed, tmp_path):
     path = tmp_path / "old.mcap"
@@ -108,7 +108,7 @@ def test_a_run_that_was_killed_or_damaged_becomes_a_bag_of_what_is_there(run, tm
     assert write_ros1(reader, tmp_path / "one.bag") == len(decoded(tmp_path / "one.bag")) > 100
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_of_a_fleet_one_car(tmp_path):
     path = tmp_path / "fleet.mcap"
     with Fleet.open([URL, "sim://?seed=4&nano=mock"], record=path) as fleet:

@@ -143,7 +143,7 @@ print(data.num_episodes, data.num_frames, item["observation.state"].shape, item[
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_library_itself_opens_it(data_set):
     """Needs lerobot and torch, some 2 GB: pip install lerobot."""
     pytest.importorskip("lerobot")

@@ -148,7 +148,7 @@ print(data.num_episodes, data.meta.camera_keys, tuple(image.shape), image.dtype,
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_library_itself_shows_the_images(data_set):
     """Needs lerobot and torch, some 2 GB: pip install lerobot."""
     pytest.importorskip("lerobot")

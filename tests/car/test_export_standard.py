@@ -35,7 +35,7 @@ def run(tmp_path_factory):
 
 
 @pytest.fixture(scope="module", params=[
-    write_ros2, pytest.param(write_ros1, marks=pytest.mark.more)], ids=["ros2", "ros1"])
+    write_ros2, pytest.param(write_ros1, marks=pytest.mark.slow)], ids=["ros2", "ros1"])
 def bag(run, request, tmp_path_factory):
     """[(topic, ns, message)] of the run's bag."""
     out = tmp_path_factory.mktemp("bag") / ("run.bag" if request.param is write_ros1 else "run")
@@ -70,7 +70,7 @@ def test_every_odometry_has_its_transforms(bag):
                                                newest.pose.pose.position)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_scan_has_its_beams_where_the_unit_saw_them(run, bag):
     mount = standard.mount_of(standard._files(RunReader(run[0])))
     told = [scan.mounted(mount) for scan in RunReader(run[0]).scans()]
@@ -149,7 +149,7 @@ def test_a_scan_without_a_beam_has_no_reading(run):
     assert np.isnan(standard.laser_scan(empty, 0, store_of(run), 5).ranges).tolist() == [True] * 5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [True, False])
 def test_the_room_says_where_the_car_was(run, tmp_path, monkeypatch, known):
     """By the marker as it truly is; control: taken to sit on the axle it is off by its arm."""

@@ -44,7 +44,6 @@ def flat(state):
     return state.t, e.tracking, e.age, pose, newest, best
 
 
-@pytest.mark.cpu(5)
 def test_states_know_the_place_in_the_room_and_a_replay_knows_the_same(tmp_path):
     path = tmp_path / "run.mcap"
     told = drive(f"{URL}&mocap=1", 1.5, path)
@@ -61,7 +60,7 @@ def test_states_know_the_place_in_the_room_and_a_replay_knows_the_same(tmp_path)
     assert all(again[seq] == seen for seq, seen in live.items())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_under_a_false_lock_the_car_is_not_where_the_motion_capture_says():
     told = drive(f"{URL}&mocap=lock=20", 8.0)
     fooled = [(s, x, y) for s, x, y in told
@@ -71,7 +70,7 @@ def test_under_a_false_lock_the_car_is_not_where_the_motion_capture_says():
     assert all(hypot(s.external.pose.x - x, s.external.pose.y - y) < 0.3 for s, x, y in fooled)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_clock_that_is_set_does_not_move_the_car(tmp_path):
     path = tmp_path / "run.mcap"
     told = drive(f"{URL}&mocap=step=40", 6.0, path)

@@ -34,7 +34,7 @@ def driven(**options) -> list[tuple[float, float]]:
     return seen
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_calibration_in_the_home_folder_is_used(home, tmp_path, monkeypatch):
     with_it = driven()
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "empty"))

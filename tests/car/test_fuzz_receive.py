@@ -111,7 +111,7 @@ def test_a_liar_is_believed_often_enough_to_mean_something(opened):
     assert len(lied_to(opened, 1, 600)) > 150
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_million_lies(opened):
     for seed in range(1000):
         law(lied_to(opened, seed, 1000))

@@ -24,7 +24,7 @@ class Guard:
         """Nothing runs."""
 
 
-@pytest.mark.few("True-0.2", "False-0.0")
+@pytest.mark.slow_except("True-0.2", "False-0.0")
 @pytest.mark.parametrize("throttle", [0.0, 0.2])
 @pytest.mark.parametrize("tripped", [True, False])
 def test_a_tripped_guard_disarms_also_at_neutral(tripped, throttle):

@@ -31,7 +31,7 @@ def test_the_age_of_the_yaw_rate_is_that_of_its_update():
     assert np.max(np.abs(errors)) < 1.5e-3
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_the_begin_of_the_read_is_not_when_the_gyro_is_read(monkeypatch):
     monkeypatch.setattr(imu_clock, "GYRO_SHARE", 0.0)
     monkeypatch.setattr(imu_clock, "QUICKEST", 0.0)

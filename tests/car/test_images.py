@@ -46,7 +46,6 @@ def red(image):
     return np.array((columns.mean(), rows.mean()))
 
 
-@pytest.mark.cpu(4)
 def test_it_sees_the_car_where_it_is_and_a_replay_has_the_same(tmp_path):
     path = tmp_path / "run.mcap"
     states, images = drive(f"{URL}&camera=top&map=hall", record=path)
@@ -70,7 +69,7 @@ def test_it_sees_the_car_where_it_is_and_a_replay_has_the_same(tmp_path):
     assert all(again[seq] == image for seq, image in live.items())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_same_run_has_the_same_images_and_another_car_others():
     first, again = (drive(URL, 0.4, camera="top")[1] for _ in range(2))
     assert first == again
@@ -78,7 +77,7 @@ def test_the_same_run_has_the_same_images_and_another_car_others():
     assert other[-1].jpeg != first[-1].jpeg
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_other_tools_read_them(tmp_path):
     path = tmp_path / "run.mcap"
     _, images = drive(URL, 0.4, camera="top", record=path)
@@ -95,7 +94,7 @@ def test_other_tools_read_them(tmp_path):
         assert stamped[round(image.t, 5)] == image.jpeg
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_other_cars_of_its_world_are_seen():
     places = "&camera=top&world=filmed&at="
     with Car.open(f"{URL}{places}0,0,0") as car, Car.open(f"{URL}{places}0.8,0.5,1"):
@@ -109,7 +108,7 @@ def test_other_cars_of_its_world_are_seen():
     assert ((abs(r - 0x8A) < 30) & (abs(g - 0x6D) < 30) & (abs(b - 0x3B) < 30)).sum() == 0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_recording_begun_midway_has_them_and_one_without_a_camera_has_no_channel(tmp_path):
     path = tmp_path / "run.mcap"
     with Car.open(URL, camera="top") as car:
@@ -128,7 +127,7 @@ def test_a_recording_begun_midway_has_them_and_one_without_a_camera_has_no_chann
         assert TOPIC not in {c.topic for c in make_reader(file).get_summary().channels.values()}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_program_that_never_asks_keeps_the_newest():
     with Car.open(URL, camera="top") as car:
         for state in car.states(duration=2.5):

@@ -154,7 +154,7 @@ def test_a_world_that_cannot_keep_up_is_not_chased_and_says_so_once(monkeypatch,
     assert len(caplog.messages) == 1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_paced_car_drives_on_while_its_program_computes():
     with Car.open(MOCK + "&pace=1") as car:
         car.arm()
@@ -164,7 +164,7 @@ def test_a_paced_car_drives_on_while_its_program_computes():
         assert car.timing.skipped > 10
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.realtime
 def test_a_paced_car_obeys_a_loop_that_is_quick():
     backend = open_backend(MOCK + "&pace=1")

@@ -30,7 +30,7 @@ def test_a_command_after_closing_is_refused(command):
 
 
 @pytest.mark.parametrize("records", [True, False])
-@pytest.mark.few("True")
+@pytest.mark.slow_except("True")
 def test_a_note_that_is_not_text_is_refused_recording_or_not(tmp_path, records):
     with Car.open(MOCK, record=tmp_path / "run.mcap" if records else None) as car:
         car.note("fine", {"a": "1"})
@@ -70,7 +70,7 @@ def test_a_request_that_the_protocol_does_not_have_is_refused():
     (lambda car: car.drive(throttle=0.1, valid_for=9.0), True),
     (lambda car: car.drive_speed(steering=0.0, speed=0.3, valid_for=9.0), True),
     (lambda car: car.drive(throttle=0.1, valid_for=0.5), False)])
-@pytest.mark.few("*-True0", "*-False")
+@pytest.mark.slow_except("*-True0", "*-False")
 def test_a_command_that_holds_for_less_than_asked_says_so(command, shortened):
     with Car.open(MOCK) as car:
         car.arm()

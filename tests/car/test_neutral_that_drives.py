@@ -102,7 +102,7 @@ CASES = {
 
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("seed", [0, 3, 8])
-@pytest.mark.few("0-clock 8 % off", "8-channels swapped, centre 1620")
+@pytest.mark.slow_except("0-clock 8 % off", "8-channels swapped, centre 1620")
 def test_a_disarmed_car_that_speeds_up_gets_no_pulse(tmp_path, case, seed):
     bench = Bench(tmp_path, *CASES[case], options=f"&seed={seed}").run(4.0)
     out = bench.outcome()
@@ -129,7 +129,7 @@ def test_control_without_the_layer_it_drives_on(tmp_path, monkeypatch, case):
     assert out.whole > 0.9
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("options", ["&cutoff=oe", "&cutoff=mux", "&boot=old", "&rings=2"])
 def test_with_cut_offs_and_bootloaders(tmp_path, options):
     """/OE opens for a disarmed car; the multiplexer's own neutral does not drive at all."""
@@ -139,7 +139,7 @@ def test_with_cut_offs_and_bootloaders(tmp_path, options):
     assert out.distance < 0.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_swapped_leads_of_the_motor_drive_backward_and_trip(tmp_path):
     out = Bench(tmp_path, neutral(1600), fail="esc:wrong").run(4.0).outcome()
     assert (out.ended, out.causes) == (True, ("MOVES_AT_NEUTRAL",))
@@ -166,7 +166,7 @@ def test_arming_again_is_tried_again_and_the_third_time_locks(tmp_path):
     assert bench.outcome().ended
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_pushed_car_is_armed_again_at_once(tmp_path):
     """A hand that pushes it is harmless, and cleared by arm()."""
     bench = Bench(tmp_path).run(1.0)
@@ -190,7 +190,7 @@ def test_raw_begins_with_neutral_again(tmp_path):
 
 @pytest.mark.parametrize("throttle", [0.15, 0.5, 1.0])
 @pytest.mark.parametrize("seed", [0, 4])
-@pytest.mark.few("0-0.5")
+@pytest.mark.slow_except("0-0.5")
 def test_coasting_after_driving_does_not_trip(tmp_path, throttle, seed):
     bench = Bench(tmp_path, options=f"&seed={seed}", armed=False).run(2.2)
     bench.car.arm(waive=WAIVE)

@@ -298,20 +298,18 @@ class FirmwareMachine(PinMachine):
     nano = "avr"
 
 
-@pytest.mark.parametrize("examples", [4, pytest.param(25, marks=pytest.mark.more)])
-@pytest.mark.cpu(6)
+@pytest.mark.parametrize("examples", [4, pytest.param(25, marks=pytest.mark.slow)])
 def test_the_pin_does_what_the_mode_says(examples):
     run_state_machine_as_test(PinMachine, settings=settings(QUICK, max_examples=examples))
 
 
 @pytest.mark.emulator
-@pytest.mark.parametrize("examples", [2, pytest.param(6, marks=pytest.mark.more)])
-@pytest.mark.cpu(4)
+@pytest.mark.parametrize("examples", [2, pytest.param(6, marks=pytest.mark.slow)])
 def test_the_pin_of_the_firmware_does_what_the_mode_says(examples):
     run_state_machine_as_test(FirmwareMachine, settings=settings(QUICK, max_examples=examples))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.emulator
 @pytest.mark.parametrize("machine", [PinMachine, FirmwareMachine])
 def test_the_pin_does_what_the_mode_says_in_many_orders(machine):

@@ -167,7 +167,7 @@ def test_lifted_wheels_are_stopped_without_the_imu(bench):
     assert spin_without_imu(bench, 0.6) < 0.25
 
 
-@pytest.mark.few("moving")
+@pytest.mark.slow_except("moving")
 @pytest.mark.parametrize("fault", ["moving", "no imu"])
 def test_lifted_is_refused_where_the_imu_does_not_show_a_car_that_stands(bench, fault):
     if fault == "moving":

@@ -54,7 +54,7 @@ def test_the_states_are_those_of_the_run(run, tmp_path, monkeypatch):
     assert top(seen) > 1.0  # by ten times the real travel per edge
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_calibration_of_today_counts_where_it_is_named_alone(run, tmp_path, monkeypatch):
     path, seen, _ = run
     (tmp_path / "sim-3").mkdir()
@@ -64,14 +64,14 @@ def test_a_calibration_of_today_counts_where_it_is_named_alone(run, tmp_path, mo
     assert top(replayed(path, cars=tmp_path)) == pytest.approx(0.1 * top(seen), rel=1e-3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_identification_reads_the_run_by_its_files(run, tmp_path, monkeypatch):
     path, seen, _ = run
     monkeypatch.chdir(tmp_path)
     assert read_run(path).messages.speed.max() == pytest.approx(top(seen), rel=0.05)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_run_of_a_replay_hands_them_on(run, tmp_path):
     path = run[0]
     with Car.open(f"replay://{path}", record=tmp_path / "again.mcap") as car:
@@ -80,7 +80,7 @@ def test_a_run_of_a_replay_hands_them_on(run, tmp_path):
     assert RunReader(tmp_path / "again.mcap").files.keys() == {"car.toml", "calibration.toml"}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_run_of_a_replay_keeps_the_files_that_it_was_read_by(run, tmp_path):
     (tmp_path / "sim-3").mkdir()
     calibrate(tmp_path / "sim-3", 0.002)

@@ -14,7 +14,7 @@ from dart_lab.sim.truth import world_of
 
 KINDS = [("mock", "none"), ("mock", "old"), ("mock", "optiboot"),
          pytest.param("avr", "optiboot", marks=pytest.mark.emulator),
-         pytest.param("avr", "old", marks=[pytest.mark.emulator, pytest.mark.slow])]
+         pytest.param("avr", "old", marks=[pytest.mark.emulator, pytest.mark.long])]
 
 
 def drive_through_a_reset(nano: str, boot: str, cars):
@@ -43,7 +43,7 @@ def drive_through_a_reset(nano: str, boot: str, cars):
 
 
 @pytest.mark.parametrize(("nano", "boot"), KINDS)
-@pytest.mark.more
+@pytest.mark.slow
 def test_no_jump_of_more_than_one_edge(nano, boot, tmp_path):
     before, after, edge, speed = drive_through_a_reset(nano, boot, tmp_path)
     assert speed > 0.7, "the wheel turns at the reset"

@@ -73,7 +73,7 @@ def test_a_csv_reads_back_exactly(run, tmp_path):
     assert rows[0]["log/loop/n"] == ""
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_dataframe_has_the_table_and_its_units(run):
     pytest.importorskip("pandas")
     table, frame = read_table(run[0]), to_dataframe(run[0])
@@ -83,7 +83,7 @@ def test_a_dataframe_has_the_table_and_its_units(run):
     assert frame["log/loop/n"].ffill().iloc[-1] == 24.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_parquet_holds_numbers_units_and_the_facts_of_the_run(run, tmp_path):
     pq = pytest.importorskip("pyarrow.parquet")
     table = read_table(run[0])

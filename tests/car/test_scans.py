@@ -41,7 +41,6 @@ def told(scan):
             scan.angle.tobytes(), scan.distance.tobytes(), scan.mount)
 
 
-@pytest.mark.cpu(4)
 def test_scans_lie_on_the_walls_of_the_true_room_and_a_replay_has_the_same(tmp_path):
     path = tmp_path / "run.mcap"
     states, scans, room, poses = drive(SEEN, 3.0, path)
@@ -71,7 +70,7 @@ def test_scans_lie_on_the_walls_of_the_true_room_and_a_replay_has_the_same(tmp_p
     assert all(again[seq] == seen for seq, seen in live.items())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_run_keeps_them_as_the_unit_told_them(tmp_path):
     path = tmp_path / "run.mcap"
     _, scans, _, _ = drive(SEEN, 1.0, path)
@@ -98,7 +97,7 @@ def test_without_a_lidar_nothing_is_told_or_recorded(tmp_path):
     assert list(RunReader(path).scans()) == []
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_program_that_never_asks_keeps_the_newest():
     with Car.open(f"{URL}&lidar=1") as car:
         for state in car.states(duration=9.5):

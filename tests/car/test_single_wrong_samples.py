@@ -61,7 +61,7 @@ class Unfiltered(telemetry.SingleSampleFilter):
         return telemetry.Accepted(value, stamp)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_wrong_samples_nothing_changes(drives, monkeypatch):
     drive = drives("slalom")
     states = drive.estimate()
@@ -107,12 +107,12 @@ def check_covered(drive, bit, every, run):
 
 
 @pytest.mark.parametrize(("name", "bit", "every", "run"), QUICK)
-@pytest.mark.few("straight-4-5-1")
+@pytest.mark.slow_except("straight-4-5-1")
 def test_covariance_covers_wrong_samples(drives, name, bit, every, run):
     check_covered(drives(name), bit, every, run)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MANOEUVRES)
 def test_covariance_covers_wrong_samples_of_every_size(drives, name):
     drive = drives(name)
@@ -120,7 +120,7 @@ def test_covariance_covers_wrong_samples_of_every_size(drives, name):
         check_covered(drive, bit, every, run)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_stated_variance_is_that_of_the_errors(drives):
     """NEES of the yaw over cars, sizes and rates: not overconfident."""
     squares = []
@@ -156,7 +156,7 @@ def test_wrong_accelerations_accuse_no_encoder(drives, monkeypatch, filtered):
     assert (max(abs(s.accel_x) for s in states) > 15.0) != filtered
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MANOEUVRES)
 def test_wrong_accelerations_of_every_size_change_neither_pose_nor_speed(drives, name):
     drive = drives(name)
@@ -167,14 +167,14 @@ def test_wrong_accelerations_of_every_size_change_neither_pose_nor_speed(drives,
         assert [s.speed for s in states] == [s.speed for s in clean], (word, bit, every)
 
 
-@pytest.mark.few("slalom")
+@pytest.mark.slow_except("slalom")
 @pytest.mark.parametrize("name", MANOEUVRES)
 def test_true_motion_is_never_rejected(drives, name):
     states = drives(name).estimate()
     assert states[-1].health.jumped == 0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_drive_with_wrong_samples_replays_bit_for_bit(tmp_path):
     backend = open_backend("sim://?nano=mock&seed=3")
     imu = world_of(backend).nano.imu

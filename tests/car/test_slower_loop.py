@@ -21,7 +21,7 @@ def test_every_tenth_state_comes_10_hz_apart():
     assert states[-1].health.skipped == 0, "what was not asked for is no loss"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_replay_goes_on_in_the_same_steps_to_its_end(tmp_path):
     with Car.open(URL, record=tmp_path / "run.mcap") as car:
         list(car.states(duration=1.0))
@@ -45,7 +45,7 @@ def applied_between(valid_for, every, rounds=8):
 
 
 @pytest.mark.parametrize(("every", "valid_for"), [(10, 0.2), (25, 0.5)])
-@pytest.mark.few("10-0.2")
+@pytest.mark.slow_except("10-0.2")
 def test_a_command_holds_until_the_next_round(every, valid_for):
     for applied in applied_between(valid_for, every):
         assert applied.throttle > 0.25

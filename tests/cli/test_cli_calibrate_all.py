@@ -69,7 +69,7 @@ def test_what_can_be_missed_is_said_and_missed(verb, tmp_path, by_hand):
     assert "clock not measured: clock is broken; mend it" in done.err
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_dry_run_writes_nothing_and_still_hands_on(verb, tmp_path, by_hand):
     done = verb(*ALL, "--cars", tmp_path, "--dry-run").json
     assert by_hand[1][2] == ("imu", ["clock", "encoder", "when"])
@@ -77,8 +77,7 @@ def test_a_dry_run_writes_nothing_and_still_hands_on(verb, tmp_path, by_hand):
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-@pytest.mark.more
-@pytest.mark.cpu(90)
+@pytest.mark.slow
 def test_a_hidden_car_is_measured_within_ten_minutes(verb, tmp_path):
     done = verb(*ALL, "--cars", tmp_path, "--floor", "9", "9")
     assert list(done.json["found"]) == [v for v in order.VERBS if v not in ("mocap", "lidar")]

@@ -43,7 +43,7 @@ def test_without_a_terminal_nothing_starts(monkeypatch, tmp_path):
         assert agreed("This drives.", yes=True)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("dry", [True, False])
 def test_encoder_writes_unless_it_is_a_dry_run(verb, tmp_path, dry):
     result = verb(*ENCODER, "--cars", str(tmp_path), *(["--dry-run"] if dry else []))
@@ -66,7 +66,7 @@ def test_what_eyes_and_hands_find_is_chosen(monkeypatch, capsys, act, typed, mea
     assert ("not one of" in capsys.readouterr().err) == ("what" in typed)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "inside"), [("esc", "neutral_us"), ("throttle", "drive")])
 def test_esc_and_throttle_write_unless_it_is_a_dry_run(verb, tmp_path, name, inside):
     where = ("calibrate", name, "--url", "sim://?seed=5&nano=mock", "--cars", str(tmp_path))
@@ -112,7 +112,7 @@ def test_measurement_is_written_where_cars_names(verb, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("what", ["clock", "steering", "all"])
-@pytest.mark.few("clock", "steering")
+@pytest.mark.slow_except("clock", "steering")
 def test_folder_that_cannot_be_written_is_refused_before_the_car_moves(verb, tmp_path, monkeypatch,
                                                                        what):
     def drives(*args, **options):

@@ -37,7 +37,7 @@ def test_a_camera_that_cannot_be_is_named(verb, camera, words):
     assert words in told["what"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_exports_say_what_they_leave_out_and_a_bag_has_it(verb, tmp_path):
     run = tmp_path / "run.mcap"
     verb("record", "--url", URL, "--camera", "top", "--duration", 0.3, "--out", run)

@@ -56,7 +56,7 @@ def test_a_run_that_was_driven_again_does_not_part(verb, runs):
         told["runs"][0])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_another_command_ends_the_time_in_which_they_can_be_compared(verb, runs):
     told = verb("compare", runs["base"], runs["turns"], "--json").json
     assert told["same_commands_s"] == pytest.approx(0.6, abs=0.05)
@@ -64,7 +64,7 @@ def test_another_command_ends_the_time_in_which_they_can_be_compared(verb, runs)
     assert told["statistics"]["command_steering"][1]["max"] == 0.2
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_another_car_parts_under_the_same_commands(verb, runs):
     """The negative control: same commands, another hidden truth."""
     told = verb("compare", runs["base"], runs["other"], "--json").json
@@ -89,7 +89,7 @@ def test_the_page_has_both_and_needs_nothing_else(verb, runs, tmp_path):
     assert not foreign(text)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_run_that_was_not_driven_is_compared_as_far_as_it_goes(verb, runs, tmp_path):
     verb("record", "--url", CAR, "--duration", 0.3, "--out", tmp_path / "stands.mcap")
     ran = verb("compare", tmp_path / "stands.mcap", runs["base"], "--html", tmp_path / "p.html",

@@ -74,7 +74,7 @@ def test_the_answer_is_on_standard_output_alone(verb, arguments, answer):
     assert answer not in ran.err
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_demo(verb, tmp_path, monkeypatch):
     monkeypatch.setattr("dart_lab.demo.real.excerpt", lambda: None)
     done = verb("demo", "--url", MOCK, "--out", tmp_path / "demo", "--json")
@@ -106,7 +106,7 @@ def test_demo(verb, tmp_path, monkeypatch):
         assert found[name]["gain"]["test"] > 0.05
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_calibrate_steering(verb, tmp_path):
     cars = tmp_path / "cars"
     done = verb("calibrate", "steering", "--url", MOCK, "--cars", cars, "--json")
@@ -125,7 +125,7 @@ def test_calibrate_steering(verb, tmp_path):
     assert result["car"] == "sim-7"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_calibrate_from_takes_every_path_up_to_the_next_option(verb, tmp_path):
     runs = [tmp_path / "one.mcap", tmp_path / "two.mcap"]
     script = tmp_path / "weave.py"
@@ -211,7 +211,7 @@ def test_as_a_program(tmp_path):
     assert (tmp_path / "runs" / "run.mcap").is_file()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("verb", [("wire",), ("wire", "--json"), ("sim", "--reveal")])
 def test_a_reader_that_has_enough_is_no_failure(verb, tmp_path):
     """As `| head` closes its end: what is left to do is done, and nothing is complained of."""

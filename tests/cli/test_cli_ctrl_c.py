@@ -63,8 +63,7 @@ def press(verb, monkeypatch, tmp_path):
 
 
 @pytest.mark.parametrize("nth", [1, 37, 400])
-@pytest.mark.few("37")
-@pytest.mark.cpu(6)
+@pytest.mark.slow_except("37")
 def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(press, tmp_path, nth):
     done, finger = press(nth)
     assert finger.moving >= nth, "it was interrupted while it drove"
@@ -74,7 +73,7 @@ def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(press, tmp_path, n
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_neutral_at_the_end_it_drives_on(press, monkeypatch):
     """Control: a close that leaves the pins as they are."""
     monkeypatch.setattr("dart_hal.car.driver.Driver.close", lambda driver, now: None)

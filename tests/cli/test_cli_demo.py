@@ -71,7 +71,7 @@ def test_the_excerpt_is_found_from_the_sources_or_the_folder_it_is_run_in(tmp_pa
     assert demo_real.excerpt() == tmp_path / demo_real.FOLDER
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_real_car_in_a_process_of_its_own(tmp_path):
     section, said = next(jobs.beside(demo_real.section, demo_real.excerpt(),
                                      tmp_path / demo_real.PAGE))

@@ -96,7 +96,7 @@ def test_no_imu(verb, spoilt):
     assert done.json["verdict"] == "fail"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_no_pca9685_still_looks_at_the_rest(verb, spoilt):
     def without(backend):
         backend.bus.nack = 10**9
@@ -167,7 +167,7 @@ def commands_of(done) -> dict[str, str]:
             if c["verdict"] == "warn" and c["try"].startswith("dart-hal ")}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("url", [MOCK, "sim://?seed=7&nano=mock"])
 @pytest.mark.parametrize("where", [(), ("--cars", "my cars")])
 def test_printed_remedy_clears_its_warning(verb, url, where):
@@ -181,7 +181,7 @@ def test_printed_remedy_clears_its_warning(verb, url, where):
 
 
 @pytest.mark.parametrize("cars", ["cars", "share/dart-hal/cars", "my cars"])
-@pytest.mark.few("cars")
+@pytest.mark.slow_except("cars")
 def test_steering_map_is_found_where_calibrate_writes_it(verb, monkeypatch, tmp_path, cars):
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
     steering = SteeringTable(pulse_us=(1200.0, 1800.0), angle_rad=(-0.3, 0.3), std_rad=(0.1, 0.1))

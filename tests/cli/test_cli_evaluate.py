@@ -67,7 +67,7 @@ def test_json_has_the_shape_of_the_contract(verb):
         assert set(use) == {"used", "windows", "dropped", "why"}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_pooled_is_made_of_its_files(verb):
     got = verb("evaluate", "--json", FREE, CIRCLE).json["horizons"]["1.0"]
     for channel in CHANNELS:
@@ -75,7 +75,7 @@ def test_pooled_is_made_of_its_files(verb):
         assert got["pooled"][channel] == pytest.approx(math.sqrt(total / got["pooled"]["n"]))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_kinematic_is_another_model_beside_the_same_baseline(verb):
     dynamic = verb("evaluate", "--json", FREE).json
     rolling = verb("evaluate", "--json", "--kinematic", FREE).json
@@ -85,7 +85,7 @@ def test_kinematic_is_another_model_beside_the_same_baseline(verb):
     assert rolling["kinematic_limit"] == dynamic["kinematic_limit"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_same_input_same_bytes(verb):
     assert verb("evaluate", "--json", CIRCLE).out == verb("evaluate", "--json", CIRCLE).out
 
@@ -97,7 +97,7 @@ def test_the_limit_says_what_is_not_supported(verb):
     assert any("no limit" in s for s in limit["statement"])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_table_shows_both_on_standard_output(verb):
     ran = verb("evaluate", FREE)
     assert ran.code == 0
@@ -107,7 +107,7 @@ def test_table_shows_both_on_standard_output(verb):
     assert "how far the kinematic model reaches" in ran.out
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_recording_without_mocap_is_refused_by_name(verb):
     error = verb("evaluate", "--json", NO_MOCAP).error
     assert "no motion capture" in error["what"]
@@ -120,7 +120,7 @@ def test_a_folder_without_any_mocap_is_refused(verb):
     assert "13 file(s)" in error["found"]
 
 
-@pytest.mark.few("arguments0")
+@pytest.mark.slow_except("arguments0")
 @pytest.mark.parametrize("arguments", [
     [], [DATA / "nowhere"], [CIRCLE, "--model", "papre"], [CIRCLE, "--reference", "0.1,0.2"],
     [CIRCLE, "--reference", "a,b,c"], [CIRCLE, "--plot", "picture.bmp"]])
@@ -128,7 +128,7 @@ def test_bad_arguments_are_refused(verb, arguments):
     assert verb("evaluate", "--json", *arguments).error["what"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_file_that_is_not_published_gets_a_fitted_mounting_and_says_so(verb, moved_to):
     path = moved_to(2.0 * 365.25 * 86400.0)
     got = verb("evaluate", "--json", path).json
@@ -156,7 +156,7 @@ def test_a_recording_without_a_window_is_refused_by_name(verb, moved_to):
     assert "no window" in error["what"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_model_file_is_taken_however_odd_its_car(verb, tmp_path):
     model = tmp_path / "model.toml"
     model.write_text('schema = "dart-hal/model/1"\nname = "odd"\nkind = "dynamic"\n'
@@ -181,7 +181,7 @@ yaw_inertia = 0.0065
 """
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_a_model_file_leaves_out_is_said(verb, tmp_path):
     """Half a friction curve of one car and half of another's is no model of either."""
     model = tmp_path / "model.toml"
@@ -201,7 +201,7 @@ def test_what_no_equation_knows_is_not_passed_over(verb, tmp_path, more):
     assert ran.error["code"] == "D-FILE-01"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_pictures_one_file_or_a_folder(verb, tmp_path):
     pytest.importorskip("matplotlib")
     got = verb("evaluate", "--json", FREE, "--plot", tmp_path / "a.png").json
@@ -214,7 +214,7 @@ def test_pictures_one_file_or_a_folder(verb, tmp_path):
         assert Path(path).stat().st_size > 20_000
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_page_has_every_error_and_the_pictures(verb, tmp_path):
     pytest.importorskip("matplotlib")
     got = verb("evaluate", "--json", FREE, "--html", tmp_path / "new" / "a.html").json
@@ -231,7 +231,7 @@ def test_a_page_has_every_error_and_the_pictures(verb, tmp_path):
         "evaluate", "--json", FREE, "--html", tmp_path / "a.png").error["what"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_a_model_was_fitted_to_is_no_test_of_it(verb, tmp_path):
     model = tmp_path / "model.toml"
     digest = hashlib.sha256(one(FREE).read_bytes()).hexdigest()
@@ -263,14 +263,14 @@ def test_slow_recordings_are_not_asked_for_what_they_have(verb, moved_to):
     assert "schema B or C" in verb("evaluate", "--json", STRAIGHT).error["try"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_few_files_that_gave_nothing_are_named(verb, moved_to):
     said = verb("evaluate", one(FREE), moved_to(0.0, rows=160).parent).out
     assert "/later): " in said
     assert "skipped 13 file(s): " in verb("evaluate", FREE, STRAIGHT).out
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_names_take_the_room_there_is(verb, monkeypatch):
     """And the folder is the one that says what was driven, not "csv"."""
     monkeypatch.setattr(evaluate_table, "results", Console(soft_wrap=True, width=120))

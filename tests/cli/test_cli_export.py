@@ -30,7 +30,7 @@ def test_csv_is_always_there(verb, run, tmp_path, monkeypatch):
     assert f"{told['rows']} rows" in verb("export", "csv", run, "--out", out).out
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_parquet(verb, run, tmp_path):
     pq = pytest.importorskip("pyarrow.parquet")
     told = verb("export", "parquet", run, "--out", tmp_path / "run.parquet", "--json").json
@@ -60,7 +60,7 @@ def test_bags_are_new_files_of_the_right_name(verb, run, tmp_path):
         assert "is there already" in error["what"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_bag_of_ros_2_and_a_data_set_of_two_runs(verb, tmp_path):
     script = tmp_path / "bend.py"
     script.write_text("def control(state):\n    return 0.1, 0.2\n")

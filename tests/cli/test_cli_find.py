@@ -147,7 +147,7 @@ def test_a_nano_is_known_by_its_hello(verb, plugged, nano):
 
 
 @pytest.mark.realtime
-@pytest.mark.more
+@pytest.mark.slow
 def test_another_board_is_not_taken_for_a_car(verb, plugged):
     """The negative control: it speaks, but not our language."""
     far = Far(b"hello world\r\n")

@@ -91,7 +91,7 @@ def test_a_car_is_listed(capsys):
 
 
 @pytest.mark.realtime
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("key", [None, KEY], ids=["no key", "key"])
 def test_one_command_stops_it_at_the_pin(capsys, tmp_path, key):
     options = []
@@ -113,7 +113,7 @@ def test_one_command_stops_it_at_the_pin(capsys, tmp_path, key):
 
 
 @pytest.mark.realtime
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_watch_ends_by_itself_and_says_who_was_there(capsys):
     with Driven(arm=False) as driven:
         _, said = told(capsys, "fleet", "watch", "--room", driven.room, "--duration", "0.8",
@@ -136,7 +136,7 @@ def test_without_zeroconf_a_room_must_be_named(capsys, monkeypatch):
 
 
 @pytest.mark.realtime
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.skipif(find_spec("zeroconf") is None,
                     reason="needs zeroconf: pip install 'dart-hal[fleet]'")
 def test_a_room_that_announces_itself_is_found():

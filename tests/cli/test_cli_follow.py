@@ -31,7 +31,7 @@ def bend(tmp_path):
     return csv(tmp_path, np.column_stack([x, 0.4 * (x / 3.0) ** 2]))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_drive_is_driven_recorded_and_drawn(verb, tmp_path, bend):
     run, picture = tmp_path / "run.mcap", tmp_path / "run.png"
     done = verb("follow", bend, "--speed", 1, "--here", "--url", URL, "--record", run, "--plot",
@@ -56,7 +56,7 @@ def test_out_of_time_it_stops_and_says_so(verb, bend):
     assert "ended: the time of 1 s is over" in done.out
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_a_pose_it_does_not_drive(verb, bend):
     done = verb("follow", bend, "--speed", 1, "--url", "sim://?nano=mock")
     assert done.code == 1
@@ -79,14 +79,14 @@ def test_without_a_pose_it_does_not_drive(verb, bend):
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0"), "not X,Y,R"),
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0,-1"), "radius of -1 m"),
 ])
-@pytest.mark.few("arguments[0-46-9]*", "arguments1[0-3]*")
+@pytest.mark.slow_except("arguments[0-46-9]*", "arguments1[0-3]*")
 def test_what_cannot_be(verb, arguments, says):
     done = verb("follow", *arguments, "--url", URL)
     assert done.code == 2
     assert says in done.err
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_obstacles_are_passed_and_the_air_beside_them_told(verb, tmp_path):
     """The one at 1.8 m leaves a way, the one behind the end nobody meets."""
     line, run = csv(tmp_path, [(0.3 * k, 0.0) for k in range(15)]), tmp_path / "run.mcap"
@@ -120,7 +120,7 @@ class Silent:
         return None
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_neighbour_that_never_answers_is_waited_for_counted_and_recorded(verb, tmp_path,
                                                                            monkeypatch):
     monkeypatch.setattr(verb_module, "join", Silent)
@@ -136,7 +136,7 @@ def test_a_neighbour_that_never_answers_is_waited_for_counted_and_recorded(verb,
     assert {"traffic/room", "traffic/wait", "plan/outcome"} <= rows.keys()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("weights", ["tuned", "published"])
 def test_the_two_layers_drive_past_an_obstacle(verb, tmp_path, weights):
     line, run = csv(tmp_path, [(0.3 * k, 0.0) for k in range(15)]), tmp_path / "run.mcap"

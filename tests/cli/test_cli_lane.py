@@ -10,7 +10,7 @@ pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=3&nano=mock&lidar=1&map=lane-s"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_lane_is_driven_recorded_and_drawn(verb, tmp_path):
     run, picture = tmp_path / "run.mcap", tmp_path / "run.png"
     done = verb("lane", "--distance", 3, "--url", URL, "--record", run, "--plot", picture, "--json")
@@ -26,7 +26,7 @@ def test_a_lane_is_driven_recorded_and_drawn(verb, tmp_path):
         row.name for row in RunReader(run).logged()}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_where_there_is_no_lane_it_does_not_drive(verb):
     """A room whose walls are far away."""
     done = verb("lane", "--url", "sim://?seed=1&nano=mock&lidar=most=0.2&map=lane")

@@ -21,8 +21,7 @@ def checked(ran):
     return next((c for c in ran.json["checks"] if c["id"] == "lidar"), None)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(4)
+@pytest.mark.slow
 def test_the_doctor_looks_at_it(verb):
     good = checked(verb("doctor", "--url", f"{URL}&lidar=1", "--seconds", 2, "--json"))
     assert good["verdict"] == "ok"
@@ -63,7 +62,6 @@ def test_a_lidar_that_cannot_be_is_named(verb, lidar, words):
     assert words in told["what"]
 
 
-@pytest.mark.cpu(4)  # imports of calibrate
 @pytest.mark.parametrize("words", ["lane", "localize", "follow circle --speed 1 --odometry",
                                    "calibrate lidar", "calibrate all"])
 def test_every_verb_that_looks_through_it_names_it(verb, words):
@@ -95,7 +93,7 @@ def babbler():
 
 
 @pytest.mark.parametrize("words_of_verb", [("record",), ("localize",)])
-@pytest.mark.few("*verb0")
+@pytest.mark.slow_except("*verb0")
 def test_a_wrong_line_rate_is_named(verb, monkeypatch, babbler, words_of_verb):
     """As fast as it can a virtual car is done before more than a chunk has come."""
     monkeypatch.setattr(port, "PATIENCE", 0.0)

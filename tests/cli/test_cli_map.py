@@ -17,7 +17,7 @@ WAIVED = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED")
 NEUTRAL_US, NEAR_US = 1500.0, 5.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_room_is_driven_mapped_drawn_and_the_recording_localised_in_it(verb, tmp_path):
     out, picture = tmp_path / "room.yaml", tmp_path / "room.png"
     done = verb("map", out, "--speed", 1, "--distance", 12, "--url", URL, "--plot", picture,
@@ -73,7 +73,7 @@ def interrupted(verb, monkeypatch, tmp_path):
     return run
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_ctrl_c_stops_the_car_and_what_was_driven_is_mapped(interrupted, tmp_path):
     done, before, after = interrupted()
     assert done.code == 0, done.err
@@ -84,7 +84,7 @@ def test_ctrl_c_stops_the_car_and_what_was_driven_is_mapped(interrupted, tmp_pat
     assert abs((before + after)[-1] - NEUTRAL_US) <= NEAR_US
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_neutral_at_the_end_it_drives_on(interrupted, monkeypatch):
     """Control: a close that leaves the pins as they are."""
     monkeypatch.setattr("dart_hal.car.driver.Driver.close", lambda driver, now: None)
@@ -94,7 +94,7 @@ def test_without_neutral_at_the_end_it_drives_on(interrupted, monkeypatch):
     assert abs((before + after)[-1] - NEUTRAL_US) > NEAR_US
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_lidar_upside_down_stops_the_drive_and_makes_no_map(verb, tmp_path):
     done = verb("map", tmp_path / "room.yaml", "--speed", 0.6, "--distance", 20, "--url",
                 URL.replace("lidar=1", "lidar=clockwise=0"), *WAIVED)

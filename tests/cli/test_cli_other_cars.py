@@ -7,7 +7,7 @@ import gzip
 import pytest
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_frame_of_a_published_car_leaves_the_side_slip_of_another_car_small(other_cars, verb):
     """v_y of the zheng car at 1 s with the fitted frame as with the one of an independent fit."""
     day = other_cars / "zheng2022" / "day1.csv.gz"
@@ -24,7 +24,7 @@ def test_frame_of_a_published_car_leaves_the_side_slip_of_another_car_small(othe
     assert "differs" in use["why"][0]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_second_that_is_missing_changes_no_error_of_a_prediction(other_cars, verb, tmp_path):
     """The rows from 60 to 61 s, in a turn, are taken out: the windows around them go with them."""
     day = other_cars / "zheng2022" / "day1.csv.gz"

@@ -22,7 +22,7 @@ def test_a_recorded_run_keeps_them(verb, poses, tmp_path):
     assert {(p.x, p.y, p.yaw) for p in RunReader(out).poses()} == {(1.0, 2.0, 0.5)}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_driven_run_keeps_them(verb, poses, tmp_path):
     out, script = tmp_path / "run.mcap", tmp_path / "drive.py"
     script.write_text("def control(state):\n    return 0.0, 0.1 * state.external.age\n")
@@ -41,7 +41,7 @@ def checked(ran):
     return next((c for c in ran.json["checks"] if c["id"] == "poses"), None)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_doctor_looks_at_them(verb, poses):
     ran = ("doctor", "--url", URL, "--seconds", 1, "--json")
     good = checked(verb(*ran, "--poses", poses))

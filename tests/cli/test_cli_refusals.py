@@ -61,7 +61,7 @@ def test_a_request_that_cannot_work(verb, args, code):
      "D-FILE-01"),
     ("car = ", "D-FILE-01"), ("", "D-FILE-01"), ("\0", "D-FILE-01"),
 ])
-@pytest.mark.few("text[0-2]-*")
+@pytest.mark.slow_except("text[0-2]-*")
 def test_a_broken_calibration_names_the_file(verb, tmp_path, text, code):
     folder = tmp_path / "cars" / "sim-0"
     folder.mkdir(parents=True)
@@ -96,7 +96,7 @@ def test_a_broken_car_file_names_the_file(tmp_path, text):
     assert caught.value.remedy
 
 
-@pytest.mark.few("*return 1 / 0*", "*import no_such*")
+@pytest.mark.slow_except("*return 1 / 0*", "*import no_such*")
 @pytest.mark.parametrize(("text", "line"), [
     ("def control(state):\n    return 1 / 0, 0\n", "line 2"),
     ("def control(state)\n", "line 1"),
@@ -177,7 +177,7 @@ def test_a_full_disk_is_one_sentence(verb, tmp_path):
     assert "File too large" in error["what"]  # the kernel's words for this limit
 
 
-@pytest.mark.more  # test_cli_contracts.py has it for two verbs
+@pytest.mark.slow  # test_cli_contracts.py has it for two verbs
 def test_a_reader_that_has_enough_is_no_error(tmp_path):
     done = subprocess.run(f"{sys.executable} -m dart_hal.cli.main wire --format c | head -1",
                           shell=True, capture_output=True, text=True, check=False, cwd=tmp_path)
@@ -340,7 +340,7 @@ def test_ctrl_c_is_130_and_one_word(capsys, monkeypatch):
     ("print('hello')\ndef control(state):\n    print('there')\n    return 0.0, 0.0\n", None),
     ("import sys\ndef control(state):\n    sys.exit(3)\n", "D-USE-02"),
 ])
-@pytest.mark.few("import*")
+@pytest.mark.slow_except("import*")
 def test_a_script_cannot_spoil_the_one_json_object(verb, tmp_path, text, code):
     script = tmp_path / "mine.py"
     script.write_text(text)

@@ -68,7 +68,7 @@ def test_each_verb_that_the_page_names_is_there():
     assert told.keys() >= set(report_page.VERBS.values())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_latencies_are_shown_and_asked_for_by_the_verb_that_measures_them(home, verb):
     save_calibration(Calibration(car="sim-3").with_quantities(
         {"latency.pulse_to_wheel": Quantity(0.0213, 1e-3)}), home / "cars" / "sim-3")
@@ -80,7 +80,7 @@ def test_latencies_are_shown_and_asked_for_by_the_verb_that_measures_them(home, 
     assert "latency.pulse_to_wheel" in (home / "report.html").read_text(encoding="utf-8")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_half_a_motion_capture_is_named(home, verb):
     save_calibration(Calibration(car="sim-3").with_quantities(
         {"mocap.marker_x": Quantity(0.1, 1e-4)}), home / "cars" / "sim-3")
@@ -100,7 +100,7 @@ def test_a_number_that_moved_by_more_than_chance_stands_out(home, verb):
     assert any("pwm.oscillator_hz moved" in line for line in told["to_do"])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_moved_within_its_error_does_not(home, verb):
     measured(home, 25.0e6, std=1e5)
     measured(home, 25.1e6, std=1e5)
@@ -109,7 +109,7 @@ def test_what_moved_within_its_error_does_not(home, verb):
     assert not any("moved" in line for line in told["to_do"])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_run_that_lost_frames_stands_out(tmp_path, verb, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with Car.open(CAR, record=tmp_path / "noisy.mcap") as car:
@@ -122,7 +122,7 @@ def test_a_run_that_lost_frames_stands_out(tmp_path, verb, monkeypatch):
     assert any(line.startswith("noisy.mcap") for line in told["to_do"])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_file_that_is_no_run_is_refused_by_name_and_left_out_of_a_folder(home, verb):
     bad = home / "runs" / "bad.mcap"
     bad.write_bytes(b"no run")
@@ -131,7 +131,7 @@ def test_a_file_that_is_no_run_is_refused_by_name_and_left_out_of_a_folder(home,
     assert "bad.mcap" in str(verb("report", "--car", "sim-3", str(bad), "--json").error)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_that_is_nowhere_is_refused(home, verb):
     assert "no-such-car" in verb("report", "--car", "no-such-car", "--json").error["what"]
 

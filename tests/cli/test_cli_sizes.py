@@ -46,7 +46,7 @@ def sizes_of(answer: dict) -> dict:
 
 
 @pytest.mark.parametrize("how", ["option", "environment", "folder of --out"])
-@pytest.mark.few("option")
+@pytest.mark.slow_except("option")
 def test_identify_writes_the_sizes_of_the_named_car(verb, own, cars, monkeypatch, how):
     out, more = cars.parent / "model.toml", []
     if how == "option":
@@ -73,7 +73,7 @@ def test_sizes_that_are_assumed_are_the_first_line(verb, own):
         assert "--car NAME" in first
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_model_with_assumed_sizes_goes_on_saying_so(verb, own, tmp_path):
     verb("identify", "steering", own, "--out", "assumed.toml")
     ran = verb("evaluate", "--json", "--model", "assumed.toml", own)
@@ -81,7 +81,7 @@ def test_a_model_with_assumed_sizes_goes_on_saying_so(verb, own, tmp_path):
     assert verb("evaluate", "--model", "assumed.toml", own).out.startswith("assumed:")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_nothing_is_assumed_of_a_published_recording(verb):
     ran = verb("evaluate", "--json", PUBLISHED)
     assert not ran.json["sizes"]["assumed"]
@@ -93,14 +93,14 @@ def test_evaluate_and_diagnose_take_the_sizes_of_the_named_car(verb, own, cars):
     assert sizes_of(verb("evaluate", "--json", *named, own).json) == LONG
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_diagnose_takes_the_sizes_of_the_named_car(verb, own, cars):
     named = ("--car", "long", "--cars", cars)
     found = verb("diagnose", "--json", "--train", own, *named, "--max-causes", "0").json
     assert sizes_of(found) == LONG
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_model_file_that_contradicts_the_named_car_is_cautioned(verb, own, cars):
     verb("identify", "steering", own, "--out", "dart.toml", "--car", "dart-01", "--cars",
          ROOT / "cars")
@@ -120,7 +120,7 @@ def test_a_car_that_does_not_exist_is_refused(verb, own):
         assert "no car nowhere" in error["what"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_values_are_compared_with_the_base_that_was_used(verb, own, tmp_path):
     base = tmp_path / "base.toml"
     text = (ROOT / "host" / "dart_hal" / "vehicle" / "published" / "paper.toml").read_text()

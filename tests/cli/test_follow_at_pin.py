@@ -95,7 +95,7 @@ def never_ends(world):
     raise NeverEnds(f"{world.motion.v_x:.1f} m/s")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_that_rolls_away_gets_no_pulse():
     """It does not slow down at neutral: the drive ends with that name."""
     with pytest.raises(Disarmed, match="MOVES_AT_NEUTRAL"):
@@ -115,7 +115,7 @@ def test_a_car_that_rolls_away_is_given_up_at_neutral(monkeypatch):
     assert pulses[-5:, 1] == pytest.approx(neutral, abs=5.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_that_time_it_never_ends(monkeypatch):
     monkeypatch.setattr(stopping, "WITHIN", 1e9)
     monkeypatch.setattr(NeutralWatch, "update", lambda *_: False)
@@ -134,7 +134,7 @@ def test_a_car_that_is_held_is_given_up_at_neutral():
     assert us[t > 1.0 + 0.5 + stopping.STUCK].max() < neutral + 5.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_that_time_it_pulls_for_ever(monkeypatch):
     monkeypatch.setattr(stopping, "STUCK", 1e9)
     monkeypatch.setattr(rules, "PATIENCE", 1e9)
@@ -142,7 +142,7 @@ def test_control_without_that_time_it_pulls_for_ever(monkeypatch):
         driven(60.0, blocked=True, until=10.0, lost_at=5.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
     monkeypatch.setattr(rules, "PATIENCE", 1e9)
     _, neutral, pulses = driven(seconds=7.0)

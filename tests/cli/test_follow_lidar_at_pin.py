@@ -22,7 +22,7 @@ LOST_AT, SLOWS, SCAN = 5.0, 0.8, 0.2
 """s of the world from which on no scan comes, or none that fits; s in which a car of 1 m/s has
 slowed down; s by which the last good pose is older than its arrival, at most."""
 
-pytestmark = pytest.mark.more
+pytestmark = pytest.mark.slow
 
 
 def driven(silent, until=LOST_AT + 9.0):

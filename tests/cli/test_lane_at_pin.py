@@ -75,7 +75,7 @@ def driven(fault, until=inf, blocked=False):
     return follower, neutral, np.array(pulses)
 
 
-@pytest.mark.few("silent")
+@pytest.mark.slow_except("silent")
 @pytest.mark.parametrize("fault", FAULTS)
 def test_the_pin_slows_down_with_the_lane_and_stays_at_neutral(fault):
     follower, neutral, pulses = driven(fault)
@@ -91,7 +91,7 @@ def test_the_pin_slows_down_with_the_lane_and_stays_at_neutral(fault):
     assert us[-5:] == pytest.approx(neutral, abs=5.0)  # one count of the PCA9685
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_that_is_held_is_given_up_at_neutral():
     follower, neutral, pulses = driven("", until=20.0, blocked=True)
     assert not follower.good
@@ -101,7 +101,7 @@ def test_a_car_that_is_held_is_given_up_at_neutral():
     assert us[t > 3.0 + 0.5 + STUCK].max() < neutral + 5.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
     """And without the second bound, the end of what was seen."""
     monkeypatch.setattr(lane_follow, "PATIENCE", 1e9)
@@ -111,7 +111,7 @@ def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
     assert us[t > LOST_AT + PATIENCE + SLOWS].max() > neutral + 20.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_patience_it_still_stops_within_what_it_saw(monkeypatch):
     monkeypatch.setattr(lane_follow, "PATIENCE", 1e9)
     follower, neutral, pulses = driven("silent")

@@ -61,8 +61,7 @@ def driven(start, *, silent=False, duration=inf):
     return ended, neutral, np.array(pulses)
 
 
-@pytest.mark.few("False")
-@pytest.mark.cpu(4)
+@pytest.mark.slow_except("False")
 @pytest.mark.parametrize("silent", [False, True])
 def test_the_pin_slows_down_once_the_car_is_lost_and_stays_at_neutral(silent):
     ended, neutral, pulses = driven(LOST_AT, silent=silent)
@@ -78,7 +77,7 @@ def test_the_pin_slows_down_once_the_car_is_lost_and_stays_at_neutral(silent):
     assert us[-5:] == pytest.approx(neutral, abs=5.0)    # one count of the PCA9685
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
     monkeypatch.setattr(while_located, "PATIENCE", 1e9)
     _, neutral, pulses = driven(LOST_AT, duration=3.5)
@@ -86,7 +85,7 @@ def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
     assert us[t > LOST_AT + PATIENCE + SLOWS].max() > neutral + 20.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_that_is_never_found_never_moves():
     ended, neutral, pulses = driven(0.0)
     t, us = pulses.T

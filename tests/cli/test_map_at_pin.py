@@ -46,7 +46,7 @@ def driven(room, fault="", until=20.0, distance=inf):
     return follower, neutral, np.array(pulses), near
 
 
-@pytest.mark.few("silent")
+@pytest.mark.slow_except("silent")
 @pytest.mark.parametrize("fault", ["silent", "none"])
 def test_the_pin_is_at_neutral_soon_after_the_lidar_shows_nothing(fault):
     follower, neutral, pulses, _ = driven("corridor", fault)
@@ -62,7 +62,7 @@ def test_the_pin_is_at_neutral_soon_after_the_lidar_shows_nothing(fault):
     assert us[-5:] == pytest.approx(neutral, abs=5.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_patience_and_end_the_pin_drives_on(monkeypatch):
     monkeypatch.setattr(lane_follow, "PATIENCE", 1e9)
     monkeypatch.setattr(lane_follow, "FRONT", -1e9)
@@ -71,7 +71,7 @@ def test_control_without_patience_and_end_the_pin_drives_on(monkeypatch):
     assert us[t > LOST_AT + PATIENCE + SLOWS].max() > neutral + 20.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_it_touches_nothing_in_a_room_and_does_where_it_may(monkeypatch):
     """The negative control: a car that takes itself for a point."""
     follower, neutral, pulses, near = driven("room", until=30.0)

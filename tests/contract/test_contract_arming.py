@@ -93,7 +93,7 @@ def test_a_good_car_arms(tmp_path):
         assert car.mode == "ARMED"
 
 
-@pytest.mark.few("flags1-IMU_STALE")
+@pytest.mark.slow_except("flags1-IMU_STALE")
 @pytest.mark.parametrize(("flags", "name"), [
     (("IMU_ABSENT",), "IMU_ABSENT"), (("IMU_STALE",), "IMU_STALE"), (("IMU_STUCK",), "IMU_STUCK"),
     (("WATCHDOG_LAST_BOOT",), "MCU_WATCHDOG_FIRED"),
@@ -104,7 +104,7 @@ def test_what_the_nano_flags_refuses(tmp_path, flags, name):
         assert name in reasons(car)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_optional_imu_does_not_refuse(tmp_path):
     text = open_backend(URL).car_toml.replace("required = true", "required = false")
     _, car = opened(tmp_path, flagged("IMU_ABSENT"), car_toml=text)
@@ -257,7 +257,7 @@ def test_a_reboot_while_arming_is_named(tmp_path):
         assert "MCU_REBOOTED" in reasons(car)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_all_reasons_at_once(tmp_path):
     text = open_backend(URL).car_toml + "\n[safety]\ncutoff_required = true\n"
     backend, car = opened(tmp_path, flagged("IMU_STALE", "IMU_ABSENT"), car_toml=text)
@@ -309,7 +309,7 @@ def test_drive_and_pulses_outside_their_modes(tmp_path):
         assert car.mode == "DISARMED"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.emulator
 @pytest.mark.parametrize("wait", [1.5, 3.5, 4.1, 4.3, 4.5])
 def test_the_imu_saving_its_offsets_does_not_keep_the_car_from_arming(tmp_path, wait):

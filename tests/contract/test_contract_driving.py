@@ -10,12 +10,12 @@ import pytest
 from dart_hal.core.errors import BadCommand
 
 ALL = ["mock", pytest.param("avr", marks=pytest.mark.emulator),
-       pytest.param("pty", marks=[pytest.mark.realtime, pytest.mark.more])]
+       pytest.param("pty", marks=[pytest.mark.realtime, pytest.mark.slow])]
 NEUTRAL = range(305, 309)
 """Counts of 4.88 us around the neutral of 1500 us."""
 every_car = pytest.mark.parametrize("bench", ALL, indirect=True)
 every_car_in_time = pytest.mark.parametrize(
-    "bench", [*ALL[:2], pytest.param("pty", marks=[pytest.mark.realtime, pytest.mark.slow])],
+    "bench", [*ALL[:2], pytest.param("pty", marks=[pytest.mark.realtime, pytest.mark.long])],
     indirect=True)
 """The same; the served car in the long suite alone."""
 
@@ -41,7 +41,7 @@ def test_disarmed_it_carries_neutral_and_says_so(bench):
 
 
 @every_car
-@pytest.mark.few("mock", "pty")
+@pytest.mark.slow_except("mock", "pty")
 def test_left_circle_gives_positive_yaw_and_y(bench):
     car = bench.ready()
     first = next(car.states())
@@ -58,7 +58,7 @@ def test_left_circle_gives_positive_yaw_and_y(bench):
 
 
 @every_car_in_time
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_right_turn_gives_negative_yaw(bench):
     car = bench.ready()
     first = next(car.states())
@@ -67,7 +67,7 @@ def test_a_right_turn_gives_negative_yaw(bench):
     assert state.pose.yaw - first.pose.yaw < -0.05
 
 
-@pytest.mark.few("avr")
+@pytest.mark.slow_except("avr")
 @every_car
 def test_an_expired_command_is_neutral_and_a_trip(bench):
     car = bench.ready()
@@ -88,7 +88,7 @@ def test_an_expired_command_is_neutral_and_a_trip(bench):
         assert "EXPIRED" in seen[-1].applied.limited
 
 
-@pytest.mark.few("mock")
+@pytest.mark.slow_except("mock")
 @every_car_in_time
 def test_a_command_that_is_renewed_does_not_expire(bench):
     """The control of the test above."""
@@ -99,7 +99,7 @@ def test_a_command_that_is_renewed_does_not_expire(bench):
     assert state.applied.throttle > 0.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @every_car
 def test_a_repeated_command_is_sent_again(bench, monkeypatch):
     """Another hand, or a brown-out, changes the register: the same command heals it."""
@@ -133,7 +133,7 @@ def test_a_repeated_command_is_sent_again(bench, monkeypatch):
     assert (200, 200) not in after[1:]
 
 
-@pytest.mark.few("avr")
+@pytest.mark.slow_except("avr")
 @every_car
 def test_stop_is_neutral_at_once_and_holds_the_steering(bench):
     car = bench.ready()
@@ -149,10 +149,10 @@ def test_stop_is_neutral_at_once_and_holds_the_steering(bench):
     assert car.mode == "DISARMED"
 
 
-@pytest.mark.few("bad0-mock")
+@pytest.mark.slow_except("bad0-mock")
 @every_car
 @pytest.mark.parametrize("bad", [{"throttle": math.nan}, pytest.param(
-    {"steering": math.inf}, marks=pytest.mark.slow)])
+    {"steering": math.inf}, marks=pytest.mark.long)])
 def test_a_command_that_is_no_number_trips(bench, bad, monkeypatch):
     car = bench.ready()
     monkeypatch.setattr(car, "raise_on_trip", False)
@@ -168,7 +168,7 @@ def test_a_command_that_is_no_number_trips(bench, bad, monkeypatch):
     assert "COMMAND_INVALID" in car.causes
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @every_car
 def test_what_is_out_of_range_is_clipped_and_said(bench):
     car = bench.ready()

@@ -100,7 +100,7 @@ def test_without_a_fault_nothing_is_lost(undamaged):
 
 
 @pytest.mark.parametrize("spoil", FAULTS, ids=lambda f: f.__name__)
-@pytest.mark.few("flip")
+@pytest.mark.slow_except("flip")
 def test_damage_is_counted_and_never_a_wrong_number(tmp_path, undamaged, spoil):
     states, clean, timing, touched = heard(tmp_path, spoil)
     got = {s.seq: s for s in states}
@@ -122,7 +122,7 @@ def test_damage_is_counted_and_never_a_wrong_number(tmp_path, undamaged, spoil):
     assert turned == pytest.approx(whole, rel=0.02)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_commands_that_are_damaged_on_the_way_down_do_no_harm(tmp_path):
     with Car.open("sim://?nano=mock&cutoff=oe", cars=tmp_path) as car:
         rng = random.Random(3)

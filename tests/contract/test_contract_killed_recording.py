@@ -41,8 +41,7 @@ LIMIT = 0.1
 
 
 @pytest.mark.parametrize("flush", [FLUSH, 1e9])
-@pytest.mark.few("0.05")
-@pytest.mark.cpu(4)
+@pytest.mark.slow_except("0.05")
 def test_a_kill_costs_a_recording_less_than_a_tenth_of_a_second(served, tmp_path, flush):
     """What the program had seen stands in shared memory, which outlives it. The control flushes
     never: what was recorded since the opening is lost then."""

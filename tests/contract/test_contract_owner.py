@@ -45,7 +45,7 @@ with Car.open(url, car=name, cars=cars) as car:
 """
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_second_nano_on_the_same_bus_is_refused_and_the_first_drives_on(served, tmp_path):
     folder = tmp_path / "other"
     folder.mkdir()
@@ -69,8 +69,7 @@ def test_a_second_nano_on_the_same_bus_is_refused_and_the_first_drives_on(served
 
 
 @pytest.mark.parametrize("workers", ["go", "keep"])
-@pytest.mark.few("go")
-@pytest.mark.cpu(4)
+@pytest.mark.slow_except("go")
 def test_forked_workers_of_a_killed_driver_keep_nothing(served, workers):
     """The control: with what the hook takes away, port and chip stay taken."""
     program = subprocess.Popen(

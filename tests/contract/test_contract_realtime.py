@@ -79,10 +79,9 @@ def driver(served):
 
 @pytest.mark.parametrize(("number", "code"), [
     (signal.SIGTERM, 128 + signal.SIGTERM),
-    pytest.param(signal.SIGINT, None, marks=pytest.mark.slow),
-    pytest.param(signal.SIGHUP, 128 + signal.SIGHUP, marks=pytest.mark.slow),
+    pytest.param(signal.SIGINT, None, marks=pytest.mark.long),
+    pytest.param(signal.SIGHUP, 128 + signal.SIGHUP, marks=pytest.mark.long),
 ])
-@pytest.mark.cpu(4)
 def test_a_signal_leaves_no_pulse(served, driver, number, code):
     assert wait_for(lambda: driven(served)), "it drives before the signal"
     driver.send_signal(number)
@@ -92,14 +91,14 @@ def test_a_signal_leaves_no_pulse(served, driver, number, code):
 
 
 @pytest.mark.parametrize("number", [
-    signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.slow)])
+    signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.long)])
 def test_the_guard_brings_neutral_when_the_program_cannot(served, driver, number):
     driver.send_signal(number)
     assert wait_for(served.is_stopped)
     assert wait_for(lambda: served.counts()[1] & OFF)
 
 
-@pytest.mark.slow       # in real time; tests/cli/test_cli_ctrl_c.py has it in virtual time
+@pytest.mark.long       # in real time; tests/cli/test_cli_ctrl_c.py has it in virtual time
 def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(served, tmp_path):
     command = [sys.executable, "-m", "dart_hal.cli.main", "calibrate", "steering", "--yes",
                "--json", "--url", served.url, "--car", served.name, "--cars", str(served.cars)]
@@ -135,7 +134,7 @@ def test_link_lost_is_said_and_neutral_and_does_not_hang(served, arm):
         assert car.mode != "ARMED"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_server_that_is_killed_ends_everything_in_order(served, arm):
     threads = threading.active_count()
     with served.open() as car:
@@ -157,7 +156,7 @@ def test_a_server_that_is_killed_ends_everything_in_order(served, arm):
         served.open()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_slow_loop_gets_the_newest_and_counts_the_others(served):
     with served.open() as car:
         states = []
@@ -173,8 +172,8 @@ def test_a_slow_loop_gets_the_newest_and_counts_the_others(served):
 
 
 @pytest.mark.parametrize("error", [
-    pytest.param(ZeroDivisionError, marks=pytest.mark.more), SystemExit,
-    pytest.param(KeyboardInterrupt, marks=pytest.mark.more)])
+    pytest.param(ZeroDivisionError, marks=pytest.mark.slow), SystemExit,
+    pytest.param(KeyboardInterrupt, marks=pytest.mark.slow)])
 def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served, arm, error):
     """The thread that feeds the pins must not end unnoticed."""
     with served.open() as car:
@@ -192,7 +191,7 @@ def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served, arm, er
         assert car.mode != "ARMED"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_error_in_the_block_leaves_no_pulse(served, arm):
     def mistaken():
         with served.open() as car:
@@ -207,7 +206,7 @@ def test_an_error_in_the_block_leaves_no_pulse(served, arm):
     assert served.counts()[1] & OFF
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_second_program_is_refused_by_name_and_the_first_goes_on(served):
     with served.open() as car:
         for _ in car.states(duration=0.1, timeout=PATIENCE):
@@ -225,7 +224,7 @@ def test_a_second_program_is_refused_by_name_and_the_first_goes_on(served):
         assert car.timing.lost == 0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_open_and_close_leave_nothing_behind(served):
     def census():
         return len(os.listdir("/proc/self/fd")), threading.active_count()
@@ -238,7 +237,7 @@ def test_open_and_close_leave_nothing_behind(served):
     assert served.counts()[1] & OFF
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_hundred_frames_a_second_arrive_under_load(served):
     """Two busy threads beside the loop: frames may be skipped, never lost."""
     done = threading.Event()

@@ -67,7 +67,7 @@ def closed_loop(url, cars, record=None, slice_s=None, seconds=2.0):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.few("mock")
+@pytest.mark.slow_except("mock")
 def test_replay_gives_the_states_of_the_run(kind, tmp_path):
     path = tmp_path / "run.mcap"
     states, _, _ = closed_loop(f"sim://?seed=5&nano={kind}", tmp_path, record=path)
@@ -81,7 +81,7 @@ def test_replay_gives_the_states_of_the_run(kind, tmp_path):
     assert len({s[12] for s in states}) > 10, "the pulses were taken from the recording"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_replay_is_not_driven_and_says_so(tmp_path):
     path = tmp_path / "run.mcap"
     closed_loop("sim://?nano=mock", tmp_path, record=path, seconds=0.5)
@@ -93,7 +93,7 @@ def test_a_replay_is_not_driven_and_says_so(tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.more
+@pytest.mark.slow
 def test_two_runs_are_one_file(kind, tmp_path):
     files = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
     url = f"sim://?seed=9&nano={kind}&jitter=usb"
@@ -107,9 +107,9 @@ def test_two_runs_are_one_file(kind, tmp_path):
 @pytest.mark.parametrize(("kind", "extra"), [
     ("mock", ""), ("mock", "&jitter=busy&ber=1e-5"),
     pytest.param("avr", "", marks=pytest.mark.emulator),
-    pytest.param("avr", "&jitter=busy&ber=1e-5", marks=[pytest.mark.emulator, pytest.mark.slow]),
+    pytest.param("avr", "&jitter=busy&ber=1e-5", marks=[pytest.mark.emulator, pytest.mark.long]),
 ])
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_length_of_a_read_cannot_be_noticed(kind, extra, tmp_path):
     url = f"sim://?seed=3&nano={kind}{extra}"
     first, *others = (closed_loop(url, tmp_path, slice_s=s, seconds=1.0)
@@ -118,7 +118,7 @@ def test_the_length_of_a_read_cannot_be_noticed(kind, extra, tmp_path):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.more
+@pytest.mark.slow
 def test_drive_and_replay_print_the_same_digest(kind, tmp_path):
     script, run = tmp_path / "wave.py", tmp_path / "run.mcap"
     script.write_text(SCRIPT)

@@ -38,7 +38,6 @@ def modes_without_throttle(car, answer):
     return modes
 
 
-@pytest.mark.cpu(4)
 def test_a_car_that_drives_loses_its_cable_and_can_be_armed_when_it_is_back(served_by_name, arm):
     with served_by_name.open() as car:
         arm(car)
@@ -53,7 +52,7 @@ def test_a_car_that_drives_loses_its_cable_and_can_be_armed_when_it_is_back(serv
             car.drive(throttle=0.3, valid_for=0.5)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_it_goes_on_disarmed_under_another_name(served_by_name):
     before = os.readlink(served_by_name.port)
     with served_by_name.open() as car:
@@ -72,7 +71,7 @@ def test_it_goes_on_disarmed_under_another_name(served_by_name):
         assert served_by_name.is_stopped()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_another_board_in_its_place_is_not_taken(served_by_name, monkeypatch):
     """The control: what makes it the same car is the number in HELLO, not the name."""
     real = pump.Search
@@ -86,7 +85,7 @@ def test_another_board_in_its_place_is_not_taken(served_by_name, monkeypatch):
             next(car.states(timeout=4.0))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_waiting_for_a_cable_is_no_busy_loop(served_by_name):
     """Steps of the search and frames of the pins in a second, not processor time."""
     with served_by_name.open() as car:

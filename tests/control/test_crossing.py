@@ -43,7 +43,7 @@ def four(kind="near", seed=1, loss=0.0, faults=NO_FAULTS, seconds=25.0, name="in
 
 
 @pytest.mark.parametrize("kind", ["symmetric", "near"])
-@pytest.mark.few("symmetric")
+@pytest.mark.slow_except("symmetric")
 def test_all_cross_in_time_though_half_of_the_messages_are_lost(kind):
     run = four(kind, loss=0.5)
     assert run.least > LEAST
@@ -56,8 +56,7 @@ def test_all_cross_in_time_though_half_of_the_messages_are_lost(kind):
     ("intersection", 0.5, 0.0, 12.0), ("intersection", 0.8, 0.0, 18.0),
     ("merge", 0.5, 0.0, 12.0), ("roundabout", 0.5, 0.0, 20.0), ("intersection", 0.0, 0.5, 25.0),
 ])
-@pytest.mark.more
-@pytest.mark.cpu(20)
+@pytest.mark.slow
 def test_arrivals(name, loss, bursts, within):
     least, last = campaign(layout(name), 20, loss, bursts)
     assert least.min() > LEAST
@@ -68,7 +67,7 @@ def test_arrivals(name, loss, bursts, within):
     ("intersection", 0.0, 12.0), ("intersection", 0.3, 12.0), ("intersection", 0.5, 12.0),
     ("intersection", 0.8, 18.0), ("merge", 0.5, 12.0), ("roundabout", 0.5, 20.0),
 ])
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_hundred_arrivals(name, loss, within):
     least, last = campaign(layout(name), 200, loss)
     assert least.min() > LEAST
@@ -87,7 +86,7 @@ def test_without_any_message_all_stand_before_the_ground_and_say_who_is_silent()
 
 
 @pytest.mark.parametrize("at", [2.4, 3.3, 4.2])
-@pytest.mark.few("3.3")
+@pytest.mark.slow_except("3.3")
 def test_who_meets_a_dead_car_waits_for_it_by_name(at):
     """Its computer does nothing from there on, and it rolls out: before the ground, on it, behind
     it."""
@@ -101,14 +100,14 @@ def test_who_meets_a_dead_car_waits_for_it_by_name(at):
         assert {car.events[-1][1:] for car in stuck} & {(Wait.SILENT, "car-0")}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_who_goes_silent_is_waited_for_where_it_was_heard_last():
     run = four(faults=Faults(mute=(0, 1.5)), seconds=8.0)
     assert run.least > LEAST
 
 
 @pytest.mark.parametrize(("when", "keeps"), [(1.0, True), (2.5, True), (2.5, False), (3.5, False)])
-@pytest.mark.few("2.5-True")
+@pytest.mark.slow_except("2.5-True")
 def test_a_car_that_restarts_is_safe_and_goes_on_with_its_stamp(when, keeps):
     run = four("symmetric", faults=Faults(restart=(0, when, 1.5, keeps)), seconds=30.0)
     assert run.least > LEAST
@@ -122,7 +121,7 @@ def test_a_car_that_restarts_is_safe_and_goes_on_with_its_stamp(when, keeps):
 
 # -- negative controls ---------------------------------------------------------------------------
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_acknowledgement_they_touch(monkeypatch):
     """The smallest stamp goes, of those that were heard: with 90 % of the messages lost one was
     not. The bodies are 0.3 m long and 0.2 wide."""
@@ -169,7 +168,7 @@ class MidPlane:
         return bool(np.all((beyond >= 0.5 * layout().apart) | (size > self.WITHIN)))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_by_mid_planes_alone_four_alike_wait_for_ever():
     """Without any loss: the order is what lets them cross, not the distance."""
     cars = [light.LightDrive(layout(), Start(route, 0.3)) for route in light.STRAIGHT]
@@ -324,7 +323,7 @@ class OneWay(Network):
 
 
 @pytest.mark.parametrize("passes", [True, False])
-@pytest.mark.few("True")
+@pytest.mark.slow_except("True")
 def test_a_way_that_carries_nothing_any_more_is_gone_around(passes, monkeypatch):
     """Without what the others pass on, the car is waited for as long as one looks."""
     if not passes:

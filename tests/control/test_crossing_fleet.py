@@ -14,8 +14,7 @@ ROUTES = (("S-N", 1.2), ("E-W", 1.2))
 MEET = (("S-N", 1.7), ("E-W", 1.2))
 
 
-@pytest.mark.more
-@pytest.mark.cpu(50)
+@pytest.mark.slow
 def test_two_emulated_cars_cross_one_after_the_other(tmp_path):
     room = "local://two?loss=0.5&delay=0.01&jitter=0.04&seed=3"
     with Emulated(LAYOUTS["intersection"](), ROUTES, room, str(tmp_path), "two") as cars:
@@ -26,8 +25,7 @@ def test_two_emulated_cars_cross_one_after_the_other(tmp_path):
         assert any(Wait.FOR_CAR in waits for _, _, waits, _ in cars.rows)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(50)
+@pytest.mark.slow
 def test_a_car_that_is_not_answered_stands_before_the_ground_at_neutral(tmp_path):
     with Emulated(LAYOUTS["intersection"](), ROUTES, "local://none?loss=1", str(tmp_path),
                   "none") as cars:
@@ -42,8 +40,7 @@ def test_a_car_that_is_not_answered_stands_before_the_ground_at_neutral(tmp_path
             assert cars.driving(n, 0.0, stood[n]) > 10, "control: it drove there"
 
 
-@pytest.mark.more
-@pytest.mark.cpu(50)
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["dead", "mute", "restart", "lost"])
 def test_a_car_with_a_fault_amid_the_ground_is_never_met(kind, tmp_path):
     """The fault is of the car that goes first, on its way across."""
@@ -62,8 +59,7 @@ def test_a_car_with_a_fault_amid_the_ground_is_never_met(kind, tmp_path):
             assert cars.driving(1, 0.0, stood) > 10, "control: it drove there"
 
 
-@pytest.mark.more
-@pytest.mark.cpu(20)
+@pytest.mark.slow
 def test_without_the_order_two_cars_touch(monkeypatch, tmp_path):
     monkeypatch.setattr(Coordinator, "step", lambda *_: Answer(inf, Wait.GOING, ""))
     with Emulated(LAYOUTS["intersection"](), MEET, "local://none", str(tmp_path),

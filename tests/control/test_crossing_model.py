@@ -90,10 +90,9 @@ class PassedOnRevives(PassedOnBeginsASession):
 
 @pytest.mark.parametrize(("n", "rounds", "restarts", "room"), [
     (2, 2, 0, 1), (2, 1, 0, 2), (2, 1, 1, 1), (3, 1, 0, 0),
-    pytest.param(2, 2, 1, 1, marks=pytest.mark.slow),
+    pytest.param(2, 2, 1, 1, marks=pytest.mark.long),
 ], ids=str)
-@pytest.mark.few("2-2-0-1")
-@pytest.mark.cpu(60)
+@pytest.mark.slow_except("2-2-0-1")
 def test_no_order_of_events_is_unsafe_or_stuck(n, rounds, restarts, room):
     found = check(n, rounds, restarts, room)
     assert found.states > 5000
@@ -101,11 +100,10 @@ def test_no_order_of_events_is_unsafe_or_stuck(n, rounds, restarts, room):
     assert found.stuck is None
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("rounds", "restarts", "room"), [
-    (1, 0, 0), (1, 0, 1), (1, 1, 0), pytest.param(2, 0, 0, marks=pytest.mark.slow),
+    (1, 0, 0), (1, 0, 1), (1, 1, 0), pytest.param(2, 0, 0, marks=pytest.mark.long),
 ], ids=str)
-@pytest.mark.cpu(60)
 def test_nor_is_any_where_others_pass_messages_on_at_any_time(rounds, restarts, room):
     found = check(2, rounds, restarts, room, passed=True)
     assert found.states > 5000
@@ -113,8 +111,7 @@ def test_nor_is_any_where_others_pass_messages_on_at_any_time(rounds, restarts, 
     assert found.stuck is None
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 def test_a_session_begun_by_what_was_passed_on_is_waited_for_without_end():
     found = check(2, 1, 1, 0, rules=PassedOnBeginsASession(), passed=True)
     assert found.unsafe is None
@@ -122,8 +119,7 @@ def test_a_session_begun_by_what_was_passed_on_is_waited_for_without_end():
     assert any(o.retired for car in found.stuck.cars for o in car.others if o is not None)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(30)
+@pytest.mark.slow
 def test_with_one_taken_up_again_two_are_on_the_ground():
     found = check(2, 2, 0, 0, rules=PassedOnRevives(), passed=True)
     assert found.unsafe is not None
@@ -134,16 +130,15 @@ def test_with_one_taken_up_again_two_are_on_the_ground():
     (NoAcknowledgement, (2, 1)), (GrantWithoutStamp, (2, 2)), (StampOfTheClockAlone, (2, 1)),
     (OneSession, (2, 2)), (AsksAtOnce, (2, 1, 1)), (Forgets, (2, 1, 1)),
 ], ids=lambda v: v.__name__ if isinstance(v, type) else None)
-@pytest.mark.few("NoAcknowledgement-size0", "GrantWithoutStamp-size1", "StampOfTheClockAlone-size2")
-@pytest.mark.cpu(10)
+@pytest.mark.slow_except("NoAcknowledgement-size0", "GrantWithoutStamp-size1",
+                         "StampOfTheClockAlone-size2")
 def test_without_each_of_its_parts_two_are_on_the_ground(mutant, size):
     found = check(*size, rules=mutant())
     assert found.unsafe is not None
     assert found.unsafe.places.count(ON) == 2
 
 
-@pytest.mark.more
-@pytest.mark.cpu(10)
+@pytest.mark.slow
 def test_a_car_that_lost_its_stamp_on_the_ground_is_safe_but_stays():
     found = check(2, 1, 1, rules=LosesItsStamp())
     assert found.unsafe is None

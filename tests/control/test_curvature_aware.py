@@ -86,7 +86,7 @@ def test_slopes_of_a_stage(law):
             assert found[k, :, i] == pytest.approx((ahead - behind) / 2e-5, abs=1e-4)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_end_of_a_plan_is_where_it_says_it_is():
     """Behind the first bends, published weights; 4.9 and 1.1 cm when written."""
     plain, aware = (drive(PLAIN, law, PathWeights(), 0.3) for law in Law)
@@ -96,7 +96,7 @@ def test_the_end_of_a_plan_is_where_it_says_it_is():
     assert aware.rms > plain.rms  # and still: the weights decide how far bends are cut
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @BOTH
 def test_by_tuned_weights_both_keep_to_the_path(law):
     """1.0 and 1.3 cm when written; of the second car the model knows the lags."""
@@ -107,14 +107,14 @@ def test_by_tuned_weights_both_keep_to_the_path(law):
     assert found.rms < 0.02
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_lags_that_the_model_does_not_know_send_it_out_of_the_lane():
     """The published model has none: 17 cm by the published weights, by tuned ones it swings."""
     assert drive(LAGS, Law.CA, PathWeights(), 1.0).left > 0
     assert drive(LAGS, Law.CA, TUNED, 1.0).rms > 0.15
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("weights", [PathWeights(), TUNED], ids=["published", "tuned"])
 def test_the_iteration_drives_as_the_optimum(law, weights):
@@ -128,21 +128,21 @@ def test_the_iteration_drives_as_the_optimum(law, weights):
     assert ours.plan_end == pytest.approx(best.plan_end, abs=0.002)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("seed", range(2))
 def test_an_obstacle_that_moves_in_the_lane_is_passed(law, seed):
     assert passed(seed, law)[0] >= 0.05
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_being_told_of_it_the_car_touches_it(monkeypatch):
     """The control: the same encounter, the obstacle in the figures alone."""
     monkeypatch.setattr(TwoLayers, "_bounds", lambda self, t: lambda s: None)
     assert passed(0)[0] < 0.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_start_outside_the_lane_comes_back():
     """0.5 m beside it: the slack pays, no outcome but SOLVED."""
     loop = Loop(controller(replace(PLAIN, speed=1.0), Law.CA, TUNED), KINEMATIC, 0.0, (0.5, 0.0),
@@ -153,7 +153,7 @@ def test_a_start_outside_the_lane_comes_back():
     assert set(loop.mpc.outcomes.elements()) == {Outcome.SOLVED}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_first_plan_from_anywhere_is_one_or_is_none():
     """Up to 1 m and 90 deg beside the path, at any speed: nothing is raised, no input is beyond the
     stops, and what runs away is named: 1 of 200 when written."""
@@ -218,7 +218,7 @@ def test_a_lane_without_a_way_is_blocked():
     assert loop.step().outcome is Outcome.SOLVED
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @BOTH
 def test_a_lap_through_the_speed_loop(law):
     """1.7 / 4.5 cm when written."""
@@ -232,7 +232,7 @@ def test_a_lap_through_the_speed_loop(law):
 @pytest.mark.parametrize(("spoil", "why"), [
     ("late", "no plan within 0.05 s, 4 times in a row"),
     ("blocked", "obstacles leave no way within the lane")])
-@pytest.mark.few("blocked-*")
+@pytest.mark.slow_except("blocked-*")
 def test_a_drive_without_plans_slows_down_and_says_why(spoil, why):
     straight = Path([(9.0, 0.0)], closed=False)
     follower, spoilt = Follower(straight, plant_by(LATER), 1.0, "ca-mpcc"), []

@@ -18,7 +18,7 @@ from studies.control.curvature_aware_uncalibrated import drive as uncalibrated
 FOLDER = Path(__file__).parents[2] / "examples" / "use_cases"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_lap_by_the_lidar():
     """A car that nobody looked at before; localisation is part of the error."""
     found, follower = drive(4, Law.CA, TUNED, laps=1.0)
@@ -29,7 +29,7 @@ def test_a_lap_by_the_lidar():
     assert set(follower.tracker.mpcc.outcomes.elements()) == {Outcome.SOLVED}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 8])
 def test_a_car_of_which_nothing_is_known_passes_and_keeps_its_lane(seed):
     """They were 0.8 and 0.9 m beside their path, with what was learnt of the steering at its end
@@ -41,7 +41,7 @@ def test_a_car_of_which_nothing_is_known_passes_and_keeps_its_lane(seed):
     assert np.abs(np.array(found.rows)[:, 4:]).max() < MOST
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [5, 6])
 def test_the_plain_law_promises_more_on_every_car(seed):
     plain, aware = (drive(seed, law, PathWeights())[0] for law in (Law.MPCC, Law.CA))
@@ -49,7 +49,7 @@ def test_the_plain_law_promises_more_on_every_car(seed):
     assert aware.plan_end < 0.4 * plain.plan_end
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_example(monkeypatch, tmp_path):
     """By the diagnosed model: plans, tracking, and the obstacle is passed."""
     monkeypatch.syspath_prepend(str(FOLDER))

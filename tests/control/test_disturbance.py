@@ -69,7 +69,7 @@ def test_wheels_that_turn_teach_nothing_of_where_they_stood(every):
     assert np.abs(asked.disturbance.value).max() < 0.001
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_yaw_rate_that_comes_behind_the_wheels_is_no_loss_of_gain():
     """It settles within 20 ms and the servo is slower than the model's: what is missing as the
     wheels go out, and left over as they come back, must not add up on any side."""
@@ -95,7 +95,7 @@ def rests_beside(speed: float = 1.5) -> float:
     return float(rows[len(rows) // 2:-200, 3].mean())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_wheels_that_stand_aside_leave_no_offset(monkeypatch):
     """The control: the same where nothing is learnt."""
     assert abs(rests_beside()) < 0.004

@@ -55,7 +55,7 @@ def test_an_open_path_ends_at_its_end_at_rest():
     assert np.diff(rows[:, 5]).min() > -0.25
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_laps_are_counted_and_timed():
     follower, _ = drive(track_named("savoiardo"), Rules(laps=2), cap=1.5, seconds=40.0)
     assert follower.good
@@ -137,7 +137,7 @@ def test_stopped_by_a_word():
     assert rows[-1, 1] < 2.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_speed_may_be_changed_on_the_way():
     def each(t, follower, motion):
         follower.cap = 0.5 if t > 2.0 else 1.0
@@ -147,7 +147,7 @@ def test_the_speed_may_be_changed_on_the_way():
     assert rows[(rows[:, 0] > 2.6) & (rows[:, 1] < 3.5), 4].mean() == pytest.approx(0.5, abs=0.05)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_cap_of_nothing_holds_the_car_and_is_no_end():
     """Longer than a car may stand that is asked to drive."""
     def each(t, follower, motion):
@@ -206,7 +206,7 @@ def test_a_start_is_found_anywhere_and_by_the_heading():
         start_of(Path([(2 * pi, 1.0)], closed=True), Pose(0.0, 0.0, pi))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_drive_may_begin_anywhere():
     track = track_named("savoiardo")
     spot = track.at(5.0)

@@ -6,7 +6,7 @@ import pytest
 
 from studies.control.follow_figures import driven
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 SEEDS = (21, 22)
 """None of the cars on which anything was tuned."""
 

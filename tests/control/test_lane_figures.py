@@ -21,18 +21,18 @@ def settled(learns):
     return 100.0 * float(np.abs(drive.error[(way > 2.2) & (way < 2.8)]).max())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_comes_to_the_middle():
     assert settled(learns=True) < 1.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_what_it_learns_it_stays_beside():
     """The control."""
     assert settled(learns=False) > 1.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", WANTED)
 def test_the_true_axle_stays_in_the_middle(name):
     drives = [driven(seed, 1.0, name) for seed in FRESH]
@@ -41,7 +41,7 @@ def test_the_true_axle_stays_in_the_middle(name):
     assert all(0.15 < d.figures["left"] < 0.5 for d in drives)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["lane", "lane-s"])
 def test_without_what_it_learns_it_does_not(name):
     """The control."""
@@ -49,7 +49,7 @@ def test_without_what_it_learns_it_does_not(name):
     assert np.sum(np.array(rms) > WANTED[name]) >= len(rms) / 3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_at_twice_the_speed_it_keeps_the_lane():
     for seed in FRESH[:4]:
         drive = driven(seed, 2.0, "lane-s")

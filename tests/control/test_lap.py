@@ -119,7 +119,7 @@ def test_a_path_that_is_too_tight_says_where():
         speed_profile(track_named("racetrack_vicon"), PLANT, 1.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_raceline_stays_in_the_lane_and_is_quicker():
     path = track_named("savoiardo")
     line = raceline(path, 0.2, PLANT, 5.0)

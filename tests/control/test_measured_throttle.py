@@ -106,7 +106,7 @@ def backward_after(tmp_path, gap: float, rest: Quantity | None) -> float:
     return float("inf")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_esc_that_rests_long_reverses_at_once_where_it_was_measured(tmp_path):
     measured = backward_after(tmp_path / "a", 0.4, Quantity(0.4, 0.01))
     unknown = backward_after(tmp_path / "b", 0.4, None)

@@ -56,13 +56,13 @@ def test_a_spread_is_stable_exactly_where_the_cosine_is_negative(n, p, comes_bac
 
 
 @pytest.mark.parametrize(("n", "p"), FEW)
-@pytest.mark.few("3-1")
+@pytest.mark.slow_except("3-1")
 def test_it_comes_back_and_one_that_is_not_stable_does_not(n, p):
     assert converged(n, p, 2) == pytest.approx(TIMES[n, p], rel=0.2)
     assert converged(5, 1, 2, most=60.0) == np.inf
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("n", "p"), TIMES)
 def test_how_long_it_takes(n, p):
     """The time that was to be reached, of a start that is not named, lies among those of 20 starts,
@@ -88,7 +88,7 @@ def test_the_figure_of_five_robots_is_that_of_a_quick_start():
 
 
 @pytest.mark.parametrize(("n", "p"), [(9, 2), (25, 3)])
-@pytest.mark.few("9-2")
+@pytest.mark.slow_except("9-2")
 def test_an_unstable_spread_is_left_for_another(n, p):
     theta = spread(n, p) + np.random.default_rng(1).uniform(-0.05, 0.05, n)
     for _ in range(1500):
@@ -165,14 +165,14 @@ def beside(team, seed=3):
     return lambda X: np.asarray(X)[:, None] + team.alpha * off
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_every_target_is_seen_within_the_bound():
     escaped, longest = escapes(TEAM, TEAM.slots)
     assert escaped == 0
     assert 0.2 < longest < 1.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_the_formation_targets_escape():
     """The control. (Of a team with one robot missing these targets are too clumsy to escape; the
     exact test below shows that a cleverer one does.)"""
@@ -184,7 +184,7 @@ def test_ten_targets_are_seen_and_without_the_formation_they_are_not():
     assert escapes(TEAM, beside(TEAM), n=10, each=5, steps=80, cells=41)[0] > 0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("begin", [0.0, 0.35, 0.7])
 def test_not_even_one_that_is_as_fast_as_it_likes(begin):
     """The bound holds, for whatever a target does: nowhere is left where it could be."""
@@ -194,7 +194,7 @@ def test_not_even_one_that_is_as_fast_as_it_likes(begin):
     assert cleared(TEAM.curve, t, robots, TEAM.sensing_radius, 61) < bound
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("wrong", ["one missing", "not spread", "sees less"])
 def test_without_the_formation_there_is_no_bound(wrong):
     """The controls: one robot missing, an un-synchronised start, 0.9 of the sensing radius."""

@@ -41,7 +41,7 @@ class Death:
                     if fall > since and fall - rise > NEUTRAL + NEAR), default=0.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_three_cars_spread_while_messages_are_lost():
     drive = driven(1, "kinematic", 0.3, 8.0)
     assert drive.contacts == 0
@@ -50,7 +50,7 @@ def test_three_cars_spread_while_messages_are_lost():
     assert drive.modes[Mode.YIELDING] < 0.01 * drive.modes.total()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("plant", "loss"), [("paper", 0.5), ("named", 0.3)])
 def test_they_keep_their_places(plant, loss):
     drive = driven(4, plant, loss, 20.0)
@@ -64,7 +64,7 @@ def test_they_keep_their_places(plant, loss):
     assert np.isinf(drive.targets(0.5 * TEAM.sensing_radius)).any(), "control"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_when_one_falls_silent_the_others_stand_and_touch_nobody():
     death = Death()
     drive = driven(1, "paper", 0.3, LASTS, each=death)
@@ -73,7 +73,7 @@ def test_when_one_falls_silent_the_others_stand_and_touch_nobody():
     assert 0.5 < death.forward(DIES) < SAFE
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_the_guard_they_drive_into_it():
     """The control: the same drive."""
     death = Death()
@@ -82,7 +82,7 @@ def test_without_the_guard_they_drive_into_it():
     assert death.forward(DIES) > SAFE
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nine_cars_keep_the_published_curve():
     """Scaled to what a car can drive: 28 x 62 m, a lap of 600 m, by a motion capture."""
     drive = nine()
@@ -98,7 +98,7 @@ def test_nine_cars_keep_the_published_curve():
     assert drive.modes[Mode.ALONE] < 0.03 * drive.modes.total(), "until all were heard"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.emulator
 def test_on_the_firmware():
     drive = driven(1, "paper", 0.3, 20.0, nano="avr")

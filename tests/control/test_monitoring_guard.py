@@ -95,7 +95,7 @@ def test_in_the_formation_nobody_has_to_wait():
     assert TEAM.distances().least > APART + 1.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "dies"), [(1, False), (2, True)])
 def test_cars_that_begin_anywhere_spread_and_keep_apart(seed, dies):
     least, modes, error = scenario(seed, 0.3, 18.0, dies=dies)
@@ -107,7 +107,7 @@ def test_cars_that_begin_anywhere_spread_and_keep_apart(seed, dies):
         assert error < 0.2
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_the_guard_they_meet():
     """The control: the others drive on into the one that has fallen silent."""
     assert scenario(2, 0.3, dies=True, guard=False)[0] < 0.19

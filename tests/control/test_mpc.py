@@ -42,18 +42,18 @@ def test_a_lap_at_two_metres_a_second():
     assert most < 0.02
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_the_lags_in_the_model_it_does_not_work():
     """The control. A third of a lap is enough to see it."""
     assert lap(2.0, NO_LAGS, laps=0.4)[0] > 0.10
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_delay_that_is_not_predicted_doubles_the_error():
     assert lap(2.0, late=0.0)[0] > 1.8 * lap(2.0)[0]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 8])
 def test_a_model_that_is_5_percent_off_and_noise(seed):
     """The two worst of ten: their front tyres are 14 % softer, and the lock of neither turns the
@@ -62,7 +62,7 @@ def test_a_model_that_is_5_percent_off_and_noise(seed):
     assert lap(2.0, true=around(seed), seed=seed, learns=False)[0] > 0.035
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_profile_up_to_two_and_a_half():
     """1.5 / 4.2 cm and 10.6 s when written."""
     rms, _, time = lap(2.5, true=around(1), seed=1, make=by_profile)
@@ -70,13 +70,13 @@ def test_a_profile_up_to_two_and_a_half():
     assert time < 10.7
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_poses_80_ms_old_that_are_taken_for_new_do_not_do():
     """The control of every stamp and of the estimator that moves a pose to now."""
     assert lap(2.0, stale=0.08)[0] > 0.06
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_an_obstacle_is_passed(seed):
     assert margin(seed)[0] >= 0.05
@@ -190,7 +190,7 @@ def test_before_an_obstacle_without_a_way_past_it_the_car_stops():
     assert 3.0 < rows[-1, 1] < 6.0 - 0.15 - 0.3
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_beside_the_middle_leaves_a_way():
     straight = Path([(9.0, 0.0)], closed=False)
     follower = Follower(straight, plant_by(LATER), 1.5, "mpcc")
@@ -200,7 +200,7 @@ def test_one_beside_the_middle_leaves_a_way():
     assert rows[:, 3].max() > 0.17
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("offset", "turn"), [(0.45, 0.0), (-0.45, 0.3), (0.25, -0.5)])
 def test_it_comes_into_the_lane_from_outside(offset, turn):
     loop = Loop(controller(P, TRACK, 1.0), start=(offset, turn))

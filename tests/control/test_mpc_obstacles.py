@@ -65,7 +65,7 @@ def test_with_the_lane_that_it_asks_for_there_is_a_way():
     begun.tracker.begin(0.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_it_tells_how_near_it_came():
     """By the true rows: 12 cm are aimed at."""
     disc = Disc(6.0, -0.15, 0.15)
@@ -78,7 +78,7 @@ def test_it_tells_how_near_it_came():
     assert drive.tracker.air[0] == pytest.approx(level, abs=0.03)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_emulated_car_passes_one_with_5_cm_of_air():
     """On the path itself the body would be 10 cm inside it."""
     assert passed(1, 2.0, 0.5)[0] >= 0.05
@@ -106,7 +106,7 @@ def test_a_plan_tells_how_sure_it_is_across():
     assert 0.02 < std[10] < 0.08
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_it_is_as_sure_as_it_may_be(monkeypatch):
     """Two cars whose model is 5 % off, 1 s ahead; the control: a stage that adds nothing."""
     found, told = (np.vstack(each) for each in zip(*(errors(k, 2.0) for k in (3, 5)), strict=True))

@@ -12,7 +12,7 @@ from studies.control.mpc_loop import Loop, P, controller, figures, limits_of
 TRACK = track_named("racetrack_vicon_2")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_iteration_drives_as_well_as_the_optimum():
     """Behind the first bend, over a third of the track at 2 m/s: within 15 % of IPOPT's rms."""
     pytest.importorskip("casadi", reason="casadi is absent: pip install 'dart-hal[mpc]'")

@@ -31,7 +31,7 @@ def test_a_slow_car_forgets_a_motion_across_within_a_stage(name):
     assert np.abs(slopes).max() < 2.0, "no state of a stage doubles an error of the one before"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SETS)
 def test_it_stops_before_a_line_in_a_bend_and_starts_again(name):
     path = Path(BEND, closed=False)

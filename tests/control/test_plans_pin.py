@@ -70,7 +70,7 @@ def driven(name, spoil):
     return follower, np.array([(t - ceased, width, v) for t, width, v in seen if t > ceased]), told
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "spoil", "why", "outcome"), [
     ("mpcc", late, LATE, Outcome.LATE), ("ca-mpcc", late, LATE, Outcome.LATE),
     ("mpcc", blocked, "obstacles leave no way within the lane", Outcome.BLOCKED),
@@ -91,7 +91,7 @@ def test_a_drive_without_plans_ends_at_neutral(name, spoil, why, outcome):
     assert (np.abs(width[t > t[-1] - 0.3 + SETTLED] - NEUTRAL_US) <= NEAR_US).all()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["mpcc", "ca-mpcc"])
 def test_a_tracker_that_forgave_every_late_plan_would_drive_on(name, monkeypatch):
     """The control."""
@@ -128,7 +128,7 @@ def started(beside):
     return follower, np.array(seen)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_start_outside_the_lane_comes_into_it_and_ends_at_neutral():
     follower, pulses = started(0.5)
     assert follower.why == "the path is driven"

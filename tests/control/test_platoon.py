@@ -117,7 +117,7 @@ def test_a_brake_that_is_weaker_than_told_ends_in_contact():
     assert least(1.0) < 0.0, "control"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("dt", "delay"), [(0.1, 0.0), (0.1, 0.1), (0.1, 0.2), (0.05, 0.1)])
 def test_more_scenarios_without_noise(dt, delay):
     ruled = worst(range(100, 140), DART, dt, delay, **{**AS_PUBLISHED, "rule": True})
@@ -125,7 +125,7 @@ def test_more_scenarios_without_noise(dt, delay):
     assert worst(range(100, 140), DART, dt, delay, **AS_PUBLISHED).min() < 0.0, "control"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("gains", [DART, STABLE], ids=["published", "stable"])
 def test_150_scenarios_with_noise_and_loss(gains):
     assert worst(range(150), gains, line=NOISY, margins=CAREFUL, trust=0.5).min() > 0.0
@@ -133,7 +133,7 @@ def test_150_scenarios_with_noise_and_loss(gains):
     assert (bare <= 0.0).sum() > 30, "control"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_noise_and_loss_end_in_no_contact():
     how = {"seeds": range(4), "gains": DART, "line": NOISY, "margins": CAREFUL, "trust": 0.5,
            "lasts": 25.0}
@@ -277,7 +277,7 @@ class Held(Follower):
 
 
 @pytest.mark.parametrize("dt", [0.1, 0.05])
-@pytest.mark.few("0.1")
+@pytest.mark.slow_except("0.1")
 def test_in_silence_the_gap_is_the_one_that_a_full_brake_leaves(dt):
     """Gaps are exact, but come each 0.4 s; 60 % of the messages are lost."""
     def least(make):

@@ -67,7 +67,7 @@ def driving(truth, n, since, until=np.inf):
     return [us for t, us in truth.pulses[n] if since < t < until and us > NEUTRAL_US + NEAR_US]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_liar_ends_in_no_contact_and_as_published_in_one():
     lies = {1: lambda t: 1000.0 if t > 2.0 else None}
     drive, truth = cars.straight(1, lies=lies, **SHORT)
@@ -104,7 +104,7 @@ def changed(monkeypatch, number, since, act):
     return made
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_behind_a_car_that_never_tells_anything_it_follows_by_its_lidar():
     drive, truth = cars.straight(4, silent=(1,), **SHORT)
     assert not drive.contacts
@@ -117,7 +117,7 @@ def test_behind_a_car_that_never_tells_anything_it_follows_by_its_lidar():
     assert drive.cars[1].follower.counts["CACC"] > 100, "control"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_leader_whose_esc_is_neutral_at_once_is_not_touched(monkeypatch):
     """It slows down harder than the platoon brakes, and tells another acceleration."""
     changed(monkeypatch, 0, 4.0, lambda answer, *seen: answer(*seen)._replace(speed=0.0))
@@ -130,7 +130,7 @@ def test_a_leader_whose_esc_is_neutral_at_once_is_not_touched(monkeypatch):
     assert gaps(truth).min() > 0.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_that_sees_nothing_brakes_to_rest_and_so_does_who_follows(monkeypatch):
     made = changed(monkeypatch, 1, 4.0, lambda answer, motion, *seen: answer(motion))
     drive, truth = cars.straight(3, **{**SHORT, "brakes": 99.0})
@@ -145,7 +145,7 @@ def test_a_car_that_sees_nothing_brakes_to_rest_and_so_does_who_follows(monkeypa
     assert not drive.contacts
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_between_boards_no_pose_that_is_off_across_is_followed():
     """A lidar that sees its lane steers better than a pose that is up to 4 cm off, and the doors
     in the boards are no lane."""
@@ -158,7 +158,7 @@ def test_between_boards_no_pose_that_is_off_across_is_followed():
     assert lateral(posed) > 0.015, "control"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_where_the_boards_end_it_stops():
     """The lane ends 3 m ahead, and no pose or gap is lost."""
     def short(folder):
@@ -176,7 +176,7 @@ def test_where_the_boards_end_it_stops():
     assert driving(on, 0, 6.5), "control: by its pose it drives on"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(101, 107))
 def test_random_drives_of_five_cars_with_half_of_the_messages_lost(seed):
     drive, truth = cars.straight(seed, bias=0.02, **cars.scenario(seed))
@@ -185,7 +185,7 @@ def test_random_drives_of_five_cars_with_half_of_the_messages_lost(seed):
     assert lateral(truth) < 0.035, "the median of seeds is below 3 cm"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_on_the_track_between_its_boards():
     drive, truth = cars.on_track(4, lasts=20.0, brakes=17.0)
     assert not drive.contacts

@@ -43,7 +43,7 @@ def backward(rows):
 
 
 @pytest.mark.parametrize("more", ["", pytest.param("&effect=throttle_lag:0.084",
-                                                   marks=pytest.mark.more)])
+                                                   marks=pytest.mark.slow)])
 def test_it_brakes_where_rolling_out_is_too_slow_and_never_reverses(more):
     rows = modes_of(up_and_down, more=more)
     assert any(row[3] is Mode.BRAKING for row in rows)
@@ -52,7 +52,7 @@ def test_it_brakes_where_rolling_out_is_too_slow_and_never_reverses(more):
     assert max(slowed) < 0.9        # rolling out from 2.2 m/s takes 1.1 s
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_the_brake_it_would_be_late(monkeypatch):
     """Control of the same: what the car does by itself."""
     monkeypatch.setattr(drivetrain, "BRAKE_ABOVE", 99.0)
@@ -65,7 +65,7 @@ def let_go_of_the_brake(t):
     return 2.2 if t < 0.9 else None if 1.1 < t < 1.28 else 0.4
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_after_a_rest_at_speed_the_car_is_pulled_forward_before_it_is_braked():
     rows = modes_of(let_go_of_the_brake, seconds=1.8)
     assert any(row[3] is Mode.READY for row in rows if 1.2 < row[0] < 1.32)
@@ -73,7 +73,7 @@ def test_after_a_rest_at_speed_the_car_is_pulled_forward_before_it_is_braked():
     assert not backward(rows)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_braked_at_once_such_a_car_gets_reverse(monkeypatch):
     plain = SpeedLoop._see
 
@@ -92,7 +92,7 @@ def test_a_doubted_speed_is_neither_fed_back_nor_braked():
     assert all(row[2] == 0.0 for row in doubted[3:])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_more_than_there_is_is_said():
     names = {name for row in modes_of(lambda t: 4.9, seconds=1.0) for name in row[4]}
     assert "RANGE" not in names    # a ramp of 3 m/s2 is within the motor's reach

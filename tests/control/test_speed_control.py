@@ -37,7 +37,7 @@ def first(t, holds, after):
     return t[holds & (t > after)][0] - after
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=pytest.mark.more)
+@pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=pytest.mark.slow)
                                        for n in range(2, 9))])
 def test_forward_reverse_forward(seed):
     t, speed, _, limited = driven(seed, there_and_back, 5.5)
@@ -48,14 +48,14 @@ def test_forward_reverse_forward(seed):
     assert {"REVERSING"} <= {name for names in limited for name in names}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_the_brake_and_the_rest_the_esc_never_reverses(monkeypatch):
     monkeypatch.setattr(Reversal, "throttle", lambda self, wanted, speed, dt: wanted)
     t, speed, _, _ = driven(1, there_and_back, 4.0)
     assert speed[t > 2.0].min() > -0.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(1, 9))
 def test_a_step_from_rest_settles_and_a_sine_is_followed(seed):
     def reference(t):

@@ -14,13 +14,12 @@ from studies.control.speed_figures import STEP, driven, figures, identified, sin
 LATE = 0.084
 
 
-@pytest.mark.more
-@pytest.mark.cpu(4)
+@pytest.mark.slow
 @pytest.mark.parametrize(("seeds", "lag"), [
-    ((2,), LATE), pytest.param(range(1, 5), 0.0, marks=pytest.mark.more),
-    pytest.param(range(3, 7), LATE, marks=pytest.mark.more),
-    pytest.param(range(1, 31), 0.0, marks=pytest.mark.slow),
-    pytest.param(range(1, 31), LATE, marks=pytest.mark.slow)])
+    ((2,), LATE), pytest.param(range(1, 5), 0.0, marks=pytest.mark.slow),
+    pytest.param(range(3, 7), LATE, marks=pytest.mark.slow),
+    pytest.param(range(1, 31), 0.0, marks=pytest.mark.long),
+    pytest.param(range(1, 31), LATE, marks=pytest.mark.long)])
 def test_hidden_cars_with_a_model(seeds, lag):
     for seed in seeds:
         found = figures(seed, lag, known="model")
@@ -31,7 +30,7 @@ def test_hidden_cars_with_a_model(seeds, lag):
         assert found["forward"] <= 1.5, (seed, found)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_a_lag_that_the_model_does_not_know_overshoots(monkeypatch):
     plain = identified
 
@@ -43,7 +42,7 @@ def test_control_a_lag_that_the_model_does_not_know_overshoots(monkeypatch):
     assert driven(2, LATE, "model", step, 1.5).speed.max() > 1.15 * STEP
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_a_model_nothing_is_worse_than_a_softer_loop():
     """Figures of the loop before it was tuned: 0.41 s, 3 %, 0.34 m/s; with a lag 21 %."""
     found = figures(3, 0.0, known="nothing")
@@ -53,7 +52,7 @@ def test_without_a_model_nothing_is_worse_than_a_softer_loop():
     assert figures(3, LATE, known="nothing")["overshoot"] < 0.2
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 8])
 def test_a_sine_is_in_time(seed):
     """Neither late nor early by more than 5 ms: what is asked for is taken ahead."""

@@ -54,9 +54,9 @@ def test_a_target_of_zero_is_neutral():
     assert min(width for _, width in widths) >= NEUTRAL_US - NEAR_US
 
 
-@pytest.mark.parametrize("at", [0.0, 0.1, pytest.param(0.5, marks=pytest.mark.more),
-                                pytest.param(0.9, marks=pytest.mark.more)])
-@pytest.mark.few("0.0")
+@pytest.mark.parametrize("at", [0.0, 0.1, pytest.param(0.5, marks=pytest.mark.slow),
+                                pytest.param(0.9, marks=pytest.mark.slow)])
+@pytest.mark.slow_except("0.0")
 def test_a_stop_while_the_car_reverses_is_neutral(at):
     """Before, in the brake, at rest and in reverse: never forward, and neutral in the end."""
     widths = pulses(lambda t: -0.5 if t < at else None)

@@ -35,7 +35,7 @@ def lap(name, speed, plant=PLANT, lane=1.0, **options):
 
 
 @BOTH
-@pytest.mark.few("lqr")
+@pytest.mark.slow_except("lqr")
 def test_two_metres_a_second(name):
     """The figures that are wanted of a whole car, with room for its electronics."""
     rms, largest = lap(name, 2.0, lane=0.3)
@@ -43,7 +43,7 @@ def test_two_metres_a_second(name):
     assert largest < 0.06
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @BOTH
 def test_one_metre_a_second(name):
     """The published low level asks for the generated path, whose bends its kernel rounds."""
@@ -52,7 +52,7 @@ def test_one_metre_a_second(name):
     assert largest < 0.015
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @BOTH
 def test_without_delay_compensation_it_is_much_worse(name):
     """The control: 0.03 s of transport and 0.13 s of lag are 0.3 m at 2 m/s."""
@@ -61,14 +61,14 @@ def test_without_delay_compensation_it_is_much_worse(name):
     assert blind > 0.04
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @BOTH
 def test_a_lag_that_is_15_percent_off_and_a_map_that_is_half_a_degree_off(name):
     late = replace(PLANT.late, lag=0.85 * PLANT.late.lag)
     assert lap(name, 2.0, replace(PLANT, late=late), bias=0.01)[0] < 0.04
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @BOTH
 def test_an_error_of_the_wheels_is_learnt(name):
     """0.02 rad that stay: without learning the LQR is 1.1 cm off, and stays so."""
@@ -79,7 +79,7 @@ def test_an_error_of_the_wheels_is_learnt(name):
     assert np.abs(rows[late, 3]).max() < 0.002
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("side", [0.9, -0.9])
 def test_from_far_beside_the_path_it_comes_to_it_without_turning_back(name, side):
@@ -106,7 +106,7 @@ def test_on_the_path_pursuit_asks_for_its_bend():
             assert tracker.steer(motion) == pytest.approx(bend.angle, abs=0.01)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_left_and_right_are_alike():
     """Mirrored path, pose and plant: mirrored angle; differences of 1e-6 are taken to one side."""
     even = replace(LATER.steering, s0=0.0, k_right=LATER.steering.k_left,

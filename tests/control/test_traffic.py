@@ -154,7 +154,7 @@ def stands(t):
     return 0.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("tracker", ["mpcc", "lqr"])
 def test_a_car_that_stands_in_the_lane_is_waited_for(tracker):
     """At rest at neutral, with air; the follower is not stuck, and named is whom it waits for."""
@@ -168,13 +168,13 @@ def test_a_car_that_stands_in_the_lane_is_waited_for(tracker):
     assert drive.pulled(0.0, 3.0) > 50.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_who_is_not_told_of_it_drives_into_it():
     """The control."""
     assert Drive(stands, blind=True, seconds=5.0).contacts
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_it_starts_again_behind_one_that_goes_on():
     drive = Drive(lambda t: 0.0 if t < 5.0 else 0.6)
     t, own, red = drive.rows.T
@@ -184,7 +184,7 @@ def test_it_starts_again_behind_one_that_goes_on():
     assert drive.pulled(4.5, 5.0) < 5.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_beside_the_middle_is_passed(tmp_path):
     drive = Drive(stands, beside=0.25, cars=tmp_path)
     assert not drive.contacts
@@ -193,7 +193,7 @@ def test_one_beside_the_middle_is_passed(tmp_path):
     assert drive.others.traffic.seconds[Wait.BEHIND] == 0.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_but_not_where_nobody_knows_where_its_marker_sits():
     """15 cm, twice, are no way."""
     drive = Drive(stands, beside=0.25, seconds=5.0)
@@ -201,7 +201,7 @@ def test_but_not_where_nobody_knows_where_its_marker_sits():
     assert drive.others.traffic.wait is Wait.BEHIND
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_that_falls_silent_is_waited_for_where_it_was():
     """It drives on, unheard: nobody knows, so the own car stands behind its last place."""
     drive = Drive(lambda t: 0.6 if t < 2.0 else None)
@@ -212,7 +212,7 @@ def test_one_that_falls_silent_is_waited_for_where_it_was():
     assert drive.others.traffic.seconds[Wait.LOST] > 3.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("room", ["?loss=0.5&seed=1", "?delay=0.05&jitter=0.1&twice=0.2&seed=1"])
 def test_through_loss_and_disorder_nobody_is_touched(room):
     """Frames that are lost, late, overtaken or come twice."""

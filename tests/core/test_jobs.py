@@ -12,8 +12,7 @@ from dart_hal.core.process.jobs import ENOUGH, PARTS, each, wanted
 
 @pytest.mark.parametrize("n", [0, 1, PARTS - 1, PARTS, 3 * PARTS + 1])
 @pytest.mark.parametrize("jobs", [1, 2])
-@pytest.mark.few("1-*", "2-7")
-@pytest.mark.cpu(4)
+@pytest.mark.slow_except("1-*", "2-7")
 def test_every_item_is_worked_on_once(n, jobs):
     assert sorted(each(partial(operator.pow, 2), range(n), jobs)) == [2**k for k in range(n)]
 

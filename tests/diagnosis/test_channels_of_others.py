@@ -58,7 +58,7 @@ def told(recording):
             for name in part.__dataclass_fields__]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_channels_that_nobody_knows_are_ignored(filmed, tmp_path):
     plain = read_run(written_anew(filmed, tmp_path / "plain.mcap"))
     more = read_run(written_anew(filmed, tmp_path / "more.mcap", OTHERS))
@@ -74,7 +74,7 @@ def test_channels_that_are_asked_for_are_not(filmed, tmp_path):
         read_run(written_anew(filmed, tmp_path / "mute.mcap", OTHERS, ("/rx",)))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_run_judged_without_its_poses_is_as_if_there_were_none(filmed, tmp_path):
     """By the commands as well, which are read more finely than the sensors."""
     unseen = written_anew(filmed, tmp_path / "unseen.mcap", but=("/external_pose",))

@@ -58,7 +58,7 @@ def answer(folder, **factors):
     return diagnose(file, p, sides.train, sides.test, max_causes=0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("factors", "groups"), [
     ({"tyres__front_D": 1.25}, {"front tyre"}), ({"motor__d": 0.8}, {"motor"}),
     ({"delay__steering_s": 1.3}, {"steering timing"}),
@@ -73,14 +73,14 @@ def test_exactly_the_altered_groups_are_claimed(folder, factors, groups):
         assert c.to_json()["quantities"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_of_an_exact_model_nothing_is_claimed(folder):
     found = answer(folder)
     assert found.claims == ()
     assert found.verdict == "nothing_wrong"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_new_value_is_that_of_the_car(folder):
     (c,) = answer(folder, tyres__front_D=1.25).claims
     peak = c.quantities["peak side force over load"]
@@ -125,7 +125,7 @@ def test_the_holding_throttle_is_where_motor_and_friction_are_equal():
     assert holding_throttle(9.0)(PAPER) == 1.0, "faster than it can drive"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_claim_is_drawn_old_new_and_as_the_car_drives(folder):
     """The car's own points, measured where no fit has been, lie on the new curve."""
     found = answer(folder, tyres__front_D=1.25)
@@ -179,7 +179,7 @@ def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
     assert low > 1.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_how_old_the_commands_of_a_fit_were_costs_nothing_on_other_recordings(folder):
     drive = prepare(read(write(folder / "ages.csv", PAPER, 24, Plan(seconds=20.0))), PAPER.body.l_r)
     evidence = Evidence([drive], PAPER.body.l_r)
@@ -243,7 +243,7 @@ def test_a_parameter_whose_size_changes_does_not_explain(change, after, verdict)
     assert (_verdict(None, None, (cause,), (), {}, (claimed,), ()) == "explained") == explains
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_interval_of_a_cost_knows_how_few_its_stretches_are():
     """Four stretches of a random ratio: within the interval in 0.9 of 2000 draws, and too narrow
     by the bootstrap quantiles of so few, which is the control."""

@@ -10,7 +10,7 @@ from dart_hal.cli.main import main
 from tests.diagnosis import made_by_hand as made
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_demo_drives_calibrates_and_writes_its_page(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("dart_lab.demo.real.excerpt", lambda: None)
     monkeypatch.setattr("dart_lab.cli.demo.LAPS", 1)

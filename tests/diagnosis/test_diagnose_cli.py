@@ -53,7 +53,6 @@ def whole(files, tmp_path_factory):
     return ended.value.code, json.loads(out.getvalue()), folder
 
 
-@pytest.mark.cpu(8)
 def test_the_hidden_effects_are_named_and_the_answer_has_its_shape(whole):
     code, answer, _ = whole
     assert code == 0
@@ -90,7 +89,7 @@ def test_the_extended_model_is_a_model_with_its_effects_and_their_errors(whole, 
     assert "dart-hal diagnose" in model.provenance["command"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_model_that_is_diagnosed_again_on_what_it_was_fitted_to_is_told(whole, files, run):
     _, _, folder = whole
     code, answer, err = run("--model", folder / "model.toml", "--no-refit", "--train", files[1],
@@ -127,7 +126,7 @@ def test_the_terminal_states_no_step_where_nothing_was_changed(capsys):
     assert "refitted" not in text
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_without_json_the_sentences_are_on_standard_output_and_notices_are_not(files, run):
     code, out, err = run("--no-refit", "--train", *files, "--only", "steering_lag",
                          "--only", "gyro_scale")
@@ -152,7 +151,7 @@ def test_without_json_the_sentences_are_on_standard_output_and_notices_are_not(f
     (["--train", "{0}", "--only", "grip", "mass"], "mass follows no option"),
     (["{0}"], "follows no option"),
 ])
-@pytest.mark.few("words[0-2]*", "words[5-9]*")
+@pytest.mark.slow_except("words[0-2]*", "words[5-9]*")
 def test_bad_input_ends_with_2_and_says_what(words, says, files, run):
     code, answer, err = run(*(w.format(*files) for w in words), "--json")
     assert code == 2
@@ -161,7 +160,7 @@ def test_bad_input_ends_with_2_and_says_what(words, says, files, run):
     assert says in err
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_copy_under_another_name_is_still_the_same_recording(files, run, tmp_path):
     copy = tmp_path / "another_day.csv"
     shutil.copy(files[0], copy)

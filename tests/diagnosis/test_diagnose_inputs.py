@@ -68,7 +68,7 @@ def test_a_copy_among_the_training_recordings_counts_once(drive, tmp_path):
     assert "car_1_copy.csv" in inputs.notes[0]
 
 
-@pytest.mark.few("vicon x-*")
+@pytest.mark.slow_except("vicon x-*")
 @pytest.mark.parametrize(("column", "factor"), [
     ("vicon x", 1000.0), ("vel encoder", 1000.0), ("vel encoder", 0.001), ("vel encoder", 3.6),
     ("vel encoder", 100.0), ("vel encoder", -1.0), ("W (IMU)", 57.2958), ("W (IMU)", 0.001),
@@ -98,7 +98,7 @@ def test_positions_in_km_look_like_standstill_and_are_refused(drive, tmp_path):
 
 @pytest.mark.parametrize(("column", "factor"), [
     ("vel encoder", 1.06), ("W (IMU)", 0.9), ("acc y (IMU)", 1.2)])
-@pytest.mark.few("W (IMU)*")
+@pytest.mark.slow_except("W (IMU)*")
 def test_what_an_effect_may_do_passes(drive, tmp_path, column, factor):
     check_units(read(scaled(tmp_path, drive, column, factor)))
 
@@ -213,7 +213,7 @@ def test_effects_are_named_as_in_the_catalogue():
         effects_named(["grip"], ["grip"])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_recordings_of_the_real_car_are_not_refused_for_their_units():
     found = 0
     for path in sorted(EXCERPT.rglob("*.csv*")):

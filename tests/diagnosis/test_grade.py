@@ -94,7 +94,7 @@ def test_a_constant_cause_is_constant_and_of_its_size(fitted):
     assert 0.0 < error < 0.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_battery_that_runs_down_is_no_constant_gain(fitted):
     found = constancy(fitted("motor_gain", "battery_fade", k=-0.3), "motor_gain", USUAL.grade, 0)
     assert not found.constant
@@ -104,7 +104,7 @@ def test_a_battery_that_runs_down_is_no_constant_gain(fitted):
     assert max(places) - min(places) > 0.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_does_nothing_has_no_size_that_changes(fitted):
     of = fitted("motor_gain", "motor_gain", k=0.1)
     still = replace(of, tangent={"motor_gain": np.zeros_like(of.tangent["motor_gain"])})
@@ -161,7 +161,6 @@ def test_effect_does_not_come_back_against_a_veto(letters):
         assert found.names == names
 
 
-@pytest.mark.cpu(30)
 def test_test_recordings_only_veto():
     """In one the effect is not there at all, so errors are larger with it."""
     train, same, without = (drive(*hidden, seconds=30.0, seed=s) for s, hidden in (

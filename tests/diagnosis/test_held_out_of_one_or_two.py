@@ -18,8 +18,7 @@ PARAMETERS = {"motor_gain": {"motor", "drive force"},
 """Groups of parameters of the model that a refit moves in the place of an effect."""
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 @pytest.mark.parametrize("refit", [False, True])
 @pytest.mark.parametrize("recordings", [1, 2])
 @pytest.mark.parametrize(("hidden", "seed"), [((("steering_lag", 0.12),), 3), (PAIR, 5)])

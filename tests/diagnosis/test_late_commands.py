@@ -76,7 +76,6 @@ def simulated(hide=lambda car: None):
     return side, fit, find_late_commands((side,), fit.vehicle, (fit.timing,), USUAL.unexplained)
 
 
-@pytest.mark.cpu(6)
 def test_lost_commands_are_found_with_their_moments():
     side, fit, found = simulated(lambda car: lose_commands(car, 0.35, seed=1))
     assert found.log_likelihood > 2.0 * MIN_GAIN
@@ -92,14 +91,12 @@ def test_lost_commands_are_found_with_their_moments():
         assert (again is not None) == kept
 
 
-@pytest.mark.cpu(6)
 @pytest.mark.parametrize("hide", [lambda car: None, lambda car: add_gusts(car, 2.0, seed=1)])
 def test_a_sound_link_has_none(hide):
     assert simulated(hide)[2] is None
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 def test_lost_commands_are_flagged_in_most_kinds_of_driving():
     """Six styles, a refit of the paper's model: 35 % lost in 4 of 6 or more, of six sound links
     none. (Found: 4 and none.) Whole diagnoses: ``studies/diagnosis/noise_floor_cases.py``."""

@@ -34,7 +34,7 @@ def beside(seen, p=PAPER):
     return at, of_the_imu(at, seen, USUAL)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_drive_tells_how_the_accelerometer_sits(tmp_path):
     places = (("imu_yaw", 0.04), ("imu_lever_arm", 0.02), ("imu_offset_y", 0.02))
     askew = PAPER
@@ -49,8 +49,7 @@ def test_a_drive_tells_how_the_accelerometer_sits(tmp_path):
     assert not {"gyro_scale", "gyro_bias"} & told.keys()
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 @pytest.mark.parametrize("knows", [True, False])
 def test_a_model_that_knows_it_names_nothing_and_says_what_it_is_now(tmp_path, knows):
     askew = apply(PAPER, "imu_yaw", k=0.1)
@@ -69,7 +68,7 @@ def test_a_model_that_knows_it_names_nothing_and_says_what_it_is_now(tmp_path, k
         assert "imu_yaw" not in found.refitted
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_the_model_has_is_not_fitted_twice(tmp_path):
     seen = onboard_files.evidence(onboard_files.recorded(tmp_path, seconds=15.0))
     at, told = beside(seen, apply(PAPER, "imu_yaw", k=0.01))
@@ -86,7 +85,7 @@ def test_beside_motion_capture_nothing_is_taken_for_granted(tmp_path):
     assert told == {}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_beside_motion_capture_a_run_tells_how_its_gyro_is_scaled(tmp_path):
     wrong = apply(PAPER, "gyro_scale", k=0.008)  # less than what gets a name
     path = hidden_drive.write(tmp_path / "car_1_a.csv", wrong, 1, hidden_drive.Plan(seconds=30.0))
@@ -99,7 +98,7 @@ def test_beside_motion_capture_a_run_tells_how_its_gyro_is_scaled(tmp_path):
     assert number.value == pytest.approx(0.008, abs=3.0 * number.std)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_poses_of_a_run_may_be_as_late_as_an_optical_system_tells_them(tmp_path):
     late = apply(PAPER, "mocap_latency", k=0.02)
     path = hidden_drive.write(tmp_path / "car_1_a.csv", late, 1, hidden_drive.Plan(seconds=30.0))

@@ -117,7 +117,6 @@ def simulated(hide=lambda car: None):
     return found, side.horizons(logged)
 
 
-@pytest.mark.cpu(6)
 def test_the_true_model_is_at_the_floor_and_gusts_lift_it_above():
     found, horizons = simulated()
     rmse = horizons["1.0"]["pooled"]

@@ -24,7 +24,7 @@ def diagnosed(folder, p, seed, only=(), seconds=(60.0, 40.0)):
     return diagnose(file, base, sides.train, sides.test, refit=False, only=only)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_nothing_is_named_where_nothing_is_hidden(tmp_path):
     found = diagnosed(tmp_path, PAPER, 31)
     assert found.verdict == "nothing_wrong"
@@ -32,7 +32,7 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path):
     assert not found.unexplained
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_cause_in_the_car_is_named_before_its_like(tmp_path):
     """With the negative control: no other name becomes the right one, at any size."""
     found = diagnosed(tmp_path, apply(PAPER, "rolling_resistance", k=0.25), 33, NEAR)
@@ -44,7 +44,7 @@ def test_a_cause_in_the_car_is_named_before_its_like(tmp_path):
     assert max(others) < found.ranking[first.effect] - 15.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_cause_in_a_sensor_is_named_though_the_model_starts_from_that_sensor(tmp_path):
     found = diagnosed(tmp_path, apply(PAPER, "encoder_scale", k=0.04), 33, NEAR)
     assert [c.effect for c in found.causes] == ["encoder_scale"]
@@ -54,7 +54,7 @@ def test_a_cause_in_a_sensor_is_named_though_the_model_starts_from_that_sensor(t
     assert found.causes[0].gain.low > 0.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_parameters_that_a_drive_does_not_tell_are_not_called_found(tmp_path):
     """A refit that predicts the other drive worse is no explanation, and that is said."""
     file, base = find_model("paper")

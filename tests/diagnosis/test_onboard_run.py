@@ -44,8 +44,7 @@ def evidence(recording):
     return OnboardEvidence(sessions(recording), EXACT.body.l_r)
 
 
-@pytest.mark.cpu(3)
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_model_of_the_simulated_car_predicts_its_run(run):
     seen = evidence(run)
     windows, _, rest = counted(seen.drives)
@@ -63,7 +62,7 @@ def test_the_model_of_the_simulated_car_predicts_its_run(run):
     assert np.sqrt(np.mean(late.motion[:, 1::2]**2)) > 1.5 * gyro
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_every_residual_of_a_run_has_a_size(run):
     seen = evidence(run)
     noise = measure(seen.residuals(EXACT), seen.blocks(2.0))
@@ -73,8 +72,8 @@ def test_every_residual_of_a_run_has_a_size(run):
 
 
 @pytest.mark.parametrize("effect", [
-    "", pytest.param("motor_gain:-0.08", marks=pytest.mark.slow)])
-@pytest.mark.more
+    "", pytest.param("motor_gain:-0.08", marks=pytest.mark.long)])
+@pytest.mark.slow
 def test_a_run_is_diagnosed(run, tmp_path, effect):
     recording = drive(tmp_path / "hidden.mcap", effect) if effect else run
     file, _ = find_model("paper")

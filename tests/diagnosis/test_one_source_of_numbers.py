@@ -46,7 +46,7 @@ def gains_by_table(d):
     return out
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_sentence_and_table_state_one_number(turned_marker, capsys):
     d = turned_marker
     assert [c.effect for c in d.causes] == ["mocap_yaw"]

@@ -25,8 +25,7 @@ def answer(train, test):
     return diagnose(file, p, train, test, refit=False)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 def test_two_orders_of_sums_give_the_same_sure_names():
     train = [searched.drive(*HIDDEN, seconds=25.0, seed=seed) for seed in (11, 12, 13)]
     test = [searched.drive(*HIDDEN, seconds=25.0, seed=14)]

@@ -35,8 +35,7 @@ def diagnosed(folder, car):
     return diagnose(model_of(THEIRS, find_model("paper")[0]), THEIRS, sides.train, sides.test)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(40)
+@pytest.mark.slow
 def test_its_numbers_are_wrong_and_nothing_else_is_named(tmp_path):
     found = diagnosed(tmp_path, PAPER)
     assert found.verdict == "parameters_only"
@@ -48,8 +47,7 @@ def test_its_numbers_are_wrong_and_nothing_else_is_named(tmp_path):
     assert found.gain["position"].low > 0.8
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 def test_what_it_lacks_besides_is_named(tmp_path):
     """Control: so many wrong numbers do not take a missing effect along."""
     found = diagnosed(tmp_path, apply(PAPER, "steering_backlash", k=0.1))

@@ -14,7 +14,7 @@ from tests.diagnosis import searched
 STANDS = 60  # evaluations of a model, a second of five minutes of driving
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_progress_never_stands_and_never_goes_back(monkeypatch):
     evaluations, told = [0], []
     residuals = Evidence.residuals

@@ -68,7 +68,7 @@ def test_a_recording_too_short_for_one_policy_is_long_enough_for_another():
         check_inputs(short, [], PAPER, policy=InputPolicy(train_s=60.0))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_search_decides_by_the_policy_that_it_is_given():
     lag = drive(("steering_lag", 0.06), seed=8)
     assert names(search(lag, names=("steering_lag",))) == ["steering_lag"]
@@ -76,7 +76,7 @@ def test_a_search_decides_by_the_policy_that_it_is_given():
     assert names(search(lag, names=("steering_lag",), policy=strict)) == []
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_blocks_and_loss_are_those_of_the_policy():
     seen, one = evidence(drive()), ("gyro_bias",)
     found = search(drive(), names=one)

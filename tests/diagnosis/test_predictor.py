@@ -28,7 +28,6 @@ from studies.diagnosis.known_frame import read
 
 SIZE = 2.5
 """N/rad of cornering drag: the car loses .1 m/s more in a second than any refit explains."""
-pytestmark = pytest.mark.cpu(25)
 
 
 @lru_cache(maxsize=2)
@@ -120,7 +119,7 @@ def test_a_diagnosis_without_one_cannot_write_it():
 
 @pytest.mark.parametrize(("hidden", "sentence"), [
     (True, "Best predictor: with cornering_drag the errors 1 s ahead in recordings left out are "),
-    pytest.param(False, "Best predictor: the refitted parameters alone.", marks=pytest.mark.more)])
+    pytest.param(False, "Best predictor: the refitted parameters alone.", marks=pytest.mark.slow)])
 def test_terminal_page_and_json_say_the_same(hidden, sentence, capsys):
     d = found(hidden)
     show(d)
@@ -169,7 +168,7 @@ def test_the_command_line_refuses_it_without_a_refit(tmp_path, capsys):
     assert not (tmp_path / "p.toml").exists()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_command_line_writes_it(tmp_path, capsys):
     files = [str(r.path) for r in drives(hidden=True)]
     with pytest.raises(SystemExit) as ended:

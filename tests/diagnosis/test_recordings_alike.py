@@ -63,20 +63,20 @@ def names(recordings):
     return " ".join(r.name for r in recordings)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_car_on_one_floor_is_not_two(drive):
     same = [drive("same", PAPER, i) for i in range(4)]
     assert said(same[:3], same[3:]) == ""
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_the_model_lacks_is_no_other_floor(drive):
     same = [drive("slack", SLACK, i) for i in range(4)]
     assert said(same[:3], same[3:]) == ""
 
 
 @pytest.mark.parametrize(("other", "what"), [(SLIPPERY, "grip"), (WEAK, "drive force")])
-@pytest.mark.few("other0-grip")
+@pytest.mark.slow_except("other0-grip")
 def test_two_floors_or_cars_are_told_apart_by_name(drive, other, what):
     ours = [drive("same", PAPER, i) for i in range(2)]
     theirs = [drive(what.partition(" ")[0], other, i) for i in range(3)]
@@ -93,7 +93,7 @@ def test_a_test_set_of_another_floor_is_said_to_be_one(drive):
     assert "grip is -0.2" in told
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_the_errors_of_the_sizes_one_floor_would_be_two(drive):
     """Control: what the model lacks makes every drive want a little else."""
     same = [drive("slack", SLACK, i) for i in range(4)]
@@ -101,7 +101,7 @@ def test_without_the_errors_of_the_sizes_one_floor_would_be_two(drive):
     assert "floor" in said(same[:3], same[3:], policy=blind)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_by_its_own_sensors_a_car_is_told_from_another(tmp_path):
     """No floor then: how much a tyre holds hides in what no sensor sees. Control: one car."""
     ours, theirs = ([recorded(tmp_path, p, seed, 30.0) for seed in seeds] for p, seeds in (
@@ -142,7 +142,7 @@ def test_a_parameter_or_a_time_on_its_bound_is_said(drive):
                                                USUAL))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_whole_diagnosis_says_so(drive):
     file, p = find_model("paper")
     train = [drive("same", PAPER, 0), drive("grip", SLIPPERY, 0), drive("same", PAPER, 1)]

@@ -43,7 +43,7 @@ def test_the_causes_in_the_other_order_are_not_confused():
     assert [s.label for s in stages_around(d, 0)] == ["refitted base", "+ steering_lag"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_stage_that_changes_nothing_has_nothing_to_show():
     d = made.diagnosis()
     rows = Rows(d.evidence, d.extended)

@@ -125,7 +125,7 @@ def test_every_error_of_every_step_and_of_ctrv_is_there(whole):
                 assert f"{significant(rmse)} ({significant(median)})" in reader.text
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_embedded_json_is_the_answer(whole):
     d, _, reader = whole
     assert embedded(reader) == json.loads(json.dumps(plain(d.to_json())))
@@ -134,7 +134,7 @@ def test_the_embedded_json_is_the_answer(whole):
 
 @pytest.mark.parametrize("causes", [0, 1, 2])
 @pytest.mark.parametrize("verdict", VERDICTS)
-@pytest.mark.few("unexplained-0")
+@pytest.mark.slow_except("unexplained-0")
 def test_every_verdict_gives_a_sound_page(verdict, causes):
     d = made.diagnosis(verdict, causes, verdict in ("partly_explained", "unexplained"))
     text = page(d, command=COMMAND)
@@ -169,7 +169,7 @@ def test_each_cause_is_shown_along_a_variable_in_which_it_acts(whole):
     assert re.search(r"Gyro error, along yaw rate", reader.text)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_same_diagnosis_gives_the_same_page(whole):
     d, text, _ = whole
     assert page(d, command=COMMAND) == text
@@ -186,7 +186,7 @@ def test_without_numbers_it_says_so_instead_of_drawing(tmp_path):
     assert "svg" not in reader.names
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_suggestions_are_there_when_they_were_asked_for():
     d = made.diagnosis()
     drive = Suggestion("steering_lag", ("yaw_inertia",), "steps", "steps at two speeds",
@@ -210,7 +210,7 @@ def test_a_gain_that_is_none_is_called_so():
                             "recordings"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_cause_whose_gain_may_be_nothing_is_not_marked_as_good():
     d = made.diagnosis(causes=1)
     assert 'class="cause found"' in page(d)
@@ -218,7 +218,7 @@ def test_a_cause_whose_gain_may_be_nothing_is_not_marked_as_good():
     assert 'class="cause found"' not in page(replace(d, causes=(cause,), unexplained=()))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_errors_that_are_not_known_are_a_dash():
     d = made.diagnosis()
     first = d.stages[0]
@@ -244,7 +244,7 @@ REMAINDERS = [
 
 
 @pytest.mark.parametrize(("verdict", "causes", "structure", "changes", "words"), REMAINDERS)
-@pytest.mark.few("unexplained-0-F*", "partly*")
+@pytest.mark.slow_except("unexplained-0-F*", "partly*")
 def test_page_shows_what_remains_and_never_that_nothing_does(verdict, causes, structure, changes,
                                                              words):
     d = replace(made.diagnosis(verdict, causes, structure), **changes)

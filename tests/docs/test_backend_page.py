@@ -90,7 +90,7 @@ def test_the_backend_of_the_page_reads_states(package, served):
         assert not car.drives, "without its bus the car is not driven"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.realtime
 def test_the_backend_of_the_page_drives(package, served):
     converter, bus, name, cars = served

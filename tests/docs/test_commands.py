@@ -69,13 +69,12 @@ def play(page: Path, folder: Path, *, slow: bool) -> list[Block]:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
-@pytest.mark.few("README")
-@pytest.mark.cpu(5)
+@pytest.mark.slow_except("README")
 def test_what_a_page_tells_to_type_works(page, tmp_path):
     assert play(page, tmp_path, slow=False)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.emulator
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
 def test_all_of_it_works_on_the_firmware(page, tmp_path):
@@ -100,7 +99,7 @@ def test_marks_are_known(page):
     assert [m for m in marks if not known.fullmatch(m)] == []
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_command_that_fails_and_an_output_that_differs_are_seen(tmp_path):
     """The controls."""
     page = tmp_path / "page.md"

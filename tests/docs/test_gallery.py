@@ -31,7 +31,7 @@ def test_a_program_without_a_command_is_refused(tmp_path):
         gallery.words(tmp_path / "silent.py")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_way_of_a_car_is_drawn(tmp_path, monkeypatch):
     monkeypatch.setenv("DART_HAL_URL", "sim://?nano=mock")
     (ways,) = gallery.ways_of(ROOT / "examples" / "drive_circle.py", script=False)

@@ -23,7 +23,7 @@ def test_a_plan_is_printed_at_its_own_size(name):
     assert int(high) <= 297 - 2 * 8, "one sheet of A4"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_pdf_holds_the_guide(tmp_path):
     pytest.importorskip("sphinx")
     weasyprint = pytest.importorskip("weasyprint")

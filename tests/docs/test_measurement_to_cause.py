@@ -26,7 +26,7 @@ def test_a_name_that_is_gone_is_seen():
         find_object("dart_lab.diagnosis.run.diagnosis")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_diagnosis_calls_them_in_this_order(tmp_path):
     car = apply(PAPER, "gyro_scale", k=0.1)
     files = [hidden_drive.write(tmp_path / f"car_1_{seed}.csv", car, seed=seed,

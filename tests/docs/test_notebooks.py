@@ -56,7 +56,7 @@ def test_what_is_shown_is_the_text_and_what_came_of_it(source):
 
 @pytest.mark.parametrize("source", [
     pytest.param(source, id=source.stem, marks=(
-        pytest.mark.more if source.stem == "own_controller" else pytest.mark.slow))
+        pytest.mark.slow if source.stem == "own_controller" else pytest.mark.long))
     for source in SOURCES])
 def test_it_runs_from_its_first_cell_to_its_last(source, tmp_path):
     notebook = notebooks.executed(source, tmp_path)
@@ -64,7 +64,7 @@ def test_it_runs_from_its_first_cell_to_its_last(source, tmp_path):
     assert len(pictures(notebook)) >= 2
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_cell_that_fails_is_seen(tmp_path):
     """The control, of Python and of the shell."""
     for cell in ("# %%\n1 / 0\n", '# %% language="sh"\n# dart-hal docter\n'):

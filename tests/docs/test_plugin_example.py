@@ -49,7 +49,7 @@ for car in (LightCar(PAPER), LightCar(apply(PAPER, "tail_fin", k=4.0))):
     assert 0.5 < with_fin / without < 0.98
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_diagnosis_names_it(installed):
     done = run_with(installed, f"""
 sys.path.insert(0, {str(Path(__file__).parents[2])!r})

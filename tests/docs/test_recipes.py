@@ -67,13 +67,13 @@ def test_a_change_is_applied_in_its_place():
     assert changed(text, "+before\n once\n@@\n-last\n+end\n") == "before\nonce\ntwice\ntwice\nend\n"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("heading", OF_THE_TREE)
 def test_a_recipe_passes_its_own_checks(heading, tmp_path):
     Checkout(tmp_path / "copy").follow(heading)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("heading", "left_out"), [
     ("An effect", "tests/vehicle/effects/laws.py"),
     ("An effect", "tests/vehicle/effects/test_effect_physics.py"),

@@ -26,7 +26,7 @@ def flash(path, image):
     return subprocess.run(command, capture_output=True, text=True, timeout=60)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @needs_tools
 def test_avrdude_programs_a_blank_nano_and_the_program_starts(probe):
     image = probe.with_suffix(".hex")
@@ -41,7 +41,7 @@ def test_avrdude_programs_a_blank_nano_and_the_program_starts(probe):
 
 
 @needs_tools
-@pytest.mark.slow
+@pytest.mark.long
 def test_avrdude_programs_the_firmware_and_it_says_hello(firmware):
     """Write, verify, then a clean stream that begins with HELLO."""
     with EmulatedNano(b"", bootloader=True) as nano, Pty(nano) as pty:
@@ -70,7 +70,7 @@ def test_the_bootloader_waits_and_starts_the_program(probe):
 
 
 @needs_tools
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_watchdog_reset_under_the_old_bootloader_loops_for_ever(probe):
     with EmulatedNano(probe, bootloader=True) as nano:
         assert nano.run(3.0)

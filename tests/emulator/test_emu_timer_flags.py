@@ -35,7 +35,7 @@ def test_a_flag_is_cleared_by_its_own_bit_alone(flags):
     assert not flags.write(OCF1B).read() & OCF1B
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_captures_lose_no_time(firmware):
     """A thousand edges at D8, some of which come with an overflow of the timer: time goes on."""
     with Car.open("sim://?seed=11&nano=avr") as car:

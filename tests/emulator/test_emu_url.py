@@ -31,7 +31,7 @@ def test_pyserial_opens_the_emulator(probe):
         assert answer[:1] == b"C"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_timeout_passes_in_virtual_time(probe):
     with port(probe) as ser:
         ser.read(3)

@@ -46,7 +46,7 @@ def run(tmp_path_factory):
     return states, latched, min(start - zero - t for t, start in ticks)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_latch_delay_is_the_firmwares(run):
     assert run[2] == pytest.approx(LATCH_DELAY, abs=30e-6)
 

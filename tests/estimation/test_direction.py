@@ -145,7 +145,7 @@ def test_a_push_too_weak_to_tell_is_unsure(wheel):
 
 
 @pytest.mark.parametrize(("way", "seed"), [
-    (-1.0, 3), (1.0, 3), pytest.param(-1.0, 8, marks=pytest.mark.more)])
+    (-1.0, 3), (1.0, 3), pytest.param(-1.0, 8, marks=pytest.mark.slow)])
 def test_an_emulated_car_pushed_at_neutral(way, seed):
     backend = open_backend(f"sim://?seed={seed}&nano=mock")
     world = world_of(backend)

@@ -68,7 +68,7 @@ def test_the_same_sample_twice_is_no_second_look(stream):
         assert not stream.check.judge(stream.n * FRAME, t, *STILL, STILL[0][2], 0.0, 0.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_random_words_are_never_believed():
     """1e5 samples of six random words: none is given out."""
     stream, rng = Stream(), random.Random(1)

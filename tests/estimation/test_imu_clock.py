@@ -56,7 +56,7 @@ def rms(values: list[float]) -> float:
 
 @pytest.mark.parametrize("rate", [5e-3, 3e-3, 1.4e-3, 7e-4, -7e-4, -1.4e-3, -3e-3, -5e-3])
 @pytest.mark.parametrize("lead", [LOOK, 3.6e-3], ids=["180 us", "50 us"])
-@pytest.mark.few("50 us--0.003", "50 us-0.0007", "180 us-0.005", "180 us--0.0014")
+@pytest.mark.slow_except("50 us--0.003", "50 us-0.0007", "180 us-0.005", "180 us--0.0014")
 def test_the_age_is_known_after_two_beats(rate, lead):
     """Beats of 2 to 14 s. A look that comes elsewhere than thought costs little."""
     late = [e for t, e, _ in followed(rate, 0.37, lead=lead, seed=3) if t > 30.0]
@@ -64,7 +64,7 @@ def test_the_age_is_known_after_two_beats(rate, lead):
 
 
 @pytest.mark.parametrize("rate", [1e-4, 1e-5, 0.0, -1e-5, -1e-4])
-@pytest.mark.few("0.0", "-0.0001")
+@pytest.mark.slow_except("0.0", "-0.0001")
 def test_of_clocks_in_step_the_half_is_known(rate):
     """The age hardly moves in a minute: within the look's region, and not said to be surer."""
     scores = [(e / std)**2 for phase in range(5)
@@ -129,7 +129,7 @@ def turned_wrong(looks: bool, phase: float, bend: float = 7.0, seconds: float = 
     return odometry.yaw - yaw(end) + yaw(PERIOD)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_bends_in_step_with_the_beat_do_not_turn_the_car():
     """Without looks up to 60 s of 0.8 tau / 7 rad/s2 at 3.2 ms / sqrt(2) squared: 0.07 rad."""
     phases = 0.0, 0.25, 0.5, 0.75

@@ -19,12 +19,12 @@ DEAD = {"circles_27_sept_2024/car_1_Datarecording_09_27_2024_12_06_55.csv"}
 
 
 @pytest.mark.parametrize("style", STYLES)
-@pytest.mark.more
+@pytest.mark.slow
 def test_no_style_of_driving_is_doubted(style):
     assert drive((17, style), 9.0).doubts == ()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("style", STYLES)
 def test_no_style_of_driving_is_doubted_on_ten_cars(style):
     assert [d for seed in range(30, 40) for d in drive((seed, style), 36.0).doubts] == []
@@ -42,7 +42,7 @@ def test_a_recorded_dead_encoder_is_found(recordings):
     assert told(path) == {next(iter(DEAD)): {"ENCODER_DEAD", "ENCODER_LOW"}}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_only_recordings_of_a_dead_encoder_and_of_drifting_are_doubted(recordings):
     found: dict[str, set[str]] = {}
     for path in sorted(recordings.rglob("*.csv")):

@@ -155,13 +155,13 @@ def nees(noise, seeds):
     OdometryNoise(gyro_noise=2e-3),
     OdometryNoise(gyro_scale=0.002, travel_scale=0.002, slip_gain=0.04),
 ], ids=["default", "noisy gyro", "calibrated, slippery"])
-@pytest.mark.more
+@pytest.mark.slow
 def test_covariance_is_honest(noise):
     """Mean of 60 chi-square values of 3 degrees: 3 +- 0.32, so 4 sigma."""
     assert 1.75 < nees(noise, range(60)) < 4.3
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_covariance_without_the_constant_errors_would_lie():
     """Control: a bias of the stated size, a filter told of white noise alone."""
     truth = OdometryNoise()
@@ -202,8 +202,7 @@ def bends(seconds):
 
 
 @pytest.mark.parametrize("bend", [5.0, 10.0])
-@pytest.mark.cpu(4)
-@pytest.mark.few("5.0")
+@pytest.mark.slow_except("5.0")
 def test_yaw_is_honest_about_the_age_of_the_gyros_samples(bend):
     """Clocks whose beat meets the bend are among them, as often as they come. A variance by the
     yaw rate instead of its change, (2.5e-3)^2 of it, was too small by a factor of 2.5 in bends of

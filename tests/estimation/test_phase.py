@@ -123,9 +123,9 @@ def test_it_says_nothing_before_it_has_learnt():
     assert not any(told(glued(0.25), lambda t: t < 0.3, 4.3))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("cars", "least"), [
-    (range(1, 9), 4), pytest.param(range(1, 101), 50, marks=pytest.mark.more)])
+    (range(1, 9), 4), pytest.param(range(1, 101), 50, marks=pytest.mark.slow)])
 def test_uneven_rings_of_hidden_cars_are_never_wrong(cars, least):
     """Flanks 2 % of a pitch off, teeth up to 12 % wider than gaps, glued anyhow: half of them tell.
     """
@@ -179,7 +179,7 @@ def pushed_back(url):
     return frames, error
 
 
-@pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.more)])
+@pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.slow)])
 def test_a_car_pushed_back_against_its_throttle(nano):
     """The acceleration may not overrule the command there; the second ring does."""
     frames, error = pushed_back(f"sim://?seed=2&rings=2&nano={nano}")
@@ -187,7 +187,7 @@ def test_a_car_pushed_back_against_its_throttle(nano):
     assert error < 0.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_with_one_ring_it_is_taken_for_forwards():
     frames, error = pushed_back("sim://?seed=2&nano=mock")
     assert frames > 50

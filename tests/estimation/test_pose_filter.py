@@ -126,7 +126,7 @@ def ends(noise, poses=True):
     return np.array(values)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [OdometryNoise(), OdometryNoise(gyro_noise=2e-3),
                                    OdometryNoise(gyro_scale=0.002, slip_gain=0.04)],
                          ids=["default", "noisy gyro", "slippery"])
@@ -136,13 +136,13 @@ def test_the_covariance_is_honest(noise, column, degrees):
     assert low < np.mean(ends(noise)[:, column]) < high
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_poses_it_is_as_honest_as_dead_reckoning():
     low, high = band()
     assert low < np.mean(ends(OdometryNoise(), poses=False)[:, 0]) < high
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_late_pose_taken_for_a_fresh_one_is_not_honest():
     """Control: the same poses, said to be of now."""
     values = []

@@ -75,7 +75,7 @@ def nees(external, t):
     return float(off @ np.linalg.solve(external.estimate.pose.cov, off))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("marker", [KNOWN, UNKNOWN], ids=["known", "unknown"])
 def test_it_is_honest_about_the_axle(marker):
     values = [nees(told, t) for seed in range(8) for t, told in drive(marker, 12.0, seed)
@@ -83,14 +83,12 @@ def test_it_is_honest_about_the_axle(marker):
     assert 1.0 < np.mean(values) < 5.0
 
 
-@pytest.mark.cpu(3)
 def test_a_marker_that_is_elsewhere_than_it_is_said_is_not_honest():
     """Control: the same poses, said to be those of the axle."""
     values = [nees(told, t) for t, told in drive(KNOWN._replace(lx=0.0), 6.0) if t > 4.0]
     assert np.mean(values) > 30.0
 
 
-@pytest.mark.cpu(3)
 def test_half_a_second_without_poses_is_survived():
     told = drive(KNOWN, 7.0, told=lambda t, pose: None if 5.0 < t < 5.5 else pose)
     worst = max(hypot(*error(external, t)[:2]) for t, external in told if t > 4.0)
@@ -100,8 +98,7 @@ def test_half_a_second_without_poses_is_survived():
     assert sure[6.5] < sure[5.5]
 
 
-@pytest.mark.more
-@pytest.mark.cpu(4)
+@pytest.mark.slow
 def test_a_lock_while_it_drives_is_undone(monkeypatch):
     held = []
 

@@ -21,7 +21,7 @@ def parameters(fast: bool):
         for case in row.cases:
             if case.fast is fast:
                 marks = [pytest.mark.emulator] if case.world == "elf" else []
-                marks += [] if fast else [pytest.mark.slow]
+                marks += [] if fast else [pytest.mark.long]
                 yield pytest.param(case, marks=marks,
                                    id=f"{row.number}-{case.world}-{case.what}")
 
@@ -54,8 +54,7 @@ def check(case: Case, full: bool, controls: bool = True) -> None:
 
 
 @pytest.mark.parametrize("case", list(parameters(fast=True)))
-@pytest.mark.few(*QUICK)
-@pytest.mark.cpu(6)  # the first one builds a firmware without its layer
+@pytest.mark.slow_except(*QUICK)
 def test_a_case_holds_and_its_control_does_not(case):
     check(case, full=False)
 
@@ -92,7 +91,6 @@ def test_one_case_of_every_other_row_holds(case):
 
 @pytest.mark.realtime
 @pytest.mark.parametrize("case", list(alone(named(*REALTIME))))
-@pytest.mark.cpu(4)
 def test_one_case_of_every_other_row_holds_in_real_time(case):
     check(case, full=False, controls=False)
 

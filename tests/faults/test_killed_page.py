@@ -19,7 +19,7 @@ from fault_table.stand import HERE, PATIENCE, PtyStand, environment, guard_of, w
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.cpu(60)]
+pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 NEUTRAL_MS = 250.0
 
 

@@ -51,7 +51,7 @@ def test_esc_behind_oe_receives_its_whole_neutral_time(tmp_path, counts):
 
 @pytest.mark.parametrize("waits", [True, False])
 @pytest.mark.parametrize("cutoff", ["oe", "mux"])
-@pytest.mark.few("mux-*")
+@pytest.mark.slow_except("mux-*")
 def test_raw_waits_until_the_nano_passes_its_pulses(tmp_path, cutoff, waits):
     """Control: a driver that expects the pulses behind the cut-off at once ends raw()."""
     limit = LIVE_AFTER if waits else 0.0
@@ -67,7 +67,7 @@ def test_raw_waits_until_the_nano_passes_its_pulses(tmp_path, cutoff, waits):
 
 @pytest.mark.parametrize(("cutoff", "pulse_us"), [("oe", 0.0), ("mux", 1500.0)])
 @pytest.mark.parametrize("reports", [True, False])
-@pytest.mark.few("*-mux-*")
+@pytest.mark.slow_except("*-mux-*")
 def test_state_reports_the_pulse_that_the_cutoff_leaves(tmp_path, cutoff, pulse_us, reports):
     """The Nano cuts because no beat reaches it. Control: report the pulses of the PCA9685."""
     method = Driver.passed if reports else lambda driver, applied: applied
@@ -146,7 +146,7 @@ def record_writes(drive: Drive) -> list[float]:
 
 @pytest.mark.parametrize("throttle", [0.4, -0.4])
 @pytest.mark.parametrize("notes", [True, False])
-@pytest.mark.few("True-*", "False--0.4")
+@pytest.mark.slow_except("True-*", "False--0.4")
 def test_stalled_loop_disarms_in_both_directions(tmp_path, notes, throttle):
     """Control: an expiry that nobody notes ends at neutral, but the car stays armed."""
     with Drive(tmp_path, brief=True) as drive:

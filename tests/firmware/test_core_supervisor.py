@@ -158,7 +158,7 @@ def test_third_trip_within_60_s_locks(sut: Sut) -> None:
     assert outputs(sut.view()) == OUTPUTS[LOCKED]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_three_trips_in_more_than_60_s_do_not_lock(sut: Sut) -> None:
     sut.linked()
     for _ in range(4):

@@ -49,7 +49,7 @@ def test_the_seeds_name_commands_as_the_firmware_numbers_them() -> None:
 
 
 @with_clang
-@pytest.mark.more
+@pytest.mark.slow
 def test_nothing_is_found_in_a_few_thousand_inputs() -> None:
     fuzz = fuzz_of(FIRMWARE)
     build(FIRMWARE, *fuzz.LONGEST)
@@ -60,7 +60,7 @@ def test_nothing_is_found_in_a_few_thousand_inputs() -> None:
 
 
 @with_clang
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "file", "old", "new"), [
     ("decoder", "core/frame.cpp", "if (size_ == kMaxRx) {", "if (size_ == kMaxRx + 1) {"),
     ("decoder", "core/frame.cpp", "bool const broken = left_ != 0;", "bool const broken = false;"),

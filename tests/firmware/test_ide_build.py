@@ -150,7 +150,7 @@ def memory(elf: Path) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize("tool", [arduino_ide, platformio])
-@pytest.mark.more
+@pytest.mark.slow
 def test_it_builds_fits_and_runs(tool: Callable[[], Builder], nano: Callable[..., Rig],
                                  tmp_path: Path) -> None:
     elf = build(tool(), tmp_path)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from firmware_rig import Rig, eeprom_image, patched
 
-pytestmark = [pytest.mark.emulator, pytest.mark.slow]
+pytestmark = [pytest.mark.emulator, pytest.mark.long]
 Make = Callable[..., Rig]
 
 DEAF_LOOP = ("src/core/supervisor.cpp",

@@ -31,7 +31,6 @@ def budgets_module() -> ModuleType:
 
 
 @pytest.mark.emulator
-@pytest.mark.cpu(4)
 def test_every_budget_holds(nano: Make, elf: Path, test_elf: Path) -> None:
     budgets, isr = budgets_module().measure(elf, test_elf)
     assert len(budgets) == 9
@@ -97,7 +96,7 @@ def test_the_checksum_beside_the_prebuilt_hex() -> None:
     assert line[0] == hashlib.sha256((FIRMWARE / "prebuilt/dart_nano.hex").read_bytes()).hexdigest()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_build_elsewhere_gives_the_same_bytes(elf: Path, tmp_path: Path) -> None:
     copy = tmp_path / "other/place"
     shutil.copytree(FIRMWARE, copy, ignore=shutil.ignore_patterns("build", "emulator"))

@@ -46,7 +46,7 @@ def cut(rig: Rig, seconds: float = 0.3) -> float | None:
 
 @pytest.mark.parametrize(("edge_min_us", "budget"), [(100, 77), (0, 255)])
 @pytest.mark.parametrize("ring", [0, 1])
-@pytest.mark.few("*-100-77")
+@pytest.mark.slow_except("*-100-77")
 def test_the_first_phase_after_a_reset_has_its_budget_of_edges(nano: Make, ring: int,
                                                               edge_min_us: int,
                                                               budget: int) -> None:
@@ -65,7 +65,7 @@ def test_the_first_phase_after_a_reset_has_its_budget_of_edges(nano: Make, ring:
 @pytest.mark.parametrize("edge_min_us", [0, 100])
 @pytest.mark.parametrize("rings", [(0,), (1,), (0, 1)])
 @pytest.mark.parametrize("rate", [100e3, 260e3, 1e6])
-@pytest.mark.few("100000.0-rings0-0")
+@pytest.mark.slow_except("100000.0-rings0-0")
 def test_the_link_and_the_cutoff_live_on(nano: Make, rate: float, rings: tuple[int, ...],
                                          edge_min_us: int,
                                          request: pytest.FixtureRequest) -> None:
@@ -112,7 +112,7 @@ def test_the_watchdog_fires_in_a_chatter(nano: Make, ring: int) -> None:
 
 
 @pytest.mark.parametrize("edge_min_us", [0, 100])
-@pytest.mark.few("100")
+@pytest.mark.slow_except("100")
 def test_our_pulse_keeps_its_width_in_a_chatter(nano: Make, edge_min_us: int) -> None:
     rig = nano(eeprom=eeprom_image(safety_out=MUX, ring_b=1, edge_min_us=edge_min_us))
     rig.run(0.5)
@@ -141,7 +141,7 @@ def test_what_the_design_allows_is_never_masked(nano: Make) -> None:
     assert not any(s["flags"] & FLAG["ENC_REJECT"] for s in rig.states())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_without_the_budget_the_link_dies_and_only_the_watchdog_is_left(
         nano: Make, elf: Path, tmp_path: Path) -> None:
     """The control: no STATE, no cut by the interrupt; the reset of the watchdog lets go of D6."""

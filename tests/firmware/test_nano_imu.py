@@ -60,7 +60,7 @@ def test_values_and_age(nano: Make) -> None:
 
 
 @pytest.mark.parametrize("clock", [0.006, -0.006])
-@pytest.mark.few("0.006")
+@pytest.mark.slow_except("0.006")
 def test_looks_tell_the_clock_of_the_part(nano: Make, clock: float) -> None:
     """Its clock against the Nano's, which is true here: phase to 0.5 ms, rate to 3 %."""
     rig = nano()
@@ -129,7 +129,7 @@ def test_a_bus_clear_ends_with_a_stop(nano: Make) -> None:
     assert time_of_stop(nano()) == pytest.approx(5e-6, abs=0.5e-6)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_bus_clear_of_clocks_alone_makes_no_stop(nano: Make, elf: Path, tmp_path: Path) -> None:
     """The control."""
     assert time_of_stop(nano(patched(tmp_path, WITHOUT_STOP))) is None
@@ -147,7 +147,7 @@ def test_the_bus_has_the_clock_of_the_parameter_also_after_a_bus_clear(nano: Mak
     assert rig.nano.peek(TWBR) == bit_rate
 
 
-@pytest.mark.few("sda")
+@pytest.mark.slow_except("sda")
 @pytest.mark.parametrize("fault", ["scl", "sda", "dead"])
 def test_a_dead_bus_never_stops_the_stream_and_heals(nano: Make, fault: str) -> None:
     rig = nano()
@@ -204,7 +204,7 @@ def test_a_part_slower_than_the_deadline(nano: Make) -> None:
     assert not rig.state()["flags"] & VALID
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_offsets_are_stored_when_standing_and_restored_after_a_reset(nano: Make) -> None:
     rig = nano()
     rig.nano.set_imu_errors(calibrated_after=(0.1, 0.1, 0.1))

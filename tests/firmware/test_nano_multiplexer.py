@@ -112,7 +112,7 @@ def cut(board: Board, begin: float) -> list[float]:
 
 
 @pytest.mark.parametrize("n", range(PHASES))
-@pytest.mark.few("4", "14")
+@pytest.mark.slow_except("4", "14")
 def test_no_pulse_is_cut_or_joined(nano: Make, n: int) -> None:
     rig = nano(eeprom=eeprom_image(safety_out=MUX))
     board, armed, stopped = drive(rig, n * PERIOD / PHASES, (1.0e-3, 1.72e-3, 2.1e-3)[n % 3])
@@ -127,7 +127,7 @@ def test_no_pulse_is_cut_or_joined(nano: Make, n: int) -> None:
 
 
 @pytest.mark.parametrize("n", range(0, PHASES, 4))
-@pytest.mark.few("8")
+@pytest.mark.slow_except("8")
 def test_without_the_wire_none_is_joined_and_at_most_one_is_cut_at_a_switch(nano: Make,
                                                                           n: int) -> None:
     rig = nano(eeprom=eeprom_image(safety_out=MUX))
@@ -163,14 +163,14 @@ def test_pulses_of_the_two_sources_are_told_apart(nano: Make) -> None:
     assert smallest_gap(nano) > FILTER
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_switch_right_behind_the_own_pulse_is_too_early(nano: Make, elf: Path,
                                                           tmp_path: Path) -> None:
     """The control: the same phases, 40 us behind the pulse."""
     assert smallest_gap(nano, patched(tmp_path, AT_ONCE)) < FILTER
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("change", "joins"), [(BLIND, False), (ANY_TIME, True)])
 def test_a_switch_that_does_not_look_cuts(nano: Make, elf: Path, tmp_path: Path,
                                           change: tuple[str, str, str], joins: bool) -> None:
@@ -188,7 +188,7 @@ def test_a_switch_that_does_not_look_cuts(nano: Make, elf: Path, tmp_path: Path,
 
 @pytest.mark.parametrize(("clock_error", "neutral"), [(0.0, True), (0.005, True), (-0.005, True),
                                                      (0.01, False)])
-@pytest.mark.few("0.0-*", "0.005-*")
+@pytest.mark.slow_except("0.0-*", "0.005-*")
 def test_own_pulse_is_neutral_within_the_tolerance_of_the_resonator(nano: Make, clock_error: float,
                                                                     neutral: bool) -> None:
     """Its resonator is good to 0.5 %, and so is the pulse, to a tick of 0.5 us.

@@ -296,7 +296,7 @@ def test_the_interrupt_cuts_without_loop_and_watchdog(nano: Make) -> None:
     assert 0.110 <= cut.t - last <= 0.120
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_dead_transmitter_starves_the_watchdog(nano: Make, elf: Path, tmp_path: Path) -> None:
     """Beats come, the loop runs, nothing is sent any more from 2 s on."""
     rig = nano(patched(tmp_path, ("src/board/uart.cpp", MUTE[0], MUTE[1])),
@@ -333,7 +333,7 @@ def test_reboot_on_request(nano: Make) -> None:
     assert any(s["enc_count"] == 0 for s in rig.states())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_old_bootloader_hands_over_and_is_found_again(nano: Make) -> None:
     try:
         rig = nano(bootloader=True)
@@ -371,7 +371,7 @@ def test_parameters_survive_a_reset(nano: Make) -> None:
     assert any(n == "EVENT" and v["code"] == 6 for _, n, v in rig.frames)
 
 
-@pytest.mark.few("0", "80", "105")
+@pytest.mark.slow_except("0", "80", "105")
 @pytest.mark.parametrize("after_ms", [0, 1, 5, 20, 50, 80, 95, 100, 105, 110, 120])
 def test_what_was_confirmed_survives_a_reset_at_any_moment(nano: Make, after_ms: int) -> None:
     rig = nano(eeprom=eeprom_image(safety_out=NONE))

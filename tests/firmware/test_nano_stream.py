@@ -58,7 +58,7 @@ def test_hello_on_request_echoes_the_sequence_and_sends_diag(nano: Make) -> None
 
 @pytest.mark.parametrize("edge_min_us", [0, 100])
 @pytest.mark.parametrize("rate", [0.05, 7.3, 120.0, -60.0])
-@pytest.mark.few("-60.0-0")
+@pytest.mark.slow_except("-60.0-0")
 def test_edge_counts_are_exact(nano: Make, edge_min_us: int, rate: float) -> None:
     rig = nano(eeprom=eeprom_image(edge_min_us=edge_min_us))
     rig.run(0.2)
@@ -286,7 +286,7 @@ def test_the_other_baud_is_tried_after_3_s_of_garbage(nano: Make) -> None:
     assert len(rig.states()) - count == pytest.approx(100, abs=2)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_baud_is_kept_while_frames_arrive(nano: Make) -> None:
     rig = nano()
     for _ in range(400):

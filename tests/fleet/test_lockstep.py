@@ -26,7 +26,7 @@ def test_a_fleet_brings_its_cars_to_one_time():
         assert max(ages[10:]) < 0.05 + 3 * SAMPLE, "a period, a look, and a tick between the cars"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_all_arm_at_once():
     with Pins("local://arm", seeds=(1, 2, 3)) as pins:
         pins.fleet.arm()

@@ -32,7 +32,6 @@ def stop_one_by_another(room):
         return [pins.last_driving(n, t) for n, t in enumerate(called)], call, refused, pins
 
 
-@pytest.mark.cpu(4)
 def test_all_stop_at_once():
     lasts, call, refused, pins = stop_one_by_another("local://stop")
     assert max(lasts) <= ALONE
@@ -41,36 +40,34 @@ def test_all_stop_at_once():
     assert pins.fleet.cars[1].causes == ("RUN_STOP",)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 def test_all_stop_at_a_loss_of_one_half():
     lasts = [stop_one_by_another(HALF.format(seed))[0][1] for seed in range(24)]
     assert max(lasts) <= WITHIN, lasts
     assert max(lasts) > ALONE, "control: some were lost on the way"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_stop_at_a_loss_of_one_half_once():
     lasts, call, _, _ = stop_one_by_another(HALF.format(5))
     assert 0.0 < max(lasts) <= WITHIN
     assert call.silent == set()
 
 
-@pytest.mark.cpu(4)
 def test_a_car_that_does_not_hear_drives_on(monkeypatch):
     """Control: without the rule the stop changes nothing."""
     monkeypatch.setattr(StopRule, "stop", lambda self, number, who, why, now: None)
     assert stop_one_by_another("local://stop")[0][1] > 0.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_trip_that_is_not_carried_out_is_seen(monkeypatch):
     """Control: the car knows that it is stopped, and the pin does not."""
     monkeypatch.setattr(Driver, "hold", lambda self, *given: None)
     assert stop_one_by_another("local://stop")[0][1] > 0.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_stop_that_is_sent_once_is_not_enough_at_half_loss(monkeypatch):
     """Control: it is the repeating that reaches everybody."""
     monkeypatch.setattr(Member, "_repeat", lambda self, now: None)
@@ -88,7 +85,7 @@ def test_a_stop_that_is_sent_once_is_not_enough_at_half_loss(monkeypatch):
     assert max(seen) > 0.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_program_may_arm_again_when_the_stop_is_over():
     with Pins("local://again") as pins:
         pins.fleet.arm()
@@ -130,21 +127,21 @@ def watched(beating, *, hears=True):
         return [pins.last_driving(n, t) for n, t in enumerate(begun)], pins
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_cars_stop_when_nobody_watches_them_any_more():
     lasts, pins = watched(lambda t: t < 0.5)
     assert all(0.5 < last <= 0.5 + 0.3 + 0.05 for last in lasts), lasts
     assert "watched" in pins.fleet.members[0].held
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_while_somebody_watches_they_drive():
     """Control: of the silence and of the pin."""
     lasts, _ = watched(lambda t: True)
     assert min(lasts) > 1.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_rule_that_forgets_the_silence_is_seen(monkeypatch):
     """Control: broken code."""
     held = StopRule.held
@@ -153,7 +150,7 @@ def test_a_rule_that_forgets_the_silence_is_seen(monkeypatch):
     assert min(lasts) > 1.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_where_nobody_watches_nothing_arms():
     with (Pins("local://alone", beat_within=0.3) as pins,
           pytest.raises(NotArmed) as told):
@@ -177,7 +174,7 @@ def test_nothing_that_comes_from_the_room_arms_or_drives():
         assert pins.driving(0, 0.0) == []
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_whose_loop_goes_on_is_told_by_an_error():
     with Pins("local://told", seeds=(1, 2)) as pins:
         pins.fleet.arm()
@@ -199,7 +196,7 @@ def test_a_run_stop_is_a_call_of_the_car():
         assert car.mode == "ARMED"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_room_lets_go_of_its_own_stop_alone():
     """The program's is held on while a stop of the room comes and ends; and the other way round."""
     with Pins("local://both", seeds=(1, 2)) as pins:

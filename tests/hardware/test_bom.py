@@ -129,7 +129,7 @@ def test_a_row_and_a_tool_that_no_step_uses_are_named(spoilt):
         bom_table.load(), bom_table.load_tools(), steps)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_nothing_is_written_from_a_bill_with_such_a_row(monkeypatch, spoilt, capsys):
     path, pages = spoilt("heat_shrink", id="heat_gun"), bom.generated()
     monkeypatch.setattr(bom, "load", lambda: bom_table.load(path))
@@ -171,7 +171,7 @@ def test_the_pages_are_generated():
     assert old == [], "python hardware/bom.py"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_old_line_below_a_picture_is_seen():
     text = bom.generated()[bom.DECK].replace("**3** free", "**3** thick")
     old = text.replace("**1** lidar, its motor forward", "**1** lidar")

@@ -88,7 +88,7 @@ def test_a_plate_laid_upside_down_is_found():
     assert apart(screws("base_plate", "jetson"), flipped, (0, 1)) > 0.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_brackets_close_the_gap_between_the_plates():
     base_top = whole_car()["base_plate"][0].bounds[1][2]
     roof = whole_car()["upper_plate"][0].bounds[0][2]
@@ -117,7 +117,7 @@ def test_the_camera_slot_is_the_sheet_and_play():
     assert slot(narrow, plate) == pytest.approx(2.88, abs=0.01), "the control"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_nothing_overlaps():
     """Every pair of bodies, made and bought, in the committed meshes; as the table says."""
     overlaps = collisions.overlaps(whole_car())
@@ -143,7 +143,7 @@ def view(car: dict[str, list[trimesh.Trimesh]]) -> dict[str, Any]:
     return collisions.lidar_view(car, (P.lidar.axis_x, 0.0), P.lidar.scan_z)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_lidar_sees_all_but_the_listed_posts():
     """Behind it stands the Jetson on its posts: known, and nothing else."""
     seen = view(whole_car())

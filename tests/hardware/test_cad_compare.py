@@ -26,7 +26,7 @@ def test_committed_files_do_not_differ_from_themselves():
     assert comparison.dxf_differences(HARDWARE / "dxf", HARDWARE / "dxf") == []
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_another_picture_is_seen(tmp_path):
     """A badge more is a difference, a little noise of another renderer is none."""
     old, new = tmp_path / "old", tmp_path / "new"
@@ -78,7 +78,7 @@ def thicker(report):
     (moved, "base_plate", "hole 0"), (heavier, "lidar_mount", "volume mm3"),
     (longer, "sensor_gate", "bounding box mm"), (gone, "shock_ring", "part"),
     (turned, "base_plate", "placement"), (blind, "assembly", "lidar")])
-@pytest.mark.few("turned*", "thicker*", "heavier*", "blind*", "moved*", "longer*")
+@pytest.mark.slow_except("turned*", "thicker*", "heavier*", "blind*", "moved*", "longer*")
 def test_changes_of_the_table_are_named(change, name, what):
     new = copy.deepcopy(BUILT)
     change(new)
@@ -93,7 +93,7 @@ def test_less_than_a_thousandth_is_no_difference():
     assert comparison.differences(BUILT, new) == []
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_changed_meshes_and_drawings_are_named(tmp_path):
     for folder in ("stl", "dxf"):
         shutil.copytree(HARDWARE / folder, tmp_path / folder)

@@ -45,13 +45,13 @@ def said(car: dict[str, list[trimesh.Trimesh]], *rows: Any, without: str = "") -
     return "\n".join(fit.problems(BUILT, list(rows), bodies))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_every_screw_of_the_car_goes_in(car):
     assert fit.problems(BUILT, ROWS, car) == []
     assert len(fasteners.fasteners(BUILT, ROWS)) == sum(r.pieces for r in ROWS)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_screws_of_the_lidar_go_in_from_above(car):
     lidar = row("lidar", "lidar_mount")
     assert (lidar.name, lidar.drive, lidar.material) == ("M3 x 25", "down", "steel")
@@ -62,20 +62,20 @@ def test_the_screws_of_the_lidar_go_in_from_above(car):
     assert {s[2] for s in seats} == {P.sheet.thickness + P.lidar.pillar + P.lidar.ear}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_screw_from_below_finds_no_thread_in_the_lidar(car):
     old = replace(row("lidar", "lidar_mount"), length=20.0, drive="up", other=0.0, other_at="",
                   end="thread")
     assert said(car, old).count("0.0 mm of thread in lidar") == 4
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_lidar_below_the_upper_plate_is_out_of_reach(car):
     late = replace(row("lidar", "lidar_mount"), step="S13")
     assert "upper_plate is in the way of the driver" in said(car, late)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_long_screws_of_the_small_holders_meet(car):
     small = [r for r in ROWS if any(q == "small_board_holder" for q, _ in r.holes)]
     assert [r.name for r in small] == ["M3 x 8", "M3 x 8"]
@@ -93,7 +93,7 @@ def test_no_metal_stands_over_the_live_jetson(car):
     assert "at (44.4, -27.0, " in steel
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_nuts_of_the_imu_do_not_hang_over_the_expansion_board(car):
     imu = row("imu", "nano_imu_mount")
     assert said(car, imu) == ""
@@ -101,13 +101,13 @@ def test_nuts_of_the_imu_do_not_hang_over_the_expansion_board(car):
     assert over.count("above the live expansion_board") >= 4
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_head_in_a_part_is_named(car):
     thick = replace(row("camera_bracket"), head="cap")
     assert "its head is in camera" in said(car, thick)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_nut_that_no_spanner_reaches_is_named(car):
     lidar = row("lidar", "lidar_mount")
     wall = {f"wall_{n}": [shapes.body(shapes.cylinder((*f.seat[:2], -8), (*f.seat[:2], 0), 9, "",
@@ -120,7 +120,7 @@ def test_a_nut_that_no_spanner_reaches_is_named(car):
     assert "wall_0" in found
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_screw_too_many_is_counted(car):
     assert "4 in the car, 3 in screws.csv" in said(car, replace(row("lidar", "lidar_mount"),
                                                                 pieces=3))
@@ -168,7 +168,7 @@ def test_the_servo_lies_on_its_side_with_the_horn_to_the_right():
         "stands upright", "bottom far from the middle line", "shaft not to the right"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_steering_moves_freely_from_stop_to_stop(car):
     below = {n: b for n, b in car.items() if lowest(b) < 0}
     stops = -1.0, 1.0  # the build tries five angles
@@ -189,7 +189,7 @@ def test_the_battery_is_held(car):
     assert len(list(battery.loose(free))) == 5, "the control"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.skipif(not CAD.exists(), reason="needs the CAD kernel of `make hardware`")
 def test_a_file_that_makes_screws_collide_is_refused_and_nothing_is_written(tmp_path):
     text = (HARDWARE / "cad" / "parameters.toml").read_text(encoding="utf-8")

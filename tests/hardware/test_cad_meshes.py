@@ -77,7 +77,7 @@ def test_broken_meshes_are_found():
 
 
 @pytest.mark.parametrize("name", sorted(PARTS))
-@pytest.mark.few("board_holder", "back_plate", "hall_holder", "*ring", "sensor_gate")
+@pytest.mark.slow_except("board_holder", "back_plate", "hall_holder", "*ring", "sensor_gate")
 def test_walls_are_thick_enough(name):
     """Least wall that the part declares, and that never below what its process can make."""
     row = PARTS[name]

@@ -49,7 +49,7 @@ def test_every_value_has_unit_bounds_source_and_comment():
     assert {e["source"] for g in RAW.values() for e in g.values()} <= set(parameters.SOURCES)
 
 
-@pytest.mark.few("rings-*", "stack-*")
+@pytest.mark.slow_except("rings-*", "stack-*")
 @pytest.mark.parametrize(("group", "key", "value", "words"), [
     ("base_holes", "bracket_half", 72.0, ("base_holes.bracket_half", "72", "40 to 66")),
     ("base_holes", "cable_x", [50.0, 4.0], ("base_holes.cable_x", "4", "10 to 160")),

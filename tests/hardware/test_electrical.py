@@ -92,7 +92,7 @@ WITHOUT = {
 """Fault -> cars that are built with it and right: they have no such part, or another supply."""
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("what", "file", "old", "new", "car", "refusal"), BROKEN,
                          ids=[row[0] for row in BROKEN])
 def test_a_fault_is_refused_in_every_car_that_has_it(copy, what, file, old, new, car, refusal):
@@ -105,7 +105,7 @@ def test_a_fault_is_refused_in_every_car_that_has_it(copy, what, file, old, new,
     assert set(cars) - set(refused) == set(right)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_nothing_is_drawn_from_a_harness_with_a_fault(tmp_path):
     """The whole tree, for the builder writes beside itself and into the pages."""
     shutil.copytree(ROOT / "hardware", tmp_path / "hardware",

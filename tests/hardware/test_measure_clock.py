@@ -28,7 +28,7 @@ def truth(url: str) -> float:
         backend.close()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [7, 8, 9])
 def test_it_finds_the_hidden_clock(seed):
     url = f"sim://?seed={seed}&nano=mock"
@@ -38,7 +38,7 @@ def test_it_finds_the_hidden_clock(seed):
 
 
 @pytest.mark.emulator
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_firmware_times_it():
     url = "sim://?seed=7&nano=avr"
     try:
@@ -54,7 +54,7 @@ def test_a_cut_off_lets_the_pulses_pass_while_it_measures(cutoff, short):
     assert measure_clock.measure(url)[0] == pytest.approx(truth(url), rel=500e-6)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_heartbeats_a_cut_off_shows_nothing(monkeypatch, short):
     monkeypatch.setattr(measure_clock.Heart, "beat", lambda self, mode: None)
     with pytest.raises(LinkLost, match="timed no pulse"):
@@ -68,7 +68,7 @@ def short(monkeypatch):
     monkeypatch.setattr(measure_clock, "PATIENCE", 5.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_comparing_the_clocks_the_resonator_shows(monkeypatch):
     """Control: the Nano of seed 7 is 565 ppm off, and that is taken out."""
     monkeypatch.setattr(measure_clock, "rate", lambda pairs: (0.5e-6, 0.0))
@@ -100,7 +100,7 @@ def without_bus(url):
     return backend
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_it_prints_what_car_toml_takes(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["measure_clock.py", "sim://?seed=7&nano=mock"])
     assert measure_clock.main() == 0

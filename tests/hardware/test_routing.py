@@ -49,7 +49,7 @@ def test_every_cable_has_a_route_that_can_be_laid():
      "the opening 'hole for cables' of 79 mm2"),
     ("routing.yml", "    W_SPARE:", "    # W_SPARE:", "W_SPARE of cutoff_mux.yml has no route"),
 ])
-@pytest.mark.few("routing.yml-servo*", "minimal*")
+@pytest.mark.slow_except("routing.yml-servo*", "minimal*")
 def test_a_route_that_cannot_be_laid_is_named(copy, file, old, new, said):
     folder = copy(file, old, new)
     assert any(fault.startswith(said) for fault in routing.faults(folder)), routing.faults(folder)

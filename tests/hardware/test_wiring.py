@@ -177,7 +177,7 @@ def test_the_committed_diagrams_and_tables_are_those_of_the_sources():
     assert build.stale() == [], "make hardware ARGS=--write"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_older_diagram_is_seen(copy):
     """A colour changed in the source alone: its diagram and the pins of the Nano are old."""
     folder = copy("capture.yml", "[GN]}\nconnections", "[YE]}\nconnections")

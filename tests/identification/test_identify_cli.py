@@ -62,7 +62,7 @@ def test_as_paper_prints_the_contract(run, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_as_paper_with_out_writes_what_is_sound(run, tmp_path):
     status, document, err = run("all", "--as-paper", EXCERPT, "--out", "m/model.toml", "--json")
     assert (status, document["model"]) == (0, "m/model.toml")
@@ -107,7 +107,7 @@ def test_a_base_gives_what_is_not_identified(run, tmp_path):
     assert car.friction.a == pytest.approx(1.7258, abs=1e-3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_every_file_of_the_paper_is_in_the_list(run):
     _, out, _ = run("all", "--as-paper", EXCERPT, "--dry-run")
     head, rest = out.split("parameters,")[0].splitlines()[0], out.split("parameters,")[0]
@@ -136,7 +136,7 @@ def test_a_dry_run_writes_nothing(run, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_table_says_value_error_paper_and_what_is_not_told(run):
     _, out, err = run("tyres", "--as-paper", EXCERPT)
     assert "0.38508 +- 0.00088 N/deg" in out
@@ -175,7 +175,7 @@ def test_a_broken_model_file_is_not_overwritten(run, tmp_path):
     assert path.read_text() == "this is [no toml"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_pictures(run, tmp_path):
     pytest.importorskip("matplotlib")
     _, document, _ = run("all", "--as-paper", EXCERPT, "--plot", "pics", "--json")
@@ -184,7 +184,7 @@ def test_pictures(run, tmp_path):
     assert all((tmp_path / p).read_bytes()[:4] == b"\x89PNG" for p in document["plots"])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_page_has_the_tables_and_the_pictures(run, tmp_path):
     pytest.importorskip("matplotlib")
     _, document, err = run("all", "--as-paper", EXCERPT, "--html", "new/report.html", "--json")
@@ -227,7 +227,7 @@ def test_files_of_any_kind_are_fitted_and_listed(run, tmp_path):
         assert document["model"] is None
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_joint_fit_predicts_a_day_that_it_has_not_seen(run, tmp_path):
     """Fitted to two days of September, judged on one of July beside its base."""
     train = [EXCERPT / name for name in ("81_throttle_ramps", "91_free_driving_16_sept_2024")]
@@ -247,7 +247,7 @@ def test_a_joint_fit_predicts_a_day_that_it_has_not_seen(run, tmp_path):
         assert rms[1][channel] < 0.5 * rms[0][channel], channel
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_joint_fit_is_not_its_own_prior(run, tmp_path):
     """The same recordings again: their errors are in the base already and must not count twice."""
     files = [EXCERPT / "91_free_driving_16_sept_2024"]
@@ -268,7 +268,7 @@ def test_a_joint_fit_needs_motion_capture_and_all_sub_models(run, tmp_path):
     assert not (tmp_path / "model.toml").exists()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_joint_fit_has_one_row_pictures_and_a_next_step(run, tmp_path):
     pytest.importorskip("matplotlib")
     status, out, err = run("all", "--joint", EXCERPT / "91_free_driving_16_sept_2024", "--plot",
@@ -282,7 +282,7 @@ def test_a_joint_fit_has_one_row_pictures_and_a_next_step(run, tmp_path):
     assert "next: dart-hal evaluate --model model.toml" in err
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_failed_picture_costs_only_the_picture(run, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
 
@@ -296,7 +296,7 @@ def test_a_failed_picture_costs_only_the_picture(run, tmp_path, monkeypatch):
     assert (tmp_path / "m.toml").exists()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_pictures_of_recordings(run, tmp_path):
     pytest.importorskip("matplotlib")
     files = sorted((EXCERPT / "10_step_input_data_rubbery_floor").glob("*14_59_59*"))

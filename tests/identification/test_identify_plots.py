@@ -48,7 +48,7 @@ def test_the_paper_s_pictures_show_the_very_rows_of_the_fits(made):
     assert evidence.step.throttle.max() > 0.3  # the step is in the picture
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_recordings_give_forces_of_the_right_sign_and_size(made):
     recordings, _ = read_any([EXCERPT / "19_step_input_data", EXCERPT / "30_step_steering_data",
                               EXCERPT / "50_tire_model_data"])
@@ -98,7 +98,7 @@ def test_a_curve_of_many_sessions_says_so(made):
     assert style.label(pooled) == "fit, mean of 10 sessions"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_only_what_was_fitted_is_drawn(made, tmp_path):
     pytest.importorskip("matplotlib")
     evidence = evidence_as_paper(made)

@@ -48,7 +48,6 @@ def joint():
     return fit_jointly(Problem.of([driven(1, 30.0), driven(2, 30.0)]), PAPER)
 
 
-@pytest.mark.cpu(5)
 def test_every_parameter_lies_within_its_interval(joint):
     scores = {}
     for i, name in enumerate(joint.names):
@@ -78,7 +77,7 @@ def test_a_lag_enters_the_prediction_without_a_jump():
     assert np.abs(hardly - none).max() < 0.01 * np.abs(some - none).max()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_without_lags_is_fitted_to_the_end():
     """Commands of every frame, as in runs of our own: a jump at no lag stopped the fit."""
     prompt = with_values(TRUE, {"delay.steering_s": 0.018, "delay.steering_lag_s": 0.0,
@@ -89,7 +88,7 @@ def test_a_car_without_lags_is_fitted_to_the_end():
         0.018, abs=0.004)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_the_data_do_not_show_is_said():
     """Straight driving tells nothing about tyres and the ends of the steering map."""
     g = driven(3, 30.0)
@@ -104,7 +103,7 @@ def test_what_the_data_do_not_show_is_said():
     assert fits["steering"].parameters["s0"].identifiable
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_order_of_recordings_does_not_matter(joint):
     other = fit_jointly(Problem.of([driven(2, 30.0), driven(1, 30.0)]), PAPER)
     for name in joint.names:
@@ -112,7 +111,7 @@ def test_the_order_of_recordings_does_not_matter(joint):
                                                            abs=2e-3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_the_base_knows_better_stays_known():
     """A standard error of the base is its prior: a poor recording does not wash it out."""
     problem = Problem.of([driven(5, 20.0)])
@@ -128,7 +127,7 @@ def test_what_the_base_knows_better_stays_known():
     assert held.fits["steering"].parameters["k_left"].identifiable, "the data alone show it, too"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_bases_that_cannot_be_moved():
     problem = Problem.of([driven(5, 20.0)])
     with pytest.raises(UsageError, match="base of 0"):
@@ -193,8 +192,7 @@ def test_descent_that_gets_nowhere_does_not_call_it_convergence():
     assert not found.converged
 
 
-@pytest.mark.more
-@pytest.mark.cpu(20)
+@pytest.mark.slow
 @pytest.mark.parametrize("wait", [PWM_WAIT_STD, 0.0])
 def test_commands_of_a_run_that_all_waited_longer_make_no_significant_lag(wait):
     """The control: as if each command waited a time of its own."""

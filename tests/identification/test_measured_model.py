@@ -90,7 +90,7 @@ def test_what_was_measured_stands_in_the_model_with_its_error(recorded, tmp_path
     assert find_model(tmp_path / "model.toml")[1] == p
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_errors_of_the_map_go_into_those_of_its_form(recorded):
     of = calibration("sim-7")
     with_twice = calibration("sim-7", std=2 * STD)
@@ -114,7 +114,7 @@ def test_a_servo_the_other_way_round_has_the_same_map(recorded):
         assert a == pytest.approx(b, abs=1e-9)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_newest_of_several_calibrations_counts(recorded):
     other = replace(TRUE, a_left_rad=0.3)
     runs = [recorded(7, calibration("sim-7", when=WHEN + timedelta(days=1), steering=other)),
@@ -133,7 +133,7 @@ def test_size_and_mass_are_those_of_the_car(recorded):
     assert (p.steering, p.effects) == (PAPER.steering, ()), "nobody measured it"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_a_calibration_there_is_nothing_to_start_from(recorded, tmp_path):
     csv = tmp_path / "a.csv"
     csv.write_text("")

@@ -39,7 +39,7 @@ def seen(tmp_path_factory):
     return path, drive("sim://?seed=3&nano=mock&physics=kinematic&mocap=1", path, 10.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_mocap_of_a_run_shows_what_the_car_did(seen):
     path, true = seen
     recording, hidden = read_run(path), hidden_mocap(3)
@@ -60,7 +60,7 @@ def test_the_mocap_of_a_run_shows_what_the_car_did(seen):
         assert abs(here - there) < 0.004
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_its_messages_are_of_the_moment(seen):
     path, true = seen
     m = read_run(path).messages
@@ -80,7 +80,7 @@ def test_its_messages_are_of_the_moment(seen):
     assert np.median(np.diff(m.t)) == pytest.approx(0.02, abs=1e-3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_it_is_evaluated_and_its_marker_found(seen):
     recording = read_run(seen[0])
     case, = prepare([recording]).cases
@@ -90,15 +90,14 @@ def test_it_is_evaluated_and_its_marker_found(seen):
     assert found.theta == pytest.approx(hidden.theta, abs=0.01)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_how_far_aside_its_marker_sat_is_told_by_the_wheels(seen):
     marker, hidden = read_run(seen[0]).marker, hidden_mocap(3)
     assert abs(hidden.ly) > 0.006
     assert marker.ly == pytest.approx(hidden.ly, abs=0.0015)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(4)
+@pytest.mark.slow
 def test_a_run_without_poses_is_refused_with_the_way_to_get_them(tmp_path):
     path = tmp_path / "run.mcap"
     drive("sim://?seed=3&nano=mock&physics=kinematic", path, 2.0)

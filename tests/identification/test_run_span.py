@@ -32,7 +32,7 @@ def test_a_mean_stands_for_its_span(jumping, every):
     assert step_of(run) == pytest.approx(every * SAMPLE)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_coarse_run_is_read_anew_and_a_fine_one_is_not(jumping):
     coarse = read_run(jumping)
     fine = finer(coarse)
@@ -43,7 +43,7 @@ def test_a_coarse_run_is_read_anew_and_a_fine_one_is_not(jumping):
     assert finer(of_the_moment) is of_the_moment
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_a_program_logs_beside_the_car_changes_nothing(tmp_path):
     runs = []
     for logs in (False, True):

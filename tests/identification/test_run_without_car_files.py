@@ -48,7 +48,7 @@ def about_files(recording) -> list[str]:
     return [note.why for note in recording.notes if note.kind == "car_files"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_run_without_car_files_says_whose_are_used(runs):
     whole, bare = runs
     complete = read_any([whole])[0][0]

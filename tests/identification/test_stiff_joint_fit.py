@@ -58,8 +58,7 @@ def test_slow_driving_does_not_identify_stiff_tyres_and_the_errors_say_so():
     assert not any(known for _, known in found.values())
 
 
-@pytest.mark.more
-@pytest.mark.cpu(20)
+@pytest.mark.slow
 def test_control_plain_runge_kutta_is_sure_of_what_is_wrong(monkeypatch):
     """As with unstable steps before: errors 100 times too small; only the loss gives them away."""
     monkeypatch.setenv(SWITCH, "0")

@@ -21,11 +21,11 @@ NOT_COPIED = shutil.ignore_patterns(
     ".git", ".venv*", ".hypothesis", ".*_cache", "__pycache__")
 NO_VERDICT = ("tests/firmware/test_nano_budgets.py", "tests/mutation")
 """Sizes, cycles and the committed image: any change at all fails these, which is no verdict."""
-QUICK, SLOWER = "not (slow or more or realtime)", "(more or realtime) and not slow"
+QUICK, SLOWER = "not (slow or long or realtime)", "(slow or realtime) and not long"
 """Marks of the tests of `make test`, and of those of `make test-more`."""
-ANY = "not slow"
+ANY = "not long"
 TEST_LIMIT = {QUICK: 120.0, SLOWER: 300.0}
-"""s of one test until it counts as hung. A quick one takes at most 2 CPU s, the longest of the
+"""s of one test until it counts as hung. A quick one takes a few CPU s, the longest of the
 slower ones 60; a busy machine takes five times that, and some quick ones compile first."""
 PASS_LIMIT = 1800.0
 """s of one pytest run until it counts as hung: a mutant can also hang while tests are collected.

@@ -12,7 +12,7 @@ def of(excerpt, part: str):
     return read(next(excerpt.rglob(f"*{part}*.csv.gz")))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_every_file_of_the_excerpt_reads(excerpt):
     recordings, skipped = read_all([excerpt])
     assert not skipped

@@ -41,7 +41,7 @@ def held_errors(g) -> list[tuple[float, ...]]:
     return errors
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_all_83_files_read(recordings):
     found, skipped = read_all([recordings])
     assert not skipped
@@ -52,7 +52,7 @@ def test_all_83_files_read(recordings):
     assert all(np.isfinite(r.messages.t).all() for r in found)
 
 
-@pytest.mark.few("circles_27_sept_2024")
+@pytest.mark.slow_except("circles_27_sept_2024")
 @pytest.mark.parametrize("folder", list(HELD))
 def test_windows_and_held_motion(recordings, folder):
     found, _ = read_all([recordings / folder])
@@ -74,7 +74,7 @@ SEPTEMBER = ("80_circles_rubbery_floor", "81_throttle_ramps", "91_free_driving_1
              "steering_identification_25_sept_2024", "circles_27_sept_2024_fast_ramp")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_reference_point_from_driving_to_both_sides(recordings):
     found, _ = read_all([recordings / folder for folder in SEPTEMBER])
     fitted = fit_reference(found)

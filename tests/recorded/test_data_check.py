@@ -59,7 +59,7 @@ def of(excerpt, part: str):
     ("drifting", {"tyres", "evaluation"}, {"slip"}),
     ("14_54_30", set(), {"encoder_zero", "never_moves"}),
 ])
-@pytest.mark.few("1[24]*", "2025*", "drifting-*", "15*")
+@pytest.mark.slow_except("1[24]*", "2025*", "drifting-*", "15*")
 def test_a_real_file_of_each_kind(excerpt, part, good, found):
     c = of(excerpt, part)
     assert good <= set(c.good_for)
@@ -76,7 +76,7 @@ def test_rows_of_the_tyre_recording_add_up(excerpt):
     assert c.facts.mocap.windows == 270
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_false_lock_of_the_race_track_is_29_per_cent(excerpt):
     c = of(excerpt, "racetrack")
     assert c.facts.mocap.false_lock == pytest.approx(0.29, abs=0.005)
@@ -91,7 +91,7 @@ def test_marks_of_the_ring(quantum, n):
     assert marks(quantum) == n
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_name_against_the_sensor_clock(excerpt):
     recordings, _ = read_all([excerpt / "19_step_input_data", excerpt / "29_step_input_data"])
     notes = summary([check(r) for r in recordings]).notes
@@ -104,7 +104,7 @@ def test_name_against_the_sensor_clock(excerpt):
 
 
 @pytest.mark.recordings
-@pytest.mark.more
+@pytest.mark.slow
 def test_all_windows_and_nothing_unread(recordings):
     found, skipped = read_all([recordings])
     whole = summary([check(r) for r in found])
@@ -224,7 +224,7 @@ def test_no_files_and_no_data_folder_says_fetch(cli):
     assert "dart-hal data fetch" in out["error"]["try"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_files_the_data_folder_is_checked(cli, excerpt, monkeypatch):
     monkeypatch.setenv("DART_DATA", str(excerpt / "29_step_input_data"))
     assert cli()[1]["summary"]["files"] == 12
@@ -235,7 +235,7 @@ def test_without_files_the_data_folder_is_checked(cli, excerpt, monkeypatch):
 # ---- pictures
 
 @pytest.mark.parametrize("part", ["15_28_11", "racetrack", "2025-04-24"])
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_picture_of_each_schema(cli, excerpt, tmp_path, part):
     pytest.importorskip("matplotlib")
     _, out, _ = cli(next(excerpt.rglob(f"*{part}*")), "--plot", tmp_path / "one.png")
@@ -243,7 +243,7 @@ def test_a_picture_of_each_schema(cli, excerpt, tmp_path, part):
     assert (tmp_path / "one.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_folder_of_pictures_and_one_for_all(cli, excerpt, tmp_path):
     pytest.importorskip("matplotlib")
     files = sorted((excerpt / "40_sinusoidal_steering_data").glob("*"))[:2]
@@ -255,7 +255,7 @@ def test_a_folder_of_pictures_and_one_for_all(cli, excerpt, tmp_path):
     assert cli(*files, "--plot", tmp_path / "a.txt")[0] == 2
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_bad_samples_are_drawn_in_another_colour(excerpt, tmp_path):
     pytest.importorskip("matplotlib")
     from dart_lab.report.recordings import BAD, plot_check
@@ -264,7 +264,7 @@ def test_bad_samples_are_drawn_in_another_colour(excerpt, tmp_path):
     assert BAD not in plot_check(of(excerpt, "drifting"), tmp_path / "d.svg").read_text()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_finite_numbers_only_in_what_is_printed(excerpt):
     def walk(value):
         if isinstance(value, dict):
@@ -288,7 +288,7 @@ def test_names_break_between_words(name, width, lines):
     assert broken(name, width).split("\n") == lines
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_was_done_is_said_in_sentences(cli, excerpt):
     said = cli(*(next(excerpt.rglob(f"*{p}*")) for p in (
         "15_28_11", "racetrack", "2025-04-24", "17_28_09")))[2]
@@ -298,7 +298,7 @@ def test_what_was_done_is_said_in_sentences(cli, excerpt):
         assert word not in said
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_every_kind_with_which_something_is_done_has_its_sentence(excerpt):
     found, _ = read_all([excerpt])
     done = {x.kind for r in found for x in check(r).findings if x.effect != "said"}

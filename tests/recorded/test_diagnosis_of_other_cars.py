@@ -13,8 +13,7 @@ from dart_lab.diagnosis.result import VERDICTS
 from tests.recorded.test_sizes_in_recorded_data import other_laboratory
 
 
-@pytest.mark.more
-@pytest.mark.cpu(30)
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_sensors_that_were_never_read_cause_no_warning(tmp_path):
     """Means of channels without a value were computed, once for each."""

@@ -22,7 +22,7 @@ from dart_lab.diagnosis.search.forward import Search
 from dart_lab.diagnosis.search.selection import Settings, rows_at
 from dart_lab.identification.shooting.fit import FREE, free_names
 
-pytestmark = pytest.mark.more  # they share one diagnosis of 15 CPU s
+pytestmark = pytest.mark.slow  # they share one diagnosis of 15 CPU s
 
 JUDGED = ("vx", "yaw_rate", "position")
 WORSE, SURELY_WORSE = 0.1, 0.05
@@ -35,7 +35,7 @@ TRAIN = ("steer015_ramp", "circles_27_sept_2024_fast_ramp", "2024_09_54_57", "st
          "steer_neg03_ramp", "2024_10_00_45")
 """Circles, ramps and steering levels of three days of September 2024, 4 min of driving."""
 TEST = ("09_16_2024_10_01_01", "racetrack_lap_v060")
-SLOW = (pytest.mark.slow, pytest.mark.recordings)
+LONG = (pytest.mark.long, pytest.mark.recordings)
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def asked(folder, train, test, only=(), seed=0, jobs=1):
                           jobs=jobs), recordings)
 
 
-@pytest.fixture(params=["excerpt", pytest.param("full", marks=SLOW)])
+@pytest.fixture(params=["excerpt", pytest.param("full", marks=LONG)])
 def case(request, excerpt):
     """(how to ask, the answer): eight effects on two committed files, or all on six."""
     if request.param == "excerpt":
@@ -169,7 +169,7 @@ def test_the_seed_does_not_decide(case):
         assert differences(answer.said, again.said) == [], f"seed {seed}"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.recordings
 def test_two_halves_agree_or_say_why_not(recordings):
     """The same verdict, or a cause in common, or both show what differs between recordings."""

@@ -48,7 +48,7 @@ def weaving(speed: float, rate: float, schema: str = "C", seconds: float = 60.0,
 @pytest.mark.parametrize(("speed", "rate"), [
     (3.0, 100.0), (7.9, 100.0), (8.1, 100.0), (13.0, 50.0), (30.0, 20.0), (30.0, 100.0),
     (60.0, 20.0), (60.0, 200.0)])
-@pytest.mark.few("8.1-100.0-C")
+@pytest.mark.slow_except("8.1-100.0-C")
 def test_fast_car_is_read_and_moves(write, schema, speed, rate):
     made = check(read(write(weaving(speed, rate, schema, seconds=30.0))))
     assert made.facts.mocap.bad < 0.05
@@ -105,7 +105,7 @@ def test_encoder_in_another_unit_is_not_taken_for_a_fast_car(write):
 
 
 @pytest.mark.parametrize("speed", [3.0, 30.0])
-@pytest.mark.few("3.0")
+@pytest.mark.slow_except("3.0")
 def test_marker_frame_of_a_large_car_is_fitted(write, speed):
     fitted = fit_reference([read(write(weaving(speed, 100.0)))])
     assert fitted.theta == pytest.approx(FRAME[1], abs=2.6 * fitted.std[1])

@@ -46,7 +46,7 @@ def driven():
 
 @pytest.mark.parametrize("schema", ["B", "C"])
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.few("0-*")
+@pytest.mark.slow_except("0-*")
 def test_random_gaps_of_the_mocap_are_in_no_window(driven, tmp_path, schema, seed):
     recording, frame = driven
     rng = np.random.default_rng(seed)
@@ -81,7 +81,7 @@ def test_windows_reach_into_gaps_when_gaps_are_not_looked_for(driven, tmp_path, 
 
 
 @pytest.mark.parametrize("schema", ["B", "C"])
-@pytest.mark.few("C")
+@pytest.mark.slow_except("C")
 def test_repeated_rows_and_single_lost_rows_are_no_gap(driven, tmp_path, schema):
     recording, frame = driven
     table = table_of(recording, schema)

@@ -47,7 +47,7 @@ def changed_copy(source: Path, target: Path) -> Path:
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("base", [PAPER, UPSTREAM_2024], ids=lambda p: p.name)
-@pytest.mark.few("paper-0", "upstream-2024-1")
+@pytest.mark.slow_except("paper-0", "upstream-2024-1")
 def test_frame_of_a_simulated_car_is_fitted_within_its_standard_errors(base, seed):
     recording, true = simulated(seed, base)
     fitted = fit_reference([recording])
@@ -55,7 +55,7 @@ def test_frame_of_a_simulated_car_is_fitted_within_its_standard_errors(base, see
     assert fitted.std[0] < 0.01, "an error that is too wide would accept anything"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("base", [PAPER, UPSTREAM_2024], ids=lambda p: p.name)
 def test_stated_errors_of_the_frame_hold_over_many_drives(base):
     z = np.concatenate([z_scores(fit_reference([r]), true)
@@ -81,7 +81,7 @@ def test_markers_that_are_mounted_backwards_are_found(tmp_path):
 
 
 @pytest.mark.parametrize("schema", ["B", "C"])
-@pytest.mark.few("C")
+@pytest.mark.slow_except("C")
 def test_date_and_schema_give_no_frame(schema, tmp_path):
     """The files are of September 2024, or of schema C, and of another car than DART's."""
     recording, true = simulated(1)
@@ -135,7 +135,7 @@ def test_straight_drive_gets_the_frame_of_the_other_drives_of_its_day():
     assert "2 recordings" in next(n.why for n in together[1].notes if n.kind == "marker")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_recordings_of_two_mountings_on_one_day_keep_their_own_frames():
     first, one = simulated(6, UPSTREAM_2024)
     second, two = simulated(7, UPSTREAM_2024)
@@ -157,7 +157,7 @@ def test_given_frame_that_contradicts_the_driving_is_cautioned():
     assert "marker_differs" not in kinds(right)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_frame_of_the_zheng_car_agrees_with_an_independent_fit(other_cars):
     made = framed(read(other_cars / "zheng2022" / "day1.csv.gz"))
     assert made.marker.lx == pytest.approx(0.21, abs=ALLOWED * made.marker.std[0])
@@ -165,7 +165,7 @@ def test_frame_of_the_zheng_car_agrees_with_an_independent_fit(other_cars):
     assert made.marker.std[0] < 0.01
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_drive_without_turns_gets_no_frame_where_its_day_has_two(tmp_path):
     """It may be of either mounting."""
     first, _ = simulated(6, UPSTREAM_2024)

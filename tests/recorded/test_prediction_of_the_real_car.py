@@ -41,8 +41,7 @@ def log_ratios(held_out, horizons):
     return np.log([pooled[c] for c in CHANNELS]) - np.log(REFITTED[held_out])
 
 
-@pytest.mark.cpu(15)
-@pytest.mark.few("racetrack_lap_v060")
+@pytest.mark.slow_except("racetrack_lap_v060")
 @pytest.mark.parametrize("held_out", REFITTED)
 def test_a_refit_predicts_a_held_out_recording_as_well_as_before(held_out, excerpt):
     stages = diagnosis_without(held_out, recordings(excerpt), False).stages
@@ -52,8 +51,7 @@ def test_a_refit_predicts_a_held_out_recording_as_well_as_before(held_out, excer
     assert given > 1.2, "the control: the model as it was given does not pass"
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 def test_the_best_predictor_is_no_worse_than_the_refit(excerpt):
     """Four recordings of four kinds show no effect surely, and without that none is taken."""
     name = "steer015_ramp"

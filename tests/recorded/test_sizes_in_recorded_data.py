@@ -158,7 +158,7 @@ BOTH_SIGNS = [("gyro_bias", 0.05, biased_gyro), ("gyro_scale", 0.15, scaled_gyro
 
 @pytest.mark.parametrize(("name", "hidden", "hide"), CASES,
                          ids=[f"{name}-{hidden}" for name, hidden, _ in CASES])
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_hidden_size_is_found_in_a_recorded_drive(name, hidden, hide):
     number = found_size(zheng(), name, hide, hidden)
@@ -168,7 +168,7 @@ def test_hidden_size_is_found_in_a_recorded_drive(name, hidden, hide):
 
 @pytest.mark.parametrize(("name", "hidden", "hide"), BOTH_SIGNS,
                          ids=[name for name, _, _ in BOTH_SIGNS])
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_half_the_difference_of_both_signs_is_the_hidden_size(name, hidden, hide):
     more, less = (found_size(dart(), name, hide, sign * hidden) for sign in (1.0, -1.0))

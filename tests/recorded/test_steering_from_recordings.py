@@ -85,7 +85,7 @@ def test_slow_recording_says_that_it_is_slow(excerpt):
     assert result.n > 3381
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_dead_encoder_and_schema_c_fall_back_to_the_mocap(excerpt):
     result = steering_from([excerpt])
     assert any("encoder dead: speed and yaw rate from the mocap" in n for n in result.notes)
@@ -114,7 +114,7 @@ def test_bad_file_is_refused_by_name_and_skipped_in_a_folder(excerpt, tmp_path, 
     assert any("bad.csv: skipped" in n for n in result.notes)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.recordings
 def test_levels_of_25_september(recordings):
     result = steering_from([recordings / "steering_identification_25_sept_2024"])
@@ -127,7 +127,7 @@ def test_levels_of_25_september(recordings):
 
 
 @pytest.mark.recordings
-@pytest.mark.more
+@pytest.mark.slow
 def test_everything_at_once(recordings):
     result = steering_from([recordings])
     assert np.all(np.diff(result.angle) > 0.0)

@@ -15,7 +15,7 @@ from tests.recorded.simulated_recording import simulated, table_of, write_table
 
 
 @pytest.mark.parametrize("schema", ["A", "B", "C"])
-@pytest.mark.few("C")
+@pytest.mark.slow_except("C")
 def test_reversed_steering_is_cautioned_in_every_schema(tmp_path, schema):
     table = table_of(simulated(3, seconds=30.0)[0], "C" if schema == "C" else "B")
     if schema == "A":
@@ -39,7 +39,7 @@ def test_steering_that_has_nothing_to_do_with_the_turns_is_not_cautioned(tmp_pat
                    for n in read(write_table(table, tmp_path / "noise.csv")).notes)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_diagnose_names_the_remedy_for_a_reversed_column(tmp_path):
     table = table_of(simulated(3, seconds=60.0)[0], "B")
     table["steering"] = -table["steering"]

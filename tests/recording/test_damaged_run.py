@@ -100,7 +100,7 @@ def test_the_strict_reader_of_the_library_refuses_what_ours_reads_around(run_byt
 
 @given(st.lists(st.tuples(st.floats(0, 1), st.integers(1, 4000), KINDS, st.integers(0, 999)),
                 min_size=1, max_size=3))
-@pytest.mark.more
+@pytest.mark.slow
 def test_no_damage_invents_a_message(run_bytes, tmp_path_factory, places):
     whole = parse_mcap(tmp_path_factory.getbasetemp(), run_bytes)
     data = run_bytes
@@ -114,7 +114,7 @@ def test_no_damage_invents_a_message(run_bytes, tmp_path_factory, places):
 
 @pytest.mark.parametrize("kind", ["removed", "zeros", "noise", "inserted", "flipped", "doubled"])
 @pytest.mark.parametrize("size", [1, 40, 3000])
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_hole_costs_the_blocks_that_it_hit(run_bytes, tmp_path, size, kind):
     whole = parse_mcap(tmp_path, run_bytes)
     start = chunks(run_bytes)[2][1]
@@ -174,7 +174,7 @@ def test_a_chunk_that_one_bit_makes_another_record_is_told(run_bytes, tmp_path):
         assert RunReader(path).damaged
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_bit_in_the_index_of_a_chunk_is_no_message(run_bytes, tmp_path):
     whole = messages(parse_mcap(tmp_path, run_bytes))
     _, end = chunks(run_bytes)[5]
@@ -217,7 +217,7 @@ def test_without_chunks_the_file_still_reads(run_bytes, unchunked, tmp_path):
     assert not found.damages
 
 
-@pytest.mark.few("100")
+@pytest.mark.slow_except("100")
 @pytest.mark.parametrize("size", [1, 100, 3000])
 def test_without_checksums_reading_ends_before_a_hole(unchunked, tmp_path, size):
     whole = messages(parse_mcap(tmp_path, unchunked))
@@ -228,7 +228,7 @@ def test_without_checksums_reading_ends_before_a_hole(unchunked, tmp_path, size)
         assert len(found) < len(whole)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_chunks_a_cut_is_no_damage(unchunked, tmp_path):
     whole = messages(parse_mcap(tmp_path, unchunked))
     for size in range(len(unchunked) // 4, len(unchunked), 97):

@@ -363,7 +363,7 @@ def run(capsys, *args) -> tuple[int, dict, str]:
     return int(left.value.code or 0), json.loads(said.out) if "--json" in args else {}, said.out
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_verb_brings_what_the_excerpt_has_and_says_what_lacks(capsys, to):
     code, out, _ = run(capsys, "--from", EXCERPT, "--to", to, "--json")
     assert code == 1

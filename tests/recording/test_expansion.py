@@ -179,7 +179,7 @@ ARCHIVES = {
 
 
 @pytest.mark.parametrize("kind", list(ARCHIVES))
-@pytest.mark.few("zip", "zip of gz")
+@pytest.mark.slow_except("zip", "zip of gz")
 def test_an_archive_that_expands_too_far_is_refused_by_name(tmp_path, gzip_bomb, kind):
     file = tmp_path / "bomb"
     file.write_bytes(ARCHIVES[kind](gzip_bomb))
@@ -191,7 +191,7 @@ def test_an_archive_that_expands_too_far_is_refused_by_name(tmp_path, gzip_bomb,
     assert peak(read) < MEMORY
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_entries_of_an_archive_count_together(tmp_path):
     raw = io.BytesIO()
     with zipfile.ZipFile(raw, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -203,7 +203,7 @@ def test_entries_of_an_archive_count_together(tmp_path):
         Local(file, "many", {f"{n}.csv": "0" * 64 for n in range(3)})
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_archives_of_every_kind_are_read(tmp_path):
     """Control of the readers: what expands as recordings do is found by its name."""
     text = b"".join(b"%d.25,%d\n" % (n, n * n) for n in range(20000))

@@ -59,7 +59,7 @@ def test_the_run_holds_who_and_what(recorded):
     assert len(list(run.sent())) > 100
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_same_run_twice_gives_the_same_file(recorded, tmp_path):
     path = tmp_path / "again.mcap"
     drive_and_record(path)

@@ -83,7 +83,7 @@ def test_the_same_run_gives_the_same_bytes(tmp_path, writing):
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_cut_at_every_byte_reads_up_to_the_last_flush(tmp_path, writing):
     path = tmp_path / "cut.mcap"
     writing(path, frames=12)
@@ -222,7 +222,7 @@ def test_without_any_channels_it_is_an_error_not_a_crash(run_file):
     assert str(run_file) in error.value.what
 
 
-@pytest.mark.few("?", "??")
+@pytest.mark.slow_except("?", "??")
 @pytest.mark.parametrize("seed", range(150))
 def test_any_damage_is_an_error_or_less_data(run_file, seed):
     rng = random.Random(seed)
@@ -333,7 +333,7 @@ NUMBER = st.floats(allow_nan=False)
 
 
 @given(st.binary(max_size=80), NUMBER, TEXT, st.lists(TEXT, max_size=4))
-@pytest.mark.more
+@pytest.mark.slow
 def test_cdr_inverses(data, value, text, texts):
     assert cdr.byte_array_of(cdr.byte_array(data)) == data
     assert cdr.command_of(cdr.command(value, -value, text)) == (value, -value, text)

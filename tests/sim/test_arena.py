@@ -76,7 +76,7 @@ def test_the_lidar_sees_the_body_of_the_other():
     assert np.quantile(seen, 0.9) < 0.03
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_in_another_world_it_sees_the_wall_behind():
     """Control: the same cars, and nothing there."""
     urls = [PLAIN.format(1, "mine", "4,1,0") + QUIET, PLAIN.format(2, "yours", "5.5,1,0.6")]
@@ -109,7 +109,7 @@ def test_a_contact_is_told_when_it_begins_and_again_after_it_ended():
     assert len(found.contacts) == 2
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_cars_that_touch_are_told_once(caplog):
     """The second stands 1 m ahead of the first, which drives into it and through it."""
     with caplog.at_level(logging.WARNING), pair("crash", "0,0,0", "1,0,1.2") as fleet:
@@ -127,7 +127,7 @@ def test_cars_that_touch_are_told_once(caplog):
     assert sum("touch" in text for text in caplog.messages) == 1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_cars_that_pass_do_not_touch():
     """Control: half a metre aside."""
     with pair("pass", "0,0,0", "1,0.5,0") as fleet:
@@ -174,7 +174,7 @@ def test_the_last_car_takes_its_world_with_it():
     assert "gone" not in arena._arenas
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_motion_capture_sees_all_cars_of_a_room():
     """In the room's frame: where ``at`` says, but for the marker, which nobody measured."""
     places = (1.0, 2.0, 0.5), (3.0, -1.0, 2.0)

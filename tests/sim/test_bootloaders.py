@@ -26,7 +26,7 @@ def reset(raw_car, nano, boot, cause, more=""):
 
 @pytest.mark.parametrize("nano", NANOS)
 @pytest.mark.parametrize(("boot", "cause", "least", "most"), WAITS)
-@pytest.mark.few("old-reset-*-mock", "optiboot-reset-*-avr")
+@pytest.mark.slow_except("old-reset-*-mock", "optiboot-reset-*-avr")
 def test_the_line_is_silent_for_the_bootloaders_time(raw_car, nano, boot, cause, least, most):
     car = reset(raw_car, nano, boot, cause)
     before = car.stamps[-1]
@@ -46,7 +46,7 @@ def test_every_pin_is_released_meanwhile(raw_car, nano):
     assert car.world.nano.pins()["D5"] == 0
 
 
-@pytest.mark.few("optiboot-2-2")
+@pytest.mark.slow_except("optiboot-2-2")
 @pytest.mark.emulator
 @pytest.mark.parametrize(("boot", "bootloader", "cause"), [("old", 1, 0x04), ("optiboot", 2, 0x02)])
 def test_the_firmware_tells_the_bootloaders_apart(raw_car, boot, bootloader, cause):
@@ -57,7 +57,7 @@ def test_the_firmware_tells_the_bootloaders_apart(raw_car, boot, bootloader, cau
 
 
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.few("mock")
+@pytest.mark.slow_except("mock")
 def test_a_hardware_watchdog_under_the_old_bootloader_never_ends(raw_car, nano):
     """It leaves the watchdog on at 16 ms; Optiboot switches it off."""
     car = reset(raw_car, nano, "old", "watchdog")

@@ -18,7 +18,7 @@ URLS = ["sim://?nano=mock", "sim://?nano=mock&seed=3&jitter=usb", "sim://?nano=m
         pytest.param("sim://?nano=avr&cutoff=mux", marks=pytest.mark.emulator)]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("url", URLS)
 def test_a_left_turn_is_driven_and_seen(url):
     try:

@@ -49,12 +49,12 @@ def when_counted(seen, edges):
 
 # -- command ------------------------------------------------------------------
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_steering_delay_shifts_the_answer(pair):
     assert late(*pair("steering_delay:0.08", TURN)) == pytest.approx(0.08, abs=2e-3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_throttle_delay_shifts_the_start(pair):
     plain, seen = pair("throttle_delay:0.12", ROLL)
     edges = np.array([5.0, 50.0, 300.0])
@@ -63,7 +63,7 @@ def test_throttle_delay_shifts_the_start(pair):
 
 
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.more
+@pytest.mark.slow
 def test_pwm_clock_stretches_every_pulse_and_steers_left(pair, nano):
     plain, seen = pair("pwm_clock:0.01", ROLL, f"&nano={nano}")
     for (_, one, width), (_, other, longer) in zip(plain.pulses[:60], seen.pulses, strict=False):
@@ -74,7 +74,7 @@ def test_pwm_clock_stretches_every_pulse_and_steers_left(pair, nano):
     assert np.mean(seen.gyro[fast[1]]) > 0.15
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_pwm_quantisation_makes_stairs(driven):
     """Two commands within one step of 0.2 turn the same circle."""
     circles = [driven(f"sim://?nano=mock&physics=kinematic{effect}", ((s, 0.3, 1.5),))
@@ -93,7 +93,7 @@ def step(pair, effect, size, share):
     return late(*pair, share, BEGIN + 8.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.8])
 def test_steering_lag_rounds_the_answer(pair, share):
     """1 - exp(-t/T) against the servo's ramp of 20 ms."""
@@ -102,14 +102,14 @@ def test_steering_lag_rounds_the_answer(pair, share):
 
 
 @pytest.mark.parametrize("size", [0.1, 0.2])
-@pytest.mark.more
+@pytest.mark.slow
 def test_steering_rate_limit_takes_longer_for_a_large_step(pair, size):
     expected = 0.5 * size * (0.5 - 1.0 / 10.2)
     assert step(pair, "steering_rate_limit:0.5", size, 0.5) == pytest.approx(expected, abs=0.006)
 
 
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.more
+@pytest.mark.slow
 def test_steering_trim_turns_a_straight_drive(pair, nano):
     plain, seen = pair("steering_trim:0.02", ROLL, f"&physics=kinematic&nano={nano}")
     end = seen.t > seen.t[-1] - 0.2
@@ -119,7 +119,7 @@ def test_steering_trim_turns_a_straight_drive(pair, nano):
     assert turned == pytest.approx(speed * math.tan(0.02) / 0.175, rel=0.03)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_steering_backlash_remembers_the_side_it_came_from(driven):
     def split(effect):
         url = f"sim://?nano=mock&physics=kinematic{effect}"
@@ -132,7 +132,7 @@ def test_steering_backlash_remembers_the_side_it_came_from(driven):
     assert split("&effect=steering_backlash:0.1") == pytest.approx(0.1, abs=5e-3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_dead_zone_leaves_the_wheels_straight_from_either_side(driven):
     slight = 0.03  # of command: 0.018 rad at the wheels, within half of the zone
     def turned(side, effect):
@@ -146,7 +146,7 @@ def test_a_dead_zone_leaves_the_wheels_straight_from_either_side(driven):
         assert turned(side, "&effect=steering_dead_zone:0.05") == pytest.approx(0.0, abs=2e-3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_motor_saturation_gives_no_more_for_more(driven):
     def speeds(effect):
         return [driven(f"sim://?nano=mock{effect}", ((STRAIGHT, tau, 1.5),)).covered(0, 9)
@@ -157,7 +157,7 @@ def test_motor_saturation_gives_no_more_for_more(driven):
     assert held[1] == pytest.approx(held[0], abs=0.01)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_battery_fade_is_of_the_time_in_the_world(driven):
     """The same start from standstill, at once and after 20 s: 0.9 of the force."""
     def later(effect):
@@ -171,7 +171,7 @@ def test_battery_fade_is_of_the_time_in_the_world(driven):
 
 # -- force, motion --------------------------------------------------------------
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_quadratic_drag_balances_the_motor_at_a_lower_speed(pair):
     plain, seen = pair("quadratic_drag:0.2", ((STRAIGHT, 0.3, 9.0),))
     motor, friction = make_motor(PAPER.motor), make_friction(PAPER.friction)
@@ -183,14 +183,14 @@ def test_quadratic_drag_balances_the_motor_at_a_lower_speed(pair):
             float(np.interp(0.0, force[::-1], grid[::-1])), rel=0.01)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_slope_is_felt_at_rest_and_rolls_the_car(pair):
     plain, seen = pair("road_slope_x:1.0,rolling_resistance:-1", ((STRAIGHT, 0.0, 1.0),))
     assert np.mean(seen.accel_x[50:150]) < -0.4
     assert seen.edges[-1] > plain.edges[-1] == 0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_lateral_pull_turns_by_its_sign(driven):
     left, plain, right = (driven(f"sim://?nano=mock{e}", ROLL).gyro[-30:].mean() for e in (
         "&effect=lateral_pull:0.03", "", "&effect=lateral_pull:-0.03"))
@@ -198,7 +198,7 @@ def test_lateral_pull_turns_by_its_sign(driven):
     assert right < plain - 0.05
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_mass_is_on_the_scale_and_in_the_start(pair):
     plain, seen = pair("mass:0.2", ROLL)
     kilograms = [c.car.backend.workshop.mass()[0] for c in (plain, seen)]
@@ -206,7 +206,7 @@ def test_mass_is_on_the_scale_and_in_the_start(pair):
     assert seen.covered(2.2, 3.0) < 0.92 * plain.covered(2.2, 3.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_weight_further_back_is_a_lighter_front_axle(pair):
     front = [c.car.backend.workshop.axle_loads()[0] for c in pair("centre_of_mass:-0.012", ROLL)]
     assert front[1] - front[0] == pytest.approx(-1.67 * 0.012 / 0.175, abs=0.008)
@@ -222,7 +222,7 @@ def intervals(seen_url, raw_car):
     return np.array([f.values()[2:] for f in car.of("EDGES")], dtype=float).ravel()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("nano", NANOS)
 def test_a_missing_tooth_is_counted_by_the_nano(pair, raw_car, nano):
     plain, seen = pair("encoder_ring:missing=0.1", ROLL, f"&nano={nano}")
@@ -236,13 +236,13 @@ def test_a_missing_tooth_is_counted_by_the_nano(pair, raw_car, nano):
 
 @pytest.mark.parametrize(("missing", "counted"), [(0.05, 0.95), (0.2, 0.8), (-0.1, 1.1)])
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.few("mock-0.2-0.8")
+@pytest.mark.slow_except("mock-0.2-0.8")
 def test_marks_go_one_by_one_and_come_twice(pair, missing, counted, nano):
     plain, seen = pair(f"encoder_ring:{missing}", ROLL, f"&nano={nano}")
     assert seen.covered(0, 9) == pytest.approx(counted * plain.covered(0, 9), abs=0.01)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_uneven_ring_ripples_and_keeps_its_mean(pair, raw_car):
     plain, seen = pair("encoder_ring:uneven=0.2", ROLL)
     assert seen.covered(0, 9) == pytest.approx(plain.covered(0, 9), abs=0.005)
@@ -250,7 +250,7 @@ def test_an_uneven_ring_ripples_and_keeps_its_mean(pair, raw_car):
     assert found.max() / found.min() == pytest.approx(1.5, rel=0.05)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_phase_of_the_ring_is_where_the_gap_comes(driven):
     first = [driven(f"sim://?nano=mock&effect=encoder_ring:missing=0.5:phase={phase}",
                     ((STRAIGHT, 0.16, 2.0),)) for phase in (0.0, 0.5)]
@@ -258,7 +258,7 @@ def test_the_phase_of_the_ring_is_where_the_gap_comes(driven):
     assert gap_first > gap_later + 0.05
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_encoder_scale_and_slip(pair):
     plain, scaled = pair("encoder_scale:0.04", ROLL)
     assert scaled.covered(0, 9) == pytest.approx(1.04 * plain.covered(0, 9), abs=0.004)
@@ -269,7 +269,7 @@ def test_encoder_scale_and_slip(pair):
     assert braking < 0.99
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_encoder_latency_makes_every_edge_late_and_no_other_sensor(pair):
     plain, seen = pair("encoder_latency:0.06", TURN)
     edges = np.array([10.0, 200.0, 600.0])
@@ -278,7 +278,7 @@ def test_encoder_latency_makes_every_edge_late_and_no_other_sensor(pair):
     assert np.array_equal(seen.gyro, plain.gyro)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_clock_offset_is_of_all_sensors(pair):
     plain, seen = pair("clock_offset:0.06", TURN)
     assert late(plain, seen) == pytest.approx(0.06, abs=2e-3)
@@ -287,7 +287,7 @@ def test_a_clock_offset_is_of_all_sensors(pair):
     assert seen.accel_y[k + 250:] == pytest.approx(plain.accel_y[250:-k], abs=0.1)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("nano", NANOS)
 def test_gyro_bias_shows_at_rest(pair, nano):
     plain, seen = pair("gyro_bias:0.05", ((STRAIGHT, 0.0, 0.5),), f"&nano={nano}")
@@ -304,7 +304,7 @@ def test_gyro_scale_and_latency(pair):
 
 
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.few("mock")
+@pytest.mark.slow_except("mock")
 def test_a_tilted_imu_feels_gravity_and_turns_its_axes(pair, nano):
     plain, seen = pair("imu_pitch:0.1,imu_roll:0.05", TURN, f"&nano={nano}")
     still = seen.between(1.5, 2.2)
@@ -316,7 +316,7 @@ def test_a_tilted_imu_feels_gravity_and_turns_its_axes(pair, nano):
     assert gyro[0] == pytest.approx(-plain.gyro[-1] * math.sin(0.1), abs=0.01)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_lever_arm_and_yaw_of_the_imu(pair):
     plain, ahead = pair("imu_lever_arm:0.1", TURN)
     assert np.mean(ahead.accel_x[-20:] - plain.accel_x[-20:]) == pytest.approx(

@@ -40,7 +40,7 @@ def differences(one, other):
 
 
 @pytest.mark.parametrize("name", INJECTED)
-@pytest.mark.few("encoder_scale")
+@pytest.mark.slow_except("encoder_scale")
 def test_a_host_reads_other_numbers(driven, plain, name):
     found = differences(driven(f"{PLAIN}&effect={large(name)}", PLAN), plain)
     assert any(found[c] > NOISE[c] for c in NOISE), found
@@ -81,7 +81,7 @@ def test_tyres_are_nothing_to_a_car_without_slip(name):
         open_backend(f"{PLAIN}&physics=kinematic&effect={large(name)}")
 
 
-@pytest.mark.few("mass")
+@pytest.mark.slow_except("mass")
 @pytest.mark.parametrize("name", [
     "mass", "quadratic_drag", "rolling_resistance", "steering_trim", "steering_lag",
     "motor_gain", "encoder_ring", "gyro_bias", "throttle_delay"])
@@ -107,7 +107,7 @@ def test_nonsense_is_refused_in_words(text, kind, words):
         open_backend(f"{PLAIN}&effect={text}")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_effects_go_with_seeds_failures_and_models(driven):
     """A hidden car with two effects, whose IMU dies on the way."""
     url = f"{PLAIN}&seed=5&physics=kinematic&effect=gyro_bias:0.2,encoder_scale:0.3&fail=imu:off@3"

@@ -43,7 +43,7 @@ def told():
 
 
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_bad_ring_shortens_the_path_and_leaves_the_car_alone(told, nano):
     plain, seen = told(nano), told(nano, "encoder_ring:missing=0.1")
     assert plain[0] == pytest.approx(1.0, abs=0.01)
@@ -53,7 +53,7 @@ def test_a_bad_ring_shortens_the_path_and_leaves_the_car_alone(told, nano):
     assert seen[2:] == pytest.approx(plain[2:], abs=1e-6)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("nano", NANOS)
 def test_a_trimmed_linkage_turns_a_car_that_is_told_to_go_straight(told, nano):
     plain, seen = told(nano), told(nano, "steering_trim:0.05")
@@ -63,14 +63,14 @@ def test_a_trimmed_linkage_turns_a_car_that_is_told_to_go_straight(told, nano):
 
 
 @pytest.mark.parametrize("nano", NANOS)
-@pytest.mark.few("mock")
+@pytest.mark.slow_except("mock")
 def test_a_board_with_another_clock_drives_faster_and_to_the_left(told, nano):
     plain, seen = told(nano), told(nano, "pwm_clock:0.01")
     assert seen[2] > 1.4 * plain[2]
     assert seen[1] > 0.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("nano", NANOS)
 def test_standing_still_before_arming_takes_a_gyro_bias_off_and_no_scale(told, nano):
     turning = "steering_trim:0.05"

@@ -96,7 +96,7 @@ def drive(raw_car, nano, failure):
     pytest.param(nano, failure, marks=pytest.mark.emulator if nano == "avr" else ())
     for nano in ("mock", "avr") for failure in SYMPTOMS
     if nano == "mock" or failure.split("=")[0] in IN_THE_BRIDGE])
-@pytest.mark.more
+@pytest.mark.slow
 def test_symptom_and_healing(raw_car, nano, failure):
     seen, symptom = drive(raw_car, nano, failure), SYMPTOMS[failure]
     assert symptom(seen, seen.during)
@@ -104,7 +104,7 @@ def test_symptom_and_healing(raw_car, nano, failure):
     assert not symptom(seen, seen.after)
 
 
-@pytest.mark.few("mock")
+@pytest.mark.slow_except("mock")
 @pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.emulator)])
 def test_no_symptom_without_a_failure(raw_car, nano):
     """The control of all of them."""
@@ -112,7 +112,7 @@ def test_no_symptom_without_a_failure(raw_car, nano):
     assert [f for f, symptom in SYMPTOMS.items() if symptom(seen, seen.during)] == []
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.emulator
 @pytest.mark.parametrize("failure", ["mcu:hang", "mcu:freeze"])
 def test_a_program_that_stands_sends_nothing(raw_car, failure):
@@ -139,7 +139,7 @@ def test_after_a_silent_config_the_firmware_sets_the_imu_up_again(raw_car):
     assert 0 in modes
 
 
-@pytest.mark.few("5")
+@pytest.mark.slow_except("5")
 @pytest.mark.emulator
 @pytest.mark.parametrize("nth", [1, 5, 9])
 def test_a_torn_eeprom_byte_leaves_the_parameters_at_old_or_new(raw_car, nth):
@@ -180,7 +180,7 @@ def test_what_needs_the_firmware_is_refused_by_the_mock(raw_car, text):
         car.run(0.3)
 
 
-@pytest.mark.few("line:garbage=0.05", "line:delayed=0.3")
+@pytest.mark.slow_except("line:garbage=0.05", "line:delayed=0.3")
 @pytest.mark.parametrize("kind", ["line:wrong=0.5", "line:garbage=0.05", "line:delayed=0.3",
                                   "line:intermittent=0.9"])
 def test_two_that_overlap_leave_the_line_as_it_was(raw_car, kind):

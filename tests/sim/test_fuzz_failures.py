@@ -50,7 +50,7 @@ def test_parse_gives_a_failure_or_a_usage_error(text):
     law(text)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_million_damaged_failures():
     """One to three characters changed, doubled or left out."""
     rng, kinds = Random(9), sorted(KINDS)

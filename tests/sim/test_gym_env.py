@@ -25,7 +25,7 @@ def make(**options):
     return gymnasium.make(ENV_ID, **options).unwrapped
 
 
-@pytest.mark.few("path", "randomised")
+@pytest.mark.slow_except("path", "randomised")
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 def test_gymnasium_has_nothing_to_say(options):
     with warnings.catch_warnings():
@@ -33,7 +33,7 @@ def test_gymnasium_has_nothing_to_say(options):
         check_env(make(**options))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_it_can_be_made_without_an_import():
     code = ("import gymnasium; e = gymnasium.make('dart_lab.sim.gym:DartCar-v0'); "
             "print(e.reset(seed=1)[0].shape)")
@@ -72,7 +72,7 @@ def episode(env, policy, seed=0, options=None):
 
 @pytest.mark.parametrize("options", [{}, {"task": "speed"}, {"vehicle": "paper", "speed": 1.0}],
                          ids=["path", "speed", "paper"])
-@pytest.mark.few("path")
+@pytest.mark.slow_except("path")
 def test_a_good_driver_gets_nearly_one_per_step_and_is_cut_at_the_end(options):
     env = make(**options)
     rewards, terminated, truncated, seen, _ = episode(env, follow)

@@ -105,7 +105,7 @@ def test_opponents_drive_on_and_are_caught():
     assert 0.3 * 1.5 <= speed <= 0.6 * 1.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_picture_shows_them():
     pictures = [DartCarEnv(opponents=k, render_mode="rgb_array") for k in (0, 3)]
     blue = []

@@ -31,7 +31,7 @@ def actions(n, k):
     return a.astype(np.float32)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 def test_together_as_alone(options):
     """150 steps beside gymnasium's own SyncVectorEnv, across many resets."""
@@ -61,7 +61,7 @@ def test_a_second_reset_without_a_seed_goes_on_alike():
             np.testing.assert_allclose(a[0], b[0], atol=1e-6)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_options_reach_all_environments():
     ours, theirs = make(3), make(3, "sync")
     a, b = (v.reset(seed=2, options={"randomise": True}) for v in (ours, theirs))
@@ -88,7 +88,7 @@ def test_the_step_after_the_end_resets():
     assert (seen[:, [names.index("throttle"), names.index("steering")]] == 0.0).all()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_more_environments_change_none():
     few, many = make(2), make(40)
     few.reset(seed=3)
@@ -99,7 +99,7 @@ def test_more_environments_change_none():
     np.testing.assert_allclose(x[0], y[0][:2], atol=1e-6)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_same_seed_same_bytes():
     def run(seed):
         env = make(6)
@@ -124,7 +124,7 @@ def test_spaces_and_default_mode():
         env.reset(seed=[1, 2])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_picture_with_all_cars():
     env = make(3, render_mode="rgb_array")
     env.reset(seed=0)

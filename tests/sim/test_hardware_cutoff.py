@@ -55,7 +55,7 @@ class Beating:
 
 
 @pytest.mark.parametrize("cutoff", ["none", "oe", "mux"])
-@pytest.mark.few("mux")
+@pytest.mark.slow_except("mux")
 def test_the_car_drives_with_every_cutoff(raw_car, cutoff):
     beating = Beating(raw_car(f"sim://?nano=mock&cutoff={cutoff}")).drive()
     assert beating.car.truth.v_x > 1.0

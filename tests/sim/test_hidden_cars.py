@@ -47,7 +47,7 @@ def test_bounds(seed):
     assert -0.44 < curve(-1.0) < -0.27
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_no_car_looks_like_a_stuck_imu(raw_car):
     """Firmware takes 20 equal samples in motion for a dead sensor."""
     car = raw_car("sim://?nano=mock").armed().drive(0.3, 0.3, 8.0)
@@ -56,7 +56,7 @@ def test_no_car_looks_like_a_stuck_imu(raw_car):
     assert min(runs) >= 2
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_servo_comes_to_rest_where_its_friction_decides(raw_car):
     """Same pulse, same direction, other angle: a spread of about the stated sigma."""
     car = raw_car("sim://?nano=mock&seed=3")
@@ -101,7 +101,7 @@ def test_reveal_has_the_shape_of_the_contract(seed):
     assert sum(shown["sensors"]["encoder.ring"]) == pytest.approx(20)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_revealed_angle_is_the_middle_of_the_loop(raw_car):
     car = raw_car("sim://?nano=mock&seed=3")
     shown = reveal(3)

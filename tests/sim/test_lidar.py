@@ -143,7 +143,7 @@ def test_bytes_come_at_the_pace_of_the_line_with_right_checks():
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-@pytest.mark.few("2")
+@pytest.mark.slow_except("2")
 def test_the_host_knows_when_each_beam_was_taken(seed):
     """To 0.3 ms, 1 mrad of a car that turns at 3 rad/s, though arrivals swing by 4 ms."""
     params = replace(hidden_lidar(seed), jitter=4e-3)

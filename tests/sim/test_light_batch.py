@@ -39,7 +39,7 @@ def commands(n, k, seed=0):
 @pytest.mark.parametrize("engine", ["auto", "numpy"])
 @pytest.mark.parametrize("config", [ROUGH, OLD], ids=["firmware", "recorded"])
 @pytest.mark.parametrize("p", VEHICLES.values(), ids=VEHICLES)
-@pytest.mark.few("late-firmware-numpy", "paper-recorded-auto", "kinematic-firmware-auto")
+@pytest.mark.slow_except("late-firmware-numpy", "paper-recorded-auto", "kinematic-firmware-auto")
 def test_a_batch_is_its_cars(p, config, engine):
     n = 4
     batch = LightBatch(p, n, replace(config, engine=engine), seed=8)
@@ -60,7 +60,7 @@ def test_more_cars_change_no_noise():
     np.testing.assert_allclose(np.array(a), np.array(b)[:, :3], atol=1e-11)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_rows_of_noise_do_not_depend_on_blocks_or_neighbours():
     alone = ScalarStream([1, 2], 3, 2)
     many = ArrayStream([[1, i] for i in range(9000)], 3, 2)
@@ -99,7 +99,7 @@ def test_a_reset_of_some_cars_leaves_the_others():
     assert rb.t[[0, 1]].tolist() == pytest.approx([0.4, 0.19])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_single_precision_is_close():
     for engine in ("auto", "numpy"):
         single, double = (LightBatch(UPSTREAM_2024, 4, replace(ROUGH, dtype=t, engine=engine))

@@ -229,7 +229,7 @@ def test_refusals():
         Actuators(dead_band=math.nan)
 
 
-@pytest.mark.few("import dart_lab.sim.light")
+@pytest.mark.slow_except("import dart_lab.sim.light")
 @pytest.mark.parametrize("statement", ["import dart_hal", "import dart_lab.sim",
                                        "import dart_lab.sim.light",
                                        "from dart_lab.sim.light import LightBatch"])

@@ -55,14 +55,14 @@ def plain():
     return drive(LightCar(UPSTREAM_2024))
 
 
-@pytest.mark.few("*encoder*", "*gyro*", "mass", "battery_fade")
+@pytest.mark.slow_except("*encoder*", "*gyro*", "mass", "battery_fade")
 @pytest.mark.parametrize("name", catalogue())
 def test_every_effect_shows_in_some_reading(name, plain):
     found = np.abs(drive(car_with(large(name))) - plain).max(axis=0)
     assert found.max() > 4e-3
 
 
-@pytest.mark.few("sensors1-*")
+@pytest.mark.slow_except("sensors1-*")
 @pytest.mark.parametrize("name", catalogue())
 @pytest.mark.parametrize("sensors", [PERFECT, FIRMWARE])
 def test_at_null_the_numbers_are_the_same_to_the_last_bit(name, sensors):
@@ -74,7 +74,7 @@ def test_at_null_the_numbers_are_the_same_to_the_last_bit(name, sensors):
 
 @pytest.mark.parametrize("name", WITH_SIGNALS)
 @pytest.mark.parametrize("sensors", [PERFECT, RECORDED])
-@pytest.mark.few("*-gyro_bias", "*-mocap_latency")
+@pytest.mark.slow_except("*-gyro_bias", "*-mocap_latency")
 def test_a_batch_is_its_cars_also_when_some_begin_anew(name, sensors):
     """Cars of other sizes of the effect, one of which is reset on the way."""
     config = LightConfig(sensors=sensors)
@@ -158,7 +158,7 @@ def test_encoder_slip_follows_the_force():
     assert coasting[1] < 0.99 * coasting[0]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_battery_fade_is_of_the_time_since_the_reset():
     def gained(text, wait):
         car = car_with(text)

@@ -29,7 +29,7 @@ def variance(disturbance, step, seconds=0.6):
 STEPS = (0.005, 0.01, 0.02)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_white_noise_has_the_variance_of_theory():
     """dv = -c/m v dt + density/m dW: friction beyond 1 m/s is linear."""
     damp = PAPER.friction.c / PAPER.body.mass
@@ -40,13 +40,13 @@ def test_white_noise_has_the_variance_of_theory():
 @pytest.mark.parametrize("disturbance", [
     Disturbance(SIGMA, 0.0, 0.0), Disturbance(0.12, 0.0, 0.15)],
                          ids=["white", "correlated"])
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_effect_does_not_depend_on_the_step(disturbance):
     got = [variance(disturbance, step) for step in STEPS]
     assert max(got) / min(got) < 1.12
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_noise_without_the_root_of_the_step_would_fail():
     """The negative control: one kick of the same size per step, as is often written."""
     got = [variance(Disturbance(SIGMA * math.sqrt(0.01 / step), 0.0, 0.0), step)

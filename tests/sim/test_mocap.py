@@ -51,14 +51,14 @@ def test_it_shows_the_marker_in_the_room():
         assert pose.arrival == pytest.approx(t + 0.01, abs=1e-9)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_it_repeats_however_often_it_is_asked():
     params = replace(hidden_mocap(3), occlusion=10.0, lock=6.0, outlier=0.01)
     assert np.array_equal(table(rows(params)), table(rows(params, slice_s=0.1)))
     assert not np.array_equal(table(rows(params)), table(rows(replace(params, dropout=0.0))))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_each_fault_shows_and_none_comes_by_itself():
     clean = table(rows(QUIET, 60.0))
     assert len(clean) == 6001
@@ -83,7 +83,7 @@ def test_noise_is_what_was_asked_for():
     assert error.std(axis=0) == pytest.approx((1e-3, 1e-3, 2e-3), rel=0.04)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_wrong_frame_shows_what_such_a_set_up_shows():
     right = table(rows(QUIET))
     told = {frame: table(rows(replace(QUIET, frame=frame)))
@@ -100,7 +100,7 @@ def test_a_wrong_frame_shows_what_such_a_set_up_shows():
     assert all(np.array_equal(right[:, :2], t[:, :2]) for t in told.values())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_clock_that_is_set_steps_and_moves_nothing_else():
     still = table(rows(QUIET, 60.0))
     stepped = table(rows(replace(QUIET, step=10.0, offset=9.0), 60.0))

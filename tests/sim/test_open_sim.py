@@ -61,7 +61,7 @@ def test_coarse_ticks_are_for_the_kinematic_car():
         open_backend("sim://?nano=mock&tick=10")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_coarse_ticks_give_nearly_the_same_run(raw_car):
     cars = [raw_car(f"sim://?nano=mock&physics=kinematic&tick={t}").armed().drive(0.3, 0.3, 5.0)
             for t in (1, 10)]

@@ -32,7 +32,7 @@ def filed(tmp_path):
 
 
 @pytest.mark.parametrize("name", SETS)
-@pytest.mark.few("paper")
+@pytest.mark.slow_except("paper")
 def test_a_shipped_set_circles_as_in_the_light_simulation(driven, name):
     """Two simulations of one vehicle settle at the same speed and turn."""
     seen = driven(f"sim://?nano=mock&vehicle={name}", CIRCLE)
@@ -47,7 +47,7 @@ def test_a_shipped_set_circles_as_in_the_light_simulation(driven, name):
         assert truth.v_x != pytest.approx(plain.v_x, rel=0.03)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_extended_file_circles_as_in_the_light_simulation(driven, filed):
     path = filed(UPSTREAM_2024, "quadratic_drag:0.2,steering_trim:0.02,yaw_damping:0.03,"
                                 "encoder_scale:0.04,gyro_scale:0.06")
@@ -61,7 +61,7 @@ def test_an_extended_file_circles_as_in_the_light_simulation(driven, filed):
     assert base.read().speed > 1.1 * reading.speed
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_delays_and_lags_of_the_file_are_those_of_servo_and_motor(driven, filed):
     turn = ((-0.04, 0.3, 3.0), (0.4, 0.3, 1.0))
     quick = UPSTREAM_2024

@@ -41,7 +41,7 @@ def test_a_missing_tooth_is_one_long_interval():
 
 
 @given(rates=st.lists(st.floats(-60.0, 60.0), min_size=1, max_size=20), seed=st.integers(0, 999))
-@pytest.mark.more
+@pytest.mark.slow
 def test_count_is_the_number_of_marks_passed(rates, seed):
     """Whatever the gear does: every mark that passes the sensor is one edge."""
     ring = uneven_ring(20, np.random.default_rng(seed))

@@ -41,13 +41,13 @@ FAILING = ("&boot=optiboot&fail=enc:garbage=500@1.5%2B1,imu:intermittent=0.3@2%2
 
 
 @pytest.mark.parametrize("extra", ["", "&jitter=usb", "&jitter=busy&ber=1e-4", FAILING])
-@pytest.mark.more
+@pytest.mark.slow
 def test_read_slices_do_not_matter(raw_car, extra):
     first, *others = (scenario(raw_car, URL + extra, s) for s in (1e-2, 1e-3, 1e-4))
     assert all(o == first for o in others)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.emulator
 def test_read_slices_do_not_matter_to_the_firmware(raw_car):
     url = "sim://?nano=avr&seed=7"
@@ -56,7 +56,7 @@ def test_read_slices_do_not_matter_to_the_firmware(raw_car):
 
 
 @pytest.mark.emulator
-@pytest.mark.more
+@pytest.mark.slow
 def test_read_slices_do_not_matter_while_things_fail(raw_car):
     url = f"sim://?nano=avr&seed=7{FAILING},enc:chatter=20000@0.5%2B0.3,imu:delayed=0.1@2%2B1"
     first, other = (scenario(raw_car, url, s, 5.0) for s in (1e-2, 7e-4))
@@ -92,7 +92,7 @@ def test_a_command_acts_from_the_frame_it_answers(raw_car):
     assert all(log.t_start == now for now, log in times)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_world_is_where_the_host_is_when_a_late_frame_comes(raw_car):
     """Else a bus write that answers it would act before the frame arrived."""
     car = raw_car("sim://?nano=mock&jitter=busy")
@@ -114,7 +114,7 @@ def test_sleep_leaves_the_frames_to_be_read(raw_car):
     assert car.backend.clock.now() == pytest.approx(1.0)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_usb_jitter_delays_and_keeps_the_order(raw_car):
     plain, late = raw_car("sim://?nano=mock").run(5.0), raw_car("sim://?nano=mock&jitter=usb")
     late.run(5.0)

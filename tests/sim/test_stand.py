@@ -73,7 +73,7 @@ def spun(url, lift=True, seconds=1.0, pulse=1600.0):
 
 
 @pytest.mark.parametrize("lift", [True, False])
-@pytest.mark.few("True")
+@pytest.mark.slow_except("True")
 def test_the_body_rests_while_the_wheels_count(lift):
     seen, world, turned = spun(URL, lift)
     felt = np.mean([s.accel_x for s in seen[10:60]])
@@ -88,7 +88,7 @@ def test_swapped_leads_turn_the_wheels_backward():
 
 
 @pytest.mark.parametrize("fail", ["wheel:stuck", "esc:off"])
-@pytest.mark.few("wheel:stuck")
+@pytest.mark.slow_except("wheel:stuck")
 def test_a_blocked_wheel_and_an_empty_battery_turn_nothing(fail):
     seen, _, turned = spun(f"{URL}&fail={fail}@0", seconds=0.6)
     assert seen[-1].ticks == seen[0].ticks
@@ -103,7 +103,7 @@ def test_a_car_that_is_not_on_its_stand_drives():
 @pytest.mark.parametrize(("lift", "fail", "edges"), [
     (True, "", 10), (False, "", 10), (True, "&fail=wheel:stuck@0", 0),
     (True, "&fail=enc:off@0", 0)])
-@pytest.mark.few("True--10", "True-&fail=enc*")
+@pytest.mark.slow_except("True--10", "True-&fail=enc*")
 def test_a_hand_turns_the_wheels(lift, fail, edges):
     backend = open_backend(URL + fail)
     with Car.over(backend) as car:

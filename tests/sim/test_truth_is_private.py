@@ -6,8 +6,6 @@ import ast
 import re
 from pathlib import Path
 
-import pytest
-
 import dart_hal
 
 ROOT = Path(dart_hal.__file__).parents[1]
@@ -51,7 +49,6 @@ def peeks(source: str, package: str = "dart_lab.diagnosis") -> list[str]:
     return found
 
 
-@pytest.mark.cpu(4)
 def test_nobody_outside_peeks():
     guilty = {}
     for path in sorted(ROOT.rglob("*.py")):

@@ -21,7 +21,7 @@ def test_left_steering_turns_left(raw_car):
     assert car.states()[-1]["gyro"][2] > 0.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_right_is_the_mirror_image_with_a_symmetric_map(raw_car):
     left = raw_car().armed().drive(0.4, 0.25, 1.0).truth
     right = raw_car().armed().drive(-0.4 - 2 * PAPER.steering.s0, 0.25, 1.0).truth
@@ -46,7 +46,7 @@ def test_encoder_counts_the_distance(raw_car):
     assert state["enc_count"] == pytest.approx(travelled / EDGE, abs=1.01)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_steady_speed_is_that_of_the_equations(raw_car):
     """Straight on at tau 0.3 the paper's car settles at 2.195 m/s."""
     car = raw_car().armed().drive(-PAPER.steering.s0, 0.3, 12.0)
@@ -94,7 +94,7 @@ def test_lost_pulses_let_the_car_roll_out(raw_car):
     assert car.truth.v_x == pytest.approx(0.0, abs=0.02)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_looking_at_the_truth_changes_nothing(raw_car):
     one, two = raw_car(), raw_car()
     for car, look in ((one, False), (two, True)):

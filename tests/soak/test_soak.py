@@ -39,12 +39,12 @@ def check(report):
     assert report.damaged > 0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_five_minutes_without_the_firmware():
     check(soak.soak(60.0 * MINUTES, "mock", "mux"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.emulator
 @pytest.mark.parametrize("cutoff", ["mux", "oe"])
 def test_five_minutes_with_the_firmware(cutoff):
@@ -63,7 +63,7 @@ def test_one_fault_a_second_with_time_to_arm_in_between():
     assert all(f.start % CYCLE >= QUIET or (f.target, f.kind) == ("mcu", "reset") for f in faults)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_host_that_counts_lost_frames_wrong_is_found(monkeypatch):
     right = Ledger.note
 

@@ -83,7 +83,7 @@ def test_switched_off_by_the_user(monkeypatch):
     assert f"{library.SWITCH}=0" in status()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @needs_compiler
 def test_compiled_on_demand_once(nothing_built, monkeypatch):
     first = kernel.Kernel(KINEMATIC, "motion", 0.01)
@@ -97,7 +97,7 @@ def test_compiled_on_demand_once(nothing_built, monkeypatch):
         kernel.Kernel(KINEMATIC, "motion", 0.01, np.float32)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @needs_compiler
 def test_another_processor_does_not_get_this_one_s_library(nothing_built, monkeypatch):
     kernel.Kernel(KINEMATIC, "motion", 0.01)
@@ -122,7 +122,7 @@ def test_what_the_compiler_said_is_passed_on(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @needs_compiler
 def test_a_compiler_without_vectors_still_compiles(nothing_built, monkeypatch):
     """An older processor, another C library: fewer flags, the same numbers."""
@@ -137,7 +137,7 @@ exec {real} "$@"
     assert kernel.Kernel(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @needs_compiler
 def test_a_damaged_library_of_the_package_is_replaced_by_one_on_demand(nothing_built, monkeypatch):
     text = build.COMMITTED.read_text(encoding="utf-8")
@@ -147,7 +147,7 @@ def test_a_damaged_library_of_the_package_is_replaced_by_one_on_demand(nothing_b
     assert kernel.Kernel(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @needs_compiler
 def test_a_damaged_library_is_compiled_anew(nothing_built):
     text = source([body(trace(form_of(KINEMATIC), "motion"))])
@@ -203,7 +203,7 @@ def wrong(text: str, site: int) -> str:
 
 @needs_compiler
 @pytest.mark.parametrize("site", range(0, 49, 7))
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_turned_sign_in_a_kernel_is_noticed(tmp_path, site):
     """The negative control of the check before first use: mutants are refused, the original not."""
     form = form_of(KINEMATIC)
@@ -217,7 +217,7 @@ def test_one_turned_sign_in_a_kernel_is_noticed(tmp_path, site):
         check.check(runs[1], traced, F64, form, "motion", "rk4")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @needs_compiler
 def test_a_wrong_kernel_is_not_used(nothing_built, monkeypatch):
     traced = trace(form_of(KINEMATIC), "car")
@@ -229,7 +229,7 @@ def test_a_wrong_kernel_is_not_used(nothing_built, monkeypatch):
         Batch(KINEMATIC, 3, engine="native")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.skipif(platform.machine() != "x86_64" or platform.libc_ver()[0] != "glibc"
                     or tuple(map(int, platform.libc_ver()[1].split("."))) < (2, 35),
@@ -268,7 +268,7 @@ def hook(monkeypatch, tmp_path):
 
 @needs_compiler
 @pytest.mark.parametrize(("version", "pure"), [("standard", False), ("editable", True)])
-@pytest.mark.few("editable-True")
+@pytest.mark.slow_except("editable-True")
 def test_building_the_package_compiles_all_variants(hook, version, pure):
     made, said, folder = hook
     folder.mkdir()

@@ -69,7 +69,7 @@ def apart(got, wanted):
     return np.max(np.abs(got - wanted) / np.maximum(1.0, np.abs(wanted)))
 
 
-@pytest.mark.few("37-per-car-PaperTyres-upstream", "1-shared-AxleTyres-all_speeds",
+@pytest.mark.slow_except("37-per-car-PaperTyres-upstream", "1-shared-AxleTyres-all_speeds",
                  "1-shared-kinematic")
 @FORM
 @pytest.mark.parametrize("lanes", [False, True], ids=["shared", "per-car"])
@@ -89,7 +89,7 @@ def test_one_step_from_random_states(p, lanes, n):
 
 @FORM
 @pytest.mark.parametrize("lanes", [False, True], ids=["shared", "per-car"])
-@pytest.mark.few("shared-PaperTyres-upstream", "per-car-capped")
+@pytest.mark.slow_except("shared-PaperTyres-upstream", "per-car-capped")
 def test_two_seconds_of_transients(p, lanes):
     """200 steps under steps and sines of both commands: floats, numpy, kernel.
 
@@ -115,7 +115,7 @@ def test_two_seconds_of_transients(p, lanes):
 
 @FORM
 @pytest.mark.parametrize("lanes", [False, True], ids=["shared", "per-car"])
-@pytest.mark.few("per-car-PaperTyres-upstream")
+@pytest.mark.slow_except("per-car-PaperTyres-upstream")
 def test_rollouts_of_windows(p, lanes):
     """Held inputs and substeps, read at samples in any order and twice."""
     state, draw = driving(p, N, seed=5)[:6], np.random.default_rng(6)
@@ -171,7 +171,7 @@ def test_a_rear_tyre_without_end_is_one_without_end():
     assert apart(free, capped) > 0.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_is_not_finite_is_left_to_numpy():
     """NaN in one lane stays in that lane; a state that runs away is not made finite."""
     state = driving(PAPER, 3)[:6]
@@ -220,7 +220,7 @@ def test_motion_of_floats_equals_a_native_window():
     assert got[0, :, 0] == pytest.approx(step(*one, 0.3, 0.2), rel=1e-13)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_any_step_can_become_a_kernel(tmp_path):
     """Equations composed at run time: here the paper's car with a wind from ahead."""
     def make(symbol, xp):

@@ -53,7 +53,7 @@ def test_the_kinematic_circle_has_the_radius_of_geometry(engine, seed):
 
 @ENGINE
 @pytest.mark.parametrize(("front_b", "sign"), [(8.0, 1), (20.0, -1)], ids=["under", "over"])
-@pytest.mark.few("*-native")
+@pytest.mark.slow_except("*-native")
 def test_the_circle_of_linear_tyres_is_that_of_the_understeer_gradient(engine, front_b, sign):
     """delta = l / R + (m / l)(l_r / C_f - l_f / C_r) v^2 / R, for small angles.
 
@@ -87,7 +87,7 @@ LEFT_RIGHT = np.array([1, -1, -1, 1, -1, -1, 1, -1.0])[:, None]
 @pytest.mark.parametrize("p", BOTH_SIDES, ids=IDS)
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=15)
-@pytest.mark.few("*-native")
+@pytest.mark.slow_except("*-native")
 def test_a_mirrored_drive_is_the_mirror_image(engine, p, seed):
     draw = np.random.default_rng(seed)
     n, steps = 5, 60
@@ -115,8 +115,8 @@ def energy(p, states):
 @pytest.mark.parametrize("p", [PAPER, UPSTREAM_2024], ids=lambda p: p.name)
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=20)
-@pytest.mark.few("paper-*")
-@pytest.mark.few("*-native")
+@pytest.mark.slow_except("paper-*")
+@pytest.mark.slow_except("*-native")
 def test_without_throttle_energy_only_falls(engine, p, seed):
     """Forwards, backwards, sliding, with turned wheels."""
     draw = np.random.default_rng(seed)
@@ -152,7 +152,7 @@ STATE = (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 0.25, 0.1)
 COMMANDS = (0.35, -0.3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("p", [*BOTH_SIDES, PAPER, UPSTREAM_2024], ids=[*IDS, "P1", "P2"])
 @given(vx=st.floats(0.4, 4), vy=st.floats(-0.4, 0.4), om=st.floats(-4, 4),
        tau=st.floats(-0.4, 0.6), s=st.floats(-1, 1))
@@ -205,7 +205,7 @@ def test_a_motion_step_of_casadi_symbols_takes_parameters_as_symbols_too():
 
 
 @pytest.mark.parametrize(("limited", "chatters"), [(False, True), (True, False)])
-@pytest.mark.few("True-False")
+@pytest.mark.slow_except("True-False")
 def test_a_step_of_10_ms_bears_the_paper_s_tyres_at_walking_pace(limited, chatters, monkeypatch):
     """The lateral motion relaxes no faster than the step can follow; without that it chatters."""
     free = replace(PAPER, friction=replace(PAPER.friction, a=0.0, c=0.0),

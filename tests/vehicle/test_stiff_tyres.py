@@ -69,7 +69,7 @@ def disagreement(method="rk4"):
 
 
 @pytest.mark.parametrize("method", ["rk4", "midpoint"])
-@pytest.mark.few("midpoint")
+@pytest.mark.slow_except("midpoint")
 def test_a_step_and_an_eighth_of_it_agree_down_to_5_cm_per_second(method):
     v_y, omega, place, states = disagreement(method)
     assert np.isfinite(states).all()

@@ -61,7 +61,7 @@ def test_every_pair_of_bits():
     assert decoder.counters.damaged >= comb(bits, 2)
 
 
-@pytest.mark.few("3 bits")
+@pytest.mark.slow_except("3 bits")
 @pytest.mark.parametrize("name", samples.SMALL_FAULTS)
 def test_no_small_fault_passes(name):
     assert wrong(samples.SMALL_FAULTS[name], 6000, seed=1) == 0
@@ -73,13 +73,13 @@ def test_without_the_crc_they_would_pass(monkeypatch):
     assert wrong(samples.SMALL_FAULTS["2 bits"], 500, seed=1) > 100
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", samples.SMALL_FAULTS)
 def test_no_small_fault_passes_in_a_million(name):
     assert wrong(samples.SMALL_FAULTS[name], 1_000_000 // len(samples.SMALL_FAULTS) + 1, 2) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("fault", "gates", "bound"), [
     (samples.flip_bits(4), None, 1.5e-5), (samples.burst(8), None, 1.5e-5),
     (samples.flip_bits(6), Gates, 5e-6)])
@@ -91,7 +91,7 @@ def test_heavy_damage_stays_below_the_published_bound(fault, gates, bound):
 
 
 @pytest.mark.parametrize("name", [*samples.SMALL_FAULTS, "burst"])
-@pytest.mark.few("1 bit", "burst", "dropped")
+@pytest.mark.slow_except("1 bit", "burst", "dropped")
 def test_frames_lost_per_fault(name):
     """At most one; two when a delimiter is gone; none when it was only changed."""
     fault = samples.burst(8) if name == "burst" else samples.SMALL_FAULTS[name]

@@ -70,7 +70,7 @@ def test_the_streams_reach_every_counter():
                counters.unknown, counters.oversize) > 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_million_frames_in_any_reads():
     for seed in range(1000):
         laws(seed, 1000)

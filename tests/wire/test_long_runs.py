@@ -13,7 +13,7 @@ from tests.wire import wire_samples as samples
 FAULTS = [*samples.SMALL_FAULTS.values(), samples.burst(8)]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_long_damaged_recording():
     """Some 300 000 frames, a third of them hurt: past the wrap of device time."""
     rng = Random(12)
@@ -26,7 +26,7 @@ def test_a_long_damaged_recording():
     assert decoder.counters.ok + decoder.counters.gaps == pytest.approx(len(frames), abs=3)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ten_million_blocks_of_noise():
     """Random bytes, many of the length of a STATE, none of them sent by anybody."""
     rng = np.random.default_rng(13)

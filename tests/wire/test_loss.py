@@ -38,7 +38,7 @@ def test_damage_counts_as_lost(seed, share):
     assert decoder.counters.ok + decoder.counters.gaps == 401
 
 
-@pytest.mark.few("51-*")
+@pytest.mark.slow_except("51-*")
 @pytest.mark.parametrize("length", [1, 100, 254, 255, 256, 257, 511, 512, 600, 1500, 3000])
 @pytest.mark.parametrize("start", [50, 51, 57, 700])
 def test_long_silence_is_counted_by_device_time(length, start):

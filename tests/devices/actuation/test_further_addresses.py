@@ -56,8 +56,8 @@ SOME = (*range(0, 256, 9), 0xA1, 0x28, 0x24, 0x22, 0x3F)
 
 
 @pytest.mark.parametrize(("addresses", "modes"), [
-    (OTHERS, SOME), pytest.param(b"", range(256), marks=pytest.mark.more),
-    pytest.param(OTHERS, range(256), marks=pytest.mark.more)], ids=["some", "all", "all, changed"])
+    (OTHERS, SOME), pytest.param(b"", range(256), marks=pytest.mark.slow),
+    pytest.param(OTHERS, range(256), marks=pytest.mark.slow)], ids=["some", "all", "all, changed"])
 def test_every_found_mode_is_opened_to_the_own_address_alone(addresses, modes):
     for mode1 in modes:
         if mode1 & CLOCK_BIT and mode1 & 0x10:

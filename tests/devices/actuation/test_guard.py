@@ -250,7 +250,7 @@ def alive(pid: int) -> bool:
 
 
 @pytest.mark.parametrize("workers", ["let go", "keeps"])
-@pytest.mark.few("keeps")
+@pytest.mark.slow_except("keeps")
 @pytest.mark.realtime
 def test_workers_of_a_killed_driver_do_not_hide_its_death(bench: Bench, workers: str) -> None:
     """Two forked workers live on. In the second case they even keep the guard's pipe open."""

@@ -207,7 +207,7 @@ def test_importing_opens_nothing_and_loads_neither_servokit_nor_scipy() -> None:
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_host_without_board_still_gets_servokit() -> None:
     code = ("import sys, types\n"
             "class Refuse:\n"

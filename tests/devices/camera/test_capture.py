@@ -85,7 +85,7 @@ def test_one_that_is_unplugged_says_so_and_goes_on_by_itself(cv2):
         camera.close()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_that_hangs_holds_up_neither_the_car_nor_its_end(cv2, monkeypatch):
     monkeypatch.setattr(capture, "PATIENCE", 0.3)
     with Car.open("sim://?nano=mock&pace=1", camera=f"usb:{cv2.path}") as car:

@@ -21,8 +21,7 @@ def health(seed, lidar="1", seconds=4.0, steering=0.35):
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-@pytest.mark.few("1")
-@pytest.mark.cpu(4)
+@pytest.mark.slow_except("1")
 def test_a_good_one_gives_nothing_to_look_at(seed):
     found = health(seed)
     assert list(found.sentences()) == []
@@ -33,20 +32,19 @@ def test_a_good_one_gives_nothing_to_look_at(seed):
     assert found.sense == pytest.approx(1.0, abs=0.3)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(4)
+@pytest.mark.slow
 def test_one_that_hangs_upside_down_without_the_file_saying_so_is_seen_by_the_gyro():
     found = health(1, "clockwise=0")
     assert found.sense == pytest.approx(-1.0, abs=0.3)
     assert "turn against the gyro" in " ".join(found.sentences())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_that_goes_straight_says_nothing_of_the_sense():
     assert health(1, seconds=1.0, steering=0.0).sense is None
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_blind_sector_is_told_where_it_is():
     found = health(1, f"gap={radians(30.0)},yaw=0", seconds=2.0)
     ((start, end),) = found.blind
@@ -56,7 +54,7 @@ def test_a_blind_sector_is_told_where_it_is():
     assert "nothing comes back from" in " ".join(found.sentences())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_packets_that_are_lost_and_a_unit_that_is_too_fast_are_told():
     found = health(1, "lost=0.1,rate=8.6", seconds=3.0)
     assert found.lost == pytest.approx(0.1, abs=0.05)

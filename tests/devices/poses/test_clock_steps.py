@@ -27,7 +27,7 @@ def drawn(seed, seconds=20.0):
 
 
 @pytest.mark.parametrize("by", [-1.0, -0.2, 0.2, 1.0])
-@pytest.mark.few("-0.2")
+@pytest.mark.slow_except("-0.2")
 def test_a_clock_that_is_set_goes_on(by):
     worst = []
     for seed in range(10):
@@ -52,7 +52,7 @@ def test_a_clock_that_is_set_while_the_car_is_hidden_is_held_for_three_seconds()
     assert any(at > 13.1 for at, _ in out)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["bursts", "congestion"])
 def test_a_slow_network_is_no_clock_that_was_set(kind):
     for seed in range(30):

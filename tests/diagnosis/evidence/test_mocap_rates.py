@@ -55,7 +55,7 @@ def seen(recording):
 
 
 @pytest.mark.parametrize("hz", RATES)
-@pytest.mark.few("20", "200")
+@pytest.mark.slow_except("20", "200")
 def test_the_same_drive_is_as_much_evidence(drive, tmp_path, hz):
     windows, messages, size = seen(drive)
     other = seen(at_rate(drive, hz, tmp_path / "other.csv", 0.001 if hz < 100 else 0.0))
@@ -64,8 +64,7 @@ def test_the_same_drive_is_as_much_evidence(drive, tmp_path, hz):
     assert np.linalg.norm(other[2]) < 1.5 * np.linalg.norm(size)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 @pytest.mark.parametrize("hz", [20, 200])
 def test_at_either_end_of_the_rates_what_is_hidden_is_named_and_nothing_else(tmp_path, hz):
     """With its control: the same drives of a car in which nothing is hidden.

@@ -38,7 +38,7 @@ def test_the_car_that_drove_is_predicted_to_its_disturbance(plain):
     assert size(plain.residuals(apply(PAPER, "steering_gain", k=0.1)), GYRO) > 2.0 * size(r, GYRO)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_effects_of_the_mocap_change_nothing_and_all_others_something(plain):
     """What cannot be told is found from the equations; here it is felt."""
     base = plain.residuals(PAPER)
@@ -54,7 +54,7 @@ def test_effects_of_the_mocap_change_nothing_and_all_others_something(plain):
     assert min(change for n, change in felt.items() if n not in unseen()) > 20.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "k"), [
     ("encoder_scale", 0.04), ("encoder_latency", 0.06), ("gyro_scale", 0.06),
     ("gyro_bias", 0.05), ("gyro_latency", 0.08), ("clock_offset", 0.06)])
@@ -91,7 +91,7 @@ def test_by_how_much_a_standing_car_counts_more_is_known_and_taken_off_again(pla
     assert (quieter.noise_scale[~at_rest] == 1.0).all()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_sensors_that_are_older_than_their_stamps_are_given_their_age(tmp_path):
     recording = recorded(tmp_path, seed=23)
     m = recording.messages
@@ -124,7 +124,7 @@ def test_residuals_are_the_same_every_time(plain):
     assert np.array_equal(a.sensors, b.sensors, equal_nan=True)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_is_kept_of_the_servo_is_of_that_servo(plain):
     """Whatever was asked before: the residuals of each vehicle, to the last bit."""
     limited = apply(PAPER, "steering_rate_limit", k=0.2)

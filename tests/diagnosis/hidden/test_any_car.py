@@ -15,8 +15,7 @@ from studies.diagnosis import any_car
 from studies.diagnosis.any_car import asked
 
 
-@pytest.mark.more
-@pytest.mark.cpu(240)
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "options", "silent"), [
     (103, "", True), (103, "&effect=motor_gain:-0.15", False),
     (200, "", True)])  # with an IMU that sits 2.3 deg askew, of which the first drive makes no name
@@ -32,8 +31,7 @@ def test_a_car_as_it_was_is_left_in_peace(seed, options, silent):
         assert gained > 0.5
 
 
-@pytest.mark.more
-@pytest.mark.cpu(120)
+@pytest.mark.slow
 def test_a_first_drive_that_starts_from_what_was_measured_knows_the_steering(tmp_path):
     """From data sheets its play of 0.0138 rad was taken for a lag of 17 ms."""
     any_car.calibrated("sim://?seed=1143&nano=mock", tmp_path)

@@ -134,14 +134,14 @@ def test_the_paper_of_the_stranger_is_that_of_the_package(tmp_path):
     assert model.friction["a"].std == pytest.approx(0.035 * ours.friction.a)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_seed_writes_one_file(tmp_path):
     texts = [record(tmp_path / f"{i}.csv", Car(), Habits(), 5.0, seed).read_bytes()
              for i, seed in enumerate((1, 1, 2))]
     assert texts[0] == texts[1] != texts[2]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*CAUSES, *FAR, *NEAR])
 def test_what_is_hidden_shows_in_the_file(tmp_path, name):
     """The negative control of the campaign: a cause that changes nothing could not be found."""
@@ -166,7 +166,7 @@ def test_without_mocap_the_file_has_ten_columns(tmp_path):
     assert len(recording.messages.t) == pytest.approx(100, abs=2)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_run_is_resumed_and_a_crash_is_a_result(tmp_path, monkeypatch, capsys):
     asked = []
 
@@ -189,7 +189,7 @@ def test_a_run_is_resumed_and_a_crash_is_a_result(tmp_path, monkeypatch, capsys)
     assert '"group": "null"' in capsys.readouterr().out
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_from_files_to_names():
     """Nine cases with the base as it is: whatever is named, nothing where nothing is hidden."""
     by_key = {c.key: c for c in cases()}
@@ -210,8 +210,7 @@ def test_names_are_counted_by_their_stated_probability():
     assert grades([(case("carpet", group="far"), sure)]) == []
 
 
-@pytest.mark.more
-@pytest.mark.cpu(60)
+@pytest.mark.slow
 def test_a_claim_says_the_truth_about_itself():
     """Its cost on a recording five times as long, and its probability by all sets of groups."""
     line = claims_checked.run(cases(["wrong"], (), 2000)[0], sets=True)

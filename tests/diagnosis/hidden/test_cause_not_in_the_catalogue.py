@@ -70,7 +70,7 @@ def still_wrong(names):
 
 
 def by_default(names):
-    return [n if n in BY_DEFAULT else pytest.param(n, marks=pytest.mark.slow) for n in names]
+    return [n if n in BY_DEFAULT else pytest.param(n, marks=pytest.mark.long) for n in names]
 
 
 PARTLY = pytest.mark.xfail(strict=True, reason=(
@@ -79,7 +79,7 @@ PARTLY = pytest.mark.xfail(strict=True, reason=(
 
 
 @pytest.mark.parametrize("name", by_default(SHOWN))
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_nothing_else_is_like_ends_unexplained(tmp_path, name, request):
     if name == "mocap_offset_x":
         request.applymarker(PARTLY)
@@ -92,7 +92,7 @@ def test_what_nothing_else_is_like_ends_unexplained(tmp_path, name, request):
     assert share_of_right(without, recordings[0], name) < 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", LEVEL)
 def test_what_only_moves_a_level_ends_in_silence(tmp_path, name):
     """A constant is no structure: nothing is named, but nothing is shown either."""
@@ -102,7 +102,7 @@ def test_what_only_moves_a_level_ends_in_silence(tmp_path, name):
     assert share_of_right(without, recordings[0], name) < 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", still_wrong(RELATIVES))
 def test_what_takes_the_place_of_a_cause_is_its_relative_and_explains_less(tmp_path, name):
     """Near relatives are named for each other. Where nothing is said to be left, the first of them

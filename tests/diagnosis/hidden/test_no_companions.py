@@ -16,7 +16,7 @@ from studies.diagnosis.campaign_cases import Case
 from studies.diagnosis.near_relatives import NEAR
 from studies.diagnosis.stranger_causes import SIZES
 
-pytestmark = pytest.mark.more
+pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("seed", [100, 300])

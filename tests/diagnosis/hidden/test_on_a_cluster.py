@@ -20,7 +20,7 @@ CASES = (Case("large", 0, (("steering_lag", 0.12),)), Case("null", 0, ()))
 SECONDS = (40.0, 25.0)
 ONLY = ("gyro_bias", "imu_pitch", "steering_lag", "quadratic_drag")
 
-pytestmark = pytest.mark.more
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

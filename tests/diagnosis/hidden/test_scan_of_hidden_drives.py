@@ -29,7 +29,7 @@ def scanned(tmp_path, p, seed, names=None):
     return scan(evidence, point, names)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_nothing_hidden_is_quiet(tmp_path):
     assert scanned(tmp_path, PAPER, 11)[0].gain < QUIET
 
@@ -37,8 +37,8 @@ def test_nothing_hidden_is_quiet(tmp_path):
 @pytest.mark.parametrize(("name", "k"), [
     ("steering_lag", 0.06), ("steering_trim", -0.01), ("grip", -0.1), ("throttle_lag", 0.08),
     ("gyro_bias", 0.02), ("mocap_offset_x", 0.008), ("rolling_resistance", 0.25)])
-@pytest.mark.few("rolling_resistance-0.25")
-@pytest.mark.more
+@pytest.mark.slow_except("rolling_resistance-0.25")
+@pytest.mark.slow
 def test_what_is_hidden_comes_first_at_its_size(tmp_path, name, k):
     best = scanned(tmp_path, apply(PAPER, name, k=k), 12)[0]
     assert best.effect == name
@@ -46,7 +46,7 @@ def test_what_is_hidden_comes_first_at_its_size(tmp_path, name, k):
     assert best.values["k"] == pytest.approx(k, rel=0.3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_the_cause_in_the_catalogue_another_name_gains_less(tmp_path):
     """The negative control: what is left when the right answer is not on offer is a worse one."""
     p = apply(PAPER, "steering_lag", k=0.06)

@@ -41,7 +41,7 @@ def gains(tmp_path, name, values, policy: ScanPolicy = USUAL.scan, top=0.34):
 
 
 @pytest.mark.parametrize(("name", "parameter", "k"), CASES)
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_scan_finds_what_the_true_size_gains(tmp_path, name, parameter, k):
     q = next(q for q in catalogue()[name].parameters if q.name == parameter)
     found, truth = gains(tmp_path, name, {parameter: q.null + k})
@@ -49,7 +49,7 @@ def test_the_scan_finds_what_the_true_size_gains(tmp_path, name, parameter, k):
     assert found.gain > share * truth - FEW
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_throttle_that_ends_between_two_rungs_is_found(tmp_path):
     """At .36, in a drive that asks for up to .42: on either rung beside it nothing is gained."""
     found, truth = gains(tmp_path, "motor_saturation", {"k": 1 / 0.36}, top=0.42)
@@ -57,7 +57,7 @@ def test_a_throttle_that_ends_between_two_rungs_is_found(tmp_path):
     assert found.values["k"] == pytest.approx(1 / 0.36, rel=0.02)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_looking_between_the_rungs_it_is_missed(tmp_path):
     """The negative control."""
     blind = ScanPolicy(bisections=0, refinements=2)

@@ -14,7 +14,7 @@ HOW = Habits(style="steps")
 APART = 0.3  # m after 12 s; angles and lags may begin where the last drive left them
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["throttle_lag", "steering_lag"])
 def test_a_second_drive_is_that_of_a_new_car(tmp_path, name):
     ways = []

@@ -23,12 +23,12 @@ def seen(case):
     return [c["effect"] for c in (*told["causes"], *told["possible"])]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_commands_between_messages_are_no_lag(whenever):
     assert seen(whenever) == []
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_with_all_commands_of_one_age_there_would_be_a_lag(whenever, monkeypatch):
     for module in (space, ages):
         monkeypatch.setattr(module, "widest", lambda ahead: 0.0)
@@ -36,8 +36,7 @@ def test_with_all_commands_of_one_age_there_would_be_a_lag(whenever, monkeypatch
     assert "steering_lag" in seen(whenever)
 
 
-@pytest.mark.more
-@pytest.mark.cpu(20)
+@pytest.mark.slow
 @pytest.mark.parametrize("aged", [True, False])
 def test_a_lag_beside_a_model_that_may_not_move_gains_at_the_age_of_the_commands(aged, monkeypatch):
     """Control: with the age of the commands on top of its delays, the lag seems to raise the errors
@@ -51,8 +50,7 @@ def test_a_lag_beside_a_model_that_may_not_move_gains_at_the_age_of_the_commands
     assert cause["cost"]["ci90"][0] > 1.0
 
 
-@pytest.mark.more
-@pytest.mark.cpu(10)
+@pytest.mark.slow
 def test_a_few_wild_windows_do_not_outweigh_what_a_sure_cause_gains():
     """Steps of random length: a car that slides now and then, and 0.5 degrees of trim. The root
     mean square of the yaw angle says that it may be nothing; the loss of all errors does not."""

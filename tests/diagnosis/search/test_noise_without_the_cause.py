@@ -28,7 +28,7 @@ def found_and_error(recording, name):
     return value(point.vehicle, f"{name}.k"), errors[f"{name}.k"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "hidden"), [("mocap_yaw", 0.03), ("mass", 0.2), ("grip", -0.2)])
 def test_size_of_a_large_cause_is_not_shrunk(name, hidden):
     """By a noise with the cause inside they were found at 78, 81 and 86 % of their size."""
@@ -37,7 +37,7 @@ def test_size_of_a_large_cause_is_not_shrunk(name, hidden):
     assert error < 0.1 * abs(hidden)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_noise_with_the_cause_inside_shrinks_it(monkeypatch):
     """The control: measured once, at the model as it was."""
     measured = Search._measured
@@ -52,7 +52,7 @@ def test_noise_with_the_cause_inside_shrinks_it(monkeypatch):
 
 
 @pytest.mark.parametrize("refit", [False, True])
-@pytest.mark.few("True")
+@pytest.mark.slow_except("True")
 def test_effects_of_the_base_move_with_a_refit_only(refit):
     """A rate limit that is free stretches until no lag is missing."""
     base = apply(PAPER, "steering_rate_limit", k=0.1)
@@ -61,8 +61,7 @@ def test_effects_of_the_base_move_with_a_refit_only(refit):
     assert (size_of(found, "steering_rate_limit") == 0.1) is not refit
 
 
-@pytest.mark.more
-@pytest.mark.cpu(30)
+@pytest.mark.slow
 @pytest.mark.parametrize("impossible", ["grip", ""])
 def test_cause_that_is_left_out_does_not_shape_the_noise(impossible, monkeypatch):
     """Beside causes of sensors alone the noise of the motion is that of the base."""

@@ -90,7 +90,7 @@ def test_a_promise_that_a_fit_does_not_keep_is_none():
 
 
 @pytest.mark.parametrize("seed", range(20))
-@pytest.mark.few("[0-4]")
+@pytest.mark.slow_except("[0-4]")
 def test_gains_of_two_are_those_of_bounded_least_squares(seed):
     rng = np.random.default_rng(seed)
     d, r = rng.normal(size=(8, 4)), 2.0 * rng.normal(size=8)

@@ -117,7 +117,7 @@ def test_slopes_seen_by_another_noise_are_those_it_whitens_itself(seen, point):
         assert np.abs(carried - own).max(axis=0) == pytest.approx(0.0, abs=0.01 * size.max())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_set_near_the_last_fit_has_the_losses_of_its_own_fit(seen):
     """Without rollouts; further off it is fitted, and there a first order would be wrong."""
     full = fitted(seen, free=ALL_FREE)[1]

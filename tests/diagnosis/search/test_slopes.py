@@ -10,7 +10,7 @@ from dart_lab.diagnosis.search.fit import at, refit
 from tests.diagnosis import searched
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_two_processes_find_what_one_does():
     seen = searched.evidence(searched.drive(seconds=20.0))
     noise, point = searched.fitted(seen, free=("motor.d", "tyres.front_D", "delay.steering_s"))

@@ -38,7 +38,7 @@ def named(seen, *only):
     return list(accepted.names), found.point.vehicle.tyres.front_D / PAPER.tyres.front_D
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_impostor_goes_once_the_tyre_may_be_what_it_is(run, monkeypatch):
     """Control: as long as the tyre is held, something else gets the name."""
     names, tyre = named(run, "steering_gain")
@@ -48,7 +48,7 @@ def test_an_impostor_goes_once_the_tyre_may_be_what_it_is(run, monkeypatch):
     assert named(run, "steering_gain")[0] == ["steering_gain"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_where_nothing_is_named_the_tyre_is_let_go_as_well(run):
     """Else what the bound leaves over would be structure that nobody knows."""
     names, tyre = named(run, "gyro_bias")
@@ -56,7 +56,7 @@ def test_where_nothing_is_named_the_tyre_is_let_go_as_well(run):
     assert tyre < 0.96
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_cause_that_takes_the_strain_away_keeps_its_name(run):
     """The tyre is believed to be good to half a per cent, so it is the grip that is less."""
     assert named(run, "front_grip") == (["front_grip"], pytest.approx(1.0, abs=0.017))

@@ -39,7 +39,7 @@ QUIET = 30.0  # gain; twice what nothing reaches
 
 # 1: noise in what is measured makes whatever divides a force look too large
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_noise_alone_makes_no_car_lighter():
     """Even where nothing else may be named, and shaken two and a half times as much."""
     found = search(drive(habits=Habits(push=0.3)), names=INERT)
@@ -50,16 +50,16 @@ def test_noise_alone_makes_no_car_lighter():
 
 
 @pytest.mark.parametrize("wrong", [
-    {"md": 0.92}, *(pytest.param(w, marks=pytest.mark.slow) for w in ({"me": 1.2}, {"fa": 1.1}))],
+    {"md": 0.92}, *(pytest.param(w, marks=pytest.mark.long) for w in ({"me": 1.2}, {"fa": 1.1}))],
     ids=lambda w: next(iter(w)))
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_wrong_throttle_is_no_wrong_mass(wrong):
     found = search(drive(**wrong), names=INERT)
     assert names(found) == []
     assert names(search(drive(**wrong), names=("motor_gain", "rolling_resistance"))) != []
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_base_that_is_known_roughly_and_fitted_has_the_right_mass(tmp_path):
     """Sixteen parameters off by 2 to 5 %: the refit takes them, and no name does."""
     case = next(c for c in cases(["null rough"]) if c.seed == 1)
@@ -75,7 +75,7 @@ def test_a_base_that_is_known_roughly_and_fitted_has_the_right_mass(tmp_path):
     assert names(search(read(path), p=p, names=some, max_causes=1)), "or it would show nothing"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "k", "seconds"), [("mass", 0.2, 40.0),
                                                     ("yaw_inertia", 1.2, 80.0)])
 def test_a_mass_that_is_wrong_is_still_found(name, k, seconds):
@@ -92,7 +92,7 @@ LATERAL = ("grip", "front_grip", "steering_gain", "steering_trim", "steering_com
            "centre_of_mass", "yaw_damping", "roll_compliance", "rear_saturation")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_steering_map_that_is_wrong_is_not_grip():
     found = search(drive(habits=Habits(style="gentle"), a_left=1.08, a_right=1.08), names=LATERAL)
     assert names(found) == ["steering_gain"]
@@ -102,16 +102,16 @@ def test_a_steering_map_that_is_wrong_is_not_grip():
 # 3: sampling: nothing is hidden, whatever the recorder does
 
 @pytest.mark.parametrize("commands", [
-    c if c == "anytime" else pytest.param(c, marks=pytest.mark.slow)
+    c if c == "anytime" else pytest.param(c, marks=pytest.mark.long)
     for c in COMMANDS])
-@pytest.mark.more
+@pytest.mark.slow
 def test_nothing_is_named_whenever_commands_change(commands):
     found = search(drive(seed=4, habits=Habits(commands=commands)), free=ALL_FREE)
     assert names(found) == []
     assert found.ranking[0].gain < QUIET
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_wrong_clock_of_the_messages_is_named(monkeypatch):
     """The negative control: every message 40 ms and its way later than it was."""
     monkeypatch.setattr(prepared, "message_time", lambda m: m.arrival + 0.04)
@@ -138,7 +138,7 @@ def delayed(request):
     return seen, noise, point, change
 
 
-@pytest.mark.few("steps")
+@pytest.mark.slow_except("steps")
 def test_the_slope_of_a_delay_foretells_what_a_delay_does(delayed):
     _, _, point, change = delayed
     (up, down), *_ = point.space.steps(point.x)
@@ -153,7 +153,7 @@ def test_the_slope_of_a_delay_foretells_what_a_delay_does(delayed):
 
 
 @pytest.mark.parametrize("start", [0.10, 0.20])
-@pytest.mark.few("steps-0.1")
+@pytest.mark.slow_except("steps-0.1")
 def test_a_delay_is_found_from_either_side(delayed, start):
     """Of delay and age of the commands the difference is known: where a command acts."""
     seen, noise, point, _ = delayed
@@ -170,8 +170,8 @@ BESIDE = ("motor_gain", "steering_gain", "steering_delay")
 
 
 @pytest.mark.parametrize(("name", "k"), BENT)
-@pytest.mark.few("steering_backlash-0.1")
-@pytest.mark.more
+@pytest.mark.slow_except("steering_backlash-0.1")
+@pytest.mark.slow
 def test_what_has_no_slope_at_its_null_is_found_by_its_size(name, k):
     found = search(drive((name, k)), names=(name, *BESIDE))
     assert names(found)[:1] == [name]
@@ -179,7 +179,7 @@ def test_what_has_no_slope_at_its_null_is_found_by_its_size(name, k):
     assert size_of(found, name) == pytest.approx(k, rel=0.5)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "k"), [BENT[0], BENT[2]])
 def test_a_look_at_the_null_alone_misses_it(monkeypatch, name, k):
     monkeypatch.setattr(scanning, "next_larger_size", lambda *given: None)
@@ -191,7 +191,7 @@ def test_a_look_at_the_null_alone_misses_it(monkeypatch, name, k):
 
 
 @pytest.mark.parametrize(("name", "k"), [("encoder_scale", 0.04), ("encoder_scale", 0.08)])
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_size_beyond_the_last_rung_is_reached(name, k):
     """Else a relative that gets there gains more, and nothing says that the two are alike."""
     seen = evidence(drive((name, k)))
@@ -202,9 +202,8 @@ def test_a_size_beyond_the_last_rung_is_reached(name, k):
 # 6: what is significant where it was fitted need not be true elsewhere
 
 @pytest.mark.parametrize(("recordings", "everywhere"), [
-    (4, False), (4, True), pytest.param(7, False, marks=pytest.mark.slow)])
-@pytest.mark.more
-@pytest.mark.cpu(60)
+    (4, False), (4, True), pytest.param(7, False, marks=pytest.mark.long)])
+@pytest.mark.slow
 def test_what_one_recording_has_is_no_cause(recordings, everywhere):
     """Even where a chance of one half is enough: data left out of the fit do not want it."""
     bias = 0.03 if everywhere else 0.0075 * recordings
@@ -230,8 +229,8 @@ steering_lag throttle_delay yaw_inertia
 """Every third of the catalogue as it once was: what is gained by chance depends on which."""
 
 
-@pytest.mark.parametrize("push", [0.3, pytest.param(0.5, marks=pytest.mark.slow)])
-@pytest.mark.more
+@pytest.mark.parametrize("push", [0.3, pytest.param(0.5, marks=pytest.mark.long)])
+@pytest.mark.slow
 def test_what_must_be_gained_grows_with_the_disturbance(monkeypatch, push):
     """Sizes of a quiet drive held against a rough one: all gains grow, and nothing is named."""
     quiet, rough = (drive(seed=9, habits=Habits(push=p)) for p in (0.06, push))
@@ -244,7 +243,7 @@ def test_what_must_be_gained_grows_with_the_disturbance(monkeypatch, push):
     assert frozen.ranking[0].gain > QUIET, "a limit that stood still would be passed by nothing"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_same_cause_counts_for_less_in_a_rougher_drive():
     gains = [search(drive(("grip", -0.1), seed=9, habits=Habits(push=p)), names=("grip",)
                     ).ranking[0].gain for p in (0.12, 0.36)]

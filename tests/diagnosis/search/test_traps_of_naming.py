@@ -32,9 +32,9 @@ TWO = [{"steering_lag": 0.06, "throttle_lag": 0.08}, {"steering_delay": 0.04, "g
 
 # 8: after a correction of time its aliases come along
 
-@pytest.mark.parametrize("two", [TWO[0], *(pytest.param(t, marks=pytest.mark.slow)
+@pytest.mark.parametrize("two", [TWO[0], *(pytest.param(t, marks=pytest.mark.long)
                                            for t in TWO[1:])], ids="+".join)
-@pytest.mark.more
+@pytest.mark.slow
 def test_two_delays_are_those_two_and_no_third(two):
     found = search(drive(*two.items(), seconds=50.0, seed=6), names=TIMING)
     assert sorted(names(found)) == sorted(two)
@@ -42,7 +42,7 @@ def test_two_delays_are_those_two_and_no_third(two):
         assert size_of(found, name) == pytest.approx(k, rel=0.2)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["clock_offset", "gyro_latency"])
 def test_a_standing_car_reads_the_same_a_little_later(monkeypatch, name):
     """Messages are no series of samples: to shift them by parts of one averages neighbours, and
@@ -58,8 +58,8 @@ def test_a_standing_car_reads_the_same_a_little_later(monkeypatch, name):
 
 @pytest.mark.parametrize(("needed", "left"), [(None, ["steering_lag"]),
                                               pytest.param(0.0, ["steering_delay", "steering_lag"],
-                                                           marks=pytest.mark.slow)])
-@pytest.mark.more
+                                                           marks=pytest.mark.long)])
+@pytest.mark.slow
 def test_what_the_right_name_makes_superfluous_is_dropped(monkeypatch, needed, left):
     """A delay that was named for a lag goes when the lag comes; without the way back it stays."""
     policy = Policy() if needed is None else Policy(naming=NamingPolicy(sure=needed))
@@ -75,7 +75,7 @@ def test_what_the_right_name_makes_superfluous_is_dropped(monkeypatch, needed, l
     assert sorted(names(found)) == left
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_is_said_of_a_cause_counts_from_the_fit_without_it():
     """Named second and left alone: its gain, and what it is like, are those of the first round."""
     found = search(drive(("yaw_damping", 0.03), seconds=60.0, seed=14))
@@ -94,7 +94,7 @@ def test_no_size_that_is_tried_is_out_of_bounds(name):
         assert all(q.low <= k <= q.high for k in (*near, *far))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_no_rollout_within_the_bounds_runs_away():
     seen = evidence(drive(seconds=20.0))
     for name, of in catalogue().items():
@@ -122,7 +122,7 @@ def push_with_speed(newton):
     return act
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_pushes_is_no_negative_drag(tmp_path):
     strange = car()
     strange.force.append(push_with_speed(0.15))
@@ -163,21 +163,21 @@ def twins(monkeypatch):
     return known
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_two_names_for_one_thing_are_said_to_be_alike(twins):
     found = search(drive(("grip", -0.2)), names=("grip", "twin", "motor_gain", "gyro_bias"))
     one, = found.named
     assert {one.effect, *one.confounders} == {"grip", "twin"}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_that_explains_much_less_is_not_alike():
     found = search(drive(("grip", -0.2)), names=("grip", "mass", "motor_gain", "gyro_bias"))
     one, = found.named
     assert (one.effect, one.confounders) == ("grip", ())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_relatives_stay_alike_beside_another_cause(twins):
     found = search(drive(("grip", -0.2), ("gyro_bias", 0.03)),
                    names=("grip", "twin", "gyro_bias", "gyro_scale"))
@@ -198,7 +198,7 @@ def told(train, test, **how):
     return diagnose(model, vehicle, train, test, refit=False, **how)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_levels_that_differ_are_no_friction_and_are_said():
     """Nothing of the car explains them; that they differ from recording to recording does."""
     drives = [drive(("motor_gain", k), seconds=20.0, seed=20 + i) for i, k in enumerate(LEVELS)]
@@ -208,7 +208,7 @@ def test_levels_that_differ_are_no_friction_and_are_said():
     assert ("v_x", "recording") in [(u.channel, u.along[0]) for u in d.unexplained]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_level_that_all_have_is_named():
     drives = [drive(("motor_gain", -0.1), seconds=20.0, seed=20 + i) for i in range(4)]
     found = search(*drives, names=("motor_gain", "rolling_resistance", "quadratic_drag",
@@ -217,7 +217,7 @@ def test_a_level_that_all_have_is_named():
     assert size_of(found, "motor_gain") == pytest.approx(-0.1, abs=0.02)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_battery_that_runs_down_is_that_and_no_drag():
     """Steps of the throttle, up and down: speed and time do not go together."""
     found = search(drive(("battery_fade", -0.15), seconds=80.0, seed=61),
@@ -238,7 +238,7 @@ def pitch(seen) -> Trial:
     return trial
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_tilt_shows_in_two_seconds_of_standstill_and_not_in_thirty_of_driving():
     standing, driving = (pitch(tilted(0.03, rest)) for rest in (True, False))
     assert standing.values["k"] == pytest.approx(0.03, rel=0.1)
@@ -247,14 +247,14 @@ def test_a_tilt_shows_in_two_seconds_of_standstill_and_not_in_thirty_of_driving(
                         names=("imu_pitch", "imu_roll", "road_slope_x"))) == ["imu_pitch"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_level_imu_has_no_tilt():
     trial = pitch(tilted(0.0, rest=True))
     assert trial.gain < 3.0
     assert abs(trial.values.get("k", 0.0)) < 3e-3
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_only_a_car_that_stands_counts_as_standing():
     assert tilted(0.0, rest=True).sensor_still.sum() > 10
     assert not tilted(0.0, rest=False).sensor_still.any()

@@ -40,7 +40,7 @@ def told(tmp_path_factory):
     return with_drives
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_drive_measures_what_it_was_suggested_for(told):
     before = {c.group: c for c in told().claims}
     assert set(before) == {"motor", "rear tyre"}
@@ -54,7 +54,7 @@ def test_a_drive_measures_what_it_was_suggested_for(told):
         assert found.std < 2.5 * promised
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_floor_too_small_for_any_drive_is_said(told):
     for one in sharpen(told(), floor=Floor(1.0, 1.0)):
         if not one.drive:
@@ -63,6 +63,6 @@ def test_a_floor_too_small_for_any_drive_is_said(told):
         assert one.to_json()["drive"] in {None, *(c.name for c in CHOICES)}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_a_claim_there_is_nothing_to_sharpen(told):
     assert sharpen(replace(told(), claims=())) == ()

@@ -54,7 +54,7 @@ def test_a_simulated_drive_is_what_its_own_car_predicts(effect, rollouts):
     assert np.nanmax(np.abs(own.sensors[:, :2])) < 0.05
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_rival_that_is_the_truth_is_found_at_its_size_and_loses_nothing(question, rollouts):
     _, q = question
     truth = apply(PAPER, "grip", k=-0.12)
@@ -73,7 +73,7 @@ def test_without_rivals_there_is_nothing_to_suggest(question):
     assert suggest(replace(d, causes=(alone,))) == ()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_suggestion_is_the_same_again_and_is_json_without_nan(question):
     d, _ = question
     first, again = (suggest(d, floor=Floor(3.0, 3.0), seed=4)[0].to_json() for _ in range(2))
@@ -85,7 +85,7 @@ def test_a_suggestion_is_the_same_again_and_is_json_without_nan(question):
     assert [t["least"] >= 4.0 for t in first["tried"]] == [True]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_no_drive_separates_is_said_and_not_promised(tmp_path, monkeypatch):
     still = tuple(c for c in CHOICES if c.name == "standstill")
     monkeypatch.setattr("dart_lab.diagnosis.suggest.choose.rehearsed",
@@ -99,7 +99,7 @@ def test_what_no_drive_separates_is_said_and_not_promised(tmp_path, monkeypatch)
     assert s.by_hand.startswith("Steering steps")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_data_that_should_have_told_them_apart_are_said_to_hold_more_than_is_simulated(question):
     d, _ = question
     (s,) = suggest(d, floor=Floor(3.0, 3.0))
@@ -109,7 +109,7 @@ def test_data_that_should_have_told_them_apart_are_said_to_hold_more_than_is_sim
     assert "(14.5) already" in surer.caution()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_rival_that_explains_nothing_needs_no_drive(question):
     d, _ = question
     told = replace(d.causes[0], cannot_be_told_from=("quadratic_drag",))
@@ -118,7 +118,7 @@ def test_a_rival_that_explains_nothing_needs_no_drive(question):
     assert "by themselves" in s.sentence()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_is_printed_drives_and_records(question, tmp_path, monkeypatch, capsys):
     d, _ = question
     (s,) = suggest(d, floor=Floor(3.0, 3.0))
@@ -133,7 +133,7 @@ def test_what_is_printed_drives_and_records(question, tmp_path, monkeypatch, cap
         assert (tmp_path / told["recording"]).stat().st_size > 10_000
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_prediction(question):
     (s,) = suggest(question[0], floor=Floor(3.0, 3.0))
     assert s.prediction.channel == "gyro"
@@ -141,7 +141,7 @@ def test_the_prediction(question):
     assert np.mean(bias - trim) == pytest.approx(0.02, abs=0.002)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_every_choice_fits_a_hall_and_the_small_ones_come_first():
     drives = list(rehearsed(FLOOR))
     assert [d.choice.name for d in drives] == [c.name for c in CHOICES]

@@ -12,7 +12,7 @@ from dart_lab.diagnosis.suggest.library import CHOICES, rehearsed
 from tests.diagnosis.suggest.open_question import DRIVES as AT_HAND
 from tests.diagnosis.suggest.open_question import FLOOR, Case, diagnosis, gains, recorded
 
-pytestmark = pytest.mark.more
+pytestmark = pytest.mark.slow
 
 SAME = 6.0
 """Robust loss within which two effects are not told apart."""

@@ -25,7 +25,6 @@ from studies.diagnosis.stranger import Car
 from studies.diagnosis.stranger_files import COMMANDS, Habits, record
 
 STYLES = ("steps", "waves", "prbs", "gentle", "ramps", "laps")
-pytestmark = pytest.mark.cpu(10)
 
 
 def recorded(car, style, seed):
@@ -65,7 +64,7 @@ def test_too_few_windows_say_nothing():
     assert found(short) == {}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_gusts_are_not_nothing_wrong():
     car = Car()
     add_gusts(car, 1.2, seed=1)
@@ -78,8 +77,7 @@ def test_gusts_are_not_nothing_wrong():
     assert d.to_json()["outliers"][0]["moments"]
 
 
-@pytest.mark.more
-@pytest.mark.cpu(150)
+@pytest.mark.slow
 def test_events_are_flagged_and_sound_cars_are_not():
     """Fresh seeds, six styles: gusts in 11 of 12 drives or more, a lifted wheel in 8; of 24 sound
     cars one at most. (Found: 12, 10 and 1. On the drives that the limits were chosen by: gusts

@@ -59,13 +59,13 @@ def planted(of, channel, curve, share=0.25):
     return replace(of, y=y)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_noise_is_no_structure():
     fired = [seed for seed in range(20) if structure([windows(seed, memory=0.15)], seed)]
     assert len(fired) <= 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("memory", [0.0, 0.15])
 def test_noise_is_no_structure_in_one_of_a_hundred(memory):
     fired = [seed for seed in range(200)
@@ -88,7 +88,7 @@ def test_noise_is_no_structure_in_one_of_a_hundred(memory):
     (windows, "v_x", lambda f: np.sin(2.0 * np.pi * f["way"] / 1.3 + 2.0), {("way",)}),
     (messages, "gyro", lambda f: np.abs(f["steering_angle"]), {("steering_angle",)}),
 ])
-@pytest.mark.few("windows-v_x-*-along0")
+@pytest.mark.slow_except("windows-v_x-*-along0")
 def test_what_is_planted_is_found_where_it_is(make, channel, curve, along):
     found = structure([planted(make(5), channel, curve, 0.4)], 1)
     assert [u.channel for u in found] == [channel]
@@ -101,7 +101,7 @@ def test_what_is_planted_is_found_where_it_is(make, channel, curve, along):
 
 @pytest.mark.parametrize("curve", [lambda f: f["speed"],
                                    lambda f: np.sin(2.0 * np.pi * f["way"] / 1.3)])
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_same_structure_with_the_signs_of_stretches_turned_is_noise(curve):
     """The negative control: as large, as smooth, but it follows no function of the features."""
     of = planted(windows(5), "v_x", curve, 0.6)
@@ -111,7 +111,7 @@ def test_the_same_structure_with_the_signs_of_stretches_turned_is_noise(curve):
     assert not structure([replace(of, y=of.y * signs[stretch][:, None])])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_waves_have_their_length_and_size_and_in_each_recording_a_phase_of_its_own():
     of = windows(6, recordings=3)
     phase = np.array([0.3, 2.1, 4.0])[of.recording]
@@ -124,7 +124,7 @@ def test_waves_have_their_length_and_size_and_in_each_recording_a_phase_of_its_o
     assert size == pytest.approx(0.8 * of.size[0, 0], rel=0.15)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_stripes_on_the_floor_have_their_width_and_in_all_recordings_the_same_place():
     of = windows(6, recordings=3)
     x = {**of.features, "x": 4.0 * np.sin(0.11 * np.arange(len(of.y)))}
@@ -138,14 +138,14 @@ def test_stripes_on_the_floor_have_their_width_and_in_all_recordings_the_same_pl
     assert ("x",) not in [u.along for u in elsewhere]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_that_hardly_moves_has_no_waves():
     of = windows(6)
     standing = {**of.features, "way": 1e-3 * of.features["time"]}
     assert structure([replace(of, features=standing)]) == ()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_level_of_each_recording_is_called_that():
     level = np.array([1.0, -1.0, 0.3, -0.3])
     of = windows(7, recordings=4)
@@ -154,7 +154,7 @@ def test_a_level_of_each_recording_is_called_that():
     assert "at recording day/0.csv" in found[0].structure, "by name: the order of files is ours"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_does_not_carry_over_to_another_recording_is_not_found_along_a_variable():
     of = windows(8, recordings=4)
     turns = np.array([1.0, -1.0, 1.0, -1.0])[of.recording]
@@ -164,7 +164,7 @@ def test_what_does_not_carry_over_to_another_recording_is_not_found_along_a_vari
     assert ("speed",) not in [u.along for u in structure([not_carried])]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_share_falls_to_nothing_with_the_cause():
     noise = windows(9)
     before = shares([planted(noise, "omega", lambda f: f["speed"] * f["steering_angle"], 0.5)])
@@ -174,7 +174,7 @@ def test_share_falls_to_nothing_with_the_cause():
     assert set(before) == set(MOTION)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_same_seed_same_answer_and_too_little_says_nothing():
     of = planted(windows(5), "v_x", lambda f: f["speed"], 0.6)
     assert structure([of], 4) == structure([of], 4)

@@ -12,13 +12,13 @@ PLAN = Plan(seconds=120.0)
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_model_itself_leaves_nothing(tmp_path, monkeypatch, seed):
     assert unexplained(*looked_at([write(tmp_path / "a.csv", None, seed, PLAN, monkeypatch)])) == ()
 
 
 @pytest.mark.parametrize("name", CARS)
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_strange_car_is_flagged_where_it_is_strange(tmp_path, monkeypatch, name):
     wrap, channels, variables = CARS[name]
     found = unexplained(*looked_at([write(tmp_path / "a.csv", wrap, 5, PLAN, monkeypatch)]))
@@ -27,7 +27,7 @@ def test_a_strange_car_is_flagged_where_it_is_strange(tmp_path, monkeypatch, nam
     assert right[0].share > 0.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_share_is_large_where_it_is_strange_and_small_elsewhere(tmp_path, monkeypatch):
     wrap, *_ = CARS["carpet"]
     share = shares(groups(*looked_at([write(tmp_path / "a.csv", wrap, 5, PLAN, monkeypatch)])))
@@ -35,7 +35,7 @@ def test_the_share_is_large_where_it_is_strange_and_small_elsewhere(tmp_path, mo
     assert max(share[name] for name in ("encoder", "gyro", "accel_x", "accel_y")) < 0.1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_the_disturbance_moves_is_no_variable(tmp_path, monkeypatch):
     """A gust that is not in the model accelerates the car: the two go together for no fault."""
     *seen, noise = looked_at([write(tmp_path / "a.csv", None, 5, PLAN, monkeypatch)])
@@ -44,7 +44,7 @@ def test_what_the_disturbance_moves_is_no_variable(tmp_path, monkeypatch):
     assert structure([motion]) == ()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_of_many_strange_cars_nearly_all_are_flagged_and_none_of_the_plain(tmp_path, monkeypatch):
     def flagged(wrap, seed):
         file = write(tmp_path / "a.csv", wrap, seed, PLAN, monkeypatch)

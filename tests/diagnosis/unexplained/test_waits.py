@@ -68,7 +68,7 @@ def structure(seen, r):
 
 @pytest.mark.parametrize(("error", "as_it_is", "left"), [
     (waited, {"gyro"}, set()), (turned, {"gyro"}, {"gyro"})])
-@pytest.mark.few("waited-*")
+@pytest.mark.slow_except("waited-*")
 def test_what_a_wait_does_is_no_structure_and_all_else_is(monkeypatch, run, error, as_it_is, left):
     erring(monkeypatch, run, error(run))
     assert structure(run, lambda noise: run.residuals(PAPER)) == as_it_is

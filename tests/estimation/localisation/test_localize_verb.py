@@ -37,7 +37,7 @@ def ros_map(folder, lines, cell=CELL):
     return path
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_simulated_car_is_found_and_its_error_told(capsys):
     code, found = told(capsys, "--url", "sim://?seed=0&nano=mock&lidar=1&map=room",
                        "--duration", 2.0, "--speed", 1, "--steering", 0.3, *WAIVED)
@@ -48,7 +48,7 @@ def test_a_simulated_car_is_found_and_its_error_told(capsys):
     assert np.sqrt(found["pose"]["cov"][0][0]) < 0.01
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_in_a_ros_map_and_its_recording(capsys, tmp_path):
     """The simulated room is the grid itself."""
     chart, run = ros_map(tmp_path, room_of("room", 0).lines), tmp_path / "run.mcap"
@@ -61,7 +61,7 @@ def test_a_car_in_a_ros_map_and_its_recording(capsys, tmp_path):
     assert again["pose"]["x"] == pytest.approx(found["pose"]["x"], abs=0.01)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_bare_rectangle_says_so_and_exits_1(capsys, tmp_path):
     chart = ros_map(tmp_path, box(3.0, 2.5, 0.0, 6.0, 5.0), 0.05)
     code, found = told(capsys, "--url", f"sim://?seed=0&nano=mock&lidar=1&map={chart}", "--map",

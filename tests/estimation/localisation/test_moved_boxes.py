@@ -68,7 +68,7 @@ def test_through_a_box_that_is_gone_and_through_a_wall():
     assert torn.gone == 0.0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_pose_that_is_judged_is_the_one_that_is_told():
     """The match of these scans explains 95 % of them, at the right place: 0.7 to 0.4 m from what
     the filter makes of it."""
@@ -84,7 +84,7 @@ def test_the_pose_that_is_judged_is_the_one_that_is_told():
     assert told[-1].status is Status.LOST
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [7101, 7105])
 def test_wrong_poses_are_lost_and_good_ones_kept_with_half_the_boxes_gone(seed):
     counts = wrongs(seed, drive(seed, hidden(seed, stale=0.22, gone=2)))
@@ -92,7 +92,7 @@ def test_wrong_poses_are_lost_and_good_ones_kept_with_half_the_boxes_gone(seed):
     assert counts[2:4] == [0, 0]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_is_found_in_a_room_whose_boxes_have_all_moved():
     """After it has driven 4 m; the control is another room of the same outline, which fits one
     scan as well."""

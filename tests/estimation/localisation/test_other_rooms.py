@@ -14,7 +14,7 @@ from studies.localisation.world import drive, hidden, run
 
 
 @pytest.mark.parametrize("seed", [5100, 5102, 5104])
-@pytest.mark.few("5100")
+@pytest.mark.slow_except("5100")
 def test_another_room_of_the_same_outline_is_refused(seed):
     """By one of its scans; the control is the own room."""
     d = drive(seed, hidden(seed, seconds=3.0))
@@ -47,7 +47,7 @@ def test_a_searched_track_in_another_room_is_given_up():
     assert Judge(0.8).add(Agreement(0.8, 0.05)) is Status.TRACKING     # somebody said where it is
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_room_without_half_its_boxes_is_not_lost():
     d = drive(5302, hidden(5302, stale=0.22, gone=2, seconds=15.0))
     found = run(d)

@@ -33,8 +33,7 @@ def far(a, b):
     return float(np.hypot(a[0] - b[0], a[1] - b[1]))
 
 
-@pytest.mark.more
-@pytest.mark.cpu(3)
+@pytest.mark.slow
 def test_a_car_knows_its_place_by_its_lidar_alone(tmp_path):
     """Searched, tracked, fused, recorded; a replay tells the same."""
     backend = open_backend(URL)

@@ -18,7 +18,7 @@ def test_a_car_is_found_without_a_start_and_told_only_when_proven():
     assert r.off.max() < 0.02
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_kidnapped_car_is_lost_and_comes_back():
     d = kidnapped(drive(2005, hidden(2005, seconds=26.0)))
     r = run(d, localiser=Localiser(d.chart))
@@ -28,7 +28,7 @@ def test_a_kidnapped_car_is_lost_and_comes_back():
     assert (r.t > 17.5).sum() > 30
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_scans_that_turn_against_the_gyro_are_refused():
     """The control is the same drive with the right sense."""
     for sense, good in ((1.0, True), (-1.0, False)):

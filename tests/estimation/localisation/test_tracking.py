@@ -32,15 +32,14 @@ def test_a_car_of_hidden_errors_is_followed_at_two_metres_per_second(quick):
     assert 0.2 < found.nees.mean() < 5.0
 
 
-@pytest.mark.more
-@pytest.mark.cpu(3)
+@pytest.mark.slow
 def test_without_deskewing_it_is_three_times_worse(quick):
     """The negative control, with the better of the single stamps."""
     begun = replace(quick, scans=quick.scans[:40])
     assert rms(run(begun, deskew=False).off) > 3.0 * rms(run(begun).off)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_hidden_errors_are_learnt():
     hid = hidden(2001, seconds=20.0)
     belief = run(drive(2001, hid)).localiser.belief

@@ -22,7 +22,7 @@ def test_a_car_of_hidden_errors_maps_what_it_sees_in_six_seconds():
     assert np.median(off[outer(d)[which]]) < 0.01
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_room_is_mapped_and_the_car_finds_itself_in_the_file():
     d = drive(6000, hidden(6000))
     survey = mapped(d)
@@ -38,7 +38,7 @@ def test_a_room_is_mapped_and_the_car_finds_itself_in_the_file():
     assert rms(placed_on(mapped(fresh, deskew=False), fresh).off) > 5.0 * rms(placed.off)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_ring_closes_and_without_closures_does_not():
     """Of a car that drifts by more than 1 cm in a lap: not all do."""
     d = around(6000, hidden(6000, speed=2.0, other=False))

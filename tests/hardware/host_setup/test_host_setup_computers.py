@@ -54,7 +54,7 @@ def test_the_bus_is_found_by_the_name_of_the_board(name: str, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("name", CARS)
-@pytest.mark.few("raspberry_pi_5_debian13", "jetson_orin_nano_jetpack6")
+@pytest.mark.slow_except("raspberry_pi_5_debian13", "jetson_orin_nano_jetpack6")
 def test_the_set_up_and_the_host_agree(name: str, boxed) -> None:
     box = boxed(name)
     here = computer(box.root)
@@ -66,7 +66,7 @@ def test_the_set_up_and_the_host_agree(name: str, boxed) -> None:
     assert "STOP" not in done.stdout
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_pi_as_it_comes_gets_its_bus_switched_on(boxed) -> None:
     box = boxed("raspberry_pi_5_debian13")
     assert "off; will be switched on" in box.run("--check").stdout

@@ -61,7 +61,7 @@ def served(tmp_path: Path) -> Iterator[dict[str, str]]:
     server.communicate()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("standby", [True, False], ids=["standby", "control"])
 def test_driver_and_guard_are_killed(served: dict[str, str], standby: bool,
                                      tmp_path: Path) -> None:

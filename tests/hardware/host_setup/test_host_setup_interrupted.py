@@ -46,17 +46,17 @@ def every(step: int, folder: Path, first: int = 1, broken: Change | None = None)
     return len(cuts)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_killed_on_the_way_it_leaves_nothing_half_and_the_next_run_ends_it(tmp_path: Path) -> None:
     assert every(23, tmp_path / "box", first=25) >= 3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_killed_at_any_call_of_all(tmp_path: Path) -> None:
     assert every(1, tmp_path / "box") > 80
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("broken", [
     ("lib.sh", ': >"$state/todo.$1"', ":"),
     ("environment.sh", '        in_home pip install',

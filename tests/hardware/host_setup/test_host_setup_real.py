@@ -42,7 +42,7 @@ def box(tmp_path: Path) -> Box:
     return made
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_from_nothing_to_a_doctor_that_is_content(box: Box) -> None:
     script, uv = ROOT / "host" / "setup" / "setup.sh", real_uv()
     done = box.run("--uv", uv, "--car", "mine", script=script, timeout=900, **network())

@@ -65,7 +65,7 @@ def test_no_bus(box: Box) -> None:
     assert "there:  i2c-0" in stopped(box, "i2c")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_no_driver_for_the_bridge(box: Box) -> None:
     box.set("drivers", "ftdi_sio")
     assert "--ft232" in stopped(box, "bridge")
@@ -74,7 +74,7 @@ def test_no_driver_for_the_bridge(box: Box) -> None:
     assert box.run().returncode == 0, "built in is as good"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("rule", [
     'ENV{PRODUCT}=="1a86/7523/*", ENV{BRLTTY_BRAILLE_DRIVER}="bm", GOTO="brltty_usb_run"\n',
     'ATTRS{idVendor}=="1a86", ATTRS{idProduct}=="7523", ENV{ID_BRLTTY}="1"\n',
@@ -105,7 +105,7 @@ def test_without_sudo_or_apt(box: Box) -> None:
     assert "no apt-get" in done.stdout
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("lost", ["packages", "uv", "python", "package"])
 def test_without_a_network_the_step_says_so_and_what_is_done_stays(box: Box, lost: str) -> None:
     if lost != "packages":
@@ -121,7 +121,7 @@ def test_without_a_network_the_step_says_so_and_what_is_done_stays(box: Box, los
     assert box.run(*uv).returncode == 0
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("refused", ["systemctl enable*", "mv -f *80-dart.rules"])
 def test_a_command_that_fails_is_named_and_the_next_run_goes_on(box: Box, refused: str) -> None:
     cut = box.run(REFUSE=refused)
@@ -131,7 +131,7 @@ def test_a_command_that_fails_is_named_and_the_next_run_goes_on(box: Box, refuse
     second_run_does_nothing(box)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_two_at_once(box: Box) -> None:
     box.run()
     with subprocess.Popen(["flock", str(box.home / DATA / "setup" / "lock"), "sh", "-c",

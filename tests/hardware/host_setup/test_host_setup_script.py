@@ -21,12 +21,12 @@ from setup_laws import (
 )
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_plan_is_what_happens(box: Box) -> None:
     plan_is_what_happens(box)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_second_run_does_nothing(box: Box) -> None:
     second_run_does_nothing(box)
 
@@ -39,14 +39,14 @@ def test_the_computer_never_sleeps(box: Box) -> None:
     sleep_is_masked(box)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_a_script_without_the_step_lets_it_sleep(box: Box) -> None:
     box.change("setup.sh", "step_sleep\n", "")
     with pytest.raises(AssertionError, match="sleep"):
         sleep_is_masked(box)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_sleep_that_was_masked_before_stays_masked(box: Box) -> None:
     link = box.root / "etc" / "systemd" / "system" / "sleep.target"
     link.parent.mkdir(parents=True, exist_ok=True)
@@ -64,7 +64,7 @@ def test_remove_on_a_fresh_computer_says_that_there_is_nothing(box: Box) -> None
     assert announced(done.stdout) == []
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_remove_can_be_tried_first(box: Box) -> None:
     box.run()
     before = box.tree()
@@ -73,7 +73,7 @@ def test_remove_can_be_tried_first(box: Box) -> None:
     assert announced(plan.stdout) == announced(box.run("--remove").stdout)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_a_fresh_computer_gets(box: Box) -> None:
     done = box.run("--car", "mine", "--i2c", "1")
     assert done.returncode == 0, done.stderr + done.stdout
@@ -92,7 +92,7 @@ def test_what_a_fresh_computer_gets(box: Box) -> None:
     assert "log out and in again" in done.stdout
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_every_file_is_told_to_those_who_read_it(box: Box) -> None:
     box.run()
     calls = box.calls
@@ -103,14 +103,14 @@ def test_every_file_is_told_to_those_who_read_it(box: Box) -> None:
     assert "systemctl enable dart-hal.service" in calls[unit:]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_service_starts_at_once_where_the_nano_is_there(box: Box) -> None:
     box.put("dev/dart-nano", "")
     box.run()
     assert "systemctl restart dart-hal.service" in box.calls
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_settings_of_an_earlier_run_stay_until_they_are_changed(box: Box) -> None:
     box.put("dev/i2c-7", "")
     assert box.run("--car", "mine", "--i2c", "7").returncode == 0
@@ -134,7 +134,7 @@ def test_other_extras_make_a_new_environment_and_are_remembered(box: Box) -> Non
     assert box.run("--with", "Camera;rm").returncode == 2
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_new_constraints_make_a_new_environment_and_drop_the_old(box: Box) -> None:
     box.run()
     old = (box.home / DATA / "current").resolve()
@@ -146,7 +146,7 @@ def test_new_constraints_make_a_new_environment_and_drop_the_old(box: Box) -> No
     assert (new / ".complete").exists()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_uv_that_is_there_is_used(box: Box) -> None:
     done = box.run("--uv", str(box.folder / "uv"))
     assert done.returncode == 0, done.stderr
@@ -154,7 +154,7 @@ def test_a_uv_that_is_there_is_used(box: Box) -> None:
     second_run_does_nothing(box)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_raspberry_gets_its_bus_switched_on(tmp_path: Path) -> None:
     box = Box(tmp_path, board="Raspberry Pi 4 Model B Rev 1.4")
     (box.root / "dev" / "i2c-1").unlink()
@@ -165,7 +165,7 @@ def test_a_raspberry_gets_its_bus_switched_on(tmp_path: Path) -> None:
     assert not [c for c in box.calls if c.startswith("raspi-config")]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_image_that_does_not_run_has_all_of_it_from_its_first_start(box: Box) -> None:
     shutil.rmtree(box.root / "run")
     assert "next start" in box.run().stdout
@@ -176,7 +176,7 @@ def test_an_image_that_does_not_run_has_all_of_it_from_its_first_start(box: Box)
     assert "systemctl stop dart-hal.service" not in box.calls
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_remove_ends_the_service_first(box: Box) -> None:
     box.run()
     box.run("--remove")
@@ -191,7 +191,7 @@ def test_it_can_be_called_from_anywhere_through_a_link(box: Box) -> None:
 
 # -- the controls: a broken copy must be found out -------------------------------
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("law", "name", "old", "new"), [
     (plan_is_what_happens, "lib.sh", '[ "$dry" = no ] || return 0', ""),
     (plan_is_what_happens, "lib.sh", "    printf '   > %s\\n' \"$1\"\n", ""),
@@ -209,7 +209,7 @@ def test_a_broken_script_is_found_out(box: Box, law: object, name: str, old: str
         law(box)  # type: ignore[operator]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_an_environment_without_its_mark_is_found_out(box: Box) -> None:
     box.run()
     whole = box.tree()
@@ -229,7 +229,7 @@ def shellcheck(*paths: Path) -> subprocess.CompletedProcess[str]:
                           check=False, cwd=ROOT)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_shellcheck_finds_nothing(tmp_path: Path) -> None:
     done = shellcheck(*sorted(SETUP.glob("*.sh")), Path(__file__).parent / "fake_command.sh")
     assert done.returncode == 0, done.stdout

@@ -187,7 +187,7 @@ def ms_until_neutral(monkeypatch: pytest.MonkeyPatch, delay: float, look_every: 
     return 1e3 * (driving[-1] - died)
 
 
-@pytest.mark.few("0.0")
+@pytest.mark.slow_except("0.0")
 @pytest.mark.parametrize("share", [0.0, 0.4, 0.8, 0.9])
 def test_the_car_is_at_neutral_within_200_ms_of_the_end_of_driver_and_guard(
         monkeypatch: pytest.MonkeyPatch, share: float) -> None:

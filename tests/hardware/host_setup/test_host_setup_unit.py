@@ -81,7 +81,7 @@ def test_a_weaker_unit_is_found(old: str, new: str) -> None:
         is_sound(TEXT.replace(old, new, 1))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_the_script_installs_is_this_unit_and_the_settings_that_it_reads(
         tmp_path: Path) -> None:
     box = Box(tmp_path)

@@ -63,7 +63,7 @@ def has_wheel(name: str, version: str, folder: Path) -> bool:
     return done.returncode == 0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_wheels_for_the_old_c_library(tmp_path: Path) -> None:
     probe = subprocess.run([sys.executable, "-m", "uv", "--version"], capture_output=True,
                            check=False)

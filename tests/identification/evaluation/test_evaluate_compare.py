@@ -28,7 +28,7 @@ def correlated(rng, blocks_: int, size: int):
     return (scale[:, :, None] * noise).reshape(2, -1)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_interval_covers_the_truth_and_one_over_windows_does_not():
     rng = np.random.default_rng(3)
     of_blocks = of_windows = 0

@@ -36,7 +36,7 @@ def test_crossing_is_where_it_is_passed_for_good(value, expected):
     assert found == pytest.approx(expected, nan_ok=True)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_slip_of_a_linear_rear_tyre_is_found(ramps):
     """In steady turns the rear slips by m l_f a / (l C_r)."""
     b, tyre = PAPER.body, PAPER.tyres
@@ -48,7 +48,7 @@ def test_slip_of_a_linear_rear_tyre_is_found(ramps):
     assert slip.recordings == 4
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_mounting_angle_is_not_slip(ramps):
     def turned(case, by):
         g = case.grid
@@ -62,7 +62,7 @@ def test_the_mounting_angle_is_not_slip(ramps):
                                                                                        rel=0.03)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_car_without_slip_has_no_limit_and_none_is_stated(ramps):
     limit = kinematic_limit(PAPER, ramps(kinematic(PAPER)))
     assert np.isnan(limit.slip.value)
@@ -74,7 +74,7 @@ def test_a_car_without_slip_has_no_limit_and_none_is_stated(ramps):
     assert limit.to_json()["holds_to"]["speed"]["supported"] is False
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_loss_of_curvature_is_found_at_its_speed(empty):
     def case(k, slow=0.35):
         n = 9000
@@ -100,7 +100,7 @@ def test_one_recording_gives_no_interval(ramps):
     assert not slip.supported
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_right_dynamic_model_takes_over_and_a_wrong_one_is_not_said_to(ramps):
     limit = kinematic_limit(PAPER, ramps())
     found = {(t.channel, t.by): t for t in limit.takeover}
@@ -111,7 +111,7 @@ def test_the_right_dynamic_model_takes_over_and_a_wrong_one_is_not_said_to(ramps
     assert "better in none of" in rolling.sentences()[2]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_bins_that_are_better_are_not_denied_where_the_top_is_thin(ramps):
     """A picture with shaded bins beside "nothing better" would contradict itself."""
     limit = kinematic_limit(PAPER, ramps())
@@ -146,7 +146,7 @@ def test_edges_need_certainty_all_the_way():
     assert np.isnan(few.taken_from)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_legend_explains_only_what_is_drawn(ramps):
     pytest.importorskip("matplotlib")
     from dart_lab.identification.evaluation.picture_limit import draw_limit

@@ -81,7 +81,7 @@ def test_rows_on_the_excerpt(small, title):
     check(small, title)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.recordings
 @pytest.mark.parametrize("title", list(ROWS))
 def test_rows_on_everything(full, title):
@@ -117,7 +117,7 @@ def test_control_another_l_r_is_another_point_of_the_car(free):
     assert not agrees(dynamic_row(cases), FREE.printed[2])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_the_gate(small):
     """Throttle that was logged behind a closed gate never reached the car."""
     changed = 0
@@ -129,7 +129,7 @@ def test_control_the_gate(small):
     assert changed
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_form_of_the_slip_angles_decides_nothing_here(small):
     """The paper's form and ours differ below 0.2 m/s only; the worst row has 8 windows at 0.35."""
     paper_form = replace(PAPER, slip="paper")

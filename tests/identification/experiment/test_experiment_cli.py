@@ -24,7 +24,7 @@ def run(tmp_path, monkeypatch, capsys):
     return call
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_json_is_one_object_with_fit_recording_and_values_before(run, tmp_path):
     code, out, err = run("tyres", *SIM, "--space", "5", "--out", "one.mcap", "--json",
                          "--plot", "one.png")
@@ -61,7 +61,7 @@ def test_senseless_arguments_are_refused(run, args, tmp_path):
     assert not list(tmp_path.rglob("*.mcap"))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_no_fit_drives_and_records_only_and_a_recording_cannot_be_driven(run):
     code, out, _ = run("tyres", *SIM, "--space", "5", "--out", "one.mcap", "--no-fit", "--json")
     assert code == 0
@@ -71,7 +71,7 @@ def test_no_fit_drives_and_records_only_and_a_recording_cannot_be_driven(run):
     assert "identify" in json.loads(out)["error"]["try"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_out_model_holds_the_fit_and_the_mass_it_hangs_on(run, tmp_path):
     from dart_hal.core.config import load_model
     from dart_hal.core.config.model import plain
@@ -87,7 +87,7 @@ def test_out_model_holds_the_fit_and_the_mass_it_hangs_on(run, tmp_path):
     assert plain(model.motor["d"]) == pytest.approx(28.8878, abs=1e-3)  # not this experiment's
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_nothing_is_told_so_no_model_is_written(run, tmp_path):
     code, out, err = run("tyres", *SIM, "--space", "5", "--out", "one.mcap", "--json",
                          "--out-model", "model.toml")
@@ -97,7 +97,7 @@ def test_nothing_is_told_so_no_model_is_written(run, tmp_path):
     assert "not written: tyres" in err
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_floor_too_short_to_coast_is_status_1(run):
     code, out, err = run("friction", "--url", "sim://?seed=7&nano=mock", "--space", "4x2.5",
                          "--out", "one.mcap")
@@ -106,7 +106,7 @@ def test_a_floor_too_short_to_coast_is_status_1(run):
     assert "next:" not in out + err
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_what_to_type_next_and_a_table_whose_columns_have_names(run):
     code, out, err = run("friction", "--url", "sim://?seed=4&nano=mock&physics=kinematic&tick=10",
                          "--space", "9x3", "--out", "one.mcap")
@@ -132,7 +132,7 @@ class NotSim:
         monkeypatch.setattr(verb, "open_backend", opened)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_real_car_wants_floor_and_agreement(run, monkeypatch, tmp_path):
     NotSim(monkeypatch)
     code, out, _ = run("tyres", "--url", "serial:///dev/none", "--json")
@@ -149,7 +149,7 @@ def test_a_real_car_wants_floor_and_agreement(run, monkeypatch, tmp_path):
     assert json.loads(out)["mass_kg"] == {"value": 1.65, "std": 0.002}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_ctrl_c_keeps_the_recording_and_says_where(run, monkeypatch, tmp_path):
     import dart_lab.identification.experiment.runner as runner
     from dart_lab.identification.experiment.rehearsal import PaperCar
@@ -166,7 +166,7 @@ def test_ctrl_c_keeps_the_recording_and_says_where(run, monkeypatch, tmp_path):
     assert (tmp_path / "one.mcap").stat().st_size > 5_000
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_probe_is_driven_and_recorded_but_not_fitted(run, tmp_path):
     code, out, _ = run("rollouts", *SIM, "--space", "6", "--out", "one.mcap", "--json")
     told = json.loads(out)

@@ -53,7 +53,7 @@ def plan(files):
     return make_plan("friction", files, Floor(8.0, 3.0), None)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_sound_car_drives_to_the_end(files, plan):
     car = Troubled(files)
     drive = run(car, plan)
@@ -122,7 +122,7 @@ def test_top_speed_ends_a_drive_that_runs_away(files):
     assert max(f.speed for f in drive.frames) < 1.6
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_aborted_run_is_kept_and_its_fit_says_too_little(tmp_path):
     path = tmp_path / "aborted.mcap"
     with Car.open("sim://?seed=3&nano=mock", cars=tmp_path, record=path) as car:
@@ -143,7 +143,7 @@ def test_aborted_run_is_kept_and_its_fit_says_too_little(tmp_path):
     assert any("needed" in note for note in fit.notes)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_simulated_car_without_its_encoder(tmp_path):
     """Through the whole Car: no edge, so the throttle is cut, and the drive ends with the cause."""
     with Car.open("sim://?seed=3&nano=mock&fail=enc:off@0", cars=tmp_path) as car:

@@ -37,7 +37,7 @@ def test_floor_that_is_none_is_refused(text):
 @pytest.mark.parametrize(("name", "floor"), [
     ("friction", "8x2.5"), ("friction", "40x1"), ("motor", "7x3"), ("delay", "6x5.5"),
     ("tyres", "4.5")])
-@pytest.mark.more
+@pytest.mark.slow
 def test_rehearsed_drive_stays_on_the_floor_and_below_its_speed(name, floor, files):
     plan = make_plan(name, files, Floor.parse(floor), None)
     drive = run(PaperCar(files), plan)
@@ -52,7 +52,7 @@ def test_rehearsed_drive_stays_on_the_floor_and_below_its_speed(name, floor, fil
 @pytest.mark.parametrize(("name", "floor"), [
     ("standstill", "2"), ("crawl", "5"), ("circles", "6"), ("steps", "6x5.5"),
     ("staircase", "6"), ("weave", "6"), ("rollouts", "6"), ("launch", "7x4"), ("laps", "6x4")])
-@pytest.mark.more
+@pytest.mark.slow
 def test_probe_stays_on_the_floor_and_is_not_stopped(name, floor, files):
     plan = make_plan(name, files, Floor.parse(floor), None)
     drive = run(PaperCar(files), plan)
@@ -62,7 +62,7 @@ def test_probe_stays_on_the_floor_and_is_not_stopped(name, floor, files):
     assert drive.frames[-1].speed < 0.05
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_corridor_is_driven_straight_and_a_hall_as_an_oval(files):
     assert not make_plan("friction", files, Floor(40.0, 1.0), None).oval
     plan = make_plan("friction", files, Floor(8.0, 3.0), None)
@@ -74,7 +74,7 @@ def test_a_corridor_is_driven_straight_and_a_hall_as_an_oval(files):
 
 
 @pytest.mark.parametrize("name", [*NAMES, *(n for n in PROBES if n != "standstill")])
-@pytest.mark.few("friction")
+@pytest.mark.slow_except("friction")
 def test_too_small_a_floor_says_what_is_needed(name, files):
     with pytest.raises(ExperimentFailed) as error:
         make_plan(name, files, Floor(2.0, 2.0), None)
@@ -84,7 +84,7 @@ def test_too_small_a_floor_says_what_is_needed(name, files):
 
 
 @pytest.mark.parametrize("name", ["friction", "motor"])
-@pytest.mark.more
+@pytest.mark.slow
 def test_speed_too_high_for_the_floor_names_one_that_fits(name, files):
     floor = Floor(8.0, 3.0)
     with pytest.raises(ExperimentFailed) as error:
@@ -157,7 +157,7 @@ def test_signals():
     assert steps(99.0) == steps.levels[-1]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_floor_that_the_steering_test_asks_for_is_enough(files):
     with pytest.raises(ExperimentFailed) as raised:
         make_plan("steering", files, Floor(3.0, 3.0), None)

@@ -32,7 +32,7 @@ FAR = 3.0
 """standard errors: one in 400 by chance; the campaign counts 90 % intervals."""
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_friction_of_a_hidden_car(experiment, misses, truth_of):
     done = experiment("friction", 3)
     assert not done.drive.stopped
@@ -60,7 +60,7 @@ def test_friction_of_a_hidden_car(experiment, misses, truth_of):
     assert not never_weighed(recordings, PAPER)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_motor_of_a_hidden_car(experiment, misses, truth_of):
     done = experiment("motor", 2, QUICK)
     truth = truth_of(done.truth)
@@ -78,7 +78,7 @@ def test_motor_of_a_hidden_car(experiment, misses, truth_of):
                for n, e in done.fit.parameters.items())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_steering_of_a_hidden_car(experiment, misses, truth_of):
     done = experiment("steering", 2)
     away = misses(done.fit, truth_of(done.truth))
@@ -86,7 +86,7 @@ def test_steering_of_a_hidden_car(experiment, misses, truth_of):
     assert all(abs(z) < FAR for z in away.values()), away
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_delay_of_hidden_cars(experiment):
     """Each holds the truth; how wide an interval is hangs on what the drive happened to be."""
     dones = [experiment("delay", seed, QUICK) for seed in (3, 4, 5)]
@@ -106,7 +106,7 @@ def test_delay_of_hidden_cars(experiment):
     assert median(wide) < 0.015  # the loose friction of so little coasting is not in it
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_identify_reads_the_delay_as_the_experiment_does(experiment):
     """Whatever the thinning was; and the data check calls good what the fit takes."""
     done = experiment("delay", 3, QUICK)
@@ -120,7 +120,7 @@ def test_identify_reads_the_delay_as_the_experiment_does(experiment):
     assert not check(replace(coarse, messages=straight)).uses["delay"].good
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_understeer_of_a_hidden_car(experiment, true_slope):
     done = experiment("tyres", 6)
     told = done.outcome.understeer
@@ -137,7 +137,7 @@ def test_understeer_of_a_hidden_car(experiment, true_slope):
 
 
 @pytest.mark.emulator
-@pytest.mark.more
+@pytest.mark.slow
 def test_understeer_through_the_real_firmware(experiment, true_slope):
     done = experiment("tyres", 4, nano="avr")
     told = done.outcome.understeer
@@ -145,7 +145,7 @@ def test_understeer_through_the_real_firmware(experiment, true_slope):
     assert abs(told.gradient.value - slope) < FAR * told.gradient.std
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["friction", "motor", "steering"])
 def test_ninety_per_cent_intervals_over_hidden_cars(name, experiment, misses, truth_of):
     found: list[float] = []
@@ -159,7 +159,7 @@ def test_ninety_per_cent_intervals_over_hidden_cars(name, experiment, misses, tr
     assert np.sqrt(np.mean(np.square(found))) < 1.7
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_understeer_over_hidden_cars(experiment, true_slope):
     away = []
     for seed in range(1, 13):
@@ -171,7 +171,7 @@ def test_understeer_over_hidden_cars(experiment, true_slope):
     assert np.mean(np.abs(away) < 1.645) > 0.7
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_delay_over_hidden_cars(experiment):
     away, totals = [], []
     for seed in range(1, 11):

@@ -34,7 +34,7 @@ def pulled(tmp_path_factory):
 
 
 @pytest.mark.parametrize("every", [1, 2, 5, 10])
-@pytest.mark.more
+@pytest.mark.slow
 def test_speed_is_the_mean_of_the_step_and_not_older(pulled, every):
     path, world = pulled
     m = read_run(path, every).messages
@@ -51,7 +51,7 @@ def test_speed_is_the_mean_of_the_step_and_not_older(pulled, every):
 
 
 @pytest.mark.parametrize("every", [1, 10])
-@pytest.mark.more
+@pytest.mark.slow
 def test_neutral_is_zero_and_jumps_keep_their_time(pulled, every):
     path, _ = pulled
     fine, m = read_run(path, 1).messages, read_run(path, every).messages
@@ -67,7 +67,7 @@ def test_neutral_is_zero_and_jumps_keep_their_time(pulled, every):
         assert m.t[found[0] + 1] - m.t[found[0]] < 0.015
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_thinning_changes_how_many_messages_not_what_they_say(pulled):
     path, _ = pulled
     coarse, fine = read_run(path).messages, read_run(path, 2).messages
@@ -85,7 +85,7 @@ def woven(tmp_path_factory):
 
 
 @pytest.mark.parametrize("every", [1, 10])
-@pytest.mark.more
+@pytest.mark.slow
 def test_yaw_rate_is_the_mean_of_the_step_and_not_older(woven, every):
     path, world = woven
     m = read_run(path, every).messages

@@ -173,7 +173,7 @@ def test_a_few_rows_at_rest_decide_the_motor(made):
     assert moving.rmse == pytest.approx(.255, abs=1e-3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_smoothing_is_scipys():
     from scipy.signal import savgol_filter
 

@@ -46,7 +46,7 @@ def test_a_dead_encoder_without_mocap_is_named(driven):
     assert all("encoder dead" in " ".join(f.why) for f in files.values())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_bad_file_does_not_change_the_fit(driven):
     dead = replace(blind(driven[0], speed=np.full(len(driven[0].messages), np.nan)),
                    encoder="dead", path=driven[0].path.with_name("dead.csv"))
@@ -57,7 +57,7 @@ def test_one_bad_file_does_not_change_the_fit(driven):
     assert files[dead.name].dropped == len(dead.messages)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_time_backwards_and_ten_rows(driven, tmp_path):
     text = driven[3].path.read_text().splitlines()
     swapped = tmp_path / "back.csv"
@@ -79,7 +79,7 @@ def test_a_wrong_name_and_nothing_to_fit(driven):
         fit_submodels([], ("motor",))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_mixed_schemas_of_real_recordings_give_every_sub_model_or_a_reason():
     everything, _ = read_any([EXCERPT])
     count: dict[Path, int] = {}

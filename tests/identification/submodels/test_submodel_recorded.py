@@ -22,7 +22,7 @@ def folder(recordings):
     return lambda name: read_any([recordings / name])[0]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_friction_and_motor_of_january(folder):
     """The converged optimum of the paper's own problem is near d 21, e 3.5; the printed 28.9 is
     not."""
@@ -40,7 +40,7 @@ def test_friction_and_motor_of_january(folder):
     assert "the car never moved" in standing.why
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_three_days_of_straight_driving_brake_alike_and_hold_their_speeds(folder):
     """Coasting gives one friction; with it and the mean motor, the speeds held are those held."""
     days = [folder(f"{n}_step_input_data{floor}") for n, floor in
@@ -66,7 +66,7 @@ def test_the_steering_map_agrees_with_the_papers(folder):
     assert any("without this" in note for note in fit.notes)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_steering_answers_sooner_than_the_paper_says(folder):
     """0.15 s is one sample times a wrong mean step."""
     fit = fit_submodels(folder("40_sinusoidal_steering_data"), ("delay",))[0]["delay"]
@@ -82,7 +82,7 @@ def test_tyres_of_february(folder):
     assert stiffness == pytest.approx(34.27, rel=0.3)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_false_lock_and_a_dead_encoder_are_left_out(folder):
     _, files = fit_submodels(folder("60_racetrack_lap_v_060"), ("motor",))
     assert all(f.dropped > 0.29 * (f.used + f.dropped) for f in files.values())

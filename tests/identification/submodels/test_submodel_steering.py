@@ -42,7 +42,7 @@ def jumps(workshop, car, schema, seeds):
             for i in range(seeds)]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_map_lies_within_the_stated_intervals(workshop, lively):
     z = []
     for recordings in levels(workshop, lively, 5):
@@ -55,7 +55,7 @@ def test_the_map_lies_within_the_stated_intervals(workshop, lively):
     assert np.sqrt(np.mean(np.square(z))) < 1.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_too_few_levels_and_a_wrong_sign_are_refused_in_words(workshop, lively):
     straight = levels(workshop, lively, first=20, name="few")[0][2:]
     few = [replace(r, messages=replace(r.messages, steering=np.round(r.messages.steering / 2)))
@@ -70,7 +70,7 @@ def test_too_few_levels_and_a_wrong_sign_are_refused_in_words(workshop, lively):
         assert fit.values() == MAP
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_side_only_says_so(workshop, lively):
     recordings = [replace(r, messages=replace(
         r.messages, speed=np.where(r.messages.steering > -0.1, r.messages.speed, 0.0)))
@@ -81,7 +81,7 @@ def test_one_side_only_says_so(workshop, lively):
     assert any("on the right" in note for note in fit.notes)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_two_speeds_at_one_command_tell_the_understeer_gradient(workshop, lively):
     grippy = replace(lively, tyres=replace(lively.tyres, front_D=8.0, front_C=1.2, front_B=4.0,
                                            front_E=0.0, rear_cornering_stiffness=70.0))
@@ -106,7 +106,7 @@ def test_two_speeds_at_one_command_tell_the_understeer_gradient(workshop, lively
 
 
 @pytest.mark.parametrize("schema", ["A", "B"])
-@pytest.mark.more
+@pytest.mark.slow
 def test_delay_and_lag_lie_within_the_stated_intervals(workshop, lively, schema):
     z = []
     for recordings in jumps(workshop, lively, schema, 4):
@@ -130,7 +130,7 @@ def slow_sine(workshop, car, seed=0):
     return workshop.recordings(d, 200 + seed, name="sine")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_slow_sine_does_not_separate_delay_from_lag(workshop, lively):
     fit = fit_submodels(slow_sine(workshop, lively), ("delay",))[0]["delay"]
     total = lively.delay.steering_s + lively.delay.steering_lag_s - LATE
@@ -141,7 +141,7 @@ def test_a_slow_sine_does_not_separate_delay_from_lag(workshop, lively):
     assert any("cannot be told apart" in note for note in fit.notes)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_hole_in_the_rows_does_not_stretch_the_delay(workshop, lively):
     """The mean step across holes does, which is how 0.15 s came about."""
     full = slow_sine(workshop, lively, 1)
@@ -159,7 +159,7 @@ def test_a_hole_in_the_rows_does_not_stretch_the_delay(workshop, lively):
     assert np.mean(step) > 1.3 * np.median(step)  # the trap is there
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_steering_that_never_changes_tells_no_delay(workshop, lively):
     d = workshop.drive(lively, np.full((2, 1500), 0.24), np.full((2, 1500), 0.4),
                        np.random.default_rng(9))

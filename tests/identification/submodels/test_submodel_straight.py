@@ -52,7 +52,7 @@ def prepared(recordings):
     return series, cut(series), first_guess(series, PAPER, PAPER.body.mass)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_truth_lies_within_the_stated_intervals(fits):
     z = []
     for fit in fits:
@@ -63,7 +63,7 @@ def test_the_truth_lies_within_the_stated_intervals(fits):
     assert all(f.converged for fit in fits for f in fit.values())
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_end_of_a_coast_down_must_not_hang_on_the_measured_speed(sets):
     """Cars that chance pushes roll longer: taken as long as they roll, friction seems to fade."""
     right, wrong = [], []
@@ -76,7 +76,7 @@ def test_the_end_of_a_coast_down_must_not_hang_on_the_measured_speed(sets):
     assert np.mean(wrong) > 1.5 / TRUTH["b"]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_motor_of_another_form_does_not_move_the_friction(workshop, steps, lively):
     """A battery that gives way under load: together, the friction takes what the motor cannot."""
     rng = np.random.default_rng(9)
@@ -92,7 +92,7 @@ def test_a_motor_of_another_form_does_not_move_the_friction(workshop, steps, liv
     assert abs(together.value("c") - TRUTH["c"]) > 2.5 * together.std("c")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_error_of_the_friction_is_in_the_motor(sets):
     """As much as the motor moves when it is fitted again with another friction."""
     series = [s for r in sets[0] if (s := speeds_of(r, None, Ledger())) is not None]
@@ -118,7 +118,7 @@ def test_the_error_of_the_friction_is_in_the_motor(sets):
     assert found.std("g") > 1.1 * exact.std("g")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_sessions_of_another_trim_share_one_motor(workshop, steps, lively):
     """Three days, three dead bands: d and e as of one, g their mean and as unsure as they differ.
 
@@ -168,14 +168,14 @@ def test_the_wider_of_two_covariances_is_narrower_than_neither():
     assert wider(first, 0.1 * first) == pytest.approx(first)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_values_are_worth_having(fits):
     for name, share in (("a", 0.15), ("d", 0.12), ("e", 0.25), ("g", 0.08)):
         got = [(f["friction"].parameters | f["motor"].parameters)[name].value for f in fits]
         assert np.std(got) < share * abs(TRUTH[name])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_samples_taken_as_independent_would_promise_too_much(sets, fits):
     ratio = []
     for recordings, fit in zip(sets[:1], fits, strict=False):
@@ -186,7 +186,7 @@ def test_samples_taken_as_independent_would_promise_too_much(sets, fits):
     assert np.mean(ratio) > 1.5
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_its_delay_the_motor_is_biased(workshop, lively):
     """Throttle that changes every half second: 0.19 s of delay and lag turn into less motor."""
     rng = np.random.default_rng(4)
@@ -205,7 +205,7 @@ def test_without_its_delay_the_motor_is_biased(workshop, lively):
     assert total == pytest.approx(0.19, abs=0.03)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_error_of_the_mass_is_in_every_force(sets, fits):
     plain = fits[0]
     vague = fit_submodels(sets[0], ("friction", "motor"),
@@ -217,7 +217,7 @@ def test_the_error_of_the_mass_is_in_every_force(sets, fits):
     assert vague["motor"].parameters["g"].std == pytest.approx(plain["motor"].parameters["g"].std)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_twice_the_mass_is_twice_the_forces(sets, fits):
     twice = fit_submodels(sets[0], ("motor",), mass=Estimate(3.34, 0.0, "kg"))[0]["motor"]
     once = fits[0]["motor"]
@@ -225,7 +225,7 @@ def test_twice_the_mass_is_twice_the_forces(sets, fits):
     assert twice.values()["g"] == pytest.approx(once.values()["g"], abs=0.002)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_one_throttle_level_tells_no_dead_band(workshop, steps, lively):
     rng = np.random.default_rng(5)
     throttle = steps([0.3] * 4, rng)
@@ -238,7 +238,7 @@ def test_one_throttle_level_tells_no_dead_band(workshop, steps, lively):
     assert any("cannot be told" in note for note in motor.notes)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_without_coasting_the_friction_is_not_told(workshop, steps, lively):
     rng = np.random.default_rng(6)
     throttle = np.repeat([[0.22], [0.25], [0.3], [0.35]], 700, axis=1)
@@ -251,7 +251,7 @@ def test_without_coasting_the_friction_is_not_told(workshop, steps, lively):
     assert any("friction held" in note for note in fits["motor"].notes)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_friction_alone_needs_only_the_coasting(sets):
     friction = fit_submodels(sets[0], ("friction",))[0]["friction"]
     for name in "ac":
@@ -260,7 +260,7 @@ def test_friction_alone_needs_only_the_coasting(sets):
     assert "0 driven" in friction.notes[0]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_mocap_and_encoder_see_the_same_car(workshop, steps, lively):
     rng = np.random.default_rng(8)
     throttle = steps(LEVELS, rng)

@@ -41,7 +41,7 @@ def ramps(workshop, car):
     return [workshop.recordings(d, i, "B", range(4 * i, 4 * i + 4), "ramp") for i in range(seeds)]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_both_axles_lie_within_the_stated_intervals(ramps, logged):
     front, _ = make_tyres(logged.tyres, logged.body, np)
     alpha = np.radians([1.0, 3.0, 6.0, 9.0])
@@ -61,7 +61,7 @@ def test_both_axles_lie_within_the_stated_intervals(ramps, logged):
     assert np.sqrt(np.mean(np.square(z))) < 1.7
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_wrong_steering_delay_shows_in_the_front(ramps, logged):
     late = replace(logged, delay=replace(logged.delay, steering_s=0.3, steering_lag_s=0.0))
     right = fit_submodels(ramps[0], ("tyres",), base=logged)[0]["tyres"]
@@ -69,7 +69,7 @@ def test_a_wrong_steering_delay_shows_in_the_front(ramps, logged):
     assert wrong.rmse > 1.3 * right.rmse
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_gentle_turning_tells_a_stiffness_but_no_peak(workshop, car, logged):
     rng = np.random.default_rng(7)
     n = 2500
@@ -85,7 +85,7 @@ def test_gentle_turning_tells_a_stiffness_but_no_peak(workshop, car, logged):
     assert stiffness == pytest.approx(4.0 * 1.3 * 9.0, rel=0.15)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_crawling_is_refused_because_noise_makes_a_tyre_look_soft(workshop, car, logged):
     steering = np.repeat([[0.5], [-0.5]], 2000, axis=1)
     d = workshop.drive(car, np.full_like(steering, 0.21), steering, np.random.default_rng(1))
@@ -108,7 +108,7 @@ def test_the_smoothing_is_what_the_derivative_sees():
     assert np.max(np.abs(rate - exact)[30:-30]) > 0.2  # without it they differ
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_sessions_are_averaged_with_the_spread_between_them(ramps, logged):
     """Two days, the second with a room 1.3 times as large: two tyres, one honest interval."""
     first = ramps[0]
@@ -121,7 +121,7 @@ def test_sessions_are_averaged_with_the_spread_between_them(ramps, logged):
     assert any("2 sessions fitted apart" in note for note in both.notes)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_base_is_given_back_when_nothing_is_told(workshop, steps, lively):
     rng = np.random.default_rng(3)
     throttle = steps([0.25], rng)

@@ -94,7 +94,7 @@ def junk(rng):
         struct.pack("<BI", 1, rng.choice([0, 1, 2**32 - 1])) + b'{"linear":'])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_fuzzed_messages_are_answered_and_harm_nobody(shown):
     rng, count = random.Random(1), 400
     with shown.client() as other, shown.client() as client:
@@ -110,7 +110,7 @@ def test_fuzzed_messages_are_answered_and_harm_nobody(shown):
         assert client.hear(0.3), "and it can still subscribe"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_client_that_asks_and_does_not_read_is_let_go(shown, monkeypatch):
     monkeypatch.setattr("dart_lab.live.foxglove.server.BACKLOG", 20_000)
     one = Stalled(shown.server.port, [])
@@ -158,7 +158,7 @@ def share_told(client, seconds):
     return (len(stamps) - 1) / ((stamps[-1] - stamps[0]) / 10e6)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_stalled_client_delays_nobody(shown):
     """What it does not read is 20 MB."""
     with shown.client() as client:

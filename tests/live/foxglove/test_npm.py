@@ -17,7 +17,7 @@ from dart_hal.recording.run import RunReader
 HERE = Path(__file__).parent
 PACKAGES = ("@mcap/core@2", "@foxglove/rosmsg@5", "@foxglove/rosmsg2-serialization@3",
             "@foxglove/ws-protocol@0.8", "ws@8")
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.long
 
 
 @pytest.fixture(scope="module")

@@ -44,7 +44,7 @@ def keeps(topic, value):
 WITHOUT_SAFETY, WITHOUT_THROTTLE = keeps("throttle_1", 0.25), keeps("safety_value", 1.0)
 
 
-@pytest.mark.few("safety")
+@pytest.mark.slow_except("safety")
 @pytest.mark.parametrize("each", [WITHOUT_SAFETY, WITHOUT_THROTTLE], ids=["safety", "throttle"])
 def test_silence_is_neutral_within_half_a_second(each):
     car = drive(each)
@@ -52,7 +52,7 @@ def test_silence_is_neutral_within_half_a_second(each):
     assert len(car.said) == 1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_bridge_that_hangs_just_before_the_silence_is_noticed():
     with BridgedCar() as car:
         def step(t):
@@ -86,7 +86,7 @@ CASES = [("throttle_1", nan), ("throttle_1", 1.5), ("steering_1", nan), ("safety
          ("safety_value", 2.0)]
 
 
-@pytest.mark.few("throttle_1-nan")
+@pytest.mark.slow_except("throttle_1-nan")
 @pytest.mark.parametrize("each", [bad(*case) for case in CASES],
                          ids=[f"{topic}-{value}" for topic, value in CASES])
 def test_what_cannot_be_meant_is_neutral_at_once(each):
@@ -95,7 +95,7 @@ def test_what_cannot_be_meant_is_neutral_at_once(each):
     assert len(car.said) <= 1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_the_check_it_drives_on(monkeypatch):
     monkeypatch.setattr(Commands, "safety", lambda self, value, now: self._hear(
         "safety_value", self._safety, 1.0, now, True, ""))
@@ -113,21 +113,21 @@ def test_a_go_that_was_there_while_it_armed_moves_nothing():
         assert len(car.said) == 1
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_that_rule_it_drives_off(monkeypatch):
     monkeypatch.setattr(Commands, "armed", lambda self: setattr(self, "_armed", True))
     with pytest.raises(AssertionError):
         test_a_go_that_was_there_while_it_armed_moves_nothing()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_trip_ends_the_bridge():
     """It is armed again by hand, where it was started."""
     with pytest.raises(Disarmed):
         drive(lambda car, t: car.car.run_stop(True) if t > LAST - 0.1 else None)
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_node_that_is_told_to_end_leaves_the_car_stopped():
     def each(car, t):
         if t > LAST:

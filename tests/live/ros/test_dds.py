@@ -34,7 +34,7 @@ ALONE = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' mu
         "</Interfaces></General><Discovery><Peers><Peer address='localhost'/></Peers>" \
         "<ParticipantIndex>auto</ParticipantIndex></Discovery></Domain></CycloneDDS>"
 """This computer's loopback, and a domain that nobody else uses."""
-pytestmark = pytest.mark.more
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

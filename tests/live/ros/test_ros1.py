@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from ros_world import MISSING, RosWorld, installed, upstream_nodes
 
-pytestmark = [pytest.mark.more, pytest.mark.realtime, pytest.mark.cpu(60)]
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
 NEUTRAL = 0.5
 """s from the last safety_value to the end of the last driving pulse."""

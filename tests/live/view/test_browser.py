@@ -13,7 +13,7 @@ from tests.live.view.browser import DESK, PHONE, Browser, selenium
 from tests.live.view.browser_drive import drives_off
 from tests.live.view.sockets import live_page
 
-pytestmark = [pytest.mark.realtime, pytest.mark.more]
+pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 NEUTRAL = 0.250
 
 

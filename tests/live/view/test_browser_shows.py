@@ -12,7 +12,7 @@ from dart_hal.fleet.station import Station
 from dart_lab.live.view.fleet_desk import FleetPage
 from tests.live.view.sockets import live_page
 
-pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.cpu(30)]
+pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 CHOICES = "return [...document.getElementById('channel0').options].map((one) => one.value)"
 WATCH = ("const made = uPlot; window.plots = [];"
          "uPlot = function (...a) { const one = new made(...a); plots.push(one); return one; };")

@@ -79,7 +79,7 @@ def test_one_that_is_gone_is_told_and_the_car_is_stopped_and_driven_as_ever():
 
 
 @pytest.mark.realtime
-@pytest.mark.more
+@pytest.mark.slow
 def test_pages_that_ask_for_images_and_read_none_delay_nobody():
     """Forty connections that ask and stall; samples, STOP and another's images go on."""
     with live_page(url=URL) as (_, page):
@@ -131,7 +131,7 @@ def test_a_recorded_run_has_its_images_and_a_long_one_fewer(tmp_path, monkeypatc
 
 
 @pytest.mark.realtime
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
 def test_the_page_shows_what_the_camera_sees(browsers, size):
     with live_page(url=URL) as (_, page):
@@ -155,7 +155,7 @@ def test_the_page_shows_what_the_camera_sees(browsers, size):
 
 
 @pytest.mark.realtime
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_recording_shows_the_image_of_its_time(browsers, tmp_path):
     path = tmp_path / "run.mcap"
     recorded(path, 2.0)

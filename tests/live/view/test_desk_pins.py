@@ -40,7 +40,7 @@ ENDS = {"released": lambda at: at.say("one", m.Release()),
 
 
 @pytest.mark.parametrize("how", ENDS)
-@pytest.mark.few("released", "gone")
+@pytest.mark.slow_except("released", "gone")
 def test_an_end_that_is_told_is_at_the_pin_at_once(how):
     last, at = end_of_hold(ENDS[how])
     assert last <= AT_ONCE
@@ -106,7 +106,7 @@ def test_the_age_of_a_command_is_taken_off_its_validity():
             at.hold(old=-0.1)  # of the future: another program's time
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize(("old", "mode"), [(0.18, "ARMED"), (0.19, "DISARMED")])
 def test_a_command_that_ends_within_a_pwm_frame_has_run_out(old, mode):
     """A page that is never silent, behind a slow network: the next command comes each 30 ms."""
@@ -162,8 +162,7 @@ def test_stop_while_it_arms_ends_the_arming():
     assert any("Not armed. STOP was pressed" in text for text in at.said())
 
 
-@pytest.mark.more
-@pytest.mark.cpu(120)
+@pytest.mark.slow
 def test_stop_at_a_hundred_moments_of_arming_and_driving():
     lasts = []
     for n in range(50):

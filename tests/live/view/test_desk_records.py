@@ -80,7 +80,7 @@ def test_numbers_that_the_program_logs_are_told_when_they_change():
         assert logs == [{"mpc/cost": 3.5}]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_a_viewer_on_a_dead_link_is_told_and_hears_when_it_is_back():
     with AtTheDesk(url="sim://?nano=mock&seed=1&fail=line:off@6s+2s") as at:
         at.take_and_arm()

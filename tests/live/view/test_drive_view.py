@@ -16,7 +16,7 @@ from dart_lab.sim.truth import world_of
 from tests.live.view.at_the_desk import driving
 from tests.live.view.sockets import join, say, until
 
-pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.cpu(20)]
+pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 SCRIPT = "def control(state):\n    return 0.1, 0.3\n"
 AT_ONCE = 0.050
 

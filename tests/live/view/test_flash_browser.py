@@ -20,7 +20,7 @@ from dart_lab.live.view.flash_page import serve_flash_page
 from tests.live.view.browser import DESK, PHONE
 from tests.live.view.web_serial import Relay, web_serial
 
-pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.emulator]
+pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.emulator]
 
 PREBUILT = Path(__file__).parents[3] / "firmware" / "prebuilt" / "dart_nano.hex"
 OPTIBOOT = BOOTLOADER.parents[1] / "optiboot" / "optiboot.c"

@@ -142,7 +142,7 @@ def test_it_flashes_at_both_speeds_and_names_what_fails():
     assert not any(done["open"] for done in (chip, worn, mute, pulled, busy))
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.realtime
 def test_nobody_answers_or_the_program_is_another():
     silent, other = flashed([{"speed": 19200}, {}])

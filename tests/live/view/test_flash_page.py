@@ -48,7 +48,7 @@ def test_two_are_served_at_a_time():
         assert {one.server_address[0], other.server_address[0]} == {"127.0.0.1"}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.realtime
 def test_the_verb_serves_until_ctrl_c(tmp_path):
     image = tmp_path / "mine.hex"

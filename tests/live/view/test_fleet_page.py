@@ -66,7 +66,6 @@ def stopped(room="local://page"):
         return [watched.pins.last_driving(n, t) for n, t in enumerate(pressed)], states, watched
 
 
-@pytest.mark.cpu(6)
 def test_its_stop_is_at_the_pins_of_all_cars():
     lasts, states, watched = stopped()
     assert max(lasts) <= WITHIN
@@ -75,7 +74,6 @@ def test_its_stop_is_at_the_pins_of_all_cars():
     assert watched.said == ["STOP ALL was pressed", "all cars have answered"]
 
 
-@pytest.mark.cpu(6)
 def test_control_cars_that_do_not_obey_are_seen(monkeypatch):
     monkeypatch.setattr(StopRule, "held", lambda self, now: "")
     lasts, states, _ = stopped("local://deaf")
@@ -83,7 +81,6 @@ def test_control_cars_that_do_not_obey_are_seen(monkeypatch):
     assert "driving" in states.values()
 
 
-@pytest.mark.cpu(4)
 def test_a_car_that_falls_silent_is_lost_within_a_second():
     with Watched("local://lost") as watched:
         watched.drive(0.4, only=[])

@@ -18,7 +18,7 @@ from dart_lab.live.view.fleet_desk import FleetDesk
 ROOM = "udp://239.255.42.97:7451?via=127.0.0.1"
 FOUND, RED, STOPPED = 5.0, 1.0, 0.3
 """s: the figures that are promised."""
-pytestmark = [pytest.mark.more, pytest.mark.realtime, pytest.mark.cpu(60)]
+pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
 
 class Programs(ExitStack):

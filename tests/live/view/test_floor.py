@@ -70,7 +70,7 @@ def test_a_car_without_a_room_has_no_map(url):
     assert map_lines(url, None) == {}
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_other_cars_are_told_in_the_frame_of_this_one_alone():
     urls = [f"sim://?nano=mock&mocap=1&world=others&seed={n}&at={n},0,0" for n in (1, 2)]
     with Fleet.open(urls, room="local://others") as fleet:
@@ -86,7 +86,7 @@ def test_other_cars_are_told_in_the_frame_of_this_one_alone():
 
 
 @pytest.mark.realtime
-@pytest.mark.more
+@pytest.mark.slow
 def test_the_map_is_drawn(browsers):
     with live_page(url=URL, lines=lines_by_frame(URL)) as (_, page):
         one = browsers()
@@ -98,7 +98,7 @@ def test_the_map_is_drawn(browsers):
 
 
 @pytest.mark.realtime
-@pytest.mark.more
+@pytest.mark.slow
 def test_two_sigma_of_the_place_are_drawn_in_its_frame(browsers):
     """0.5 m along x, 0.25 m along y, turned by the correlation: an ellipse of 90 px a metre."""
     def run(sxx, sxy, syy):
@@ -122,7 +122,7 @@ def test_two_sigma_of_the_place_are_drawn_in_its_frame(browsers):
 
 
 @pytest.mark.realtime
-@pytest.mark.more
+@pytest.mark.slow
 def test_other_cars_are_drawn_on_the_page_of_one(browsers):
     urls = [f"sim://?nano=mock&pace=1&mocap=1&world=page&seed={n}&at={0.8 * n},0,0"
             for n in (1, 2)]

@@ -62,7 +62,7 @@ def served(tmp_path):
     server.server_close()
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.realtime
 @pytest.mark.parametrize("name", ["run.json", "none.json"])
 def test_it_plays_in_a_browser_without_a_program(served, name):

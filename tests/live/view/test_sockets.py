@@ -89,7 +89,7 @@ def test_every_sample_arrives_at_each_of_five_pages():
             assert set(steps) == {1}
 
 
-@pytest.mark.more  # until the kernel's buffers are full
+@pytest.mark.slow  # until the kernel's buffers are full
 def test_a_page_that_does_not_read_is_sent_away_and_delays_nobody(monkeypatch, caplog):
     monkeypatch.setattr(server, "MOST_WAITING", 2_000)
     with live_page(drives=False) as (_, page), join(page) as stalled, join(page) as other:
@@ -141,7 +141,7 @@ def test_a_page_that_is_too_loud_or_only_guesses_is_closed():
             until(good, "rows")
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_whatever_pages_send_nobody_gets_control_and_others_are_served():
     """Random, huge, malformed and nearly right messages over real sockets, opened again where they
     were closed."""

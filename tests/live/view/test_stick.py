@@ -10,7 +10,7 @@ from tests.live.view.at_the_desk import driving
 from tests.live.view.browser_drive import drives_off
 from tests.live.view.sockets import live_page
 
-pytestmark = [pytest.mark.realtime, pytest.mark.more]
+pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 KEY = "dispatchEvent(new KeyboardEvent('{}', {{code: '{}', bubbles: true}}))"
 PAD = """
 const pad = {{buttons: Array.from({{length: 9}}, (_, n) => ({{pressed: n === {} }})), axes: [-0.5, 0, 0, {}]}};

@@ -16,7 +16,7 @@ from dart_lab.live.view.fleet_desk import FleetPage
 from tests.live.view.browser import Browser, selenium
 from tests.live.view.sockets import join, live_page
 
-pytestmark = [pytest.mark.realtime, pytest.mark.more, pytest.mark.cpu(60)]
+pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 SAME_PRESS = 0.45
 """s after which a press is another one."""
 SIZES = [(1280, 800), (390, 844), (844, 390), (667, 375), (932, 430), (1024, 600)]

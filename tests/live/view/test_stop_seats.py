@@ -86,8 +86,7 @@ def arm(page, driver):
     raise AssertionError("the car does not arm")
 
 
-@pytest.mark.more
-@pytest.mark.cpu(6)
+@pytest.mark.slow
 def test_stop_needs_no_place_at_a_page_that_is_really_full(monkeypatch):
     monkeypatch.setattr(server, "MOST_PAGES", ALL_PLACES)
     test_stop_needs_no_place_and_takes_none_from_who_drives()
@@ -158,7 +157,7 @@ def test_a_page_of_another_origin_replaces_nobody():
         assert len(page._server._pages) == server.MOST_PAGES
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_control_without_that_request_a_stranger_at_a_full_page_cannot_stop(monkeypatch):
     monkeypatch.setattr(server, "STOP", "/none")
     with live_page() as (car, page), join(page) as driver, ExitStack() as stack:

@@ -101,7 +101,7 @@ def coasting(at):
     return at.said()[before:]
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_arming_while_the_car_coasts_says_to_wait():
     """It is no fault: the text names no other cause, and the list of the page no trip."""
     with AtTheDesk(max_throttle=1.0) as at:

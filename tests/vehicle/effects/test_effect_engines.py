@@ -78,7 +78,7 @@ def test_casadi_has_the_rates_of_a_car_with_all_effects_and_their_slope():
         assert np.isfinite(slope).all(), "an optimiser can differentiate it, at rest as well"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.skipif(not compiler(), reason="no C compiler")
 def test_the_compiled_kernel_has_every_effect():
     cars = [car_with_all(PAPER, size) for size in (0, 1)]

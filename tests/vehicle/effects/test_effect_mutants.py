@@ -40,7 +40,7 @@ def list_survivors(name):
             if not equivalence(m) and not is_noticed(m)]
 
 
-@pytest.mark.few("steering_gain", "load_transfer", "imu_yaw", "steering_rate_limit")
+@pytest.mark.slow_except("steering_gain", "load_transfer", "imu_yaw", "steering_rate_limit")
 @pytest.mark.parametrize("name", catalogue())
 def test_laws_notice_every_change_of_an_equation(name):
     assert list_survivors(name) == []

@@ -57,7 +57,8 @@ def stays_neutral(p, with_effect):
     return motion, signals, same
 
 
-@pytest.mark.few("paper-*", "*-grip", "*-front_grip", "*-steering_compliance", "*-centre_of_mass")
+@pytest.mark.slow_except("paper-*", "*-grip", "*-front_grip", "*-steering_compliance",
+                         "*-centre_of_mass")
 @EVERY
 @pytest.mark.parametrize("car", CARS)
 def test_at_its_null_value_an_effect_changes_nothing(name, car):
@@ -105,7 +106,7 @@ CHANGES = {
 """Channel of the standard drive, and the least rms change by the medium size (SI units)."""
 
 
-@pytest.mark.few("steering_compliance", "gyro_scale", "battery_fade")
+@pytest.mark.slow_except("steering_compliance", "gyro_scale", "battery_fade")
 @EVERY
 def test_at_medium_size_it_shows_in_ten_seconds(name, base_drive):
     channel, least = CHANGES[name]
@@ -120,7 +121,7 @@ def test_at_medium_size_it_shows_in_ten_seconds(name, base_drive):
         assert all(apart(c) == 0.0 for c in ("v_x", "v_y", "omega")), "sensors move no car"
 
 
-@pytest.mark.more
+@pytest.mark.slow
 def test_all_at_once_is_still_a_car(base_drive):
     one = extended(PAPER, (applied(e, medium(e, 0)) for e in catalogue().values()))
     other = extended(PAPER, (applied(e, medium(e, 0)) for e in reversed(catalogue().values())))
@@ -131,7 +132,7 @@ def test_all_at_once_is_still_a_car(base_drive):
         assert not np.array_equal(signal, base_drive[channel])
 
 
-@pytest.mark.more
+@pytest.mark.slow
 @pytest.mark.parametrize("car", CARS)
 def test_any_two_compose_in_any_order(car):
     """Finite, equal whichever was named first, and equal to the one alone where the other is 0."""
