@@ -105,6 +105,24 @@ def test_the_page_shows_the_layers_of_the_contract(package):
     assert [line for line in lines if line] == layers_of(package)
 
 
+NO_PACKAGE = {"benchmarks", "contract", "docs", "emulator", "faults", "firmware", "hardware",
+              "mutation", "recorded", "soak"}
+"""Folders of tests that concern no single package."""
+
+
+def test_folders_of_tests_have_the_names_of_packages():
+    tests = ROOT / "tests"
+    folders = {path.relative_to(tests).parts[0] for path in tests.glob("*/**/test_*.py")}
+    packages = {path.name for path in (ROOT / "host").glob("dart_*/*") if path.is_dir()}
+    assert folders - packages == NO_PACKAGE
+
+
+def test_studies_import_nothing_of_the_tests():
+    wrong = [path for path in (ROOT / "studies").rglob("*.py")
+             if re.search(r"^\s*(?:from|import) tests\b", path.read_text(encoding="utf-8"), re.M)]
+    assert wrong == []
+
+
 def asked_by_name(text: str) -> list[str]:
     """Calls of hasattr and getattr in a file: an object is looked through instead of declared."""
     calls = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call))

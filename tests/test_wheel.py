@@ -26,6 +26,30 @@ with Car.open("sim://?nano=mock") as car:
     for state in car.states(duration=0.1):
         reveal_type(state.speed)
 """
+LOWEST_EXTRAS = ("lab", "gym", "table")
+LOWEST_PROGRAM = """
+import gymnasium, numpy as np
+from pathlib import Path
+from dart_hal.car import Car
+from dart_hal.estimation.localisation.grid import Grid, read_grid, write_grid
+from dart_hal import to_dataframe
+from dart_hal.core.figures import new_figure, save_figure
+
+with Car.open("sim://?nano=mock", record="run.mcap") as car:
+    car.arm()
+    for state in car.states(duration=1.0):
+        car.drive(steering=0.1, throttle=0.2)
+assert len(to_dataframe("run.mcap")) > 90
+cars = gymnasium.make_vec("dart_lab.sim.gym:DartCar-v0", num_envs=2)
+cars.reset(seed=1)
+cars.step(cars.action_space.sample())
+occupied = np.eye(4, dtype=bool)
+write_grid(Grid(occupied, ~occupied, 0.05, np.zeros(2)), Path("map.yaml"))
+assert (read_grid(Path("map.yaml")).occupied == occupied).all()
+save_figure(new_figure(), "figure.png")
+import dart_lab.live.view.player
+print("all good")
+"""
 
 
 def run(*command: object, cwd: Path, **more: str) -> subprocess.CompletedProcess[str]:
@@ -55,6 +79,15 @@ def wheel(uv, tmp_path_factory) -> Path:
         pytest.skip("the packages that build the wheel cannot be fetched")
     assert made.returncode == 0, made.stderr
     return next(folder.glob("*.whl"))
+
+
+def find_python(uv: str, version: str, folder: Path) -> str:
+    """Path of an installed Python, also of one that no shim of pyenv selects; or ""."""
+    pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
+    path = os.pathsep.join([*map(str, pyenv.glob(f"{version}.*/bin")), os.environ["PATH"]])
+    found = run(uv, "python", "find", "--no-python-downloads", "--no-project", version, cwd=folder,
+                PATH=path)
+    return "" if found.returncode else found.stdout.strip()
 
 
 def install(uv: str, wheel: Path, home: Path, python: str, *more: str, extras: str = "") -> Path:
@@ -112,10 +145,10 @@ def test_its_needs_can_be_met_for_every_python(uv, wheel, tmp_path, python):
 
 @pytest.mark.parametrize("python", PYTHONS)
 def test_it_drives_with_every_python_of_this_machine(uv, wheel, tmp_path, python):
-    found = run(uv, "python", "find", "--no-python-downloads", "--no-project", python, cwd=tmp_path)
-    if found.returncode:
+    found = find_python(uv, python, tmp_path)
+    if not found:
         pytest.skip(f"Python {python} is not installed")
-    programs = install(uv, wheel, tmp_path / "env", found.stdout.strip())
+    programs = install(uv, wheel, tmp_path / "env", found)
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     program = readme.partition("```python\n")[2].partition("```")[0]
     assert "from dart_hal import Car, Pursuit, figure_of_eight" in program
@@ -123,6 +156,24 @@ def test_it_drives_with_every_python_of_this_machine(uv, wheel, tmp_path, python
     refused = run(programs / "dart-hal", "view", "--url", "sim://?nano=mock", cwd=tmp_path)
     assert "websockets" in refused.stderr, "what is not installed is named"
     assert "pip install" in refused.stderr
+
+
+@pytest.mark.parametrize("which", [0, -1], ids=["oldest", "newest"])
+def test_lowest_versions_work_together(uv, wheel, tmp_path, which):
+    """On the oldest and newest Python here, with the lowest versions that pyproject.toml allows.
+
+    gymnasium 1.0 was allowed though the vector environment needs 1.1.
+    """
+    pythons = [path for version in PYTHONS if (path := find_python(uv, version, tmp_path))]
+    if which and len(pythons) == 1:
+        pytest.skip("one Python is installed; the other case uses it")
+    python, versions = tmp_path / "env" / "bin" / "python", tmp_path / "versions.txt"
+    extras = [word for extra in LOWEST_EXTRAS for word in ("--extra", extra)]
+    done(uv, "venv", "--python", pythons[which], tmp_path / "env", cwd=tmp_path)
+    done(uv, "pip", "compile", "--python", python, "--resolution", "lowest-direct",
+         "--only-binary", ":all:", *extras, ROOT / "pyproject.toml", "-o", versions, cwd=tmp_path)
+    done(uv, "pip", "install", "--python", python, "-r", versions, wheel, cwd=tmp_path)
+    assert "all good" in done(python, "-c", LOWEST_PROGRAM, cwd=tmp_path, MPLBACKEND="agg")
 
 
 def test_at_most_ten_packages_are_needed(wheel):
