@@ -13,19 +13,19 @@ from dart_hal.core.timing import PWM_FRAME
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.parameters import Vehicle
 
+# Share of the motor's force at v below which no more throttle is asked for.
 RESERVE = 0.2
-"""Share of the motor's force at v below which no more throttle is asked for."""
+# Throttle between the ESC's dead band (0.067 at most in hidden cars) and the motor's (0.14 at
+# least): the car rolls and the ESC knows it driven forward, so that the next pull brakes.
 COAST = 0.1
-"""Throttle between the ESC's dead band (0.067 at most in hidden cars) and the motor's (0.14 at
-least): the car rolls and the ESC knows it driven forward, so that the next pull brakes."""
+# N of the whole brake, as the virtual ESC has it within 10 %; of DART's it is not known.
 BRAKE_FORCE = 8.0
-"""N of the whole brake, as the virtual ESC has it within 10 %; of DART's it is not known."""
+# Of the brake: beyond the ESC's dead band.
 LEAST_BRAKE = 0.09
-"""Of the brake: beyond the ESC's dead band."""
+# m/s; slower the car rolls out, for an ESC without a brake would drive it backward.
 BRAKE_ABOVE = 0.25
-"""m/s; slower the car rolls out, for an ESC without a brake would drive it backward."""
+# Throttle to add at a speed [m/s].
 Correction = Callable[[float], float]
-"""Throttle to add at a speed [m/s]."""
 
 
 class Inverse:
@@ -36,7 +36,8 @@ class Inverse:
 
     def __init__(self, vehicle: Vehicle, correct: Correction | None = None) -> None:
         self._correct = correct
-        self._motor, self.mass = vehicle.motor, vehicle.body.mass
+        self._motor = vehicle.motor
+        self.mass = vehicle.body.mass
         self._friction = make_friction(vehicle.friction)
         self.pull = self._motor.d / self.mass
         """m/s2 of the motor at standstill for all of the throttle."""

@@ -7,14 +7,14 @@ from enum import Enum
 from dart_hal.control.stopping import Standing, Stopping
 from dart_hal.core.types import MotionEstimate
 
+# s without a believed pose, or without a lane, four scans; at 2 m/s dead reckoning is 2 cm off by
+# then, and a car stops within the 2.5 m of a lane that it saw.
 PATIENCE = 0.5
-"""s without a believed pose, or without a lane, four scans; at 2 m/s dead reckoning is 2 cm off by
-then, and a car stops within the 2.5 m of a lane that it saw."""
+# s without a pose, where nothing speaks against the last but that the lidar is silent: a gap of a
+# second, and the scan after it.
 BRIDGED = 1.5
-"""s without a pose, where nothing speaks against the last but that the lidar is silent: a gap of a
-second, and the scan after it."""
+# s for the first pose, or the first lane; the motor of an X4 takes 1 to 2 s to its pace.
 WAIT = 5.0
-"""s for the first pose, or the first lane; the motor of an X4 takes 1 to 2 s to its pace."""
 
 
 class Phase(str, Enum):
@@ -37,7 +37,9 @@ class Ending:
     """
 
     def __init__(self) -> None:
-        self.phase, self.why, self.good = Phase.WAITING, "", False
+        self.phase = Phase.WAITING
+        self.why = ""
+        self.good = False
         self._speed = self._before = 0.0
         """m/s that was asked for last, and when [s]: where a stop begins."""
         self._standing = Standing()
@@ -50,7 +52,9 @@ class Ending:
     def _end(self, why: str, phase: Phase = Phase.STOPPING, *, good: bool = False) -> None:
         """The first reason counts."""
         if not self.why:
-            self.why, self.good, self.phase = why, good, phase
+            self.why = why
+            self.good = good
+            self.phase = phase
 
     def _stops(self, motion: MotionEstimate) -> float:
         """Speed of a stop [m/s]; ends the drive at rest, or where the car does not come to it."""
@@ -59,5 +63,6 @@ class Ending:
         if self._stopping.over:
             self.phase = Phase.ENDED
         if self._stopping.rolls:
-            self.why, self.good = f"{self.why}, but {self._stopping.rolls}", False
+            self.why = f"{self.why}, but {self._stopping.rolls}"
+            self.good = False
         return speed

@@ -27,16 +27,16 @@ from dart_hal.control.trackers import TRACKERS
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import START, FloatArray, MotionEstimate, Pose, Tracking
 
+# m from the path and, by 90 deg, along it: where a drive may begin.
 START_WITHIN = 1.0
-"""m from the path and, by 90 deg, along it: where a drive may begin."""
+# m to either side that the car may be off, once it was within.
 LANE = 0.3
-"""m to either side that the car may be off, once it was within."""
+# m; a room that has not seen the car move yet does not know where its marker sits.
 STARTS = 0.1
-"""m; a room that has not seen the car move yet does not know where its marker sits."""
+# m of way to come into the lane: from 1 m beside it at 35 deg to the path 2 m, and a turn.
 JOIN = 6.0
-"""m of way to come into the lane: from 1 m beside it at 35 deg to the path 2 m, and a turn."""
+# m/s; [limits] max_speed of a car that has none of its own.
 MOST = 5.0
-"""m/s; [limits] max_speed of a car that has none of its own."""
 
 
 class Command(NamedTuple):
@@ -93,14 +93,17 @@ class Follower(Ending):
             raise UsageError("the path is not closed, so it has no laps",
                              found=f"its ends are {_gap(path):.2f} m apart", expected="--laps 1",
                              remedy="repeat the first row of the file as its last")
-        self.plant, self._make = plant, TRACKERS[tracker] if isinstance(tracker, str) else tracker
-        self.cap, self.free = cap, inf
+        self.plant = plant
+        self._make = TRACKERS[tracker] if isinstance(tracker, str) else tracker
+        self.cap = cap
+        self.free = inf
         self.clock: Callable[[], float] = lambda: 0.0
         """s that go on while the tracker thinks, as ``car.now``; may be set before the start."""
         self.silent: Callable[[], bool] = lambda: False
         """Whether poses are missing for no other reason than that the lidar is silent; then wheels
         and gyro will do for ``BRIDGED`` s, while three standard errors are within the lane."""
-        self.path, self.profile = path, speed_profile(path, plant, most)
+        self.path = path
+        self.profile = speed_profile(path, plant, most)
         self.tracker = self._make(path, plant)
         self.begun_at = 0.0
         self.joined = 0
@@ -124,7 +127,9 @@ class Follower(Ending):
         if self.phase is Phase.ENDED:
             return Command(0.0, 0.0)
         if not self._moves and motion.speed > RESTS:
-            self._moves, self._t0, self._lap_t = True, t, t
+            self._moves = True
+            self._t0 = t
+            self._lap_t = t
         if motion.tracking is Tracking.TRACKING or self.rules.odometry:
             self._seen = t
         steering = self.tracker.steer(motion)
@@ -166,13 +171,18 @@ class Follower(Ending):
             self.profile = SpeedProfile(self.path, self.profile.speed)
             self.tracker = self._make(self.path, self.plant)
         self.begun_at = start_of(self.path, pose)
-        self.tracker.pace, self.tracker.clock = self._pace, self.clock
+        self.tracker.pace = self._pace
+        self.tracker.clock = self.clock
         self.tracker.begin(self.begun_at)
-        self.phase, self._lap_t, self._before = Phase.JOINING, motion.t, motion.t
+        self.phase = Phase.JOINING
+        self._lap_t = motion.t
+        self._before = motion.t
 
     def _judge(self, motion: MotionEstimate) -> None:
         """Ends what has to end."""
-        t, rules, offset = motion.t, self.rules, abs(self.tracker.offset)
+        t = motion.t
+        rules = self.rules
+        offset = abs(self.tracker.offset)
         self._count_laps(t)
         self._joining += abs(motion.speed) * (t - self._before)
         if self.phase is Phase.JOINING and offset < 0.7 * rules.lane:

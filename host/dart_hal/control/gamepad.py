@@ -23,10 +23,12 @@ from dart_hal.core.errors import PortMissing
 from dart_hal.core.process.suspend import elapsed
 
 EVENT = struct.Struct("<IhBB")
-BUTTON, AXIS, INIT = 0x01, 0x02, 0x80
+BUTTON = 0x01
+AXIS = 0x02
+INIT = 0x80
 FULL = 32767
+# Worn sticks rest up to 5 % beside the centre.
 DEAD_ZONE = 0.05
-"""Worn sticks rest up to 5 % beside the centre."""
 PRESS_AGAIN = "release the right bumper and press it again"
 
 
@@ -90,7 +92,8 @@ class Gamepad:
         Raises PortMissing when the gamepad is unplugged.
         """
         now = self._clock()
-        pause, self._read_at = now - self._read_at, now
+        pause = now - self._read_at
+        self._read_at = now
         try:
             while data := os.read(self._fd, EVENT.size * 64):
                 self.feed(data)

@@ -11,17 +11,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf
 
+# Time from a decision to the end of the last driving pulse at the ESC: one State (10 ms), one PWM
+# frame (20 ms), one pulse (2 ms), and the same again for a slow loop.
 REACTION_S = 0.05
-"""Time from a decision to the end of the last driving pulse at the ESC: one State (10 ms), one PWM
-frame (20 ms), one pulse (2 ms), and the same again for a slow loop."""
+# Limit for a source that reports periodically: the ESC is neutral 0.5 s after the last report.
 MAX_REPORT_AGE_S = 0.5 - REACTION_S
-"""Limit for a source that reports periodically: the ESC is neutral 0.5 s after the last report."""
+# Limit for a source that reports changes only: the ESC is neutral 1 s after the last change. A
+# stick that a hand holds jitters, so its reports come much more often.
 MAX_UNCHANGED_S = 1.0 - REACTION_S
-"""Limit for a source that reports changes only: the ESC is neutral 1 s after the last change. A
-stick that a hand holds jitters, so its reports come much more often."""
+# Longest pause of the reading program. What it finds after a longer one has an unknown age; a
+# command to the car has run out by then too.
 MAX_READ_GAP_S = 0.2
-"""Longest pause of the reading program. What it finds after a longer one has an unknown age; a
-command to the car has run out by then too."""
 
 
 @dataclass(slots=True)

@@ -27,15 +27,15 @@ KEYS = {b"\x1b[A": "up", b"\x1b[B": "down", b"\x1b[C": "right", b"\x1b[D": "left
         b"\x03": "quit", b"\x1b": "quit"}
 STEERING_STEP = 0.15
 THROTTLE_STEP = 0.05
+# Keys per second that a terminal may send: it repeats a held key 10 to 60 times a second.
 MAX_KEY_RATE = 100.0
-"""Keys per second that a terminal may send: it repeats a held key 10 to 60 times a second."""
+# Keys that may come at once beyond that rate: 0.1 s of delay on a connection at usual rates.
 MAX_BURST_KEYS = 5.0
-"""Keys that may come at once beyond that rate: 0.1 s of delay on a connection at usual rates."""
+# Pause without a key that shows that all keys were released: longer than between two repeats,
+# shorter than the 0.2 s or more that a terminal waits before it repeats a key.
 RELEASE_S = 0.15
-"""Pause without a key that shows that all keys were released: longer than between two repeats,
-shorter than the 0.2 s or more that a terminal waits before it repeats a key."""
+# Factor by which the steering returns at each read without a recent key.
 CENTRING = 0.95
-"""Factor by which the steering returns at each read without a recent key."""
 RELEASE = "release the keys and press again"
 
 
@@ -99,7 +99,8 @@ class Keyboard(Terminal):
     def press(self, keys: bytes) -> tuple[float, float, bool]:
         """Apply the bytes of one read; returns steering, throttle, quit."""
         now = self._clock()
-        pause, self._read_at = now - self._read_at, now
+        pause = now - self._read_at
+        self._read_at = now
         names = _names(keys)
         self._backlog = max(0.0, self._backlog - pause * MAX_KEY_RATE) + len(names)
         if self._age.is_over(now):

@@ -17,22 +17,26 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray, Pose
 
-STRIP, WINDOW = 0.10, 0.15
-"""m from strip to strip, and to either side of one of which points count: 40 points of a board
-beside the car, 2 of one 2 m ahead; on a bend of 1.5 m their mean is 2.5 mm off."""
+# m from strip to strip, and to either side of one of which points count: 40 points of a board
+# beside the car, 2 of one 2 m ahead; on a bend of 1.5 m their mean is 2.5 mm off.
+STRIP = 0.10
+WINDOW = 0.15
+# m beside a board in which points are its own: 6 sigma of a distance.
 GATE = 0.10
-"""m beside a board in which points are its own: 6 sigma of a distance."""
+# m that are looked ahead: further, a strip holds one point of a board.
 REACH = 2.5
-"""m that are looked ahead: further, a strip holds one point of a board."""
-LEAST, ENOUGH = 2, 8
-"""Points of a board in a strip, and beside the car, from which on it is seen."""
+# Points of a board in a strip, and beside the car, from which on it is seen.
+LEAST = 2
+ENOUGH = 8
+# m before and behind the rear axle in which boards are looked for: on a bend of 1.5 m they leave
+# the straight by 4 cm, a ``BIN``.
 BESIDE = 0.35
-"""m before and behind the rear axle in which boards are looked for: on a bend of 1.5 m they leave
-the straight by 4 cm, a ``BIN``."""
-NARROW, WIDE, BIN = 0.12, 1.0, 0.04
-"""m from the car to a board: the body's half, and what is no lane any more; of a class."""
+# m from the car to a board: the body's half, and what is no lane any more; of a class.
+NARROW = 0.12
+WIDE = 1.0
+BIN = 0.04
+# rad of the lane to the car that are tried.
 SLOPES = np.arange(-0.6, 0.601, 0.05)
-"""rad of the lane to the car that are tried."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +60,8 @@ class Sight:
 
 def look(points: FloatArray, pose: Pose) -> Sight:
     """The lane in points (m, 2) [m; NaN = nothing came back], from the car's pose among them on."""
-    c, s = cos(pose.yaw), sin(pose.yaw)
+    c = cos(pose.yaw)
+    s = sin(pose.yaw)
     dx, dy = (points - (pose.x, pose.y)).T
     near = np.hypot(dx, dy) < REACH  # NaN is not
     at = np.column_stack((c * dx + s * dy, c * dy - s * dx))[near]
@@ -71,8 +76,10 @@ def look(points: FloatArray, pose: Pose) -> Sight:
 
 def _beside(at: FloatArray) -> tuple[float, float | None, float | None]:
     """Slope [rad] of the lane and offsets [m] of its boards, left positive; None: there is none."""
-    c, s = np.cos(SLOPES)[:, None], np.sin(SLOPES)[:, None]
-    along, left = c * at[:, 0] + s * at[:, 1], c * at[:, 1] - s * at[:, 0]
+    c = np.cos(SLOPES)[:, None]
+    s = np.sin(SLOPES)[:, None]
+    along = c * at[:, 0] + s * at[:, 1]
+    left = c * at[:, 1] - s * at[:, 0]
     classes = int(WIDE / BIN)
     hits = []
     for side in (left, -left):
@@ -90,14 +97,19 @@ def _beside(at: FloatArray) -> tuple[float, float | None, float | None]:
 def _march(at: FloatArray, heading: float, left: float, right: float
            ) -> tuple[FloatArray, float]:
     """Middle (n, 2) [m] and half width [m] at its beginning, in the car's axes."""
-    half, side = 0.5 * (left - right), 0.5 * (left + right)
-    x, y = -side * sin(heading), side * cos(heading)
+    half = 0.5 * (left - right)
+    side = 0.5 * (left + right)
+    x = -side * sin(heading)
+    y = side * cos(heading)
     middle: list[tuple[float, float]] = []
     width = half
     while len(middle) * STRIP < REACH:
-        c, s = cos(heading), sin(heading)
-        dx, dy = at[:, 0] - x, at[:, 1] - y
-        along, off = c * dx + s * dy, c * dy - s * dx
+        c = cos(heading)
+        s = sin(heading)
+        dx = at[:, 0] - x
+        dy = at[:, 1] - y
+        along = c * dx + s * dy
+        off = c * dy - s * dx
         strip = np.abs(along) < WINDOW
         boards = [(along[k], off[k]) for k in (strip & (np.abs(off - b) < GATE)
                                                for b in (half, -half))]
@@ -112,8 +124,11 @@ def _march(at: FloatArray, heading: float, left: float, right: float
         one, two = here
         half = 0.5 * (one - two) if one is not None and two is not None else half
         side = (one - half) if one is not None else (two or 0.0) + half
-        x, y, heading = x - side * s, y + side * c, heading + atan(slope)
+        x = x - side * s
+        y = y + side * c
+        heading = heading + atan(slope)
         middle.append((x, y))
         width = half if len(middle) == 1 else width
-        x, y = x + STRIP * cos(heading), y + STRIP * sin(heading)
+        x = x + STRIP * cos(heading)
+        y = y + STRIP * sin(heading)
     return np.array(middle).reshape(-1, 2), width

@@ -26,15 +26,16 @@ from dart_hal.control.pursuit import arc
 from dart_hal.control.stopping import ROLLS, SLOWS, STUCK
 from dart_hal.core.types import FloatArray, Pose, Scan
 
-NEAR, PER_SPEED = 0.1, 0.2
-"""m and s of the look-ahead: 0.3 m at 1 m/s, 0.5 at 2. At 0.5 m the play of the linkage, 1 to
-2 deg, swings the car by 1.5 cm at 1 m/s, at 0.3 m by 0.8; at 2 m/s a scan is 0.5 m old."""
+# m and s of the look-ahead: 0.3 m at 1 m/s, 0.5 at 2. At 0.5 m the play of the linkage, 1 to 2
+# deg, swings the car by 1.5 cm at 1 m/s, at 0.3 m by 0.8; at 2 m/s a scan is 0.5 m old.
+NEAR = 0.1
+PER_SPEED = 0.2
+# m of the car before the rear axle, and some.
 FRONT = 0.3
-"""m of the car before the rear axle, and some."""
+# What the points (m, 2) [m] of a scan show, from the car's pose among them on.
 Look = Callable[[FloatArray, Pose], Sight]
-"""What the points (m, 2) [m] of a scan show, from the car's pose among them on."""
+# m over which the bend ahead is taken: noise of 1 cm is a bend of 8 m.
 BENDS = 0.6
-"""m over which the bend ahead is taken: noise of 1 cm is a bend of 8 m."""
 
 
 class LaneFollower(Ending):
@@ -52,8 +53,10 @@ class LaneFollower(Ending):
     def __init__(self, plant: Plant, cap: float, distance: float = inf,
                  duration: float = inf, look: Look = look) -> None:
         super().__init__()
-        self.plant, self.cap = plant, cap
-        self.distance, self.duration = distance, duration
+        self.plant = plant
+        self.cap = cap
+        self.distance = distance
+        self.duration = duration
         self.model = Reckoning(plant)
         self._most = plant.steady.fastest  # its tables are made here, not while the car drives
         self.path: Path | None = None
@@ -77,7 +80,8 @@ class LaneFollower(Ending):
                 if t - self._begun > WAIT:
                     self._end(f"{self._fault()} within {WAIT:g} s", Phase.ENDED)
                 return Command(0.0, 0.0)
-            self.phase, self._begun = Phase.FOLLOWING, t
+            self.phase = Phase.FOLLOWING
+            self._begun = t
         if self.phase is Phase.ENDED or self.path is None:
             return Command(0.0, 0.0)
         self.s = self.path.closest(now.pose.x, now.pose.y, self.s)
@@ -108,7 +112,10 @@ class LaneFollower(Ending):
         path = Path.through(sight.middle, closed=False)
         if self.path is not None:
             self._learn(self.path, path)
-        self.path, self.half, self.s, self._whole = path, sight.half, 0.0, self.model.now.t
+        self.path = path
+        self.half = sight.half
+        self.s = 0.0
+        self._whole = self.model.now.t
         self.seen.append((*sight.middle[0].tolist(), float(path.heading[0]), sight.half))
 
     def _learn(self, before: Path, after: Path) -> None:
@@ -117,7 +124,8 @@ class LaneFollower(Ending):
 
     def _steer(self, path: Path) -> float:
         """Angle [rad] of the road wheels to command."""
-        late, (low, high) = self.plant.late, self.plant.lock
+        late = self.plant.late
+        low, high = self.plant.lock
         where = self.model.at(self.model.now.t + late.transport + late.settles + late.lag)
         reach = NEAR + PER_SPEED * abs(where.speed)
         target = path.at(path.closest(where.x, where.y, self.s) + reach)

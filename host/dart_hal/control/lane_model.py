@@ -23,14 +23,17 @@ from dart_hal.control.paths import Path
 from dart_hal.control.plant import BIAS_MOST, Plant, Prediction, Where
 from dart_hal.core.types import FloatArray, MotionEstimate, Pose, Scan, Tracking
 
-LEARN_FIRST, LEARN_LATER, LEARN_TIME = 0.7, 4.0, 1.0
-"""m at the start and at the most, and s over which an error is learnt: whichever takes longer."""
+# m at the start and at the most, and s over which an error is learnt: whichever takes longer.
+LEARN_FIRST = 0.7
+LEARN_LATER = 4.0
+LEARN_TIME = 1.0
+# rad; 3 mm of play in holes 57 mm apart are 0.05.
 MOUNT_MOST = 0.06
-"""rad; 3 mm of play in holes 57 mm apart are 0.05."""
-MOVED, COMPARED = 0.02, 1.0
-"""m between two scans at least, and ahead of the car over which their lanes are compared."""
+# m between two scans at least, and ahead of the car over which their lanes are compared.
+MOVED = 0.02
+COMPARED = 1.0
+# Poses that are kept: 1 s of answers, a scan takes 0.13.
 KEPT = 100
-"""Poses that are kept: 1 s of answers, a scan takes 0.13."""
 _UNKNOWN = np.zeros((5, 5))
 
 
@@ -43,8 +46,10 @@ class Reckoning:
 
     def __init__(self, plant: Plant) -> None:
         self.now = MotionEstimate(0.0, Pose(), 0.0, 0.0, _UNKNOWN, "lane", Tracking.DEAD_RECKONING)
-        self.mount, self.way = 0.0, 0.0
-        self._plant, self._prediction = plant, Prediction(plant, learns=False)
+        self.mount = 0.0
+        self.way = 0.0
+        self._plant = plant
+        self._prediction = Prediction(plant, learns=False)
         self._poses: deque[tuple[float, float, float, float]] = deque(maxlen=KEPT)
         self._compared = (0.0, 0.0)
 
@@ -57,9 +62,11 @@ class Reckoning:
         """The motion at t [s], with the speed [m/s] of the wheels."""
         dt = t - self.now.t if self._poses else 0.0
         here = replace(self.now, t=t, speed=speed)
-        steady, pose = self._plant.steady, self.now.pose
+        steady = self._plant.steady
+        pose = self.now.pose
         bend = steady.bend(self._prediction.at(here, t).angle, speed)
-        turn, way = bend * speed * dt, speed * dt
+        turn = bend * speed * dt
+        way = speed * dt
         course = pose.yaw + steady.turn(bend, speed).slip + 0.5 * turn
         pose = Pose(pose.x + way * cos(course), pose.y + way * sin(course), pose.yaw + turn)
         self.now = replace(here, pose=pose, yaw_rate=bend * speed)
@@ -84,8 +91,10 @@ class Reckoning:
 
     def compare(self, before: Path, after: Path) -> None:
         """Learn from the lanes of two scans in a row."""
-        (t, s), self._compared = self._compared, (self.now.t, self.way)
-        way, pose = self.way - s, self.now.pose
+        t, s = self._compared
+        self._compared = (self.now.t, self.way)
+        way = self.way - s
+        pose = self.now.pose
         (u, old), (v, new) = (_in_car(path, pose) for path in (before, after))
         at = np.linspace(0.0, min(COMPARED, u[-1], v[-1]), 11)
         if way < MOVED or at[-1] < 0.5 * COMPARED:
@@ -101,7 +110,10 @@ class Reckoning:
 
 def _in_car(path: Path, pose: Pose) -> tuple[FloatArray, FloatArray]:
     """Points of a path ahead and left of a pose [m], as far as they lead on."""
-    dx, dy, c, s = path.x - pose.x, path.y - pose.y, cos(pose.yaw), sin(pose.yaw)
+    dx = path.x - pose.x
+    dy = path.y - pose.y
+    c = cos(pose.yaw)
+    s = sin(pose.yaw)
     ahead = c * dx + s * dy
     back = np.flatnonzero(np.diff(ahead) <= 0.0)
     n = int(back[0]) + 1 if len(back) else len(ahead)

@@ -26,14 +26,14 @@ from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_drive
 
+# Share of the speed in a bend that is asked for: 0.9 of the force, for models are 2 % off each.
 GRIP = 0.95
-"""Share of the speed in a bend that is asked for: 0.9 of the force, for models are 2 % off each."""
+# rad of the lock that is left to the tracker in a bend.
 RESERVE = 0.03
-"""rad of the lock that is left to the tracker in a bend."""
+# m/s2 along the path at most: what ``drive_speed`` follows, and some to correct with.
 ALONG = 0.7 * FOLLOWED
-"""m/s2 along the path at most: what ``drive_speed`` follows, and some to correct with."""
+# m/s, the slowest that is asked of a car that moves.
 CRAWL = 0.2
-"""m/s, the slowest that is asked of a car that moves."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,13 @@ class SpeedProfile:
         i = int(np.floor(k))
         if not self.path.closed:
             i = min(max(i, 0), n - 1)
-            after, part = min(i + 1, n - 1), min(max(k - i, 0.0), 1.0)
+            after = min(i + 1, n - 1)
+            part = min(max(k - i, 0.0), 1.0)
         else:
-            after, part = (i + 1) % n, k - i
-        low, high = float(self.speed[i % n]), float(self.speed[after])
+            after = (i + 1) % n
+            part = k - i
+        low = float(self.speed[i % n])
+        high = float(self.speed[after])
         return low + part * (high - low)
 
 
@@ -123,8 +126,10 @@ class _Limits:
 
     def __init__(self, plant: Plant) -> None:
         p = plant.vehicle
-        self._drive, self._friction = make_drive(p.motor, p.friction), make_friction(p.friction)
-        self._mass, self._throttle = p.body.mass, plant.throttle
+        self._drive = make_drive(p.motor, p.friction)
+        self._friction = make_friction(p.friction)
+        self._mass = p.body.mass
+        self._throttle = plant.throttle
 
     def forward(self, v: float) -> float:
         force: float = self._drive(self._throttle, v)
@@ -139,12 +144,14 @@ def _pass(most: FloatArray, bends: FloatArray, path: Path,
           limit: Callable[[float], float]) -> FloatArray:
     """No faster at a point than from the one before; twice round a closed path, open from rest."""
     v: FloatArray = most.copy()
-    n, d = len(v), path.spacing
+    n = len(v)
+    d = path.spacing
     order = range(1, 2 * n) if path.closed else range(1, n)
     if not path.closed:
         v[0] = 0.0
     for j in order:
-        i, k = (j - 1) % n, j % n
+        i = (j - 1) % n
+        k = j % n
         here = float(v[i])
         across = min(here / float(bends[i]), 1.0) ** 2
         a = limit(here) * sqrt(max(1.0 - across * across, 0.0))

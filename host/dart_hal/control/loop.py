@@ -23,13 +23,13 @@ from dart_hal.control.tuning import answer_of
 from dart_hal.core.config import CarFiles
 from dart_hal.core.types import Limit, State
 
+# m/s2 that the integral may add: a slope of 11 degrees, or a dead band that is 0.12 of throttle
+# off, which is that of one ESC to the next.
 INTEGRAL_MAX = 2.0
-"""m/s2 that the integral may add: a slope of 11 degrees, or a dead band that is 0.12 of throttle
-off, which is that of one ESC to the next."""
+# Throttle that counts as a pull forward; a count of the PCA9685 is 0.011.
 LEAST_PULL = 0.8 * COAST
-"""Throttle that counts as a pull forward; a count of the PCA9685 is 0.011."""
+# m/s; the profile's first value has no time behind it.
 STARTS = 1e-3
-"""m/s; the profile's first value has no time behind it."""
 
 
 class SpeedLoop:
@@ -41,7 +41,8 @@ class SpeedLoop:
     """
 
     def __init__(self, files: CarFiles) -> None:
-        self._limits, end = files.config.limits, end_of_throttle(files)
+        self._limits = files.config.limits
+        end = end_of_throttle(files)
         self._low = max(self._limits.min_throttle, -end)
         self._high = min(self._limits.max_throttle, end)
         self._inverse = inverse_of(files)
@@ -77,9 +78,11 @@ class SpeedLoop:
         limits = self._limits
         measured, t = (state.speed, state.t) if state else (0.0, 0.0)
         before = self._t if self._t is not None else t
-        dt, self._t = t - before, t
+        dt = t - before
+        self._t = t
         wanted = min(max(speed, -limits.max_speed), limits.max_speed)
-        self.clipped, self.saturated = wanted != speed, False
+        self.clipped = wanted != speed
+        self.saturated = False
         self.open_loop = state is not None and state.health.speed_doubted
         if self.open_loop or dt > window or not armed:
             self.reset()
@@ -117,7 +120,8 @@ class SpeedLoop:
             self._profile.reset(measured if starts and measured != 0.0
                                 else math.copysign(STARTS, wanted))
         self._driving = wanted
-        profile, left = self._profile, self._lead.left(dt)
+        profile = self._profile
+        left = self._lead.left(dt)
         to_force = self._answer.to_force(dt)
         profile.go(wanted, dt, to_force + left)
         error = self._error(measured, to_force + left)
@@ -134,7 +138,8 @@ class SpeedLoop:
 
         From rest the wheels have to turn on by two edges until there is a speed to be seen.
         """
-        answer, profile = self._answer, self._profile
+        answer = self._answer
+        profile = self._profile
         shown = profile.before(to_force + answer.shows(profile.before(to_force)))
         if abs(shown) < answer.unseen and abs(measured) < answer.unseen:
             return 0.0

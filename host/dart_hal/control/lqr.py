@@ -26,14 +26,15 @@ from dart_hal.control.steady import SPEEDS, Steady, row_of
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import FloatArray
 
+# rad/s of the wheels for 1 m of offset.
 RATE = 40.0
-"""rad/s of the wheels for 1 m of offset."""
-PERIOD, PREVIEW = PWM_FRAME, 50
-"""s between two commands that act, one PWM frame; steps ahead, 1 s."""
+# s between two commands that act, one PWM frame; steps ahead, 1 s.
+PERIOD = PWM_FRAME
+PREVIEW = 50
+# s: no servo is quicker, for its slew takes as long for 0.1 rad.
 LEAST_LAG = 0.03
-"""s: no servo is quicker, for its slew takes as long for 0.1 rad."""
+# 1/m from straight, for the slopes.
 SMALL = 0.02
-"""1/m from straight, for the slopes."""
 
 
 class Gains(NamedTuple):
@@ -58,15 +59,19 @@ def gains_of(steady: Steady, lag: float) -> Gains:
     lag = max(lag, LEAST_LAG)
     rows = []
     for v in SPEEDS:
-        one, two = steady.turn(SMALL, v), steady.turn(-SMALL, v)
+        one = steady.turn(SMALL, v)
+        two = steady.turn(-SMALL, v)
         per = 1.0 / (one.angle - two.angle)
-        bend, slip = 2.0 * SMALL * per, (one.slip - two.slip) * per
+        bend = 2.0 * SMALL * per
+        slip = (one.slip - two.slip) * per
         flow = np.zeros((5, 5))  # of e, psi, delta, and the held u and k
         flow[0, 1:3] = v, v * slip
         flow[1, 2:] = v * bend, 0.0, -v
         flow[2, 2:4] = -1.0 / lag, 1.0 / lag
         step = expm(flow * PERIOD)
-        a, b, e = step[:3, :3], step[:3, 3:4], step[:3, 4:]
+        a = step[:3, :3]
+        b = step[:3, 3:4]
+        e = step[:3, 4:]
         r = (1.0 / (RATE * lag)) ** 2
         q = np.diag((1.0, 0.0, r))
         cross = np.array([[0.0], [0.0], [-r]])

@@ -14,10 +14,10 @@ from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 
+# s at neutral: ESCs ask for about 0.1 s, and what is commanded acts up to 0.06 s later.
 REST_S = 0.16
-"""s at neutral: ESCs ask for about 0.1 s, and what is commanded acts up to 0.06 s later."""
+# s of it that are no ESC's.
 ACTS = 0.06
-"""s of it that are no ESC's."""
 
 
 def measured_in(files: CarFiles) -> ThrottleCalibration:
@@ -27,7 +27,8 @@ def measured_in(files: CarFiles) -> ThrottleCalibration:
 
 def vehicle_for(files: CarFiles) -> Vehicle:
     """The car's identified model; without one the paper's with this ESC's dead band."""
-    vehicle, band = vehicle_of(files.model), measured_in(files).deadband_forward_us
+    vehicle = vehicle_of(files.model)
+    band = measured_in(files).deadband_forward_us
     if files.model is not None or band is None:
         return vehicle
     onset = -band.value / files.config.throttle.span_us
@@ -60,7 +61,8 @@ def correction(files: CarFiles, model: Callable[[float], float]) -> Correction |
 
     Straight lines between the measured speeds, level beyond them: the model keeps its shape.
     """
-    table, span = measured_in(files).drive, files.config.throttle.span_us
+    table = measured_in(files).drive
+    span = files.config.throttle.span_us
     if table is None:
         return None
     at = table.speed

@@ -40,9 +40,11 @@ class OnPath(ABC):
     """What trackers share."""
 
     def __init__(self, path: Path, plant: Plant) -> None:
-        self.path, self.plant = path, plant
+        self.path = path
+        self.plant = plant
         self.s = self.offset = 0.0
-        self.speed, self.why = inf, ""
+        self.speed = inf
+        self.why = ""
         self.told: dict[str, FloatArray] = {}
         self.pace: Callable[[float], float] = lambda s: 1.0
         self.clock: Callable[[], float] = lambda: 0.0

@@ -25,26 +25,24 @@ from dart_hal.core.text_file import read_text
 from dart_hal.core.types import MAX_COORDINATE, FloatArray
 
 COLUMNS = ("x", "y")
+# Suffix of a column of lengths and its unit [m]. Without one, metres are assumed.
 UNITS = {"": 1.0, "_m": 1.0, "_cm": 0.01, "_mm": 0.001}
-"""Suffix of a column of lengths and its unit [m]. Without one, metres are assumed."""
+# Names of a column of speeds [m/s].
 SPEEDS = ("speed", "vx_mps", "speed_mps", "v_mps")
-"""Names of a column of speeds [m/s]."""
+# Between columns. A comma last: in some countries it is the decimal separator.
 DELIMITERS = (";", "\t", ",")
-"""Between columns. A comma last: in some countries it is the decimal separator."""
+# Largest extent of a path whose header names no unit [m]. The smallest circle of the car is 0.9 m
+# wide, 90 in centimetres; the rooms in which a motion capture observes a car of 1:10 are less
+# than 30 m wide.
 MAX_UNNAMED_EXTENT = 60.0
-"""Largest extent of a path whose header names no unit [m].
-
-The smallest circle of the car is 0.9 m wide, 90 in centimetres; the rooms in which a motion
-capture observes a car of 1:10 are less than 30 m wide.
-"""
+# Largest number in a column of lengths, whatever its unit.
 MAX_CELL = 1e8
-"""Largest number in a column of lengths, whatever its unit."""
+# m of a path: the longest race track has 21 km.
 MAX_LENGTH = 25e3
-"""m of a path: the longest race track has 21 km."""
+# m/s: at a lower speed a path never ends, and no car reaches the other.
 SPEED_RANGE = (1e-3, 1e3)
-"""m/s: at a lower speed a path never ends, and no car reaches the other."""
+# Of a track: distance from its last point to its first, in median distances of its points.
 MAX_CLOSING_GAP = 2.0
-"""Of a track: distance from its last point to its first, in median distances of its points."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +101,8 @@ def read_table(file: File) -> Table:
     # The last comment that names x and y is the header, else the first line of content.
     named = [line for line in comments if has_columns(split_line(line, find_delimiter(line)))]
     if not named:
-        named, content = [line for _, line in content[:1]], content[1:]
+        named = [line for _, line in content[:1]]
+        content = content[1:]
         comments = []
     delimiter = find_delimiter(named[-1]) if named else ","
     return Table(split_line(named[-1], delimiter) if named else (),

@@ -21,22 +21,24 @@ from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering, make_steering_inverse
 
+# s from a pulse to the road wheels, of a car of which nobody measured it: 5 to 30 ms.
 SERVO = 0.02
-"""s from a pulse to the road wheels, of a car of which nobody measured it: 5 to 30 ms."""
+# 1/s in commands of -1..1: a servo that turns 60 deg in 0.17 s, a command of 1 for 375 us.
 SLEW = 10.0
-"""1/s in commands of -1..1: a servo that turns 60 deg in 0.17 s, a command of 1 for 375 us."""
+# s of the prediction: at 2 m/s the wheels turn by 0.04 rad at most, the car goes on 2 cm.
 SUBSTEP = 0.01
-"""s of the prediction: at 2 m/s the wheels turn by 0.04 rad at most, the car goes on 2 cm."""
-BIAS_TIME, BIAS_MOST, BIAS_ABOVE = 0.6, 0.06, 0.4
-"""s in which an error of the angle is learnt, rad at most, m/s: slower, noise is no curvature.
-A steering map is 0.3 deg off, a backlash 2 deg wide; the lag that was identified 10 ms."""
+# s in which an error of the angle is learnt, rad at most, m/s: slower, noise is no curvature. A
+# steering map is 0.3 deg off, a backlash 2 deg wide; the lag that was identified 10 ms.
+BIAS_TIME = 0.6
+BIAS_MOST = 0.06
+BIAS_ABOVE = 0.4
+# s: half the PWM frame for which a command is held, and what the yaw rate comes behind the
+# wheels: by the linear bicycle of the later published set 8 ms at 1 m/s, 12 at 2.
 SETTLES = 0.5 * PWM_FRAME + 0.012
-"""s: half the PWM frame for which a command is held, and what the yaw rate comes behind the wheels:
-by the linear bicycle of the later published set 8 ms at 1 m/s, 12 at 2."""
+# s of commands that are kept: more than any car takes to steer.
 KEPT = 0.5
-"""s of commands that are kept: more than any car takes to steer."""
+# s for which one motion is taken at most: what came in a gap, nobody saw.
 TELLS = 0.1
-"""s for which one motion is taken at most: what came in a gap, nobody saw."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +91,11 @@ def plant_of(files: CarFiles) -> Plant:
     vehicle = settled(vehicle_for(files))
     measured = files.calibration.latency if files.calibration else None
     known = measured is not None and measured.pulse_to_yaw is not None
-    delay, lag = vehicle.delay.steering_s, vehicle.delay.steering_lag_s
+    delay = vehicle.delay.steering_s
+    lag = vehicle.delay.steering_lag_s
     if files.model is None:
-        delay, lag = SERVO, 0.0
+        delay = SERVO
+        lag = 0.0
     to_pulse = TO_PULSE
     if measured is not None and measured.command_to_pulse is not None:
         to_pulse = max(measured.command_to_pulse.value, 0.0)
@@ -141,7 +145,8 @@ class Prediction:
     """
 
     def __init__(self, plant: Plant, *, learns: bool = True) -> None:
-        self.plant, self._learns = plant, learns
+        self.plant = plant
+        self._learns = learns
         self.reset()
 
     def reset(self) -> None:
@@ -180,16 +185,24 @@ class Prediction:
         self.see(now)
         while len(self._queue) > 1 and self._queue[1][0] < now.t - KEPT:
             self._queue.popleft()
-        pose, servo, steady = now.pose, self._servo, self.plant.steady
-        x, y, yaw, at = pose.x, pose.y, pose.yaw, now.t
+        pose = now.pose
+        servo = self._servo
+        steady = self.plant.steady
+        x = pose.x
+        y = pose.y
+        yaw = pose.yaw
+        at = now.t
         while at < t - 1e-9:
             step = min(SUBSTEP, t - at)
             at += step
             servo = self._turned(servo, at, step)
             bend = steady.bend(self.wheels(servo), now.speed)
-            turn, way = bend * now.speed * step, now.speed * step
+            turn = bend * now.speed * step
+            way = now.speed * step
             course = yaw + steady.turn(bend, now.speed).slip + 0.5 * turn
-            x, y, yaw = x + way * cos(course), y + way * sin(course), yaw + turn
+            x = x + way * cos(course)
+            y = y + way * sin(course)
+            yaw = yaw + turn
         return Where(at, x, y, yaw, now.speed, self.wheels(servo), servo)
 
     def _learn(self, now: MotionEstimate, step: float) -> None:

@@ -14,18 +14,19 @@ from collections import deque
 from itertools import pairwise
 from math import sqrt
 
+# m/s2 up to which what is wanted is followed as it is. A sine of 0.5 Hz and 1 m/s needs 3.2, the
+# motor gives 13 at standstill and 6 at 2.5 m/s, the tyres 8.
 FOLLOWED = 4.0
-"""m/s2 up to which what is wanted is followed as it is. A sine of 0.5 Hz and 1 m/s needs 3.2, the
-motor gives 13 at standstill and 6 at 2.5 m/s, the tyres 8."""
-WITHIN, SLOWEST = 0.40, 2.0
-"""s in which a new speed is reached, if that is no steeper than the car can, and no flatter than
-2 m/s2. 10 ms, by which a PWM frame is early or late, are then 3 % of a step."""
+# s in which a new speed is reached, if that is no steeper than the car can, and no flatter than 2
+# m/s2. 10 ms, by which a PWM frame is early or late, are then 3 % of a step.
+WITHIN = 0.40
+SLOWEST = 2.0
+# s over which the slope of what is wanted is taken: two States.
 SLOPE_OVER = 0.020
-"""s over which the slope of what is wanted is taken: two States."""
+# s, one State: what the first call, which has no time behind it, is taken for.
 START = 0.010
-"""s, one State: what the first call, which has no time behind it, is taken for."""
+# s of the profile that are kept: more than any car takes to answer.
 LONGEST = 0.5
-"""s of the profile that are kept: more than any car takes to answer."""
 
 
 class Profile:
@@ -35,20 +36,24 @@ class Profile:
     """
 
     def __init__(self, ramp: float, ease: float) -> None:
-        self._steepest, self._ease = ramp, ease
+        self._steepest = ramp
+        self._ease = ease
         self.reset()
 
     def reset(self, speed: float = 0.0) -> None:
         """Begin anew at a speed [m/s]; nothing is known of what was wanted."""
-        self.speed, self.acceleration = speed, 0.0
+        self.speed = speed
+        self.acceleration = 0.0
         self._slope = self._t = 0.0
-        self.jumping, self._ramp = True, self._steepest
+        self.jumping = True
+        self._ramp = self._steepest
         self._wanted: float | None = None
         self._kept: deque[tuple[float, float]] = deque([(0.0, speed)])
 
     def go(self, wanted: float, dt: float, ahead: float) -> None:
         """``dt`` s later a speed [m/s] is wanted; the car answers ``ahead`` s late."""
-        before, self._wanted = self._wanted, wanted
+        before = self._wanted
+        self._wanted = wanted
         change = wanted - before if before is not None else 0.0
         followed = abs(change) <= FOLLOWED * dt
         slope = change / dt if followed and dt > 0.0 else 0.0

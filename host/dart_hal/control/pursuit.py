@@ -14,10 +14,10 @@ from math import atan, atan2, cos, hypot, pi, remainder, sin
 from dart_hal.control.paths import Path
 from dart_hal.core.types import Pose
 
+# m: a third of the tightest radius below, where the arc cuts corners by 2 cm.
 LOOK_AHEAD = 0.35
-"""m: a third of the tightest radius below, where the arc cuts corners by 2 cm."""
+# s from a command to the wheels: half a PWM frame and the servo's travel.
 DELAY = 0.04
-"""s from a command to the wheels: half a PWM frame and the servo's travel."""
 
 
 class PurePursuit:
@@ -40,7 +40,8 @@ class PurePursuit:
         self.offset = self.path.offset(pose.x, pose.y, self.s)
         ahead = speed * self._delay
         yaw = pose.yaw + yaw_rate * self._delay
-        x, y = pose.x + ahead * cos(pose.yaw), pose.y + ahead * sin(pose.yaw)
+        x = pose.x + ahead * cos(pose.yaw)
+        y = pose.y + ahead * sin(pose.yaw)
         tx, ty = self.path.point(self.s + ahead + self._look_ahead)
         return atan(self._wheelbase * arc(x, y, yaw, tx, ty))
 

@@ -17,13 +17,13 @@ from dart_hal.control.plant import Plant
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 
+# m between the points: a quarter turn of 0.75 m has eight.
 APART = 0.15
-"""m between the points: a quarter turn of 0.75 m has eight."""
+# 1/m: a metre costs as much as one of a bend of 3, 1.4, 1, 0.7 m; beyond, of a bend that no car
+# of this class takes at speed.
 SHORT = (0.33, 0.7, 1.0, 1.4)
-"""1/m: a metre costs as much as one of a bend of 3, 1.4, 1, 0.7 m; beyond, of a bend that no car of
-this class takes at speed."""
+# m to either side: a wider lane around a turn of 0.5 m crosses itself.
 WIDEST = 0.5
-"""m to either side: a wider lane around a turn of 0.5 m crosses itself."""
 
 
 def raceline(path: Path, half_width: float, plant: Plant, cap: float) -> Path:
@@ -49,7 +49,8 @@ def _line(path: Path, half_width: float, short: float) -> Path:
 
     n = round(path.length / APART)
     spots = np.array([path.at(k * path.length / n) for k in range(n)])
-    centre, normal = spots[:, :2], np.column_stack([-np.sin(spots[:, 2]), np.cos(spots[:, 2])])
+    centre = spots[:, :2]
+    normal = np.column_stack([-np.sin(spots[:, 2]), np.cos(spots[:, 2])])
 
     def cost(left: FloatArray) -> FloatArray:
         return _cost(centre + left[:, None] * normal, short)
@@ -62,8 +63,11 @@ def _line(path: Path, half_width: float, short: float) -> Path:
 
 def _cost(points: FloatArray, short: float) -> FloatArray:
     """k sqrt(ds) of the circles through three neighbours, and short sqrt(ds), (2 n,)."""
-    before, after = points - np.roll(points, 1, axis=0), np.roll(points, -1, axis=0) - points
+    before = points - np.roll(points, 1, axis=0)
+    after = np.roll(points, -1, axis=0) - points
     cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
-    a, b, c = np.hypot(*before.T), np.hypot(*after.T), np.hypot(*(before + after).T)
+    a = np.hypot(*before.T)
+    b = np.hypot(*after.T)
+    c = np.hypot(*(before + after).T)
     root = np.sqrt(0.5 * (a + b))
     return np.concatenate([2.0 * cross / (a * b * c) * root, short * root])

@@ -12,18 +12,18 @@ from enum import Enum
 
 from dart_hal.control.measured import REST_S
 
+# m/s; slower, and the wheels are standing for the next few edges: one edge of 2.1 mm in 35 ms.
 AT_REST = 0.06
-"""m/s; slower, and the wheels are standing for the next few edges: one edge of 2.1 mm in 35 ms."""
+# Throttle below neutral: beyond a dead band (0.16 at most in hidden cars), not the whole brake.
 BRAKE = 0.35
-"""Throttle below neutral: beyond a dead band (0.16 at most in hidden cars), not the whole brake."""
+# s; three PWM frames, so that the ESC has seen the pull whatever the speed was.
 LEAST_BRAKE_S = 0.06
-"""s; three PWM frames, so that the ESC has seen the pull whatever the speed was."""
+# s; from 2 m/s a third of the brake takes half a second. Longer, and the speed is not believed.
 MOST_BRAKE_S = 1.0
-"""s; from 2 m/s a third of the brake takes half a second. Longer, and the speed is not believed."""
+# m/s faster than it was: the pull drives the car backward, so nothing is left to brake.
 GAINED = 0.12
-"""m/s faster than it was: the pull drives the car backward, so nothing is left to brake."""
+# s in reverse without a wheel that turns: the ESC has braked instead, rest once more.
 PATIENCE_S = 0.7
-"""s in reverse without a wheel that turns: the ESC has braked instead, rest once more."""
 
 
 class Phase(Enum):
@@ -43,7 +43,8 @@ class Reversal:
 
     def __init__(self, rest: float = REST_S) -> None:
         self._rest = rest
-        self._phase, self._forward = Phase.FREE, False
+        self._phase = Phase.FREE
+        self._forward = False
         self._since = self._tried = 0.0
         self._slowest = math.inf
 
@@ -93,4 +94,6 @@ class Reversal:
         return 0.0
 
     def _enter(self, phase: Phase) -> None:
-        self._phase, self._since, self._slowest = phase, 0.0, math.inf
+        self._phase = phase
+        self._since = 0.0
+        self._slowest = math.inf

@@ -22,16 +22,17 @@ from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 
 SPEEDS = np.arange(0.25, 4.26, 0.25)
+# m/s and 1/m of the grid; cars of this class turn within 0.4 m.
 CURVATURES = 3.0 * np.linspace(0.0, 1.0, 31) ** 1.5
-"""m/s and 1/m of the grid; cars of this class turn within 0.4 m."""
+# rad; what needs more is behind every stop, and what the tyres do there is not asked.
 STEERED = 0.7
-"""rad; what needs more is behind every stop, and what the tyres do there is not asked."""
-ROUNDS, SOLVED = 4, 1e-4
-"""Newton steps from one curvature of the grid to the next, and m/s2 or rad/s2 that may be left."""
+# Newton steps from one curvature of the grid to the next, and m/s2 or rad/s2 that may be left.
+ROUNDS = 4
+SOLVED = 1e-4
+# m/s, rad or N of one Newton step: a bend that has no solution must not run away.
 MOST = 2.0
-"""m/s, rad or N of one Newton step: a bend that has no solution must not run away."""
+# Of v_y [m/s], angle [rad], drive force [N] for the slopes.
 STEPS = (1e-5, 1e-6, 1e-4)
-"""Of v_y [m/s], angle [rad], drive force [N] for the slopes."""
 
 
 class Turn(NamedTuple):
@@ -95,11 +96,13 @@ def row_of(speed: float) -> tuple[int, float]:
 
 def _solved(p: Vehicle) -> FloatArray:
     """(angle, slip, held) of bends to the right and to the left, (2, 3, v, k)."""
-    n, l_r = len(SPEEDS), p.body.l_r
+    n = len(SPEEDS)
+    l_r = p.body.l_r
     if p.kind == "kinematic":
         angle = np.tile(np.arctan(p.body.wheelbase * CURVATURES), (n, 1))
         return np.array([[sign * angle, 0.0 * angle, 1.0 + 0.0 * angle] for sign in (-1.0, 1.0)])
-    v, sign = np.tile(SPEEDS, 2), np.repeat((-1.0, 1.0), n)
+    v = np.tile(SPEEDS, 2)
+    sign = np.repeat((-1.0, 1.0), n)
     rates = make_dynamic(p, ARRAY)
 
     def unbalanced(x: FloatArray, omega: FloatArray) -> FloatArray:
@@ -109,9 +112,11 @@ def _solved(p: Vehicle) -> FloatArray:
 
     rows: list[tuple[FloatArray, ...]] = []
     x = np.array([0.0 * v, 0.0 * v, -make_friction(p.friction, ARRAY)(v)])
-    held, before = np.ones(2 * n, dtype=bool), 0.0
+    held = np.ones(2 * n, dtype=bool)
+    before = 0.0
     for k in CURVATURES:
-        omega, last = sign * k * v, x
+        omega = sign * k * v
+        last = x
         x = x + np.outer((l_r, 0.0, 0.0), omega - sign * before * v)
         for _ in range(ROUNDS):
             x = x + _newton(x, omega, unbalanced)

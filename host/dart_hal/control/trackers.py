@@ -33,14 +33,16 @@ from dart_hal.control.pursuit import arc
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import MotionEstimate
 
-NEAR, PER_SPEED = 0.20, 0.15
-"""m and s: a look-ahead of 0.35 m at 1 m/s, 0.5 at 2. The offset is then corrected with
-2 (v / L)^2 per s2, a natural frequency of 4.0 1/s at 1 m/s and 5.7 at 2, well damped (0.7)."""
-EASE, SLOPE = 0.3, 0.02
-"""s over which a step of the path's curvature is drawn out, so that wheels that are led by a lag of
-0.13 s turn 0.4 too far at the most; 1/m of curvature, for the slope of the command there."""
+# m and s: a look-ahead of 0.35 m at 1 m/s, 0.5 at 2. The offset is then corrected with 2 (v /
+# L)^2 per s2, a natural frequency of 4.0 1/s at 1 m/s and 5.7 at 2, well damped (0.7).
+NEAR = 0.20
+PER_SPEED = 0.15
+# s over which a step of the path's curvature is drawn out, so that wheels that are led by a lag
+# of 0.13 s turn 0.4 too far at the most; 1/m of curvature, for the slope of the command there.
+EASE = 0.3
+SLOPE = 0.02
+# rad to the path at most, at which a car that is far from it comes nearer.
 OFF = 0.6
-"""rad to the path at most, at which a car that is far from it comes nearer."""
 
 
 class Pursuit(OnPath):
@@ -52,9 +54,11 @@ class Pursuit(OnPath):
 
     def steer(self, motion: MotionEstimate) -> float:
         """See ``Tracker``."""
-        late, steady = self.plant.late, self.plant.steady
+        late = self.plant.late
+        steady = self.plant.steady
         where, s = self._see(motion, late.transport + late.settles + late.lag)
-        spot, reach = self.path.at(s), NEAR + PER_SPEED * abs(where.speed)
+        spot = self.path.at(s)
+        reach = NEAR + PER_SPEED * abs(where.speed)
         target = self.path.at(s + reach)
         course = where.course(self.plant)
         more = arc(where.x, where.y, course, target.x, target.y) - arc(
@@ -78,7 +82,8 @@ class Lqr(OnPath):
     def steer(self, motion: MotionEstimate) -> float:
         """See ``Tracker``."""
         where, s = self._see(motion, self.plant.late.transport)
-        spot, speed = self.path.at(s), max(where.speed, 0.0)
+        spot = self.path.at(s)
+        speed = max(where.speed, 0.0)
         gain, preview, reach = self.plant.gains.at(speed)
         ahead = float(preview @ self.path.curvatures(s + reach))
         bend = self.plant.steady.turn(ahead, speed)
@@ -112,8 +117,8 @@ def curvature_aware(path: Path, plant: Plant, *, law: Law = Law.CA,
     return Contouring(path, plant, Lqr(path, plant), make, **options)
 
 
+# How a tracker is made.
 Make = Callable[[Path, Plant], Tracker]
-"""How a tracker is made."""
 TRACKERS: dict[str, Make] = {
     "lqr": Lqr, "pursuit": Pursuit, "mpcc": contouring, "ca-mpcc": curvature_aware}
 

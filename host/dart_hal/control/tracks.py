@@ -23,7 +23,10 @@ def _arc(radius: float, degrees: float) -> Segment:
 
 def _vicon_2() -> Path:
     """4.5 m square, turns of 0.75 m, 22.92 m; begun in the middle of the lower side."""
-    left, right, half, lane = _arc(0.75, 180), _arc(0.75, -180), _arc(0.75, 90), 2.25
+    left = _arc(0.75, 180)
+    right = _arc(0.75, -180)
+    half = _arc(0.75, 90)
+    lane = 2.25
     return Path([(1.5, 0.0), half, (3.0, 0.0), left, (lane, 0.0), right, (lane, 0.0), left,
                  (3.0, 0.0), half, (1.5, 0.0)], closed=True, start=(2.25, 0.0, 0.0))
 
@@ -33,7 +36,9 @@ def _vicon() -> Path:
 
     Without the six inner lanes it has 5 + pi + 8 + 3.5 pi m; they share the rest.
     """
-    left, right, corner = _arc(0.5, 180), _arc(0.5, -180), _arc(1.0, 90)
+    left = _arc(0.5, 180)
+    right = _arc(0.5, -180)
+    corner = _arc(1.0, 90)
     lane = ((41.1 - 13.0 - 4.5 * math.pi) / 6.0, 0.0)
     return Path([(2.5, 0.0), corner, (4.0, 0.0), *[left, lane, right, lane] * 3, left,
                  (4.0, 0.0), corner, (2.5, 0.0)], closed=True, start=(3.5, 0.0, 0.0))
@@ -44,13 +49,13 @@ def _savoiardo() -> Path:
     return Path([(2.4, 0.0), _arc(0.8, 180)] * 2, closed=True)
 
 
+# Tracks by name; "vicon" and "oval" are short names of the first and the third.
 TRACKS: dict[str, Callable[[], Path]] = {
     "racetrack_vicon_2": _vicon_2, "racetrack_vicon": _vicon, "savoiardo": _savoiardo,
     "eight": lambda: figure_of_eight(1.0),
     "circle": lambda: Path([_arc(1.0, 360)], closed=True),
     "vicon": _vicon_2, "oval": _savoiardo,
 }
-"""Tracks by name; "vicon" and "oval" are short names of the first and the third."""
 
 
 def track_named(track: Path | str) -> Path:

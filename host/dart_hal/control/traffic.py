@@ -23,14 +23,15 @@ from dart_hal.control.paths import Path
 from dart_hal.core.types import Pose
 
 RADIUS = hypot(HALF_LENGTH, HALF_WIDTH)
+# m of air to one before which the car stands, beside what ``safe_speed`` keeps.
 GAP = 0.15
-"""m of air to one before which the car stands, beside what ``safe_speed`` keeps."""
+# Standard errors of another's place that are added to its radius.
 SURE = 2.0
-"""Standard errors of another's place that are added to its radius."""
-STANDS, STARTS = 0.2, 0.3
-"""m/s: less is asked for as rest; a car at rest starts for more."""
+# m/s: less is asked for as rest; a car at rest starts for more.
+STANDS = 0.2
+STARTS = 0.3
+# m of the lane that have to be left, once it waits, before it passes after all.
 BACK = 0.03
-"""m of the lane that have to be left, once it waits, before it passes after all."""
 
 
 class Wait(str, Enum):
@@ -62,19 +63,29 @@ class Traffic:
     def __init__(self, path: Path, lane: float, rear: float, passes: bool) -> None:
         """lane [m] to either side; rear [m]: from a rear axle to the middle; passes: whether the
         tracker can."""
-        self._path, self._reference = path, Reference(path)
-        self._lane, self._rear, self._passes = lane, rear, passes
+        self._path = path
+        self._reference = Reference(path)
+        self._lane = lane
+        self._rear = rear
+        self._passes = passes
         self.obstacles: tuple[Obstacle, ...] = ()
-        self.speed, self.room, self.wait, self.who = inf, inf, Wait.FREE, ""
+        self.speed = inf
+        self.room = inf
+        self.wait = Wait.FREE
+        self.who = ""
         self.seconds = dict.fromkeys(Wait, 0.0)
         self._t = inf
 
     def judge(self, t: float, s: float, speed: float, others: Iterable[Neighbour]) -> None:
         """At t [s], the rear axle at arc length s [m], at a speed [m/s]."""
         self.seconds[self.wait] += max(t - self._t, 0.0)
-        self._t, before = t, self.who
+        self._t = t
+        before = self.who
         sight = stopping_distance(max(speed, 1.0)) + 2.0 * self._rear + 1.0
-        passing, room, wait, who = [], inf, Wait.FREE, ""
+        passing = []
+        room = inf
+        wait = Wait.FREE
+        who = ""
         for other in others:
             met = self._met(other, t, s, sight)
             if met is None:
@@ -85,14 +96,20 @@ class Traffic:
                 continue
             free = met.s - s - self._rear - met.radius - HALF_LENGTH - GAP
             if free < room:
-                room, wait, who = free, Wait.LOST if other.lost else Wait.BEHIND, other.name
-        self.obstacles, self.room, self.wait, self.who = tuple(passing), room, wait, who
+                room = free
+                wait = Wait.LOST if other.lost else Wait.BEHIND
+                who = other.name
+        self.obstacles = tuple(passing)
+        self.room = room
+        self.wait = wait
+        self.who = who
         allowed = float(safe_speed(room)) if room < inf else inf
         self.speed = 0.0 if allowed < (STARTS if self.speed == 0.0 else STANDS) else allowed
 
     def _met(self, other: Neighbour, t: float, s: float, sight: float) -> Obstacle | None:
         """It beside the way ahead; None: it is not there."""
-        pose, moved = other.pose, 0.0 if other.lost else other.speed * other.age
+        pose = other.pose
+        moved = 0.0 if other.lost else other.speed * other.age
         x, y = (at + (self._rear + moved) * part for at, part in (
             (pose.x, cos(pose.yaw)), (pose.y, sin(pose.yaw))))
         radius = RADIUS + SURE * float(np.sqrt(max(pose.cov[0, 0], pose.cov[1, 1])))
@@ -101,9 +118,11 @@ class Traffic:
         way = np.arange(s, s + sight, 0.05)
         x_r, y_r, headings = self._reference.spots(way)
         near = int(np.argmin(np.hypot(x_r - x, y_r - y)))
-        dx, dy, heading = x - float(x_r[near]), y - float(y_r[near]), float(headings[near])
-        along, offset = (cos(heading) * dx + sin(heading) * dy,
-                         cos(heading) * dy - sin(heading) * dx)
+        dx = x - float(x_r[near])
+        dy = y - float(y_r[near])
+        heading = float(headings[near])
+        along = cos(heading) * dx + sin(heading) * dy
+        offset = cos(heading) * dy - sin(heading) * dx
         behind = near == 0 and along < -self._rear
         beyond = near == len(way) - 1 and along > 0.1
         if behind or beyond or abs(offset) > radius + HALF_WIDTH + MARGIN:

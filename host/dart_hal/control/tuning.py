@@ -22,23 +22,24 @@ from dart_hal.core.timing import PWM_FRAME
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.load import vehicle_of
 
+# s from a command to the end of the first pulse that carries it: half a PWM frame, and 1.5 ms.
 TO_PULSE = 0.0115
-"""s from a command to the end of the first pulse that carries it: half a PWM frame, and 1.5 ms."""
+# s by which a speed is older than its State at 0.4 m/s, see ``Answer.shows``.
 TO_SPEED = 0.010
-"""s by which a speed is older than its State at 0.4 m/s, see ``Answer.shows``."""
+# s from the encoder's latch to the host: 44 bytes and the firmware's start.
 TO_HOST = 0.0011
-"""s from the encoder's latch to the host: 44 bytes and the firmware's start."""
-RAMP, SOFT_RAMP = 5.0, 2.5
-"""m/s2, the steepest ramp to a new speed where the lag is known (tyres hold 8), and where not:
-half of what a lag of 0.084 s overshoots by comes of the ramp."""
+# m/s2, the steepest ramp to a new speed where the lag is known (tyres hold 8), and where not:
+# half of what a lag of 0.084 s overshoots by comes of the ramp.
+RAMP = 5.0
+SOFT_RAMP = 2.5
+# s of the integral where the lag is not known: what the ramp gets wrong is no load.
 SLOWLY = 1.0
-"""s of the integral where the lag is not known: what the ramp gets wrong is no load."""
+# s of edges of which the estimation makes a speed (``estimation.speed``).
 WINDOW = 15e-3
-"""s of edges of which the estimation makes a speed (``estimation.speed``)."""
+# s: slower than 0.04 m/s a speed says little.
 LONGEST_GAP = 0.05
-"""s: slower than 0.04 m/s a speed says little."""
+# s of a car of which nobody measured it: between none and the 0.084 of the slower set.
 UNKNOWN_LAG = 0.020
-"""s of a car of which nobody measured it: between none and the 0.084 of the slower set."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,40 +16,52 @@ from scipy.spatial import cKDTree
 from dart_hal.control.lane import Sight
 from dart_hal.core.types import FloatArray, Pose
 
-STEP, FIRST, STEPS = 0.1, 8, 20
-"""m from point to point of a way, points of its first arc, and of both: a corner of a corridor."""
-BENDS, LATER = np.linspace(-1.7, 1.7, 15), np.linspace(-1.6, 1.6, 9)
-"""1/m of the first and the second arc: DART turns by 1.9, and keeps some of it to steer."""
+# m from point to point of a way, points of its first arc, and of both: a corner of a corridor.
+STEP = 0.1
+FIRST = 8
+STEPS = 20
+# 1/m of the first and the second arc: DART turns by 1.9, and keeps some of it to steer.
+BENDS = np.linspace(-1.7, 1.7, 15)
+LATER = np.linspace(-1.6, 1.6, 9)
+# m from the rear axle to where the car's second circle is.
 NOSE = 0.22
-"""m from the rear axle to where the car's second circle is."""
-BODY, AWAY = 0.2, 0.4
-"""m from a point that the car would touch, half its width and 0.1; and that is wished."""
-GLASS, WITHIN = 6, 4.0
-"""Beams in a row that do not come back, of which 3 % do not by accident; m from the car to what is
-seen on both sides of them."""
+# m from a point that the car would touch, half its width and 0.1; and that is wished.
+BODY = 0.2
+AWAY = 0.4
+# Beams in a row that do not come back, of which 3 % do not by accident; m from the car to what is
+# seen on both sides of them.
+GLASS = 6
+WITHIN = 4.0
+# m before and behind a point of the way in which its wall is looked for.
 BESIDE = 0.25
-"""m before and behind a point of the way in which its wall is looked for."""
+# m more than asked for at which no wall is seen as one: it pulls at the way alike.
 OPEN = 0.6
-"""m more than asked for at which no wall is seen as one: it pulls at the way alike."""
-ROUND, LEAVES = 2.5 * pi, 1.5
-"""rad turned towards the wall from which on it is a box, which is gone around; m of way on which
-there is no wall then. Around a room the car turns away from its walls."""
-TOUCH, NEAR, OFF, BENT = 20.0, 15.0, 4.0, 0.05
-"""What a point that is touched, the square of a distance lacking, the square of one from the wall
-that is wrong, and the square of a bend cost."""
+# rad turned towards the wall from which on it is a box, which is gone around; m of way on which
+# there is no wall then. Around a room the car turns away from its walls.
+ROUND = 2.5 * pi
+LEAVES = 1.5
+# What a point that is touched, the square of a distance lacking, the square of one from the wall
+# that is wrong, and the square of a bend cost.
+TOUCH = 20.0
+NEAR = 15.0
+OFF = 4.0
+BENT = 0.05
 
 
 class Wall:
     """One drive; called with each scan. side: 1 left, -1 right; gap [m] from the rear axle."""
 
     def __init__(self, side: int = -1, gap: float = 0.6) -> None:
-        self.side, self.gap = side, gap
-        self._least, self._left = inf, (inf, inf)
+        self.side = side
+        self.gap = gap
+        self._least = inf
+        self._left = (inf, inf)
 
     def __call__(self, points: FloatArray, pose: Pose) -> Sight:
         """The way in points (m, 2) [m; NaN = nothing came back], from the car's pose among them
         on. Empty where it is blocked, or nothing is seen."""
-        c, s = cos(pose.yaw), sin(pose.yaw)
+        c = cos(pose.yaw)
+        s = sin(pose.yaw)
         dx, dy = (points - (pose.x, pose.y)).T
         at = _closed(np.column_stack((c * dx + s * dy, c * dy - s * dx)))
         at = at[np.hypot(*at.T) < STEP * STEPS + self.gap + OPEN]
@@ -63,7 +75,8 @@ class Wall:
         turned = self.side * pose.yaw
         self._least = min(self._least, turned)
         if turned - self._least > ROUND:
-            self._least, self._left = turned, (pose.x, pose.y)
+            self._least = turned
+            self._left = (pose.x, pose.y)
         return hypot(pose.x - self._left[0], pose.y - self._left[1]) > LEAVES
 
 
@@ -111,9 +124,12 @@ def _ways() -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
 def _beside(at: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray, wall: Wall
             ) -> FloatArray:
     """Distance [m] (ways,) to what is nearest on the wall's side of one point of each."""
-    c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-    dx, dy = at[:, 0] - x[:, None], at[:, 1] - y[:, None]
-    along, off = c * dx + s * dy, wall.side * (c * dy - s * dx)
+    c = np.cos(yaw)[:, None]
+    s = np.sin(yaw)[:, None]
+    dx = at[:, 0] - x[:, None]
+    dy = at[:, 1] - y[:, None]
+    along = c * dx + s * dy
+    off = wall.side * (c * dy - s * dx)
     far = wall.gap + OPEN
     nearest: FloatArray = np.where((np.abs(along) < BESIDE) & (off > 0.0), off, far).min(axis=1)
     return np.minimum(nearest, far)

@@ -18,7 +18,8 @@ class WhileLocated(Ending):
 
     def __init__(self, speed: float, duration: float = inf) -> None:
         super().__init__()
-        self._wanted, self._duration = speed, duration
+        self._wanted = speed
+        self._duration = duration
         self._begun = -inf
 
     def answer(self, motion: MotionEstimate, placed: float) -> float:
@@ -31,14 +32,16 @@ class WhileLocated(Ending):
                 if t - self._begun > WAIT:
                     self._end(f"no pose came within {WAIT:g} s", Phase.ENDED)
                 return 0.0
-            self.phase, self._begun = Phase.FOLLOWING, t
+            self.phase = Phase.FOLLOWING
+            self._begun = t
         if self.phase is Phase.FOLLOWING:
             self._judge(motion, placed)
         if self.phase is Phase.ENDED:
             return 0.0
         if self.phase is Phase.STOPPING:
             return self._stops(motion)
-        self._speed, self._before = self._wanted, t
+        self._speed = self._wanted
+        self._before = t
         return self._wanted
 
     def _judge(self, motion: MotionEstimate, placed: float) -> None:

@@ -19,13 +19,14 @@ from dart_hal.control.plant import Plant
 from dart_hal.control.trackers import contouring
 from dart_hal.core.types import FloatArray, MotionEstimate, Tracking
 
+# s from one message to the next.
 EVERY = 0.1
-"""s from one message to the next."""
-STANDS, STARTS = 0.1, 0.3
-"""m/s: slower than that is asked for as rest, 4 cm before the line; a car at rest starts for no
-less, when the line is 0.2 m away: for noise it gives no pulse."""
+# m/s: slower than that is asked for as rest, 4 cm before the line; a car at rest starts for no
+# less, when the line is 0.2 m away: for noise it gives no pulse.
+STANDS = 0.1
+STARTS = 0.3
+# s without a pose after which the car stops.
 BLIND = 0.5
-"""s without a pose after which the car stops."""
 
 
 class Command(NamedTuple):
@@ -48,7 +49,10 @@ class Crosser:
         self.tracker.pace = self._pace
         self.last = Answer(inf, Wait.GOING, "")
         self._ahead = plant.vehicle.body.l_r  # of the car's middle before its rear axle
-        self._due, self._seen, self._begun, self._stands = -inf, -inf, False, True
+        self._due = -inf
+        self._seen = -inf
+        self._begun = False
+        self._stands = True
 
     @property
     def s(self) -> float:
@@ -68,7 +72,8 @@ class Crosser:
         came: bytes of messages and how old each is [s]; free [m]: to the middle of the car ahead
         in its lane.
         """
-        t, pose = motion.t, motion.pose
+        t = motion.t
+        pose = motion.pose
         if not self._begun:
             near = float(np.argmin(np.hypot(self.path.x - pose.x, self.path.y - pose.y)))
             self.tracker.begin(near * self.path.spacing)
@@ -95,7 +100,8 @@ class Crosser:
     def told(self) -> dict[str, float]:
         """For ``car.log``: line [m], at most the path's end; wait, by its place in ``Wait``; who it
         waits for, by the roster, -1 = nobody; phase; messages taken, and those that were not."""
-        mind, last = self.coordinator, self.last
+        mind = self.coordinator
+        last = self.last
         taken = mind.counts[Verdict.TAKEN.value]
         return {
             "line": min(last.line, self.path.length),

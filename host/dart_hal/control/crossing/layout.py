@@ -14,13 +14,13 @@ from dart_hal.control.paths import Path
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 
+# m between the middles of two cars, by their paths: 0.35 m, and twice what a pose (1.5 cm) and a
+# controller (3.5 cm) err by.
 APART = 0.45
-"""m between the middles of two cars, by their paths: 0.35 m, and twice what a pose (1.5 cm) and a
-controller (3.5 cm) err by."""
+# Cosine of two headings that face each other: within 6 deg.
 OPPOSITE = -0.995
-"""Cosine of two headings that face each other: within 6 deg."""
+# m beside each other: one lane.
 SAME = 0.02
-"""m beside each other: one lane."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,10 @@ class Layout:
     ) -> None:
         """speed [m/s]: of the cars; apart [m]: see ``APART``. Raises UsageError for lanes that
         are closer, and for one that is too short to stop in."""
-        self.name, self.routes, self.speed, self.apart = name, routes, speed, apart
+        self.name = name
+        self.routes = routes
+        self.speed = speed
+        self.apart = apart
         between = [[distances(a.path, b.path) for b in routes] for a in routes]
         self._lines = [
             [lines(d, b.path, apart) for d, b in zip(row, routes, strict=True)] for row in between
@@ -81,7 +84,8 @@ class Layout:
 
     def line(self, a: int, s: float, b: int) -> float:
         """B_ab(s) [m]: how far a car on route b may go while one on route a is at s [m]."""
-        table, spacing = self._lines[a][b], self.routes[a].path.spacing
+        table = self._lines[a][b]
+        spacing = self.routes[a].path.spacing
         return float(table[min(max(int(s / spacing), 0), len(table) - 1)])
 
     def checked_start(self, route: int, s: float) -> None:
@@ -96,7 +100,9 @@ class Layout:
 
     def _ground(self, a: Route, between: list[FloatArray]) -> tuple[float, float]:
         """(begin, end) [m] of what cars of other lanes may want. Raises UsageError."""
-        begin, end, s = inf, 0.0, a.path.s
+        begin = inf
+        end = 0.0
+        s = a.path.s
         for b, apart in zip(self.routes, between, strict=True):
             if b.lane == a.lane:
                 continue

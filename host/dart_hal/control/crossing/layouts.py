@@ -10,18 +10,20 @@ from math import atan2, cos, pi, sin, sqrt
 from dart_hal.control.crossing.layout import APART, Layout, Route
 from dart_hal.control.paths import Path, Segment
 
+# m from the middle of a road to that of a lane: two lanes are 0.5 m apart.
 BESIDE = 0.25
-"""m from the middle of a road to that of a lane: two lanes are 0.5 m apart."""
+# m, the tightest: DART turns within 0.41 to 0.55 m.
 BEND = 0.6
-"""m, the tightest: DART turns within 0.41 to 0.55 m."""
-APPROACH, AWAY = 2.6, 3.0
-"""m of a lane before and behind the bends: two cars of one lane start and end in them."""
+# m of a lane before and behind the bends: two cars of one lane start and end in them.
+APPROACH = 2.6
+AWAY = 3.0
+# m, radius of the roundabout: its way to the first exit is still 0.3 m.
 RING = 0.9
-"""m, radius of the roundabout: its way to the first exit is still 0.3 m."""
-SLANT, JOIN = pi / 6, 1.2
-"""rad of the ramp, and m of the bend by which it joins."""
+# rad of the ramp, and m of the bend by which it joins.
+SLANT = pi / 6
+JOIN = 1.2
+# m/s.
 SPEED = 1.0
-"""m/s."""
 ARMS = ("S", "E", "N", "W")
 
 
@@ -42,7 +44,8 @@ def intersection(speed: float = SPEED, beside: float = BESIDE, apart: float = AP
 
 def roundabout(speed: float = SPEED, beside: float = BESIDE, apart: float = APART) -> Layout:
     """Four arms about a ring that is driven to the left. Raises UsageError as ``intersection``."""
-    across, reach = beside + BEND, RING + BEND
+    across = beside + BEND
+    reach = RING + BEND
     box = sqrt(reach**2 - across**2)
     turn = atan2(box, across)
     bend: Segment = (BEND * turn, -1.0 / BEND)
@@ -56,7 +59,8 @@ def roundabout(speed: float = SPEED, beside: float = BESIDE, apart: float = APAR
 def merge(speed: float = SPEED, apart: float = APART) -> Layout:
     """A lane, and a ramp from its right that joins it at (0, 0): routes "lane" and "ramp"."""
     bend = JOIN * SLANT
-    x, y = -JOIN * sin(SLANT), -JOIN * (1.0 - cos(SLANT))
+    x = -JOIN * sin(SLANT)
+    y = -JOIN * (1.0 - cos(SLANT))
     start = x - 2.0 * APPROACH * cos(SLANT), y - 2.0 * APPROACH * sin(SLANT), SLANT
     way = 2.0 * APPROACH + bend
     routes = (
@@ -78,7 +82,8 @@ def _arms(ways: tuple[tuple[Segment, ...], ...], box: float, beside: float) -> t
     routes = []
     for k, arm in enumerate(ARMS):
         heading = 0.5 * pi * (k + 1)
-        c, s = cos(heading), sin(heading)
+        c = cos(heading)
+        s = sin(heading)
         back = box + APPROACH
         start = -back * c + beside * s, -back * s - beside * c, heading
         for turned, way in enumerate(ways, start=1):

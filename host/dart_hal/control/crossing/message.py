@@ -17,15 +17,16 @@ from dart_hal.control.crossing.order import Message, Phase
 from dart_hal.core.errors import UsageError
 
 VERSION = 2
-HEAD, CAR = Struct("<BIBBBBIIQd"), Struct("<QI")
+HEAD = Struct("<BIBBBBIIQd")
+CAR = Struct("<QI")
+# The most: 225 bytes.
 CARS = 16
-"""The most: 225 bytes."""
+# bytes of what is sent, at most: 7 cars pass on what they heard, more have no room for it.
 ROOM = 255
-"""bytes of what is sent, at most: 7 cars pass on what they heard, more have no room for it."""
+# us of a stamp: whoever tells a later one would leave no stamp above it.
 LATEST = 1 << 62
-"""us of a stamp: whoever tells a later one would leave no stamp above it."""
+# m of a path.
 LONGEST = 1e4
-"""m of a path."""
 
 
 class Fault(str, Enum):
@@ -77,7 +78,8 @@ def decode(data: bytes, key: int) -> Message | Fault:
     if len(data) != HEAD.size + n * CAR.size:
         return Fault.LENGTH
     rows = list(CAR.iter_unpack(data[HEAD.size :]))
-    grants, heard = tuple(g for g, _ in rows), tuple(b for _, b in rows)
+    grants = tuple(g for g, _ in rows)
+    heard = tuple(b for _, b in rows)
     if (
         phase > max(Phase)
         or not boot

@@ -106,8 +106,8 @@ class Standing(NamedTuple):
     others: tuple[Known | None, ...]
 
 
+# Sessions of a car that are remembered as over.
 SESSIONS = 16
-"""Sessions of a car that are remembered as over."""
 
 
 def begun(
@@ -141,7 +141,9 @@ def hear(car: Standing, m: Message, *, passed: bool = False) -> tuple[Standing, 
             return car, Verdict.OLDER
         if m.boot != before.boot:
             retired = (*retired, before.boot)[-SESSIONS:]
-    ts, s_minus, grant = m.ts, m.s_minus, m.grants[car.id]
+    ts = m.ts
+    s_minus = m.s_minus
+    grant = m.grants[car.id]
     if before is not None:
         grant = max(grant, before.grant)  # of an earlier session as well: it never expires
         lost_it = m.phase is Phase.BACK and before.phase in (Phase.WANT, Phase.BACK)

@@ -11,11 +11,13 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 
-SLOWS, LATE, MARGIN = 0.8, 0.3, 0.06
-"""m/s2: what a car rolls out with, without its brake; s: command to wheels, 0.04 of transport,
-0.08 of lag, 0.1 of a sample, and some; m: the pose errs by 1.5 cm, the last of a stop by 3."""
+# m/s2: what a car rolls out with, without its brake; s: command to wheels, 0.04 of transport,
+# 0.08 of lag, 0.1 of a sample, and some; m: the pose errs by 1.5 cm, the last of a stop by 3.
+SLOWS = 0.8
+LATE = 0.3
+MARGIN = 0.06
+# Throttle above the dead band that does not move the car: 0.05 m/s2 of 1.
 ONSET = 0.003
-"""Throttle above the dead band that does not move the car: 0.05 m/s2 of 1."""
 
 
 def safe_speed(room: FloatArray | float) -> FloatArray:

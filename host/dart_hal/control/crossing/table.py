@@ -18,7 +18,8 @@ from dart_hal.core.types import FloatArray
 
 def distances(a: Path, b: Path) -> FloatArray:
     """(n_a, n_b) [m] between their points."""
-    dx, dy = a.x[:, None] - b.x, a.y[:, None] - b.y
+    dx = a.x[:, None] - b.x
+    dy = a.y[:, None] - b.y
     dx *= dx
     dy *= dy
     dx += dy

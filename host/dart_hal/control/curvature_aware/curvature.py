@@ -18,8 +18,8 @@ import numpy as np
 from dart_hal.core.types import FloatArray
 
 POINTS = 41
+# l of the kernel, in parts of the way.
 WIDTH = 1.3 / POINTS
-"""l of the kernel, in parts of the way."""
 JITTER = 1e-8
 GRID: FloatArray = np.linspace(0.0, 1.0, POINTS)
 

@@ -28,10 +28,10 @@ from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering_inverse
 
 V_X = 3
+# m/s2 of the first guess.
 GAINS = 3.0
-"""m/s2 of the first guess."""
+# Most that is taken of a step of the steering.
 LARGEST = 0.8
-"""Most that is taken of a step of the steering."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,23 +59,30 @@ class PathFollower:
     """One low level of a vehicle."""
 
     def __init__(self, vehicle: Vehicle, weights: FollowWeights, limits: Limits) -> None:
-        self.weights, self.limits, w = weights, limits, weights
+        self.weights = weights
+        self.limits = limits
+        w = weights
         self.stage = make_stage(vehicle, np)
         self._vehicle = vehicle
-        self._place, self._turn = np.full(STAGES, w.position), np.full(STAGES, w.turn)
-        self._place[-1], self._turn[-1] = w.end_position, w.end_turn
+        self._place = np.full(STAGES, w.position)
+        self._turn = np.full(STAGES, w.turn)
+        self._place[-1] = w.end_position
+        self._turn[-1] = w.end_turn
         self._low, self._high = (np.repeat((limits.tau[i], limits.st[i]), STAGES) for i in (0, 1))
 
     def turn_within(self, low: float, high: float) -> None:
         """Ends of the steering from now on."""
-        self._low[STAGES:], self._high[STAGES:] = low, high
+        self._low[STAGES:] = low
+        self._high[STAGES:] = high
 
     def guess(self, way: Way, state: FloatArray, speeds: FloatArray) -> Motion:
         """On the path, without slip, at speeds that come to the wanted ones (n + 1,) [m/s]."""
-        p, v = self._vehicle, float(state[V_X])
+        p = self._vehicle
+        v = float(state[V_X])
         pace = np.minimum(v + GAINS * STAGE * np.arange(STAGES + 1.0), np.maximum(speeds, v))
         turns = np.append(way.turns, way.turns[-1])
-        bend, command = turns / np.maximum(speeds, 0.1), make_steering_inverse(p.steering)
+        bend = turns / np.maximum(speeds, 0.1)
+        command = make_steering_inverse(p.steering)
         st = np.clip([command(float(np.arctan(p.body.wheelbase * k))) for k in bend],
                      *self.limits.st)
         hold = Inverse(p).throttle(max(float(pace.mean()), 0.1))
@@ -98,7 +105,10 @@ class PathFollower:
              bounds: Bounds | None, iterations: int, late: Callable[[], bool]) -> Motion | None:
         """One linearisation and one programme from the state (8,), towards the speeds (n,) [m/s]
         behind the stages; None where late."""
-        states, inputs, w, reference = motion.states, motion.inputs, self.weights, way.states[1:]
+        states = motion.states
+        inputs = motion.inputs
+        w = self.weights
+        reference = way.states[1:]
         after, a, b = linearised(self.stage, states[:-1], inputs.T)
         moved = condensed(state - states[0], a, b, after - states[1:])
         programme = Programme(moved)

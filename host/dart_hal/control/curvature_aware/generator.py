@@ -25,14 +25,14 @@ from dart_hal.control.mpc.problem import GRIP, condensed
 from dart_hal.control.mpc.reference import Reference
 from dart_hal.core.types import FloatArray
 
+# 1.5 s.
 STAGES = 15
-"""1.5 s."""
+# Of the way at the set speed over all stages: how far the path ahead is known.
 REACH = 1.2
-"""Of the way at the set speed over all stages: how far the path ahead is known."""
+# rad/s at most.
 TURNS = 10.0
-"""rad/s at most."""
+# Of ``Limits.lateral``: all that the tyres hold; bends are driven at 0.9 of it.
 HOLD = 1.0 / GRIP
-"""Of ``Limits.lateral``: all that the tyres hold; bends are driven at 0.9 of it."""
 X, Y, PSI, S, X_R, Y_R, PHI = range(7)
 
 
@@ -47,8 +47,8 @@ class PathWeights:
     end_turn: float = 1.0
 
 
+# With which the car does not cut the bends.
 TUNED = PathWeights(contour=10.0, lag=10.0)
-"""With which the car does not cut the bends."""
 WEIGHTS = {"published": PathWeights(), "tuned": TUNED}
 
 
@@ -61,7 +61,8 @@ class Way(NamedTuple):
     def error(self, reference: Reference, s: float) -> FloatArray:
         """Progress planned less that of the closest point [m] at each stage behind the first,
         (n,); s [m]: of the first state."""
-        near, error = s, self.states[1:, S] + s
+        near = s
+        error = self.states[1:, S] + s
         for k, (x, y) in enumerate(self.states[1:, :2]):
             near = reference.path.closest(float(x), float(y), near)
             error[k] -= near
@@ -74,7 +75,10 @@ class Generator:
 
     def __init__(self, law: Law, weights: PathWeights, reference: Reference, half: float,
                  lateral: float = inf) -> None:
-        self.law, self.weights, self.reference, self.half = law, weights, reference, half
+        self.law = law
+        self.weights = weights
+        self.reference = reference
+        self.half = half
         self._held = HOLD * lateral
         w = weights
         lag = w.lag if law is Law.MPCC else w.contour
@@ -110,12 +114,14 @@ class Generator:
     def shifted(self, way: Way, s: float, speeds: FloatArray, by: int) -> Way:
         """A plan ``by`` stages later, seen from arc length s [m] = that stage's; its end goes on as
         it was, at the last of the speeds (n,) [m/s]."""
-        states, turns = way.states.copy(), way.turns
+        states = way.states.copy()
+        turns = way.turns
         states[:, S] -= states[by, S]
         stage = self.stage(s, float(speeds[-1]), float(speeds.mean()))
         for _ in range(by):
             end = np.array(stage(*states[-1], turns[-1]))
-            states, turns = np.vstack([states[1:], end]), np.append(turns[1:], turns[-1])
+            states = np.vstack([states[1:], end])
+            turns = np.append(turns[1:], turns[-1])
         return Way(states, turns)
 
     def step(self, way: Way, first: FloatArray, s: float, speeds: FloatArray,

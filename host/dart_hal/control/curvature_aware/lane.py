@@ -18,20 +18,22 @@ from dart_hal.control.mpc.problem import RHO_METRE, Weights
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.namespace import Value
 
-SLACK, MOST_SLACK = 100.0, 100.0
-"""Price of its square, and the most [m]."""
+# Price of its square, and the most [m].
+SLACK = 100.0
+MOST_SLACK = 100.0
+# Price of a metre into an obstacle: that of ``mpc``.
 OBSTACLE = Weights().lane
-"""Price of a metre into an obstacle: that of ``mpc``."""
+# m; smooths the distance about 0, where it has no slope.
 NOWHERE = 1e-4
-"""m; smooths the distance about 0, where it has no slope."""
 
+# Least and most [m] of the error across at each stage.
 Bounds = tuple[FloatArray, FloatArray]
-"""Least and most [m] of the error across at each stage."""
 
 
 def beside(x: Value, y: Value, x_r: Value, y_r: Value, phi: Value) -> tuple[Value, Value]:
     """(distance, distance across, left positive) [m] of a point to one of the path."""
-    dx, dy = x - x_r, y - y_r
+    dx = x - x_r
+    dy = y - y_r
     return (np.sqrt(dx * dx + dy * dy + NOWHERE**2),
             np.cos(phi) * dy - np.sin(phi) * dx)
 

@@ -17,9 +17,9 @@ from dart_hal.control.mpc.problem import Condensed
 from dart_hal.core.types import FloatArray
 
 Value = Any
+# Of the rows of inputs: with 0.1, as in ``mpc``, the price of a slack outweighs the stops, and 40
+# iterations from a start far outside the lane do not hold them.
 RHO_INPUT = 1.0
-"""Of the rows of inputs: with 0.1, as in ``mpc``, the price of a slack outweighs the stops, and 40
-iterations from a start far outside the lane do not hold them."""
 
 
 def slopes(f: Callable[..., tuple[Value, ...]], at: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -44,7 +44,8 @@ class Programme:
         self.moved = moved
         self.n, _, inputs = moved.forced.shape
         self.size = inputs + self.n
-        self._h, self._g = np.zeros((self.size, self.size)), np.zeros(self.size)
+        self._h = np.zeros((self.size, self.size))
+        self._g = np.zeros(self.size)
         self._rows: list[tuple[FloatArray, ...]] = []
 
     def through(self, value: FloatArray, by_state: FloatArray) -> tuple[FloatArray, FloatArray]:

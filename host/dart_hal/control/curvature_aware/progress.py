@@ -20,8 +20,9 @@ from typing import Any
 
 from dart_hal.vehicle.namespace import ARRAY, Namespace, Value
 
-LEAST, SHARPNESS = 0.3, 10.0
-"""Of the soft minimum."""
+# Of the soft minimum.
+LEAST = 0.3
+SHARPNESS = 10.0
 
 State7 = tuple[Value, Value, Value, Value, Value, Value, Value]
 Curve = Callable[[Value], Value]
@@ -49,7 +50,9 @@ def make_rates(law: Law, speed: Value, curve: Curve,
 
     def rates(x: Value, y: Value, psi: Value, s: Value, x_r: Value, y_r: Value, phi: Value,
               u: Value) -> State7:
-        c, d, k = f.cos(phi), f.sin(phi), curve(s)
+        c = f.cos(phi)
+        d = f.sin(phi)
+        k = curve(s)
         way: Value = speed
         if law is Law.CA:
             right = (x - x_r) * d - (y - y_r) * c
@@ -66,7 +69,8 @@ def make_stage(rates: Callable[..., State7], dt: float) -> Callable[..., tuple[V
         return tuple(a + h * b for a, b in zip(z, by, strict=True))
 
     def stage(*at: Any) -> tuple[Value, ...]:
-        z, u = at[:-1], at[-1]
+        z = at[:-1]
+        u = at[-1]
         a = rates(*z, u)
         b = rates(*moved(z, 0.5 * dt, a), u)
         c = rates(*moved(z, 0.5 * dt, b), u)

@@ -27,10 +27,10 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 
+# Iterations of a plan that goes on.
 STEPS = 2
-"""Iterations of a plan that goes on."""
+# m/s; the way ahead must have a length.
 SLOWEST = 0.1
-"""m/s; the way ahead must have a length."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,8 @@ class TwoLayers(Planner[TwoLayerPlan]):
         self.generator = Generator(law, path_weights or PathWeights(), self.reference,
                                    self.limits.lane, self.limits.lateral)
         self.follower = PathFollower(self.vehicle, follow_weights or FollowWeights(), self.limits)
-        self.steps, self.iterations = steps, iterations
+        self.steps = steps
+        self.iterations = iterations
 
     def turn_within(self, low: float, high: float) -> None:
         """See ``Planner``."""
@@ -68,7 +69,8 @@ class TwoLayers(Planner[TwoLayerPlan]):
     def _improved(self, plan: TwoLayerPlan, aim: Aim, *, anew: bool) -> TwoLayerPlan | None:
         """The path by some steps, then the inputs by as many, anew from that path or from the last
         ones; None where late."""
-        bounds, steps = self._bounds(aim.t), BEGINNING if anew else self.steps
+        bounds = self._bounds(aim.t)
+        steps = BEGINNING if anew else self.steps
         try:
             with np.errstate(over="ignore", invalid="ignore"):  # it is looked at
                 way = self._generated(plan.way, steps, aim, bounds)
@@ -115,7 +117,8 @@ class TwoLayers(Planner[TwoLayerPlan]):
 
     def _ahead(self, aim: Aim) -> FloatArray:
         """The same of the stages of a way along the path, (n,)."""
-        s, speeds = aim.s, []
+        s = aim.s
+        speeds = []
         for _ in range(STAGES):
             speeds.append(max(float(self.speed_of(np.array([s]))[0]), SLOWEST))
             s += STAGE * speeds[-1]
@@ -128,7 +131,8 @@ class TwoLayers(Planner[TwoLayerPlan]):
         return lambda s: self.corridor.bounds(s + self.vehicle.body.l_r, times)
 
     def _shifted(self, aim: Aim) -> TwoLayerPlan | None:
-        last, by = self.last, self._stages_since(aim)
+        last = self.last
+        by = self._stages_since(aim)
         if last is None or not 0 <= by < STAGES:
             return None
         motion = self.follower.shifted(Motion(last.states, last.inputs[:2], last.slopes), by)
@@ -154,7 +158,8 @@ def _near(states: FloatArray) -> None:
 
 
 def _check(path: Path, p: Vehicle, limits: Limits) -> None:
-    curve, k = make_steering(p.steering), path.curvature
+    curve = make_steering(p.steering)
+    k = path.curvature
     right, left = (float(np.tan(curve(st))) / p.body.wheelbase for st in limits.st)
     tight = np.flatnonzero((k > left) | (k < right))
     if len(tight):

@@ -9,11 +9,11 @@ import numpy as np
 from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.control.paths import Path, Spot
 
+# Values of X in the table from X to arc length; between them it is a line, 1e-6 m off.
 FINE = 20_000
-"""Values of X in the table from X to arc length; between them it is a line, 1e-6 m off."""
+# m2 that the opposite direction counts for, where a place is looked for: the branches that cross
+# there are told apart by 0.1 rad of heading for 5 cm of place.
 AGAINST = 1.0
-"""m2 that the opposite direction counts for, where a place is looked for: the branches that cross
-there are told apart by 0.1 rad of heading for 5 cm of place."""
 
 
 class Course:
@@ -21,7 +21,8 @@ class Course:
     laps."""
 
     def __init__(self, curve: Lissajous) -> None:
-        self.curve, self.path = curve, curve.path()
+        self.curve = curve
+        self.path = curve.path()
         self._X = np.linspace(0.0, 2.0 * pi, FINE + 1)
         way = curve.rate(self._X)
         self._s = np.append(0.0, np.cumsum(0.5 * (way[1:] + way[:-1]))) * (2.0 * pi / FINE)

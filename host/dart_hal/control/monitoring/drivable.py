@@ -12,12 +12,12 @@ from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.control.plant import Plant
 from dart_hal.core.errors import UsageError
 
+# rad of the lock that stay free in the tightest bend: backlash, an error of the map, and what the
+# tyres slip. The paper's car then still holds 1.4 m/s there.
 LOCK_LEFT = 0.07
-"""rad of the lock that stay free in the tightest bend: backlash, an error of the map, and what the
-tyres slip. The paper's car then still holds 1.4 m/s there."""
+# Rate that the car must be able to drive, over the rate of the formation: who is behind has to
+# come nearer.
 CATCH_UP = 1.25
-"""Rate that the car must be able to drive, over the rate of the formation: who is behind has to
-come nearer."""
 
 
 def least_radius(plant: Plant) -> float:

@@ -24,8 +24,8 @@ from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 
+# Values of X in 2 pi / N, after which the robots have changed places.
 LOOK = 801
-"""Values of X in 2 pi / N, after which the robots have changed places."""
 
 
 class Distances(NamedTuple):
@@ -48,7 +48,9 @@ class Formation:
     alpha: int = 1
 
     def __post_init__(self) -> None:
-        a, b, n = self.curve.a, self.curve.b, self.n
+        a = self.curve.a
+        b = self.curve.b
+        n = self.n
         good = self.windings
         if n != a + b:
             raise UsageError(f"a {a}:{b} curve is fenced by {a + b} robots", found=f"{n} robots",
@@ -86,7 +88,8 @@ class Formation:
     def proven(self) -> bool:
         """Whether the area is not too long for the proof of the bound: the fence then reaches all
         four walls. 1.41 for 3 robots, 2.9 for 5, 5.6 for 9."""
-        long, short = max(self.curve.A, self.curve.B), min(self.curve.A, self.curve.B)
+        long = max(self.curve.A, self.curve.B)
+        short = min(self.curve.A, self.curve.B)
         return long * sin(0.5 * pi / self.n) <= short * sqrt(cos(pi / self.n))
 
     def bound(self, rate: float) -> float:

@@ -23,26 +23,28 @@ from dart_hal.control.monitoring.course import Course
 from dart_hal.control.stopping import SLOWS
 from dart_hal.core.types import FloatArray
 
+# m from the rear axle to the middle of the body, 0.30 x 0.19 m.
 AHEAD = 0.0875
-"""m from the rear axle to the middle of the body, 0.30 x 0.19 m."""
+# m between the middles of two bodies, at which they cannot touch: twice the way to a corner.
 BODIES = 0.36
-"""m between the middles of two bodies, at which they cannot touch: twice the way to a corner."""
+# m that a car, or its belief of its place, is beside the curve.
 LANE = 0.05
-"""m that a car, or its belief of its place, is beside the curve."""
 APART = BODIES + 2.0 * LANE
-REACTS, TELLS = 0.15, 0.05
-"""s from a decision to the brake: a State, transport, the lag of the motor; s from one message to
-the next, what another car may decide meanwhile."""
+# s from a decision to the brake: a State, transport, the lag of the motor; s from one message to
+# the next, what another car may decide meanwhile.
+REACTS = 0.15
+TELLS = 0.05
+# m/s2 at most of a car that speeds up (``lap.ALONG``).
 PULLS = 2.8
-"""m/s2 at most of a car that speeds up (``lap.ALONG``)."""
+# m beyond a stop that is the way before a car: over a crossing, two bodies and a little.
 CLEAR = 1.0
-"""m beyond a stop that is the way before a car: over a crossing, two bodies and a little."""
+# m from that way, so that a car that waits, and might start (0.16 m), is not in it.
 KEEPS_OFF = APART + 0.2
-"""m from that way, so that a car that waits, and might start (0.16 m), is not in it."""
+# m behind this car on its own branch, where another one is no concern of it.
 BEHIND = APART + 0.1
-"""m behind this car on its own branch, where another one is no concern of it."""
-GRAIN, NEARER = 0.06, 1e-3
-"""m between the places of a piece (half of it is 5 mm of a distance, within ``LANE``); m."""
+# m between the places of a piece (half of it is 5 mm of a distance, within ``LANE``); m.
+GRAIN = 0.06
+NEARER = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +64,8 @@ def stopping(s: float, v: float) -> Stretch:
 def reachable(s: float, v: float, age: float, fastest: float) -> Stretch:
     """Where a car may be that was at s [m] with v [m/s] so long [s] ago, and its stop from there;
     it never drives faster than ``fastest`` [m/s], nor backwards."""
-    age, v = age + TELLS, min(max(v, 0.0), fastest)
+    age = age + TELLS
+    v = min(max(v, 0.0), fastest)
     way = min(v * age + 0.5 * PULLS * age * age, fastest * age)
     return replace(stopping(s + way, min(v + PULLS * age, fastest)), begin=s)
 
@@ -80,7 +83,8 @@ class Guard:
         if other.begin < s:
             other = replace(other, end=min(other.end, s - BEHIND))
         stop = stopping(s, v + PULLS * TELLS)
-        mine, its = self._middles(stop), self._middles(other)
+        mine = self._middles(stop)
+        its = self._middles(other)
         if self._comes_near(mine, its, sure):
             return False
         ahead = self._middles(replace(stop, end=stop.end + CLEAR))

@@ -17,8 +17,8 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 
+# Of cos(2 pi p / N): a quarter turn between neighbours is on the edge, rounding or not.
 FLAT = 1e-9
-"""Of cos(2 pi p / N): a quarter turn between neighbours is on the edge, rounding or not."""
 
 
 def repulsion(own: float, before: float, after: float, k: float) -> float:

@@ -12,10 +12,10 @@ from dart_hal.control.paths import Path
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 
+# m between the points of the path; the spline between them is 1e-5 m off at a bend of 0.5 m.
 DENSE = 0.05
-"""m between the points of the path; the spline between them is 1e-5 m off at a bend of 0.5 m."""
+# Places at which bends are looked at; of a 13:12 curve 300 to each lobe.
 LOOK = 4000
-"""Places at which bends are looked at; of a 13:12 curve 300 to each lobe."""
 
 
 @dataclass(frozen=True)
@@ -52,9 +52,12 @@ class Lissajous:
 
     def curvature(self, X: FloatArray) -> FloatArray:
         """Curvature [1/m], left positive."""
-        a, b = self.a, self.b
-        dx, dy = -self.A * a * np.sin(a * X), self.B * b * np.cos(b * X)
-        ddx, ddy = -self.A * a * a * np.cos(a * X), -self.B * b * b * np.sin(b * X)
+        a = self.a
+        b = self.b
+        dx = -self.A * a * np.sin(a * X)
+        dy = self.B * b * np.cos(b * X)
+        ddx = -self.A * a * a * np.cos(a * X)
+        ddy = -self.B * b * b * np.sin(b * X)
         return np.asarray((dx * ddy - dy * ddx) / np.hypot(dx, dy) ** 3, dtype=np.float64)
 
     @cached_property

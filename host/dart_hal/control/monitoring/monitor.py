@@ -29,13 +29,14 @@ from dart_hal.control.plant import Plant
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, MotionEstimate
 
+# rad of a neighbour's phase from its slot: 4 % of the way from one robot to the next of five.
 IN_STEP = 0.2
-"""rad of a neighbour's phase from its slot: 4 % of the way from one robot to the next of five."""
 
-LINGER, HURRY = 0.3, 2.0
-"""Times the rate of the formation, which no car of the team falls below (none stands in another's
-way for the sake of its phase) or exceeds (by that the others reckon). The law is still a descent:
-what is cut keeps its sign."""
+# Times the rate of the formation, which no car of the team falls below (none stands in another's
+# way for the sake of its phase) or exceeds (by that the others reckon). The law is still a
+# descent: what is cut keeps its sign.
+LINGER = 0.3
+HURRY = 2.0
 
 
 class Mode(str, Enum):
@@ -76,22 +77,27 @@ class Monitor:
         """Raises UsageError for a curve, a rate or a team that this car cannot drive in."""
         _check_team(formation, names, own)
         check_drivable(formation.curve, plant)
-        self.formation, self.course = formation, Course(formation.curve)
+        self.formation = formation
+        self.course = Course(formation.curve)
         self.follower = Follower(self.course.path, plant, tracker=tracker,
                                  rules=Rules(laps=inf, duration=duration))
-        self.omega, self.k = omega, k
+        self.omega = omega
+        self.k = k
         plant.gains.at(0.0)  # made here: that takes a second, in which no car may drive
         fastest = fastest_rate(self.course, self.follower.profile)
         check_rate(omega, fastest)
         self.fastest = min(fastest, HURRY * omega)
         self.peers = {name: Peer(self.course) for name in names if name != own}
-        self.names, self._at = tuple(names), names.index(own)
+        self.names = tuple(names)
+        self._at = names.index(own)
         self._ring = tuple(names[(self._at + d) % len(names)] for d in (-1, 1))
         self._guard = Guard(self.course) if guard else None
         curve = formation.curve
         self._top = hypot(curve.A * curve.a, curve.B * curve.b)
         """m/rad; |dr/dX| is nowhere larger."""
-        self.mode, self.why, self.answers = Mode.WAITING, "", Counter[Mode]()
+        self.mode = Mode.WAITING
+        self.why = ""
+        self.answers = Counter[Mode]()
         self.X = self.rate = self._moves = 0.0
 
     def answer(self, motion: MotionEstimate, told: Mapping[str, Told] | None = None) -> Command:
@@ -106,7 +112,8 @@ class Monitor:
         self.follower.cap = self._cap(motion)
         command = self.follower.answer(motion)
         if self.follower.phase in MODES:
-            self.mode, self.rate = MODES[self.follower.phase], 0.0
+            self.mode = MODES[self.follower.phase]
+            self.rate = 0.0
         self.X = self.course.parameter(self.follower.tracker.s)
         self.answers[self.mode] += 1
         return command
@@ -138,7 +145,8 @@ class Monitor:
 
     def _cap(self, motion: MotionEstimate) -> float:
         """m/s; 0: it stands."""
-        self._moves, now = motion.speed, motion.t
+        self._moves = motion.speed
+        now = motion.t
         self.why = ""
         if self.follower.phase is Phase.WAITING:
             self.rate = 0.0
@@ -170,7 +178,8 @@ class Monitor:
         """Whether it may go on beside another car."""
         if self._guard is None:
             return True
-        peer, s = self.peers[name], self.follower.tracker.s
+        peer = self.peers[name]
+        s = self.follower.tracker.s
         length = self.course.path.length
         at = self.course.arc(peer.heard_at)
         at += length * np.floor((s - at) / length)  # behind this car, by less than a lap

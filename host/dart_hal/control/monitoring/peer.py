@@ -17,12 +17,13 @@ from typing import Protocol
 from dart_hal.control.monitoring.course import Course
 from dart_hal.core.types import FloatArray
 
+# s, ten messages: as for poses (``dart_hal.fleet``).
 STALE = 0.5
-"""s, ten messages: as for poses (``dart_hal.fleet``)."""
+# s between two messages at least: two looks at one message differ by rounding.
 SAME = 1e-3
-"""s between two messages at least: two looks at one message differ by rounding."""
-STEP, POINTS = 0.25, 13
-"""s from point to point of a plan, and points: 3 s, the time for which a phase is carried on."""
+# s from point to point of a plan, and points: 3 s, the time for which a phase is carried on.
+STEP = 0.25
+POINTS = 13
 
 
 class Touch(str, Enum):
@@ -54,7 +55,8 @@ class Peer:
     def __init__(self, course: Course) -> None:
         self._course = course
         self._t = -inf
-        self.heard_at, self.heard_speed = 0.0, 0.0
+        self.heard_at = 0.0
+        self.heard_speed = 0.0
         """X [rad] and speed [m/s] that it told of ``t``."""
         self._rate = self._lasts = 0.0
 
@@ -63,7 +65,8 @@ class Peer:
         t = now - told.age
         if t <= self._t + SAME or not len(told.points):
             return
-        first, last = told.points[0], told.points[-1]
+        first = told.points[0]
+        last = told.points[-1]
         X = self._course.find(*(float(v) for v in first[:3]))
         if len(told.points) > 1:
             self._lasts = told.step * (len(told.points) - 1)
@@ -71,7 +74,9 @@ class Peer:
             self._rate = ((on - X + pi / 2) % (2.0 * pi) - pi / 2) / self._lasts
         else:
             self._lasts = self._rate = 0.0
-        self._t, self.heard_at, self.heard_speed = t, X, max(float(first[3]), 0.0)
+        self._t = t
+        self.heard_at = X
+        self.heard_speed = max(float(first[3]), 0.0)
 
     def age(self, now: float) -> float:
         """s since what it told last; inf: nothing yet."""

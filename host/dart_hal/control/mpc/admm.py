@@ -17,8 +17,8 @@ import numpy as np
 from dart_hal.core.types import FloatArray
 
 RELAXATION = 1.6
+# Iterations between two looks at the time.
 EACH = 10
-"""Iterations between two looks at the time."""
 
 
 class Rows(NamedTuple):
@@ -43,8 +43,8 @@ class Splitting(NamedTuple):
     most: FloatArray
 
 
+# So many iterations on z and y (m,), in place.
 Sweep = Callable[[int, Splitting, FloatArray, FloatArray], None]
-"""So many iterations on z and y (m,), in place."""
 
 
 def swept(times: int, of: Splitting, z: FloatArray, y: FloatArray) -> None:
@@ -71,7 +71,8 @@ def solve(
     weighted = c.T * rho
     inverse = np.linalg.inv(h + weighted @ c)
     of = Splitting(c, inverse @ weighted, inverse @ g, low, high, price / rho)
-    z, y = np.clip(np.zeros(len(low)), low, high), np.zeros(len(low))
+    z = np.clip(np.zeros(len(low)), low, high)
+    y = np.zeros(len(low))
     for done in range(0, iterations, EACH):
         if late():
             return None

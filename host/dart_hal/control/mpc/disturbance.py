@@ -30,18 +30,19 @@ import numpy as np
 from dart_hal.control.plant import Plant, Prediction
 from dart_hal.core.types import FloatArray, MotionEstimate
 
+# Standard deviations before a drive: a backlash of 2 deg is 0.05 of the command to either side;
+# the front tyres' stiffness of an identification is 5 to 10 % off.
 KNOWN = (0.05, 0.1, 0.1)
-"""Standard deviations before a drive: a backlash of 2 deg is 0.05 of the command to either side;
-the front tyres' stiffness of an identification is 5 to 10 % off."""
+# 1/sqrt(s) by which each of them may change: another speed, another floor.
 WALK = 0.03
-"""1/sqrt(s) by which each of them may change: another speed, another floor."""
-NOISE, LASTS = 0.15, 0.1
-"""rad/s of the yaw rate against a steady bend, and s for which it lasts: what a steering that moves
-leaves of it."""
+# rad/s of the yaw rate against a steady bend, and s for which it lasts: what a steering that
+# moves leaves of it.
+NOISE = 0.15
+LASTS = 0.1
+# m/s; slower, noise is no curvature.
 FROM = 0.4
-"""m/s; slower, noise is no curvature."""
+# Of each.
 MOST = 0.3
-"""Of each."""
 
 
 class Disturbance:
@@ -79,7 +80,8 @@ class Disturbance:
         settles = self._plant.late.settles
         share = 1.0 - exp(-dt / settles) if settles > 0.0 else 1.0
         self._settled += share * (np.append(steady, slope * _parts(command)) - self._settled)
-        turned, h = float(self._settled[0]), self._settled[1:]
+        turned = float(self._settled[0])
+        h = self._settled[1:]
         noise = NOISE**2 + (steady - turned) ** 2
         spread = self._spread + WALK**2 * dt * np.eye(3)
         gain = spread @ h / (h @ spread @ h + noise * LASTS / dt)

@@ -13,17 +13,19 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Delay, Vehicle
 
-BUDGET, LATEST = 0.05, 3
-"""s for a plan, half of what there is; late ones in a row that are still as good as the model."""
+# s for a plan, half of what there is; late ones in a row that are still as good as the model.
+BUDGET = 0.05
+LATEST = 3
+# s ahead of which the plan's speed is asked for: what the speed loop takes to answer, and some.
 REACH = 0.3
-"""s ahead of which the plan's speed is asked for: what the speed loop takes to answer, and some."""
+# Of throttle beyond the dead band, the least that a car may be asked for.
 MOTOR = 0.1
-"""Of throttle beyond the dead band, the least that a car may be asked for."""
 
 
 def vehicle_of(plant: Plant) -> Vehicle:
     """The car's model with its lags alone: transport is predicted, not planned."""
-    p, late = settled(plant.vehicle), plant.late
+    p = settled(plant.vehicle)
+    late = plant.late
     lag = p.delay.throttle_lag_s if late.lag or late.transport else 0.0
     return replace(p, delay=Delay(steering_lag_s=late.lag, throttle_lag_s=lag))
 
@@ -38,7 +40,8 @@ def inputs_of(plant: Plant) -> tuple[tuple[float, float], tuple[float, float]]:
 def first_state(plant: Plant, where: Where, l_r: float, tau: float, st: float) -> FloatArray:
     """State (8,) of a car at ``where``, with the model's slip there; l_r [m]: from the rear axle
     to the centre of mass; tau, st: throttle and steering behind their lags."""
-    speed, steady = max(where.speed, 0.0), plant.steady
+    speed = max(where.speed, 0.0)
+    steady = plant.steady
     bend = steady.bend(where.angle, speed)
     omega = bend * speed
     slip = steady.turn(bend, speed).slip

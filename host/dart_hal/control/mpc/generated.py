@@ -20,8 +20,9 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.native.build import CannotCompile, Variant, cache_folder, compile_kernel
 from dart_hal.vehicle.parameters import Vehicle
 
-SPLITTING, LARGEST = Path(__file__).parent / "admm.c", 512
-"""Its source, and the most rows and inputs that it takes."""
+# Its source, and the most rows and inputs that it takes.
+SPLITTING = Path(__file__).parent / "admm.c"
+LARGEST = 512
 NAME = "stages"
 OVER_STAGES = f"""
 void {NAME}(long long n, const double *z, const double *u, double *after, double *a, double *b)
@@ -47,8 +48,11 @@ def compiled(vehicle: Vehicle) -> Linearise:
 
     def linearised(states: FloatArray, inputs: FloatArray) -> Linearised:
         n = len(states)
-        z, u = np.ascontiguousarray(states), np.ascontiguousarray(inputs)
-        after, a, b = np.empty((n, STATES)), np.empty((n, STATES, STATES)), np.empty(
+        z = np.ascontiguousarray(states)
+        u = np.ascontiguousarray(inputs)
+        after = np.empty((n, STATES))
+        a = np.empty((n, STATES, STATES))
+        b = np.empty(
             (n, INPUTS, STATES))
         run(n, *(each.ctypes.data for each in (z, u, after, a, b)))
         return after, a.transpose(0, 2, 1), b.transpose(0, 2, 1)  # casadi goes by columns
@@ -89,7 +93,8 @@ def _source(vehicle: Vehicle) -> str:
     except ImportError as why:
         raise UsageError("contouring control in C needs casadi", found=str(why),
                          expected="the extra mpc", remedy=install_command("mpc")) from why
-    z, u = ca.SX.sym("z", STATES), ca.SX.sym("u", INPUTS)
+    z = ca.SX.sym("z", STATES)
+    u = ca.SX.sym("u", INPUTS)
     after = ca.vertcat(*make_stage(vehicle, ca)(*ca.vertsplit(z), *ca.vertsplit(u)))
     slopes = (ca.densify(ca.jacobian(after, of)) for of in (z, u))
     code = ca.CodeGenerator(NAME, {"with_header": False})

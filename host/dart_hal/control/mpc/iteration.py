@@ -23,15 +23,18 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 
+# Stages: 2 s, 4 m at 2 m/s, a half circle of 0.75 m and the straights beside it.
 HORIZON = 20
-"""Stages: 2 s, 4 m at 2 m/s, a half circle of 0.75 m and the straights beside it."""
-ITERATIONS, BEGINNING = 40, 8
-"""Of the quadratic programme; steps of a first plan."""
-LARGE, LARGEST, MORE = 0.4, 0.8, 2
-"""A step of the steering that asks for one more iteration, the most that is taken of one, and how
-many more there are."""
+# Of the quadratic programme; steps of a first plan.
+ITERATIONS = 40
+BEGINNING = 8
+# A step of the steering that asks for one more iteration, the most that is taken of one, and how
+# many more there are.
+LARGE = 0.4
+LARGEST = 0.8
+MORE = 2
+# m/s2 of the first guess.
 GAINS = 3.0
-"""m/s2 of the first guess."""
 
 
 class Mpcc(Planner[Plan]):
@@ -55,7 +58,8 @@ class Mpcc(Planner[Plan]):
         self._linearise: Linearise = partial(linearised, self.stage)
         self._sweep: Sweep = swept
         if compiled:
-            self._linearise, self._sweep = generated.compiled(self.vehicle), generated.sweep()
+            self._linearise = generated.compiled(self.vehicle)
+            self._sweep = generated.sweep()
         self.iterations = iterations
         self.line = inf
         """m of the path before which the rear axle has to stand; may be set at any time."""
@@ -74,15 +78,18 @@ class Mpcc(Planner[Plan]):
                 return None
             if not np.abs(after.states - after.states[0]).max() < FAR:
                 return replace(plan, outcome=Outcome.DIVERGED)
-            turned, plan = np.abs(after.inputs[ST] - plan.inputs[ST]).max(), after
+            turned = np.abs(after.inputs[ST] - plan.inputs[ST]).max()
+            plan = after
             steps -= 1
             if not steps and more and turned > LARGE:
-                steps, more = 1, more - 1
+                steps = 1
+                more = more - 1
         return plan
 
     def _step(self, plan: Plan, aim: Aim) -> Plan | None:
         """One linearisation and one programme; None where it was late."""
-        inputs, states = plan.inputs, plan.states
+        inputs = plan.inputs
+        states = plan.states
         _, state, s, before, late = aim
         after, a, b = self._linearise(states[:-1], inputs[:V_S].T)
         moved = condensed(state - states[0], a, b, after - states[1:])
@@ -113,10 +120,13 @@ class Mpcc(Planner[Plan]):
         )
 
     def _shifted(self, aim: Aim) -> Plan | None:
-        last, by = self.last, self._stages_since(aim)
+        last = self.last
+        by = self._stages_since(aim)
         if last is None or not 0 <= by < self.problem.n:
             return None
-        states, inputs, s = last.states, last.inputs, last.s
+        states = last.states
+        inputs = last.inputs
+        s = last.s
         for _ in range(by):
             end = np.array(self.stage(*states[-1], *inputs[:V_S, -1]))
             states = np.vstack([states[1:], end])
@@ -127,7 +137,9 @@ class Mpcc(Planner[Plan]):
     def _guess(self, aim: Aim) -> Plan:
         """Along the path, without slip, at a speed that comes to the wanted one."""
         t, state, s = aim[:3]
-        n, v, p = self.problem.n, float(state[3]), self.vehicle
+        n = self.problem.n
+        v = float(state[3])
+        p = self.vehicle
         speed: FloatArray = v + GAINS * STAGE * np.arange(float(n))
         for _ in range(3):  # the wanted speed is that of the place, which follows from the speed
             way = self.problem.progress(s, speed)

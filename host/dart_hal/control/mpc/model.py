@@ -33,25 +33,28 @@ from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.step import decay
 
-STAGE, SUBSTEPS = 0.1, 4
-"""s for which an input is held, and the steps in it."""
-ROLLS, SLIPS = 0.2, 0.5
-"""m/s: without slip below, by the tyres above, whose slopes are well from 0.5 on. In a bend of
-0.6 m 0.5 m/s is 0.4 m/s2 across, which the published tyres hold at 0.3 to 0.9 deg of slip."""
+# s for which an input is held, and the steps in it.
+STAGE = 0.1
+SUBSTEPS = 4
+# m/s: without slip below, by the tyres above, whose slopes are well from 0.5 on. In a bend of 0.6
+# m 0.5 m/s is 0.4 m/s2 across, which the published tyres hold at 0.3 to 0.9 deg of slip.
+ROLLS = 0.2
+SLIPS = 0.5
+# 0.5 is of second order and rings at walking pace; 1 loses 1 to 2 cm in a bend.
 THETA = 0.55
-"""0.5 is of second order and rings at walking pace; 1 loses 1 to 2 cm in a bend."""
+# Of a state or input, for its slopes: the rounding of double precision stays below 1e-9.
 SLOPE = 1e-6
-"""Of a state or input, for its slopes: the rounding of double precision stays below 1e-9."""
-STATES, INPUTS = 8, 2
+STATES = 8
+INPUTS = 2
+# States whose slopes are differences; those of the pose are its geometry.
 VARIED = (3, 4, 5, 6, 7)
-"""States whose slopes are differences; those of the pose are its geometry."""
 
 Stage = Callable[..., tuple[Value, ...]]
 Velocity = Callable[..., tuple[Value, Value, Value]]
+# Next states (n, 8), slopes to states (n, 8, 8) and to inputs (n, 8, 2).
 Linearised = tuple[FloatArray, FloatArray, FloatArray]
-"""Next states (n, 8), slopes to states (n, 8, 8) and to inputs (n, 8, 2)."""
+# Of states (n, 8) and inputs (n, 2).
 Linearise = Callable[[FloatArray, FloatArray], Linearised]
-"""Of states (n, 8) and inputs (n, 2)."""
 
 
 def make_stage(p: Vehicle, xp: Any = np, dt: float = STAGE) -> Stage:
@@ -59,7 +62,8 @@ def make_stage(p: Vehicle, xp: Any = np, dt: float = STAGE) -> Stage:
 
     xp: numpy for many stages at once, casadi for an optimiser.
     """
-    f, p = adapt(xp), settled(p)
+    f = adapt(xp)
+    p = settled(p)
     h = dt / SUBSTEPS
     (on_t, half_t), (on_s, half_s) = (
         decay(lag, h, f) for lag in (p.delay.throttle_lag_s, p.delay.steering_lag_s)
@@ -69,21 +73,25 @@ def make_stage(p: Vehicle, xp: Any = np, dt: float = STAGE) -> Stage:
 
     def stage(x: Value, y: Value, psi: Value, vx: Value, vy: Value, om: Value, tau: Value,
               st: Value, tau_c: Value, st_c: Value) -> tuple[Value, ...]:
-        tau, st = on_t * (tau - tau_c), on_s * (st - st_c)  # what is left of the way to the input
+        tau = on_t * (tau - tau_c)
+        st = on_s * (st - st_c)  # what is left of the way to the input
         move = begin(vx, vy, om, tau_c + half_t * tau, st_c + half_s * st)
         for _ in range(SUBSTEPS):
             middle = tau_c + half_t * tau, st_c + half_s * st
-            tau, st = half_t * half_t * tau, half_s * half_s * st
+            tau = half_t * half_t * tau
+            st = half_s * half_s * st
             vx1, vy1, om1 = move(vx, vy, om, *middle, st_c + st)
-            along, across = 0.5 * (vx + vx1), 0.5 * (vy + vy1) - 0.5 * l_r * (om + om1)
+            along = 0.5 * (vx + vx1)
+            across = 0.5 * (vy + vy1) - 0.5 * l_r * (om + om1)
             turned = 0.5 * h * (om + om1)
-            c, s = f.cos(psi + 0.5 * turned), f.sin(psi + 0.5 * turned)
-            x, y, psi = (
-                x + h * (along * c - across * s),
-                y + h * (along * s + across * c),
-                psi + turned,
-            )
-            vx, vy, om = vx1, vy1, om1
+            c = f.cos(psi + 0.5 * turned)
+            s = f.sin(psi + 0.5 * turned)
+            x = x + h * (along * c - across * s)
+            y = y + h * (along * s + across * c)
+            psi = psi + turned
+            vx = vx1
+            vy = vy1
+            om = om1
         return x, y, psi, vx, vy, om, tau_c + tau, st_c + st
 
     return stage
@@ -91,13 +99,16 @@ def make_stage(p: Vehicle, xp: Any = np, dt: float = STAGE) -> Stage:
 
 def _slipping(p: Vehicle, f: Any, h: float) -> Callable[..., Velocity]:
     """``begin(v_x, v_y, omega, tau, st) -> move(v_x, v_y, omega, tau, st, st at the end)``."""
-    rates, gains = make_dynamic(p, f), make_motor_gains(p.motor, f)
-    steering, implicit = make_steering(p.steering, f), THETA * h
+    rates = make_dynamic(p, f)
+    gains = make_motor_gains(p.motor, f)
+    steering = make_steering(p.steering, f)
+    implicit = THETA * h
     rolling = _rolling(p, f, h)()
 
     def change(vx: Value, vy: Value, om: Value, tau: Value,
                st: Value) -> tuple[Value, Value, Value]:
-        (k0, k1), delta = gains(tau), steering(st)
+        (k0, k1) = gains(tau)
+        delta = steering(st)
         _, _, _, ax, ay, turning = rates(0.0, vx, vy, om, k0, k1, 0.0, f.cos(delta), f.sin(delta))
         return ax, ay, turning
 
@@ -107,8 +118,10 @@ def _slipping(p: Vehicle, f: Any, h: float) -> Callable[..., Velocity]:
         _, ay_v, turning_v = change(vx, vy + SLOPE, om, tau, st)
         _, ay_o, turning_o = change(vx, vy, om + SLOPE, tau, st)
         per = implicit / SLOPE
-        a, b = 1.0 - per * (ay_v - ay), per * (ay_o - ay)
-        c, d = per * (turning_v - turning), 1.0 - per * (turning_o - turning)
+        a = 1.0 - per * (ay_v - ay)
+        b = per * (ay_o - ay)
+        c = per * (turning_v - turning)
+        d = 1.0 - per * (turning_o - turning)
         det = h / (a * d - b * c)
 
         def move(vx: Value, vy: Value, om: Value, tau: Value, st: Value,
@@ -132,12 +145,14 @@ def _slipping(p: Vehicle, f: Any, h: float) -> Callable[..., Velocity]:
 
 
 def _rolling(p: Vehicle, f: Any, h: float) -> Callable[..., Velocity]:
-    rates, gains = make_kinematic(p, f), make_motor_gains(p.motor, f)
+    rates = make_kinematic(p, f)
+    gains = make_motor_gains(p.motor, f)
     steering = make_steering(p.steering, f)
 
     def move(vx: Value, _vy: Value, _om: Value, tau: Value, _st: Value,
              end: Value) -> tuple[Value, Value, Value]:
-        (k0, k1), turn = gains(tau), f.tan(steering(end))
+        (k0, k1) = gains(tau)
+        turn = f.tan(steering(end))
         _, _, _, ax = rates(0.0, vx, k0, k1, 0.0, turn)
         vx = vx + h * ax
         _, vy, om, _ = rates(0.0, vx, k0, k1, 0.0, turn)
@@ -155,7 +170,8 @@ def linearised(
 
     All stages and all variations are lanes of one evaluation.
     """
-    n, varied = len(states), len(VARIED) + INPUTS
+    n = len(states)
+    varied = len(VARIED) + INPUTS
     point = np.concatenate([states, inputs], axis=1)
     lanes = np.repeat(point.T[:, None, :], 1 + varied, axis=1)
     for lane, column in enumerate((*VARIED, STATES, STATES + 1), start=1):
@@ -166,5 +182,6 @@ def linearised(
     a = np.zeros((n, STATES, STATES))
     a[:, :, VARIED] = slopes[:, :, : len(VARIED)]
     a[:, (0, 1, 2), (0, 1, 2)] = 1.0
-    a[:, 0, 2], a[:, 1, 2] = states[:, 1] - end[1], end[0] - states[:, 0]
+    a[:, 0, 2] = states[:, 1] - end[1]
+    a[:, 1, 2] = end[0] - states[:, 0]
     return end.T, a, slopes[:, :, len(VARIED) :]

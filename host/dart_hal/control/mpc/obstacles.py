@@ -16,16 +16,18 @@ import numpy as np
 from dart_hal.control.paths import Path
 from dart_hal.core.types import FloatArray
 
+# m across for 1 m along: at 2 m/s within the curvature that the car turns.
 RAMP = 0.4
-"""m across for 1 m along: at 2 m/s within the curvature that the car turns."""
-HALF_LENGTH, HALF_WIDTH, MARGIN = 0.15, 0.10, 0.12
-"""m of the body, and beyond: 5 cm of air; 2.5 for the corners of a body that is turned by 0.17 rad;
-1.5 by which a bend of 0.75 m leaves its straight side (0.15^2 / 1.5 m); three of the 1.0 cm by
-which a car with 1 cm of pose noise errs there, as two of them are passed once in fifty."""
+# m of the body, and beyond: 5 cm of air; 2.5 for the corners of a body that is turned by 0.17
+# rad; 1.5 by which a bend of 0.75 m leaves its straight side (0.15^2 / 1.5 m); three of the 1.0
+# cm by which a car with 1 cm of pose noise errs there, as two of them are passed once in fifty.
+HALF_LENGTH = 0.15
+HALF_WIDTH = 0.10
+MARGIN = 0.12
+# m of way more than R for which the whole distance is kept.
 BESIDE = 0.05
-"""m of way more than R for which the whole distance is kept."""
+# m ahead at which a side is chosen: 1.5 s at 2 m/s.
 SEEN = 3.0
-"""m ahead at which a side is chosen: 1.5 s at 2 m/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +82,8 @@ class Corridor:
 
     def __init__(self, lane: float, length: float = inf) -> None:
         """length [m]: of a closed path, on which an obstacle is met once a lap."""
-        self.lane, self._length = lane, length
+        self.lane = lane
+        self._length = length
         self._obstacles: tuple[Obstacle, ...] = ()
         self.blocked = False
         self._sides: dict[Obstacle, float] = {}
@@ -100,7 +103,8 @@ class Corridor:
 
         ``blocked`` tells then whether there is no way anywhere; low is above high there.
         """
-        low, high = np.full(len(s), -self.lane), np.full(len(s), self.lane)
+        low = np.full(len(s), -self.lane)
+        high = np.full(len(s), self.lane)
         for o in self.obstacles:
             at = o.s + o.speed * (t - o.t)
             apart = s - at

@@ -29,8 +29,8 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
 
+# m, m/s, ... from the first state to any of a plan that has not diverged.
 FAR = 1e3
-"""m, m/s, ... from the first state to any of a plan that has not diverged."""
 STATES = 8
 
 
@@ -95,7 +95,8 @@ class Planner(ABC, Generic[PlanT]):
 
     def __init__(self, vehicle: Vehicle, path: Path, speed_of: Callable[[FloatArray], FloatArray],
                  limits: Limits | None) -> None:
-        self.vehicle, self.speed_of = settled(vehicle), speed_of
+        self.vehicle = settled(vehicle)
+        self.speed_of = speed_of
         self.limits = limits or Limits(tau=(-vehicle.motor.g, 1.0))
         self.reference = Reference(path)
         self.corridor = Corridor(self.limits.lane, path.length if path.closed else inf)

@@ -22,16 +22,24 @@ from dart_hal.control.mpc.model import STAGE
 from dart_hal.control.mpc.reference import Errors
 from dart_hal.core.types import FloatArray
 
-TAU, ST, V_S = 0, 1, 2
-X, Y, V_X, OMEGA = 0, 1, 3, 5
+TAU = 0
+ST = 1
+V_S = 2
+X = 0
+Y = 1
+V_X = 3
+OMEGA = 5
+# m of progress beside the last plan's.
 TRUST = 0.4
-"""m of progress beside the last plan's."""
+# Of the wanted speed.
 OVER = 1.05
-"""Of the wanted speed."""
-RHO_INPUT, RHO_METRE, RHO_SPEED, RHO_ACROSS = 0.1, 10.0, 1.0, 0.1
-"""Of the rows by their unit: with 0.1 for metres 40 iterations do not enforce a lane."""
+# Of the rows by their unit: with 0.1 for metres 40 iterations do not enforce a lane.
+RHO_INPUT = 0.1
+RHO_METRE = 10.0
+RHO_SPEED = 1.0
+RHO_ACROSS = 0.1
+# ``Limits.lateral``, of the most that the tyres hold across, by the model.
 GRIP = 0.8
-"""``Limits.lateral``, of the most that the tyres hold across, by the model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +89,16 @@ def condensed(first: FloatArray, a: FloatArray, b: FloatArray, gaps: FloatArray)
     """From the change of the first state (states,), slopes (n, states, states), (n, states, inputs)
     and gaps (n, states)."""
     n, states, inputs = b.shape
-    free, forced = np.empty((n, states)), np.empty((n, states, inputs * n))
-    at, by = first, np.zeros((states, inputs * n))
+    free = np.empty((n, states))
+    forced = np.empty((n, states, inputs * n))
+    at = first
+    by = np.zeros((states, inputs * n))
     for k in range(n):
-        at, by = a[k] @ at + gaps[k], a[k] @ by
+        at = a[k] @ at + gaps[k]
+        by = a[k] @ by
         by[:, k::n] = b[k]
-        free[k], forced[k] = at, by
+        free[k] = at
+        forced[k] = by
     return Condensed(free, forced)
 
 
@@ -94,8 +106,12 @@ class Problem:
     """Everything that stays the same from sample to sample, for n stages."""
 
     def __init__(self, n: int, weights: Weights, limits: Limits) -> None:
-        self.n, self.weights, self.limits = n, weights, limits
-        w, one, none = weights, np.eye(n), np.zeros((n, n))
+        self.n = n
+        self.weights = weights
+        self.limits = limits
+        w = weights
+        one = np.eye(n)
+        none = np.zeros((n, n))
         self._way: FloatArray = STAGE * np.tril(np.ones((n, n)))
         step = one - np.eye(n, k=-1)
         self._step = np.block([[step, none, none], [none, step, none]])
@@ -129,7 +145,8 @@ class Problem:
     def turn_within(self, low: float, high: float) -> None:
         """Ends of the steering from now on: what is learnt of it moves them."""
         n = self.n
-        self._low[n * ST : n * (ST + 1)], self._high[n * ST : n * (ST + 1)] = low, high
+        self._low[n * ST : n * (ST + 1)] = low
+        self._high[n * ST : n * (ST + 1)] = high
 
     def build(
         self,
@@ -147,7 +164,9 @@ class Problem:
         before: tau, st that were sent last; wanted (n,) [m/s]; lane: low, high (n,) [m];
         room (n,) [m]: from the progress to a line at which to stand, None = there is none.
         """
-        n, w, u = self.n, self.weights, inputs.ravel()
+        n = self.n
+        w = self.weights
+        u = inputs.ravel()
         across, e_c = self._error(errors.across, errors.across_slopes, moved)
         along, e_l = self._error(errors.along, errors.along_slopes, moved)
         h = self._h + 2.0 * (
@@ -160,10 +179,13 @@ class Problem:
         change = self._step @ u
         change[0] -= before[TAU]
         change[n] -= before[ST]
-        speed, turn = states[:, V_X] + moved.free[:, V_X], states[:, OMEGA] + moved.free[:, OMEGA]
+        speed = states[:, V_X] + moved.free[:, V_X]
+        turn = states[:, OMEGA] + moved.free[:, OMEGA]
         faster = moved.forced[:, V_X]
         lateral = turn[:, None] * faster + speed[:, None] * moved.forced[:, OMEGA]
-        pad, most, a_lat = np.zeros((n, n)), np.full(n, TRUST), self.limits.lateral
+        pad = np.zeros((n, n))
+        most = np.full(n, TRUST)
+        a_lat = self.limits.lateral
         rows = Rows(
             np.vstack([self._fixed, across, np.hstack([faster, pad]), np.hstack([lateral, pad])]),
             np.concatenate(
@@ -195,7 +217,8 @@ class Problem:
 
     def _standing(self, rows: Rows, along: FloatArray, high: FloatArray) -> Rows:
         """Rows for the line as well: where the car is along the path, whatever its progress."""
-        n, ahead = self.n, along.copy()
+        n = self.n
+        ahead = along.copy()
         ahead[:, 2 * n :] += self._way
         return Rows(
             np.vstack([rows.c, ahead]),

@@ -16,8 +16,8 @@ import numpy as np
 from dart_hal.control.paths import Path
 from dart_hal.core.types import FloatArray
 
+# m.
 SMOOTH = 0.2
-"""m."""
 
 
 class Errors(NamedTuple):
@@ -35,7 +35,8 @@ class Reference:
     def __init__(self, path: Path) -> None:
         self.path = path
         width = max(1, round(0.5 * SMOOTH / path.spacing))
-        n, mode = len(path.x), "wrap" if path.closed else "edge"
+        n = len(path.x)
+        mode = "wrap" if path.closed else "edge"
         padded = np.pad(path.curvature, width, mode=mode)  # type: ignore[call-overload]
         self._curvature = np.convolve(
             padded, np.full(2 * width + 1, 1.0 / (2 * width + 1)), "valid"
@@ -47,9 +48,13 @@ class Reference:
         inside = s if path.closed else np.clip(s, 0.0, path.length)
         k = np.rint(inside / path.spacing).astype(int)
         k = k if path.closed else np.minimum(k, len(path.x) - 1)
-        d, i = inside - k * path.spacing, k % len(path.x)
-        yaw, bend = path.heading[i], path.curvature[i]
-        middle, end, beyond = yaw + 0.5 * bend * d, yaw + bend * d, s - inside
+        d = inside - k * path.spacing
+        i = k % len(path.x)
+        yaw = path.heading[i]
+        bend = path.curvature[i]
+        middle = yaw + 0.5 * bend * d
+        end = yaw + bend * d
+        beyond = s - inside
         return (
             path.x[i] + d * np.cos(middle) + beyond * np.cos(end),
             path.y[i] + d * np.sin(middle) + beyond * np.sin(end),
@@ -66,8 +71,11 @@ class Reference:
     def errors(self, x: FloatArray, y: FloatArray, s: FloatArray) -> Errors:
         """Of positions [m] at progresses [m]."""
         x_r, y_r, phi = self.spots(s)
-        c, d, bend = np.cos(phi), np.sin(phi), self.curvatures(s)
-        across, along = c * (y - y_r) - d * (x - x_r), c * (x - x_r) + d * (y - y_r)
+        c = np.cos(phi)
+        d = np.sin(phi)
+        bend = self.curvatures(s)
+        across = c * (y - y_r) - d * (x - x_r)
+        along = c * (x - x_r) + d * (y - y_r)
         return Errors(
             across,
             along,

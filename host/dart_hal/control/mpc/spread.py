@@ -11,11 +11,13 @@ import numpy as np
 from dart_hal.control.mpc.planner import Plan
 from dart_hal.core.types import FloatArray
 
+# States of a plan that an estimate of the motion has a covariance of.
 KNOWN = (0, 1, 2, 3, 5)
-"""States of a plan that an estimate of the motion has a covariance of."""
-TURNED, FASTER, PLACED = 0.010, 0.02, 0.002
-"""What a stage adds: rad of the heading for each m/s, m/s, m. By ten cars whose parameters are 5 %
-off (``studies.control.mpc_spread``): 1.6 cm across after 1 s at 1 m/s, 6 at 2 m/s."""
+# What a stage adds: rad of the heading for each m/s, m/s, m. By ten cars whose parameters are 5 %
+# off (``studies.control.mpc_spread``): 1.6 cm across after 1 s at 1 m/s, 6 at 2 m/s.
+TURNED = 0.010
+FASTER = 0.02
+PLACED = 0.002
 
 
 def across(plan: Plan, cov: FloatArray) -> FloatArray:

@@ -39,15 +39,15 @@ from dart_hal.control.steady import SPEEDS
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, MotionEstimate
 
+# m to either side.
 LANE = 0.3
-"""m to either side."""
+# m to the end of the lane that a way past an obstacle has to leave: a drive ends there, and the
+# car errs by 2 to 3 cm beside one.
 EDGE = 0.04
-"""m to the end of the lane that a way past an obstacle has to leave: a drive ends there, and the
-car errs by 2 to 3 cm beside one."""
+# Plans from one that is kept to be drawn to the next: 1 s.
 SHOWN = 10
-"""Plans from one that is kept to be drawn to the next: 1 s."""
+# How a plan came about, by its place, as it is recorded.
 OUTCOMES = tuple(Outcome)
-"""How a plan came about, by its place, as it is recorded."""
 
 PlannerT = TypeVar("PlannerT", bound=Planner[Any])
 
@@ -74,7 +74,8 @@ class Contouring(OnPath, Generic[PlannerT]):
         self._vehicle = vehicle_of(plant)
         self.mpcc = make(self._vehicle, path, self._paces, replace(_limits(plant), lane=lane))
         self.in_numpy = ""
-        self.discs, self.air = discs, [inf] * len(discs)
+        self.discs = discs
+        self.air = [inf] * len(discs)
         self._still: tuple[Obstacle, ...] = ()
         self.shown: list[Shown] = []
         self.mpcc.budget = BUDGET
@@ -82,7 +83,10 @@ class Contouring(OnPath, Generic[PlannerT]):
         self._prediction = self._learning = Learning(plant)
         self._safe = safe
         self._safe._prediction = self._prediction
-        self._due, self._st, self._missed, self._count = -inf, 0.0, 0, 0
+        self._due = -inf
+        self._st = 0.0
+        self._missed = 0
+        self._count = 0
 
     def begin(self, s: float) -> None:
         """See ``Tracker``. Raises UsageError for a disc that leaves no way within the lane."""
@@ -92,7 +96,10 @@ class Contouring(OnPath, Generic[PlannerT]):
             _passable(k, disc, disc.beside(self.path, 0.0), self.mpcc.limits.lane)
         self.mpcc.reset()
         self.mpcc.clock = self.clock
-        self.plan, self._due, self._missed, self._count = None, -inf, 0, 0
+        self.plan = None
+        self._due = -inf
+        self._missed = 0
+        self._count = 0
         self._st = self.plant.command_of(0.0)
 
     def steer(self, motion: MotionEstimate) -> float:
@@ -132,8 +139,10 @@ class Contouring(OnPath, Generic[PlannerT]):
         if self.discs and not self._still:
             self._still = tuple(d.beside(self.path, motion.t) for d in self.discs)
             self.pass_by(())
-        pose, ahead = motion.pose, self._vehicle.body.l_r
-        x, y = pose.x + ahead * cos(pose.yaw), pose.y + ahead * sin(pose.yaw)
+        pose = motion.pose
+        ahead = self._vehicle.body.l_r
+        x = pose.x + ahead * cos(pose.yaw)
+        y = pose.y + ahead * sin(pose.yaw)
         for k, o in enumerate(self._still):
             self.air[k] = min(self.air[k], air(x, y, pose.yaw, o, self.path, motion.t))
 

@@ -44,7 +44,8 @@ class ByLane(OnPath):
         """See ``Tracker``."""
         self._see(motion, 0.0)
         command = self.lane.answer(motion.t, motion.speed, self._scans)
-        self._scans, self.offset = (), self.lane.offset
+        self._scans = ()
+        self.offset = self.lane.offset
         waits = self.lane.phase is Phase.WAITING
         self.why = "no lane was seen yet" if waits else self.lane.why
         return command.steering

@@ -30,10 +30,10 @@ from dart_hal.control.platoon.spacing import heard, seen
 from dart_hal.control.trackers import TRACKERS
 from dart_hal.core.types import FloatArray, MotionEstimate, Scan, Tracking
 
+# Poses: 0.5 s of States, a scan takes 0.13.
 KEPT = 50
-"""Poses: 0.5 s of States, a scan takes 0.13."""
+# m/s by which the speed that is asked for may lead or trail the car's: the loop catches up.
 AHEAD = 0.3
-"""m/s by which the speed that is asked for may lead or trail the car's: the loop catches up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,9 @@ class PlatoonCar:
     def __init__(self, path: Path, plant: Plant, follower: Follower | None = None, *,
                  gains: Gains | None = None, tracker: str = "lqr",
                  drives: Callable[[float, float], float] | None = None, dt: float = 0.05) -> None:
-        self.path, self.plant, self.follower = path, plant, follower
+        self.path = path
+        self.plant = plant
+        self.follower = follower
         if gains is None:
             gains = Follower().gains if follower is None else follower.gains
         self.gains = gains
@@ -68,10 +70,13 @@ class PlatoonCar:
         self.tracker.pace = lambda s: max(self._wanted, CRAWL)
         self.u = 0.0
         self.seen: Gap | None = None
-        self.mode, self.why = Mode.STOP, "no pose came yet"
+        self.mode = Mode.STOP
+        self.why = "no pose came yet"
         self._drives = drives or (lambda t, speed: holds(self.gains, speed))
         self._dt = follower.dt if follower is not None else dt
-        self._wanted, self._next, self._located = 0.0, -inf, -inf
+        self._wanted = 0.0
+        self._next = -inf
+        self._located = -inf
         self._poses: deque[tuple[float, ...]] = deque(maxlen=KEPT)
         self._new: Gap | None = None
 
@@ -85,7 +90,8 @@ class PlatoonCar:
         """What to command at ``motion.t``; scans: that came since; ahead: told last, of any age.
 
         Raises UsageError for a start that is too far from the path."""
-        t, pose = motion.t, motion.pose
+        t = motion.t
+        pose = motion.pose
         if motion.tracking is Tracking.TRACKING:
             if self._located == -inf:
                 self.tracker.begin(start_of(self.path, pose))
@@ -111,7 +117,9 @@ class PlatoonCar:
     def plan(self, motion: MotionEstimate, told: float | None = None) -> FloatArray:
         """Two points (2, 4) for ``Member.tell_plan`` with a step of ``dt``: of now, and where the
         acceleration leads; told [m/s2]: the one that is told in its place."""
-        pose, v, dt = motion.pose, max(motion.speed, 0.0), self._dt
+        pose = motion.pose
+        v = max(motion.speed, 0.0)
+        dt = self._dt
         u = self.u if told is None else told
         end = v + u * dt if told is not None else max(v + u * dt, 0.0)
         way = 0.5 * (v + end) * dt
@@ -148,9 +156,11 @@ class PlatoonCar:
             return self.gains.u_min if lost else clipped(self.gains, self._drives(t, speed))
         u = self.follower.answer(t, speed, self._new)
         self._new = None
-        self.mode, self.why = self.follower.mode, self.follower.why
+        self.mode = self.follower.mode
+        self.why = self.follower.why
         if lost:
-            self.mode, self.why = Mode.STOP, lost
+            self.mode = Mode.STOP
+            self.why = lost
         return self.gains.u_min if lost else u
 
     def _sum(self, since: float, speed: float) -> float:

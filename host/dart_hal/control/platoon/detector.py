@@ -8,10 +8,12 @@ Source: Lorenzo-Lyons/Distributed-Attack-Resilient-Platooning (anomaly detector 
 
 from __future__ import annotations
 
-GAIN, THRESHOLD, IN_A_ROW = 0.05, 0.5, 5
-"""-, m/s and samples at 10 Hz: a lie of 1 m/s2 ends at 1.9 m/s and is found within 1.2 s."""
+# -, m/s and samples at 10 Hz: a lie of 1 m/s2 ends at 1.9 m/s and is found within 1.2 s.
+GAIN = 0.05
+THRESHOLD = 0.5
+IN_A_ROW = 5
+# s for which these are.
 STEP = 0.1
-"""s for which these are."""
 
 
 class Detector:
@@ -19,7 +21,8 @@ class Detector:
 
     def __init__(self, dt: float) -> None:
         self._dt = dt
-        self._gain, self._row = GAIN * dt / STEP, IN_A_ROW * STEP / dt
+        self._gain = GAIN * dt / STEP
+        self._row = IN_A_ROW * STEP / dt
         self.attacked = False
         self._estimate: float | None = None
         self._count = 0
@@ -38,4 +41,5 @@ class Detector:
 
     def forget(self) -> None:
         """Nothing was heard for a while: begin anew, though an attack stays one."""
-        self._estimate, self._count = None, 0
+        self._estimate = None
+        self._count = 0

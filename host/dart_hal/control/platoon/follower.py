@@ -23,15 +23,17 @@ from dart_hal.control.platoon.hearing import FRESH, LOST, Hearing, Told
 from dart_hal.control.platoon.laws import acc, clipped, limited
 from dart_hal.control.platoon.safe import Margins, Underway, safe
 
+# s without a gap, four scans.
 BLIND = 0.5
-"""s without a gap, four scans."""
-TRUST, LEARN = 0.5, 0.15
-"""Of a measured gap, and of what it says of the predecessor's speed while that tells nothing."""
+# Of a measured gap, and of what it says of the predecessor's speed while that tells nothing.
+TRUST = 0.5
+LEARN = 0.15
+# s without a message, after which the lidar has learnt that speed: a dozen scans.
 LEARNT = 1.5
-"""s without a message, after which the lidar has learnt that speed: a dozen scans."""
-DRIFT, BEYOND = 0.1, 0.04
-"""Of each new gap in the mean by which gaps come otherwise than the told speed leads; and m of it
-that are a lie. Noise of 2 cm leaves 0.5 cm of mean; a speed told 0.16 m/s wrong ends at 4 cm."""
+# Of each new gap in the mean by which gaps come otherwise than the told speed leads; and m of it
+# that are a lie. Noise of 2 cm leaves 0.5 cm of mean; a speed told 0.16 m/s wrong ends at 4 cm.
+DRIFT = 0.1
+BEYOND = 0.04
 
 
 class Mode(str, Enum):
@@ -67,16 +69,23 @@ class Follower:
     def __init__(self, gains: Gains = STABLE, dt: float = 0.05, delay: float = 0.1,
                  margins: Margins | None = None, *, rule: bool = True, compensated: bool = True,
                  detects: bool = True, trust: float = TRUST) -> None:
-        self.gains, self.dt, self.margins = gains, dt, margins or Margins()
-        self.hearing, self.detector = Hearing(), Detector(dt)
-        self.mode, self.why = Mode.STOP, "nothing was seen yet"
+        self.gains = gains
+        self.dt = dt
+        self.margins = margins or Margins()
+        self.hearing = Hearing()
+        self.detector = Detector(dt)
+        self.mode = Mode.STOP
+        self.why = "nothing was seen yet"
         self.counts: Counter[str] = Counter()
-        self.gap, self.error = inf, 0.0
+        self.gap = inf
+        self.error = 0.0
         self.ahead = self._drift = 0.0
         self._short = self._slower = 0.0
         """m, m/s by which the gap and the predecessor's speed may be less than they are thought."""
         self.doubted = False
-        self._rule, self._compensated, self._detects = rule, compensated, detects
+        self._rule = rule
+        self._compensated = compensated
+        self._detects = detects
         self._trust = trust
         self._underway = Underway(delay, dt, gains.v_max, self.margins.b_s)
         self._forward = 0.0
@@ -118,7 +127,8 @@ class Follower:
         """The predecessor's speed, as long as it tells it; the gap, by both speeds over the step,
         and by how much it is less where the predecessor has braked fully since it told."""
         told, age = self._told(t)
-        before, slower = self.ahead, self._slower
+        before = self.ahead
+        slower = self._slower
         if told is not None and age <= LOST:
             self.ahead = max(told.speed, 0.0)
         if told is not None and age <= LEARNT:
@@ -137,7 +147,8 @@ class Follower:
             return
         new = gap.metres + (self.ahead - speed) * (t - gap.t)
         if self.gap == inf or t - self._seen > BLIND:
-            self.gap, self._short = new, 0.0
+            self.gap = new
+            self._short = 0.0
         else:
             off = new - self.gap
             self.gap += self._trust * off
@@ -147,25 +158,33 @@ class Follower:
             if self._told(t)[1] > LOST:
                 since = max(gap.t - self._seen, self.dt)
                 self.ahead = min(max(self.ahead + LEARN * off / since, 0.0), self.gains.v_max)
-        self._seen, self.error = gap.t, gap.error
+        self._seen = gap.t
+        self.error = gap.error
 
     def _judge(self, t: float, age: float) -> None:
         if t - self._seen > BLIND:
-            self.mode, self.why = Mode.STOP, f"no gap is known for {BLIND:g} s"
+            self.mode = Mode.STOP
+            self.why = f"no gap is known for {BLIND:g} s"
         elif self.doubted:
-            self.mode, self.why = Mode.ACC, "it is not where its speed leads"
+            self.mode = Mode.ACC
+            self.why = "it is not where its speed leads"
         elif self.detector.attacked:
-            self.mode, self.why = Mode.ACC, "it does not drive what it tells"
+            self.mode = Mode.ACC
+            self.why = "it does not drive what it tells"
         elif age > FRESH:
-            self.mode, self.why = Mode.ACC, f"nothing was heard for {FRESH:g} s"
+            self.mode = Mode.ACC
+            self.why = f"nothing was heard for {FRESH:g} s"
         else:
-            self.mode, self.why = Mode.CACC, ""
+            self.mode = Mode.CACC
+            self.why = ""
 
     def _wanted(self, speed: float, way: float, then: float) -> float:
         """By the linear law, and what is fed forward of the predecessor's acceleration."""
-        gains, gap = self.gains, self.gap
+        gains = self.gains
+        gap = self.gap
         if self._compensated:
-            gap, speed = gap - way + self.ahead * self._underway.delay, then
+            gap = gap - way + self.ahead * self._underway.delay
+            speed = then
         told = self.hearing.newest.acceleration if self.hearing.newest is not None else 0.0
         share = gains.share * told if self.mode is Mode.CACC else 0.0
         self._forward += gains.beta * (share - self._forward)

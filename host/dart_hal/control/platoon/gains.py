@@ -18,8 +18,8 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 
+# s that are tried, as published: the digits of h come from this grid.
 HEADWAYS = np.linspace(0.0, 3.5, 500)
-"""s that are tried, as published: the digits of h come from this grid."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +77,10 @@ def _gap_of(h: float, v_d: float, u_min: float, v_max: float) -> float:
     return abs(u_min) / k + h * v_d if abs(root - r) < 1e-9 * r else inf
 
 
+# The published set of the cars.
 DART = tuned(0.5, 1.0, -1.0, 1.0, 1.4)
-"""The published set of the cars."""
+# The published set of trucks.
 TRUCK = tuned(20.0, 25.0, -7.848, 4.905, 100.0 / 3.6)
-"""The published set of trucks."""
+# With the stiffness of ``DART``: disturbances fade at delays up to 0.2 s, with an acceleration
+# that was told up to 0.1 s ago (``stability``); a share of 0.5 needs one that is told now.
 STABLE = replace(DART, d=0.6, h=0.4, share=0.3, beta=0.5)
-"""With the stiffness of ``DART``: disturbances fade at delays up to 0.2 s, with an acceleration
-that was told up to 0.1 s ago (``stability``); a share of 0.5 needs one that is told now."""

@@ -6,15 +6,17 @@ from collections import Counter
 from dataclasses import dataclass
 from math import inf, isfinite
 
-FRESH, LOST = 0.3, 0.5
-"""s that a told acceleration counts, six messages of 20 Hz: at 50 % loss one gap of 64 is longer;
-and that a speed does, as poses of the fleet."""
+# s that a told acceleration counts, six messages of 20 Hz: at 50 % loss one gap of 64 is longer;
+# and that a speed does, as poses of the fleet.
+FRESH = 0.3
+LOST = 0.5
+# s that two clocks may differ.
 EARLY = 0.05
-"""s that two clocks may differ."""
+# s; told each 0.05 s, a time is computed anew with each look, by clocks that are still learnt.
 SAME = 0.002
-"""s; told each 0.05 s, a time is computed anew with each look, by clocks that are still learnt."""
-FASTEST, HARDEST = 100.0, 1e6
-"""m/s, m/s2; the limit of the feed-forward deals with what no car does. No speed is believed."""
+# m/s, m/s2; the limit of the feed-forward deals with what no car does. No speed is believed.
+FASTEST = 100.0
+HARDEST = 1e6
 
 
 @dataclass(frozen=True, slots=True)

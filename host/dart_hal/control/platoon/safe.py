@@ -39,7 +39,9 @@ class Underway:
     the car's at least, whatever was sent."""
 
     def __init__(self, delay: float, dt: float, v_max: float = inf, brake: float = inf) -> None:
-        self._dt, self._v_max, self._brake = dt, v_max, brake
+        self._dt = dt
+        self._v_max = v_max
+        self._brake = brake
         n = ceil(delay / dt - 1e-9)
         self._sent: deque[float] = deque([0.0] * n, maxlen=n)
         self.delay = n * dt

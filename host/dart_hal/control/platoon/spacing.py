@@ -14,17 +14,20 @@ from dart_hal.control.paths import Path
 from dart_hal.control.platoon.follower import Gap
 from dart_hal.core.types import FloatArray
 
-NOSE, TAIL = 0.2375, 0.0625
-"""m from the rear axle to the front and to the rear end of a car (docs/reference/hardware.md)."""
+# m from the rear axle to the front and to the rear end of a car (docs/reference/hardware.md).
+NOSE = 0.2375
+TAIL = 0.0625
+# m to either side of the path: a body's half, 0.095, and 5 cm beside it; boards are at 0.35.
 WIDE = 0.15
-"""m to either side of the path: a body's half, 0.095, and 5 cm beside it; boards are at 0.35."""
+# m ahead in which a car is looked for: six gaps.
 REACH = 3.0
-"""m ahead in which a car is looked for: six gaps."""
-LEAST, DEEP = 3, 0.06
-"""Points within so many m of way that are a thing: a tail 1.5 m ahead is hit by a dozen beams."""
-SEEN, HEARD = 0.05, 0.20
-"""m that a gap is wrong at most: a distance by 1.5 %, a mean of beams by 5 mm, a scan by its age;
-and where poses of two cars are told, at 1 m/s each by 0.1 s of age."""
+# Points within so many m of way that are a thing: a tail 1.5 m ahead is hit by a dozen beams.
+LEAST = 3
+DEEP = 0.06
+# m that a gap is wrong at most: a distance by 1.5 %, a mean of beams by 5 mm, a scan by its age;
+# and where poses of two cars are told, at 1 m/s each by 0.1 s of age.
+SEEN = 0.05
+HEARD = 0.20
 
 
 def seen(points: FloatArray, t: FloatArray, path: Path, s: FloatArray) -> Gap | None:
@@ -38,7 +41,8 @@ def seen(points: FloatArray, t: FloatArray, path: Path, s: FloatArray) -> Gap | 
     if not inside.any():
         return None
     order = np.argsort(gap[inside])
-    near, at = gap[inside][order], t[inside][order]
+    near = gap[inside][order]
+    at = t[inside][order]
     upto = np.searchsorted(near, near + DEEP)
     firm = np.flatnonzero(upto - np.arange(len(near)) >= LEAST)
     if not len(firm):
@@ -60,5 +64,8 @@ def _along(points: FloatArray, path: Path, s: float) -> tuple[FloatArray, FloatA
         spots = spots[spots <= path.length]
     x, y, heading = np.array([path.at(float(one))[:3] for one in spots]).T
     k = np.argmin((points[:, 0, None] - x) ** 2 + (points[:, 1, None] - y) ** 2, axis=1)
-    dx, dy, c, sn = points[:, 0] - x[k], points[:, 1] - y[k], np.cos(heading[k]), np.sin(heading[k])
+    dx = points[:, 0] - x[k]
+    dy = points[:, 1] - y[k]
+    c = np.cos(heading[k])
+    sn = np.sin(heading[k])
     return spots[k] + c * dx + sn * dy, c * dy - sn * dx

@@ -16,8 +16,8 @@ import numpy as np
 
 from dart_hal.control.platoon.gains import Gains
 
+# Of the Nyquist frequency.
 FREQUENCIES = np.geomspace(1e-3, 1.0, 4000)
-"""Of the Nyquist frequency."""
 
 
 def peak(gains: Gains, dt: float, delay: float, *, told: bool = True,
@@ -26,7 +26,8 @@ def peak(gains: Gains, dt: float, delay: float, *, told: bool = True,
 
     told: with the feed-forward, ``age`` s old; compensated: for the delay [s].
     """
-    n, old = round(delay / dt), round(age / dt)
+    n = round(delay / dt)
+    old = round(age / dt)
     z = np.exp(1j * np.pi * FREQUENCIES)
     integral = dt / (z - 1.0)
     speed = integral * z**-n  # own, of one unit of u
