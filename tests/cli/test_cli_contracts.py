@@ -51,6 +51,40 @@ def test_the_list_of_verbs(verb):
     assert "dart-hal" in verb("--version").out
 
 
+def test_help_lists_each_verb_once_and_in_a_group(verb):
+    groups = main.group_verbs()
+    assert list(groups) == ["start", "measure", "model", "drive", "look", "data", "service"]
+    assert sorted(name for verbs in groups.values() for name in verbs) == sorted(list_verbs())
+    printed = verb("--help").out
+    assert printed.index("Start:") < printed.index("  doctor") < printed.index("Service:")
+
+
+def test_verbs_of_other_packages_are_listed_in_a_group_of_ours_or_the_last(monkeypatch):
+    added = {"weigh": "weigh the car", "tow": "tow the car", "stop": "replaced"}
+    table = SimpleNamespace(GROUPS={"measure": ("weigh",), "towing": ("tow",), "look": ("stop",)})
+    monkeypatch.setattr(main, "list_plugins", lambda group: {
+        "theirs": SimpleNamespace(module="their.cli")})
+    monkeypatch.setattr(main, "load_entry", lambda entry: added)
+    monkeypatch.setattr(main, "import_module", lambda name: table)
+    groups = main.group_verbs()
+    assert groups["measure"]["weigh"] == "weigh the car"
+    assert groups["other"] == {"tow": "tow the car"}
+    assert groups["drive"]["stop"] == main.VERBS["stop"]
+    assert "stop" not in groups["look"]
+
+
+@pytest.mark.parametrize(("line", "completions"), [
+    ("dart-hal cal", ["calibrate"]), ("dart-hal no_such_verb --", []),
+    ("dart-hal follow --track", ["--tracker"]),
+    ("dart-hal follow --tracker pur", ["pursuit"])])
+def test_the_shell_completes_verbs_options_and_choices(verb, monkeypatch, line, completions):
+    monkeypatch.setenv("_DART_HAL_COMPLETE", "bash_complete")
+    monkeypatch.setenv("COMP_WORDS", line)
+    monkeypatch.setenv("COMP_CWORD", str(len(line.split()) - 1))
+    words = [row.partition(",")[2] for row in verb().out.splitlines()]
+    assert [word for word in words if word not in ("--version", "--help")] == completions
+
+
 def test_a_verb_of_another_package_takes_no_name_of_ours(monkeypatch):
     added = {"stop": "does something else", "weigh": "weigh the car"}
     entry = SimpleNamespace(module="their.cli")

@@ -142,6 +142,18 @@ def test_a_misspelt_verb_names_the_nearest(verb):
     assert verb("calibrat", "--json").error["try"] == "dart-hal calibrate"
 
 
+@pytest.mark.parametrize(("arguments", "suggestion"), [
+    (("evaluate", "--model", "papr", "run.csv"), "paper"),
+    (("sim", "--reveal", "--url", MOCK + "&effect=steering_comp:1"), "steering_compliance"),
+    (("follow", "savoyardo", "--speed", 1, "--url", MOCK), "savoiardo"),
+    (("evaluate", "--car", "drat-01", "run.csv"), "--car dart-01"),
+])
+def test_a_misspelt_model_effect_track_or_car_names_the_nearest(verb, monkeypatch, arguments,
+                                                                suggestion):
+    monkeypatch.setenv("DART_CARS", str(Path(__file__).resolve().parents[2] / "cars"))
+    assert suggestion in verb(*arguments, "--json").error["try"]
+
+
 def test_a_script_without_control_lists_what_it_has(verb, tmp_path):
     script = tmp_path / "mine.py"
     script.write_text("def steer(state):\n    pass\n")

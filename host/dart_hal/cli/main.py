@@ -10,6 +10,7 @@ from difflib import get_close_matches
 from importlib import import_module
 
 import click
+from click.shell_completion import CompletionItem
 
 from dart_hal import __version__
 from dart_hal.cli.common.output import console, notices, print_json
@@ -18,37 +19,68 @@ from dart_hal.core.plugins import list_plugins, load_entry
 from dart_hal.core.process.extras import install_command
 
 VERBS = {
-    "find": "list serial ports and I2C buses, and say behind which is a car",
+    "find": "list serial ports and I2C buses, and identify the port of the car",
     "doctor": "check port, firmware, stream, I2C, PCA9685, IMU and encoder; suggest the fix",
     "calibrate": "measure this car and write calibration.toml",
-    "drive": "drive by keyboard, gamepad or a script",
+    "drive": "drive with the keyboard, a gamepad or a script",
     "follow": "follow a path: a CSV file, or a track by its name",
     "lane": "drive in the middle of a lane between boards, by the lidar alone",
-    "map": "map the room by the lidar: driven by hand, along its walls, or a recording",
-    "localize": "where the car is in a map, by its lidar: pose, covariance, health",
-    "stop": "set the throttle to neutral, whichever program drives; needs only the I2C bus",
-    "fleet": "list the cars of a room, watch them, stop them all",
+    "map": "map a room by the lidar: driven by hand, along its walls, or from a recording",
+    "localize": "locate the car in a map by its lidar: pose, covariance, health",
+    "stop": "end the pulses of ESC and servo, also of another program; needs only the I2C bus",
+    "fleet": "list the cars of a fleet room, watch them, stop them all",
     "standby": "service on the car: neutral throttle whenever no program drives",
     "record": "record a run, raw bytes included, to an MCAP file",
     "replay": "decode a recording again with the same code",
-    "export": "write a run for other programs: table, ROS bag, LeRobot",
+    "export": "convert a recording for other programs: table, ROS bag, LeRobot",
     "top": "live view of a car in the terminal",
     "flash": "write the firmware to a Nano and wait for its HELLO",
 }
-GROUP = "dart_hal.verbs"  # entry points: mappings like VERBS of other packages
+GROUPS = {
+    "start": ("find", "doctor", "flash"),
+    "measure": ("calibrate", "record"),
+    "model": (),
+    "drive": ("drive", "follow", "lane", "map", "localize", "stop", "fleet"),
+    "look": ("top",),
+    "data": ("replay", "export"),
+    "service": ("standby",),
+}
+# Group of the entry points. Each is a mapping like VERBS of another package.
+VERB_ENTRY_POINTS = "dart_hal.verbs"
 
 
 def list_verbs() -> dict[str, tuple[str, str]]:
-    """List what each verb does and the package of its module, those of other packages too.
+    """Return by verb what it does and the package of its module, with verbs of other packages.
 
     An entry point of ``dart_hal.verbs`` is a mapping like ``VERBS`` in the ``__init__`` of a
     package that has one module per verb, each with a click command named ``command``.
     """
     verbs = {name: (text, "dart_hal.cli") for name, text in VERBS.items()}
-    for entry in list_plugins(GROUP).values():
+    for entry in list_plugins(VERB_ENTRY_POINTS).values():
         for name, text in load_entry(entry).items():
-            verbs.setdefault(name, (text, entry.module))  # ``stop`` is ours, whoever adds one
+            # Verbs of this package win: another package cannot replace ``stop``.
+            verbs.setdefault(name, (text, entry.module))
     return verbs
+
+
+def group_verbs() -> dict[str, dict[str, str]]:
+    """Return the verbs and what they do, by the groups of ``dart-hal --help``.
+
+    Another package may put its verbs into groups with a mapping ``GROUPS`` beside its ``VERBS``.
+    Verbs without a group are in the last one, "other".
+    """
+    verbs = {name: text for name, (text, _) in list_verbs().items()}
+    others = [import_module(entry.module) for entry in list_plugins(VERB_ENTRY_POINTS).values()]
+    tables = [GROUPS, *(getattr(module, "GROUPS", {}) for module in others)]
+    # The first table that has a verb decides, as in list_verbs.
+    group_of: dict[str, str] = {}
+    for table in tables:
+        for group, names in table.items():
+            for name in names:
+                group_of.setdefault(name, group if group in GROUPS else "other")
+    return {group: listed for group in (*GROUPS, "other")
+            if (listed := {name: text for name, text in verbs.items()
+                           if group_of.get(name, "other") == group})}
 
 
 def load_command(name: str) -> click.Command | None:
@@ -60,8 +92,8 @@ def load_command(name: str) -> click.Command | None:
     return command
 
 
-class _Verbs(click.Group):
-    """Imports a verb's module only when it is needed: `dart-hal --help` stays quick."""
+class VerbGroup(click.Group):
+    """The command ``dart-hal``. Imports a verb's module only when it is run: help stays quick."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(list_verbs())
@@ -71,106 +103,124 @@ class _Verbs(click.Group):
 
     def resolve_command(self, ctx: click.Context, args: list[str]
                         ) -> tuple[str | None, click.Command | None, list[str]]:
-        if args and not args[0].startswith("-") and self.get_command(ctx, args[0]) is None:
+        # While the shell completes a line, an unknown verb is no error: it has no completions.
+        if (args and not args[0].startswith("-") and not ctx.resilient_parsing
+                and self.get_command(ctx, args[0]) is None):
             known = list_verbs()
-            near = get_close_matches(args[0], known, n=1)
+            close = get_close_matches(args[0], known, n=1)
             raise UsageError(f"there is no verb {args[0]!r}", found=args[0],
                              expected=", ".join(known),
-                             remedy=f"dart-hal {near[0]}" if near else "dart-hal --help")
+                             remedy=f"dart-hal {close[0]}" if close else "dart-hal --help")
         return super().resolve_command(ctx, args)
 
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Complete a verb from the list, without importing the modules of all verbs."""
+        options = click.Command.shell_complete(self, ctx, incomplete)
+        return [*(CompletionItem(name, help=text) for name, (text, _) in list_verbs().items()
+                  if name.startswith(incomplete)), *options]
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Verbs"):
-            formatter.write_dl([(name, text) for name, (text, _) in list_verbs().items()])
+        for group, verbs in group_verbs().items():
+            with formatter.section(group.capitalize()):
+                formatter.write_dl(list(verbs.items()))
 
 
-@click.command(cls=_Verbs, context_settings={"help_option_names": ["-h", "--help"]})
+@click.command(cls=VerbGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="dart-hal")
 def cli() -> None:
     """Drive, calibrate, record and check DART cars: real, emulated or recorded."""
 
 
 def main(args: list[str] | None = None) -> None:
-    """Entry point: 0 done, 1 the answer is no, 2 usage or input error, 130 Ctrl-C."""
+    """Run the command line and exit.
+
+    Exit status: 0 done, 1 negative result, 2 usage or input error, 130 Ctrl-C.
+    """
     argv = sys.argv[1:] if args is None else args
     as_json = "--json" in argv
     verb = next((word for word in argv if not word.startswith("-")), "")
     logger = logging.getLogger("dart_hal")
-    logger.handlers = [h for h in logger.handlers if not isinstance(h, _Notices)]
-    logger.addHandler(_Notices(verb))
+    logger.handlers = [h for h in logger.handlers if not isinstance(h, NoticeHandler)]
+    logger.addHandler(NoticeHandler(verb))
     try:
         sys.exit(cli.main(argv, prog_name="dart-hal", standalone_mode=False) or 0)
     except DartHalError as error:
         if verb and error.remedy == UsageError.remedy_default:
             error.remedy = f"dart-hal {verb} --help"
-        _fail(error, as_json)
+        _exit_with_error(error, as_json)
     except click.ClickException as error:
-        _refuse(error, argv, as_json)
+        _exit_with_usage_error(error, argv, as_json)
     except (KeyboardInterrupt, click.Abort):
         console.print("stopped")
         sys.exit(130)
     except OSError as error:
-        _fail(_file_trouble(error), as_json)
+        _exit_with_error(_file_error(error), as_json)
     except MemoryError:
-        _fail(UsageError("the memory of this computer does not hold this input",
-                         found="no memory left", expected="a file or a range that fits",
-                         remedy="give it less at a time"), as_json)
+        _exit_with_error(UsageError("not enough memory for this input", found="no memory left",
+                                    expected="a file or a range that fits into memory",
+                                    remedy="pass fewer files or a shorter range"), as_json)
     except ModuleNotFoundError as error:
-        _fail(_missing_package(error), as_json)
-    except Exception as error:  # noqa: BLE001 - the user gets a sentence, not our stack
+        _exit_with_error(_missing_package_error(error), as_json)
+    except Exception as error:  # noqa: BLE001 - the user gets one message, no stack trace
         if os.environ.get("DART_HAL_DEBUG"):
             traceback.print_exc()
-        _fail(_internal(error), as_json)
+        _exit_with_error(_internal_error(error), as_json)
 
 
-class _Notices(logging.Handler):
-    """What the library warns of, such as at arm(), as every other notice."""
+class NoticeHandler(logging.Handler):
+    """Shows warnings of the library, such as those of arm(), as notices on standard error."""
 
     def __init__(self, verb: str) -> None:
         super().__init__()
         self._verb = verb
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """That a simulated car waited for the loop is news to who wrote the loop alone."""
+        """Pass all records, but that a simulated car waited for the loop only of ``drive``.
+
+        The waiting concerns the author of a control loop. Only ``drive`` runs a user's loop.
+        """
         return self._verb == "drive" or not getattr(record, "waits", False)
 
     def emit(self, record: logging.LogRecord) -> None:
         notices((record.getMessage(),))
 
 
-def _refuse(error: click.ClickException, argv: list[str], as_json: bool) -> None:
-    """A usage error of click."""
+def _exit_with_usage_error(error: click.ClickException, argv: list[str], as_json: bool) -> None:
+    """Report a usage error that click found, and exit."""
     if as_json:
-        _fail(UsageError(error.format_message(), found=" ".join(argv),
+        _exit_with_error(UsageError(error.format_message(), found=" ".join(argv),
                          remedy="dart-hal --help"), as_json)
     error.show()
     sys.exit(2)
 
 
-def _missing_package(error: ModuleNotFoundError) -> DartHalError:
+def _missing_package_error(error: ModuleNotFoundError) -> DartHalError:
     """Return the error for a package that an optional part of a verb imports."""
     package = (error.name or "").partition(".")[0]
     if package in ("", "dart_hal"):
-        return _internal(error)
+        return _internal_error(error)
     return UsageError(f"this needs the Python package {package}",
                       found=f"{package} is not installed for {sys.executable}",
                       remedy=install_command(package))
 
 
-def _file_trouble(error: OSError) -> FileTrouble:
+def _file_error(error: OSError) -> FileTrouble:
+    """Return the error for a file or device that the system refused."""
     name = error.filename if isinstance(error.filename, str) else ""
     reason = error.strerror or str(error)
     return FileTrouble(f"{name}: {reason}" if name else reason,
                        found=f"{type(error).__name__} {error.errno or ''}".strip(), read=name)
 
 
-def _internal(error: Exception) -> InternalError:
+def _internal_error(error: Exception) -> InternalError:
+    """Return the error for a mistake in DART-HAL, with the line that raised it."""
     frame = traceback.extract_tb(error.__traceback__)[-1]
     return InternalError(f"{type(error).__name__}: {error}",
                          found=f"{os.path.basename(frame.filename)}, line {frame.lineno}")
 
 
-def _fail(error: DartHalError, as_json: bool) -> None:
+def _exit_with_error(error: DartHalError, as_json: bool) -> None:
+    """Print an error, as JSON too if requested, and exit with status 2."""
     if as_json:
         print_json({"error": error.as_json()})
     console.print(str(error), style="red", markup=False, highlight=False, soft_wrap=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from difflib import get_close_matches
 from pathlib import Path
 
 from dart_hal.core.config import ModelFile, load_model
@@ -29,11 +30,12 @@ def find_model(name: str | Path) -> tuple[ModelFile, Vehicle]:
         return model_of(p), p
     path = Path(name)
     if not path.is_file():
+        close = get_close_matches(str(name), SETS, n=1)
         raise UsageError(f"no model is called {str(name)!r}",
                          found="no such file, and no shipped set of that name",
                          expected=f"a model.toml, or one of {', '.join(SETS)}",
-                         remedy="check the path; dart-hal identify all FILES --out model.toml "
-                                "writes one")
+                         remedy=f"write {close[0]}" if close else
+                         "check the path; dart-hal identify all FILES --out model.toml writes one")
     model = load_model(path)
     try:
         return model, vehicle_of(model)

@@ -6,11 +6,19 @@ VERBS = {
     "evaluate": "open-loop prediction errors of a model on recordings, against constant velocity",
     "diagnose": "find what a model gets wrong on recordings, name the cause, extend the model",
     "experiment": "drive the test manoeuvres for a sub-model, record them, fit it",
-    "report": "one page for a car: calibrations, last runs, what changed",
-    "compare": "put two runs side by side, and say when they part",
+    "report": "write one page about a car: calibrations, last runs, changes",
+    "compare": "compare two runs, and find the time at which they begin to differ",
     "bridge": "let ROS drive a car by the topics of DART's own software",
-    "view": "live page in a browser: watch a car, drive it, stop it; or look at a recording",
-    "sim": "serve the simulated car as a serial port, or reveal its true parameters",
+    "view": "live page in a browser: watch a car, drive it, stop it; or play a recording",
+    "sim": "serve the simulated car as a serial port, or print its true parameters",
     "data": "check, repair or download recordings",
     "wire": "print the frame table; regenerate the files made from the specification",
+}
+GROUPS = {
+    "start": ("demo",),
+    "measure": ("experiment",),
+    "model": ("identify", "evaluate", "diagnose"),
+    "look": ("view", "report", "compare"),
+    "data": ("data",),
+    "service": ("bridge", "sim", "wire"),
 }

@@ -7,7 +7,7 @@ import re
 
 import click
 
-from dart_hal.cli.main import cli, list_verbs
+from dart_hal.cli.main import cli, group_verbs
 
 HEAD = """# Verbs
 
@@ -20,12 +20,17 @@ MARKUP = re.compile(r"([|*_$<\\`])")
 
 
 def render_verbs() -> str:
-    """Markdown page of all verbs, in the order of ``dart-hal --help``."""
+    """Return the Markdown page of all verbs, in the groups of ``dart-hal --help``."""
     top = click.Context(cli, info_name="dart-hal")
-    verbs = list_verbs()
-    listed = "\n".join(f"- [`{name}`](#{anchor(f'dart-hal {name}')}): {plain(text)}"
-                       for name, (text, _) in verbs.items())
-    return "\n".join([HEAD, listed, "", *(part for name in verbs for part in _command(name, top))])
+    groups = group_verbs()
+    contents = []
+    for group, verbs in groups.items():
+        contents.append(f"**{group.capitalize()}**\n")
+        contents += [f"- [`{name}`](#{anchor(f'dart-hal {name}')}): {plain(text)}"
+                     for name, text in verbs.items()]
+        contents.append("")
+    sections = (part for verbs in groups.values() for name in verbs for part in _command(name, top))
+    return "\n".join([HEAD, *contents, *sections])
 
 
 def anchor(title: str) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 
 import msgspec
@@ -128,10 +129,12 @@ def load_car(name: str, cars_dirs: Folders | None = None) -> CarFiles:
         return _with_measurements(parse_config(_read(PACKAGED), str(PACKAGED)), home,
                                   str(PACKAGED), name)
     searched = ", ".join(str(folder.parent) for folder in folders)
+    close = get_close_matches(name, _existing_cars(cars_dirs), n=1)
     example = PACKAGED if PACKAGED.is_file() else Path("cars") / EXAMPLE / "car.toml"
     raise ConfigError(f"there is no car {name}", found=_existing(cars_dirs),
                       expected=f"{name}/car.toml in {searched}",
-                      remedy=f"mkdir -p {home} ; cp {example} {home} ; then edit its name and what "
+                      remedy=(f"--car {close[0]}; for a new car: " if close else "")
+                      + f"mkdir -p {home} ; cp {example} {home} ; then edit its name and what "
                       "differs, or name another folder with --cars")
 
 
@@ -273,8 +276,12 @@ def _read(path: Path) -> str:
                           ) from error
 
 
+def _existing_cars(cars_dirs: Folders | None) -> list[str]:
+    return sorted({p.parent.name for f in car_folders(cars_dirs) for p in f.glob("*/car.toml")})
+
+
 def _existing(cars_dirs: Folders | None) -> str:
-    names = sorted({p.parent.name for f in car_folders(cars_dirs) for p in f.glob("*/car.toml")})
+    names = _existing_cars(cars_dirs)
     return "cars " + ", ".join(names) if names else "no car files"
 
 
