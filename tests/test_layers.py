@@ -106,7 +106,7 @@ def test_the_page_shows_the_layers_of_the_contract(package):
 
 
 NO_PACKAGE = {"benchmarks", "contract", "docs", "emulator", "faults", "firmware", "hardware",
-              "mutation", "recorded", "soak"}
+              "language", "mutation", "recorded", "soak"}
 """Folders of tests that concern no single package."""
 
 

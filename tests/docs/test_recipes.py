@@ -21,10 +21,12 @@ from walks import NAME, find_object
 from dart_hal.cli.main import main
 from dart_hal.core.errors import UsageError
 from dart_hal.devices.links.base import open_backend
+from dart_hal.vehicle import effects
 
 OF_THE_TREE = ("An effect", "A sensor channel", "A verb", "A message", "A calibration")
 """Recipes that change files of the tree."""
-OF_PACKAGES = {"A verb of another package": "hello from sim-0\n", "A backend": "", "A viewer": ""}
+OF_PACKAGES = {"A verb of another package": "hello from sim-0\n", "A backend": "", "A viewer": "",
+               "A sensor of another package": "", "A tyre law": ""}
 """Recipes of other packages, and what their command prints, where that is one line."""
 
 
@@ -157,13 +159,45 @@ def test_the_shortest_backend_opens_a_car(package, capsys):
 
 
 def test_a_viewer_sees_the_car(package, capsys):
-    (program,) = (b.text for b in recipe("A viewer") if b.kind == "python" and b.runs
-                  and not b.file)
+    (program,) = programs("A viewer")
     with pytest.raises(UsageError, match="peak"):
         exec(program, {})
     package("A viewer")
     exec(program, {})
     assert capsys.readouterr().out == "0.0 m/s\n"
+
+
+def test_a_source_of_poses_of_another_package_is_opened(package, capsys):
+    (program,) = programs("A sensor of another package")
+    with pytest.raises(UsageError, match="is not a source of poses"):
+        exec(program, {})
+    package("A sensor of another package")
+    exec(program, {})
+    assert capsys.readouterr().out == "1.0 2.0\n"
+
+
+def test_a_tyre_law_changes_the_turn(package, capsys):
+    (program,) = programs("A tyre law")
+    own_catalogue = effects.catalogue.cache_clear, effects._added_effects.cache_clear
+    for forget in own_catalogue:
+        forget()
+    with pytest.raises(UsageError, match="linear_tyres"):
+        exec(program, {})
+    for forget in own_catalogue:
+        forget()
+    package("A tyre law")
+    try:
+        exec(program, {})
+    finally:
+        for forget in own_catalogue:
+            forget()
+    base, linear = (float(line.split()[0]) for line in capsys.readouterr().out.splitlines())
+    assert abs(linear - base) > 0.1
+
+
+def programs(heading: str) -> list[str]:
+    """Python blocks of a recipe that are no files."""
+    return [b.text for b in recipe(heading) if b.kind == "python" and b.runs and not b.file]
 
 
 def test_a_package_is_seen_by_a_process_of_its_own(package):

@@ -19,7 +19,7 @@ def settled(of, beside):
 """
 
 
-pytestmark = pytest.mark.more
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

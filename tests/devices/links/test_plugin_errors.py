@@ -11,8 +11,12 @@ from dart_hal.cli.main import main
 from dart_hal.core import plugins
 from dart_hal.core.errors import DartHalError, LinkLost, PluginFailed, UsageError
 from dart_hal.core.plugins import load_plugin
+from dart_hal.devices.camera import open_camera
+from dart_hal.devices.lidar import open_lidar
 from dart_hal.devices.links.base import open_backend
+from dart_hal.devices.poses import open_poses
 from dart_hal.fleet.transports import open_transport
+from dart_hal.vehicle import effects
 
 CODE = """
 from dart_hal.core.errors import LinkLost
@@ -53,8 +57,31 @@ def package(tmp_path, monkeypatch):
     (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: other-car\nVersion: 2.5\n")
     entries = "".join(f"{scheme(name)} = other_car:{name}\n" for name in NAMES)
     (folder / "entry_points.txt").write_text(
-        f"[dart_hal.backends]\n{entries}[dart_hal.transports]\n{entries}")
+        f"[dart_hal.backends]\n{entries}[dart_hal.transports]\n{entries}[dart_hal.sensors]\n"
+        + "".join(f"{kind}.{scheme(name)} = other_car:{name}\n" for name in NAMES
+                  for kind in ("lidar", "camera", "poses")))
     monkeypatch.syspath_prepend(str(tmp_path))
+
+
+@pytest.mark.parametrize("open_sensor", [open_lidar, open_camera, open_poses])
+@pytest.mark.parametrize(("name", "message"), [
+    ("refuse_connection", "Connection refused"), ("return_nothing", "returned no sensor")])
+def test_an_error_of_a_sensor_names_its_package(package, open_sensor, name, message):
+    with pytest.raises(PluginFailed, match=message) as caught:
+        open_sensor(f"{scheme(name)}://car")
+    assert "other-car 2.5" in caught.value.what
+
+
+def test_an_effect_that_cannot_be_imported_names_its_package(package, tmp_path):
+    (tmp_path / "other_car-2.5.dist-info" / "entry_points.txt").write_text(
+        "[dart_hal.effects]\nfin = other_car:no_such_function\n")
+    effects._added_effects.cache_clear()
+    try:
+        with pytest.raises(PluginFailed, match="fin = other_car:no_such_function") as caught:
+            effects._added_effects()
+    finally:
+        effects._added_effects.cache_clear()
+    assert "of other-car failed" in caught.value.what
 
 
 @pytest.mark.parametrize(("name", "message"), [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dart_hal.core.added_sensors import open_added_sensor
 from dart_hal.core.ports import ImageSource
 from dart_hal.devices.camera.capture import CvCamera
 from dart_hal.devices.camera.device import device_of
@@ -9,5 +10,9 @@ from dart_hal.devices.camera.device import device_of
 
 def open_camera(text: str) -> ImageSource:
     """Open the camera of a URL: ``usb:0``, ``usb:/dev/video0?width=640&height=480&fps=15``,
-    ``csi:0``. Raises UsageError, PortMissing, PortDenied, PortBusy."""
-    return CvCamera(device_of(text))
+    ``csi:0``, or of another package (``core.added_sensors``).
+
+    Raises UsageError, PortMissing, PortDenied, PortBusy, PluginFailed.
+    """
+    added: ImageSource | None = open_added_sensor("camera", text)
+    return CvCamera(device_of(text)) if added is None else added

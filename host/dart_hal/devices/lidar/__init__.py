@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from urllib.parse import parse_qsl, urlsplit
 
+from dart_hal.core.added_sensors import list_schemes, open_added_sensor
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import ScanSource
 from dart_hal.devices.lidar.packets import BAUD
@@ -15,7 +16,9 @@ OPTIONS = ("baud",)
 
 
 def open_lidar(text: str) -> ScanSource:
-    """Open the lidar of a URL. Raises UsageError, PortMissing, PortBusy, PortDenied.
+    """Open the lidar of a URL, of another package too (``core.added_sensors``).
+
+    Raises UsageError, PortMissing, PortBusy, PortDenied, PluginFailed.
 
     Option behind ``?``: ``baud``, the line rate; default 128000, that of an X4.
     """
@@ -25,8 +28,11 @@ def open_lidar(text: str) -> ScanSource:
         raise UsageError(f"{text!r} is no lidar", found=str(why), expected=EXPECTED) from why
     target = parts.netloc + parts.path
     if parts.scheme not in ("serial", "hwgrep") or not target:
+        added: ScanSource | None = open_added_sensor("lidar", text)
+        if added is not None:
+            return added
         raise UsageError(f"{text!r} is no lidar", found=parts.scheme or "no scheme://",
-                         expected=EXPECTED)
+                         expected=", ".join([EXPECTED, *list_schemes("lidar")]))
     pairs = parse_qsl(parts.query, keep_blank_values=True)
     options = dict(pairs)
     unknown = sorted(set(options) - set(OPTIONS))

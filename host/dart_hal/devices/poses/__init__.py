@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
+from dart_hal.core.added_sensors import list_schemes, open_added_sensor
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import PoseSource
 from dart_hal.devices.poses import line
@@ -55,8 +56,11 @@ def _open(text: str, shared: dict[tuple[str, int], SharedPort]) -> PoseSource:
         raise UsageError(f"{text!r} is not a source of poses", found=str(why),
                          expected=EXPECTED) from why
     if parts.scheme not in _OPTIONS:
+        added: PoseSource | None = open_added_sensor("poses", text)
+        if added is not None:
+            return added
         raise UsageError(f"{text!r} is not a source of poses", found=parts.scheme or "no scheme://",
-                         expected=EXPECTED)
+                         expected=", ".join([EXPECTED, *list_schemes("poses")]))
     pairs = parse_qsl(parts.query, keep_blank_values=True)
     options, known = dict(pairs), _OPTIONS[parts.scheme]
     unknown = sorted(set(options) - set(known))

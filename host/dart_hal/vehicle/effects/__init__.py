@@ -19,7 +19,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dart_hal.core.errors import ConfigError, UsageError
+from dart_hal.core.errors import ConfigError, PluginFailed, UsageError
 from dart_hal.vehicle.effect import STAGES, ActiveEffect, Effect, Late
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
@@ -47,12 +47,21 @@ def catalogue() -> Mapping[str, Effect]:
 
 @lru_cache(maxsize=1)
 def _added_effects() -> Mapping[str, tuple[Effect, str]]:
-    """Effects of other packages by name, each with its module."""
+    """Effects of other packages by name, each with its module.
+
+    Raises ConfigError for what is no effect, PluginFailed for a module that cannot be imported.
+    """
     from importlib.metadata import entry_points
 
     found: dict[str, tuple[Effect, str]] = {}
     for entry in entry_points(group=GROUP):
-        one = entry.load()
+        try:
+            one = entry.load()
+        except Exception as error:
+            owner = entry.dist.name if entry.dist is not None else "an unknown distribution"
+            raise PluginFailed(f"{entry.name} = {entry.value} ({GROUP}) of {owner} failed: "
+                               f"{type(error).__name__}: {error}", found=entry.value,
+                               remedy=f"correct {owner}, or uninstall it") from error
         is_effect = isinstance(one, Effect)
         if not is_effect or one.name in found or one.name in own_effects():
             raise ConfigError(
