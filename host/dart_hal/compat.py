@@ -19,7 +19,7 @@ MOVED = {
     "dart_hal.identify.runs": "dart_hal.car.runs",
     "dart_hal.identify.run_poses": "dart_hal.car.run_poses",
     "dart_hal.identify.curves": "dart_hal.calibration.curves",
-    "dart_hal.identify.submodels.groups": "dart_hal.calibration.groups",
+    "dart_hal.identify.submodels.groups": "dart_hal.calibration.sessions",
     "dart_hal.identify.submodels.samples": "dart_hal.calibration.samples",
     "dart_hal.identify.submodels.sessions": "dart_hal.calibration.sessions",
     "dart_hal.identify.submodels.steering_map": "dart_hal.calibration.steering_map",

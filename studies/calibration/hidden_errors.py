@@ -9,7 +9,6 @@ import numpy as np
 from scipy.optimize import brentq
 
 from dart_hal.calibration import esc, order
-from dart_hal.calibration.asking import agree, silent
 from dart_hal.calibration.clock import calibrate_clock
 from dart_hal.calibration.encoder import calibrate_encoder
 from dart_hal.calibration.esc import calibrate_esc
@@ -18,6 +17,7 @@ from dart_hal.calibration.latency import calibrate_latency
 from dart_hal.calibration.lidar import calibrate_lidar
 from dart_hal.calibration.measured import Measured
 from dart_hal.calibration.mocap import calibrate_mocap
+from dart_hal.calibration.procedure import agree, silent
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.calibration.throttle import calibrate_throttle
@@ -42,7 +42,7 @@ VERBS: dict[str, Callable[[Car, Workshop], Measured | SteeringResult]] = {
     "circle": lambda car, workshop: calibrate_throttle(car, workshop, room=0.0),
     "latency": calibrate_latency,
     "mocap": lambda car, workshop: calibrate_mocap(car),
-    "lidar": lambda car, workshop: calibrate_lidar(car, room_map(car.url))}
+    "lidar": lambda car, workshop: calibrate_lidar(car, chart=room_map(car.url))}
 LATE = ("latency", "lagging")
 """Verbs whose car has a delay and a lag of its motor."""
 BENT = ("mocap", "lidar", "all")

@@ -27,7 +27,7 @@ import msgspec
 import numpy as np
 
 from dart_hal.calibration import order
-from dart_hal.calibration.asking import agree, silent
+from dart_hal.calibration.procedure import agree, silent
 from dart_hal.car import Car
 from dart_hal.car.runs import read_run
 from dart_hal.cli.common.calibrate_all import write

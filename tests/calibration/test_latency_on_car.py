@@ -7,9 +7,8 @@ import pytest
 from esc_pin import FRAMES, Watched, without_stop
 
 from dart_hal.calibration.latency import calibrate_latency
-from dart_hal.calibration.latency_log import Traffic, TrafficLog
-from dart_hal.calibration.latency_pulse import Grid, unseen_grid
-from dart_hal.calibration.latency_wheel import DT, held
+from dart_hal.calibration.latency_fit import DT, held
+from dart_hal.calibration.latency_log import Grid, Traffic, TrafficLog, unseen_grid
 from dart_hal.calibration.measured import write
 from dart_hal.car import Car
 from dart_hal.control.tuning import answer_of

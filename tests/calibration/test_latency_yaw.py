@@ -1,4 +1,4 @@
-"""`latency_yaw` on a servo of known delay, seen by a gyro whose clock is not the Nano's."""
+"""`fit_yaw` on a servo of known delay, seen by a gyro whose clock is not the Nano's."""
 
 from __future__ import annotations
 
@@ -7,10 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from dart_hal.calibration.latency import SLOWLY, STAIRS
-from dart_hal.calibration.latency_log import Seen, Traffic
-from dart_hal.calibration.latency_pulse import Grid
-from dart_hal.calibration.latency_turn import linkage_of
-from dart_hal.calibration.latency_yaw import NOISE, fit_yaw
+from dart_hal.calibration.latency_fit import YAW_NOISE, fit_yaw, linkage_of
+from dart_hal.calibration.latency_log import Grid, Seen, Traffic
 from dart_hal.estimation.imu_clock import AGE_STD, GYRO_READ, PERIOD, QUICKEST
 from dart_lab.sim.servo import HORN_RAD_PER_US, Servo, ServoParams
 
@@ -41,7 +39,7 @@ def driven(files, age, looks, seed=0):
     for late in (0.0062, 1.0 / (2.0 * np.pi * 32.0)):   # the paper's tyres, the gyro
         share = -np.expm1(-STEP / late)
         yaw = lfilter([share], [1.0, share - 1.0], yaw)
-    seen = np.interp(t - age(t), fine, yaw) + rng.normal(0.0, 0.5 * NOISE, len(t))
+    seen = np.interp(t - age(t), fine, yaw) + rng.normal(0.0, 0.5 * YAW_NOISE, len(t))
     told = t - age(t) + 0.5 * PERIOD if looks else t
     edges = np.floor(SLOWLY * t / EDGE)
     std = np.full(len(t), 1e-4 if looks else AGE_STD)

@@ -50,7 +50,7 @@ def told():
 
     with Car.open(URL) as car:
         listening = Listening(car)
-        calibrate_lidar(listening, room_map(URL))
+        calibrate_lidar(listening, chart=room_map(URL))
     return listening.drive
 
 
@@ -58,7 +58,7 @@ def test_without_a_lidar_the_car_does_not_move():
     backend = open_backend("sim://?seed=4&nano=mock")
     with Car.over(backend) as car:
         with pytest.raises(CalibrationFailed, match="no scans") as refused:
-            calibrate_lidar(car, room_map(URL))
+            calibrate_lidar(car, chart=room_map(URL))
         assert "--lidar" in refused.value.remedy
         assert truth(backend).distance == pytest.approx(0.0, abs=1e-9)
 
@@ -99,7 +99,7 @@ def test_distances_off_by_a_percent_and_a_half_are_mended_end_to_end(tmp_path, c
     before = localised()
     backend = open_backend(URL)
     with Car.over(backend, cars=tmp_path) as car:
-        found = calibrate_lidar(car, room_map(URL))
+        found = calibrate_lidar(car, chart=room_map(URL))
         write(car.files, found)
     hidden = backend_lidar(URL)
     for name, true in hidden.items():
@@ -181,7 +181,7 @@ def test_a_unit_upside_down_is_named_and_nothing_is_written(tmp_path, capsys):
 @pytest.mark.slow
 def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
     watched = Watched(URL, tmp_path)
-    when = watched.press(lambda state: state.speed > 0.3, calibrate_lidar, room_map(URL))
+    when = watched.press(lambda state: state.speed > 0.3, calibrate_lidar, chart=room_map(URL))
     assert watched.pulled_after(when) < FRAMES
     assert watched.car.mode == "DISARMED"
     assert not list(tmp_path.rglob("calibration.toml"))
@@ -192,6 +192,6 @@ def test_ctrl_c_is_neutral_at_the_pin_within_two_frames(tmp_path):
 def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
     without_stop(monkeypatch)
     watched = Watched(URL, tmp_path)
-    when = watched.press(lambda state: state.speed > 0.3, calibrate_lidar, room_map(URL))
+    when = watched.press(lambda state: state.speed > 0.3, calibrate_lidar, chart=room_map(URL))
     assert watched.pulled_after(when) > 0.15
     watched.car.close()

@@ -9,9 +9,15 @@ import pytest
 
 from dart_hal.calibration.curves import steering
 from dart_hal.calibration.loop import Systematic, Window, contact, fit_loop, resample
-from dart_hal.calibration.route import Leg, Spot, trace, waiting_time
 from dart_hal.calibration.samples import Samples, approach, blocks, concatenate
-from dart_hal.calibration.schedule import make_plan, make_steps
+from dart_hal.calibration.schedule import (
+    Leg,
+    Spot,
+    make_plan,
+    make_steps,
+    trace,
+    waiting_time,
+)
 from dart_hal.calibration.steering_fit import fit_steering
 from dart_hal.calibration.steering_map import fit_map
 from dart_hal.core.errors import CalibrationFailed

@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.calibration.from_recordings import steering_from_recordings
-from dart_hal.calibration.groups import cautions, groups_of
-from dart_hal.calibration.notes import FileNote, grouped
-from dart_hal.calibration.sessions import day_of
+from dart_hal.calibration.from_recordings import FileNote, grouped, steering_from_recordings
+from dart_hal.calibration.sessions import cautions, day_of, groups_of
 from dart_hal.recording.dart import Messages, Note, Recording
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering

@@ -9,9 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from dart_hal.calibration.result import SteeringResult
-from dart_hal.cli import calibrate
-from dart_hal.cli.common.steering_table import rows_shown
+from dart_hal.calibration.result import SteeringResult, select_rows
+from dart_hal.cli.common import procedures
 from dart_hal.core.errors import CalibrationFailed
 
 PLAN = "This drives 26 m. Is the floor free?"
@@ -35,17 +34,18 @@ def result():
 def on_a_car(verb, monkeypatch, result, tmp_path):
     """``on_a_car(*options, stdin=...)``: the verb with a real car's URL, which asks PLAN."""
     @contextlib.contextmanager
-    def opened(*args, **kwargs):
-        yield SimpleNamespace(url="serial:///dev/ttyUSB0",
-                              files=SimpleNamespace(folder=tmp_path))
+    def over(backend, **kwargs):
+        yield SimpleNamespace(notices=(), files=SimpleNamespace(folder=tmp_path))
 
-    def procedure(car, *, ask, **kwargs):
+    def procedure(car, workshop, *, ask, **kwargs):
         if not ask(PLAN):
             raise CalibrationFailed("not started: it was not agreed to", remedy="--yes")
         return result
 
-    monkeypatch.setattr(calibrate, "opened", opened)
-    monkeypatch.setattr(calibrate, "calibrate_steering", procedure)
+    backend = SimpleNamespace(url=SimpleNamespace(text="serial:///dev/ttyUSB0"), workshop=None)
+    monkeypatch.setattr(procedures, "open_backend", lambda url: backend)
+    monkeypatch.setattr(procedures.Car, "over", over)
+    monkeypatch.setattr(procedures, "partial", lambda *args, **kwargs: procedure)
 
     def run(*options, stdin):
         monkeypatch.setattr("sys.stdin", stdin)
@@ -89,7 +89,7 @@ def test_json_keeps_every_row_and_note(on_a_car):
 
 @pytest.mark.parametrize("points", [*range(2, 60), 101, 1000])
 def test_rows_shown_are_few_and_hold_both_ends(points):
-    rows = rows_shown(points)
+    rows = select_rows(points)
     assert len(rows) <= 13
     assert len(rows) >= min(points, 6)
     assert (rows[0], rows[-1]) == (0, points - 1)

@@ -118,8 +118,8 @@ def test_folder_that_cannot_be_written_is_refused_before_the_car_moves(verb, tmp
     def drives(*args, **options):
         raise AssertionError("the car was driven")
 
-    monkeypatch.setattr("dart_hal.cli.calibrate.calibrate_steering", drives)
-    monkeypatch.setattr("dart_hal.cli.common.calibrate_measured.typed_clock", drives)
+    monkeypatch.setattr("dart_hal.calibration.steering.drive", drives)
+    monkeypatch.setattr("dart_hal.calibration.clock.typed_clock", drives)
     (tmp_path / "wr").mkdir()
     (tmp_path / "wr" / "sim-3").write_text("a file in the place of the folder")
     rest = CLOCK[2:] if what == "clock" else CLOCK[6:]

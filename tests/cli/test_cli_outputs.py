@@ -46,7 +46,7 @@ def still(monkeypatch):
         raise AssertionError("a car was opened before the outputs were checked")
 
     monkeypatch.setattr("dart_hal.devices.links.base.open_backend", opened)
-    for name in ("dart_hal.cli.common.session", "dart_hal.cli.common.calibrate_measured"):
+    for name in ("dart_hal.cli.common.session", "dart_hal.cli.common.procedures"):
         monkeypatch.setattr(f"{name}.open_backend", opened, raising=False)
     monkeypatch.setattr("dart_hal.car.Car.open", opened)
 

@@ -26,7 +26,8 @@ from dart_hal.vehicle import effects
 OF_THE_TREE = ("An effect", "A sensor channel", "A verb", "A message", "A calibration")
 """Recipes that change files of the tree."""
 OF_PACKAGES = {"A verb of another package": "hello from sim-0\n", "A backend": "", "A viewer": "",
-               "A sensor of another package": "", "A tyre law": ""}
+               "A sensor of another package": "", "A tyre law": "",
+               "A calibration of another package": ""}
 """Recipes of other packages, and what their command prints, where that is one line."""
 
 
@@ -90,7 +91,8 @@ def test_a_recipe_passes_its_own_checks(heading, tmp_path):
     ("A message", "tests/wire/test_definitions.py"),
     ("A calibration", "host/dart_hal/calibration/measured.py"),
     ("A calibration", "host/dart_hal/core/config/calibration.py"),
-    ("A calibration", "host/dart_hal/cli/calibrate.py")])
+    ("A calibration", "host/dart_hal/core/config/plausible.py"),
+    ("A calibration", "host/dart_hal/calibration/order.py")])
 def test_a_step_that_is_left_out_is_seen(heading, left_out, tmp_path):
     """The negative control: the checks of the recipe find each step that is missing."""
     assert left_out in [edited_file(block) for block in recipe(heading)]
@@ -156,6 +158,40 @@ def test_the_shortest_backend_opens_a_car(package, capsys):
     assert code == 0
     assert json.loads(printed)["frames"] > 10
     assert open_backend("twin://7").car == "sim-7"
+
+
+def test_a_calibration_of_another_package_measures_and_is_listed(package, capsys, tmp_path):
+    heading = "A calibration of another package"
+    (arguments,) = commands(heading)
+    arguments += ["--cars", str(tmp_path / "cars")]
+    assert run_verb(arguments, capsys)[0] == 2, "the negative control: not installed"
+    package(heading)
+    code, printed = run_verb(arguments, capsys)
+    assert code == 0
+    found = json.loads(printed)
+    assert found["quantities"]["imu.gyro_bias"]["unit"] == "rad/s"
+    assert Path(found["written"]).is_relative_to(tmp_path)
+    assert "gyro_bias = " in Path(found["written"]).read_text()
+    code, printed = run_verb(["calibrate", "--help"], capsys)
+    assert code == 0
+    assert "The bias of the gyro at rest." in printed
+    assert run_verb(["calibrate", "bias", "--seconds", "0.5"], capsys)[0] == 2
+
+
+@pytest.mark.parametrize("changes", [
+    {"dart_bias.py": None}, {"pyproject.toml": ("procedures", "viewers")},
+    {"pyproject.toml": ("bias = ", "other = ")}, {"dart_bias.py": ("BIAS = ", "OTHER = ")},
+    {"dart_bias.py": ("measure=measure,", "")}, {"dart_bias.py": ("plan=plan, ", "")}])
+def test_a_calibration_of_another_package_needs_each_step(changes, tmp_path, capsys):
+    """The negative control."""
+    heading = "A calibration of another package"
+    files = files_of_page(PAGE, heading)
+    for name, change in changes.items():
+        assert change is None or change[0] in files[name]
+        files[name] = "" if change is None else files[name].replace(*change)
+    install(tmp_path, files)
+    with on_path(tmp_path):
+        assert run_verb(commands(heading)[0], capsys)[0] == 2
 
 
 def test_a_viewer_sees_the_car(package, capsys):

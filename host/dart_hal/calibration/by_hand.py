@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
-from dart_hal.core.config import CarFiles
+from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports import Workshop
 
-from .runner import AskingCar, NotSeen, StatedCar
+from .runner import NotSeen, driving
 
 ROLLS_OUT = 1.5
 """s: a push of the hand, and the wheels at rest again."""
@@ -24,15 +23,7 @@ FEW = 5
 """Edges; a hand turns the wheel by a turn of the ring or more, 20 of them."""
 
 
-class PushedCar(StatedCar, Protocol):
-    """What this needs of a Car."""
-
-    files: CarFiles
-
-    def stop(self) -> object: ...
-
-
-def turn_by_hand(car: PushedCar, workshop: Workshop) -> None:
+def turn_by_hand(car: Car, workshop: Workshop) -> None:
     """Have the wheels turned. Errors: CalibrationFailed, a blocked wheel or the encoder by name."""
     before = next(iter(car.states())).ticks
     free = workshop.push()
@@ -51,7 +42,7 @@ def turn_by_hand(car: PushedCar, workshop: Workshop) -> None:
 
 
 @contextmanager
-def naming(car: AskingCar, workshop: Workshop) -> Iterator[None]:
+def naming(car: Car, workshop: Workshop) -> Iterator[None]:
     """Motion that is not seen within is named after the wheels were turned by hand."""
     try:
         yield
@@ -59,7 +50,7 @@ def naming(car: AskingCar, workshop: Workshop) -> Iterator[None]:
         raise name_standstill(car, workshop, seen) from seen
 
 
-def name_standstill(car: AskingCar, workshop: Workshop, seen: NotSeen) -> CalibrationFailed:
+def name_standstill(car: Car, workshop: Workshop, seen: NotSeen) -> CalibrationFailed:
     """The same on the floor, where the throttle of ``seen`` was a speed law's.
 
     A motor that answers after all leaves ``seen`` as it was said. Errors: as ``name_silence``.
@@ -69,24 +60,21 @@ def name_standstill(car: AskingCar, workshop: Workshop, seen: NotSeen) -> Calibr
     return seen if _answers(car) else name_silence(car, workshop, seen.found or "no edges")
 
 
-def _answers(car: AskingCar) -> bool:
+def _answers(car: Car) -> bool:
     """Whether a pull of the motor makes edges; it ends with the first few."""
     files = car.files
     pull = files.neutral_us + PULL * files.config.throttle.span_us
-    try:
-        with car.raw():
-            before: int | None = None
-            for state in car.states(duration=PULLED):
-                before = state.ticks if before is None else before
-                if state.ticks - before >= FEW:
-                    return True
-                car.pulses(steering_us=files.config.steering.center_us, throttle_us=pull)
-    finally:
-        car.stop()
+    with driving(car):
+        before: int | None = None
+        for state in car.states(duration=PULLED):
+            before = state.ticks if before is None else before
+            if state.ticks - before >= FEW:
+                return True
+            car.pulses(steering_us=files.config.steering.center_us, throttle_us=pull)
     return False
 
 
-def name_silence(car: PushedCar, workshop: Workshop, found: str) -> CalibrationFailed:
+def name_silence(car: Car, workshop: Workshop, found: str) -> CalibrationFailed:
     """Why no edge came of a throttle: wheel, encoder or, what is left, the motor.
 
     Stops the car first. Errors: CalibrationFailed for the first two.

@@ -9,20 +9,20 @@ Without the wire, a frequency that was measured with an instrument is taken.
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.config.ranges import MAX_CLOCK_STD, OSCILLATOR_HZ
-from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed, UsageError
 from dart_hal.devices.actuation.quantiser import NOMINAL_HZ, STEPS, counter_of
 from dart_hal.wire.messages import TICKS_PER_SECOND
 
-from .asking import Ask, Progress, agree, begin, silent
 from .measured import Measured, map_outdated
-from .runner import AskingCar, Runner
-from .sensor_log import SensorLog, WatchedCar
+from .procedure import Bench, Condition, Option, Procedure, ProcedurePlan
+from .runner import driving
+from .sensor_log import SensorLog
 
 PERIODS, CAPTURES = 250, 2
 """PWM periods of one capture, as many as the firmware takes, and captures one after the
@@ -39,39 +39,36 @@ CHANGED = 1e-3
 """Relative; of a pulse of 1500 us it is 1.5 us, a third of the PCA9685's count."""
 
 
-class ClockCar(AskingCar, WatchedCar, Protocol):
-    """What the procedure needs of a Car."""
-
-    def clock_pulse(self, on: bool, longer_us: float = ...) -> float: ...
-
-
-def plan(files: CarFiles) -> str:
-    """What is coming, in one sentence: purpose, time, space, tools."""
-    return (f"times {CAPTURES * PERIODS} pulses of the PCA9685's channel "
-            f"{files.config.pwm.clock_channel} to measure its oscillator; the throttle stays "
-            "neutral: about 17 s, no floor, a wire from that channel to D8 of the Nano")
+def plan(files: CarFiles, frequency: float | None = None, std: float | None = None
+         ) -> ProcedurePlan | None:
+    """Say what ``measure`` will do; None where the frequency was measured with an instrument."""
+    if frequency is not None:
+        return None
+    return ProcedurePlan(
+        f"times {CAPTURES * PERIODS} pulses of the PCA9685's channel "
+        f"{files.config.pwm.clock_channel} to measure its oscillator; the throttle stays "
+        "neutral: about 17 s, no floor, a wire from that channel to D8 of the Nano", 17.0)
 
 
-def calibrate_clock(car: ClockCar, *, progress: Progress = silent, ask: Ask = agree,
-                    source: str = "") -> Measured:
-    """Measure the oscillator [Hz]; nothing is written (``measured.write``).
+def measure(bench: Bench, frequency: float | None = None, std: float | None = None) -> Measured:
+    """Measure the oscillator [Hz], or take it from a typed PWM frequency and its one sigma [Hz].
 
     Errors: CalibrationFailed without the wire (with what to do instead), LinkLost, NotArmed.
     """
-    files = car.files
-    begin(ask, plan(files), "the wire there", "the wire is there")
+    car, files = bench.car, bench.files
+    if frequency is not None and std is not None:
+        return typed_clock(files, frequency, std, bench.source)
     log = SensorLog(car)
     try:
-        with car.raw():
+        with driving(car) as runner:
             car.clock_pulse(True)
-            runner = Runner(car)
             center = files.config.steering.center_us
             runner.hold(0.1, center, 0.0)
             car.answers("CAPTURE")
             log.take()
             periods, states = [], []
             for k in range(CAPTURES):
-                progress(0.1 + 0.9 * k / CAPTURES, f"timing {PERIODS} pulses")
+                bench.progress(0.1 + 0.9 * k / CAPTURES, f"timing {PERIODS} pulses")
                 car.request("CAPTURE_REQ", frames=PERIODS)
                 states += runner.hold(WAIT, center, 0.0)
                 periods.append(_period(car.answers("CAPTURE")))
@@ -79,7 +76,6 @@ def calibrate_clock(car: ClockCar, *, progress: Progress = silent, ask: Ask = ag
             rate_std = math.sqrt(2.0) * states[-1].health.t_std / seconds
     finally:
         car.clock_pulse(False)
-        car.stop()
     period = float(np.mean(periods)) * rate
     hertz = STEPS * (counter_of(files)[0] + 1) / period
     stamps = STAMP * math.sqrt(2.0 / CAPTURES) / (PERIODS * period)
@@ -87,8 +83,8 @@ def calibrate_clock(car: ClockCar, *, progress: Progress = silent, ask: Ask = ag
     found = Quantity(hertz, hertz * relative,
                      f"spare channel into D8, {CAPTURES * PERIODS} periods")
     off = 100.0 * (1.0 / rate - 1.0)
-    return _measured(files, source, found, f"the Nano's clock differs from the host's by {off:+.3f}"
-                     " %, taken out", seconds)
+    return _measured(files, bench.source, found, "the Nano's clock differs from the host's by "
+                     f"{off:+.3f} %, taken out", seconds)
 
 
 def typed_clock(files: CarFiles, frequency: float, std: float, source: str = "") -> Measured:
@@ -139,3 +135,25 @@ def _measured(files: CarFiles, source: str, hertz: Quantity, residual: str, dura
              *map_outdated(files, abs(hertz.value / before - 1.0) > CHANGED, f"{before:.0f} Hz"))
     return Measured(files.config.name, source or files.config.name, "clock",
                     {"pwm.oscillator_hz": hertz}, residual, duration, notes)
+
+
+def _check_typed(frequency: float | None = None, std: float | None = None) -> None:
+    if (frequency is None) != (std is None):
+        raise UsageError("a measured frequency needs its standard error",
+                         found="--frequency or --std alone", expected="both",
+                         remedy="--frequency 50.21 --std 0.01")
+
+
+calibrate_clock = Procedure(
+    name="clock",
+    help="""The oscillator of the PCA9685, by which every pulse is made.
+
+    The Nano times the pulses of the spare channel, by a wire to its D8. Without
+    the wire: --frequency and --std of a scope or a logic analyser.
+    """,
+    plan=plan, measure=measure, condition=Condition.WIRED,
+    options=(
+        Option("frequency", "PWM frequency of any channel as an instrument shows it; nothing is "
+               "measured", None, "Hz", 20.0, 400.0, metavar="HZ"),
+        Option("std", "its one sigma", None, "Hz", 0.0, 10.0, metavar="HZ", above_low=True)),
+    check=_check_typed, keys=("pwm.oscillator_hz",), optional=True)

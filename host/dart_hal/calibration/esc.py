@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from msgspec import structs
 
+from dart_hal.car import Car
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports import Workshop
@@ -20,13 +21,13 @@ from dart_hal.core.timing import PWM_FRAME, PWM_WAIT_STD
 from dart_hal.core.types import Estimate
 from dart_hal.devices.actuation.limits import RAW_HIGH_US
 
-from .asking import Ask, Progress, agree, begin, silent
 from .by_hand import turn_by_hand
 from .clock import UNKNOWN
 from .esc_fit import Force, knee, pull_begins
 from .measured import Measured
+from .procedure import Bench, Condition, Procedure, ProcedurePlan, Progress
 from .sensor_log import SensorLog
-from .spin import LiftedCar, Spin, Spinner, spinning
+from .spin import Spin, Spinner, spinning
 
 LEVELS = (12.0, 25.0, 40.0, 60.0)
 """us beyond the first motion: 1 to 3 m/s of the tread."""
@@ -81,24 +82,22 @@ class Found:
     notes: list[str] = field(default_factory=list)
 
 
-def plan(files: CarFiles) -> str:
-    """What is coming, in one sentence: purpose, time, space, tools."""
-    return ("spins the wheels in the air, forward, at the brake, in reverse and for 13 s up to "
-            "full throttle, then leaves the ESC without pulses, to measure neutral, dead band, end "
-            "of the throttle, brake and signal loss: about 80 s, a bench; a stand under the "
-            "chassis, all four wheels free, fingers and cables away")
+def plan(files: CarFiles) -> ProcedurePlan:
+    """Say what ``measure`` will do."""
+    return ProcedurePlan(
+        "spins the wheels in the air, forward, at the brake, in reverse and for 13 s up to "
+        "full throttle, then leaves the ESC without pulses, to measure neutral, dead band, end "
+        "of the throttle, brake and signal loss: about 80 s, a bench; a stand under the "
+        "chassis, all four wheels free, fingers and cables away", 80.0)
 
 
-def calibrate_esc(car: LiftedCar, workshop: Workshop, *, progress: Progress = silent,
-                  ask: Ask = agree, source: str = "") -> Measured:
-    """Measure the ESC; nothing is written (``measured.write``).
+def measure(bench: Bench) -> Measured:
+    """Measure the ESC; the workshop lifts the car, turns a wheel and says which way they turned.
 
-    ``workshop`` lifts the car, turns a wheel and says which way the wheels turned. The car is
-    left stopped and on the floor, also on Ctrl-C. Errors: CalibrationFailed (with the likely
-    cause), LinkLost, NotArmed.
+    The car is left stopped and on the floor, also on Ctrl-C. Errors: CalibrationFailed (with the
+    likely cause), LinkLost, NotArmed.
     """
-    files = car.files
-    begin(ask, plan(files), "a stand there", "the stand is there")
+    car, files, workshop, progress = bench.car, bench.files, bench.workshop, bench.progress
     log = SensorLog(car)
     start = next(iter(car.states())).t
     workshop.lift()
@@ -123,7 +122,7 @@ def calibrate_esc(car: LiftedCar, workshop: Workshop, *, progress: Progress = si
         found.notes.append(f"the motor follows its pulses by a lag of {forward.lag:.3f} s, "
                            "fitted with the rest")
     return Measured(
-        files.config.name, source or files.config.name, "esc",
+        files.config.name, bench.source, "esc",
         {f"throttle.{name}": q for name, q in found.quantities.items()},
         f"the wheels keep to their law within {1e3 * forward.rms:.2f} mm rms",
         next(iter(car.states())).t - start, tuple(found.notes),
@@ -133,7 +132,7 @@ def calibrate_esc(car: LiftedCar, workshop: Workshop, *, progress: Progress = si
 # -- forward ---------------------------------------------------------------------
 
 
-def _forward(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Progress
+def _forward(car: Car, workshop: Workshop, log: SensorLog, progress: Progress
              ) -> tuple[Force, float]:
     """(force ahead, pulse of the first motion [us])."""
     with spinning(car, workshop, log) as spin:
@@ -166,7 +165,7 @@ def _levels(spin: Spinner, first: float, sign: float) -> list[Spin]:
 # -- brake and reverse -------------------------------------------------------------
 
 
-def _brake(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Progress, first: float,
+def _brake(car: Car, workshop: Workshop, log: SensorLog, progress: Progress, first: float,
            forward: Force, notes: list[str]) -> str:
     """What pulls below neutral do after a drive forward."""
     with spinning(car, workshop, log) as spin:
@@ -201,7 +200,7 @@ def _mirrored(spin: Spinner, first: float) -> float:
     return spin.whole(2.0 * spin.neutral - first - LEVELS[-1])
 
 
-def _backward(car: LiftedCar, workshop: Workshop, log: SensorLog, progress: Progress,
+def _backward(car: Car, workshop: Workshop, log: SensorLog, progress: Progress,
               first: float, found: Found) -> None:
     """The rest before reverse, and the force behind."""
     if found.reverse == "never":
@@ -339,3 +338,14 @@ def _clock(files: CarFiles) -> float:
     known = files.oscillator_hz
     return known.std / known.value if known else UNKNOWN
 
+
+
+calibrate_esc = Procedure(
+    name="esc",
+    help="""Neutral, dead band, brake, reverse and end of the throttle; wheels lifted.
+
+    The car stands on a stand and spins its wheels, up to full throttle; you turn
+    a wheel by hand and say which way they turned. Measure the clock first.
+    """,
+    plan=plan, measure=measure, condition=Condition.LIFTED,
+    keys=("throttle.neutral_us", "throttle.deadband_forward_us"), after=("clock",))

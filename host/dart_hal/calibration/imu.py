@@ -8,19 +8,18 @@ about the vertical. ``imu_fit`` makes numbers of them.
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
+from dart_hal.car import Car
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.core.ports import Workshop
 from dart_hal.core.types import State
 
-from .asking import Ask, Progress, agree, begin, silent
 from .by_hand import naming
 from .imu_fit import Still, Turn, axis_of, bias_of, still_of, yaw_of
 from .measured import Measured, map_outdated
-from .runner import AskingCar, Runner
-from .sensor_log import Sensed, SensorLog, WatchedCar
+from .procedure import Bench, Option, Procedure, ProcedurePlan
+from .runner import Runner, driving
+from .sensor_log import Sensed, SensorLog
 from .steering import standing_bias
 from .straight import rest, roll
 
@@ -42,28 +41,22 @@ LONGEST_TURN = 40.0
 """s for one turn; at walking pace it takes 9 s at full lock."""
 
 
-class ImuCar(AskingCar, WatchedCar, Protocol):
-    """What the procedure needs of a Car."""
-
-
-def plan(files: CarFiles, turns: int = TURNS) -> str:
-    """What is coming, in one sentence: purpose, time, space, tools."""
+def plan(files: CarFiles, turns: int = TURNS) -> ProcedurePlan:
+    """Say what ``measure`` will do."""
     seconds = STANDING + 2 * (turns * 9.0 + 8.0) + PULLS * 10.0
-    return (f"stands {STANDING:.0f} s, circles {turns} times to the left and {turns} times to "
-            f"the right, then pulls away straight {PULLS} times, to measure bias, scale and "
-            f"mounting of the gyro: about {seconds:.0f} s, a level floor of {FLOOR[0]:g} m x "
-            f"{FLOOR[1]:g} m, chalk and a protractor (or a line to come back to)")
+    return ProcedurePlan(
+        f"stands {STANDING:.0f} s, circles {turns} times to the left and {turns} times to "
+        f"the right, then pulls away straight {PULLS} times, to measure bias, scale and "
+        f"mounting of the gyro: about {seconds:.0f} s, a level floor of {FLOOR[0]:g} m x "
+        f"{FLOOR[1]:g} m, chalk and a protractor (or a line to come back to)", seconds, FLOOR)
 
 
-def calibrate_imu(car: ImuCar, workshop: Workshop, *, progress: Progress = silent,
-                  ask: Ask = agree, source: str = "", turns: int = TURNS) -> Measured:
-    """Measure gyro bias, gyro scale and mounting; nothing is written (``measured.write``).
+def measure(bench: Bench, turns: int = TURNS) -> Measured:
+    """Measure gyro bias, scale and mounting; the workshop answers by how much the car has turned.
 
-    ``workshop`` answers by how much the car has turned. The car is left stopped,
-    also on Ctrl-C. Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
+    Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
-    files = car.files
-    begin(ask, plan(files, turns))
+    car, files, workshop, progress = bench.car, bench.files, bench.workshop, bench.progress
     log = SensorLog(car)
     progress(0.0, "standing still")
     still = _still(car, log)
@@ -89,7 +82,7 @@ def calibrate_imu(car: ImuCar, workshop: Workshop, *, progress: Progress = silen
              "gyro_scale": (tilted.scale, turned), "mount_yaw": (yaw, f"{PULLS} straight pulls"),
              "mount_pitch": (tilted.pitch, turned), "mount_roll": (tilted.roll, turned)}
     return Measured(
-        files.config.name, source or files.config.name, "imu",
+        files.config.name, bench.source, "imu",
         {f"imu.{name}": Quantity(e.value, e.std, how) for name, (e, how) in found.items()},
         f"turns differ from the common scale by {100 * tilted.differs:.2f} % at most",
         sum(s.duration for s in (*(t.sensed for t in done), *pulls)) + STANDING,
@@ -98,27 +91,23 @@ def calibrate_imu(car: ImuCar, workshop: Workshop, *, progress: Progress = silen
                        f"a gyro scale of {old:.4f}")))
 
 
-def _still(car: ImuCar, log: SensorLog) -> Still:
+def _still(car: Car, log: SensorLog) -> Still:
     log.take()
     standing_bias(list(car.states(duration=STANDING)))
     return still_of(_sensed(log))
 
 
-def _turn(car: ImuCar, log: SensorLog, turns: int, left: bool) -> Sensed:
+def _turn(car: Car, log: SensorLog, turns: int, left: bool) -> Sensed:
     steering = car.files.config.steering
     side = LOCK * steering.span_us * steering.direction
     pulse = steering.center_us + (side if left else -side)
-    try:
-        with car.raw():
-            runner = Runner(car)
-            first = rest(runner, pulse)
-            log.take()
-            seen = runner.start_moving(pulse, TURNING, 0.0, left)
-            _until_turned(runner, pulse, first, seen[-1], turns)
-            rest(runner, pulse)
-            return _sensed(log)
-    finally:
-        car.stop()
+    with driving(car) as runner:
+        first = rest(runner, pulse)
+        log.take()
+        seen = runner.start_moving(pulse, TURNING, 0.0, left)
+        _until_turned(runner, pulse, first, seen[-1], turns)
+        rest(runner, pulse)
+        return _sensed(log)
 
 
 def _until_turned(runner: Runner, pulse: float, first: State, state: State, turns: int) -> None:
@@ -136,14 +125,11 @@ def _until_turned(runner: Runner, pulse: float, first: State, state: State, turn
                 remedy="dart-hal doctor")
 
 
-def _pull(car: ImuCar, log: SensorLog) -> Sensed:
-    try:
-        with car.raw():
-            log.take()
-            roll(Runner(car), car.files, PULL, PULLING)
-            return _sensed(log)
-    finally:
-        car.stop()
+def _pull(car: Car, log: SensorLog) -> Sensed:
+    with driving(car) as runner:
+        log.take()
+        roll(runner, car.files, PULL, PULLING)
+        return _sensed(log)
 
 
 def _sensed(log: SensorLog) -> Sensed:
@@ -157,3 +143,17 @@ def _silent(found: str) -> CalibrationFailed:
     return CalibrationFailed("no data of the IMU", found=found, expected="100 samples per second",
                              likely="IMU unplugged, or reset by a voltage drop",
                              remedy="dart-hal doctor")
+
+
+calibrate_imu = Procedure(
+    name="imu",
+    help="""Bias and scale of the gyro, and how the IMU sits in the car.
+
+    The car stands, circles to the left and to the right, and pulls away
+    straight; you chalk its heading and type by how many degrees it has turned.
+    Measure the encoder first.
+    """,
+    plan=plan, measure=measure,
+    options=(Option("turns", "full turns each way; twice as many are twice as exact", TURNS, "",
+                    1, 10),),
+    keys=("imu.gyro_scale", "imu.mount_yaw"), after=("clock", "encoder"))

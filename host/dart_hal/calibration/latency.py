@@ -13,21 +13,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from dart_hal.car import Car
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.config.quantity import Quantities
-from dart_hal.core.ports import Workshop
 from dart_hal.core.types import FloatArray, State
 from dart_hal.devices.actuation.quantiser import counter_of
 
-from .asking import Ask, Progress, agree, begin, silent
 from .by_hand import naming
-from .latency_log import Traffic, TrafficLog
-from .latency_pulse import TRIALS, WAIT, Grid, PulseCar, measured_grid
-from .latency_turn import linkage_of
-from .latency_wheel import Pull, fit_wheel
-from .latency_yaw import HIDDEN_LAG, Turning, fit_yaw
+from .latency_fit import HIDDEN_SERVO_LAG, Pull, Turning, fit_wheel, fit_yaw, linkage_of
+from .latency_log import CAPTURE_WAIT, TRIALS, Grid, Traffic, TrafficLog, measured_grid
 from .measured import Measured
-from .runner import Runner, check_turning, doubted
+from .procedure import Bench, Procedure, ProcedurePlan
+from .runner import Runner, check_turning, doubted, driving
 from .steering import standing_bias
 
 REPEATS = 12
@@ -59,48 +56,44 @@ LOST = 0.3e-3
 """s, a floor of the arrival's sigma: what no ping can see."""
 
 
-def plan(files: CarFiles) -> str:
-    """What is coming, in one sentence: purpose, time, space, tools."""
-    seconds = TRIALS * (WAIT + 0.2) + REPEATS * (UP_FOR + DOWN_FOR) + ROUNDS * 5.5 + 12.0
-    return (f"stands {TRIALS * (WAIT + 0.2):.0f} s, then circles to the left on {RADIUS:g} m with "
-            f"{REPEATS} steps of the throttle (0.5 to 1.5 m/s) and slowly with "
-            f"{ROUNDS * len(STAIRS)} steps of the steering, to measure how late the car answers: "
-            f"about {seconds:.0f} s, or a minute more at rest in between, a floor of "
-            f"{FLOOR[0]:g} m x {FLOOR[1]:g} m, mostly to its left, no tools; a wire from channel "
-            f"{files.config.pwm.clock_channel} to the Nano's D8 shows the pulses")
+def plan(files: CarFiles) -> ProcedurePlan:
+    """Say what ``measure`` will do."""
+    still = TRIALS * (CAPTURE_WAIT + 0.2)
+    seconds = still + REPEATS * (UP_FOR + DOWN_FOR) + ROUNDS * 5.5 + 12.0
+    return ProcedurePlan(
+        f"stands {still:.0f} s, then circles to the left on {RADIUS:g} m with "
+        f"{REPEATS} steps of the throttle (0.5 to 1.5 m/s) and slowly with "
+        f"{ROUNDS * len(STAIRS)} steps of the steering, to measure how late the car answers: "
+        f"about {seconds:.0f} s, or a minute more at rest in between, a floor of "
+        f"{FLOOR[0]:g} m x {FLOOR[1]:g} m, mostly to its left, no tools; a wire from channel "
+        f"{files.config.pwm.clock_channel} to the Nano's D8 shows the pulses", seconds, FLOOR)
 
 
-def calibrate_latency(car: PulseCar, workshop: Workshop, *, progress: Progress = silent,
-                      ask: Ask = agree, source: str = "") -> Measured:
-    """Measure delays and lags [s]; nothing is written (``measured.write``).
+def measure(bench: Bench) -> Measured:
+    """Measure delays and lags [s]; the workshop turns a wheel where no motion is seen.
 
-    ``workshop`` turns a wheel where no motion is seen, so that it is known why. The car is left
-    stopped, also on Ctrl-C. Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
+    Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
-    files = car.files
-    begin(ask, plan(files))
+    car, files, progress = bench.car, bench.files, bench.progress
     log = TrafficLog(car)
     edges, metres = files.config.encoder.edges_per_rev, files.metres_per_edge.value
-    try:
-        with naming(car, workshop), car.raw():
-            progress(0.0, "timing pulses")
-            grid = measured_grid(car, log)
-            standing = log.take()
-            progress(0.2, "steps of the throttle")
-            bias = standing_bias(Runner(car).hold(STANDING, _circle(files), 0.0)).value
-            pulled, at = _pull(car, log, bias)
-            progress(0.6, "the gyro's clock")
-            _await_gyro(car, log)
-            progress(0.7, "steps of the steering")
-            turned = _turn(car, log)
-    finally:
-        car.stop()
+    with naming(car, bench.workshop), driving(car):
+        progress(0.0, "timing pulses")
+        grid = measured_grid(car, log)
+        standing = log.take()
+        progress(0.2, "steps of the throttle")
+        bias = standing_bias(Runner(car).hold(STANDING, _circle(files), 0.0)).value
+        pulled, at = _pull(car, log, bias)
+        progress(0.6, "the gyro's clock")
+        _await_gyro(car, log)
+        progress(0.7, "steps of the steering")
+        turned = _turn(car, log)
     progress(0.95, "fitting")
     throttle = files.neutral_us, files.config.throttle.span_us
     pull = fit_wheel(grid, pulled, at, throttle, metres, edges)
     turning = fit_yaw(grid, turned, linkage_of(files), SLOWLY, metres, edges)
     seconds = turned.column("t")[-1] - standing.column("t")[0]
-    return Measured(files.config.name, source or files.config.name, "latency",
+    return Measured(files.config.name, bench.source, "latency",
                     _quantities(grid, pull, turning, standing),
                     f"edges {1e3 * pull.left:.2f} mm and yaw rate {turning.left:.4f} rad/s off the "
                     "fit", float(seconds), _notes(files, grid, turning))
@@ -139,7 +132,7 @@ def _notes(files: CarFiles, grid: Grid, turning: Turning) -> tuple[str, ...]:
                      "Nano's ran in step: run it again; or its firmware does not look at them: "
                      "dart-hal flash): pulse_to_yaw is known to some ms")
     if turning.lag is None:
-        notes.append(f"a lag of the servo below {HIDDEN_LAG} s does not show behind its slew")
+        notes.append(f"a lag of the servo below {HIDDEN_SERVO_LAG} s does not show behind its slew")
     return (*notes, "drive_speed is tuned by these from the next start on")
 
 
@@ -168,7 +161,7 @@ def _whole(files: CarFiles, pulse_us: float) -> float:
     return round(pulse_us / count) * count
 
 
-def _pull(car: PulseCar, log: TrafficLog, bias: float) -> tuple[Traffic, FloatArray]:
+def _pull(car: Car, log: TrafficLog, bias: float) -> tuple[Traffic, FloatArray]:
     """Steps of the throttle in a circle; when each began [s]."""
     files, runner = car.files, Runner(car)
     bend = _circle(files)
@@ -188,7 +181,7 @@ def _pull(car: PulseCar, log: TrafficLog, bias: float) -> tuple[Traffic, FloatAr
     return log.take(), np.array(starts)
 
 
-def _held(car: PulseCar, states: Iterator[State], steering_us: float, throttle_us: float,
+def _held(car: Car, states: Iterator[State], steering_us: float, throttle_us: float,
           seconds: float) -> float:
     """Both pulses for a while; returns the time [s]. Errors: CalibrationFailed at a doubt."""
     start: float | None = None
@@ -202,7 +195,7 @@ def _held(car: PulseCar, states: Iterator[State], steering_us: float, throttle_u
     raise AssertionError("states() ended by itself")
 
 
-def _await_gyro(car: PulseCar, log: TrafficLog) -> None:
+def _await_gyro(car: Car, log: TrafficLog) -> None:
     """At rest until it is known when the gyro's samples are taken, where its looks tell it."""
     runner, waited = Runner(car), 0.0
     while (log.age_std or 0.0) > KNOWN and waited < LONGEST_WAIT:
@@ -210,7 +203,7 @@ def _await_gyro(car: PulseCar, log: TrafficLog) -> None:
         waited += AT_ONCE
 
 
-def _turn(car: PulseCar, log: TrafficLog) -> Traffic:
+def _turn(car: Car, log: TrafficLog) -> Traffic:
     """Stairs of the steering at a steady speed, and back."""
     runner, files = Runner(car), car.files
     last = STAIRS[-1]
@@ -222,3 +215,16 @@ def _turn(car: PulseCar, log: TrafficLog) -> Traffic:
         runner.hold(held + VARIED[(k + k // 4) % 4], _pulse(files, command), SLOWLY)
         last = command
     return log.take()
+
+
+calibrate_latency = Procedure(
+    name="latency",
+    help="""How late the car answers: command to pulse, pulse to wheels, sensor to host.
+
+    The car stands while the Nano times pulses (by the wire to its D8), then circles
+    to the left with steps of the throttle, and of the steering. drive_speed is tuned by
+    what comes out. Measure clock, encoder and steering first.
+    """,
+    plan=plan, measure=measure,
+    keys=("latency.pulse_to_wheel", "latency.pulse_to_yaw", "latency.sensor_to_host"),
+    after=("clock", "esc", "encoder", "imu", "steering"))

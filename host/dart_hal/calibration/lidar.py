@@ -8,18 +8,17 @@ are named first: nothing else that they say would be right.
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
 from dart_hal.core.config import CarFiles, Quantity
-from dart_hal.core.errors import CalibrationFailed, DartHalError
+from dart_hal.core.errors import CalibrationFailed, UsageError
 from dart_hal.core.types import Estimate, Scan, State
 from dart_hal.estimation.localisation.field import Map
 
-from .asking import Ask, Progress, agree, begin, silent
 from .lidar_fit import ANY_GYRO, Drive, Sits, fit_lidar, sense_of
 from .measured import Measured
 from .mocap import SPEEDS, drive
-from .runner import AskingCar, Runner
+from .procedure import Bench, Procedure, ProcedurePlan
+from .runner import driving
 
 LEGS = [(speed, left) for left in (True, False) for speed in (*SPEEDS, *reversed(SPEEDS))]
 """One change of side, and slowly: each carries the car on, and rooms are small."""
@@ -37,42 +36,25 @@ one that was screwed on the other way round, and somebody should look at it."""
 KEYS = {"x": "mount_x", "y": "mount_y", "yaw": "mount_yaw", "scale": "scale"}
 
 
-class Scanning(Protocol):
-    """A lidar that tells scans (``car.CarLidar``)."""
-
-    @property
-    def trouble(self) -> DartHalError | None: ...
-    def scans(self) -> tuple[Scan, ...]: ...
-
-
-class LidarCar(AskingCar, Protocol):
-    """A car with a lidar."""
-
-    @property
-    def has_lidar(self) -> bool: ...
-    @property
-    def lidar(self) -> Scanning: ...
+def plan(files: CarFiles) -> ProcedurePlan:
+    """Say what ``measure`` will do."""
+    return ProcedurePlan(
+        f"circles at {SPEEDS[0]} and {SPEEDS[1]} m/s to the left and to the right, "
+        "twice each, to measure how the lidar sits on the car and how true its distances are: "
+        f"about 55 s, a floor of {FLOOR[0]:g} m x {FLOOR[1]:g} m in a room of which there is a "
+        "map, no tools", 55.0, FLOOR)
 
 
-def plan(files: CarFiles) -> str:
-    """What is coming, in one sentence: purpose, time, space, tools."""
-    return (f"circles at {SPEEDS[0]} and {SPEEDS[1]} m/s to the left and to the right, "
-            "twice each, to measure how the lidar sits on the car and how true its distances are: "
-            f"about 55 s, a floor of {FLOOR[0]:g} m x {FLOOR[1]:g} m in a room of which there is a "
-            "map, no tools")
+def measure(bench: Bench) -> Measured:
+    """Measure mount [m, m, rad] and scale in the room of ``bench.chart``.
 
-
-def calibrate_lidar(car: LidarCar, chart: Map, *, progress: Progress = silent, ask: Ask = agree,
-                    source: str = "") -> Measured:
-    """Measure mount [m, m, rad] and scale; nothing is written (``measured.write``).
-
-    chart: the map of the room. The car is left stopped, also on Ctrl-C. Errors: CalibrationFailed
-    (with the likely cause), NoScan, LinkLost, NotArmed.
+    Errors: CalibrationFailed (with the likely cause), NoScan, LinkLost, NotArmed.
     """
-    files = car.files
+    car, files, chart = bench.car, bench.files, bench.chart
+    if chart is None:
+        raise UsageError("the lidar is measured in a map", found="none", expected="a chart")
     if not car.has_lidar:
         raise _no_scans(False)
-    begin(ask, plan(files))
     states: list[State] = []
     scans: list[Scan] = []
 
@@ -83,16 +65,13 @@ def calibrate_lidar(car: LidarCar, chart: Map, *, progress: Progress = silent, a
     watch(list(car.states(duration=WAIT)))
     if not scans:
         raise car.lidar.trouble or _no_scans(True)
-    try:
-        with car.raw():
-            drive(Runner(car), files, progress, watch, LEGS, LOCK, whole=True)
-    finally:
-        car.stop()
+    with driving(car) as runner:
+        drive(runner, files, bench.progress, watch, LEGS, LOCK, whole=True)
     sits = found_by(Drive(states, scans), chart, _gyro_std(files))
     method = f"{sits.scans} scans in a map"
     found = {f"lidar.{KEYS[name]}": Quantity(e.value, e.std, method)
              for name, e in sits.found.items()}
-    return Measured(files.config.name, source or files.config.name, "lidar", found,
+    return Measured(files.config.name, bench.source, "lidar", found,
                     f"lidar and dead reckoning differ by {1e3 * sits.rms:.1f} mm rms, the map "
                     f"explains {100.0 * sits.agreement:.0f} % of the beams",
                     states[-1].t - states[0].t,
@@ -149,3 +128,15 @@ def _otherwise(name: str, was: float, now: Estimate) -> CalibrationFailed:
         likely="it was screwed on the other way round, or car.toml is of another car; scale: the "
                "map's metres are none",
         remedy=f"{key} = {now.value:.3f} in car.toml, then run it again")
+
+
+calibrate_lidar = Procedure(
+    name="lidar",
+    help="""How the lidar sits on the car, and how true its distances are.
+
+    Slow and fast circles to both sides, about a minute, in a room of which there is a map. A lidar
+    that is upside down or turns the other way than car.toml says, and a map of another room are
+    named. Measure encoder and imu first.
+    """,
+    plan=plan, measure=measure, lidar=True, keys=tuple(f"lidar.{n}" for n in KEYS.values()),
+    after=("clock", "encoder", "imu"))

@@ -1,4 +1,4 @@
-"""Quantities that a procedure measured: shown, as JSON, and written to calibration.toml."""
+"""Quantities that a procedure measured, and the write-back into calibration.toml."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 
 from dart_hal.core.config import (
+    Calibration,
     CarFiles,
     DriveTable,
     Quantity,
@@ -19,8 +20,11 @@ from dart_hal.core.config import (
     save_calibration,
 )
 from dart_hal.core.config.quantity import Quantities
+from dart_hal.core.types import NINETY
 
-from .result import number
+from .result import Result, Summary, indent, number
+
+R = TypeVar("R", bound=Result)
 
 UNITS = {
     "pwm.oscillator_hz": "Hz", "encoder.metres_per_edge": "m", "encoder.ring": "-",
@@ -56,6 +60,11 @@ class Measured:
     written: str | None = None
     others: Mapping[str, str | DriveTable] = field(default_factory=dict)
 
+    @property
+    def unwritten(self) -> str:
+        """It can always be written."""
+        return ""
+
     def to_json(self) -> dict[str, Any]:
         """The JSON object of ``calibrate VERB``; plain types."""
         return {
@@ -67,27 +76,60 @@ class Measured:
             "written": self.written, "notes": list(self.notes),
         }
 
+    def summary(self) -> Summary:
+        """Each quantity with standard error and 90 % interval, the residual, the notes."""
+        rows: list[tuple[str, ...]] = []
+        for name, q in self.quantities.items():
+            if isinstance(q, Quantity):
+                unit = "" if UNITS[name] == "-" else f" {UNITS[name]}"
+                half = NINETY * q.std
+                rows.append((name, f"{q.value:.6g}{unit}", f"{q.std:.2g}{unit}",
+                             f"{q.value - half:.6g} to {q.value + half:.6g}"))
+            else:
+                low, high = min(q.value), max(q.value)
+                rows.append((name, f"{len(q.value)} from {low:.3f} to {high:.3f}",
+                             "per value (--json)", ""))
+        for name, other in self.others.items():
+            if isinstance(other, DriveTable):
+                points = zip(other.speed, other.pulse_us, other.std_us, strict=True)
+                rows += [(f"{name} at {speed:.2f} m/s", f"{pulse:.2f} us", f"{std:.2g} us",
+                          f"{pulse - NINETY * std:.2f} to {pulse + NINETY * std:.2f}")
+                         for speed, pulse, std in points]
+            else:
+                rows.append((name, other.replace("_", " "), "", ""))
+        return Summary(f"{self.verb} of {self.car}",
+                       ("quantity", "value", "one sigma", "90 % interval"), tuple(rows),
+                       (f"{self.residual}, {self.duration:.0f} s of the car's time",
+                        *indent(self.notes)))
 
-def write(files: CarFiles, measured: Measured) -> Measured:
-    """Put the quantities and their provenance into the car's calibration.toml.
+    def put_into(self, calibration: Calibration) -> Calibration:
+        """With the quantities, rounded, and the others."""
+        new = calibration.with_quantities({name: _round(q) for name, q in self.quantities.items()})
+        for name, value in self.others.items():
+            table, _, key = name.partition(".")
+            inner = msgspec.structs.replace(getattr(new, table), **{key: value})
+            new = msgspec.structs.replace(new, **{table: inner})
+        return new
+
+    def provenance(self) -> dict[str, Any]:
+        """Source, residual and driving time [s]."""
+        return {"source": self.source, "residual": self.residual,
+                "duration_s": round(self.duration, 2)}
+
+
+def write(files: CarFiles, result: R) -> R:
+    """Put a result of any procedure, with its provenance, into the car's calibration.toml.
 
     The file before goes to history/; what other procedures measured stays.
-    Errors: ConfigError, OSError.
+    Raises CalibrationFailed, ConfigError, OSError.
     """
     old = calibration_in(files.folder, files.config.name, files.config)
-    new = old.with_quantities({name: _rounded(q) for name, q in measured.quantities.items()})
-    for name, value in measured.others.items():
-        table, _, key = name.partition(".")
-        inner = msgspec.structs.replace(getattr(new, table), **{key: value})
-        new = msgspec.structs.replace(new, **{table: inner})
+    new = result.put_into(old)
     now = datetime.now(timezone.utc).replace(microsecond=0)
     provenance = {**old.provenance, "when": now,
-                  measured.verb: {"when": now, "source": measured.source,
-                                  "residual": measured.residual,
-                                  "duration_s": round(measured.duration, 2)}}
-    new = msgspec.structs.replace(new, provenance=provenance)
-    new = bind_board(new, files)
-    return replace(measured, written=str(save_calibration(new, files.folder, files.config)))
+                  result.verb: {"when": now, **result.provenance()}}
+    new = bind_board(msgspec.structs.replace(new, provenance=provenance), files)
+    return replace(result, written=str(save_calibration(new, files.folder, files.config)))
 
 
 def map_outdated(files: CarFiles, changed: bool, measured_with: str) -> tuple[str, ...]:
@@ -99,12 +141,12 @@ def map_outdated(files: CarFiles, changed: bool, measured_with: str) -> tuple[st
             "steering again",)
 
 
-def _rounded(q: Quantity | Quantities) -> Quantity | Quantities:
+def _round(q: Quantity | Quantities) -> Quantity | Quantities:
     """To a hundredth of the standard error: a file for people, and nothing lost."""
     if isinstance(q, Quantities) or q.std <= 0.0:
         return q
     digits = 2 - math.floor(math.log10(q.std))
-    return Quantity(round(q.value, digits), round(q.std, digits), q.method)
+    return Quantity(round(float(q.value), digits), round(float(q.std), digits), q.method)
 
 
 def _plain(value: float | tuple[float, ...]) -> Any:

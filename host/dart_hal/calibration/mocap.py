@@ -18,10 +18,10 @@ from dart_hal.core.types import ExternalPose, State
 from dart_hal.estimation.pose_check import Drive, fault_of
 from dart_hal.estimation.source_clock import car_time
 
-from .asking import Ask, Progress, agree, begin, silent
 from .measured import Measured
 from .mocap_fit import NAMES, Track, fit_marker
-from .runner import AskingCar, Runner
+from .procedure import Bench, Procedure, ProcedurePlan, Progress
+from .runner import Runner, driving
 from .straight import rest
 
 ROUNDS, SPEEDS = 2, (0.4, 0.8)
@@ -39,23 +39,21 @@ WAIT = 2.0
 """s in which a source that is there has told something."""
 
 
-def plan(files: CarFiles) -> str:
-    """What is coming, in one sentence: purpose, time, space, tools."""
-    return (f"circles at {SPEEDS[0]} and {SPEEDS[1]} m/s to the left and to the right, {ROUNDS} "
-            "times, to measure where the marker sits and how late the poses from outside come: "
-            f"about 55 s, a floor of {FLOOR[0]:g} m x {FLOOR[1]:g} m that the source sees, no "
-            "tools")
+def plan(files: CarFiles) -> ProcedurePlan:
+    """Say what ``measure`` will do."""
+    return ProcedurePlan(
+        f"circles at {SPEEDS[0]} and {SPEEDS[1]} m/s to the left and to the right, {ROUNDS} "
+        "times, to measure where the marker sits and how late the poses from outside come: "
+        f"about 55 s, a floor of {FLOOR[0]:g} m x {FLOOR[1]:g} m that the source sees, no "
+        "tools", 55.0, FLOOR)
 
 
-def calibrate_mocap(car: AskingCar, *, progress: Progress = silent, ask: Ask = agree,
-                    source: str = "") -> Measured:
-    """Measure marker frame [m, m, rad] and latency [s]; nothing is written (``measured.write``).
+def measure(bench: Bench) -> Measured:
+    """Measure marker frame [m, m, rad] and latency [s].
 
-    The car is left stopped, also on Ctrl-C. Errors: CalibrationFailed (with the likely cause),
-    LinkLost, NotArmed.
+    Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
-    files = car.files
-    begin(ask, plan(files))
+    car, files = bench.car, bench.files
     seen: dict[float, ExternalPose] = {}
     states: list[State] = []
 
@@ -67,17 +65,14 @@ def calibrate_mocap(car: AskingCar, *, progress: Progress = silent, ask: Ask = a
     watch(list(car.states(duration=WAIT)))
     if not seen:
         raise _no_poses()
-    try:
-        with car.raw():
-            drive(Runner(car), files, progress, watch)
-    finally:
-        car.stop()
+    with driving(car) as runner:
+        drive(runner, files, bench.progress, watch)
     track = track_of(states, list(seen.values()))
     check(track)
     marker = fit_marker(track)
     found = {f"mocap.{name}": Quantity(e.value, e.std, f"{marker.stretches} stretches of circles")
              for name, e in ((n, marker.found[n]) for n in NAMES)}
-    return Measured(files.config.name, source or files.config.name, "mocap", found,
+    return Measured(files.config.name, bench.source, "mocap", found,
                     f"poses and dead reckoning differ by {1e3 * marker.rms:.1f} mm rms",
                     states[-1].t - states[0].t,
                     (f"{len(seen)} poses; dead reckoning begins anew every 3 s",))
@@ -155,3 +150,15 @@ def _no_poses() -> CalibrationFailed:
         "no poses from outside", found=f"none within {WAIT:.0f} s", expected="a source that sees "
         "the car", likely="no source is named, or it does not send to this computer",
         remedy="DART_HAL_POSES=udp://:5005, or sim://?mocap=1; docs: how_to/poses.md")
+
+
+calibrate_mocap = Procedure(
+    name="mocap",
+    help="""Where the marker sits on the car, and how late the poses from outside come.
+
+    Slow and fast circles to both sides, about a minute. $DART_HAL_POSES names the source. Poses
+    of another body, other units and frames that are left-handed or not z-up are named, with the
+    option that mends them.
+    """,
+    plan=plan, measure=measure, poses=True, keys=tuple(f"mocap.{n}" for n in NAMES),
+    after=("clock", "encoder", "imu"))

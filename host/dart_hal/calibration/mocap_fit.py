@@ -27,7 +27,7 @@ from dart_hal.estimation.imu_clock import READ_STD, WORK_STD
 from dart_hal.vehicle.fitting.covariance import leverage_covariance
 from dart_hal.vehicle.fitting.least_squares import least_squares
 
-from .latency_yaw import FILTER_STD
+from .latency_fit import FILTER_STD
 
 STRETCH = 3.0
 """s: by the gyro's 0.001 rad/s the car is 2 mm off its place then."""

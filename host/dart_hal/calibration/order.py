@@ -8,41 +8,40 @@ of the steering map, behind whose backlash the servo's delay is measured.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
+from importlib import import_module
+from importlib.metadata import EntryPoint
 from typing import Any
 
-from dart_hal.calibration import (
-    clock,
-    encoder,
-    esc,
-    imu,
-    latency,
-    lidar,
-    mocap,
-    steering,
-    throttle,
-)
-from dart_hal.calibration.asking import Ask, Progress
-from dart_hal.calibration.measured import Measured
-from dart_hal.calibration.mocap_fit import NAMES
-from dart_hal.calibration.result import SteeringResult
+from dart_hal.calibration.procedure import Ask, Procedure, Progress
+from dart_hal.calibration.result import Result
 from dart_hal.car import Car
 from dart_hal.core.config import Calibration, CarFiles
-from dart_hal.core.errors import CalibrationFailed
+from dart_hal.core.errors import CalibrationFailed, ConfigError
+from dart_hal.core.plugins import attribute_errors, list_plugins, load_entry
 from dart_hal.core.ports import Workshop
 from dart_hal.estimation.localisation.field import Map
 
+OWN = {
+    "clock": "clock:calibrate_clock",
+    "esc": "esc:calibrate_esc",
+    "encoder": "encoder:calibrate_encoder",
+    "throttle": "throttle:calibrate_throttle",
+    "imu": "imu:calibrate_imu",
+    "steering": "steering:STEERING",
+    "latency": "latency:calibrate_latency",
+    "mocap": "mocap:calibrate_mocap",
+    "lidar": "lidar:calibrate_lidar",
+}
+"""Module and name of our procedures, in the order in which they are run."""
+VERBS = tuple(OWN)
+GROUP = "dart_hal.procedures"
+"""Entry points: procedures of other packages. They run after ours."""
 FRESH = timedelta(hours=12)
 """A session at the car: what was measured within it is not measured again unless asked for."""
-ROLL_OUT = 1.0
-"""m beyond the taped distance: the car's length, and what it takes to stop."""
 
-Found = Measured | SteeringResult
-Run = Callable[[Car, Workshop, Progress, Ask], Found]
-VERBS = ("clock", "esc", "encoder", "throttle", "imu", "steering", "latency", "mocap",
-         "lidar")
-"""All there are, in the order in which they are run."""
+Run = Callable[[Car, Workshop, Progress, Ask], Result]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +61,45 @@ class Step:
     optional: bool = False
 
 
+def list_names() -> tuple[str, ...]:
+    """Names of all procedures in the order in which they are run, without importing any."""
+    return (*OWN, *(name for name in list_plugins(GROUP) if name not in OWN))
+
+
+def load_procedure(name: str) -> Procedure[Any]:
+    """Import a procedure of ``list_names``.
+
+    Raises ConfigError for an entry point that is no Procedure of that name, PluginFailed for one
+    that cannot be imported. What another package's procedure raises names that package, too.
+    """
+    if name in OWN:
+        module, _, attribute = OWN[name].partition(":")
+        own: Procedure[Any] = getattr(import_module(f"dart_hal.calibration.{module}"), attribute)
+        return own
+    entry = list_plugins(GROUP)[name]
+    found = load_entry(entry)
+    if not isinstance(found, Procedure) or found.name != name:
+        raise ConfigError(f"the entry point {name} of {GROUP} is no calibration",
+                          found=f"a Procedure named {found.name}"
+                          if isinstance(found, Procedure) else repr(found),
+                          expected=f"a Procedure named {name}",
+                          remedy=f"correct {entry.value}, or uninstall its package")
+    calls: dict[str, Any] = {
+        field: _attribute(call, entry)
+        for field in ("plan", "measure", "adapt", "check", "plot", "fit")
+        if (call := getattr(found, field)) is not None}
+    return replace(found, **calls)
+
+
+def _attribute(call: Callable[..., Any], entry: EntryPoint) -> Callable[..., Any]:
+    """The same with errors that name the package of the entry point."""
+    def called(*args: Any, **options: Any) -> Any:
+        with attribute_errors(entry):
+            return call(*args, **options)
+
+    return called
+
+
 def steps_of(files: CarFiles, floor: tuple[float, float] | None = None, skip: Sequence[str] = (),
              poses: bool = False, chart: Map | None = None) -> tuple[Step, ...]:
     """The procedures for this car but ``skip``, in order, within ``floor`` (length, width) [m].
@@ -71,39 +109,27 @@ def steps_of(files: CarFiles, floor: tuple[float, float] | None = None, skip: Se
 
     Errors: CalibrationFailed where one has no room, naming each that has none.
     """
-    rolled, room = encoder.DISTANCE, throttle.ROOM
-    if floor is not None:
-        rolled = max(min(rolled, max(floor) - ROLL_OUT), encoder.SHORTEST)
-        room = min(room, max(floor))
-    route = steering.plan(files)
-    every = (
-        Step("clock", clock.plan(files), _clock, ("pwm.oscillator_hz",), optional=True),
-        Step("esc", esc.plan(files), _esc, ("throttle.neutral_us", "throttle.deadband_forward_us"),
-             ("clock",)),
-        Step("encoder", encoder.plan(files, rolled), _encoder(rolled),
-             ("encoder.metres_per_edge",), ("clock",), (rolled + ROLL_OUT, 1.0)),
-        Step("throttle", throttle.plan(files, room), _throttle(room), ("throttle.drive",),
-             ("clock", "esc", "encoder"),
-             (room, 1.0) if throttle.speeds_in(room) else throttle.CIRCLE_FLOOR),
-        Step("imu", imu.plan(files), _imu, ("imu.gyro_scale", "imu.mount_yaw"),
-             ("clock", "encoder"), imu.FLOOR),
-        Step("steering", str(route), _steering, ("steering.map",), ("clock", "encoder", "imu"),
-             (2.0 * route.radius, 2.0 * route.radius)),
-        Step("latency", latency.plan(files), _latency,
-             ("latency.pulse_to_wheel", "latency.pulse_to_yaw", "latency.sensor_to_host"),
-             ("clock", "esc", "encoder", "imu", "steering"), latency.FLOOR),
-        Step("mocap", mocap.plan(files), _mocap, tuple(f"mocap.{n}" for n in NAMES),
-             ("clock", "encoder", "imu"), mocap.FLOOR),
-        *(() if chart is None else (
-            Step("lidar", lidar.plan(files), _lidar(chart),
-                 tuple(f"lidar.{n}" for n in lidar.KEYS.values()), ("clock", "encoder", "imu"),
-                 lidar.FLOOR),)),
-    )
-    left_out = {*skip, *(() if poses else ("mocap",))}
-    steps = tuple(s for s in every if s.verb not in left_out)
+    every = [load_procedure(name) for name in list_names() if name not in skip]
+    steps = tuple(_step(procedure, files, floor, chart) for procedure in every
+                  if procedure.keys and (poses or not procedure.poses)
+                  and (chart is not None or not procedure.lidar))
     if floor is not None:
         _fit(steps, floor)
     return steps
+
+
+def _step(procedure: Procedure[Any], files: CarFiles, floor: tuple[float, float] | None,
+          chart: Map | None) -> Step:
+    options = {**procedure.defaults, **({} if floor is None else procedure.adapt(floor))}
+    plan = procedure.plan(files, **options)
+
+    def run(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Result:
+        found: Result = procedure(car, workshop, progress=progress, ask=ask, source=car.url,
+                                  chart=chart, **options)
+        return found
+
+    return Step(procedure.name, str(plan or ""), run, procedure.keys, procedure.after,
+                plan.floor if plan else (0.0, 0.0), procedure.optional)
 
 
 def due(steps: Sequence[Step], calibration: Calibration | None, now: datetime | None = None
@@ -133,7 +159,7 @@ def measured_at(step: Step, calibration: Calibration | None) -> datetime | None:
 
 def _there(calibration: Calibration, key: str) -> bool:
     table, _, name = key.partition(".")
-    return getattr(getattr(calibration, table), name) is not None
+    return getattr(getattr(calibration, table, None), name, None) is not None
 
 
 def _fit(steps: Sequence[Step], floor: tuple[float, float]) -> None:
@@ -148,51 +174,6 @@ def _fit(steps: Sequence[Step], floor: tuple[float, float]) -> None:
             likely="the room, or the order of the numbers: --floor LENGTH WIDTH in metres",
             remedy=" ".join(["a larger room, or dart-hal calibrate all",
                              *(f"--skip {s.verb}" for s in small)]))
-
-
-def _clock(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
-    return clock.calibrate_clock(car, progress=progress, ask=ask, source=car.url)
-
-
-def _encoder(distance: float) -> Run:
-    def run(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
-        return encoder.calibrate_encoder(car, workshop, progress=progress, ask=ask,
-                                         source=car.url, distance=distance)
-    return run
-
-
-def _esc(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
-    return esc.calibrate_esc(car, workshop, progress=progress, ask=ask, source=car.url)
-
-
-def _throttle(room: float) -> Run:
-    def run(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
-        return throttle.calibrate_throttle(car, workshop, progress=progress, ask=ask,
-                                           source=car.url, room=room)
-    return run
-
-
-def _imu(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
-    return imu.calibrate_imu(car, workshop, progress=progress, ask=ask, source=car.url)
-
-
-def _steering(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
-    return steering.calibrate_steering(car, progress=progress, ask=ask, source=car.url,
-                                       dry_run=True)
-
-
-def _latency(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
-    return latency.calibrate_latency(car, workshop, progress=progress, ask=ask, source=car.url)
-
-
-def _mocap(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
-    return mocap.calibrate_mocap(car, progress=progress, ask=ask, source=car.url)
-
-
-def _lidar(chart: Map) -> Run:
-    def run(car: Car, workshop: Workshop, progress: Progress, ask: Ask) -> Found:
-        return lidar.calibrate_lidar(car, chart, progress=progress, ask=ask, source=car.url)
-    return run
 
 
 def to_json(steps: Sequence[Step], left: Sequence[Step]) -> list[dict[str, Any]]:

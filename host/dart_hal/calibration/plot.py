@@ -1,6 +1,4 @@
-"""One figure of a steering calibration: map, data of both approaches, residuals.
-
-Needs matplotlib (the extra ``plot``).
+"""Figures of the calibrations of steering and throttle. They need matplotlib (the extra ``plot``).
 """
 
 from __future__ import annotations
@@ -10,6 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from dart_hal.control.measured import vehicle_for
+from dart_hal.control.speed import SpeedLaw
+from dart_hal.core.config import CarFiles, DriveTable
 from dart_hal.core.figures import (
     BLUE,
     GREY,
@@ -25,12 +26,15 @@ from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
 
+from .measured import Measured
 from .result import SteeringResult
 
 RISING, FALLING, FIRST = BLUE, ORANGE, GREY
 PAPER_LINE, FORM_LINE = "#56d364", "#ff4fc3"
 FORM_IS_MAP = 1e-9  # rad; out of recordings the form is the map
 MANY = 500  # points; above it they are drawn small and pale
+SLOWEST = 0.1
+"""m/s from which the model's pulses are drawn."""
 
 
 def plot_steering(result: SteeringResult, path: str | Path) -> Path:
@@ -98,3 +102,33 @@ def _title(result: SteeringResult) -> str:
                 f"backlash {np.degrees(result.backlash.value):.2f} "
                 f"± {np.degrees(result.backlash.std):.2f} deg")
     return f"Steering of {result.car}: {result.n} samples, {backlash}"
+
+
+def plot_throttle(result: Measured, files: CarFiles, path: str | Path) -> Path:
+    """Write the figure to ``path``; the suffix (.png, .svg, .pdf) picks the format.
+
+    Errors: UsageError when matplotlib is missing or the suffix is unknown.
+    """
+    table = result.others["throttle.drive"]
+    assert isinstance(table, DriveTable)
+    speed, pulse, reach = (np.array(table.speed), np.array(table.pulse_us),
+                           NINETY * np.array(table.std_us))
+    name = files.model.name if files.model else "the paper's car"
+    figure = new_figure((7.2, 5.6), path)
+    top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
+    fine = np.linspace(SLOWEST, 1.1 * speed[-1], 200)
+    top.plot(fine, model_pulses(files, fine), color=ORANGE, lw=1.6, dashes=(6, 4),
+             label=f"model of {name}, with this neutral")
+    top.plot(speed, pulse, "o-", color=BLUE, lw=1.6, ms=5, label="this car, measured")
+    finish(top, "", "pulse [us]", f"Pulse that holds a speed: {files.config.name}")
+    off = pulse - model_pulses(files, speed)
+    bottom.axhline(0.0, color=INK, lw=1.0)
+    bottom.errorbar(speed, off, reach, fmt="o-", color=BLUE, capsize=4, lw=1.6, ms=4)
+    finish(bottom, "speed [m/s]", "measured - model [us]\n90 % interval", legend=False)
+    return save_figure(figure, path)
+
+
+def model_pulses(files: CarFiles, speeds: FloatArray) -> FloatArray:
+    """What the feed-forward would be without the table [us]."""
+    law, span = SpeedLaw(vehicle_for(files)), files.config.throttle.span_us
+    return np.array([files.neutral_us + span * law.feed_forward(float(v)) for v in speeds])

@@ -1,12 +1,63 @@
-"""What ``calibrate steering`` measured, in the shape that machines read."""
+"""What a procedure measured: shown on a terminal, as JSON, and written to calibration.toml."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar, Protocol
 
+import msgspec
+import numpy as np
+
+from dart_hal.core.config import Calibration, PaperForm, Quantity, SteeringTable
+from dart_hal.core.config.calibration import SteeringCalibration
+from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray
+
+MAX_ROWS = 13
+"""Rows of a map on a terminal, so that the result does not scroll away."""
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """A result for a terminal: a table, then lines. Lines with an indent are notes."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[str, ...]
+
+
+class Result(Protocol):
+    """What a procedure found on one car, a frozen dataclass.
+
+    verb: the procedure's name; duration [s] of the car's time; written: the file, None as long as
+    nothing is written; unwritten: why it cannot be written, empty if it can.
+    """
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def verb(self) -> str: ...
+    @property
+    def duration(self) -> float: ...
+    @property
+    def written(self) -> str | None: ...
+    @property
+    def unwritten(self) -> str: ...
+
+    def to_json(self) -> dict[str, Any]:
+        """The JSON object of ``dart-hal calibrate NAME --json``."""
+
+    def summary(self) -> Summary:
+        """What a terminal shows."""
+
+    def put_into(self, calibration: Calibration) -> Calibration:
+        """The calibration with what was measured."""
+
+    def provenance(self) -> dict[str, Any]:
+        """Where the values come from: kept in calibration.toml with the date."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +95,11 @@ class SteeringResult:
     dropped: str = ""
     unwritten: str = ""
 
+    @property
+    def verb(self) -> str:
+        """The procedure's name."""
+        return "steering"
+
     def to_json(self) -> dict[str, Any]:
         """The JSON object of ``calibrate steering``; plain types, null for what is not known."""
         backlash = self.backlash
@@ -66,6 +122,61 @@ class SteeringResult:
             "notes": list(self.notes),
             **self.extra,
         }
+
+    def summary(self) -> Summary:
+        """Some rows of the map, the notes and the fit."""
+        shown = select_rows(len(self.command))
+        some = "" if len(shown) == len(self.command) else (
+            f", {len(shown)} of {len(self.command)} points (--json has all)")
+        rows = tuple((f"{self.command[i]:+.3f}",
+                      "-" if self.pulse_us is None else f"{self.pulse_us[i]:.1f} us",
+                      f"{self.angle[i]:+.4f} rad", f"{self.angle_std[i]:.4f} rad") for i in shown)
+        form = ", ".join(f"{name} {value:.4f}" for name, value in self.paper_form.items())
+        backlash = self.backlash
+        return Summary(
+            f"steering map of {self.car}{some}", ("command", "pulse", "angle", "one sigma"), rows,
+            (*indent(self.brief or self.notes), f"five-parameter form: {form}",
+             "backlash: not known from these data" if backlash is None else
+             f"backlash {backlash.value:.4f} +- {backlash.std:.4f} rad",
+             f"residual {self.residual_rms:.5f} rad rms over {self.n} samples",
+             *([self.dropped] if self.dropped else [])))
+
+    def put_into(self, calibration: Calibration) -> Calibration:
+        """With map, paper form and backlash. Raises CalibrationFailed for a map of commands."""
+        if self.pulse_us is None:
+            raise CalibrationFailed("a map without pulses cannot be written",
+                                    likely="it was fitted to recordings, which hold commands only",
+                                    remedy="run the procedure on the car")
+        # [steering] direction -1 makes pulses fall; the file holds them rising
+        order = np.argsort(self.pulse_us)
+        table = SteeringTable(pulse_us=tuple(round(float(v), 3) for v in self.pulse_us[order]),
+                              angle_rad=tuple(round(float(v), 6) for v in self.angle[order]),
+                              std_rad=tuple(round(float(v), 6) for v in self.angle_std[order]))
+        form = PaperForm(**{k: round(v, 6) for k, v in self.paper_form.items()})
+        backlash = None if self.backlash is None else Quantity(
+            self.backlash.value, self.backlash.std, "difference of the two approaches")
+        return msgspec.structs.replace(calibration, steering=SteeringCalibration(
+            map=table, paper_form=form, backlash=backlash,
+            slew_us_s=calibration.steering.slew_us_s, residual_rms_rad=self.residual_rms))
+
+    def provenance(self) -> dict[str, Any]:
+        """Source, samples and driving time [s]."""
+        return {"source": str(self.source), "n": self.n, "duration_s": round(self.duration, 2)}
+
+
+def select_rows(points: int) -> list[int]:
+    """At most MAX_ROWS indices of 0..points-1, evenly where that works, both ends included."""
+    last = points - 1
+    least = max(1, -(-last // (MAX_ROWS - 1)))
+    even = [step for step in range(least, 2 * least + 1) if last % step == 0]
+    if even:
+        return list(range(0, points, even[0]))
+    return sorted({round(i * last / (MAX_ROWS - 1)) for i in range(MAX_ROWS)})
+
+
+def indent(notes: Sequence[str]) -> tuple[str, ...]:
+    """Notes as lines of a summary."""
+    return tuple(f"  {note}" for note in notes)
 
 
 def number(value: float) -> float | None:

@@ -7,11 +7,12 @@ comes from the speed law; the steering pulse is held as it is given.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
-from typing import Any, Protocol
+from contextlib import contextmanager
+from typing import Protocol
 
 import numpy as np
 
+from dart_hal.car import Car
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import CalibrationFailed
@@ -31,28 +32,15 @@ class NotSeen(CalibrationFailed):
     """The encoder does not show the motion that the throttle should make."""
 
 
-class StatedCar(Protocol):
-    """A car that tells its State."""
-
-    def states(self, *, duration: float = ..., timeout: float = ...) -> Iterator[State]: ...
-
-
-class DrivableCar(StatedCar, Protocol):
-    """What the procedure needs of a Car."""
+class DrivableCar(Protocol):
+    """What the runner needs of a Car."""
 
     files: CarFiles
 
+    def states(self, *, duration: float = ..., timeout: float = ...) -> Iterator[State]: ...
     def pulses(self, *, steering_us: float, throttle_us: float) -> Applied: ...
     def stop(self) -> object: ...
     def refusals(self) -> tuple[str, ...]: ...
-
-
-class AskingCar(DrivableCar, Protocol):
-    """A car whose Nano can be asked for more than its telemetry."""
-
-    def raw(self) -> AbstractContextManager[None]: ...
-    def request(self, name: str, **values: int) -> None: ...
-    def answers(self, name: str) -> list[dict[str, Any]]: ...
 
 
 class Runner:
@@ -104,6 +92,16 @@ class Runner:
                 break
         check_turning(seen[-40:], bias, left)
         return seen
+
+
+@contextmanager
+def driving(car: Car) -> Iterator[Runner]:
+    """Pulses for a stretch of raw mode; the car is left stopped, also on Ctrl-C."""
+    try:
+        with car.raw():
+            yield Runner(car)
+    finally:
+        car.stop()
 
 
 def check_pull(seen: list[State], speed: float, bias: float = 0.0) -> bool:

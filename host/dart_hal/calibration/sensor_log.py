@@ -7,13 +7,11 @@ not in the sample, so that a second calibration does not measure the first.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
-from dart_hal.car.hooks import Hook
+from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import FloatArray, State
 from dart_hal.estimation.frames import FrameReader, Sample
@@ -24,13 +22,6 @@ from dart_hal.wire.plausible import Gates
 
 FEW = 50
 """Pairs below which nothing can be said."""
-
-
-class WatchedCar(Protocol):
-    """A car whose traffic can be followed."""
-
-    def on_bytes(self, hook: Hook) -> None: ...
-    def on_state(self, listener: Callable[[State], None]) -> object: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +48,7 @@ class Sensed:
 class SensorLog:
     """Collects pairs of sample and State of one car from now on."""
 
-    def __init__(self, car: WatchedCar) -> None:
+    def __init__(self, car: Car) -> None:
         self._decoder, self._reader = Decoder(UP, Gates()), FrameReader()
         self._waiting: deque[Sample] = deque(maxlen=64)
         self._pairs: list[tuple[Sample, State]] = []

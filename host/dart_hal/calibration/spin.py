@@ -6,20 +6,20 @@ One frame in, one pulse out, as in ``runner``; but no speed is held: the ESC is 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from dart_hal.car import Car
 from dart_hal.core.errors import BadCommand, CalibrationFailed
 from dart_hal.core.ports import Workshop
-from dart_hal.core.types import Applied, FloatArray, State
+from dart_hal.core.types import FloatArray, State
 from dart_hal.devices.actuation.quantiser import counter_of
 from dart_hal.estimation.frames import Sample
 
-from .by_hand import PushedCar, name_silence
-from .sensor_log import SensorLog, WatchedCar
+from .by_hand import name_silence
+from .sensor_log import SensorLog
 
 SILENCE = 0.3
 """s without an edge of wheels that have to turn."""
@@ -31,16 +31,6 @@ frames), and edges that show it."""
 SPEEDS_UP, FELT = 0.3, 0.5
 """m/s by which the wheels change their speed until it is asked whether that was felt, and the
 share of it that is: lifted wheels give nothing, on the floor it is all of it."""
-
-
-class LiftedCar(PushedCar, WatchedCar, Protocol):
-    """What the procedure needs of a Car."""
-
-    @property
-    def causes(self) -> tuple[str, ...]: ...
-
-    def raw(self, *, lifted: bool = ...) -> AbstractContextManager[None]: ...
-    def pulses(self, *, steering_us: float, throttle_us: float | None) -> Applied: ...
 
 
 class NoEdges(Exception):
@@ -77,7 +67,7 @@ class Spin:
 class Spinner:
     """Holds pulses for stretches of car time; call inside ``car.raw(lifted=True)``."""
 
-    def __init__(self, car: LiftedCar, log: SensorLog) -> None:
+    def __init__(self, car: Car, log: SensorLog) -> None:
         files = car.files
         self._car, self._log = car, log
         self.count = counter_of(files)[1]
@@ -182,7 +172,7 @@ def places(samples: Sequence[Sample], metres_per_edge: float) -> tuple[FloatArra
 
 
 @contextmanager
-def spinning(car: LiftedCar, workshop: Workshop, log: SensorLog) -> Iterator[Spinner]:
+def spinning(car: Car, workshop: Workshop, log: SensorLog) -> Iterator[Spinner]:
     """Raw pulses for a while; the car is left stopped, also on Ctrl-C.
 
     Errors: CalibrationFailed that says why no edge came, and what the Car raises.

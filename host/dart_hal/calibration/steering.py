@@ -9,47 +9,42 @@ least squares (``loop``). Works on every backend, in the car's own time.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from datetime import datetime, timezone
+from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from dart_hal.calibration.samples import Samples
 from dart_hal.calibration.steering_map import fit_map
-from dart_hal.core.config import (
-    CarFiles,
-    PaperForm,
-    Quantity,
-    SteeringTable,
-    bind_board,
-    calibration_in,
-    save_calibration,
-)
-from dart_hal.core.config.calibration import SteeringCalibration
-from dart_hal.core.errors import CalibrationFailed
+from dart_hal.car import Car
+from dart_hal.core.config import CarFiles
+from dart_hal.core.errors import CalibrationFailed, UsageError
 from dart_hal.core.types import Estimate, FloatArray, State
 from dart_hal.devices.actuation.quantiser import counter_of
 from dart_hal.vehicle.fitting.batches import standard_error
 
-from .asking import Ask, Progress, agree, begin, silent
+from .from_recordings import steering_from
 from .loop import LoopFit, Systematic, Window, fit_loop, resample
+from .measured import write
+from .plot import plot_steering
+from .procedure import Ask, Bench, Option, Procedure, ProcedurePlan, Progress, agree, silent
 from .result import SteeringResult
-from .route import Leg, Spot, waiting_time
-from .runner import DrivableCar, Runner, yaw_rates
+from .runner import DrivableCar, Runner, driving, yaw_rates
 from .schedule import (
     LEVELS,
     MEASURE,
     SETTLE,
     SPEEDS,
     STANDSTILL,
+    Leg,
     Plan,
+    Spot,
     Step,
     legs_of,
     make_plan,
     make_steps,
     possible_cars,
     return_futures,
+    waiting_time,
 )
 
 UNKNOWN_GYRO_SCALE = 0.006  # one sigma of an uncalibrated BNO055 (data sheet: 1 % typical)
@@ -57,6 +52,7 @@ UNKNOWN_WHEELBASE = 0.0003  # m, a ruler on the axles
 STANDING = 0.02  # m/s
 MAX_BIAS = 0.15  # rad/s
 BATCHES = 5
+LEAST_DIFFERENCE = 0.1  # m/s; closer speeds do not show how the tyres slip
 WAIVED_BY_RAW = {
     "PWM_CLOCK_UNCALIBRATED": "the PWM clock of this car was never measured; the map absorbs it "
                               "as long as the clock stays (after another PCA9685 or an entry "
@@ -74,7 +70,7 @@ def plan(files: CarFiles, *, levels: int = LEVELS,
     return make_plan(steps, files.config.geometry.wheelbase)
 
 
-def calibrate_steering(car: DrivableCar, *, progress: Progress = silent, ask: Ask = agree,
+def calibrate_steering(car: Car, *, progress: Progress = silent, ask: Ask = agree,
                        dry_run: bool = False, source: str = "", levels: int = LEVELS,
                        speeds: tuple[float, float] = SPEEDS) -> SteeringResult:
     """Measure the steering map and write it to the car's calibration.toml.
@@ -84,19 +80,20 @@ def calibrate_steering(car: DrivableCar, *, progress: Progress = silent, ask: As
     Nothing is written with ``dry_run``. Car time: about 55 s.
     Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
-    files = car.files
-    route = plan(files, levels=levels, speeds=speeds)
-    begin(ask, route)
+    result = STEERING(car, progress=progress, ask=ask, source=source, levels=levels, speeds=speeds)
+    return result if dry_run else write(car.files, result)
+
+
+def measure_map(bench: Bench, levels: int = LEVELS, speeds: tuple[float, float] = SPEEDS
+                ) -> SteeringResult:
+    """Measure the steering map. Errors: as ``calibrate_steering``."""
+    car, files = bench.car, bench.files
     waived = _waived(car)
-    try:
-        with car.raw():  # type: ignore[attr-defined]
-            windows, bias = drive(car, route, progress)
-    finally:
-        car.stop()
-    progress(0.97, "fitting")
+    with driving(car):
+        windows, bias = drive(car, plan(files, levels=levels, speeds=speeds), bench.progress)
+    bench.progress(0.97, "fitting")
     fit = fit_loop(windows, files.config.geometry.wheelbase, _systematic(files, bias))
-    result = _result(files, source or files.config.name, windows, fit, bias, waived)
-    return result if dry_run else write(files, result)
+    return _result(files, bench.source, windows, fit, bias, waived)
 
 
 def drive(car: DrivableCar, route: Plan, progress: Progress) -> tuple[list[Window], Estimate]:
@@ -250,31 +247,36 @@ def _without_slip(windows: list[Window], fit: LoopFit) -> FloatArray:
     return np.asarray(angle + 0.5 * np.sin(2.0 * angle) * fit.kappa.value * speed**2)
 
 
-def write(files: CarFiles, result: SteeringResult) -> SteeringResult:
-    """Put map, paper form, backlash and provenance into the car's calibration.toml.
+def _plan(files: CarFiles, levels: int = LEVELS, speeds: tuple[float, float] = SPEEDS
+          ) -> ProcedurePlan:
+    route = plan(files, levels=levels, speeds=speeds)
+    return ProcedurePlan(str(route), route.time, (2.0 * route.radius, 2.0 * route.radius))
 
-    The file before goes to history/. Errors: ConfigError, OSError.
-    """
-    if result.pulse_us is None:
-        raise CalibrationFailed("a map without pulses cannot be written",
-                                likely="it was fitted to recordings, which hold commands only",
-                                remedy="run the procedure on the car")
-    old = calibration_in(files.folder, files.config.name, files.config)
-    # [steering] direction -1 makes pulses fall; the file holds them rising
-    order = np.argsort(result.pulse_us)
-    table = SteeringTable(pulse_us=tuple(round(float(v), 3) for v in result.pulse_us[order]),
-                          angle_rad=tuple(round(float(v), 6) for v in result.angle[order]),
-                          std_rad=tuple(round(float(v), 6) for v in result.angle_std[order]))
-    backlash = result.backlash
-    steering = SteeringCalibration(
-        map=table, paper_form=PaperForm(**{k: round(v, 6) for k, v in result.paper_form.items()}),
-        backlash=None if backlash is None else Quantity(backlash.value, backlash.std,
-                                                        "difference of the two approaches"),
-        slew_us_s=old.steering.slew_us_s, residual_rms_rad=result.residual_rms)
-    now = datetime.now(timezone.utc).replace(microsecond=0)
-    provenance = {**old.provenance, "when": now,
-                  "steering": {"when": now, "source": str(result.source), "n": result.n,
-                               "duration_s": round(result.duration, 2)}}
-    new = msgspec.structs.replace(old, steering=steering, provenance=provenance)
-    new = bind_board(new, files)
-    return replace(result, written=str(save_calibration(new, files.folder, files.config)))
+
+def _check_speeds(speeds: tuple[float, float] = SPEEDS) -> None:
+    if abs(speeds[1] - speeds[0]) < LEAST_DIFFERENCE:
+        raise UsageError("the two speeds must differ: they tell the slip of the tyres",
+                         found="--speeds {} {}".format(*speeds),
+                         expected=f"a difference of at least {LEAST_DIFFERENCE} m/s")
+
+
+def _plot(result: SteeringResult, files: CarFiles, path: Path) -> None:
+    plot_steering(result, path)
+
+
+STEERING = Procedure(
+    name="steering",
+    help="""The map from steering command to road-wheel angle, with its standard errors.
+
+    On a car: slow circles over the whole range, from both sides, about one
+    minute. With --from: recordings of a car, MCAP or the DART CSV files. They
+    hold commands (-1..1), not pulses (our MCAP runs: both), and their map is
+    never written.
+    """,
+    plan=_plan, measure=measure_map, check=_check_speeds,
+    options=(Option("speeds", "m/s there and back; slower needs less floor, and both must differ",
+                    SPEEDS, "m/s", 0.15, 0.8, metavar="SLOW FAST"),),
+    plot=_plot, plot_help="picture of map, data and residuals",
+    fit=steering_from, fit_help="fit recordings (files or folders) instead of driving; to "
+    "compare, and for the paper's form: nothing is written to calibration.toml",
+    keys=("steering.map",), after=("clock", "encoder", "imu"), confirm=False)

@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
+from dart_hal.car import Car
 from dart_hal.core.config import CarFiles, DriveTable
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports import Workshop
@@ -22,12 +22,13 @@ from dart_hal.core.types import NINETY, FloatArray, State
 from dart_hal.vehicle.parameters import PaperTyres
 from dart_hal.vehicle.sets import PAPER
 
-from .asking import Ask, Progress, agree, begin, silent
 from .by_hand import naming, turn_by_hand
 from .clock import UNKNOWN
 from .measured import Measured
-from .runner import AskingCar, NotSeen, Runner, yaw_rates
-from .sensor_log import SensorLog, WatchedCar
+from .plot import plot_throttle
+from .procedure import Bench, Option, Procedure, ProcedurePlan, Progress
+from .runner import NotSeen, Runner, driving, yaw_rates
+from .sensor_log import SensorLog
 from .spin import places
 from .straight import Straight, rest
 
@@ -70,10 +71,6 @@ Keep = Callable[[float, float | None], list[State]]
 """Holds a speed, or a pulse [us] from there, for so many s more."""
 
 
-class ThrottleCar(AskingCar, WatchedCar, Protocol):
-    """What the procedure needs of a Car."""
-
-
 @dataclass(frozen=True, slots=True)
 class Held:
     """One speed held: mean speed [m/s], pulse [us] without acceleration and turning, one sigma
@@ -102,29 +99,28 @@ def speeds_in(room: float) -> tuple[float, ...]:
     return tuple(v for v in SPEEDS if floor_for(v) <= room) if room >= LEAST_ROOM else ()
 
 
-def plan(files: CarFiles, room: float = ROOM) -> str:
-    """What is coming, in one sentence: purpose, time, space, tools."""
+def plan(files: CarFiles, room: float = ROOM) -> ProcedurePlan:
+    """Say what ``measure`` will do."""
     speeds = speeds_in(room)
     if not speeds:
         seconds = 2 * len(CIRCLE) * (CIRCLE_SETTLES + SETTLE + TRIAL + CIRCLING) + 15.0
-        return (f"circles at {CIRCLE[0]} to {CIRCLE[-1]} m/s to measure which pulse holds which "
-                f"speed: about {seconds:.0f} s, a level floor of {CIRCLE_FLOOR[0]:g} m x "
-                f"{CIRCLE_FLOOR[1]:g} m; no tools")
+        return ProcedurePlan(
+            f"circles at {CIRCLE[0]} to {CIRCLE[-1]} m/s to measure which pulse holds which "
+            f"speed: about {seconds:.0f} s, a level floor of {CIRCLE_FLOOR[0]:g} m x "
+            f"{CIRCLE_FLOOR[1]:g} m; no tools", seconds, CIRCLE_FLOOR)
     seconds = REPEATS * sum(floor_for(v) / v + 3.0 for v in speeds) + 10.0
-    return (f"drives straight {REPEATS * len(speeds)} times at {speeds[0]} to {speeds[-1]} m/s to "
-            f"measure which pulse holds which speed: about {seconds:.0f} s without carrying it "
-            f"back, a level floor of {room:.1f} m x 1 m; chalk for the start")
+    return ProcedurePlan(
+        f"drives straight {REPEATS * len(speeds)} times at {speeds[0]} to {speeds[-1]} m/s to "
+        f"measure which pulse holds which speed: about {seconds:.0f} s without carrying it "
+        f"back, a level floor of {room:.1f} m x 1 m; chalk for the start", seconds, (room, 1.0))
 
 
-def calibrate_throttle(car: ThrottleCar, workshop: Workshop, *, progress: Progress = silent,
-                       ask: Ask = agree, source: str = "", room: float = ROOM) -> Measured:
-    """Measure the pulse of each speed; nothing is written (``measured.write``).
+def measure(bench: Bench, room: float = ROOM) -> Measured:
+    """Measure the pulse of each speed in ``room`` [m] of straight floor; below 2.5 the car circles.
 
-    room [m] of straight floor: below 2.5 the car circles. It is left stopped, also on Ctrl-C.
     Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
-    files = car.files
-    begin(ask, plan(files, room))
+    car, files, workshop, progress = bench.car, bench.files, bench.workshop, bench.progress
     log = SensorLog(car)
     start = next(iter(car.states())).t
     try:
@@ -140,7 +136,7 @@ def calibrate_throttle(car: ThrottleCar, workshop: Workshop, *, progress: Progre
     table, residual = table_of(held, files)
     where = f"{room:.1f} m straight" if speeds_in(room) else "circles of 1 m"
     return Measured(
-        files.config.name, source or files.config.name, "throttle", {}, residual,
+        files.config.name, bench.source, "throttle", {}, residual,
         next(iter(car.states())).t - start,
         (f"measured with today's battery and on this floor, {where}",
          f"a pulse's 90 % interval is +- {NINETY * max(table.std_us):.2f} us at most"),
@@ -150,23 +146,19 @@ def calibrate_throttle(car: ThrottleCar, workshop: Workshop, *, progress: Progre
 # -- driving -----------------------------------------------------------------------
 
 
-def _nudge(car: ThrottleCar) -> None:
+def _nudge(car: Car) -> None:
     """A short pull: does the car go forward? Errors: CalibrationFailed that says what else."""
     center = car.files.config.steering.center_us
-    try:
-        with car.raw():
-            runner = Runner(car)
-            still = runner.hold(0.3, center, 0.0)
-            offset = float(np.mean([s.accel_x or 0.0 for s in still]))
-            felt, seen = 0.0, still[-1:]
-            while seen[-1].t - seen[0].t < NUDGED and abs(seen[-1].speed) < NUDGE:
-                seen += runner.hold(0.0, center, NUDGE)
-                felt += 0.01 * ((seen[-1].accel_x or 0.0) - offset)
-            if seen[-1].ticks == seen[0].ticks:
-                raise NotSeen("the car does not move", found="0 edges of a throttle",
-                              expected="motion")
-    finally:
-        car.stop()
+    with driving(car) as runner:
+        still = runner.hold(0.3, center, 0.0)
+        offset = float(np.mean([s.accel_x or 0.0 for s in still]))
+        felt, seen = 0.0, still[-1:]
+        while seen[-1].t - seen[0].t < NUDGED and abs(seen[-1].speed) < NUDGE:
+            seen += runner.hold(0.0, center, NUDGE)
+            felt += 0.01 * ((seen[-1].accel_x or 0.0) - offset)
+        if seen[-1].ticks == seen[0].ticks:
+            raise NotSeen("the car does not move", found="0 edges of a throttle",
+                          expected="motion")
     gained = abs(seen[-1].speed)
     if felt < -FELT * gained:
         raise CalibrationFailed(
@@ -185,23 +177,19 @@ def _nudge(car: ThrottleCar) -> None:
             remedy="put the car on the floor; dart-hal doctor")
 
 
-def _straight(car: ThrottleCar, workshop: Workshop, log: SensorLog, room: float,
+def _straight(car: Car, workshop: Workshop, log: SensorLog, room: float,
               progress: Progress) -> list[Held]:
     held = []
     runs = [v for v in speeds_in(room) for _ in range(REPEATS)]
     for k, speed in enumerate(runs):
         progress(0.1 + 0.9 * k / len(runs), f"{speed} m/s, run {k + 1} of {len(runs)}")
         workshop.mark()
-        try:
-            with car.raw():
-                runner = Runner(car)
-                here = rest(runner, car.files.config.steering.center_us)
-                keep = _along(runner, Straight(car.files, here.pose), speed, here)
-                keep(_pulls_up(speed), None)
-                held.append(_measure(keep, log, speed, car.files,
-                                     min(max(MEASURE / speed, MEASURE), LONGEST)))
-        finally:
-            car.stop()
+        with driving(car) as runner:
+            here = rest(runner, car.files.config.steering.center_us)
+            keep = _along(runner, Straight(car.files, here.pose), speed, here)
+            keep(_pulls_up(speed), None)
+            held.append(_measure(keep, log, speed, car.files,
+                                 min(max(MEASURE / speed, MEASURE), LONGEST)))
     return held
 
 
@@ -218,13 +206,12 @@ def _along(runner: Runner, line: Straight, speed: float, here: State) -> Keep:
     return keep
 
 
-def _circle(car: ThrottleCar, log: SensorLog, progress: Progress) -> list[Held]:
+def _circle(car: Car, log: SensorLog, progress: Progress) -> list[Held]:
     steering = car.files.config.steering
     pulse = steering.center_us + steering.direction * LEAN * steering.span_us
     held = []
     order = [*CIRCLE, *CIRCLE[::-1]]
-    with car.raw():
-        runner = Runner(car)
+    with driving(car) as runner:
         runner.start_moving(pulse, CIRCLE[0], 0.0, True)
         for k, speed in enumerate(order):
             progress(0.1 + 0.9 * k / len(order), f"{speed} m/s in a circle")
@@ -326,3 +313,17 @@ def _table(speed: FloatArray, pulse: FloatArray, slope: FloatArray, spread: floa
     return DriveTable(speed=tuple(round(float(v), 4) for v in speed),
                       pulse_us=tuple(round(float(p), 3) for p in pulse),
                       std_us=tuple(round(float(s), 3) for s in std))
+
+
+calibrate_throttle = Procedure(
+    name="throttle",
+    help="""Which pulse holds which speed, for drive_speed's feed-forward.
+
+    The car drives from rest to rest at one speed after the other; you put it back
+    to the start. Measure esc and encoder first.
+    """,
+    plan=plan, measure=measure, adapt=lambda floor: {"room": min(ROOM, max(floor))},
+    options=(Option("room", "straight floor; more of it reaches faster speeds, below 2.5 m the "
+                    "car circles on 3.5 m x 3.5 m", ROOM, "m", 0.0, 30.0, metavar="METRES"),),
+    plot=plot_throttle, plot_help="picture of the pulses beside the model's",
+    keys=("throttle.drive",), after=("clock", "esc", "encoder"))

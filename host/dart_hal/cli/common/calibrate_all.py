@@ -12,17 +12,14 @@ from pathlib import Path
 import click
 
 from dart_hal.calibration import order
-from dart_hal.calibration.measured import write as write_measured
-from dart_hal.calibration.result import SteeringResult
-from dart_hal.calibration.steering import write as write_steering
+from dart_hal.calibration.measured import write
+from dart_hal.calibration.result import Result
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
-from dart_hal.cli.common.calibrate_measured import may_write, measuring, run
-from dart_hal.cli.common.calibrate_measured import show as show_measured
 from dart_hal.cli.common.options import Number, lidar_option, map_option
 from dart_hal.cli.common.output import console, notices, print_json, results
+from dart_hal.cli.common.procedures import may_write, measuring, run, show
 from dart_hal.cli.common.session import map_of
-from dart_hal.cli.common.steering_table import show as show_steering
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.folders import calibration_in
 from dart_hal.core.errors import CalibrationFailed
@@ -34,7 +31,8 @@ from dart_hal.estimation.localisation.field import Map
 @measuring
 @click.option("--floor", nargs=2, type=Number(1.0, 100.0), default=None, metavar="LENGTH WIDTH",
               help="m of free floor; what has no room in it is said before anything moves")
-@click.option("--skip", multiple=True, type=click.Choice(order.VERBS), help="leave this one out")
+@click.option("--skip", multiple=True, type=click.Choice(order.list_names()),
+              help="leave this one out")
 @map_option
 @lidar_option
 @click.option("--again", is_flag=True, help="measure also what was measured in the last 12 hours")
@@ -48,7 +46,7 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
     measured in --map.
     """
     url = url or DEFAULT_URL
-    found: dict[str, order.Found] = {}
+    found: dict[str, Result] = {}
     with _home(url, car_name, cars, dry_run, chart, lidar) as (files, home, poses, room):
         steps = order.steps_of(files, floor, skip, poses, room)
         measured = calibration_in(files.folder, files.config.name, files.config)
@@ -63,7 +61,7 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
                     "found": {verb: result.to_json() for verb, result in found.items()},
                     "duration_s": sum(result.duration for result in found.values())})
         return
-    show(files, left, found)
+    _conclude(files, left, found)
 
 
 @contextmanager
@@ -98,7 +96,7 @@ def announce(steps: Sequence[order.Step], left: Sequence[order.Step]) -> None:
 
 
 def _measured(step: order.Step, url: str, car_name: str, home: Path, yes: bool, dry_run: bool,
-              as_json: bool, lidar: str | None) -> order.Found | None:
+              as_json: bool, lidar: str | None) -> Result | None:
     """What one step found, written into ``home`` if that is agreed to; None: it can be missed."""
     backend = open_backend(url)
     simulated = backend.workshop is not None
@@ -113,7 +111,7 @@ def _measured(step: order.Step, url: str, car_name: str, home: Path, yes: bool, 
         notices((f"{step.verb} not measured: {error.what}; {error.remedy}",))
         return None
     if not as_json:
-        _show(found)
+        show(found)
     if not (dry_run or may_write(files, yes, simulated)):
         raise CalibrationFailed(f"{step.verb} is not to be written, and what follows needs it",
                                 remedy=f"dart-hal calibrate all --skip {step.verb}")
@@ -121,21 +119,7 @@ def _measured(step: order.Step, url: str, car_name: str, home: Path, yes: bool, 
     return replace(written, written=None) if dry_run else written
 
 
-def write(files: CarFiles, found: order.Found) -> order.Found:
-    """Into calibration.toml. Errors: ConfigError, OSError."""
-    if isinstance(found, SteeringResult):
-        return write_steering(files, found)
-    return write_measured(files, found)
-
-
-def _show(found: order.Found) -> None:
-    if isinstance(found, SteeringResult):
-        show_steering(found, outcome=False)
-    else:
-        show_measured(found)
-
-
-def show(files: CarFiles, left: Sequence[order.Step], found: Mapping[str, order.Found]) -> None:
+def _conclude(files: CarFiles, left: Sequence[order.Step], found: Mapping[str, Result]) -> None:
     """The last word: what was measured, how long the car drove, where it is written."""
     missed = [s.verb for s in left if s.verb not in found]
     seconds = sum(result.duration for result in found.values())

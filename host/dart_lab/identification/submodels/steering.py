@@ -12,8 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dart_hal.calibration.groups import cautions, groups_of
 from dart_hal.calibration.samples import Samples, concatenate
+from dart_hal.calibration.sessions import cautions, groups_of
 from dart_hal.calibration.steering_map import (
     MIN_LEVELS,
     MIN_SPAN,

@@ -1,0 +1,155 @@
+"""Commands of ``dart-hal calibrate`` out of procedures: options, the run on a car, the output."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.table import Table
+from rich.text import Text
+
+from dart_hal.calibration.measured import write
+from dart_hal.calibration.procedure import Option, Procedure
+from dart_hal.calibration.result import Result
+from dart_hal.car import Car
+from dart_hal.car.car import DEFAULT_URL
+from dart_hal.cli.common.bench import AskedWorkshop, agreed
+from dart_hal.cli.common.options import (
+    F,
+    Number,
+    PathsOption,
+    car_options,
+    json_option,
+    lidar_option,
+    map_option,
+)
+from dart_hal.cli.common.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.common.outputs import PlotFile
+from dart_hal.cli.common.session import map_of
+from dart_hal.core.config import CarFiles, check_writable
+from dart_hal.core.ports import Workshop
+from dart_hal.devices.links.base import Backend, open_backend
+
+
+def measuring(command: F, confirm: bool = True) -> F:
+    """Add the options that all of these commands have; ``confirm``: before a result is written."""
+    text = ("the floor is free, and what comes out is to be written: do not ask" if confirm else
+            "the floor is free: do not ask (for scripts)")
+    command = click.option("--dry-run", is_flag=True,
+                           help="measure and show, write nothing")(command)
+    command = click.option("--yes", is_flag=True, help=text)(command)
+    return car_options(json_option(command))
+
+
+def command_of(procedure: Procedure[Any]) -> click.Command:
+    """Make the command ``dart-hal calibrate NAME`` of a procedure."""
+    def calibrate(url: str | None, car_name: str, cars: Path | None, dry_run: bool, yes: bool,
+                  as_json: bool, recordings: tuple[Path, ...] = (), plot: Path | None = None,
+                  chart: Path | None = None, lidar: str | None = None, **options: Any) -> None:
+        procedure.check(**options)
+        found: Result
+        files: CarFiles | None = None
+        if recordings and procedure.fit is not None:
+            found = procedure.fit(recordings, car=car_name)
+        else:
+            backend = open_backend(url or DEFAULT_URL)
+            room = map_of(backend, chart) if procedure.lidar else None
+            measure = partial(procedure, source=backend.url.text, chart=room, **options)
+            found, files = run(measure, backend, car_name, cars, yes, lidar, writes=not dry_run)
+        if plot is not None and procedure.plot is not None:
+            procedure.plot(found, files, plot)
+            console.print(f"picture: {plot}")
+        if not as_json:
+            show(found)
+        if files is not None and not dry_run and not found.unwritten and (
+                not procedure.confirm or may_write(files, yes, backend.workshop is not None)):
+            found = write(files, found)
+        if as_json:
+            print_json(found.to_json())
+            return
+        outcome = found.unwritten or "nothing written" + (": a dry run" if dry_run else "")
+        console.print(f"written: {found.written}" if found.written else outcome, markup=False)
+
+    command: Callable[..., None] = calibrate
+    if procedure.lidar:
+        command = map_option(lidar_option(command))
+    if procedure.plot is not None:
+        command = click.option("--plot", type=PlotFile(), help=procedure.plot_help)(command)
+    for option in reversed(procedure.options):
+        command = _click_option(option)(command)
+    if procedure.fit is not None:
+        command = click.option("--from", "recordings", cls=PathsOption, metavar="FILES",
+                               help=procedure.fit_help)(command)
+    return click.command(procedure.name, help=inspect.cleandoc(procedure.help))(
+        measuring(command, procedure.confirm))
+
+
+def _click_option(option: Option) -> Callable[[F], F]:
+    kind = (click.IntRange(int(option.low), int(option.high))
+            if isinstance(option.default, int) else
+            Number(option.low, option.high, min_open=option.above_low))
+    numbers = len(option.default) if isinstance(option.default, tuple) else 1
+    return click.option(f"--{option.name.replace('_', '-')}", type=kind, default=option.default,
+                        nargs=numbers, show_default=option.default is not None,
+                        metavar=option.metavar, help=option.help)
+
+
+def run(procedure: Callable[..., Result], backend: Backend, car_name: str, cars: Path | None,
+        yes: bool, lidar: str | None = None, writes: bool = True) -> tuple[Result, CarFiles]:
+    """(what a procedure found, the car's files) with a bar; the person beside the car is asked.
+
+    writes: the result will be written; a folder that cannot be is refused before the car moves.
+    """
+    simulated = backend.workshop is not None
+    with Car.over(backend, car=car_name, cars=cars, lidar=lidar) as car:
+        notices(car.notices)
+        if writes:
+            check_writable(car.files.folder)
+        with progress_bar() as bar:
+            task = bar.add_task("calibrating", total=1.0)
+            workshop: Workshop = backend.workshop or AskedWorkshop(bar.stop, bar.start)
+
+            def progress(fraction: float, text: str) -> None:
+                bar.update(task, completed=fraction, description=text)
+
+            def ask(question: str) -> bool:
+                bar.stop()
+                if not _agreed(question, yes, simulated, "start"):
+                    return False
+                bar.start()
+                return True
+
+            return procedure(car, workshop, progress=progress, ask=ask), car.files
+
+
+def may_write(files: CarFiles, yes: bool, simulated: bool) -> bool:
+    """Whether what was shown is to go to calibration.toml."""
+    return _agreed(f"This would go to {files.folder / 'calibration.toml'}; the "
+                   "file before is kept in history/.", yes, simulated, "write")
+
+
+def _agreed(question: str, yes: bool, simulated: bool, prompt: str) -> bool:
+    """Nobody can be hurt by a simulated car: it says what is coming and goes on."""
+    if simulated:
+        console.print(question, markup=False, highlight=False)
+        return True
+    return agreed(question, yes, prompt)
+
+
+def show(result: Result) -> None:
+    """Print the table of a result and its lines: notes are dim, cautions yellow."""
+    summary = result.summary()
+    table = Table(title=Text(summary.title))
+    for k, column in enumerate(summary.columns):
+        table.add_column(column, justify="right" if k else "left")
+    for row in summary.rows:
+        table.add_row(*row)
+    results.print(table)
+    for line in summary.lines:
+        note = line.startswith("  ")
+        style = None if not note else "yellow" if line.startswith("  caution:") else "dim"
+        results.print(line, style=style, markup=False, highlight=False)
