@@ -11,17 +11,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timedelta, timezone
 from importlib import import_module
-from importlib.metadata import EntryPoint
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from dart_hal.calibration.procedure import Ask, Procedure, Progress
 from dart_hal.calibration.result import Result
-from dart_hal.car import Car
 from dart_hal.core.config import Calibration, CarFiles
 from dart_hal.core.errors import CalibrationFailed, ConfigError
 from dart_hal.core.plugins import attribute_errors, list_plugins, load_entry
 from dart_hal.core.ports import Workshop
-from dart_hal.estimation.localisation.field import Map
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+    from dart_hal.car import Car
+    from dart_hal.estimation.localisation.field import Map
 
 OWN = {
     "clock": "clock:calibrate_clock",
@@ -41,7 +44,7 @@ GROUP = "dart_hal.procedures"
 FRESH = timedelta(hours=12)
 """A session at the car: what was measured within it is not measured again unless asked for."""
 
-Run = Callable[[Car, Workshop, Progress, Ask], Result]
+Run = Callable[["Car", Workshop, Progress, Ask], Result]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,15 +11,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-from dart_hal.car import Car
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports import Workshop
-from dart_hal.estimation.localisation.field import Map
 
 from .result import Result
+
+if TYPE_CHECKING:
+    from dart_hal.car import Car
+    from dart_hal.estimation.localisation.field import Map
 
 R = TypeVar("R", bound=Result)
 Progress = Callable[[float, str], None]

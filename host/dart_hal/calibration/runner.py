@@ -8,16 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from dart_hal.car import Car
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Applied, Doubt, State
 from dart_hal.vehicle.sets import PAPER
+
+if TYPE_CHECKING:
+    from dart_hal.car import Car
 
 K_P = 0.2
 """1/(m/s), softer than on the road: the unevenness of a ring of which nothing is known yet reads as

@@ -9,23 +9,22 @@ least squares (``loop``). Works on every backend, in the car's own time.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from dart_hal.calibration.samples import Samples
 from dart_hal.calibration.steering_map import fit_map
-from dart_hal.car import Car
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import CalibrationFailed, UsageError
 from dart_hal.core.types import Estimate, FloatArray, State
 from dart_hal.devices.actuation.quantiser import counter_of
 from dart_hal.vehicle.fitting.batches import standard_error
 
-from .from_recordings import steering_from
 from .loop import LoopFit, Systematic, Window, fit_loop, resample
 from .measured import write
-from .plot import plot_steering
 from .procedure import Ask, Bench, Option, Procedure, ProcedurePlan, Progress, agree, silent
 from .result import SteeringResult
 from .runner import DrivableCar, Runner, driving, yaw_rates
@@ -46,6 +45,9 @@ from .schedule import (
     return_futures,
     waiting_time,
 )
+
+if TYPE_CHECKING:
+    from dart_hal.car import Car
 
 UNKNOWN_GYRO_SCALE = 0.006  # one sigma of an uncalibrated BNO055 (data sheet: 1 % typical)
 UNKNOWN_WHEELBASE = 0.0003  # m, a ruler on the axles
@@ -261,7 +263,15 @@ def _check_speeds(speeds: tuple[float, float] = SPEEDS) -> None:
 
 
 def _plot(result: SteeringResult, files: CarFiles, path: Path) -> None:
+    from .plot import plot_steering
+
     plot_steering(result, path)
+
+
+def _fit(paths: Sequence[Path], car: str) -> SteeringResult:
+    from .from_recordings import steering_from
+
+    return steering_from(paths, car=car)
 
 
 STEERING = Procedure(
@@ -277,6 +287,6 @@ STEERING = Procedure(
     options=(Option("speeds", "m/s there and back; slower needs less floor, and both must differ",
                     SPEEDS, "m/s", 0.15, 0.8, metavar="SLOW FAST"),),
     plot=_plot, plot_help="picture of map, data and residuals",
-    fit=steering_from, fit_help="fit recordings (files or folders) instead of driving; to "
+    fit=_fit, fit_help="fit recordings (files or folders) instead of driving; to "
     "compare, and for the paper's form: nothing is written to calibration.toml",
     keys=("steering.map",), after=("clock", "encoder", "imu"), confirm=False)

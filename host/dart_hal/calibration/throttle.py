@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -25,7 +26,6 @@ from dart_hal.vehicle.sets import PAPER
 from .by_hand import naming, turn_by_hand
 from .clock import UNKNOWN
 from .measured import Measured
-from .plot import plot_throttle
 from .procedure import Bench, Option, Procedure, ProcedurePlan, Progress
 from .runner import NotSeen, Runner, driving, yaw_rates
 from .sensor_log import SensorLog
@@ -315,6 +315,12 @@ def _table(speed: FloatArray, pulse: FloatArray, slope: FloatArray, spread: floa
                       std_us=tuple(round(float(s), 3) for s in std))
 
 
+def _plot(result: Measured, files: CarFiles, path: Path) -> None:
+    from .plot import plot_throttle
+
+    plot_throttle(result, files, path)
+
+
 calibrate_throttle = Procedure(
     name="throttle",
     help="""Which pulse holds which speed, for drive_speed's feed-forward.
@@ -325,5 +331,5 @@ calibrate_throttle = Procedure(
     plan=plan, measure=measure, adapt=lambda floor: {"room": min(ROOM, max(floor))},
     options=(Option("room", "straight floor; more of it reaches faster speeds, below 2.5 m the "
                     "car circles on 3.5 m x 3.5 m", ROOM, "m", 0.0, 30.0, metavar="METRES"),),
-    plot=plot_throttle, plot_help="picture of the pulses beside the model's",
+    plot=_plot, plot_help="picture of the pulses beside the model's",
     keys=("throttle.drive",), after=("clock", "esc", "encoder"))
