@@ -191,7 +191,8 @@ def test_a_calibration_of_another_package_needs_each_step(changes, tmp_path, cap
         files[name] = "" if change is None else files[name].replace(*change)
     install(tmp_path, files)
     with on_path(tmp_path):
-        assert run_verb(commands(heading)[0], capsys)[0] == 2
+        arguments = [*commands(heading)[0], "--cars", str(tmp_path / "cars")]
+        assert run_verb(arguments, capsys)[0] == 2
 
 
 def test_a_viewer_sees_the_car(package, capsys):
