@@ -30,37 +30,24 @@ class CannotRelease(Exception):
     """What is wrong, and what to do about it."""
 
 
-def versions(root: Path) -> dict[str, str]:
-    """The version by each file that states it; raises CannotRelease where one states none."""
-    places = {"pyproject.toml": r'^version = "(.+)"', "CITATION.cff": r"^version: (.+)",
-              "host/dart_hal/__init__.py": r'^__version__ = "(.+)"'}
-    found = {}
-    for name, pattern in places.items():
-        match = re.search(pattern, (root / name).read_text(encoding="utf-8"), re.MULTILINE)
-        if match is None:
-            raise CannotRelease(f"{name} states no version; write a line like {pattern}")
-        found[name] = match[1]
-    return found
-
-
-def agreed(found: dict[str, str]) -> str:
-    """The one version; raises CannotRelease where the files differ."""
-    if len(set(found.values())) != 1:
-        told = ", ".join(f"{name} says {version}" for name, version in found.items())
-        raise CannotRelease(f"{told}; write the same version into each")
-    return next(iter(found.values()))
+def read_version(root: Path) -> str:
+    """Return the version; raise CannotRelease where the package states none."""
+    name = "host/dart_hal/__init__.py"
+    match = re.search(r'^__version__ = "(.+)"', (root / name).read_text(encoding="utf-8"),
+                      re.MULTILINE)
+    if match is None:
+        raise CannotRelease(f'{name} states no version; write a line like __version__ = "1.2.3"')
+    return match[1]
 
 
 def notes(changelog: str, version: str) -> tuple[str, str]:
-    """(heading, text) of the section of `version`, else of what is unreleased."""
-    sections = re.split(r"^## ", changelog, flags=re.MULTILINE)[1:]
-    for wanted in (version, "Unreleased"):
-        for section in sections:
-            heading, _, text = section.partition("\n")
-            if heading.split()[0].strip("[]") == wanted:
-                return heading.strip(), text.strip() + "\n"
-    raise CannotRelease(f"CHANGELOG.md has no section {version}, nor one Unreleased; write "
-                        f"`## {version} - YYYY-MM-DD` above its lines")
+    """Return (heading, text) of the section of a version; raise CannotRelease without one."""
+    for section in re.split(r"^## ", changelog, flags=re.MULTILINE)[1:]:
+        heading, _, text = section.partition("\n")
+        if heading.split()[0] == version:
+            return heading.strip(), text.strip() + "\n"
+    raise CannotRelease(f"CHANGELOG.md has no section {version}; run `towncrier build`, which "
+                        "makes one of the files in changelog.d/")
 
 
 def checked_firmware(root: Path) -> Path:
@@ -130,7 +117,7 @@ def build(folder: Path, version: str, when: float) -> None:
 
 def release(out: Path, draft: bool) -> Path:
     """The folder of the release; raises CannotRelease before anything is built."""
-    version = agreed(versions(ROOT))
+    version = read_version(ROOT)
     heading, text = notes((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), version)
     checked_firmware(ROOT)
     changed = git("status", "--porcelain")

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import re
+import shutil
 import subprocess
 import sys
 import zipfile
+from importlib import metadata
 from pathlib import Path
 
 import pytest
@@ -16,27 +19,62 @@ _spec = importlib.util.spec_from_file_location("release", ROOT / "release.py")
 release = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(release)
 
-LOG = "# Changelog\n\n## Unreleased\n\n- new\n\n## 0.1.0 - 2026-09-01\n\n- old\n"
+LOG = "# Changelog\n\n## 0.1.0 - 2026-09-01\n\n- old\n"
 
 
-def test_this_checkout_states_one_version_everywhere():
-    assert release.agreed(release.versions(ROOT))
+def test_this_checkout_states_its_version_once():
+    version = release.read_version(ROOT)
+    assert metadata.version("dart-hal") == version
+    stated = [name for name in ("pyproject.toml", "CITATION.cff")
+              if f"version = \"{version}\"" in (text := (ROOT / name).read_text(encoding="utf-8"))
+              or f"version: {version}" in text]
+    assert not stated
 
 
-def test_files_of_different_versions_are_named():
-    with pytest.raises(release.CannotRelease, match=r"a says 0\.1, b says 0\.2"):
-        release.agreed({"a": "0.1", "b": "0.2"})
+def test_a_package_without_a_version_is_refused(tmp_path):
+    (tmp_path / "host" / "dart_hal").mkdir(parents=True)
+    (tmp_path / "host" / "dart_hal" / "__init__.py").write_text("")
+    with pytest.raises(release.CannotRelease, match="states no version"):
+        release.read_version(tmp_path)
 
 
-@pytest.mark.parametrize(("version", "heading", "text"), [
-    ("0.1.0", "0.1.0 - 2026-09-01", "- old\n"), ("0.2.0", "Unreleased", "- new\n")])
-def test_the_notes_are_the_section_of_the_version(version, heading, text):
-    assert release.notes(LOG, version) == (heading, text)
+def test_the_notes_are_the_section_of_the_version():
+    assert release.notes(LOG, "0.1.0") == ("0.1.0 - 2026-09-01", "- old\n")
 
 
-def test_a_changelog_without_a_section_is_refused():
-    with pytest.raises(release.CannotRelease, match="YYYY-MM-DD"):
-        release.notes("# Changelog\n", "0.1.0")
+@pytest.mark.parametrize("version", ["0.2.0", "0.1"])
+def test_a_changelog_without_a_section_is_refused(version):
+    with pytest.raises(release.CannotRelease, match="towncrier build"):
+        release.notes(LOG, version)
+
+
+def test_this_version_has_its_notes():
+    heading, text = release.notes((ROOT / "CHANGELOG.md").read_text(encoding="utf-8"),
+                                  release.read_version(ROOT))
+    assert heading.endswith("2026-11-28")
+    assert "### Added" in text
+
+
+def test_new_entries_of_the_changelog_have_a_known_kind():
+    names = {path.name for path in (ROOT / "changelog.d").iterdir()}
+    assert all(re.fullmatch(r"README\.md|\+[a-z0-9-]+\.(added|changed|fixed|removed)\.md", name)
+               for name in names), names
+
+
+def test_new_entries_become_a_section(tmp_path):
+    pytest.importorskip("towncrier")
+    shutil.copyfile(ROOT / "pyproject.toml", tmp_path / "pyproject.toml")
+    shutil.copyfile(ROOT / "CHANGELOG.md", tmp_path / "CHANGELOG.md")
+    (tmp_path / "changelog.d").mkdir()
+    (tmp_path / "changelog.d" / "+brake.fixed.md").write_text("The brake holds.")
+    subprocess.run([sys.executable, "-m", "towncrier", "build", "--yes", "--version", "9.8.7",
+                    "--date", "2030-01-02"], cwd=tmp_path, check=True, capture_output=True)
+    changelog = (tmp_path / "CHANGELOG.md").read_text(encoding="utf-8")
+    heading, text = release.notes(changelog, "9.8.7")
+    assert heading == "9.8.7 - 2030-01-02"
+    assert "### Fixed" in text
+    assert "- The brake holds." in text
+    assert changelog.index("## 9.8.7") < changelog.index("## 0.2.0") < changelog.index("## 0.1.0")
 
 
 @pytest.mark.parametrize("same", [True, False])

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from dart_hal import compat
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 if TYPE_CHECKING:
     from dart_hal.calibration.steering import calibrate_steering
