@@ -19,9 +19,9 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.evidence.noise import Noise, measure
+from dart_lab.diagnosis.evidence.noise import Noise, estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.policy import BlockPolicy
 from dart_lab.diagnosis.run import evidence_of
 from dart_lab.diagnosis.search.fit import Point, refit
@@ -50,7 +50,7 @@ def evidence(prepare: Prepare, style: str, seed: int) -> Evidence:
 def fitted(seen: Evidence, noise: Noise) -> Point:
     """The right model but for the cause, with timing alone free."""
     space = Space(PAPER, ())
-    return refit(seen, noise, space, space.point(Timing()))
+    return refit(seen, noise, space, space.point(MessageTiming()))
 
 
 class Drops:
@@ -61,9 +61,9 @@ class Drops:
         for drive in DRIVES:
             seen = evidence(lambda car: None, *drive)
             blocks = seen.blocks(BlockPolicy().seconds)
-            noise = measure(seen.residuals(PAPER, Timing()), blocks, seen.overlap)
+            noise = estimate_noise(seen.residuals(PAPER, MessageTiming()), blocks, seen.overlap)
             timing = fitted(seen, noise).timing
-            noise = measure(seen.residuals(PAPER, timing), blocks, seen.overlap)
+            noise = estimate_noise(seen.residuals(PAPER, timing), blocks, seen.overlap)
             self._without[drive] = noise, fitted(seen, noise).loss()
 
     def of(self, prepare: Prepare) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
-from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.drive import prepare_drive
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.gains import Side
 from dart_lab.diagnosis.paths import find_paths
@@ -45,7 +45,7 @@ def recording():
 def stages():
     """Base, refitted base, with the lag, with the gyro as well; and CTRV."""
     r = recording()
-    evidence = Evidence([prepare(r, PAPER.body.l_r)], PAPER.body.l_r)
+    evidence = Evidence([prepare_drive(r, PAPER.body.l_r)], PAPER.body.l_r)
     models = (("base: paper", PAPER), ("refitted base", PAPER),
               ("+ steering_lag", apply(PAPER, "steering_lag", k=0.12)), ("+ gyro_scale", HIDDEN))
     out, ctrv = [], {}

@@ -9,7 +9,7 @@ import numpy as np
 from dart_hal.recording.dart import Messages, Recording
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
-from dart_lab.diagnosis.evidence.onboard_drive import sessions
+from dart_lab.diagnosis.evidence.onboard_drive import prepare_stretches
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 
@@ -36,7 +36,7 @@ def recorded(folder, p=PAPER, seed=0, seconds=60.0):
 
 
 def evidence(*recordings):
-    return OnboardEvidence([o for r in recordings for o in sessions(r)], PAPER.body.l_r)
+    return OnboardEvidence([o for r in recordings for o in prepare_stretches(r)], PAPER.body.l_r)
 
 
 def made(n=120, speed=1.0, **columns):

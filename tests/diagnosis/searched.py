@@ -9,8 +9,8 @@ from tempfile import mkdtemp
 import numpy as np
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.evidence.noise import measure
-from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.evidence.noise import estimate_noise
+from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.gains import side_of
 from dart_lab.diagnosis.run import evidence_of
 from dart_lab.diagnosis.search.fit import refit
@@ -44,7 +44,7 @@ def fitted_side(hide=lambda car: None, seconds=60.0):
     recording = read(record(file, strange, Habits(style="steps"), seconds, 4))
     evidence, _ = evidence_of([recording], PAPER.body.l_r)
     search = Search(evidence, PAPER, Settings())
-    fit, _ = search._settle(search.make_space(PAPER), Timing(evidence.late))
+    fit, _ = search._settle(search.make_space(PAPER), MessageTiming(evidence.message_age))
     return side_of(evidence, [recording], PAPER.body.l_r, None), fit
 
 
@@ -66,8 +66,8 @@ def evidence(*recordings):
 def fitted(seen, p=PAPER, free=(), noise=None):
     """(noise, point) of evidence: nothing but timing and ``free`` fitted."""
     space = Space(p, free)
-    noise = noise or measure(seen.residuals(p, Timing()), seen.blocks(2.0))
-    return noise, refit(seen, noise, space, space.point(Timing()))
+    noise = noise or estimate_noise(seen.residuals(p, MessageTiming()), seen.blocks(2.0))
+    return noise, refit(seen, noise, space, space.point(MessageTiming()))
 
 
 def search(*recordings, p=PAPER, free=(), known=None, names=(), **settings):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.evidence.drive import prepare
-from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.drive import prepare_drive
+from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 
@@ -114,13 +114,13 @@ def write(path, wrap, seed, plan, monkeypatch):
 def looked_at(paths, p=PAPER):
     """(evidence, p, residuals, noise) for ``unexplained``; the ages of messages and of commands,
     which are nothing that a car has, are fitted first."""
-    evidence = Evidence([prepare(read(path), p.body.l_r) for path in paths], p.body.l_r)
-    noise = measure(evidence.residuals(p), evidence.blocks(2.0))
+    evidence = Evidence([prepare_drive(read(path), p.body.l_r) for path in paths], p.body.l_r)
+    noise = estimate_noise(evidence.residuals(p), evidence.blocks(2.0))
     ages = np.zeros(2)
     for _ in range(3):
-        tried = [Timing(*(ages + by)) for by in ((0.0, 0.0), (STEP, 0.0), (0.0, STEP))]
-        here, *there = (np.clip(noise.stacked(evidence.residuals(p, t))[0], -5, 5) for t in tried)
+        tried = [MessageTiming(*(ages + by)) for by in ((0.0, 0.0), (STEP, 0.0), (0.0, STEP))]
+        here, *there = (np.clip(noise.stack(evidence.residuals(p, t))[0], -5, 5) for t in tried)
         slopes = np.stack([(other - here) / STEP for other in there], axis=1)
         ages = np.clip(ages - np.linalg.lstsq(slopes, here, rcond=None)[0], -0.02, 0.1)
-    residuals = evidence.residuals(p, Timing(*ages))
-    return evidence, p, residuals, measure(residuals, evidence.blocks(2.0))
+    residuals = evidence.residuals(p, MessageTiming(*ages))
+    return evidence, p, residuals, estimate_noise(residuals, evidence.blocks(2.0))

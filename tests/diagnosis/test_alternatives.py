@@ -14,7 +14,7 @@ from dart_lab.diagnosis.alternatives import (
     include_alternatives,
     list_exchanges,
 )
-from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.final_fit import FinalFit
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search.fit import covariance
@@ -41,7 +41,7 @@ def fitted():
     seen = evidence(drive(("yaw_damping", 0.02), seconds=40.0))
     search = Search(seen, PAPER, Settings(free=FREE))
     vehicle = apply(PAPER, "yaw_damping", k=0.01)
-    point, _ = search._settle(search.make_space(vehicle), Timing(seen.late))
+    point, _ = search._settle(search.make_space(vehicle), MessageTiming(seen.message_age))
     sampling = covariance(point, rows_at(seen, point, search._settings.policy).block)
     stds = point.space.standard_errors(point.x, sampling)
     return search, seen, FinalFit(point.vehicle, point.timing, point, sampling, stds)
@@ -50,7 +50,7 @@ def fitted():
 def test_error_holds_the_number_of_the_other_model(fitted):
     search, seen, final = fitted
     wide = include_alternatives(final, (Exchange("yaw_damping"),), search, seen, USUAL.scan)
-    other, _ = search._settle(search.make_space(PAPER), Timing(seen.late))
+    other, _ = search._settle(search.make_space(PAPER), MessageTiming(seen.message_age))
     for name in FREE:
         away = abs(value(other.vehicle, name) - value(final.vehicle, name))
         expected = np.hypot(final.stds[name], away / np.sqrt(2.0))

@@ -9,7 +9,7 @@ from mcap.writer import Writer
 
 from dart_hal.car.runs import read_run
 from dart_hal.core.errors import RecordingError
-from dart_lab.diagnosis.evidence.onboard_drive import sessions
+from dart_lab.diagnosis.evidence.onboard_drive import prepare_stretches
 from studies.diagnosis import any_car
 
 OTHERS = {"/camera/compressed": b"\xff\xd8 no picture \xff\xd9", "/battery": b'{"volt": 7.4}',
@@ -78,7 +78,7 @@ def test_channels_that_are_asked_for_are_not(filmed, tmp_path):
 def test_a_run_judged_without_its_poses_is_as_if_there_were_none(filmed, tmp_path):
     """By the commands as well, which are read more finely than the sensors."""
     unseen = written_anew(filmed, tmp_path / "unseen.mcap", but=("/external_pose",))
-    with_them, without = (sessions(read_run(p, poses=False)) for p in (filmed, unseen))
+    with_them, without = (prepare_stretches(read_run(p, poses=False)) for p in (filmed, unseen))
     assert len(with_them) == len(without) > 0
     for one, other in zip(with_them, without, strict=True):
         for name in ("throttle", "steering", "v_x", "omega"):

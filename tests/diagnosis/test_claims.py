@@ -16,10 +16,10 @@ from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.motor import make_motor
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.conclude import _verdict
-from dart_lab.diagnosis.evidence.drive import prepare
-from dart_lab.diagnosis.evidence.noise import Noise, measure
+from dart_lab.diagnosis.evidence.drive import prepare_drive
+from dart_lab.diagnosis.evidence.noise import Noise, estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Evidence, Residuals
-from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.parameters.claims import _costly, _together
 from dart_lab.diagnosis.parameters.cost import cost, ratio
@@ -181,12 +181,13 @@ def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
 
 @pytest.mark.slow
 def test_how_old_the_commands_of_a_fit_were_costs_nothing_on_other_recordings(folder):
-    drive = prepare(read(write(folder / "ages.csv", PAPER, 24, Plan(seconds=20.0))), PAPER.body.l_r)
+    recording = read(write(folder / "ages.csv", PAPER, 24, Plan(seconds=20.0)))
+    drive = prepare_drive(recording, PAPER.body.l_r)
     evidence = Evidence([drive], PAPER.body.l_r)
 
     def lost(age, fitted=True):
-        sizes = measure(evidence.residuals(PAPER, Timing()), evidence.blocks(2.0))
-        point = SimpleNamespace(vehicle=PAPER, timing=Timing(command_age=age), noise=sizes)
+        sizes = estimate_noise(evidence.residuals(PAPER, MessageTiming()), evidence.blocks(2.0))
+        point = SimpleNamespace(vehicle=PAPER, timing=MessageTiming(command_age=age), noise=sizes)
         out = Unseen(evidence, point, USUAL)
         if not fitted:
             out._noise, out._timing = sizes, lambda *fit: point.timing

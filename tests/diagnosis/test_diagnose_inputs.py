@@ -13,9 +13,9 @@ import pytest
 from dart_hal.core.errors import DartHalError, OtherCar, RecordingError, UsageError
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.agreement import check_model, check_units, ratio, slope
-from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.drive import prepare_drive
 from dart_lab.diagnosis.evidence.motion import driving_seconds
-from dart_lab.diagnosis.evidence.split import GUARD
+from dart_lab.diagnosis.evidence.split import GUARD_S
 from dart_lab.diagnosis.inputs import check_inputs, effects_named, fitted_before
 from studies.diagnosis.known_frame import read
 from tests.diagnosis import made_by_hand as made
@@ -107,14 +107,14 @@ def test_a_dead_encoder_is_said_and_not_judged(drive, tmp_path):
     dead = read(scaled(tmp_path, drive, "vel encoder", 0.0))
     inputs = check_inputs([dead], [other(drive)], PAPER)
     assert "encoder is dead" in " ".join(inputs.notes)
-    assert not np.isfinite(prepare(inputs.train[0], PAPER.body.l_r).read[:, 0]).any()
+    assert not np.isfinite(prepare_drive(inputs.train[0], PAPER.body.l_r).readings[:, 0]).any()
 
 
 def test_a_dead_gyro_is_said_and_not_judged(drive, tmp_path):
     dead = read(scaled(tmp_path, drive, "W (IMU)", 0.0))
     inputs = check_inputs([dead], [other(drive)], PAPER)
     assert "gyro is dead" in " ".join(inputs.notes)
-    found = prepare(inputs.train[0], PAPER.body.l_r).read
+    found = prepare_drive(inputs.train[0], PAPER.body.l_r).readings
     assert not np.isfinite(found[:, 1]).any()
     assert np.isfinite(found[:, 0]).all()
 
@@ -186,11 +186,11 @@ def test_without_test_recordings_stretches_are_held_out(drive):
     inputs = check_inputs([drive], [], PAPER)
     train, test = inputs.train[0], inputs.test[0]
     assert any("40 %" in n for n in inputs.notes)
-    a, b = (prepare(r, PAPER.body.l_r) for r in (train, test))
-    whole = prepare(drive, PAPER.body.l_r)
+    a, b = (prepare_drive(r, PAPER.body.l_r) for r in (train, test))
+    whole = prepare_drive(drive, PAPER.body.l_r)
     assert set(a.starts) | set(b.starts) <= set(whole.starts)  # the clock has stayed
     apart = np.abs(a.starts[:, None] - b.starts[None, :]).min()
-    assert apart * 0.01 > 1.0 + GUARD  # a window of one side ends before one of the other starts
+    assert apart * 0.01 > 1.0 + GUARD_S  # a window of one side ends before one of the other starts
     assert len(a.starts) + len(b.starts) > 0.6 * len(whole.starts)
     np.testing.assert_allclose(b.grid.v_x, whole.grid.v_x)  # commands and motion are whole
     assert driving_seconds(test) == pytest.approx(0.4 * driving_seconds(drive), rel=0.3)

@@ -12,10 +12,10 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.drive import prepare
-from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.drive import prepare_drive
+from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.grade import accept
 from dart_lab.diagnosis.grade.accept import accept_effects, impossible_size
 from dart_lab.diagnosis.grade.bag import Problem, probability, sizes
@@ -77,11 +77,11 @@ def fitted(tmp_path_factory):
     def fit(named, hidden, **values):
         plan = Plan(seconds=60.0)
         recording = read(write(folder / "hidden.csv", apply(PAPER, hidden, **values), 12, plan))
-        evidence = Evidence([prepare(recording, PAPER.body.l_r)], PAPER.body.l_r)
-        noise = measure(evidence.residuals(PAPER), evidence.blocks(2.0))
+        evidence = Evidence([prepare_drive(recording, PAPER.body.l_r)], PAPER.body.l_r)
+        noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
         space = Space(apply(PAPER, named), ())
-        return secants(evidence, refit(evidence, noise, space, space.point(Timing())), [named],
-                       USUAL)
+        fit = refit(evidence, noise, space, space.point(MessageTiming()))
+        return secants(evidence, fit, [named], USUAL)
 
     return fit
 

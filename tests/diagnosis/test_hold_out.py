@@ -10,8 +10,8 @@ import pytest
 
 from dart_hal.recording.dart.spans import span_index
 from dart_lab.diagnosis.evidence.motion import driving_seconds
-from dart_lab.diagnosis.evidence.onboard_drive import sessions
-from dart_lab.diagnosis.evidence.split import GUARD, SHORTEST, hold_out, split
+from dart_lab.diagnosis.evidence.onboard_drive import prepare_stretches
+from dart_lab.diagnosis.evidence.split import GUARD_S, MIN_STRETCH_S, hold_out, split
 from tests.diagnosis.onboard_files import made, recorded
 
 SECONDS = 120.0
@@ -37,10 +37,10 @@ def gaps(train, test):
 def test_stretches_alternate_with_a_guard_between_them(one_sided, share):
     train, test = split(one_sided, share)
     assert len(test.spans) >= 6
-    assert min(gaps(train, test)) >= GUARD - 1e-9
+    assert min(gaps(train, test)) >= GUARD_S - 1e-9
     held = sum(b - a for a, b in test.spans)
     assert held == pytest.approx(share * SECONDS, rel=0.25)
-    assert all(b - a >= SHORTEST for a, b in (*train.spans, *test.spans))
+    assert all(b - a >= MIN_STRETCH_S for a, b in (*train.spans, *test.spans))
 
 
 def test_both_sides_steer_both_ways(one_sided):
@@ -76,25 +76,26 @@ def test_short_recordings_test_at_their_beginning_and_end_by_turns():
     _, test = hold_out(short, 0.4)
     assert [side.spans[0][0] < 1.0 for side in test] == [False, True, False, True]
     for train, tested in zip(*hold_out(short, 0.4), strict=True):
-        assert min(gaps(train, tested)) >= GUARD - 1e-9
+        assert min(gaps(train, tested)) >= GUARD_S - 1e-9
 
 
 def test_windows_of_the_sides_share_no_message(tmp_path):
     r = recorded(tmp_path, seconds=60.0)
     times = []
     for side in split(r, 0.4):
-        spots = [s.begin[None, :] + np.concatenate([s.past, s.spots]) for s in sessions(side)]
+        spots = [s.window_starts[None, :] + np.concatenate([s.past_offsets, s.message_offsets])
+                 for s in prepare_stretches(side)]
         times.append(np.concatenate([x.ravel() for x in spots]) * 0.01)
         assert len(times[-1]) > 100
     near = np.abs(times[0][:, None] - times[1][None, :]).min()
-    assert near >= GUARD - 0.11  # a message is at most 0.1 s from where it should be
+    assert near >= GUARD_S - 0.11  # a message is at most 0.1 s from where it should be
     assert driving_seconds(split(r, 0.4)[1]) < 0.45 * driving_seconds(r)
 
 
 def test_without_spans_all_of_a_recording_is_judged(tmp_path):
     """The control of the test above."""
     r = recorded(tmp_path, seconds=30.0)
-    whole = sum(len(s.starts) for s in sessions(r))
+    whole = sum(len(s.starts) for s in prepare_stretches(r))
     begin = float(r.messages.arrival[0])
-    half = sum(len(s.starts) for s in sessions(replace(r, spans=((begin, begin + 15.0),))))
+    half = sum(len(s.starts) for s in prepare_stretches(replace(r, spans=((begin, begin + 15.0),))))
     assert 0.3 * whole < half < 0.7 * whole

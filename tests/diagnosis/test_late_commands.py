@@ -14,7 +14,7 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_lab.diagnosis import conclude as conclusion
 from dart_lab.diagnosis.error_summaries import LateCommands, Moment
-from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.gains import side_of
 from dart_lab.diagnosis.late_commands import MIN_GAIN, compare_ages, find_late_commands
 from dart_lab.diagnosis.policy import USUAL
@@ -110,7 +110,7 @@ def test_lost_commands_are_flagged_in_most_kinds_of_driving():
             evidence, _ = evidence_of([recording], PAPER.body.l_r)
             side = side_of(evidence, [recording], PAPER.body.l_r, None)
             search = Search(evidence, PAPER, Settings(free=free_names(PAPER, tuple(FREE))))
-            fit, _ = search._settle(search.make_space(PAPER), Timing(evidence.late))
+            fit, _ = search._settle(search.make_space(PAPER), MessageTiming(evidence.message_age))
             flagged[share] += find_late_commands((side,), fit.vehicle, (fit.timing,),
                                                  USUAL.unexplained) is not None
     assert flagged[0.35] >= 4

@@ -12,8 +12,8 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import vehicle_from
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.noise import measure
-from dart_lab.diagnosis.evidence.space import LATE, LATE_REACH, Space, Timing
+from dart_lab.diagnosis.evidence.noise import estimate_noise
+from dart_lab.diagnosis.evidence.space import MESSAGE_AGE, MESSAGE_AGE_REACH, MessageTiming, Space
 from dart_lab.diagnosis.mounted import mounted, of_the_imu
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.result import Number
@@ -107,14 +107,14 @@ def test_poses_of_a_run_may_be_as_late_as_an_optical_system_tells_them(tmp_path)
                            for d in published.drives], PAPER.body.l_r)
 
     def fitted(seen):
-        space = Space(PAPER, (), late=seen.late)
-        start = Timing(seen.late)
-        noise = measure(seen.residuals(PAPER, start), seen.blocks(2.0))
-        return refit(seen, noise, space, space.point(start)).timing.late
+        space = Space(PAPER, (), message_age=seen.message_age)
+        start = MessageTiming(seen.message_age)
+        noise = estimate_noise(seen.residuals(PAPER, start), seen.blocks(2.0))
+        return refit(seen, noise, space, space.point(start)).timing.message_age
 
     age = 0.0035  # a message is heard 1 to 6 ms late
     assert fitted(own) == pytest.approx(age - 0.02, abs=0.001)
-    assert fitted(published) == pytest.approx(LATE - LATE_REACH, abs=1e-6)
+    assert fitted(published) == pytest.approx(MESSAGE_AGE - MESSAGE_AGE_REACH, abs=1e-6)
 
 
 def test_the_extended_model_carries_it_with_its_error():

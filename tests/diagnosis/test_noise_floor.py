@@ -11,7 +11,7 @@ import pytest
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis import conclude as conclusion
 from dart_lab.diagnosis.error_summaries import Excess, find_excesses
-from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.noise_floor import (
     estimate_noise_floor,
     floor_of_errors,
@@ -103,7 +103,7 @@ def test_floor_excludes_what_the_driving_predicts():
 @pytest.mark.parametrize(("stamped", "age", "ends"), [
     (True, 0.0, (-0.010, 0.010)), (False, 0.009, (0.0, 0.0)), (False, 0.04, (-0.05, 0.07))])
 def test_possible_ages_are_those_that_the_log_allows(stamped, age, ends):
-    ages = possible_ages(SimpleNamespace(commands_stamped=stamped), Timing(command_age=age))
+    ages = possible_ages(SimpleNamespace(commands_stamped=stamped), MessageTiming(command_age=age))
     assert (ages[0], ages[-1]) == pytest.approx(ends)
     assert np.all(np.diff(ages) < 0.0051)
 
@@ -112,7 +112,7 @@ def simulated(hide=lambda car: None):
     """Floor and errors of the true model in 40 s of a car whose commands keep step with messages.
     """
     side, fit = fitted_side(hide, 40.0)
-    logged = fit.timing.advanced(fit.vehicle)
+    logged = fit.timing.shift_delays(fit.vehicle)
     found = estimate_noise_floor(side, fit.vehicle, fit.timing, logged, USUAL.unexplained)
     return found, side.horizons(logged)
 
@@ -134,7 +134,7 @@ def test_few_windows_and_sensors_alone_have_no_floor():
     few = replace(cases[0], windows=replace(cases[0].windows, start=cases[0].windows.start[:39]))
     short = replace(side, prepared=replace(side.prepared, cases=(few,)))
     for without in (short, replace(side, prepared=None)):
-        assert estimate_noise_floor(without, PAPER, Timing(), PAPER, USUAL.unexplained) == {}
+        assert estimate_noise_floor(without, PAPER, MessageTiming(), PAPER, USUAL.unexplained) == {}
 
 
 FLOOR = {"vx": 0.02, "vy": 0.01, "yaw_rate": 0.02, "position": 1.0, "yaw_deg": 9.0}

@@ -10,9 +10,9 @@ import pytest
 from dart_hal.car.runs import read_run
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
-from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
-from dart_lab.diagnosis.evidence.onboard_drive import counted, sessions
+from dart_lab.diagnosis.evidence.onboard_drive import count_windows, prepare_stretches
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.run import diagnose
 from dart_lab.sim.hidden import NOMINAL_VEHICLE
@@ -41,20 +41,20 @@ def run(tmp_path_factory):
 
 
 def evidence(recording):
-    return OnboardEvidence(sessions(recording), EXACT.body.l_r)
+    return OnboardEvidence(prepare_stretches(recording), EXACT.body.l_r)
 
 
 @pytest.mark.slow
 def test_the_model_of_the_simulated_car_predicts_its_run(run):
     seen = evidence(run)
-    windows, _, rest = counted(seen.drives)
+    windows, _, rest = count_windows(seen.drives)
     assert windows > 30
     assert rest > 20
     r = seen.residuals(EXACT)
     encoder, gyro = (np.sqrt(np.mean(r.motion[:, k::2]**2)) for k in (0, 1))
     assert encoder < 0.006
     assert gyro < 0.04
-    still = np.concatenate([d.still for d in seen.drives])
+    still = np.concatenate([d.at_rest for d in seen.drives])
     assert np.abs(r.sensors[still, 1]).mean() < 2e-3
     wrong = seen.residuals(apply(EXACT, "motor_gain", k=-0.03))
     assert np.sqrt(np.mean(wrong.motion[:, 0::2]**2)) > 2.0 * encoder
@@ -65,7 +65,7 @@ def test_the_model_of_the_simulated_car_predicts_its_run(run):
 @pytest.mark.slow
 def test_every_residual_of_a_run_has_a_size(run):
     seen = evidence(run)
-    noise = measure(seen.residuals(EXACT), seen.blocks(2.0))
+    noise = estimate_noise(seen.residuals(EXACT), seen.blocks(2.0))
     assert np.isfinite(noise.motion).all()
     assert (noise.sensors > 1e-5).all()
     assert (noise.weight > 0.0).all()

@@ -21,8 +21,7 @@ from studies.diagnosis.policy_sensitivity import Watched, altered, changed, list
 from tests.diagnosis.searched import drive, evidence, names, search
 
 ROOM = Path(module.__file__).parent
-GRIDS = {"ROUNDS", "QUICK", "FAINT", "ROUNDING", "PASSES", "AGES", "OLDER",
-         "WITHIN_FRAME"}
+GRIDS = {"ROUNDS", "QUICK", "FAINT", "ROUNDING", "PASSES"}
 """Numbers of a search that decide no name: iterations, starts, rounding."""
 
 

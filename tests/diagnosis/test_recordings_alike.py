@@ -14,8 +14,13 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.cautions import EDGE, cautions
-from dart_lab.diagnosis.evidence.noise import measure
-from dart_lab.diagnosis.evidence.space import LATE_REACH, MAX_COMMAND_AGE, Space, Timing
+from dart_lab.diagnosis.evidence.noise import estimate_noise
+from dart_lab.diagnosis.evidence.space import (
+    MAX_COMMAND_AGE,
+    MESSAGE_AGE_REACH,
+    MessageTiming,
+    Space,
+)
 from dart_lab.diagnosis.gains import side_of
 from dart_lab.diagnosis.grade.alike import PROBES, Wanted, apart
 from dart_lab.diagnosis.policy import USUAL, AlikePolicy
@@ -54,8 +59,8 @@ def said(train, test, p=PAPER, policy=USUAL):
     """What is said beside a fit that ends at the paper's car."""
     sides = side(train), side(test)
     seen, space = sides[0].evidence, Space(p, ())
-    noise = measure(seen.residuals(p, Timing()), seen.blocks(2.0))
-    last = at(seen, noise, space, space.point(Timing()))
+    noise = estimate_noise(seen.residuals(p, MessageTiming()), seen.blocks(2.0))
+    last = at(seen, noise, space, space.point(MessageTiming()))
     return " ".join(cautions(last, sides, {}, {}, (), policy))
 
 
@@ -126,9 +131,9 @@ def test_a_parameter_or_a_time_on_its_bound_is_said(drive):
     one = [drive("same", PAPER, 0)]
     sides = side(one), side([drive("same", PAPER, 1)])
     seen, space = sides[0].evidence, Space(PAPER, ())
-    noise = measure(seen.residuals(PAPER, Timing()), seen.blocks(2.0))
-    x = space.point(Timing())
-    x[1] = MAX_COMMAND_AGE / LATE_REACH  # of commands, the oldest there is
+    noise = estimate_noise(seen.residuals(PAPER, MessageTiming()), seen.blocks(2.0))
+    x = space.point(MessageTiming())
+    x[1] = MAX_COMMAND_AGE / MESSAGE_AGE_REACH  # of commands, the oldest there is
     moved = {"tyres.front_B": Moved(11.9, 13.8, 0.5, "1/rad", EDGE),
              "motor.d": Moved(28.0, 27.0, 0.1, "N")}
     edges = [n for n in cautions(at(seen, noise, space, x), sides, moved, {}, (), USUAL)

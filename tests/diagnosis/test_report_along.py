@@ -8,7 +8,7 @@ import pytest
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
-from dart_lab.diagnosis.evidence.onboard_drive import sessions
+from dart_lab.diagnosis.evidence.onboard_drive import prepare_stretches
 from dart_lab.diagnosis.report.along import Rows, _error, along, columns, most
 from dart_lab.diagnosis.report.compared import stages_around
 from dart_lab.diagnosis.result import Stage
@@ -73,7 +73,7 @@ def test_folding_adds_left_and_right_up():
 
 
 def test_without_mocap_the_lag_shows_in_the_gyro():
-    evidence = OnboardEvidence(sessions(made.recording()), PAPER.body.l_r)
+    evidence = OnboardEvidence(prepare_stretches(made.recording()), PAPER.body.l_r)
     lag = apply(PAPER, "steering_lag", k=0.12)
     before, after = (Stage("", p, {}, evidence.residuals(p)) for p in (PAPER, lag))
     assert {c.channel for c in columns(evidence)} == {"encoder", "gyro", "accel_x", "accel_y"}

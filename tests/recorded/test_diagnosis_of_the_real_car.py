@@ -13,7 +13,7 @@ from dart_hal.recording.dart import read
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import Diagnosis, diagnose
-from dart_lab.diagnosis.evidence.space import TIMES
+from dart_lab.diagnosis.evidence.space import TIMING_COORDINATES
 from dart_lab.diagnosis.gains import rollout_gains, side_of
 from dart_lab.diagnosis.result import VERDICTS
 from dart_lab.diagnosis.run import evidence_of
@@ -128,7 +128,7 @@ def test_measuring_the_noise_again_moves_nothing(excerpt, monkeypatch):
     few, many = (settled(train, passes, monkeypatch) for passes in (2, 4))
     block = rows_at(evidence_of(train, few.vehicle.body.l_r)[0], many).recording
     std = np.sqrt(np.diag(covariance(many, block)))
-    assert (np.abs(many.x - few.x) / std)[:-TIMES].max() < 0.5
+    assert (np.abs(many.x - few.x) / std)[:-TIMING_COORDINATES].max() < 0.5
 
 
 def test_every_cause_has_an_interval_around_its_gain_and_evidence(case):

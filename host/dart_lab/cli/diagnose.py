@@ -191,9 +191,10 @@ def _completed(d: Diagnosis, model: str, skipped: Skipped, first: Sequence[str])
 
 def _unknowable(d: Diagnosis) -> tuple[str, ...]:
     """What recordings without motion capture cannot tell."""
-    from dart_lab.diagnosis.evidence.onboard import OnboardEvidence, limits
+    from dart_lab.diagnosis.evidence.onboard import OnboardEvidence, list_limits
 
-    return (tuple(f"cannot be known from these recordings: {limit}" for limit in limits(d.evidence))
+    return (tuple(f"cannot be known from these recordings: {limit}"
+                  for limit in list_limits(d.evidence))
             if isinstance(d.evidence, OnboardEvidence) else ())
 
 
@@ -219,7 +220,7 @@ def _next(d: Diagnosis, html: Path | None, test: Sequence[Path]) -> None:
         where = shlex.join(map(str, test)) if test else "FILES"
         # without motion capture there is no path to hold a prediction against
         lines += [f"written: {d.written}",
-                  f"next: dart-hal evaluate --model {model} {where}" if d.evidence.exact else
+                  f"next: dart-hal evaluate --model {model} {where}" if d.evidence.has_mocap else
                   "next: drive and record again, then dart-hal diagnose --no-refit "
                   f"--model {model} --train NEW"]
     if d.predictor_written is not None:

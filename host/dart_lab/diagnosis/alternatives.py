@@ -21,7 +21,7 @@ import numpy as np
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import catalogue
 
-from .evidence.residuals import Evidence, only_read
+from .evidence.residuals import Evidence, affects_readings_only
 from .final_fit import FinalFit
 from .policy import ScanPolicy
 from .search.fit import Point
@@ -92,4 +92,4 @@ def _move(point: Point, exchange: Exchange, search: Search, evidence: Evidence,
 
 
 def _moves_car(effect: str) -> bool:
-    return not only_read(catalogue()[effect])
+    return not affects_readings_only(catalogue()[effect])

@@ -24,7 +24,7 @@ from .cautions import EDGE, cautions, worse_at
 from .error_summaries import Excess, LateCommands, Outliers, find_excesses
 from .evidence.noise import Noise
 from .evidence.rows import RowLabels
-from .evidence.space import Timing
+from .evidence.space import MessageTiming
 from .final_fit import FinalFit, error_of_size, make_equal_fits, make_final_fits
 from .frames import describe_frame
 from .gains import Fitted, overall
@@ -154,7 +154,7 @@ def as_logged(q: Question, point: Fit) -> Vehicle:
         name: max(0.0, value(p, name) - age) for name in ("delay.steering_s", "delay.throttle_s")})
 
 
-def as_predicted(q: Question, timings: tuple[Timing, Timing], point: Fit
+def as_predicted(q: Question, timings: tuple[MessageTiming, MessageTiming], point: Fit
                  ) -> tuple[Vehicle, Vehicle]:
     """The vehicle of a point as it predicts from the logs of the train and the test recordings.
 
@@ -164,7 +164,7 @@ def as_predicted(q: Question, timings: tuple[Timing, Timing], point: Fit
     if q.refit:
         logged = as_logged(q, point)
         return logged, logged
-    return timings[0].advanced(point.vehicle), timings[1].advanced(point.vehicle)
+    return timings[0].shift_delays(point.vehicle), timings[1].shift_delays(point.vehicle)
 
 
 def given_as_predicted(q: Question, given: Point, predicting: Predictor

@@ -32,8 +32,8 @@ from dart_lab.identification.evaluation.cases import Case
 from .error_summaries import Ratio, geometric_mean
 from .evidence.drive import READ_OUTS
 from .evidence.noise import Noise, replace_diverged
-from .evidence.residuals import Evidence, only_read
-from .evidence.space import Timing
+from .evidence.residuals import Evidence, affects_readings_only
+from .evidence.space import MessageTiming
 from .gains import AT, Side, compute_case_errors
 from .search.fit import Point, refit, refit_near
 from .search.forward import Search
@@ -98,7 +98,7 @@ class EqualFits:
     def fit(self, vehicle: Vehicle, near: Point, passes: int = LATER_PASSES) -> Point:
         """Fit a vehicle from a fit nearby, weights measured before each pass."""
         space = self.search.make_space(vehicle)
-        x = space.carried(space.start(vehicle, near.timing), near.space, near.x)
+        x = space.transfer(space.start(vehicle, near.timing), near.space, near.x)
         for _ in range(passes):
             noise = _weigh_recordings_equally(self.noise, self.evidence, *space.split(x))
             fit = refit(self.evidence, noise, space, x, jobs=self.jobs)
@@ -157,10 +157,10 @@ def make_equal_fits(search: Search, train: Side, noise: Noise,
         return EqualFits(search, train.evidence, (), as_logged, noise, jobs, least_recordings)
     # what an encoder reads of a slipping wheel depends on the drive force: its many messages would
     # decide the motor of a model that is only wrong about the slip
-    evidence = train.evidence.motion_alone()
+    evidence = train.evidence.motion_only()
     sha256 = [d.recording.sha256 for d in evidence.drives]
     drives = [sha256.index(case.sha256) for case in cases]
-    folds = tuple(_Fold(k, evidence.without(k), case)
+    folds = tuple(_Fold(k, evidence.drop_drive(k), case)
                   for k, case in zip(drives, cases, strict=True))
     return EqualFits(search, evidence, folds, as_logged, noise, jobs, least_recordings)
 
@@ -174,7 +174,7 @@ class FinalFit:
     """
 
     vehicle: Vehicle
-    timing: Timing
+    timing: MessageTiming
     point: Point
     covariance: FloatArray
     stds: Mapping[str, float]
@@ -196,7 +196,7 @@ def make_final_fits(fits: EqualFits, points: Sequence[Point],
     found = []
     for sensors in by_noise:
         moving = replace(sensors.vehicle, effects=tuple(
-            a for a in sensors.vehicle.effects if not only_read(a.effect)))
+            a for a in sensors.vehicle.effects if not affects_readings_only(a.effect)))
         if {a.name for a in moving.effects} != {a.name for a in judged.fit.vehicle.effects}:
             judged = fits.judge(fits.fit(moving, judged.fit))
         found.append(_with_sensors(judged, sensors))
@@ -217,17 +217,18 @@ def _with_sensors(judged: JudgedFit, sensors: FinalFit) -> FinalFit:
     k = len(moved)
     bread = np.linalg.inv(fit.normal)
     covariance = ((k - 1) / k * moved.T @ moved
-                  + bread @ np.diag(fit.space.pull) @ bread)
+                  + bread @ np.diag(fit.space.prior_weight) @ bread)
     motion = {a.name: a for a in fit.vehicle.effects}
     effects = tuple(motion.get(a.name, a) for a in sensors.vehicle.effects)
-    timing = replace(fit.timing, late=sensors.timing.late, gyro=sensors.timing.gyro)
+    timing = replace(fit.timing, message_age=sensors.timing.message_age,
+                     gyro_age=sensors.timing.gyro_age)
     stds = fit.space.standard_errors(fit.x, covariance)
     return FinalFit(replace(fit.vehicle, effects=effects), timing, fit, covariance,
                     {**sensors.stds, **stds})
 
 
-def _weigh_recordings_equally(noise: Noise, evidence: Evidence, vehicle: Vehicle, timing: Timing
-                              ) -> Noise:
+def _weigh_recordings_equally(noise: Noise, evidence: Evidence, vehicle: Vehicle,
+                              timing: MessageTiming) -> Noise:
     """The noise by which the loss of the motion is the sum of ln s_kc, to first order.
 
     Of residual e_i in read-out and channel c of recording k, with n_k of all N windows:
@@ -250,7 +251,7 @@ def _weigh_recordings_equally(noise: Noise, evidence: Evidence, vehicle: Vehicle
     c = len(pooled)
     weight = noise.weight.copy()
     weight[:c] /= len(READ_OUTS)
-    return replace(noise, motion=np.diag(1.0 / np.sqrt(pooled)), certain=certain, weight=weight)
+    return replace(noise, motion=np.diag(1.0 / np.sqrt(pooled)), age_scale=certain, weight=weight)
 
 
 def _refit_others(work: tuple[Evidence, Point]) -> Point:
@@ -261,8 +262,8 @@ def _refit_others(work: tuple[Evidence, Point]) -> Point:
 def _rows_of_others(evidence: Evidence, fit: Point, drive: int) -> Point:
     """A fit with the rows of all recordings but one."""
     keep = evidence.motion_drive != drive
-    certain = np.broadcast_to(fit.noise.certain, (len(keep), len(fit.noise.motion)))
-    noise = replace(fit.noise, certain=certain[keep])
+    certain = np.broadcast_to(fit.noise.age_scale, (len(keep), len(fit.noise.motion)))
+    noise = replace(fit.noise, age_scale=certain[keep])
     rows = np.concatenate([np.repeat(keep, len(noise.motion)),
                            np.repeat(evidence.sensor_drive != drive, len(noise.sensors))])
     return Point(noise, fit.space, fit.x, fit.residual[rows], fit.weight[rows], fit.jacobian[rows])

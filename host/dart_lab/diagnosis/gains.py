@@ -28,9 +28,9 @@ from dart_lab.identification.evaluation.prediction import CHANNELS, errors, hold
 from dart_lab.identification.evaluation.scores import score
 from dart_lab.identification.prediction.windows import HORIZONS
 
-from .evidence.drive import freed_of_mocap
-from .evidence.residuals import SENSED, Evidence, Residuals
-from .evidence.space import Timing
+from .evidence.drive import remove_mocap_effects
+from .evidence.residuals import SIGNAL_CHANNELS, Evidence, Residuals
+from .evidence.space import MessageTiming
 from .result import Gained
 
 AT = HORIZONS.index(1.0)
@@ -63,7 +63,7 @@ class Side:
         cases = self.prepared.cases if self.prepared else ()
         starts = {case.sha256: case.windows.start for case in cases}
         none = np.empty(0, dtype=np.int64)
-        return self.evidence.motion_alone([starts.get(d.recording.sha256, none)
+        return self.evidence.motion_only([starts.get(d.recording.sha256, none)
                                            for d in self.evidence.drives])
 
     def errors(self, p: Vehicle) -> FloatArray | None:
@@ -125,7 +125,7 @@ def correct_poses(p: Vehicle, cases: Sequence[Case], l_r: float) -> Sequence[Cas
     """
     if not signals(p, "pose"):
         return cases
-    return [replace(case, grid=freed_of_mocap(case.grid, p, l_r)) for case in cases]
+    return [replace(case, grid=remove_mocap_effects(case.grid, p, l_r)) for case in cases]
 
 
 def side_of(evidence: Evidence, recordings: Sequence[Recording], l_r: float,
@@ -145,7 +145,7 @@ class Fitted:
 
     vehicle: Vehicle
     logged: tuple[Vehicle, Vehicle]
-    timings: tuple[Timing, Timing]
+    timings: tuple[MessageTiming, MessageTiming]
     refitted: bool
 
     @property
@@ -221,7 +221,7 @@ def _residual_gain(name: str, column: int, before: Fitted, after: Fitted, train:
 def _columns(effect: Effect, evidence: Evidence) -> dict[str, int]:
     """Where an effect shows: in the sensors that it changes, else anywhere."""
     every = evidence.columns
-    sensors = {s: every[s] for channel in effect.signals for s in SENSED.get(channel, ())
+    sensors = {s: every[s] for channel in effect.signals for s in SIGNAL_CHANNELS.get(channel, ())
                if s in every}
     return sensors or dict(every)
 

@@ -18,7 +18,7 @@ from dart_hal.vehicle.effects import catalogue, effect
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.report.numbers import some
 
-from .evidence.agreement import check_model, check_units, without_dead_gyro
+from .evidence.agreement import check_model, check_units, drop_dead_gyro
 from .evidence.motion import driving_seconds, has_sensors
 from .evidence.split import hold_out
 from .policy import USUAL, InputPolicy
@@ -64,7 +64,7 @@ def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehic
     sides = [_once(side, notes) for side in (train, test)]
     for r in (*sides[0], *sides[1]):
         check_units(r, policy)
-    sides = [[without_dead_gyro(r, notes, policy) for r in side] for side in sides]
+    sides = [[drop_dead_gyro(r, notes, policy) for r in side] for side in sides]
     sides = _of_one_kind(sides, notes)
     sides = [_that_drive(side, notes) for side in sides]
     _long_enough(sides[0], policy.train_s, "train")

@@ -28,7 +28,7 @@ from .error_summaries import LateCommands
 from .evidence.drive import READ_OUTS
 from .evidence.noise import replace_diverged
 from .evidence.residuals import MOTION, Evidence
-from .evidence.space import MAX_COMMAND_AGE, Timing
+from .evidence.space import MAX_COMMAND_AGE, MessageTiming
 from .gains import Side
 from .noise_floor import MIN_WINDOWS
 from .parameters.unseen import BEYOND
@@ -73,7 +73,7 @@ class _Found:
         return [w for w in np.argsort(-np.abs(self.error)).tolist() if self.late[w] >= LIKELY]
 
 
-def find_late_commands(sides: Sequence[Side], vehicle: Vehicle, timings: Sequence[Timing],
+def find_late_commands(sides: Sequence[Side], vehicle: Vehicle, timings: Sequence[MessageTiming],
                        policy: UnexplainedPolicy) -> LateCommands | None:
     """Find commands that acted later than the logs of these recordings allow.
 
@@ -88,7 +88,7 @@ def find_late_commands(sides: Sequence[Side], vehicle: Vehicle, timings: Sequenc
     evidences = [side.evaluation_windows() for side in sides]
     found = []
     for side, evidence, timing in zip(sides, evidences, timings, strict=True):
-        if (not side.evidence.exact or side.evidence.commands_stamped
+        if (not side.evidence.has_mocap or side.evidence.commands_stamped
                 or len(evidence.motion_drive) < MIN_WINDOWS):
             return None
         found.append(_look(evidence, vehicle, timing, policy))
@@ -120,11 +120,11 @@ def compare_ages(by_age: FloatArray, ages: FloatArray, youngest: float, oldest: 
     return fit.log_likelihood - fit_ages(by_age[allowed]).log_likelihood, posterior
 
 
-def _look(evidence: Evidence, vehicle: Vehicle, timing: Timing, policy: UnexplainedPolicy
+def _look(evidence: Evidence, vehicle: Vehicle, timing: MessageTiming, policy: UnexplainedPolicy
           ) -> _Found:
     """Compare the ages in the windows of one side."""
     def compare(age: float) -> FloatArray:
-        at = replace(timing, command_age=age, spread=0.0)
+        at = replace(timing, command_age=age, age_spread=0.0)
         return replace_diverged(evidence.residuals(vehicle, at).motion[:, LATERAL])
 
     steps = round((MAX_LATENESS + MAX_COMMAND_AGE + BEYOND) / LATE_STEP)

@@ -48,7 +48,7 @@ def of_the_imu(at: Mounted, evidence: Evidence, policy: Policy
                          ) -> Mapping[str, Mapping[str, Number]]:
     """By effect and parameter; what moves the gyro only where the motion is known without it, for
     else all else would have to follow."""
-    told = ACCELEROMETER | {"gyro"} if evidence.exact else ACCELEROMETER
+    told = ACCELEROMETER | {"gyro"} if evidence.has_mocap else ACCELEROMETER
     names = [n for n in at.names if set(catalogue()[n].signals) <= told]
     if not names:
         return {}

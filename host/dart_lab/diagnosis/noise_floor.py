@@ -36,7 +36,7 @@ from dart_lab.identification.prediction.windows import HORIZONS
 from .evidence.drive import READ_OUTS
 from .evidence.noise import replace_diverged
 from .evidence.residuals import MOTION, Evidence
-from .evidence.space import MAX_COMMAND_AGE, Timing
+from .evidence.space import MAX_COMMAND_AGE, MessageTiming
 from .gains import AT, Side, compute_case_differences
 from .parameters.unseen import BEYOND
 from .policy import UnexplainedPolicy
@@ -52,7 +52,7 @@ CLIP = 2.0
 """Standard deviations; 95 % of normal errors are within."""
 
 
-def estimate_noise_floor(side: Side, vehicle: Vehicle, timing: Timing, logged: Vehicle,
+def estimate_noise_floor(side: Side, vehicle: Vehicle, timing: MessageTiming, logged: Vehicle,
                          policy: UnexplainedPolicy) -> dict[str, float]:
     """Estimate the RMS error of a faultless model 1 s ahead, by channel of ``evaluate``.
 
@@ -60,7 +60,7 @@ def estimate_noise_floor(side: Side, vehicle: Vehicle, timing: Timing, logged: V
     vehicle as it predicts from their logs. Empty without motion capture, where the start of a
     window has an error of its own, and with fewer than MIN_WINDOWS windows.
     """
-    if (side.prepared is None or not side.evidence.exact
+    if (side.prepared is None or not side.evidence.has_mocap
             or side.prepared.windows < MIN_WINDOWS):
         return {}
     cases = side.prepared.cases
@@ -72,7 +72,7 @@ def estimate_noise_floor(side: Side, vehicle: Vehicle, timing: Timing, logged: V
 
     def compare(age: float) -> FloatArray:
         """Errors (n, 6), as CHANNELS, with commands older by an age [s]."""
-        at = replace(timing, command_age=timing.command_age + age, spread=0.0)
+        at = replace(timing, command_age=timing.command_age + age, age_spread=0.0)
         motion = evidence.residuals(vehicle, at).motion[:, first:first + len(MOTION)]
         pose = evidence.pose_errors(vehicle, at, READ_OUTS[AHEAD])
         return replace_diverged(np.hstack([motion, _along_and_across(pose, yaw)]))
@@ -104,7 +104,7 @@ def _along_and_across(pose: FloatArray, yaw: FloatArray) -> FloatArray:
                      np.degrees(turn)], axis=1)
 
 
-def possible_ages(evidence: Evidence, timing: Timing) -> FloatArray:
+def possible_ages(evidence: Evidence, timing: MessageTiming) -> FloatArray:
     """Ages (k,) [s] by which a command may be older than their fitted mean.
 
     Where commands have stamps, half a PWM frame to either side. Else anything from none to

@@ -30,7 +30,7 @@ from dart_hal.vehicle.flat import unit, value
 from dart_lab.identification.evaluation.cases import Case
 
 from .error_summaries import LeftOutError
-from .evidence.residuals import Evidence, only_read
+from .evidence.residuals import Evidence, affects_readings_only
 from .final_fit import FIRST_PASSES, EqualFits, JudgedFit
 from .gains import Side
 from .grade.accept import impossible_size
@@ -78,7 +78,7 @@ def find_predictor(fits: EqualFits, train: Side, test: Side, accepted: Point) ->
     work = _PredictorSearch(fits, frozenset(effect_names(fits.search.base)))
 
     # 1. with all effects on the motion that gain anything beside the accepted ones
-    read = tuple(a for a in accepted.vehicle.effects if only_read(a.effect))
+    read = tuple(a for a in accepted.vehicle.effects if affects_readings_only(a.effect))
     wide = remove_effects(accepted.vehicle, [a.name for a in read])
     for name in work.gainful(train.evidence, accepted):
         wide = apply(wide, name)

@@ -18,7 +18,7 @@ from dart_lab.identification.evaluation.cases import prepare as prepare_cases
 from dart_lab.identification.shooting.fit import FREE, free_names
 
 from .conclude import conclude
-from .evidence.drive import READ_OUTS, START_SPACING, WINDOW_SPACING, prepare
+from .evidence.drive import READ_OUTS, START_SPACING, WINDOW_SPACING, prepare_drive
 from .evidence.residuals import Evidence
 from .frames import find_frame_errors, free_frame
 from .gains import Side, side_of
@@ -73,7 +73,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
              for role, recordings in (("train", train), ("test", test))]
     if predictor:
         check_recordings(sides[0])
-    free = _estimated(vehicle, known, sides[0].evidence.exact) if refit else ()
+    free = _estimated(vehicle, known, sides[0].evidence.has_mocap) if refit else ()
     frame = find_frame_errors([d.recording for side in sides for d in side.evidence.drives])
     known, vehicle = {**known, **frame}, free_frame(vehicle, frame)
     settings = Settings(free=free, known=known, names=tuple(only), false_alarm=false_alarm,
@@ -82,7 +82,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
 
     pace = Pace(progress)
     for side in sides:
-        side.evidence.told = pace.step
+        side.evidence.on_evaluation = pace.step
     pace.phase(FITTED, "fitting the model", EVALUATIONS[0])
 
     def tell(share: float, what: str) -> None:
@@ -102,7 +102,7 @@ def _with_paths(d: Diagnosis, q: Question, found: SearchResult) -> Diagnosis:
     models = {name: stage.vehicle for name, stage in d.compared.items()}
     if not q.refit and q.test.prepared is not None:
         timing = Unseen(q.test.evidence, found.point, q.settings.policy).timing(found.point)
-        models = {name: timing.advanced(p) for name, p in models.items()}
+        models = {name: timing.shift_delays(p) for name, p in models.items()}
     return replace(d, paths=find_paths(q.test, models, "refitted" if q.refit else "given"))
 
 
@@ -146,16 +146,16 @@ def evidence_of(recordings: Sequence[Recording], l_r: float, reference: Referenc
     """(evidence, number of windows of each recording); all with motion capture, or all without."""
     if any(r.mocap is None for r in recordings):
         from .evidence.onboard import OnboardEvidence
-        from .evidence.onboard_drive import sessions
+        from .evidence.onboard_drive import prepare_stretches
 
-        parts = [sessions(r, policy) for r in recordings]
+        parts = [prepare_stretches(r, policy) for r in recordings]
         return (OnboardEvidence([o for part in parts for o in part], l_r),
                 [sum(len(o.starts) for o in part) for part in parts])
     cases = prepare_cases(recordings, l_r=l_r, reference=reference)
     frames = {c.sha256: c.grid.reference for c in cases.cases}
     seconds = sum(len(c.grid) for c in cases.cases) * SAMPLE
     every = WINDOW_SPACING if seconds > policy.whole_s else START_SPACING
-    drives = [prepare(r, l_r, frames[r.sha256], every, policy)
+    drives = [prepare_drive(r, l_r, frames[r.sha256], every, policy)
               for r in recordings if r.sha256 in frames]
     windows = {r.sha256: len(d.starts) for d in drives for r in [d.recording]}
     return (Evidence(drives, l_r, READ_OUTS[-1] / every),

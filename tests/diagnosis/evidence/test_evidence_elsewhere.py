@@ -15,7 +15,7 @@ from tests.diagnosis import searched
 
 @pytest.fixture(autouse=True)
 def _nothing_came_before(monkeypatch):
-    monkeypatch.setattr(residuals, "HAD", type(residuals.HAD)())
+    monkeypatch.setattr(residuals, "EVIDENCE_CACHE", type(residuals.EVIDENCE_CACHE)())
 
 
 @pytest.fixture(scope="module")
@@ -27,13 +27,13 @@ def test_the_second_packet_finds_what_the_first_has_kept(seen):
     packet = pickle.dumps(seen)
     first = pickle.loads(packet)
     assert first is not seen
-    assert not first._kept
-    assert not first._said
+    assert not first._parts_cache
+    assert not first._residuals_cache
     p = apply(PAPER, "motor_gain", k=0.1)
     assert np.array_equal(first.residuals(p).motion, seen.residuals(p).motion)
     assert pickle.loads(packet) is first
-    assert first._kept
-    assert first._said
+    assert first._parts_cache
+    assert first._residuals_cache
 
 
 def test_another_evidence_of_the_same_recordings_is_another(seen):
@@ -42,6 +42,6 @@ def test_another_evidence_of_the_same_recordings_is_another(seen):
 
 
 def test_a_process_keeps_few(seen):
-    for _ in range(residuals.FEW + 1):
+    for _ in range(residuals.MAX_CACHED_EVIDENCE + 1):
         pickle.loads(pickle.dumps(searched.evidence(searched.drive(seconds=8.0))))
-    assert len(residuals.HAD) == residuals.FEW
+    assert len(residuals.EVIDENCE_CACHE) == residuals.MAX_CACHED_EVIDENCE

@@ -12,9 +12,9 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.drive import prepare_drive
 from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.run import evidence_of
 from studies.diagnosis import hidden_drive
@@ -50,7 +50,7 @@ def at_rate(recording, hz, path, jitter=0.0):
 def seen(recording):
     """(windows, messages, median size of each error of the paper's car)."""
     evidence = evidence_of([recording], PAPER.body.l_r)[0]
-    r = evidence.residuals(PAPER, Timing(evidence.late))
+    r = evidence.residuals(PAPER, MessageTiming(evidence.message_age))
     return len(r.motion), len(r.sensors), np.median(np.abs(r.motion), axis=0)
 
 
@@ -100,6 +100,6 @@ def test_a_car_that_only_stands_is_no_window_of_motion(tmp_path):
     plan = hidden_drive.Plan(series=(np.zeros(1100), np.zeros(1100)))
     stands = read(hidden_drive.write(tmp_path / "stands.csv", PAPER, 3, plan))
     l_r = PAPER.body.l_r
-    r = Evidence([prepare(stands, l_r, REFERENCE)], l_r).residuals(PAPER, Timing(0.0))
+    r = Evidence([prepare_drive(stands, l_r, REFERENCE)], l_r).residuals(PAPER, MessageTiming(0.0))
     assert len(r.motion) == 0
     assert len(r.sensors) > 80  # ten a second

@@ -9,10 +9,10 @@ import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
-from dart_lab.diagnosis.evidence.noise import measure
-from dart_lab.diagnosis.evidence.onboard import limits, unseen
+from dart_lab.diagnosis.evidence.noise import estimate_noise
+from dart_lab.diagnosis.evidence.onboard import list_limits, pose_only_effects
 from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
-from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming
 from tests.diagnosis.onboard_files import evidence, recorded
 
 ENCODER, GYRO = slice(0, None, 2), slice(1, None, 2)
@@ -42,16 +42,16 @@ def test_the_car_that_drove_is_predicted_to_its_disturbance(plain):
 def test_effects_of_the_mocap_change_nothing_and_all_others_something(plain):
     """What cannot be told is found from the equations; here it is felt."""
     base = plain.residuals(PAPER)
-    noise = measure(base, plain.blocks(2.0))
-    here, _ = noise.stacked(base)
+    noise = estimate_noise(base, plain.blocks(2.0))
+    here, _ = noise.stack(base)
     felt = {}
     for name, effect in catalogue().items():
         q = effect.parameters[0]
         k = q.null + q.sizes[2] if q.null + q.sizes[2] <= q.high else q.null - q.sizes[2]
-        there, _ = noise.stacked(plain.residuals(apply(PAPER, name, **{q.name: k})))
+        there, _ = noise.stack(plain.residuals(apply(PAPER, name, **{q.name: k})))
         felt[name] = float(np.sum((there - here)**2))
-    assert {n for n, change in felt.items() if change == 0.0} == set(unseen())
-    assert min(change for n, change in felt.items() if n not in unseen()) > 20.0
+    assert {n for n, change in felt.items() if change == 0.0} == set(pose_only_effects())
+    assert min(change for n, change in felt.items() if n not in pose_only_effects()) > 20.0
 
 
 @pytest.mark.slow
@@ -69,7 +69,7 @@ def test_a_sensor_that_errs_is_predicted_as_well_once_it_is_known_to(tmp_path, p
 def test_standing_still_tells_a_tilt_and_a_bias_at_once(tmp_path):
     tilted = apply(apply(PAPER, "imu_pitch", k=0.05), "gyro_bias", k=0.02)
     seen = evidence(recorded(tmp_path, tilted, seed=22, seconds=90.0))
-    still = np.concatenate([d.still for d in seen.drives])
+    still = np.concatenate([d.at_rest for d in seen.drives])
     assert still.sum() > 10
 
     def mean(p):
@@ -85,7 +85,7 @@ def test_by_how_much_a_standing_car_counts_more_is_known_and_taken_off_again(pla
     scale = np.array([7.0, 9.0])
     quieter = type(plain)([replace(d, noise_scale=scale) for d in plain.drives], plain.l_r)
     one, other = (e.residuals(PAPER).sensors for e in (plain, quieter))
-    at_rest = plain.sensor_still
+    at_rest = plain.sensor_at_rest
     assert not np.allclose(one[at_rest, 2], other[at_rest, 2])
     np.testing.assert_allclose(one / plain.noise_scale, other / quieter.noise_scale, rtol=1e-12)
     assert (quieter.noise_scale[~at_rest] == 1.0).all()
@@ -98,27 +98,28 @@ def test_sensors_that_are_older_than_their_stamps_are_given_their_age(tmp_path):
     old = replace(recording, messages=replace(
         m, **{k: np.interp(m.t - 0.01, m.t, getattr(m, k)) for k in ("speed", "yaw_rate")}))
     seen = evidence(old)
-    sizes = {late: size(seen.residuals(PAPER, Timing(late)), GYRO) for late in (-0.01, 0.0, 0.01)}
+    sizes = {late: size(seen.residuals(PAPER, MessageTiming(late)), GYRO)
+             for late in (-0.01, 0.0, 0.01)}
     assert sizes[0.01] < sizes[0.0] < sizes[-0.01]
 
 
 def test_commands_ahead_of_their_messages_are_a_shorter_delay(plain):
     shorter = replace(PAPER, delay=replace(PAPER.delay, steering_s=PAPER.delay.steering_s - 0.02,
                                            throttle_s=0.0))
-    a = plain.residuals(PAPER, Timing(0.0, 0.02))
+    a = plain.residuals(PAPER, MessageTiming(0.0, 0.02))
     assert size(a, GYRO) == pytest.approx(size(plain.residuals(shorter), GYRO), rel=0.02)
     assert np.abs(a.motion - plain.residuals(PAPER).motion).max() > 0.1
 
 
 def _forget(evidence):
-    evidence._kept.clear()
-    evidence._said.clear()
+    evidence._parts_cache.clear()
+    evidence._residuals_cache.clear()
 
 
 def test_residuals_are_the_same_every_time(plain):
-    a = plain.residuals(PAPER, Timing(0.003))
+    a = plain.residuals(PAPER, MessageTiming(0.003))
     _forget(plain)
-    b = plain.residuals(PAPER, Timing(0.003))
+    b = plain.residuals(PAPER, MessageTiming(0.003))
     assert a is not b
     assert np.array_equal(a.motion, b.motion)
     assert np.array_equal(a.sensors, b.sensors, equal_nan=True)
@@ -145,4 +146,4 @@ def test_recordings_that_hold_nothing_give_no_rows_and_say_so():
     assert r.motion.shape == (0, 2 * MESSAGES_AHEAD)
     assert r.sensors.shape == (0, 4)
     assert [len(b) for b in nothing.blocks(2.0)] == [0, 0]
-    assert any("how the car moves" in s for s in limits(nothing))
+    assert any("how the car moves" in s for s in list_limits(nothing))

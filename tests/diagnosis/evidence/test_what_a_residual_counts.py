@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Residuals
 
 WINDOWS, COLUMNS, AGES = 400, 6, 0.025
@@ -26,12 +26,13 @@ def whenever():
 
 def whitened(residuals, older):
     blocks = np.arange(WINDOWS), np.arange(WINDOWS)
-    return measure(residuals, blocks, older=older).whiten(residuals)[0]
+    return estimate_noise(residuals, blocks, sensitivity=older).whiten(residuals)[0]
 
 
 def test_ages_of_commands_are_seen_in_what_they_move(whenever):
     residuals, older = whenever
-    certain = measure(residuals, (np.arange(WINDOWS), np.arange(WINDOWS)), older=older).certain
+    blocks = np.arange(WINDOWS), np.arange(WINDOWS)
+    certain = estimate_noise(residuals, blocks, sensitivity=older).age_scale
     assert (certain[older == 0.0] == 1.0).all()
     assert certain[older > 0.0] == pytest.approx(0.01 / (8.0 * AGES), rel=0.2)
 
@@ -49,7 +50,8 @@ def test_where_all_commands_have_one_age_nothing_counts_less(whenever):
     rng = np.random.default_rng(2)
     quiet = Residuals(0.01 * rng.normal(size=residuals.motion.shape) + 0.003 * older,
                       residuals.sensors)
-    certain = measure(quiet, (np.arange(WINDOWS), np.arange(WINDOWS)), older=older).certain
+    blocks = np.arange(WINDOWS), np.arange(WINDOWS)
+    certain = estimate_noise(quiet, blocks, sensitivity=older).age_scale
     assert (certain == 1.0).all(), "one age for all is what a fit finds"
 
 
@@ -57,9 +59,10 @@ def test_no_sensor_is_known_better_than_it_counts():
     """One without noise is off by half a step at most, in every reading the same."""
     rng = np.random.default_rng(3)
     blocks, motion = (np.arange(WINDOWS), np.arange(WINDOWS)), np.zeros((0, 1))
-    still = measure(Residuals(motion, np.full((WINDOWS, 4), 1e-4)), (blocks[0][:0], blocks[1]))
+    still = estimate_noise(Residuals(motion, np.full((WINDOWS, 4), 1e-4)),
+                           (blocks[0][:0], blocks[1]))
     step = np.array([np.radians(1.0 / 16.0), 0.01, 0.01])
     assert still.sensors[1:] == pytest.approx(step / np.sqrt(12.0), rel=0.02)
-    loud = measure(Residuals(motion, 0.1 * rng.normal(size=(WINDOWS, 4))),
+    loud = estimate_noise(Residuals(motion, 0.1 * rng.normal(size=(WINDOWS, 4))),
                    (blocks[0][:0], blocks[1]))
     assert loud.sensors == pytest.approx(0.1, rel=0.2)

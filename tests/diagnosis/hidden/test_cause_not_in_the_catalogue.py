@@ -8,8 +8,8 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.noise import measure
-from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.evidence.noise import estimate_noise
+from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.inputs import effects_named
 from dart_lab.diagnosis.run import evidence_of
 from dart_lab.diagnosis.search.fit import refit
@@ -57,9 +57,9 @@ def share_of_right(without, recording, name, other=""):
     """What the best other name gains (or the one asked for), over what the right one would."""
     other = other or max(without.ranking, key=lambda n: without.ranking[n])
     seen, _ = evidence_of([recording], PAPER.body.l_r)
-    noise = measure(seen.residuals(PAPER), seen.blocks(2.0))
+    noise = estimate_noise(seen.residuals(PAPER), seen.blocks(2.0))
     exact = Space(PAPER, ())
-    point = refit(seen, noise, exact, exact.point(Timing()))
+    point = refit(seen, noise, exact, exact.point(MessageTiming()))
     gains = {t.effect: t.gain for t in scan(seen, point, [name, other])}
     return gains[other] / gains[name]
 

@@ -6,10 +6,10 @@ import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
-from dart_lab.diagnosis.evidence.drive import prepare
-from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.drive import prepare_drive
+from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.scan import scan
 from studies.diagnosis.hidden_drive import Plan, write
@@ -22,10 +22,10 @@ PLAN = Plan(seconds=60.0)
 
 def scanned(tmp_path, p, seed, names=None):
     recording = read(write(tmp_path / "hidden.csv", p, seed, PLAN))
-    evidence = Evidence([prepare(recording, PAPER.body.l_r)], PAPER.body.l_r)
-    noise = measure(evidence.residuals(PAPER), evidence.blocks(2.0))
+    evidence = Evidence([prepare_drive(recording, PAPER.body.l_r)], PAPER.body.l_r)
+    noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
     exact = Space(PAPER, ())
-    point = refit(evidence, noise, exact, exact.point(Timing()))
+    point = refit(evidence, noise, exact, exact.point(MessageTiming()))
     return scan(evidence, point, names)
 
 

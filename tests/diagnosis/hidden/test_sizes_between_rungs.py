@@ -7,10 +7,10 @@ import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
-from dart_lab.diagnosis.evidence.drive import prepare
-from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.drive import prepare_drive
+from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.policy import USUAL, ScanPolicy
 from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.scan import Scan
@@ -31,10 +31,10 @@ def gains(tmp_path, name, values, policy: ScanPolicy = USUAL.scan, top=0.34):
     """(what the scan finds, what the true size gains); top: the largest throttle of the drive."""
     plan = Plan(seconds=60.0, fast=(0.21, top))
     recording = read(write(tmp_path / "hidden.csv", apply(PAPER, name, **values), 12, plan))
-    evidence = Evidence([prepare(recording, PAPER.body.l_r)], PAPER.body.l_r)
-    noise = measure(evidence.residuals(PAPER), evidence.blocks(2.0))
+    evidence = Evidence([prepare_drive(recording, PAPER.body.l_r)], PAPER.body.l_r)
+    noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
     exact = Space(PAPER, ())
-    point = refit(evidence, noise, exact, exact.point(Timing()))
+    point = refit(evidence, noise, exact, exact.point(MessageTiming()))
     scan = Scan(evidence, point, policy)
     truth = scan.residual(apply(point.vehicle, name, **values))
     return scan.best(name), scan.gain(truth)

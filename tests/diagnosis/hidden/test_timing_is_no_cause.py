@@ -31,8 +31,9 @@ def test_commands_between_messages_are_no_lag(whenever):
 @pytest.mark.slow
 def test_with_all_commands_of_one_age_there_would_be_a_lag(whenever, monkeypatch):
     for module in (space, ages):
-        monkeypatch.setattr(module, "widest", lambda ahead: 0.0)
-    monkeypatch.setattr(search, "AGES", tuple((a, 0.0) for a, _ in search.AGES))
+        monkeypatch.setattr(module, "max_age_spread", lambda ahead: 0.0)
+    ages_without_spread = tuple((a, 0.0) for a, _ in search.START_AGES)
+    monkeypatch.setattr(search, "START_AGES", ages_without_spread)
     assert "steering_lag" in seen(whenever)
 
 

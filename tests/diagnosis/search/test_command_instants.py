@@ -14,14 +14,14 @@ import pytest
 from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.evidence.noise import measure
+from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Residuals
-from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.search.forward import Search
 from dart_lab.diagnosis.search.selection import Settings
 from tests.diagnosis.searched import drive, evidence
 
-SOME_AGE = Timing(command_age=0.02, spread=0.01)
+SOME_AGE = MessageTiming(command_age=0.02, age_spread=0.01)
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def seen():
 
 
 def certainty(seen):
-    return Search(seen, PAPER, Settings())._measured(PAPER, SOME_AGE).certain
+    return Search(seen, PAPER, Settings())._measured(PAPER, SOME_AGE).age_scale
 
 
 def test_commands_of_a_published_recording_may_have_any_age(seen):
@@ -59,9 +59,9 @@ def test_a_known_wait_is_the_size_of_its_doubt():
     older = np.repeat([0.0, 5.0], [900, 100])[:, None]  # rad/s2: a step in a tenth of the windows
     motion = 0.004 * rng.normal(size=(1000, 1)) + older * rng.uniform(-0.01, 0.01, (1000, 1))
     block = np.arange(1000) // 4
-    found = measure(Residuals(motion, np.empty((0, 4))), (block, block[:0]), older=older,
-                    wait=PWM_WAIT_STD)
-    assert np.all(found.certain[:900] == 1.0)
-    assert found.certain[900:] == pytest.approx(
+    found = estimate_noise(Residuals(motion, np.empty((0, 4))), (block, block[:0]),
+                           sensitivity=older, age_std=PWM_WAIT_STD)
+    assert np.all(found.age_scale[:900] == 1.0)
+    assert found.age_scale[900:] == pytest.approx(
         1.0 / np.sqrt(1.0 + (PWM_WAIT_STD * 5.0 / 0.004)**2), rel=0.1)
-    assert np.std(found.certain[900:] * motion[900:]) == pytest.approx(0.004, rel=0.15)
+    assert np.std(found.age_scale[900:] * motion[900:]) == pytest.approx(0.004, rel=0.15)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.search.fit import at, refit
 from tests.diagnosis import searched
 
@@ -15,7 +15,7 @@ def test_two_processes_find_what_one_does():
     seen = searched.evidence(searched.drive(seconds=20.0))
     noise, point = searched.fitted(seen, free=("motor.d", "tyres.front_D", "delay.steering_s"))
     one = at(seen, noise, point.space, point.x)
-    start = point.space.point(Timing())
+    start = point.space.point(MessageTiming())
     fits = [refit(seen, noise, point.space, start, jobs=jobs) for jobs in (1, 2)]
     assert one.jacobian.any(axis=0).sum() >= 3
     assert np.array_equal(fits[0].x, fits[1].x)

@@ -44,7 +44,7 @@ def test_an_impostor_goes_once_the_tyre_may_be_what_it_is(run, monkeypatch):
     names, tyre = named(run, "steering_gain")
     assert names == []
     assert tyre < 0.96  # bound 0.9825; the prior still pulls
-    monkeypatch.setattr("dart_lab.diagnosis.evidence.space.Space.strained", lambda *_: ())
+    monkeypatch.setattr("dart_lab.diagnosis.evidence.space.Space.names_at_bound", lambda *_: ())
     assert named(run, "steering_gain")[0] == ["steering_gain"]
 
 

@@ -133,7 +133,7 @@ def delayed(request):
     def change(by):
         x = point.x.copy()
         x[0] += by / seconds
-        return noise.stacked(seen.residuals(*point.space.split(x)))[0] - point.residual
+        return noise.stack(seen.residuals(*point.space.split(x)))[0] - point.residual
 
     return seen, noise, point, change
 

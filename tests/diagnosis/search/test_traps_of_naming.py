@@ -13,7 +13,7 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.evidence import readings
-from dart_lab.diagnosis.evidence.readings import at_rest
+from dart_lab.diagnosis.evidence.readings import rest_residuals
 from dart_lab.diagnosis.evidence.space import Space
 from dart_lab.diagnosis.policy import NamingPolicy, Policy
 from dart_lab.diagnosis.search import forward as searching
@@ -48,12 +48,12 @@ def test_a_standing_car_reads_the_same_a_little_later(monkeypatch, name):
     """Messages are no series of samples: to shift them by parts of one averages neighbours, and
     less noise looks like a cause."""
     standing = evidence(drive()).drives[0]
-    assert standing.still.sum() > 5
+    assert standing.at_rest.sum() > 5
     late = apply(PAPER, name, k=0.013)
-    as_it_is = at_rest(standing, PAPER, seen=True)
-    assert np.array_equal(at_rest(standing, late, seen=True), as_it_is, equal_nan=True)
+    as_it_is = rest_residuals(standing, PAPER, has_mocap=True)
+    assert np.array_equal(rest_residuals(standing, late, has_mocap=True), as_it_is, equal_nan=True)
     monkeypatch.setattr(readings, "late_last", lambda p, channel: (p, 0.0))
-    assert np.nanmax(np.abs(at_rest(standing, late, seen=True) - as_it_is)) > 0.0
+    assert np.nanmax(np.abs(rest_residuals(standing, late, has_mocap=True) - as_it_is)) > 0.0
 
 
 @pytest.mark.parametrize(("needed", "left"), [(None, ["steering_lag"]),
@@ -256,5 +256,5 @@ def test_a_level_imu_has_no_tilt():
 
 @pytest.mark.slow
 def test_only_a_car_that_stands_counts_as_standing():
-    assert tilted(0.0, rest=True).sensor_still.sum() > 10
-    assert not tilted(0.0, rest=False).sensor_still.any()
+    assert tilted(0.0, rest=True).sensor_at_rest.sum() > 10
+    assert not tilted(0.0, rest=False).sensor_at_rest.any()

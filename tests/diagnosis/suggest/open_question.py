@@ -9,8 +9,8 @@ import numpy as np
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.flat import value
-from dart_lab.diagnosis.evidence.noise import measure
-from dart_lab.diagnosis.evidence.space import Space, Timing
+from dart_lab.diagnosis.evidence.noise import estimate_noise
+from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.result import Cause, Constancy, Diagnosis, Gained, Moved, Number, Stage
 from dart_lab.diagnosis.run import evidence_of
 from dart_lab.diagnosis.search.fit import refit
@@ -82,10 +82,10 @@ def gains(case, recordings):
     """{effect: drop of the robust loss} of truth and confounder, as a diagnosis scans."""
     evidence, _ = evidence_of(recordings, PAPER.body.l_r)
     space = Space(PAPER, case.free, {n: MOTOR[n] for n in case.free})
-    x = space.point(Timing(0.0, 0.02))
+    x = space.point(MessageTiming(0.0, 0.02))
     for _ in range(2):
         p, timing = space.split(x)
-        noise = measure(evidence.residuals(p, timing), evidence.blocks(2.0))
+        noise = estimate_noise(evidence.residuals(p, timing), evidence.blocks(2.0))
         point = refit(evidence, noise, space, x)
         x = point.x
     scan = Scan(evidence, point)

@@ -13,7 +13,7 @@ from dart_hal.cli.main import main
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
-from dart_lab.diagnosis.evidence.drive import prepare
+from dart_lab.diagnosis.evidence.drive import prepare_drive
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.suggest import suggest
 from dart_lab.diagnosis.suggest.contest import Contest
@@ -45,7 +45,7 @@ def rollouts():
 def test_a_simulated_drive_is_what_its_own_car_predicts(effect, rollouts):
     name, _, k = effect.partition(":")
     p = apply(PAPER, name, k=float(k)) if name else PAPER
-    e = Evidence([prepare(record(p, rollouts.commands[0], SEP_24), PAPER.body.l_r, SEP_24)],
+    e = Evidence([prepare_drive(record(p, rollouts.commands[0], SEP_24), PAPER.body.l_r, SEP_24)],
                  PAPER.body.l_r)
     own = e.residuals(p, MIDDLE)
     other = e.residuals(apply(PAPER, "steering_gain", k=0.1), MIDDLE)

@@ -10,14 +10,14 @@ import pytest
 from dart_hal.recording.dart import Grid, Messages, Recording, Reference
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.steering import make_steering
-from dart_lab.diagnosis.evidence.drive import Drive
+from dart_lab.diagnosis.evidence.drive import RecordedDrive
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.unexplained.features import UNITS, message_features, window_features
 
 SPEED, RADIUS, N = 0.8, 2.0, 2000
 
 
-def circle(side: float = 1.0, steering: float = 0.4) -> Drive:
+def circle(side: float = 1.0, steering: float = 0.4) -> RecordedDrive:
     """A steady circle about the origin; side 1 is to the left."""
     t = np.arange(N) * 0.01
     turn = side * SPEED / RADIUS * t
@@ -31,7 +31,7 @@ def circle(side: float = 1.0, steering: float = 0.4) -> Drive:
                         nothing, nothing)
     recording = Recording(Path("circle.csv"), "B", messages, None, "ok", None, "", ())
     at = 100.0 * m
-    return Drive(recording, grid, np.arange(100, 1800, 50), at, np.zeros((len(at), 4)),
+    return RecordedDrive(recording, grid, np.arange(100, 1800, 50), at, np.zeros((len(at), 4)),
                  np.zeros(len(at), bool), np.ones(2))
 
 

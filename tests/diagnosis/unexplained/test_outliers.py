@@ -11,7 +11,7 @@ import pytest
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.evidence.space import Timing
+from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.run import evidence_of
@@ -36,7 +36,7 @@ def found(recording):
     """Channels that a refit of the paper's model leaves with long tails, and their moments."""
     evidence, _ = evidence_of([recording], PAPER.body.l_r)
     search = Search(evidence, PAPER, Settings(free=free_names(PAPER, tuple(FREE))))
-    fit, _ = search._settle(search.make_space(PAPER), Timing(evidence.late))
+    fit, _ = search._settle(search.make_space(PAPER), MessageTiming(evidence.message_age))
     return {o.channel: o for o in find_outliers(evidence, fit.vehicle, fit.timing, USUAL.noise)}
 
 

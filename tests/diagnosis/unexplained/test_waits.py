@@ -11,7 +11,7 @@ from dart_hal.core.timing import PWM_FRAME
 from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
-from dart_lab.diagnosis.evidence.space import EXACT, Timing
+from dart_lab.diagnosis.evidence.space import NO_DELAY, MessageTiming
 from dart_lab.diagnosis.search.forward import Search
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.diagnosis.unexplained.features import window_features
@@ -39,7 +39,7 @@ def erring(monkeypatch, seen, error):
     right, rng, residuals = seen.residuals(PAPER).motion, np.random.default_rng(3), seen.residuals
     off = error + 0.005 * rng.normal(size=error.shape)
 
-    def with_error(p, timing=EXACT):
+    def with_error(p, timing=NO_DELAY):
         r = residuals(p, timing)
         return replace(r, motion=r.motion - right + off)
 
@@ -48,8 +48,8 @@ def erring(monkeypatch, seen, error):
 
 def waited(seen):
     """Frames keep step with the messages: all pulses wait 7 ms longer than in the mean."""
-    older = (seen.residuals(PAPER, Timing(command_age=0.004)).motion
-             - seen.residuals(PAPER, Timing(command_age=-0.004)).motion) / 0.008
+    older = (seen.residuals(PAPER, MessageTiming(command_age=0.004)).motion
+             - seen.residuals(PAPER, MessageTiming(command_age=-0.004)).motion) / 0.008
     return 0.35 * PWM_FRAME * older
 
 
@@ -62,7 +62,7 @@ def turned(seen):
 
 
 def structure(seen, r):
-    noise = Search(seen, PAPER, Settings())._measured(PAPER, EXACT)
+    noise = Search(seen, PAPER, Settings())._measured(PAPER, NO_DELAY)
     return {u.channel for u in unexplained(seen, PAPER, r(noise), noise) if u.channel == "gyro"}
 
 
@@ -72,18 +72,18 @@ def structure(seen, r):
 def test_what_a_wait_does_is_no_structure_and_all_else_is(monkeypatch, run, error, as_it_is, left):
     erring(monkeypatch, run, error(run))
     assert structure(run, lambda noise: run.residuals(PAPER)) == as_it_is
-    assert structure(run, lambda noise: unwaited(run, PAPER, EXACT, noise)) == left
+    assert structure(run, lambda noise: unwaited(run, PAPER, NO_DELAY, noise)) == left
 
 
 def test_no_pulse_waits_longer_than_a_frame(monkeypatch, run):
     most = waited(run) / 0.35 / 2.0  # half a frame to either side of the mean
     erring(monkeypatch, run, 8.0 * most)
-    noise = Search(run, PAPER, Settings())._measured(PAPER, EXACT)
-    taken = np.abs(unwaited(run, PAPER, EXACT, noise).motion - run.residuals(PAPER).motion)
+    noise = Search(run, PAPER, Settings())._measured(PAPER, NO_DELAY)
+    taken = np.abs(unwaited(run, PAPER, NO_DELAY, noise).motion - run.residuals(PAPER).motion)
     assert taken.max() == pytest.approx(np.abs(most).max(), rel=0.3)
 
 
 def test_where_ages_are_fitted_nothing_is_taken_off(published):
-    noise = Search(published, PAPER, Settings())._measured(PAPER, EXACT)
-    assert np.array_equal(unwaited(published, PAPER, EXACT, noise).motion,
+    noise = Search(published, PAPER, Settings())._measured(PAPER, NO_DELAY)
+    assert np.array_equal(unwaited(published, PAPER, NO_DELAY, noise).motion,
                           published.residuals(PAPER).motion)

@@ -1,6 +1,6 @@
-"""Evidence: residuals of recordings, and how much each residual counts.
+"""Evidence: residuals of recordings, and their scale, correlation and weights.
 
 ``drive`` and ``onboard`` prepare windows of a recording with and without motion capture,
-``residuals`` predicts them, ``readings`` predicts what sensors read, ``noise`` measures the size
-and correlation of residuals, ``space`` has the parameters that a fit may move.
+``residuals`` predicts them, ``readings`` predicts sensor readings, ``noise`` estimates scale and
+correlation of residuals, ``space`` defines the coordinates of a fit.
 """

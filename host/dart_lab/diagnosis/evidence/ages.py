@@ -1,4 +1,4 @@
-"""How old commands may be, and what their age does to the motion."""
+"""Ages of commands from which fits start, and how strongly the age changes the motion."""
 
 from __future__ import annotations
 
@@ -11,27 +11,33 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
 from .residuals import Evidence, Residuals
-from .space import Timing, widest
+from .space import MessageTiming, max_age_spread
 
-AGES = tuple((a, share * widest(a)) for a in (0.0, 0.02, 0.04, 0.06, 0.08)
-             for share in ((0.0, 0.8) if a else (0.0,)))
-"""s, of commands before their message, and how far they spread around it: where fits begin."""
-OLDER = (-0.025, -0.008, 0.008, 0.025)
-"""s, by which commands are moved to see what their age does; a step does it at one instant."""
-WITHIN_FRAME = (-0.4 * PWM_FRAME, 0.4 * PWM_FRAME)
-"""s, the same where commands wait for a frame: nearly as far as that goes."""
+START_AGES = tuple((a, share * max_age_spread(a)) for a in (0.0, 0.02, 0.04, 0.06, 0.08)
+                   for share in ((0.0, 0.8) if a else (0.0,)))
+"""(mean age, spread) of commands before their message [s], from which fits start."""
+# The response to a step shows only at one age, so several shifts are compared.
+AGE_STEPS = (-0.025, -0.008, 0.008, 0.025)
+"""Shifts of the command age [s] for its sensitivity."""
+# A command with a stamp waits less than one PWM frame: shifts to each side close to half a frame.
+FRAME_AGE_STEPS = (-0.4 * PWM_FRAME, 0.4 * PWM_FRAME)
+"""Shifts of the command age [s] where commands wait for the next PWM frame."""
 
 
-def older(evidence: Evidence, p: Vehicle, timing: Timing, seen: Residuals,
-          known_s: float) -> FloatArray | None:
-    """By how much the age of a command moves the motion at most (n, c) [1/s].
+def age_sensitivity(evidence: Evidence, p: Vehicle, timing: MessageTiming, reference: Residuals,
+                    min_spread_s: float) -> FloatArray | None:
+    """Compute the largest change of the motion residuals (n, c) per second of command age.
 
-    seen: residuals of p at that timing. None where no command has an age of its own: those that
-    have no stamps, and a spread of less than known_s [s].
+        max over shifts d of |e(age + d) - e(age)| / |d|
+
+    reference: residuals of p at ``timing``. Returns None if all commands have the same age: there
+    are no stamps, and the age can spread by less than ``min_spread_s`` [s].
     """
-    stamped, age = evidence.commands_stamped, timing.command_age
-    if not stamped and widest(age) < known_s:
+    stamped = evidence.commands_stamped
+    age = timing.command_age
+    if not stamped and max_age_spread(age) < min_spread_s:
         return None
-    moved = [np.abs(evidence.residuals(p, replace(timing, command_age=age + d)).motion
-                    - seen.motion) / abs(d) for d in (WITHIN_FRAME if stamped else OLDER)]
-    return np.asarray(np.max(moved, axis=0))
+    shifts = FRAME_AGE_STEPS if stamped else AGE_STEPS
+    changes = [np.abs(evidence.residuals(p, replace(timing, command_age=age + d)).motion
+                      - reference.motion) / abs(d) for d in shifts]
+    return np.asarray(np.max(changes, axis=0))

@@ -1,9 +1,8 @@
 """Residuals of recordings without motion capture: a model against the car's own sensors.
 
-From a state that the sensors give, the model drives on with the logged commands
-and says what encoder, gyro and accelerometer should read at each message that
-follows. The state is known only as well as the sensors are; that error is alike
-in all read-outs of a window, where the whitening finds it.
+The model starts from a state that the sensors measured, moves with the logged commands, and
+predicts what encoder, gyro and accelerometer read at each following message. The error of the start
+state is common to all read-outs of a window, so the whitening takes account of it.
 """
 
 from __future__ import annotations
@@ -20,144 +19,164 @@ from dart_hal.vehicle.parameters import Vehicle
 from ..policy import MIN_READINGS, USUAL, EvidencePolicy
 from .onboard_drive import (
     ACCEL_READ_OUTS,
-    ENCODER_SPAN,
+    ENCODER_MEAN_S,
     MESSAGES_AHEAD,
     START_SPACING,
-    Session,
-    counted,
+    OnboardStretch,
+    count_windows,
 )
-from .onboard_windows import Actuated, predicted, pulled, reaches, steered
-from .readings import SENSORS, at_rest, resting
-from .residuals import Evidence, Residuals, pulled_by, steered_by
-from .space import EXACT, Timing
-from .standing import spread
+from .onboard_windows import (
+    ActuatorOutput,
+    actuator_means,
+    predict_sensors,
+    steering_output,
+    throttle_output,
+)
+from .readings import SENSORS, rest_motion, rest_residuals
+from .residuals import Evidence, Residuals, steering_key, throttle_key
+from .space import NO_DELAY, MessageTiming
+from .standing import uniform_sequence
 
-MOTION = ("encoder", "gyro")
-UNKNOWN = (
+ONBOARD_MOTION = ("encoder", "gyro")
+NOT_OBSERVABLE = (
     "position, heading in the room and speed sideways: no sensor on the car measures them",
     "what motion capture does to a pose, for there is none",
     "the direction of a slope in the room: only that to the heading at the start of a recording",
-    "the scale of speed by itself: only through what motor, steering and accelerometer say of it")
-"""What no recording without motion capture can tell."""
+    "the scale of speed by itself: only through motor, steering and accelerometer")
+"""What no recording without motion capture can determine."""
 
 
 class OnboardEvidence(Evidence):
-    """Sessions and how the residuals of any model on them are computed.
+    """Stretches, and the residuals of any model on them.
 
-    As ``residuals.Evidence``, but motion is (n, MESSAGES_AHEAD * 2): encoder and gyro at
-    each message of a window, and sensors (m, 4) are: accelerometer while driving
-    and, in units of its noise then, at rest; gyro at rest; encoder never.
+    As ``residuals.Evidence``, but motion is (n, MESSAGES_AHEAD * 2): encoder and gyro at each
+    message of a window. sensors (m, 4) are: accelerometer while driving; at rest gyro and, in
+    units of its noise while driving, accelerometer; encoder never.
     """
 
-    exact = False  # a window starts from what sensors guess of its state
-    drives: tuple[Session, ...]
+    has_mocap = False
+    drives: tuple[OnboardStretch, ...]
 
-    def __init__(self, drives: Sequence[Session], l_r: float) -> None:
-        super().__init__(drives, l_r, MESSAGES_AHEAD * ENCODER_SPAN / START_SPACING)
+    def __init__(self, drives: Sequence[OnboardStretch], l_r: float) -> None:
+        super().__init__(drives, l_r, MESSAGES_AHEAD * ENCODER_MEAN_S / START_SPACING)
 
     @property
-    def late(self) -> float:
-        """Everything is on the clock of the messages."""
+    def message_age(self) -> float:
+        """0: everything is on the clock of the messages."""
         return 0.0
 
     @property
     def mounting(self) -> tuple[str, ...]:
-        """How the IMU sits: no car is built truer than 3 degrees and a centimetre, and with nothing
-        but this IMU to go by the search asks more of a name than to be visible."""
+        """Effects of how the IMU is mounted.
+
+        No car is built more exactly than 3 degrees and a centimetre. With only this IMU as a
+        reference, these effects are accepted by more than being visible.
+        """
         return ("imu_yaw", "imu_pitch", "imu_roll", "imu_lever_arm", "imu_offset_y", "gyro_bias",
                 "gyro_scale")
 
     @property
     def columns(self) -> dict[str, int]:
         """As ``residuals.Evidence.columns``."""
-        end = (MESSAGES_AHEAD - 1) * len(MOTION)
-        return {**{name: end + i for i, name in enumerate(MOTION)}, "accel_x": -2, "accel_y": -1}
+        end = (MESSAGES_AHEAD - 1) * len(ONBOARD_MOTION)
+        return {**{name: end + i for i, name in enumerate(ONBOARD_MOTION)},
+                "accel_x": -2, "accel_y": -1}
 
     def columns_at(self, horizon: float) -> dict[str, int]:
-        """As ``residuals.Evidence.columns_at``: the speed is the wheel's, turning the gyro's."""
-        read = round(horizon / ENCODER_SPAN) - 1
+        """As ``residuals.Evidence.columns_at``: speed of the encoder, yaw rate of the gyro."""
+        read = round(horizon / ENCODER_MEAN_S) - 1
         names = ("vx", "yaw_rate")
         return {} if read >= MESSAGES_AHEAD else {
-            n: read * len(MOTION) + i for i, n in enumerate(names)}
+            n: read * len(ONBOARD_MOTION) + i for i, n in enumerate(names)}
 
     def channel(self, column: int) -> str:
         """Name of a column of the motion, or of -1 - column of the sensors."""
-        return MOTION[column % len(MOTION)] if column >= 0 else SENSORS[-1 - column]
+        return ONBOARD_MOTION[column % len(ONBOARD_MOTION)] if column >= 0 else SENSORS[-1 - column]
 
     @property
     def read_out(self) -> tuple[tuple[str, ...], slice, slice]:
-        """(names, columns of the motion) half a window ahead; columns of the sensors beside them.
+        """(names, columns of the motion half a window ahead, columns of the sensors).
 
-        Encoder and gyro are in the motion here, so of the sensors the accelerometer is left.
+        Encoder and gyro are in the motion here, so the sensors are the accelerometer alone.
         """
-        half = (MESSAGES_AHEAD // 2 - 1) * len(MOTION)
-        return MOTION, slice(half, half + len(MOTION)), slice(2, 4)
+        half = (MESSAGES_AHEAD // 2 - 1) * len(ONBOARD_MOTION)
+        return ONBOARD_MOTION, slice(half, half + len(ONBOARD_MOTION)), slice(2, 4)
 
-    def _begins(self) -> Sequence[FloatArray]:
-        return [d.begin for d in self.drives]
+    def _window_starts(self) -> Sequence[FloatArray]:
+        return [d.window_starts for d in self.drives]
 
-    def residuals(self, p: Vehicle, timing: Timing = EXACT) -> Residuals:
-        """Of the model p with its effects, as ``Evidence.residuals``."""
-        self.tell()
-        p = timing.advanced(p)
-        # no reading has an age of its own here: encoder and gyro set the state that is predicted on
-        return self._again((p, timing.late, timing.spread), lambda: self._residuals(p, timing))
+    def residuals(self, p: Vehicle, timing: MessageTiming = NO_DELAY) -> Residuals:
+        """Compute the residuals of p with its effects, as ``Evidence.residuals``."""
+        self.report_evaluation()
+        p = timing.shift_delays(p)
+        # gyro_age is not used: encoder and gyro determine the state from which is predicted
+        return self._cached_residuals((p, timing.message_age, timing.age_spread),
+                                      lambda: self._residuals(p, timing))
 
-    def _residuals(self, p: Vehicle, timing: Timing) -> Residuals:
-        """Of p with its delays counted from the messages of its commands."""
+    def _residuals(self, p: Vehicle, timing: MessageTiming) -> Residuals:
+        """Compute the residuals of p, whose delays count from the messages of its commands."""
         q = settled(p)
-        throttle = self._once(("throttle", *pulled_by(p, q), timing.late, timing.spread),
-                              lambda: [pulled(d, q, timing) for d in self.drives])
-        angle = self._once(("steering", *steered_by(p, q), timing.late, timing.spread),
-                           lambda: self._steered(q, timing))
-        still = self._once("resting", lambda: [resting(d) for d in self.drives])
-        rest = [at_rest(d, p, rest=r) for d, r in zip(self.drives, still, strict=True)]
-        parts = [(np.empty((0, MESSAGES_AHEAD * len(MOTION))), np.empty((0, 4))),
-                 *(_of(drive, p, q, *inputs)
+        throttle = self._cached_part(
+            ("throttle", *throttle_key(p, q), timing.message_age, timing.age_spread),
+            lambda: [throttle_output(d, q, timing) for d in self.drives])
+        angle = self._cached_part(
+            ("steering", *steering_key(p, q), timing.message_age, timing.age_spread),
+            lambda: self._steering_outputs(q, timing))
+        still = self._cached_part("resting", lambda: [rest_motion(d) for d in self.drives])
+        rest = [rest_residuals(d, p, rest=r) for d, r in zip(self.drives, still, strict=True)]
+        parts = [(np.empty((0, MESSAGES_AHEAD * len(ONBOARD_MOTION))), np.empty((0, 4))),
+                 *(_stretch_residuals(drive, p, q, *inputs)
                    for drive, *inputs in zip(self.drives, rest, throttle, angle, strict=True))]
         motion, sensors = (np.concatenate(part) for part in zip(*parts, strict=True))
-        for k in range(4):  # what says nothing of any model still needs a size
+        for k in range(4):  # a channel without readings still needs a scale
             if not np.isfinite(sensors[:, k]).any():
-                sensors[:, k] = spread(len(sensors))
+                sensors[:, k] = uniform_sequence(len(sensors))
         return Residuals(motion, sensors)
 
-    def _steered(self, q: Vehicle, timing: Timing) -> list[Actuated]:
-        """No trim, play or map changes where the servo is, which takes longest."""
-        servo = self._once(("servo", q.delay.steering_s, q.delay.steering_lag_s, timing.spread,
-                            *(a for a in q.effects if "steering" in a.effect.signals)),
-                           lambda: [reaches(d, q, "steering", timing) for d in self.drives])
-        return [steered(d, q, timing, one) for d, one in zip(self.drives, servo, strict=True)]
+    def _steering_outputs(self, q: Vehicle, timing: MessageTiming) -> list[ActuatorOutput]:
+        """Return the road-wheel angles of all stretches.
+
+        The servo takes longest to compute, and no trim, play or map changes it.
+        """
+        servo = self._cached_part(
+            ("servo", q.delay.steering_s, q.delay.steering_lag_s, timing.age_spread,
+             *(a for a in q.effects if "steering" in a.effect.signals)),
+            lambda: [actuator_means(d, q, "steering", timing) for d in self.drives])
+        return [steering_output(d, q, timing, one)
+                for d, one in zip(self.drives, servo, strict=True)]
 
 
-def unseen() -> tuple[str, ...]:
-    """Effects of the catalogue that change nothing an on-board sensor reads."""
+def pose_only_effects() -> tuple[str, ...]:
+    """Return effects of the catalogue that change no reading of an on-board sensor."""
     return tuple(name for name, e in catalogue().items()
                  if set(e.signals) == {"pose"} and e.force is None and e.vehicle is None)
 
 
-def limits(evidence: OnboardEvidence, policy: EvidencePolicy = USUAL.evidence
-           ) -> tuple[str, ...]:
-    """What these recordings cannot tell, in words: UNKNOWN, and what they in particular lack."""
-    windows, driving, rest = counted(evidence.drives)
-    accel = np.concatenate([d.read[:, 2] for d in evidence.drives] or [np.empty(0)])
+def list_limits(evidence: OnboardEvidence, policy: EvidencePolicy = USUAL.evidence
+                ) -> tuple[str, ...]:
+    """List in words what these recordings cannot determine: NOT_OBSERVABLE, and what they lack."""
+    windows, driving, rest = count_windows(evidence.drives)
+    accel = np.concatenate([d.readings[:, 2] for d in evidence.drives] or [np.empty(0)])
     own = []
     if not windows:
         own.append("how the car moves: there is no second of driving with encoder and gyro")
     if rest < MIN_READINGS:
-        own.append("biases and tilts of gyro and accelerometer but weakly: the car is never seen "
-                   "standing still for 2 s")
+        own.append("biases and tilts of gyro and accelerometer only weakly: the car is never at "
+                   "rest for 2 s")
     if driving + rest and not np.isfinite(accel).any():
         own.append("accelerations: there is no accelerometer")
-    return (*UNKNOWN, *own)
+    return (*NOT_OBSERVABLE, *own)
 
 
-def _of(drive: Session, p: Vehicle, q: Vehicle, rest: FloatArray, throttle: Actuated,
-        angle: Actuated) -> tuple[FloatArray, FloatArray]:
-    if not len(drive.begin):
-        return np.empty((0, MESSAGES_AHEAD * len(MOTION))), rest
-    said = predicted(drive, p, q, throttle, angle)
-    motion = (said[:2] - drive.said).transpose(2, 1, 0).reshape(len(drive.begin), -1)
-    accel = said[2:, ACCEL_READ_OUTS[0]:ACCEL_READ_OUTS[1]].transpose(2, 1, 0).reshape(-1, 2)
-    driven = np.full((len(accel), 4), np.nan)
-    driven[:, 2:] = accel - drive.read[:len(accel), 2:]
-    return motion, np.concatenate([driven, rest])
+def _stretch_residuals(drive: OnboardStretch, p: Vehicle, q: Vehicle, rest: FloatArray,
+                       throttle: ActuatorOutput, angle: ActuatorOutput
+                       ) -> tuple[FloatArray, FloatArray]:
+    """Compute motion and sensor residuals of one stretch; rest: those of messages at rest."""
+    if not len(drive.window_starts):
+        return np.empty((0, MESSAGES_AHEAD * len(ONBOARD_MOTION))), rest
+    predicted = predict_sensors(drive, p, q, throttle, angle)
+    motion = (predicted[:2] - drive.window_readings).transpose(2, 1, 0)
+    accel = predicted[2:, ACCEL_READ_OUTS[0]:ACCEL_READ_OUTS[1]].transpose(2, 1, 0).reshape(-1, 2)
+    driving = np.full((len(accel), 4), np.nan)
+    driving[:, 2:] = accel - drive.readings[:len(accel), 2:]
+    return (motion.reshape(len(drive.window_starts), -1), np.concatenate([driving, rest]))

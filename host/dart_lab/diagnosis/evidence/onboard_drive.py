@@ -1,9 +1,8 @@
-"""A recording without motion capture as the diagnosis sees it: what its own sensors told.
+"""A recording without motion capture, prepared for the diagnosis.
 
-Between two gaps of the messages the car is followed on the clock of its
-messages: speed from the encoder, turning from the gyro, heading from the turning
-since the gap, place unknown. Windows start at messages; where the car stands,
-its gyro and accelerometer say what they read of nothing.
+Between two gaps of the messages the motion follows from the sensors on the clock of the messages:
+speed from the encoder, yaw rate from the gyro, heading from the yaw rate since the gap. The
+position is unknown. Windows start at messages. At rest, gyro and accelerometer show their bias.
 """
 
 from __future__ import annotations
@@ -23,143 +22,163 @@ from dart_lab.identification.prediction.commands import message_time, zero_order
 from dart_lab.identification.prediction.windows import MIN_SPEED
 
 from ..policy import USUAL, EvidencePolicy
-from .drive import Drive, as_read
-from .standing import dithered, shaking, standing
+from .drive import RecordedDrive, stack_readings
+from .standing import add_dither, driving_noise_scale, find_rest_messages
 
-NOWHERE = Reference(0.0, 0.0, 0.0, "no motion capture")
-ENCODER_SPAN = 0.1  # s over which a speed is the mean
-PAST = 2  # messages up to the start, which set the state at it
+NO_MOCAP_FRAME = Reference(0.0, 0.0, 0.0, "no motion capture")
+ENCODER_MEAN_S = 0.1  # s over which an encoder reading is the mean
+STATE_MESSAGES = 2  # messages up to the start, which determine the state there
 MESSAGES_AHEAD = 10  # messages after the start at which a prediction is compared
-START_SPACING = 0.5  # s from start to start: half a window, so every message is predicted twice
-MAX_JITTER = 0.03  # s; a message further from its place in the 10 Hz is a lost one
-ACCEL_READ_OUTS = (3, 8)  # read-outs at which the accelerometer is judged: every message once
+START_SPACING = 0.5  # s from start to start: half a window, so each message is predicted twice
+MAX_JITTER_S = 0.03  # s; a message further from its place in the 10 Hz grid is a lost one
+ACCEL_READ_OUTS = (3, 8)  # read-outs at which the accelerometer is judged: each message once
+END_MESSAGES = 4  # at the begin of a stretch; the state at a start needs messages to both sides
+FINE_SPAN_S = 0.8 * ENCODER_MEAN_S  # s; messages of a run closer than this are joined
 
 
 @dataclass(frozen=True, slots=True)
-class Session(Drive):
+class OnboardStretch(RecordedDrive):
     """One stretch without gaps of a recording, prepared without motion capture.
 
-    grid: v_x and omega as measured (v_y 0), yaw since the stretch began, x and y
-    0. begin (n,): samples, when each window starts; spots (MESSAGES_AHEAD, n): samples from
-    there to the messages in it, said (2, MESSAGES_AHEAD, n): encoder [m/s] and gyro [rad/s]
-    in them; past (PAST, n), last (2, PAST, n): the same of the messages up to the
-    start. Messages of the driving car come in the order of the windows, ACCEL_READ_OUTS[1] -
-    ACCEL_READ_OUTS[0] of each, ``read`` without encoder and gyro. means [s]: over how long
-    gyro and accelerometer were averaged.
+    grid: v_x and omega as measured (v_y 0), yaw since the beginning of the stretch, x and y 0.
+    window_starts (n,): time of each start [samples]. past_offsets (STATE_MESSAGES, n) and
+    message_offsets (MESSAGES_AHEAD, n): times of the messages up to a start and after it, relative
+    to the start [samples]. past_readings (2, STATE_MESSAGES, n) and window_readings
+    (2, MESSAGES_AHEAD, n): encoder [m/s] and gyro [rad/s] in these messages. mean_s: time over
+    which gyro and accelerometer were averaged [s]. ``readings`` while driving hold only the
+    accelerometer, ACCEL_READ_OUTS[1] - ACCEL_READ_OUTS[0] messages of each window.
     """
 
-    begin: FloatArray
-    past: FloatArray
-    last: FloatArray
-    spots: FloatArray
-    said: FloatArray
-    means: float
+    window_starts: FloatArray
+    past_offsets: FloatArray
+    past_readings: FloatArray
+    message_offsets: FloatArray
+    window_readings: FloatArray
+    mean_s: float
 
 
-def sessions(recording: Recording, policy: EvidencePolicy = USUAL.evidence) -> list[Session]:
-    """Stretches of a recording that say anything, in order; none where nothing can be used."""
+def prepare_stretches(recording: Recording, policy: EvidencePolicy = USUAL.evidence
+                      ) -> list[OnboardStretch]:
+    """Prepare the stretches of a recording that have windows or messages at rest, in order."""
     commands = recording.messages
-    means = 0.0
+    mean_s = 0.0
     if recording.schema == RUN:
-        recording, commands = _of_run(recording)
-        means = ENCODER_SPAN
+        recording, commands = _read_run_messages(recording)
+        mean_s = ENCODER_MEAN_S
     m = recording.messages
-    sent, commanded = message_time(m), message_time(commands)
+    sent = message_time(m)
+    commanded = message_time(commands)
     stretches = []
     for segment in np.unique(m.segment):
         rows = np.flatnonzero(m.segment == segment)
-        if sent[rows[-1]] - sent[rows[0]] < (MESSAGES_AHEAD + 2) * ENCODER_SPAN:
+        if sent[rows[-1]] - sent[rows[0]] < (MESSAGES_AHEAD + 2) * ENCODER_MEAN_S:
             continue
-        session = _session(recording, rows, sent, (commanded, commands), means, policy)
-        if len(session.starts) or len(session.at):
-            stretches.append(session)
+        stretch = _prepare_stretch(recording, rows, sent, (commanded, commands), mean_s, policy)
+        if len(stretch.starts) or len(stretch.message_samples):
+            stretches.append(stretch)
     return stretches
 
 
-def _of_run(recording: Recording) -> tuple[Recording, Messages]:
-    """(a run in messages of 0.1 s, the same in the finest that carry its commands)."""
-    coarse = (recording if recording.span > 0.8 * ENCODER_SPAN
+def _read_run_messages(recording: Recording) -> tuple[Recording, Messages]:
+    """Return a run in messages of 0.1 s, and its finest messages that carry commands."""
+    coarse = (recording if recording.span > FINE_SPAN_S
               else replace(read_run(recording.path, FRAMES, poses=False), spans=recording.spans))
     fine = finer(coarse).messages
-    # a run says what was commanded up to a stamp, and here a command holds from its stamp on
+    # A run logs a command with the end of its time, but here it must have the begin.
     begun = np.concatenate([2.0 * fine.t[:1] - fine.t[1:2], fine.t[:-1]])
     return coarse, replace(fine, t=begun, arrival=begun)
 
 
-def _session(recording: Recording, rows: IntArray, sent: FloatArray,
-             commands: tuple[FloatArray, Messages], means: float, policy: EvidencePolicy
-             ) -> Session:
-    m, zero = recording.messages, sent[rows[0]]
-    at = (sent[rows] - zero) / SAMPLE
-    g = _grid(m, rows, at, zero - sent[0], means)
+def _prepare_stretch(recording: Recording, rows: IntArray, sent: FloatArray,
+                     commands: tuple[FloatArray, Messages], mean_s: float, policy: EvidencePolicy
+                     ) -> OnboardStretch:
+    """Prepare the messages ``rows``; commands: their times [s], and the messages that hold them."""
+    m = recording.messages
+    zero = sent[rows[0]]
+    samples = (sent[rows] - zero) / SAMPLE
+    g = _integrate_sensors(m, rows, samples, zero - sent[0], mean_s)
     commanded, c = commands
     g = replace(g, throttle=zero_order_hold(commanded - zero, c.throttle, len(g)),
                 steering=zero_order_hold(commanded - zero, c.steering, len(g)))
     span = span_index(recording.spans, sent[rows])
-    first, reads = _windows(m, rows, at, g, policy.backwards, span)
-    index = rows[reads[:, PAST:]]
-    spots = (at[reads] - at[first][:, None]).T
-    said = np.stack([m.speed[rows][reads], m.yaw_rate[rows][reads]]).swapaxes(1, 2)
-    rest = standing(m.speed[rows] == 0.0, m, rows, policy.held)
+    first, near = _find_windows(m, rows, samples, g, policy.backwards, span)
+    index = rows[near[:, STATE_MESSAGES:]]
+    offsets = (samples[near] - samples[first][:, None]).T
+    readings = np.stack([m.speed[rows][near], m.yaw_rate[rows][near]]).swapaxes(1, 2)
+    rest = find_rest_messages(m.speed[rows] == 0.0, m, rows, policy.held)
     rest = rows[rest[span[rest] >= 0]]
-    heard = index[:, ACCEL_READ_OUTS[0]:ACCEL_READ_OUTS[1]].ravel()
-    read = as_read(m)
-    quiet = dithered(read, rest)
-    driven = read[heard]
-    driven[:, :2] = np.nan
-    when = np.concatenate([sent[heard], sent[rest]]) - zero
-    still = np.repeat([False, True], [len(heard), len(rest)])
-    return Session(recording, g, np.rint(at[first]).astype(np.int64), when / SAMPLE,
-                  np.concatenate([driven, quiet]), still, shaking(m, heard, rest, policy),
-                  at[first], spots[:PAST], said[:, :PAST], spots[PAST:], said[:, PAST:], means)
+    accel_rows = index[:, ACCEL_READ_OUTS[0]:ACCEL_READ_OUTS[1]].ravel()
+    stacked = stack_readings(m)
+    quiet = add_dither(stacked, rest)
+    driving = stacked[accel_rows]
+    driving[:, :2] = np.nan
+    times = np.concatenate([sent[accel_rows], sent[rest]]) - zero
+    at_rest = np.repeat([False, True], [len(accel_rows), len(rest)])
+    return OnboardStretch(recording, g, np.rint(samples[first]).astype(np.int64), times / SAMPLE,
+                          np.concatenate([driving, quiet]), at_rest,
+                          driving_noise_scale(m, accel_rows, rest, policy), samples[first],
+                          offsets[:STATE_MESSAGES], readings[:, :STATE_MESSAGES],
+                          offsets[STATE_MESSAGES:], readings[:, STATE_MESSAGES:], mean_s)
 
 
-def _grid(m: Messages, rows: IntArray, at: FloatArray, since: float,
-          means: float) -> Grid:
-    """The motion as the sensors tell it. since [s]: from the start of the recording."""
-    sample = np.arange(int(np.ceil(at[-1])) + 2, dtype=np.float64)
-    back = 0.5 / SAMPLE
-    speed = _between(sample, at - ENCODER_SPAN * back, m.speed[rows])
-    omega = _between(sample, at - means * back, m.yaw_rate[rows])
+def _integrate_sensors(m: Messages, rows: IntArray, samples: FloatArray, since: float,
+                       mean_s: float) -> Grid:
+    """Return the motion by the sensors; since [s]: from the start of the recording.
+
+    A mean over a time belongs to the middle of that time.
+    """
+    index = np.arange(int(np.ceil(samples[-1])) + 2, dtype=np.float64)
+    half = 0.5 / SAMPLE
+    speed = _interpolate(index, samples - ENCODER_MEAN_S * half, m.speed[rows])
+    omega = _interpolate(index, samples - mean_s * half, m.yaw_rate[rows])
     yaw = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1]) * SAMPLE)])
-    none = np.zeros(len(sample))
-    return Grid(since + sample * SAMPLE, none, none, yaw, speed, none, omega, none, none,
-                speed, np.zeros(len(sample), dtype=np.bool_), NOWHERE)
+    none = np.zeros(len(index))
+    return Grid(since + index * SAMPLE, none, none, yaw, speed, none, omega, none, none,
+                speed, np.zeros(len(index), dtype=np.bool_), NO_MOCAP_FRAME)
 
 
-def _between(sample: FloatArray, at: FloatArray, value: FloatArray) -> FloatArray:
-    """A reading at every sample; 0 where there never was one, and then no window starts."""
+def _interpolate(index: FloatArray, samples: FloatArray, value: FloatArray) -> FloatArray:
+    """Interpolate readings to all samples; 0 without any, and then no window starts."""
     known = np.isfinite(value)
     if not known.any():
-        return np.zeros(len(sample))
-    return np.asarray(np.interp(sample, at[known], value[known]))
+        return np.zeros(len(index))
+    return np.asarray(np.interp(index, samples[known], value[known]))
 
 
-def _windows(m: Messages, rows: IntArray, at: FloatArray, g: Grid,
-             backwards: float, span: IntArray) -> tuple[IntArray, IntArray]:
-    """Messages (n,) at which windows start, those (n, PAST + MESSAGES_AHEAD) around: rows.
+def _find_windows(m: Messages, rows: IntArray, samples: FloatArray, g: Grid,
+                  backwards: float, span: IntArray) -> tuple[IntArray, IntArray]:
+    """Find windows: messages (n,) at which they start, (n, STATE_MESSAGES + MESSAGES_AHEAD) rows.
 
-    span (messages,): number of the stretch in which each may be judged, -1 outside of all.
+    1. Expect messages at 10 Hz around each one, and find the nearest message to each of these.
+    2. Accept a start if none is missing, the car moves forward, all messages have encoder and
+       gyro, and all are in the same span.
+    3. Choose starts at least START_SPACING apart.
+
+    span (messages,): number of the span in which each is judged, -1 outside.
     """
-    wanted = at[:, None] + ENCODER_SPAN / SAMPLE * np.arange(1 - PAST, MESSAGES_AHEAD + 1)
-    after = np.clip(np.searchsorted(at, wanted), 1, len(at) - 1)
-    near = np.where(wanted - at[after - 1] < at[after] - wanted, after - 1, after)
-    whole = (np.abs(at[near] - wanted) < MAX_JITTER / SAMPLE).all(axis=1)
+    expected = (samples[:, None]
+                + ENCODER_MEAN_S / SAMPLE * np.arange(1 - STATE_MESSAGES, MESSAGES_AHEAD + 1))
+    after = np.clip(np.searchsorted(samples, expected), 1, len(samples) - 1)
+    near = np.where(expected - samples[after - 1] < samples[after] - expected, after - 1, after)
+    whole = (np.abs(samples[near] - expected) < MAX_JITTER_S / SAMPLE).all(axis=1)
     sensed = np.isfinite(m.speed[rows]) & np.isfinite(m.yaw_rate[rows])
-    moving = np.interp(at, np.arange(len(g)), g.v_x) > MIN_SPEED
+    moving = np.interp(samples, np.arange(len(g)), g.v_x) > MIN_SPEED
     forward = np.minimum.accumulate(m.throttle[rows][near], axis=1)[:, -1] > backwards
     judged = (span[near] == span[:, None]).all(axis=1) & (span >= 0)
     good = judged & whole & moving & forward & sensed & sensed[near].all(axis=1)
-    good[:4] = good[-1:] = False  # the state at the start takes messages to both sides
+    good[:END_MESSAGES] = False
+    good[-1:] = False
     chosen: list[int] = []
     for i in np.flatnonzero(good):
-        if not chosen or at[i] - at[chosen[-1]] > START_SPACING / SAMPLE - MAX_JITTER / SAMPLE:
+        if (not chosen or samples[i] - samples[chosen[-1]]
+                > START_SPACING / SAMPLE - MAX_JITTER_S / SAMPLE):
             chosen.append(int(i))
     first = np.array(chosen, dtype=np.int64)
     return first, near[first]
 
 
-def counted(drives: Sequence[Session]) -> tuple[int, int, int]:
-    """(windows, messages while driving, messages at rest)."""
-    still = sum(int(d.still.sum()) for d in drives)
-    return sum(len(d.starts) for d in drives), sum(len(d.at) for d in drives) - still, still
+def count_windows(stretches: Sequence[OnboardStretch]) -> tuple[int, int, int]:
+    """Count windows, messages while driving and messages at rest."""
+    at_rest = sum(int(d.at_rest.sum()) for d in stretches)
+    messages = sum(len(d.message_samples) for d in stretches)
+    return sum(len(d.starts) for d in stretches), messages - at_rest, at_rest

@@ -1,7 +1,7 @@
-"""What the sensors of a car would say in each window of a session, by a model.
+"""Predict what the sensors of a car read in each window of a stretch without motion capture.
 
-The state at a start is what the sensors gave, freed of what the model says that
-they do wrong; from there on it is the model's alone.
+The state at the start of a window is measured by the sensors and corrected for the sensor errors
+of the model. From there on the model predicts alone.
 """
 
 from __future__ import annotations
@@ -24,95 +24,105 @@ from dart_lab.identification.prediction.rollout import states
 from dart_lab.identification.prediction.sensors import driven, motion, sensed
 from dart_lab.identification.prediction.substeps import FINE, fine, fine_rollout
 
-from .onboard_drive import ENCODER_SPAN, MAX_JITTER, MESSAGES_AHEAD, Session
-from .space import Timing
+from .onboard_drive import ENCODER_MEAN_S, MAX_JITTER_S, MESSAGES_AHEAD, OnboardStretch
+from .space import MessageTiming
 
-BEFORE = 30  # samples ahead of a start: an encoder looks back, a late sensor further
-BEYOND = 10  # samples behind a start: a sensor may be early
-AFTER = round((MESSAGES_AHEAD * ENCODER_SPAN + MAX_JITTER) / SAMPLE) + 1
-STEEPEST = 0.2  # rad; slip of the rear axle at a start
+LEAD_SAMPLES = 30  # samples before a start: an encoder averages, a sensor may be late
+LAST_LEAD_SAMPLES = 10  # samples after a start: a sensor may be early
+WINDOW_SAMPLES = round((MESSAGES_AHEAD * ENCODER_MEAN_S + MAX_JITTER_S) / SAMPLE) + 1
+MAX_SLIP_ANGLE = 0.2  # rad; of the rear axle at a start
+SMALL_SLIP = 1e-3  # rad; slip at which the cornering stiffness is taken
 
 
 @dataclass(frozen=True, slots=True)
-class Actuated:
-    """Of a drive, what an actuator did: series (samples,); windows (samples, n), or finer."""
+class ActuatorOutput:
+    """Output of an actuator: series (samples,); windows (samples, n), or finer."""
 
     series: FloatArray
     windows: FloatArray
 
 
-def pulled(drive: Session, q: Vehicle, timing: Timing) -> Actuated:
-    """The throttle of a settled vehicle."""
-    series = reaches(drive, q, "throttle", timing)
-    return Actuated(series, _along(series, _samples(drive) - timing.late / SAMPLE))
+def throttle_output(drive: OnboardStretch, q: Vehicle, timing: MessageTiming) -> ActuatorOutput:
+    """Return the throttle output of a settled vehicle."""
+    series = actuator_means(drive, q, "throttle", timing)
+    return ActuatorOutput(
+        series, _interpolate(series, _samples(drive) - timing.message_age / SAMPLE))
 
 
-def steered(drive: Session, q: Vehicle, timing: Timing, servo: FloatArray) -> Actuated:
-    """The road-wheel angle of a settled vehicle with its servo at (n,): FINE steps a sample."""
+def steering_output(drive: OnboardStretch, q: Vehicle, timing: MessageTiming, servo: FloatArray
+                    ) -> ActuatorOutput:
+    """Return the road-wheel angle of a settled vehicle, in FINE steps per sample; servo (n,)."""
     series = turned(q, servo, drive.grid.t, "mean")
-    return Actuated(series, fine(series, _samples(drive) - timing.late / SAMPLE))
+    return ActuatorOutput(series, fine(series, _samples(drive) - timing.message_age / SAMPLE))
 
 
-def reaches(drive: Session, q: Vehicle, channel: str, timing: Timing) -> FloatArray:
-    """Where servo or throttle of a settled vehicle are, means over samples (n,)."""
+def actuator_means(drive: OnboardStretch, q: Vehicle, channel: str, timing: MessageTiming
+                   ) -> FloatArray:
+    """Return servo or throttle of a settled vehicle, means over samples (n,)."""
     delay, lag = (getattr(q.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
-    command = spread_over(getattr(drive.grid, channel), timing.spread)
+    command = spread_over(getattr(drive.grid, channel), timing.age_spread)
     lagged = first_order_lag(delay_command(command, delay, smooth=True), lag, "mean")
     return reached(q, channel, lagged, drive.grid.t, "mean")
 
 
-def _samples(drive: Session) -> FloatArray:
-    """(samples, n) of each window, from BEFORE its start on."""
-    return np.asarray(np.arange(-BEFORE, AFTER + 1)[:, None] + drive.begin)
+def _samples(drive: OnboardStretch) -> FloatArray:
+    """Return the samples (samples, n) of each window, from LEAD_SAMPLES before its start on."""
+    return np.asarray(np.arange(-LEAD_SAMPLES, WINDOW_SAMPLES + 1)[:, None] + drive.window_starts)
 
 
-def predicted(drive: Session, p: Vehicle, q: Vehicle, throttle: Actuated, angle: Actuated
-              ) -> FloatArray:
-    """What encoder, gyro and accelerometer would have said in each window, (4, MESSAGES_AHEAD, n).
+def predict_sensors(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: ActuatorOutput,
+                    angle: ActuatorOutput) -> FloatArray:
+    """Predict encoder, gyro, a_x and a_y in each window, (4, MESSAGES_AHEAD, n).
 
-    The model has driven for BEFORE samples when a window starts, which gives it
-    a speed sideways; speed and turning are then set right by what was read last.
+    1. Roll the model out over LEAD_SAMPLES before the start, which gives it a lateral speed.
+    2. Correct its speed and yaw rate at the start by the readings of the messages up to there.
+    3. Roll it out over the window, and predict the sensors from lead and window together.
     """
-    g, over = _measured(drive, p, q, throttle.series), _samples(drive)
-    tau, delta = throttle.windows, angle.windows
-    t, way = _along(g.t, over), _along(np.cumsum(g.v_x) * SAMPLE, over[:1])
-    none = np.zeros(len(drive.begin))
-    first = np.stack([none, none, *(_along(f, over[0]) for f in (g.yaw, g.v_x, g.v_y, g.omega))])
-    long = BEFORE + BEYOND
-    lead = _driven(p, first, tau[:long], delta[:FINE * long])
-    wheel, gyro, _, _ = _sensors(p, t[:long + 1], lead, tau[:long + 1], way)
-    wrong = drive.last - np.stack([np.abs(_mean(wheel, BEFORE + drive.past, ENCODER_SPAN)),
-                                   _mean(gyro, BEFORE + drive.past, drive.means)])
-    lead = lead[:, :BEFORE + 1]
-    lead[3] += wrong[0].mean(axis=0)
-    lead[5] += wrong[1, -1]
-    rest = _driven(p, lead[:, -1], tau[BEFORE:-1], delta[FINE * BEFORE:-FINE])
-    wheel, gyro, a_x, a_y = _sensors(p, t, np.concatenate([lead, rest[:, 1:]], axis=1), tau, way)
-    at = BEFORE + drive.spots
-    return np.stack([np.abs(_mean(wheel, at, ENCODER_SPAN)), *(_mean(f, at, drive.means)
-                                                         for f in (gyro, a_x, a_y))])
+    g = _correct_motion(drive, p, q, throttle.series)
+    samples = _samples(drive)
+    tau = throttle.windows
+    delta = angle.windows
+    t = _interpolate(g.t, samples)
+    distance = _interpolate(np.cumsum(g.v_x) * SAMPLE, samples[:1])
+    none = np.zeros(len(drive.window_starts))
+    first = np.stack([none, none,
+                      *(_interpolate(f, samples[0]) for f in (g.yaw, g.v_x, g.v_y, g.omega))])
+    n_lead = LEAD_SAMPLES + LAST_LEAD_SAMPLES
+    lead = _roll_out(p, first, tau[:n_lead], delta[:FINE * n_lead])
+    wheel, gyro, _, _ = _sense(p, t[:n_lead + 1], lead, tau[:n_lead + 1], distance)
+    past = LEAD_SAMPLES + drive.past_offsets
+    error = drive.past_readings - np.stack([np.abs(_trailing_mean(wheel, past, ENCODER_MEAN_S)),
+                                            _trailing_mean(gyro, past, drive.mean_s)])
+    lead = lead[:, :LEAD_SAMPLES + 1]
+    lead[3] += error[0].mean(axis=0)
+    lead[5] += error[1, -1]
+    rest = _roll_out(p, lead[:, -1], tau[LEAD_SAMPLES:-1], delta[FINE * LEAD_SAMPLES:-FINE])
+    whole = np.concatenate([lead, rest[:, 1:]], axis=1)
+    wheel, gyro, a_x, a_y = _sense(p, t, whole, tau, distance)
+    ends = LEAD_SAMPLES + drive.message_offsets
+    return np.stack([np.abs(_trailing_mean(wheel, ends, ENCODER_MEAN_S)),
+                     *(_trailing_mean(f, ends, drive.mean_s) for f in (gyro, a_x, a_y))])
 
 
-def _driven(p: Vehicle, start: FloatArray, tau: FloatArray, delta: FloatArray) -> FloatArray:
-    """States (6, samples + 1, n) from a start (6, n) on; delta in FINE steps per sample."""
+def _roll_out(p: Vehicle, start: FloatArray, tau: FloatArray, delta: FloatArray) -> FloatArray:
+    """Return states (6, samples + 1, n) from a start (6, n); delta in FINE steps per sample."""
     after = fine_rollout(p, start, np.repeat(tau, FINE, axis=0), delta, range(1, len(tau) + 1))
     return np.asarray(np.concatenate([start[None], after]).swapaxes(0, 1))
 
 
-def _sensors(p: Vehicle, t: FloatArray, states: FloatArray, tau: FloatArray,
-             way: FloatArray) -> tuple[FloatArray, ...]:
-    """As ``sensed`` (samples, n) of states (6, samples, n); way [m] before the first sample."""
+def _sense(p: Vehicle, t: FloatArray, states: FloatArray, tau: FloatArray,
+           distance: FloatArray) -> tuple[FloatArray, ...]:
+    """Return sensor signals (samples, n) of states; distance [m] before the first sample."""
     rates = np.gradient(states[3:], SAMPLE, axis=1)
-    return sensed(p, driven(p, motion(t, states, rates, way), tau))
+    return sensed(p, driven(p, motion(t, states, rates, distance), tau))
 
 
-def _measured(drive: Session, p: Vehicle, q: Vehicle, throttle: FloatArray) -> Grid:
-    """The measured motion without what the effects of p do to the sensors.
+def _correct_motion(drive: OnboardStretch, p: Vehicle, q: Vehicle, throttle: FloatArray) -> Grid:
+    """Return the measured motion without the sensor effects of p, with a lateral speed.
 
-    Small changes: an effect is taken off once. The speed sideways is that of a
-    car that has been turning like this for a while.
+    The effects are small, so their change of the readings is subtracted once.
     """
-    g = _with_sideways(drive.grid, q)
+    g = _add_steady_v_y(drive.grid, q)
     if not (signals(p, "wheel") or signals(p, "gyro")):
         return g
     rates = [np.gradient(g.v_x, SAMPLE), 0.0, np.gradient(g.omega, SAMPLE)]
@@ -120,38 +130,44 @@ def _measured(drive: Session, p: Vehicle, q: Vehicle, throttle: FloatArray) -> G
     omega = 2.0 * g.omega - gyro
     yaw = np.concatenate([[0.0], np.cumsum(0.5 * (omega[1:] + omega[:-1]) * SAMPLE)])
     freed = replace(g, v_x=2.0 * g.v_x - wheel, omega=omega, yaw=yaw)
-    return _with_sideways(freed, q)
+    return _add_steady_v_y(freed, q)
 
 
-def _with_sideways(g: Grid, q: Vehicle) -> Grid:
-    """v_y of the centre of mass in a steady turn: the rear axle slips until it holds."""
+def _add_steady_v_y(g: Grid, q: Vehicle) -> Grid:
+    """Add the lateral speed of the centre of mass in a steady turn.
+
+        v_y = l_r omega - v_x tan(alpha_r),  alpha_r = m v_x omega l_f / (l C_r)
+
+    C_r: cornering stiffness of the rear axle. A kinematic car has no slip.
+    """
     body = q.body
     if q.kind == "kinematic":
         return replace(g, v_y=body.l_r * g.omega)
     _, rear = make_tyres(q.tyres, body, ARRAY)
-    stiffness = float(rear(np.array(1e-3))) / 1e-3
-    pull = body.mass * g.v_x * g.omega * body.l_f / body.wheelbase
-    slip = np.clip(pull / stiffness, -STEEPEST, STEEPEST)
+    stiffness = float(rear(np.array(SMALL_SLIP))) / SMALL_SLIP
+    force = body.mass * g.v_x * g.omega * body.l_f / body.wheelbase
+    slip = np.clip(force / stiffness, -MAX_SLIP_ANGLE, MAX_SLIP_ANGLE)
     return replace(g, v_y=body.l_r * g.omega - np.tan(slip) * g.v_x)
 
 
-def _along(series: FloatArray, at: FloatArray) -> FloatArray:
-    """The series (n,) at samples of any shape, linear in between, its ends held."""
-    return np.interp(at.ravel(), np.arange(len(series)), series).reshape(at.shape)
+def _interpolate(series: FloatArray, samples: FloatArray) -> FloatArray:
+    """Interpolate a series (n,) linearly at samples of any shape; its ends are held."""
+    return np.interp(samples.ravel(), np.arange(len(series)), series).reshape(samples.shape)
 
 
-def _mean(series: FloatArray, at: FloatArray, seconds: float) -> FloatArray:
-    """Mean of each lane of a series (samples, n) over the ``seconds`` before at (k, n)."""
+def _trailing_mean(series: FloatArray, ends: FloatArray, seconds: float) -> FloatArray:
+    """Return means of each window of a series (samples, n) over ``seconds`` before ends (k, n)."""
     if seconds == 0.0:
-        return _lookup(series, at)
-    way = np.concatenate([np.zeros((1, series.shape[1])),
-                          np.cumsum(0.5 * (series[1:] + series[:-1]), axis=0)])
-    long = seconds / SAMPLE
-    return (_lookup(way, at) - _lookup(way, at - long)) / long
+        return _lookup(series, ends)
+    integral = np.concatenate([np.zeros((1, series.shape[1])),
+                               np.cumsum(0.5 * (series[1:] + series[:-1]), axis=0)])
+    length = seconds / SAMPLE
+    return (_lookup(integral, ends) - _lookup(integral, ends - length)) / length
 
 
-def _lookup(series: FloatArray, at: FloatArray) -> FloatArray:
-    low = np.clip(np.floor(at).astype(np.int64), 0, len(series) - 2)
-    share = at - low
+def _lookup(series: FloatArray, samples: FloatArray) -> FloatArray:
+    """Interpolate each window of a series (samples, n) linearly at samples (k, n)."""
+    low = np.clip(np.floor(samples).astype(np.int64), 0, len(series) - 2)
+    share = samples - low
     return np.asarray((1.0 - share) * np.take_along_axis(series, low, axis=0)
                       + share * np.take_along_axis(series, low + 1, axis=0))

@@ -1,4 +1,4 @@
-"""What sensors should read, by the measured motion or at rest, minus what they did read."""
+"""Predicted minus measured sensor readings, from the measured motion or of a car at rest."""
 
 from __future__ import annotations
 
@@ -16,77 +16,91 @@ from dart_lab.identification.prediction import sensors
 from dart_lab.identification.prediction.commands import catmull_rom
 from dart_lab.identification.prediction.rollout import states
 
-from .drive import POINTS, Drive
+from .drive import DERIVATIVE_POINTS, RecordedDrive
 
 SENSORS = ("encoder", "gyro", "accel_x", "accel_y")
-AROUND = 10  # samples to each side over which a standing car is seen to turn
-WINDOW = 10  # samples over which the encoder counts
-SMOOTH = 11
-"""Samples of the yaw rate against which the gyro is held: with the noise of fewer, whatever
-shifts a signal by part of a sample would gain by smoothing it."""
+REST_YAW_SAMPLES = 10  # samples to each side over which the yaw rate of a car at rest is taken
+ENCODER_SAMPLES = 10  # samples over which the encoder counts
+# With fewer points the yaw rate carries more noise, and any effect that shifts a signal by part of
+# a sample would reduce the loss by smoothing that noise.
+YAW_RATE_POINTS = 11
+"""Samples of the derivative that gives the yaw rate to which the gyro is compared."""
 
 
 @dataclass(frozen=True, slots=True)
-class Measured:
-    """The measured motion with its accelerations, and a yaw rate omega (n,) [rad/s] that is
-    smoother than that of the grid."""
+class MeasuredMotion:
+    """Measured motion with accelerations.
+
+    omega (n,): yaw rate [rad/s] from more samples than that of the grid.
+    """
 
     now: Now
     omega: FloatArray
 
 
-def measured(g: Grid) -> Measured:
-    """From motion capture alone."""
-    rates = [savgol_derivative(v, 2 * POINTS + 1) for v in (g.v_x, g.v_y, g.omega)]
-    return Measured(sensors.motion(g.t, states(g), rates), savgol_derivative(g.yaw, SMOOTH))
+def measured_motion(g: Grid) -> MeasuredMotion:
+    """Differentiate the motion of motion capture."""
+    rates = [savgol_derivative(v, 2 * DERIVATIVE_POINTS + 1) for v in (g.v_x, g.v_y, g.omega)]
+    return MeasuredMotion(sensors.motion(g.t, states(g), rates),
+                          savgol_derivative(g.yaw, YAW_RATE_POINTS))
 
 
-def pulled(p: Vehicle, m: Measured, throttle: FloatArray) -> Measured:
-    """The same with the force at the wheels; throttle (n,): behind its actuator."""
+def add_wheel_force(p: Vehicle, m: MeasuredMotion, throttle: FloatArray) -> MeasuredMotion:
+    """Add the force at the wheels; throttle (n,): output of its actuator."""
     return replace(m, now=sensors.driven(p, m.now, throttle))
 
 
-def driven(p: Vehicle, m: Measured, drive: Drive, signal: str, late: float) -> FloatArray:
-    """What a signal of the moving car should read: "wheel" (k, 1), "gyro" (k, 1), "accel" (k, 2).
+def predict_readings(p: Vehicle, m: MeasuredMotion, drive: RecordedDrive, signal: str,
+                     message_age: float) -> FloatArray:
+    """Predict the readings of a signal while driving.
 
-    late: age of the readings [s].
+    signal: "wheel" (k, 1), "gyro" (k, 1) or "accel" (k, 2). message_age [s]: of the readings.
+
+    1. Pass the measured motion through the effects on the signal, but for its delay.
+    2. Look the result up at the time of each message minus message age and delay.
+    3. The encoder counts edges: its reading is the distance over the last 0.1 s per time.
     """
-    when, now = drive.at[~drive.still], m.now
+    samples = drive.message_samples[~drive.at_rest]
+    now = m.now
     true = {"wheel": np.array(now.v_x), "gyro": m.omega, "accel": (now.a_x, now.a_y)}[signal]
-    q, more = late_last(p, signal)
-    shown, at = through(q, signal, true, now, SAMPLE), when - (late + more) / SAMPLE
+    q, delay = late_last(p, signal)
+    readings = through(q, signal, true, now, SAMPLE)
+    samples = samples - (message_age + delay) / SAMPLE
     if signal != "wheel":
-        return np.stack([catmull_rom(s, at) for s in (shown if signal == "accel" else (shown,))],
-                        axis=1)
-    way = np.concatenate([[0.0], np.cumsum(0.5 * (shown[1:] + shown[:-1]))])
-    end, begin = catmull_rom(way, np.stack([at, at - WINDOW]))
-    return np.asarray((end - begin) / WINDOW)[:, None]
+        return np.stack([catmull_rom(series, samples)
+                         for series in (readings if signal == "accel" else (readings,))], axis=1)
+    distance = np.concatenate([[0.0], np.cumsum(0.5 * (readings[1:] + readings[:-1]))])
+    end, begin = catmull_rom(distance, np.stack([samples, samples - ENCODER_SAMPLES]))
+    return np.asarray((end - begin) / ENCODER_SAMPLES)[:, None]
 
 
-def resting(drive: Drive) -> tuple[Now, FloatArray]:
-    """The motion of a standing car at its messages, and how slowly it turns (k,) [rad/s]."""
-    at = drive.at[drive.still]
-    zero, g = np.zeros(len(at)), drive.grid
-    sample = np.arange(len(g))
-    now = sensors.motion(np.interp(at, sample, g.t),
-                         (zero, zero, np.interp(at, sample, g.yaw), zero, zero, zero))
-    end, begin = catmull_rom(g.yaw, np.stack([at + AROUND, at - AROUND]))
-    return now, (end - begin) / (2 * AROUND * SAMPLE)
+def rest_motion(drive: RecordedDrive) -> tuple[Now, FloatArray]:
+    """Return the motion at messages of a car at rest, and its small yaw rate (k,) [rad/s]."""
+    samples = drive.message_samples[drive.at_rest]
+    zero = np.zeros(len(samples))
+    g = drive.grid
+    index = np.arange(len(g))
+    now = sensors.motion(np.interp(samples, index, g.t),
+                         (zero, zero, np.interp(samples, index, g.yaw), zero, zero, zero))
+    end, begin = catmull_rom(g.yaw, np.stack([samples + REST_YAW_SAMPLES,
+                                              samples - REST_YAW_SAMPLES]))
+    return now, (end - begin) / (2 * REST_YAW_SAMPLES * SAMPLE)
 
 
-def at_rest(drive: Drive, p: Vehicle, seen: bool = False,
-            rest: tuple[Now, FloatArray] | None = None) -> FloatArray:
-    """What gyro and accelerometer say of a standing car, minus what they said; (k, 4).
+def rest_residuals(drive: RecordedDrive, p: Vehicle, has_mocap: bool = False,
+                   rest: tuple[Now, FloatArray] | None = None) -> FloatArray:
+    """Compute predicted minus measured gyro and accelerometer at rest, (k, 4).
 
-    seen: by motion capture, which knows how slowly it turns all the same. rest: what
-    ``resting`` says. The accelerometer in units of its noise while driving; nothing of the encoder.
+    has_mocap: motion capture measures how slowly the car turns at rest. rest: as ``rest_motion``
+    returns it. The accelerometer is multiplied by its noise scale while driving; the encoder is
+    NaN.
     """
-    now, turning = rest or resting(drive)
-    zero = np.zeros(len(turning))
-    # read late, a standing car reads the same: and messages are no series of samples
-    gyro = through(late_last(p, "gyro")[0], "gyro", turning if seen else zero, now, SAMPLE)
+    now, yaw_rate = rest or rest_motion(drive)
+    zero = np.zeros(len(yaw_rate))
+    # A delay changes no reading at rest, and messages are no evenly sampled series to delay.
+    gyro = through(late_last(p, "gyro")[0], "gyro", yaw_rate if has_mocap else zero, now, SAMPLE)
     a_x, a_y = through(late_last(p, "accel")[0], "accel", (zero, zero), now, SAMPLE)
-    out = np.stack([zero, gyro, a_x, a_y], axis=1) - drive.read[drive.still]
+    out = np.stack([zero, gyro, a_x, a_y], axis=1) - drive.readings[drive.at_rest]
     out[:, 0] = np.nan
     out[:, 2:] *= drive.noise_scale
     return np.asarray(out)

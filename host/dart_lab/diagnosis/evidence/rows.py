@@ -1,4 +1,4 @@
-"""Which rows of the stacked residuals belong to what: recording, block, channel."""
+"""Labels of the stacked residuals: recording, block of time, channel."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .residuals import Evidence, Residuals
 
 @dataclass(frozen=True, slots=True)
 class RowLabels:
-    """For each of N stacked residuals: block, recording, and its channel.
+    """Block, recording and channel of each of the N stacked residuals.
 
     channel (N,): column of the motion residuals, or -1 - column of the sensors.
     """
@@ -25,20 +25,25 @@ class RowLabels:
     channel: IntArray
 
 
-def rows_of(evidence: Evidence, r: Residuals, policy: BlockPolicy) -> RowLabels:
-    """Labels in the order of ``Noise.stacked``."""
-    columns, sensors = r.motion.shape[1], r.sensors.shape[1]
+def label_rows(evidence: Evidence, r: Residuals, policy: BlockPolicy) -> RowLabels:
+    """Label the residuals in the order of ``Noise.stack``."""
+    columns = r.motion.shape[1]
+    sensors = r.sensors.shape[1]
     channel = np.concatenate([np.tile(np.arange(columns), len(r.motion)),
                               np.tile(-1 - np.arange(sensors), len(r.sensors))])
-    block = spread(*evidence.blocks(policy.seconds), columns)
-    owner = spread(evidence.motion_drive, evidence.sensor_drive, columns)
-    return RowLabels(_numbered(block), _numbered(owner), channel)
+    block = repeat_labels(*evidence.blocks(policy.seconds), columns)
+    owner = repeat_labels(evidence.motion_drive, evidence.sensor_drive, columns)
+    return RowLabels(_renumber(block), _renumber(owner), channel)
 
 
-def spread(windows: IntArray, messages: IntArray, columns: int) -> IntArray:
-    """Labels of windows (n,) and messages (m,) for the N stacked residuals."""
+def repeat_labels(windows: IntArray, messages: IntArray, columns: int) -> IntArray:
+    """Repeat labels of windows (n,) and messages (m,) for the N stacked residuals.
+
+    The stack holds ``columns`` motion residuals of each window, then all sensors of each message.
+    """
     return np.concatenate([np.repeat(windows, columns), np.repeat(messages, len(SENSORS))])
 
 
-def _numbered(labels: IntArray) -> IntArray:
+def _renumber(labels: IntArray) -> IntArray:
+    """Replace labels by 0, 1, 2, ... in ascending order."""
     return np.asarray(np.unique(labels, return_inverse=True)[1].ravel(), dtype=np.int64)

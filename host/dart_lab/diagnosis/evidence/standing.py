@@ -1,7 +1,7 @@
-"""What a standing car tells: its gyro and accelerometer say what they read of nothing.
+"""Messages of a car at rest: what its gyro and accelerometer read without motion.
 
-While driving an accelerometer shakes a hundred times as much as a tilt of a
-degree shows; ten messages of a car at rest say more than a minute of driving.
+While driving, vibration of the accelerometer is a hundred times larger than the effect of a tilt
+of one degree. Ten messages at rest determine a bias or tilt better than a minute of driving.
 """
 
 from __future__ import annotations
@@ -14,54 +14,62 @@ from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA
 
 from ..policy import MIN_READINGS, EvidencePolicy
 
-GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
+GOLDEN_RATIO = 0.5 * (np.sqrt(5.0) - 1.0)
+MIN_RESOLUTION = 1e-5  # a smaller difference between readings is rounding of floats
 
 
-def standing(stands: BoolArray, m: Messages, rows: IntArray, held: float) -> IntArray:
-    """Places in rows of messages between others that all saw a standing car.
+def find_rest_messages(at_rest: BoolArray, m: Messages, rows: IntArray, max_yaw_rate: float
+                       ) -> IntArray:
+    """Find places in ``rows`` of messages at rest, between two others at rest.
 
-    stands (len(rows),): the car does not move at the message. held [rad/s]: one that turns
-    more is being carried.
+    at_rest (len(rows),): the car does not move at the message. max_yaw_rate [rad/s]: a car that
+    turns more is being carried.
     """
-    stands = stands.copy()
-    stands[1:-1] &= stands[:-2] & stands[2:]
-    stands[[0, -1]] = False
+    at_rest = at_rest.copy()
+    at_rest[1:-1] &= at_rest[:-2] & at_rest[2:]
+    at_rest[[0, -1]] = False
     for channel in (m.yaw_rate, m.accel_x, m.accel_y):
-        stands &= np.isfinite(channel[rows])
-    if not stands.any():
+        at_rest &= np.isfinite(channel[rows])
+    if not at_rest.any():
         return np.empty(0, dtype=np.int64)
     rate = m.yaw_rate[rows]
-    return np.flatnonzero(stands & (np.abs(rate - np.median(rate[stands])) < held))
+    # the bias of the gyro is the median at rest: only the rate relative to it is motion
+    turning = np.abs(rate - np.median(rate[at_rest]))
+    return np.flatnonzero(at_rest & (turning < max_yaw_rate))
 
 
-def shaking(m: Messages, driven: IntArray, still: IntArray, policy: EvidencePolicy) -> FloatArray:
-    """(2,): by how much a_x and a_y are noisier at some messages than at others; at least 1."""
-    return np.asarray(np.maximum(_noise(m, driven, policy) / _noise(m, still, policy), 1.0))
+def driving_noise_scale(m: Messages, driving: IntArray, rest: IntArray, policy: EvidencePolicy
+                        ) -> FloatArray:
+    """Return the noise of a_x and a_y (2,) while driving over that at rest, at least 1."""
+    ratio = _accel_noise(m, driving, policy) / _accel_noise(m, rest, policy)
+    return np.asarray(np.maximum(ratio, 1.0))
 
 
-def dithered(read: FloatArray, index: IntArray) -> FloatArray:
-    """Readings (k, 4) at rest, anywhere within their step: what is rounded has no noise of its own.
+def add_dither(readings: FloatArray, index: IntArray) -> FloatArray:
+    """Return readings (k, 4) at rest, spread over their quantisation step.
 
-    Evenly spread instead of by chance, so that the same file gives the same numbers.
+    Rounded readings at rest are often all equal, so they show no noise. The dither is a fixed
+    sequence and not random, so that the same file always gives the same numbers.
     """
-    out = np.array(read[index])
+    out = np.array(readings[index])
     for k in (1, 2, 3):
-        values = np.unique(read[np.isfinite(read[:, k]), k])
+        values = np.unique(readings[np.isfinite(readings[:, k]), k])
         steps = np.diff(values)
-        steps = steps[steps > 1e-5]
-        out[:, k] += spread(len(out)) * (steps.min() if len(steps) else 0.0)
+        steps = steps[steps > MIN_RESOLUTION]
+        out[:, k] += uniform_sequence(len(out)) * (steps.min() if len(steps) else 0.0)
     return out
 
 
-def spread(n: int) -> FloatArray:
-    """n numbers evenly over -0.5 to 0.5 in no order that means anything."""
-    return np.asarray((GOLDEN * np.arange(1, n + 1)) % 1.0 - 0.5)
+def uniform_sequence(n: int) -> FloatArray:
+    """Return n numbers evenly distributed over -0.5 to 0.5 (golden ratio sequence)."""
+    return np.asarray((GOLDEN_RATIO * np.arange(1, n + 1)) % 1.0 - 0.5)
 
 
-def _noise(m: Messages, index: IntArray, policy: EvidencePolicy) -> FloatArray:
-    """Robust standard deviation of (a_x, a_y) from message to message, at least ``level``."""
+def _accel_noise(m: Messages, index: IntArray, policy: EvidencePolicy) -> FloatArray:
+    """Return robust standard deviations of a_x and a_y between messages, at least ``level``."""
     steps = np.diff(np.stack([m.accel_x[index], m.accel_y[index]]), axis=1)
     if steps.shape[1] < MIN_READINGS or not np.isfinite(steps).all():
         return np.full(2, policy.level)
+    # the difference of two readings has sqrt(2) times the noise of one
     size = MAD_TO_SIGMA / np.sqrt(2.0) * np.median(np.abs(steps), axis=1)
     return np.asarray(np.maximum(size, policy.level))

@@ -22,7 +22,7 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_lab.report.numbers import some
 
 from ..evidence.residuals import Evidence
-from ..evidence.rows import RowLabels, rows_of
+from ..evidence.rows import RowLabels, label_rows
 from ..policy import AlikePolicy, Policy
 from ..search.fit import Point
 
@@ -105,18 +105,18 @@ def _linear(evidence: Evidence, point: Point, policy: Policy
             ) -> tuple[FloatArray, FloatArray, FloatArray, RowLabels]:
     """Residuals (N,), weights (N,), slopes (N, q) of the probes, labels."""
     p, timing = point.vehicle, point.timing
-    noise = replace(point.noise, certain=1.0)  # it knows the windows of the training recordings
+    noise = replace(point.noise, age_scale=1.0)  # it knows the windows of the training recordings
     residuals = evidence.residuals(p, timing)
-    r, weight = noise.stacked(residuals)
+    r, weight = noise.stack(residuals)
     slopes = []
     for name in PROBES:
         step = STEP * _size(name)
         now = next((a.values[0] for a in p.effects if a.name == name),
                    catalogue()[name].parameters[0].null)
         moved = evidence.residuals(apply(p, name, k=now + step), timing)
-        slopes.append((noise.stacked(moved)[0] - r) / step)
+        slopes.append((noise.stack(moved)[0] - r) / step)
     return (r, weight * noise.robust_weight(r), np.stack(slopes, axis=1),
-            rows_of(evidence, residuals, policy.blocks))
+            label_rows(evidence, residuals, policy.blocks))
 
 
 def _size(name: str) -> float:

@@ -126,7 +126,8 @@ def _every(of: Secants, names: Sequence[str], policy: GradePolicy) -> _Every:
     columns = np.concatenate(parts, axis=1) * root[:, None]
     residual = root * point.residual
     inside = [columns[here] for here in (of.unit == u for u in range(int(of.unit.max()) + 1))]
-    pull = np.concatenate([point.space.pull, np.ones(k - len(point.x)), np.zeros(len(names))])
+    pull = np.concatenate([point.space.prior_weight, np.ones(k - len(point.x)),
+                           np.zeros(len(names))])
     return _Every(np.stack([x.T @ x for x in inside]),
                   np.stack([x.T @ residual[of.unit == u] for u, x in enumerate(inside)]),
                   pull, family, {name: k + i for i, name in enumerate(names)})

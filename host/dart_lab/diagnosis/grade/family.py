@@ -32,7 +32,7 @@ def variants(evidence: Evidence, point: Point, name: str, policy: GradePolicy) -
     def residual(departures: tuple[float, ...]) -> FloatArray:
         other = ActiveEffect(written, (*active.values, *departures))
         vehicle = replace(p, effects=tuple(other if a is active else a for a in p.effects))
-        return point.noise.stacked(evidence.residuals(vehicle, timing))[0]
+        return point.noise.stack(evidence.residuals(vehicle, timing))[0]
 
     columns = []
     for i, width in enumerate(widths):

@@ -16,7 +16,7 @@ from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.effects import remove_effects
 
 from ..evidence.residuals import Evidence
-from ..evidence.rows import RowLabels, spread
+from ..evidence.rows import RowLabels, repeat_labels
 from ..policy import BLOCK_S, MANY_RECORDINGS, TAIL, GradePolicy, Policy
 from ..search.fit import Point
 from ..search.selection import rows_at
@@ -58,7 +58,7 @@ def secants(evidence: Evidence, point: Point, effects: Sequence[str], policy: Po
     own = {name: starting(point, (f"{name}.",)) for name in effects}
     for name in effects:
         tangent[name] = towards_null(point, own[name])
-        before = point.noise.stacked(evidence.residuals(remove_effects(p, [name]), timing))[0]
+        before = point.noise.stack(evidence.residuals(remove_effects(p, [name]), timing))[0]
         found[name] = point.residual - before
     rows = rows_at(evidence, point, policy)
     # of the last one nobody asks: nothing that is named gained less
@@ -84,9 +84,9 @@ def units(evidence: Evidence, rows: RowLabels, point: Point, policy: GradePolicy
     seconds = len(np.unique(rows.block[rows.channel >= 0])) * BLOCK_S
     length = max(BLOCK_S, seconds / policy.units)
     columns = len(point.noise.motion)
-    label = spread(*evidence.blocks(length), columns)
-    still = spread(np.zeros(len(evidence.motion_drive), dtype=np.int64),
-                   evidence.sensor_still.astype(np.int64), columns) > 0
+    label = repeat_labels(*evidence.blocks(length), columns)
+    still = repeat_labels(np.zeros(len(evidence.motion_drive), dtype=np.int64),
+                   evidence.sensor_at_rest.astype(np.int64), columns) > 0
     out = np.unique(np.where(still, label[~still].min() if (~still).any() else 0, label),
                     return_inverse=True)[1].ravel()
     # a standing car is one place in time only: its messages are shared out among all

@@ -51,7 +51,7 @@ class Sets:
         self._names = {g: group.of(self.free) for g, group in GROUPS.items()}
         self.every = frozenset(g for g, names in self._names.items() if names)
         self.phi = dispersion(full, unit)
-        pull = np.diag(full.space.pull + 1e-6)
+        pull = np.diag(full.space.prior_weight + 1e-6)
         self.normal = (full.normal - pull) / self.phi + pull
         self._fits: dict[Set, Point] = {}
 
@@ -70,9 +70,9 @@ class Sets:
             names = tuple(n for n in self.free
                           if any(n in self.names(g) for g in free) or not _grouped(n))
             vehicle = with_nulls(self.base, p.effects)
-            space = Space(vehicle, names, self.known, self.evidence.late, self.policy.prior,
+            space = Space(vehicle, names, self.known, self.evidence.message_age, self.policy.prior,
                           self.full.space.loose)
-            x = space.carried(space.start(p, self.full.timing), self.full.space, self._held(free))
+            x = space.transfer(space.start(p, self.full.timing), self.full.space, self._held(free))
             self._fits[free] = refit_near(self.evidence, self.full.noise, space, x, self.full)
         return self._fits[free]
 

@@ -17,11 +17,11 @@ from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..evidence.ages import AGES, older
-from ..evidence.noise import Noise, measure
+from ..evidence.ages import START_AGES, age_sensitivity
+from ..evidence.noise import Noise, estimate_noise
 from ..evidence.residuals import Evidence, Residuals
-from ..evidence.rows import rows_of
-from ..evidence.space import LATE_REACH, Space, Timing
+from ..evidence.rows import label_rows
+from ..evidence.space import MESSAGE_AGE_REACH, MessageTiming, Space
 from ..policy import MANY_RECORDINGS, Policy
 from ..search.fit import QUICK, Fit, Point, loss_at, refit
 
@@ -36,20 +36,20 @@ class Unseen:
     def __init__(self, evidence: Evidence, last: Point, policy: Policy) -> None:
         """last: the fit whose noise weighs the errors of all."""
         self._evidence, self._policy, self.last = evidence, policy, last
-        self._timings: dict[tuple[Vehicle, Timing], Timing] = {}
+        self._timings: dict[tuple[Vehicle, MessageTiming], MessageTiming] = {}
 
     def motion(self, point: Point) -> FloatArray:
         """(stretches,) of the motion alone, every read-out alike."""
         r = self._evidence.residuals(point.vehicle, self.timing(point))
         return self._by_stretch(r, self._noise.loss(self._noise.whiten(r)[0].ravel()))
 
-    def everything(self, point: Point, timing: Timing) -> FloatArray:
+    def everything(self, point: Point, timing: MessageTiming) -> FloatArray:
         """(stretches,) of motion and sensors, weighted as in the fits; timing: as ``timing``."""
         r = self._evidence.residuals(point.vehicle, timing)
-        residual, weight = self._noise.stacked(r)
+        residual, weight = self._noise.stack(r)
         return self._by_stretch(r, weight * self._noise.loss(residual))
 
-    def timing(self, point: Fit) -> Timing:
+    def timing(self, point: Fit) -> MessageTiming:
         """That which suits these recordings best; of each fit found once."""
         key = point.vehicle, point.timing
         if key not in self._timings:
@@ -58,7 +58,7 @@ class Unseen:
 
     def _by_stretch(self, r: Residuals, losses: FloatArray) -> FloatArray:
         stretches = replace(self._policy.blocks, seconds=self._policy.claims.stretch_s)
-        rows = rows_of(self._evidence, r, stretches)
+        rows = label_rows(self._evidence, r, stretches)
         many = int(rows.recording.max()) + 1 >= MANY_RECORDINGS
         label = (rows.recording if many else rows.block)[:len(losses)]
         block = np.unique(label, return_inverse=True)[1].ravel()
@@ -68,23 +68,24 @@ class Unseen:
     def _noise(self) -> Noise:
         """That of the last fit, with the windows of these recordings."""
         evidence, point, policy = self._evidence, self.last, self._policy
-        noise = replace(point.noise, certain=1.0)
+        noise = replace(point.noise, age_scale=1.0)
         timing = self._timing(point, noise)
         r = evidence.residuals(point.vehicle, timing)
-        moved = older(evidence, point.vehicle, timing, r, policy.noise.age_s)
-        here = measure(r, evidence.blocks(policy.blocks.seconds), evidence.overlap, moved,
+        moved = age_sensitivity(evidence, point.vehicle, timing, r, policy.noise.age_s)
+        here = estimate_noise(r, evidence.blocks(policy.blocks.seconds), evidence.overlap, moved,
                        policy.noise, PWM_WAIT_STD if evidence.commands_stamped else None)
-        return replace(noise, certain=here.certain)
+        return replace(noise, age_scale=here.age_scale)
 
-    def _timing(self, point: Fit, noise: Noise) -> Timing:
+    def _timing(self, point: Fit, noise: Noise) -> MessageTiming:
         """Of these recordings, the parameters as they were fitted."""
         evidence, p = self._evidence, point.vehicle
-        space = Space(p, (), late=evidence.late, policy=self._policy.prior)
+        space = Space(p, (), message_age=evidence.message_age, policy=self._policy.prior)
         starts = [space.start(p, t) for t in (point.timing, *(
-            replace(point.timing, command_age=age, spread=spread) for age, spread in AGES))]
+            replace(point.timing, command_age=age, age_spread=spread)
+            for age, spread in START_AGES))]
         x = min(starts, key=lambda z: loss_at(evidence, noise, space, z))
         held, age = slice(len(space.names)), len(space.names) + 1
         space.low[held] = space.high[held] = x[held]
-        space.low[age] -= BEYOND / LATE_REACH
-        space.high[age] += BEYOND / LATE_REACH
+        space.low[age] -= BEYOND / MESSAGE_AGE_REACH
+        space.high[age] += BEYOND / MESSAGE_AGE_REACH
         return refit(evidence, noise, space, x, rounds=QUICK).timing

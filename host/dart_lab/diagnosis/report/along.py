@@ -17,9 +17,9 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.diagnosis.evidence.drive import READ_OUTS
-from dart_lab.diagnosis.evidence.onboard import MOTION as ONBOARD
+from dart_lab.diagnosis.evidence.onboard import ONBOARD_MOTION as ONBOARD
 from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
-from dart_lab.diagnosis.evidence.onboard_drive import ENCODER_SPAN, MESSAGES_AHEAD
+from dart_lab.diagnosis.evidence.onboard_drive import ENCODER_MEAN_S, MESSAGES_AHEAD
 from dart_lab.diagnosis.evidence.readings import SENSORS
 from dart_lab.diagnosis.evidence.residuals import MOTION, Evidence, Residuals
 from dart_lab.diagnosis.result import Stage
@@ -177,7 +177,7 @@ def columns(evidence: Evidence, channel: str = "", seconds: Sequence[float] = SH
 def _predicted(evidence: Evidence) -> tuple[tuple[str, ...], list[float]]:
     """Channels of a prediction, and its read-outs [s] from the start: with mocap, and without."""
     if isinstance(evidence, OnboardEvidence):
-        return ONBOARD, [round((i + 1) * ENCODER_SPAN, 6) for i in range(MESSAGES_AHEAD)]
+        return ONBOARD, [round((i + 1) * ENCODER_MEAN_S, 6) for i in range(MESSAGES_AHEAD)]
     return MOTION, [r * SAMPLE for r in READ_OUTS]
 
 

@@ -26,9 +26,9 @@ from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.tyres import make_slip, make_tyres
-from dart_lab.diagnosis.evidence.drive import Drive
+from dart_lab.diagnosis.evidence.drive import RecordedDrive
 from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
-from dart_lab.diagnosis.evidence.readings import measured
+from dart_lab.diagnosis.evidence.readings import measured_motion
 from dart_lab.diagnosis.parameters.groups import holding_throttle
 from dart_lab.diagnosis.result import Claim, Diagnosis
 from dart_lab.identification.prediction.actuators import actuated
@@ -61,7 +61,7 @@ class Picture:
     x_label: str
     y_label: str
     curve: Curve
-    points: Callable[[Drive, Vehicle], Points]
+    points: Callable[[RecordedDrive, Vehicle], Points]
     reach: tuple[float, float]
     needs_mocap: bool = False
 
@@ -100,13 +100,13 @@ def _measured(kind: Picture, d: Diagnosis) -> Means | None:
     return means_along(x[good], y[good], stretch[good]) if good.sum() >= FEWEST else None
 
 
-def _axle(front: bool) -> tuple[Curve, Callable[[Drive, Vehicle], Points]]:
+def _axle(front: bool) -> tuple[Curve, Callable[[RecordedDrive, Vehicle], Points]]:
     def curve(p: Vehicle, x: FloatArray) -> FloatArray:
         q = settled(p)
         return np.asarray(make_tyres(q.tyres, q.body, ARRAY)[0 if front else 1](x))
 
-    def points(drive: Drive, p: Vehicle) -> Points:
-        b, m = settled(p).body, measured(drive.grid).now
+    def points(drive: RecordedDrive, p: Vehicle) -> Points:
+        b, m = settled(p).body, measured_motion(drive.grid).now
         _, delta = actuated(p, drive.grid, smooth=True)
         slip = make_slip(b, ARRAY, p.slip)(m.v_x, m.v_y, m.omega, np.cos(delta), np.sin(delta))
         turning = b.yaw_inertia * np.asarray(m.omega_dot)
@@ -120,7 +120,7 @@ def _axle(front: bool) -> tuple[Curve, Callable[[Drive, Vehicle], Points]]:
     return curve, points
 
 
-def _steered(drive: Drive, p: Vehicle) -> Points:
+def _steered(drive: RecordedDrive, p: Vehicle) -> Points:
     g, q = drive.grid, settled(p)
     back = round((q.delay.steering_s + q.delay.steering_lag_s) / SAMPLE)
     command = np.concatenate([np.repeat(g.steering[:1], back), g.steering])[:len(g)]
@@ -133,7 +133,7 @@ def _angle(p: Vehicle, x: FloatArray) -> FloatArray:
     return np.asarray(make_steering(settled(p).steering, ARRAY)(x))
 
 
-def _rolling(drive: Drive, p: Vehicle) -> Points:
+def _rolling(drive: RecordedDrive, p: Vehicle) -> Points:
     throttle, delta = actuated(p, drive.grid, smooth=True)
     v = drive.grid.v_x
     recent = np.lib.stride_tricks.sliding_window_view(

@@ -29,7 +29,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.noise import Noise
 from ..evidence.residuals import Evidence
-from ..evidence.space import Space, Timing
+from ..evidence.space import MessageTiming, Space
 
 ROUNDS, QUICK = 15, 6
 
@@ -45,7 +45,7 @@ class Fit(Protocol):
     def vehicle(self) -> Vehicle: ...
 
     @property
-    def timing(self) -> Timing: ...
+    def timing(self) -> MessageTiming: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class Point:
         return self.space.split(self.x)[0]
 
     @property
-    def timing(self) -> Timing:
+    def timing(self) -> MessageTiming:
         return self.space.split(self.x)[1]
 
     @property
@@ -88,7 +88,7 @@ class Point:
     def normal(self) -> FloatArray:
         """(k, k) matrix of the equivalent least squares, with the prior."""
         weighted = self.jacobian * self.irls_weight[:, None]
-        return np.asarray(weighted.T @ self.jacobian + np.diag(self.space.pull + 1e-6))
+        return np.asarray(weighted.T @ self.jacobian + np.diag(self.space.prior_weight + 1e-6))
 
     def loss(self) -> float:
         """Robust loss of the data with the prior."""
@@ -104,7 +104,8 @@ class Point:
 
     def step(self, normal: FloatArray, slope: FloatArray) -> FloatArray:
         """Move (k,) of all that is free, by sums over all rows; within bounds and priors."""
-        return bounded(normal + np.diag(self.space.pull + 1e-9), slope + self.space.pull * self.x,
+        return bounded(normal + np.diag(self.space.prior_weight + 1e-9),
+                       slope + self.space.prior_weight * self.x,
                        self.space.low - self.x, self.space.high - self.x)
 
     def follow(self, residual: FloatArray, rows: Part = ALL) -> FloatArray:
@@ -119,7 +120,7 @@ class Point:
     def prior(self, move: FloatArray) -> float:
         """Loss of the prior after a move (k,)."""
         x = self.x + move
-        return float((self.space.pull * x) @ x)
+        return float((self.space.prior_weight * x) @ x)
 
     def scores(self, block: IntArray) -> FloatArray:
         """(blocks, k): slope of the loss of each block (N,) of rows."""
@@ -174,7 +175,7 @@ def refit_with(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
 
     residual (N,): at x, before what is free has followed.
     """
-    moved_along = space.carried(x, near.space, near.x + near.follow(residual))
+    moved_along = space.transfer(x, near.space, near.x + near.follow(residual))
     x = min((np.clip(z, space.low, space.high) for z in (x, moved_along)),
             key=lambda z: loss_at(evidence, noise, space, z))
     return refit_near(evidence, noise, space, x, near)
@@ -193,7 +194,7 @@ def _slopes_of(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
     r, tail = _residual(evidence, noise, space, x)[0], len(near.space.names)
     slopes = near.jacobian
     if noise is not near.noise:
-        slopes = noise.instead_of(near.noise, slopes, len(evidence.motion_drive))
+        slopes = noise.rewhiten(near.noise, slopes, len(evidence.motion_drive))
     known = {name: slopes[:, i] for i, name in enumerate(near.space.names)}
     columns = [known[name] if name in known else _slope(evidence, noise, space, x, r, i)
                for i, name in enumerate(space.names)]
@@ -204,7 +205,7 @@ def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, roun
              first: FloatArray | None = None, kept: float = KEPT, jobs: int = 1) -> Point:
     """first (N, k): Jacobian of the whitened residuals to begin with; kept: see ``descend``."""
     weight = _residual(evidence, noise, space, x)[1]
-    root, pull = np.sqrt(weight), np.sqrt(space.pull)
+    root, pull = np.sqrt(weight), np.sqrt(space.prior_weight)
 
     def residual(z: FloatArray) -> FloatArray:
         return np.concatenate([root * _residual(evidence, noise, space, z)[0], pull * z])
@@ -218,7 +219,7 @@ def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, roun
     far = np.full(len(x), 1e6)  # the prior is quadratic however far
     robust = np.concatenate([noise.policy.robust * root, far])
     found = descend(residual, jacobian, x, space.low, space.high,
-                    robust=robust, prior=1e-9, rounds=rounds, reach=space.reach, kept=kept,
+                    robust=robust, prior=1e-9, rounds=rounds, reach=space.max_step, kept=kept,
                     first=None if first is None else weighted(first))
     n = len(root)
     return Point(noise, space, found.x, found.residual[:n] / root, weight,
@@ -229,7 +230,7 @@ def covariance(point: Point, block: IntArray) -> FloatArray:
     """Of a fitted point (k, k): sandwich over blocks (N,) of rows, prior included."""
     bread = np.linalg.inv(point.normal)
     scores = point.scores(block)
-    sandwich = bread @ (scores.T @ scores + np.diag(point.space.pull)) @ bread
+    sandwich = bread @ (scores.T @ scores + np.diag(point.space.prior_weight)) @ bread
     # with few blocks the sandwich may miss a direction: never less than half of the model's own
     return np.asarray(np.maximum(sandwich, 0.5 * bread) * np.eye(len(bread))
                       + sandwich * (1.0 - np.eye(len(bread))))
@@ -238,13 +239,13 @@ def covariance(point: Point, block: IntArray) -> FloatArray:
 def _residual(evidence: Evidence, noise: Noise, space: Space,
               x: FloatArray) -> tuple[FloatArray, FloatArray]:
     vehicle, timing = space.split(np.clip(x, space.low, space.high))
-    return noise.stacked(evidence.residuals(vehicle, timing))
+    return noise.stack(evidence.residuals(vehicle, timing))
 
 
 def loss_at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> float:
     """Robust loss of the data with the prior, at x."""
     r, weight = _residual(evidence, noise, space, x)
-    return float(weight @ noise.loss(r)) + float((space.pull * x) @ x)
+    return float(weight @ noise.loss(r)) + float((space.prior_weight * x) @ x)
 
 
 def _jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,

@@ -15,10 +15,10 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.effects import apply, catalogue, remove_effects, with_nulls
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..evidence.ages import AGES, older
-from ..evidence.noise import Noise, measure
-from ..evidence.residuals import Evidence, only_read
-from ..evidence.space import Space, Timing
+from ..evidence.ages import START_AGES, age_sensitivity
+from ..evidence.noise import Noise, estimate_noise
+from ..evidence.residuals import Evidence, affects_readings_only
+from ..evidence.space import MessageTiming, Space
 from ..gates import Candidate, explain_failure
 from ..unexplained.driven import undriven
 from .confounders import confounders, correlated
@@ -83,7 +83,7 @@ def select_noise(effects: Sequence[str], noise: Noise, base_noise: Noise) -> Noi
     Such effects are no part of the noise of the motion. Each measuring of it moves the base on, and
     a cause in a sensor would move the car.
     """
-    if all(only_read(catalogue()[name]) for name in effects):
+    if all(affects_readings_only(catalogue()[name]) for name in effects):
         return noise.with_motion(base_noise)
     return noise
 
@@ -119,15 +119,15 @@ class Search:
 
     def _strained(self, point: Point) -> tuple[str, ...]:
         """Parameters on the bound of what is believed of them."""
-        return point.space.strained(point.x, self._settings.policy.prior.believed)
+        return point.space.names_at_bound(point.x, self._settings.policy.prior.believed)
 
     def _searched(self) -> SearchResult:
         s = self._settings
         space = self.make_space(self.base)
-        point, noise = self._settle(space, Timing(self._evidence.late))
+        point, noise = self._settle(space, MessageTiming(self._evidence.message_age))
         if self._fitted is not None:
             self._fitted()
-        fixed = Space(self.base, (), late=self._evidence.late, policy=s.policy.prior,
+        fixed = Space(self.base, (), message_age=self._evidence.message_age, policy=s.policy.prior,
                       fixed_effects=effect_names(self.base))
         given = refit(self._evidence, noise, fixed, fixed.point(point.timing))
         base, base_noise, first = point, noise, tuple[Trial, ...]()
@@ -176,10 +176,10 @@ class Search:
         p, keep = point.vehicle, {*effects, *(a.name for a in self.base.effects)}
         vehicle = replace(p, effects=tuple(a for a in p.effects if a.name in keep))
         space = self.make_space(vehicle)
-        x = space.carried(space.start(vehicle, point.timing), start.space, start.x)
+        x = space.transfer(space.start(vehicle, point.timing), start.space, start.x)
         near = refit_near(self._evidence, noise, space, x, start)
         other = {a.name for a in start.vehicle.effects} ^ {a.name for a in vehicle.effects}
-        if all(only_read(catalogue()[name]) for name in other):
+        if all(affects_readings_only(catalogue()[name]) for name in other):
             return near
         return refit(self._evidence, noise, space, near.x, near, jobs=self._settings.jobs)
 
@@ -194,12 +194,12 @@ class Search:
         if vehicle is point.vehicle:
             return point
         space = self.make_space(vehicle)
-        x = space.carried(space.start(vehicle, point.timing), point.space, point.x)
+        x = space.transfer(space.start(vehicle, point.timing), point.space, point.x)
         first = refit_near(self._evidence, noise, space, x, point)
         noise = self._measured(first.vehicle, first.timing)
         return refit_near(self._evidence, noise, space, first.x, first)
 
-    def _settle(self, space: Space, timing: Timing,
+    def _settle(self, space: Space, timing: MessageTiming,
                 x: FloatArray | None = None) -> tuple[Point, Noise]:
         """Fit and measure the residuals, until both suit each other.
 
@@ -248,10 +248,10 @@ class Search:
         """Robust loss of the data at a point, as another noise weighs them."""
         return loss_at(self._evidence, noise, point.space, point.x)
 
-    def _measured(self, vehicle: Vehicle, timing: Timing) -> Noise:
+    def _measured(self, vehicle: Vehicle, timing: MessageTiming) -> Noise:
         return self.measure_noise(self._evidence, vehicle, timing)
 
-    def measure_noise(self, evidence: Evidence, vehicle: Vehicle, timing: Timing) -> Noise:
+    def measure_noise(self, evidence: Evidence, vehicle: Vehicle, timing: MessageTiming) -> Noise:
         """Measure the residuals of a vehicle, without what commands do at a time of their own.
 
         In a run of our own that is the wait for a frame. Elsewhere nobody knows when, and some
@@ -262,18 +262,18 @@ class Search:
         seen = evidence.residuals(vehicle, timing)
         stamped, policy = evidence.commands_stamped, self._settings.policy
         r = undriven(evidence, vehicle, seen, policy.unexplained) if (
-            stamped and not evidence.exact) else seen
-        moved = older(evidence, vehicle, timing, seen, policy.noise.age_s)
-        return measure(r, evidence.blocks(policy.blocks.seconds), evidence.overlap, moved,
+            stamped and not evidence.has_mocap) else seen
+        moved = age_sensitivity(evidence, vehicle, timing, seen, policy.noise.age_s)
+        return estimate_noise(r, evidence.blocks(policy.blocks.seconds), evidence.overlap, moved,
                        policy.noise, PWM_WAIT_STD if stamped else None)
 
-    def _start(self, space: Space, timing: Timing) -> FloatArray:
+    def _start(self, space: Space, timing: MessageTiming) -> FloatArray:
         """The base at the best of some ages of commands: in steps by chance a fit finds the
         nearest that suits it, not the best."""
-        points = [space.point(Timing(timing.late, *ages)) for ages in AGES]
+        points = [space.point(MessageTiming(timing.message_age, *ages)) for ages in START_AGES]
         vehicle, _ = space.split(points[0])
         policy = self._settings.policy
-        noise = measure(self._evidence.residuals(vehicle, timing),
+        noise = estimate_noise(self._evidence.residuals(vehicle, timing),
                         self._evidence.blocks(policy.blocks.seconds), self._evidence.overlap,
                         policy=policy.noise)
         return min(points, key=lambda x: loss_at(self._evidence, noise, space, x))
@@ -312,8 +312,8 @@ class Search:
         """
         s = self._settings
         fixed = () if s.refit else list_fixed_effects(self.base, s.known)
-        return Space(with_nulls(self.base, vehicle.effects), s.free, s.known, self._evidence.late,
-                     s.policy.prior, self._loose, fixed)
+        return Space(with_nulls(self.base, vehicle.effects), s.free, s.known,
+                     self._evidence.message_age, s.policy.prior, self._loose, fixed)
 
     def _pruned(self, point: Point, noise: Noise, before: list[Named], new: Named
                 ) -> tuple[Point, Noise, list[Named]]:

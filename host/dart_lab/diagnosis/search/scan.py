@@ -90,7 +90,7 @@ class Scan:
         self._evidence, self.point, self._policy = evidence, point, policy
         self._vehicle, self._timing = point.vehicle, point.timing
         self._plain = evidence.residuals(self._vehicle, self._timing)
-        self._whitened = point.noise.stacked(self._plain)[0]
+        self._whitened = point.noise.stack(self._plain)[0]
         motion = len(evidence.motion_drive) * len(point.noise.motion)
         self._parts = (slice(0, motion), slice(motion, None))
         self._still = tuple(point.sums(point.residual, part) for part in self._parts)
@@ -104,14 +104,14 @@ class Scan:
 
     def _from_plain(self, plain: Residuals) -> FloatArray:
         """Whitened residuals (N,); what equals that of the point is so to the last bit."""
-        return self.point.residual + (self.point.noise.stacked(plain)[0] - self._whitened)
+        return self.point.residual + (self.point.noise.stack(plain)[0] - self._whitened)
 
     def whitened(self, change: NDArray[np.float32]) -> FloatArray:
         """Change (N,) of the whitened residuals by one in SI units."""
         motion = self._plain.motion
         plain = Residuals(motion + change[:motion.size].reshape(motion.shape),
                           self._plain.sensors + change[motion.size:].reshape(-1, len(SENSORS)))
-        return np.asarray(self.point.noise.stacked(plain)[0] - self._whitened)
+        return np.asarray(self.point.noise.stack(plain)[0] - self._whitened)
 
     def _loss(self, residual: FloatArray) -> float:
         """Once all that is free has followed; what an effect leaves as it is is known already."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from dart_hal.vehicle.effects import catalogue
 
 from ..evidence.residuals import Evidence
-from ..evidence.rows import RowLabels, rows_of
+from ..evidence.rows import RowLabels, label_rows
 from ..gates import Candidate, explain_failure, relative_size
 from ..policy import USUAL, NamingPolicy, Policy
 from .confounders import confounders
@@ -102,7 +102,7 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial], fit_with: 
     fits = dict(explain(point, trials, fit_with, policy) if explanations is None else explanations)
     rest = least_lossy(point, fits.values()).residual
     nothing = nothing_missing(point, rest, trials, rows.block, settings.seed, policy.draws,
-                              evidence.exact)
+                              evidence.has_mocap)
     limits = nothing.needed([t.effect for t in trials], settings.false_alarm)
     passed = [t for t in trials if t.gain > limits[t.effect]]
     large = [t for t in passed
@@ -134,7 +134,7 @@ def select(evidence: Evidence, point: Point, trials: Sequence[Trial], fit_with: 
 
 def rows_at(evidence: Evidence, point: Point, policy: Policy) -> RowLabels:
     """What belongs to what, of the residuals of a point."""
-    return rows_of(evidence, evidence.residuals(point.vehicle, point.timing), policy.blocks)
+    return label_rows(evidence, evidence.residuals(point.vehicle, point.timing), policy.blocks)
 
 
 def alternatives(trial: Trial, trials: Sequence[Trial], share: float) -> tuple[str, ...]:

@@ -11,18 +11,18 @@ from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..evidence.drive import prepare
-from ..evidence.noise import Noise, measure
+from ..evidence.drive import prepare_drive
+from ..evidence.noise import Noise, estimate_noise
 from ..evidence.onboard import OnboardEvidence
-from ..evidence.onboard_drive import sessions
+from ..evidence.onboard_drive import prepare_stretches
 from ..evidence.residuals import Evidence, Residuals
-from ..evidence.space import Timing
+from ..evidence.space import MessageTiming
 from ..policy import Policy
 from .virtual import COMMAND_AGE
 
 FURTHER = 10**9  # added to labels of blocks, so that they are others
 MOCAP, ONBOARD = "motion capture", "on-board sensors"
-MIDDLE = Timing(0.0, COMMAND_AGE)
+MIDDLE = MessageTiming(0.0, COMMAND_AGE)
 """How ``virtual.record`` stamps."""
 
 
@@ -33,7 +33,7 @@ class Setting:
     rest, lacking: residuals of the data at hand in SI units, of their best model
     (what no hypothesis explains, to be drawn from) and of the base; blocks: as
     ``Evidence.blocks``; noise: as a diagnosis of these data measures it; noise_scale:
-    as ``Session.noise_scale``, which a drive without noise cannot tell.
+    as ``OnboardStretch.noise_scale``, which a drive without noise cannot tell.
     """
 
     needs: str
@@ -49,10 +49,10 @@ class Setting:
     def of(self, recordings: Sequence[Recording]) -> Evidence:
         """Evidence or OnboardEvidence of recordings; it may be empty."""
         if self.needs == MOCAP:
-            return Evidence([prepare(r, self.l_r, self.reference, policy=self.policy.evidence)
+            return Evidence([prepare_drive(r, self.l_r, self.reference, policy=self.policy.evidence)
                              for r in recordings], self.l_r)
         return OnboardEvidence([replace(o, noise_scale=self.noise_scale) for r in recordings
-                                for o in sessions(r, self.policy.evidence)], self.l_r)
+                                for o in prepare_stretches(r, self.policy.evidence)], self.l_r)
 
     def drawn(self, evidence: Evidence, rng: np.random.Generator) -> Residuals:
         """Noise for every row of an evidence."""
@@ -72,7 +72,7 @@ class Setting:
                ours.sensors - theirs.sensors + drawn.sensors)
         blocks = tuple(np.concatenate([was, FURTHER + is_]) for was, is_ in zip(
             self.blocks, evidence.blocks(self.policy.blocks.seconds), strict=True))
-        return measure(Residuals(np.concatenate([old.motion, new[0]]),
+        return estimate_noise(Residuals(np.concatenate([old.motion, new[0]]),
                                  np.concatenate([old.sensors, new[1]])), (blocks[0], blocks[1]),
                        policy=self.policy.noise)
 
@@ -81,29 +81,30 @@ class Setting:
         cause = Residuals(self.lacking.motion - self.rest.motion,
                           self.lacking.sensors - self.rest.sensors)
         own, other = (float(weight @ self.noise.loss(x)) for x, weight in (
-            self.noise.stacked(cause), noise.stacked(cause)))
+            self.noise.stack(cause), noise.stack(cause)))
         return min(other / own, 1.0) if own > 0.0 else 0.0
 
 
-def setting(evidence: Evidence, base: Vehicle, full: Vehicle, timing: Timing,
+def setting(evidence: Evidence, base: Vehicle, full: Vehicle, timing: MessageTiming,
             reference: Reference, policy: Policy) -> Setting:
     """From the data at hand; full is the best model of them, base lacks the cause."""
     r, lacking = (evidence.residuals(p, timing) for p in (full, base))
     needs = ONBOARD if isinstance(evidence, OnboardEvidence) else MOCAP
-    if needs == ONBOARD and not any(drive.still.any() for drive in evidence.drives):
+    if needs == ONBOARD and not any(drive.at_rest.any() for drive in evidence.drives):
         quiet = policy.suggest.gyro_noise * np.random.default_rng(0).normal(size=len(r.sensors))
         r, lacking = (replace(x, sensors=np.column_stack(
             [x.sensors[:, :1], quiet, x.sensors[:, 2:]])) for x in (r, lacking))
     blocks = evidence.blocks(policy.blocks.seconds)
     return Setting(needs, evidence.l_r, reference, r, lacking, blocks,
-                   measure(lacking, blocks, policy=policy.noise), _noise_scale(evidence), policy)
+                   estimate_noise(lacking, blocks, policy=policy.noise),
+                   _noise_scale(evidence), policy)
 
 
 def without_mocap(evidence: Evidence, policy: Policy) -> OnboardEvidence | None:
     """The same recordings by their own sensors alone; None where that says nothing, or is all."""
     if isinstance(evidence, OnboardEvidence):
         return None
-    alone = OnboardEvidence([o for d in evidence.drives for o in sessions(
+    alone = OnboardEvidence([o for d in evidence.drives for o in prepare_stretches(
         d.recording, policy.evidence)], evidence.l_r)
     return alone if len(alone.motion_drive) else None
 

@@ -12,8 +12,8 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..evidence.drive import prepare
-from ..evidence.onboard import MOTION as READ
+from ..evidence.drive import prepare_drive
+from ..evidence.onboard import ONBOARD_MOTION as READ
 from ..evidence.readings import SENSORS
 from ..evidence.residuals import MOTION, Residuals
 from .evidence import MOCAP
@@ -71,6 +71,6 @@ def _curves(race: Race, p: Vehicle) -> Curves:
     out = {"encoder": (m.t, m.speed), "gyro": (m.t, m.yaw_rate), "accel_x": (m.t, m.accel_x),
            "accel_y": (m.t, m.accel_y)}
     if setting.needs == MOCAP:
-        g = prepare(recording, setting.l_r, setting.reference).grid
+        g = prepare_drive(recording, setting.l_r, setting.reference).grid
         out |= {name: (g.t, np.asarray(getattr(g, name))) for name in MOTION}
     return out

@@ -11,9 +11,9 @@ import numpy as np
 from dart_hal.vehicle.effects import catalogue, remove_effects
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..evidence.noise import Noise, measure
+from ..evidence.noise import Noise, estimate_noise
 from ..evidence.residuals import Evidence
-from ..evidence.space import Space, Timing
+from ..evidence.space import MessageTiming, Space
 from ..policy import USUAL, Policy
 from ..result import Cause, Diagnosis
 from ..search.fit import at
@@ -93,18 +93,18 @@ def ask(diagnosis: Diagnosis, cause: Cause, policy: Policy = USUAL) -> Question:
                     {s.needs: Sizes(work, values) for s, work in judged}, policy)
 
 
-def _timing(diagnosis: Diagnosis, p: Vehicle, policy: Policy) -> Timing:
+def _timing(diagnosis: Diagnosis, p: Vehicle, policy: Policy) -> MessageTiming:
     """That of the data at hand, which a diagnosis does not tell."""
-    evidence, timing = diagnosis.evidence, Timing()
+    evidence, timing = diagnosis.evidence, MessageTiming()
     bare = Space(replace(p, effects=()), (), policy=policy.prior)
     for _ in range(SETTLE):
         noise = _noise(evidence, p, timing, policy)
         point = at(evidence, noise, bare, bare.point(timing))
-        own = noise.stacked(evidence.residuals(p, timing))[0]
+        own = noise.stack(evidence.residuals(p, timing))[0]
         timing = bare.split(np.clip(point.x + point.follow(own), bare.low, bare.high))[1]
     return timing
 
 
-def _noise(evidence: Evidence, p: Vehicle, timing: Timing, policy: Policy) -> Noise:
-    return measure(evidence.residuals(p, timing), evidence.blocks(policy.blocks.seconds),
+def _noise(evidence: Evidence, p: Vehicle, timing: MessageTiming, policy: Policy) -> Noise:
+    return estimate_noise(evidence.residuals(p, timing), evidence.blocks(policy.blocks.seconds),
                    policy=policy.noise)

@@ -21,7 +21,7 @@ from dart_hal.core.config import ModelFile
 from dart_hal.core.types import FloatArray
 from dart_lab.identification.experiment.floor import Floor
 
-from ..evidence.space import Space, Timing
+from ..evidence.space import MessageTiming, Space
 from ..parameters.groups import quantities_of
 from ..policy import USUAL, Policy
 from ..result import Claim, Diagnosis
@@ -105,7 +105,7 @@ class Seen:
         self._car, self._policy = car, policy
         self._space = Space(car, tuple(moved), {n: m.std for n, m in moved.items()}, 0.0,
                             policy.prior)
-        self.setting: Setting = setting(evidence, car, car, Timing(),
+        self.setting: Setting = setting(evidence, car, car, MessageTiming(),
                                         evidence.drives[0].grid.reference, policy)
 
     def covariance(self, drive: Rehearsed) -> FloatArray | None:

@@ -12,7 +12,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.noise import Noise
 from ..evidence.residuals import Residuals
-from ..evidence.space import Space, Timing
+from ..evidence.space import MessageTiming, Space
 from ..policy import USUAL, PriorPolicy
 from ..search.fit import Point, at
 
@@ -24,7 +24,7 @@ class Side:
     """
 
     def __init__(self, evidence: Any, noise: Noise, base: Vehicle, truth: Vehicle,
-                 free: Sequence[str], known: Mapping[str, float], timing: Timing,
+                 free: Sequence[str], known: Mapping[str, float], timing: MessageTiming,
                  policy: PriorPolicy = USUAL.prior) -> None:
         self.evidence, self.noise, self._timing = evidence, noise, timing
         space = Space(base, free, known, policy=policy)
@@ -50,11 +50,11 @@ class Side:
 
     def worse(self, noise: Residuals, more: FloatArray) -> float:
         """Robust loss of noise [SI units] with ``more`` on it (N,), less that of the noise."""
-        x = self.noise.stacked(noise)[0]
+        x = self.noise.stack(noise)[0]
         return self._left(x + more) - self._left(x)
 
     def _left(self, x: FloatArray) -> float:
         return float(self.point.weight @ self.noise.loss(self.point.after(x)))
 
     def _residual(self, p: Vehicle) -> FloatArray:
-        return self.noise.stacked(self.evidence.residuals(p, self._timing))[0]
+        return self.noise.stack(self.evidence.residuals(p, self._timing))[0]

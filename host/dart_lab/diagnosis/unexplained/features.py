@@ -18,8 +18,8 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION, Vehicle
 from dart_lab.identification.prediction.actuators import actuated
 
-from ..evidence.drive import READ_OUTS, Drive
-from ..evidence.readings import WINDOW
+from ..evidence.drive import READ_OUTS, RecordedDrive
+from ..evidence.readings import ENCODER_SAMPLES
 from ..evidence.residuals import Evidence
 
 UNITS = MappingProxyType({
@@ -41,7 +41,7 @@ def window_features(evidence: Evidence, p: Vehicle, span: int = READ_OUTS[-1]) -
 
     p: whose delays, lags and steering map say where the wheels stood.
     """
-    def ends(drive: Drive) -> tuple[FloatArray, FloatArray]:
+    def ends(drive: RecordedDrive) -> tuple[FloatArray, FloatArray]:
         first = np.asarray(drive.starts, dtype=np.float64)
         return first, first + span
 
@@ -50,7 +50,8 @@ def window_features(evidence: Evidence, p: Vehicle, span: int = READ_OUTS[-1]) -
 
 def message_features(evidence: Evidence, p: Vehicle) -> Features:
     """Features of each message, (m,) by name of UNITS, over the WINDOW samples before it."""
-    return _gathered(evidence, p, lambda d: (d.at - WINDOW, d.at))
+    return _gathered(evidence, p, lambda d: (
+        d.message_samples - ENCODER_SAMPLES, d.message_samples))
 
 
 def exogenous(p: Vehicle, features: Features, straight: float) -> Features:
@@ -68,13 +69,13 @@ def exogenous(p: Vehicle, features: Features, straight: float) -> Features:
 
 
 def _gathered(evidence: Evidence, p: Vehicle,
-              ends: Callable[[Drive], tuple[FloatArray, FloatArray]]) -> Features:
+              ends: Callable[[RecordedDrive], tuple[FloatArray, FloatArray]]) -> Features:
     parts = [_of(drive, p, *ends(drive)) for drive in evidence.drives]
     return {name: np.concatenate([part[name] for part in parts] or [np.empty(0)])
             for name in UNITS}
 
 
-def _of(drive: Drive, p: Vehicle, first: FloatArray, last: FloatArray) -> Features:
+def _of(drive: RecordedDrive, p: Vehicle, first: FloatArray, last: FloatArray) -> Features:
     """Between samples first and last (n,) of one recording."""
     g = drive.grid
     sample = np.arange(len(g))

@@ -23,11 +23,11 @@ from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..error_summaries import Moment, Outliers
-from ..evidence.ages import older
+from ..evidence.ages import age_sensitivity
 from ..evidence.drive import READ_OUTS
 from ..evidence.noise import replace_diverged
 from ..evidence.residuals import MOTION, Evidence
-from ..evidence.space import MAX_COMMAND_AGE, Timing
+from ..evidence.space import MAX_COMMAND_AGE, MessageTiming
 from ..policy import NoisePolicy
 
 MOST_RATIO = MappingProxyType({"v_x": 1.5, "v_y": 1.9, "omega": 1.6})
@@ -45,16 +45,16 @@ APART = 1.0
 """s between two moments; neighbours of the worst one are the same event."""
 
 
-def find_outliers(evidence: Evidence, vehicle: Vehicle, timing: Timing, policy: NoisePolicy
+def find_outliers(evidence: Evidence, vehicle: Vehicle, timing: MessageTiming, policy: NoisePolicy
                   ) -> tuple[Outliers, ...]:
     """Return the channels of the motion with long tails, with their worst moments.
 
     Empty without motion capture: there the state at the start of a window has errors of its own.
     """
     residuals = evidence.residuals(vehicle, timing)
-    if not evidence.exact or len(residuals.motion) < LEAST_WINDOWS:
+    if not evidence.has_mocap or len(residuals.motion) < LEAST_WINDOWS:
         return ()
-    changes = older(evidence, vehicle, timing, residuals, policy.age_s)
+    changes = age_sensitivity(evidence, vehicle, timing, residuals, policy.age_s)
     # uniform waits of half a PWM frame to either side, or ages up to the next message
     age = np.sqrt(3.0) * PWM_WAIT_STD if evidence.commands_stamped else 0.5 * MAX_COMMAND_AGE
     found = []

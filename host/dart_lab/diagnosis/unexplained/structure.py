@@ -110,7 +110,7 @@ def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
         names, motion, sensors = evidence.read_out
     whitener = np.linalg.inv(noise.motion)
     size = np.sqrt((whitener**2).sum(axis=1))[motion]
-    certain = np.broadcast_to(noise.certain, residuals.motion.shape)[:, motion]
+    certain = np.broadcast_to(noise.age_scale, residuals.motion.shape)[:, motion]
     x = certain * replace_diverged(residuals.motion[:, motion])
     x = x / size
     while_driven = exogenous(p, window_features(evidence, p, READ_OUTS[READ_OUT]), policy.straight)

@@ -20,10 +20,10 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.noise import Noise
 from ..evidence.residuals import Evidence, Residuals
-from ..evidence.space import Timing
+from ..evidence.space import MessageTiming
 
 
-def unwaited(evidence: Evidence, p: Vehicle, timing: Timing, noise: Noise) -> Residuals:
+def unwaited(evidence: Evidence, p: Vehicle, timing: MessageTiming, noise: Noise) -> Residuals:
     """Residuals of p, the motion less what one wait of its own explains of every window.
 
     As they are where commands have no instants of their own: there the ages are fitted.
@@ -34,7 +34,7 @@ def unwaited(evidence: Evidence, p: Vehicle, timing: Timing, noise: Noise) -> Re
     late, early = (evidence.residuals(p, replace(timing, command_age=timing.command_age + d))
                    .motion for d in (-PWM_WAIT_STD, PWM_WAIT_STD))
     older = np.nan_to_num((early - late) / (2.0 * PWM_WAIT_STD))
-    y, b = noise.whiten(r)[0], (older * noise.certain) @ noise.motion.T
+    y, b = noise.whiten(r)[0], (older * noise.age_scale) @ noise.motion.T
     wait = -np.sum(b * y, axis=1) / (np.sum(b**2, axis=1) + PWM_WAIT_STD**-2)
     wait = np.clip(wait, -0.5 * PWM_FRAME, 0.5 * PWM_FRAME)
     return replace(r, motion=r.motion + older * wait[:, None])
