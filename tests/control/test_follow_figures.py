@@ -1,4 +1,4 @@
-"""The figures of docs/how_to/following.md, on hidden cars with electronics and motion capture."""
+"""The figures of docs/results/following.md, on hidden cars with electronics and motion capture."""
 
 from __future__ import annotations
 

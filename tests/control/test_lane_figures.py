@@ -1,4 +1,4 @@
-"""The figures of docs/how_to/following.md for lanes, on hidden cars that err about themselves."""
+"""The figures of docs/results/following.md for lanes, on hidden cars that err about themselves."""
 
 from __future__ import annotations
 
