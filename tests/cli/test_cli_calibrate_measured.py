@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from dart_hal.cli.common.bench import AskedWorkshop, agreed
+from dart_hal.cli.common.bench import AskedWorkshop, confirm
 from dart_hal.core.config import parse_calibration
 from dart_hal.core.errors import CalibrationFailed
 
@@ -31,7 +31,7 @@ def test_without_a_terminal_nothing_starts(monkeypatch, tmp_path):
     with (tmp_path / "empty").open("w+") as nobody:
         monkeypatch.setattr("sys.stdin", nobody)
         with pytest.raises(CalibrationFailed, match="no terminal"):
-            agreed("This drives.", yes=False)
+            confirm("This drives.", yes=False)
         with pytest.raises(CalibrationFailed, match="no terminal"):
             AskedWorkshop().mark()
         with pytest.raises(CalibrationFailed, match="no terminal"):
@@ -40,7 +40,7 @@ def test_without_a_terminal_nothing_starts(monkeypatch, tmp_path):
             AskedWorkshop().lift()
         with pytest.raises(CalibrationFailed, match="no terminal"):
             AskedWorkshop().push()
-        assert agreed("This drives.", yes=True)
+        assert confirm("This drives.", yes=True)
 
 
 @pytest.mark.slow

@@ -55,7 +55,8 @@ def measure(bench: Bench, frequency: float | None = None, std: float | None = No
 
     Errors: CalibrationFailed without the wire (with what to do instead), LinkLost, NotArmed.
     """
-    car, files = bench.car, bench.files
+    car = bench.car
+    files = bench.files
     if frequency is not None and std is not None:
         return typed_clock(files, frequency, std, bench.source)
     log = SensorLog(car)

@@ -97,7 +97,10 @@ def measure(bench: Bench) -> Measured:
     The car is left stopped and on the floor, also on Ctrl-C. Errors: CalibrationFailed (with the
     likely cause), LinkLost, NotArmed.
     """
-    car, files, workshop, progress = bench.car, bench.files, bench.workshop, bench.progress
+    car = bench.car
+    files = bench.files
+    workshop = bench.workshop
+    progress = bench.progress
     log = SensorLog(car)
     start = next(iter(car.states())).t
     workshop.lift()

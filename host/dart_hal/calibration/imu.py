@@ -56,7 +56,10 @@ def measure(bench: Bench, turns: int = TURNS) -> Measured:
 
     Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
-    car, files, workshop, progress = bench.car, bench.files, bench.workshop, bench.progress
+    car = bench.car
+    files = bench.files
+    workshop = bench.workshop
+    progress = bench.progress
     log = SensorLog(car)
     progress(0.0, "standing still")
     still = _still(car, log)

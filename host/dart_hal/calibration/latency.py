@@ -74,7 +74,9 @@ def measure(bench: Bench) -> Measured:
 
     Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
-    car, files, progress = bench.car, bench.files, bench.progress
+    car = bench.car
+    files = bench.files
+    progress = bench.progress
     log = TrafficLog(car)
     edges, metres = files.config.encoder.edges_per_rev, files.metres_per_edge.value
     with naming(car, bench.workshop), driving(car):

@@ -50,7 +50,9 @@ def measure(bench: Bench) -> Measured:
 
     Errors: CalibrationFailed (with the likely cause), NoScan, LinkLost, NotArmed.
     """
-    car, files, chart = bench.car, bench.files, bench.chart
+    car = bench.car
+    files = bench.files
+    chart = bench.chart
     if chart is None:
         raise UsageError("the lidar is measured in a map", found="none", expected="a chart")
     if not car.has_lidar:

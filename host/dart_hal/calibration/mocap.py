@@ -53,7 +53,8 @@ def measure(bench: Bench) -> Measured:
 
     Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
-    car, files = bench.car, bench.files
+    car = bench.car
+    files = bench.files
     seen: dict[float, ExternalPose] = {}
     states: list[State] = []
 

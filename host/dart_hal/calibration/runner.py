@@ -64,13 +64,13 @@ class Runner:
         throttle_us: this pulse, whatever the speed becomes. Errors: CalibrationFailed at the
         first doubt about the speed, LinkLost and what else the Car raises.
         """
-        seen: list[State] = []
+        states: list[State] = []
         start: float | None = None
         for state in self._frames:
             dt = 0.0 if self._last is None else min(state.t - self._last, 0.1)
             self._last = state.t
             start = state.t if start is None else start
-            seen.append(state)
+            states.append(state)
             if state.health.speed_doubted:
                 raise doubted(state)
             throttle = self._law.throttle(speed, state.speed, dt)
@@ -78,7 +78,7 @@ class Runner:
             self._car.pulses(steering_us=steering_us, throttle_us=pulse)
             if state.t - start >= seconds:
                 break
-        return seen
+        return states
 
     def start_moving(self, steering_us: float, speed: float, bias: float,
                      left: bool) -> list[State]:
@@ -87,13 +87,13 @@ class Runner:
         Errors: CalibrationFailed with the likely cause when car, encoder or
         gyro do not answer as they should.
         """
-        seen: list[State] = []
+        states: list[State] = []
         while True:
-            seen += self.hold(0.5, steering_us, speed)
-            if check_pull(seen, speed, bias) and seen[-1].t - seen[0].t > 2.0:
+            states += self.hold(0.5, steering_us, speed)
+            if check_pull(states, speed, bias) and states[-1].t - states[0].t > 2.0:
                 break
-        check_turning(seen[-40:], bias, left)
-        return seen
+        check_turning(states[-40:], bias, left)
+        return states
 
 
 @contextmanager
@@ -106,17 +106,17 @@ def driving(car: Car) -> Iterator[Runner]:
         car.stop()
 
 
-def check_pull(seen: list[State], speed: float, bias: float = 0.0) -> bool:
-    """Whether the car has reached ``speed`` [m/s] since ``seen[0]``, the first frame of throttle.
+def check_pull(states: list[State], speed: float, bias: float = 0.0) -> bool:
+    """Whether the car has reached ``speed`` [m/s] since ``states[0]``, the first frame of throttle.
 
     bias [rad/s] of the yaw rate. Errors: CalibrationFailed when it takes too long.
     """
-    now = float(np.mean([s.speed for s in seen[-40:]]))
+    now = float(np.mean([s.speed for s in states[-40:]]))
     if now > 0.8 * speed:
         return True
-    waited = seen[-1].t - seen[0].t
-    if waited > NO_MOTION and seen[-1].ticks == seen[0].ticks:
-        raise _no_ticks(seen, bias)
+    waited = states[-1].t - states[0].t
+    if waited > NO_MOTION and states[-1].ticks == states[0].ticks:
+        raise _no_ticks(states, bias)
     if waited > 3.0 * NO_MOTION:
         raise CalibrationFailed(
             f"the car does not reach {speed} m/s", found=f"{now:.2f} m/s",
@@ -142,8 +142,8 @@ def doubted(state: State) -> NotSeen:
         remedy="turn a wheel by hand and watch dart-hal doctor")
 
 
-def _no_ticks(seen: list[State], bias: float) -> CalibrationFailed:
-    rates = yaw_rates(seen[-100:])
+def _no_ticks(states: list[State], bias: float) -> CalibrationFailed:
+    rates = yaw_rates(states[-100:])
     turning = bool(rates) and abs(float(np.mean(rates)) - bias) > TURNS
     if turning:
         return CalibrationFailed(
@@ -152,7 +152,7 @@ def _no_ticks(seen: list[State], bias: float) -> CalibrationFailed:
             expected="edges of the ring", likely="encoder unplugged, sensor too far from the ring",
             remedy="turn a wheel by hand and watch dart-hal doctor")
     return NotSeen(
-        "the car does not move", found=f"0 edges in {seen[-1].t - seen[0].t:.0f} s of throttle",
+        "the car does not move", found=f"0 edges in {states[-1].t - states[0].t:.0f} s of throttle",
         expected="motion at a throttle of about 0.25",
         likely="the ESC is off or has not armed (it needs 2 s of neutral after power-on), the "
                "battery is empty, or the encoder is dead and the wheels are off the ground",

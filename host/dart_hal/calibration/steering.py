@@ -89,7 +89,8 @@ def calibrate_steering(car: Car, *, progress: Progress = silent, ask: Ask = agre
 def measure_map(bench: Bench, levels: int = LEVELS, speeds: tuple[float, float] = SPEEDS
                 ) -> SteeringResult:
     """Measure the steering map. Errors: as ``calibrate_steering``."""
-    car, files = bench.car, bench.files
+    car = bench.car
+    files = bench.files
     waived = _waived(car)
     with driving(car):
         windows, bias = drive(car, plan(files, levels=levels, speeds=speeds), bench.progress)

@@ -120,7 +120,10 @@ def measure(bench: Bench, room: float = ROOM) -> Measured:
 
     Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
-    car, files, workshop, progress = bench.car, bench.files, bench.workshop, bench.progress
+    car = bench.car
+    files = bench.files
+    workshop = bench.workshop
+    progress = bench.progress
     log = SensorLog(car)
     start = next(iter(car.states())).t
     try:

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from dart_hal.calibration import order
-from dart_hal.cli.common.bench import agreed
+from dart_hal.cli.common.bench import confirm
 from dart_hal.cli.common.calibrate_all import everything
 from dart_hal.cli.common.options import car_options, json_option
 from dart_hal.cli.common.output import print_json, results
@@ -52,7 +52,7 @@ def accept(url: str | None, car_name: str, cars: Path | None, yes: bool, as_json
         files = car.files
     question = (f"Board {files.board} gets the calibration of {files.config.name}. Servo, ESC and "
                 "PCA9685 must be those that were measured.")
-    if not (car.url.startswith("sim:") or agreed(question, yes, "accept")):
+    if not (car.url.startswith("sim:") or confirm(question, yes, "accept")):
         raise click.Abort
     before, written = accept_board(files)
     if as_json:

@@ -1,4 +1,4 @@
-"""The person beside a real car: asked to agree, to chalk and to measure."""
+"""Questions to the person at a real car: to agree, to chalk and to measure."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from dart_hal.cli.common.output import console, notices
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports.workshop import SCALE
 
-Asked = Callable[[str], float]
+AskNumber = Callable[[str], float]
 
 
-def agreed(question: str, yes: bool, prompt: str = "start") -> bool:
+def confirm(question: str, yes: bool, prompt: str = "start") -> bool:
     """Show what is coming once, then ask for a yes.
 
     Errors: CalibrationFailed without a terminal.
@@ -29,7 +29,7 @@ def agreed(question: str, yes: bool, prompt: str = "start") -> bool:
     return click.confirm(prompt, err=True)
 
 
-def typed(question: str) -> float:
+def ask_number(question: str) -> float:
     """A number that the user types. Errors: CalibrationFailed without a terminal."""
     if not sys.stdin.isatty():
         raise CalibrationFailed("nobody measured", found="no terminal to ask at",
@@ -47,7 +47,7 @@ class AskedWorkshop:
     """
 
     def __init__(self, pause: Callable[[], None] = lambda: None,
-                 resume: Callable[[], None] = lambda: None, ask: Asked = typed) -> None:
+                 resume: Callable[[], None] = lambda: None, ask: AskNumber = ask_number) -> None:
         self._pause, self._resume, self._typed = pause, resume, ask
 
     def mark(self) -> None:
@@ -60,7 +60,7 @@ class AskedWorkshop:
         return self._ask("distance of the rear axle from the chalk mark [m], to the millimetre")
 
     def turns(self) -> float:
-        """[rad]; asked for in degrees, as a protractor has them."""
+        """[rad]; the question is for degrees, as a protractor has them."""
         return math.radians(self._ask(
             "turned since the chalk line [deg], left positive, full turns included "
             "(three turns and a quarter: 1170)"))

@@ -30,7 +30,7 @@ from dart_hal.estimation.localisation.field import Map
 @click.command("all")
 @measuring
 @click.option("--floor", nargs=2, type=Number(1.0, 100.0), default=None, metavar="LENGTH WIDTH",
-              help="m of free floor; what has no room in it is said before anything moves")
+              help="m of free floor; what has no room in it is named before anything moves")
 @click.option("--skip", multiple=True, type=click.Choice(order.list_names()),
               help="leave this one out")
 @map_option
@@ -42,8 +42,8 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
     """Every procedure, in the order in which each needs the others.
 
     What one measures is written as it ends, and the next one uses it. Broken off, or stopped
-    by something to mend, the same command goes on where it was left. The lidar, if there is one, is
-    measured in --map.
+    by something to repair, the same command goes on where it was left. The lidar, if there is one,
+    is measured in --map.
     """
     url = url or DEFAULT_URL
     found: dict[str, Result] = {}
@@ -53,7 +53,7 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
         left = steps if again else order.due(steps, measured)
         announce(steps, left)
         for step in left:
-            result = _measured(step, url, car_name, home, yes, dry_run, as_json, lidar)
+            result = _measure_step(step, url, car_name, home, yes, dry_run, as_json, lidar)
             if result is not None:
                 found[step.verb] = result
     if as_json:
@@ -68,10 +68,11 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
 def _home(url: str, car_name: str, cars: Path | None, dry_run: bool, chart: Path | None,
           lidar: str | None) -> Iterator[tuple[CarFiles, Path, bool, Map | None]]:
     """(files of the car, folder of cars in which each step finds what the one before wrote,
-    whether something outside tells its pose, the map of its room if it has a lidar)."""
+    whether it has poses from outside, the map of its room if it has a lidar)."""
     backend = open_backend(url)
     with Car.over(backend, car=car_name, cars=cars, lidar=lidar) as car:
-        files, poses = car.files, backend.poses is not None
+        files = car.files
+        poses = backend.poses is not None
         mapped = chart is not None or backend.url.scheme == "sim"
         room = map_of(backend, chart) if car.has_lidar and mapped else None
     if not dry_run:
@@ -91,12 +92,12 @@ def _home(url: str, car_name: str, cars: Path | None, dry_run: bool, chart: Path
 def announce(steps: Sequence[order.Step], left: Sequence[order.Step]) -> None:
     """What each step does and needs, and which are done already; nothing has moved yet."""
     for step in steps:
-        kept = "" if step in left else " [measured already; --again measures it anew]"
+        kept = "" if step in left else " [measured already; --again repeats it]"
         console.print(f"{step.verb}{kept}: {step.plan}", markup=False, highlight=False)
 
 
-def _measured(step: order.Step, url: str, car_name: str, home: Path, yes: bool, dry_run: bool,
-              as_json: bool, lidar: str | None) -> Result | None:
+def _measure_step(step: order.Step, url: str, car_name: str, home: Path, yes: bool, dry_run: bool,
+                  as_json: bool, lidar: str | None) -> Result | None:
     """What one step found, written into ``home`` if that is agreed to; None: it can be missed."""
     backend = open_backend(url)
     simulated = backend.workshop is not None
@@ -105,7 +106,7 @@ def _measured(step: order.Step, url: str, car_name: str, home: Path, yes: bool, 
         found, files = run(step.run, backend, car_name, home, yes, lidar)
     except CalibrationFailed as error:
         if not step.optional:
-            console.print("what was measured before this is written: once it is mended, the same "
+            console.print("what was measured before this is written: once it is repaired, the same "
                           "command goes on here")
             raise
         notices((f"{step.verb} not measured: {error.what}; {error.remedy}",))

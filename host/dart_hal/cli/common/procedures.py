@@ -17,7 +17,7 @@ from dart_hal.calibration.procedure import Option, Procedure
 from dart_hal.calibration.result import Result
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
-from dart_hal.cli.common.bench import AskedWorkshop, agreed
+from dart_hal.cli.common.bench import AskedWorkshop, confirm
 from dart_hal.cli.common.options import (
     F,
     Number,
@@ -100,7 +100,7 @@ def _click_option(option: Option) -> Callable[[F], F]:
 
 def run(procedure: Callable[..., Result], backend: Backend, car_name: str, cars: Path | None,
         yes: bool, lidar: str | None = None, writes: bool = True) -> tuple[Result, CarFiles]:
-    """(what a procedure found, the car's files) with a bar; the person beside the car is asked.
+    """Return the result of a procedure and the car's files; show its progress and questions.
 
     writes: the result will be written; a folder that cannot be is refused before the car moves.
     """
@@ -118,7 +118,7 @@ def run(procedure: Callable[..., Result], backend: Backend, car_name: str, cars:
 
             def ask(question: str) -> bool:
                 bar.stop()
-                if not _agreed(question, yes, simulated, "start"):
+                if not _confirm(question, yes, simulated, "start"):
                     return False
                 bar.start()
                 return True
@@ -128,16 +128,16 @@ def run(procedure: Callable[..., Result], backend: Backend, car_name: str, cars:
 
 def may_write(files: CarFiles, yes: bool, simulated: bool) -> bool:
     """Whether what was shown is to go to calibration.toml."""
-    return _agreed(f"This would go to {files.folder / 'calibration.toml'}; the "
+    return _confirm(f"This would go to {files.folder / 'calibration.toml'}; the "
                    "file before is kept in history/.", yes, simulated, "write")
 
 
-def _agreed(question: str, yes: bool, simulated: bool, prompt: str) -> bool:
-    """Nobody can be hurt by a simulated car: it says what is coming and goes on."""
+def _confirm(question: str, yes: bool, simulated: bool, prompt: str) -> bool:
+    """Print a question; a real car waits for the answer, a simulated one does not."""
     if simulated:
         console.print(question, markup=False, highlight=False)
         return True
-    return agreed(question, yes, prompt)
+    return confirm(question, yes, prompt)
 
 
 def show(result: Result) -> None:
