@@ -75,11 +75,11 @@ def _plain_grades(original: Function) -> Function:
 
 
 def _not_sharpened(original: Function) -> Function:
-    from dart_lab.diagnosis.search.selection import explain
+    from dart_lab.diagnosis.search.selection import fit_best_trials
 
     def keep(self: Any, point: Any, noise: Any, trials: Any) -> Any:
         naming = self._settings.policy.naming
-        return point, noise, trials, explain(point, trials, partial(
+        return point, noise, trials, fit_best_trials(point, trials, partial(
             self.add_effect, self._evidence, noise), naming)
 
     return keep
@@ -95,23 +95,25 @@ RULES: dict[str, Rule] = {
         "grade.accept:_Fits.take_back", lambda _: lambda self, those, away: (those, dict(away)),
         lambda out, self, those, away: out[0].names != those.names),
     "variants of stronger names": Rule("grade.accept:grades", _plain_grades, lambda *_: True),
-    "hidden pairs": Rule("search.selection:one_of_a_pair", _constant(None),
+    "hidden pairs": Rule("search.selection:find_masked_effect", _constant(None),
                          lambda found, *_: found is not None),
-    "noise without the cause": Rule("search.forward:Search._sharpened", _not_sharpened,
-                                    lambda out, self, point, noise, trials: out[1] is not noise),
+    "noise without the cause": Rule(
+        "search.forward:ForwardSearch._separate_noise_from_causes", _not_sharpened,
+        lambda out, self, point, noise, trials: out[1] is not noise),
     "order by gain at the end": Rule(
-        "search.forward:Search._weighed", lambda _: lambda self, point, noise, named: named,
+        "search.forward:ForwardSearch._update_gains",
+        lambda _: lambda self, point, noise, named: named,
         lambda out, self, point, noise, named: [n.effect for n in out] != [n.effect for n in named]
     ),
-    "companions at the end": Rule("search.forward:Search._alike",
+    "companions at the end": Rule("search.forward:ForwardSearch._add_confounders",
                                   lambda _: lambda self, point, noise, before, one: one,
                                   lambda out, self, point, noise, before, one: out != one),
-    "confounders": Rule("search.selection:confounders", _constant(()),
+    "confounders": Rule("search.selection:find_confounders", _constant(()),
                         lambda found, *_: bool(found)),
     "noise of the names that stay": Rule(
         "conclude:select_noise", lambda _: lambda names, noise, base: noise,
         lambda out, names, noise, base: out is not noise),
-    "several explanations": Rule("search.forward:explain", _one_explanation,
+    "several explanations": Rule("search.forward:fit_best_trials", _one_explanation,
                                  lambda fits, *_: len(fits) > 1),
     "cost of a claim": Rule("parameters.claims:_costly", _constant(True), lambda ok, *_: not ok),
     "claims beyond stated errors": Rule("parameters.claims:_beyond_what_is_stated",

@@ -14,7 +14,7 @@ from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.gains import side_of
 from dart_lab.diagnosis.run import evidence_of
 from dart_lab.diagnosis.search.fit import refit
-from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.identification.shooting.fit import FREE, free_names
 from studies.diagnosis.known_frame import read
@@ -43,8 +43,9 @@ def fitted_side(hide=lambda car: None, seconds=60.0):
     file = Path(mkdtemp()) / "car_1_4.csv"
     recording = read(record(file, strange, Habits(style="steps"), seconds, 4))
     evidence, _ = evidence_of([recording], PAPER.body.l_r)
-    search = Search(evidence, PAPER, Settings())
-    fit, _ = search._settle(search.make_space(PAPER), MessageTiming(evidence.message_age))
+    search = ForwardSearch(evidence, PAPER, Settings())
+    fit, _ = search._fit_and_measure_noise(search.make_space(PAPER),
+                                           MessageTiming(evidence.message_age))
     return side_of(evidence, [recording], PAPER.body.l_r, None), fit
 
 
@@ -72,12 +73,12 @@ def fitted(seen, p=PAPER, free=(), noise=None):
 
 def search(*recordings, p=PAPER, free=(), known=None, names=(), **settings):
     """What the search finds; the base is right and fixed unless something of it is free."""
-    return Search(evidence(*recordings), p, Settings(
+    return ForwardSearch(evidence(*recordings), p, Settings(
         free=tuple(free), known=known or {}, names=tuple(names), **settings)).run()
 
 
 def names(found):
-    return [n.effect for n in found.named]
+    return [n.effect for n in found.accepted]
 
 
 def size_of(found, name):

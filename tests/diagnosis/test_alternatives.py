@@ -18,8 +18,8 @@ from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.final_fit import FinalFit
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search.fit import covariance
-from dart_lab.diagnosis.search.forward import Search
-from dart_lab.diagnosis.search.selection import Settings, rows_at
+from dart_lab.diagnosis.search.forward import ForwardSearch
+from dart_lab.diagnosis.search.selection import Settings, label_point_rows
 from tests.diagnosis.searched import drive, evidence
 
 FREE = ("tyres.front_D", "tyres.rear_cornering_stiffness")
@@ -39,10 +39,11 @@ def test_models_that_move_the_car_alike_are_listed_nearest_first():
 def fitted():
     """(search, evidence, fit) of a car with yaw damping."""
     seen = evidence(drive(("yaw_damping", 0.02), seconds=40.0))
-    search = Search(seen, PAPER, Settings(free=FREE))
+    search = ForwardSearch(seen, PAPER, Settings(free=FREE))
     vehicle = apply(PAPER, "yaw_damping", k=0.01)
-    point, _ = search._settle(search.make_space(vehicle), MessageTiming(seen.message_age))
-    sampling = covariance(point, rows_at(seen, point, search._settings.policy).block)
+    point, _ = search._fit_and_measure_noise(search.make_space(vehicle),
+                                             MessageTiming(seen.message_age))
+    sampling = covariance(point, label_point_rows(seen, point, search._settings.policy).block)
     stds = point.space.standard_errors(point.x, sampling)
     return search, seen, FinalFit(point.vehicle, point.timing, point, sampling, stds)
 
@@ -50,7 +51,8 @@ def fitted():
 def test_error_holds_the_number_of_the_other_model(fitted):
     search, seen, final = fitted
     wide = include_alternatives(final, (Exchange("yaw_damping"),), search, seen, USUAL.scan)
-    other, _ = search._settle(search.make_space(PAPER), MessageTiming(seen.message_age))
+    other, _ = search._fit_and_measure_noise(search.make_space(PAPER),
+                                             MessageTiming(seen.message_age))
     for name in FREE:
         away = abs(value(other.vehicle, name) - value(final.vehicle, name))
         expected = np.hypot(final.stds[name], away / np.sqrt(2.0))

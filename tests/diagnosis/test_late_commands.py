@@ -21,7 +21,7 @@ from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.report.summary import headline
 from dart_lab.diagnosis.run import evidence_of
-from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.identification.shooting.fit import FREE, free_names
 from dart_lab.pages.diagnose_table import show
@@ -109,8 +109,9 @@ def test_lost_commands_are_flagged_in_most_kinds_of_driving():
                                     Habits(style=style, commands=COMMANDS[k % 4]), 90.0, 6000 + k))
             evidence, _ = evidence_of([recording], PAPER.body.l_r)
             side = side_of(evidence, [recording], PAPER.body.l_r, None)
-            search = Search(evidence, PAPER, Settings(free=free_names(PAPER, tuple(FREE))))
-            fit, _ = search._settle(search.make_space(PAPER), MessageTiming(evidence.message_age))
+            search = ForwardSearch(evidence, PAPER, Settings(free=free_names(PAPER, tuple(FREE))))
+            fit, _ = search._fit_and_measure_noise(search.make_space(PAPER),
+                                                   MessageTiming(evidence.message_age))
             flagged[share] += find_late_commands((side,), fit.vehicle, (fit.timing,),
                                                  USUAL.unexplained) is not None
     assert flagged[0.35] >= 4

@@ -19,7 +19,7 @@ from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.result import Number
 from dart_lab.diagnosis.run import evidence_of
 from dart_lab.diagnosis.search.fit import refit
-from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.diagnosis.write import extended_model
 from studies.diagnosis import hidden_drive
@@ -30,7 +30,7 @@ from tests.diagnosis import onboard_files, searched
 
 def beside(seen, p=PAPER):
     noise, point = searched.fitted(seen, p)
-    at = mounted(Search(seen, p, Settings()), seen, point, noise)
+    at = mounted(ForwardSearch(seen, p, Settings()), seen, point, noise)
     return at, of_the_imu(at, seen, USUAL)
 
 

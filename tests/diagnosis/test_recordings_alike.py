@@ -26,7 +26,7 @@ from dart_lab.diagnosis.grade.alike import PROBES, Wanted, apart
 from dart_lab.diagnosis.policy import USUAL, AlikePolicy
 from dart_lab.diagnosis.result import Moved
 from dart_lab.diagnosis.run import evidence_of
-from dart_lab.diagnosis.search.fit import at
+from dart_lab.diagnosis.search.fit import evaluate_point
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 from tests.diagnosis.onboard_files import recorded
@@ -60,7 +60,7 @@ def said(train, test, p=PAPER, policy=USUAL):
     sides = side(train), side(test)
     seen, space = sides[0].evidence, Space(p, ())
     noise = estimate_noise(seen.residuals(p, MessageTiming()), seen.blocks(2.0))
-    last = at(seen, noise, space, space.point(MessageTiming()))
+    last = evaluate_point(seen, noise, space, space.point(MessageTiming()))
     return " ".join(cautions(last, sides, {}, {}, (), policy))
 
 
@@ -136,15 +136,15 @@ def test_a_parameter_or_a_time_on_its_bound_is_said(drive):
     x[1] = MAX_COMMAND_AGE / MESSAGE_AGE_REACH  # of commands, the oldest there is
     moved = {"tyres.front_B": Moved(11.9, 13.8, 0.5, "1/rad", EDGE),
              "motor.d": Moved(28.0, 27.0, 0.1, "N")}
-    edges = [n for n in cautions(at(seen, noise, space, x), sides, moved, {}, (), USUAL)
+    edges = [n for n in cautions(evaluate_point(seen, noise, space, x), sides, moved, {}, (), USUAL)
              if EDGE in n]
     assert len(edges) == 2
     assert edges[0].startswith("tyres.front_B ended")
     assert "100 ms before its commands" in edges[1]
     x[1] *= 0.9  # control: where there is still room, nothing is said
     free = {name: replace(m, doubt="") for name, m in moved.items()}
-    assert not any(EDGE in n for n in cautions(at(seen, noise, space, x), sides, free, {}, (),
-                                               USUAL))
+    assert not any(EDGE in n for n in cautions(evaluate_point(seen, noise, space, x), sides, free,
+                                               {}, (), USUAL))
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from dart_lab.diagnosis.evidence.onboard_drive import prepare_stretches
 from dart_lab.diagnosis.report.along import Rows, _error, along, columns, most
 from dart_lab.diagnosis.report.compared import stages_around
 from dart_lab.diagnosis.result import Stage
-from dart_lab.diagnosis.unexplained.features import UNITS
+from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS
 from tests.diagnosis import made_by_hand as made
 
 
@@ -47,7 +47,7 @@ def test_the_causes_in_the_other_order_are_not_confused():
 def test_a_stage_that_changes_nothing_has_nothing_to_show():
     d = made.diagnosis()
     rows = Rows(d.evidence, d.extended)
-    assert most(rows, columns(d.evidence), d.stages[0], d.stages[1], tuple(UNITS)) is None
+    assert most(rows, columns(d.evidence), d.stages[0], d.stages[1], tuple(FEATURE_UNITS)) is None
 
 
 def test_a_variable_that_does_not_vary_or_is_unknown_is_not_drawn():

@@ -18,7 +18,7 @@ from dart_lab.diagnosis.report.patterns import STEPS, Pattern, next_step
 from dart_lab.diagnosis.report.summary import headline, median_warnings, summary_lines, tone
 from dart_lab.diagnosis.report.words import change, signed_title
 from dart_lab.diagnosis.result import Change, Claim, Number, Unexplained
-from dart_lab.diagnosis.unexplained.features import UNITS
+from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS
 from dart_lab.report.numbers import larger, significant
 from tests.diagnosis import made_by_hand as made
 
@@ -204,7 +204,7 @@ def test_text_and_picture_of_a_pattern_show_the_same_means():
 
 def test_every_variable_of_a_pattern_has_a_next_step():
     known = {name for names, _ in STEPS for name in names}
-    assert known >= {*UNITS, "recording"}
+    assert known >= {*FEATURE_UNITS, "recording"}
     assert "Check floor" in next_step(Unexplained("v_x", "", ("x",), 0.01, 0.5))
     assert "no variable that is known" in next_step(Unexplained("v_x", "", (), 0.01, 0.5))
 
@@ -241,4 +241,4 @@ def test_the_verdict_states_no_counts_of_a_single_recording():
 def test_every_effect_names_known_variables_in_which_it_acts():
     for effect in catalogue().values():
         assert effect.acts_along, effect.name
-        assert set(effect.acts_along) <= set(UNITS), effect.name
+        assert set(effect.acts_along) <= set(FEATURE_UNITS), effect.name

@@ -18,8 +18,8 @@ from dart_lab.diagnosis.gains import rollout_gains, side_of
 from dart_lab.diagnosis.result import VERDICTS
 from dart_lab.diagnosis.run import evidence_of
 from dart_lab.diagnosis.search.fit import covariance
-from dart_lab.diagnosis.search.forward import Search
-from dart_lab.diagnosis.search.selection import Settings, rows_at
+from dart_lab.diagnosis.search.forward import ForwardSearch
+from dart_lab.diagnosis.search.selection import Settings, label_point_rows
 from dart_lab.identification.shooting.fit import FREE, free_names
 
 pytestmark = pytest.mark.slow  # they share one diagnosis of 15 CPU s
@@ -114,11 +114,12 @@ def test_no_error_on_other_days_grows(case):
 
 def settled(recordings, passes, monkeypatch):
     """The base, fitted to recordings with noise that has been measured so often."""
-    monkeypatch.setattr("dart_lab.diagnosis.search.forward.PASSES", passes)
+    monkeypatch.setattr("dart_lab.diagnosis.search.forward.BASE_NOISE_PASSES", passes)
     _, vehicle = find_model("paper")
     free = free_names(vehicle, tuple(FREE))
     seen = evidence_of(recordings, vehicle.body.l_r)[0]
-    return Search(seen, vehicle, Settings(free=free, max_causes=0, names=("gyro_bias",))).run().base
+    settings = Settings(free=free, max_causes=0, names=("gyro_bias",))
+    return ForwardSearch(seen, vehicle, settings).run().base
 
 
 @DRIFTS
@@ -126,7 +127,7 @@ def test_measuring_the_noise_again_moves_nothing(excerpt, monkeypatch):
     """Else a cause that does not touch the motion changes what the model predicts of it."""
     train = named(excerpt, ("steer015_ramp", "2024_10_00_45"))
     few, many = (settled(train, passes, monkeypatch) for passes in (2, 4))
-    block = rows_at(evidence_of(train, few.vehicle.body.l_r)[0], many).recording
+    block = label_point_rows(evidence_of(train, few.vehicle.body.l_r)[0], many).recording
     std = np.sqrt(np.diag(covariance(many, block)))
     assert (np.abs(many.x - few.x) / std)[:-TIMING_COORDINATES].max() < 0.5
 

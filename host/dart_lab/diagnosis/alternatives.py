@@ -25,7 +25,7 @@ from .evidence.residuals import Evidence, affects_readings_only
 from .final_fit import FinalFit
 from .policy import ScanPolicy
 from .search.fit import Point
-from .search.forward import Search
+from .search.forward import ForwardSearch
 from .search.scan import scan
 
 MAX_ALTERNATIVES = 6
@@ -54,7 +54,7 @@ def list_exchanges(confounders: Mapping[str, Sequence[str]], likely: Sequence[st
                  )[:MAX_ALTERNATIVES]
 
 
-def include_alternatives(final: FinalFit, exchanges: Sequence[Exchange], search: Search,
+def include_alternatives(final: FinalFit, exchanges: Sequence[Exchange], search: ForwardSearch,
                          evidence: Evidence, policy: ScanPolicy) -> FinalFit:
     """Return the fit with standard errors that include those of other models.
 
@@ -71,7 +71,7 @@ def include_alternatives(final: FinalFit, exchanges: Sequence[Exchange], search:
     return replace(final, covariance=covariance, stds={**final.stds, **stds})
 
 
-def _move(point: Point, exchange: Exchange, search: Search, evidence: Evidence,
+def _move(point: Point, exchange: Exchange, search: ForwardSearch, evidence: Evidence,
           policy: ScanPolicy) -> FloatArray | None:
     """By how much the numbers (k,) of a fit differ in another model; None if it has the effect."""
     names = [a.name for a in point.vehicle.effects]

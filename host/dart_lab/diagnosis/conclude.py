@@ -56,14 +56,14 @@ from .result import (
     Unexplained,
     added,
 )
-from .search.fit import Fit, Point, covariance
+from .search.fit import FittedModel, Point, covariance
 from .search.forward import SearchResult, select_noise
-from .search.selection import Named, rows_at
+from .search.selection import AcceptedEffect, label_point_rows
 from .search.significance import refit_p_value
 from .spurious import find_spurious
 from .unexplained.outliers import find_outliers
-from .unexplained.structure import unexplained
-from .unexplained.waits import unwaited
+from .unexplained.structure import find_structure
+from .unexplained.waits import remove_frame_wait
 
 Remainder = Unexplained | Outliers | Excess | LateCommands
 """What no accepted cause explains."""
@@ -74,10 +74,11 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     at = _mounted(q, found.point, found.noise)
     left = _left(q, at)
     withdrawn = find_spurious(q, found, left)
-    named = tuple(n for n in found.named if n.effect not in withdrawn)
+    named = tuple(n for n in found.accepted if n.effect not in withdrawn)
     points = found.points
     if withdrawn:
-        points = q.search.steps(found.base, found.point, found.noise, [n.effect for n in named])
+        points = q.search.fit_nested(found.base, found.point, found.noise, [n.effect
+                                                                            for n in named])
         at = _mounted(q, points[-1], found.noise)
         left = _left(q, at)
     unseen = Unseen(q.test.evidence, found.point, q.settings.policy)
@@ -88,7 +89,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
     noise = select_noise(accepted.names, found.noise, found.base_noise)
     if accepted.names and not np.array_equal(noise.motion, found.noise.motion):
         # the rejected effects had shaped the noise
-        points = q.search.steps(found.base, found.point, noise, accepted.names)
+        points = q.search.fit_nested(found.base, found.point, noise, accepted.names)
         again = accept_effects(how, points, found.point, noise, accepted.names)
         accepted = replace(again, rejected={**accepted.rejected, **again.rejected})
     if accepted.rejected:
@@ -144,7 +145,7 @@ def conclude(q: Question, found: SearchResult, files: Mapping[str, Mapping[str, 
         ranking={t.effect: t.gain for t in found.ranking})
 
 
-def as_logged(q: Question, point: Fit) -> Vehicle:
+def as_logged(q: Question, point: FittedModel) -> Vehicle:
     """The vehicle of a point; where its delays were fitted, counted from the log.
 
     Whoever predicts from a log has its commands only when they stand there.
@@ -154,7 +155,7 @@ def as_logged(q: Question, point: Fit) -> Vehicle:
         name: max(0.0, value(p, name) - age) for name in ("delay.steering_s", "delay.throttle_s")})
 
 
-def as_predicted(q: Question, timings: tuple[MessageTiming, MessageTiming], point: Fit
+def as_predicted(q: Question, timings: tuple[MessageTiming, MessageTiming], point: FittedModel
                  ) -> tuple[Vehicle, Vehicle]:
     """The vehicle of a point as it predicts from the logs of the train and the test recordings.
 
@@ -180,13 +181,14 @@ def _mounted(q: Question, point: Point, noise: Noise) -> Mounted:
 def _left(q: Question, at: Mounted) -> tuple[Unexplained, ...]:
     """Structure that neither causes explain nor how the sensors are mounted."""
     evidence, point = q.train.evidence, at.point
-    r = unwaited(evidence, point.vehicle, point.timing, at.noise)
-    return unexplained(evidence, point.vehicle, r, at.noise, q.settings.seed,
+    r = remove_frame_wait(evidence, point.vehicle, point.timing, at.noise)
+    return find_structure(evidence, point.vehicle, r, at.noise, q.settings.seed,
                        q.settings.false_alarm, q.settings.policy.unexplained)
 
 
-def _stages(q: Question, given: Point, points: Sequence[Fit], named: Sequence[Named],
-            predicting: Predictor, unseen: Unseen) -> tuple[Stage, ...]:
+def _stages(q: Question, given: Point, points: Sequence[FittedModel],
+            named: Sequence[AcceptedEffect], predicting: Predictor, unseen: Unseen) -> tuple[Stage,
+                                                                                             ...]:
     """Errors of the given model, the refitted one, and with one name more each."""
     labels = ["refitted" if q.refit else q.model, *(added(n.effect) for n in named)]
     stages = [_stage(q, label, p, (as_logged(q, p), predicting(p)[1]), unseen)
@@ -195,20 +197,21 @@ def _stages(q: Question, given: Point, points: Sequence[Fit], named: Sequence[Na
     return tuple(base + stages)
 
 
-def _stage(q: Question, label: str, point: Fit, vehicles: tuple[Vehicle, Vehicle],
+def _stage(q: Question, label: str, point: FittedModel, vehicles: tuple[Vehicle, Vehicle],
            unseen: Unseen) -> Stage:
     """vehicles: as it is written, and as it predicts from the log of the test recordings."""
     r = q.test.evidence.residuals(point.vehicle, unseen.timing(point))
     return Stage(label, vehicles[0], q.test.horizons(vehicles[1], r), r)
 
 
-def _told_apart(q: Question, found: SearchResult, named: Sequence[Named]) -> list[Named]:
+def _told_apart(q: Question, found: SearchResult,
+                named: Sequence[AcceptedEffect]) -> list[AcceptedEffect]:
     """Names with what each cannot be told from, asked only of those that are shown: it is slow."""
-    alike = {one.effect: one for one in each(found.alike, named, q.settings.jobs)}
+    alike = {one.effect: one for one in each(found.add_confounders, named, q.settings.jobs)}
     return [alike[one.effect] for one in named]
 
 
-def _cause(q: Question, named: Named, last: Point, final: FinalFit, accepted: Accepted,
+def _cause(q: Question, named: AcceptedEffect, last: Point, final: FinalFit, accepted: Accepted,
            gain: Gained) -> Cause:
     """One cause, its numbers at the end. last: the fit by which its sizes in each recording are."""
     effect = catalogue()[named.effect]
@@ -231,7 +234,7 @@ def _cause(q: Question, named: Named, last: Point, final: FinalFit, accepted: Ac
                  accepted.constancy[effect.name], cost)
 
 
-def _evidence(q: Question, named: Named, numbers: Mapping[str, Number], gain: Gained,
+def _evidence(q: Question, named: AcceptedEffect, numbers: Mapping[str, Number], gain: Gained,
               cost: Cost) -> tuple[str, ...]:
     key, number = max(numbers.items(), key=lambda kn: abs(kn[1].value - kn[1].null)
                       / max(kn[1].std, 1e-12))
@@ -262,7 +265,7 @@ def _blocks(q: Question, point: Point) -> IntArray:
 
 
 def _rows(q: Question, point: Point) -> RowLabels:
-    return rows_at(q.train.evidence, point, q.settings.policy)
+    return label_point_rows(q.train.evidence, point, q.settings.policy)
 
 
 def _moved(q: Question, final: FinalFit) -> dict[str, Moved]:
@@ -291,7 +294,7 @@ def _moved(q: Question, final: FinalFit) -> dict[str, Moved]:
 def _possible(found: SearchResult, accepted: Accepted, q: Question) -> tuple[Possible, ...]:
     """Names whose grade is too low to be shown, the surest first."""
     policy = q.settings.policy.grade
-    loss = {n.effect: n.gain for n in found.named}
+    loss = {n.effect: n.gain for n in found.accepted}
     ordered = sorted(accepted.rejected.items(), key=lambda item: -item[1].probability)
     return tuple(Possible(name, catalogue()[name].title, one.probability, loss[name], one.why,
                           "likely" if one.probability >= policy.likely else "possible")
@@ -301,13 +304,13 @@ def _possible(found: SearchResult, accepted: Accepted, q: Question) -> tuple[Pos
 def _considered(found: SearchResult, withdrawn: Sequence[str], accepted: Accepted
                 ) -> tuple[Considered, ...]:
     out = [Considered(n.effect, n.p_value, n.gain, WITHDRAWN)
-           for n in found.named if n.effect in withdrawn]
+           for n in found.accepted if n.effect in withdrawn]
     out += [Considered(n.effect, n.p_value, n.gain,
                        f"not accepted, with probability "
                        f"{accepted.rejected[n.effect].probability:.2f}: "
                        f"{accepted.rejected[n.effect].why}")
-            for n in found.named if n.effect in accepted.rejected]
-    return (*out, *(Considered(r.effect, r.p_value, r.gain, r.why)
+            for n in found.accepted if n.effect in accepted.rejected]
+    return (*out, *(Considered(r.effect, r.p_value, r.gain, r.reason)
                     for r in found.rejected if r.effect not in withdrawn))
 
 

@@ -35,8 +35,8 @@ from .evidence.noise import Noise, replace_diverged
 from .evidence.residuals import Evidence, affects_readings_only
 from .evidence.space import MessageTiming
 from .gains import AT, Side, compute_case_errors
-from .search.fit import Point, refit, refit_near
-from .search.forward import Search
+from .search.fit import Point, refit, refit_reusing_jacobian
+from .search.forward import ForwardSearch
 
 TYPICAL_WINDOWS = 5
 """Windows of an average recording that are added to each recording's mean square. The error of one
@@ -87,7 +87,7 @@ class EqualFits:
     least_recordings: with fewer, fits by the noise are reported.
     """
 
-    search: Search
+    search: ForwardSearch
     evidence: Evidence
     folds: tuple[_Fold, ...]
     as_logged: Callable[[Point], Vehicle]
@@ -144,7 +144,7 @@ def error_of_size(size: float, sampling: float) -> float:
     return math.hypot(sampling, FORM_ERROR * size)
 
 
-def make_equal_fits(search: Search, train: Side, noise: Noise,
+def make_equal_fits(search: ForwardSearch, train: Side, noise: Noise,
                     as_logged: Callable[[Point], Vehicle], jobs: int, least_recordings: int
                     ) -> EqualFits:
     """Prepare fits to the training recordings with motion capture.
@@ -256,7 +256,7 @@ def _weigh_recordings_equally(noise: Noise, evidence: Evidence, vehicle: Vehicle
 
 def _refit_others(work: tuple[Evidence, Point]) -> Point:
     others, near = work
-    return refit_near(others, near.noise, near.space, near.x, near)
+    return refit_reusing_jacobian(others, near.noise, near.space, near.x, near)
 
 
 def _rows_of_others(evidence: Evidence, fit: Point, drive: int) -> Point:

@@ -12,7 +12,7 @@ from dart_lab.report.numbers import larger
 
 from .policy import Policy
 from .result import Cost
-from .search.size_search import scanned
+from .search.size_search import scanned_parameters
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,7 +118,8 @@ GATES = (
 
 def relative_size(effect: Effect, values: Mapping[str, float]) -> float:
     """Largest departure of a parameter from its null, over its small size."""
-    return max(abs(values.get(q.name, q.null) - q.null) / q.sizes[0] for q in scanned(effect))
+    return max(abs(values.get(q.name, q.null) - q.null) / q.sizes[0]
+               for q in scanned_parameters(effect))
 
 
 def find_failed(stage: str, candidate: Candidate, policy: Policy) -> Gate | None:

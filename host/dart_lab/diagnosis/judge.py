@@ -16,10 +16,10 @@ from .gains import Fitted, Side, gained
 from .parameters.cost import ratio
 from .parameters.unseen import Unseen
 from .result import Cost, Gained
-from .search.fit import Fit, Point
+from .search.fit import FittedModel, Point
 from .search.selection import Settings
 
-Predictor = Callable[[Fit], tuple[Vehicle, Vehicle]]
+Predictor = Callable[[FittedModel], tuple[Vehicle, Vehicle]]
 """The vehicles of a fit, as they predict from the logs of the train and the test recordings."""
 
 
@@ -33,7 +33,7 @@ def compute_costs(unseen: Unseen, fit: Point, without: Mapping[str, Point]) -> d
 
 
 def compute_gains(train: Side, test: Side, settings: Settings, unseen: Unseen,
-                  predicting: Predictor, names: Sequence[str], points: Sequence[Fit]
+                  predicting: Predictor, names: Sequence[str], points: Sequence[FittedModel]
                   ) -> list[Gained]:
     """Compute what each effect gains in the channel where it shows most.
 

@@ -33,9 +33,9 @@ from .gains import Side
 from .noise_floor import MIN_WINDOWS
 from .parameters.unseen import BEYOND
 from .policy import UnexplainedPolicy
-from .unexplained.command_ages import INFORMATIVE, fit_ages, interpolate_ages
+from .unexplained.command_ages import MIN_LOG_RATIO, fit_ages, interpolate_ages
 from .unexplained.driven import remove_driven
-from .unexplained.outliers import MOST_MOMENTS, list_moments
+from .unexplained.outliers import MAX_MOMENTS, list_moments
 
 AHEAD = READ_OUTS.index(25)
 """Windows start every 25 samples, so each change of a command lies in one; further ahead the
@@ -102,7 +102,7 @@ def find_late_commands(sides: Sequence[Side], vehicle: Vehicle, timings: Sequenc
                for m in list_moments(evidence, READ_OUTS[AHEAD], one.clear_windows, one.error,
                                      np.abs(one.error) / one.std)]
     return LateCommands(float(late[informative].mean()), float(np.average(delay, weights=late)),
-                        gain, tuple(moments[:MOST_MOMENTS]))
+                        gain, tuple(moments[:MAX_MOMENTS]))
 
 
 def compare_ages(by_age: FloatArray, ages: FloatArray, youngest: float, oldest: float
@@ -143,5 +143,5 @@ def _look(evidence: Evidence, vehicle: Vehicle, timing: MessageTiming, policy: U
     shift = np.maximum(timing.command_age - ages, 0.0)[:, None]
     delay = np.sum(posterior * shift * (ages < youngest)[:, None], axis=0) / np.maximum(late, 1e-12)
     std = fit_ages(rest[None]).std
-    informative = np.any(np.ptp(by_age / std, axis=0) > np.sqrt(2.0 * INFORMATIVE), axis=1)
+    informative = np.any(np.ptp(by_age / std, axis=0) > np.sqrt(2.0 * MIN_LOG_RATIO), axis=1)
     return _Found(gain, late, delay, informative, usual[:, -1], float(std[-1]))

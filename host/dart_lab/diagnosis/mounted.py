@@ -18,8 +18,8 @@ from .evidence.residuals import Evidence
 from .policy import Policy
 from .result import Number
 from .search.fit import Point, covariance
-from .search.forward import Search
-from .search.selection import rows_at
+from .search.forward import ForwardSearch
+from .search.selection import label_point_rows
 
 ACCELEROMETER = frozenset({"accel"})
 
@@ -34,13 +34,13 @@ class Mounted:
     names: tuple[str, ...]
 
 
-def mounted(search: Search, evidence: Evidence, point: Point, noise: Noise) -> Mounted:
+def mounted(search: ForwardSearch, evidence: Evidence, point: Point, noise: Noise) -> Mounted:
     """With all of ``Evidence.mounting``."""
     has = {a.name for a in point.vehicle.effects}
     names = tuple(name for name in evidence.mounting if name not in has)
     if not names:
         return Mounted(point, noise, ())
-    beside = search.beside(point, noise, names)
+    beside = search.fit_with_nuisance(point, noise, names)
     return Mounted(beside, beside.noise, names)
 
 
@@ -53,7 +53,7 @@ def of_the_imu(at: Mounted, evidence: Evidence, policy: Policy
     if not names:
         return {}
     point = at.point
-    block = rows_at(evidence, point, policy).block
+    block = label_point_rows(evidence, point, policy).block
     stds = point.space.standard_errors(point.x, covariance(point, block))
     return {n: {q.name: Number(float(value(point.vehicle, f"{n}.{q.name}")),
                                stds[f"{n}.{q.name}"], q.unit, q.null)

@@ -125,7 +125,7 @@ class _PredictorSearch:
 
     def rises(self, fit: Point) -> dict[str, float]:
         """Rise of the loss without each effect that was found, to second order."""
-        return {name: fit.wald([f"{name}.{q.name}" for q in catalogue()[name].parameters])
+        return {name: fit.wald_statistic([f"{name}.{q.name}" for q in catalogue()[name].parameters])
                 for name in self.found(fit)}
 
     def smallest(self, tried: Sequence[JudgedFit]) -> JudgedFit:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from dart_hal.vehicle.parameters import Vehicle
 
 from .gains import Side
-from .search.forward import Search
+from .search.forward import ForwardSearch
 from .search.selection import Settings
 
 
@@ -25,6 +25,6 @@ class Question:
     test: Side
     settings: Settings
     refit: bool
-    search: Search
+    search: ForwardSearch
     predictor: bool = False
     frame: tuple[str, ...] = ()

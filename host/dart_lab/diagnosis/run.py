@@ -29,7 +29,7 @@ from .policy import USUAL, EvidencePolicy, Policy
 from .predictor import check_recordings
 from .question import Question
 from .result import Diagnosis
-from .search.forward import Search, SearchResult
+from .search.forward import ForwardSearch, SearchResult
 from .search.scan import Progress
 from .search.selection import Settings
 
@@ -88,7 +88,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     def tell(share: float, what: str) -> None:
         pace.at(FITTED + (SEARCHING - FITTED) * share, what)
 
-    search = Search(sides[0].evidence, vehicle, settings, tell,
+    search = ForwardSearch(sides[0].evidence, vehicle, settings, tell,
                     lambda: pace.phase(SEARCHING, "looking for causes", EVALUATIONS[1]))
     found = search.run()
     pace.phase(1.0, "measuring the gain", EVALUATIONS[2])

@@ -14,9 +14,9 @@ from .question import Question
 from .result import Unexplained
 from .search.fit import Point
 from .search.forward import SearchResult
-from .search.selection import rows_at
-from .unexplained.structure import groups, shares
-from .unexplained.waits import unwaited
+from .search.selection import label_point_rows
+from .unexplained.structure import explained_shares, group_residuals
+from .unexplained.waits import remove_frame_wait
 
 
 def find_spurious(q: Question, found: SearchResult, left: Sequence[Unexplained]
@@ -31,9 +31,9 @@ def find_spurious(q: Question, found: SearchResult, left: Sequence[Unexplained]
         return ()
     policy = q.settings.policy.conclusion
     after, out = _structure(q, found, found.point), []
-    names = [n.effect for n in found.named]
+    names = [n.effect for n in found.accepted]
     for name in names:
-        without = q.search.fit(found.point, found.noise, [n for n in names if n != name],
+        without = q.search.fit_subset(found.point, found.noise, [n for n in names if n != name],
                                found.point)
         taken = _taken(q, without, found.point)
         total = sum(max(t, 0.0) for t in taken.values())
@@ -50,9 +50,10 @@ def find_spurious(q: Question, found: SearchResult, left: Sequence[Unexplained]
 def _structure(q: Question, found: SearchResult, point: Point) -> dict[str, float]:
     """By channel, loss that a flexible function of what the car was doing would take away."""
     evidence, rows = q.train.evidence, _rows(q, point)
-    r = unwaited(evidence, point.vehicle, point.timing, found.noise)
+    r = remove_frame_wait(evidence, point.vehicle, point.timing, found.noise)
     policy = q.settings.policy.unexplained
-    share = shares(groups(evidence, point.vehicle, r, found.noise, policy), q.settings.seed, policy)
+    share = explained_shares(group_residuals(evidence, point.vehicle, r, found.noise, policy),
+                             q.settings.seed, policy)
     total = _by_channel(q, rows, point.weight * point.noise.loss(point.residual))
     return {c: share.get(c, 0.0) * total[c] for c in total}
 
@@ -72,4 +73,4 @@ def _by_channel(q: Question, rows: RowLabels, x: FloatArray) -> dict[str, float]
 
 
 def _rows(q: Question, point: Point) -> RowLabels:
-    return rows_at(q.train.evidence, point, q.settings.policy)
+    return label_point_rows(q.train.evidence, point, q.settings.policy)

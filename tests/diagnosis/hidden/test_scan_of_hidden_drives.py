@@ -20,7 +20,7 @@ QUIET = 30.0
 PLAN = Plan(seconds=60.0)
 
 
-def scanned(tmp_path, p, seed, names=None):
+def scanned_parameters(tmp_path, p, seed, names=None):
     recording = read(write(tmp_path / "hidden.csv", p, seed, PLAN))
     evidence = Evidence([prepare_drive(recording, PAPER.body.l_r)], PAPER.body.l_r)
     noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
@@ -31,7 +31,7 @@ def scanned(tmp_path, p, seed, names=None):
 
 @pytest.mark.slow
 def test_nothing_hidden_is_quiet(tmp_path):
-    assert scanned(tmp_path, PAPER, 11)[0].gain < QUIET
+    assert scanned_parameters(tmp_path, PAPER, 11)[0].gain < QUIET
 
 
 @pytest.mark.parametrize(("name", "k"), [
@@ -40,7 +40,7 @@ def test_nothing_hidden_is_quiet(tmp_path):
 @pytest.mark.slow_except("rolling_resistance-0.25")
 @pytest.mark.slow
 def test_what_is_hidden_comes_first_at_its_size(tmp_path, name, k):
-    best = scanned(tmp_path, apply(PAPER, name, k=k), 12)[0]
+    best = scanned_parameters(tmp_path, apply(PAPER, name, k=k), 12)[0]
     assert best.effect == name
     assert best.gain > QUIET
     assert best.values["k"] == pytest.approx(k, rel=0.3)
@@ -50,6 +50,6 @@ def test_what_is_hidden_comes_first_at_its_size(tmp_path, name, k):
 def test_without_the_cause_in_the_catalogue_another_name_gains_less(tmp_path):
     """The negative control: what is left when the right answer is not on offer is a worse one."""
     p = apply(PAPER, "steering_lag", k=0.06)
-    right, *_ = scanned(tmp_path, p, 13, ["steering_lag"])
-    wrong, *_ = scanned(tmp_path, p, 13, ["steering_delay", "yaw_inertia", "grip"])
+    right, *_ = scanned_parameters(tmp_path, p, 13, ["steering_lag"])
+    wrong, *_ = scanned_parameters(tmp_path, p, 13, ["steering_delay", "yaw_inertia", "grip"])
     assert wrong.gain < right.gain - QUIET

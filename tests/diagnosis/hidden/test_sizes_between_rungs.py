@@ -13,8 +13,8 @@ from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.policy import USUAL, ScanPolicy
 from dart_lab.diagnosis.search.fit import refit
-from dart_lab.diagnosis.search.scan import Scan
-from dart_lab.diagnosis.search.size_search import scanned
+from dart_lab.diagnosis.search.scan import EffectScan
+from dart_lab.diagnosis.search.size_search import scanned_parameters
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
 
@@ -22,8 +22,8 @@ SHARE = 0.85  # of what the true size gains
 FEW = 4.0  # of loss: two standard deviations of one number
 ALIASES = ("pwm_quantisation",)
 """A command between two steps lies between two of finer steps as well: sizes have aliases."""
-CASES = [(e.name, q.name, float(sign * k)) for e in catalogue().values() for q in scanned(e)
-         for sign in ((1.0, -1.0) if q.low < q.null else (1.0,))
+CASES = [(e.name, q.name, float(sign * k)) for e in catalogue().values()
+         for q in scanned_parameters(e) for sign in ((1.0, -1.0) if q.low < q.null else (1.0,))
          for k in np.geomspace(q.sizes[0], q.sizes[2], 5) if q.low <= q.null + sign * k <= q.high]
 
 
@@ -35,9 +35,9 @@ def gains(tmp_path, name, values, policy: ScanPolicy = USUAL.scan, top=0.34):
     noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
     exact = Space(PAPER, ())
     point = refit(evidence, noise, exact, exact.point(MessageTiming()))
-    scan = Scan(evidence, point, policy)
+    scan = EffectScan(evidence, point, policy)
     truth = scan.residual(apply(point.vehicle, name, **values))
-    return scan.best(name), scan.gain(truth)
+    return scan.best_trial(name), scan.gain(truth)
 
 
 @pytest.mark.parametrize(("name", "parameter", "k"), CASES)

@@ -17,7 +17,7 @@ from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Residuals
 from dart_lab.diagnosis.evidence.space import MessageTiming
-from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
 from tests.diagnosis.searched import drive, evidence
 
@@ -30,7 +30,7 @@ def seen():
 
 
 def certainty(seen):
-    return Search(seen, PAPER, Settings())._measured(PAPER, SOME_AGE).age_scale
+    return ForwardSearch(seen, PAPER, Settings())._measure_training_noise(PAPER, SOME_AGE).age_scale
 
 
 def test_commands_of_a_published_recording_may_have_any_age(seen):

@@ -12,8 +12,8 @@ from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import conclude, diagnose
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search.fit import covariance
-from dart_lab.diagnosis.search.forward import Search
-from dart_lab.diagnosis.search.selection import Settings, rows_at
+from dart_lab.diagnosis.search.forward import ForwardSearch
+from dart_lab.diagnosis.search.selection import Settings, label_point_rows
 from tests.diagnosis.searched import drive, evidence, search, size_of
 
 SIGMA = 2.6
@@ -22,9 +22,9 @@ SIGMA = 2.6
 
 def found_and_error(recording, name):
     seen = evidence(recording)
-    point = Search(seen, PAPER, Settings(names=(name,))).run().point
+    point = ForwardSearch(seen, PAPER, Settings(names=(name,))).run().point
     errors = point.space.standard_errors(
-        point.x, covariance(point, rows_at(seen, point, USUAL).block))
+        point.x, covariance(point, label_point_rows(seen, point, USUAL).block))
     return value(point.vehicle, f"{name}.k"), errors[f"{name}.k"]
 
 
@@ -40,13 +40,13 @@ def test_size_of_a_large_cause_is_not_shrunk(name, hidden):
 @pytest.mark.slow
 def test_noise_with_the_cause_inside_shrinks_it(monkeypatch):
     """The control: measured once, at the model as it was."""
-    measured = Search._measured
+    measured = ForwardSearch._measure_training_noise
     first = {}
 
     def once(self, vehicle, timing):
         return first.setdefault(id(self), measured(self, vehicle, timing))
 
-    monkeypatch.setattr(Search, "_measured", once)
+    monkeypatch.setattr(ForwardSearch, "_measure_training_noise", once)
     found, error = found_and_error(drive(("mocap_yaw", 0.03)), "mocap_yaw")
     assert found < 0.03 - SIGMA * error
 

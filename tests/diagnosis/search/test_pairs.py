@@ -10,7 +10,7 @@ from scipy.optimize import lsq_linear
 
 from dart_lab.diagnosis.evidence.noise import Noise
 from dart_lab.diagnosis.search.fit import Point
-from dart_lab.diagnosis.search.pairs import gains, hidden_pairs, one_of_a_pair
+from dart_lab.diagnosis.search.pairs import find_masked_effect, find_masking_pairs, pair_gains
 from dart_lab.diagnosis.search.scan import Trial
 
 ROWS = 400
@@ -34,7 +34,7 @@ TRUE = 20.0 * PLAY + 14.0 * TRIM
 def point(residual, jacobian=BASE[:, None]):
     k = jacobian.shape[1]
     noise = Noise(np.eye(1), np.ones(4), np.ones(5))
-    return Point(noise, SimpleNamespace(pull=np.zeros(k)), np.zeros(k), residual,
+    return Point(noise, SimpleNamespace(prior_weight=np.zeros(k)), np.zeros(k), residual,
                  np.ones(ROWS), jacobian)
 
 
@@ -58,7 +58,7 @@ def asked(at, directions, limit=LIMIT):
     limits = dict.fromkeys(NAMES, limit)
     passed = [t for t in of if t.gain > limit]
     best = of[0].effect
-    found = one_of_a_pair(at, passed, of, limits, {best: fitted(at, of[0])}, fitted, FURTHEST)
+    found = find_masked_effect(at, passed, of, limits, {best: fitted(at, of[0])}, fitted, FURTHEST)
     return best, found and found.effect
 
 
@@ -84,8 +84,8 @@ def test_a_promise_that_a_fit_does_not_keep_is_none():
     of = trials(at, [-PLAY, -TRIM, -GAIN, -OTHER])
     limits = dict.fromkeys(NAMES, LIMIT)
     alone = fitted(at, of[0])
-    assert hidden_pairs(at, of, limits, FURTHEST)
-    assert one_of_a_pair(at, of, of, limits, {of[0].effect: alone},
+    assert find_masking_pairs(at, of, limits, FURTHEST)
+    assert find_masked_effect(at, of, of, limits, {of[0].effect: alone},
                          lambda near, trial: alone, FURTHEST) is None
 
 
@@ -94,7 +94,7 @@ def test_a_promise_that_a_fit_does_not_keep_is_none():
 def test_gains_of_two_are_those_of_bounded_least_squares(seed):
     rng = np.random.default_rng(seed)
     d, r = rng.normal(size=(8, 4)), 2.0 * rng.normal(size=8)
-    alone, both = gains(d.T @ r, d.T @ d, 1.0)
+    alone, both = pair_gains(d.T @ r, d.T @ d, 1.0)
 
     def exact(*some):
         return r @ r - 2.0 * lsq_linear(d[:, list(some)], -r, (0.0, 1.0)).cost

@@ -11,7 +11,7 @@ from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.parameters.sets import Sets, _subsets
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search import scan as scanning
-from dart_lab.diagnosis.search.fit import at, seen_by
+from dart_lab.diagnosis.search.fit import change_noise, evaluate_point
 from dart_lab.diagnosis.search.scan import scan
 from tests.diagnosis.searched import ALL_FREE, drive, evidence, fitted
 
@@ -32,9 +32,9 @@ def point(seen):
 @pytest.fixture
 def rollouts(monkeypatch):
     """Names of what is rolled out."""
-    out, best = [], scanning.Scan.best
-    monkeypatch.setattr(scanning.Scan, "best", lambda self, name, *known: (out.append(name),
-                                                                   best(self, name, *known))[1])
+    out, best = [], scanning.EffectScan.best_trial
+    monkeypatch.setattr(scanning.EffectScan, "best_trial", lambda self, name, *known: (
+        out.append(name), best(self, name, *known))[1])
     return out
 
 
@@ -47,8 +47,8 @@ def test_what_promised_nothing_is_not_rolled_out_again(seen, point, rollouts):
     first = scan(seen, point, NAMES)
     assert sorted(rollouts) == sorted(NAMES)
     rollouts.clear()
-    lines = {t.effect: t.lines for t in first}
-    again = scan(seen, point, NAMES, before=lines)
+    lines = {t.effect: t.sweeps for t in first}
+    again = scan(seen, point, NAMES, previous=lines)
     gains = {t.effect: t.gain for t in first}
     assert again[0].effect == "steering_lag"
     assert finer(again[0].gain, gains["steering_lag"])
@@ -64,9 +64,9 @@ def test_a_cause_that_another_hid_is_rolled_out_again(rollouts):
     both = evidence(drive(("steering_lag", 0.06), ("gyro_scale", 0.05), seconds=24.0))
     before = fitted(both)[1]
     first = scan(both, before, NAMES)
-    nothing = {t.effect: t.lines for t in first}
+    nothing = {t.effect: t.sweeps for t in first}
     rollouts.clear()
-    found = scan(both, before, NAMES, before=nothing)
+    found = scan(both, before, NAMES, previous=nothing)
     assert {"steering_lag", "gyro_scale"} <= set(rollouts)
     assert {t.effect for t in found[:2]} == {"steering_lag", "gyro_scale"}
 
@@ -77,9 +77,9 @@ def test_a_best_size_that_was_tried_before_needs_no_ladder(seen, point, monkeypa
     monkeypatch.setattr(type(seen), "residuals", lambda self, p, *at: (tried.append(p),
                                                                       residuals(self, p, *at))[1])
     first, = scan(seen, point, ["steering_lag"])
-    ladder, lines = len(tried), {"steering_lag": first.lines}
+    ladder, lines = len(tried), {"steering_lag": first.sweeps}
     tried.clear()
-    again, = scan(seen, point, ["steering_lag"], before=lines)
+    again, = scan(seen, point, ["steering_lag"], previous=lines)
     assert 0 < len(tried) < ladder
     assert finer(again.gain, first.gain)
     assert again.values["k"] == pytest.approx(first.values["k"], rel=0.2)
@@ -87,10 +87,10 @@ def test_a_best_size_that_was_tried_before_needs_no_ladder(seen, point, monkeypa
     all_of_it = np.nan_to_num(-0.9 * np.concatenate(
         [plain.motion.ravel(), plain.sensors.ravel()])).astype(np.float32)
     lying = tuple(replace(line, changes={**line.changes, sorted(line.changes)[1]: all_of_it})
-                  for line in first.lines)
+                  for line in first.sweeps)
     tried.clear()
-    found, = scan(seen, point, ["steering_lag"], before={"steering_lag": lying})
-    rungs, _ = scanning.ladder(first.lines[0].parameter)
+    found, = scan(seen, point, ["steering_lag"], previous={"steering_lag": lying})
+    rungs, _ = scanning.ladder(first.sweeps[0].parameter)
     assert rungs[0] in [a.values[0] for p in tried for a in p.effects]
     assert found.gain == pytest.approx(first.gain, rel=1e-9)
 
@@ -98,10 +98,10 @@ def test_a_best_size_that_was_tried_before_needs_no_ladder(seen, point, monkeypa
 def test_a_residual_at_its_limit_hides_nothing_from_the_next_round(seen, point):
     """A large cause brings residuals to their limit; what the others do is known all the same."""
     quiet = replace(point.noise, motion=1e3 * point.noise.motion)
-    limited = at(seen, quiet, point.space, point.x)
+    limited = evaluate_point(seen, quiet, point.space, point.x)
     assert (np.abs(limited.residual) == quiet.policy.wild).mean() > 0.2
-    lines = {t.effect: t.lines for t in scan(seen, limited, NAMES)}
-    again, fresh = (scan(seen, point, NAMES, before=known)[0] for known in (lines, {}))
+    lines = {t.effect: t.sweeps for t in scan(seen, limited, NAMES)}
+    again, fresh = (scan(seen, point, NAMES, previous=known)[0] for known in (lines, {}))
     assert again.effect == fresh.effect == "steering_lag"
     assert again.gain == pytest.approx(fresh.gain, rel=0.01)
 
@@ -109,10 +109,10 @@ def test_a_residual_at_its_limit_hides_nothing_from_the_next_round(seen, point):
 def test_slopes_seen_by_another_noise_are_those_it_whitens_itself(seen, point):
     other, _ = fitted(seen, noise=None)
     louder = fitted(seen, p=PAPER, free=("motor.d",))[0]
-    here = at(seen, point.noise, point.space, point.x)
+    here = evaluate_point(seen, point.noise, point.space, point.x)
     for noise in (other, louder):
-        carried = seen_by(seen, noise, here).jacobian
-        own = at(seen, noise, point.space, point.x).jacobian
+        carried = change_noise(seen, noise, here).jacobian
+        own = evaluate_point(seen, noise, point.space, point.x).jacobian
         size = np.abs(own).max(axis=0)
         assert np.abs(carried - own).max(axis=0) == pytest.approx(0.0, abs=0.01 * size.max())
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dart_lab.diagnosis.evidence.space import MessageTiming
-from dart_lab.diagnosis.search.fit import at, refit
+from dart_lab.diagnosis.search.fit import evaluate_point, refit
 from tests.diagnosis import searched
 
 
@@ -14,7 +14,7 @@ from tests.diagnosis import searched
 def test_two_processes_find_what_one_does():
     seen = searched.evidence(searched.drive(seconds=20.0))
     noise, point = searched.fitted(seen, free=("motor.d", "tyres.front_D", "delay.steering_s"))
-    one = at(seen, noise, point.space, point.x)
+    one = evaluate_point(seen, noise, point.space, point.x)
     start = point.space.point(MessageTiming())
     fits = [refit(seen, noise, point.space, start, jobs=jobs) for jobs in (1, 2)]
     assert one.jacobian.any(axis=0).sum() >= 3

@@ -10,7 +10,7 @@ from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.grade.accept import Acceptance, accept_effects
 from dart_lab.diagnosis.policy import USUAL
-from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
 from tests.diagnosis.onboard_files import evidence, recorded
 
@@ -29,12 +29,12 @@ def run(tmp_path_factory):
 
 def named(seen, *only):
     """(effects that the data left out support, front_D over that of the model)."""
-    search = Search(seen, PAPER, Settings(free=tuple(KNOWN), known=KNOWN, names=only))
+    search = ForwardSearch(seen, PAPER, Settings(free=tuple(KNOWN), known=KNOWN, names=only))
     found = search.run()
     how = Acceptance(search, seen, USUAL, 0, lambda fit, name: "",
                      lambda fit, without: dict.fromkeys(without, (1.1, 1.05, 1.2)))
     accepted = accept_effects(how, found.points, found.point, found.noise,
-                              [n.effect for n in found.named])
+                              [n.effect for n in found.accepted])
     return list(accepted.names), found.point.vehicle.tyres.front_D / PAPER.tyres.front_D
 
 

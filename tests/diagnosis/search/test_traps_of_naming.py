@@ -79,7 +79,7 @@ def test_what_the_right_name_makes_superfluous_is_dropped(monkeypatch, needed, l
 def test_what_is_said_of_a_cause_counts_from_the_fit_without_it():
     """Named second and left alone: its gain, and what it is like, are those of the first round."""
     found = search(drive(("yaw_damping", 0.03), seconds=60.0, seed=14))
-    one, = found.named
+    one, = found.accepted
     gains = {t.effect: t.gain for t in found.ranking}
     assert one.gain > 0.8 * gains[one.effect]
 
@@ -166,14 +166,14 @@ def twins(monkeypatch):
 @pytest.mark.slow
 def test_two_names_for_one_thing_are_said_to_be_alike(twins):
     found = search(drive(("grip", -0.2)), names=("grip", "twin", "motor_gain", "gyro_bias"))
-    one, = found.named
+    one, = found.accepted
     assert {one.effect, *one.confounders} == {"grip", "twin"}
 
 
 @pytest.mark.slow
 def test_one_that_explains_much_less_is_not_alike():
     found = search(drive(("grip", -0.2)), names=("grip", "mass", "motor_gain", "gyro_bias"))
-    one, = found.named
+    one, = found.accepted
     assert (one.effect, one.confounders) == ("grip", ())
 
 
@@ -181,7 +181,7 @@ def test_one_that_explains_much_less_is_not_alike():
 def test_relatives_stay_alike_beside_another_cause(twins):
     found = search(drive(("grip", -0.2), ("gyro_bias", 0.03)),
                    names=("grip", "twin", "gyro_bias", "gyro_scale"))
-    like = {n.effect: set(found.alike(n).confounders) for n in found.named}
+    like = {n.effect: set(found.add_confounders(n).confounders) for n in found.accepted}
     assert len(like) == 2
     assert like.pop("gyro_bias") == set()
     (name, relatives), = like.items()

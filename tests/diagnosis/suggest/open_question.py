@@ -14,7 +14,7 @@ from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.result import Cause, Constancy, Diagnosis, Gained, Moved, Number, Stage
 from dart_lab.diagnosis.run import evidence_of
 from dart_lab.diagnosis.search.fit import refit
-from dart_lab.diagnosis.search.scan import Scan
+from dart_lab.diagnosis.search.scan import EffectScan
 from dart_lab.identification.experiment.floor import Floor
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
@@ -88,8 +88,8 @@ def gains(case, recordings):
         noise = estimate_noise(evidence.residuals(p, timing), evidence.blocks(2.0))
         point = refit(evidence, noise, space, x)
         x = point.x
-    scan = Scan(evidence, point)
-    return {name: scan.best(name).gain for name in (case.truth[0], case.confounder)}
+    scan = EffectScan(evidence, point)
+    return {name: scan.best_trial(name).gain for name in (case.truth[0], case.confounder)}
 
 
 FLOOR = Floor(10.0, 10.0)

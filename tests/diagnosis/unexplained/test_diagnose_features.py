@@ -12,7 +12,7 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.steering import make_steering
 from dart_lab.diagnosis.evidence.drive import RecordedDrive
 from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.unexplained.features import UNITS, message_features, window_features
+from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS, message_features, window_features
 
 SPEED, RADIUS, N = 0.8, 2.0, 2000
 
@@ -40,7 +40,7 @@ def circle(side: float = 1.0, steering: float = 0.4) -> RecordedDrive:
 def test_a_circle_is_described_as_what_it_is(features, side):
     drive = circle(side)
     found = features(Evidence([drive], PAPER.body.l_r), PAPER)
-    assert list(found) == list(UNITS)
+    assert list(found) == list(FEATURE_UNITS)
     angle = side * float(make_steering(PAPER.steering, np)(np.array(0.4)))
     expected = {"speed": SPEED, "yaw_rate": side * SPEED / RADIUS, "steering_rate": 0.0,
                 "acceleration": 0.0, "lateral_acceleration": side * SPEED**2 / RADIUS,

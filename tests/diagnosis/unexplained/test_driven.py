@@ -10,7 +10,7 @@ import pytest
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
 from dart_lab.diagnosis.policy import USUAL
-from dart_lab.diagnosis.unexplained.driven import undriven
+from dart_lab.diagnosis.unexplained.driven import remove_driven_motion
 from dart_lab.diagnosis.unexplained.features import window_features
 from tests.diagnosis.onboard_files import evidence, recorded
 
@@ -31,11 +31,11 @@ def test_an_error_that_goes_with_the_turn_is_no_noise_and_noise_is(seen):
     n = len(seen.motion_drive)
     noise = 0.01 * rng.normal(size=(n, 2 * MESSAGES_AHEAD))
     r = replace(seen.residuals(PAPER), motion=noise)
-    alone = undriven(seen, PAPER, r, USUAL.unexplained).motion
+    alone = remove_driven_motion(seen, PAPER, r, USUAL.unexplained).motion
     assert np.median(spread(alone) / spread(noise)) == pytest.approx(1.0, abs=0.1)
     wrong = 0.05 * np.tanh(3.0 * window_features(seen, PAPER, 50)["steering_angle"])
     both = noise.copy()
     both[:, GYRO] += wrong[:, None]
-    left = undriven(seen, PAPER, replace(r, motion=both), USUAL.unexplained).motion
+    left = remove_driven_motion(seen, PAPER, replace(r, motion=both), USUAL.unexplained).motion
     assert np.median(spread(both)[GYRO]) > 2.0 * np.median(spread(noise)[GYRO])
     assert np.median(spread(left)[GYRO]) < 1.4 * np.median(spread(noise)[GYRO])

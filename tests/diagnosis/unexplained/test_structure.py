@@ -10,7 +10,11 @@ import pytest
 from dart_lab.diagnosis.evidence.readings import SENSORS
 from dart_lab.diagnosis.evidence.residuals import MOTION
 from dart_lab.diagnosis.unexplained import crossfit
-from dart_lab.diagnosis.unexplained.structure import Group, shares, structure
+from dart_lab.diagnosis.unexplained.structure import (
+    ResidualGroup,
+    explained_shares,
+    find_group_structure,
+)
 
 SECONDS = 120.0
 
@@ -37,7 +41,7 @@ def group(channels, step, seed, recordings=1, memory=0.0):
                  "revolution_angle": way / 0.0413 % 1.0,
                  "direction": np.sign(features["steering_angle"])}
     y = np.stack([smooth(rng, t, memory) for _ in channels], axis=1)
-    return Group(channels, y, np.full(y.shape, 0.02), features,
+    return ResidualGroup(channels, y, np.full(y.shape, 0.02), features,
                  recording * 100_000 + (t // 2.0).astype(np.int64), recording,
                  tuple(f"day/{k}.csv" for k in range(recordings)))
 
@@ -61,7 +65,8 @@ def planted(of, channel, curve, share=0.25):
 
 @pytest.mark.slow
 def test_noise_is_no_structure():
-    fired = [seed for seed in range(20) if structure([windows(seed, memory=0.15)], seed)]
+    fired = [seed for seed in range(20)
+             if find_group_structure([windows(seed, memory=0.15)], seed)]
     assert len(fired) <= 1
 
 
@@ -69,7 +74,8 @@ def test_noise_is_no_structure():
 @pytest.mark.parametrize("memory", [0.0, 0.15])
 def test_noise_is_no_structure_in_one_of_a_hundred(memory):
     fired = [seed for seed in range(200)
-             if structure([windows(seed, memory=memory), messages(seed, memory=memory)], seed)]
+             if find_group_structure([windows(seed, memory=memory), messages(seed, memory=memory)],
+                                     seed)]
     assert len(fired) <= 6  # 2 expected; more than 6 in one of 200
 
 
@@ -90,7 +96,7 @@ def test_noise_is_no_structure_in_one_of_a_hundred(memory):
 ])
 @pytest.mark.slow_except("windows-v_x-*-along0")
 def test_what_is_planted_is_found_where_it_is(make, channel, curve, along):
-    found = structure([planted(make(5), channel, curve, 0.4)], 1)
+    found = find_group_structure([planted(make(5), channel, curve, 0.4)], 1)
     assert [u.channel for u in found] == [channel]
     assert found[0].along in along
     assert found[0].p_value <= 0.01
@@ -105,10 +111,10 @@ def test_what_is_planted_is_found_where_it_is(make, channel, curve, along):
 def test_the_same_structure_with_the_signs_of_stretches_turned_is_noise(curve):
     """The negative control: as large, as smooth, but it follows no function of the features."""
     of = planted(windows(5), "v_x", curve, 0.6)
-    assert structure([of])
+    assert find_group_structure([of])
     _, stretch = np.unique(of.block, return_inverse=True)
     signs = np.random.default_rng(3).choice([-1.0, 1.0], stretch.max() + 1)
-    assert not structure([replace(of, y=of.y * signs[stretch][:, None])])
+    assert not find_group_structure([replace(of, y=of.y * signs[stretch][:, None])])
 
 
 @pytest.mark.slow
@@ -116,7 +122,7 @@ def test_waves_have_their_length_and_size_and_in_each_recording_a_phase_of_its_o
     of = windows(6, recordings=3)
     phase = np.array([0.3, 2.1, 4.0])[of.recording]
     wave = 0.8 * np.sin(2.0 * np.pi * of.features["way"] / 0.9 + phase)
-    found, = structure([replace(of, y=of.y + np.outer(wave, [1.0, 0.0, 0.0]))])
+    found, = find_group_structure([replace(of, y=of.y + np.outer(wave, [1.0, 0.0, 0.0]))])
     assert (found.channel, found.along) == ("v_x", ("way",))
     assert found.period == pytest.approx(0.9, rel=0.01)
     assert "every 0.90 m" in found.structure
@@ -130,11 +136,13 @@ def test_stripes_on_the_floor_have_their_width_and_in_all_recordings_the_same_pl
     x = {**of.features, "x": 4.0 * np.sin(0.11 * np.arange(len(of.y)))}
     stripes = 0.8 * np.sin(2.0 * np.pi * x["x"] / 1.1)
     shifted = 0.8 * np.sin(2.0 * np.pi * x["x"] / 1.1 + 2.0 * np.pi / 3.0 * of.recording)
-    found, = structure([replace(of, features=x, y=of.y + np.outer(stripes, [1.0, 0.0, 0.0]))])
+    striped = of.y + np.outer(stripes, [1.0, 0.0, 0.0])
+    found, = find_group_structure([replace(of, features=x, y=striped)])
     assert (found.channel, found.along) == ("v_x", ("x",))
     assert found.period == pytest.approx(1.1, rel=0.03)
     assert "m along x of the room" in found.structure
-    elsewhere = structure([replace(of, features=x, y=of.y + np.outer(shifted, [1.0, 0.0, 0.0]))])
+    elsewhere = find_group_structure([replace(of, features=x, y=of.y + np.outer(shifted, [1.0, 0.0,
+                                                                                          0.0]))])
     assert ("x",) not in [u.along for u in elsewhere]
 
 
@@ -142,14 +150,15 @@ def test_stripes_on_the_floor_have_their_width_and_in_all_recordings_the_same_pl
 def test_a_car_that_hardly_moves_has_no_waves():
     of = windows(6)
     standing = {**of.features, "way": 1e-3 * of.features["time"]}
-    assert structure([replace(of, features=standing)]) == ()
+    assert find_group_structure([replace(of, features=standing)]) == ()
 
 
 @pytest.mark.slow
 def test_a_level_of_each_recording_is_called_that():
     level = np.array([1.0, -1.0, 0.3, -0.3])
     of = windows(7, recordings=4)
-    found = structure([replace(of, y=of.y + np.outer(level[of.recording], [1.0, 0.0, 0.0]))])
+    levels = of.y + np.outer(level[of.recording], [1.0, 0.0, 0.0])
+    found = find_group_structure([replace(of, y=levels)])
     assert [(u.channel, u.along) for u in found] == [("v_x", ("recording",))]
     assert "at recording day/0.csv" in found[0].structure, "by name: the order of files is ours"
 
@@ -160,15 +169,16 @@ def test_what_does_not_carry_over_to_another_recording_is_not_found_along_a_vari
     turns = np.array([1.0, -1.0, 1.0, -1.0])[of.recording]
     carried = planted(of, "v_x", lambda f: f["speed"])
     not_carried = planted(of, "v_x", lambda f: f["speed"] * turns)
-    assert ("speed",) in [u.along for u in structure([carried])]
-    assert ("speed",) not in [u.along for u in structure([not_carried])]
+    assert ("speed",) in [u.along for u in find_group_structure([carried])]
+    assert ("speed",) not in [u.along for u in find_group_structure([not_carried])]
 
 
 @pytest.mark.slow
 def test_share_falls_to_nothing_with_the_cause():
     noise = windows(9)
-    before = shares([planted(noise, "omega", lambda f: f["speed"] * f["steering_angle"], 0.5)])
-    after = shares([noise])
+    before = explained_shares([planted(noise, "omega", lambda f: f["speed"] * f["steering_angle"],
+                                       0.5)])
+    after = explained_shares([noise])
     assert 0.25 < before["omega"] < 0.6
     assert max(after.values()) < 0.06
     assert set(before) == set(MOTION)
@@ -177,12 +187,12 @@ def test_share_falls_to_nothing_with_the_cause():
 @pytest.mark.slow
 def test_same_seed_same_answer_and_too_little_says_nothing():
     of = planted(windows(5), "v_x", lambda f: f["speed"], 0.6)
-    assert structure([of], 4) == structure([of], 4)
+    assert find_group_structure([of], 4) == find_group_structure([of], 4)
     short = of.block < np.unique(of.block)[8]
     few = replace(of, y=of.y[short], block=of.block[short], recording=of.recording[short],
                   features={k: v[short] for k, v in of.features.items()})
-    assert structure([few]) == ()
-    assert set(shares([few]).values()) == {0.0}
+    assert find_group_structure([few]) == ()
+    assert set(explained_shares([few]).values()) == {0.0}
 
 
 def test_both_ways_to_turn_signs_say_the_same():

@@ -12,11 +12,11 @@ from dart_hal.recording.dart import RUN
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
 from dart_lab.diagnosis.evidence.space import NO_DELAY, MessageTiming
-from dart_lab.diagnosis.search.forward import Search
+from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.diagnosis.unexplained.features import window_features
-from dart_lab.diagnosis.unexplained.structure import unexplained
-from dart_lab.diagnosis.unexplained.waits import unwaited
+from dart_lab.diagnosis.unexplained.structure import find_structure
+from dart_lab.diagnosis.unexplained.waits import remove_frame_wait
 from tests.diagnosis.onboard_files import evidence, recorded
 
 GYRO = slice(1, None, 2)
@@ -62,8 +62,8 @@ def turned(seen):
 
 
 def structure(seen, r):
-    noise = Search(seen, PAPER, Settings())._measured(PAPER, NO_DELAY)
-    return {u.channel for u in unexplained(seen, PAPER, r(noise), noise) if u.channel == "gyro"}
+    noise = ForwardSearch(seen, PAPER, Settings())._measure_training_noise(PAPER, NO_DELAY)
+    return {u.channel for u in find_structure(seen, PAPER, r(noise), noise) if u.channel == "gyro"}
 
 
 @pytest.mark.parametrize(("error", "as_it_is", "left"), [
@@ -72,18 +72,19 @@ def structure(seen, r):
 def test_what_a_wait_does_is_no_structure_and_all_else_is(monkeypatch, run, error, as_it_is, left):
     erring(monkeypatch, run, error(run))
     assert structure(run, lambda noise: run.residuals(PAPER)) == as_it_is
-    assert structure(run, lambda noise: unwaited(run, PAPER, NO_DELAY, noise)) == left
+    assert structure(run, lambda noise: remove_frame_wait(run, PAPER, NO_DELAY, noise)) == left
 
 
 def test_no_pulse_waits_longer_than_a_frame(monkeypatch, run):
     most = waited(run) / 0.35 / 2.0  # half a frame to either side of the mean
     erring(monkeypatch, run, 8.0 * most)
-    noise = Search(run, PAPER, Settings())._measured(PAPER, NO_DELAY)
-    taken = np.abs(unwaited(run, PAPER, NO_DELAY, noise).motion - run.residuals(PAPER).motion)
+    noise = ForwardSearch(run, PAPER, Settings())._measure_training_noise(PAPER, NO_DELAY)
+    taken = np.abs(remove_frame_wait(run, PAPER, NO_DELAY,
+                                     noise).motion - run.residuals(PAPER).motion)
     assert taken.max() == pytest.approx(np.abs(most).max(), rel=0.3)
 
 
 def test_where_ages_are_fitted_nothing_is_taken_off(published):
-    noise = Search(published, PAPER, Settings())._measured(PAPER, NO_DELAY)
-    assert np.array_equal(unwaited(published, PAPER, NO_DELAY, noise).motion,
+    noise = ForwardSearch(published, PAPER, Settings())._measure_training_noise(PAPER, NO_DELAY)
+    assert np.array_equal(remove_frame_wait(published, PAPER, NO_DELAY, noise).motion,
                           published.residuals(PAPER).motion)

@@ -18,7 +18,7 @@ from ..gates import IMPROBABLE, Candidate, explain_failure
 from ..policy import Policy
 from ..result import Constancy, Cost
 from ..search.fit import Point
-from ..search.forward import Search
+from ..search.forward import ForwardSearch
 from .bag import grades, sizes
 from .constancy import constancy
 from .secants import Secants, secants
@@ -67,7 +67,7 @@ class Acceptance:
     fit with all.
     """
 
-    search: Search
+    search: ForwardSearch
     evidence: Evidence
     policy: Policy
     seed: int
@@ -97,7 +97,7 @@ def accept_effects(how: Acceptance, points: Sequence[Point], at: Point, noise: N
         return Accepted((), (points[0],), {}, {}, {}, rejected)
     steps = points
     if kept.fit is not points[-1]:
-        steps = (*how.search.steps(points[0], at, noise, kept.names[:-1]), kept.fit)
+        steps = (*how.search.fit_nested(points[0], at, noise, kept.names[:-1]), kept.fit)
     return Accepted(kept.names, tuple(steps),
                     fits.costs(kept),
                     {n: Grade(p, sizes(kept.of, n)) for n, p in kept.probability.items()},
@@ -138,7 +138,7 @@ class _Fits:
         if not ordered:
             return self.base
         if ordered not in self._done:
-            self._done[ordered] = self.how.search.fit(self.at, self.noise, ordered, near)
+            self._done[ordered] = self.how.search.fit_subset(self.at, self.noise, ordered, near)
         return self._done[ordered]
 
     def of(self, names: Collection[str], near: Point) -> _Graded:

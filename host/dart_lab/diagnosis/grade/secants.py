@@ -19,8 +19,8 @@ from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, repeat_labels
 from ..policy import BLOCK_S, MANY_RECORDINGS, TAIL, GradePolicy, Policy
 from ..search.fit import Point
-from ..search.selection import rows_at
-from ..unexplained.bases import basis
+from ..search.selection import label_point_rows
+from ..unexplained.bases import basis_functions
 from ..unexplained.features import message_features, window_features
 from .family import variants
 
@@ -60,7 +60,7 @@ def secants(evidence: Evidence, point: Point, effects: Sequence[str], policy: Po
         tangent[name] = towards_null(point, own[name])
         before = point.noise.stack(evidence.residuals(remove_effects(p, [name]), timing))[0]
         found[name] = point.residual - before
-    rows = rows_at(evidence, point, policy)
+    rows = label_point_rows(evidence, point, policy)
     # of the last one nobody asks: nothing that is named gained less
     written = {name: variants(evidence, point, name, policy.grade) for name in effects[:-1]}
     return Secants(point, found, tangent, written, own, rows,
@@ -125,7 +125,7 @@ def shapes(of: Secants, policy: GradePolicy) -> tuple[list[str], FloatArray]:
         if name == "time":
             span = float(np.ptp(of.features["time"]))
             waves = int(np.clip(2.0 * span / policy.period_s, policy.waves, policy.time_waves))
-        found = basis(of.features, (name,), TAIL, waves)
+        found = basis_functions(of.features, (name,), TAIL, waves)
         names += [name] * found.shape[1]
         columns.append(found / np.maximum(found.std(axis=0), 1e-9))
     return names, np.concatenate(columns, axis=1)

@@ -29,7 +29,7 @@ from dart_lab.identification.evaluation.compare import draws
 from ..evidence.residuals import Evidence
 from ..evidence.space import Space
 from ..policy import Policy
-from ..search.fit import Point, refit_near
+from ..search.fit import Point, refit_reusing_jacobian
 from .groups import GROUPS
 
 Set = frozenset[str]
@@ -73,7 +73,8 @@ class Sets:
             space = Space(vehicle, names, self.known, self.evidence.message_age, self.policy.prior,
                           self.full.space.loose)
             x = space.transfer(space.start(p, self.full.timing), self.full.space, self._held(free))
-            self._fits[free] = refit_near(self.evidence, self.full.noise, space, x, self.full)
+            self._fits[free] = refit_reusing_jacobian(self.evidence, self.full.noise, space, x,
+                                                      self.full)
         return self._fits[free]
 
     def _held(self, free: Set) -> FloatArray:
@@ -100,7 +101,7 @@ class Sets:
             point = self.fit(free)
             residual, move = point.residual, np.zeros(len(point.x))
         by_row = point.weight * point.noise.loss(residual)
-        by_row = by_row + point.prior(move) / len(by_row)
+        by_row = by_row + point.prior_loss(move) / len(by_row)
         return np.asarray(np.bincount(self.unit, by_row, int(self.unit.max()) + 1),
                           dtype=np.float64)
 
@@ -214,7 +215,7 @@ def weights(of: Sets, sets: Sequence[Set], seed: int) -> FloatArray:
 
 def dispersion(point: Point, unit: IntArray) -> float:
     """How much more the scores of units differ than independent residuals would make them."""
-    scores = point.scores(unit)
+    scores = point.block_gradients(unit)
     scores = scores - scores.mean(axis=0)
     n = len(scores)
     spread = np.trace(np.linalg.solve(point.normal, scores.T @ scores)) / len(point.x)

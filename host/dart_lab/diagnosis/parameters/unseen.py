@@ -23,7 +23,7 @@ from ..evidence.residuals import Evidence, Residuals
 from ..evidence.rows import label_rows
 from ..evidence.space import MESSAGE_AGE_REACH, MessageTiming, Space
 from ..policy import MANY_RECORDINGS, Policy
-from ..search.fit import QUICK, Fit, Point, loss_at, refit
+from ..search.fit import MAX_REUSE_ITERATIONS, FittedModel, Point, loss_at, refit
 
 BEYOND = 0.010
 """s, by which an age may leave its range here, where delays are held: how a fit divides a time into
@@ -49,7 +49,7 @@ class Unseen:
         residual, weight = self._noise.stack(r)
         return self._by_stretch(r, weight * self._noise.loss(residual))
 
-    def timing(self, point: Fit) -> MessageTiming:
+    def timing(self, point: FittedModel) -> MessageTiming:
         """That which suits these recordings best; of each fit found once."""
         key = point.vehicle, point.timing
         if key not in self._timings:
@@ -76,16 +76,16 @@ class Unseen:
                        policy.noise, PWM_WAIT_STD if evidence.commands_stamped else None)
         return replace(noise, age_scale=here.age_scale)
 
-    def _timing(self, point: Fit, noise: Noise) -> MessageTiming:
+    def _timing(self, point: FittedModel, noise: Noise) -> MessageTiming:
         """Of these recordings, the parameters as they were fitted."""
         evidence, p = self._evidence, point.vehicle
         space = Space(p, (), message_age=evidence.message_age, policy=self._policy.prior)
-        starts = [space.start(p, t) for t in (point.timing, *(
-            replace(point.timing, command_age=age, age_spread=spread)
-            for age, spread in START_AGES))]
+        starts = [space.start(p, t) for t in (point.timing, *(replace(point.timing, command_age=age,
+                                                                      age_spread=spread) for age,
+                                                              spread in START_AGES))]
         x = min(starts, key=lambda z: loss_at(evidence, noise, space, z))
         held, age = slice(len(space.names)), len(space.names) + 1
         space.low[held] = space.high[held] = x[held]
         space.low[age] -= BEYOND / MESSAGE_AGE_REACH
         space.high[age] += BEYOND / MESSAGE_AGE_REACH
-        return refit(evidence, noise, space, x, rounds=QUICK).timing
+        return refit(evidence, noise, space, x, max_iterations=MAX_REUSE_ITERATIONS).timing

@@ -24,7 +24,7 @@ from dart_lab.diagnosis.evidence.readings import SENSORS
 from dart_lab.diagnosis.evidence.residuals import MOTION, Evidence, Residuals
 from dart_lab.diagnosis.result import Stage
 from dart_lab.diagnosis.unexplained.features import (
-    UNITS,
+    FEATURE_UNITS,
     Features,
     message_features,
     window_features,
@@ -193,7 +193,7 @@ def most(rows: Rows, wanted: Sequence[Column], before: Stage, after: Stage,
 def along(rows: Rows, column: Column, variable: str, before: Stage, after: Stage | None = None,
           period: float = 0.0) -> Along | None:
     """One picture; None where there is too little to draw."""
-    if variable not in UNITS:
+    if variable not in FEATURE_UNITS:
         return None
     was = rows.means(column, variable, before.residuals, period)
     now = rows.means(column, variable, after.residuals, period) if after is not None else was

@@ -8,7 +8,7 @@ import numpy as np
 
 from dart_hal.vehicle.effects import catalogue, equation
 from dart_lab.diagnosis.result import Cause, Claim, Constancy, Diagnosis
-from dart_lab.diagnosis.unexplained.features import UNITS
+from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import larger, p_value, percent, significant
@@ -115,7 +115,7 @@ def _constancy_figure(name: str, found: Constancy) -> list[Html]:
     """Draw along what a size changes most; nothing where it has no curve."""
     if not found.curve:
         return []
-    along_name, unit = variable(found.along), UNITS[found.along]
+    along_name, unit = variable(found.along), FEATURE_UNITS[found.along]
     x, y, error = (np.array(v) for v in zip(*found.curve, strict=True))
     p = p_value(found.p_value)
     text = (f"no significant change of its {name} (largest with {along_name}, {p})"
@@ -172,7 +172,7 @@ def _captioned(a: Along) -> Html:
 
 def _drawn(a: Along, shown: list[tuple[Means, str]], names: Sequence[str] = ()) -> Html:
     """Mean residual along a variable, with two standard errors; names: of recordings instead."""
-    name, unit = variable(a.variable), UNITS.get(a.variable, "-")
+    name, unit = variable(a.variable), FEATURE_UNITS.get(a.variable, "-")
     return charts.lines(f"{a.column.words} along {name}",
                         name if unit == "-" else f"{name} [{unit}]", f"error [{a.column.unit}]",
                         [charts.Series(m.x, m.mean, WHISKER * m.error, style, joined=not names)

@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from dart_lab.diagnosis.result import Diagnosis, Unexplained
-from dart_lab.diagnosis.unexplained.features import UNITS
+from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS
 from dart_lab.report.numbers import p_value, percent, significant
 
 from .along import AHEAD_OF_PATTERNS, Along, Column, Means, Rows, along, columns
@@ -93,7 +93,7 @@ class Pattern:
         assert self.found is not None
         if self.names:
             return f"in {self.names[i]}"
-        unit = UNITS[self.found.variable]
+        unit = FEATURE_UNITS[self.found.variable]
         return (f"at {variable(self.found.variable)} {significant(float(means.x[i]), 2)}"
                 f"{'' if unit == '-' else f' {unit}'}")
 

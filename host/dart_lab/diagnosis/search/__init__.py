@@ -1,7 +1,12 @@
-"""Search: which effect of the catalogue explains the residuals.
+"""Forward search: which effects of the catalogue explain the residuals.
 
-``forward`` repeats rounds until nothing is accepted. In a round ``scan`` tries every effect alone
-(``size_search`` chooses the sizes), ``significance`` draws the threshold of the null distribution,
-``selection`` accepts one, ``pairs`` finds two effects that hide each other, ``confounders`` lists
-what the data cannot distinguish. ``fit`` minimises the objective.
+``forward`` repeats rounds until no effect is accepted. One round:
+
+1. ``scan`` tries every effect alone; ``size_search`` chooses the sizes.
+2. ``significance`` simulates the null distribution, which gives the threshold of the gain.
+3. ``pairs`` finds two effects that mask each other.
+4. ``selection`` accepts one effect.
+5. ``confounders`` lists the effects that the data cannot distinguish from it.
+
+``fit`` minimises the objective.
 """

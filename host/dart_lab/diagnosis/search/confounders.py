@@ -1,7 +1,8 @@
-"""Which other effects explain the data as well, within what the data can tell.
+"""Confounders: other effects that explain the data equally well.
 
-With D_b = J_b(other) - J_b(best) the difference of losses on block b, an effect whose projected
-direction has a cosine of at least ``cosine`` with the best one's is a confounder if
+With D_b = J_b(other) - J_b(best), the difference of the losses on block b, another effect is a
+confounder of the best one if the cosine between the projected directions of both is at least
+``cosine`` and
 
     sum_b D_b < max(loss, clear sqrt(sum_b (D_b - mean D)^2))
 """
@@ -20,9 +21,14 @@ from .fit import Point
 from .scan import Trial
 
 
-def directions(point: Point) -> Callable[[Trial], FloatArray]:
-    """Where a trial moves the residuals once all that is free has followed, (N,) of length 1."""
-    project, w = point.projection(), point.irls_weight
+def direction_function(point: Point) -> Callable[[Trial], FloatArray]:
+    """Return a function that computes the projected unit direction (N,) of a trial.
+
+    The direction is the change of the residuals after the free parameters have been re-fitted to
+    first order.
+    """
+    project = point.projection()
+    w = point.irls_weight
 
     def direction(trial: Trial) -> FloatArray:
         d = project(trial.residual.astype(np.float64) - point.residual)
@@ -31,34 +37,38 @@ def directions(point: Point) -> Callable[[Trial], FloatArray]:
     return direction
 
 
-def correlated(point: Point, best: Trial, trials: Sequence[Trial],
-               policy: ConfounderPolicy) -> list[Trial]:
-    """Those that explain much of what the best one does, itself among them."""
-    direction = directions(point)
-    along = direction(best)
+def select_correlated(point: Point, best: Trial, trials: Sequence[Trial],
+                      policy: ConfounderPolicy) -> list[Trial]:
+    """Select the trials that are correlated with the best trial, and the best trial itself."""
+    direction = direction_function(point)
+    best_direction = direction(best)
     return [t for t in trials if t.effect == best.effect or (
-        t.gain > policy.gain * best.gain and abs(float(direction(t) @ along)) >= policy.cosine)]
+        t.gain > policy.gain * best.gain
+        and abs(float(direction(t) @ best_direction)) >= policy.cosine)]
 
 
-def confounders(point: Point, best: Trial, trials: Sequence[Trial], rows: RowLabels,
-                fits: Mapping[str, Point], policy: ConfounderPolicy) -> tuple[str, ...]:
-    """Effects that are not distinguished from the best one, the nearest first.
+def find_confounders(point: Point, best: Trial, trials: Sequence[Trial], rows: RowLabels,
+                     fits: Mapping[str, Point], policy: ConfounderPolicy) -> tuple[str, ...]:
+    """List the effects that the data cannot distinguish from the best one, closest loss first.
 
-    fits: with some of the effects; of the others the linear answer counts.
+    fits: by effect, a fit that includes it. For other effects the linearised fit is used.
     """
-    def by_block(trial: Trial) -> FloatArray:
+    # Loss of each block, from the fit if there is one, otherwise from the linearised fit.
+    def block_losses(trial: Trial) -> FloatArray:
         fit = fits.get(trial.effect)
-        r = point.after(trial.residual.astype(np.float64)) if fit is None else fit.residual
+        r = fit.residual if fit is not None else point.residual_after_step(
+            trial.residual.astype(np.float64))
         return np.asarray(np.bincount(rows.block, point.weight * point.noise.loss(r)), dtype=float)
 
-    mine = by_block(best)
+    best_losses = block_losses(best)
     out = []
-    for trial in correlated(point, best, trials, policy):
+    for trial in select_correlated(point, best, trials, policy):
         if trial.effect == best.effect:
             continue
-        worse = by_block(trial) - mine
-        total = float(worse.sum())
-        noise = float(np.sqrt(np.sum((worse - worse.mean())**2)))
+        difference = block_losses(trial) - best_losses
+        # An effect is distinguishable if its loss is larger by more than the noise.
+        total = float(difference.sum())
+        noise = float(np.sqrt(np.sum((difference - difference.mean())**2)))
         if total < max(policy.loss, policy.clear * noise):
             out.append((total, trial.effect))
     return tuple(name for _, name in sorted(out))

@@ -1,7 +1,7 @@
-"""The best point of a space on some evidence, and what moves how around it.
+"""The objective of every fit, its minimisation, and the linear model around a minimum.
 
-The objective of every fit, over whitened residuals r (N,) with weights w (N,) and coordinates
-x (k,) in prior standard deviations with p (k,) = 1 where a prior stands, else 0:
+Objective over whitened residuals r (N,) with weights w (N,) and coordinates x (k,) in prior
+standard deviations; p (k,) is 1 for a coordinate with a prior, otherwise 0:
 
     J(x) = sum_i w_i rho(r_i(x)) + sum_k p_k x_k^2         low <= x <= high
 
@@ -9,8 +9,8 @@ Around a point, with Jacobian A (N, k) and Omega = diag(w_i / sqrt(1 + (r_i / c)
 
     H = A^T Omega A + diag(p)                              normal matrix, "normal"
     d = -H^-1 (A^T Omega r + diag(p) x)                    step, within the bounds
-    P v = v - A H^-1 A^T Omega v                           projection: what is left of v
-    C = H^-1 (sum_b g_b g_b^T + diag(p)) H^-1              covariance, g_b = score of block b
+    P v = v - A H^-1 A^T Omega v                           projection: v orthogonal to A
+    C = H^-1 (sum_b g_b g_b^T + diag(p)) H^-1              covariance, g_b = gradient of block b
 """
 
 from __future__ import annotations
@@ -31,15 +31,16 @@ from ..evidence.noise import Noise
 from ..evidence.residuals import Evidence
 from ..evidence.space import MessageTiming, Space
 
-ROUNDS, QUICK = 15, 6
+# Limits of Levenberg-Marquardt: with a new Jacobian, and with one that is not updated.
+MAX_ITERATIONS = 15
+MAX_REUSE_ITERATIONS = 6
+
+RowSelection = slice | BoolArray
+ALL_ROWS = slice(None)
 
 
-Part = slice | BoolArray
-ALL = slice(None)
-
-
-class Fit(Protocol):
-    """What predicts: a vehicle, and the timing of the recordings that it was fitted to."""
+class FittedModel(Protocol):
+    """A fitted model: the vehicle, and the timing of the recordings that it was fitted to."""
 
     @property
     def vehicle(self) -> Vehicle: ...
@@ -49,20 +50,20 @@ class Fit(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Sums:
-    """Of rows: weighted normal matrix (k, k), slope (k,)."""
+class NormalEquations:
+    """Normal equations of some rows: weighted normal matrix (k, k), half gradient (k,)."""
 
     normal: FloatArray
-    slope: FloatArray
+    gradient: FloatArray
 
-    def rise(self, move: FloatArray) -> float:
-        """Of the loss by a move (k,), from above: to second order, with the weights it has."""
-        return float(2.0 * self.slope @ move + move @ self.normal @ move)
+    def loss_change(self, move: FloatArray) -> float:
+        """Predict the change of the loss for a step (k,) to second order, with constant weights."""
+        return float(2.0 * self.gradient @ move + move @ self.normal @ move)
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """Where a space is: whitened residuals (N,), their weight (N,), and the Jacobian (N, k)."""
+    """Linear model at x (k,): whitened residuals (N,), their weights (N,), Jacobian (N, k)."""
 
     noise: Noise
     space: Space
@@ -81,191 +82,211 @@ class Point:
 
     @property
     def irls_weight(self) -> FloatArray:
-        """(N,) of the equivalent least squares."""
+        """Weights (N,) of the equivalent least-squares problem (iteratively reweighted)."""
         return np.asarray(self.weight * self.noise.robust_weight(self.residual))
 
     @property
     def normal(self) -> FloatArray:
-        """(k, k) matrix of the equivalent least squares, with the prior."""
+        """Normal matrix (k, k) of the equivalent least-squares problem, with the prior."""
         weighted = self.jacobian * self.irls_weight[:, None]
         return np.asarray(weighted.T @ self.jacobian + np.diag(self.space.prior_weight + 1e-6))
 
     def loss(self) -> float:
-        """Robust loss of the data with the prior."""
-        return float(self.weight @ self.noise.loss(self.residual)) + self.prior(
+        """Robust loss of the data, with the prior."""
+        return float(self.weight @ self.noise.loss(self.residual)) + self.prior_loss(
             np.zeros(len(self.x)))
 
-    def sums(self, residual: FloatArray, rows: Part = ALL) -> Sums:
-        """What some rows of other residuals (N,) say about a move."""
-        jac, weight, r = self.jacobian[rows], self.weight[rows], residual[rows]
+    def normal_equations(self, residual: FloatArray,
+                         rows: RowSelection = ALL_ROWS) -> NormalEquations:
+        """Compute the normal equations of some rows for other residuals (N,)."""
+        jac = self.jacobian[rows]
+        weight = self.weight[rows]
+        r = residual[rows]
         root = np.sqrt(weight * self.noise.robust_weight(r))
         weighted = jac * root[:, None]  # a matrix by itself is half the work
-        return Sums(weighted.T @ weighted, weighted.T @ (root * r))
+        return NormalEquations(weighted.T @ weighted, weighted.T @ (root * r))
 
-    def step(self, normal: FloatArray, slope: FloatArray) -> FloatArray:
-        """Move (k,) of all that is free, by sums over all rows; within bounds and priors."""
+    def bounded_step(self, normal: FloatArray, gradient: FloatArray) -> FloatArray:
+        """Solve the normal equations of all rows for a step (k,), with priors and bounds."""
         return bounded(normal + np.diag(self.space.prior_weight + 1e-9),
-                       slope + self.space.prior_weight * self.x,
-                       self.space.low - self.x, self.space.high - self.x)
+                       gradient + self.space.prior_weight * self.x, self.space.low - self.x,
+                       self.space.high - self.x)
 
-    def follow(self, residual: FloatArray, rows: Part = ALL) -> FloatArray:
-        """Move (k,) of all that is free which suits other residuals (N,) best, to first order."""
-        sums = self.sums(residual, rows)
-        return self.step(sums.normal, sums.slope)
+    def best_step(self, residual: FloatArray, rows: RowSelection = ALL_ROWS) -> FloatArray:
+        """Compute the step (k,) that minimises the loss of other residuals (N,) to first order."""
+        equations = self.normal_equations(residual, rows)
+        return self.bounded_step(equations.normal, equations.gradient)
 
-    def after(self, residual: FloatArray) -> FloatArray:
-        """Other residuals (N,) once all that is free has followed."""
-        return np.asarray(residual + self.jacobian @ self.follow(residual))
+    def residual_after_step(self, residual: FloatArray) -> FloatArray:
+        """Other residuals (N,) after ``best_step``, to first order."""
+        return np.asarray(residual + self.jacobian @ self.best_step(residual))
 
-    def prior(self, move: FloatArray) -> float:
-        """Loss of the prior after a move (k,)."""
+    def prior_loss(self, move: FloatArray) -> float:
+        """Loss of the prior after a step (k,)."""
         x = self.x + move
         return float((self.space.prior_weight * x) @ x)
 
-    def scores(self, block: IntArray) -> FloatArray:
-        """(blocks, k): slope of the loss of each block (N,) of rows."""
+    def block_gradients(self, block: IntArray) -> FloatArray:
+        """Half gradient of the loss of each block, (blocks, k); block (N,): label of each row."""
         out = np.zeros((int(block.max()) + 1, len(self.x)))
         np.add.at(out, block, self.jacobian * (self.irls_weight * self.residual)[:, None])
         return out
 
-    def wald(self, names: Sequence[str]) -> float:
-        """How much the loss would rise, to second order, without some of the parameters."""
-        at = [self.space.names.index(n) for n in names]
-        part = np.linalg.inv(self.normal)[np.ix_(at, at)]
-        return float(self.x[at] @ np.linalg.solve(part, self.x[at]))
+    def wald_statistic(self, names: Sequence[str]) -> float:
+        """Predict the increase of the loss without some parameters, to second order."""
+        indices = [self.space.names.index(n) for n in names]
+        part = np.linalg.inv(self.normal)[np.ix_(indices, indices)]
+        return float(self.x[indices] @ np.linalg.solve(part, self.x[indices]))
 
-    def projection(self, held: Sequence[int] = ()) -> Callable[[FloatArray], FloatArray]:
-        """What is left of directions (N,) or (N, d) when all that is free may follow them.
+    def projection(self, fixed: Sequence[int] = ()) -> Callable[[FloatArray], FloatArray]:
+        """Return the function that removes from directions (N,) or (N, d) the span of A.
 
-        held: coordinates that do not.
+        fixed: indices of coordinates that are not free.
         """
-        free = np.setdiff1d(np.arange(len(self.x)), held)
-        jacobian, normal = self.jacobian[:, free], self.normal[np.ix_(free, free)]
-        back = np.linalg.solve(normal, (jacobian * self.irls_weight[:, None]).T)
-        return lambda direction: np.asarray(direction - jacobian @ (back @ direction))
+        free = np.setdiff1d(np.arange(len(self.x)), fixed)
+        jacobian = self.jacobian[:, free]
+        normal = self.normal[np.ix_(free, free)]
+        to_parameters = np.linalg.solve(normal, (jacobian * self.irls_weight[:, None]).T)
+        return lambda direction: np.asarray(direction - jacobian @ (to_parameters @ direction))
 
 
-def at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
-    """The space at a point, with its Jacobian."""
+def evaluate_point(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> Point:
+    """Evaluate residuals and Jacobian of a space at x."""
     r, weight = _residual(evidence, noise, space, x)
     return Point(noise, space, x, r, weight, _jacobian(evidence, noise, space, x, r))
 
 
-def seen_by(evidence: Evidence, noise: Noise, point: Point) -> Point:
-    """A point with another noise."""
+def change_noise(evidence: Evidence, noise: Noise, point: Point) -> Point:
+    """Return a point whitened by another noise."""
     r, weight = _residual(evidence, noise, point.space, point.x)
     return Point(noise, point.space, point.x, r, weight,
-                 _slopes_of(evidence, noise, point.space, point.x, point))
+                 _reuse_jacobian(evidence, noise, point.space, point.x, point))
 
 
 def refit(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-          near: Point | None = None, rounds: int = ROUNDS, jobs: int = 1) -> Point:
-    """The best point from x on: Levenberg-Marquardt within bounds, soft L1, priors.
+          reference: Point | None = None, max_iterations: int = MAX_ITERATIONS,
+          jobs: int = 1) -> Point:
+    """Minimise the objective from x: Levenberg-Marquardt within bounds, soft L1 loss, priors.
 
-    near: a point whose slopes are used as long as steps gain what they promise. jobs:
-    processes that find slopes.
+    reference: a point whose Jacobian is used while steps reduce the loss as predicted.
+    jobs: number of processes that compute the Jacobian.
     """
-    first = None if near is None else _slopes_of(evidence, noise, space, x, near)
-    return _descend(evidence, noise, space, x, rounds, first, jobs=jobs)
+    first = None if reference is None else _reuse_jacobian(evidence, noise, space, x, reference)
+    return _descend(evidence, noise, space, x, max_iterations, first, jobs=jobs)
 
 
-def refit_with(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-               near: Point, residual: FloatArray) -> Point:
-    """``refit_near`` for a space with more in it than that of the point nearby.
+def refit_extended(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, reference: Point,
+                   residual: FloatArray) -> Point:
+    """Call ``refit_reusing_jacobian`` for a space that extends the space of the reference.
 
-    residual (N,): at x, before what is free has followed.
+    residual (N,): at x, before the free coordinates are re-fitted.
     """
-    moved_along = space.transfer(x, near.space, near.x + near.follow(residual))
-    x = min((np.clip(z, space.low, space.high) for z in (x, moved_along)),
+    shifted = space.transfer(x, reference.space, reference.x + reference.best_step(residual))
+    # Start from x or from the first-order step, whichever has the smaller loss.
+    x = min((np.clip(z, space.low, space.high) for z in (x, shifted)),
             key=lambda z: loss_at(evidence, noise, space, z))
-    return refit_near(evidence, noise, space, x, near)
+    return refit_reusing_jacobian(evidence, noise, space, x, reference)
 
 
-def refit_near(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-               near: Point) -> Point:
-    """The same with the slopes of a point nearby alone; only those that it lacks are found."""
-    return _descend(evidence, noise, space, x, QUICK,
-                    _slopes_of(evidence, noise, space, x, near), np.inf)
+def refit_reusing_jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+                           reference: Point) -> Point:
+    """Minimise from x with the Jacobian of a reference; only its missing columns are computed."""
+    return _descend(evidence, noise, space, x, MAX_REUSE_ITERATIONS,
+                    _reuse_jacobian(evidence, noise, space, x, reference), np.inf)
 
 
-def _slopes_of(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
-               near: Point) -> FloatArray:
-    """(N, k) at x, those that a point nearby has from there."""
-    r, tail = _residual(evidence, noise, space, x)[0], len(near.space.names)
-    slopes = near.jacobian
-    if noise is not near.noise:
-        slopes = noise.rewhiten(near.noise, slopes, len(evidence.motion_drive))
-    known = {name: slopes[:, i] for i, name in enumerate(near.space.names)}
-    columns = [known[name] if name in known else _slope(evidence, noise, space, x, r, i)
-               for i, name in enumerate(space.names)]
-    return np.column_stack([*columns, slopes[:, tail:]])
+def _reuse_jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+                    reference: Point) -> FloatArray:
+    """Jacobian (N, k) at x, with the columns that the reference has copied from it."""
+    r = _residual(evidence, noise, space, x)[0]
+    tail = len(reference.space.names)  # columns of timing come after the named ones
+    reused = reference.jacobian
+    # The columns are whitened: convert them if the noise differs.
+    if noise is not reference.noise:
+        reused = noise.rewhiten(reference.noise, reused, len(evidence.motion_drive))
+    known = {name: reused[:, i] for i, name in enumerate(reference.space.names)}
+    columns = [known[name] if name in known else _partial_derivative(evidence, noise, space, x, r,
+                                                                     i) for i,
+               name in enumerate(space.names)]
+    return np.column_stack([*columns, reused[:, tail:]])
 
 
-def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, rounds: int,
+def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, max_iterations: int,
              first: FloatArray | None = None, kept: float = KEPT, jobs: int = 1) -> Point:
-    """first (N, k): Jacobian of the whitened residuals to begin with; kept: see ``descend``."""
-    weight = _residual(evidence, noise, space, x)[1]
-    root, pull = np.sqrt(weight), np.sqrt(space.prior_weight)
+    """Minimise the objective; first (N, k): initial Jacobian of the whitened residuals.
 
+    kept: see ``descend``.
+    """
+    weight = _residual(evidence, noise, space, x)[1]
+    root = np.sqrt(weight)
+    pull = np.sqrt(space.prior_weight)
+
+    # The prior is appended as k rows to the N weighted residuals.
     def residual(z: FloatArray) -> FloatArray:
         return np.concatenate([root * _residual(evidence, noise, space, z)[0], pull * z])
 
-    def weighted(slopes: FloatArray) -> FloatArray:
-        return np.concatenate([root[:, None] * slopes, np.diag(pull)])
+    def weight_rows(matrix: FloatArray) -> FloatArray:
+        return np.concatenate([root[:, None] * matrix, np.diag(pull)])
 
     def jacobian(z: FloatArray, r: FloatArray) -> FloatArray:
-        return weighted(_jacobian(evidence, noise, space, z, r[:len(root)] / root, jobs))
+        return weight_rows(_jacobian(evidence, noise, space, z, r[:len(root)] / root, jobs))
 
-    far = np.full(len(x), 1e6)  # the prior is quadratic however far
+    far = np.full(len(x), 1e6)  # no robust limit for the rows of the prior
     robust = np.concatenate([noise.policy.robust * root, far])
-    found = descend(residual, jacobian, x, space.low, space.high,
-                    robust=robust, prior=1e-9, rounds=rounds, reach=space.max_step, kept=kept,
-                    first=None if first is None else weighted(first))
+    found = descend(residual, jacobian, x, space.low, space.high, robust=robust, prior=1e-9,
+                    rounds=max_iterations, reach=space.max_step, kept=kept, first=None
+                    if first is None else weight_rows(first))
     n = len(root)
     return Point(noise, space, found.x, found.residual[:n] / root, weight,
                  found.jacobian[:n] / root[:, None])
 
 
 def covariance(point: Point, block: IntArray) -> FloatArray:
-    """Of a fitted point (k, k): sandwich over blocks (N,) of rows, prior included."""
+    """Covariance (k, k) of a fitted point: sandwich over blocks (N,) of rows, with the prior."""
     bread = np.linalg.inv(point.normal)
-    scores = point.scores(block)
+    scores = point.block_gradients(block)
     sandwich = bread @ (scores.T @ scores + np.diag(point.space.prior_weight)) @ bread
-    # with few blocks the sandwich may miss a direction: never less than half of the model's own
+    # With few blocks the sandwich can be singular along a direction. The variance is therefore at
+    # least half of that of independent residuals.
     return np.asarray(np.maximum(sandwich, 0.5 * bread) * np.eye(len(bread))
                       + sandwich * (1.0 - np.eye(len(bread))))
 
 
 def _residual(evidence: Evidence, noise: Noise, space: Space,
               x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Whitened residuals (N,) and weights (N,) at x, clipped to the bounds."""
     vehicle, timing = space.split(np.clip(x, space.low, space.high))
     return noise.stack(evidence.residuals(vehicle, timing))
 
 
 def loss_at(evidence: Evidence, noise: Noise, space: Space, x: FloatArray) -> float:
-    """Robust loss of the data with the prior, at x."""
+    """Robust loss of the data at x, with the prior."""
     r, weight = _residual(evidence, noise, space, x)
     return float(weight @ noise.loss(r)) + float((space.prior_weight * x) @ x)
 
 
 def _jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
               r: FloatArray, jobs: int = 1) -> FloatArray:
-    column = partial(_column, evidence, noise, space, x, r)
-    # a packet for each process: they share what no slope changes
+    """Jacobian (N, k) at x, one column per task; r (N,): residuals at x."""
+    column = partial(_numbered_column, evidence, noise, space, x, r)
+    # One packet per process: its columns share the cached parts of the rollouts.
     found = dict(map(column, range(len(x))) if jobs == 1 else
                  each(column, range(len(x)), jobs, parts=jobs))
     return np.stack([found[i] for i in range(len(x))], axis=1)
 
 
-def _column(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, r: FloatArray,
-            i: int) -> tuple[int, FloatArray]:
-    return i, _slope(evidence, noise, space, x, r, i)
+def _numbered_column(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, r: FloatArray,
+                     i: int) -> tuple[int, FloatArray]:
+    """Column of the Jacobian with its index, for ``each``."""
+    return i, _partial_derivative(evidence, noise, space, x, r, i)
 
 
-def _slope(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, r: FloatArray,
-           i: int) -> FloatArray:
-    """Derivative (N,) of the residuals along coordinate i; r (N,): the residuals at x."""
-    (up, down), step = space.steps(x)[i], np.zeros(len(x))
+def _partial_derivative(evidence: Evidence, noise: Noise, space: Space, x: FloatArray,
+                        r: FloatArray, i: int) -> FloatArray:
+    """Differentiate the residuals along coordinate i, (N,); r (N,): residuals at x."""
+    # Central difference, or one-sided at a bound.
+    up, down = space.steps(x)[i]
+    step = np.zeros(len(x))
     if up + down == 0.0:
         return np.zeros(len(r))
     step[i] = 1.0

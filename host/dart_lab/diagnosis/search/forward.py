@@ -1,4 +1,4 @@
-"""Forward search: the effect that explains most, a full refit, again, and once back."""
+"""Forward search: accept the best effect, refit everything, repeat, and drop redundant effects."""
 
 from __future__ import annotations
 
@@ -20,51 +20,52 @@ from ..evidence.noise import Noise, estimate_noise
 from ..evidence.residuals import Evidence, affects_readings_only
 from ..evidence.space import MessageTiming, Space
 from ..gates import Candidate, explain_failure
-from ..unexplained.driven import undriven
-from .confounders import confounders, correlated
-from .fit import Point, loss_at, refit, refit_near, refit_with, seen_by
-from .scan import Line, Progress, Trial, scan
+from ..unexplained.driven import remove_driven_motion
+from .confounders import find_confounders, select_correlated
+from .fit import Point, change_noise, loss_at, refit, refit_extended, refit_reusing_jacobian
+from .scan import Progress, Sweep, Trial, scan
 from .selection import (
-    Named,
-    Rejected,
+    AcceptedEffect,
+    RejectedEffect,
     Settings,
-    explain,
-    least_lossy,
-    rows_at,
-    select,
+    fit_best_trials,
+    label_point_rows,
+    lowest_loss_fit,
+    select_effect,
 )
 
-Before = Mapping[str, Sequence[Line]]
-PASSES = 2  # the second with the sizes of the residuals of the first
+Sweeps = Mapping[str, Sequence[Sweep]]
+# Fits of the base. The second is weighted by the residuals of the first.
+BASE_NOISE_PASSES = 2
 
 
 @dataclass(frozen=True, slots=True)
 class SearchResult:
-    """What a search has found.
+    """Result of a search.
 
-    given: the model as it is, at the timing that suits it best. points: the fitted
-    base, and with one effect more each. ranking: trials of the first round.
+    given: the model without a refit, at the best timing. points: the fitted base, then fits with
+    one more effect each. ranking: trials of the first round.
 
-    noise: that of the residuals of the last point, from which the causes are taken. A cause that is
-    part of the noise has little weight in the very directions in which it shows, and what is left
-    for its size is where the noise happens to cancel it: it is found too small. base_noise: that of
-    the residuals of the base.
+    noise: noise of the residuals of the last point, with which the causes are estimated. With the
+    noise of the base, a cause would be part of the noise: its own directions would have little
+    weight, and its size would be estimated too small. base_noise: noise of the residuals of the
+    base.
 
-    alike: a name with what it cannot be told from beside all others that were found.
+    add_confounders: adds to an accepted effect its confounders, given all other accepted effects.
     """
 
     given: Point
     points: tuple[Point, ...]
     noise: Noise
     base_noise: Noise
-    named: tuple[Named, ...]
-    rejected: tuple[Rejected, ...]
+    accepted: tuple[AcceptedEffect, ...]
+    rejected: tuple[RejectedEffect, ...]
     ranking: tuple[Trial, ...]
-    alike: Callable[[Named], Named]
+    add_confounders: Callable[[AcceptedEffect], AcceptedEffect]
 
     @property
     def refit_loss(self) -> float:
-        """By how much the fit of the base lowered the loss."""
+        """Reduction of the loss by the refit of the base."""
         return self.given.loss() - self.base.loss()
 
     @property
@@ -73,167 +74,192 @@ class SearchResult:
 
     @property
     def point(self) -> Point:
-        """With all effects that were named."""
+        """The fit with all accepted effects."""
         return self.points[-1]
 
 
 def select_noise(effects: Sequence[str], noise: Noise, base_noise: Noise) -> Noise:
-    """Select the noise of some effects: the motion of the base if all change readings alone.
+    """Select the noise; the motion of the base if all effects change only readings.
 
-    Such effects are no part of the noise of the motion. Each measuring of it moves the base on, and
-    a cause in a sensor would move the car.
+    Such effects are no part of the noise of the motion. Measuring it again would change the fit of
+    the base, so that a cause in a sensor would change the predicted motion.
     """
     if all(affects_readings_only(catalogue()[name]) for name in effects):
         return noise.with_motion(base_noise)
     return noise
 
 
-class Search:
-    """One search on the training evidence."""
+class ForwardSearch:
+    """Forward search on the training evidence."""
 
     def __init__(self, evidence: Evidence, base: Vehicle, settings: Settings,
                  progress: Progress | None = None,
-                 fitted: Callable[[], None] | None = None) -> None:
-        """fitted: told when the base is."""
-        self._evidence, self._settings, self._progress = evidence, settings, progress
-        self._fitted = fitted
+                 on_base_fitted: Callable[[], None] | None = None) -> None:
+        """on_base_fitted: called when the fit of the base is complete."""
+        self._evidence = evidence
+        self._settings = settings
+        self._progress = progress
+        self._on_base_fitted = on_base_fitted
         self.base = base
-        self._done, self._dropped = 0.0, False
-        self._before: Before = {}
-        self._loose: tuple[str, ...] = ()
+        self._done_share = 0.0
+        self._dropped = False
+        self._sweeps: Sweeps = {}
+        self._freed: tuple[str, ...] = ()
 
     def run(self) -> SearchResult:
-        """Search until nothing passes; in a run of our own again, where the answer is strained.
+        """Search until no effect is accepted; free parameters that end on their bound and repeat.
 
-        A name is for what parameters within their stated errors cannot explain. If beside it, or
-        where nothing is named, one still stands on the bound of them, those errors were too small,
-        and the name, or the structure that is left, may be what the bound leaves over: such
-        parameters are let go, and all is asked anew.
+        An effect is accepted for what parameters within their stated errors cannot explain. If a
+        parameter is on the bound of its stated error at the end, that error was too small. The
+        accepted effect, or the remaining structure, may be a result of the bound. Such parameters
+        are freed, and the search starts again. Only for own recordings, which have time stamps of
+        the commands.
         """
-        found = self._searched()
-        while self._evidence.commands_stamped and (more := self._strained(found.point)):
-            self._loose += more
-            self._before, self._dropped = {}, False
-            found = self._searched()
+        found = self._run_once()
+        while self._evidence.commands_stamped and (more := self._parameters_at_bound(found.point)):
+            self._freed += more
+            self._sweeps = {}
+            self._dropped = False
+            found = self._run_once()
         return found
 
-    def _strained(self, point: Point) -> tuple[str, ...]:
-        """Parameters on the bound of what is believed of them."""
+    def _parameters_at_bound(self, point: Point) -> tuple[str, ...]:
+        """Parameters on the bound of their stated error."""
         return point.space.names_at_bound(point.x, self._settings.policy.prior.believed)
 
-    def _searched(self) -> SearchResult:
+    def _run_once(self) -> SearchResult:
+        """Run the rounds of the search once."""
         s = self._settings
+        # 1. Fit the base and measure the noise.
         space = self.make_space(self.base)
-        point, noise = self._settle(space, MessageTiming(self._evidence.message_age))
-        if self._fitted is not None:
-            self._fitted()
+        point, noise = self._fit_and_measure_noise(space, MessageTiming(self._evidence.message_age))
+        if self._on_base_fitted is not None:
+            self._on_base_fitted()
+        # The model as given, for comparison: only its timing is fitted.
         fixed = Space(self.base, (), message_age=self._evidence.message_age, policy=s.policy.prior,
                       fixed_effects=effect_names(self.base))
         given = refit(self._evidence, noise, fixed, fixed.point(point.timing))
-        base, base_noise, first = point, noise, tuple[Trial, ...]()
-        named, rejected = list[Named](), tuple[Rejected, ...]()
-        while len(named) < s.max_causes or not first:
+        base = point
+        base_noise = noise
+        first = tuple[Trial, ...]()
+        accepted = list[AcceptedEffect]()
+        rejected = tuple[RejectedEffect, ...]()
+        # 2. Rounds: scan, remove the best explanation from the noise, select, refit, prune.
+        while len(accepted) < s.max_causes or not first:
             trials: Sequence[Trial] = self._scan(point)
             first = first or tuple(trials)
-            if not trials or not s.max_causes:  # all that may be named is named
+            if not trials or not s.max_causes:  # no effect left to try
                 break
-            point, noise, trials, explanations = self._sharpened(point, noise, trials)
-            step = select(self._evidence, point, trials,
+            point, noise, trials, explanations = self._separate_noise_from_causes(point, noise,
+                                                                                  trials)
+            step = select_effect(self._evidence, point, trials,
                           partial(self.add_effect, self._evidence, noise), s, explanations)
             rejected = step.rejected
             if step.accepted is None:
                 break
             one, candidate = step.accepted
-            point, noise = self._settle(candidate.space, candidate.timing, candidate.x)
-            point, noise, named = self._pruned(point, noise, named, one)
-        alike: Callable[[Named], Named] = _as_it_is
-        if len(named) > 1 or self._dropped:
-            named = self._weighed(point, noise, named)
-            alike = partial(self._alike, point, noise, self._before)
-        if not named:
-            return SearchResult(given, (base,), base_noise, base_noise, (), rejected, first, alike)
-        effects = [one.effect for one in named]
+            point, noise = self._fit_and_measure_noise(candidate.space, candidate.timing,
+                                                       candidate.x)
+            point, noise, accepted = self._prune(point, noise, accepted, one)
+        # 3. Gains and confounders of each effect, given all the others.
+        add_confounders: Callable[[AcceptedEffect], AcceptedEffect] = _unchanged
+        if len(accepted) > 1 or self._dropped:
+            accepted = self._update_gains(point, noise, accepted)
+            add_confounders = partial(self._add_confounders, point, noise, self._sweeps)
+        if not accepted:
+            return SearchResult(given, (base,), base_noise, base_noise, (), rejected, first,
+                                add_confounders)
+        # 4. Fits with one more effect each, by the noise without the causes.
+        effects = [one.effect for one in accepted]
         noise = select_noise(effects, noise, base_noise)
-        points = self.steps(base, point, noise, effects)
-        return SearchResult(given, points, noise, base_noise, tuple(named), rejected, first, alike)
+        points = self.fit_nested(base, point, noise, effects)
+        return SearchResult(given, points, noise, base_noise, tuple(accepted), rejected, first,
+                            add_confounders)
 
-    def steps(self, base: Point, point: Point, noise: Noise, effects: Sequence[str]
+    def fit_nested(self, base: Point, point: Point, noise: Noise, effects: Sequence[str]
               ) -> tuple[Point, ...]:
-        """The base, and with one effect more each, as they are at a point; each fitted anew.
+        """Fit the base, then with one more effect each, starting from a point.
 
-        Each from the one before: along what the data hardly tell nothing moves.
+        Each fit starts from the one before, so that directions without information do not change.
         """
-        points = [seen_by(self._evidence, noise, base)]
+        points = [change_noise(self._evidence, noise, base)]
         for i in range(len(effects)):
-            points.append(self.fit(point, noise, effects[:i + 1], points[-1]))
+            points.append(self.fit_subset(point, noise, effects[:i + 1], points[-1]))
         return (base, *points[1:])
 
-    def fit(self, point: Point, noise: Noise, effects: Sequence[str], start: Point) -> Point:
-        """The base with some of the effects of a point, fitted anew from another one nearby.
+    def fit_subset(self, point: Point, noise: Noise, effects: Sequence[str], start: Point) -> Point:
+        """Fit the base with some of the effects of a point, starting from another fit.
 
-        What differs only in what sensors read has the slopes of that one.
+        If only effects on readings differ, the Jacobian of that fit is kept.
         """
-        p, keep = point.vehicle, {*effects, *(a.name for a in self.base.effects)}
+        p = point.vehicle
+        keep = {*effects, *(a.name for a in self.base.effects)}
         vehicle = replace(p, effects=tuple(a for a in p.effects if a.name in keep))
         space = self.make_space(vehicle)
         x = space.transfer(space.start(vehicle, point.timing), start.space, start.x)
-        near = refit_near(self._evidence, noise, space, x, start)
+        near = refit_reusing_jacobian(self._evidence, noise, space, x, start)
         other = {a.name for a in start.vehicle.effects} ^ {a.name for a in vehicle.effects}
         if all(affects_readings_only(catalogue()[name]) for name in other):
             return near
         return refit(self._evidence, noise, space, near.x, near, jobs=self._settings.jobs)
 
-    def beside(self, point: Point, noise: Noise, names: Sequence[str]) -> Point:
-        """A point with effects that may be there and are no causes.
+    def fit_with_nuisance(self, point: Point, noise: Noise, names: Sequence[str]) -> Point:
+        """Fit a point with additional effects that may be present and are not reported as causes.
 
-        Fitted twice: what an IMU shows askew is noise to the first, and holds it short.
+        Two fits: the noise of the first contains the effects and makes them too small.
         """
-        has, vehicle = {a.name for a in point.vehicle.effects}, point.vehicle
+        has = {a.name for a in point.vehicle.effects}
+        vehicle = point.vehicle
         for name in [n for n in names if n not in has]:
             vehicle = apply(vehicle, name)
         if vehicle is point.vehicle:
             return point
         space = self.make_space(vehicle)
         x = space.transfer(space.start(vehicle, point.timing), point.space, point.x)
-        first = refit_near(self._evidence, noise, space, x, point)
-        noise = self._measured(first.vehicle, first.timing)
-        return refit_near(self._evidence, noise, space, first.x, first)
+        first = refit_reusing_jacobian(self._evidence, noise, space, x, point)
+        noise = self._measure_training_noise(first.vehicle, first.timing)
+        return refit_reusing_jacobian(self._evidence, noise, space, first.x, first)
 
-    def _settle(self, space: Space, timing: MessageTiming,
-                x: FloatArray | None = None) -> tuple[Point, Noise]:
-        """Fit and measure the residuals, until both suit each other.
+    def _fit_and_measure_noise(self, space: Space, timing: MessageTiming,
+                               x: FloatArray | None = None) -> tuple[Point, Noise]:
+        """Fit and measure the noise in turn, until both are consistent.
 
-        From a fit on (x): until the residuals are no smaller than the noise that weighed them.
+        With initial coordinates x: until the log volume of the noise decreases by less than
+        ``settled``.
         """
-        begun, policy = x is None, self._settings.policy.noise
-        passes = PASSES if begun else policy.passes
-        x = self._start(space, timing) if x is None else x
-        noise = self._measured(*space.split(x))
+        initial = x is None
+        policy = self._settings.policy.noise
+        passes = BASE_NOISE_PASSES if initial else policy.passes
+        x = self._initial_coordinates(space, timing) if x is None else x
+        noise = self._measure_training_noise(*space.split(x))
         point = refit(self._evidence, noise, space, x, jobs=self._settings.jobs)
         for _ in range(passes - 1):
-            smaller = self._measured(point.vehicle, point.timing)
-            if not begun and noise.log_volume - smaller.log_volume < policy.settled:
+            smaller = self._measure_training_noise(point.vehicle, point.timing)
+            if not initial and noise.log_volume - smaller.log_volume < policy.settled:
                 break
             noise = smaller
             point = refit(self._evidence, noise, space, point.x, point, jobs=self._settings.jobs)
         return point, noise
 
-    def _sharpened(self, point: Point, noise: Noise, trials: Sequence[Trial]
+    def _separate_noise_from_causes(self, point: Point, noise: Noise, trials: Sequence[Trial]
                    ) -> tuple[Point, Noise, Sequence[Trial], Mapping[str, Point]]:
-        """A point and its trials with a noise that has no cause in it, and the best explanations.
+        """Measure the noise without the best explanation, so that no cause is part of the noise.
 
-        1. Fit the trials that gain most, and measure the noise at the best of these fits.
-        2. Where that fit gains much more by this noise than by the one before, the cause was in the
-           noise: take the new one, fit the point again, and try all effects again.
-        3. Repeat until the two agree. Where nothing is missing they do at once.
+        1. Fit the trials with the largest gain, and measure the noise at the best of these fits.
+        2. If the gain of that fit is much larger by this noise than by the one before, the cause
+           was part of the noise: take the new noise, fit the point again, and scan again.
+        3. Repeat until the two agree. If no effect is missing, they agree at once.
+
+        Returns the point, the noise, the trials, and the fits of the best trials.
         """
         policy = self._settings.policy.naming
-        fits = explain(point, trials, partial(self.add_effect, self._evidence, noise), policy)
+        fits = fit_best_trials(point, trials, partial(self.add_effect, self._evidence, noise),
+                               policy)
         for _ in range(policy.sharpenings):
-            best = least_lossy(point, fits.values())
+            best = lowest_loss_fit(point, fits.values())
             if best is point:
                 break
-            sharper = self._measured(best.vehicle, best.timing)
+            sharper = self._measure_training_noise(best.vehicle, best.timing)
             gains = [self._loss(n, point) - self._loss(n, best) for n in (noise, sharper)]
             if gains[1] <= policy.hidden * gains[0]:
                 break
@@ -241,35 +267,41 @@ class Search:
             point = refit(self._evidence, noise, point.space, point.x, point,
                           jobs=self._settings.jobs)
             trials = self._scan(point)
-            fits = explain(point, trials, partial(self.add_effect, self._evidence, noise), policy)
+            fits = fit_best_trials(point, trials, partial(self.add_effect, self._evidence, noise),
+                                   policy)
         return point, noise, trials, fits
 
     def _loss(self, noise: Noise, point: Point) -> float:
-        """Robust loss of the data at a point, as another noise weighs them."""
+        """Robust loss of the data at a point, weighted by another noise."""
         return loss_at(self._evidence, noise, point.space, point.x)
 
-    def _measured(self, vehicle: Vehicle, timing: MessageTiming) -> Noise:
+    def _measure_training_noise(self, vehicle: Vehicle, timing: MessageTiming) -> Noise:
+        """Measure the noise of the training evidence."""
         return self.measure_noise(self._evidence, vehicle, timing)
 
     def measure_noise(self, evidence: Evidence, vehicle: Vehicle, timing: MessageTiming) -> Noise:
-        """Measure the residuals of a vehicle, without what commands do at a time of their own.
+        """Measure the noise of the residuals, without the effect of uncertain command times.
 
-        In a run of our own that is the wait for a frame. Elsewhere nobody knows when, and some
-        change between messages. In a run from on-board sensors alone, neither is noise what goes
-        with the driving: the state at a start has errors that last for a window, as those of the
-        model do, and once taken for such a one an error of the model would count for nothing.
+        In an own recording the uncertainty is the wait for a PWM frame. In other recordings the
+        times are unknown, and a command may change between messages. In an own recording from
+        on-board sensors alone, residuals that depend on the driving are not removed from the noise:
+        errors of the initial state last for a window, like errors of the model, and model errors
+        would be removed.
         """
-        seen = evidence.residuals(vehicle, timing)
-        stamped, policy = evidence.commands_stamped, self._settings.policy
-        r = undriven(evidence, vehicle, seen, policy.unexplained) if (
-            stamped and not evidence.has_mocap) else seen
-        moved = age_sensitivity(evidence, vehicle, timing, seen, policy.noise.age_s)
-        return estimate_noise(r, evidence.blocks(policy.blocks.seconds), evidence.overlap, moved,
-                       policy.noise, PWM_WAIT_STD if stamped else None)
+        residuals = evidence.residuals(vehicle, timing)
+        stamped = evidence.commands_stamped
+        policy = self._settings.policy
+        r = remove_driven_motion(evidence, vehicle, residuals, policy.unexplained) if (
+            stamped and not evidence.has_mocap) else residuals
+        age_change = age_sensitivity(evidence, vehicle, timing, residuals, policy.noise.age_s)
+        return estimate_noise(r, evidence.blocks(policy.blocks.seconds), evidence.overlap,
+                              age_change, policy.noise, PWM_WAIT_STD if stamped else None)
 
-    def _start(self, space: Space, timing: MessageTiming) -> FloatArray:
-        """The base at the best of some ages of commands: in steps by chance a fit finds the
-        nearest that suits it, not the best."""
+    def _initial_coordinates(self, space: Space, timing: MessageTiming) -> FloatArray:
+        """Coordinates of the base at the best of some command ages.
+
+        The loss has local minima over the age: a fit alone would find the nearest one.
+        """
         points = [space.point(MessageTiming(timing.message_age, *ages)) for ages in START_AGES]
         vehicle, _ = space.split(points[0])
         policy = self._settings.policy
@@ -279,92 +311,100 @@ class Search:
         return min(points, key=lambda x: loss_at(self._evidence, noise, space, x))
 
     def _scan(self, point: Point) -> list[Trial]:
-        def tell(share: float, name: str) -> None:
+        """Scan all effects at a point; the sweeps are kept for the next round."""
+        # Half of the remaining progress per round: the number of rounds is unknown.
+        def report_progress(share: float, name: str) -> None:
             if self._progress is not None:
-                self._progress(self._done + 0.5 * share * (1.0 - self._done), name)
+                self._progress(self._done_share + 0.5 * share * (1.0 - self._done_share), name)
 
         s = self._settings
-        trials = scan(self._evidence, point, s.names or None, tell, s.jobs, s.policy.scan,
-                      self._before)
-        self._before = {t.effect: t.lines for t in trials}
-        self._done += 0.5 * (1.0 - self._done)
-        return [replace(t, lines=()) for t in trials]
+        trials = scan(self._evidence, point, s.names or None, report_progress, s.jobs,
+                      s.policy.scan, self._sweeps)
+        self._sweeps = {t.effect: t.sweeps for t in trials}
+        self._done_share += 0.5 * (1.0 - self._done_share)
+        return [replace(t, sweeps=()) for t in trials]
 
     def add_effect(self, evidence: Evidence, noise: Noise, point: Point, trial: Trial) -> Point:
-        """Fit evidence with one more effect, from its trial on."""
+        """Fit evidence with one more effect, starting from its trial."""
         vehicle = apply(point.vehicle, trial.effect, **trial.values)
         space = self.make_space(vehicle)
         start = space.start(vehicle, point.timing)
-        return refit_with(evidence, noise, space, start, point, trial.residual.astype(np.float64))
+        return refit_extended(evidence, noise, space, start, point,
+                              trial.residual.astype(np.float64))
 
     def remove_effect(self, evidence: Evidence, noise: Noise, point: Point, name: str) -> Point:
-        """Fit evidence without an effect, from a fit with it on."""
+        """Fit evidence without an effect, starting from a fit with it."""
         vehicle = remove_effects(point.vehicle, [name])
         space = self.make_space(vehicle)
-        return refit_near(evidence, noise, space, space.start(vehicle, point.timing), point)
+        return refit_reusing_jacobian(evidence, noise, space, space.start(vehicle, point.timing),
+                                      point)
 
     def make_space(self, vehicle: Vehicle) -> Space:
-        """Around the base, with the effects of a vehicle at their null.
+        """Make the space around the base, with the effects of a vehicle at their null.
 
-        Without a refit the effects that the base has keep their values, like its parameters: a
-        rate limit of the model that is free stretches until it takes the place of a missing lag.
-        The offsets of a fitted marker frame are free all the same.
+        Without a refit the effects of the base keep their values, like its parameters: a free rate
+        limit of the model could grow until it replaces a missing lag. The offsets of a fitted
+        marker frame are free nevertheless.
         """
         s = self._settings
         fixed = () if s.refit else list_fixed_effects(self.base, s.known)
         return Space(with_nulls(self.base, vehicle.effects), s.free, s.known,
-                     self._evidence.message_age, s.policy.prior, self._loose, fixed)
+                     self._evidence.message_age, s.policy.prior, self._freed, fixed)
 
-    def _pruned(self, point: Point, noise: Noise, before: list[Named], new: Named
-                ) -> tuple[Point, Noise, list[Named]]:
-        """Add a new one, drop what it has made superfluous."""
-        named = [*before, new]
-        for one in before:
-            mine = [f"{one.effect}.{q.name}" for q in catalogue()[one.effect].parameters]
-            if point.wald(mine) > self._settings.policy.naming.sure * one.threshold:
+    def _prune(self, point: Point, noise: Noise, previous: list[AcceptedEffect], new: AcceptedEffect
+                ) -> tuple[Point, Noise, list[AcceptedEffect]]:
+        """Add a new effect, and drop those that it makes redundant."""
+        accepted = [*previous, new]
+        for one in previous:
+            parameters = [f"{one.effect}.{q.name}" for q in catalogue()[one.effect].parameters]
+            if point.wald_statistic(parameters) > self._settings.policy.naming.sure * one.threshold:
                 continue
             without = self.remove_effect(self._evidence, noise, point, one.effect)
             candidate = Candidate(threshold=one.threshold,
                                   remaining_gain=without.loss() - point.loss())
             if explain_failure("search", candidate, self._settings.policy):
-                point, noise = self._settle(without.space, without.timing, without.x)
-                named = [replace(n, alternatives=(*n.alternatives, one.effect)) for n in named
+                point, noise = self._fit_and_measure_noise(without.space, without.timing, without.x)
+                accepted = [replace(n, alternatives=(*n.alternatives, one.effect)) for n in accepted
                          if n.effect != one.effect]
                 self._dropped = True
-        return point, noise, named
+        return point, noise, accepted
 
-    def _weighed(self, point: Point, noise: Noise, named: list[Named]) -> list[Named]:
-        """Each with what it gains beside all the others that were found, the largest first."""
-        found = each(partial(self._weigh, point, noise), named, self._settings.jobs)
+    def _update_gains(self, point: Point, noise: Noise,
+                      accepted: list[AcceptedEffect]) -> list[AcceptedEffect]:
+        """Compute the gain of each effect given all the others; largest first."""
+        found = each(partial(self._update_gain, point, noise), accepted, self._settings.jobs)
         return sorted(found, key=lambda n: (-n.gain, n.effect))
 
-    def _weigh(self, point: Point, noise: Noise, one: Named) -> Named:
+    def _update_gain(self, point: Point, noise: Noise, one: AcceptedEffect) -> AcceptedEffect:
+        """Compute the gain of an effect given all the others, if it has alternatives."""
         if not one.alternatives:
             return one
         other = self.remove_effect(self._evidence, noise, point, one.effect)
         return replace(one, gain=other.loss() - point.loss())
 
-    def _alike(self, point: Point, noise: Noise, before: Before, one: Named) -> Named:
+    def _add_confounders(self, point: Point, noise: Noise, sweeps: Sweeps,
+                         one: AcceptedEffect) -> AcceptedEffect:
+        """Find the confounders of an effect, given all the others."""
         if not one.alternatives:
             return one
         without = self.remove_effect(self._evidence, noise, point, one.effect)
         policy = self._settings.policy
         trials = scan(self._evidence, without, (one.effect, *one.alternatives), policy=policy.scan,
-                      before=before)
-        mine = next(t for t in trials if t.effect == one.effect)
-        close = correlated(without, mine, trials, policy.confounders)
+                      previous=sweeps)
+        own_trial = next(t for t in trials if t.effect == one.effect)
+        close = select_correlated(without, own_trial, trials, policy.confounders)
         fits = {t.effect: self.add_effect(self._evidence, noise, without, t) for t in close}
-        rows = rows_at(self._evidence, without, policy)
-        return replace(one, confounders=confounders(
-            without, mine, trials, rows, fits, policy.confounders))
+        rows = label_point_rows(self._evidence, without, policy)
+        return replace(one, confounders=find_confounders(
+            without, own_trial, trials, rows, fits, policy.confounders))
 
     def __getstate__(self) -> dict[str, Any]:
-        """For another process, which cannot show progress here."""
+        """State for a worker process: without callbacks and sweeps."""
         return {**self.__dict__, "_progress": None, "_fitted": None, "_before": None}
 
 
 def effect_names(vehicle: Vehicle) -> tuple[str, ...]:
-    """Names of the effects that a vehicle has."""
+    """Names of the effects of a vehicle."""
     return tuple(a.name for a in vehicle.effects)
 
 
@@ -373,6 +413,6 @@ def list_fixed_effects(vehicle: Vehicle, known: Mapping[str, float]) -> tuple[st
     return tuple(n for n in effect_names(vehicle) if not any(k.startswith(f"{n}.") for k in known))
 
 
-def _as_it_is(one: Named) -> Named:
-    """A name that was found alone: its round has told what it is alike."""
+def _unchanged(one: AcceptedEffect) -> AcceptedEffect:
+    """Return an effect that was accepted alone: its round has found the confounders."""
     return one

@@ -1,16 +1,16 @@
-"""Two causes that hide each other: together they explain what neither does alone.
+"""Pairs of effects that mask each other: both together explain what neither explains alone.
 
-Whoever takes what gains most by itself may take an impostor of both. Play in the steering and a
-trim beside it are, one at a time, worth no more than wheels that turn less far. With
-d_a = r(with a) - r, P the projection and Omega as in ``fit``, to second order
+The effect with the largest gain alone can be a substitute for two others. For example, steering
+play combined with a trim resembles a smaller steering gain. With d_a = r(with a) - r, P the
+projection and Omega as in ``fit``, to second order
 
     gain(a, b) = max over l, m of - 2 g^T (l, m) - (l, m) C (l, m)^T,  g_a = d_a^T Omega r
                                                                        C_ab = d_a^T Omega P d_b
-    a, b hide each other if  gain(a, b) - gain(a) > limit_b,  gain(a, b) - gain(b) > limit_a
-                        and  gain(a, b) - gain(c) > max(limit_a, limit_b) for every c alone
+    a, b mask each other if  gain(a, b) - gain(a) > t_b,  gain(a, b) - gain(b) > t_a
+                       and   gain(a, b) - gain(c) > max(t_a, t_b) for every c alone
 
-l, m: how much more of each than alone, 0 to ``furthest``; limit: what an effect must gain to be no
-chance. A fit with both has to keep that promise.
+l, m: factors on the two changes, 0 to ``max_step``; t: threshold of the gain of an effect. The
+prediction is confirmed by a fit with both effects.
 """
 
 from __future__ import annotations
@@ -25,63 +25,74 @@ from dart_hal.core.types import FloatArray
 from .fit import Point
 from .scan import Trial
 
-FitWith = Callable[[Point, Trial], Point]
-ROUNDING = 1e-9  # share of its largest: a determinant of two that do the same
+FitEffect = Callable[[Point, Trial], Point]
+# Relative determinant of two changes below which they are treated as parallel: rounding errors.
+MIN_RELATIVE_DETERMINANT = 1e-9
 
 
-def one_of_a_pair(point: Point, first: Sequence[Trial], trials: Sequence[Trial],
-                  limits: Mapping[str, float], fits: dict[str, Point], fit_with: FitWith,
-                  furthest: float) -> Trial | None:
-    """What goes before others that gain more alone, for it and another one hide each other.
+def find_masked_effect(point: Point, candidates: Sequence[Trial], trials: Sequence[Trial],
+                       thresholds: Mapping[str, float], fits: dict[str, Point],
+                       fit_effect: FitEffect, max_step: float) -> Trial | None:
+    """Find an effect that must be accepted first because it and another effect mask each other.
 
-    first: what may be named; limits: by effect. fits: of effects alone, gets what is fitted here.
+    candidates: trials that may be accepted. thresholds: minimum gain by effect. fits: fits by
+    effect; fits that are made here are added. Returns None if there is no such pair.
     """
     best = min((f.loss() for f in fits.values()), default=point.loss())
-    for one, other in hidden_pairs(point, trials, limits, furthest):
-        if one not in first:
+    for one, other in find_masking_pairs(point, trials, thresholds, max_step):
+        if one not in candidates:
             continue
-        near = fits[one.effect] = fits.get(one.effect) or fit_with(point, one)
+        near = fits[one.effect] = fits.get(one.effect) or fit_effect(point, one)
+        # The second effect is added to the fit of the first, with the change that it made alone.
         change = other.residual.astype(np.float64) - point.residual
-        both = fit_with(near, replace(other, residual=near.residual + change))
-        if best - both.loss() > max(limits[one.effect], limits[other.effect]):
+        both = fit_effect(near, replace(other, residual=near.residual + change))
+        if best - both.loss() > max(thresholds[one.effect], thresholds[other.effect]):
             return one
     return None
 
 
-def hidden_pairs(point: Point, trials: Sequence[Trial], limits: Mapping[str, float],
-                 furthest: float) -> list[tuple[Trial, Trial]]:
-    """Those that promise to hide each other, what gains most together first; of each pair the one
-    first that gains more alone."""
-    some = [t for t in trials if t.gain > 0.0]  # the others have no size
-    if len(some) < 2:
-        return []
-    change = np.stack([t.residual.astype(np.float64) - point.residual for t in some], axis=1)
-    weighted = change * point.irls_weight[:, None]
-    alone, both = gains(weighted.T @ point.residual, weighted.T @ point.projection()(change),
-                        furthest)
-    limit = np.array([limits[t.effect] for t in some])
-    needed = both - alone[:, None] - limit  # the second beside the first
-    beyond = both - alone.max() - np.maximum(limit, limit[:, None])
-    hide = np.triu(np.minimum(np.minimum(needed, needed.T), beyond) > 0.0, 1)
-    pairs = sorted(zip(*np.nonzero(hide), strict=True), key=lambda ij: -both[ij])
-    return [(some[i], some[j]) for i, j in pairs]
+def find_masking_pairs(point: Point, trials: Sequence[Trial], thresholds: Mapping[str, float],
+                       max_step: float) -> list[tuple[Trial, Trial]]:
+    """List the pairs that mask each other by the prediction, largest gain of both first.
 
-
-def gains(slope: FloatArray, normal: FloatArray, furthest: float) -> tuple[FloatArray, FloatArray]:
-    """(alone (t,), two together (t, t)) by g (t,) and C (t, t), steps within [0, furthest].
-
-    At a corner of that square two may gain a little more; never less than one of them.
+    The first of a pair has the larger gain alone.
     """
-    size = np.maximum(np.diag(normal), ROUNDING)
-    step = np.clip(-slope / size, 0.0, furthest)
+    positive = [t for t in trials if t.gain > 0.0]
+    if len(positive) < 2:
+        return []
+    change = np.stack([t.residual.astype(np.float64) - point.residual for t in positive], axis=1)
+    weighted = change * point.irls_weight[:, None]
+    alone, both = pair_gains(weighted.T @ point.residual, weighted.T @ point.projection()(change),
+                        max_step)
+    threshold = np.array([thresholds[t.effect] for t in positive])
+    conditional_margin = both - alone[:, None] - threshold  # of the second, given the first
+    margin_over_best = both - alone.max() - np.maximum(threshold, threshold[:, None])
+    masking = np.triu(np.minimum(np.minimum(conditional_margin, conditional_margin.T),
+                                 margin_over_best) > 0.0, 1)
+    # Upper triangle: each pair once. Trials are sorted by their gain, so the row gains more.
+    pairs = sorted(zip(*np.nonzero(masking), strict=True), key=lambda ij: -both[ij])
+    return [(positive[i], positive[j]) for i, j in pairs]
+
+
+def pair_gains(slope: FloatArray, normal: FloatArray, max_step: float) -> tuple[FloatArray,
+                                                                                FloatArray]:
+    """Gain of each effect alone (t,) and of each pair (t, t), from g (t,) and C (t, t).
+
+    The factors are within [0, max_step]. At a corner of that square the result is a lower bound; it
+    is never below the gain of one of the two.
+    """
+    size = np.maximum(np.diag(normal), MIN_RELATIVE_DETERMINANT)
+    step = np.clip(-slope / size, 0.0, max_step)
     alone = -(2.0 * slope + size * step) * step
-    g, c = slope[:, None], size[:, None]
+    g = slope[:, None]
+    c = size[:, None]
     most = c * size
+    # Unconstrained minimum of the first factor, clipped; then the second factor given the first.
     determinant = most - normal**2
     one = np.divide(normal * slope - size * g, determinant, out=np.zeros_like(normal),
-                    where=determinant > ROUNDING * most)
-    one = np.clip(one, 0.0, furthest)
-    two = np.clip(-(slope + normal * one) / size, 0.0, furthest)
+                    where=determinant > MIN_RELATIVE_DETERMINANT * most)
+    one = np.clip(one, 0.0, max_step)
+    two = np.clip(-(slope + normal * one) / size, 0.0, max_step)
     both = -(2.0 * g + c * one + 2.0 * normal * two) * one - (2.0 * slope + size * two) * two
     both = np.maximum(both, both.T)
     return alone, np.maximum(both, np.maximum(alone, alone[:, None]))

@@ -1,13 +1,13 @@
-"""One effect at a time: how much of the residual would it take away, and at what size.
+"""Scan: the loss reduction and the best size of every effect, one at a time.
 
     gain(a) = J(x) - min over k, d of J(x + d, a = k)
 
-k: size of effect a, over a ladder and a few parabola steps; d: what is free (base parameters,
-effects found before, timing) follows r(a = k) to first order. J: see ``fit``.
+k: size of effect a, over a ladder and a few parabola steps; d: step of the free coordinates (base
+parameters, effects found before, timing), which follow r(a = k) to first order. J: see ``fit``.
 
-What an effect does, r(a = k) - r, hardly changes from round to round, only what there is to explain
-does: an effect whose change in the round before promises next to nothing now is not rolled out, and
-where it promises a best size between others, only that one and what is next to it are.
+The change r(a = k) - r hardly depends on the round. It is therefore kept. In the next round an
+effect whose kept change predicts a negligible gain is not simulated again; if it predicts a best
+size between two others, only that size and its neighbours are simulated.
 """
 
 from __future__ import annotations
@@ -32,272 +32,298 @@ from ..policy import USUAL, ScanPolicy
 from .fit import Point
 from .size_search import (
     bracket_best_size,
+    companion_values,
     find_onset,
     ladder,
     needs_larger_sizes,
     next_larger_size,
-    promises_gain,
+    predicts_gain,
     refine_best_size,
-    scanned,
-    settings_of,
+    scanned_parameters,
 )
 
 Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
-    """One parameter of an effect with others beside it: change of the residuals by size.
+class Sweep:
+    """Sweep over one parameter of an effect: change of the residuals by size.
 
-    changes: by size (N,) in SI units, the motion row by row, then the sensors. Not whitened:
-    a whitened residual has a limit, and where it is cut the change of it is lost for every later
-    noise. A large cause that is found first would hide all smaller ones so.
+    fixed: values of the other parameters. changes: by size (N,) in SI units, the motion row by row,
+    then the sensors. They are not whitened: whitened residuals are clipped, and a change of a
+    clipped residual would be lost for the noise of later rounds. A large cause could then mask
+    smaller ones.
     """
 
     parameter: Parameter
-    beside: Mapping[str, float]
+    fixed: Mapping[str, float]
     changes: Mapping[float, NDArray[np.float32]]
 
 
 @dataclass(frozen=True, slots=True)
-class RecalledLine:
-    """A line of the round before, whitened now. gains: by size, what that promises now."""
+class RecalledSweep:
+    """Sweep of the round before, whitened now. gains: predicted gain by size."""
 
-    line: Line
+    sweep: Sweep
     changes: Mapping[float, FloatArray]
     gains: Mapping[float, float]
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """gain: drop of the robust loss; 1 is one squared standard deviation of one residual.
+    """One effect at its best size.
 
-    residual (N,): whitened, at these values, before anything has moved along.
-    lines: what was tried.
+    gain: reduction of the robust loss; 1 is one squared standard deviation of one residual.
+    residual (N,): whitened, at these values, before the free coordinates are re-fitted.
+    sweeps: the sizes that were tried.
     """
 
     effect: str
     values: Mapping[str, float]
     gain: float
     residual: FloatArray
-    lines: tuple[Line, ...] = ()
+    sweeps: tuple[Sweep, ...] = ()
 
 
-class Scan:
-    """The gain of any effect over a fitted point."""
+class EffectScan:
+    """Computes the gain of effects at a fitted point."""
 
     def __init__(self, evidence: Evidence, point: Point, policy: ScanPolicy = USUAL.scan) -> None:
-        self._evidence, self.point, self._policy = evidence, point, policy
-        self._vehicle, self._timing = point.vehicle, point.timing
+        self._evidence = evidence
+        self.point = point
+        self._policy = policy
+        self._vehicle = point.vehicle
+        self._timing = point.timing
         self._plain = evidence.residuals(self._vehicle, self._timing)
         self._whitened = point.noise.stack(self._plain)[0]
+        # Motion and sensors separately: most effects change only one of the two.
         motion = len(evidence.motion_drive) * len(point.noise.motion)
         self._parts = (slice(0, motion), slice(motion, None))
-        self._still = tuple(point.sums(point.residual, part) for part in self._parts)
-        self._stands = tuple(self._lost(point.residual[part], part) for part in self._parts)
-        # what has moved to the point may move on a little: judged by the same linear answer
-        self.null = self._loss(point.residual)
+        self._null_equations = tuple(point.normal_equations(point.residual, part)
+                                     for part in self._parts)
+        self._null_losses = tuple(self._data_loss(point.residual[part], part)
+                                  for part in self._parts)
+        # The point may not be an exact minimum: its loss is computed with the same linear step.
+        self.null_loss = self._refitted_loss(point.residual)
 
     def residual(self, p: Vehicle) -> FloatArray:
         """Whitened residuals (N,) of a vehicle at the timing of the point."""
         return self._from_plain(self._evidence.residuals(p, self._timing))
 
     def _from_plain(self, plain: Residuals) -> FloatArray:
-        """Whitened residuals (N,); what equals that of the point is so to the last bit."""
+        """Whiten residuals (N,); rows that equal those of the point stay equal to the last bit."""
         return self.point.residual + (self.point.noise.stack(plain)[0] - self._whitened)
 
-    def whitened(self, change: NDArray[np.float32]) -> FloatArray:
-        """Change (N,) of the whitened residuals by one in SI units."""
+    def whiten_change(self, change: NDArray[np.float32]) -> FloatArray:
+        """Convert a change (N,) of the residuals from SI units to whitened units."""
         motion = self._plain.motion
         plain = Residuals(motion + change[:motion.size].reshape(motion.shape),
                           self._plain.sensors + change[motion.size:].reshape(-1, len(SENSORS)))
         return np.asarray(self.point.noise.stack(plain)[0] - self._whitened)
 
-    def _loss(self, residual: FloatArray) -> float:
-        """Once all that is free has followed; what an effect leaves as it is is known already."""
+    def _refitted_loss(self, residual: FloatArray) -> float:
+        """Loss of other residuals after the linear step of the free coordinates."""
         point = self.point
+        # Parts (motion, sensors) that the effect does not change are taken from the constructor.
         same = [np.array_equal(residual[p], point.residual[p]) for p in self._parts]
-        every = [still if unchanged else point.sums(residual, part)
-                 for part, still, unchanged in zip(self._parts, self._still, same, strict=True)]
-        move = point.step(every[0].normal + every[1].normal, every[0].slope + every[1].slope)
-        total = point.prior(move)
+        equations = [null if unchanged else point.normal_equations(residual, part) for part, null,
+                     unchanged in zip(self._parts, self._null_equations, same, strict=True)]
+        move = point.bounded_step(equations[0].normal + equations[1].normal,
+                                  equations[0].gradient + equations[1].gradient)
+        total = point.prior_loss(move)
         for i, part in enumerate(self._parts):
-            total += (self._stands[i] + every[i].rise(move) if same[i]
-                      else self._lost(residual[part] + point.jacobian[part] @ move, part))
+            total += (self._null_losses[i] + equations[i].loss_change(move) if same[i]
+                      else self._data_loss(residual[part] + point.jacobian[part] @ move, part))
         return total
 
-    def _lost(self, r: FloatArray, part: slice) -> float:
-        """Robust loss of residuals of a part."""
+    def _data_loss(self, r: FloatArray, part: slice) -> float:
+        """Robust loss of the residuals of a part, without the prior."""
         return float(self.point.weight[part] @ self.point.noise.loss(r))
 
-    def _guess(self, residual: FloatArray) -> float:
-        """``_loss`` with the normal matrix of the point: a little too high, at a third of the cost.
+    def _approximate_loss(self, residual: FloatArray) -> float:
+        """``_refitted_loss`` with the normal matrix of the point: a third of the cost.
 
-        What is free moves a little beside the best where an effect changes which residuals are
-        large; that is missed by the square of how much.
+        The matrix changes where an effect changes which residuals are large. The error of the loss
+        is of second order in the resulting error of the step.
         """
         point = self.point
         weighted = point.weight * point.noise.robust_weight(residual) * residual
-        move = point.step(self._still[0].normal + self._still[1].normal,
+        move = point.bounded_step(self._null_equations[0].normal + self._null_equations[1].normal,
                           point.jacobian.T @ weighted)
-        return self._lost(residual + point.jacobian @ move, slice(None)) + point.prior(move)
+        return self._data_loss(residual + point.jacobian @ move,
+                               slice(None)) + point.prior_loss(move)
 
     def gain(self, residual: FloatArray) -> float:
-        """By how much the loss drops with other residuals (N,)."""
-        return self.null - self._loss(residual)
+        """Reduction of the loss by other residuals (N,)."""
+        return self.null_loss - self._refitted_loss(residual)
 
-    def _moved(self, residual: FloatArray) -> float:
-        """By how much residuals (N,) differ from those of the point, in standard deviations."""
+    def _change_norm(self, residual: FloatArray) -> float:
+        """Weighted distance of residuals (N,) from those of the point, in standard deviations."""
         return float(np.sqrt(self.point.weight @ (residual - self.point.residual)**2))
 
-    def best(self, name: str, before: Sequence[RecalledLine] = ()) -> Trial:
-        """The size of an effect that takes away most; before: what other sizes did before."""
+    def best_trial(self, name: str, previous: Sequence[RecalledSweep] = ()) -> Trial:
+        """Find the size with the largest gain; previous: sweeps of the round before."""
         effect = catalogue()[name]
-        found, lines = Trial(name, {}, 0.0, self.point.residual), list[Line]()
-        known = {(b.line.parameter.name, *b.line.beside.values()): b for b in before}
-        for parameter in scanned(effect):
-            for beside in settings_of(effect):
-                one = known.get((parameter.name, *beside.values()))
-                trial = (one and self._near(effect, one)) or self._along(
-                    effect, parameter, beside)
-                lines += trial.lines
+        found = Trial(name, {}, 0.0, self.point.residual)
+        sweeps = list[Sweep]()
+        known = {(b.sweep.parameter.name, *b.sweep.fixed.values()): b for b in previous}
+        for parameter in scanned_parameters(effect):
+            for fixed in companion_values(effect):
+                one = known.get((parameter.name, *fixed.values()))
+                trial = (one and self._refine_recalled(effect, one)) or self._sweep_parameter(
+                    effect, parameter, fixed)
+                sweeps += trial.sweeps
                 found = trial if trial.gain > found.gain else found
-        return replace(found, lines=tuple(lines))
+        return replace(found, sweeps=tuple(sweeps))
 
-    def tried(self, one: tuple[str, Sequence[RecalledLine]]) -> Trial:
-        """``best`` of (name, what was tried before)."""
-        return self.best(*one)
+    def run_item(self, item: tuple[str, Sequence[RecalledSweep]]) -> Trial:
+        """``best_trial`` of (name, sweeps of the round before), for ``each``."""
+        return self.best_trial(*item)
 
-    def again(self, name: str, known: Sequence[RecalledLine]) -> Trial | None:
-        """The same from what other sizes did before; None where that promises anything."""
+    def recall_trial(self, name: str, known: Sequence[RecalledSweep]) -> Trial | None:
+        """The trial by the sweeps of the round before; None if one of them predicts a gain."""
         found = Trial(name, {}, 0.0, self.point.residual)
         for one in known:
-            if promises_gain(one.gains, one.line.parameter, one.changes, self._policy):
+            if predicts_gain(one.gains, one.sweep.parameter, one.changes, self._policy):
                 return None
             k = max(one.gains, key=lambda k: one.gains[k])
             if k in one.changes:
-                values = {**one.line.beside, one.line.parameter.name: k}
+                values = {**one.sweep.fixed, one.sweep.parameter.name: k}
                 found = max(found, Trial(name, values, one.gains[k], self.point.residual
                                          + one.changes[k]), key=lambda t: t.gain)
-        return replace(found, lines=tuple(one.line for one in known))
+        return replace(found, sweeps=tuple(one.sweep for one in known))
 
-    def recalled(self, line: Line) -> RecalledLine:
-        """A line of the round before, with the gain by size that it promises now."""
-        changes = {k: self.whitened(d) for k, d in line.changes.items()}
-        return RecalledLine(line, changes, self.promised(line.parameter, changes))
+    def recall_sweep(self, sweep: Sweep) -> RecalledSweep:
+        """Whiten a sweep of the round before and predict its gains."""
+        changes = {k: self.whiten_change(d) for k, d in sweep.changes.items()}
+        return RecalledSweep(sweep, changes, self.predict_gains(sweep.parameter, changes))
 
-    def promised(self, parameter: Parameter, changes: Mapping[float, FloatArray]
+    def predict_gains(self, parameter: Parameter, changes: Mapping[float, FloatArray]
                  ) -> dict[float, float]:
-        """Gain by size, from what each does to the whitened residuals."""
+        """Predict the gain by size, from the changes (N,) of the whitened residuals."""
         return {parameter.null: 0.0,
-                **{k: self.null - self._guess(self.point.residual + d)
+                **{k: self.null_loss - self._approximate_loss(self.point.residual + d)
                    for k, d in changes.items()}}
 
-    def _near(self, effect: Effect, recalled: RecalledLine) -> Trial | None:
-        """From the best size by what was tried before; None where that may lead astray.
+    def _refine_recalled(self, effect: Effect, recalled: RecalledSweep) -> Trial | None:
+        """Refine the best size of the round before; None if a full sweep is needed.
 
-        That is where it is the last one tried, or explains something with several tops, or where
-        the car does not keep what was promised.
+        That is so if it is the largest size, if the effect may have several local maxima, or if the
+        gain is not as predicted.
         """
-        line, promised = recalled.line, recalled.gains
-        p, at = line.parameter, bracket_best_size(promised)
-        gain, kept, _ = self._gain_of(effect, p, line.beside)
-        if p.tops or at is None or promised[at[1]] <= self._policy.faint:
+        sweep = recalled.sweep
+        predicted = recalled.gains
+        p = sweep.parameter
+        bracket = bracket_best_size(predicted)
+        gain, whitened, _ = self._make_gain_function(effect, p, sweep.fixed)
+        if p.tops or bracket is None or predicted[bracket[1]] <= self._policy.faint:
             return None
-        gains = dict(promised)
+        gains = dict(predicted)
         refine_best_size(gains, p, gain, self._policy)
         best = max(gains, key=lambda k: gains[k])
-        if best not in kept:
+        if best not in whitened:
             gains[best] = gain(best)
-        if abs(gains[best] - promised[at[1]]) > self._policy.known * promised[at[1]]:
+        if abs(gains[best] - predicted[bracket[1]]) > self._policy.known * predicted[bracket[1]]:
             return None
-        return Trial(effect.name, {**line.beside, p.name: best}, gains[best], kept[best], (line,))
+        return Trial(effect.name, {**sweep.fixed, p.name: best}, gains[best], whitened[best],
+                     (sweep,))
 
-    def _gain_of(self, effect: Effect, parameter: Parameter, beside: Mapping[str, float]
+    def _make_gain_function(self, effect: Effect, parameter: Parameter, fixed: Mapping[str, float]
                  ) -> tuple[Callable[[float], float], dict[float, FloatArray],
                             dict[float, Residuals]]:
-        """(gain by size, whitened and plain residuals of every size that it was asked for)."""
-        kept: dict[float, FloatArray] = {parameter.null: self.point.residual}
+        """Return the function from size to gain, and the residuals that it has computed.
+
+        Returns (gain by size, whitened residuals by size, residuals in SI units by size).
+        """
+        whitened: dict[float, FloatArray] = {parameter.null: self.point.residual}
         plain: dict[float, Residuals] = {}
 
         def gain(k: float) -> float:
             try:
-                vehicle = apply(self._vehicle, effect.name, **{**beside, parameter.name: k})
+                vehicle = apply(self._vehicle, effect.name, **{**fixed, parameter.name: k})
                 plain[k] = self._evidence.residuals(vehicle, self._timing)
-            except ConfigError:  # the effect leads out of what a car can be
+            except ConfigError:  # the vehicle has no valid parameters with this size
                 return -np.inf
-            kept[k] = self._from_plain(plain[k])
-            return self.gain(kept[k])
+            whitened[k] = self._from_plain(plain[k])
+            return self.gain(whitened[k])
 
-        return gain, kept, plain
+        return gain, whitened, plain
 
-    def _along(self, effect: Effect, parameter: Parameter,
-               beside: Mapping[str, float]) -> Trial:
-        gain, kept, plain = self._gain_of(effect, parameter, beside)
+    def _sweep_parameter(self, effect: Effect, parameter: Parameter,
+                         fixed: Mapping[str, float]) -> Trial:
+        """Sweep the size of an effect over one parameter, and return its best trial."""
+        gain, whitened, plain = self._make_gain_function(effect, parameter, fixed)
 
-        def moved(k: float) -> float:
-            return self._moved(kept[k]) if k in kept else np.inf
+        def change_norm(k: float) -> float:
+            return self._change_norm(whitened[k]) if k in whitened else np.inf
 
+        # 1. The smallest steps of the ladder, on both sides.
         near, far = ladder(parameter, self._policy.dense if parameter.tops else self._policy.ladder)
         gains = {parameter.null: 0.0, near[0]: gain(near[0])}
-        if len(near) == 1 or not self._faint_on_both_sides(parameter, near[0], kept):
+        # 2. Unless both sides predict a negligible gain: larger sizes, a threshold, the maximum.
+        if len(near) == 1 or not self._is_negligible_on_both_sides(parameter, near[0], whitened):
             gains |= {k: gain(k) for k in near[1:]}
             if needs_larger_sizes(gains, parameter, gain, self._policy):
                 gains |= {k: gain(k) for k in far}
             while (k := next_larger_size(gains, parameter, self._policy.ladder[-1])) is not None:
                 gains[k] = gain(k)
-            find_onset(gains, parameter, gain, moved, self._policy)
+            find_onset(gains, parameter, gain, change_norm, self._policy)
             refine_best_size(gains, parameter, gain, self._policy)
-        best, around = max(gains, key=lambda k: gains[k]), bracket_best_size(gains)
-        known = (*near, *(around or ()), *(() if around and len(near) > 1 else far[:2]))
-        return Trial(effect.name, {**beside, parameter.name: best}, gains[best], kept[best],
-                     (self._line(parameter, beside, plain, known),))
+        # 3. Keep the changes at the best size, its neighbours and the ladder for the next round.
+        best = max(gains, key=lambda k: gains[k])
+        bracket = bracket_best_size(gains)
+        known = (*near, *(bracket or ()), *(() if bracket and len(near) > 1 else far[:2]))
+        return Trial(effect.name, {**fixed, parameter.name: best}, gains[best], whitened[best],
+                     (self._make_sweep(parameter, fixed, plain, known),))
 
-    def _faint_on_both_sides(self, p: Parameter, k: float, kept: Mapping[float, FloatArray]
+    def _is_negligible_on_both_sides(self, p: Parameter, k: float,
+                                     whitened: Mapping[float, FloatArray]
                              ) -> bool:
-        """Whether next to nothing is promised if the other side does the opposite of size k."""
-        if k not in kept:
+        """Check that size k and the opposite change predict a negligible gain."""
+        if k not in whitened:
             return False
-        change = kept[k] - self.point.residual
+        change = whitened[k] - self.point.residual
         changes = {k: change, 2.0 * p.null - k: -change}
-        return not promises_gain(self.promised(p, changes), p, changes, self._policy)
+        return not predicts_gain(self.predict_gains(p, changes), p, changes, self._policy)
 
     def _plain_change(self, plain: Residuals) -> NDArray[np.float32]:
-        """Change (N,) in SI units; 0 where nothing was read."""
+        """Change (N,) of the residuals in SI units; 0 for missing readings."""
         parts = (plain.motion - self._plain.motion, plain.sensors - self._plain.sensors)
         change = np.concatenate([part.ravel() for part in parts])
         return np.asarray(np.nan_to_num(change, nan=0.0, posinf=0.0, neginf=0.0),
                           dtype=np.float32)
 
-    def _line(self, p: Parameter, beside: Mapping[str, float], plain: Mapping[float, Residuals],
-              ks: Sequence[float]) -> Line:
-        """What sizes did; the other side the opposite where it was not tried."""
+    def _make_sweep(self, p: Parameter, fixed: Mapping[str, float], plain: Mapping[float,
+                                                                                   Residuals],
+                    ks: Sequence[float]) -> Sweep:
+        """Collect the changes by size; a side that was not tried gets the opposite of the other."""
         changes = {k: self._plain_change(plain[k]) for k in ks if k in plain and k != p.null}
         if len(changes) == 1 and p.low < p.null < p.high:
             (k, change), = changes.items()
             changes[2.0 * p.null - k] = -change
-        return Line(p, beside, changes)
+        return Sweep(p, fixed, changes)
 
 
 def scan(evidence: Evidence, point: Point, names: Sequence[str] | None = None,
          progress: Progress | None = None, jobs: int = 1, policy: ScanPolicy = USUAL.scan,
-         before: Mapping[str, Sequence[Line]] = MappingProxyType({})) -> list[Trial]:
-    """Every effect alone, the one that takes away most first; effects of the point left out.
+         previous: Mapping[str, Sequence[Sweep]] = MappingProxyType({})) -> list[Trial]:
+    """Try every effect alone and sort by gain, largest first; effects of the point are excluded.
 
-    jobs: processes; None of what comes out depends on it. before: by effect, what was tried in
+    jobs: number of processes; the result does not depend on it. previous: by effect, its sweeps of
     the round before.
     """
-    work = Scan(evidence, point, policy)
-    has = {a.name for a in point.vehicle.effects}
-    wanted = [n for n in (catalogue() if names is None else names) if n not in has]
-    known = {n: [work.recalled(line) for line in before[n]] for n in wanted if before.get(n)}
-    trials = [t for t in (work.again(name, lines) for name, lines in known.items()) if t]
+    work = EffectScan(evidence, point, policy)
+    present = {a.name for a in point.vehicle.effects}
+    requested = [n for n in (catalogue() if names is None else names) if n not in present]
+    known = {n: [work.recall_sweep(sweep) for sweep in previous[n]] for n in requested
+             if previous.get(n)}
+    trials = [t for t in (work.recall_trial(name, sweeps) for name, sweeps in known.items()) if t]
     done = {t.effect for t in trials}
-    todo = [(n, known.get(n, ())) for n in wanted if n not in done]
-    for trial in each(work.tried, todo, jobs):
+    remaining = [(n, known.get(n, ())) for n in requested if n not in done]
+    for trial in each(work.run_item, remaining, jobs):
         trials.append(trial)
         if progress is not None:
-            progress(len(trials) / len(wanted), trial.effect)
-    # in single precision: there are many of them, and they are long
+            progress(len(trials) / len(requested), trial.effect)
+    # Single precision: there are up to a hundred trials with some 10,000 residuals each.
     return sorted((replace(t, residual=t.residual.astype(np.float32)) for t in trials),
                   key=lambda t: (-t.gain, t.effect))

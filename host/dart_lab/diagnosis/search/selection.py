@@ -1,4 +1,4 @@
-"""One step of the search: which effect is accepted, if any, and why the others are not."""
+"""Selection: which effect of a round is accepted, if any, and why the others are rejected."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from ..evidence.residuals import Evidence
 from ..evidence.rows import RowLabels, label_rows
 from ..gates import Candidate, explain_failure, relative_size
 from ..policy import USUAL, NamingPolicy, Policy
-from .confounders import confounders
+from .confounders import find_confounders
 from .fit import Point
-from .pairs import FitWith, one_of_a_pair
+from .pairs import FitEffect, find_masked_effect
 from .scan import Trial
-from .significance import nothing_missing
+from .significance import simulate_null
 
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What a search may do: see ``diagnose``.
+    """Settings of a search: see ``diagnose``.
 
-    free: parameters of the base that move. refit: the effects of the base move as well.
+    free: parameters of the base that are fitted. refit: the effects of the base are fitted as well.
     """
 
     free: tuple[str, ...] = ()
@@ -37,11 +37,11 @@ class Settings:
 
 
 @dataclass(frozen=True, slots=True)
-class Named:
-    """An effect that was accepted: p and gain in its round, and its confounders.
+class AcceptedEffect:
+    """An accepted effect: its p-value and gain in its round, and its confounders.
 
-    threshold: what it had to gain in that round.
-    alternatives: what gained enough in its round to be a confounder beside all causes.
+    threshold: the minimum gain in that round. alternatives: effects with enough gain in that round
+    to be a confounder once all causes are included.
     """
 
     effect: str
@@ -53,104 +53,115 @@ class Named:
 
 
 @dataclass(frozen=True, slots=True)
-class Rejected:
-    """An effect of the last round that was not accepted."""
+class RejectedEffect:
+    """An effect of the last round that was not accepted, and the reason."""
 
     effect: str
     p_value: float
     gain: float
-    why: str
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
-    """accepted: an effect and the fit with it; None where none passes."""
+class SelectionStep:
+    """Result of one round. accepted: the effect and the fit with it, or None."""
 
-    accepted: tuple[Named, Point] | None
-    rejected: tuple[Rejected, ...]
+    accepted: tuple[AcceptedEffect, Point] | None
+    rejected: tuple[RejectedEffect, ...]
 
 
-def explain(point: Point, trials: Sequence[Trial], fit_with: FitWith, policy: NamingPolicy
-            ) -> dict[str, Point]:
-    """Fit the trials that gain most until one keeps half of what it promised; by effect.
+def fit_best_trials(point: Point, trials: Sequence[Trial], fit_effect: FitEffect,
+                    policy: NamingPolicy) -> dict[str, Point]:
+    """Fit the trials with the largest gain until one reaches half of the predicted gain; by effect.
 
-    A trial that leads astray, for what is linear ends early, must not be the last word on what the
-    best effect would leave.
+    A linear prediction can be wrong for a large change. A trial with a wrong prediction must not
+    decide which residuals remain after the best explanation.
     """
     fits: dict[str, Point] = {}
     for trial in trials[:policy.explanations]:
         if trial.gain <= 0.0:
             break
-        fits[trial.effect] = fit_with(point, trial)
+        fits[trial.effect] = fit_effect(point, trial)
         if point.loss() - fits[trial.effect].loss() > policy.keeps * trial.gain:
             break
     return fits
 
 
-def least_lossy(point: Point, fits: Iterable[Point]) -> Point:
-    """The fit with the smallest loss, or the point itself where none is better."""
+def lowest_loss_fit(point: Point, fits: Iterable[Point]) -> Point:
+    """The fit with the smallest loss, or the point itself if no fit is better."""
     return min((point, *fits), key=lambda fit: fit.loss())
 
 
-def select(evidence: Evidence, point: Point, trials: Sequence[Trial], fit_with: FitWith,
-           settings: Settings, explanations: Mapping[str, Point] | None = None) -> Step:
-    """The best effect that passes everything.
+def select_effect(evidence: Evidence, point: Point, trials: Sequence[Trial], fit_effect: FitEffect,
+                  settings: Settings, explanations: Mapping[str,
+                                                            Point] | None = None) -> SelectionStep:
+    """Select the effect of a round that passes all gates.
 
-    trials: largest gain first. explanations: see ``explain``, where that was done before.
+    1. Fit the best trials. The best fit gives the residuals without a cause.
+    2. Simulate the null distribution from them: thresholds of the gain by effect.
+    3. Order the effects above their threshold by the loss of their fit. An effect that is masked
+       by another one comes first.
+    4. Accept the first that passes the gates of the scan and of the fit.
+
+    trials: largest gain first. explanations: result of ``fit_best_trials``, if already computed.
     """
-    policy, rows = settings.policy.naming, rows_at(evidence, point, settings.policy)
-    fits = dict(explain(point, trials, fit_with, policy) if explanations is None else explanations)
-    rest = least_lossy(point, fits.values()).residual
-    nothing = nothing_missing(point, rest, trials, rows.block, settings.seed, policy.draws,
+    policy = settings.policy.naming
+    rows = label_point_rows(evidence, point, settings.policy)
+    fits = dict(fit_best_trials(point, trials, fit_effect, policy) if explanations is None
+                else explanations)
+    rest = lowest_loss_fit(point, fits.values()).residual
+    null = simulate_null(point, rest, trials, rows.block, settings.seed, policy.draws,
                               evidence.has_mocap)
-    limits = nothing.needed([t.effect for t in trials], settings.false_alarm)
+    limits = null.gain_thresholds([t.effect for t in trials], settings.false_alarm)
     passed = [t for t in trials if t.gain > limits[t.effect]]
     large = [t for t in passed
              if not explain_failure("scan", _candidate(t, limits), settings.policy)]
     order = sorted(passed, key=lambda t: fits[t.effect].loss() - point.loss()
                    if t.effect in fits else 0.0)
-    before = one_of_a_pair(point, large, trials, limits, fits, fit_with, policy.furthest)
+    before = find_masked_effect(point, large, trials, limits, fits, fit_effect, policy.furthest)
     order.sort(key=lambda t: t is not before)
-    accepted: tuple[Named, Point] | None = None
-    rejected = list[Rejected]()
+    accepted: tuple[AcceptedEffect, Point] | None = None
+    rejected = list[RejectedEffect]()
     for trial in (*order, *(t for t in trials if t not in passed)):
-        p = nothing.p_value(trial.effect, trial.gain)
+        p = null.p_value(trial.effect, trial.gain)
         candidate = replace(_candidate(trial, limits),
                             chosen=accepted[0].effect if accepted else "")
-        why = explain_failure("scan", candidate, settings.policy)
-        if not why:
-            fit = fits[trial.effect] = fits.get(trial.effect) or fit_with(point, trial)
+        reason = explain_failure("scan", candidate, settings.policy)
+        if not reason:
+            fit = fits[trial.effect] = fits.get(trial.effect) or fit_effect(point, trial)
             gain = point.loss() - fit.loss()
-            candidate = replace(candidate, fit_gain=gain, size=_size(fit, trial.effect))
-            why = explain_failure("fit", candidate, settings.policy)
-            if not why:
-                rivals = confounders(point, trial, trials, rows, fits, settings.policy.confounders)
-                others = alternatives(trial, trials, settings.policy.confounders.gain)
-                accepted = (Named(trial.effect, p, gain, candidate.threshold, rivals, others), fit)
-        if why:
-            rejected.append(Rejected(trial.effect, p, trial.gain, why))
-    return Step(accepted, tuple(rejected))
+            candidate = replace(candidate, fit_gain=gain, size=_fitted_size(fit, trial.effect))
+            reason = explain_failure("fit", candidate, settings.policy)
+            if not reason:
+                rivals = find_confounders(point, trial, trials, rows, fits,
+                                          settings.policy.confounders)
+                others = list_alternatives(trial, trials, settings.policy.confounders.gain)
+                accepted = (AcceptedEffect(trial.effect, p, gain, candidate.threshold, rivals,
+                                           others), fit)
+        if reason:
+            rejected.append(RejectedEffect(trial.effect, p, trial.gain, reason))
+    return SelectionStep(accepted, tuple(rejected))
 
 
-def rows_at(evidence: Evidence, point: Point, policy: Policy) -> RowLabels:
-    """What belongs to what, of the residuals of a point."""
+def label_point_rows(evidence: Evidence, point: Point, policy: Policy) -> RowLabels:
+    """Label the residuals of a point by block, recording and window."""
     return label_rows(evidence, evidence.residuals(point.vehicle, point.timing), policy.blocks)
 
 
-def alternatives(trial: Trial, trials: Sequence[Trial], share: float) -> tuple[str, ...]:
-    """What gains enough beside an effect to be its confounder, had it been there."""
+def list_alternatives(trial: Trial, trials: Sequence[Trial], share: float) -> tuple[str, ...]:
+    """List the effects with at least a share of the gain of a trial."""
     return tuple(t.effect for t in trials
                  if t is not trial and t.gain > max(0.0, share * trial.gain))
 
 
 def _candidate(trial: Trial, thresholds: Mapping[str, float]) -> Candidate:
-    """What the linear answer says of an effect."""
+    """Describe a trial for the gates."""
     return Candidate(gain=trial.gain, threshold=thresholds[trial.effect],
                      size=relative_size(catalogue()[trial.effect], trial.values))
 
 
-def _size(point: Point, name: str) -> float:
-    """Size of an effect in a fit, as ``relative_size``."""
+def _fitted_size(point: Point, name: str) -> float:
+    """Relative size of an effect in a fit."""
     active = next(a for a in point.vehicle.effects if a.name == name)
     names = [q.name for q in active.effect.parameters]
     return relative_size(active.effect, dict(zip(names, active.values, strict=True)))

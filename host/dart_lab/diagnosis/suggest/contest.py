@@ -20,7 +20,7 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.residuals import Residuals
-from ..search.size_search import scanned
+from ..search.size_search import scanned_parameters
 from .side import Side
 
 LADDER = (0.1, 0.35, 1.0, 2.2, 5.0)  # of the medium size
@@ -86,7 +86,7 @@ class Contest:
         return won / repeats
 
     def _best(self, name: str) -> Mimic:
-        found = [self._along(name, q) for q in scanned(catalogue()[name])]
+        found = [self._along(name, q) for q in scanned_parameters(catalogue()[name])]
         return min(found, key=lambda m: m.loss)
 
     def cost(self, name: str, q: Parameter, k: float) -> float:

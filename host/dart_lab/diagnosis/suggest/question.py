@@ -16,7 +16,7 @@ from ..evidence.residuals import Evidence
 from ..evidence.space import MessageTiming, Space
 from ..policy import USUAL, Policy
 from ..result import Cause, Diagnosis
-from ..search.fit import at
+from ..search.fit import evaluate_point
 from .contest import Contest
 from .evidence import Setting, setting, without_mocap
 from .side import Side
@@ -99,9 +99,9 @@ def _timing(diagnosis: Diagnosis, p: Vehicle, policy: Policy) -> MessageTiming:
     bare = Space(replace(p, effects=()), (), policy=policy.prior)
     for _ in range(SETTLE):
         noise = _noise(evidence, p, timing, policy)
-        point = at(evidence, noise, bare, bare.point(timing))
+        point = evaluate_point(evidence, noise, bare, bare.point(timing))
         own = noise.stack(evidence.residuals(p, timing))[0]
-        timing = bare.split(np.clip(point.x + point.follow(own), bare.low, bare.high))[1]
+        timing = bare.split(np.clip(point.x + point.best_step(own), bare.low, bare.high))[1]
     return timing
 
 

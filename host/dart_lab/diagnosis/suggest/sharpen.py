@@ -25,7 +25,7 @@ from ..evidence.space import MessageTiming, Space
 from ..parameters.groups import quantities_of
 from ..policy import USUAL, Policy
 from ..result import Claim, Diagnosis
-from ..search.fit import at
+from ..search.fit import evaluate_point
 from .evidence import MIDDLE, Setting, setting
 from .library import CHOICES, FLOOR, Progress, Rehearsed, rehearsed
 from .virtual import record
@@ -116,7 +116,8 @@ class Seen:
             evidence = self.setting.of([run])
             if not len(evidence.drives) or not len(evidence.motion_drive):
                 continue
-            point = at(evidence, self.setting.noise, self._space, self._space.point(MIDDLE))
+            point = evaluate_point(evidence, self.setting.noise, self._space,
+                                   self._space.point(MIDDLE))
             weighted = point.jacobian * point.irls_weight[:, None]
             normal, told = normal + weighted.T @ point.jacobian, True
         return np.asarray(np.linalg.inv(normal)) if told else None

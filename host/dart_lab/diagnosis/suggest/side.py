@@ -14,7 +14,7 @@ from ..evidence.noise import Noise
 from ..evidence.residuals import Residuals
 from ..evidence.space import MessageTiming, Space
 from ..policy import USUAL, PriorPolicy
-from ..search.fit import Point, at
+from ..search.fit import Point, evaluate_point
 
 
 class Side:
@@ -28,7 +28,7 @@ class Side:
                  policy: PriorPolicy = USUAL.prior) -> None:
         self.evidence, self.noise, self._timing = evidence, noise, timing
         space = Space(base, free, known, policy=policy)
-        self.point: Point = at(evidence, noise, space, space.point(timing))
+        self.point: Point = evaluate_point(evidence, noise, space, space.point(timing))
         self._true = self._residual(truth)
 
     def difference(self, p: Vehicle) -> FloatArray:
@@ -38,14 +38,14 @@ class Side:
     def loss(self, p: Vehicle) -> float:
         """Robust loss by which p is worse, once all that is free has followed."""
         r, point = self.difference(p), self.point
-        move = point.follow(r)
-        moved = point.prior(move) - point.prior(np.zeros_like(move))
+        move = point.best_step(r)
+        moved = point.prior_loss(move) - point.prior_loss(np.zeros_like(move))
         return float(point.weight @ self.noise.loss(r + point.jacobian @ move)) + moved
 
     def followed(self, p: Vehicle) -> Vehicle:
         """The base as it follows p."""
         space = self.point.space
-        x = self.point.x + self.point.follow(self.difference(p))
+        x = self.point.x + self.point.best_step(self.difference(p))
         return space.split(np.clip(x, space.low, space.high))[0]
 
     def worse(self, noise: Residuals, more: FloatArray) -> float:
@@ -54,7 +54,7 @@ class Side:
         return self._left(x + more) - self._left(x)
 
     def _left(self, x: FloatArray) -> float:
-        return float(self.point.weight @ self.noise.loss(self.point.after(x)))
+        return float(self.point.weight @ self.noise.loss(self.point.residual_after_step(x)))
 
     def _residual(self, p: Vehicle) -> FloatArray:
         return self.noise.stack(self.evidence.residuals(p, self._timing))[0]

@@ -10,7 +10,7 @@ import numpy as np
 from dart_hal.vehicle.effect import Parameter
 from dart_hal.vehicle.effects import catalogue
 
-from ..search.size_search import scanned
+from ..search.size_search import scanned_parameters
 from .contest import LADDER, Contest, per_recording
 
 NEAR = (0.02, 0.05, *LADDER)  # of the medium size, to both sides of the best
@@ -26,7 +26,7 @@ class Sizes:
     def __init__(self, contest: Contest, best: Mapping[str, Mapping[str, float]]) -> None:
         self._curves: dict[tuple[str, str], Callable[[float], float]] = {}
         for name, values in best.items():
-            for q in () if per_recording(name) else scanned(catalogue()[name]):
+            for q in () if per_recording(name) else scanned_parameters(catalogue()[name]):
                 self._curves[name, q.name] = _curve(contest, name, q, values.get(q.name, q.null))
 
     def __call__(self, name: str, parameter: str, value: float) -> float:

@@ -1,6 +1,6 @@
-"""Unexplained structure: residuals that depend on the drive and have no cause in the catalogue.
+"""Unexplained structure: residuals that depend on the drive without a cause in the catalogue.
 
-``features`` are what the car was doing, ``bases`` and ``waves`` functions of them, ``crossfit``
-fits on some blocks and judges on others, ``structure`` finds the largest pattern, ``outliers`` the
-worst moments.
+``features`` describe the motion in each window, ``bases`` and ``waves`` are functions of them,
+``crossfit`` fits on some blocks and tests on others, ``structure`` finds the largest pattern,
+``outliers`` finds moments with exceptionally large errors.
 """

@@ -1,4 +1,4 @@
-"""Residuals without what goes with the driving: what is left of them is noise."""
+"""Remove from residuals what is a function of the drive: the remainder is noise."""
 
 from __future__ import annotations
 
@@ -14,45 +14,46 @@ from ..evidence.drive import READ_OUTS
 from ..evidence.noise import replace_diverged
 from ..evidence.residuals import Evidence, Residuals
 from ..policy import CLIP, TAIL, BlockPolicy, UnexplainedPolicy
-from .bases import basis
-from .crossfit import held_out
+from .bases import basis_functions
+from .crossfit import predict_held_out
 from .features import exogenous, window_features
 
-ALONG = ("speed", "steering_angle", "lateral_acceleration", "throttle", "direction")
-"""Variables that models of a car are made of; a function of each, added up."""
-SPAN = READ_OUTS[2]
-"""Samples over which a window is described, as where structure is looked for."""
+# Variables of vehicle models. The prediction is a sum of one function of each.
+DRIVE_VARIABLES = ("speed", "steering_angle", "lateral_acceleration", "throttle", "direction")
+# Samples by which a window is described, as in the search for structure.
+WINDOW_SAMPLES = READ_OUTS[2]
 
 
-def undriven(evidence: Evidence, p: Vehicle, r: Residuals, policy: UnexplainedPolicy) -> Residuals:
-    """With the motion less what functions of ALONG predict of it, on blocks left out.
+def remove_driven_motion(evidence: Evidence, p: Vehicle, r: Residuals,
+                         policy: UnexplainedPolicy) -> Residuals:
+    """Subtract from the motion what functions of DRIVE_VARIABLES predict on held-out blocks.
 
-    A column that they do not predict is as it was; with too few blocks every one is.
+    Columns that they do not predict are unchanged, all columns if there are too few blocks.
     """
-    return replace(r, motion=remove_driven(evidence, p, r.motion, SPAN, policy))
+    return replace(r, motion=remove_driven(evidence, p, r.motion, WINDOW_SAMPLES, policy))
 
 
 def remove_driven(evidence: Evidence, p: Vehicle, errors: FloatArray, span: int,
                   policy: UnexplainedPolicy) -> FloatArray:
-    """Subtract from errors (n, c) of the windows what functions of ALONG predict, see ``undriven``.
+    """Subtract from errors (n, c) of the windows what functions of DRIVE_VARIABLES predict.
 
-    span: samples over which a window is described.
+    span: samples by which a window is described. See ``remove_driven_motion``.
     """
     block = np.unique(evidence.blocks(BlockPolicy().seconds)[0], return_inverse=True)[1]
     if not len(block) or block.max() + 1 < policy.least_blocks:
         return errors
     features = exogenous(p, window_features(evidence, p, span), policy.straight)
-    columns = np.hstack([basis(features, (name,), TAIL) for name in ALONG])
+    columns = np.hstack([basis_functions(features, (name,), TAIL) for name in DRIVE_VARIABLES])
     fold = np.random.default_rng(0).permutation(np.arange(block.max() + 1) % policy.folds)[block]
     finite = replace_diverged(errors)
-    return np.stack([_without(y, columns, fold, policy) for y in finite.T], axis=1)
+    return np.stack([_subtract_prediction(y, columns, fold, policy) for y in finite.T], axis=1)
 
 
-def _without(y: FloatArray, columns: FloatArray, fold: IntArray,
-             policy: UnexplainedPolicy) -> FloatArray:
-    """One column (n,) of the motion, and functions (n, d) that may predict it."""
-    away = y - np.median(y)
-    size = MAD_TO_SIGMA * float(np.median(np.abs(away))) + 1e-6
-    x = np.clip(away / size, -CLIP, CLIP)
-    said = held_out(columns, x, fold, policy.ridge)
-    return np.asarray(y - size * said if np.sum((x - said)**2) < x @ x else y)
+def _subtract_prediction(y: FloatArray, columns: FloatArray, fold: IntArray,
+                         policy: UnexplainedPolicy) -> FloatArray:
+    """Subtract the held-out prediction by functions (n, d) from y (n,), if it reduces y."""
+    centred = y - np.median(y)
+    size = MAD_TO_SIGMA * float(np.median(np.abs(centred))) + 1e-6
+    x = np.clip(centred / size, -CLIP, CLIP)
+    prediction = predict_held_out(columns, x, fold, policy.ridge)
+    return np.asarray(y - size * prediction if np.sum((x - prediction)**2) < x @ x else y)

@@ -1,9 +1,8 @@
-"""What the car did in each window and at each message: the axes along which residuals are judged.
+"""Features: the motion in each window and at each message, on which residuals may depend.
 
-All are taken from the measured motion and the logged commands. They say
-where a residual lies and never how large it is, so anything that depends on
-them is structure. A window is described by its mean, a message by the mean
-over the time in which its encoder counted.
+All are computed from the measured motion and the logged commands. They are independent of the size
+of a residual, so any dependence on them is structure. A window is described by its mean, a message
+by the mean over the time in which its encoder counted.
 """
 
 from __future__ import annotations
@@ -22,44 +21,45 @@ from ..evidence.drive import READ_OUTS, RecordedDrive
 from ..evidence.readings import ENCODER_SAMPLES
 from ..evidence.residuals import Evidence
 
-UNITS = MappingProxyType({
+# Every feature and its unit. steering_angle: of the road wheels, after delay, lag and map;
+# steering_rate: its mean change; time: since the start of the recording; heading: -pi to pi;
+# revolution_angle: of the gear with the encoder, 0 to 1; direction: 1 left, -1 right, 0 straight;
+# way: distance driven since the start of the recording.
+FEATURE_UNITS = MappingProxyType({
     "speed": "m/s", "steering_angle": "rad", "steering_rate": "rad/s", "throttle": "-",
     "acceleration": "m/s2", "lateral_acceleration": "m/s2", "yaw_rate": "rad/s", "time": "s",
     "x": "m", "y": "m", "heading": "rad", "revolution_angle": "turn", "direction": "-",
     "way": "m"})
-"""Every feature and its unit. steering_angle: of the road wheels, behind delay, lag and map;
-steering_rate: its mean change; time: since the recording began; heading: -pi to pi;
-revolution_angle: of the encoder's gear, 0 to 1; direction: 1 left, -1 right, 0 straight on;
-way: driven since the recording began."""
-STRAIGHT = 0.15
-"""rad/s; a mean yaw rate below it is no turn."""
+# rad/s: a smaller mean yaw rate counts as straight.
+MIN_TURN_RATE = 0.15
 Features = dict[str, FloatArray]
 
 
 def window_features(evidence: Evidence, p: Vehicle, span: int = READ_OUTS[-1]) -> Features:
-    """Features of each window, (n,) by name of UNITS, over its first ``span`` samples.
+    """Features of each window, (n,) by name of FEATURE_UNITS, over its first ``span`` samples.
 
-    p: whose delays, lags and steering map say where the wheels stood.
+    p: vehicle with the delays, lags and steering map that give the angle of the wheels.
     """
     def ends(drive: RecordedDrive) -> tuple[FloatArray, FloatArray]:
         first = np.asarray(drive.starts, dtype=np.float64)
         return first, first + span
 
-    return _gathered(evidence, p, ends)
+    return _collect_features(evidence, p, ends)
 
 
 def message_features(evidence: Evidence, p: Vehicle) -> Features:
-    """Features of each message, (m,) by name of UNITS, over the WINDOW samples before it."""
-    return _gathered(evidence, p, lambda d: (
-        d.message_samples - ENCODER_SAMPLES, d.message_samples))
+    """Features of each message, (m,) by name, over the ENCODER_SAMPLES before it."""
+    return _collect_features(evidence, p, lambda d: (d.message_samples - ENCODER_SAMPLES,
+                                                     d.message_samples))
 
 
 def exogenous(p: Vehicle, features: Features, straight: float) -> Features:
-    """Features without what the disturbance itself moves.
+    """Select features that the disturbance itself does not change, and recompute two of them.
 
-    straight [rad]: of steering; half of it is neither left nor right. A gust makes the car
-    faster than the model says and accelerates it: residual and measured acceleration go together
-    although the model lacks nothing.
+    A gust accelerates the car and makes it faster than predicted: residual and measured
+    acceleration are correlated although the model is right. Lateral acceleration and direction are
+    therefore computed from speed and steering. straight [rad]: steering angle; below half of it the
+    direction is 0.
     """
     keep = {k: v for k, v in features.items() if k not in ("acceleration", "yaw_rate")}
     keep["lateral_acceleration"] = (keep["speed"]**2 * np.tan(keep["steering_angle"])
@@ -68,44 +68,50 @@ def exogenous(p: Vehicle, features: Features, straight: float) -> Features:
     return keep
 
 
-def _gathered(evidence: Evidence, p: Vehicle,
+def _collect_features(evidence: Evidence, p: Vehicle,
               ends: Callable[[RecordedDrive], tuple[FloatArray, FloatArray]]) -> Features:
-    parts = [_of(drive, p, *ends(drive)) for drive in evidence.drives]
+    """Concatenate the features of all drives; ends: first and last samples of windows."""
+    parts = [_drive_features(drive, p, *ends(drive)) for drive in evidence.drives]
     return {name: np.concatenate([part[name] for part in parts] or [np.empty(0)])
-            for name in UNITS}
+            for name in FEATURE_UNITS}
 
 
-def _of(drive: RecordedDrive, p: Vehicle, first: FloatArray, last: FloatArray) -> Features:
-    """Between samples first and last (n,) of one recording."""
+def _drive_features(drive: RecordedDrive, p: Vehicle, first: FloatArray,
+                    last: FloatArray) -> Features:
+    """Features between samples first and last (n,) of one recording."""
     g = drive.grid
     sample = np.arange(len(g))
     throttle, angle = actuated(p, g, smooth=True)
 
-    def at(series: FloatArray, where: FloatArray) -> FloatArray:
-        return np.asarray(np.interp(where, sample, series))
+    def sample_at(series: FloatArray, position: FloatArray) -> FloatArray:
+        return np.asarray(np.interp(position, sample, series))
 
     def mean(series: FloatArray) -> FloatArray:
+        # Mean between two times that are no samples: difference of the integral (trapezoidal rule).
         total = np.concatenate([[0.0], np.cumsum(0.5 * (series[1:] + series[:-1]))])
-        return (at(total, last) - at(total, first)) / (last - first)
+        return (sample_at(total, last) - sample_at(total, first)) / (last - first)
 
     seconds = (last - first) * SAMPLE
     middle = 0.5 * (first + last)
-    turn = mean(g.omega)
-    turns = np.concatenate([[0.0], np.cumsum(0.5 * (g.v_x[1:] + g.v_x[:-1]))])
+    yaw_rate = mean(g.omega)
+    distance = np.concatenate([[0.0], np.cumsum(0.5 * (g.v_x[1:] + g.v_x[:-1]))])
     return {
         "speed": mean(g.v_x), "steering_angle": mean(angle),
-        "steering_rate": (at(angle, last) - at(angle, first)) / seconds,
+        "steering_rate": (sample_at(angle, last) - sample_at(angle, first)) / seconds,
         "throttle": mean(throttle),
-        "acceleration": (at(g.v_x, last) - at(g.v_x, first)) / seconds - mean(g.omega * g.v_y),
-        "lateral_acceleration": ((at(g.v_y, last) - at(g.v_y, first)) / seconds
+        "acceleration": ((sample_at(g.v_x, last) - sample_at(g.v_x, first)) / seconds
+                         - mean(g.omega * g.v_y)),
+        "lateral_acceleration": ((sample_at(g.v_y, last) - sample_at(g.v_y, first)) / seconds
                                  + mean(g.omega * g.v_x)),
-        "yaw_rate": turn, "time": at(g.t, middle), "x": at(g.x, middle), "y": at(g.y, middle),
-        "heading": _wrapped(at(g.yaw, middle)),
-        "revolution_angle": at(turns * SAMPLE / GEAR_REVOLUTION, middle) % 1.0,
-        "direction": np.sign(np.where(np.abs(turn) < STRAIGHT, 0.0, turn)),
-        "way": at(turns * SAMPLE, middle)}
+        "yaw_rate": yaw_rate, "time": sample_at(g.t, middle),
+        "x": sample_at(g.x, middle), "y": sample_at(g.y, middle),
+        "heading": _wrap_angle(sample_at(g.yaw, middle)),
+        "revolution_angle": sample_at(distance * SAMPLE / GEAR_REVOLUTION, middle) % 1.0,
+        "direction": np.sign(np.where(np.abs(yaw_rate) < MIN_TURN_RATE, 0.0, yaw_rate)),
+        "way": sample_at(distance * SAMPLE, middle)}
 
 
-def _wrapped(angle: FloatArray) -> FloatArray:
+def _wrap_angle(angle: FloatArray) -> FloatArray:
+    """Wrap an angle to -pi to pi."""
     return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi)
 

@@ -1,10 +1,11 @@
-"""Whether anything is left in the residuals that depends on what the car was doing.
+"""Find structure: residuals that are a function of the motion, place or time.
 
-A flexible function of speed, steering, place, time and the like is fitted to
-one part of the drive and predicts the residual of the other. Where it does
-better than by chance, the model lacks something, whatever the catalogue of
-effects has to say. Chance is what the same procedure finds in the same
-residuals with the signs of whole stretches turned.
+1. Fit flexible functions of speed, steering, place, time and others to one part of the drive,
+   and predict the residuals of the other part.
+2. Repeat with the signs of whole blocks flipped at random: the null distribution.
+3. Report the function that explains more than chance, the simplest one of each channel.
+
+The model is incomplete where such a function exists, also without an effect in the catalogue.
 """
 
 from __future__ import annotations
@@ -25,23 +26,31 @@ from ..evidence.readings import SENSORS
 from ..evidence.residuals import MOTION, Evidence, Residuals
 from ..policy import BLOCK_S, CLIP, TAIL, USUAL, UnexplainedPolicy
 from ..result import Unexplained
-from .bases import basis, sets
-from .crossfit import Blocked, fitted, held_out, normal_scores, predicted_share
-from .features import UNITS, exogenous, message_features, window_features
-from .waves import ALONG, WAVES, phases, wave, waves
+from .bases import basis_functions, list_variable_sets
+from .crossfit import (
+    BlockedResiduals,
+    fit_function,
+    normal_scores,
+    predict_held_out,
+    predicted_share,
+)
+from .features import FEATURE_UNITS, exogenous, message_features, window_features
+from .waves import WAVE_SETS, WAVES, find_wave, phase_labels, wave_shares
 
-READ_OUT = 2  # the one at 0.5 s: as far as from window to window
-UNIT = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "encoder": "m/s", "gyro": "rad/s",
+READ_OUT_INDEX = 2  # at 0.5 s, the distance between windows
+CHANNEL_UNITS = {"v_x": "m/s", "v_y": "m/s", "omega": "rad/s", "encoder": "m/s", "gyro": "rad/s",
         "accel_x": "m/s2", "accel_y": "m/s2"}
-LAST = 9  # a set of more variables than any has
-WITHIN = ("time", "recording")  # variables whose effect need not carry over to another recording
+WAVES_RANK = 9  # larger than the size of any set of variables
+WITHIN_RECORDING = ("time", "recording")  # need not generalise to another recording
 
 
 @dataclass(frozen=True, slots=True)
-class Group:
-    """Residuals with the same rows. y (n, c) in ``size`` (n, c) of SI units; block (n,):
-    labels, the same for the same stretch of time in every group; recording (n,): an index to
-    ``names``."""
+class ResidualGroup:
+    """Residuals with common rows.
+
+    y (n, c): in units of ``size`` (n, c), which is in SI units. block (n,): labels, the same for
+    the same time in every group. recording (n,): index into ``names``.
+    """
 
     channels: tuple[str, ...]
     y: FloatArray
@@ -53,58 +62,59 @@ class Group:
 
 
 @dataclass(frozen=True, slots=True)
-class Shares:
-    """share (k,): of the variance, predicted where it was not fitted, for k functions.
+class StructureShares:
+    """Explained shares of the variance on test folds, for k functions.
 
-    of: (channel, variables) of each. turned, left (s, k): the same by chance,
-    with turned signs of the residuals and of what the best functions leave of them.
-    least (k,): share below which it is not worth a word.
+    functions: (channel, variables) of each. share (k,): observed. flipped, remaining (s, k): null
+    distributions, from flipped signs of the residuals and of their remainder after the best
+    functions. min_share (k,): shares below it are not reported.
     """
 
-    of: list[tuple[str, tuple[str, ...]]]
+    functions: list[tuple[str, tuple[str, ...]]]
     share: FloatArray
-    turned: FloatArray
-    left: FloatArray
-    least: FloatArray
+    flipped: FloatArray
+    remaining: FloatArray
+    min_share: FloatArray
 
     def p_values(self, sharp: float) -> FloatArray:
-        """Of each function, over the family of all of them, (k,).
+        """Family-wise p-value of each function, (k,).
 
-        Turned residuals are an exact null, but a strong structure hides among
-        its own mirror images; what is left of them is a sharp null that is a
-        little too narrow for noise with a memory. So the sharp one decides, and
-        the exact one must nearly agree: at ``sharp`` times the level.
+        Flipped residuals are an exact null distribution, but a strong structure widens it. The
+        remainder gives a sharper null that is slightly too narrow for correlated noise. The sharp
+        one decides, and the exact one must agree at ``sharp`` times the level.
         """
-        return np.maximum(self._family_wise(self.left), self._family_wise(self.turned) / sharp)
+        return np.maximum(self._family_wise(self.remaining),
+                          self._family_wise(self.flipped) / sharp)
 
     def _family_wise(self, null: FloatArray) -> FloatArray:
-        """By chance alone, too, only what is worth a word is in the way of the others."""
+        """P-values over the family of all functions; only shares that would be reported compete."""
         share = np.vstack([self.share, null])
-        scores = np.where(share >= self.least, normal_scores(share), -np.inf)
+        scores = np.where(share >= self.min_share, normal_scores(share), -np.inf)
         chance = np.sort(scores[1:].max(axis=1))
         beaten_by = len(chance) - np.searchsorted(chance, scores[0])
         return np.asarray((1.0 + beaten_by) / (1.0 + len(chance)))
 
 
-def unexplained(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise, seed: int = 0,
-                level: float = 0.01, policy: UnexplainedPolicy = USUAL.unexplained
-                ) -> tuple[Unexplained, ...]:
-    """Structure in the residuals of p, at most one entry for each channel, the surest first.
+def find_structure(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
+                   seed: int = 0, level: float = 0.01,
+                   policy: UnexplainedPolicy = USUAL.unexplained) -> tuple[Unexplained, ...]:
+    """Find structure in the residuals of vehicle p, most significant channel first.
 
-    level: probability of any entry when there is nothing but noise that forgets
-    within a block. Empty, too, where there is too little to judge by.
+    level: probability of any entry if the noise is independent between blocks. Returns nothing if
+    there are too few data.
     """
-    return structure(groups(evidence, p, residuals, noise, policy), seed, level, policy)
+    return find_group_structure(group_residuals(evidence, p, residuals, noise, policy), seed,
+                                    level, policy)
 
 
-def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
-           policy: UnexplainedPolicy = USUAL.unexplained) -> list[Group]:
-    """Motion after 0.5 s, and the sensors."""
+def group_residuals(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
+                    policy: UnexplainedPolicy = USUAL.unexplained) -> list[ResidualGroup]:
+    """Collect the motion residuals at 0.5 s and the sensor residuals, with their features."""
     seconds = max(0.5 * len(residuals.motion), 0.1 * len(residuals.sensors))
     length = max(BLOCK_S, seconds / policy.blocks)
     windows, messages = evidence.blocks(length)
     names: tuple[str, ...] = MOTION
-    motion = slice(READ_OUT * len(MOTION), (READ_OUT + 1) * len(MOTION))
+    motion = slice(READ_OUT_INDEX * len(MOTION), (READ_OUT_INDEX + 1) * len(MOTION))
     sensors = slice(None)
     if isinstance(evidence, OnboardEvidence):
         names, motion, sensors = evidence.read_out
@@ -113,140 +123,159 @@ def groups(evidence: Evidence, p: Vehicle, residuals: Residuals, noise: Noise,
     certain = np.broadcast_to(noise.age_scale, residuals.motion.shape)[:, motion]
     x = certain * replace_diverged(residuals.motion[:, motion])
     x = x / size
-    while_driven = exogenous(p, window_features(evidence, p, READ_OUTS[READ_OUT]), policy.straight)
-    while_counted = exogenous(p, message_features(evidence, p), policy.straight)
-    del while_counted["steering_rate"]  # what mocap and sensors smooth differs where a turn begins
+    window_values = exogenous(p, window_features(evidence, p, READ_OUTS[READ_OUT_INDEX]),
+                              policy.straight)
+    message_values = exogenous(p, message_features(evidence, p), policy.straight)
+    del message_values["steering_rate"]  # mocap and sensors smooth the start of a turn differently
     drives = tuple(d.recording.name for d in evidence.drives)
-    read, loud = noise.whiten(residuals)[1], evidence.noise_scale
-    return [Group(names, x, size / certain, while_driven, windows,
-                  evidence.motion_drive, drives),
-            Group(tuple(SENSORS[sensors]), read[:, sensors], (noise.sensors / loud)[:, sensors],
-                  while_counted, messages, evidence.sensor_drive, drives)]
+    sensors_whitened = noise.whiten(residuals)[1]
+    noise_scale = evidence.noise_scale
+    return [ResidualGroup(names, x, size / certain, window_values, windows, evidence.motion_drive,
+                          drives), ResidualGroup(tuple(SENSORS[sensors]), sensors_whitened[:,
+                                                                                           sensors],
+                                                 (noise.sensors / noise_scale)[:, sensors],
+                                                 message_values, messages, evidence.sensor_drive,
+                                                 drives)]
 
 
-def structure(of: list[Group], seed: int = 0, level: float = 0.01,
-              policy: UnexplainedPolicy = USUAL.unexplained) -> tuple[Unexplained, ...]:
-    """``unexplained`` for residuals that are at hand."""
-    found = _surely(of, seed, level, policy)
+def find_group_structure(groups: list[ResidualGroup], seed: int = 0, level: float = 0.01,
+                         policy: UnexplainedPolicy = USUAL.unexplained) -> tuple[Unexplained, ...]:
+    """``find_structure`` for given residuals."""
+    found = _search_significant(groups, seed, level, policy)
     if found is None:
         return ()
     p_value = found.p_values(policy.sharp)
     out = []
-    for group in of:
+    for group in groups:
         for i, channel in enumerate(group.channels):
-            mine = {found.of[k][1]: (float(found.share[k]), float(p_value[k]))
-                    for k in range(len(found.of)) if found.of[k][0] == channel
-                    and p_value[k] <= level and found.share[k] >= found.least[k]}
-            if mine:
-                along = _simplest({k: share for k, (share, _) in mine.items()}, policy)
-                share, p = mine[along]
-                period, words = _words(group, i, along, policy)
-                variables = tuple(name for name in along if name != WAVES)
+            # Significant functions of this channel that explain enough.
+            own = {found.functions[k][1]: (float(found.share[k]), float(p_value[k]))
+                    for k in range(len(found.functions)) if found.functions[k][0] == channel
+                    and p_value[k] <= level and found.share[k] >= found.min_share[k]}
+            if own:
+                variables = _simplest({k: share for k, (share, _) in own.items()}, policy)
+                share, p = own[variables]
+                period, words = _describe(group, i, variables, policy)
+                variables = tuple(name for name in variables if name != WAVES)
                 out.append(Unexplained(channel, words, variables, p, share, period))
     return tuple(sorted(out, key=lambda u: (u.p_value, -u.share)))
 
 
-def _surely(of: list[Group], seed: int, level: float, policy: UnexplainedPolicy) -> Shares | None:
-    """What is worth a word by ten turns at the level; a tenth of them tell most that is not."""
+def _search_significant(groups: list[ResidualGroup], seed: int, level: float,
+                        policy: UnexplainedPolicy) -> StructureShares | None:
+    """Compute shares with many flips; with a tenth of them if nothing can be significant."""
     found = None
-    for turns, doubted in ((1.0, policy.doubted * level), (10.0, level)):
-        found = _search(of, seed, math.ceil(turns / level) - 1, policy)
-        if found is None or not ((found.p_values(policy.sharp) <= doubted)
-                                 & (found.share >= found.least)).any():
+    for flips, max_p_value in ((1.0, policy.doubted * level), (10.0, level)):
+        found = _compute_shares(groups, seed, math.ceil(flips / level) - 1, policy)
+        if found is None or not ((found.p_values(policy.sharp) <= max_p_value)
+                                 & (found.share >= found.min_share)).any():
             return None
     return found
 
 
-def shares(of: list[Group], seed: int = 0, policy: UnexplainedPolicy = USUAL.unexplained
-           ) -> dict[str, float]:
+def explained_shares(groups: list[ResidualGroup], seed: int = 0,
+                     policy: UnexplainedPolicy = USUAL.unexplained) -> dict[str, float]:
     """Share of the variance of each channel that functions of the features predict, 0 to 1.
 
-    What the best of them predicts where it was not fitted, less what the best of
-    them does by chance: a lower bound, lower for the fewer windows.
+    Test share of the best function minus the median of the best one by chance: a lower bound, lower
+    for fewer windows.
     """
-    out = {channel: 0.0 for group in of for channel in group.channels}
-    found = _search(of, seed, policy.copies, policy)
+    out = {channel: 0.0 for group in groups for channel in group.channels}
+    found = _compute_shares(groups, seed, policy.copies, policy)
     if found is None:
         return out
     for channel in out:
-        mine = [k for k in range(len(found.of)) if found.of[k][0] == channel]
-        if mine:
-            chance = float(np.median(found.turned[:, mine].max(axis=1)))
-            out[channel] = float(np.clip(found.share[mine].max() - max(chance, 0.0), 0.0, 1.0))
+        own = [k for k in range(len(found.functions)) if found.functions[k][0] == channel]
+        if own:
+            chance = float(np.median(found.flipped[:, own].max(axis=1)))
+            out[channel] = float(np.clip(found.share[own].max() - max(chance, 0.0), 0.0, 1.0))
     return out
 
 
-def _search(of: list[Group], seed: int, turns: int, policy: UnexplainedPolicy) -> Shares | None:
-    """Every function of every group, and the same by chance, ``turns`` times."""
-    labels = np.unique(np.concatenate([group.block for group in of]))
+def _compute_shares(groups: list[ResidualGroup], seed: int, flips: int,
+                    policy: UnexplainedPolicy) -> StructureShares | None:
+    """Compute the shares of every function of every group, observed and for sign flips."""
+    labels = np.unique(np.concatenate([group.block for group in groups]))
     rng = np.random.default_rng(seed)
-    signs = rng.choice([-1.0, 1.0], (turns, len(labels)))
+    signs = rng.choice([-1.0, 1.0], (flips, len(labels)))
     names: list[tuple[str, tuple[str, ...]]] = []
-    tables, least = [], []
-    for group in of:
+    tables = []
+    min_shares = []
+    for group in groups:
         present, block = np.unique(group.block, return_inverse=True)
         if len(present) >= policy.least_blocks:
-            mine = signs[:, np.searchsorted(labels, present)]
-            table, tried = _tried(group, block, mine, rng, policy)
+            own_signs = signs[:, np.searchsorted(labels, present)]
+            table, variable_sets = _group_shares(group, block, own_signs, rng, policy)
             tables.append(table)
             known = np.clip(group.y.var(axis=0), 1e-12, 1.0)
             floor = np.array([_tolerance(c, policy) for c in group.channels])
             variance = np.maximum(((group.y * group.size)**2).mean(axis=0), 1e-12)
-            least.append(np.tile(np.maximum(policy.share / known, floor**2 / variance), len(tried)))
-            names += [(channel, along) for along in tried for channel in group.channels]
+            min_shares.append(np.tile(np.maximum(policy.share / known, floor**2 / variance),
+                                      len(variable_sets)))
+            names += [(channel, variables) for variables in variable_sets
+                      for channel in group.channels]
     if not tables:
         return None
     table = np.concatenate(tables, axis=1)
-    return Shares(names, table[0], table[1:1 + turns], table[1 + turns:], np.concatenate(least))
+    return StructureShares(names, table[0], table[1:1 + flips], table[1 + flips:],
+                           np.concatenate(min_shares))
 
 
 def _tolerance(channel: str, policy: UnexplainedPolicy) -> float:
-    """What a sound sensor may be off, in SI units."""
+    """Error of a sound sensor, in SI units."""
     if channel.startswith("accel"):
         return policy.accel
     return policy.encoder if channel == "encoder" else 0.0
 
 
-def _tried(group: Group, block: IntArray, signs: FloatArray, rng: np.random.Generator,
-           policy: UnexplainedPolicy) -> tuple[FloatArray, list[tuple[str, ...]]]:
-    """Shares (1 + 2 s, sets x channels): as it is, turned, and turned what is left; the sets."""
-    features, y = _features(group), _centred(group, CLIP)
+def _group_shares(group: ResidualGroup, block: IntArray, signs: FloatArray,
+                  rng: np.random.Generator, policy: UnexplainedPolicy) -> tuple[FloatArray,
+                                                                                list[tuple[str,
+                                                                                           ...]]]:
+    """Shares (1 + 2 s, sets x channels): observed, flipped, flipped remainder; and the sets."""
+    features = _features(group)
+    y = _centre(group, CLIP)
     within, across = _folds(group, block, rng, policy)
-    tried = sets(features)
-    columns = [basis(features, along, TAIL) for along in tried]
-    folds = [within if set(along) & set(WITHIN) else across for along in tried]
+    variable_sets = list_variable_sets(features)
+    columns = [basis_functions(features, variables, TAIL) for variables in variable_sets]
+    folds = [within if set(variables) & set(WITHIN_RECORDING) else across
+             for variables in variable_sets]
     _, recording = np.unique(group.recording, return_inverse=True)
 
     def table(y: FloatArray, signs: FloatArray) -> FloatArray:
-        return np.stack([*(predicted_share(phi, Blocked(y, block, fold), signs, policy.ridge)
-                           for phi, fold in zip(columns, folds, strict=True)),
-                         *(waves(y, block, features[name], phases(name, recording), signs)
-                           for name, _ in ALONG)], axis=1)
+        return np.stack([*(predicted_share(phi, BlockedResiduals(y, block, fold), signs,
+                                           policy.ridge) for phi, fold in zip(columns, folds,
+                                                                              strict=True)),
+                         *(wave_shares(y, block, features[name], phase_labels(name, recording),
+                                       signs) for name, _ in WAVE_SETS)], axis=1)
 
+    # 1. Observed residuals and their flips.
     share = table(y, np.vstack([np.ones((1, signs.shape[1])), signs]))
-    left = y.copy()
-    for i, best in enumerate(share[0, :len(tried)].argmax(axis=0)):
+    # 2. Subtract the best function of each channel, and flip the remainder.
+    remaining = y.copy()
+    for i, best in enumerate(share[0, :len(variable_sets)].argmax(axis=0)):
         if share[0, best, i] > 0.0:
-            left[:, i] -= held_out(columns[best], y[:, i], folds[best], policy.ridge)
-    both = np.concatenate([share, table(left, signs)])
-    return both.reshape(len(both), -1), [*tried, *ALONG]
+            remaining[:, i] -= predict_held_out(columns[best], y[:, i], folds[best], policy.ridge)
+    both = np.concatenate([share, table(remaining, signs)])
+    return both.reshape(len(both), -1), [*variable_sets, *WAVE_SETS]
 
 
-def _features(group: Group) -> dict[str, FloatArray]:
+def _features(group: ResidualGroup) -> dict[str, FloatArray]:
+    """Features of a group; with the recording if there are several."""
     recording = group.recording.astype(np.float64)
     several = len(np.unique(recording)) > 1
     return {**group.features, **({"recording": recording} if several else {})}
 
 
-def _centred(group: Group, clip: float) -> FloatArray:
-    """An offset is no structure: it depends on nothing."""
+def _centre(group: ResidualGroup, clip: float) -> FloatArray:
+    """Clip the residuals and subtract their means: an offset depends on nothing."""
     y = np.clip(group.y, -clip, clip)
     return np.asarray(y - y.mean(axis=0))
 
 
-def _folds(group: Group, block: IntArray, rng: np.random.Generator,
+def _folds(group: ResidualGroup, block: IntArray, rng: np.random.Generator,
            policy: UnexplainedPolicy) -> tuple[IntArray, IntArray]:
-    """Folds of blocks, and of whole recordings where there are enough, (n,) both."""
+    """Test folds of blocks, and of whole recordings if there are enough, (n,) both."""
     within = rng.permutation(np.arange(block.max() + 1) % policy.folds)[block]
     _, recording = np.unique(group.recording, return_inverse=True)
     if recording.max() + 1 < policy.recordings:
@@ -256,42 +285,49 @@ def _folds(group: Group, block: IntArray, rng: np.random.Generator,
 
 def _simplest(share: Mapping[tuple[str, ...], float], policy: UnexplainedPolicy
               ) -> tuple[str, ...]:
-    """The best variable, or the best set of more where one is not nearly enough.
+    """Select the best variable, or a larger set if it explains much more.
 
-    Last of all waves: on circles what depends on the place comes again along the way as well.
+    Waves come last: on circles a function of the place is periodic with the distance as well.
     """
     best: tuple[str, ...] = ()
-    rank = {along: LAST if WAVES in along else len(along) for along in share}
+    rank = {variables: WAVES_RANK if WAVES in variables else len(variables) for variables in share}
     for size in sorted(set(rank.values())):
-        here = max((along for along in share if rank[along] == size), key=lambda a: share[a])
+        here = max((variables for variables in share if rank[variables] == size),
+                   key=lambda a: share[a])
         if not best or share[here] > policy.multiply * share[best]:
             best = here
     return best
 
 
-def _words(group: Group, channel: int, along: tuple[str, ...], policy: UnexplainedPolicy
-           ) -> tuple[float, str]:
-    """Its period, 0 if it has none; where the model is furthest off, or how large its waves are."""
-    features, y = _features(group), _centred(group, CLIP)[:, channel]
-    name, unit = group.channels[channel], UNIT[group.channels[channel]]
+def _describe(group: ResidualGroup, channel: int, variables: tuple[str, ...],
+              policy: UnexplainedPolicy) -> tuple[float, str]:
+    """Return the period (0 if none) and a text: extremes, or amplitude of the waves."""
+    features = _features(group)
+    y = _centre(group, CLIP)[:, channel]
+    name = group.channels[channel]
+    unit = CHANNEL_UNITS[group.channels[channel]]
     lead = f"model minus measured {name}{' after 0.5 s' if name in MOTION else ''}"
-    if WAVES in along:
-        length, size = wave(y, features[along[0]], phases(along[0], group.recording))
+    if WAVES in variables:
+        length, size = find_wave(y, features[variables[0]], phase_labels(variables[0],
+                                                                         group.recording))
         size *= float(np.median(group.size[:, channel]))
-        of = "of way" if along[0] == "way" else f"along {along[0]} of the room"
-        return length, f"{lead}: waves of +-{size:.2g} {unit}, one every {length:.2f} m {of}"
-    curve = fitted(basis(features, along, TAIL), y, policy.ridge) * group.size[:, channel]
+        direction = "of way" if variables[0] == "way" else f"along {variables[0]} of the room"
+        return length, f"{lead}: waves of +-{size:.2g} {unit}, one every {length:.2f} m {direction}"
+    curve = fit_function(basis_functions(features, variables, TAIL), y,
+                         policy.ridge) * group.size[:, channel]
     ends = []
     for row in (int(np.argmax(curve)), int(np.argmin(curve))):
-        where = ", ".join(f"{n} {_value(group, n, features[n][row])}" for n in along)
+        where = ", ".join(f"{n} {_value(group, n, features[n][row])}" for n in variables)
         ends.append(f"{curve[row]:+.2g} {unit} at {where}")
     return 0.0, f"{lead}: {ends[0]}; {ends[1]}"
 
 
-def _value(group: Group, name: str, value: float) -> str:
+def _value(group: ResidualGroup, name: str, value: float) -> str:
+    """Format a value of a feature with its unit."""
     return group.names[int(value)] if name == "recording" else f"{value:.3g}{_unit(name)}"
 
 
 def _unit(name: str) -> str:
-    unit = UNITS.get(name, "-")
+    """Unit of a feature with a leading space; empty if it has none."""
+    unit = FEATURE_UNITS.get(name, "-")
     return "" if unit == "-" else f" {unit}"

@@ -1,10 +1,10 @@
-"""Waves: a wheel that is not round repeats with the distance driven, planks and cables with place.
+"""Waves in the residuals: periodic with the distance (wheel not round) or with the place (planks).
 
 Periodogram of residuals y over distance s, each recording r with a phase of its own:
 
     share(f) = sum_r 2 / n_r |sum_(i in r) y_i exp(2 pi j f s_i)|^2 / |y|^2
 
-The inner sums are kept by block, so the signs of whole blocks are turned as for any function.
+The inner sums are kept by block, so that the signs of whole blocks can be flipped.
 """
 
 from __future__ import annotations
@@ -19,68 +19,73 @@ from dart_hal.core.types import FloatArray, IntArray
 ComplexArray = NDArray[np.complex64]
 
 WAVES = "waves"
-ALONG = (("way", WAVES), ("x", WAVES), ("y", WAVES))
-"""What waves are looked for along; they stand beside sets of variables."""
-FASTEST = 1.5  # waves per metre: a prediction takes half a metre together
-FINE, FINER = 1.5, 8.0
-"""Frequencies for each that the longest distance resolves: to find a wave, to tell its length."""
-MAX_FREQUENCIES = 600  # frequencies
-FEWEST = 3.0  # waves on the longest distance
+# Variables along which waves are searched, in the form of the sets of variables.
+WAVE_SETS = (("way", WAVES), ("x", WAVES), ("y", WAVES))
+MAX_WAVES_PER_METRE = 1.5  # a prediction averages over half a metre
+# Frequencies per resolved frequency of the longest distance: to find a wave, to measure it.
+SEARCH_OVERSAMPLING = 1.5
+LENGTH_OVERSAMPLING = 8.0
+MAX_FREQUENCIES = 600
+MIN_WAVES = 3.0  # over the longest distance
 
 
-def phases(name: str, recording: IntArray) -> IntArray:
-    """(n,) labels of rows whose waves begin together: on one floor all do, with the
-    distance driven those of a recording."""
+def phase_labels(name: str, recording: IntArray) -> IntArray:
+    """Labels (n,) of rows with a common phase: per recording for the distance, all for a place."""
     return recording if name == "way" else np.zeros_like(recording)
 
 
-def waves(y: FloatArray, block: IntArray, distance: FloatArray, recording: IntArray,
-          signs: FloatArray) -> FloatArray:
-    """Share (s, c) of the best wave, each recording with a phase of its own.
+def wave_shares(y: FloatArray, block: IntArray, distance: FloatArray, recording: IntArray,
+                signs: FloatArray) -> FloatArray:
+    """Share (s, c) of the variance explained by the best wave, with a phase per recording.
 
-    y (n, c) in blocks (n,), for each set of signs (s, B); distance (n,) [m], or a place;
-    recording (n,) as ``phases``. Of the variance, less what any wave takes of noise.
+    y (n, c): residuals in blocks (n,), for each set of signs (s, B). distance (n,) [m], or a place.
+    recording (n,): see ``phase_labels``. Corrected for what any wave explains of noise.
     """
-    tried = frequencies(distance, recording)
-    if not len(tried):
+    frequencies = wave_frequencies(distance, recording)
+    if not len(frequencies):
         return np.zeros((len(signs), y.shape[1]))
-    n, free = len(distance), 2 * len(np.unique(recording))  # an amplitude and a phase of each
-    taken = np.zeros((y.shape[1], len(signs), len(tried)), dtype=np.float32)
-    for mine, of, spectra in _spectra(y, block, distance, recording, tried):
+    # an amplitude and a phase of each
+    n = len(distance)
+    free = 2 * len(np.unique(recording))
+    power = np.zeros((y.shape[1], len(signs), len(frequencies)), dtype=np.float32)
+    for rows, count, spectra in _spectra(y, block, distance, recording, frequencies):
         for i, one in enumerate(spectra):
-            turned = signs[:, mine].astype(np.complex64) @ one
-            taken[i] += 2.0 / of * np.abs(turned)**2
-    share = taken.max(axis=2).T / np.maximum((y**2).sum(axis=0), 1e-12)
+            flipped = signs[:, rows].astype(np.complex64) @ one
+            power[i] += 2.0 / count * np.abs(flipped)**2
+    share = power.max(axis=2).T / np.maximum((y**2).sum(axis=0), 1e-12)
+    # Adjusted share: each wave has two free parameters per recording.
     return np.asarray(1.0 - (1.0 - share) * (n - 1.0) / max(n - 1.0 - free, 1.0), dtype=float)
 
 
-def wave(y: FloatArray, distance: FloatArray, recording: IntArray) -> tuple[float, float]:
-    """(length [m], amplitude) of the best wave of y (n,) along the distance (n,)."""
-    tried = frequencies(distance, recording, FINER)
-    taken = sum(2.0 / of * np.abs(one[0].sum(axis=0))**2
-                for _, of, one in _spectra(y[:, None], recording, distance, recording, tried))
-    best = int(np.argmax(taken))
-    return float(1.0 / tried[best]), float(np.sqrt(2.0 * np.asarray(taken)[best] / len(y)))
+def find_wave(y: FloatArray, distance: FloatArray, recording: IntArray) -> tuple[float, float]:
+    """Find the best wave of y (n,) along the distance (n,): (length [m], amplitude)."""
+    frequencies = wave_frequencies(distance, recording, LENGTH_OVERSAMPLING)
+    power = sum(2.0 / count * np.abs(one[0].sum(axis=0))**2
+                for _, count, one in _spectra(y[:, None], recording, distance, recording,
+                                              frequencies))
+    best = int(np.argmax(power))
+    return float(1.0 / frequencies[best]), float(np.sqrt(2.0 * np.asarray(power)[best] / len(y)))
 
 
-def frequencies(distance: FloatArray, recording: IntArray, fine: float = FINE) -> FloatArray:
-    """(f,) waves per metre that are tried; none where the distance is too short for any."""
+def wave_frequencies(distance: FloatArray, recording: IntArray,
+                     oversampling: float = SEARCH_OVERSAMPLING) -> FloatArray:
+    """Frequencies (f,) to try, in waves per metre; empty if the distance is too short."""
     longest = max((float(np.ptp(distance[recording == r])) for r in np.unique(recording)),
                   default=0.0)
-    if longest * FASTEST < FEWEST:
+    if longest * MAX_WAVES_PER_METRE < MIN_WAVES:
         return np.empty(0)
-    step = max(1.0 / (fine * longest), FASTEST / MAX_FREQUENCIES)
-    return np.arange(FEWEST / longest, FASTEST, step)
+    step = max(1.0 / (oversampling * longest), MAX_WAVES_PER_METRE / MAX_FREQUENCIES)
+    return np.arange(MIN_WAVES / longest, MAX_WAVES_PER_METRE, step)
 
 
 def _spectra(y: FloatArray, block: IntArray, distance: FloatArray, recording: IntArray,
-             tried: FloatArray) -> Iterator[tuple[IntArray, int, ComplexArray]]:
-    """Of each recording: its blocks (b,), its rows, and their sums at each frequency (c, b, f)."""
+             frequencies: FloatArray) -> Iterator[tuple[IntArray, int, ComplexArray]]:
+    """For each recording: its blocks (b,), number of rows, and sums at each frequency (c, b, f)."""
     for one in np.unique(recording):
-        mine = np.flatnonzero(recording == one)
-        blocks = np.unique(block[mine])
-        parts = [mine[block[mine] == b] for b in blocks]
-        yield blocks, len(mine), np.stack(
+        rows = np.flatnonzero(recording == one)
+        blocks = np.unique(block[rows])
+        parts = [rows[block[rows] == b] for b in blocks]
+        yield blocks, len(rows), np.stack(
             [y[p].T.astype(np.complex64)
-             @ np.exp(2j * np.pi * np.outer(distance[p], tried)).astype(np.complex64)
+             @ np.exp(2j * np.pi * np.outer(distance[p], frequencies)).astype(np.complex64)
              for p in parts], axis=1)
