@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.cli.drive import load
+from dart_hal.cli.drive import load_control
 from dart_hal.control.path_file import read_path
 from dart_hal.core.config.folders import load_car, save_calibration
 from dart_hal.core.errors import ConfigError, RecordingError
@@ -97,4 +97,4 @@ def test_binary_is_not_taken_for_utf_16():
 def test_script_with_a_mark_is_driven(tmp_path):
     script = tmp_path / "script.py"
     script.write_bytes(codecs.BOM_UTF8 + b"def control(state):\n    return 0.1, 0.0\n")
-    assert load(script)(None) == (0.1, 0.0)
+    assert load_control(script)(None) == (0.1, 0.0)

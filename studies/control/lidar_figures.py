@@ -28,7 +28,7 @@ from pathlib import Path as File
 import numpy as np
 
 from dart_hal import Car
-from dart_hal.cli.follow import follow, follower_of
+from dart_hal.cli.follow import follow, make_follower
 from dart_hal.control.follow import Follower, Rules
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
@@ -178,7 +178,7 @@ def driven(seed: int, speed: float, kind: str = "later", tracker: str = "lqr", l
         room = room_of_car(backend)
         chart = grid_of(room, folder)
         with Car.over(backend, cars=folder, poses=f"lidar:{chart}") as car:
-            follower = follower_of(car, path, speed or inf, tracker, Rules(laps=laps), None)
+            follower = make_follower(car, path, speed or inf, tracker, Rules(laps=laps), None)
             for other in others:
                 other.follower = follower
             follower.silent = lambda: bridge and car.lidar.located

@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.car.driver import Driver
-from dart_hal.cli.common.checks import examine
+from dart_hal.cli.common.checks import run_checks
 from dart_hal.core.errors import BadCommand
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
@@ -106,7 +106,7 @@ def test_warnings_are_returned_and_logged_once(car, monkeypatch, caplog):
 
 def test_the_doctor_says_what_arm_warns_of(monkeypatch):
     monkeypatch.setattr("dart_hal.car.identity.Hello.dirty", True)
-    found = {c.id: c for c in examine(URL, "dart-01", None, 1.0)}
+    found = {c.id: c for c in run_checks(URL, "dart-01", None, 1.0)}
     assert found["cautions"].verdict == "warn"
     assert "FIRMWARE_DIRTY" in found["cautions"].found
     assert found["cautions"].remedy

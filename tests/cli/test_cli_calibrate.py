@@ -66,7 +66,7 @@ def test_the_plan_is_printed_once_and_agreement_decides(on_a_car, options, stdin
 
 def test_without_a_terminal_the_remedy_is_the_option(on_a_car):
     error = on_a_car("--json", stdin=io.StringIO()).error
-    assert error["found"] == "no terminal to ask at"
+    assert error["found"] == "no terminal"
     assert "--yes" in error["try"]
 
 

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from dart_hal.cli.common.bench import AskedWorkshop, confirm
+from dart_hal.cli.common.bench import TerminalOperator, confirm
 from dart_hal.core.config import parse_calibration
 from dart_hal.core.errors import CalibrationFailed
 
@@ -18,7 +18,7 @@ ENCODER = ("calibrate", "encoder", "--url", "sim://?seed=4&nano=mock", "--distan
 def test_typed_answers_become_si_units():
     answers = iter([3.012, 1080.0, 1.67, 0.9, 0.77])
     calls = []
-    shop = AskedWorkshop(lambda: calls.append("pause"), lambda: calls.append("resume"),
+    shop = TerminalOperator(lambda: calls.append("pause"), lambda: calls.append("resume"),
                          lambda question: next(answers))
     assert shop.distance() == 3.012
     assert shop.turns() == pytest.approx(6.0 * math.pi)
@@ -33,13 +33,13 @@ def test_without_a_terminal_nothing_starts(monkeypatch, tmp_path):
         with pytest.raises(CalibrationFailed, match="no terminal"):
             confirm("This drives.", yes=False)
         with pytest.raises(CalibrationFailed, match="no terminal"):
-            AskedWorkshop().mark()
+            TerminalOperator().mark()
         with pytest.raises(CalibrationFailed, match="no terminal"):
-            AskedWorkshop().distance()
+            TerminalOperator().distance()
         with pytest.raises(CalibrationFailed, match="no terminal"):
-            AskedWorkshop().lift()
+            TerminalOperator().lift()
         with pytest.raises(CalibrationFailed, match="no terminal"):
-            AskedWorkshop().push()
+            TerminalOperator().push()
         assert confirm("This drives.", yes=True)
 
 
@@ -62,7 +62,7 @@ def test_what_eyes_and_hands_find_is_chosen(monkeypatch, capsys, act, typed, mea
     said = iter([*typed.split("\n")])
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("click.termui.visible_prompt_func", lambda prompt: next(said))
-    assert getattr(AskedWorkshop(), act)() == meant
+    assert getattr(TerminalOperator(), act)() == meant
     assert ("not one of" in capsys.readouterr().err) == ("what" in typed)
 
 

@@ -18,7 +18,7 @@ def checked(ran):
 def test_the_doctor_looks_at_it(verb):
     good = checked(verb("doctor", "--url", URL, "--camera", "top", "--seconds", 1, "--json"))
     assert good["verdict"] == "ok"
-    assert good["found"].startswith("320 x 240, 12.5 a second")
+    assert good["found"].startswith("320 x 240, 12.5 per second")
     assert checked(verb("doctor", "--url", URL, "--seconds", 1, "--json")) is None
 
 

@@ -61,7 +61,8 @@ def test_help_lists_each_verb_once_and_in_a_group(verb):
 
 def test_verbs_of_other_packages_are_listed_in_a_group_of_ours_or_the_last(monkeypatch):
     added = {"weigh": "weigh the car", "tow": "tow the car", "stop": "replaced"}
-    table = SimpleNamespace(GROUPS={"measure": ("weigh",), "towing": ("tow",), "look": ("stop",)})
+    groups = {"measure": ("weigh",), "towing": ("tow",), "look": ("stop",)}
+    table = SimpleNamespace(VERB_GROUPS=groups)
     monkeypatch.setattr(main, "list_plugins", lambda group: {
         "theirs": SimpleNamespace(module="their.cli")})
     monkeypatch.setattr(main, "load_entry", lambda entry: added)
@@ -96,7 +97,7 @@ def test_a_verb_of_another_package_takes_no_name_of_ours(monkeypatch):
 
 @pytest.mark.parametrize(("arguments", "answer"), [
     (("sim", "--reveal", "--url", MOCK), "steering.backlash"),
-    (("doctor", "--url", MOCK, "--seconds", 1), "it will drive"),
+    (("doctor", "--url", MOCK, "--seconds", 1), "the car will drive"),
     (("record", "--url", MOCK, "--duration", 0.3), "frames, 0 lost"),
     (("data", "check", EXCERPT / "circles_27_sept_2024"), "good for evaluation"),
     (("identify", "friction", "--as-paper", EXCERPT, "--dry-run"), "+- 0.021 N"),

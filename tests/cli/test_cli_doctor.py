@@ -10,7 +10,7 @@ from msgspec import structs
 
 from dart_hal.cli import doctor
 from dart_hal.cli.common import checks as checks_module
-from dart_hal.cli.common.checks import TITLES, Check, no_bus
+from dart_hal.cli.common.checks import CHECK_TITLES, DoctorCheck, check_missing_bus
 from dart_hal.core.config import Calibration, SteeringTable, save_calibration
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
@@ -46,7 +46,7 @@ def spoilt(monkeypatch):
 
 def test_a_mock_is_no_firmware(verb):
     found = verdicts(verb("doctor", "--url", MOCK, "--json", "--seconds", 1))
-    assert set(found) == set(TITLES)
+    assert set(found) == set(CHECK_TITLES)
     assert found.pop("hello") == "warn"
     assert found.pop("cutoff") == "warn"
     assert found.pop("calibration") == "warn"
@@ -71,8 +71,8 @@ def test_a_car_that_would_not_drive_is_no_success(verb, spoilt):
 
 def test_what_was_found_is_shown_as_it_is(verb, monkeypatch):
     """No emoji for :x:, no colour for [red]."""
-    found = Check("port", "port", "fail", "/tmp/:x:/[red]")
-    monkeypatch.setattr(doctor, "examine", lambda *_: [found])
+    found = DoctorCheck("port", "port", "fail", "/tmp/:x:/[red]")
+    monkeypatch.setattr(doctor, "run_checks", lambda *_: [found])
     assert "/tmp/:x:/[red]" in verb("doctor", "--url", MOCK).out
 
 
@@ -80,7 +80,7 @@ def test_in_words(verb):
     shown = verb("doctor", "--url", MOCK)
     assert shown.code == 0
     assert "hardware cut-off" in shown.out
-    assert "it will drive" in shown.out
+    assert "the car will drive" in shown.out
 
 
 def test_no_port_skips_the_rest(verb):
@@ -123,8 +123,8 @@ def test_without_a_bus_the_car_is_not_said_to_drive(verb, spoilt):
 
 
 def test_a_serial_url_without_a_bus_says_how_to_name_it():
-    assert no_bus("serial:///dev/ttyUSB0").remedy.endswith("ttyUSB0?i2c=1'")
-    assert no_bus("serial:///dev/ttyUSB0?baud=115200").remedy.endswith("115200&i2c=1'")
+    assert check_missing_bus("serial:///dev/ttyUSB0").remedy.endswith("ttyUSB0?i2c=1'")
+    assert check_missing_bus("serial:///dev/ttyUSB0?baud=115200").remedy.endswith("115200&i2c=1'")
 
 
 def test_what_arm_would_refuse_is_told(verb, spoilt):

@@ -51,13 +51,13 @@ def test_bags_are_new_files_of_the_right_name(verb, run, tmp_path):
     assert set(told) == {"recording", "bag", "messages"}
     assert told["messages"] > 100
     before = (tmp_path / "run.bag").read_bytes()
-    for out, why in (("run.bag", "is there already"), ("run", "ends in .bag")):
+    for out, why in (("run.bag", "exists already"), ("run", "must end in .bag")):
         assert why in verb("export", "ros1", run, "--out", tmp_path / out, "--json").error["what"]
     assert (tmp_path / "run.bag").read_bytes() == before
     (tmp_path / "two").mkdir()
     for kind in ("ros2", "lerobot", "csv"):
         error = verb("export", kind, run, "--out", tmp_path / "two", "--json").error
-        assert "is there already" in error["what"]
+        assert "exists already" in error["what"]
 
 
 @pytest.mark.slow
@@ -85,7 +85,7 @@ def test_an_export_that_fails_leaves_nothing(verb, run, tmp_path):
 
 def test_several_runs_are_episodes_of_lerobot_alone(verb, run, tmp_path):
     error = verb("export", "ros2", run, run, "--out", tmp_path / "two", "--json").error
-    assert error["what"] == "export ros2 takes one run"
+    assert error["what"] == "export ros2 takes one recording"
 
 
 def test_a_recording_is_not_written_over(verb, run):

@@ -122,7 +122,7 @@ def test_a_watch_ends_by_itself_and_says_who_was_there(capsys):
 
 
 def test_an_empty_room_is_an_answer(capsys, monkeypatch):
-    monkeypatch.setattr("dart_hal.cli.fleet.HEARD", 0.05)
+    monkeypatch.setattr("dart_hal.cli.fleet.LISTEN_TIME_S", 0.05)
     code, said = told(capsys, "fleet", "--room", f"udp://:{free_port()}?to=127.0.0.1:9", "--json")
     assert (code, said) == (1, {"cars": []})
 
@@ -151,7 +151,7 @@ def test_a_room_that_announces_itself_is_found():
 
 
 def test_without_a_key_it_is_stated_what_others_can_do(capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr("dart_hal.cli.fleet.HEARD", 0.05)
+    monkeypatch.setattr("dart_hal.cli.fleet.LISTEN_TIME_S", 0.05)
     room = f"udp://:{free_port()}?to=127.0.0.1:9"
     with pytest.raises(SystemExit):
         main(["fleet", "--room", room])
@@ -185,7 +185,7 @@ def test_a_name_from_the_network_is_no_markup(name):
     """It is shown as it is, in the table and in the list of ignored members."""
     from rich.console import Console
 
-    from dart_hal.cli.fleet import _picture
+    from dart_hal.cli.fleet import _make_table
     from dart_hal.fleet import messages as m
     from dart_hal.fleet.codec import encode
     from dart_hal.fleet.station import Station
@@ -197,6 +197,6 @@ def test_a_name_from_the_network_is_no_markup(name):
         line.send(encode(m.BEAT, 8, 1, 1.0, ("[blink]", ), None)[:2] + b"\x02", 1.0)
         station.look()
         console = Console(width=200, record=True, file=StringIO())
-        console.print(_picture([station]))
+        console.print(_make_table([station]))
         assert name in console.export_text()
         line.close()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dart_hal.cli import follow as verb_module
-from dart_hal.cli.follow import SLOWEST, listen
+from dart_hal.cli.follow import MIN_KEY_SPEED, apply_keys
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.tracks import track_named
 from dart_hal.core.types import Pose, Tracking, pose_cov
@@ -65,8 +65,8 @@ def test_without_a_pose_it_does_not_drive(verb, bend):
 
 @pytest.mark.parametrize(("arguments", "says"), [
     (("savoyardo", "--speed", 1), "savoiardo;"),
-    (("savoiardo",), "say how fast"),
-    (("savoiardo", "--speed", 1, "--profile"), "say how fast"),
+    (("savoiardo",), "one speed is required"),
+    (("savoiardo", "--speed", 1, "--profile"), "one speed is required"),
     (("savoiardo", "--speed", 1, "--raceline", 0.9), "lane of this width"),
     (("racetrack_vicon", "--speed", 1), "tighter than the car turns"),
     (("racetrack_vicon", "--speed", 1, "--tracker", "mpcc"), "tighter than the car turns"),
@@ -77,7 +77,7 @@ def test_without_a_pose_it_does_not_drive(verb, bend):
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--weights", "tuned"), "mpcc has no --w"),
     (("savoiardo", "--speed", 1, "--tracker", "ca-mpcc", "--lane", 0.9), "a lane of 0.40 m"),
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0"), "not X,Y,R"),
-    (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0,-1"), "radius of -1 m"),
+    (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0,-1"), "must be above 0 m"),
 ])
 @pytest.mark.slow_except("arguments[0-46-9]*", "arguments1[0-3]*")
 def test_what_cannot_be(verb, arguments, says):
@@ -178,11 +178,11 @@ def test_keys_change_the_speed_and_end_the_drive():
             self.keys = lambda: typed
 
     follower = Follower(track_named("savoiardo"), plant_by(LATER), 1.0)
-    listen(None, follower)
-    listen(Keys(b"++x-+"), follower)
+    apply_keys(None, follower)
+    apply_keys(Keys(b"++x-+"), follower)
     assert follower.cap == pytest.approx(1.2)
-    listen(Keys(b"-" * 30), follower)
-    assert follower.cap == SLOWEST
+    apply_keys(Keys(b"-" * 30), follower)
+    assert follower.cap == MIN_KEY_SPEED
     assert follower.phase is Phase.WAITING
-    listen(Keys(b"q"), follower)
+    apply_keys(Keys(b"q"), follower)
     assert follower.phase is Phase.STOPPING

@@ -105,8 +105,8 @@ def test_a_lidar_upside_down_stops_the_drive_and_makes_no_map(verb, tmp_path):
 
 @pytest.mark.parametrize(("args", "says"), [
     (("--speed", 1, "--url", "sim://?nano=mock"), "has no lidar"),
-    (("--speed", 1, "--keyboard"), "say how the room is driven"),
-    ((), "say how the room is driven"),
+    (("--speed", 1, "--keyboard"), "exactly one way to drive the room is required"),
+    ((), "exactly one way to drive the room is required"),
     (("--run", "nothing.mcap"), "nothing.mcap")])
 def test_what_cannot_be(verb, tmp_path, args, says):
     done = verb("map", tmp_path / "room.yaml", *args)

@@ -15,7 +15,7 @@ from rich.console import Console
 
 from dart_hal.car import Car
 from dart_hal.cli.common.output import print_json
-from dart_hal.cli.top import picture
+from dart_hal.cli.top import make_table
 from dart_hal.core.plain_json import plain
 
 NOT_FINITE = [math.nan, math.inf, -math.inf, np.float64("nan"), np.float32("inf"),
@@ -62,5 +62,5 @@ def test_a_name_in_a_table_is_no_markup():
         car.files = dataclasses.replace(car.files, config=msgspec.structs.replace(
             car.files.config, name="[/] [bold red]x"))
         console = Console(width=120, record=True, file=StringIO())
-        console.print(picture(car, state))
+        console.print(make_table(car, state))
     assert "[/] [bold red]x" in console.export_text()

@@ -127,7 +127,7 @@ def test_a_recording_or_a_desk_is_not_driven(verb, tmp_path):
     run = tmp_path / "run.mcap"
     verb("record", "--url", MOCK, "--duration", 1, "--out", run)
     error = verb("drive", script, "--url", f"replay://{run}", "--json").error
-    assert "nothing to drive" in error["what"]
+    assert "has no actuators" in error["what"]
 
 
 def test_a_new_recording_keeps_the_old_one(verb, tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dart_hal import Car
-from dart_hal.cli.follow import follow, follower_of
+from dart_hal.cli.follow import follow, make_follower
 from dart_hal.control import follow as rules
 from dart_hal.control import stopping
 from dart_hal.control.follow import PATIENCE, Phase, Rules
@@ -61,8 +61,8 @@ def driven(seconds=None, downhill=False, until=60.0, blocked=False, lost_at=LOST
     world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     with Car.over(backend, poses=Until(backend.poses, lost_at)) as car:
-        follower = follower_of(car, LONG, 1.0, "lqr", Rules(here=True, duration=seconds or 30.0),
-                               None)
+        follower = make_follower(car, LONG, 1.0, "lqr", Rules(here=True, duration=seconds or 30.0),
+                                 None)
         follow(car, follower, ())
         car.stop()
         neutral = car.files.config.throttle.neutral_us

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dart_hal import Car
-from dart_hal.cli.follow import follow, follower_of
+from dart_hal.cli.follow import follow, make_follower
 from dart_hal.control import follow as rules
 from dart_hal.control.follow import BRIDGED, PATIENCE, Phase, Rules
 from dart_hal.control.paths import Path
@@ -33,8 +33,8 @@ def driven(silent, until=LOST_AT + 9.0):
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     backend.lidar = Wrong(backend.lidar, LOST_AT, silent=silent)
     with Car.over(backend, poses=LidarPoses(map_of_lines(room.lines), room.start)) as car:
-        follower = follower_of(car, RING, 1.0, "lqr", Rules(here=True, laps=9, duration=until),
-                               None)
+        follower = make_follower(car, RING, 1.0, "lqr", Rules(here=True, laps=9, duration=until),
+                                 None)
         follow(car, follower, WAIVED)
         car.stop()
         neutral = car.files.config.throttle.neutral_us

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal import Car
-from dart_hal.cli.lane import drive, follower_of
+from dart_hal.cli.lane import drive, make_follower
 from dart_hal.control import lane_follow
 from dart_hal.control.follow import Phase
 from dart_hal.control.lane_follow import PATIENCE
@@ -66,7 +66,7 @@ def driven(fault, until=inf, blocked=False):
     else:
         backend.lidar = Changed(backend.lidar, FAULTS[fault][0])
     with Car.over(backend) as car:
-        follower = follower_of(car, 1.0, inf, until)
+        follower = make_follower(car, 1.0, inf, until)
         drive(car, follower, ())
         car.stop()
         neutral = car.files.config.throttle.neutral_us

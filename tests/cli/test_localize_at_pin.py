@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal import Car
-from dart_hal.cli.localize import drive
+from dart_hal.cli.localize import drive_until_ended
 from dart_hal.control import while_located
 from dart_hal.control.ending import PATIENCE, Phase
 from dart_hal.control.while_located import WhileLocated
@@ -53,7 +53,7 @@ def driven(start, *, silent=False, duration=inf):
     backend.lidar = Wrong(backend.lidar, start, silent=silent)
     with Car.over(backend, poses=source) as car:
         ended = WhileLocated(1.0, duration)
-        drive(car, source, ended, 0.3, WAIVED, [])
+        drive_until_ended(car, source, ended, 0.3, WAIVED, [])
         car.stop()
         neutral = car.files.config.throttle.neutral_us
         for _ in car.states(duration=0.3):

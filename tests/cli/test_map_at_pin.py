@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal import Car
-from dart_hal.cli.map import along_walls
+from dart_hal.cli.map import drive_along_walls
 from dart_hal.control import lane_follow, wall
 from dart_hal.control.follow import Phase
 from dart_hal.control.lane_follow import PATIENCE
@@ -33,7 +33,7 @@ def driven(room, fault="", until=20.0, distance=inf):
         backend.lidar = Changed(backend.lidar, FAULTS[fault][0])
     with Car.over(backend) as car:
         car.on_state(lambda state: places.append(world.truth()))
-        follower = along_walls(car, 0.8, Wall(), distance, until, WAIVED)
+        follower = drive_along_walls(car, 0.8, Wall(), distance, until, WAIVED)
         car.stop()
         neutral = car.files.config.throttle.neutral_us
         for _ in car.states(duration=0.3):

@@ -202,7 +202,7 @@ def test_what_the_doctor_says_is_what_it_says():
     source = Path(checks.__file__).read_text(encoding="utf-8") + " ".join(BY_NAME)
     shown = [x for text in guide.pages().values()
              for x in DOCTOR.findall(text)]
-    assert {title for _, title, _ in shown} <= set(checks.TITLES.values())
+    assert {title for _, title, _ in shown} <= set(checks.CHECK_TITLES.values())
     assert len(shown) > 15
     for _, title, found in shown:
         # Figures, names and paths are the reader's own; the words are the doctor's.

@@ -1,11 +1,12 @@
-"""The command line: everything that prints.
+"""The command line. Only this package prints.
 
-Linear algebra has one thread here. Its matrices are small, so threads wait for each
-other, and sums in another order end a fit elsewhere: the same files shall
-give the same answer on every number of cores.
+Linear algebra runs on one thread. The matrices are small, so several threads would mostly wait
+for each other. They would also add in another order, which changes the result of a fit in its
+last digits: the same files must give the same answer on any number of cores.
 """
 
 import os
 
+# numpy reads these variables when it is imported, so they are set before.
 for _threads in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")

@@ -12,7 +12,7 @@ from dart_hal.cli.common.calibrate_all import everything
 from dart_hal.cli.common.options import car_options, json_option
 from dart_hal.cli.common.output import print_json, results
 from dart_hal.cli.common.procedures import command_of
-from dart_hal.cli.common.session import opened
+from dart_hal.cli.common.session import open_car
 from dart_hal.core.config import accept_board
 
 
@@ -48,7 +48,7 @@ def accept(url: str | None, car_name: str, cars: Path | None, yes: bool, as_json
     calibration.toml records with which Nano it was measured, and a car with another one does not
     arm. Accept it if servo, ESC and their board are still those that were measured.
     """
-    with opened(url, car_name, cars) as car:
+    with open_car(url, car_name, cars) as car:
         files = car.files
     question = (f"Board {files.board} gets the calibration of {files.config.name}. Servo, ESC and "
                 "PCA9685 must be those that were measured.")

@@ -24,10 +24,10 @@ from dart_hal.core.text_file import read_text
 from dart_hal.devices.links.image import find_image
 from dart_hal.devices.links.serial_port import holders, is_port
 
+# Optiboot ("new") first, then ATmegaBOOT ("old"). The wrong speed fails within seconds.
 BAUDS = (115_200, 57_600)
-"""Optiboot ("new") first, then ATmegaBOOT ("old"): the wrong one fails in seconds."""
+# USB vendors of serial bridges: CH340, FT232, Arduino, CP210x, PL2303.
 USB_BRIDGES = "1A86:|0403:|2341:|10C4:|067B:"
-"""CH340, FT232, Arduino, CP210x, PL2303."""
 
 
 @click.command("flash")
@@ -43,25 +43,27 @@ def command(image: Path | None, port: str | None, avrdude: str, baud: int | None
             as_json: bool) -> int:
     """Write IMAGE (default: the firmware of this version) to a Nano and wait for its HELLO."""
     path = image or find_image().with_suffix(".hex")
-    _check(path)
+    _check_image(path)
     if browser:
         if port or baud:
             raise UsageError("--browser chooses port and speed on the page",
-                             remedy="dart-hal flash --browser, or leave --browser out")
-        return _serve(path, as_json)
+                             remedy="dart-hal flash --browser without --port and --baud, or with "
+                                    "them and "
+                             "without --browser")
+        return _serve_page(path, as_json)
     if shutil.which(avrdude) is None:
         raise FlashFailed(f"{avrdude} is not installed",
                           remedy="sudo apt-get install avrdude, name it with --avrdude, or "
                                  "dart-hal flash --browser")
-    device = port or _only_port()
+    device = port or _find_port()
     if not Path(device).exists():
-        raise PortMissing(f"there is no port {device}", found=_present())
+        raise PortMissing(f"there is no port {device}", found=_describe_ports())
     if not is_port(device):
-        raise PortMissing(f"{device} is no serial port", found=_present())
+        raise PortMissing(f"{device} is no serial port", found=_describe_ports())
     for pid, name in holders(device):
         raise FlashFailed(f"{device} is in use", found=f"pid {pid} ({name})",
                           remedy="close that program, then flash again")
-    rate, report = _write(avrdude, device, path, (baud,) if baud else BAUDS)
+    rate, report = _write_image(avrdude, device, path, (baud,) if baud else BAUDS)
     hello = identify_port(device)
     result: dict[str, Any] = {"port": device, "baud": rate, **report, "hello": hello.as_json()}
     if as_json:
@@ -73,7 +75,7 @@ def command(image: Path | None, port: str | None, avrdude: str, baud: int | None
     return 0
 
 
-def _serve(path: Path, as_json: bool) -> int:
+def _serve_page(path: Path, as_json: bool) -> int:
     with open_viewer("flash", path) as server:
         url = f"http://localhost:{server.server_port}/"
         if as_json:
@@ -84,48 +86,51 @@ def _serve(path: Path, as_json: bool) -> int:
     return 0
 
 
-def _check(path: Path) -> None:
+def _check_image(path: Path) -> None:
+    """Check that the file is an Intel hex file with the checksum next to it."""
     if not path.is_file():
         raise UsageError(f"no firmware image at {path}", expected="an Intel hex file",
                          remedy="make firmware, or give the path of dart_nano.hex")
     if not path.read_bytes().startswith(b":"):
         raise UsageError(f"{path} is not an Intel hex file", expected="lines that begin with ':'")
-    wanted = path.with_suffix(path.suffix + ".sha256")
+    checksum = path.with_suffix(path.suffix + ".sha256")
     digest = hashlib.sha256(path.read_bytes()).hexdigest()
-    if wanted.is_file() and read_text(wanted).split()[0] != digest:
-        raise FlashFailed(f"{path} does not match {wanted.name}", found=digest,
+    if checksum.is_file() and read_text(checksum).split()[0] != digest:
+        raise FlashFailed(f"{path} does not match {checksum.name}", found=digest,
                           likely="a broken download or a local build in its place",
                           remedy="make firmware, then dart-hal flash firmware/build/dart_nano.hex")
 
 
-def _only_port() -> str:
+def _find_port() -> str:
+    """Return the only USB serial port. Raises PortMissing for none or several."""
     ports = list(list_ports.grep(USB_BRIDGES))
     if len(ports) == 1:
         return str(ports[0].device)
-    raise PortMissing("which port?", found=_present(),
+    raise PortMissing("the port of the Nano is not unique: name it", found=_describe_ports(),
+                      expected="one USB serial port",
                       remedy="dart-hal flash --port /dev/ttyUSB0")
 
 
-def _present() -> str:
+def _describe_ports() -> str:
     ports = ", ".join(f"{p.device} ({p.description})" for p in list_ports.grep(USB_BRIDGES))
     return f"USB serial ports: {ports or 'none'}"
 
 
+# Lines of avrdude's report that name a cause.
 COMPLAINT = re.compile(r"error|can.?t|cannot|not in sync|mismatch|not respond|no such|denied|"
                        r"expected signature", re.IGNORECASE)
-"""Lines of avrdude's report that name a cause."""
 SIGNATURE = re.compile(r"device signature = *(?:0x)?((?:[0-9a-f]{2} ?){3})", re.IGNORECASE)
+# Chips of boards that look like a Nano, by the signature in their data sheets.
 CHIPS = {"1E950F": "ATmega328P", "1E9516": "ATmega328PB", "1E9514": "ATmega328",
          "1E9406": "ATmega168", "1E940B": "ATmega168P", "1E9307": "ATmega8",
          "1E9651": "ATmega4809 (Nano Every)"}
-"""Chips of boards that look like a Nano, by the signature in their data sheets."""
 CHIP = "ATmega328P"
 
 
 def find_cause(report: str) -> str:
     """Return the line of avrdude's report that names the cause: the first that complains.
 
-    Lines after it are consequences, such as the tries to synchronise again.
+    Lines after it are consequences, such as attempts to synchronise again.
     """
     lines = [line.strip() for line in report.splitlines() if line.strip()]
     complaints = [line for line in lines if COMPLAINT.search(line)]
@@ -135,7 +140,7 @@ def find_cause(report: str) -> str:
 def has_answered(report: str) -> bool:
     """Return whether a bootloader answered: avrdude read the signature of a chip.
 
-    A signature of zeros or ones is that of a line on which nothing answers.
+    A signature of zeros or ones only is read from a line without a bootloader.
     """
     match = SIGNATURE.search(report)
     if match is not None:
@@ -153,8 +158,8 @@ def find_chip(report: str) -> str:
     return CHIPS.get(signature, f"a chip with the signature {signature}")
 
 
-def _write(avrdude: str, port: str, path: Path, bauds: tuple[int, ...]
-           ) -> tuple[int, dict[str, Any]]:
+def _write_image(avrdude: str, port: str, path: Path, bauds: tuple[int, ...]
+                 ) -> tuple[int, dict[str, Any]]:
     """Write the image; return speed and report. Raises FlashFailed with the first cause.
 
     1. Try the bootloaders one speed after the other, until one answers.
@@ -177,13 +182,13 @@ def _write(avrdude: str, port: str, path: Path, bauds: tuple[int, ...]
             return baud, {"bytes": int(verified.group(1)), "verified": True}
         causes[baud] = find_cause(run.stderr)
         if has_answered(run.stderr):
-            raise _refused(port, baud, run.stderr)
+            raise _bootloader_error(port, baud, run.stderr)
     raise FlashFailed(f"avrdude could not write to {port}",
                       found="; ".join(f"at {baud} baud: {cause}" for baud, cause in causes.items()),
                       expected=f"a bootloader at {' or '.join(map(str, bauds))} baud")
 
 
-def _refused(port: str, baud: int, report: str) -> FlashFailed:
+def _bootloader_error(port: str, baud: int, report: str) -> FlashFailed:
     """Return the error for a bootloader that answered at ``baud``."""
     chip = find_chip(report)
     cause = f"at {baud} baud: {find_cause(report)}"

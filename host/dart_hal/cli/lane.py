@@ -1,4 +1,4 @@
-"""``dart-hal lane``: the middle of a lane between two boards, by the lidar alone."""
+"""``dart-hal lane``: drive in the middle of a lane between two boards, by the lidar alone."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ import numpy as np
 from dart_hal.car import Car
 from dart_hal.cli.common.follow_picture import draw_lane
 from dart_hal.cli.common.options import (
-    Number,
+    FiniteNumber,
     car_options,
     drive_options,
     json_option,
     lidar_option,
     waive_option,
 )
-from dart_hal.cli.common.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
 from dart_hal.cli.common.outputs import PlotFile
-from dart_hal.cli.common.session import check_drives_by_lidar, opened
-from dart_hal.cli.common.summary import Summary
-from dart_hal.cli.follow import listen, typed
+from dart_hal.cli.common.session import check_drives_by_lidar, open_car
+from dart_hal.cli.common.summary import RunSummary
+from dart_hal.cli.follow import apply_keys, open_keys
 from dart_hal.control.ending import Phase
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.plant import plant_of
 from dart_hal.estimation.localisation.localiser import MIRRORED
 
-SOURCE = "lane"
+COMMAND_SOURCE = "lane"
 
 
 @click.command("lane")
 @car_options
-@click.option("--speed", type=Number(0.1, 10.0), default=1.0, show_default=True,
-              help="m/s; slower in bends that ask for it, and where little of the lane is seen; "
+@click.option("--speed", type=FiniteNumber(0.1, 10.0), default=1.0, show_default=True,
+              help="m/s; slower in tight bends and where little of the lane is visible; "
               "keys + and - change it")
-@click.option("--distance", type=Number(min=0.1), default=None,
-              help="m after which it is stopped")
+@click.option("--distance", type=FiniteNumber(min=0.1), default=None,
+              help="m after which the car stops")
 @drive_options
 @click.option("--plot", type=PlotFile(), default=None,
               help="write a picture of the lane and the driven line")
@@ -50,46 +50,47 @@ def command(url: str | None, car_name: str, cars: Path | None, speed: float,
             plot: Path | None, lidar: str | None, waive: tuple[str, ...], as_json: bool) -> int:
     """Drive in the middle of a lane between two boards or walls, by the lidar alone.
 
-    The car stands in the lane and looks along it (within 30 degrees). It slows down to rest where
-    the lane ends; and when it sees no board, one board only, or the lidar is silent, which
-    exits 1.
+    Place the car in the lane, along it (within 30 degrees). The car stops at the end of the lane.
+    It also stops if the lidar detects no board or only one, or sends no scans; the exit status is
+    then 1.
     """
-    with opened(url, car_name, cars, record, lidar=lidar) as car:
-        follower = follower_of(car, speed, distance or inf, duration or inf)
-        summary = Summary(car)
+    with open_car(url, car_name, cars, record, lidar=lidar) as car:
+        follower = make_follower(car, speed, distance or inf, duration or inf)
+        summary = RunSummary(car)
         drive(car, follower, waive)
         car.stop()
         found = {**summary.as_json({"recording": record} if record else {})}
     if plot:
         found["files"]["plot"] = draw_lane(follower, plot)
-    told = figures(follower)
+    summary_json = summarise_drive(follower)
     if as_json:
-        print_json({**found, "summary": {**found["summary"], **told}})
+        print_json({**found, "summary": {**found["summary"], **summary_json}})
     else:
-        results.print(sentence(told), markup=False, highlight=False)
+        results.print(format_summary(summary_json), markup=False, highlight=False)
     return 0 if follower.good else 1
 
 
-def follower_of(car: Car, speed: float, distance: float, duration: float) -> LaneFollower:
-    """The drive that was asked for. Raises UsageError for a car that cannot."""
+def make_follower(car: Car, speed: float, distance: float, duration: float) -> LaneFollower:
+    """Return the controller of the drive. Raises UsageError for a car without lidar or bus."""
     check_drives_by_lidar(car, "lane")
-    notices(() if car.files.model else
-            ("the car has no model.toml: bends and delays by the paper's",))
-    most = car.files.config.limits.max_speed
-    return LaneFollower(plant_of(car.files), min(speed, most), distance, duration)
+    show_notices(() if car.files.model else
+                 ("the car has no model.toml: the steering and delay model of the paper is used",))
+    max_speed = car.files.config.limits.max_speed
+    return LaneFollower(plant_of(car.files), min(speed, max_speed), distance, duration)
 
 
 def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...],
           title: str = "in the lane") -> None:
-    """Drive until it has ended."""
+    """Drive until the controller has ended."""
     armed = False
-    with typed() as keys, progress_bar() as bar:
+    with open_keys() as keys, progress_bar() as bar:
         task = bar.add_task(title, total=None)
         for state in car.states():
             scans = car.lidar.scans()
             steering, speed = follower.answer(car.now, state.speed, scans)
-            if scans and mirrored(car):
-                follower.stop("the scans turn against the gyro: inverted in [lidar]", good=False)
+            if scans and is_mirrored(car):
+                follower.stop("the scans turn against the gyro: check inverted in [lidar]",
+                              good=False)
             if follower.phase is Phase.ENDED:
                 return
             if follower.phase is Phase.WAITING:
@@ -99,21 +100,21 @@ def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...],
                 console.print(follower.told())
                 car.arm(waive=waive)
                 continue
-            car.drive_speed(steering=steering, speed=speed, source=SOURCE)
+            car.drive_speed(steering=steering, speed=speed, source=COMMAND_SOURCE)
             car.log("lane", {"offset": follower.offset, "half_width": follower.half,
                              "speed": speed, "trim": follower.model.trim})
-            listen(keys, follower)
+            apply_keys(keys, follower)
             bar.update(task, completed=follower.model.way)
 
 
-def mirrored(car: Car) -> bool:
-    """Whether the lidar takes left for right, as far as the car has turned."""
+def is_mirrored(car: Car) -> bool:
+    """Return whether the lidar is mounted upside down, judged by the turns so far."""
     health = car.lidar.health
     return health is not None and health.sense is not None and health.sense < MIRRORED
 
 
-def figures(follower: LaneFollower) -> dict[str, Any]:
-    """What the drive came to; offsets by the car's own estimate."""
+def summarise_drive(follower: LaneFollower) -> dict[str, Any]:
+    """Return the figures of the drive; offsets are by the car's own estimate."""
     driven = follower.driven.table
     offset = driven[:, 3]
     return {
@@ -124,11 +125,13 @@ def figures(follower: LaneFollower) -> dict[str, Any]:
         "offset_max_m": float(np.abs(offset).max()) if len(driven) else None}
 
 
-def sentence(told: dict[str, Any]) -> str:
-    """The same to be read."""
-    if told["offset_rms_m"] is None:
-        return f"ended: {told['ended']}"
-    trim, yaw = (float(np.degrees(told[name])) for name in ("trim_rad", "lidar_yaw_rad"))
-    return (f"ended: {told['ended']}; {told['way_m']:.1f} m, {100.0 * told['offset_rms_m']:.1f} cm "
-            f"rms beside the middle, {100.0 * told['offset_max_m']:.1f} cm at most; wheels "
-            f"{trim:+.1f} deg to the left of the map, lidar {yaw:+.1f} deg")
+def format_summary(summary: dict[str, Any]) -> str:
+    """Return the figures of the drive as one sentence."""
+    if summary["offset_rms_m"] is None:
+        return f"ended: {summary['ended']}"
+    trim, yaw = (float(np.degrees(summary[name])) for name in ("trim_rad", "lidar_yaw_rad"))
+    return (f"ended: {summary['ended']}; {summary['way_m']:.1f} m; offset from the middle "
+            f"{100.0 * summary['offset_rms_m']:.1f} cm rms, {100.0 * summary['offset_max_m']:.1f} "
+            "cm "
+            f"at most; wheels {trim:+.1f} deg to the left of the steering map, lidar yaw "
+            f"{yaw:+.1f} deg")

@@ -13,7 +13,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from dart_hal import __version__
-from dart_hal.cli.common.output import console, notices, print_json
+from dart_hal.cli.common.output import console, print_json, show_notices
 from dart_hal.core.errors import DartHalError, FileTrouble, InternalError, UsageError
 from dart_hal.core.plugins import list_plugins, load_entry
 from dart_hal.core.process.extras import install_command
@@ -36,7 +36,7 @@ VERBS = {
     "top": "live view of a car in the terminal",
     "flash": "write the firmware to a Nano and wait for its HELLO",
 }
-GROUPS = {
+VERB_GROUPS = {
     "start": ("find", "doctor", "flash"),
     "measure": ("calibrate", "record"),
     "model": (),
@@ -66,19 +66,19 @@ def list_verbs() -> dict[str, tuple[str, str]]:
 def group_verbs() -> dict[str, dict[str, str]]:
     """Return the verbs and what they do, by the groups of ``dart-hal --help``.
 
-    Another package may put its verbs into groups with a mapping ``GROUPS`` beside its ``VERBS``.
+    Another package may put its verbs into groups by a mapping ``VERB_GROUPS`` next to ``VERBS``.
     Verbs without a group are in the last one, "other".
     """
     verbs = {name: text for name, (text, _) in list_verbs().items()}
     others = [import_module(entry.module) for entry in list_plugins(VERB_ENTRY_POINTS).values()]
-    tables = [GROUPS, *(getattr(module, "GROUPS", {}) for module in others)]
+    tables = [VERB_GROUPS, *(getattr(module, "VERB_GROUPS", {}) for module in others)]
     # The first table that has a verb decides, as in list_verbs.
     group_of: dict[str, str] = {}
     for table in tables:
         for group, names in table.items():
             for name in names:
-                group_of.setdefault(name, group if group in GROUPS else "other")
-    return {group: listed for group in (*GROUPS, "other")
+                group_of.setdefault(name, group if group in VERB_GROUPS else "other")
+    return {group: listed for group in (*VERB_GROUPS, "other")
             if (listed := {name: text for name, text in verbs.items()
                            if group_of.get(name, "other") == group})}
 
@@ -182,7 +182,7 @@ class NoticeHandler(logging.Handler):
         return self._verb == "drive" or not getattr(record, "waits", False)
 
     def emit(self, record: logging.LogRecord) -> None:
-        notices((record.getMessage(),))
+        show_notices((record.getMessage(),))
 
 
 def _exit_with_usage_error(error: click.ClickException, argv: list[str], as_json: bool) -> None:

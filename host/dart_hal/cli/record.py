@@ -1,4 +1,4 @@
-"""``dart-hal record``: a run to an MCAP file, with the raw bytes inside."""
+"""``dart-hal record``: record a run to an MCAP file, with the raw bytes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from dart_hal.cli.common.options import (
-    Number,
+    FiniteNumber,
     camera_option,
     car_options,
     foxglove_options,
@@ -17,14 +17,14 @@ from dart_hal.cli.common.options import (
 )
 from dart_hal.cli.common.output import print_json, results
 from dart_hal.cli.common.outputs import OutputFile
-from dart_hal.cli.common.session import in_real_time, opened, shown_live, with_progress
-from dart_hal.cli.common.summary import Summary
+from dart_hal.cli.common.session import limit_to_real_time, open_car, serve_foxglove, with_progress
+from dart_hal.cli.common.summary import RunSummary
 
 
 @click.command("record")
 @car_options
-@click.option("--duration", type=Number(min=0.1), default=60.0, show_default=True,
-              help="seconds of the car's time")
+@click.option("--duration", type=FiniteNumber(min=0.1), default=60.0, show_default=True,
+              help="seconds of car time")
 @click.option("--out", type=OutputFile(replaces=False),
               default=Path("runs/run.mcap"), show_default=True, help="file to write")
 @poses_option
@@ -36,12 +36,13 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float, 
             poses: str | None, lidar: str | None, camera: str | None, foxglove: bool,
             port: int, as_json: bool) -> None:
     """Record the car's sensors without driving it (to drive: `dart-hal drive --record`)."""
-    with (opened(url, car_name, cars, record=out, poses=poses, lidar=lidar,
-                 camera=camera) as car,
-          shown_live(car, foxglove, port)):
-        summary, states = Summary(car), car.states(duration=duration)
-        for _ in with_progress(in_real_time(states) if foxglove else states, duration,
-                               "recording"):
+    with (open_car(url, car_name, cars, record=out, poses=poses, lidar=lidar,
+                   camera=camera) as car,
+          serve_foxglove(car, foxglove, port)):
+        summary = RunSummary(car)
+        states = car.states(duration=duration)
+        states = limit_to_real_time(states) if foxglove else states
+        for _ in with_progress(states, duration, "recording"):
             pass
         if car.recorder.trouble is not None:
             raise car.recorder.trouble

@@ -1,4 +1,4 @@
-"""``dart-hal replay``: a recording through the same decoder and estimators."""
+"""``dart-hal replay``: run a recording through the decoder and the estimators of the car."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ import click
 
 from dart_hal.car import Car
 from dart_hal.cli.common.options import json_option
-from dart_hal.cli.common.output import notices, print_json, results
+from dart_hal.cli.common.output import print_json, results, show_notices
 from dart_hal.cli.common.outputs import OutputFile
-from dart_hal.cli.common.summary import Summary
+from dart_hal.cli.common.summary import RunSummary
 from dart_hal.recording import open_writer
 
 
 @click.command("replay")
 @click.argument("recording", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--csv", type=OutputFile(".csv"), default=None,
-              help="also write the States as a table")
+              help="also write the States to this CSV file")
 @json_option
 def command(recording: Path, csv: Path | None, as_json: bool) -> None:
     """Decode RECORDING again; the States are identical to those of the run."""
     files = {"recording": recording} | ({"csv": csv} if csv else {})
     with Car.open(f"replay://{recording}") as car:
-        notices(car.notices)
-        summary = Summary(car)
+        show_notices(car.notices)
+        summary = RunSummary(car)
         with open_writer(csv) if csv else nullcontext() as writer:
             if writer is not None:
                 car.on_state(writer.state)
@@ -37,5 +37,5 @@ def command(recording: Path, csv: Path | None, as_json: bool) -> None:
     else:
         pose = result["summary"]["pose"] or {"x": 0.0, "y": 0.0}
         results.print(f"{summary.frames} frames in {summary.duration:.1f} s, {summary.lost} lost; "
-                      f"{summary.distance:.2f} m driven, now at x {pose['x']:.3f} m, "
+                      f"{summary.distance:.2f} m driven, ends at x {pose['x']:.3f} m, "
                       f"y {pose['y']:.3f} m")

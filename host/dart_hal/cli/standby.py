@@ -1,4 +1,4 @@
-"""``dart-hal standby``: what the service on the car runs."""
+"""``dart-hal standby``: end the pulses when no program drives. The service on the car runs it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from pathlib import Path
 import click
 
 from dart_hal.car.exit_signals import stop_on_signals
-from dart_hal.cli.common.options import Number, car_options, json_option
+from dart_hal.cli.common.options import FiniteNumber, car_options, json_option
 from dart_hal.cli.common.output import console, print_json
-from dart_hal.cli.stop import reach, real
+from dart_hal.cli.stop import open_throttle, require_real_car
 from dart_hal.core.errors import BusError
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.timing import PWM_FRAME
@@ -22,21 +22,20 @@ from dart_hal.devices.links.notify import notify
 
 @click.command("standby")
 @car_options
-@click.option("--duration", type=Number(min=0.1), default=None,
+@click.option("--duration", type=FiniteNumber(min=0.1), default=None,
               help="seconds until it ends (default: run until stopped)")
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, duration: float | None,
             as_json: bool) -> None:
     """End the pulses of ESC and servo whenever no program drives: 0.2 s of neutral, then none.
 
-    Never arms, never wakes a chip.
-
-    Notifies systemd (ready, watchdog, status). The port stays free for drivers.
+    It never arms and never wakes a PCA9685 that sleeps. It notifies systemd (ready, watchdog,
+    status) and leaves the serial port free for programs that drive.
     """
-    address = real(url)
-    throttle, _ = reach(address, car_name, cars)
+    address = require_real_car(url)
+    throttle, _ = open_throttle(address, car_name, cars)
     stop_on_signals()
-    post = Post(throttle)
+    post = StandbyService(throttle)
     notify("READY=1")
     end = elapsed() + (duration or inf)
     while (now := elapsed()) < end:
@@ -48,31 +47,34 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float |
         print_json({"url": address.text, "departures": post.departures})
 
 
-class Post:
-    """One step of the watch, and a line for the journal when something changes.
+class StandbyService:
+    """Watches which program drives, writes neutral when none does, and reports changes.
 
-    ``error``: why neutral cannot be written; a board without power drives nothing.
+    ``error``: why neutral cannot be written. A board without power sends no pulses.
     """
 
     def __init__(self, throttle: Throttle) -> None:
-        self.watch, self.departures = Watchman(), 0
+        self.watch = Watchman()
+        self.departures = 0
         self.error: str | None = None
-        self._throttle, self._said = throttle, ""
+        self._throttle = throttle
+        self._reported = ""
 
     def step(self, driver: int | None, now: float) -> None:
-        """Look at who drives, and write neutral if it is due."""
-        before = self.watch.driver
+        """Enter the pid of the program that drives [or None], and write neutral if it is due."""
+        previous = self.watch.driver
         self.watch.see(driver)
-        if before is not None and driver is None:
+        if previous is not None and driver is None:
             self.departures += 1
-            self._say(f"pid {before} no longer drives: neutral")
+            self._report(f"pid {previous} no longer drives: neutral")
         if self.watch.due(now):
             self._write(now)
         if self.error is None:
-            self._say(f"pid {driver} drives" if driver is not None else
-                      "neutral" if self.watch.owed else "no program drives, no pulses")
+            self._report(f"pid {driver} drives" if driver is not None else
+                         "neutral" if self.watch.owed else "no program drives, no pulses")
 
     def _write(self, now: float) -> None:
+        """Write neutral, or end all pulses; a bus error is kept and the write repeated."""
         try:
             if self.watch.switches_off:
                 self._throttle.switch_off()
@@ -81,11 +83,12 @@ class Post:
             self.error = None
         except BusError as error:
             self.error = f"{error.what}; tried again"
-            self._say(self.error)
+            self._report(self.error)
         self.watch.wrote(self.error is None, now)
 
-    def _say(self, line: str) -> None:
-        if line != self._said:
-            self._said = line
+    def _report(self, line: str) -> None:
+        """Report a line to systemd and the journal, if it is not the last one."""
+        if line != self._reported:
+            self._reported = line
             notify(f"STATUS={line}")
             console.print(line, markup=False, highlight=False)

@@ -1,4 +1,4 @@
-"""``dart-hal stop``: neutral, from any terminal and from a service that ends."""
+"""``dart-hal stop``: end the pulses of a car, from any terminal or when a service ends."""
 
 from __future__ import annotations
 
@@ -25,39 +25,41 @@ from dart_hal.devices.links.i2c import open_bus
 @car_options
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, as_json: bool) -> int:
-    """End the pulses of ESC and servo, whichever program drives; exit 1 if one goes on driving.
+    """End the pulses of ESC and servo, also of another program; exit 1 if that continues to drive.
 
-    0.2 s of neutral, then no pulse on any channel. Needs only the I2C bus, no Nano. The program
-    that drives is asked to end.
+    Sends 0.2 s of neutral, then no pulse on any channel. Needs only the I2C bus, no Nano. The
+    program that drives receives a request to end.
     """
-    address = real(url)
-    throttle, bus = reach(address, car_name, cars)
+    address = require_real_car(url)
+    throttle, bus = open_throttle(address, car_name, cars)
     port = port_of(address)
-    done = stop(throttle, lambda: holder(port) if port else None, time.sleep)
+    outcome = stop(throttle, lambda: holder(port) if port else None, time.sleep)
     close = getattr(bus, "close", None)
     if close is not None:
         close()
     if as_json:
-        print_json({"url": address.text, **asdict(done)})
+        print_json({"url": address.text, **asdict(outcome)})
     else:
-        results.print(f"{_left(done.left_us)} (throttle was {_pulse(done.found_us)})"
-                      + (f"; asked pid {done.ended} to end" if done.ended else ""))
-    if done.driver is None and done.at_rest:
+        before = _describe_throttle(outcome.found_us)
+        results.print(f"{_describe_pulses(outcome.left_us)} (throttle was {before})"
+                      + (f"; pid {outcome.ended} was requested to end" if outcome.ended else ""))
+    if outcome.driver is None and outcome.at_rest:
         return 0
-    console.print(f"still driven; try: sudo kill -9 {done.driver or 'PID'}", style="red")
+    console.print(f"the car is still driven; try: sudo kill -9 {outcome.driver or 'PID'}",
+                  style="red")
     return 1
 
 
-def _pulse(pulse_us: float) -> str:
+def _describe_throttle(pulse_us: float) -> str:
     return f"at {pulse_us:.0f} us" if pulse_us else "off"
 
 
-def _left(pulse_us: float) -> str:
+def _describe_pulses(pulse_us: float) -> str:
     return f"throttle at {pulse_us:.0f} us" if pulse_us else "no pulse for ESC and servo"
 
 
-def real(url: str | None) -> Url:
-    """The URL of a car that outlives its program. Raises UsageError, BusMissing."""
+def require_real_car(url: str | None) -> Url:
+    """Return the URL of a real car. Raises UsageError for a simulated one, BusMissing."""
     address = Url.parse(url or "sim://")
     if address.scheme not in ("serial", "hwgrep"):
         raise UsageError(f"{address.scheme}:// ends with its program: there is nothing to stop",
@@ -67,8 +69,8 @@ def real(url: str | None) -> Url:
     return settled(address)
 
 
-def reach(address: Url, car_name: str, cars: Path | None) -> tuple[Throttle, Bus]:
-    """The throttle of a car and the bus it is on; the port is left alone.
+def open_throttle(address: Url, car_name: str, cars: Path | None) -> tuple[Throttle, Bus]:
+    """Open the throttle of a car and its I2C bus, without the serial port.
 
     Raises ConfigError, BusError, UsageError, PcaClaimed.
     """

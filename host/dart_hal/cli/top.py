@@ -1,4 +1,4 @@
-"""``dart-hal top``: a live view of a car in the terminal."""
+"""``dart-hal top``: show a car live in the terminal."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from rich.table import Table
 from rich.text import Text
 
 from dart_hal.car import Car
-from dart_hal.cli.common.options import Number, car_options, json_option, poses_option
+from dart_hal.cli.common.options import FiniteNumber, car_options, json_option, poses_option
 from dart_hal.cli.common.output import console, print_json
-from dart_hal.cli.common.session import in_real_time, opened
-from dart_hal.cli.common.summary import Summary
+from dart_hal.cli.common.session import limit_to_real_time, open_car
+from dart_hal.cli.common.summary import RunSummary
 from dart_hal.core.types import External, State
 
-EVERY = 10
-"""Frames between two pictures: ten a second."""
+# STATE frames come at 100 Hz: the table is drawn ten times a second.
+FRAMES_PER_UPDATE = 10
 
 
 @click.command("top")
 @car_options
-@click.option("--duration", type=Number(min=0.1), default=None,
-              help="seconds of the car's time (default: until Ctrl-C)")
+@click.option("--duration", type=FiniteNumber(min=0.1), default=None,
+              help="seconds of car time (default: until Ctrl-C)")
 @poses_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, duration: float | None,
             poses: str | None, as_json: bool) -> None:
     """Watch a car: speed, yaw rate, pose, pins, flags, losses. The car is not driven."""
-    with opened(url, car_name, cars, poses=poses) as car:
-        summary = Summary(car)
-        states = in_real_time(car.states(duration=duration or float("inf")))
+    with open_car(url, car_name, cars, poses=poses) as car:
+        summary = RunSummary(car)
+        states = limit_to_real_time(car.states(duration=duration or float("inf")))
         if as_json:
             for _ in states:
                 pass
@@ -39,13 +39,15 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float |
             return
         with Live(console=console, auto_refresh=False) as live:
             for n, state in enumerate(states):
-                if n % EVERY == 0:
-                    live.update(picture(car, state), refresh=True)
+                if n % FRAMES_PER_UPDATE == 0:
+                    live.update(make_table(car, state), refresh=True)
 
 
-def picture(car: Car, state: State) -> Table:
-    """One picture of the car."""
-    health, timing, pose = state.health, car.timing, state.pose
+def make_table(car: Car, state: State) -> Table:
+    """Return the table of the car's state."""
+    health = state.health
+    timing = car.timing
+    pose = state.pose
     table = Table(title=Text(f"{car.files.config.name} on {car.url}"), show_header=False, box=None)
     yaw_rate = "no IMU" if state.yaw_rate is None else f"{state.yaw_rate:+7.3f} rad/s"
     rows = {
@@ -61,16 +63,17 @@ def picture(car: Car, state: State) -> Table:
         "mode": car.mode,
     }
     if state.external is not None:
-        rows["seen at"] = seen(state.external)
+        rows["external"] = describe_external_pose(state.external)
     for name, value in rows.items():
         table.add_row(name, Text(value))
     return table
 
 
-def seen(external: External) -> str:
-    """Where the room sees the marker, and how sure it is."""
+def describe_external_pose(external: External) -> str:
+    """Return the external pose, its tracking state and its age on one line."""
     if external.pose is None:
         return external.tracking.value
-    p = external.pose
-    return (f"x {p.x:+7.2f} m  y {p.y:+7.2f} m  yaw {p.yaw:+6.2f} rad  {external.tracking.value}, "
+    pose = external.pose
+    return (f"x {pose.x:+7.2f} m  y {pose.y:+7.2f} m  yaw {pose.yaw:+6.2f} rad  "
+            f"{external.tracking.value}, "
             f"{external.age * 1e3:.0f} ms old")

@@ -14,7 +14,7 @@ VERBS = {
     "data": "check, repair or download recordings",
     "wire": "print the frame table; regenerate the files made from the specification",
 }
-GROUPS = {
+VERB_GROUPS = {
     "start": ("demo",),
     "measure": ("experiment",),
     "model": ("identify", "evaluate", "diagnose"),

@@ -16,9 +16,9 @@ from dart_hal.cli.common.options import (
     poses_option,
     waive_option,
 )
-from dart_hal.cli.common.output import console, notices, print_json, results
-from dart_hal.cli.common.session import in_real_time, opened, paced
-from dart_hal.cli.common.summary import Summary
+from dart_hal.cli.common.output import console, print_json, results, show_notices
+from dart_hal.cli.common.session import limit_to_real_time, open_car, real_time_url
+from dart_hal.cli.common.summary import RunSummary
 from dart_lab.live.ros.bridge import Bridge, Middleware
 
 
@@ -41,13 +41,13 @@ def command(middleware: str, url: str | None, car_name: str, cars: Path | None, 
     neutral. A recording is told and not driven.
     """
     with (closing(_opened(middleware, f"dart_hal_{number}")) as node,
-          opened(paced(url), car_name, cars, record, poses, lidar) as car):
-        summary = Summary(car)
+          open_car(real_time_url(url), car_name, cars, record, poses, lidar) as car):
+        summary = RunSummary(car)
         states = car.states(duration=duration or inf)
         console.print(f"car {number} on {middleware}: arming" if car.drives else
                       f"car {number} on {middleware}: a recording", markup=False, highlight=False)
-        Bridge(car, number, node, lambda text: notices((text,))).run(
-            car.arming(waive=waive), in_real_time(states) if car.waits else states)
+        Bridge(car, number, node, lambda text: show_notices((text,))).run(
+            car.arming(waive=waive), limit_to_real_time(states) if car.waits else states)
         found = summary.as_json({"recording": record} if record else {})
     if as_json:
         print_json(found)

@@ -9,7 +9,7 @@ import click
 
 from dart_hal.car.compare import Comparison, compare
 from dart_hal.cli.common.options import html_option, json_option
-from dart_hal.cli.common.output import notices, print_json, say
+from dart_hal.cli.common.output import print_json, print_line, show_notices
 from dart_lab.pages.compare_page import difference_rows, lead, statistic_rows, write_page
 
 SHOWN = 20
@@ -28,7 +28,7 @@ def command(a: Path, b: Path, html: Path | None, as_json: bool) -> None:
     speed or the yaw rate first differs for 50 ms.
     """
     found = compare(a, b)
-    notices((*found.a.run.notices, *found.b.run.notices))
+    show_notices((*found.a.run.notices, *found.b.run.notices))
     answer = found.to_json()
     if html is not None:
         write_page(found, html, answer)
@@ -37,23 +37,24 @@ def command(a: Path, b: Path, html: Path | None, as_json: bool) -> None:
         return
     _show(found, answer)
     if html is not None:
-        say(f"report: {html}")
+        print_line(f"report: {html}")
 
 
 def _show(found: Comparison, answer: dict[str, Any]) -> None:
     for name, run in zip("AB", answer["runs"], strict=True):
-        say(f"{name}  {run['path']}: {run['car']}, {run['duration_s']:.1f} s, "
-             f"{run['distance_m']:.1f} m, {run['lost']} of {run['lost'] + run['frames']} frames "
-             f"lost, firmware {run['firmware']}")
-    say("")
+        print_line(f"{name}  {run['path']}: {run['car']}, {run['duration_s']:.1f} s, "
+                    f"{run['distance_m']:.1f} m, {run['lost']} of {run['lost'] + run['frames']} "
+                    "frames "
+                    f"lost, firmware {run['firmware']}")
+    print_line("")
     for row in statistic_rows(answer["statistics"]):
-        say(f"{row[0]:<24}{row[1]:<3}" + "".join(f"{cell:>11}" for cell in row[2:]))
-    say("")
+        print_line(f"{row[0]:<24}{row[1]:<3}" + "".join(f"{cell:>11}" for cell in row[2:]))
+    print_line("")
     rows = difference_rows(found.differs)
     for name, one, other in rows[:SHOWN]:
-        say(f"{name}: {one} -> {other}")
+        print_line(f"{name}: {one} -> {other}")
     if len(rows) > SHOWN:
-        say(f"and {len(rows) - SHOWN} more differences: --html or --json")
+        print_line(f"and {len(rows) - SHOWN} more differences: --html or --json")
     if not rows:
-        say("car, firmware and files of the car are the same")
-    say(lead(found))
+        print_line("car, firmware and files of the car are the same")
+    print_line(lead(found))

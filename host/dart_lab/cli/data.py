@@ -10,7 +10,7 @@ import click
 from dart_hal.cli.common.options import json_option
 from dart_hal.cli.common.output import console, print_json, progress_bar
 from dart_hal.cli.common.outputs import PlotFileOrFolder
-from dart_hal.cli.common.sizes import named_car, recorded_car_options
+from dart_hal.cli.common.sizes import load_named_car, recorded_car_options
 from dart_hal.recording.check import Check, check, folder_of, stem_of, summary
 from dart_hal.recording.fetch import fetch, find
 from dart_hal.recording.repair import repair
@@ -41,7 +41,7 @@ def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, car_na
     """
     from dart_hal.car.runs import NamedCar, read_any
 
-    car = named_car(car_name, cars)
+    car = load_named_car(car_name, cars)
     recordings, skipped = read_any(find(files),
                                    car=NamedCar(car_name, str(cars) if cars else None))
     if car is not None:

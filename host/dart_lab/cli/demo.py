@@ -15,7 +15,7 @@ from dart_hal.calibration.result import SteeringResult
 from dart_hal.calibration.steering import calibrate_steering
 from dart_hal.car import Car
 from dart_hal.cli.common.options import json_option
-from dart_hal.cli.common.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
 from dart_hal.cli.common.session import with_progress
 from dart_hal.control.paths import figure_of_eight
 from dart_hal.control.plant import plant_of
@@ -114,7 +114,7 @@ def others(folder: Path | None, number: int, out: Path
 def calibrate(url: str, out: Path) -> tuple[SteeringResult, dict[str, Any], tuple[str, ...]]:
     """Chapter one: the steering map of a car nobody has seen."""
     with Car.open(url, cars=out / "cars") as car:
-        notices(car.notices)
+        show_notices(car.notices)
         hello = car.hello.as_json()
         kind = "MockNano" if car.hello.mock else "firmware in the emulator"
         console.print(f"{kind}: version {hello['firmware']}, board {hello['board_id']}")

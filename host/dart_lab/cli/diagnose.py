@@ -15,14 +15,14 @@ import click
 from dart_hal.car.runs import NamedCar, read_all_unframed
 from dart_hal.cli.common.options import (
     REFERENCE,
-    Number,
+    FiniteNumber,
     PathsOption,
     html_option,
     json_option,
 )
-from dart_hal.cli.common.output import console, notices, print_json, progress_bar
+from dart_hal.cli.common.output import console, print_json, progress_bar, show_notices
 from dart_hal.cli.common.outputs import OutputFile
-from dart_hal.cli.common.sizes import named_car, recorded_car_options, sized
+from dart_hal.cli.common.sizes import apply_car_sizes, load_named_car, recorded_car_options
 from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Recording, Reference, with_marker_frames
@@ -64,7 +64,7 @@ Skipped = list[tuple[str, str]]
 @click.option("--only", multiple=True, metavar="EFFECT", help="look for this effect; repeatable")
 @click.option("--exclude", multiple=True, metavar="EFFECT",
               help="do not look for this effect; repeatable")
-@click.option("--false-alarm", type=Number(1e-6, 0.5), default=0.01, show_default=True,
+@click.option("--false-alarm", type=FiniteNumber(1e-6, 0.5), default=0.01, show_default=True,
               help="false alarm rate: how often a cause may be named where nothing is wrong")
 @click.option("--max-causes", type=click.IntRange(0, 50), default=12, show_default=True,
               help="name at most this many causes")
@@ -98,7 +98,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
     names = effects_named(only, exclude)
     model = model or default_model((*train, *test))
     typed = _typed(locals())
-    car = named_car(car_name, cars)
+    car = load_named_car(car_name, cars)
     file, _ = named_model(model, (*train, *test))
     with progress_bar() as bar:
         task = bar.add_task("reading", total=1.0)
@@ -106,7 +106,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
         named = NamedCar(car_name, str(cars) if cars else None)
         recordings, skipped = _read(train, test, reference, named, lambda file: bar.update(
             task, completed=READ * (1.0 - READS**next(number)), description=f"reading {file.name}"))
-        sizes = sized(model, file, car, [*recordings[0], *recordings[1]], fitting=False)
+        sizes = apply_car_sizes(model, file, car, [*recordings[0], *recordings[1]], fitting=False)
         file, vehicle = sizes.model, sizes.vehicle
         inputs = check_inputs(*recordings, vehicle, hashes(file))
         from dart_hal.core.process.jobs import wanted
@@ -138,7 +138,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
 
         write_page(d, html, command=typed, answer=answer,
                    suggestions=suggestions if suggest else None, drives=drives)
-    notices(tuple(note for note in d.notes if note not in sizes.lines))
+    show_notices(tuple(note for note in d.notes if note not in sizes.lines))
     if as_json:
         print_json(answer)
         return

@@ -9,9 +9,9 @@ import click
 
 from dart_hal.car.runs import NamedCar, read_any
 from dart_hal.cli.common.options import REFERENCE, html_option, json_option
-from dart_hal.cli.common.output import notices, print_json, progress_bar
+from dart_hal.cli.common.output import print_json, progress_bar, show_notices
 from dart_hal.cli.common.outputs import PlotFileOrFolder
-from dart_hal.cli.common.sizes import named_car, recorded_car_options, sized
+from dart_hal.cli.common.sizes import apply_car_sizes, load_named_car, recorded_car_options
 from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import new_figure
@@ -66,10 +66,10 @@ def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
     file, vehicle = named_model(model, found)
     assumed = left_out(file, vehicle)
     if assumed:
-        notices((f"{model} does not say {', '.join(assumed)}: the paper's values stand in",))
-    car = named_car(car_name, cars)
+        show_notices((f"{model} does not say {', '.join(assumed)}: the paper's values stand in",))
+    car = load_named_car(car_name, cars)
     recordings, skipped = _read(found, reference, car_name, cars)
-    sizes = sized(model, file, car, recordings, fitting=False)
+    sizes = apply_car_sizes(model, file, car, recordings, fitting=False)
     sizes.show(as_json)
     vehicle = kinematic(sizes.vehicle) if as_kinematic else sizes.vehicle
     result = _run(vehicle, recordings, skipped, found, reference, hashes(file))

@@ -16,13 +16,13 @@ from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.car.files import files_of
 from dart_hal.cli.common.options import (
-    Number,
+    FiniteNumber,
     car_options,
     json_option,
     poses_option,
     waive_option,
 )
-from dart_hal.cli.common.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
 from dart_hal.cli.common.outputs import OutputFile, PlotFile
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import ExperimentFailed, UsageError
@@ -51,9 +51,9 @@ SIM_FLOOR = "10"
 @click.option("--space", "space", default=None, metavar="METRES",
               help="free floor: 8 (8 m x 8 m) or 12x3 (12 m along the car, 3 m across); needed on "
                    f"a real car, {SIM_FLOOR} on sim://")
-@click.option("--speed", type=Number(0.2, 6.0), default=None, metavar="MAX",
+@click.option("--speed", type=FiniteNumber(0.2, 6.0), default=None, metavar="MAX",
               help="top speed in m/s (default: what the test needs, or less on a short floor)")
-@click.option("--mass", type=Number(0.2, 20.0), default=None, metavar="KG",
+@click.option("--mass", type=FiniteNumber(0.2, 20.0), default=None, metavar="KG",
               help="weight of the car, ready to drive (default: that of car.toml, +- 2 %)")
 @click.option("--out", type=OutputFile(replaces=False), default=None,
               help="recording to write  [default: runs/EXPERIMENT-TIME.mcap]")
@@ -100,7 +100,7 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
         backend.close()
         raise
     with Car.over(backend, car=car_name, cars=cars, record=out, poses=poses) as car:
-        notices(car.notices)
+        show_notices(car.notices)
         if mass is not None or backend.workshop is not None:
             note_mass(car, weighed)
         _agree(plan, simulated, yes)

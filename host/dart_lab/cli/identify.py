@@ -14,7 +14,12 @@ from dart_hal.car.runs import NamedCar, read_any
 from dart_hal.cli.common.options import REFERENCE, html_option, json_option
 from dart_hal.cli.common.output import console, print_json, progress_bar, results
 from dart_hal.cli.common.outputs import OutputFile, PlotFolder
-from dart_hal.cli.common.sizes import Sizes, named_car, recorded_car_options, sized
+from dart_hal.cli.common.sizes import (
+    SizedModel,
+    apply_car_sizes,
+    load_named_car,
+    recorded_car_options,
+)
 from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import new_figure
@@ -83,12 +88,12 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     files = tuple(find(files)) if files else ()
     names = SECTIONS if submodel == "all" else (submodel,)
     target = out or (DEFAULT_OUT if root is None else None)
-    car = named_car(car_name, cars, out)
+    car = load_named_car(car_name, cars, out)
     start, origin = _base(base, target, files)
     typed = _typed(submodel, files, {"--as-paper": root, "--base": base, "--out": out,
                                      "--reference": reference, "--joint": joint or None,
                                      "--car": car_name})
-    sizes: Sizes | None = None
+    sizes: SizedModel | None = None
     outcome: Identification
     data: Any
     if root is not None:
@@ -97,7 +102,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
         outcome, data = as_paper(root, names, typed)
     elif joint:
         data, skipped = _read(files, reference, car_name, cars)
-        sizes = sized(origin, start, car, data, fitting=True)
+        sizes = apply_car_sizes(origin, start, car, data, fitting=True)
         sizes.show(as_json)
         start = sizes.model
         with progress_bar() as bar:
@@ -107,7 +112,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
                                                                    description=text))
     else:
         data, skipped = _read(files, reference, car_name, cars)
-        sizes = sized(origin, start, car, data, fitting=True)
+        sizes = apply_car_sizes(origin, start, car, data, fitting=True)
         sizes.show(as_json)
         start = sizes.model
         with progress_bar() as bar:

@@ -10,7 +10,7 @@ import click
 from dart_hal.car.digest import Digest, digest
 from dart_hal.car.files import DEFAULT_CAR
 from dart_hal.cli.common.options import cars_option, json_option
-from dart_hal.cli.common.output import console, notices, print_json, progress_bar
+from dart_hal.cli.common.output import console, print_json, progress_bar, show_notices
 from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.core.config import CarFiles, load_car, parse_car
 from dart_hal.core.config.history import calibration_changes, model_changes
@@ -47,7 +47,7 @@ def command(car_name: str, cars: Path | None, out: Path, runs: tuple[Path, ...],
         datetime.now(timezone.utc))
     answer = about.to_json(out)
     write_page(about, out, answer)
-    notices(skipped)
+    show_notices(skipped)
     if as_json:
         print_json(answer)
         return

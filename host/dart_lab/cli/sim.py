@@ -11,7 +11,7 @@ import click
 
 from dart_hal.car.car import DEFAULT_URL
 from dart_hal.cli.common.options import cars_option, json_option, url_option
-from dart_hal.cli.common.output import console, notices, print_json, results
+from dart_hal.cli.common.output import console, print_json, results, show_notices
 from dart_hal.core.config import cars_home
 from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
@@ -53,7 +53,7 @@ def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple
     for text in fail:
         parse_failure(text)  # at once, not when the car is opened
     if model:
-        notices(("--model is now called --vehicle; the next version no longer knows it",))
+        show_notices(("--model is now called --vehicle; the next version no longer knows it",))
     text = url or DEFAULT_URL
     for option, value in (("vehicle", vehicle), ("vehicle", model), ("fail", ",".join(fail))):
         text = _with(text, option, value)
@@ -139,7 +139,7 @@ def _cable(port: Pty, link: Path | None) -> str:
 def _serve(url: Url, bus: Path | None, link: Path | None, cars: Path | None,
            as_json: bool) -> None:
     backend = open_backend(url.text)
-    notices(backend.notices)
+    show_notices(backend.notices)
     name = _leave_car_file(backend, cars)
     paced = PacedWorld(backend)
     done = threading.Event()

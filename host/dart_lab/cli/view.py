@@ -11,7 +11,7 @@ import click
 from dart_hal.car import Car
 from dart_hal.car.member import join
 from dart_hal.cli.common.options import (
-    Number,
+    FiniteNumber,
     camera_option,
     car_options,
     json_option,
@@ -22,8 +22,8 @@ from dart_hal.cli.common.options import (
     waive_option,
 )
 from dart_hal.cli.common.outputs import OutputFile
-from dart_hal.cli.common.page_address import lan_option, tell
-from dart_hal.cli.common.session import opened, paced
+from dart_hal.cli.common.page_address import lan_option, print_page_address
+from dart_hal.cli.common.session import open_car, real_time_url
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 from dart_hal.estimation.localisation.grid import lines_of_grid, read_grid
@@ -33,8 +33,9 @@ from dart_hal.estimation.localisation.grid import lines_of_grid, read_grid
 @car_options
 @click.argument("run", required=False, type=click.Path(path_type=Path, dir_okay=False))
 @lan_option
-@click.option("--duration", type=Number(min=0.1), default=None, help="s (default: until Ctrl-C)")
-@click.option("--max-throttle", type=Number(0.0, 1.0), default=0.35, show_default=True,
+@click.option("--duration", type=FiniteNumber(min=0.1), default=None, help="s (default: until "
+                                                                           "Ctrl-C)")
+@click.option("--max-throttle", type=FiniteNumber(0.0, 1.0), default=0.35, show_default=True,
               help="of a stick that is pushed to its end")
 @waive_option
 @click.option("--record", type=OutputFile(replaces=False), default=None,
@@ -58,7 +59,7 @@ def command(url: str | None, car_name: str, cars: Path | None, run: Path | None,
     if run is not None:
         play(run, port, lan, duration or inf, as_json)
         return
-    with opened(paced(url), car_name, cars, record, poses, lidar, camera) as car, \
+    with open_car(real_time_url(url), car_name, cars, record, poses, lidar, camera) as car, \
             ExitStack() as beside:
         car.raise_on_trip = False  # the page says what tripped it
         others = None
@@ -66,7 +67,7 @@ def command(url: str | None, car_name: str, cars: Path | None, run: Path | None,
             others = beside.enter_context(join(car, room, room_key=room_key)).other_poses
         with car.view(port=port, lan=lan, drives=car.drives, lines=map_lines(car.url, chart),
                       others=others, waive=waive, max_throttle=max_throttle) as page:
-            tell(page.urls, lan, as_json)
+            print_page_address(page.urls, lan, as_json)
             page.run(duration or inf)
         car.stop()
 
@@ -92,7 +93,7 @@ def play(run: Path, port: int, lan: bool, duration: float, as_json: bool) -> Non
     with Car.open(f"replay://{run}") as car:
         whole = run_of(car)
     with Player(whole, port, lan) as player:
-        tell(player.urls, lan, as_json)
+        print_page_address(player.urls, lan, as_json)
         until = time.monotonic() + duration
         while time.monotonic() < until:
             time.sleep(0.2)

@@ -9,7 +9,7 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from dart_hal.cli.common.output import results, say
+from dart_hal.cli.common.output import print_line, results
 from dart_hal.recording.check import DONE, Check, Summary, folder_of, stem_of
 from dart_hal.recording.fetch import Outcome
 from dart_hal.recording.fetch.published import BY_HAND
@@ -34,18 +34,18 @@ def show_checks(checks: Sequence[Check], skipped: Sequence[tuple[str, str]], who
         _serious(checks)
         _counts(checks)
     for path, reason in skipped:
-        say(f"skipped {path}: {reason}", "yellow")
+        print_line(f"skipped {path}: {reason}", "yellow")
     for note in whole.notes:
-        say(f"note: {note}", "yellow")
+        print_line(f"note: {note}", "yellow")
     kinds = ", ".join(f"{n} of schema {s}" for s, n in whole.schemas.items())
     uses = ", ".join(f"{p} {n}" for p, n in whole.good_for.items() if n) or "nothing"
-    say(f"{whole.files} recording(s) ({kinds}), {whole.duration:.0f} s, {whole.windows} "
-         f"evaluation windows; good for: {uses}")
+    print_line(f"{whole.files} recording(s) ({kinds}), {whole.duration:.0f} s, {whole.windows} "
+                f"evaluation windows; good for: {uses}")
 
 
 def _block(c: Check) -> None:
     f, r, m = c.facts, c.recording, c.facts.mocap
-    say(c.name, "bold")
+    print_line(c.name, "bold")
     _line("what", f"schema {r.schema}, {f.duration:.1f} s, {f.rows or f.messages} rows, "
           f"{f.messages} messages every {f.step:.3f} s")
     _line("when", f"{f.date} by {f.date_from}" if f.date else "not known")
@@ -61,11 +61,12 @@ def _block(c: Check) -> None:
               f"{m.gaps} gap(s) up to {m.longest_gap:.2f} s, {m.outliers} outlier row(s)")
         _line("markers", _reference(c))
     for x in c.findings:
-        say(f"  {'!' if x.serious else '-'} {x}", "yellow" if x.serious else "dim")
+        print_line(f"  {'!' if x.serious else '-'} {x}", "yellow" if x.serious else "dim")
     for purpose, use in c.uses.items():
-        say(f"  {'yes' if use.good else 'no':>5} {purpose:<10} {use.n:>5} {use.unit:<8} {use.why}",
-             "" if use.good else "dim")
-    say(f"  {c.verdict}", "green" if c.good_for else "red")
+        print_line(f"  {'yes' if use.good else 'no':>5} {purpose:<10} {use.n:>5} {use.unit:<8} "
+                   f"{use.why}",
+                    "" if use.good else "dim")
+    print_line(f"  {c.verdict}", "green" if c.good_for else "red")
 
 
 def _reference(c: Check) -> str:
@@ -115,7 +116,7 @@ def _serious(checks: Sequence[Check]) -> None:
     for c in checks:
         for x in c.findings:
             if x.serious:
-                say(f"! {c.name}: {x}", "yellow")
+                print_line(f"! {c.name}: {x}", "yellow")
 
 
 def _counts(checks: Sequence[Check]) -> None:
@@ -127,35 +128,37 @@ def _counts(checks: Sequence[Check]) -> None:
                 kinds.setdefault(DONE.get(x.kind, x.kind), []).append(x.rows)
     for done, rows in sorted(kinds.items(), key=lambda item: -len(item[1])):
         total = f", {sum(rows)} row(s)" if sum(rows) else ""
-        say(f"{done} ({len(rows)} file(s){total})", "dim")
-    say("(--full lists every finding of every file, --json has them for machines)", "dim")
+        print_line(f"{done} ({len(rows)} file(s){total})", "dim")
+    print_line("(--full lists every finding of every file, --json has them for machines)", "dim")
 
 
 def show_fetch(outcome: Outcome) -> None:
     """What came, what was refused, what is missing and what to do about it."""
     for r in outcome.refused:
-        say(f"refused {r.path}: {r.found} ({r.where})", "red")
+        print_line(f"refused {r.path}: {r.found} ({r.where})", "red")
     for path in outcome.replaced:
-        say(f"another {path} was there: kept as {path.rsplit('/', 1)[-1]}.old", "yellow")
+        print_line(f"another {path} was there: kept as {path.rsplit('/', 1)[-1]}.old", "yellow")
     for path in outcome.missing[:FIRST]:
-        say(f"missing {path}", "yellow")
+        print_line(f"missing {path}", "yellow")
     if len(outcome.missing) > FIRST:
-        say(f"... and {len(outcome.missing) - FIRST} more", "yellow")
+        print_line(f"... and {len(outcome.missing) - FIRST} more", "yellow")
     there = len(outcome.present) + len(outcome.fetched)
-    say(f"{there} of {outcome.files} recordings in {outcome.to} ({len(outcome.fetched)} new)",
-         "green" if outcome.complete else "yellow")
+    print_line(f"{there} of {outcome.files} recordings in {outcome.to} ({len(outcome.fetched)} "
+               "new)",
+                "green" if outcome.complete else "yellow")
     if not outcome.complete:
-        say(f"to complete it: {BY_HAND}")
+        print_line(f"to complete it: {BY_HAND}")
 
 
 def show_repair(done: Sequence[Repaired]) -> None:
     """What was kept, what was left out, where the old file is."""
     for d in done:
         if d.old is None:
-            say(f"{d.path}: whole, {d.messages} messages; left as it is")
+            print_line(f"{d.path}: whole, {d.messages} messages; left as it is")
         else:
-            say(f"{d.path}: {d.messages} messages, index written; {d.left_out} bytes that were "
-                 f"not whole are left out; the old file is {d.old.name}", "green")
+            print_line(f"{d.path}: {d.messages} messages, index written; {d.left_out} bytes that "
+                       "were "
+                        f"not whole are left out; the old file is {d.old.name}", "green")
 
 
 def _span(values: tuple[float, float] | None, unit: str = "") -> str:
@@ -167,4 +170,4 @@ def _short(value: float) -> str:
 
 
 def _line(name: str, text: str) -> None:
-    say(f"  {name:<9} {text}")
+    print_line(f"  {name:<9} {text}")

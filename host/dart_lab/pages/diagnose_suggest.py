@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from rich import box
 from rich.table import Table
 
-from dart_hal.cli.common.output import results, say
+from dart_hal.cli.common.output import print_line, results
 from dart_lab.diagnosis.report.next_drive import NOTHING
 from dart_lab.diagnosis.suggest.result import Suggestion
 from dart_lab.diagnosis.suggest.sharpen import Sharper
@@ -17,28 +17,29 @@ from dart_lab.diagnosis.suggest.sharpen import Sharper
 def show_suggestions(suggestions: Sequence[Suggestion], drives: Sequence[Sharper]) -> None:
     """What to drive next, what it would separate or measure, and what to type."""
     if not suggestions and not drives:
-        say(NOTHING)
+        print_line(NOTHING)
     for one in drives:
-        say(f"suggested: {one.sentence()}", style="bold")
+        print_line(f"suggested: {one.sentence()}", style="bold")
         for command in one.commands:
-            say(f"  {command}")
-        say(f"  by hand: {one.by_hand}", style="dim")
+            print_line(f"  {command}")
+        print_line(f"  by hand: {one.by_hand}", style="dim")
     for s in suggestions:
-        say(f"suggested: {s.sentence()}", style="bold")
+        print_line(f"suggested: {s.sentence()}", style="bold")
         if not s.drive:
             if s.by_hand:
-                say(f"  by hand: {s.by_hand}", style="dim")
+                print_line(f"  by hand: {s.by_hand}", style="dim")
             continue
-        say(f"  {s.description}, on a free floor of {s.space}, judged by {s.needs}")
+        print_line(f"  {s.description}, on a free floor of {s.space}, judged by {s.needs}")
         results.print(_table(s))
         if s.caution():
-            say(f"  {s.caution()}", style="yellow")
+            print_line(f"  {s.caution()}", style="yellow")
         for command in s.commands:
-            say(f"  {command}")
-        say("  on a real car with --url; then dart-hal diagnose with the new recording as well"
-             + (" (drive it where the motion capture sees it)" if "capture" in s.needs else ""))
+            print_line(f"  {command}")
+        print_line("  on a real car with --url; then dart-hal diagnose with the new recording as "
+                   "well"
+                    + (" (drive within the motion capture volume)" if "capture" in s.needs else ""))
         if not s.enough:
-            say(f"  by hand: {s.by_hand}", style="dim")
+            print_line(f"  by hand: {s.by_hand}", style="dim")
 
 
 def _table(s: Suggestion) -> Table:

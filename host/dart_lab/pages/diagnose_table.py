@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from dart_hal.cli.common.output import output, results, say
+from dart_hal.cli.common.output import output, print_line, results
 from dart_lab.diagnosis.report.compared import step_changes
 from dart_lab.diagnosis.report.explain import describe_cause, describe_claim
 from dart_lab.diagnosis.report.overview import FLOOR, HELD
@@ -40,33 +40,33 @@ COLUMNS = {"given": "given", "refitted": "refitted", "extended": "with causes"}
 
 def show(d: Diagnosis) -> None:
     """Print the verdict, one line for each finding, the errors by model, and what is doubtful."""
-    say(headline(d), style="bold")
+    print_line(headline(d), style="bold")
     for line in summary_lines(d):
-        say(f"  {line}")
+        print_line(f"  {line}")
     for claim in d.claims:
-        say(f"parameters: {' '.join(describe_claim(claim).values())}")
+        print_line(f"parameters: {' '.join(describe_claim(claim).values())}")
     for i, cause in enumerate(d.causes):
-        say(f"{i + 1}. {cause.effect}: {' '.join(describe_cause(d, i).values())}")
+        print_line(f"{i + 1}. {cause.effect}: {' '.join(describe_cause(d, i).values())}")
     for p in d.possible:
         if p.grade == "likely":
-            say(f"not accepted: {possible(p)}", style="dim")
+            print_line(f"not accepted: {possible(p)}", style="dim")
     others = [p.effect for p in d.possible if p.grade != "likely"]
     if others:
-        say(f"not accepted, possible: {', '.join(others)}", style="dim")
+        print_line(f"not accepted, possible: {', '.join(others)}", style="dim")
     for u in d.unexplained:
-        say(f"not explained: {describe_pattern(d, u)}", style="yellow")
+        print_line(f"not explained: {describe_pattern(d, u)}", style="yellow")
     for o in d.outliers:
-        say(f"single moments: {outliers(o)}", style="yellow")
+        print_line(f"single moments: {outliers(o)}", style="yellow")
     if d.late_commands:
-        say(f"late commands: {late_commands(d.late_commands)}", style="yellow")
+        print_line(f"late commands: {late_commands(d.late_commands)}", style="yellow")
     if d.excesses:
-        say(f"above the noise floor: {'; '.join(map(excess, d.excesses))}", style="yellow")
+        print_line(f"above the noise floor: {'; '.join(map(excess, d.excesses))}", style="yellow")
     _show_errors(d)
     if d.predictor is not None:
-        say(predictor(d.predictor))
+        print_line(predictor(d.predictor))
     for name, m in d.refitted.items():
         if m.doubt:
-            say(f"refitted: {moved(name, m)}", style="yellow")
+            print_line(f"refitted: {moved(name, m)}", style="yellow")
 
 
 def _show_errors(d: Diagnosis) -> None:
@@ -78,9 +78,9 @@ def _show_errors(d: Diagnosis) -> None:
     floor = ["floor"] * bool(d.noise_floor)
     counted = any(c.counts for name in known for c in step_changes(d, name))
     medians = results.width >= WITH_MEDIANS
-    say(f"errors 1 s ahead on the test recordings: RMSE{' (median)' * medians}; "
-        + f"floor: {FLOOR}; " * bool(floor) + f"const.: {HELD}; with each step its change"
-        + " and the recordings better:worse" * counted)
+    print_line(f"errors 1 s ahead on the test recordings: RMSE{' (median)' * medians}; "
+               + f"floor: {FLOOR}; " * bool(floor) + f"const.: {HELD}; with each step its change"
+               + " and the recordings better:worse" * counted)
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for title in ("", *floor, "const.", *(COLUMNS[name] for name in d.compared)):
         table.add_column(title, no_wrap=True)

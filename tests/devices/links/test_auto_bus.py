@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from dart_hal.cli.stop import real
+from dart_hal.cli.stop import require_real_car
 from dart_hal.core.errors import BusMissing
 from dart_hal.core.url import Url
 from dart_hal.devices.links import computers, serial_port
@@ -22,7 +22,7 @@ def test_the_number_reaches_bus_guard_and_stop(monkeypatch: pytest.MonkeyPatch) 
     backend = serial_port.open_serial(Url.parse(URL))
     assert opened == ["7"]
     assert backend.url.options["i2c"] == "7", "the guard opens the bus by this"
-    assert real(URL).options["i2c"] == "7"
+    assert require_real_car(URL).options["i2c"] == "7"
 
 
 def test_without_such_a_bus_no_port_is_opened(monkeypatch: pytest.MonkeyPatch) -> None:

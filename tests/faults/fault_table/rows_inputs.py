@@ -51,7 +51,7 @@ def by_hand(drive: Drive, source: Manual, write: Callable[[bytes], object], feed
             write(data)
 
     drive.car.on_state(each)
-    with patch.object(verb, "in_real_time", iter), patch.object(verb.console, "print"):
+    with patch.object(verb, "limit_to_real_time", iter), patch.object(verb.console, "print"):
         verb.run_manual(drive.car, source, 0.4, DRIVES_S + SILENT_S)
     return next(t for t in reversed(reports) if t - start < DRIVES_S + 0.02)
 

@@ -51,7 +51,7 @@ def test_from_nothing_to_a_doctor_that_is_content(box: Box) -> None:
     home = {"HOME": str(box.home), "PATH": "/usr/bin:/bin"}
     told = subprocess.run([program, "doctor", "--url", "sim://?seed=3&nano=mock"], env=home,
                           capture_output=True, text=True, check=False, cwd=box.home)
-    assert "PCA9685 read back well" in told.stdout, told.stdout + told.stderr
+    assert "PCA9685 answers correctly" in told.stdout, told.stdout + told.stderr
     assert " fail " not in told.stdout
     held = subprocess.run([program, "stop", "--car", "mine", "--url",
                            "serial:///dev/dart-nano?i2c=250"], env=home, capture_output=True,

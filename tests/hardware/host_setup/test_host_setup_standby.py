@@ -173,7 +173,7 @@ def ms_until_neutral(monkeypatch: pytest.MonkeyPatch, delay: float, look_every: 
         pulses.extend(bench.chip.output.take(1))
 
     monkeypatch.setattr(standby, "LOOK_EVERY", look_every)
-    monkeypatch.setattr(standby, "reach", lambda *_: (bench.throttle, None))
+    monkeypatch.setattr(standby, "open_throttle", lambda *_: (bench.throttle, None))
     monkeypatch.setattr(standby, "stop_on_signals", lambda: None)
     monkeypatch.setattr(standby, "port_of", lambda _: "port")
     monkeypatch.setattr(standby, "holder", lambda _: 4711 if bench.t < died else None)

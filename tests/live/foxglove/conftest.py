@@ -12,7 +12,7 @@ import pytest
 from websockets.sync.client import connect
 
 from dart_hal.car import Car
-from dart_hal.cli.common.session import in_real_time
+from dart_hal.cli.common.session import limit_to_real_time
 from dart_lab.live.foxglove.server import serve
 
 URL = "sim://?seed=1&nano=mock"
@@ -90,7 +90,7 @@ class Driven:
 
     def _run(self):
         last = time.monotonic()
-        for _ in in_real_time(self.car.states()):
+        for _ in limit_to_real_time(self.car.states()):
             now = time.monotonic()
             self.late, last, self.count = max(self.late, now - last), now, self.count + 1
             if self._end.is_set():

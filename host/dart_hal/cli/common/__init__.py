@@ -1,1 +1,1 @@
-"""What several verbs share: options, output, opening a car, pictures."""
+"""Code shared by several verbs: options, output, opening a car, pictures."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import click
 
-from dart_hal.cli.common.output import console, notices
+from dart_hal.cli.common.output import console, show_notices
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports.workshop import SCALE
 
@@ -24,15 +24,15 @@ def confirm(question: str, yes: bool, prompt: str = "start") -> bool:
     if yes:
         return True
     if not sys.stdin.isatty():
-        raise CalibrationFailed("not started: not confirmed", found="no terminal to ask at",
-                                remedy="once the floor is free: the same command with --yes")
+        raise CalibrationFailed("not started: not confirmed", found="no terminal",
+                                remedy="if the floor is free: the same command with --yes")
     return click.confirm(prompt, err=True)
 
 
 def ask_number(question: str) -> float:
     """A number that the user types. Errors: CalibrationFailed without a terminal."""
     if not sys.stdin.isatty():
-        raise CalibrationFailed("nobody measured", found="no terminal to ask at",
+        raise CalibrationFailed("a measurement by hand is missing", found="no terminal",
                                 expected=question, remedy="run it in a terminal")
     while True:
         value: float = click.prompt(question, type=float, err=True)
@@ -40,7 +40,7 @@ def ask_number(question: str) -> float:
             return value
 
 
-class AskedWorkshop:
+class TerminalOperator:
     """``ports.Workshop`` on a real car: each answer is typed, in the units of its question.
 
     ``pause`` is called before and ``resume`` after each question, for a progress bar.
@@ -72,7 +72,7 @@ class AskedWorkshop:
 
     def set_down(self) -> None:
         """Off the stand; nothing waits for it."""
-        notices(("the car may come off its stand",))
+        show_notices(("the car may come off its stand",))
 
     def push(self) -> bool:
         """By hand."""
@@ -97,7 +97,7 @@ class AskedWorkshop:
     def _wait(self, act: str) -> None:
         self._pause()
         if not sys.stdin.isatty():
-            raise CalibrationFailed("nobody is at the car", found="no terminal to ask at",
+            raise CalibrationFailed("this step needs an operator", found="no terminal",
                                     expected=act, remedy="run it in a terminal")
         click.prompt(f"{act}; Enter", default="", err=True, show_default=False)
         self._resume()
@@ -105,7 +105,7 @@ class AskedWorkshop:
     def _choose(self, question: str, answers: dict[str, int]) -> int:
         self._pause()
         if not sys.stdin.isatty():
-            raise CalibrationFailed("nobody looks", found="no terminal to ask at",
+            raise CalibrationFailed("this step needs an operator", found="no terminal",
                                     expected=question, remedy="run it in a terminal")
         chosen: str = click.prompt(question, type=click.Choice([*answers]), err=True)
         self._resume()

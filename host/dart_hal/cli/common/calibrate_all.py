@@ -16,10 +16,10 @@ from dart_hal.calibration.measured import write
 from dart_hal.calibration.result import Result
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
-from dart_hal.cli.common.options import Number, lidar_option, map_option
-from dart_hal.cli.common.output import console, notices, print_json, results
+from dart_hal.cli.common.options import FiniteNumber, lidar_option, map_option
+from dart_hal.cli.common.output import console, print_json, results, show_notices
 from dart_hal.cli.common.procedures import may_write, measuring, run, show
-from dart_hal.cli.common.session import map_of
+from dart_hal.cli.common.session import load_map
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.folders import calibration_in
 from dart_hal.core.errors import CalibrationFailed
@@ -29,7 +29,8 @@ from dart_hal.estimation.localisation.field import Map
 
 @click.command("all")
 @measuring
-@click.option("--floor", nargs=2, type=Number(1.0, 100.0), default=None, metavar="LENGTH WIDTH",
+@click.option("--floor", nargs=2, type=FiniteNumber(1.0, 100.0), default=None,
+              metavar="LENGTH WIDTH",
               help="m of free floor; what has no room in it is named before anything moves")
 @click.option("--skip", multiple=True, type=click.Choice(order.list_names()),
               help="leave this one out")
@@ -74,7 +75,7 @@ def _home(url: str, car_name: str, cars: Path | None, dry_run: bool, chart: Path
         files = car.files
         poses = backend.poses is not None
         mapped = chart is not None or backend.url.scheme == "sim"
-        room = map_of(backend, chart) if car.has_lidar and mapped else None
+        room = load_map(backend, chart) if car.has_lidar and mapped else None
     if not dry_run:
         yield files, files.folder.parent, poses, room
         return
@@ -109,7 +110,7 @@ def _measure_step(step: order.Step, url: str, car_name: str, home: Path, yes: bo
             console.print("what was measured before this is written: once it is repaired, the same "
                           "command goes on here")
             raise
-        notices((f"{step.verb} not measured: {error.what}; {error.remedy}",))
+        show_notices((f"{step.verb} not measured: {error.what}; {error.remedy}",))
         return None
     if not as_json:
         show(found)

@@ -1,4 +1,13 @@
-"""The checks of ``doctor``: each a function of what was found, with a remedy."""
+"""Checks of ``dart-hal doctor``: one function each, with a remedy for a fault.
+
+Each check compares one property of an open car with its expected value:
+
+1. Open the backend, then the car. A fault here is one failed check.
+2. Listen to the stream: firmware, rates, losses, clock, IMU, encoder.
+3. Check the files of the car, and external poses, lidar and camera if there are any.
+4. Check whether arm() would refuse.
+5. Checks that could not run are reported as skipped.
+"""
 
 from __future__ import annotations
 
@@ -25,15 +34,15 @@ from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.devices.poses import open_poses
 from dart_hal.wire.messages import SCHEMA
 
-T = TypeVar("T")
-RATE = 100.0
-"""STATE frames per second."""
-MOUNTED_STILL = 0.35
-"""m/s2 of acceleration without gravity that a standing, levelled car may show."""
+SourceT = TypeVar("SourceT")
+# STATE frames per second, by the protocol.
+STATE_FRAME_RATE = 100.0
+# m/s2, without gravity: larger than the offset of an IMU on a level car at rest.
+MAX_ACCEL_AT_REST = 0.35
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class DoctorCheck:
     """One line of the doctor's report."""
 
     id: str
@@ -49,295 +58,322 @@ class Check:
                 "expected": self.expected, "cause": self.cause, "try": self.remedy}
 
 
-TITLES = {
+CHECK_TITLES = {
     "port": "port", "bus": "I2C and PCA9685", "files": "files of the car", "hello": "firmware",
     "schema": "message definitions", "rate": "frame rate", "losses": "losses",
     "clock": "clock", "imu": "IMU", "encoder": "encoder", "cutoff": "hardware cut-off",
-    "pwm": "PWM clock", "calibration": "calibration", "arming": "arming", "cautions": "to be known",
+    "pwm": "PWM clock", "calibration": "calibration", "arming": "arming", "cautions": "cautions",
 }
-_TITLES = {**TITLES, "poses": "poses from outside", "lidar": "lidar", "camera": "camera"}
-"""With the checks of what most cars do not have."""
+# With the checks of optional sensors. The order is that of the report.
+ALL_TITLES = {**CHECK_TITLES, "poses": "external poses", "lidar": "lidar", "camera": "camera"}
 
 
-def _check(name: str, good: bool, found: str, *, bad: str = "fail", expected: str = "",
-           cause: str = "", remedy: str = "") -> Check:
-    return Check(name, _TITLES[name], "ok" if good else bad, found, expected, cause, remedy)
+def _make_check(name: str, good: bool, found: str, *, bad: str = "fail", expected: str = "",
+                cause: str = "", remedy: str = "") -> DoctorCheck:
+    """Return a check: "ok" if good, else the verdict ``bad``."""
+    verdict = "ok" if good else bad
+    return DoctorCheck(name, ALL_TITLES[name], verdict, found, expected, cause, remedy)
 
 
-def _failed(name: str, error: DartHalError) -> Check:
+def _check_of_error(name: str, error: DartHalError) -> DoctorCheck:
+    """Return the failed check of an error."""
     found = f"{error.what}: {error.found}" if error.found else error.what
-    return Check(name, _TITLES[name], "fail", found, error.expected, error.likely, error.remedy)
+    return DoctorCheck(name, ALL_TITLES[name], "fail", found, error.expected, error.likely,
+                       error.remedy)
 
 
-def examine(url: str, car_name: str, cars: Path | None, seconds: float,
-            poses: str | None = None, camera: str | None = None) -> list[Check]:
-    """Open what can be opened and look at it; what depends on a fault is skipped."""
-    checks: list[Check] = []
+def run_checks(url: str, car_name: str, cars: Path | None, seconds: float,
+               poses: str | None = None, camera: str | None = None) -> list[DoctorCheck]:
+    """Open a car and check it; checks that a fault prevents are skipped."""
+    checks: list[DoctorCheck] = []
     try:
         backend = open_backend(url)
     except (UnknownScheme, UsageError):
-        raise  # the command is wrong, not the car
+        # The command line is wrong, not the car.
+        raise
     except DartHalError as error:
-        checks.append(_failed("bus" if isinstance(error, BusError) else "port", error))
-        return checks + _skipped(checks)
-    checks.append(_check("port", True, f"{url} is open"))
-    source = _source("poses", lambda: open_poses(poses or ""), backend, checks) if poses else None
-    eye = _source("camera", lambda: camera_of(backend, camera or ""), backend, checks
-                  ) if camera else None
-    car = _open(backend, url, car_name, cars, checks, source, eye)
+        checks.append(_check_of_error("bus" if isinstance(error, BusError) else "port", error))
+        return checks + _list_skipped(checks)
+    checks.append(_make_check("port", True, f"{url} is open"))
+    pose_source = _open_source("poses", lambda: open_poses(poses or ""), backend, checks
+                               ) if poses else None
+    image_source = _open_source("camera", lambda: camera_of(backend, camera or ""), backend,
+                                checks) if camera else None
+    car = _open_car(backend, url, car_name, cars, checks, pose_source, image_source)
     if car is None:
-        for one in (source, eye):
-            if one is not None:
-                one.close()
-        return checks + _skipped(checks)
+        for source in (pose_source, image_source):
+            if source is not None:
+                source.close()
+        return checks + _list_skipped(checks)
     try:
         states = list(car.states(duration=seconds, timeout=1.0))
-        checks += _stream(car, states)
-        checks += _car(car, cars)
+        checks += _check_stream(car, states)
+        checks += _check_files(car, cars)
         if backend.poses is not None and states[-1].external is not None:
-            checks.append(_poses(backend.poses, states))
+            checks.append(_check_poses(backend.poses, states))
         if backend.lidar is not None:
-            checks.append(_lidar(car))
+            checks.append(_check_lidar(car))
         if backend.camera is not None:
-            checks.append(_camera(car))
-        checks += [_arming(car), _cautions(car, cars)]
+            checks.append(_check_camera(car))
+        checks += [_check_arming(car), _check_cautions(car, cars)]
     except DartHalError as error:
-        checks.append(_failed("rate", error))
+        checks.append(_check_of_error("rate", error))
     finally:
         car.close()
-    return _ordered(checks + _skipped(checks))
+    return _sort_checks(checks + _list_skipped(checks))
 
 
-def _source(name: str, opener: Callable[[], T], backend: Backend, checks: list[Check]) -> T | None:
-    """What is opened beside the car; None and a check where it is not there."""
+def _open_source(name: str, opener: Callable[[], SourceT], backend: Backend,
+                 checks: list[DoctorCheck]) -> SourceT | None:
+    """Open a source of poses or images; None and a failed check if that is impossible."""
     try:
         return opener()
     except UsageError:
         backend.close()
         raise
     except DartHalError as error:
-        checks.append(_failed(name, error))
+        checks.append(_check_of_error(name, error))
         return None
 
 
-def _open(backend: Backend, url: str, car_name: str, cars: Path | None, checks: list[Check],
-          poses: PoseSource | None, camera: ImageSource | None) -> Car | None:
-    """The car; without its I2C bus if that is the fault."""
+def _open_car(backend: Backend, url: str, car_name: str, cars: Path | None,
+              checks: list[DoctorCheck], poses: PoseSource | None,
+              camera: ImageSource | None) -> Car | None:
+    """Open the car, without its I2C bus if that has a fault; None if it cannot be opened."""
     try:
         if backend.bus is None:
-            checks.append(no_bus(url))
+            checks.append(check_missing_bus(url))
         car = Car.over(backend, car=car_name, cars=cars, poses=poses, camera=camera)
     except BusError as error:
-        checks.append(_failed("bus", error))
+        checks.append(_check_of_error("bus", error))
         backend = open_backend(url)
         backend.bus = None
-        return _without_bus(backend, car_name, cars, checks)
+        return _open_without_bus(backend, car_name, cars, checks)
     except ConfigError as error:
-        checks.append(_failed("files", error))
+        checks.append(_check_of_error("files", error))
         return None
     except DartHalError as error:
-        checks.append(_failed("hello", error))
+        checks.append(_check_of_error("hello", error))
         return None
     if backend.bus is not None:
         applied = car.stop()
         pulse = (f"throttle at {applied.throttle_us:.1f} us" if applied.throttle_us
                  else "no pulse before the Nano's first message")
-        checks.append(_check("bus", True, f"PCA9685 read back well, {pulse}"))
+        checks.append(_make_check("bus", True, f"PCA9685 answers correctly, {pulse}"))
     return car
 
 
-def no_bus(url: str) -> Check:
-    """The check of a URL that names no I2C bus."""
+def check_missing_bus(url: str) -> DoctorCheck:
+    """Return the check of a URL without an I2C bus."""
     remedy = f"--url '{url}{'&' if '?' in url else '?'}i2c=1'"
     if not url.startswith(("serial:", "hwgrep:")):
         remedy = "nothing to do: this backend has no actuators"
-    return Check("bus", TITLES["bus"], "warn", "no I2C bus behind this URL", remedy=remedy,
-                 cause="commands are not sent")
+    return DoctorCheck("bus", CHECK_TITLES["bus"], "warn", "no I2C bus behind this URL",
+                       remedy=remedy, cause="commands are not sent")
 
 
-def _without_bus(backend: Backend, car_name: str, cars: Path | None,
-                 checks: list[Check]) -> Car | None:
+def _open_without_bus(backend: Backend, car_name: str, cars: Path | None,
+                      checks: list[DoctorCheck]) -> Car | None:
     try:
         return Car.over(backend, car=car_name, cars=cars)
     except DartHalError as error:
-        checks.append(_failed("hello", error))
+        checks.append(_check_of_error("hello", error))
         return None
 
 
-def _stream(car: Car, states: list[State]) -> list[Check]:
+def _check_stream(car: Car, states: list[State]) -> list[DoctorCheck]:
+    """Check firmware, frame rate, losses, clock, IMU and encoder."""
     hello = car.hello
     version = ".".join(map(str, hello.version))
     if not states:
-        raise LinkLost("the Nano said who it is, but no STATE frame came",
+        raise LinkLost("the Nano sent HELLO, but no STATE frame",
                        found=f"{car.timing.damaged} damaged frames")
-    last, timing = states[-1], car.timing
-    rate = (last.seq - states[0].seq + 1) / max(last.t - states[0].t + 1 / RATE, 1e-3)
-    rate = min(rate, len(states) / max(last.t - states[0].t + 1 / RATE, 1e-3))
-    share = timing.lost / max(last.seq, 1)
+    last = states[-1]
+    timing = car.timing
+    # n frames last n periods: from the first to the last time stamp and one period more. The rate
+    # by sequence numbers includes lost frames; the smaller of both rates is reported.
+    duration = max(last.t - states[0].t + 1 / STATE_FRAME_RATE, 1e-3)
+    rate = min(last.seq - states[0].seq + 1, len(states)) / duration
+    lost_fraction = timing.lost / max(last.seq, 1)
     return [
-        _check("hello", not hello.mock, f"version {version}, board {hello.board_id:08x}, "
-               f"boot {hello.boot_count}" + (", MockNano: no firmware" if hello.mock else ""),
-               bad="warn", expected="the firmware",
-               cause="the URL asks for it" if "nano=mock" in car.url else
-               "the emulator was not built",
-               remedy="the same URL without nano=mock" if "nano=mock" in car.url else
-               "make firmware"),
-        _check("schema", hello.same_schema, f"{hello.schema:08x}", expected=f"{SCHEMA:08x}",
-               cause="firmware and library are of different versions", remedy="dart-hal flash"),
-        _check("rate", abs(rate - RATE) < 2.0, f"{rate:.1f} STATE frames per second",
-               expected="100", cause="a slow USB hub or a busy computer",
-               remedy="another USB port; close other programs"),
-        _check("losses", share < 1e-3 and timing.damaged == 0,
-               f"{timing.lost} frames lost, {timing.damaged} damaged", expected="none",
-               bad="warn" if share < 0.02 else "fail", cause="a poor USB cable or a ground loop",
-               remedy="another cable, shorter, away from the motor leads"),
-        _check("clock", last.health.t_std < 1e-3, f"samples timed to {last.health.t_std * 1e3:.2f} "
-               "ms", bad="warn", expected="below 1 ms", cause="USB latency timer of 16 ms",
-               remedy="setserial PORT low_latency, or the udev rule of the handbook"),
-        _imu(states), _encoder(states),
+        _make_check("hello", not hello.mock, f"version {version}, board {hello.board_id:08x}, "
+                    f"boot {hello.boot_count}" + (", MockNano: no firmware" if hello.mock else ""),
+                    bad="warn", expected="the firmware",
+                    cause="the URL asks for it" if "nano=mock" in car.url else
+                    "the emulator was not built",
+                    remedy="the same URL without nano=mock" if "nano=mock" in car.url else
+                    "make firmware"),
+        _make_check("schema", hello.same_schema, f"{hello.schema:08x}", expected=f"{SCHEMA:08x}",
+                    cause="firmware and library are of different versions",
+                    remedy="dart-hal flash"),
+        _make_check("rate", abs(rate - STATE_FRAME_RATE) < 2.0,
+                    f"{rate:.1f} STATE frames per second", expected="100",
+                    cause="a slow USB hub or a busy computer",
+                    remedy="another USB port; close other programs"),
+        _make_check("losses", lost_fraction < 1e-3 and timing.damaged == 0,
+                    f"{timing.lost} frames lost, {timing.damaged} damaged", expected="none",
+                    bad="warn" if lost_fraction < 0.02 else "fail", cause="a poor USB cable or a "
+                                                                          "ground loop",
+                    remedy="another cable, shorter, away from the motor leads"),
+        _make_check("clock", last.health.t_std < 1e-3, "standard deviation of the time stamps "
+                    f"{last.health.t_std * 1e3:.2f} ms", bad="warn", expected="below 1 ms",
+                    cause="USB latency timer of 16 ms",
+                    remedy="setserial PORT low_latency, or the udev rule of the handbook"),
+        _check_imu(states), _check_encoder(states),
     ]
 
 
-def _imu(states: list[State]) -> Check:
+def _check_imu(states: list[State]) -> DoctorCheck:
     last = states[-1]
     flags = last.health.flags
     for name in ("IMU_ABSENT", "IMU_STUCK", "IMU_STALE"):
         if name in flags:
             refusal = BY_NAME[name]
-            return _check("imu", False, refusal.text, expected="a sample each 10 ms",
-                          cause="SDA/SCL swapped, loose jumper, or no 5 V at D4",
-                          remedy="check the four wires against the wiring page; " + refusal.remedy)
+            return _make_check("imu", False, refusal.text, expected="a sample each 10 ms",
+                               cause="SDA/SCL swapped, loose jumper, or no 5 V at D4",
+                               remedy="check the four wires against the wiring page; "
+                               + refusal.remedy)
     if last.yaw_rate is None:
-        return _check("imu", False, "no valid sample", expected="a sample each 10 ms",
-                      cause="still starting", remedy="run doctor again")
+        return _make_check("imu", False, "no valid sample", expected="a sample each 10 ms",
+                           cause="still starting", remedy="run doctor again")
     rates = [s.yaw_rate for s in states if s.yaw_rate is not None]
-    still = sum(rates) / len(rates)
+    mean_rate = sum(rates) / len(rates)
     acceleration = max(abs(last.accel_x or 0.0), abs(last.accel_y or 0.0))
-    return _check("imu", abs(still) < 0.1 and acceleration < 3 * MOUNTED_STILL,
-                  f"yaw rate {still:+.4f} rad/s, age {last.health.imu_age * 1e3:.0f} ms",
-                  bad="warn", expected="near zero while the car stands",
-                  cause="the car is being moved", remedy="leave it still and run doctor again")
+    return _make_check("imu", abs(mean_rate) < 0.1 and acceleration < 3 * MAX_ACCEL_AT_REST,
+                       f"yaw rate {mean_rate:+.4f} rad/s, age {last.health.imu_age * 1e3:.0f} ms",
+                       bad="warn", expected="near zero while the car is at rest",
+                       cause="the car is being moved",
+                       remedy="do not move the car, and run doctor again")
 
 
-def _encoder(states: list[State]) -> Check:
+def _check_encoder(states: list[State]) -> DoctorCheck:
     edges = states[-1].ticks - states[0].ticks
-    return _check("encoder", edges == 0 or abs(states[-1].speed) > 0.05,
-                  f"{edges} edges while listening ({states[-1].ticks} since boot); "
-                  "turn a wheel by hand to see them", bad="warn",
-                  expected="none at standstill", cause="the sensor sits on an edge and flickers",
-                  remedy="turn its potentiometer until the LED is steady")
+    return _make_check("encoder", edges == 0 or abs(states[-1].speed) > 0.05,
+                       f"{edges} edges while listening ({states[-1].ticks} since boot); "
+                       "turn a wheel by hand to see them", bad="warn",
+                       expected="none at rest", cause="the sensor is at an edge of a mark and "
+                                                      "flickers",
+                       remedy="turn its potentiometer until the LED is steady")
 
 
-def _poses(source: PoseSource, states: list[State]) -> Check:
-    """Whether something outside sees the car, and where."""
-    seen = [s.external for s in states if s.external is not None]
-    stamps = {e.newest.stamp for e in seen if e.newest is not None}
+def _check_poses(source: PoseSource, states: list[State]) -> DoctorCheck:
+    """Check whether external poses arrive, and report the last one."""
+    external = [s.external for s in states if s.external is not None]
+    stamps = {e.newest.stamp for e in external if e.newest is not None}
     why = str(getattr(source, "why", ""))
-    last = seen[-1] if seen else None
+    last = external[-1] if external else None
     if last is None or last.pose is None or not stamps:
-        return _check("poses", False, f"none came: {why or 'the source said nothing'}", bad="warn",
-                      expected="poses of the car", cause="no stream, another body, or a firewall",
-                      remedy="docs/how_to/poses.md")
-    found = (f"a new one in {len(stamps)} of {len(states)} frames, {last.tracking.value}, "
+        return _make_check("poses", False, f"no pose: {why or 'no message from the source'}",
+                           bad="warn", expected="poses of the car",
+                           cause="no stream, another body, or a firewall",
+                           remedy="docs/how_to/poses.md")
+    found = (f"a new pose in {len(stamps)} of {len(states)} frames, {last.tracking.value}, "
              f"x {last.pose.x:+.2f} m y {last.pose.y:+.2f} m yaw {last.pose.yaw:+.2f} rad")
-    return _check("poses", last.tracking is Tracking.TRACKING, found + (f"; {why}" if why else ""),
-                  bad="warn", expected="TRACKING",
-                  cause="the car is hidden, or another body is told",
-                  remedy="docs/how_to/poses.md, section What State says")
+    return _make_check("poses", last.tracking is Tracking.TRACKING,
+                       found + (f"; {why}" if why else ""), bad="warn", expected="TRACKING",
+                       cause="the car is hidden, or the poses are of another body",
+                       remedy="docs/how_to/poses.md, section What State says")
 
 
-def _lidar(car: Car) -> Check:
-    """Whether scans come, and what they say of the lidar."""
-    trouble, health, count = car.lidar.trouble, car.lidar.health, len(car.lidar.scans())
-    if trouble is not None:
-        return replace(_failed("lidar", trouble), verdict="warn")
+def _check_lidar(car: Car) -> DoctorCheck:
+    """Check whether scans arrive, and report the problems that they show."""
+    error = car.lidar.trouble
+    health = car.lidar.health
+    count = len(car.lidar.scans())
+    if error is not None:
+        return replace(_check_of_error("lidar", error), verdict="warn")
     if health is None:
-        return _check("lidar", False, "no revolution was whole yet", bad="warn",
-                      expected="8 a second", cause="its motor needs 1 to 2 s",
-                      remedy="again with --seconds 6")
-    told = list(health.sentences())
-    return _check("lidar", not told, "; ".join((
-        f"{count} revolutions, {health.rate:.2f} a second of {health.beams:.0f} beams, "
-        f"{100.0 * health.returned:.0f} % come back", *told)), bad="warn",
-        expected="nothing to say of it", remedy="docs/how_to/lidar.md, section Whether it is well")
+        return _make_check("lidar", False, "no complete revolution yet", bad="warn",
+                           expected="8 per second", cause="its motor needs 1 to 2 s to start",
+                           remedy="dart-hal doctor --seconds 6")
+    problems = list(health.sentences())
+    return _make_check("lidar", not problems, "; ".join((
+        f"{count} revolutions, {health.rate:.2f} per second of {health.beams:.0f} beams, "
+        f"{100.0 * health.returned:.0f} % with a return", *problems)), bad="warn",
+        expected="no problem", remedy="docs/how_to/lidar.md, section Whether it is well")
 
 
-def _camera(car: Car) -> Check:
-    """Whether images come, and what they say of the camera."""
-    trouble, health = car.camera.trouble, car.camera.health
+def _check_camera(car: Car) -> DoctorCheck:
+    """Check whether images arrive, and report the problems that they show."""
+    error = car.camera.trouble
+    health = car.camera.health
     image = (car.camera.images() or (None,))[-1]
-    if trouble is not None:
-        return replace(_failed("camera", trouble), verdict="warn")
+    if error is not None:
+        return replace(_check_of_error("camera", error), verdict="warn")
     if health is None or image is None:
-        return _check("camera", False, "not two images yet", bad="warn",
-                      expected="10 a second and more", cause="it has just been opened",
-                      remedy="again with --seconds 6")
-    told, (width, height) = list(health.sentences()), image.size
-    return _check("camera", not told, "; ".join((
-        f"{width} x {height}, {health.rate:.1f} a second of {1e-3 * health.size:.0f} kB, "
-        f"{1e3 * health.age:.0f} ms old", *told)), bad="warn",
-        expected="nothing to say of it", remedy="docs/how_to/camera.md, section Whether it is well")
+        return _make_check("camera", False, "fewer than two images", bad="warn",
+                           expected="10 per second or more", cause="it was opened just now",
+                           remedy="dart-hal doctor --seconds 6")
+    problems = list(health.sentences())
+    width, height = image.size
+    return _make_check("camera", not problems, "; ".join((
+        f"{width} x {height}, {health.rate:.1f} per second of {1e-3 * health.size:.0f} kB, "
+        f"{1e3 * health.age:.0f} ms old", *problems)), bad="warn",
+        expected="no problem", remedy="docs/how_to/camera.md, section Whether it is well")
 
 
-def _car(car: Car, cars: Path | None) -> list[Check]:
+def _check_files(car: Car, cars: Path | None) -> list[DoctorCheck]:
+    """Check the files, the hardware cut-off, the PWM clock and the calibration of the car."""
     files = car.files
+    # Bits 2 and 3 of the capabilities in HELLO: kind of the hardware cut-off, 0 for none.
     fitted = car.hello.caps >> 2 & 3
     map_ = files.calibration.steering.map if files.calibration else None
     return [
-        _check("files", True, f"{files.origin}"),
-        _check("cutoff", bool(fitted), "fitted" if fitted else
-               "none: if the computer dies the car keeps its throttle", bad="warn",
-               expected="/OE or multiplexer on the Nano",
-               remedy="hardware/README.md, section Hardware cut-off"),
-        _check("pwm", files.oscillator_hz is not None, "measured" if files.oscillator_hz else
-               "never measured: neutral may be 100 us off", bad="warn",
-               expected="[pwm] oscillator_hz in car.toml",
-               remedy=BY_NAME["PWM_CLOCK_UNCALIBRATED"].remedy),
-        _check("calibration", map_ is not None, "steering map of this car" if map_ else
-               "no steering map: the paper's is used", bad="warn",
-               expected=str(files.folder / "calibration.toml"),
-               remedy=f"dart-hal calibrate steering {_car_options(car, cars)}"),
+        _make_check("files", True, f"{files.origin}"),
+        _make_check("cutoff", bool(fitted), "fitted" if fitted else
+                    "none: if the computer fails, the car keeps its throttle", bad="warn",
+                    expected="/OE or multiplexer on the Nano",
+                    remedy="hardware/README.md, section Hardware cut-off"),
+        _make_check("pwm", files.oscillator_hz is not None, "measured" if files.oscillator_hz else
+                    "not measured: neutral may be wrong by 100 us", bad="warn",
+                    expected="[pwm] oscillator_hz in car.toml",
+                    remedy=BY_NAME["PWM_CLOCK_UNCALIBRATED"].remedy),
+        _make_check("calibration", map_ is not None, "steering map of this car" if map_ else
+                    "no steering map: the paper's is used", bad="warn",
+                    expected=str(files.folder / "calibration.toml"),
+                    remedy=f"dart-hal calibrate steering {_car_options(car, cars)}"),
     ]
 
 
 def _car_options(car: Car, cars: Path | None) -> str:
-    """Return the options that name this car on a command line, as the doctor was given them."""
+    """Return the options of the command line that select this car, as passed to the doctor."""
     named = [] if car.url.startswith("sim:") else ["--car", car.files.config.name]
     folder = [] if cars is None else ["--cars", str(cars)]
     url = shlex.quote(car.url) if "'" in car.url else f"'{car.url}'"
     return " ".join(["--url", url, shlex.join([*named, *folder])]).strip()
 
 
-def _arming(car: Car) -> Check:
-    """Whether arm() would refuse, and why."""
+def _check_arming(car: Car) -> DoctorCheck:
+    """Check whether arm() would refuse, and report the reasons."""
     if not car.drives:
-        return _check("arming", False, "nothing to arm: commands are not sent", bad="warn",
-                      remedy="see I2C above")
+        return _make_check("arming", False, "nothing to arm: commands are not sent", bad="warn",
+                           remedy="see I2C above")
     names = car.refusals()
     waived = "".join(f" --waive {n}" for n in names if BY_NAME[n].waivable)
-    remedy = "cure the lines above" + (f", or drive with{waived}" if waived else "")
-    return _check("arming", not names, "arm() would arm" if not names else
-                  "arm() would refuse: " + ", ".join(names),
-                  bad="warn" if all(BY_NAME[n].waivable for n in names) else "fail",
-                  expected="no reason to refuse", remedy=remedy)
+    remedy = "fix the problems above" + (f", or drive with{waived}" if waived else "")
+    return _make_check("arming", not names, "arm() would arm" if not names else
+                       "arm() would refuse: " + ", ".join(names),
+                       bad="warn" if all(BY_NAME[n].waivable for n in names) else "fail",
+                       expected="no reason to refuse", remedy=remedy)
 
 
-def _cautions(car: Car, cars: Path | None) -> Check:
-    """What arm() would warn of and no line above has told."""
-    told = [c for c in car.cautions if c.name != "NO_HARDWARE_CUTOFF"]
+def _check_cautions(car: Car, cars: Path | None) -> DoctorCheck:
+    """Report the cautions of arm() that no other check reports."""
+    cautions = [c for c in car.cautions if c.name != "NO_HARDWARE_CUTOFF"]
     verb = "dart-hal calibrate steering"
-    remedies = [c.remedy.replace(verb, f"{verb} {_car_options(car, cars)}") for c in told]
-    return _check("cautions", not told, "; ".join(f"{c.name}: {c.text}" for c in told)
-                  or "nothing", bad="warn", remedy="; ".join(remedies))
+    remedies = [c.remedy.replace(verb, f"{verb} {_car_options(car, cars)}") for c in cautions]
+    return _make_check("cautions", not cautions,
+                       "; ".join(f"{c.name}: {c.text}" for c in cautions) or "none", bad="warn",
+                       remedy="; ".join(remedies))
 
 
-def _skipped(checks: list[Check]) -> list[Check]:
+def _list_skipped(checks: list[DoctorCheck]) -> list[DoctorCheck]:
     done = {c.id for c in checks}
-    return [Check(name, title, "skip", "not reached") for name, title in TITLES.items()
+    return [DoctorCheck(name, title, "skip", "not reached") for name, title in CHECK_TITLES.items()
             if name not in done]
 
 
-def _ordered(checks: list[Check]) -> list[Check]:
-    order = list(_TITLES)
+def _sort_checks(checks: list[DoctorCheck]) -> list[DoctorCheck]:
+    order = list(ALL_TITLES)
     return sorted(checks, key=lambda c: order.index(c.id))
 

@@ -1,4 +1,4 @@
-"""The picture of ``dart-hal map``: the grid, the path through it, the loops that were closed."""
+"""Picture of ``dart-hal map``: the grid, the path and the loop closures."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from dart_hal.estimation.localisation.grid import Grid
 from dart_hal.estimation.mapping.keyframes import Survey
 
 
-def draw(survey: Survey, grid: Grid, file: Path) -> Path:
-    """Write the picture. Raises UsageError without matplotlib or for another suffix."""
+def draw_map(survey: Survey, grid: Grid, file: Path) -> Path:
+    """Draw a map and write the picture.
+
+    Raises UsageError without matplotlib or for another suffix.
+    """
     rows, columns = grid.occupied.shape
     figure = new_figure((8.0, 8.0 * min(max(rows / columns, 0.4), 1.4)), file)
     axes = figure.add_subplot()

@@ -1,4 +1,4 @@
-"""Options that verbs share."""
+"""Options of several verbs, and types of their values."""
 
 from __future__ import annotations
 
@@ -15,111 +15,114 @@ from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.control.mpc.obstacles import Disc
 from dart_hal.recording.dart import Reference
 
-F = TypeVar("F", bound=Callable[..., Any])
+CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 
 
-def url_option(command: F) -> F:
-    """``--url``: which car; the default is $DART_HAL_URL, then the emulated car."""
+def url_option(command: CommandT) -> CommandT:
+    """Add ``--url``: the car; default $DART_HAL_URL, then the emulated car."""
     return click.option("--url", default=None, envvar="DART_HAL_URL", metavar="URL",
                         callback=lambda _context, _option, url: check_url(url),
                         help="sim://?seed=7, serial:///dev/ttyUSB0?i2c=1, replay://run.mcap "
                              "(default: $DART_HAL_URL, then sim://)")(command)
 
 
-def car_options(command: F) -> F:
-    """``--url``, ``--car`` and ``--cars``: which car and where its files are."""
+def car_options(command: CommandT) -> CommandT:
+    """Add ``--url``, ``--car`` and ``--cars``: the car and its files."""
     command = click.option("--car", "car_name", default=DEFAULT_CAR, envvar="DART_HAL_CAR",
                            show_default=True, help="name of the car whose files are used "
                            "(also: $DART_HAL_CAR)")(command)
     return url_option(cars_option(command))
 
 
-def cars_option(command: F) -> F:
-    """``--cars``: where the cars' files are."""
+def cars_option(command: CommandT) -> CommandT:
+    """Add ``--cars``: the folder with the files of the cars."""
     return click.option("--cars", type=click.Path(path_type=Path, file_okay=False),
                         default=None, help="folder with the cars' files (default: $DART_CARS, "
                         "./cars, ~/.local/share/dart-hal/cars)")(command)
 
 
-def poses_option(command: F) -> F:
-    """``--poses``: who sees the car from outside; a run that is recorded keeps the poses."""
+def poses_option(command: CommandT) -> CommandT:
+    """Add ``--poses``: source of external poses; a recording includes the poses."""
     return click.option("--poses", default=None, metavar="URL",
-                        help="who sees the car from outside: natnet://HOST?body=car, "
+                        help="source of external poses: natnet://HOST?body=car, "
                         "vrpn://car@HOST, udp://:5005, file://poses.csv, lidar:map.yaml, or lidar "
                         "in sim:// (default: $DART_HAL_POSES)"
                         )(command)
 
 
-def lidar_option(command: F) -> F:
-    """``--lidar``: where the car's lidar is."""
+def lidar_option(command: CommandT) -> CommandT:
+    """Add ``--lidar``: the port of the car's lidar."""
     return click.option("--lidar", default=None, metavar="URL",
                         help="the car's lidar: serial:///dev/dart-lidar or hwgrep://10C4:EA60 "
-                        "(default: $DART_HAL_LIDAR; sim:// and recordings bring their own)"
+                        "(default: $DART_HAL_LIDAR; sim:// and recordings have their own)"
                         )(command)
 
 
-def camera_option(command: F) -> F:
-    """``--camera``: which camera sees the car, or sits on it; a recording keeps its images."""
+def camera_option(command: CommandT) -> CommandT:
+    """Add ``--camera``: a camera on the car or above it; a recording includes its images."""
     return click.option("--camera", default=None, metavar="URL",
-                        help="usb:0, usb:/dev/video0?width=640&height=480&fps=15, csi:0, of sim:// "
-                        "top (default: $DART_HAL_CAMERA; recordings bring their own)")(command)
+                        help="camera: usb:0, usb:/dev/video0?width=640&height=480&fps=15, csi:0; "
+                             "top in "
+                        "sim:// (default: $DART_HAL_CAMERA; recordings have their own)")(command)
 
 
-def map_option(command: F) -> F:
-    """``--map``: of the room in which the lidar looks around."""
+def map_option(command: CommandT) -> CommandT:
+    """Add ``--map``: the map of the room of the lidar."""
     return click.option("--map", "chart", type=click.Path(path_type=Path, dir_okay=False),
-                        default=None, help="YAML file of a map as ROS's map_server keeps it "
-                        "(default: of sim://, its room)")(command)
+                        default=None, help="map of the room: YAML file of ROS's map_server "
+                        "(default for sim://: the simulated room)")(command)
 
 
-def room_key_option(command: F) -> F:
-    """``--room-key``: the file with the key of the room."""
+def room_key_option(command: CommandT) -> CommandT:
+    """Add ``--room-key``: the file with the key of a fleet room."""
     return click.option("--room-key", type=click.Path(path_type=Path, dir_okay=False),
                         default=None, metavar="FILE", help="file with the key of the room, the "
-                        "same on all its members: unsigned messages are ignored (default: "
+                        "same for all members; unsigned messages are ignored (default: "
                         "$DART_ROOM_KEY)")(command)
 
 
+# Refusals of arm() that a user may waive.
 WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 
 
-def waive_option(command: F) -> F:
-    """``--waive``: what may be missing."""
+def waive_option(command: CommandT) -> CommandT:
+    """Add ``--waive``: refusals of arm() that are accepted."""
     return click.option("--waive", multiple=True, type=click.Choice(WAIVE),
-                        help="arm although this is missing")(command)
-
-
-def drive_options(command: F) -> F:
-    """``--duration`` and ``--record`` of a drive that ends by itself."""
-    command = click.option("--record", type=OutputFile(replaces=False), default=None,
-                           help="write the run to this MCAP file")(command)
-    return click.option("--duration", type=Number(min=0.1), default=None,
-                        help="s after which it is stopped")(command)
-
-
-def foxglove_options(command: F) -> F:
-    """``--foxglove`` and ``--port``: the drive live in Foxglove."""
-    command = click.option("--port", type=click.IntRange(1, 65535), default=8765,
-                           show_default=True, help="--foxglove: where it is served")(command)
-    return click.option("--foxglove", is_flag=True, help="serve every channel to Foxglove, "
-                        "read-only, at ws://localhost:8765; sim:// goes in real time then"
+                        help="arm although this measurement is missing; repeat for several"
                         )(command)
 
 
-def json_option(command: F) -> F:
-    """``--json``: one JSON object on standard output."""
+def drive_options(command: CommandT) -> CommandT:
+    """Add ``--duration`` and ``--record`` of a drive that ends by itself."""
+    command = click.option("--record", type=OutputFile(replaces=False), default=None,
+                           help="write the run to this MCAP file")(command)
+    return click.option("--duration", type=FiniteNumber(min=0.1), default=None,
+                        help="s after which the car stops")(command)
+
+
+def foxglove_options(command: CommandT) -> CommandT:
+    """Add ``--foxglove`` and ``--port``: serve the drive live to Foxglove."""
+    command = click.option("--port", type=click.IntRange(1, 65535), default=8765,
+                           show_default=True, help="TCP port of --foxglove")(command)
+    return click.option("--foxglove", is_flag=True, help="serve every channel to Foxglove, "
+                        "read-only, at ws://localhost:8765; sim:// then runs in real time"
+                        )(command)
+
+
+def json_option(command: CommandT) -> CommandT:
+    """Add ``--json``: one JSON object on standard output."""
     return click.option("--json", "as_json", is_flag=True,
                         help="print one JSON object for machines")(command)
 
 
-def html_option(command: F) -> F:
-    """``--html``: the result as one page."""
+def html_option(command: CommandT) -> CommandT:
+    """Add ``--html``: the result as one page."""
     return click.option("--html", type=OutputFile(".html", ".htm"), default=None,
                         metavar="REPORT.HTML",
                         help="write the report: one page with every figure")(command)
 
 
-class Number(click.FloatRange):
+class FiniteNumber(click.FloatRange):
     """A finite number within bounds; click's own range lets NaN pass."""
 
     name = "number"
@@ -133,7 +136,7 @@ class Number(click.FloatRange):
 
 
 class DiscType(click.ParamType):  # type: ignore[type-arg]
-    """X,Y,R or X,Y,R,SPEED (m, m/s): a disc to be passed."""
+    """X,Y,R or X,Y,R,SPEED (m, m/s): a disc-shaped obstacle."""
 
     name = "disc"
 
@@ -146,14 +149,14 @@ class DiscType(click.ParamType):  # type: ignore[type-arg]
         except ValueError:
             numbers = []
         if len(numbers) not in (3, 4) or not all(map(isfinite, numbers)):
-            self.fail(f"{value!r} is not X,Y,R or X,Y,R,SPEED: numbers, m and m/s", param, ctx)
+            self.fail(f"{value!r} is not X,Y,R or X,Y,R,SPEED (numbers, m and m/s)", param, ctx)
         if numbers[2] <= 0.0:
-            self.fail(f"{value!r}: a radius of {numbers[2]:g} m is none", param, ctx)
+            self.fail(f"{value!r}: the radius must be above 0 m, not {numbers[2]:g} m", param, ctx)
         return Disc(*numbers)
 
 
 class ReferenceType(click.ParamType):  # type: ignore[type-arg]
-    """LX,THETA,LY (m, rad, m): where the mocap markers sat, from the rear axle."""
+    """LX,THETA,LY (m, rad, m): pose of the mocap markers relative to the rear axle."""
 
     name = "reference"
 
@@ -164,9 +167,10 @@ class ReferenceType(click.ParamType):  # type: ignore[type-arg]
         try:
             lx, theta, ly = (float(part) for part in str(value).split(","))
         except ValueError:
-            self.fail(f"{value!r} is not LX,THETA,LY: three numbers, m, rad, m", param, ctx)
+            self.fail(f"{value!r} is not LX,THETA,LY (three numbers: m, rad, m)", param, ctx)
         if not (abs(lx) < 1.0 and abs(theta) < 7.0 and abs(ly) < 1.0):
-            self.fail(f"{value!r}: LX and LY are metres from the rear axle, THETA radians",
+            self.fail(f"{value!r}: LX and LY must be within 1 m of the rear axle, THETA within 7 "
+                      "rad",
                       param, ctx)
         return Reference(lx, theta, ly, "given by --reference")
 
@@ -189,6 +193,7 @@ class PathsOption(click.Option):
 
     @staticmethod
     def _make_greedy(option: Any) -> None:
+        """Let the parser's option take all values up to the next option."""
         process = option.process
 
         def greedy(value: Any, state: Any) -> None:

@@ -1,4 +1,4 @@
-"""Where verbs print: JSON and results to standard output, all that is beside them to the other."""
+"""Output of verbs: JSON and results go to standard output, notices and progress to the error."""
 
 from __future__ import annotations
 
@@ -13,9 +13,12 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from dart_hal.core.plain_json import plain
 
 
-class _Output:
-    """Standard output as it is now, and nowhere once its reader has enough, as `| head` does:
-    what is left to do, pictures or a car that must be stopped, is done all the same."""
+class StandardOutput:
+    """Writes to the current standard output, and to nowhere after its reader has closed it.
+
+    A reader such as ``| head`` closes the pipe early. The verb still has to finish its work, such
+    as stopping a car, so the broken pipe is no error.
+    """
 
     def write(self, text: str) -> int:
         try:
@@ -34,18 +37,19 @@ class _Output:
         return getattr(sys.stdout, name)
 
     def _stop(self) -> None:
+        """Send all further output to nowhere."""
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-output = cast("IO[str]", _Output())
+output = cast("IO[str]", StandardOutput())
+# Notices and progress, on standard error: never mixed with results.
 console = Console(stderr=True, soft_wrap=True, emoji=False)
-"""Notices and progress: never mixed into what is asked for."""
+# Results as text, on standard output, for verbs without --json.
 results = Console(file=output, soft_wrap=True, emoji=False)
-"""What was asked for, where it is not asked for as JSON: to be read, kept or searched."""
 
 
-def say(text: str, style: str | None = None) -> None:
-    """One line of what was asked for, as it is: no markup, no colours but ``style``."""
+def print_line(text: str, style: str | None = None) -> None:
+    """Print one line of the result as it is: no markup, no colours except ``style``."""
     results.print(text, style=style, markup=False, highlight=False)
 
 
@@ -54,14 +58,14 @@ def print_json(value: Any) -> None:
     print(json.dumps(plain(value), indent=2, allow_nan=False), file=output, flush=True)
 
 
-def notices(lines: tuple[str, ...]) -> None:
-    """Show sentences that the user must see once."""
+def show_notices(lines: tuple[str, ...]) -> None:
+    """Print notices for the user on standard error."""
     for line in lines:
         console.print(f"notice: {line}", style="yellow", markup=False, highlight=False)
 
 
 def progress_bar() -> Progress:
-    """Progress on standard error, gone when it is done."""
+    """Return a progress bar on standard error that disappears at its end."""
     return Progress(TextColumn("{task.description}"), BarColumn(),
                     TextColumn("{task.percentage:>3.0f}%"), TimeRemainingColumn(),
                     console=console, transient=True)

@@ -1,8 +1,11 @@
-"""Types of options that name an output. All is checked before a verb begins its work.
+"""Types of options that name an output file. They are checked before a verb begins its work.
 
-One rule for what exists: recordings are kept (the old one gets a number), files of a car go to
-history/, what can be computed again (pictures, pages, tables) is replaced with a notice, and a
-folder with a data set is never replaced.
+Rules for files that exist:
+
+1. A recording is kept: the old one gets a number.
+2. Files of a car are kept in history/.
+3. Pictures, pages and tables can be computed again: they are replaced, with a notice.
+4. A folder with a data set is never replaced.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from typing import Any
 
 import click
 
-from dart_hal.cli.common.output import notices
+from dart_hal.cli.common.output import show_notices
 from dart_hal.core.config import check_writable
 from dart_hal.core.errors import FileTrouble, UsageError
 from dart_hal.core.figures import FORMATS
@@ -22,14 +25,15 @@ from dart_hal.core.process.extras import install_command
 
 
 class OutputFile(click.Path):
-    """A file to write: its suffix, its folder and an old file of that name are checked.
+    """Path of a file to write; checks its suffix, its folder and an existing file.
 
-    suffixes: of its name, in lower case; none: any. replaces: an old file is replaced.
+    suffixes: allowed ones, in lower case; none: any. replaces: an existing file is replaced.
     """
 
     def __init__(self, *suffixes: str, replaces: bool = True) -> None:
         super().__init__(path_type=Path, dir_okay=False)
-        self.suffixes, self.replaces = suffixes, replaces
+        self.suffixes = suffixes
+        self.replaces = replaces
 
     def convert(self, value: Any, param: click.Parameter | None,
                 ctx: click.Context | None) -> Path:
@@ -42,15 +46,15 @@ class OutputFile(click.Path):
         check_writable(path.parent)
         if path.exists():
             if not os.access(path, os.W_OK):
-                raise FileTrouble(f"{path} cannot be replaced", found="a file that is read-only",
+                raise FileTrouble(f"{path} cannot be replaced", found="a read-only file",
                                   read=str(path), remedy="name another file")
             if self.replaces:
-                notices((f"{path} is replaced",))
+                show_notices((f"{path} is replaced",))
         return path
 
 
 class PlotFile(OutputFile):
-    """A picture to write; needs matplotlib."""
+    """Path of a picture to write; needs matplotlib."""
 
     def __init__(self) -> None:
         super().__init__(*FORMATS)
@@ -62,7 +66,7 @@ class PlotFile(OutputFile):
 
 
 class PlotFolder(click.Path):
-    """A folder for pictures, made where it does not exist; needs matplotlib."""
+    """Path of a folder for pictures, created if it does not exist; needs matplotlib."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path, file_okay=False)
@@ -76,7 +80,7 @@ class PlotFolder(click.Path):
 
 
 class PlotFileOrFolder(click.Path):
-    """One picture by its suffix, else a folder for all of them; needs matplotlib."""
+    """Path of one picture if it has such a suffix, else a folder for all; needs matplotlib."""
 
     def __init__(self) -> None:
         super().__init__(path_type=Path)
@@ -97,7 +101,8 @@ def check_matplotlib() -> None:
     """Raise UsageError without matplotlib."""
     try:
         found = find_spec("matplotlib") is not None
-    except ValueError:  # it is being kept from being imported
+    except ValueError:
+        # Raised if sys.modules holds a module without a spec, such as None for a blocked import.
         found = False
     if not found:
         raise UsageError("a plot needs matplotlib", found="it is not installed",

@@ -1,4 +1,4 @@
-"""Where a page is served, and how that is told."""
+"""Options and output of the address at which a page is served."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ import click
 from dart_hal.car.viewers import PORT
 from dart_hal.cli.common.output import console, print_json
 
-F = TypeVar("F", bound=Callable[..., Any])
+CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 
 
-def lan_option(command: F) -> F:
-    """``--lan`` and ``--port``."""
+def lan_option(command: CommandT) -> CommandT:
+    """Add ``--lan`` and ``--port``: where a page is served."""
     command = click.option("--port", type=click.IntRange(0, 65535), default=PORT,
-                           show_default=True, help="where it is served; 0 takes any that is free"
-                           )(command)
-    return click.option("--lan", is_flag=True, help="other computers and phones may open it: "
-                        "prints their address, as a QR code too")(command)
+                           show_default=True, help="TCP port of the page; 0: any free one")(command)
+    return click.option("--lan", is_flag=True, help="allow other computers and phones to open the "
+                                                    "page; "
+                        "prints the address for them, also as a QR code")(command)
 
 
-def tell(urls: tuple[str, ...], lan: bool, as_json: bool) -> None:
-    """Where to look; for phones, as a picture; for machines, one object at once."""
+def print_page_address(urls: tuple[str, ...], lan: bool, as_json: bool) -> None:
+    """Print the addresses of a page; with lan also as a QR code, with as_json as one object."""
     if as_json:
         print_json({"urls": list(urls)})
         return
@@ -34,7 +34,7 @@ def tell(urls: tuple[str, ...], lan: bool, as_json: bool) -> None:
         import segno
 
         if "#" in urls[0]:
-            console.print("whoever has this address may drive the car", style="yellow")
-        picture = StringIO()
-        segno.make(urls[0], micro=False).terminal(out=picture, compact=True)
-        console.print(picture.getvalue(), markup=False, highlight=False, soft_wrap=True)
+            console.print("everyone with this address can drive the car", style="yellow")
+        code = StringIO()
+        segno.make(urls[0], micro=False).terminal(out=code, compact=True)
+        console.print(code.getvalue(), markup=False, highlight=False, soft_wrap=True)

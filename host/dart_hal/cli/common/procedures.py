@@ -17,25 +17,25 @@ from dart_hal.calibration.procedure import Option, Procedure
 from dart_hal.calibration.result import Result
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
-from dart_hal.cli.common.bench import AskedWorkshop, confirm
+from dart_hal.cli.common.bench import TerminalOperator, confirm
 from dart_hal.cli.common.options import (
-    F,
-    Number,
+    CommandT,
+    FiniteNumber,
     PathsOption,
     car_options,
     json_option,
     lidar_option,
     map_option,
 )
-from dart_hal.cli.common.output import console, notices, print_json, progress_bar, results
+from dart_hal.cli.common.output import console, print_json, progress_bar, results, show_notices
 from dart_hal.cli.common.outputs import PlotFile
-from dart_hal.cli.common.session import map_of
+from dart_hal.cli.common.session import load_map
 from dart_hal.core.config import CarFiles, check_writable
 from dart_hal.core.ports import Workshop
 from dart_hal.devices.links.base import Backend, open_backend
 
 
-def measuring(command: F, confirm: bool = True) -> F:
+def measuring(command: CommandT, confirm: bool = True) -> CommandT:
     """Add the options that all of these commands have; ``confirm``: before a result is written."""
     text = ("the floor is free, and what comes out is to be written: do not ask" if confirm else
             "the floor is free: do not ask (for scripts)")
@@ -57,7 +57,7 @@ def command_of(procedure: Procedure[Any]) -> click.Command:
             found = procedure.fit(recordings, car=car_name)
         else:
             backend = open_backend(url or DEFAULT_URL)
-            room = map_of(backend, chart) if procedure.lidar else None
+            room = load_map(backend, chart) if procedure.lidar else None
             measure = partial(procedure, source=backend.url.text, chart=room, **options)
             found, files = run(measure, backend, car_name, cars, yes, lidar, writes=not dry_run)
         if plot is not None and procedure.plot is not None:
@@ -88,10 +88,10 @@ def command_of(procedure: Procedure[Any]) -> click.Command:
         measuring(command, procedure.confirm))
 
 
-def _click_option(option: Option) -> Callable[[F], F]:
+def _click_option(option: Option) -> Callable[[CommandT], CommandT]:
     kind = (click.IntRange(int(option.low), int(option.high))
             if isinstance(option.default, int) else
-            Number(option.low, option.high, min_open=option.above_low))
+            FiniteNumber(option.low, option.high, min_open=option.above_low))
     numbers = len(option.default) if isinstance(option.default, tuple) else 1
     return click.option(f"--{option.name.replace('_', '-')}", type=kind, default=option.default,
                         nargs=numbers, show_default=option.default is not None,
@@ -106,12 +106,12 @@ def run(procedure: Callable[..., Result], backend: Backend, car_name: str, cars:
     """
     simulated = backend.workshop is not None
     with Car.over(backend, car=car_name, cars=cars, lidar=lidar) as car:
-        notices(car.notices)
+        show_notices(car.notices)
         if writes:
             check_writable(car.files.folder)
         with progress_bar() as bar:
             task = bar.add_task("calibrating", total=1.0)
-            workshop: Workshop = backend.workshop or AskedWorkshop(bar.stop, bar.start)
+            workshop: Workshop = backend.workshop or TerminalOperator(bar.stop, bar.start)
 
             def progress(fraction: float, text: str) -> None:
                 bar.update(task, completed=fraction, description=text)

@@ -1,4 +1,4 @@
-"""Opening a car for a verb: notices shown, progress drawn, pace kept."""
+"""Open a car for a verb, with notices, progress and real time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from dart_hal.car import Car
 from dart_hal.car.car import backend_of
 from dart_hal.car.viewers import open_viewer
-from dart_hal.cli.common.output import notices, progress_bar
+from dart_hal.cli.common.output import progress_bar, show_notices
 from dart_hal.cli.common.simulated_room import load_simulator
 from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.types import State
@@ -22,56 +22,57 @@ from dart_hal.estimation.localisation.source import open_source
 
 
 @contextmanager
-def opened(url: str | None, car_name: str, cars: Path | None,
-           record: Path | None = None, poses: str | None = None, lidar: str | None = None,
-           camera: str | None = None) -> Iterator[Car]:
-    """An open car whose notices have been shown; closed at neutral afterwards.
+def open_car(url: str | None, car_name: str, cars: Path | None,
+             record: Path | None = None, poses: str | None = None, lidar: str | None = None,
+             camera: str | None = None) -> Iterator[Car]:
+    """Open a car and show its notices; close it at neutral afterwards.
 
-    poses "lidar", "lidar?start=X,Y,YAW": of a simulated car, by its lidar in the map of its room.
+    poses "lidar" or "lidar?start=X,Y,YAW": locate a simulated car by its lidar, in the map of its
+    room.
     """
-    with (_by_lidar(url, car_name, cars, record, poses, lidar, camera)
+    with (_open_located_by_lidar(url, car_name, cars, record, poses, lidar, camera)
           if poses is not None and poses.partition("?")[0] == "lidar" else
           Car.open(url, car=car_name, cars=cars, record=record, poses=poses, lidar=lidar,
                    camera=camera)) as car:
-        notices(car.notices)
+        show_notices(car.notices)
         yield car
-        say_trouble(car)
+        show_sensor_errors(car)
 
 
 @contextmanager
-def shown_live(car: Car, wanted: bool, port: int) -> Iterator[None]:
-    """The car in Foxglove while a verb drives it, where that is wanted."""
-    if not wanted:
+def serve_foxglove(car: Car, enabled: bool, port: int) -> Iterator[None]:
+    """Serve the car to Foxglove while a verb drives it, if ``enabled``."""
+    if not enabled:
         yield
         return
     with open_viewer("foxglove", car, port=port) as server:
-        notices((f"Foxglove: open ws://localhost:{server.port}; "
-                 f"layout to import: {server.layout}",))
+        show_notices((f"Foxglove: open ws://localhost:{server.port}; "
+                      f"layout to import: {server.layout}",))
         yield
 
 
 def check_drives_by_lidar(car: Car, room: str) -> None:
-    """Raises UsageError for a car that cannot drive, or sees nothing; room: an example's."""
+    """Raise UsageError for a car without actuators or lidar; room: of the suggested URL."""
     if not car.drives:
-        raise UsageError(f"{car.url} has nothing to drive", expected="a car with its I2C bus",
+        raise UsageError(f"{car.url} has no actuators", expected="a car with its I2C bus",
                          remedy=f"sim://?lidar=1&map={room}, or serial:///dev/ttyUSB0?i2c=1")
     if not car.has_lidar:
-        raise UsageError(f"{car.url} has no lidar", expected=f"one that sees the {room}",
+        raise UsageError(f"{car.url} has no lidar", expected=f"a lidar that measures the {room}",
                          remedy=f"sim://?lidar=1&map={room}, or --lidar serial:///dev/dart-lidar")
 
 
-def say_trouble(car: Car) -> None:
-    """Why no scans came of a lidar that was named, or no images of a camera."""
-    troubles = (car.lidar.trouble if car.has_lidar else None,
-                car.camera.trouble if car.has_camera else None)
-    notices(tuple(str(why) for why in troubles if why is not None))
+def show_sensor_errors(car: Car) -> None:
+    """Show why the lidar sent no scans, or the camera no images."""
+    errors = (car.lidar.trouble if car.has_lidar else None,
+              car.camera.trouble if car.has_camera else None)
+    show_notices(tuple(str(error) for error in errors if error is not None))
 
 
-def _by_lidar(url: str | None, car_name: str, cars: Path | None, record: Path | None,
-              poses: str, lidar: str | None, camera: str | None) -> Car:
+def _open_located_by_lidar(url: str | None, car_name: str, cars: Path | None, record: Path | None,
+                           poses: str, lidar: str | None, camera: str | None) -> Car:
     backend = backend_of(url)
     try:
-        source = open_source(poses, map_of(backend))
+        source = open_source(poses, load_map(backend))
     except DartHalError:
         backend.close()
         raise
@@ -79,14 +80,17 @@ def _by_lidar(url: str | None, car_name: str, cars: Path | None, record: Path | 
                     camera=camera)
 
 
-def map_of(backend: Backend, chart: Path | None = None) -> Map:
-    """The map in a file; without one that of a simulated car's room. Raises UsageError, and the
-    backend is closed then."""
+def load_map(backend: Backend, chart: Path | None = None) -> Map:
+    """Load a map from a file, or that of the room of a simulated car.
+
+    Raises UsageError for a real car without a file, and closes the backend on an error.
+    """
     try:
         if chart is not None:
             return map_of_grid(read_grid(chart))
         if backend.url.scheme != "sim":
-            raise UsageError(f"{backend.url.text}: in which map?", expected="--map FILE.yaml")
+            raise UsageError(f"{backend.url.text}: a real car needs a map", found="no --map",
+                             expected="--map FILE.yaml")
         return load_simulator(backend.url.scheme).map_of_room(backend)
     except DartHalError:
         backend.close()
@@ -94,7 +98,7 @@ def map_of(backend: Backend, chart: Path | None = None) -> Map:
 
 
 def with_progress(states: Iterator[State], duration: float, title: str) -> Iterator[State]:
-    """States of a stretch of known length, with a bar on standard error."""
+    """Yield states of a drive of ``duration`` [s] and show a progress bar on standard error."""
     with progress_bar() as bar:
         task = bar.add_task(title, total=duration)
         start: float | None = None
@@ -105,22 +109,23 @@ def with_progress(states: Iterator[State], duration: float, title: str) -> Itera
             yield state
 
 
-def paced(url: str | None) -> str:
-    """The URL; a simulated car keeps to the time of who looks at it, as a real one does."""
+def real_time_url(url: str | None) -> str:
+    """Return the URL; of a simulated car with ``pace=1``, so that it runs in real time."""
     text = url or "sim://"
-    known = Url.parse(text)
-    if known.scheme != "sim" or "pace" in known.options:
+    parsed = Url.parse(text)
+    if parsed.scheme != "sim" or "pace" in parsed.options:
         return text
     return text + ("&" if "?" in text else "?") + "pace=1"
 
 
-def in_real_time(states: Iterator[State]) -> Iterator[State]:
-    """States no faster than their own times: for a person at the wheel of a simulation."""
-    begin: tuple[float, float] | None = None
+def limit_to_real_time(states: Iterator[State]) -> Iterator[State]:
+    """Yield states no faster than their time stamps, so that a person can drive a simulation."""
+    # Wall clock and car time of the first state.
+    start: tuple[float, float] | None = None
     for state in states:
-        if begin is None:
-            begin = (time.monotonic(), state.t)
-        ahead = (state.t - begin[1]) - (time.monotonic() - begin[0])
-        if ahead > 0.0:
-            time.sleep(ahead)
+        if start is None:
+            start = (time.monotonic(), state.t)
+        lead = (state.t - start[1]) - (time.monotonic() - start[0])
+        if lead > 0.0:
+            time.sleep(lead)
         yield state

@@ -1,4 +1,4 @@
-"""What a simulator tells of the room of its car, where one is installed."""
+"""Interface of an installed simulator: the map of its room and the true path of its car."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ class Simulator(Protocol):
     """A module under the entry points ``dart_hal.simulators``, by the scheme of its URLs."""
 
     def map_of_room(self, backend: Backend) -> Map:
-        """The map of the room in which the simulated lidar is."""
+        """Return the map of the room in which the simulated lidar is."""
 
     def true_path(self, backend: Backend, t: FloatArray) -> FloatArray:
-        """x, y [m], yaw [rad] (n, 3) in the room at times (n,) [s]."""
+        """Return x, y [m], yaw [rad] (n, 3) in the room at times t (n,) [s]."""
 
 
 def load_simulator(scheme: str = "sim") -> Simulator:
-    """Load the simulator behind a scheme. Raises UsageError where none is installed."""
+    """Load the simulator behind a scheme. Raises UsageError if none is installed."""
     simulator: Simulator = load_plugin("dart_hal.simulators", scheme)
     return simulator

@@ -1,4 +1,4 @@
-"""Whose sizes the verbs on recordings use: of the car that is named, or of the runs, or assumed."""
+"""Sizes of the car for verbs on recordings: of the named car, of the runs, or assumed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import click
 import msgspec
 
 from dart_hal.cli.common.options import cars_option
-from dart_hal.cli.common.output import console, say
+from dart_hal.cli.common.output import console, print_line
 from dart_hal.core.config import CarFiles, ModelFile, load_car
 from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.load import vehicle_of
@@ -19,17 +19,17 @@ from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import SETS
 from dart_hal.vehicle.sizes import SIZES, differing, listed_sizes, with_lock, with_sizes
 
-F = TypeVar("F", bound=Callable[..., Any])
-ASSUMED = "assumed"
-"""How ``provenance.sizes`` of a model begins whose sizes nobody stated."""
+CommandT = TypeVar("CommandT", bound=Callable[..., Any])
+# Start of ``provenance.sizes`` of a model whose sizes were not stated.
+ASSUMED_PREFIX = "assumed"
 
 
 @dataclass(frozen=True, slots=True)
-class Sizes:
+class SizedModel:
     """A model with the sizes of a car.
 
-    model, vehicle: with them. source: in words. assumed: no car was named, and the sizes are
-    those of DART. caution: what is to be known about them, "" for nothing.
+    model, vehicle: with these sizes. source: of the sizes, in words. assumed: no car was named, so
+    the sizes are those of DART. caution: contradiction of two sources, "" if there is none.
     """
 
     model: ModelFile
@@ -39,19 +39,19 @@ class Sizes:
     caution: str = ""
 
     def show(self, as_json: bool) -> None:
-        """First line of the output where sizes are assumed; a caution where they contradict."""
+        """Print the assumption about sizes, and a caution if two sources contradict."""
         line = self.first_line
         if line and as_json:
             console.print(line, style="yellow", markup=False, highlight=False)
         elif line:
-            say(line, "yellow")
+            print_line(line, "yellow")
         if self.caution:
             console.print(f"caution: {self.caution}", style="yellow", markup=False,
                           highlight=False)
 
     @property
     def first_line(self) -> str:
-        """What was assumed of which car; "" where nothing was."""
+        """The assumption as a sentence; "" if nothing is assumed."""
         if not self.assumed:
             return ""
         return (f"assumed: {listed_sizes(self.model)}, of {self.source}, because no car is named; "
@@ -59,25 +59,25 @@ class Sizes:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What was assumed, and what contradicts, as sentences."""
+        """The assumption and the caution as sentences."""
         return tuple(line for line in (self.first_line, self.caution) if line)
 
     def to_json(self) -> dict[str, Any]:
-        """The object under "sizes" of the verbs with ``--json``."""
+        """Return the object under "sizes" of the verbs with ``--json``."""
         return {"source": self.source, "assumed": self.assumed, "caution": self.caution or None,
                 **{key: float(getattr(self.vehicle.body, key)) for key in SIZES}}
 
 
-def recorded_car_options(command: F) -> F:
-    """``--car`` and ``--cars`` of a verb that reads recordings: no car is named by default."""
+def recorded_car_options(command: CommandT) -> CommandT:
+    """Add ``--car`` and ``--cars`` of a verb on recordings: no car is named by default."""
     return click.option("--car", "car_name", default=None, envvar="DART_HAL_CAR", metavar="NAME",
                         help="car of the recordings; its car.toml gives wheelbase, mass, centre of "
-                        "mass, inertia and lock (also: $DART_HAL_CAR; default: of the runs, else "
-                        "those of DART, which is said)")(cars_option(command))
+                        "mass, inertia and largest steering angle (also: $DART_HAL_CAR; default: "
+                        "those of the runs, else of DART, with a notice)")(cars_option(command))
 
 
-def named_car(name: str | None, cars: Path | None, out: Path | None = None) -> CarFiles | None:
-    """Files of the car that is named, or in whose folder ``out`` is; None for neither.
+def load_named_car(name: str | None, cars: Path | None, out: Path | None = None) -> CarFiles | None:
+    """Load the files of the named car, or of the car in whose folder ``out`` is; else None.
 
     Raises as ``config.load_car``.
     """
@@ -90,41 +90,44 @@ def named_car(name: str | None, cars: Path | None, out: Path | None = None) -> C
     return None
 
 
-def sized(name: str, model: ModelFile, car: CarFiles | None, recordings: Sequence[Recording], *,
-          fitting: bool) -> Sizes:
-    """A model with the sizes of the car of the recordings.
+def apply_car_sizes(name: str, model: ModelFile, car: CarFiles | None,
+                    recordings: Sequence[Recording], *, fitting: bool) -> SizedModel:
+    """Give a model the sizes of the car of the recordings. The first rule that applies decides:
 
-    1. Those of the named car, where the model is a shipped set or is to be fitted.
-    2. Those that a model file states; a named car that contradicts them is a caution.
-    3. Those of the car of the runs, where all recordings are runs of one car.
-    4. Those of DART. That is an assumption, unless all recordings are published ones.
+    1. Sizes of the named car, if the model is a shipped set or the base of a fit.
+    2. Sizes that a model file states; a named car with other sizes is a caution.
+    3. Sizes of the car of the runs, if all recordings are runs of one car.
+    4. Sizes of DART. This is an assumption, unless all recordings are published ones.
 
     name: of the model on the command line. fitting: the model is the base of a fit.
     """
-    stated = name not in SETS and not str(model.provenance.get("sizes", "")).startswith(ASSUMED)
+    source = str(model.provenance.get("sizes", ""))
+    stated = name not in SETS and not source.startswith(ASSUMED_PREFIX)
     if car is not None and (fitting or not stated):
         changed = with_sizes(model, car.config.geometry)
         changed = with_lock(changed, car.config) if fitting else changed
-        return _made(changed, f"car {car.config.name} ({car.origin})")
+        return _record_source(changed, f"car {car.config.name} ({car.origin})")
     if car is not None:
-        apart = differing(model, car.config.geometry)
+        differences = differing(model, car.config.geometry)
         caution = (f"{name} states other sizes than car {car.config.name} ({car.origin}): "
-                   f"{', '.join(apart)}; those of the model are used" if apart else "")
-        return _made(model, f"the model {name}", caution=caution)
+                   f"{', '.join(differences)}; those of the model are used" if differences else "")
+        return _record_source(model, f"the model {name}", caution=caution)
     if stated:
-        return _made(model, f"the model {name}")
+        return _record_source(model, f"the model {name}")
     owner = recordings[0].car if recordings else None
     if owner is not None and all(r.car is not None and r.car.geometry == owner.geometry
                                  for r in recordings):
-        return _made(with_sizes(model, owner.geometry), f"car {owner.name}, as its runs hold it")
+        return _record_source(with_sizes(model, owner.geometry),
+                              f"car {owner.name}, as recorded in its runs")
     published = bool(recordings) and all(r.published for r in recordings)
-    return _made(model, "the DART car", assumed=not published)
+    return _record_source(model, "the DART car", assumed=not published)
 
 
-def _made(model: ModelFile, source: str, *, assumed: bool = False, caution: str = "") -> Sizes:
-    """With the source of the sizes in the provenance of the model."""
-    noted = f"{ASSUMED}: {source}" if assumed else source
-    model = msgspec.structs.replace(model, provenance={**model.provenance, "sizes": noted})
-    return Sizes(model, vehicle_of(model), source, assumed, caution)
+def _record_source(model: ModelFile, source: str, *, assumed: bool = False,
+                   caution: str = "") -> SizedModel:
+    """Write the source of the sizes into the provenance of the model."""
+    recorded = f"{ASSUMED_PREFIX}: {source}" if assumed else source
+    model = msgspec.structs.replace(model, provenance={**model.provenance, "sizes": recorded})
+    return SizedModel(model, vehicle_of(model), source, assumed, caution)
 
 

@@ -1,4 +1,4 @@
-"""What a stretch of driving came to: the common part of record, replay and drive."""
+"""Figures of a run: the common part of record, replay and drive."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from typing import Any
 from dart_hal.car import Car
 from dart_hal.core.types import State
 
+# The eleven numbers of a State that enter the digest, as doubles; NaN for no yaw rate.
 _NUMBERS = Struct("<11d")
 _NONE = float("nan")
 
 
-class Summary:
-    """Counts frames and digests every number of every State of a car from now on."""
+class RunSummary:
+    """Counts the frames of a car and computes the SHA-256 of their numbers, from now on."""
 
     def __init__(self, car: Car) -> None:
         self._car = car
@@ -44,11 +45,11 @@ class Summary:
 
     @property
     def duration(self) -> float:
-        """Car time from the first to the last State [s]."""
+        """Car time [s] from the first to the last State."""
         return self.last.t - self.first.t if self.first and self.last else 0.0
 
     def as_json(self, files: dict[str, Path]) -> dict[str, Any]:
-        """The object of contracts: url, files, duration, frames, lost, summary."""
+        """Return the JSON object of a run: url, files, duration, frames, lost, summary."""
         pose = self.last.pose if self.last else None
         return {
             "url": self._car.url, "files": files, "duration_s": self.duration,
