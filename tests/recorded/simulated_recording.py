@@ -11,7 +11,7 @@ from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.dart.model import freeze
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
-from dart_lab.diagnosis.suggest.virtual import Commands, record
+from dart_lab.diagnosis.suggest.virtual import VirtualCommands, record
 
 POSITION_NOISE, YAW_NOISE = 5e-4, 2e-3  # m, rad: of a motion capture
 
@@ -22,7 +22,8 @@ def random_frame(rng: np.random.Generator) -> Reference:
                      "of the simulation")
 
 
-def random_commands(rng: np.random.Generator, seconds: float, steering: float = 0.9) -> Commands:
+def random_commands(rng: np.random.Generator, seconds: float,
+                    steering: float = 0.9) -> VirtualCommands:
     """Steering levels of 0.3 to 1.5 s within +-steering, throttle levels of 1.5 to 4 s."""
     n = int(100 * seconds)
     steps, throttle = np.zeros(n), np.zeros(n)
@@ -36,7 +37,7 @@ def random_commands(rng: np.random.Generator, seconds: float, steering: float = 
         length = int(rng.uniform(150, 400))
         throttle[i:i + length] = rng.uniform(0.2, 0.45)
         i += length
-    return Commands(throttle, steps)
+    return VirtualCommands(throttle, steps)
 
 
 def simulated(seed: int, base: Vehicle = PAPER, seconds: float = 60.0, steering: float = 0.9,

@@ -200,7 +200,7 @@ def _unknowable(d: Diagnosis) -> tuple[str, ...]:
 
 def _suggested(d: Diagnosis, file: ModelFile, seed: int) -> tuple[Sequence[Any], Sequence[Any]]:
     """What to drive for causes, and for parameters; loaded only when asked for: it simulates."""
-    from dart_lab.diagnosis.suggest import sharpen, suggest
+    from dart_lab.diagnosis.suggest import suggest, suggest_parameter_drives
 
     with progress_bar() as bar:
         task = bar.add_task("simulating drives", total=2.0)
@@ -209,7 +209,7 @@ def _suggested(d: Diagnosis, file: ModelFile, seed: int) -> tuple[Sequence[Any],
             bar.update(task, completed=done + share, description=text)
 
         return (suggest(d, seed=seed, model=file, progress=tell),
-                sharpen(d, model=file, progress=partial(tell, done=1.0)))
+                suggest_parameter_drives(d, model=file, progress=partial(tell, done=1.0)))
 
 
 def _next(d: Diagnosis, html: Path | None, test: Sequence[Path]) -> None:

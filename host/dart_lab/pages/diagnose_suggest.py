@@ -11,10 +11,10 @@ from rich.table import Table
 from dart_hal.cli.common.output import print_line, results
 from dart_lab.diagnosis.report.next_drive import NOTHING
 from dart_lab.diagnosis.suggest.result import Suggestion
-from dart_lab.diagnosis.suggest.sharpen import Sharper
+from dart_lab.diagnosis.suggest.sharpen import ParameterDrive
 
 
-def show_suggestions(suggestions: Sequence[Suggestion], drives: Sequence[Sharper]) -> None:
+def show_suggestions(suggestions: Sequence[Suggestion], drives: Sequence[ParameterDrive]) -> None:
     """What to drive next, what it would separate or measure, and what to type."""
     if not suggestions and not drives:
         print_line(NOTHING)
@@ -52,5 +52,5 @@ def _table(s: Suggestion) -> Table:
     for p in s.pairs:
         table.add_row(p.effect, p.confounder, f"{p.before:.1f}", f"{p.after:.1f}",
                       f"{100.0 * p.right:.0f} %" if math.isfinite(p.right) else "-",
-                      style=None if p.separated else "yellow")
+                      style=None if p.is_separated else "yellow")
     return table

@@ -10,8 +10,8 @@ import pytest
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.suggest import sharpen
-from dart_lab.diagnosis.suggest.library import CHOICES, rehearsed
+from dart_lab.diagnosis.suggest import suggest_parameter_drives
+from dart_lab.diagnosis.suggest.library import CHOICES, rehearse_choices
 from dart_lab.identification.experiment.floor import Floor
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
@@ -31,7 +31,7 @@ def told(tmp_path_factory):
 
     @cache
     def with_drives(*names):
-        drives = [d for d in rehearsed(Floor(10.0, 10.0)) if d.choice.name in names]
+        drives = [d for d in rehearse_choices(Floor(10.0, 10.0)) if d.choice.name in names]
         new = [read(write(folder / f"car_1_{d.choice.name}.csv", WRONG, seed=70,
                           plan=Plan(series=(d.commands[0].throttle, d.commands[0].steering))))
                for d in drives]
@@ -44,7 +44,7 @@ def told(tmp_path_factory):
 def test_a_drive_measures_what_it_was_suggested_for(told):
     before = {c.group: c for c in told().claims}
     assert set(before) == {"motor", "rear tyre"}
-    suggested = {s.group: s for s in sharpen(told())}
+    suggested = {s.group: s for s in suggest_parameter_drives(told())}
     assert suggested["motor"].enough
     after = {c.group: c for c in told(suggested["motor"].drive).claims}
     for name, promised in suggested["motor"].after.items():
@@ -56,13 +56,13 @@ def test_a_drive_measures_what_it_was_suggested_for(told):
 
 @pytest.mark.slow
 def test_a_floor_too_small_for_any_drive_is_said(told):
-    for one in sharpen(told(), floor=Floor(1.0, 1.0)):
+    for one in suggest_parameter_drives(told(), floor=Floor(1.0, 1.0)):
         if not one.drive:
-            assert "no drive fits" in one.sentence()
+            assert "fits on this floor" in one.sentence()
             assert one.by_hand
         assert one.to_json()["drive"] in {None, *(c.name for c in CHOICES)}
 
 
 @pytest.mark.slow
 def test_without_a_claim_there_is_nothing_to_sharpen(told):
-    assert sharpen(replace(told(), claims=())) == ()
+    assert suggest_parameter_drives(replace(told(), claims=())) == ()

@@ -16,11 +16,11 @@ from dart_hal.vehicle.effects import apply
 from dart_lab.diagnosis.evidence.drive import prepare_drive
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.suggest import suggest
-from dart_lab.diagnosis.suggest.contest import Contest
-from dart_lab.diagnosis.suggest.evidence import MIDDLE
-from dart_lab.diagnosis.suggest.library import CHOICES, rehearsed
-from dart_lab.diagnosis.suggest.question import ask
-from dart_lab.diagnosis.suggest.side import Side
+from dart_lab.diagnosis.suggest.contest import DriveComparison
+from dart_lab.diagnosis.suggest.evidence import LOG_TIMING
+from dart_lab.diagnosis.suggest.library import CHOICES, rehearse_choices
+from dart_lab.diagnosis.suggest.question import make_question
+from dart_lab.diagnosis.suggest.side import RecordingComparison
 from dart_lab.diagnosis.suggest.virtual import record
 from dart_lab.identification.experiment.floor import Floor
 from tests.diagnosis.suggest.open_question import DRIVES, FLOOR, Case, diagnosis, recorded
@@ -32,12 +32,12 @@ GYRO = Case("straight", ("gyro_bias", 0.02), "steering_trim")
 def question(tmp_path_factory):
     folder = tmp_path_factory.mktemp("open")
     d = diagnosis(GYRO, [recorded(folder / "one.csv", GYRO, DRIVES["straight"], 5, False)])
-    return d, ask(d, d.causes[0])
+    return d, make_question(d, d.causes[0])
 
 
 @pytest.fixture(scope="module")
 def rollouts():
-    (drive,) = rehearsed(FLOOR, None, tuple(c for c in CHOICES if c.name == "rollouts"))
+    (drive,) = rehearse_choices(FLOOR, None, tuple(c for c in CHOICES if c.name == "rollouts"))
     return drive
 
 
@@ -47,8 +47,8 @@ def test_a_simulated_drive_is_what_its_own_car_predicts(effect, rollouts):
     p = apply(PAPER, name, k=float(k)) if name else PAPER
     e = Evidence([prepare_drive(record(p, rollouts.commands[0], SEP_24), PAPER.body.l_r, SEP_24)],
                  PAPER.body.l_r)
-    own = e.residuals(p, MIDDLE)
-    other = e.residuals(apply(PAPER, "steering_gain", k=0.1), MIDDLE)
+    own = e.residuals(p, LOG_TIMING)
+    other = e.residuals(apply(PAPER, "steering_gain", k=0.1), LOG_TIMING)
     assert len(own.motion) > 8
     assert np.abs(own.motion).mean() < 0.1 * np.abs(other.motion).mean()
     assert np.nanmax(np.abs(own.sensors[:, :2])) < 0.05
@@ -59,9 +59,10 @@ def test_a_rival_that_is_the_truth_is_found_at_its_size_and_loses_nothing(questi
     _, q = question
     truth = apply(PAPER, "grip", k=-0.12)
     setting = q.settings[0]
-    evidence = setting.of([record(truth, rollouts.commands[0], SEP_24)])
-    contest = Contest([Side(evidence, setting.noise, PAPER, truth, (), {}, MIDDLE)], PAPER)
-    same, other = contest.mimic("grip"), contest.mimic("quadratic_drag")
+    evidence = setting.make_evidence([record(truth, rollouts.commands[0], SEP_24)])
+    contest = DriveComparison([RecordingComparison(evidence, setting.noise, PAPER, truth, (), {},
+                                                   LOG_TIMING)], PAPER)
+    same, other = contest.fit_confounder("grip"), contest.fit_confounder("quadratic_drag")
     assert same.values["k"] == pytest.approx(-0.12, abs=0.005)
     assert same.separation < 0.3
     assert other.separation > 3.0
@@ -88,8 +89,8 @@ def test_a_suggestion_is_the_same_again_and_is_json_without_nan(question):
 @pytest.mark.slow
 def test_what_no_drive_separates_is_said_and_not_promised(tmp_path, monkeypatch):
     still = tuple(c for c in CHOICES if c.name == "standstill")
-    monkeypatch.setattr("dart_lab.diagnosis.suggest.choose.rehearsed",
-                        lambda floor, model: rehearsed(floor, model, still))
+    monkeypatch.setattr("dart_lab.diagnosis.suggest.choose.rehearse_choices",
+                        lambda floor, model: rehearse_choices(floor, model, still))
     case = Case("slow waves", ("steering_lag", 0.06), "steering_delay")
     d = diagnosis(case, [recorded(tmp_path / "one.csv", case, DRIVES[case.drive], 5, True)])
     (s,) = suggest(d)
@@ -106,7 +107,7 @@ def test_data_that_should_have_told_them_apart_are_said_to_hold_more_than_is_sim
     assert max(p.before for p in s.pairs if p.effect == s.cause) < 4.0
     assert s.caution() == ""
     surer = replace(s, pairs=tuple(replace(p, before=14.5) for p in s.pairs))
-    assert "(14.5) already" in surer.caution()
+    assert "(14.5)" in surer.caution()
 
 
 @pytest.mark.slow
@@ -115,7 +116,7 @@ def test_a_rival_that_explains_nothing_needs_no_drive(question):
     told = replace(d.causes[0], cannot_be_told_from=("quadratic_drag",))
     (s,) = suggest(replace(d, causes=(told,)))
     assert (s.drive, s.commands, s.pairs) == ("", (), ())
-    assert "by themselves" in s.sentence()
+    assert "already distinguish" in s.sentence()
 
 
 @pytest.mark.slow
@@ -137,13 +138,13 @@ def test_what_is_printed_drives_and_records(question, tmp_path, monkeypatch, cap
 def test_the_prediction(question):
     (s,) = suggest(question[0], floor=Floor(3.0, 3.0))
     assert s.prediction.channel == "gyro"
-    bias, trim = s.prediction.says.values()
+    bias, trim = s.prediction.curves.values()
     assert np.mean(bias - trim) == pytest.approx(0.02, abs=0.002)
 
 
 @pytest.mark.slow
 def test_every_choice_fits_a_hall_and_the_small_ones_come_first():
-    drives = list(rehearsed(FLOOR))
+    drives = list(rehearse_choices(FLOOR))
     assert [d.choice.name for d in drives] == [c.name for c in CHOICES]
     assert [d.seconds for d in drives] == sorted(d.seconds for d in drives)
     assert all(math.isclose(len(c.throttle) * 0.01, c.seconds) for d in drives

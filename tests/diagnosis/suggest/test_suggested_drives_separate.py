@@ -8,7 +8,7 @@ from statistics import mean
 import pytest
 
 from dart_lab.diagnosis.suggest import suggest
-from dart_lab.diagnosis.suggest.library import CHOICES, rehearsed
+from dart_lab.diagnosis.suggest.library import CHOICES, rehearse_choices
 from tests.diagnosis.suggest.open_question import DRIVES as AT_HAND
 from tests.diagnosis.suggest.open_question import FLOOR, Case, diagnosis, gains, recorded
 
@@ -41,7 +41,7 @@ def driven(tmp_path_factory):
         assert before[name] - before[case.confounder] < SAME
         (s,) = suggest(diagnosis(case, [at_hand]))
         choices = tuple(c for c in CHOICES if c.name == s.drive)
-        (drive,) = rehearsed(FLOOR, None, choices)
+        (drive,) = rehearse_choices(FLOOR, None, choices)
         with_mocap = s.needs == "motion capture"
         if mocap and not with_mocap:
             at_hand = recorded(folder / "at_hand.csv", case, AT_HAND[case.drive], 5, False)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dart_lab.diagnosis.suggest.result import ENOUGH, Suggestion
-from dart_lab.diagnosis.suggest.sharpen import Sharper
+from dart_lab.diagnosis.suggest.result import MIN_SEPARATION, Suggestion
+from dart_lab.diagnosis.suggest.sharpen import ParameterDrive
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import percent, significant
 from dart_lab.report.page import card, items
@@ -14,7 +14,7 @@ NOTHING = ("nothing to suggest: no cause is confounded with another effect, and 
            "wrong")
 
 
-def next_drives(suggestions: Sequence[Suggestion], drives: Sequence[Sharper] = ()) -> Html:
+def next_drives(suggestions: Sequence[Suggestion], drives: Sequence[ParameterDrive] = ()) -> Html:
     """One paragraph for each cause that has confounders, with the commands and the separations,
     and one for each claimed parameter."""
     if not suggestions and not drives:
@@ -22,7 +22,7 @@ def next_drives(suggestions: Sequence[Suggestion], drives: Sequence[Sharper] = (
     return join([*map(_one, suggestions), *map(_sharper, drives)])
 
 
-def _sharper(s: Sharper) -> Html:
+def _sharper(s: ParameterDrive) -> Html:
     parts = [el("h3", s.title),
              card(el("p", f"{s.sentence()}.", class_="big"), good=s.enough, kind="cause")]
     if s.drive:
@@ -46,4 +46,4 @@ def _one(s: Suggestion) -> Html:
     return join([*parts, table(
         ("if the truth is", "confounder", "separation now", "after this drive", "right"), rows, 2,
         "standard deviations between the two, by simulation "
-        f"({ENOUGH:g} are enough); right: share of simulated repeats that name the truth")])
+        f"({MIN_SEPARATION:g} are enough); right: share of simulated repeats that name the truth")])

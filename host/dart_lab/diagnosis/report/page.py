@@ -12,7 +12,7 @@ import numpy as np
 from dart_hal import __version__
 from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.diagnosis.suggest.result import Suggestion
-from dart_lab.diagnosis.suggest.sharpen import Sharper
+from dart_lab.diagnosis.suggest.sharpen import ParameterDrive
 from dart_lab.report import page as builder
 from dart_lab.report.html import Html, join
 
@@ -31,7 +31,7 @@ NOT_WRITTEN = "not written; --out-predictor MODEL.TOML writes it"
 def write_page(d: Diagnosis, path: str | Path, *, command: str = "",
                answer: Mapping[str, Any] | None = None,
                suggestions: Sequence[Suggestion] | None = None,
-               drives: Sequence[Sharper] = ()) -> Path:
+               drives: Sequence[ParameterDrive] = ()) -> Path:
     """Write the page; folders are made. command: as typed; answer: JSON to embed.
 
     answer None embeds ``d.to_json()``; suggestions: of ``suggest``, None where none were
@@ -43,7 +43,7 @@ def write_page(d: Diagnosis, path: str | Path, *, command: str = "",
 
 def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = None,
          suggestions: Sequence[Suggestion] | None = None,
-         drives: Sequence[Sharper] = ()) -> str:
+         drives: Sequence[ParameterDrive] = ()) -> str:
     """Return the text of the page: verdict and pictures, findings, then all details folded."""
     rows = Rows(d.evidence, d.extended)
     causes = join(cause_section(d, i, rows) for i in range(len(d.causes)))

@@ -1,7 +1,8 @@
-"""The next drive: what would separate causes that these data cannot tell apart."""
+"""Suggestions of the next drive: what distinguishes causes that these data cannot distinguish."""
 
 from .choose import suggest
-from .result import Pair, Prediction, Suggestion, Tried
-from .sharpen import Sharper, sharpen
+from .result import DrivePrediction, Pair, Suggestion, TriedDrive
+from .sharpen import ParameterDrive, suggest_parameter_drives
 
-__all__ = ["Pair", "Prediction", "Sharper", "Suggestion", "Tried", "sharpen", "suggest"]
+__all__ = ["DrivePrediction", "Pair", "ParameterDrive", "Suggestion", "TriedDrive", "suggest",
+           "suggest_parameter_drives"]

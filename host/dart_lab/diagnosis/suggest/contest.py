@@ -1,8 +1,8 @@
-"""Two hypotheses on one drive: how well can the wrong one pretend to be the right one?
+"""Comparison of two hypotheses on one drive: how well the wrong one can imitate the right one.
 
-The truth's predictions are the data. The confounder may have any size that suits the
-data at hand, and base parameters and timing follow it, to first order; what loss
-is left is what a diagnosis of both would see on average, whatever the noise.
+The data are predictions of the true car. The confounder may have any size that fits the data at
+hand. Base parameters and timing are fitted to it, to first order. The remaining loss is the
+expected loss difference in a diagnosis with both, independent of the noise.
 """
 
 from __future__ import annotations
@@ -21,110 +21,115 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.residuals import Residuals
 from ..search.size_search import scanned_parameters
-from .side import Side
+from .side import RecordingComparison
 
-LADDER = (0.1, 0.35, 1.0, 2.2, 5.0)  # of the medium size
-TOLERANCE = 0.01  # of the medium size
-ROUNDS = 12
-FLAT = 1e-3  # of loss
-Size = Callable[[str, str, float], float]
-"""(effect, parameter, value) -> robust loss that this size costs on other data."""
+SIZE_LADDER = (0.1, 0.35, 1.0, 2.2, 5.0)  # of the medium size
+SIZE_TOLERANCE = 0.01  # of the medium size
+MAX_ITERATIONS = 12
+NULL_PREFERENCE = 1e-3  # loss per medium size: without information the size is zero
+# (effect, parameter, value) -> robust loss of this size on other data.
+SizeLoss = Callable[[str, str, float], float]
 
 
 @dataclass(frozen=True, slots=True)
-class Mimic:
-    """A confounder at its best. loss: robust loss that the truth saves.
+class FittedConfounder:
+    """A confounder at its best size. loss: robust loss that the true hypothesis saves.
 
-    values: its size, on the first side where each has its own; car: the base
-    as it follows, with the confounder; differences: (N,) of each side, before
-    anything follows; elsewhere: part of the loss that its size costs on other data.
+    values: its size, that of the first recording if each has its own. car: the base fitted to it,
+    with the confounder. differences: (N,) of each recording, before anything is fitted. other_loss:
+    part of the loss from other data.
     """
 
     values: Mapping[str, float]
     loss: float
     car: Vehicle
     differences: tuple[FloatArray, ...]
-    elsewhere: float = 0.0
+    other_loss: float = 0.0
 
     @property
     def separation(self) -> float:
-        """Standard deviations."""
+        """Separation from the true hypothesis, in standard deviations."""
         return math.sqrt(max(self.loss, 0.0))
 
 
 @dataclass(frozen=True, slots=True)
-class Contest:
-    """The recordings of one drive; ``base`` is the model without any hypothesis.
+class DriveComparison:
+    """The recordings of one drive. base: the model without any hypothesis.
 
-    size: what the data at hand say about sizes; None = nothing.
+    size_loss: loss of sizes on the data at hand; None if there is none.
     """
 
-    sides: Sequence[Side]
+    recordings: Sequence[RecordingComparison]
     base: Vehicle
-    size: Size | None = None
+    size_loss: SizeLoss | None = None
 
-    def mimic(self, name: str) -> Mimic | None:
-        """The size of an effect that comes nearest to the truth; None: there is no data."""
-        if not self.sides:
+    def fit_confounder(self, name: str) -> FittedConfounder | None:
+        """Fit the size of an effect to the true hypothesis; None if there are no data."""
+        if not self.recordings:
             return None
-        if per_recording(name):
-            parts = [Contest([side], self.base)._best(name) for side in self.sides]
-            return Mimic(parts[0].values, sum(m.loss for m in parts), parts[0].car,
+        if is_per_recording(name):
+            parts = [DriveComparison([recording], self.base)._fit_best(name)
+                     for recording in self.recordings]
+            return FittedConfounder(parts[0].values, sum(m.loss for m in parts), parts[0].car,
                          tuple(d for m in parts for d in m.differences))
-        return self._best(name)
+        return self._fit_best(name)
 
-    def right(self, mimic: Mimic, draw: Callable[[Side], Residuals], repeats: int) -> float:
-        """Share of simulated repeats of the drive in which the truth fits better.
+    def correct_share(self, fitted: FittedConfounder, draw: Callable[[RecordingComparison],
+                                                                     Residuals],
+                      repeats: int) -> float:
+        """Share of simulated repeats of the drive in which the true hypothesis fits better.
 
-        draw: noise for a side. What is free follows it under both hypotheses.
+        draw: noise for a recording. Free coordinates are fitted under both hypotheses.
         """
-        won = 0
+        correct = 0
         for _ in range(repeats):
-            won += sum(side.worse(draw(side), d)
-                       for side, d in zip(self.sides, mimic.differences, strict=True)
-                       ) + mimic.elsewhere > 0.0
-        return won / repeats
+            correct += sum(recording.loss_increase(draw(recording), d)
+                       for recording, d in zip(self.recordings, fitted.differences, strict=True)
+                       ) + fitted.other_loss > 0.0
+        return correct / repeats
 
-    def _best(self, name: str) -> Mimic:
-        found = [self._along(name, q) for q in scanned_parameters(catalogue()[name])]
+    def _fit_best(self, name: str) -> FittedConfounder:
+        """Fit each parameter of an effect alone, and return the best."""
+        found = [self._fit_parameter(name, q) for q in scanned_parameters(catalogue()[name])]
         return min(found, key=lambda m: m.loss)
 
-    def cost(self, name: str, q: Parameter, k: float) -> float:
-        """Robust loss by which an effect of that size is worse than the truth, here alone."""
+    def loss_of_size(self, name: str, q: Parameter, k: float) -> float:
+        """Robust loss of an effect of that size relative to the truth, on this drive."""
         try:
             p = apply(self.base, name, **{q.name: k})
-        except ConfigError:  # the effect leads out of what a car can be
+        except ConfigError:  # the vehicle has no valid parameters with this size
             return math.inf
-        return sum(side.loss(p) for side in self.sides)
+        return sum(recording.loss(p) for recording in self.recordings)
 
-    def _along(self, name: str, q: Parameter) -> Mimic:
-        def elsewhere(k: float) -> float:
-            return self.size(name, q.name, k) if self.size is not None else 0.0
+    def _fit_parameter(self, name: str, q: Parameter) -> FittedConfounder:
+        """Fit one parameter of an effect."""
+        def other_loss(k: float) -> float:
+            return self.size_loss(name, q.name, k) if self.size_loss is not None else 0.0
 
-        best = lowest(lambda k: self.cost(name, q, k) + elsewhere(k), q)
+        best = find_minimum(lambda k: self.loss_of_size(name, q, k) + other_loss(k), q)
         values = {q.name: best}
         p = apply(self.base, name, **values)
-        return Mimic(values, self.cost(name, q, best) + elsewhere(best),
-                     apply(self.sides[0].followed(p), name, **values),
-                     tuple(side.difference(p) for side in self.sides), elsewhere(best))
+        return FittedConfounder(values, self.loss_of_size(name, q, best) + other_loss(best),
+                                apply(self.recordings[0].fit_base(p), name, **values),
+                                tuple(recording.difference(p) for recording in self.recordings),
+                                other_loss(best))
 
 
-def per_recording(name: str) -> bool:
-    """Whether the size of an effect belongs to the recording."""
+def is_per_recording(name: str) -> bool:
+    """Check whether the size of an effect may differ between recordings."""
     return catalogue()[name].parameters[0].per_recording
 
 
-def lowest(cost: Callable[[float], float], q: Parameter) -> float:
-    """Where a cost is lowest: the best of a ladder, then between its neighbours."""
+def find_minimum(cost: Callable[[float], float], q: Parameter) -> float:
+    """Minimise a function of a size: the best of a ladder, then a bounded search around it."""
     from scipy.optimize import minimize_scalar
 
     medium = q.sizes[1]
-    ks = sorted({q.null, *(float(np.clip(q.null + side * share * medium, q.low, q.high))
-                           for share in LADDER for side in (-1.0, 1.0))})
-    # where the data say nothing, nothing is the answer
-    costs = [cost(k) + FLAT * abs(k - q.null) / medium for k in ks]
+    ks = sorted({q.null, *(float(np.clip(q.null + sign * share * medium, q.low, q.high))
+                           for share in SIZE_LADDER for sign in (-1.0, 1.0))})
+    costs = [cost(k) + NULL_PREFERENCE * abs(k - q.null) / medium for k in ks]
     i = int(np.argmin(costs))
     ends = ks[max(i - 1, 0)], ks[min(i + 1, len(ks) - 1)]
     finer = minimize_scalar(cost, bounds=ends, method="bounded",
-                            options={"xatol": TOLERANCE * medium, "maxiter": ROUNDS})
+                            options={"xatol": SIZE_TOLERANCE * medium, "maxiter": MAX_ITERATIONS})
     return float(finer.x) if finer.fun < costs[i] else ks[i]

@@ -1,4 +1,4 @@
-"""What the diagnosis would make of a drive: the same evidence, and the noise it would meet."""
+"""Evidence of a simulated drive and the noise that a diagnosis would measure on it."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ from ..evidence.space import MessageTiming
 from ..policy import Policy
 from .virtual import COMMAND_AGE
 
-FURTHER = 10**9  # added to labels of blocks, so that they are others
-MOCAP, ONBOARD = "motion capture", "on-board sensors"
-MIDDLE = MessageTiming(0.0, COMMAND_AGE)
-"""How ``virtual.record`` stamps."""
+BLOCK_LABEL_OFFSET = 10**9  # makes the labels of blocks of a new drive unique
+MOCAP = "motion capture"
+ONBOARD = "on-board sensors"
+LOG_TIMING = MessageTiming(0.0, COMMAND_AGE)  # of ``virtual.record``
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
     """How drives are judged. needs: MOCAP or ONBOARD.
 
-    rest, lacking: residuals of the data at hand in SI units, of their best model
-    (what no hypothesis explains, to be drawn from) and of the base; blocks: as
-    ``Evidence.blocks``; noise: as a diagnosis of these data measures it; noise_scale:
-    as ``OnboardStretch.noise_scale``, which a drive without noise cannot tell.
+    final_residuals, base_residuals: residuals of the data at hand in SI units, of their best model
+    (unexplained by any hypothesis, the source of simulated noise) and of the base. blocks: as
+    ``Evidence.blocks``. noise: as measured by a diagnosis of these data. noise_scale: as
+    ``Session.noise_scale``, which a drive without noise cannot give.
     """
 
     needs: str
     l_r: float
     reference: Reference
-    rest: Residuals
-    lacking: Residuals
+    final_residuals: Residuals
+    base_residuals: Residuals
     blocks: tuple[IntArray, IntArray]
     noise: Noise
     noise_scale: FloatArray
     policy: Policy
 
-    def of(self, recordings: Sequence[Recording]) -> Evidence:
+    def make_evidence(self, recordings: Sequence[Recording]) -> Evidence:
         """Evidence or OnboardEvidence of recordings; it may be empty."""
         if self.needs == MOCAP:
             return Evidence([prepare_drive(r, self.l_r, self.reference, policy=self.policy.evidence)
@@ -54,54 +54,58 @@ class Setting:
         return OnboardEvidence([replace(o, noise_scale=self.noise_scale) for r in recordings
                                 for o in prepare_stretches(r, self.policy.evidence)], self.l_r)
 
-    def drawn(self, evidence: Evidence, rng: np.random.Generator) -> Residuals:
-        """Noise for every row of an evidence."""
+    def draw_noise(self, evidence: Evidence, rng: np.random.Generator) -> Residuals:
+        """Draw noise for every row of an evidence."""
         run = self.policy.suggest.run
-        return Residuals(_runs(self.rest.motion, len(evidence.motion_drive), rng, run),
-                         _runs(self.rest.sensors, len(evidence.sensor_drive), rng, run))
+        return Residuals(_draw_runs(self.final_residuals.motion, len(evidence.motion_drive), rng,
+                                    run), _draw_runs(self.final_residuals.sensors,
+                                                     len(evidence.sensor_drive), rng, run))
 
-    def together(self, evidence: Evidence, base: Vehicle, truth: Vehicle,
-                 rng: np.random.Generator) -> Noise:
-        """As a diagnosis of these data and a new drive measures it, which knows the base alone.
+    def measure_joint_noise(self, evidence: Evidence, base: Vehicle, truth: Vehicle,
+                            rng: np.random.Generator) -> Noise:
+        """Measure the noise of these data and a new drive together, for the base alone.
 
-        What the cause does is noise to it: large effects weigh less.
+        Changes by the cause are part of this noise: large effects have less weight.
         """
-        ours, theirs = (evidence.residuals(p, MIDDLE) for p in (base, truth))
-        drawn, old = self.drawn(evidence, rng), self.lacking
-        new = (ours.motion - theirs.motion + drawn.motion,
-               ours.sensors - theirs.sensors + drawn.sensors)
-        blocks = tuple(np.concatenate([was, FURTHER + is_]) for was, is_ in zip(
-            self.blocks, evidence.blocks(self.policy.blocks.seconds), strict=True))
+        predicted, true = (evidence.residuals(p, LOG_TIMING) for p in (base, truth))
+        noise = self.draw_noise(evidence, rng)
+        old = self.base_residuals
+        new = (predicted.motion - true.motion + noise.motion,
+               predicted.sensors - true.sensors + noise.sensors)
+        blocks = tuple(np.concatenate([existing, BLOCK_LABEL_OFFSET + added]) for existing,
+                       added in zip(self.blocks, evidence.blocks(self.policy.blocks.seconds),
+                                    strict=True))
         return estimate_noise(Residuals(np.concatenate([old.motion, new[0]]),
                                  np.concatenate([old.sensors, new[1]])), (blocks[0], blocks[1]),
                        policy=self.policy.noise)
 
-    def share(self, noise: Noise) -> float:
-        """Of what the data at hand say of the cause, that other noise leaves."""
-        cause = Residuals(self.lacking.motion - self.rest.motion,
-                          self.lacking.sensors - self.rest.sensors)
+    def remaining_share(self, noise: Noise) -> float:
+        """Share of the loss by the cause on the data at hand that remains with another noise."""
+        cause = Residuals(self.base_residuals.motion - self.final_residuals.motion,
+                          self.base_residuals.sensors - self.final_residuals.sensors)
         own, other = (float(weight @ self.noise.loss(x)) for x, weight in (
             self.noise.stack(cause), noise.stack(cause)))
         return min(other / own, 1.0) if own > 0.0 else 0.0
 
 
-def setting(evidence: Evidence, base: Vehicle, full: Vehicle, timing: MessageTiming,
-            reference: Reference, policy: Policy) -> Setting:
-    """From the data at hand; full is the best model of them, base lacks the cause."""
-    r, lacking = (evidence.residuals(p, timing) for p in (full, base))
+def make_setting(evidence: Evidence, base: Vehicle, full: Vehicle, timing: MessageTiming,
+                 reference: Reference, policy: Policy) -> Setting:
+    """Make the setting of the data at hand; full: their best model, base: without the cause."""
+    r, base_residuals = (evidence.residuals(p, timing) for p in (full, base))
     needs = ONBOARD if isinstance(evidence, OnboardEvidence) else MOCAP
     if needs == ONBOARD and not any(drive.at_rest.any() for drive in evidence.drives):
+        # Without a standstill the noise of the gyro is unknown: use that of the policy.
         quiet = policy.suggest.gyro_noise * np.random.default_rng(0).normal(size=len(r.sensors))
-        r, lacking = (replace(x, sensors=np.column_stack(
-            [x.sensors[:, :1], quiet, x.sensors[:, 2:]])) for x in (r, lacking))
+        r, base_residuals = (replace(x, sensors=np.column_stack(
+            [x.sensors[:, :1], quiet, x.sensors[:, 2:]])) for x in (r, base_residuals))
     blocks = evidence.blocks(policy.blocks.seconds)
-    return Setting(needs, evidence.l_r, reference, r, lacking, blocks,
-                   estimate_noise(lacking, blocks, policy=policy.noise),
+    return Setting(needs, evidence.l_r, reference, r, base_residuals, blocks,
+                   estimate_noise(base_residuals, blocks, policy=policy.noise),
                    _noise_scale(evidence), policy)
 
 
-def without_mocap(evidence: Evidence, policy: Policy) -> OnboardEvidence | None:
-    """The same recordings by their own sensors alone; None where that says nothing, or is all."""
+def select_onboard(evidence: Evidence, policy: Policy) -> OnboardEvidence | None:
+    """The same recordings by on-board sensors alone; None if they have no motion or only those."""
     if isinstance(evidence, OnboardEvidence):
         return None
     alone = OnboardEvidence([o for d in evidence.drives for o in prepare_stretches(
@@ -110,13 +114,14 @@ def without_mocap(evidence: Evidence, policy: Policy) -> OnboardEvidence | None:
 
 
 def _noise_scale(evidence: Evidence) -> FloatArray:
+    """Median noise scale of the recordings, (2,)."""
     if not isinstance(evidence, OnboardEvidence):
         return np.ones(2)
     return np.asarray(np.median([drive.noise_scale for drive in evidence.drives], axis=0))
 
 
-def _runs(rows: FloatArray, n: int, rng: np.random.Generator, run: int) -> FloatArray:
-    """n rows in runs, for noise has a memory, out of (m, c), each mirrored or not."""
+def _draw_runs(rows: FloatArray, n: int, rng: np.random.Generator, run: int) -> FloatArray:
+    """Draw n of the rows (m, c) in runs of correlated noise; each run with a random sign."""
     if not n or not len(rows):
         return np.zeros((n, rows.shape[1]))
     starts = rng.integers(0, max(len(rows) - run, 1), n // run + 1)

@@ -1,4 +1,4 @@
-"""The drives that can be suggested: experiments, once or twice, as series of commands."""
+"""Library of drives that can be suggested: experiments, once or twice, as command series."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_lab.identification.experiment.floor import Floor
 
-from .virtual import Commands
+from .virtual import VirtualCommands
 
-FLOOR = Floor(10.0, 10.0)
+DEFAULT_FLOOR = Floor(10.0, 10.0)
 Progress = Callable[[float, str], None]
-REST = 0.5  # s of standing before and after
-TURNED = 0.5 * np.pi  # rad
+REST_S = 0.5  # standstill before and after
+QUARTER_TURN = 0.5 * np.pi  # rad
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """One experiment of a drive. yaw [rad]: how the car stands, against the first part.
+    """One experiment of a drive. yaw [rad]: heading of the car relative to the first part.
 
-    battery: how many medium sizes lower a level that belongs to the recording is.
+    battery: medium sizes by which a level that may differ between recordings is lower.
     """
 
     experiment: str
@@ -36,7 +36,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A drive by name: what it does, in words, and its parts."""
+    """A drive: its name, description and parts."""
 
     name: str
     description: str
@@ -44,16 +44,19 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True)
-class Rehearsed:
-    """A choice on a floor: commands of each part, what to type, and how long it takes."""
+class RehearsedDrive:
+    """A choice on a floor: commands of each part, shell commands, and duration."""
 
     choice: Choice
-    commands: tuple[Commands, ...]
-    typed: tuple[str, ...]
+    commands: tuple[VirtualCommands, ...]
+    shell_commands: tuple[str, ...]
     seconds: float
 
 
-CIRCLES, LAUNCH, ROLLOUTS = Part("circles"), Part("launch"), Part("rollouts")
+CIRCLES = Part("circles")
+LAUNCH = Part("launch")
+ROLLOUTS = Part("rollouts")
+# The shortest first, on a floor of 10 m x 10 m.
 CHOICES: tuple[Choice, ...] = (
     Choice("standstill", "standing still for ten seconds", (Part("standstill"),)),
     Choice("rollouts", "accelerating and coasting on circles of two radii to both sides",
@@ -72,39 +75,39 @@ CHOICES: tuple[Choice, ...] = (
            (LAUNCH,)),
     Choice("steps", "small and large steps of the steering at two speeds", (Part("steps"),)),
     Choice("circles-turned", "the circles twice, the car turned by 90 degrees between",
-           (CIRCLES, replace(CIRCLES, yaw=TURNED))),
+           (CIRCLES, replace(CIRCLES, yaw=QUARTER_TURN))),
     Choice("launch-turned", "the launch twice, the car turned by 90 degrees between",
-           (LAUNCH, replace(LAUNCH, yaw=TURNED))),
+           (LAUNCH, replace(LAUNCH, yaw=QUARTER_TURN))),
     Choice("friction", "throttle to several speeds and coasting down, on a straight",
            (Part("friction"),)),
     Choice("motor", "throttle steps of many levels and coasting down, on a straight",
            (Part("motor"),)),
     Choice("delay", "throttle steps; sine, chirp and steps of the steering", (Part("delay"),)))
-"""The shortest first, on a floor of 10 m x 10 m."""
 
 
-def rehearsed(floor: Floor, model: ModelFile | None = None,
-              choices: tuple[Choice, ...] = CHOICES) -> Iterator[Rehearsed]:
-    """Those of the choices that fit on the floor, one by one.
+def rehearse_choices(floor: Floor, model: ModelFile | None = None,
+              choices: tuple[Choice, ...] = CHOICES) -> Iterator[RehearsedDrive]:
+    """Iterate over the choices that fit on the floor.
 
     model: of the car that drives; None = the paper's.
     """
     files = _files(model)
-    known: dict[str, Commands | None] = {}
+    commands_by_name: dict[str, VirtualCommands | None] = {}
     for choice in choices:
         for part in choice.parts:
-            if part.experiment not in known:
-                known[part.experiment] = (
-                    _of_the_paper(part.experiment, floor) if model is None
+            if part.experiment not in commands_by_name:
+                commands_by_name[part.experiment] = (
+                    _paper_commands(part.experiment, floor) if model is None
                     else _commands(part.experiment, files, floor))
-        commands = [c for part in choice.parts if (c := known[part.experiment]) is not None]
+        commands = [c for part in choice.parts
+                    if (c := commands_by_name[part.experiment]) is not None]
         if len(commands) == len(choice.parts):
-            yield Rehearsed(choice, tuple(commands), typed(choice, floor),
+            yield RehearsedDrive(choice, tuple(commands), shell_commands(choice, floor),
                             sum(c.seconds for c in commands))
 
 
-def typed(choice: Choice, floor: Floor) -> tuple[str, ...]:
-    """What drives and records a choice, line by line; a real car needs its --url as well."""
+def shell_commands(choice: Choice, floor: Floor) -> tuple[str, ...]:
+    """Shell commands that drive and record a choice; a real car needs --url in addition."""
     lines = []
     for i, part in enumerate(choice.parts):
         run = f"runs/{choice.name}{f'-{i + 1}' if len(choice.parts) > 1 else ''}.mcap"
@@ -114,21 +117,21 @@ def typed(choice: Choice, floor: Floor) -> tuple[str, ...]:
 
 
 @lru_cache(maxsize=64)
-def _of_the_paper(name: str, floor: Floor) -> Commands | None:
+def _paper_commands(name: str, floor: Floor) -> VirtualCommands | None:
     return _commands(name, _files(None), floor)
 
 
 def _files(model: ModelFile | None) -> CarFiles:
-    """Those of the simulated car without a secret: the same on every computer."""
+    """Files of the simulated car with public parameters: the same on every computer."""
     from dart_lab.sim.car_file import typical_car_toml
 
     files = parse_car(typical_car_toml(), "the simulated car")
     return replace(files, calibration=None, model=model)
 
 
-def _commands(name: str, files: CarFiles, floor: Floor) -> Commands | None:
-    """None where it does not fit."""
-    # a third of a second: every diagnosis loads this module, and few are asked what to drive next
+def _commands(name: str, files: CarFiles, floor: Floor) -> VirtualCommands | None:
+    """Rehearse an experiment and return its commands; None if it does not fit."""
+    # Imported here because it takes 0.3 s, and every diagnosis loads this module.
     from dart_lab.identification.experiment.make import make_plan
     from dart_lab.identification.experiment.rehearsal import rehearse
 
@@ -141,8 +144,8 @@ def _commands(name: str, files: CarFiles, floor: Floor) -> Commands | None:
     index = np.clip(np.searchsorted(t, grid, side="right") - 1, 0, len(t) - 1)
 
     def series(values: list[float]) -> FloatArray:
-        rest = np.zeros(round(REST / SAMPLE))
+        rest = np.zeros(round(REST_S / SAMPLE))
         return np.concatenate([rest, np.array(values)[index], rest])
 
-    return Commands(series([f.throttle for f in drive.frames]),
+    return VirtualCommands(series([f.throttle for f in drive.frames]),
                     series([f.steering for f in drive.frames]))

@@ -1,4 +1,4 @@
-"""One cause and all that it cannot be told from, at the sizes that suit the data at hand."""
+"""One cause and all its confounders, at the sizes that fit the data at hand."""
 
 from __future__ import annotations
 
@@ -17,23 +17,22 @@ from ..evidence.space import MessageTiming, Space
 from ..policy import USUAL, Policy
 from ..result import Cause, Diagnosis
 from ..search.fit import evaluate_point
-from .contest import Contest
-from .evidence import Setting, setting, without_mocap
-from .side import Side
-from .sizes import Sizes
+from .contest import DriveComparison
+from .evidence import Setting, make_setting, select_onboard
+from .side import RecordingComparison
+from .sizes import SizeLossCurves
 
-SETTLE = 3  # steps of the timing of the data at hand
+TIMING_ITERATIONS = 3  # linear steps of the timing
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class ConfounderQuestion:
     """Hypotheses, the cause first.
 
-    base: the model without any of them; cars, values: what each makes of the
-    data at hand, and its size; before: separation by (truth, confounder); free,
-    known: base parameters that follow, with their standard errors; settings:
-    how a drive could be judged, the one that needs least first; sizes: what else
-    the hypotheses could be, by ``Setting.needs``.
+    base: the model without any of them. cars, values: by hypothesis, its car fitted to the data at
+    hand, and its size. before: separation by (truth, confounder). free, known: fitted base
+    parameters with their standard errors. settings: how a drive could be judged, fewest sensors
+    first. sizes: loss of other sizes, by ``Setting.needs``.
     """
 
     base: Vehicle
@@ -43,7 +42,7 @@ class Question:
     free: tuple[str, ...]
     known: Mapping[str, float]
     settings: tuple[Setting, ...]
-    sizes: Mapping[str, Sizes]
+    sizes: Mapping[str, SizeLossCurves]
     policy: Policy
 
     @property
@@ -51,53 +50,60 @@ class Question:
         return tuple(self.cars)
 
 
-def ask(diagnosis: Diagnosis, cause: Cause, policy: Policy = USUAL) -> Question:
-    """The question that a diagnosis leaves open about one of its causes."""
+def make_question(diagnosis: Diagnosis, cause: Cause, policy: Policy = USUAL) -> ConfounderQuestion:
+    """Make the question that a diagnosis leaves open about one of its causes."""
     others = [name for name in cause.cannot_be_told_from if name in catalogue()]
     others = others[:policy.suggest.confounders]
-    full, evidence = diagnosis.extended, diagnosis.evidence
+    full = diagnosis.extended
+    evidence = diagnosis.evidence
     base = remove_effects(full, [cause.effect])
     free = tuple(diagnosis.refitted)
     known = {name: moved.std for name, moved in diagnosis.refitted.items()
              if math.isfinite(moved.std)}
     timing = _timing(diagnosis, full, policy)
 
-    def contest(e: Evidence, truth: Vehicle) -> Contest:
-        side = Side(e, _noise(e, base, timing, policy), base, truth, free, known, timing,
-                    policy.prior)
-        return Contest([side], base)
+    def compare(e: Evidence, truth: Vehicle) -> DriveComparison:
+        recording = RecordingComparison(e, _noise(e, base, timing, policy), base, truth, free,
+                                        known, timing, policy.prior)
+        return DriveComparison([recording], base)
 
     values = {cause.effect: {k: n.value for k, n in cause.parameters.items()}}
-    cars, before = {cause.effect: full}, {}
-    first = contest(evidence, full)
-    nothing = first.sides[0].loss(base)
+    cars = {cause.effect: full}
+    before = {}
+    # The cause is the truth: fit each confounder to it.
+    first = compare(evidence, full)
+    base_loss = first.recordings[0].loss(base)
     for name in others:
-        mimic = first.mimic(name)
-        if mimic is None or mimic.loss > (1.0 - policy.suggest.explains) * nothing:
-            continue  # the data at hand have told these apart
-        cars[name], values[name] = mimic.car, dict(mimic.values)
-        before[cause.effect, name] = before[name, cause.effect] = mimic.separation
+        fitted = first.fit_confounder(name)
+        if fitted is None or fitted.loss > (1.0 - policy.suggest.explains) * base_loss:
+            continue  # the data at hand distinguish these
+        cars[name] = fitted.car
+        values[name] = dict(fitted.values)
+        before[cause.effect, name] = before[name, cause.effect] = fitted.separation
+    # Each confounder in turn is the truth.
     others = [name for name in others if name in cars]
     for name in others if len(others) > 1 else ():
-        work = contest(evidence, cars[name])
+        comparison = compare(evidence, cars[name])
         for confounder in others:
-            mimic = work.mimic(confounder) if confounder != name else None
-            if mimic is not None:
-                before[name, confounder] = mimic.separation
+            fitted = comparison.fit_confounder(confounder) if confounder != name else None
+            if fitted is not None:
+                before[name, confounder] = fitted.separation
     reference = evidence.drives[0].grid.reference
-    alone = without_mocap(evidence, policy)
-    seen = [(alone, contest(alone, full))] if alone is not None else []
-    judged = [(setting(e, base, full, timing, reference, policy), work)
-              for e, work in (*seen, (evidence, first))]
-    return Question(base, cars, values, before, free, known, tuple(s for s, _ in judged),
-                    {s.needs: Sizes(work, values) for s, work in judged}, policy)
+    alone = select_onboard(evidence, policy)
+    onboard = [(alone, compare(alone, full))] if alone is not None else []
+    judged = [(make_setting(e, base, full, timing, reference, policy), comparison)
+              for e, comparison in (*onboard, (evidence, first))]
+    return ConfounderQuestion(base, cars, values, before, free, known, tuple(s for s, _ in judged),
+                              {s.needs: SizeLossCurves(comparison, values) for s,
+                               comparison in judged}, policy)
 
 
 def _timing(diagnosis: Diagnosis, p: Vehicle, policy: Policy) -> MessageTiming:
-    """That of the data at hand, which a diagnosis does not tell."""
-    evidence, timing = diagnosis.evidence, MessageTiming()
+    """Estimate the timing of the data at hand, which a diagnosis does not report."""
+    evidence = diagnosis.evidence
+    timing = MessageTiming()
     bare = Space(replace(p, effects=()), (), policy=policy.prior)
-    for _ in range(SETTLE):
+    for _ in range(TIMING_ITERATIONS):
         noise = _noise(evidence, p, timing, policy)
         point = evaluate_point(evidence, noise, bare, bare.point(timing))
         own = noise.stack(evidence.residuals(p, timing))[0]
@@ -106,5 +112,6 @@ def _timing(diagnosis: Diagnosis, p: Vehicle, policy: Policy) -> MessageTiming:
 
 
 def _noise(evidence: Evidence, p: Vehicle, timing: MessageTiming, policy: Policy) -> Noise:
+    """Measure the noise of an evidence."""
     return estimate_noise(evidence.residuals(p, timing), evidence.blocks(policy.blocks.seconds),
                    policy=policy.noise)

@@ -11,93 +11,100 @@ from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
-from .contest import Contest, Mimic, per_recording
-from .evidence import MIDDLE, Setting
-from .library import Rehearsed
-from .side import Side
+from .contest import DriveComparison, FittedConfounder, is_per_recording
+from .evidence import LOG_TIMING, Setting
+from .library import RehearsedDrive
+from .side import RecordingComparison
 from .virtual import record
 
 if TYPE_CHECKING:
-    from .question import Question
+    from .question import ConfounderQuestion
 
 
-class Race:
-    """Every hypothesis of a question as the truth of a drive, all the others against it."""
+class DriveSimulation:
+    """Simulations of a drive with every hypothesis as the truth, and all others fitted to it."""
 
-    def __init__(self, question: Question, drive: Rehearsed, setting: Setting,
+    def __init__(self, question: ConfounderQuestion, drive: RehearsedDrive, setting: Setting,
                  seed: int = 0) -> None:
-        self.question, self.drive, self.setting = question, drive, setting
+        self.question = question
+        self.drive = drive
+        self.setting = setting
         self._rng = np.random.default_rng(seed)
-        self._right: dict[tuple[str, str], float] = {}
+        self._correct_shares: dict[tuple[str, str], float] = {}
         names = question.names
-        self._contests = {truth: self._contest(truth) for truth in names}
-        self._mimics: dict[tuple[str, str], Mimic | None] = {}
+        self._comparisons = {truth: self._compare(truth) for truth in names}
+        self._confounders: dict[tuple[str, str], FittedConfounder | None] = {}
         for truth, confounder in ((a, b) for a in names for b in names if a != b):
-            self._mimics[truth, confounder] = self._contests[truth].mimic(confounder)
-        pairs = [self.between(a, b) for a, b in combinations(names, 2)]
-        self.least = min(pairs, default=0.0)
-        self.separated = sum(sd >= question.policy.suggest.separation for sd in pairs)
+            self._confounders[truth,
+                              confounder] = self._comparisons[truth].fit_confounder(confounder)
+        pairs = [self.separation(a, b) for a, b in combinations(names, 2)]
+        self.min_separation = min(pairs, default=0.0)
+        self.separated_pairs = sum(sd >= question.policy.suggest.separation for sd in pairs)
 
-    def between(self, a: str, b: str) -> float:
-        """Standard deviations between two, whichever is the truth: the smaller one."""
-        mimics = self._mimics[a, b], self._mimics[b, a]
-        return min(m.separation if m else 0.0 for m in mimics)
+    def separation(self, a: str, b: str) -> float:
+        """Standard deviations between two hypotheses, the smaller of both directions."""
+        both = self._confounders[a, b], self._confounders[b, a]
+        return min(m.separation if m else 0.0 for m in both)
 
     @property
-    def moves(self) -> bool:
-        """Whether the car drives at all, so that there are windows of motion."""
-        return any(len(side.evidence.motion_drive)
-                   for contest in self._contests.values() for side in contest.sides)
+    def has_motion(self) -> bool:
+        """Check that the car moves, so that there are windows of motion."""
+        return any(len(recording.evidence.motion_drive) for comparison in self._comparisons.values()
+                   for recording in comparison.recordings)
 
-    def mimic(self, truth: str, confounder: str) -> Mimic | None:
-        """The confounder at its best; None where the drive tells nothing at all."""
-        return self._mimics[truth, confounder]
+    def fitted_confounder(self, truth: str, confounder: str) -> FittedConfounder | None:
+        """The confounder at its best size; None if the drive has no data."""
+        return self._confounders[truth, confounder]
 
-    def surest(self) -> float:
-        """The smallest share of ``right`` of any pair."""
-        return min((self.right(a, b) for a, b in combinations(self.question.names, 2)),
+    def min_correct_share(self) -> float:
+        """The smallest ``correct_share`` of any pair."""
+        return min((self.correct_share(a, b) for a, b in combinations(self.question.names, 2)),
                    default=0.0)
 
-    def right(self, a: str, b: str) -> float:
-        """Share of simulated repeats in which the truth wins, the smaller of both directions."""
-        if (a, b) not in self._right:
-            self._right[a, b] = self._simulated(a, b)
-        return self._right[a, b]
+    def correct_share(self, a: str, b: str) -> float:
+        """Share of simulated repeats in which the truth fits better, in the worse direction."""
+        if (a, b) not in self._correct_shares:
+            self._correct_shares[a, b] = self._simulate_correct_share(a, b)
+        return self._correct_shares[a, b]
 
-    def _simulated(self, a: str, b: str) -> float:
+    def _simulate_correct_share(self, a: str, b: str) -> float:
+        """Simulate ``correct_share``."""
         shares = []
         for truth, confounder in ((a, b), (b, a)):
-            mimic = self._mimics[truth, confounder]
-            shares.append(0.5 if mimic is None else self._contests[truth].right(
-                mimic, lambda side: self.setting.drawn(side.evidence, self._rng),
+            fitted = self._confounders[truth, confounder]
+            shares.append(0.5 if fitted is None else self._comparisons[truth].correct_share(
+                fitted, lambda recording: self.setting.draw_noise(recording.evidence, self._rng),
                 self.question.policy.suggest.repeats))
         return min(shares)
 
     def recording(self, p: Vehicle, part: int = 0) -> Recording:
-        """The drive of a car, free of noise."""
+        """The recording of a car on this drive, without noise."""
         one = self.drive.choice.parts[part]
         return record(p, self.drive.commands[part], self.setting.reference,
                       one.experiment, one.yaw)
 
-    def _contest(self, truth: str) -> Contest:
-        q, sides = self.question, []
+    def _compare(self, truth: str) -> DriveComparison:
+        """Simulate all parts with one hypothesis as the truth."""
+        q = self.question
+        recordings = []
         for i, part in enumerate(self.drive.choice.parts):
-            car = _weaker(q.cars[truth], truth, part.battery)
-            evidence = self.setting.of([self.recording(car, i)])
+            car = _lower_level(q.cars[truth], truth, part.battery)
+            evidence = self.setting.make_evidence([self.recording(car, i)])
             if len(evidence.drives) and len(evidence.motion_drive) + len(evidence.sensor_drive):
-                noise = self.setting.together(evidence, q.base, car, self._rng)
-                sides.append(Side(evidence, noise, q.base, car, q.free, q.known, MIDDLE,
-                                  q.policy.prior))
-        if not sides:
-            return Contest((), q.base)
-        share = min(self.setting.share(side.noise) for side in sides)
+                noise = self.setting.measure_joint_noise(evidence, q.base, car, self._rng)
+                recordings.append(RecordingComparison(evidence, noise, q.base, car, q.free, q.known,
+                                                      LOG_TIMING, q.policy.prior))
+        if not recordings:
+            return DriveComparison((), q.base)
+        # Sizes on the data at hand count less if the noise of the new drive is larger.
+        share = min(self.setting.remaining_share(recording.noise) for recording in recordings)
         sizes = q.sizes[self.setting.needs]
-        return Contest(sides, q.base, lambda *size: share * sizes(*size))
+        return DriveComparison(recordings, q.base, lambda *size: share * sizes(*size))
 
 
-def _weaker(p: Vehicle, name: str, battery: float) -> Vehicle:
-    """The car with a hypothesis whose level belongs to the recording, that much lower."""
-    if not battery or not per_recording(name):
+def _lower_level(p: Vehicle, name: str, battery: float) -> Vehicle:
+    """The car with a hypothesis whose level may differ between recordings, lower by ``battery``."""
+    if not battery or not is_per_recording(name):
         return p
     first = catalogue()[name].parameters[0]
     have = next(a for a in p.effects if a.name == name)

@@ -1,4 +1,4 @@
-"""What is suggested: a drive, the pairs it separates, and what each hypothesis predicts."""
+"""Result of ``suggest``: a drive, the pairs that it separates, and the predictions."""
 
 from __future__ import annotations
 
@@ -10,18 +10,17 @@ from dart_hal.core.types import FloatArray
 
 from ..policy import USUAL
 
-ENOUGH = USUAL.suggest.separation
+MIN_SEPARATION = USUAL.suggest.separation
 
 
 @dataclass(frozen=True, slots=True)
 class Pair:
     """One effect and its confounder.
 
-    before, after: standard deviations between the two with the data at hand and
-    with the new drive alone, the smaller of both directions; the square is the
-    robust loss that the better of the two saves. right: of the simulated
-    repeats of the drive, the share in which the true one of the two fits
-    better (NaN: not simulated). needed: standard deviations that tell them apart.
+    before, after: standard deviations between the two with the data at hand and with the new drive
+    alone, the smaller of both directions; the square is the robust loss that the better of the two
+    saves. right: share of the simulated repeats of the drive in which the true one of the two fits
+    better (NaN: not simulated). needed: standard deviations that distinguish them.
     """
 
     effect: str
@@ -29,10 +28,11 @@ class Pair:
     before: float
     after: float
     right: float = float("nan")
-    needed: float = ENOUGH
+    needed: float = MIN_SEPARATION
 
     @property
-    def separated(self) -> bool:
+    def is_separated(self) -> bool:
+        """Check that the drive distinguishes the two."""
         return self.after >= self.needed
 
     def to_json(self) -> dict[str, Any]:
@@ -42,13 +42,12 @@ class Pair:
 
 
 @dataclass(frozen=True, slots=True)
-class Prediction:
-    """The drive as the two hypotheses that are hardest to separate see it, each (n,).
+class DrivePrediction:
+    """Prediction of the drive by the two hypotheses that are hardest to separate, each (n,).
 
-    t [s]; throttle, steering: commands -1..1; channel and unit of ``says``, by
-    hypothesis: the truth and its confounder at its best; noise: standard deviation of
-    one reading of that channel. Motion is compared at 0.01 s, a sensor at its
-    messages.
+    t [s]; throttle, steering: commands -1..1; channel, unit: of ``curves``, the readings by
+    hypothesis: the true effect and its fitted confounder; noise: standard deviation of one reading
+    of that channel. Motion is compared every 0.01 s, a sensor at its messages.
     """
 
     t: FloatArray
@@ -57,43 +56,42 @@ class Prediction:
     channel: str
     unit: str
     at: FloatArray
-    says: Mapping[str, FloatArray]
+    curves: Mapping[str, FloatArray]
     noise: float
 
     def to_json(self) -> dict[str, Any]:
-        """Arrays as lists."""
+        """JSON object with arrays as lists."""
         return {"channel": self.channel, "unit": self.unit, "t": self.at.tolist(),
-                "says": {k: v.tolist() for k, v in self.says.items()}, "noise": self.noise}
+                "says": {k: v.tolist() for k, v in self.curves.items()}, "noise": self.noise}
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
-    """A drive that was simulated: seconds, and the least separation of any pair.
+class TriedDrive:
+    """A simulated drive: its duration, and the smallest separation of any pair.
 
-    needs: what it was judged by, as ``Suggestion.needs``.
+    needs: as ``Suggestion.needs``.
     """
 
     drive: str
     seconds: float
     needs: str
-    least: float
+    min_separation: float
 
     def to_json(self) -> dict[str, Any]:
         """{"drive", "duration_s", "needs", "least"}."""
         return {"drive": self.drive, "duration_s": self.seconds, "needs": self.needs,
-                "least": self.least}
+                "least": self.min_separation}
 
 
 @dataclass(frozen=True, slots=True)
 class Suggestion:
-    """What to drive next for one cause that has confounders.
+    """The next drive for one cause that has confounders.
 
-    enough: whether it separates all pairs; if not, it is the one that comes
-    nearest, or "" where no drive fits on the floor; "" as well where none is
-    needed. commands: what to type,
-    in order. needs: "motion capture" or "on-board sensors" alone. by_hand: what
-    the effect's own page says, where no drive is needed or none is enough.
-    values: size of each hypothesis that suits the data at hand, by effect.
+    enough: the drive separates all pairs. Otherwise it is the one that comes closest. drive: "" if
+    no drive fits on the floor, or if none is needed. commands: shell commands in order. needs:
+    "motion capture", or "on-board sensors" alone. by_hand: the check that the page of the effect
+    recommends, if no drive is needed or none is enough. values: by effect, its size that fits the
+    data at hand.
     """
 
     cause: str
@@ -108,35 +106,37 @@ class Suggestion:
     pairs: tuple[Pair, ...]
     values: Mapping[str, Mapping[str, float]]
     by_hand: str
-    tried: tuple[Tried, ...]
-    prediction: Prediction | None = None
+    tried: tuple[TriedDrive, ...]
+    prediction: DrivePrediction | None = None
 
     def sentence(self) -> str:
-        """What to do and what it would show, in one line."""
+        """Describe the drive and its benefit in one line."""
         confounders = ", ".join(self.confounders)
         if not self.drive and self.enough:
-            return f"the data at hand tell {self.cause} from {confounders} by themselves"
+            return f"these data already distinguish {self.cause} from {confounders}"
         if not self.drive:
-            return f"no drive fits on this floor that could tell {self.cause} from {confounders}"
+            return (f"no drive that distinguishes {self.cause} from {confounders} fits on "
+                    "this floor")
         drive = f"{self.drive} ({self.seconds:.0f} s"
         drive += ", with motion capture)" if self.needs == "motion capture" else ")"
         if self.enough:
-            return f"drive {drive}: it would tell {self.cause} from {confounders}"
+            return f"drive {drive}: it distinguishes {self.cause} from {confounders}"
         others = sorted({p.confounder for p in self.pairs
-                         if p.effect == self.cause and p.separated})
+                         if p.effect == self.cause and p.is_separated})
         many = len({t.drive for t in self.tried})
-        return (f"none of {many} drives would tell {self.cause} from all of {confounders}; {drive} "
-                "comes nearest" + (f" and tells it from {', '.join(others)}" if others else ""))
+        return (f"none of {many} drives distinguishes {self.cause} from all of {confounders}; "
+                f"{drive} comes closest"
+                + (f" and distinguishes it from {', '.join(others)}" if others else ""))
 
     def caution(self) -> str:
-        """Why a drive may tell less than is promised, "" where nothing says so."""
+        """Explain why a drive may be less informative than predicted; "" if there is no reason."""
         known = [p for p in self.pairs if p.effect == self.cause and p.before >= p.needed]
         if not known:
             return ""
         others = ", ".join(f"{p.confounder} ({p.before:.1f})" for p in known)
-        return (f"by this measure the data at hand tell {self.cause} from {others} already; that "
-                "they do not says that something else is wrong there, as large as the difference, "
-                "and a new drive may have it as well")
+        return (f"by this measure these data already distinguish {self.cause} from {others}. The "
+                "diagnosis does not: another error of the model, as large as the difference, may "
+                "be present, also in a new drive")
 
     def to_json(self) -> dict[str, Any]:
         """One entry of ``--suggest --json``."""

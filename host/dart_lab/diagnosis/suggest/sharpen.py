@@ -1,11 +1,11 @@
-"""The drive that would measure a claimed parameter better: for each claim, by Fisher information.
+"""Suggest the drive that measures a claimed parameter better, by Fisher information.
 
-    C_0 = diag(std^2) of what the data at hand left,  I_d = A_d^T Omega_d A_d of a simulated drive
+    C_0 = diag(std^2) of the data at hand,            I_d = A_d^T Omega_d A_d of a simulated drive
     sigma(q) = sqrt(g^T (C_0^-1 + I_d)^-1 g),         g = dq/dx of the quantity that is claimed
 
-A_d: Jacobian of the whitened residuals of the drive with the final model, as a diagnosis of it
-would see them (``search.fit``). What two groups leave open between them is in I_d: a drive that
-moves both alike narrows neither.
+A_d: Jacobian of the whitened residuals of the drive with the final model, as in a diagnosis of it
+(``search.fit``). Correlations between two groups are part of I_d: a drive with equal changes by
+both improves neither.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from ..parameters.groups import quantities_of
 from ..policy import USUAL, Policy
 from ..result import Claim, Diagnosis
 from ..search.fit import evaluate_point
-from .evidence import MIDDLE, Setting, setting
-from .library import CHOICES, FLOOR, Progress, Rehearsed, rehearsed
+from .evidence import LOG_TIMING, Setting, make_setting
+from .library import CHOICES, DEFAULT_FLOOR, Progress, RehearsedDrive, rehearse_choices
 from .virtual import record
 
-STEP = 0.05  # prior standard deviations, both sides
+DIFFERENCE_STEP = 0.05  # prior standard deviations, central differences
 
 
 @dataclass(frozen=True, slots=True)
-class Sharper:
-    """What to drive for one claim.
+class ParameterDrive:
+    """The next drive for one claim.
 
-    before, after: standard errors of its quantities, by name, as the data at hand leave them and
-    as they would be with the drive; enough: all of them are narrowed to the share asked for.
-    drive "": none fits on the floor.
+    before, after: standard errors of its quantities, by name, with the data at hand and with the
+    drive. enough: all of them are reduced by the required share. drive: "" if none fits on the
+    floor.
     """
 
     group: str
@@ -56,14 +56,14 @@ class Sharper:
     by_hand: str
 
     def sentence(self) -> str:
-        """What to do and what it would show, in one line."""
+        """Describe the drive and its benefit in one line."""
         if not self.drive:
-            return f"no drive fits on this floor that would measure the {self.title} better"
-        narrowed = "; ".join(f"{name} to +- {_rounded(self.after[name])}{_spaced(unit)} "
-                             f"(now {_rounded(self.before[name])})"
+            return f"no drive that measures the {self.title} better fits on this floor"
+        narrowed = "; ".join(f"{name} to +- {_format_number(self.after[name])}{_format_unit(unit)} "
+                             f"(now {_format_number(self.before[name])})"
                              for name, unit in self.units.items())
-        so = "" if self.enough else ", which is the most that any of the drives would"
-        return f"drive {self.drive} ({self.seconds:.0f} s): {self.title}, {narrowed}{so}"
+        remark = "" if self.enough else ", the best of all drives"
+        return f"drive {self.drive} ({self.seconds:.0f} s): {self.title}, {narrowed}{remark}"
 
     def to_json(self) -> dict[str, Any]:
         """One entry of ``parameter_drives`` in ``--suggest --json``."""
@@ -76,92 +76,103 @@ class Sharper:
                 "by_hand": self.by_hand}
 
 
-def sharpen(diagnosis: Diagnosis, *, floor: Floor = FLOOR, model: ModelFile | None = None,
-            progress: Progress | None = None, policy: Policy = USUAL) -> tuple[Sharper, ...]:
-    """For each claim the shortest drive that narrows all its quantities enough, else the best.
+def suggest_parameter_drives(diagnosis: Diagnosis, *, floor: Floor = DEFAULT_FLOOR,
+                             model: ModelFile | None = None, progress: Progress | None = None,
+                             policy: Policy = USUAL) -> tuple[ParameterDrive, ...]:
+    """Suggest for each claim the shortest drive that reduces its errors enough, else the best.
 
-    Arguments as of ``suggest``. Empty where no parameter is claimed.
+    Arguments as of ``suggest``. Returns nothing if no parameter is claimed.
     """
     if not diagnosis.claims:
         return ()
-    seen = Seen(diagnosis, policy)
-    drives: list[tuple[Rehearsed, FloatArray]] = []
-    for i, drive in enumerate(rehearsed(floor, model)):
+    information = ParameterInformation(diagnosis, policy)
+    drives: list[tuple[RehearsedDrive, FloatArray]] = []
+    for i, drive in enumerate(rehearse_choices(floor, model)):
         if progress is not None:
             progress(i / len(CHOICES), drive.choice.name)
-        covariance = seen.covariance(drive)
+        covariance = information.covariance(drive)
         if covariance is not None:
             drives.append((drive, covariance))
-    return tuple(_answer(claim, seen, drives, policy.suggest.narrower)
+    return tuple(_select_drive(claim, information, drives, policy.suggest.narrower)
                  for claim in diagnosis.claims)
 
 
-class Seen:
-    """The final model of a diagnosis, in coordinates of what its refit left open."""
+class ParameterInformation:
+    """Fisher information about the parameters of the final model, in prior coordinates."""
 
     def __init__(self, diagnosis: Diagnosis, policy: Policy) -> None:
-        car, evidence = diagnosis.extended, diagnosis.evidence
+        car = diagnosis.extended
+        evidence = diagnosis.evidence
         moved = {name: m for name, m in diagnosis.refitted.items() if math.isfinite(m.std)}
-        self._car, self._policy = car, policy
+        self._car = car
+        self._policy = policy
         self._space = Space(car, tuple(moved), {n: m.std for n, m in moved.items()}, 0.0,
                             policy.prior)
-        self.setting: Setting = setting(evidence, car, car, MessageTiming(),
+        self.setting: Setting = make_setting(evidence, car, car, MessageTiming(),
                                         evidence.drives[0].grid.reference, policy)
 
-    def covariance(self, drive: Rehearsed) -> FloatArray | None:
-        """(k, k) with the drive, in the coordinates; None where it shows nothing."""
-        normal, told = np.eye(len(self._space)), False
+    def covariance(self, drive: RehearsedDrive) -> FloatArray | None:
+        """Covariance (k, k) of the coordinates with the drive; None if the drive has no data."""
+        normal = np.eye(len(self._space))  # C_0^-1: the coordinates are in prior standard errors
+        has_motion = False
         for part, commands in zip(drive.choice.parts, drive.commands, strict=True):
             run = record(self._car, commands, self.setting.reference, part.experiment, part.yaw)
-            evidence = self.setting.of([run])
+            evidence = self.setting.make_evidence([run])
             if not len(evidence.drives) or not len(evidence.motion_drive):
                 continue
             point = evaluate_point(evidence, self.setting.noise, self._space,
-                                   self._space.point(MIDDLE))
+                                   self._space.point(LOG_TIMING))
             weighted = point.jacobian * point.irls_weight[:, None]
-            normal, told = normal + weighted.T @ point.jacobian, True
-        return np.asarray(np.linalg.inv(normal)) if told else None
+            normal = normal + weighted.T @ point.jacobian
+            has_motion = True
+        return np.asarray(np.linalg.inv(normal)) if has_motion else None
 
-    def slopes(self, claim: Claim) -> dict[str, FloatArray]:
-        """(k,) of each quantity of a claim, by the coordinates."""
-        base = self._space.point(MIDDLE)
+    def gradients(self, claim: Claim) -> dict[str, FloatArray]:
+        """Gradient (k,) of each quantity of a claim with respect to the coordinates."""
+        base = self._space.point(LOG_TIMING)
         out = {}
         for name, (_, quantity) in quantities_of(claim.group).items():
-            slope = np.zeros(len(self._space))
+            gradient = np.zeros(len(self._space))
             for i in range(len(self._space.names)):
-                step = np.zeros(len(slope))
-                step[i] = STEP
-                up, down = (self._space.split(base + way * step)[0] for way in (1.0, -1.0))
-                slope[i] = (quantity(up) - quantity(down)) / (2.0 * STEP)
-            out[name] = slope
+                step = np.zeros(len(gradient))
+                step[i] = DIFFERENCE_STEP
+                up, down = (self._space.split(base + sign * step)[0] for sign in (1.0, -1.0))
+                gradient[i] = (quantity(up) - quantity(down)) / (2.0 * DIFFERENCE_STEP)
+            out[name] = gradient
         return out
 
 
-def _answer(claim: Claim, seen: Seen, drives: Iterable[tuple[Rehearsed, FloatArray]],
-            narrower: float) -> Sharper:
-    slopes, best, least = seen.slopes(claim), None, math.inf
+def _select_drive(claim: Claim, information: ParameterInformation,
+                  drives: Iterable[tuple[RehearsedDrive, FloatArray]],
+                  narrower: float) -> ParameterDrive:
+    """Select the first drive that reduces all errors enough, or the best."""
+    gradients = information.gradients(claim)
+    best = None
+    smallest = math.inf
     for drive, covariance in drives:
         ratio = [math.sqrt(float(g @ covariance @ g) / max(float(g @ g), 1e-12))
-                 for g in slopes.values()]
-        if max(ratio) < least:
-            best, least = (drive, dict(zip(slopes, ratio, strict=True))), max(ratio)
-        if least <= narrower:
+                 for g in gradients.values()]
+        if max(ratio) < smallest:
+            best = (drive, dict(zip(gradients, ratio, strict=True)))
+            smallest = max(ratio)
+        if smallest <= narrower:
             break
     units = {name: q.unit for name, q in claim.quantities.items()}
     before = {name: q.std for name, q in claim.quantities.items()}
     if best is None:
-        return Sharper(claim.group, claim.title, "", "", (), 0.0, seen.setting.needs, False, units,
-                       before, before, claim.experiment)
+        return ParameterDrive(claim.group, claim.title, "", "", (), 0.0, information.setting.needs,
+                              False, units, before, before, claim.experiment)
     drive, shares = best
-    return Sharper(claim.group, claim.title, drive.choice.name, drive.choice.description,
-                   drive.typed, drive.seconds, seen.setting.needs, least <= narrower, units,
-                   before, {name: shares[name] * std for name, std in before.items()},
-                   claim.experiment)
+    return ParameterDrive(claim.group, claim.title, drive.choice.name, drive.choice.description,
+                          drive.shell_commands, drive.seconds, information.setting.needs,
+                          smallest <= narrower, units, before, {name: shares[name] * std for name,
+                                                                std in before.items()},
+                          claim.experiment)
 
 
-def _rounded(x: float) -> str:
+def _format_number(x: float) -> str:
     return f"{x:.2g}"
 
 
-def _spaced(unit: str) -> str:
+def _format_unit(unit: str) -> str:
     return "" if unit == "-" else f" {unit}"

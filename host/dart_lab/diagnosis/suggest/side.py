@@ -1,4 +1,4 @@
-"""One recording as two hypotheses see it, and what is free to follow the wrong one."""
+"""Comparison of hypotheses on one recording, with parameters that are fitted to the wrong one."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ..policy import USUAL, PriorPolicy
 from ..search.fit import Point, evaluate_point
 
 
-class Side:
-    """The evidence of one recording, the truth about it, and the base that follows a confounder.
+class RecordingComparison:
+    """The evidence of one recording, the true car, and the base that is fitted to a confounder.
 
     free, known: names of base parameters and their standard errors, as for ``Space``.
     """
@@ -26,35 +26,40 @@ class Side:
     def __init__(self, evidence: Any, noise: Noise, base: Vehicle, truth: Vehicle,
                  free: Sequence[str], known: Mapping[str, float], timing: MessageTiming,
                  policy: PriorPolicy = USUAL.prior) -> None:
-        self.evidence, self.noise, self._timing = evidence, noise, timing
+        self.evidence = evidence
+        self.noise = noise
+        self._timing = timing
         space = Space(base, free, known, policy=policy)
         self.point: Point = evaluate_point(evidence, noise, space, space.point(timing))
         self._true = self._residual(truth)
 
     def difference(self, p: Vehicle) -> FloatArray:
-        """What p says minus what the truth says (N,), whitened."""
+        """Prediction of p minus that of the true car, whitened, (N,)."""
         return self._residual(p) - self._true
 
     def loss(self, p: Vehicle) -> float:
-        """Robust loss by which p is worse, once all that is free has followed."""
-        r, point = self.difference(p), self.point
+        """Robust loss of p relative to the true car, after a step of the free coordinates."""
+        r = self.difference(p)
+        point = self.point
         move = point.best_step(r)
-        moved = point.prior_loss(move) - point.prior_loss(np.zeros_like(move))
-        return float(point.weight @ self.noise.loss(r + point.jacobian @ move)) + moved
+        prior_change = point.prior_loss(move) - point.prior_loss(np.zeros_like(move))
+        return float(point.weight @ self.noise.loss(r + point.jacobian @ move)) + prior_change
 
-    def followed(self, p: Vehicle) -> Vehicle:
-        """The base as it follows p."""
+    def fit_base(self, p: Vehicle) -> Vehicle:
+        """Fit the base to p by one linear step."""
         space = self.point.space
         x = self.point.x + self.point.best_step(self.difference(p))
         return space.split(np.clip(x, space.low, space.high))[0]
 
-    def worse(self, noise: Residuals, more: FloatArray) -> float:
-        """Robust loss of noise [SI units] with ``more`` on it (N,), less that of the noise."""
+    def loss_increase(self, noise: Residuals, difference: FloatArray) -> float:
+        """Change of the robust loss of noise [SI units] by adding ``difference`` (N,)."""
         x = self.noise.stack(noise)[0]
-        return self._left(x + more) - self._left(x)
+        return self._fitted_loss(x + difference) - self._fitted_loss(x)
 
-    def _left(self, x: FloatArray) -> float:
+    def _fitted_loss(self, x: FloatArray) -> float:
+        """Robust loss of residuals after the linear step."""
         return float(self.point.weight @ self.noise.loss(self.point.residual_after_step(x)))
 
     def _residual(self, p: Vehicle) -> FloatArray:
+        """Whitened residuals (N,) of a vehicle."""
         return self.noise.stack(self.evidence.residuals(p, self._timing))[0]

@@ -1,7 +1,6 @@
-"""A drive that nobody has driven: a recording of a car with known effects, free of noise.
+"""Virtual drives: a recording of a car with known effects, without noise.
 
-What the noise would do is known from the data at hand; here only the
-difference between two cars counts.
+The noise is known from the data at hand. Here only the difference between two cars matters.
 """
 
 from __future__ import annotations
@@ -23,18 +22,19 @@ from dart_lab.identification.prediction.actuators import actuated
 from dart_lab.identification.prediction.commands import zero_order_hold
 from dart_lab.identification.prediction.sensors import driven, motion, posed, sensed
 
-EVERY = 10  # samples from message to message
+MESSAGE_SAMPLES = 10  # between messages
+# s from the effect of a command to the message that reports it: the middle of the range that a
+# 10 Hz log leaves open, so that a hypothesis can hide behind it in both directions.
 COMMAND_AGE = 0.05
-"""s that a command acts before the message that tells of it: the middle of what a 10 Hz log
-leaves open, so that a hypothesis may hide behind it to both sides."""
-STANDS = 0.02
-"""m/s; below it hardly a mark passes in 0.1 s, and what the equations creep at rest is not real."""
+# m/s; at lower speeds hardly a mark passes in 0.1 s, and the creep of the equations at rest is
+# not real.
+MIN_ENCODER_SPEED = 0.02
 EPOCH = datetime(2024, 9, 8, tzinfo=timezone.utc).timestamp()
 
 
 @dataclass(frozen=True, slots=True)
-class Commands:
-    """throttle, steering -1..1, (n,) on a grid of 0.01 s."""
+class VirtualCommands:
+    """Throttle and steering -1..1, (n,) on a grid of 0.01 s."""
 
     throttle: FloatArray
     steering: FloatArray
@@ -44,15 +44,16 @@ class Commands:
         return len(self.throttle) * SAMPLE
 
 
-def record(p: Vehicle, commands: Commands, reference: Reference, name: str = "drive",
+def record(p: Vehicle, commands: VirtualCommands, reference: Reference, name: str = "drive",
            yaw: float = 0.0) -> Recording:
-    """The drive of the car p, from standstill at heading ``yaw`` [rad]."""
+    """Record the drive of the car p, from standstill at heading ``yaw`` [rad]."""
     n = len(commands.throttle)
-    when = np.arange(EVERY, n - 1, EVERY)
-    sent = np.asarray(when * SAMPLE, dtype=np.float64)
-    # the last 10 Hz decide what the car gets, as with the logger of the recordings
-    index = np.clip(when - round(COMMAND_AGE / SAMPLE), 0, n - 1)
-    throttle, steering = commands.throttle[index], commands.steering[index]
+    samples = np.arange(MESSAGE_SAMPLES, n - 1, MESSAGE_SAMPLES)
+    sent = np.asarray(samples * SAMPLE, dtype=np.float64)
+    # The car receives commands at 10 Hz, as with the logger of the recordings.
+    index = np.clip(samples - round(COMMAND_AGE / SAMPLE), 0, n - 1)
+    throttle = commands.throttle[index]
+    steering = commands.steering[index]
     held = [zero_order_hold(sent - COMMAND_AGE, u, n) for u in (throttle, steering)]
     g = _grid(n, held[0], held[1], reference)
     tau, angle = actuated(p, g, smooth=True)
@@ -61,22 +62,22 @@ def record(p: Vehicle, commands: Commands, reference: Reference, name: str = "dr
     rates = np.gradient(s[3:], SAMPLE, axis=1)
     speed, rate, a_x, a_y = sensed(p, driven(p, motion(g.t, s, rates), tau))
     mocap = _mocap(p, g, s, settled(p).body.l_r)
-    way = np.concatenate([[0.0], np.cumsum(0.5 * np.abs(speed[1:] + speed[:-1]))])
-    counted = (way[when] - way[when - EVERY]) / EVERY
-    m = Messages(
-        t=freeze(sent), arrival=freeze(sent), segment=freeze_index(np.zeros(len(sent))),
-        throttle=freeze(throttle), throttle_raw=freeze(throttle), steering=freeze(steering),
-        gate=freeze_flags(np.ones(len(sent))),
-        speed=freeze(np.where(counted < STANDS, 0.0, counted)), yaw_rate=freeze(rate[when]),
-        accel_x=freeze(a_x[when]), accel_y=freeze(a_y[when]))
+    distance = np.concatenate([[0.0], np.cumsum(0.5 * np.abs(speed[1:] + speed[:-1]))])
+    counted = (distance[samples] - distance[samples - MESSAGE_SAMPLES]) / MESSAGE_SAMPLES
+    m = Messages(t=freeze(sent), arrival=freeze(sent), segment=freeze_index(np.zeros(len(sent))),
+                 throttle=freeze(throttle), throttle_raw=freeze(throttle),
+                 steering=freeze(steering), gate=freeze_flags(np.ones(len(sent))),
+                 speed=freeze(np.where(counted < MIN_ENCODER_SPEED, 0.0, counted)),
+                 yaw_rate=freeze(rate[samples]), accel_x=freeze(a_x[samples]),
+                 accel_y=freeze(a_y[samples]))
     return Recording(Path("suggested") / name, "B", m, mocap, "ok", None, "", ())
 
 
 def _grid(n: int, throttle: FloatArray, steering: FloatArray, reference: Reference) -> Grid:
-    none = np.zeros(n)
+    zeros = np.zeros(n)
     t = np.asarray(np.arange(n) * SAMPLE, dtype=np.float64)
-    return Grid(t, none, none, none, none, none, none, throttle, steering,
-                none, np.zeros(n, dtype=np.bool_), reference)
+    return Grid(t, zeros, zeros, zeros, zeros, zeros, zeros, throttle, steering,
+                zeros, np.zeros(n, dtype=np.bool_), reference)
 
 
 def _mocap(p: Vehicle, g: Grid, s: FloatArray, l_r: float) -> Mocap:
