@@ -27,7 +27,7 @@ from dart_lab.diagnosis.parameters.groups import GROUPS, holding_throttle, quant
 from dart_lab.diagnosis.parameters.sets import Posterior, Sets
 from dart_lab.diagnosis.parameters.unseen import Unseen
 from dart_lab.diagnosis.policy import USUAL
-from dart_lab.diagnosis.report.claimed import PICTURES, _measured, pictures
+from dart_lab.diagnosis.report.claimed import PICTURES, _measure_curve, pictures
 from dart_lab.diagnosis.report.explain import describe_claim
 from dart_lab.diagnosis.report.page import page
 from dart_lab.diagnosis.result import Change, Claim, Constancy
@@ -131,7 +131,7 @@ def test_a_claim_is_drawn_old_new_and_as_the_car_drives(folder):
     found = answer(folder, tyres__front_D=1.25)
     (c,) = found.claims
     front = next(k for k in PICTURES if k.title == "Front tyres")
-    points = _measured(front, found)
+    points = _measure_curve(front, found)
     told = np.isfinite(points.error)
     new, old = (np.abs(front.curve(p, points.x) - points.mean)[told]
                 for p in (found.extended, found.stages[0].vehicle))

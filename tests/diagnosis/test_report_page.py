@@ -14,7 +14,7 @@ import pytest
 from dart_hal.core.plain_json import plain
 from dart_lab.diagnosis.error_summaries import Moment, Outliers
 from dart_lab.diagnosis.report import page, write_page
-from dart_lab.diagnosis.report.along import Rows
+from dart_lab.diagnosis.report.along import ResidualRows
 from dart_lab.diagnosis.report.explain import describe_cause
 from dart_lab.diagnosis.report.patterns import Pattern
 from dart_lab.diagnosis.report.summary import remainder
@@ -110,7 +110,7 @@ def test_what_was_rejected_moved_left_and_used_is_there(whole):
         for why in use["why"]:
             assert why in reader.text
     for u in d.unexplained:
-        for words in Pattern(d, u, Rows(d.evidence, d.extended)).sentences().values():
+        for words in Pattern(d, u, ResidualRows(d.evidence, d.extended)).sentences().values():
             assert words in reader.text
     for note in (*d.notes, COMMAND):
         assert note in reader.text

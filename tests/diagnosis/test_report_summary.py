@@ -11,10 +11,10 @@ import pytest
 from dart_hal.vehicle.effects import catalogue
 from dart_lab.diagnosis.error_summaries import LateCommands
 from dart_lab.diagnosis.report import page
-from dart_lab.diagnosis.report.along import Rows, means_along
+from dart_lab.diagnosis.report.along import ResidualRows, means_along
 from dart_lab.diagnosis.report.data_problems import NOT_FITTED, data_problems, valid_sizes
 from dart_lab.diagnosis.report.explain import describe_cause, describe_claim, heading, is_small
-from dart_lab.diagnosis.report.patterns import STEPS, Pattern, next_step
+from dart_lab.diagnosis.report.patterns import NEXT_STEPS, Pattern, next_step
 from dart_lab.diagnosis.report.summary import headline, median_warnings, summary_lines, tone
 from dart_lab.diagnosis.report.words import change, signed_title
 from dart_lab.diagnosis.result import Change, Claim, Number, Unexplained
@@ -37,8 +37,8 @@ def claim(before, after, std, **changes):
 
 @pytest.mark.parametrize(("after", "std", "small"), [
     (2.90, 0.02, True), (2.90, 0.001, True), (3.2, 0.3, True), (3.2, 0.02, False)])
-def test_a_change_below_two_standard_errors_or_two_per_cent_is_a_small_correction(
-        after, std, small):
+def test_a_change_below_two_standard_errors_or_two_per_cent_is_a_small_correction(after, std,
+                                                                                  small):
     c = claim(2.88, after, std)
     assert is_small(c) == small
     assert ("small correction" in describe_claim(c)["What"]) == small
@@ -189,7 +189,7 @@ def test_colour_follows_the_meaning_of_the_verdict():
 
 def test_text_and_picture_of_a_pattern_show_the_same_means():
     d = made.diagnosis("unexplained", 0, True)
-    pattern = Pattern(d, d.unexplained[0], Rows(d.evidence, d.extended))
+    pattern = Pattern(d, d.unexplained[0], ResidualRows(d.evidence, d.extended))
     means = pattern.found.after
     assert pattern.found.column.after == pytest.approx(0.5)
     for value in (np.nanmax(means.mean), np.nanmin(means.mean)):
@@ -198,12 +198,12 @@ def test_text_and_picture_of_a_pattern_show_the_same_means():
     assert "Size" not in pattern.sentences()
     error = d.stages[-1].horizons["1.0"]["pooled"]["vx"]
     floor = Pattern(replace(d, noise_floor={"vx": error / 1.06}), d.unexplained[0],
-                    Rows(d.evidence, d.extended)).sentences()["Size"]
+                    ResidualRows(d.evidence, d.extended)).sentences()["Size"]
     assert f"6 % above the noise floor ({significant(error)} against" in floor
 
 
 def test_every_variable_of_a_pattern_has_a_next_step():
-    known = {name for names, _ in STEPS for name in names}
+    known = {name for names, _ in NEXT_STEPS for name in names}
     assert known >= {*FEATURE_UNITS, "recording"}
     assert "Check floor" in next_step(Unexplained("v_x", "", ("x",), 0.01, 0.5))
     assert "no variable that is known" in next_step(Unexplained("v_x", "", (), 0.01, 0.5))

@@ -9,8 +9,8 @@ from typing import Any
 
 from dart_lab.demo.diagnosis import AFTER, BEFORE, UNSEEN, Chapter, as_hidden, values_of
 from dart_lab.diagnosis.report import describe_pattern
-from dart_lab.diagnosis.report.along import Rows
-from dart_lab.diagnosis.report.causes import KEY, cause_pictures
+from dart_lab.diagnosis.report.along import ResidualRows
+from dart_lab.diagnosis.report.causes import LEGEND, cause_pictures
 from dart_lab.diagnosis.report.overview import answer_card, overview
 from dart_lab.diagnosis.report.words import channel, interval, quantity
 from dart_lab.diagnosis.result import Diagnosis
@@ -75,14 +75,14 @@ def real_skipped() -> Html:
 def _section(d: Diagnosis, how: str, report: str, *known: Html) -> Html:
     """The answer with paths and errors, what is known of the truth, where each cause shows."""
     more = len(d.unexplained) - LEFT
-    rows = Rows(d.evidence, d.extended)
+    rows = ResidualRows(d.evidence, d.extended)
     left = [describe_pattern(d, u, rows) for u in d.unexplained[:LEFT]]
     left += [f"and {more} more, see the report"] if more > 0 else []
     without = [el("p", "Left without a cause:"), page.items(left)] if left else []
     drawn = [one for i in range(len(d.causes)) for one in islice(cause_pictures(d, i, rows), 1)]
     return join([
         el("p", how), answer_card(d, *without, report=report), overview(d), *known,
-        page.figures(drawn), *([KEY] if drawn else []),
+        page.figures(drawn), *([LEGEND] if drawn else []),
         el("p", el("a", "The full report: every figure, and how it was made", href=report,
                    class_="button"))])
 

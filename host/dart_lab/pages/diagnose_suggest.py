@@ -9,7 +9,7 @@ from rich import box
 from rich.table import Table
 
 from dart_hal.cli.common.output import print_line, results
-from dart_lab.diagnosis.report.next_drive import NOTHING
+from dart_lab.diagnosis.report.next_drive import NOTHING_TO_SUGGEST
 from dart_lab.diagnosis.suggest.result import Suggestion
 from dart_lab.diagnosis.suggest.sharpen import ParameterDrive
 
@@ -17,7 +17,7 @@ from dart_lab.diagnosis.suggest.sharpen import ParameterDrive
 def show_suggestions(suggestions: Sequence[Suggestion], drives: Sequence[ParameterDrive]) -> None:
     """What to drive next, what it would separate or measure, and what to type."""
     if not suggestions and not drives:
-        print_line(NOTHING)
+        print_line(NOTHING_TO_SUGGEST)
     for one in drives:
         print_line(f"suggested: {one.sentence()}", style="bold")
         for command in one.commands:

@@ -12,17 +12,17 @@ from rich.table import Table
 from dart_hal.cli.common.output import output, print_line, results
 from dart_lab.diagnosis.report.compared import step_changes
 from dart_lab.diagnosis.report.explain import describe_cause, describe_claim
-from dart_lab.diagnosis.report.overview import FLOOR, HELD
+from dart_lab.diagnosis.report.overview import CONSTANT_VELOCITY, NOISE_FLOOR
 from dart_lab.diagnosis.report.patterns import describe_pattern
 from dart_lab.diagnosis.report.summary import headline, summary_lines
 from dart_lab.diagnosis.report.words import (
-    CHANNELS,
+    CHANNEL_LABELS,
     channel,
+    describe_moved,
+    error_figure,
     excess,
     late_commands,
-    moved,
     outliers,
-    pooled,
     possible,
     predictor,
 )
@@ -66,20 +66,21 @@ def show(d: Diagnosis) -> None:
         print_line(predictor(d.predictor))
     for name, m in d.refitted.items():
         if m.doubt:
-            print_line(f"refitted: {moved(name, m)}", style="yellow")
+            print_line(f"refitted: {describe_moved(name, m)}", style="yellow")
 
 
 def _show_errors(d: Diagnosis) -> None:
     """Print the errors 1 s ahead on the test recordings, and what each step changes."""
     known = [name for name in PREDICTED
-             if math.isfinite(pooled(d.stages[0].horizons, "1.0", name))]
+             if math.isfinite(error_figure(d.stages[0].horizons, "1.0", name))]
     if not known:
         return
     floor = ["floor"] * bool(d.noise_floor)
     counted = any(c.counts for name in known for c in step_changes(d, name))
     medians = results.width >= WITH_MEDIANS
     print_line(f"errors 1 s ahead on the test recordings: RMSE{' (median)' * medians}; "
-               + f"floor: {FLOOR}; " * bool(floor) + f"const.: {HELD}; with each step its change"
+               + f"floor: {NOISE_FLOOR}; " * bool(floor) + f"const.: {CONSTANT_VELOCITY}; "
+               + "with each step its change"
                + " and the recordings better:worse" * counted)
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     for title in ("", *floor, "const.", *(COLUMNS[name] for name in d.compared)):
@@ -90,13 +91,13 @@ def _show_errors(d: Diagnosis) -> None:
         least = [significant(d.noise_floor[name])] if floor else []
         steps = (f"{error} {c.summary}"
                  for error, c in zip(later, step_changes(d, name), strict=False))
-        table.add_row(f"{channel(name)} [{CHANNELS[name][1]}]", *least, held, given, *steps)
+        table.add_row(f"{channel(name)} [{CHANNEL_LABELS[name][1]}]", *least, held, given, *steps)
     Console(file=output, emoji=False, markup=False, highlight=False,
             width=max(results.width, NARROWEST)).print(table)
 
 
 def _error(horizons: Mapping[str, Any], name: str, median: bool) -> str:
     """"0.137 (0.103)": RMSE, and the median where there is room for it."""
-    typical = pooled(horizons, "1.0", name, "median")
+    typical = error_figure(horizons, "1.0", name, "median")
     note = f" ({significant(typical)})" if median and math.isfinite(typical) else ""
-    return significant(pooled(horizons, "1.0", name)) + note
+    return significant(error_figure(horizons, "1.0", name)) + note

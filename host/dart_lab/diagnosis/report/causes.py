@@ -1,4 +1,4 @@
-"""The part of the page about what was found: one section per cause, and what is left."""
+"""Sections of the page about the findings: one per cause, and the unexplained remainder."""
 
 from __future__ import annotations
 
@@ -14,8 +14,15 @@ from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import larger, p_value, percent, significant
 
 from . import tables
-from .along import WHISKER, Along, Means, Rows, columns, most
-from .claimed import KEY as CLAIM_KEY
+from .along import (
+    WHISKER_ERRORS,
+    Means,
+    ResidualCurve,
+    ResidualRows,
+    find_largest_change,
+    list_columns,
+)
+from .claimed import LEGEND as CLAIM_LEGEND
 from .claimed import pictures
 from .compared import stages_around
 from .explain import describe_cause, describe_claim, heading, is_small
@@ -23,32 +30,33 @@ from .patterns import Pattern
 from .summary import remainder
 from .words import channel, excess, interval, quantity, variable
 
-VISIBLE = 0.02
-"""Share of a mean square that must go away for a second picture."""
-AT_ONCE = 1
-"""Pictures outside of the fold, in addition to that of the size: two columns can be read."""
-KEY = svg.legend([("before", "before"), ("after", "with the cause in the model")])
+# Minimum reduction of the mean square, as a share, for a second picture.
+MIN_SECOND_SCORE = 0.02
+# Pictures outside of the fold, in addition to that of the size: two columns are readable.
+MAX_VISIBLE_PICTURES = 1
+LEGEND = svg.legend([("before", "before"), ("after", "with the cause in the model")])
 
 
-def cause_section(d: Diagnosis, i: int, rows: Rows) -> Html:
+def cause_section(d: Diagnosis, i: int, rows: ResidualRows) -> Html:
     """Describe the cause number i: four sentences, pictures, and all numbers in a fold."""
     cause = d.causes[i]
     known = catalogue().get(cause.effect)
-    drawn = list(cause_pictures(d, i, rows))
+    figures = list(cause_pictures(d, i, rows))
     physics = Html() if known is None else join([
         el("p", known.physics), el("pre", equation(known))])
     tone = "found" if cause.constancy.constant and cause.gain.low > 0.0 else "bad"
     return el(
         "section", el("h3", f"{i + 1}. {heading(cause)}"),
         _four_sentences(describe_cause(d, i), tone),
-        page.figures([*drawn[:AT_ONCE], *_constancy_figure("size", cause.constancy)]),
-        KEY if drawn else page.soft(
+        page.figures([*figures[:MAX_VISIBLE_PICTURES],
+                      *_constancy_figure("size", cause.constancy)]),
+        LEGEND if figures else page.soft(
             "The test recordings are too short for a picture of the residuals, or none of them "
             "became smaller."),
         page.fold("Physics, equation, numbers and evidence", physics,
                   el("p", f"Enters at: {cause.enters}."), _figures(cause),
                   page.items(cause.evidence),
-                  _sizes(cause), page.figures(drawn[AT_ONCE:])), id=f"cause-{i + 1}")
+                  _sizes(cause), page.figures(figures[MAX_VISIBLE_PICTURES:])), id=f"cause-{i + 1}")
 
 
 def _four_sentences(sentences: Mapping[str, str], tone: str) -> Html:
@@ -59,14 +67,14 @@ def _four_sentences(sentences: Mapping[str, str], tone: str) -> Html:
         tone=tone, kind="cause")
 
 
-def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
+def unexplained_section(d: Diagnosis, rows: ResidualRows) -> Html:
     """Describe patterns, single moments and excesses without a cause; "" for none."""
     parts: list[Html] = []
     for u in d.unexplained:
         pattern = Pattern(d, u, rows)
         parts.append(_four_sentences(pattern.sentences(), "bad"))
         if pattern.found is not None:
-            parts.append(page.figure(pattern.caption(), _drawn(
+            parts.append(page.figure(pattern.caption(), _draw_curve(
                 pattern.found, [(pattern.found.after, "after")], pattern.names)))
     above = page.items(f"Above the noise floor: {excess(e)}." for e in d.excesses)
     shown = join([*parts, above, tables.moments(d)])
@@ -75,7 +83,8 @@ def unexplained_section(d: Diagnosis, rows: Rows) -> Html:
 
 def rejected_section(d: Diagnosis) -> Html:
     """Tabulate candidates that a gate rejected; "" for none."""
-    return join([_possible(d), tables.considered(d)]) if d.possible or d.considered else Html()
+    return join([_possible(d),
+                 tables.considered_table(d)]) if d.possible or d.considered else Html()
 
 
 def _as_sentence(words: str) -> str:
@@ -88,7 +97,7 @@ def claims_section(d: Diagnosis) -> Html:
         return Html()
     cards = (join([_four_sentences(describe_claim(c), _claim_tone(c)),
                    page.figures([*pictures(c, d), *_changes(c)])]) for c in d.claims)
-    return join([*cards, CLAIM_KEY, page.soft(
+    return join([*cards, CLAIM_LEGEND, page.soft(
         "Errors of the motion with the group at its old value are compared with those with all "
         "groups estimated again: the root of the robust loss that the fits lower.")])
 
@@ -112,10 +121,11 @@ def _possible(d: Diagnosis) -> Html:
 
 
 def _constancy_figure(name: str, found: Constancy) -> list[Html]:
-    """Draw along what a size changes most; nothing where it has no curve."""
+    """Draw the size along the variable with which it changes most; nothing if there is no curve."""
     if not found.curve:
         return []
-    along_name, unit = variable(found.along), FEATURE_UNITS[found.along]
+    along_name = variable(found.along)
+    unit = FEATURE_UNITS[found.along]
     x, y, error = (np.array(v) for v in zip(*found.curve, strict=True))
     p = p_value(found.p_value)
     text = (f"no significant change of its {name} (largest with {along_name}, {p})"
@@ -125,11 +135,11 @@ def _constancy_figure(name: str, found: Constancy) -> list[Html]:
         charts.lines(f"{name} along {along_name}",
                      along_name if unit == "-" else f"{along_name} [{unit}]",
                      "size, of the fitted one",
-                     [charts.Series(x, y, WHISKER * error, "after", joined=False)]))]
+                     [charts.Series(x, y, WHISKER_ERRORS * error, "after", joined=False)]))]
 
 
 def _sizes(cause: Cause) -> Html:
-    """Its size in each recording, where there are several."""
+    """Tabulate the size in each recording, if there are several."""
     if len(cause.sizes) < 2:
         return Html()
     return table(("recording", "size there, of the fitted one"), [
@@ -150,30 +160,34 @@ def _figures(cause: Cause) -> Html:
                   "of them are noise, which no cause lowers.")])
 
 
-def cause_pictures(d: Diagnosis, i: int, rows: Rows) -> Iterator[Html]:
-    """Where the cause number i shows, before and after it is in the model; the clearest first."""
+def cause_pictures(d: Diagnosis, i: int, rows: ResidualRows) -> Iterator[Html]:
+    """Draw the residuals in which cause number i shows, before and after; clearest first."""
     before, after = stages_around(d, i)
     variables = catalogue()[d.causes[i].effect].acts_along
-    first = most(rows, columns(d.evidence, d.causes[i].gain.channel), before, after, variables)
+    first = find_largest_change(rows, list_columns(d.evidence, d.causes[i].gain.channel), before,
+                                after, variables)
     if first is not None:
-        yield _captioned(first)
-    second = most(rows, [c for c in columns(d.evidence)
+        yield _curve_figure(first)
+    second = find_largest_change(rows, [c for c in list_columns(d.evidence)
                          if first is None or c.channel != first.column.channel], before, after,
                   variables)
-    if second is not None and second.score > VISIBLE:
-        yield _captioned(second)
+    if second is not None and second.score > MIN_SECOND_SCORE:
+        yield _curve_figure(second)
 
 
-def _captioned(a: Along) -> Html:
+def _curve_figure(a: ResidualCurve) -> Html:
     words = a.column.words
     return page.figure(f"{words[:1].upper()}{words[1:]}, along {variable(a.variable)}",
-                       _drawn(a, [(a.before, "before"), (a.after, "after")]))
+                       _draw_curve(a, [(a.before, "before"), (a.after, "after")]))
 
 
-def _drawn(a: Along, shown: list[tuple[Means, str]], names: Sequence[str] = ()) -> Html:
-    """Mean residual along a variable, with two standard errors; names: of recordings instead."""
-    name, unit = variable(a.variable), FEATURE_UNITS.get(a.variable, "-")
+def _draw_curve(a: ResidualCurve, shown: list[tuple[Means, str]],
+                names: Sequence[str] = ()) -> Html:
+    """Draw mean residuals with two standard errors, along a variable or by recording."""
+    name = variable(a.variable)
+    unit = FEATURE_UNITS.get(a.variable, "-")
     return charts.lines(f"{a.column.words} along {name}",
                         name if unit == "-" else f"{name} [{unit}]", f"error [{a.column.unit}]",
-                        [charts.Series(m.x, m.mean, WHISKER * m.error, style, joined=not names)
+                        [charts.Series(m.x, m.mean, WHISKER_ERRORS * m.error, style,
+                                       joined=not names)
                          for m, style in shown], [str(i + 1) for i in range(len(names))])

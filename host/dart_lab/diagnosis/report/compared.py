@@ -14,11 +14,11 @@ from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.result import Diagnosis, Stage, added
 from dart_lab.identification.evaluation import CHANNELS as PREDICTED
 
-from .words import pooled
+from .words import error_figure
 
-AHEAD = "1.0"  # s
-NOTICEABLE = 0.01
-"""Share by which an error must change for a recording to count as better or worse."""
+HORIZON = "1.0"  # s
+# Share by which an error must change for a recording to count as better or worse.
+MIN_ERROR_CHANGE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,17 +64,18 @@ class ErrorChange:
         return f"{self.share} {self.better}:{self.worse}" if self.counts else self.share
 
 
-def error_change(d: Diagnosis, before: Stage, after: Stage, channel: str) -> ErrorChange:
+def error_change(d: Diagnosis, first_stage: Stage, second_stage: Stage,
+                 channel: str) -> ErrorChange:
     """Compare two stages in a channel of the evaluation, 1 s ahead, or in readings of a sensor.
 
     Figures that these recordings do not have are NaN.
     """
-    first, by_file = _errors(d, before, channel)
-    second, by_file_after = _errors(d, after, channel)
+    first_error, by_file = _errors(d, first_stage, channel)
+    second_error, by_file_after = _errors(d, second_stage, channel)
     ratios = [by_file_after[name] / max(value, 1e-300) for name, value in by_file.items()
               if name in by_file_after]
-    return ErrorChange(first, second, sum(r < 1.0 - NOTICEABLE for r in ratios),
-                       sum(r > 1.0 + NOTICEABLE for r in ratios), len(ratios),
+    return ErrorChange(first_error, second_error, sum(r < 1.0 - MIN_ERROR_CHANGE for r in ratios),
+                       sum(r > 1.0 + MIN_ERROR_CHANGE for r in ratios), len(ratios),
                        _when(d.evidence, channel))
 
 
@@ -84,28 +85,30 @@ def step_changes(d: Diagnosis, channel: str) -> list[ErrorChange]:
     Empty where the channel is not known; one entry where only one of the steps was made.
     """
     steps = list(d.compared.values())
-    changes = [error_change(d, before, after, channel) for before, after in pairwise(steps)]
+    changes = [error_change(d, first_stage, second_stage, channel) for first_stage,
+               second_stage in pairwise(steps)]
     return [] if any(math.isnan(c.before) or math.isnan(c.after) for c in changes) else changes
 
 
 def stages_around(d: Diagnosis, i: int) -> tuple[Stage, Stage]:
     """Return the stage before the cause number i and the one with it."""
-    after = [s.label for s in d.stages].index(added(d.causes[i].effect))
-    return d.stages[after - 1], d.stages[after]
+    index = [s.label for s in d.stages].index(added(d.causes[i].effect))
+    return d.stages[index - 1], d.stages[index]
 
 
 def _errors(d: Diagnosis, stage: Stage, channel: str) -> tuple[float, Mapping[str, float]]:
-    """(RMSE of all test recordings, RMSE of each)."""
-    entries = stage.horizons.get(AHEAD, {}).get("by_file")
+    """RMSE of all test recordings, and RMSE of each."""
+    entries = stage.horizons.get(HORIZON, {}).get("by_file")
     if channel in PREDICTED and entries:
-        return pooled(stage.horizons, AHEAD, channel), {
+        return error_figure(stage.horizons, HORIZON, channel), {
             name: float(entry[channel]) for name, entry in entries.items()}
     evidence = d.evidence
     column = _column(evidence, channel)
     if column is None:
         return math.nan, {}
     if column >= 0:
-        drives, residuals = evidence.motion_drive, stage.residuals.motion[:, column]
+        drives = evidence.motion_drive
+        residuals = stage.residuals.motion[:, column]
     else:
         drives = evidence.sensor_drive
         residuals = (stage.residuals.sensors / evidence.noise_scale)[:, column]
@@ -122,7 +125,7 @@ def _errors(d: Diagnosis, stage: Stage, channel: str) -> tuple[float, Mapping[st
 
 def _column(evidence: Evidence, channel: str) -> int | None:
     """Return the column of a channel in the residuals: of the motion, or below 0 of the sensors."""
-    return {**evidence.columns, **evidence.columns_at(float(AHEAD))}.get(channel)
+    return {**evidence.columns, **evidence.columns_at(float(HORIZON))}.get(channel)
 
 
 def _when(evidence: Evidence, channel: str) -> str:
@@ -134,10 +137,10 @@ def _when(evidence: Evidence, channel: str) -> str:
 
 
 def _standstill(evidence: Evidence, column: int) -> BoolArray:
-    """Return the readings (rows,) of a standing car that count more than the others.
+    """Return the readings (rows,) of a standing car, which have more weight than the others.
 
-    An accelerometer of a moving car vibrates; at rest the residual is the error of the model,
-    and the fits weigh it by how much less it vibrates.
+    The accelerometer of a moving car vibrates. At rest the residual is the error of the model, and
+    the fits weight it accordingly.
     """
     return np.asarray(evidence.noise_scale[:, column] > 1.0)
 

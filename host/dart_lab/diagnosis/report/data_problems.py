@@ -1,4 +1,4 @@
-"""Problems of the data: what limits every number of the page, each with its remedy."""
+"""Problems of the data that limit all numbers of the page, each with its remedy."""
 
 from __future__ import annotations
 
@@ -8,37 +8,37 @@ from dart_lab.identification.evaluation.cases import short
 from .words import late_commands
 
 SIZES_ASSUMED = "assumed: "
+# Parts of notes that state how the data were used, without a problem.
 NEUTRAL = ("marker frame fitted", "marker frame was fitted", "no test recordings", ", left out",
            "judged by the car's own sensors", "cannot be known from these recordings",
            "no on-board sensors")
-"""Parts of notes that state how the data were used, and no problem of them."""
 DEAD_ENCODER = "encoder dead"
+# Remedy by the beginning of a message of the reader of a recording.
 BROKEN = {
     DEAD_ENCODER: "Check plug, ring and distance of the encoder, and record again.",
     "false lock of the mocap": "Check cameras and markers, and record again: a constant pose "
                                "of a car that drives is not used."}
-"""Remedy by the beginning of what the reader of a recording states."""
 NOT_FITTED = ("The parameters of the model were not fitted (--no-refit): wrong parameters may "
               "appear as causes. Run it without --no-refit unless the parameters were measured.")
-LOST = ("Some commands were late or lost. Check the radio link and the load of the computer that "
-        "sends them, and record again.")
+COMMANDS_LOST = ("Some commands were late or lost. Check the radio link and the load of the "
+                 "computer that sends them, and record again.")
+# Minimum windows of a recording for a size of its own: the spread of one is unknown.
 MIN_WINDOWS_OF_SIZE = 2
-"""Windows of a recording that a size of its own needs: from one, no spread of it is known."""
 
 
 def data_problems(d: Diagnosis) -> list[str]:
-    """List the problems of the recordings with a remedy each, the gravest first."""
+    """List the problems of the recordings with a remedy each, the most severe first."""
     out = [f"{n[:1].upper()}{n[1:].rstrip('.')}." for n in d.notes if not (
         n.startswith(SIZES_ASSUMED) or "encoder is dead" in n or n in neutral_notes(d))]
     if d.late_commands:
-        out.append(f"{LOST} {late_commands(d.late_commands)}.")
+        out.append(f"{COMMANDS_LOST} {late_commands(d.late_commands)}.")
     return out + [f"{why[:1].upper()}{why[1:]}, in {short(name)}. {remedy}"
                   for name, use in d.files.items() for why in use.get("why", ())
                   for beginning, remedy in BROKEN.items() if why.startswith(beginning)]
 
 
 def model_problems(d: Diagnosis) -> list[str]:
-    """List what was assumed of the model: its sizes, and its parameters where none was fitted."""
+    """List what was assumed of the model: its sizes, and its parameters if none was fitted."""
     assumed = [f"A{n[1:]}." for n in d.notes if n.startswith(SIZES_ASSUMED)]
     return assumed + [NOT_FITTED] * (not d.refitted)
 

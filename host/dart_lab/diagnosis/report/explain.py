@@ -1,6 +1,6 @@
 """Findings in four sentences each, the same in the terminal and on the page.
 
-What is it, and how large? Why is it believed? What does it gain? What to do next?
+What is it, and how large? Why is it accepted? What does it gain? What to do next?
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from dart_lab.report.numbers import listed, p_value, percent, significant
 from .compared import error_change, stages_around
 from .data_problems import valid_sizes
 from .physical import describe_size
-from .words import CHANNELS, change, channel, signed_title, title, variable
+from .words import CHANNEL_LABELS, change, channel, signed_title, title, variable
 
+# Standard errors of a size above which a recording needs the cause.
 SIGNIFICANT = 2.0
-"""Standard errors of a size from which on a recording needs the cause."""
+# Share of a parameter below which its change is a small correction, as below SIGNIFICANT.
+# With 2 % of 2 N DART is 0.024 m/s faster after 1 s: the noise floor of simulated drives.
 SMALL_CHANGE = 0.02
-"""Share of a parameter below which its change is a small correction, as below SIGNIFICANT.
-With 2 % of 2 N DART is 0.024 m/s faster after 1 s: the noise floor of simulated drives."""
-MOST_CHANGES = 3
-"""Parameters that are listed where nothing else was found; one where there are causes. Of some 18
-that a refit moves, one is beyond two standard errors by chance."""
+# Parameters that are listed if nothing else was found; one if there are causes. Of some 18
+# parameters of a refit, one is beyond two standard errors by chance.
+MAX_CHANGES = 3
+# Minimum number of recordings for which the middle half of the sizes is stated.
 QUARTILES_FROM = 4
-"""Recordings from which on the middle half of the sizes is stated: of three it is one."""
 SPLITS = ("share of random re-splits of the training data in which data left out are predicted "
           "better")
 
@@ -44,14 +44,14 @@ def describe_cause(d: Diagnosis, i: int) -> dict[str, str]:
     what = f"The car {signed_title(cause)}: {describe_size(cause)}."
     if not cause.constancy.constant:
         what += (" A substitute: it improves the prediction, but its size changes with "
-                 f"{_along(cause)}, so it is not the whole cause.")
+                 f"{_describe_variable(cause)}, so it is not the whole cause.")
     return {"What": what, "Why": _reasons(d, i), "Gain": _gain(d, i),
             "Next": _next(cause.experiment, bool(cause.cannot_be_told_from),
                           not cause.constancy.constant)}
 
 
 def _reasons(d: Diagnosis, i: int) -> str:
-    """How many recordings need the cause with which spread of sizes, and its probability."""
+    """State how many recordings need the cause, the spread of its sizes, and its probability."""
     cause = d.causes[i]
     valid = valid_sizes(d, cause)
     sizes = [size for size, _ in valid.values()]
@@ -66,11 +66,11 @@ def _reasons(d: Diagnosis, i: int) -> str:
         if cause.constancy.constant:
             text += "; no significant change of its size"
     meaning = f" ({SPLITS})" if i == 0 else ""
-    return f"{text}; probability {cause.probability:.2f}{meaning}.{_confounded(cause)}"
+    return f"{text}; probability {cause.probability:.2f}{meaning}.{_describe_confounders(cause)}"
 
 
 def _spread(sizes: list[float]) -> str:
-    """"sizes from 83 % to 110 % of the fitted one", of the middle half where there are enough."""
+    """Describe the range of the sizes, or of the middle half if there are enough."""
     quartiles = len(sizes) >= QUARTILES_FROM
     ends = np.quantile(sizes, (0.25, 0.75)) if quartiles else (min(sizes), max(sizes))
     low, high = (percent(float(end)) for end in ends)
@@ -78,7 +78,7 @@ def _spread(sizes: list[float]) -> str:
     return f"{lead} {low if low == high else f'{low} to {high}'} of the fitted one"
 
 
-def _along(found: Cause | Claim) -> str:
+def _describe_variable(found: Cause | Claim) -> str:
     """"place (x) (p = 0.001), or with steering angle (these go together in the data)"."""
     c = found.constancy
     others = "".join(f", or with {variable(name)}" for name in c.others)
@@ -86,8 +86,8 @@ def _along(found: Cause | Claim) -> str:
     return f"{variable(c.along)} ({p_value(c.p_value)}){others}{note}"
 
 
-def _confounded(found: Cause | Claim) -> str:
-    """State what else explains the data as well; "" where nothing does."""
+def _describe_confounders(found: Cause | Claim) -> str:
+    """State what else explains the data as well; "" for nothing."""
     if not found.cannot_be_told_from:
         return ""
     own = found.group if isinstance(found, Claim) else found.effect
@@ -99,10 +99,10 @@ def _confounded(found: Cause | Claim) -> str:
 
 
 def _gain(d: Diagnosis, i: int) -> str:
-    """The error before and after, in the channel where the cause shows."""
+    """State the error before and after, in the channel in which the cause shows."""
     gain = d.causes[i].gain
     errors = error_change(d, *stages_around(d, i), gain.channel)
-    name, unit = CHANNELS.get(gain.channel, (channel(gain.channel), ""))
+    name, unit = CHANNEL_LABELS.get(gain.channel, (channel(gain.channel), ""))
     if not math.isfinite(errors.before) or not math.isfinite(errors.after):
         return f"The {name} error could not be measured on the test recordings."
     chance = gain.low <= 0.0 <= gain.high
@@ -134,13 +134,13 @@ def _next(experiment: str, confounded: bool, substitute: bool = False) -> str:
 
 
 def is_small_change(q: Change | Moved) -> bool:
-    """Whether a parameter changed by less than 2 standard errors, or by less than 2 %."""
+    """Check that a parameter changed by less than 2 standard errors, or by less than 2 %."""
     moved = abs(q.after - q.before)
     return moved < SMALL_CHANGE * abs(q.before) or moved < SIGNIFICANT * q.std
 
 
 def is_small(c: Claim) -> bool:
-    """Whether a claim is a small correction: all its quantities changed by little."""
+    """Check that a claim is a small correction: all its quantities changed by little."""
     return all(map(is_small_change, c.quantities.values()))
 
 
@@ -148,14 +148,14 @@ def largest_changes(d: Diagnosis) -> str:
     """Return the parameters that the refit changed most, by standard errors; "" for none."""
     moved = [(abs(m.after - m.before) / m.std, name, m) for name, m in d.refitted.items()
              if m.std > 0.0 and m.after != m.before]
-    most = 1 if d.causes else MOST_CHANGES
+    most = 1 if d.causes else MAX_CHANGES
     largest = sorted(moved, key=lambda entry: (-entry[0], entry[1]))[:most]
     return "; ".join(f"{name} {change(m)}" for _, name, m in largest)
 
 
 def describe_claim(c: Claim) -> dict[str, str]:
     """Describe parameters that changed in four sentences: what, why, gain and next."""
-    stand_for = {name: sorted(part) for part, (name, *_) in MERGED.items()}
+    merged = {name: sorted(part) for part, (name, *_) in MERGED.items()}
     verb = "were" if c.title.endswith("s") else "was"
     lead = (f"A small correction of the model's {c.title}" if is_small(c)
             else f"The model's {c.title} {verb} wrong")
@@ -163,12 +163,12 @@ def describe_claim(c: Claim) -> dict[str, str]:
     why = f"Probability {c.probability:.2f} that the values changed"
     why += ", by however little." if is_small(c) else "."
     if not c.constant:
-        why += f" The change is not constant: it goes with {_along(c)}."
-    why += _confounded(c)
-    if c.group in stand_for:
-        why += f" These data do not distinguish {listed(stand_for[c.group], 'and')}."
+        why += f" The change is not constant: it goes with {_describe_variable(c)}."
+    why += _describe_confounders(c)
+    if c.group in merged:
+        why += f" These data do not distinguish {listed(merged[c.group], 'and')}."
     return {"What": what, "Why": why, "Gain": _claim_gain(c),
-            "Next": _next(c.experiment, bool(c.cannot_be_told_from) or c.group in stand_for)}
+            "Next": _next(c.experiment, bool(c.cannot_be_told_from) or c.group in merged)}
 
 
 def _claim_gain(c: Claim) -> str:
@@ -183,5 +183,5 @@ def _claim_gain(c: Claim) -> str:
 
 
 def inside(text: str) -> str:
-    """A sentence inside of another: its first letter small, unless it begins a short form."""
+    """Write a sentence for use inside of another: small first letter, unless it is an acronym."""
     return text[:1].lower() + text[1:] if text[1:2].islower() else text

@@ -1,4 +1,4 @@
-"""What the words of the page mean, and how its figures are computed, in short."""
+"""Glossary of the page: terms, and how the figures are computed."""
 
 from __future__ import annotations
 

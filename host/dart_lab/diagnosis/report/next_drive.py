@@ -1,4 +1,4 @@
-"""The part of the page about what to drive next: how separable each pair would be after it."""
+"""Section of the page about the next drive: the predicted separation of each pair."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import percent, significant
 from dart_lab.report.page import card, items
 
-NOTHING = ("nothing to suggest: no cause is confounded with another effect, and no parameter was "
-           "wrong")
+NOTHING_TO_SUGGEST = ("nothing to suggest: no cause is confounded with another effect, and no "
+                      "parameter was wrong")
 
 
 def next_drives(suggestions: Sequence[Suggestion], drives: Sequence[ParameterDrive] = ()) -> Html:
-    """One paragraph for each cause that has confounders, with the commands and the separations,
-    and one for each claimed parameter."""
+    """Describe one drive for each cause that has confounders, and for each claimed parameter."""
     if not suggestions and not drives:
-        return el("p", f"{NOTHING[0].upper()}{NOTHING[1:]}.")
-    return join([*map(_one, suggestions), *map(_sharper, drives)])
+        return el("p", f"{NOTHING_TO_SUGGEST[0].upper()}{NOTHING_TO_SUGGEST[1:]}.")
+    return join([*map(_cause_drive, suggestions), *map(_parameter_drive, drives)])
 
 
-def _sharper(s: ParameterDrive) -> Html:
+def _parameter_drive(s: ParameterDrive) -> Html:
+    """Describe the drive for a claimed parameter."""
     parts = [el("h3", s.title),
              card(el("p", f"{s.sentence()}.", class_="big"), good=s.enough, kind="cause")]
     if s.drive:
@@ -31,7 +31,8 @@ def _sharper(s: ParameterDrive) -> Html:
     return join([*parts, el("p", f"By hand: {s.by_hand}")])
 
 
-def _one(s: Suggestion) -> Html:
+def _cause_drive(s: Suggestion) -> Html:
+    """Describe the drive for a cause, with its commands and separations."""
     parts = [el("h3", s.cause),
              card(el("p", f"{s.sentence()}.", class_="big"), good=s.enough, kind="cause")]
     if s.drive:
@@ -46,4 +47,5 @@ def _one(s: Suggestion) -> Html:
     return join([*parts, table(
         ("if the truth is", "confounder", "separation now", "after this drive", "right"), rows, 2,
         "standard deviations between the two, by simulation "
-        f"({MIN_SEPARATION:g} are enough); right: share of simulated repeats that name the truth")])
+        f"({MIN_SEPARATION:g} are enough); right: share of simulated repeats in which the "
+        "true effect fits better")])

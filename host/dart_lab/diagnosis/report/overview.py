@@ -1,4 +1,4 @@
-"""The top of the page: verdict, paths in two windows, errors by model, share of each step."""
+"""Top of the page: verdict, paths in two windows, errors by model, share of each step."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import significant
 
-from .compared import AHEAD, NOTICEABLE, step_changes
+from .compared import HORIZON, MIN_ERROR_CHANGE, step_changes
 from .data_problems import data_problems, model_problems
 from .explain import describe_cause, describe_claim
 from .summary import headline, summary_lines, tone
-from .words import CHANNELS, channel, pooled
+from .words import CHANNEL_LABELS, channel, error_figure
 
-HELD = "constant velocity"
-FLOOR = "noise floor"
-STYLES = {MEASURED: "car", HELD: "other", FLOOR: "floor", "given": "before", "refitted": "refit",
-          "extended": "after"}
-"""Colour and mark of each model in all pictures of the overview."""
+CONSTANT_VELOCITY = "constant velocity"
+NOISE_FLOOR = "noise floor"
+# Colour and mark of each model in all pictures of the overview.
+STYLES = {MEASURED: "car", CONSTANT_VELOCITY: "other", NOISE_FLOOR: "floor", "given": "before",
+          "refitted": "refit", "extended": "after"}
 MODELS = {"given": "model as given", "refitted": "parameters refitted",
-          "extended": "with the causes", FLOOR: "noise floor: a model without any fault"}
+          "extended": "with the causes", NOISE_FLOOR: "noise floor: a model without any fault"}
 STEPS = {"refitted": "by the refit", "extended": "by the causes"}
 WHAT_FLOOR = ("Noise floor: the error that a model without any fault would have on these "
               "recordings, from disturbances, measurement noise and the unknown ages of commands.")
 MARK_SPACING = 0.5  # s
+# m between two lines that cover each other in the picture.
 SAME_PATH = 0.01
-"""m between two lines that cover each other in the picture."""
 NO_PATH = "Without motion capture there is no measured path to draw."
 
 
@@ -51,7 +51,7 @@ def _line(line: str) -> Html:
 
 
 def problem_card(d: Diagnosis) -> Html:
-    """Draw the box with what limits all numbers: problems of the data, and of the model."""
+    """Draw the box with the limits of all numbers: problems of the data, and of the model."""
     problems = [*data_problems(d), *model_problems(d)]
     return page.card(el("p", "Before you rely on the numbers", class_="big"),
                      page.items(problems), tone="bad") if problems else Html()
@@ -82,10 +82,11 @@ def overview(d: Diagnosis) -> Html:
 
 def _errors(d: Diagnosis) -> dict[str, dict[str, tuple[float, float]]]:
     """Return by model the RMSE and the median 1 s ahead of each channel that is known."""
-    models = {HELD: d.ctrv, **{name: stage.horizons for name, stage in d.compared.items()}}
-    out = {model: {c: (pooled(errors, AHEAD, c), pooled(errors, AHEAD, c, "median"))
+    models = {CONSTANT_VELOCITY: d.ctrv, **{name: stage.horizons for name,
+                                            stage in d.compared.items()}}
+    out = {model: {c: (error_figure(errors, HORIZON, c), error_figure(errors, HORIZON, c, "median"))
                    for c in PREDICTED} for model, errors in models.items()}
-    out[FLOOR] = {c: (value, math.nan) for c, value in d.noise_floor.items()}
+    out[NOISE_FLOOR] = {c: (value, math.nan) for c, value in d.noise_floor.items()}
     return {model: {c: both for c, both in errors.items() if not math.isnan(both[0])}
             for model, errors in out.items()}
 
@@ -123,7 +124,7 @@ def _path_figure(window: PathWindow) -> Html:
 def _error_figure(d: Diagnosis) -> Html:
     """Draw the RMSE of all models 1 s ahead, one group of bars for each channel."""
     models = _errors(d)
-    groups = [(f"{channel(name)} [{CHANNELS[name][1]}]",
+    groups = [(f"{channel(name)} [{CHANNEL_LABELS[name][1]}]",
                [(*errors[name], STYLES[model]) for model, errors in models.items()
                 if name in errors]) for name in PREDICTED]
     groups = [(words, bars) for words, bars in groups if bars]
@@ -141,5 +142,5 @@ def shares(d: Diagnosis) -> Html:
             for name in PREDICTED if (changes := step_changes(d, name))]
     counted = any(c.counts for name in PREDICTED for c in step_changes(d, name))
     return join([page.soft("Change of the RMSE 1 s ahead by each step" + (
-        f", and test recordings better:worse, by {100.0 * NOTICEABLE:g} % or more"
+        f", and test recordings better:worse, by {100.0 * MIN_ERROR_CHANGE:g} % or more"
         if counted else "")), table(head, rows)]) if rows else Html()

@@ -1,4 +1,4 @@
-"""The report: what is on the page of a diagnosis, in which order."""
+"""The page of a diagnosis: its sections and their order."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from dart_lab.report import page as builder
 from dart_lab.report.html import Html, join
 
 from . import tables
-from .along import Rows
+from .along import ResidualRows
 from .causes import cause_section, claims_section, rejected_section, unexplained_section
 from .data_problems import neutral_notes
 from .explain import is_small
@@ -45,7 +45,7 @@ def page(d: Diagnosis, *, command: str = "", answer: Mapping[str, Any] | None = 
          suggestions: Sequence[Suggestion] | None = None,
          drives: Sequence[ParameterDrive] = ()) -> str:
     """Return the text of the page: verdict and pictures, findings, then all details folded."""
-    rows = Rows(d.evidence, d.extended)
+    rows = ResidualRows(d.evidence, d.extended)
     causes = join(cause_section(d, i, rows) for i in range(len(d.causes)))
     sections = {
         "claims": ("Parameters that were wrong" if any(not is_small(c) for c in d.claims)

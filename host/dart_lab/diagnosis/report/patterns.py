@@ -1,7 +1,7 @@
-"""Patterns without a cause: what the final model leaves on the test recordings, and what to do.
+"""Patterns without a cause: remaining residuals of the final model on the test recordings.
 
-Text and picture are of the same residual: 0.5 s ahead, the horizon at which patterns are searched,
-or the reading of a sensor.
+Text and picture show the same residual: 0.5 s ahead, the horizon of the search for structure, or
+the reading of a sensor.
 """
 
 from __future__ import annotations
@@ -15,14 +15,23 @@ from dart_lab.diagnosis.result import Diagnosis, Unexplained
 from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS
 from dart_lab.report.numbers import p_value, percent, significant
 
-from .along import AHEAD_OF_PATTERNS, Along, Column, Means, Rows, along, columns
-from .compared import AHEAD
-from .words import channel, pooled, variable
+from .along import (
+    PATTERN_TIME,
+    Means,
+    ResidualColumn,
+    ResidualCurve,
+    ResidualRows,
+    compute_curve,
+    list_columns,
+)
+from .compared import HORIZON
+from .words import channel, error_figure, variable
 
 RECORDING = "recording"
+# Channel of the evaluation for each channel of a residual.
 EVALUATED = {"v_x": "vx", "v_y": "vy", "omega": "yaw_rate"}
-"""Channel of the evaluation by that of a residual."""
-STEPS = (
+# What to do, by the variables of a pattern.
+NEXT_STEPS = (
     (("x", "y"), "Check floor, slope and motion capture at this place, and drive through it in "
                  "both directions."),
     (("heading",), "Check slope and motion capture: drive the same straight in both directions."),
@@ -34,33 +43,33 @@ STEPS = (
     (("revolution_angle", "way"), "Check ring and gear of the encoder."),
     ((RECORDING,), "Compare what differed between these recordings: battery, tyres, floor, car."),
     (("time",), "Repeat the same drive after a rest: battery, motor and tyres warm up."))
-"""What to do, by the variables of a pattern."""
 
 
 def next_step(u: Unexplained) -> str:
     """Return what to do about a pattern."""
-    return " ".join(step for names, step in STEPS if set(names) & set(u.along)) or (
+    return " ".join(step for names, step in NEXT_STEPS if set(names) & set(u.along)) or (
         "Record more driving of this kind: the pattern follows no variable that is known here.")
 
 
 class Pattern:
-    """One pattern with the residual of the final model that shows it; found None: no picture."""
+    """A pattern with the residual of the final model that shows it; found None: no picture."""
 
-    def __init__(self, d: Diagnosis, u: Unexplained, rows: Rows) -> None:
-        self._d, self.u = d, u
+    def __init__(self, d: Diagnosis, u: Unexplained, rows: ResidualRows) -> None:
+        self._d = d
+        self.u = u
         self.column, self.found = self._residual(rows)
         self.names: tuple[str, ...] = ()
         if self.column is not None and RECORDING in u.along:
             names, means = rows.by_recording(self.column, d.stages[-1].residuals)
             if len(names) > 1:
                 self.names = names
-                self.found = Along(self.column, RECORDING, means, means, 0.0)
+                self.found = ResidualCurve(self.column, RECORDING, means, means, 0.0)
 
-    def _residual(self, rows: Rows) -> tuple[Column | None, Along | None]:
+    def _residual(self, rows: ResidualRows) -> tuple[ResidualColumn | None, ResidualCurve | None]:
         """The residual along the first variable that can be drawn."""
-        candidates = columns(self._d.evidence, self.u.channel, (AHEAD_OF_PATTERNS,))
+        candidates = list_columns(self._d.evidence, self.u.channel, (PATTERN_TIME,))
         for name in self.u.along:
-            tried = [along(rows, column, name, self._d.stages[-1], period=self.u.period)
+            tried = [compute_curve(rows, column, name, self._d.stages[-1], period=self.u.period)
                      for column in candidates]
             found = [a for a in tried if a is not None]
             if found:
@@ -83,7 +92,8 @@ class Pattern:
         """"On the test recordings: +0.073 m/s at place (x) 1.9 m, -0.056 m/s at -2.29 m"."""
         if self.found is None:
             return f"On the training recordings: {self.u.structure.rstrip('.')}."
-        means, unit = self.found.after, self.found.column.unit
+        means = self.found.after
+        unit = self.found.column.unit
         ends = [int(np.nanargmax(means.mean)), int(np.nanargmin(means.mean))]
         places = [f"{means.mean[i]:+.2g} {unit} {self._place(means, i)}" for i in ends]
         return (f"With the final model the {self.found.column.words} on the test recordings is "
@@ -101,7 +111,7 @@ class Pattern:
         """"The speed error 1 s ahead is 6 % above the noise floor"; "" where it has none."""
         name = EVALUATED.get(self.u.channel, "")
         floor = self._d.noise_floor.get(name, math.nan)
-        error = pooled(self._d.stages[-1].horizons, AHEAD, name)
+        error = error_figure(self._d.stages[-1].horizons, HORIZON, name)
         if not (math.isfinite(error) and floor > 0.0):
             return ""
         above = round(100.0 * (error / floor - 1.0))
@@ -121,6 +131,7 @@ class Pattern:
                 "model, test recordings")
 
 
-def describe_pattern(d: Diagnosis, u: Unexplained, rows: Rows | None = None) -> str:
+def describe_pattern(d: Diagnosis, u: Unexplained, rows: ResidualRows | None = None) -> str:
     """Return the sentences about a pattern."""
-    return " ".join(Pattern(d, u, rows or Rows(d.evidence, d.extended)).sentences().values())
+    return " ".join(Pattern(d, u, rows or ResidualRows(d.evidence,
+                                                       d.extended)).sentences().values())

@@ -10,10 +10,11 @@ from dart_hal.vehicle.parameters import GRAVITY
 from dart_lab.diagnosis.result import Cause, Number
 from dart_lab.report.numbers import significant, with_error
 
+# By unit of the catalogue: factor and unit of the report.
 SCALES: Mapping[str, tuple[float, str]] = {
     "relative": (100.0, "%"), "1/100 s": (100.0, "%"), "s": (1000.0, "ms"), "m": (1000.0, "mm"),
     "-": (1.0, ""), "share": (1.0, "")}
-"""By unit of the catalogue: factor and unit of the report."""
+# By unit: the same size in ordinary driving.
 EXAMPLES: Mapping[str, Callable[[float], str]] = {
     "rad": lambda k: f"{significant(math.degrees(k))} deg",
     "1/N": lambda k: f"{significant(1.0 / k)} N",
@@ -24,13 +25,12 @@ EXAMPLES: Mapping[str, Callable[[float], str]] = {
     "rad/N": lambda k: f"{significant(5.0 * math.degrees(k))} deg at 5 N",
     "s2/m": lambda k: f"{significant(200.0 * k)} % at 2 m/s2",
     "m/s2": lambda k: f"a slope of {significant(100.0 * k / GRAVITY)} cm in 1 m"}
-"""By unit: the same size at an ordinary moment of driving."""
 
 
 def describe_size(cause: Cause) -> str:
-    """Return what each parameter of a cause is and its size with the standard error.
+    """Describe each parameter of a cause and its size with the standard error.
 
-    Parameters that are no effect by themselves, as the phase of one, are left to the tables.
+    Parameters that are no effect by themselves, for example a phase, are only in the tables.
     """
     known = {q.name: q for q in catalogue()[cause.effect].parameters}
     return ", ".join(f"{known[name].meaning} {_size(known[name].meaning, number)}"
@@ -42,7 +42,8 @@ def _size(meaning: str, number: Number) -> str:
     is_share = meaning.startswith("share")
     factor, unit = (100.0, "%") if is_share else SCALES.get(number.unit, (1.0, number.unit))
     sign = "+" if unit == "%" and not is_share and number.value > 0.0 else ""
-    value, std = factor * number.value, factor * number.std
+    value = factor * number.value
+    std = factor * number.std
     known = math.isfinite(std) and std > 0.0
     text = sign + (with_error(value, std) if known else significant(value))
     example = EXAMPLES.get(number.unit)

@@ -1,7 +1,7 @@
-"""The box at the top: the result, and what refit, causes and sensors change, in short lines.
+"""Summary at the top of the page: the result, and the effect of refit, causes and sensors.
 
-1. result, 2. refit of the parameters, 3. causes in the motion, 4. sensors, 5. what is left as a
-multiple of the noise floor, 6. the first thing to do. Lines without content are left out.
+1. result, 2. refit of the parameters, 3. causes in the motion, 4. sensors, 5. remaining errors as a
+multiple of the noise floor, 6. the first thing to do. Lines without content are omitted.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from dart_lab.diagnosis.result import Cause, Diagnosis
 from dart_lab.identification.evaluation import CHANNELS as PREDICTED
 from dart_lab.report.numbers import listed, significant
 
-from .compared import AHEAD, step_changes
+from .compared import HORIZON, step_changes
 from .data_problems import data_problems
 from .explain import inside, is_small, largest_changes
 from .patterns import next_step
-from .words import CHANNELS, channel, excess, pooled, short_title
+from .words import CHANNEL_LABELS, channel, error_figure, excess, short_title
 
-MUCH_WORSE = 1.1
-"""Ratio of medians from which on a sentence states that the typical error grows."""
+# Ratio of medians above which a sentence states that the typical error grows.
+MIN_MEDIAN_RATIO = 1.1
 
 
 def headline(d: Diagnosis) -> str:
@@ -47,8 +47,8 @@ def headline(d: Diagnosis) -> str:
 
 def summary_lines(d: Diagnosis) -> list[str]:
     """Return the lines below the result."""
-    return [*filter(None, [_refit(d), _causes(d), _sensors(d), *median_warnings(d), _left(d)]),
-            f"First: {inside(first_step(d))}"]
+    return [*filter(None, [_refit(d), _causes(d), _sensors(d), *median_warnings(d),
+                           _describe_remainder(d)]), f"First: {inside(first_step(d))}"]
 
 
 def _found(d: Diagnosis) -> tuple[str, str]:
@@ -76,7 +76,7 @@ def _count(n: int, noun: str) -> str:
 
 
 def remainder(d: Diagnosis) -> str:
-    """Name what the accepted causes do not explain, as the page shows it; "" for nothing."""
+    """Describe what the accepted causes do not explain, as the page shows it; "" for nothing."""
     if d.unexplained:
         return "a pattern without a cause remains in the errors"
     if d.outliers:
@@ -122,7 +122,7 @@ def _causes(d: Diagnosis) -> str:
     if not causes:
         return ""
     lead = "Cause" if len(causes) == 1 else "Causes"
-    return (f"{lead}: the car {listed([_named(c) for c in causes], 'and')}. With "
+    return (f"{lead}: the car {listed([_label(c) for c in causes], 'and')}. With "
             f"{'it' if len(d.causes) == 1 else 'all causes'} {_effect_on_errors(d, 'extended')}.")
 
 
@@ -131,16 +131,17 @@ def _sensors(d: Diagnosis) -> str:
     causes = [c for c in d.causes if is_sensor(c)]
     if not causes:
         return ""
-    return (f"Sensors: the car {listed([_named(c) for c in causes], 'and')}. This changes what is "
+    return (f"Sensors: the car {listed([_label(c) for c in causes], 'and')}. This changes what is "
             "measured, not how the model predicts the motion.")
 
 
 def is_sensor(cause: Cause) -> bool:
-    """Whether a cause changes only what is measured."""
+    """Check that a cause changes only what is measured."""
     return catalogue()[cause.effect].stage == "measurement"
 
 
-def _named(cause: Cause) -> str:
+def _label(cause: Cause) -> str:
+    """Title and name of a cause; marked if it is a substitute."""
     kind = "" if cause.constancy.constant else ", substitute"
     return f"{short_title(cause)} ({cause.effect}{kind})"
 
@@ -161,14 +162,17 @@ def _effect_on_errors(d: Diagnosis, model: str) -> str:
     return f"{lead} change by {low:+d} % to {high:+d} %"
 
 
-def _left(d: Diagnosis) -> str:
+def _describe_remainder(d: Diagnosis) -> str:
     """State the remaining errors as multiples of the noise floor."""
     last = d.stages[-1].horizons
-    ratios = {name: pooled(last, AHEAD, name) / floor for name, floor in d.noise_floor.items()
-              if floor > 0.0 and math.isfinite(pooled(last, AHEAD, name))}
+    ratios = {name: error_figure(last, HORIZON, name) / floor for name,
+              floor in d.noise_floor.items() if floor > 0.0 and math.isfinite(error_figure(last,
+                                                                                           HORIZON,
+                                                                                           name))}
     if not ratios:
         return ""
-    low, high = min(ratios, key=ratios.__getitem__), max(ratios, key=ratios.__getitem__)
+    low = min(ratios, key=ratios.__getitem__)
+    high = max(ratios, key=ratios.__getitem__)
     ends = [f"{ratios[name]:.1f} ({channel(name)})" for name in dict.fromkeys((low, high))]
     return f"Left: errors of {' to '.join(ends)} times the noise floor."
 
@@ -179,11 +183,12 @@ def median_warnings(d: Diagnosis) -> list[str]:
     A typical error that grows from the first to the last model while large ones shrink, and
     constant velocity with a smaller one than every model.
     """
-    given, last = d.stages[0].horizons, d.stages[-1].horizons
-    figures = {name: [pooled(of, AHEAD, name, kind) for kind in ("pooled", "median")
+    given = d.stages[0].horizons
+    last = d.stages[-1].horizons
+    figures = {name: [error_figure(of, HORIZON, name, kind) for kind in ("pooled", "median")
                       for of in (given, last)] for name in PREDICTED}
     grow = [name for name, (rms, rms_after, median, median_after) in figures.items()
-            if rms_after < rms and median_after > MUCH_WORSE * median > 0.0]
+            if rms_after < rms and median_after > MIN_MEDIAN_RATIO * median > 0.0]
     out = []
     if grow:
         most = max(grow, key=lambda name: figures[name][3] / figures[name][2])
@@ -191,15 +196,15 @@ def median_warnings(d: Diagnosis) -> list[str]:
                           for k in (0, 2))
         out.append(f"The large errors shrink ({channel(most)} RMSE {large}) but the typical one "
                    f"grows (median {typical}){_also(grow, most)}.")
-    held = {name: pooled(d.ctrv, AHEAD, name, "median") for name in PREDICTED}
-    best = {name: min(pooled(stage.horizons, AHEAD, name, "median")
+    constant_velocity = {name: error_figure(d.ctrv, HORIZON, name, "median") for name in PREDICTED}
+    best = {name: min(error_figure(stage.horizons, HORIZON, name, "median")
                       for stage in d.compared.values()) for name in PREDICTED}
-    beaten = [name for name in PREDICTED if held[name] < best[name]]
+    beaten = [name for name in PREDICTED if constant_velocity[name] < best[name]]
     if beaten:
-        most = min(beaten, key=lambda name: held[name] / best[name])
+        most = min(beaten, key=lambda name: constant_velocity[name] / best[name])
         out.append("In the median, constant velocity predicts better than every model: "
-                   f"{channel(most)} {significant(held[most])} against {significant(best[most])} "
-                   f"{CHANNELS[most][1]}{_also(beaten, most)}.")
+                   f"{channel(most)} {significant(constant_velocity[most])} against "
+                   f"{significant(best[most])} {CHANNEL_LABELS[most][1]}{_also(beaten, most)}.")
     return out
 
 

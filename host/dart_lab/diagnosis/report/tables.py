@@ -18,20 +18,20 @@ from dart_lab.report.numbers import listed, p_value, percent, significant
 from .words import (
     HORIZONS,
     channel,
+    error_figure,
     interval,
     late_commands,
     outliers,
-    pooled,
     predictor,
     quantity,
     title,
 )
 
-OPEN = ("role", "windows", "why")
-"""Entries of a file that are not listed with its details."""
+# Entries of a file that are not listed with its details.
+VISIBLE_ENTRIES = ("role", "windows", "why")
 BY_NOISE = " (the same effects, fitted with recordings weighted by their noise)"
+# Bars of the ranking; the table below it has all.
 MAX_ROWS = 24
-"""Bars of the ranking; the table below it holds all."""
 
 
 def ranking(d: Diagnosis) -> Html:
@@ -66,7 +66,7 @@ def errors(d: Diagnosis) -> Html:
         if horizon == "1.0" and d.noise_floor:
             rows.append(("noise floor", *(significant(d.noise_floor[c]) for c in PREDICTED)))
         if any(cell != "-" for row in rows for cell in row[1:]):
-            n = pooled(d.stages[0].horizons, horizon, "n")
+            n = error_figure(d.stages[0].horizons, horizon, "n")
             out.append(table(head, rows, 1, f"after {float(horizon):g} s: RMSE (median) of "
                              f"{significant(n, 9)} windows of the test recordings"))
     if len(out) == known:
@@ -76,7 +76,7 @@ def errors(d: Diagnosis) -> Html:
 
 
 def moments(d: Diagnosis) -> Html:
-    """List the moments at which errors are far larger than otherwise; "" for none."""
+    """List the moments with exceptionally large errors; "" for none."""
     late = page.items([late_commands(d.late_commands)] if d.late_commands else [])
     if not d.outliers:
         return late
@@ -121,7 +121,7 @@ def best_predictor(d: Diagnosis, b: BestPredictor) -> Html:
 
 
 def _pair(horizons: Mapping[str, Any], horizon: str, name: str) -> str:
-    rmse, median = (pooled(horizons, horizon, name, kind) for kind in ("pooled", "median"))
+    rmse, median = (error_figure(horizons, horizon, name, kind) for kind in ("pooled", "median"))
     if not math.isfinite(median):
         return significant(rmse)
     return f"{significant(rmse)} ({significant(median)})"
@@ -136,13 +136,13 @@ def gains(d: Diagnosis) -> Html:
                  caption=f"extended model against the model as it was given: {measures}")
 
 
-def considered(d: Diagnosis) -> Html:
+def considered_table(d: Diagnosis) -> Html:
     """Tabulate effects that were not accepted, and why; those with a loss below 1 in one line."""
     ordered = sorted(d.considered, key=lambda c: (-_or_low(c.loss), c.effect))
     rows = [(c.effect, title(c.effect), significant(c.loss),
-             p_value(c.p_value), c.why_not) for c in ordered if not _nothing(c)]
+             p_value(c.p_value), c.why_not) for c in ordered if not _is_negligible(c)]
     idle: dict[str, list[str]] = {}
-    for c in filter(_nothing, ordered):
+    for c in filter(_is_negligible, ordered):
         idle.setdefault(c.why_not, []).append(f"{c.effect} ({significant(c.loss)})")
     head = ("effect", "the car ...", "loss reduction, added", "p", "why not accepted")
     return page.fold(f"{len(ordered)} effects", table(head, rows), *(
@@ -151,12 +151,12 @@ def considered(d: Diagnosis) -> Html:
             f"Found at first and withdrawn: {listed(d.withdrawn, 'and')}." if d.withdrawn else ""))
 
 
-def _nothing(c: Considered) -> bool:
+def _is_negligible(c: Considered) -> bool:
     return c.loss < 1.0
 
 
 def parameters(d: Diagnosis) -> Html:
-    """Base parameters that the refit moved."""
+    """Tabulate the base parameters that the refit changed."""
     if not d.refitted:
         return el("p", "The model's own parameters were not fitted.")
     rows = []
@@ -172,16 +172,17 @@ def files(d: Diagnosis) -> Html:
     """Tabulate every file with its role and windows; hash and what was dropped are folded."""
     rows = []
     for name, use in d.files.items():
-        details = [f"{key}: {_cell(value)}" for key, value in use.items() if key not in OPEN]
+        details = [f"{key}: {_cell(value)}" for key, value in use.items()
+                   if key not in VISIBLE_ENTRIES]
         why = use.get("why") or ()
         folded = page.fold(f"{len(details) + len(why)} notes", page.items([*why, *details]))
-        rows.append((name, *(_cell(use.get(key)) for key in OPEN[:2]), folded))
-    return join([table(("file", *OPEN[:2], "details"), rows), page.soft(
+        rows.append((name, *(_cell(use.get(key)) for key in VISIBLE_ENTRIES[:2]), folded))
+    return join([table(("file", *VISIBLE_ENTRIES[:2], "details"), rows), page.soft(
         "Windows: of the fit. Errors are of more windows, one each 0.25 s.")])
 
 
 def sources(d: Diagnosis, about: Mapping[str, str]) -> Html:
-    """How the page was made."""
+    """Tabulate how the page was made."""
     rows = [(key, el("code", value) if key == "command" else value)
             for key, value in {**about, "seed": str(d.seed),
                                "time it took": f"{d.runtime_s:.1f} s"}.items()]

@@ -1,4 +1,4 @@
-"""A diagnosis in sentences, the same in the terminal and on the page."""
+"""Sentences of a diagnosis, the same in the terminal and on the page."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from dart_lab.diagnosis.result import (
 )
 from dart_lab.report.numbers import larger, listed, percent, significant, with_error
 
-CHANNELS = {
+# Name and unit of every channel of a stated error.
+CHANNEL_LABELS = {
     "vx": ("speed", "m/s"), "vy": ("lateral velocity", "m/s"), "yaw_rate": ("yaw rate", "rad/s"),
     "position": ("position", "m"), "yaw_deg": ("yaw angle", "deg"),
     "v_x": ("speed", "m/s"), "v_y": ("lateral velocity", "m/s"), "omega": ("yaw rate", "rad/s"),
     "encoder": ("encoder", "m/s"), "gyro": ("gyro", "rad/s"),
     "accel_x": ("longitudinal accelerometer", "m/s2"),
     "accel_y": ("lateral accelerometer", "m/s2")}
-"""Name and unit of every channel that an error is stated in."""
 HORIZONS = ("0.5", "1.0", "2.0")
 UNIT_WORDS = {"": "", "-": "", "relative": " (relative)"}
 NO_INTERVAL = "too little data for an interval"
-MOST_LISTED = 3
-"""Moments in a sentence; the page lists all."""
+# Moments in a sentence; the page lists all.
+MAX_LISTED_MOMENTS = 3
 
 
 def channel(name: str) -> str:
-    """The channel in words, its own name if it is none of CHANNELS."""
-    return CHANNELS.get(name, (name.replace("_", " "), ""))[0]
+    """Name of a channel in words, or its own name if it has none."""
+    return CHANNEL_LABELS.get(name, (name.replace("_", " "), ""))[0]
 
 
 def change(q: Change | Moved) -> str:
@@ -51,7 +51,7 @@ def change(q: Change | Moved) -> str:
 
 
 def predictor(b: BestPredictor) -> str:
-    """What the best predictor is and how much better it predicts than the refit."""
+    """Describe the best predictor and how much better it predicts than the refit."""
     n = len(b.left_out)
     if not b.effects:
         nearest = min((ratio for _, ratio in b.tried), key=lambda ratio: ratio.value)
@@ -90,35 +90,36 @@ def share_of(gain: Gained) -> str:
     """"removes 24 % [13 %, 33 %] of the speed error", or "raises the speed error by ..."."""
     name = channel(gain.channel)
     if gain.test < 0.0:
-        worse = _between(-gain.high, -gain.low)
+        worse = _format_interval(-gain.high, -gain.low)
         return f"raises the {name} error by {percent(-gain.test)} {worse}"
-    return f"removes {percent(gain.test)} {_between(gain.low, gain.high)} of the {name} error"
+    limits = _format_interval(gain.low, gain.high)
+    return f"removes {percent(gain.test)} {limits} of the {name} error"
 
 
-def _between(low: float, high: float) -> str:
+def _format_interval(low: float, high: float) -> str:
     known = math.isfinite(low) and math.isfinite(high)
     return f"[{percent(low)}, {percent(high)}]" if known else f"({NO_INTERVAL})"
 
 
 def interval(gain: Gained) -> str:
-    """Its 95 % interval for a table."""
+    """Format the 95 % interval of a gain for a table."""
     known = math.isfinite(gain.low) and math.isfinite(gain.high)
     return f"{percent(gain.low)} to {percent(gain.high)}" if known else NO_INTERVAL
 
 
 def outliers(o: Outliers) -> str:
-    """A channel that errs far more at single moments, with when the worst were."""
-    unit = CHANNELS[o.channel][1]
+    """Describe a channel with much larger errors at single moments, and the largest ones."""
+    unit = CHANNEL_LABELS[o.channel][1]
     worst = "; ".join(f"{m.file} at {m.second:.1f} s ({m.error:+.2g} {unit})"
-                      for m in o.moments[:MOST_LISTED])
+                      for m in o.moments[:MAX_LISTED_MOMENTS])
     return (f"{channel(o.channel)}: errors 0.5 s ahead have a standard deviation "
             f"{o.ratio:.1f} times what most of them have"
             + (f"; the worst: {worst}" if worst else ""))
 
 
 def late_commands(late: LateCommands) -> str:
-    """How many commands acted too late, by how much, and when."""
-    when = "; ".join(f"{m.file} at {m.second:.1f} s" for m in late.moments[:MOST_LISTED])
+    """State how many commands acted too late, by how much, and when."""
+    when = "; ".join(f"{m.file} at {m.second:.1f} s" for m in late.moments[:MAX_LISTED_MOMENTS])
     return (f"{percent(late.share)} of the changes of a command act later than their log allows, "
             f"by {late.delay:.2f} s in the mean (log likelihood {late.log_likelihood:.0f} higher), "
             "as after a lost message" + (f"; the clearest: {when}" if when else ""))
@@ -126,19 +127,20 @@ def late_commands(late: LateCommands) -> str:
 
 def excess(e: Excess) -> str:
     """"yaw rate 0.31 rad/s after 1 s, 2.4 times the noise floor of 0.13 rad/s"."""
-    name, unit = CHANNELS[e.channel]
+    name, unit = CHANNEL_LABELS[e.channel]
     return (f"{name} {significant(e.error)} {unit} after 1 s, {e.error / e.floor:.1f} times the "
             f"noise floor of {significant(e.floor)} {unit}")
 
 
-def pooled(horizons: Mapping[str, Any], horizon: str, name: str, kind: str = "pooled") -> float:
-    """One figure of an error table of ``evaluate``; NaN where there is none."""
+def error_figure(horizons: Mapping[str, Any], horizon: str, name: str,
+                 kind: str = "pooled") -> float:
+    """One figure of an error table of ``evaluate``; NaN if it is missing."""
     value = horizons.get(horizon, {}).get(kind, {}).get(name)
     return float(value) if value is not None else math.nan
 
 
-def moved(name: str, m: Moved) -> str:
-    """One base parameter that the refit changed."""
+def describe_moved(name: str, m: Moved) -> str:
+    """Describe one base parameter that the refit changed."""
     doubt = f"; hard to believe: {m.doubt}" if m.doubt else ""
     return (f"{name}: {significant(m.before)} -> {quantity(Number(m.after, m.std, m.unit))}"
             f"{doubt}")
@@ -152,7 +154,7 @@ def quantity(number: Number) -> str:
 
 
 def variable(name: str) -> str:
-    """A feature in words."""
+    """Name of a feature in words."""
     return {"x": "place (x)", "y": "place (y)", "time": "time in the recording",
             "revolution_angle": "angle of the encoder's gear",
             "direction": "direction of the turn",
@@ -160,7 +162,7 @@ def variable(name: str) -> str:
 
 
 def title(effect: str) -> str:
-    """The catalogue's title of an effect, "" for one that it does not have."""
+    """Title of an effect in the catalogue, "" if it has none."""
     found = catalogue().get(effect)
     return found.title if found is not None else ""
 
