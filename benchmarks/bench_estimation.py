@@ -19,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 
 from dart_hal.core.types import ExternalPose
-from dart_hal.estimation import ClockFit, FrameReader, Odometry, RoomEstimator, WheelSpeed
+from dart_hal.estimation import ClockFit, ExternalPoseEstimator, FrameReader, Odometry, WheelSpeed
 from dart_hal.estimation.pose_tracking import PoseTracker
 
 METRES, EDGES = 0.00206459, 20
@@ -103,15 +103,15 @@ def cost_in_a_room(rate: int) -> dict[str, tuple[float, float]]:
     def tracking() -> None:
         tracker = PoseTracker()
         for t, pose, _, seen in rows:
-            tracker.moved(t, pose)
+            tracker.update(t, pose)
             if seen is not None:
                 tracker.add(seen)
-            tracker.at(t)
+            tracker.estimate_at(t)
 
     def room() -> None:
-        estimator = RoomEstimator(Odometry())
+        estimator = ExternalPoseEstimator(Odometry())
         for t, pose, motion, seen in rows:
-            estimator.moved(t, pose, motion)
+            estimator.update(t, pose, motion)
             if seen is not None:
                 estimator.add(seen)
 

@@ -21,7 +21,7 @@ import numpy as np
 from dart_hal import Car
 from dart_hal.core.types import FloatArray, Pose
 from dart_hal.devices.links.base import open_backend
-from dart_hal.estimation.odometry import Motion, OdometryNoise
+from dart_hal.estimation.odometry import MotionStep, OdometryNoise
 from dart_hal.estimation.pose_filter import PoseFilter
 from dart_lab.sim.truth import world_of
 
@@ -33,7 +33,7 @@ LEARNT = 500  # frames until poses have shown the constant errors
 class Frame(NamedTuple):
     """A State: what moved since the last one, dead reckoning and truth (3,)."""
 
-    motions: list[Motion]
+    motions: list[MotionStep]
     reckoned: Pose
     true: FloatArray
 
@@ -52,7 +52,7 @@ def driven(seed: int, seconds: float) -> Drive:
         odometry = car._engine.telemetry.odometry
         plain = odometry.update
 
-        def update(*args: Any) -> Motion:
+        def update(*args: Any) -> MotionStep:
             motions.append(plain(*args))
             return motions[-1]
 

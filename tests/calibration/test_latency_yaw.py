@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 from dart_hal.calibration.latency import SLOWLY, STAIRS
 from dart_hal.calibration.latency_fit import YAW_NOISE, fit_yaw, linkage_of
 from dart_hal.calibration.latency_log import Grid, Seen, Traffic
-from dart_hal.estimation.imu_clock import AGE_STD, GYRO_READ, PERIOD, QUICKEST
+from dart_hal.estimation.imu_clock import AGE_STD, DEFAULT_GYRO_READ, MIN_GYRO_READ_TIME, PERIOD
 from dart_lab.sim.servo import HORN_RAD_PER_US, Servo, ServoParams
 
 DELAY, PLAY, SLEW, EDGE = 0.0137, 0.03, 4200.0, 0.0021
@@ -59,7 +59,7 @@ def found(files, age, looks):
 def test_of_clocks_in_step_the_looks_tell_the_age(files, age):
     """Whatever it is, and whatever the linkage's play: steps that go on do not cross it."""
     delay, std = found(files, lambda t: np.full(len(t), age), True)
-    assert delay - QUICKEST == pytest.approx(DELAY, abs=1e-3)
+    assert delay - MIN_GYRO_READ_TIME == pytest.approx(DELAY, abs=1e-3)
     assert std < 1e-3
 
 
@@ -71,7 +71,7 @@ def test_without_looks_the_interval_is_as_wide_as_the_age(files):
 
 
 @pytest.mark.parametrize(("slot", "seconds"), [
-    (np.nan, GYRO_READ[0]), (5.26e-3, 2.43e-3), (1e-3, QUICKEST)])
+    (np.nan, DEFAULT_GYRO_READ[0]), (5.26e-3, 2.43e-3), (1e-3, MIN_GYRO_READ_TIME)])
 def test_the_firmware_tells_how_long_a_read_takes(slot, seconds):
     """By the emulated chip, of 180 us a byte: a sample is up to 3.28 ms younger than the begin of
     its read, and DIAG says 5.26 ms; or of no stretching."""

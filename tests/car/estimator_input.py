@@ -59,12 +59,12 @@ class RecordedFrames:
             self.true_yaw = [world.truth(state.t).yaw for state in self.states]
             self.files = car.files
             self.byte_time = telemetry.clock.byte_time
-            self.looks = telemetry._frames.looks
+            self.looks = telemetry._frames.has_gyro_look
 
     def estimate(self, change: Change | None = None, first: int | None = None) -> list[State]:
         """States of the drive from all frames; `change` acts from frame `first` on."""
         telemetry = Telemetry(self.files, self.byte_time)
-        telemetry._frames.looks = self.looks
+        telemetry._frames.has_gyro_look = self.looks
         begin = self.first if first is None else first
         states = []
         for k, (frame, arguments) in enumerate(self.calls):

@@ -162,5 +162,5 @@ def test_a_wheel_that_spins_for_a_moment_is_no_ring_that_lost_its_marks(tmp_path
 @pytest.mark.slow
 def test_control_wheels_that_turn_round_from_any_speed_run_away(tmp_path, monkeypatch):
     """Quicker against the brakes looks like backwards: the throttle opens."""
-    monkeypatch.setattr(speed, "TURNS", 1e9)
+    monkeypatch.setattr(speed, "MAX_DRIVEN_REVERSAL_SPEED", 1e9)
     assert drive(tmp_path, spins, asked=2.0, at=1.7, seconds=1.0).fastest > 2.6

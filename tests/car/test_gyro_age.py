@@ -33,12 +33,13 @@ def test_the_age_of_the_yaw_rate_is_that_of_its_update():
 
 @pytest.mark.slow
 def test_control_the_begin_of_the_read_is_not_when_the_gyro_is_read(monkeypatch):
-    monkeypatch.setattr(imu_clock, "GYRO_SHARE", 0.0)
-    monkeypatch.setattr(imu_clock, "QUICKEST", 0.0)
+    monkeypatch.setattr(imu_clock, "GYRO_READ_SHARE", 0.0)
+    monkeypatch.setattr(imu_clock, "MIN_GYRO_READ_TIME", 0.0)
     assert abs(np.mean(age_errors("&nano=mock", 9.0))) > 1.5e-3
 
 
-@pytest.mark.parametrize(("slot", "delay"), [(5.268e-3, 2.44e-3), (0.0, imu_clock.QUICKEST),
-                                             (float("nan"), imu_clock.GYRO_READ[0])])
+@pytest.mark.parametrize(("slot", "delay"), [(5.268e-3, 2.44e-3),
+                                             (0.0, imu_clock.MIN_GYRO_READ_TIME),
+                                             (float("nan"), imu_clock.DEFAULT_GYRO_READ[0])])
 def test_the_read_of_the_gyro_begins_after_the_acceleration(slot, delay):
     assert imu_clock.gyro_read_delay(slot)[0] == pytest.approx(delay, abs=0.02e-3)

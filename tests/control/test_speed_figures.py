@@ -112,7 +112,7 @@ def test_it_counts_on_the_window_of_the_estimation():
     from dart_hal.control import tuning
     from dart_hal.estimation import speed
 
-    assert tuning.WINDOW == speed.WINDOW
+    assert tuning.WINDOW == speed.MIN_PAIR_TIME
 
 
 def test_without_a_model_the_lag_is_not_known(tmp_path):

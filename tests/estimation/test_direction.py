@@ -11,7 +11,7 @@ from dart_hal import Car
 from dart_hal.core.types import Doubt
 from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation import WheelSpeed
-from dart_hal.estimation.direction import FeltDirection
+from dart_hal.estimation.direction import InertialDirection
 from dart_lab.sim.truth import world_of
 
 FRAME = 0.01
@@ -19,7 +19,7 @@ FRAME = 0.01
 
 def felt(speeds, accelerations):
     """What is said in each frame of |v| [m/s] and a_x [m/s2]."""
-    direction = FeltDirection()
+    direction = InertialDirection()
     return [direction.add(FRAME, v, a) for v, a in zip(speeds, accelerations, strict=True)]
 
 
@@ -66,13 +66,13 @@ def test_without_acceleration_nothing_is_said():
 def rolled(wheel, hint, sign, seconds=1.5, rate=1.2, stood=0.5, believed=True):
     """A car that stands, then is accelerated by ``sign * rate``; the estimator at the end."""
     ring = wheel(0.002, 20, None, lambda t: 0.5 * rate * max(t - stood, 0.0)**2, stood + seconds)
-    estimator, direction = WheelSpeed(0.002, 20), FeltDirection()
+    estimator, direction = WheelSpeed(0.002, 20), InertialDirection()
     for k in range(1, round((stood + seconds) / FRAME)):
         now = k * FRAME
         speed, _ = estimator.update(*ring.frame(now), 1.0, hint)
         said = direction.add(FRAME, speed, sign * rate if now > stood else 0.0)
         if believed:
-            estimator.feel(said)
+            estimator.correct_direction(said)
     return estimator
 
 
@@ -103,7 +103,7 @@ def test_a_sure_direction_is_not_overruled(wheel):
     estimator = WheelSpeed(0.002, 20)
     for k in range(1, 290):
         estimator.update(*ring.frame(k * FRAME), 1.0, 1)
-        estimator.feel(-1 if k > 200 else 0)
+        estimator.correct_direction(-1 if k > 200 else 0)
     assert estimator.speed == pytest.approx(2.0, rel=0.02)
 
 
@@ -116,16 +116,16 @@ def to_and_fro(wheel, believed=True):
     for k in range(1, round(8.0 / 2e-4)):
         at.append(at[-1] + abs(speed(k * 2e-4)) * 2e-4)
     ring = wheel(0.002, 20, None, lambda t: at[min(round(t / 2e-4), len(at) - 1)], 7.9)
-    estimator, direction = WheelSpeed(0.002, 20), FeltDirection()
+    estimator, direction = WheelSpeed(0.002, 20), InertialDirection()
     wrong = silent = 0
     for k in range(1, 780):
         now = k * FRAME
         v, _ = estimator.update(*ring.frame(now), 1.0, 0)
         said = direction.add(FRAME, v, (speed(now) - speed(now - FRAME)) / FRAME)
         if believed:
-            estimator.feel(said)
+            estimator.correct_direction(said)
         wrong += v * speed(now) < 0.0 and abs(v) > 0.3
-        silent += v * speed(now) < 0.0 and abs(v) > 0.3 and not estimator.unsure
+        silent += v * speed(now) < 0.0 and abs(v) > 0.3 and not estimator.is_direction_uncertain
     return wrong, silent
 
 
@@ -140,8 +140,8 @@ def test_a_hand_that_turns_the_car_round_without_a_rest(wheel):
 def test_a_push_too_weak_to_tell_is_unsure(wheel):
     """0.3 m/s2: as much as a tilt that the fusion has not found."""
     estimator = rolled(wheel, 0, -1, rate=0.3)
-    assert estimator.unsure
-    assert not rolled(wheel, 0, -1).unsure
+    assert estimator.is_direction_uncertain
+    assert not rolled(wheel, 0, -1).is_direction_uncertain
 
 
 @pytest.mark.parametrize(("way", "seed"), [
@@ -161,6 +161,6 @@ def test_an_emulated_car_pushed_at_neutral(way, seed):
     assert state.pose.x == pytest.approx(moved, abs=0.03 + 0.03 * abs(moved))
     assert math.copysign(1.0, state.speed) == way
     assert abs(moved) > 0.1
-    unsure = [Doubt.DIRECTION_UNSURE.value in s.health.doubts for s in states]
-    assert any(unsure)
-    assert not unsure[-1]
+    is_direction_uncertain = [Doubt.DIRECTION_UNSURE.value in s.health.doubts for s in states]
+    assert any(is_direction_uncertain)
+    assert not is_direction_uncertain[-1]

@@ -115,7 +115,7 @@ def test_looks_are_read_of_firmware_that_has_them():
     reader = FrameReader()
     old = reader.read(state(calib=0b11_11_11_10), 0.0)
     assert (old.calib, old.look) == ((3, 3, 3, 2), 0)
-    reader.looks = True
+    reader.has_gyro_look = True
     new = reader.read(state(t=20_000, calib=0b11_11_11_10), 0.01)
     assert (new.calib, new.look) == ((3, 3, 3, 0), 2)
 

@@ -7,7 +7,12 @@ from math import tan
 
 import pytest
 
-from dart_hal.estimation.imu_checks import GYRO_RANGE, PERSISTS, REGAIN, ImuCheck
+from dart_hal.estimation.imu_checks import (
+    MAX_TURN_RATE,
+    MIN_DISAGREEMENT_TIME,
+    MIN_GOOD_SAMPLES,
+    ImuCheck,
+)
 
 WHEELBASE = 0.175
 STILL = ((0.001, 0.0, 0.002), (0.01, 0.02, 0.0))
@@ -44,7 +49,7 @@ def test_what_the_nano_does_not_vouch_for_is_not_doubted(stream):
 
 @pytest.mark.parametrize(("gyro", "acc", "name"), [
     ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "IMU_ZERO"),
-    ((0.0, 0.0, GYRO_RANGE + 0.1), STILL[1], "IMU_RANGE"),
+    ((0.0, 0.0, MAX_TURN_RATE + 0.1), STILL[1], "IMU_RANGE"),
     ((0.0, -20.0, 0.0), STILL[1], "IMU_RANGE"),
     (STILL[0], (0.0, 60.0, 0.0), "IMU_RANGE"),
     ((0.0, 0.0, 4.0), STILL[1], "IMU_STEP"),
@@ -53,9 +58,10 @@ def test_an_impossible_sample_is_named_and_some_good_ones_are_wanted_after_it(
         stream, gyro, acc, name):
     assert not stream.feed(gyro, acc)
     assert stream.check.doubts == {name}
-    trusted = stream.still(REGAIN + 3)
-    assert trusted.index(True) in (REGAIN - 1, REGAIN), "a step back is a step as well"
-    assert all(trusted[trusted.index(True):])
+    trusted = stream.still(MIN_GOOD_SAMPLES + 3)
+    first = trusted.index(True)
+    assert first in (MIN_GOOD_SAMPLES - 1, MIN_GOOD_SAMPLES), "a step back is a step as well"
+    assert all(trusted[first:])
     assert not stream.check.doubts
 
 
@@ -116,5 +122,5 @@ def test_in_a_fast_bend_the_lateral_acceleration_decides(stream):
 
 def test_a_short_disagreement_is_none(stream):
     assert turns(stream, bend(0.5, 0.3), 0.5, 0.3, 1.0) == []
-    for k in range(int(0.9 * PERSISTS / FRAME)):
+    for k in range(int(0.9 * MIN_DISAGREEMENT_TIME / FRAME)):
         assert stream.feed((0.0, 0.0, bend(0.5, 0.3) - 1.2 * min(k, 1)), STILL[1], 0.5, 0.3)

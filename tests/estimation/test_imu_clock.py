@@ -8,7 +8,7 @@ from math import cos, pi, sin, sqrt, tau
 import pytest
 
 from dart_hal.estimation import Odometry
-from dart_hal.estimation.imu_clock import AGE_STD, LOOK, NONE, PERIOD, ImuClock
+from dart_hal.estimation.imu_clock import AGE_STD, LOOK_TIME, NONE, PERIOD, ImuClock
 
 SAME = 2e-3
 """Share of updates that leave all three words of the gyro as they were."""
@@ -20,7 +20,7 @@ class Part:
     lead: from the look to the read; phase: of the first update, in periods.
     """
 
-    def __init__(self, rate: float, phase: float, lead: float = LOOK, seed: int = 0) -> None:
+    def __init__(self, rate: float, phase: float, lead: float = LOOK_TIME, seed: int = 0) -> None:
         self._period, self._phase, self._lead = PERIOD * (1.0 - rate), phase * PERIOD, lead
         self._rng = random.Random(seed)
         self._read = 0.0
@@ -37,13 +37,13 @@ class Part:
         return read, before | after << 1, counts[2] * self._period - self._phase
 
 
-def followed(rate: float, phase: float, seconds: float = 60.0, lead: float = LOOK,
+def followed(rate: float, phase: float, seconds: float = 60.0, lead: float = LOOK_TIME,
              seed: int = 0) -> list[tuple[float, float, float]]:
     """(t, error of the sample's time, stated deviation) of each read that saw a change."""
     part, clock, found = Part(rate, phase, lead, seed), ImuClock(), []
     for slot in range(1, round(seconds / PERIOD)):
         read, look, true = part.read(slot)
-        told = clock.sampled(read, look)
+        told = clock.sample_time(read, look)
         if look != NONE:
             assert told is not None
             found.append((read, told - true, clock.std))
@@ -55,12 +55,12 @@ def rms(values: list[float]) -> float:
 
 
 @pytest.mark.parametrize("rate", [5e-3, 3e-3, 1.4e-3, 7e-4, -7e-4, -1.4e-3, -3e-3, -5e-3])
-@pytest.mark.parametrize("lead", [LOOK, 3.6e-3], ids=["180 us", "50 us"])
+@pytest.mark.parametrize("lead", [LOOK_TIME, 3.6e-3], ids=["180 us", "50 us"])
 @pytest.mark.slow_except("50 us--0.003", "50 us-0.0007", "180 us-0.005", "180 us--0.0014")
 def test_the_age_is_known_after_two_beats(rate, lead):
     """Beats of 2 to 14 s. A look that comes elsewhere than thought costs little."""
     late = [e for t, e, _ in followed(rate, 0.37, lead=lead, seed=3) if t > 30.0]
-    assert rms(late) < (0.2e-3 if lead == LOOK else 0.4e-3)
+    assert rms(late) < (0.2e-3 if lead == LOOK_TIME else 0.4e-3)
 
 
 @pytest.mark.parametrize("rate", [1e-4, 1e-5, 0.0, -1e-5, -1e-4])
@@ -86,7 +86,7 @@ def test_stated_deviations_are_honest():
 
 def test_without_looks_nothing_is_told():
     clock = ImuClock()
-    assert all(clock.sampled(k * PERIOD, NONE) is None for k in range(100))
+    assert all(clock.sample_time(k * PERIOD, NONE) is None for k in range(100))
     assert all(clock.mean_read(k * PERIOD, NONE) == k * PERIOD for k in range(100, 200))
     assert clock.std == AGE_STD
 
@@ -94,9 +94,9 @@ def test_without_looks_nothing_is_told():
 def test_a_part_that_stops_is_no_longer_followed():
     clock, part = ImuClock(), Part(2e-3, 0.4)
     for slot in range(1, 1000):
-        clock.sampled(*part.read(slot)[:2])
+        clock.sample_time(*part.read(slot)[:2])
     assert clock.std < 0.5e-3
-    told = [clock.sampled((1000 + k) * PERIOD, NONE) for k in range(20)]
+    told = [clock.sample_time((1000 + k) * PERIOD, NONE) for k in range(20)]
     assert told[-1] is None
     assert clock.std == AGE_STD
 
@@ -104,11 +104,11 @@ def test_a_part_that_stops_is_no_longer_followed():
 def test_a_part_that_starts_anew_is_found_again():
     clock, part = ImuClock(), Part(2e-3, 0.4)
     for slot in range(1, 2000):
-        clock.sampled(*part.read(slot)[:2])
+        clock.sample_time(*part.read(slot)[:2])
     part, errors = Part(2e-3, 0.9), []
     for slot in range(2000, 4000):
         read, look, true = part.read(slot)
-        told = clock.sampled(read, look)
+        told = clock.sample_time(read, look)
         errors.append(told - true if told is not None and look != NONE else 0.0)
     assert rms(errors[1000:]) < 0.3e-3
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.estimation.pose_check import Drive, fault_of
+from dart_hal.estimation.pose_check import PoseComparison, find_fault
 
 
-def drive(seed: int, weave: bool = False) -> Drive:
+def drive(seed: int, weave: bool = False) -> PoseComparison:
     """Circles both ways (or a weave), a marker 0.1 m off the axle, wheels and gyro 2 % off."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 30.0, 0.02)
@@ -24,13 +24,13 @@ def drive(seed: int, weave: bool = False) -> Drive:
     yaw = np.cumsum(1.02 * np.diff(pose[:, 2], prepend=pose[0, 2])) + rng.normal()
     step = 0.98 * v * 0.02
     car = np.column_stack([np.cumsum(step * np.cos(yaw)), np.cumsum(step * np.sin(yaw)), yaw])
-    return Drive(t, car, seen)
+    return PoseComparison(t, car, seen)
 
 
-def told(d: Drive, how: str) -> Drive:
-    x, y, yaw = d.seen.T
+def told(d: PoseComparison, how: str) -> PoseComparison:
+    x, y, yaw = d.external.T
     rng = np.random.default_rng(99)
-    return Drive(d.t, d.car, np.column_stack({
+    return PoseComparison(d.t, d.car, np.column_stack({
         "mm": (1e3 * x, 1e3 * y, yaw), "cm": (1e2 * x, 1e2 * y, yaw),
         "deg": (x, y, np.degrees(yaw)), "left": (x, -y, -yaw),
         "left_deg": (x, -y, -np.degrees(yaw)),
@@ -53,7 +53,7 @@ EXPECTED = {"mm": ("mm", "units=mm"), "cm": ("cm", "units=cm"), "deg": ("degrees
 def test_each_wrong_convention_is_named(how, weave):
     words, option = EXPECTED[how]
     for seed in range(5):
-        wrong = fault_of(told(drive(seed, weave), how))
+        wrong = find_fault(told(drive(seed, weave), how))
         assert wrong is not None
         assert words in wrong.what
         assert wrong.option == option
@@ -61,10 +61,10 @@ def test_each_wrong_convention_is_named(how, weave):
 
 @pytest.mark.parametrize("weave", [False, True])
 def test_right_poses_are_not_doubted(weave):
-    assert [fault_of(drive(seed, weave)) for seed in range(40)] == [None] * 40
+    assert [find_fault(drive(seed, weave)) for seed in range(40)] == [None] * 40
 
 
 def test_a_car_that_hardly_drove_tells_nothing():
     d = drive(1)
     with pytest.raises(ValueError, match="too little"):
-        fault_of(Drive(d.t[:50], d.car[:50], d.seen[:50]))
+        find_fault(PoseComparison(d.t[:50], d.car[:50], d.external[:50]))

@@ -15,9 +15,9 @@ from scipy.stats import chi2
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Pose
 from dart_hal.estimation import Odometry, OdometryNoise
-from dart_hal.estimation.gyro import CORRELATED, QUANTUM
-from dart_hal.estimation.pose_filter import HISTORY, PoseFilter, Verdict
-from dart_hal.estimation.pose_model import BIAS, GYRO, RATE, SAMPLE_AGE, SLIP, SPEED, TRAVEL
+from dart_hal.estimation.gyro import CORRELATION_FACTOR, GYRO_QUANTUM
+from dart_hal.estimation.pose_filter import FILTER_HISTORY, PoseFilter, PoseVerdict
+from dart_hal.estimation.pose_model import BIAS, GYRO, RATE, SAMPLE_AGE_NOISE, SLIP, SPEED, TRAVEL
 
 FRAME = 0.01
 POSE_EVERY, LATE = 0.05, 0.063
@@ -66,10 +66,10 @@ class Drive:
         for k in range(-round(STANDS / FRAME), self.frames + 1):
             t, seen = k * FRAME, k * FRAME - 0.014
             if k >= 0:
-                noisy = math.hypot(n.gyro_noise, SAMPLE_AGE * self.omega(seen)
+                noisy = math.hypot(n.gyro_noise, SAMPLE_AGE_NOISE * self.omega(seen)
                                    ) / math.sqrt(FRAME) * self.rng.standard_normal()
-            elif k % CORRELATED == 0:  # at rest, as the filter is told: a quarter is independent
-                noisy = math.hypot(n.gyro_noise / math.sqrt(FRAME), QUANTUM / math.sqrt(12.0)
+            elif k % CORRELATION_FACTOR == 0:  # at rest: a quarter is independent
+                noisy = math.hypot(n.gyro_noise / math.sqrt(FRAME), GYRO_QUANTUM / math.sqrt(12.0)
                                    ) * self.rng.standard_normal()
             reading = self.omega(seen) / (1.0 + self.gyro) + self.bias + noisy
             yield t, odometry.update(t, self.travelled[max(k, 0)], speed if k > 0 else 0.0,
@@ -164,7 +164,7 @@ def test_half_a_second_without_poses_is_survived():
         if t > 4.0:
             estimate = pose_filter.estimate()
             worst = max(worst, math.dist((estimate.pose.x, estimate.pose.y), drive.at(t)[:2]))
-            assert verdict in (None, Verdict.FUSED)
+            assert verdict in (None, PoseVerdict.FUSED)
     assert worst < 0.03
 
 
@@ -177,8 +177,8 @@ def test_outliers_are_gated_and_do_no_harm():
         if verdict is not None:
             seen.setdefault(round((t - LATE) / POSE_EVERY) % 4 == 0, []).append(verdict)
     pose = pose_filter.estimate().pose
-    assert set(seen[True]) == {Verdict.OUTLIER}
-    assert np.mean([one is Verdict.FUSED for one in seen[False]]) > 0.98
+    assert set(seen[True]) == {PoseVerdict.OUTLIER}
+    assert np.mean([one is PoseVerdict.FUSED for one in seen[False]]) > 0.98
     assert math.dist((pose.x, pose.y), drive.at(t)[:2]) < 0.03
 
 
@@ -201,12 +201,12 @@ def test_a_late_pose_is_as_good_as_one_in_time(age):
         if not done and t >= total - age - 1e-9:
             part = total - age - k * FRAME
             there.predict(part, 1.0, 0.8)
-            assert there.correct(pose, 0.0) is Verdict.FUSED
+            assert there.correct(pose, 0.0) is PoseVerdict.FUSED
             there.predict(FRAME - part, 1.0, 0.8)
             done = True
         else:
             there.predict(FRAME, 1.0, 0.8)
-    assert late.correct(pose, age) is Verdict.FUSED
+    assert late.correct(pose, age) is PoseVerdict.FUSED
     assert late.estimate().mean == pytest.approx(there.estimate().mean, abs=1e-9)
     assert late.estimate().cov == pytest.approx(there.estimate().cov, abs=1e-12)
 
@@ -219,7 +219,7 @@ def test_poses_out_of_order_give_what_poses_in_order_give():
         for _ in range(40):
             pose_filter.predict(FRAME, 1.0, 0.8)
         for pose in order:
-            assert pose_filter.correct(pose, 0.3 if pose is first else 0.1) is Verdict.FUSED
+            assert pose_filter.correct(pose, 0.3 if pose is first else 0.1) is PoseVerdict.FUSED
         results.append(pose_filter.estimate())
     assert results[0].mean == pytest.approx(results[1].mean, abs=1e-9)
     assert results[0].cov == pytest.approx(results[1].cov, abs=1e-12)
@@ -231,12 +231,12 @@ def test_what_is_too_old_or_of_no_use_changes_nothing():
         pose_filter.predict(FRAME, 1.0, 0.0)
     before = pose_filter.estimate()
     good = Pose(1.0, 0.0, 0.0, POSE_COV)
-    assert pose_filter.correct(good, HISTORY + 0.02) is Verdict.TOO_OLD
+    assert pose_filter.correct(good, FILTER_HISTORY + 0.02) is PoseVerdict.TOO_OLD
     skew = POSE_COV + np.diag((1.0, 0.0), 1)
     for pose, age in ((good, -0.1), (good, math.nan), (replace(good, x=math.nan), 0.0),
                       (replace(good, cov=-POSE_COV), 0.0), (replace(good, cov=skew), 0.0),
                       (replace(good, cov=np.ones((3, 3))), 0.0)):
-        assert pose_filter.correct(pose, age) is Verdict.UNUSABLE
+        assert pose_filter.correct(pose, age) is PoseVerdict.UNUSABLE
     for motion in ((math.nan, 1.0, 0.0), (FRAME, 99.0, 0.0), (FRAME, 1.0, math.inf)):
         with pytest.raises(UsageError):
             pose_filter.predict(*motion)
@@ -247,7 +247,7 @@ def test_what_is_too_old_or_of_no_use_changes_nothing():
 def test_a_start_in_another_frame_keeps_what_was_learnt():
     pose_filter = PoseFilter()
     for _ in range(300):
-        pose_filter.predict(FRAME, 0.0, 0.01, standing=True)
+        pose_filter.predict(FRAME, 0.0, 0.01, at_rest=True)
     for _ in range(50):
         pose_filter.predict(FRAME, 1.0, 0.01)
     pose_filter.start(Pose(5.0, 2.0, math.pi / 2, POSE_COV), age=0.1)
@@ -260,7 +260,7 @@ def test_an_innovation_of_the_yaw_goes_the_short_way_round():
     pose_filter = PoseFilter()
     pose_filter.start(Pose(0.0, 0.0, 3.13, POSE_COV))
     pose_filter.predict(FRAME, 0.5, 0.0)
-    assert pose_filter.correct(Pose(0.0, 0.0, 3.15 - math.tau, POSE_COV), 0.0) is Verdict.FUSED
+    assert pose_filter.correct(Pose(0.0, 0.0, 3.15 - math.tau, POSE_COV), 0.0) is PoseVerdict.FUSED
     assert pose_filter.estimate().pose.yaw == pytest.approx(3.14, abs=0.006)
 
 

@@ -35,13 +35,13 @@ def run(seconds, see=lambda t, pose: pose, speed=lambda t: 1.0, latency=0.004):
         t = 0.01 * k
         travelled += 0.01 * speed(t)
         pose = see(t, in_room(travelled))
-        tracker.moved(t, odometry(travelled))
+        tracker.update(t, odometry(travelled))
         if pose is not None:
             waiting.append((t + latency, pose))
         while waiting and waiting[0][0] <= t + 0.001:
             arrival, seen = waiting.pop(0)
             tracker.add(ExternalPose(FIRST + arrival - latency, arrival, *seen))
-        out.append((t, tracker.at(t), in_room(travelled)))
+        out.append((t, tracker.estimate_at(t), in_room(travelled)))
     return out
 
 
@@ -128,9 +128,9 @@ def test_a_car_that_was_carried_is_believed_once_it_has_driven():
 
 def test_poses_out_of_order_change_nothing():
     tracker = PoseTracker()
-    tracker.moved(0.0, odometry(0.0))
+    tracker.update(0.0, odometry(0.0))
     for stamp, x in ((1.0, 0.0), (0.99, 9.0)):
         tracker.add(ExternalPose(stamp, 0.0, x, 0.0, 0.0))
-    assert tracker.at(0.0).tracking is Tracking.TRACKING
-    assert tracker.at(0.0).pose.x == 0.0
-    assert tracker.at(0.0).newest.x == 9.0
+    assert tracker.estimate_at(0.0).tracking is Tracking.TRACKING
+    assert tracker.estimate_at(0.0).pose.x == 0.0
+    assert tracker.estimate_at(0.0).newest.x == 9.0

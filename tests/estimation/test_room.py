@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from dart_hal.core.types import ExternalPose, pose_cov
-from dart_hal.estimation import Odometry, PoseFilter, RoomEstimator
-from dart_hal.estimation.pose_model import Marker
-from dart_hal.estimation.room import UNKNOWN
+from dart_hal.estimation import ExternalPoseEstimator, Odometry, PoseFilter
+from dart_hal.estimation.pose_model import MarkerModel
+from dart_hal.estimation.room import UNKNOWN_MARKER
 
 FRAME, FIRST = 0.01, 700.0
 LX, LY, THETA, LATE = 0.1, -0.008, 0.02, 0.012
-KNOWN = Marker(LX, LY, THETA, LATE, (2e-4, 2e-4, 2e-4, 1e-3))
+KNOWN = MarkerModel(LX, LY, THETA, LATE, (2e-4, 2e-4, 2e-4, 1e-3))
 PLACE = 1.0, -2.0, 2.5
 """Of the room, where the car's start is."""
 
@@ -48,18 +48,18 @@ def seen(t, rng, std=0.005):
 def drive(marker, seconds, seed=1, told=lambda t, pose: pose, every=10, std=0.005):
     """(t, External) of each frame; ``told`` changes a pose, None = nothing comes."""
     rng, odometry, travel, out = np.random.default_rng(seed), Odometry(), 0.0, []
-    room, waiting = RoomEstimator(odometry, marker), []
+    room, waiting = ExternalPoseEstimator(odometry, marker), []
     for k in range(round(seconds / FRAME)):
         t = k * FRAME
         travel += speed(t - FRAME / 2) * FRAME
         rate = (true(t - 0.009)[2] - true(t - 0.019)[2]) / 0.01
         motion = odometry.update(t, travel, speed(t), rate + 4e-3 * rng.standard_normal(), t - 4e-3)
-        room.moved(t, odometry.pose, motion)
+        room.update(t, odometry.pose, motion)
         if k % every == 0 and (pose := told(t, seen(t, rng, std))) is not None:
             waiting.append(pose)
         while waiting and waiting[0].arrival <= t:
             room.add(waiting.pop(0))
-        out.append((t, room.at(t)))
+        out.append((t, room.estimate_at(t)))
     return out
 
 
@@ -76,7 +76,7 @@ def nees(external, t):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("marker", [KNOWN, UNKNOWN], ids=["known", "unknown"])
+@pytest.mark.parametrize("marker", [KNOWN, UNKNOWN_MARKER], ids=["known", "unknown"])
 def test_it_is_honest_about_the_axle(marker):
     values = [nees(told, t) for seed in range(8) for t, told in drive(marker, 12.0, seed)
               if t > 4.0]
@@ -121,17 +121,17 @@ def astray(accel):
     """Largest error [m] on a straight at 2 m/s, whose wheels turn 60 % too quick from 2.0 to 2.4 s;
     a pose each 0.5 s. accel: whether what is felt is told."""
     odometry, travel, worst = Odometry(), 0.0, 0.0
-    room = RoomEstimator(odometry, Marker(std=(1e-3,) * 4), own_clock=True)
+    room = ExternalPoseEstimator(odometry, MarkerModel(std=(1e-3,) * 4), own_clock=True)
     for k in range(300):
         t, spins = k * FRAME, 2.0 < k * FRAME <= 2.4
         wheels = 3.2 if spins else 2.0
         travel += wheels * FRAME
         motion = odometry.update(t, travel, wheels, 0.0, t - 4e-3)
-        room.moved(t, odometry.pose, motion, 0.05 if accel else None)
+        room.update(t, odometry.pose, motion, 0.05 if accel else None)
         if k % 50 == 0:
             room.add(ExternalPose(t, t, 2.0 * t, 0.0, 0.0, pose_cov(0.003, 0.003)))
         if t > 1.9:
-            worst = max(worst, abs(room.at(t).estimate.pose.x - 2.0 * (t + FRAME)))
+            worst = max(worst, abs(room.estimate_at(t).estimate.pose.x - 2.0 * (t + FRAME)))
     return worst
 
 

@@ -21,8 +21,8 @@ def accept_all(values: list[float]) -> tuple[list[float], SingleSampleFilter]:
     accepted: dict[float, float] = {}
     for k, value in enumerate(values):
         result = channel.add(k * PERIOD, value, k * PERIOD)
-        if result.late is not None:
-            accepted[result.late[0]] = result.late[1]
+        if result.withheld_sample is not None:
+            accepted[result.withheld_sample[0]] = result.late[1]
         accepted[result.stamp] = result.value
     return [accepted[t] for t in sorted(accepted)], channel
 
@@ -95,7 +95,7 @@ def test_withheld_sample_counts_one_sample_late():
     assert (first.value, first.stamp) == (0.0, 0.09)
     assert channel.add(0.10, 1.0, 0.10) == first, "the same sample decides nothing"
     second = channel.add(0.11, 1.1, 0.11)
-    assert second.late == (0.10, 1.0)
+    assert second.withheld_sample == (0.10, 1.0)
     assert (second.value, second.stamp) == (1.1, 0.11)
 
 
@@ -107,7 +107,7 @@ def test_sample_before_a_pause_is_motion():
             channel.add(k * PERIOD, 0.0, k * PERIOD)
         channel.add(0.10, 1.0, 0.10)
         result = channel.add(0.10 + pause, 0.0, 0.10 + pause)
-        assert (result.late is not None) == motion
+        assert (result.withheld_sample is not None) == motion
         assert channel.rejected == (not motion)
 
 

@@ -69,7 +69,7 @@ def test_looks_tell_the_clock_of_the_part(nano: Make, clock: float) -> None:
     follower, sampled = ImuClock(), []
     for state in rig.states(0.6):
         read = state["t_ck"] * 0.5e-6 - state["imu_age"] * 4e-6
-        sampled.append(follower.sampled(read, state["calib"] & 3))
+        sampled.append(follower.sample_time(read, state["calib"] & 3))
     assert {state["calib"] & 3 for state in rig.states(0.6)} >= {1, 2, 3 if clock > 0.0 else 0}
     assert follower.rate == pytest.approx(clock, rel=0.03)
     late = [t for t in sampled[-150:] if t is not None]

@@ -13,7 +13,7 @@ from dart_hal.car.runs import read_run
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import ExternalPose
 from dart_hal.devices.links.base import open_backend
-from dart_hal.estimation.source_clock import car_time
+from dart_hal.estimation.source_clock import to_car_time
 from dart_hal.recording.dart import fit_reference
 from dart_lab.identification.evaluation.cases import prepare
 from dart_lab.sim.mocap import hidden_mocap
@@ -117,7 +117,7 @@ def test_a_clock_that_runs_faster_is_followed_and_late_rows_do_not_matter():
     rng = np.random.default_rng(1)
     t = np.arange(0.0, 60.0, 0.01)
     arrival = t + 0.004 + rng.exponential(0.003, len(t))
-    told, notes = car_time(1e5 + t * (1 + 2e-4), arrival)
+    told, notes = to_car_time(1e5 + t * (1 + 2e-4), arrival)
     assert not notes
     assert np.abs(told - t - 0.004).max() < 1e-3
 
@@ -125,7 +125,7 @@ def test_a_clock_that_runs_faster_is_followed_and_late_rows_do_not_matter():
 def test_a_source_that_began_anew_is_told_by_its_arrival():
     stamp = np.concatenate([np.arange(100.0, 110.0, 0.01), np.arange(0.0, 10.0, 0.01)])
     arrival = np.arange(len(stamp)) * 0.01 + 0.5
-    told, notes = car_time(stamp, arrival)
+    told, notes = to_car_time(stamp, arrival)
     assert np.array_equal(told, arrival)
     assert "began anew" in notes
 

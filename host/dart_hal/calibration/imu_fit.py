@@ -27,7 +27,7 @@ from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports.workshop import SIGHT
 from dart_hal.core.types import Estimate, FloatArray
 from dart_hal.estimation.frames import Mounting
-from dart_hal.estimation.gyro import QUANTUM
+from dart_hal.estimation.gyro import GYRO_QUANTUM
 from dart_hal.vehicle.fitting.batches import standard_error
 
 from .sensor_log import Sensed
@@ -73,7 +73,7 @@ class Tilted:
 def still_of(sensed: Sensed) -> Still:
     """Mean and its error from batches, so that slow noise counts; never below a rounding step."""
     means = np.array([part.mean(axis=0) for part in np.array_split(sensed.gyro, STILL_PARTS)])
-    floor = QUANTUM / math.sqrt(12.0 * len(sensed.t))
+    floor = GYRO_QUANTUM / math.sqrt(12.0 * len(sensed.t))
     return Still(means.mean(axis=0), np.maximum(standard_error(means), floor))
 
 

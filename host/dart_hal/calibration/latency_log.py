@@ -122,7 +122,7 @@ class TrafficLog:
     def __init__(self, car: Car) -> None:
         self._up, self._down = Decoder(UP, Gates()), Decoder(DOWN)
         self._reader, self._imu_clock = FrameReader(compose_mounting(car.files)), ImuClock()
-        self._reader.identified(car.hello.caps)
+        self._reader.set_capabilities(car.hello.caps)
         self._waiting: deque[tuple[Sample, float]] = deque(maxlen=64)
         self._written: list[Written] = []
         self._seen: list[Seen] = []

@@ -27,7 +27,7 @@ from dart_hal.estimation.localisation.matcher import match
 from dart_hal.estimation.localisation.path import Steps
 from dart_hal.estimation.localisation.search import LOOSE, search
 from dart_hal.estimation.odometry import OdometryNoise
-from dart_hal.estimation.pose_check import fault_of
+from dart_hal.estimation.pose_check import find_fault
 
 from .mocap_fit import Marker, Track, fit_marker
 
@@ -117,7 +117,7 @@ def _marker(track: Track, yaw: float) -> Marker:
     likely, remedy = ("wheels or gyro tell something else, or two places of the room look alike",
                       "dart-hal calibrate encoder and imu first")
     car = np.column_stack([np.interp(track.t_seen, track.t, column) for column in track.car.T])
-    wrong = fault_of(pose_check.Drive(track.t_seen, car, track.seen))
+    wrong = find_fault(pose_check.PoseComparison(track.t_seen, car, track.seen))
     if wrong is not None and wrong.option.startswith("turn="):
         aside = int(wrong.option.removeprefix("turn="))
         likely, remedy = ("the lidar looks another way than mount_yaw says",

@@ -15,8 +15,8 @@ import numpy as np
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import ExternalPose, State
-from dart_hal.estimation.pose_check import Drive, fault_of
-from dart_hal.estimation.source_clock import car_time
+from dart_hal.estimation.pose_check import PoseComparison, find_fault
+from dart_hal.estimation.source_clock import to_car_time
 
 from .measured import Measured
 from .mocap_fit import NAMES, Track, fit_marker
@@ -123,7 +123,7 @@ def track_of(states: list[State], poses: list[ExternalPose]) -> Track:
                                 likely="the source sees the car only now and then",
                                 remedy="dart-hal top shows the poses")
     poses = sorted(poses, key=lambda p: p.stamp)
-    t, anew = car_time(np.array([p.stamp for p in poses]), np.array([p.arrival for p in poses]))
+    t, anew = to_car_time(np.array([p.stamp for p in poses]), np.array([p.arrival for p in poses]))
     if anew:
         raise CalibrationFailed("the clock of the source jumped", found=anew,
                                 expected="stamps that only go on", remedy="run it again")
@@ -138,7 +138,7 @@ def track_of(states: list[State], poses: list[ExternalPose]) -> Track:
 def check(track: Track) -> None:
     """Errors: CalibrationFailed that names what is wrong with the poses and how to mend it."""
     car = np.column_stack([np.interp(track.t_seen, track.t, track.car[:, i]) for i in range(3)])
-    wrong = fault_of(Drive(track.t_seen, car, track.seen))
+    wrong = find_fault(PoseComparison(track.t_seen, car, track.seen))
     if wrong is not None:
         option = f"the option {wrong.option} of the source's URL" if wrong.option else \
             "the settings of the source"

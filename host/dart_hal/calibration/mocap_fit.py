@@ -23,7 +23,7 @@ import numpy as np
 
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray, IntArray
-from dart_hal.estimation.imu_clock import READ_STD, WORK_STD
+from dart_hal.estimation.imu_clock import READ_STD, SLOT_WORK_STD
 from dart_hal.vehicle.fitting.covariance import leverage_covariance
 from dart_hal.vehicle.fitting.least_squares import least_squares
 
@@ -60,7 +60,7 @@ FEWEST = 5
 PRIORS = 5
 """Of bias, both scales, slip and turn-in."""
 FLOOR = {"marker_x": math.hypot(7e-5, 5e-5), "marker_y": 1e-5, "marker_yaw": 3e-5,
-         "latency": math.hypot(FILTER_STD, WORK_STD, READ_STD)}
+         "latency": math.hypot(FILTER_STD, SLOT_WORK_STD, READ_STD)}
 """m, m, rad, s: one sigma of what the stretches do not show, for each circle meets it again.
 
 Latency: what the delay of the yaw rate is not known by, its filter, the read of the IMU and the age

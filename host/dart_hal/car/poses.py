@@ -17,8 +17,8 @@ from dart_hal.devices.links.base import Backend
 from dart_hal.devices.poses import open_poses
 from dart_hal.devices.poses.clock_steps import ClockSteps
 from dart_hal.estimation.odometry import Odometry
-from dart_hal.estimation.pose_model import Marker
-from dart_hal.estimation.room import UNKNOWN, RoomEstimator
+from dart_hal.estimation.pose_model import MarkerModel
+from dart_hal.estimation.room import UNKNOWN_MARKER, ExternalPoseEstimator
 
 if TYPE_CHECKING:
     from dart_hal.estimation.localisation.source import LidarPoses
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 class PoseFeed:
     """One per open car with a source of poses. ``record`` is called with each pose taken."""
 
-    def __init__(self, source: PoseSource, room: RoomEstimator) -> None:
+    def __init__(self, source: PoseSource, room: ExternalPoseEstimator) -> None:
         self.source = source
         self.record: Callable[[ExternalPose], None] = lambda pose: None
         self._room = room
@@ -48,27 +48,27 @@ class PoseFeed:
             if told is not None:
                 self._room.add(told)
         if states:
-            states[-1] = replace(states[-1], external=self._room.at(states[-1].t))
+            states[-1] = replace(states[-1], external=self._room.estimate_at(states[-1].t))
         return states
 
 
-AXLE = Marker(std=(0.001, 0.001, 0.002, 0.002))
+AXLE = MarkerModel(std=(0.001, 0.001, 0.002, 0.002))
 """Of poses that the car's own lidar makes: of the rear axle, by the car's own clock."""
 
 
-def room_of(files: CarFiles, odometry: Odometry, source: PoseSource) -> RoomEstimator:
+def room_of(files: CarFiles, odometry: Odometry, source: PoseSource) -> ExternalPoseEstimator:
     """For a car of these files: its marker as ``calibrate mocap`` has measured it, else unknown."""
     if source.on_board:
-        return RoomEstimator(odometry, AXLE, own_clock=True)
+        return ExternalPoseEstimator(odometry, AXLE, own_clock=True)
     table = files.calibration.mocap if files.calibration else None
     if table is None:
-        return RoomEstimator(odometry)
+        return ExternalPoseEstimator(odometry)
     known = table.marker_x, table.marker_y, table.marker_yaw, table.latency
     lx, ly, theta, latency = (quantity.value if quantity else unknown
-                              for quantity, unknown in zip(known, UNKNOWN[:4], strict=True))
+                              for quantity, unknown in zip(known, UNKNOWN_MARKER[:4], strict=True))
     a, b, c, d = (quantity.std if quantity else unknown
-                  for quantity, unknown in zip(known, UNKNOWN.std, strict=True))
-    return RoomEstimator(odometry, Marker(lx, ly, theta, latency, (a, b, c, d)))
+                  for quantity, unknown in zip(known, UNKNOWN_MARKER.std, strict=True))
+    return ExternalPoseEstimator(odometry, MarkerModel(lx, ly, theta, latency, (a, b, c, d)))
 
 
 def localiser_of(backend: Backend, lidar: CarLidar | None) -> LidarPoses | None:

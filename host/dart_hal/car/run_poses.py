@@ -9,7 +9,7 @@ import numpy as np
 
 from dart_hal.core.config import Calibration
 from dart_hal.core.types import ExternalPose
-from dart_hal.estimation.source_clock import car_time
+from dart_hal.estimation.source_clock import to_car_time
 from dart_hal.recording.dart import Messages, Mocap, Note, Reference
 from dart_hal.recording.dart.mocap import EPOCH_FROM
 from dart_hal.recording.dart.mocap import mocap as read_mocap
@@ -28,7 +28,7 @@ def mocap_of(poses: Sequence[ExternalPose]) -> tuple[Mocap, float, list[Note]] |
     if len(poses) < MIN_MOCAP_ROWS:
         return None
     stamp = np.array([p.stamp for p in poses])
-    t, anew = car_time(stamp, np.array([p.arrival for p in poses]))
+    t, anew = to_car_time(stamp, np.array([p.arrival for p in poses]))
     notes = [Note(anew, kind="mocap_time_back")] if anew else []
     rows = (t, *np.array([(p.x, p.y, p.yaw) for p in poses]).T)
     mocap, _, more = read_mocap(dict(zip(MOCAP, rows, strict=True)))

@@ -24,8 +24,8 @@ from dart_hal.core.errors import DartHalError, RecordingError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import ExternalPose, FloatArray, IntArray, State
 from dart_hal.devices.actuation.quantiser import counter_of
-from dart_hal.estimation.imu_clock import GYRO_READ
-from dart_hal.estimation.odometry import GYRO_FILTER
+from dart_hal.estimation.imu_clock import DEFAULT_GYRO_READ
+from dart_hal.estimation.odometry import GYRO_FILTER_DELAY
 from dart_hal.recording.dart import (
     RUN,
     AppliedCommands,
@@ -45,7 +45,7 @@ EVERY = 10  # frames of 10 ms
 FINE = 2  # where timing is the question: the PWM frame of the commands
 SHORTEST = 100  # frames: 1 s
 KEPT = 32  # runs whose messages are kept: an hour of driving is 10 MB
-ACCEL_DELAY = 0.0025 + GYRO_READ[0]
+ACCEL_DELAY = 0.0025 + DEFAULT_GYRO_READ[0]
 """s by which an acceleration is older than the yaw rate's update: its own filter of 62.5 Hz, and
 it is read before the gyro."""
 MASS = "mass"  # metadata of a run: kg and std, as weighed
@@ -233,8 +233,8 @@ def _moments(states: Sequence[State], files: CarFiles) -> Messages:
     command = undithered(_command(_steering_pulses(states), files), count)
     t = np.array([s.t for s in states])
     gyro, a_x, a_y = (_sensed(values, states, t, latency, 0.0)[ends] for values, latency in (
-        ([s.yaw_rate for s in states], GYRO_FILTER), ([s.accel_x for s in states], ACCEL_DELAY),
-        ([s.accel_y for s in states], ACCEL_DELAY)))
+        ([s.yaw_rate for s in states], GYRO_FILTER_DELAY),
+        ([s.accel_x for s in states], ACCEL_DELAY), ([s.accel_y for s in states], ACCEL_DELAY)))
     return _at(ends, t, _around(tau, jumps, FINE), command[ends], _speed(states, t, EVERY)[ends],
                (gyro, a_x, a_y))
 
@@ -312,7 +312,7 @@ def _speed(states: Sequence[State], t: FloatArray, every: int) -> FloatArray:
 
 def _yaw_rate(states: Sequence[State], t: FloatArray) -> FloatArray:
     """Yaw rate (n,) rad/s in the middle of the frame that ends at t; NaN where there is none."""
-    return _sensed([s.yaw_rate for s in states], states, t, GYRO_FILTER)
+    return _sensed([s.yaw_rate for s in states], states, t, GYRO_FILTER_DELAY)
 
 
 def _sensed(values: Sequence[float | None], states: Sequence[State], t: FloatArray,

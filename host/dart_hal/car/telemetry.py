@@ -9,18 +9,18 @@ from statistics import median_low
 from dart_hal.core.clock_fit import ClockFit
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.types import Applied, Doubt, Health, Limit, State
-from dart_hal.estimation.consistency import EncoderCheck, covering
-from dart_hal.estimation.direction import FeltDirection
+from dart_hal.estimation.consistency import EncoderCheck, combine_std
+from dart_hal.estimation.direction import InertialDirection
 from dart_hal.estimation.frames import FrameReader, Mounting, Sample, Vector, flag_names
 from dart_hal.estimation.imu_checks import ImuCheck
 from dart_hal.estimation.imu_clock import PERIOD, ImuClock, gyro_read_delay
 from dart_hal.estimation.odometry import Odometry, OdometryNoise
 from dart_hal.estimation.phase import RingPhase
-from dart_hal.estimation.room import RoomEstimator
+from dart_hal.estimation.room import ExternalPoseEstimator
 from dart_hal.estimation.single_samples import (
     MIN_ACCELERATION_JUMP,
     MIN_RATE_JUMP,
-    Accepted,
+    AcceptedSample,
     SingleSampleFilter,
 )
 from dart_hal.estimation.speed import WheelSpeed
@@ -79,7 +79,7 @@ class Telemetry:
         self.odometry = Odometry(_noise(files.metres_per_edge, known),
                                  gyro_bias=bias.value if bias else 0.0,
                                  gyro_bias_std=bias.std if bias else None)
-        self.direction = FeltDirection()
+        self.direction = InertialDirection()
         self.phase = RingPhase() if encoder.rings == 2 else None
         self.imu_clock = ImuClock()
         self._slots: deque[float] = deque(maxlen=NEWEST_SLOTS)
@@ -92,7 +92,7 @@ class Telemetry:
         self._last_jump = -inf
         self.encoder = EncoderCheck(vehicle_of(files.model), files.model is not None,
                                     files.metres_per_edge.value, files.config.imu.x)
-        self.room: RoomEstimator | None = None
+        self.room: ExternalPoseEstimator | None = None
         """Fuses external poses, where there is a source of them."""
         self._ticks = 0
         self._along = 0.0
@@ -107,7 +107,7 @@ class Telemetry:
 
     def identified(self, caps: int) -> None:
         """What the firmware can do: HELLO.caps."""
-        self._frames.identified(caps)
+        self._frames.set_capabilities(caps)
 
     def set_slot(self, longest: float) -> None:
         """Take over the longest turn of the firmware's loop [s] since the last DIAG.
@@ -161,10 +161,10 @@ class Telemetry:
                         t_std, "linear", sample.calib, self._doubts(sample.t_dev),
                         self._jumped)
         pose = odometry.pose
-        external = (self.room.moved(t, pose, motion, acc[0] if acc else None)
+        external = (self.room.update(t, pose, motion, acc[0] if acc else None)
                     if self.room is not None else None)
         return State(
-            t, seq, speed, covering(speed_std, self.encoder.std),
+            t, seq, speed, combine_std(speed_std, self.encoder.std),
             None if gyro_z is None else gyro_z - odometry.bias.value,
             acc[0] if acc else None, acc[1] if acc else None, sample.ticks, pose,
             applied, health, external)
@@ -173,7 +173,7 @@ class Telemetry:
         found = self.imu.doubts | self.encoder.doubts
         if now < self._jumped_until:
             found |= JUMPED
-        return found | UNSURE if self.speed.unsure else found
+        return found | UNSURE if self.speed.is_direction_uncertain else found
 
     def _missed(self, speed: float, std: float) -> float:
         """Speed [m/s] that the wheels may not tell, while there is a doubt against them."""
@@ -193,11 +193,11 @@ class Telemetry:
         felt = self.direction.add(dt, speed.speed, acc[0] if acc and tells else None)
         shown = 0 if phase is None else phase.add(
             sample.t_dev, sample.edge_t, sample.edge_dt, sample.ticks_b, sample.edge_b_t,
-            speed.witnessed, felt)
-        speed.feel(shown or felt, certain=shown != 0)
+            speed.confirmed_direction, felt)
+        speed.correct_direction(shown or felt, certain=shown != 0)
 
     def _judged(self, sample: Sample, t_gyro: float, speed: float, std: float, applied: Applied,
-                rate: float) -> tuple[Accepted | None, Vector | None]:
+                rate: float) -> tuple[AcceptedSample | None, Vector | None]:
         """Yaw rate and acceleration if they can be trusted; the encoder judged by them."""
         armed = Limit.NOT_ARMED.value not in applied.limited
         gyro, acc = sample.gyro, sample.acc
@@ -218,7 +218,7 @@ class Telemetry:
         return accepted, acc
 
     def _filtered(self, sample: Sample, t_gyro: float, gyro: Vector | None, acc: Vector | None,
-                  ) -> tuple[Accepted | None, Vector | None, Vector | None]:
+                  ) -> tuple[AcceptedSample | None, Vector | None, Vector | None]:
         """Without single wrong samples: yaw rate, acceleration, acceleration to be integrated.
 
         A withheld acceleration that was motion is added to the next one to be integrated: both
@@ -240,6 +240,6 @@ class Telemetry:
                 self._jumped_until = sample.t_dev + REPORT_JUMP
             self._jumped = jumped
             self._last_jump = sample.t_dev
-        late = x.late[1] - self._along if x.late else 0.0
+        late = x.withheld_sample[1] - self._along if x.withheld_sample else 0.0
         self._along = x.value
         return accepted, (x.value, y.value, acc[2]), (x.value + late, y.value, acc[2])

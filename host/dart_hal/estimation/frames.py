@@ -1,4 +1,4 @@
-"""STATE frame -> SI sample: counters unwrapped, axes turned into the body frame.
+"""Convert a STATE frame to an SI sample: counters unwrapped, axes turned into the body frame.
 
 Pure: bytes are decoded by ``dart_hal.wire``, times come in as arguments.
 """
@@ -13,13 +13,13 @@ from typing import NamedTuple
 from dart_hal.wire.messages import CAPS, STATE_FLAGS, TICKS_PER_SECOND
 
 WRAP = 1 << 32
-HALF = 1 << 31
+HALF_WRAP = 1 << 31
+# s by which device time may outrun arrival: the backlog that buffers of the host hold, 20 kB of a
+# pty at 4.5 kB/s are 4.6 s. More is a restart, not a gap.
 RESTART_SLACK = 5.0
-"""Device time may outrun arrival by the backlog that the host's buffers hold:
-20 kB of a pty at 4.5 kB/s are 4.6 s. More is a restart, not a gap."""
 
-RESTART_PAUSE = 100
-"""Frames between two restarts: a bootloader alone takes longer than 1 s."""
+# Frames between two restarts: a bootloader alone takes longer than 1 s.
+MIN_RESTART_FRAMES = 100
 
 IMU_VALID = 1 << STATE_FLAGS.index("IMU_VALID")
 GYRO_LOOK = 1 << CAPS.index("GYRO_LOOK")
@@ -28,21 +28,21 @@ NO_BEAT = 255
 SATURATED = 65535
 
 Vector = tuple[float, float, float]
-_names: dict[int, frozenset[str]] = {}
+_flag_name_cache: dict[int, frozenset[str]] = {}
 
 
 def flag_names(flags: int) -> frozenset[str]:
-    """Names of the bits of STATE.flags that are set."""
-    names = _names.get(flags)
+    """Return the names of the bits of STATE.flags that are set."""
+    names = _flag_name_cache.get(flags)
     if names is None:
         names = frozenset(n for i, n in enumerate(STATE_FLAGS) if flags >> i & 1)
-        _names[flags] = names
+        _flag_name_cache[flags] = names
     return names
 
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """How the IMU sits in the car: sensor to body axes, and its scale.
+    """Orientation of the IMU in the car and the scale of its gyro.
 
     roll, pitch, yaw [rad] turn the body axes into the sensor's (intrinsic
     z-y-x), so ``body = Rz(yaw) Ry(pitch) Rx(roll) sensor``. ``gyro_scale`` is
@@ -55,10 +55,13 @@ class Mounting:
     gyro_scale: float = 1.0
 
     def matrix(self) -> tuple[float, ...]:
-        """Rotation sensor -> body, row by row, shape (9,)."""
-        cr, sr = cos(self.roll), sin(self.roll)
-        cp, sp = cos(self.pitch), sin(self.pitch)
-        cy, sy = cos(self.yaw), sin(self.yaw)
+        """Return the rotation sensor -> body, row by row, shape (9,)."""
+        cr = cos(self.roll)
+        sr = sin(self.roll)
+        cp = cos(self.pitch)
+        sp = sin(self.pitch)
+        cy = cos(self.yaw)
+        sy = sin(self.yaw)
         return (cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr,
                 sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr,
                 -sp, cp * sr, cp * cr)
@@ -74,8 +77,8 @@ class Sample(NamedTuple):
     axes, None while there is no valid sample; imu_t [s]: device time at which
     the IMU read began; imu_age, beat_age [s]: inf = none or out of range;
     calib: sys, gyr, acc, mag 0..3; flags: bits, see ``flag_names``;
-    restarted: the Nano began anew since the frame before; look: where the
-    gyro changed, see ``imu_clock``, 0 from firmware that does not look.
+    restarted: the Nano restarted since the frame before; look: where the
+    gyro changed, see ``imu_clock``, 0 from firmware without GYRO_LOOK.
     """
 
     t_dev: float
@@ -98,46 +101,46 @@ class Sample(NamedTuple):
 class FrameReader:
     """Turns decoded STATE payloads into samples; one per stream.
 
-    ``looks``: HELLO.caps has GYRO_LOOK, the two bits of CALIB_STAT that tell of the
-    magnetometer, which does not run, tell of the gyro; ``identified`` sets it.
+    ``has_gyro_look``: HELLO.caps has GYRO_LOOK; the two bits of CALIB_STAT for the magnetometer,
+    which does not run, then carry the look. ``set_capabilities`` sets it.
     """
 
     def __init__(self, mounting: Mounting | None = None) -> None:
         mounting = mounting or Mounting()
-        self.looks = False
+        self.has_gyro_look = False
         self._matrix = mounting.matrix()
         self._gyro_gain = 1.0 / (900.0 * mounting.gyro_scale)
-        self._straight = self._matrix == Mounting().matrix()
+        self._is_aligned = self._matrix == Mounting().matrix()
         self._t_raw = -1
         self._t_arrival = 0.0
-        self._t_ck = 0
+        self._device_ck = 0
         self._count_raw = self._count_b_raw = 0
         self._ticks = self._ticks_b = 0
         self._edge_ck = self._edge_b_ck = 0
-        self._restart = False
+        self._restart_pending = False
         self._frames = 0
 
-    def identified(self, caps: int) -> None:
-        """What the firmware can do: HELLO.caps."""
-        self.looks = bool(caps & GYRO_LOOK)
+    def set_capabilities(self, caps: int) -> None:
+        """Take over what the firmware can do: HELLO.caps."""
+        self.has_gyro_look = bool(caps & GYRO_LOOK)
 
     def restart(self) -> None:
-        """The Nano restarted (HELLO with another boot_count): re-base at the next frame.
+        """Re-base at the next frame: the Nano restarted (HELLO with another boot_count).
 
-        Does nothing when the frames have just told so themselves.
+        Does nothing when the frames have just shown the restart themselves.
         """
-        self._restart = self._frames > RESTART_PAUSE
+        self._restart_pending = self._frames > MIN_RESTART_FRAMES
 
     def read(self, values: Sequence[int], t_arrival: float) -> Sample:
         """Decode one STATE tuple (flat, in the order of the wire definition).
 
-        t_arrival [s]: host time, used only to tell a restart from a long gap.
+        t_arrival [s]: host time, used only to distinguish a restart from a long gap.
         """
         (t_raw, count, edge_raw, dt_raw, count_b, edge_b_raw, ax, ay, az, gx, gy, gz,
          age_raw, calib, flags, beat) = values
         restarted = self._advance(t_raw, t_arrival)
         self._count_edges(t_raw, count, edge_raw, count_b, edge_b_raw, restarted)
-        t_dev = self._t_ck / TICKS_PER_SECOND
+        t_dev = self._device_ck / TICKS_PER_SECOND
         if age_raw == NO_AGE:
             imu_age = inf
             imu_t = -inf
@@ -147,53 +150,57 @@ class FrameReader:
         gyro = acc = None
         if flags & IMU_VALID and age_raw != NO_AGE:
             k = self._gyro_gain
-            gyro = self._turn(gx * k, gy * k, gz * k)
-            acc = self._turn(ax * 0.01, ay * 0.01, az * 0.01)
+            gyro = self._to_body(gx * k, gy * k, gz * k)
+            acc = self._to_body(ax * 0.01, ay * 0.01, az * 0.01)
         low = calib & 3
         return Sample(
             t_dev, self._ticks, self._edge_ck / TICKS_PER_SECOND,
             0.0 if dt_raw == SATURATED else dt_raw / TICKS_PER_SECOND,
             self._ticks_b, self._edge_b_ck / TICKS_PER_SECOND, gyro, acc, imu_t, imu_age,
-            (calib >> 6, calib >> 4 & 3, calib >> 2 & 3, 0 if self.looks else low),
-            flags, inf if beat == NO_BEAT else beat * 1e-3, restarted, low if self.looks else 0)
+            (calib >> 6, calib >> 4 & 3, calib >> 2 & 3, 0 if self.has_gyro_look else low),
+            flags, inf if beat == NO_BEAT else beat * 1e-3, restarted,
+            low if self.has_gyro_look else 0)
 
     def _advance(self, t_raw: int, t_arrival: float) -> bool:
-        """Unwrap the device clock; True if it began anew."""
+        """Unwrap the device clock; return whether it restarted."""
         first = self._t_raw < 0
         delta = (t_raw - self._t_raw) % WRAP
         elapsed = t_arrival - self._t_arrival
-        jumped = delta >= HALF or delta / TICKS_PER_SECOND > elapsed + RESTART_SLACK
-        restarted = not first and (self._restart or jumped)
-        self._t_ck = t_raw if first or restarted else self._t_ck + delta
+        jumped = delta >= HALF_WRAP or delta / TICKS_PER_SECOND > elapsed + RESTART_SLACK
+        restarted = not first and (self._restart_pending or jumped)
+        self._device_ck = t_raw if first or restarted else self._device_ck + delta
         self._t_raw = t_raw
         self._t_arrival = t_arrival
         self._frames = 1 if restarted else self._frames + 1
-        self._restart = False
+        self._restart_pending = False
         return restarted
 
     def _count_edges(self, t_raw: int, count: int, edge_raw: int, count_b: int,
                      edge_b_raw: int, restarted: bool) -> None:
         """Add the new edges; a restart re-bases without a jump.
 
-        A stamp is read only when its count moved: an old one would alias after
-        35.8 min of standing.
+        A stamp is read only when its count changed: an old one would alias after
+        35.8 min at rest.
         """
         if restarted:
-            fresh_a = fresh_b = True
+            changed_a = changed_b = True
         else:
-            new, new_b = (count - self._count_raw) % WRAP, (count_b - self._count_b_raw) & 0xFFFF
+            new = (count - self._count_raw) % WRAP
+            new_b = (count_b - self._count_b_raw) & 0xFFFF
             self._ticks += new
             self._ticks_b += new_b
-            fresh_a, fresh_b = new > 0, new_b > 0
-        if fresh_a:
-            self._edge_ck = self._t_ck - (t_raw - edge_raw) % WRAP
-        if fresh_b:
-            self._edge_b_ck = self._t_ck - (t_raw - edge_b_raw) % WRAP
+            changed_a = new > 0
+            changed_b = new_b > 0
+        if changed_a:
+            self._edge_ck = self._device_ck - (t_raw - edge_raw) % WRAP
+        if changed_b:
+            self._edge_b_ck = self._device_ck - (t_raw - edge_b_raw) % WRAP
         self._count_raw = count
         self._count_b_raw = count_b
 
-    def _turn(self, x: float, y: float, z: float) -> Vector:
-        if self._straight:
+    def _to_body(self, x: float, y: float, z: float) -> Vector:
+        """Rotate a vector from sensor to body axes."""
+        if self._is_aligned:
             return (x, y, z)
         a, b, c, d, e, f, g, h, i = self._matrix
         return (a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)

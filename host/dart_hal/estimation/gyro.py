@@ -1,64 +1,68 @@
-"""Gyro bias from standstill: a scalar Kalman filter that rests while driving."""
+"""Gyro bias at standstill: a scalar Kalman filter that pauses while the car drives."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from math import sqrt
 
-SETTLE = 0.5
-"""s of standing before a reading counts: the body still rocks on its springs."""
-WALK = 2e-6
-"""rad/s per sqrt(s): slow drift of the bias with temperature, 0.4 deg/h/sqrt(h)."""
-CORRELATED = 4.0
-"""The 32 Hz filter leaves about a quarter of the samples independent."""
-GATE = 5.0
-QUANTUM = 1.0 / 900.0
-"""rad/s per LSB of the BNO055."""
+# s at rest before a reading counts: the body still rocks on its springs.
+SETTLING_TIME = 0.5
+# rad/s per sqrt(s): slow drift of the bias with temperature, 0.4 deg/h/sqrt(h).
+BIAS_WALK = 2e-6
+# Factor of the variance of a sample: the 32 Hz filter leaves about a quarter of the samples
+# independent.
+CORRELATION_FACTOR = 4.0
+# Standard deviations of the innovation beyond which a reading is rejected.
+GYRO_GATE = 5.0
+# rad/s per LSB of the BNO055.
+GYRO_QUANTUM = 1.0 / 900.0
 
 
 class GyroBias:
-    """Bias of the yaw gyro [rad/s], its one sigma, learnt while the car stands.
+    """Bias of the yaw gyro [rad/s] and its standard deviation, learnt while the car is at rest.
 
-    noise: rad/s per sqrt(Hz). A reading outside the gate (somebody carries the
-    car) restarts the settling time and teaches nothing.
+    noise: rad/s per sqrt(Hz). A reading outside the gate (the car is being carried)
+    restarts the settling time and is not used.
     """
 
     def __init__(self, value: float, std: float, noise: float) -> None:
         self.value = value
         self._variance = std * std
         self._noise_density = noise
-        self._stood = 0.0
+        self._rest_time = 0.0
         self._learning = False
 
     @property
     def std(self) -> float:
+        """Return the standard deviation of the bias [rad/s]."""
         return sqrt(self._variance)
 
-    def moving(self) -> None:
-        """The car drives: nothing is learnt."""
-        self._stood = 0.0
+    def stop_learning(self) -> None:
+        """Pause the filter: the car drives."""
+        self._rest_time = 0.0
         self._learning = False
 
     def observe(self, reading: float, dt: float, on_begin: Callable[[float], None]) -> None:
-        """One reading [rad/s] of a standing car, ``dt`` s after the one before.
+        """Update the bias with one reading [rad/s] at rest, ``dt`` s after the one before.
 
-        ``on_begin`` gets the deviation of the old bias once, before the first
+        ``on_begin`` gets the standard deviation of the old bias once, before the first
         reading of this standstill changes it.
         """
         if dt <= 0.0:
             return
-        sample = self._noise_density**2 / dt + QUANTUM * QUANTUM / 12.0
+        sample = self._noise_density**2 / dt + GYRO_QUANTUM * GYRO_QUANTUM / 12.0
         innovation = reading - self.value
-        if innovation * innovation > GATE * GATE * (self._variance + sample) + QUANTUM**2:
-            self.moving()
+        if innovation * innovation > (
+                GYRO_GATE * GYRO_GATE * (self._variance + sample) + GYRO_QUANTUM**2):
+            self.stop_learning()
             return
-        self._stood += dt
-        if self._stood < SETTLE:
+        self._rest_time += dt
+        if self._rest_time < SETTLING_TIME:
             return
         if not self._learning:
             on_begin(self.std)
             self._learning = True
-        self._variance += WALK * WALK * dt
-        gain = self._variance / (self._variance + CORRELATED * sample)
+        self._variance += BIAS_WALK * BIAS_WALK * dt
+        gain = self._variance / (self._variance + CORRELATION_FACTOR * sample)
         self.value += gain * innovation
         self._variance *= 1.0 - gain

@@ -1,6 +1,6 @@
-"""One step of the extended Kalman filter of the pose: motion, rest, a measured pose.
+"""Extended Kalman filter of the pose, one step: motion, standstill, measured pose.
 
-The state of the rear axle and what is wrong with the sensors, (13,):
+The state of the rear axle and the errors of the sensors, (13,):
 
     x, y [m], yaw [rad, unwrapped], speed [m/s], yaw rate [rad/s],
     gyro bias [rad/s], gyro scale, travel scale [relative],
@@ -9,14 +9,14 @@ The state of the rear axle and what is wrong with the sensors, (13,):
 
 with  speed = (1 + travel scale) wheel speed,  yaw rate = (1 + gyro scale) (gyro - bias).
 Wheels and gyro are inputs of the motion, not measurements of a state that is integrated: travel
-from edge counts does not drift. The errors have no dynamics; they are learnt from poses, the bias
-also at rest.
+from edge counts does not drift. The errors have no dynamics; they are estimated from poses, the
+bias also at rest.
 
-A pose that was measured is that of the marker, ``latency`` before the time it is given for:
+A measured pose is that of the marker, ``latency`` before its time stamp:
 
     x + lx cos(yaw) - ly sin(yaw),  y + lx sin(yaw) + ly cos(yaw),  yaw - theta
 
-Bends tell the marker from the axle, changing speed tells the latency from lx.
+Bends make the position of the marker observable, changes of speed the latency.
 
 Source: Thrun, Burgard, Fox, Probabilistic Robotics (2005), chapters 3.3 and 5.4; the update is
 Joseph's form.
@@ -30,234 +30,301 @@ from typing import NamedTuple
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.estimation.gyro import CORRELATED, GATE, QUANTUM, SETTLE, WALK
-from dart_hal.estimation.odometry import BLIND, BLIND_SHARE, Motion, OdometryNoise
+from dart_hal.estimation.gyro import (
+    BIAS_WALK,
+    CORRELATION_FACTOR,
+    GYRO_GATE,
+    GYRO_QUANTUM,
+    SETTLING_TIME,
+)
+from dart_hal.estimation.odometry import (
+    NO_GYRO_RATE_SHARE,
+    NO_GYRO_RATE_STD,
+    MotionStep,
+    OdometryNoise,
+)
 
 (X, Y, YAW, SPEED, RATE, BIAS, GYRO, TRAVEL, SLIP,
  LX, LY, THETA, LATENCY) = range(STATES := 13)
 
+# m, rad: standard deviation of a start that defines the origin.
 START_STD = 1e-3
-"""m, rad: how well a start is known that is called the origin."""
+# m/s of the wheel speed over a frame: the counts of 20 uneven edges a turn.
 SPEED_STD = 0.02
-"""m/s of the wheels' speed over a frame: the counts of 20 uneven edges a turn."""
-RATE_STD = 4e-3
-"""rad/s of one sample of the gyro: 4e-4 rad/s per sqrt(Hz) at 100 Hz."""
-SAMPLE_AGE = 2.5e-3
-"""s per sqrt(s), times the yaw rate: what a gyro sample of unsure age (``OdometryNoise.gyro_age``)
-does to the turn. Between poses its jumps by up to 10 ms of turning count, taken for random; with it
-the normalised error squared of four hidden cars is 2.7, by the change of the yaw rate 1.9."""
-FINEST = 1e-4
-"""m, rad: no external pose is better; a stated covariance below leaves no room for the model."""
-JITTER = 1e-12
-"""Share of each variance that a step adds, 1000 times the rounding of a (13, 13) product: the
-correlation matrix stays positive definite, and a day of 100 Hz adds 1e-5."""
+# rad/s of one sample of the gyro: 4e-4 rad/s per sqrt(Hz) at 100 Hz.
+GYRO_SAMPLE_STD = 4e-3
+# s per sqrt(s), times the yaw rate: effect of the unknown age of a gyro sample
+# (``OdometryNoise.gyro_age``) on the turn. Between poses it jumps by up to 10 ms of turning and is
+# treated as random. The normalised error squared of four test cars is then 2.7; with the change of
+# the yaw rate instead it is 1.9.
+SAMPLE_AGE_NOISE = 2.5e-3
+# m, rad: no external pose is better. A smaller covariance would leave none for the model.
+MIN_POSE_STD = 1e-4
+# Share of each variance that a step adds, 1000 times the rounding of a (13, 13) product: the
+# correlation matrix stays positive definite, and a day of 100 Hz adds 1e-5.
+COVARIANCE_JITTER = 1e-12
 EYE: FloatArray = np.eye(STATES)
-HALF: FloatArray = 0.5 * (1.0 + JITTER * EYE)
+SYMMETRISE: FloatArray = 0.5 * (1.0 + COVARIANCE_JITTER * EYE)
+# Square of the Mahalanobis distance that one correct pose in 1000 exceeds: chi-square, 3 degrees
+# of freedom.
 CHI2_3 = 16.27
-"""Square of the Mahalanobis distance that one right pose in 1000 exceeds: chi-square, 3 degrees."""
 
 
-class Marker(NamedTuple):
-    """Where a source sees the car, and how late: lx, ly [m], theta [rad] to be added to the yaw of
-    the marker frame, latency [s]; ``std``: one sigma of each."""
+class MarkerModel(NamedTuple):
+    """Marker of a pose source on the car, and its latency.
+
+    lx, ly [m]; theta [rad], added to the yaw of the marker frame; latency [s];
+    std: one sigma of each.
+    """
 
     lx: float = 0.0
     ly: float = 0.0
     theta: float = 0.0
     latency: float = 0.0
-    std: tuple[float, float, float, float] = (FINEST, FINEST, FINEST, 1e-5)
+    std: tuple[float, float, float, float] = (MIN_POSE_STD, MIN_POSE_STD, MIN_POSE_STD, 1e-5)
 
 
-class Belief(NamedTuple):
-    """mean (13,), cov (13, 13); ``stood`` [s]: for how long the car has stood still."""
+class FilterState(NamedTuple):
+    """mean (13,), cov (13, 13); ``rest_time`` [s]: duration of the current standstill."""
 
     mean: FloatArray
     cov: FloatArray
-    stood: float = 0.0
+    rest_time: float = 0.0
 
 
-def started(noise: OdometryNoise, gyro_bias: float, gyro_bias_std: float, slip_gain: float,
-            marker: Marker) -> Belief:
-    """At the origin, standing."""
+def initial_state(noise: OdometryNoise, gyro_bias: float, gyro_bias_std: float, slip_gain: float,
+                  marker: MarkerModel) -> FilterState:
+    """Return the state at the origin and at rest."""
     mean = np.zeros(STATES)
-    mean[BIAS], mean[SLIP], mean[LX:] = gyro_bias, slip_gain, marker[:4]
+    mean[BIAS] = gyro_bias
+    mean[SLIP] = slip_gain
+    mean[LX:] = marker[:4]
     std = np.full(STATES, START_STD)
     std[BIAS:LX] = gyro_bias_std, noise.gyro_scale, noise.travel_scale, noise.slip_gain
     std[LX:] = marker.std
-    return Belief(mean, np.diag(std**2))
+    return FilterState(mean, np.diag(std**2))
 
 
-def moved(belief: Belief, motion: Motion, noise: OdometryNoise) -> Belief:
-    """``motion.dt`` s later, along an exact arc; at rest where the wheels stand."""
-    if motion.standing:
-        return _rested(belief, motion, noise)
-    dt, wheels, rate, variance, gyro, _, missed, place = motion
-    mean, (bias, scale, travel, slip) = belief.mean.copy(), belief.mean[BIAS:LX].tolist()
-    grows = 1.0 + scale if gyro else 1.0
-    omega = grows * (rate - bias) if gyro else rate
+def predict_motion(state: FilterState, motion: MotionStep, noise: OdometryNoise) -> FilterState:
+    """Advance the state by ``motion.dt`` s along an exact arc; without motion at a standstill.
+
+    1. Mean: corrected speed and yaw rate, exact arc, slip.
+    2. Jacobian F of the step by the state.
+    3. Covariance P <- F P F^T + Q, with Q by wheels and gyro.
+    """
+    if motion.at_rest:
+        return _predict_rest(state, motion, noise)
+    dt, wheels, rate, variance, gyro, _, speed_error, place = motion
+    mean = state.mean.copy()
+    (bias, scale, travel, slip) = state.mean[BIAS:LX].tolist()
+    gain = 1.0 + scale if gyro else 1.0
+    omega = gain * (rate - bias) if gyro else rate
     speed = (1.0 + travel) * wheels
-    half, length = 0.5 * omega * dt, speed * dt
+    half = 0.5 * omega * dt
+    length = speed * dt
     middle = float(mean[YAW]) + half
-    c, s = cos(middle), sin(middle)
+    c = cos(middle)
+    s = sin(middle)
     chord = wheels * dt * (sin(half) / half if abs(half) > 1e-6 else 1.0)
     outwards = length * speed * omega  # per rad/(m/s2) of slip gain, to the right
-    ahead, aside = (1.0 + travel) * chord, slip * outwards
-    dx, dy = ahead * c + aside * s, ahead * s - aside * c
+    ahead = (1.0 + travel) * chord
+    sideways = slip * outwards
+    dx = ahead * c + sideways * s
+    dy = ahead * s - sideways * c
     mean[:BIAS] += (dx, dy, omega * dt, speed - mean[SPEED], omega - mean[RATE])
 
-    step = EYE.copy()  # one number at a time: five times quicker than by lists of indices
+    # Jacobian of the step. One number at a time: five times quicker than by lists of indices.
+    step = EYE.copy()
     step[SPEED, SPEED] = step[RATE, RATE] = 0.0
-    step[X, YAW], step[Y, YAW] = -dy, dx
-    step[X, TRAVEL], step[Y, TRAVEL], step[SPEED, TRAVEL] = chord * c, chord * s, wheels
-    step[X, SLIP], step[Y, SLIP] = outwards * s, -outwards * c
+    step[X, YAW] = -dy
+    step[Y, YAW] = dx
+    step[X, TRAVEL] = chord * c
+    step[Y, TRAVEL] = chord * s
+    step[SPEED, TRAVEL] = wheels
+    step[X, SLIP] = outwards * s
+    step[Y, SLIP] = -outwards * c
     if gyro:
-        for row, by in ((X, -0.5 * dy * dt), (Y, 0.5 * dx * dt), (YAW, dt), (RATE, 1.0)):
-            step[row, BIAS], step[row, GYRO] = -grows * by, (rate - bias) * by
+        for row, effect in ((X, -0.5 * dy * dt), (Y, 0.5 * dx * dt), (YAW, dt), (RATE, 1.0)):
+            step[row, BIAS] = -gain * effect
+            step[row, GYRO] = (rate - bias) * effect
 
-    sampled = (noise.gyro_noise**2 + (SAMPLE_AGE * omega)**2) * dt if gyro else 0.0
-    along, across = abs(length) * noise.travel**2, abs(length) * noise.slip**2
+    # Process noise Q: travel along the heading, slip across it, yaw by the gyro.
+    sampled = (noise.gyro_noise**2 + (SAMPLE_AGE_NOISE * omega)**2) * dt if gyro else 0.0
+    along = abs(length) * noise.travel**2
+    across = abs(length) * noise.slip**2
     turn = sampled + variance
     xy = (along - across) * c * s - 0.25 * dx * dy * turn
-    cov = step @ belief.cov @ step.T
+    cov = step @ state.cov @ step.T
     cov[:SPEED, :SPEED] += (
         (along * c * c + across * s * s + 0.25 * dy * dy * turn + place, xy, -0.5 * dy * turn),
         (xy, along * s * s + across * c * c + 0.25 * dx * dx * turn + place, 0.5 * dx * turn),
         (-0.5 * dy * turn, 0.5 * dx * turn, turn))
-    cov[SPEED, SPEED] += SPEED_STD**2 + missed**2
-    cov[RATE, RATE] += RATE_STD**2 if gyro else (BLIND + BLIND_SHARE * abs(rate))**2
-    return Belief(mean, _sound(cov))
+    cov[SPEED, SPEED] += SPEED_STD**2 + speed_error**2
+    rate_std = GYRO_SAMPLE_STD if gyro else NO_GYRO_RATE_STD + NO_GYRO_RATE_SHARE * abs(rate)
+    cov[RATE, RATE] += rate_std**2
+    return FilterState(mean, _regularise(cov))
 
 
-def _rested(belief: Belief, motion: Motion, noise: OdometryNoise) -> Belief:
-    """The pose stays; the gyro shows its bias once the body has come to rest on its springs."""
-    mean, cov = belief.mean.copy(), belief.cov.copy()
+def _predict_rest(state: FilterState, motion: MotionStep, noise: OdometryNoise) -> FilterState:
+    """Keep the pose; the gyro measures its bias once the body has settled on its springs."""
+    mean = state.mean.copy()
+    cov = state.cov.copy()
     mean[SPEED] = mean[RATE] = 0.0
-    for state in (SPEED, RATE):
-        cov[state], cov[:, state], cov[state, state] = 0.0, 0.0, START_STD**2
-    belief, stood = Belief(mean, _sound(cov)), belief.stood + motion.dt
+    for index in (SPEED, RATE):
+        cov[index] = 0.0
+        cov[:, index] = 0.0
+        cov[index, index] = START_STD**2
+    rest_time = state.rest_time + motion.dt
+    state = FilterState(mean, _regularise(cov))
     if not motion.gyro:
-        return belief._replace(stood=stood)
-    sample = noise.gyro_noise**2 / motion.dt + QUANTUM**2 / 12.0
+        return state._replace(rest_time=rest_time)
+    sample = noise.gyro_noise**2 / motion.dt + GYRO_QUANTUM**2 / 12.0
     innovation = motion.yaw_rate - mean[BIAS]
-    if innovation**2 > GATE**2 * (cov[BIAS, BIAS] + sample) + QUANTUM**2:  # somebody carries it
-        return belief
-    if stood < SETTLE:
-        return belief._replace(stood=stood)
-    belief.cov[BIAS, BIAS] += WALK**2 * motion.dt
+    # The car is being carried: the reading is not the bias.
+    if innovation**2 > GYRO_GATE**2 * (cov[BIAS, BIAS] + sample) + GYRO_QUANTUM**2:
+        return state
+    if rest_time < SETTLING_TIME:
+        return state._replace(rest_time=rest_time)
+    state.cov[BIAS, BIAS] += BIAS_WALK**2 * motion.dt
     row = np.zeros((1, STATES))
     row[0, BIAS] = 1.0
-    mean, cov = _updated(belief, row, np.array((innovation,)), np.array(((CORRELATED * sample,),)))
-    return Belief(mean, cov, stood)
+    mean, cov = _kalman_update(state, row, np.array((innovation,)),
+                               np.array(((CORRELATION_FACTOR * sample,),)))
+    return FilterState(mean, cov, rest_time)
 
 
-def placed(belief: Belief, pose: FloatArray, cov: FloatArray) -> Belief:
-    """Where the marker was measured at (3,), covariance (3, 3), whatever was believed before.
+def place_at_pose(state: FilterState, pose: FloatArray, cov: FloatArray) -> FilterState:
+    """Replace the pose by a measured one (3,) of the marker with covariance (3, 3).
 
-    The axle's place is as unsure as the marker's on the car, and goes with it.
+    The position of the axle is as uncertain as that of the marker on the car, and correlated with
+    it.
     """
-    mean, whole = belief.mean.copy(), belief.cov.copy()
-    late, yaw = mean[LATENCY], pose[YAW] + mean[THETA]
-    velocity = _velocity(mean, yaw)
-    mean[:SPEED] = pose + late * velocity
-    whole[:SPEED], whole[:, :SPEED] = 0.0, 0.0
-    whole[:SPEED, :SPEED] = cov
-    by = np.zeros((SPEED, STATES))  # the way since it was measured
-    by[:, LATENCY] = velocity
-    whole[:SPEED] += by @ whole
-    whole[:, :SPEED] += whole @ by.T
-    return _of_axle(Belief(mean, whole, belief.stood))
+    mean = state.mean.copy()
+    full_cov = state.cov.copy()
+    latency = mean[LATENCY]
+    yaw = pose[YAW] + mean[THETA]
+    velocity = _marker_velocity(mean, yaw)
+    mean[:SPEED] = pose + latency * velocity
+    full_cov[:SPEED] = 0.0
+    full_cov[:, :SPEED] = 0.0
+    full_cov[:SPEED, :SPEED] = cov
+    latency_effect = np.zeros((SPEED, STATES))  # the way since it was measured
+    latency_effect[:, LATENCY] = velocity
+    full_cov[:SPEED] += latency_effect @ full_cov
+    full_cov[:, :SPEED] += full_cov @ latency_effect.T
+    return _to_axle(FilterState(mean, full_cov, state.rest_time))
 
 
-def distance2(belief: Belief, pose: FloatArray, cov: FloatArray) -> float:
-    """Squared Mahalanobis distance of a pose (3,) of covariance (3, 3) from what is expected."""
-    marker = of_marker(belief)
-    at, row = _seen(marker)
-    off = _innovation(at, pose)
-    return float(off @ np.linalg.solve(row @ marker.cov @ row.T + cov, off))
+def squared_distance(state: FilterState, pose: FloatArray, cov: FloatArray) -> float:
+    """Squared Mahalanobis distance of a pose (3,), covariance (3, 3), from the expected one."""
+    marker = to_marker(state)
+    expected, row = _expected_pose(marker)
+    innovation = _innovation(expected, pose)
+    return float(innovation @ np.linalg.solve(row @ marker.cov @ row.T + cov, innovation))
 
 
-def fused(belief: Belief, pose: FloatArray, cov: FloatArray) -> Belief:
-    """With a measured pose (3,) of covariance (3, 3).
+def update_with_pose(state: FilterState, pose: FloatArray, cov: FloatArray) -> FilterState:
+    """Update with a measured pose (3,) of covariance (3, 3).
 
-    Updated in the marker's coordinates, where a pose says nothing of where the marker sits: that
-    only motion can tell. In the axle's, each linearisation would invent some of it at rest.
+    The update is done in marker coordinates, in which a pose contains no information on the
+    position of the marker: only motion makes it observable. In axle coordinates each
+    linearisation would add spurious information at rest.
     """
-    marker = of_marker(belief)
-    at, row = _seen(marker)
-    mean, whole = _updated(marker, row, _innovation(at, pose), cov)
-    return _of_axle(Belief(mean, whole, belief.stood))
+    marker = to_marker(state)
+    expected, row = _expected_pose(marker)
+    mean, full_cov = _kalman_update(marker, row, _innovation(expected, pose), cov)
+    return _to_axle(FilterState(mean, full_cov, state.rest_time))
 
 
-def of_marker(belief: Belief) -> Belief:
-    """With the pose of the marker in place of the axle's."""
-    mean, turn = belief.mean.copy(), _lever(belief.mean, belief.mean[YAW])
+def to_marker(state: FilterState) -> FilterState:
+    """Convert the state to one with the pose of the marker in place of that of the axle."""
+    mean = state.mean.copy()
+    turn = _marker_jacobian(state.mean, state.mean[YAW])
     mean[:SPEED] += _lever_arm(mean, mean[YAW])
-    return Belief(mean, turn @ belief.cov @ turn.T, belief.stood)
+    return FilterState(mean, turn @ state.cov @ turn.T, state.rest_time)
 
 
-def _of_axle(marker: Belief) -> Belief:
+def _to_axle(marker: FilterState) -> FilterState:
+    """Convert a state with the pose of the marker back to that of the axle."""
     mean = marker.mean.copy()
     mean[:SPEED] -= _lever_arm(mean, mean[YAW] + mean[THETA])
-    c, s = cos(mean[YAW]), sin(mean[YAW])
+    c = cos(mean[YAW])
+    s = sin(mean[YAW])
     dx, dy, _ = _lever_arm(mean, mean[YAW])
-    back = EYE.copy()  # the inverse of ``_lever``
+    back = EYE.copy()  # the inverse of ``_marker_jacobian``
     back[X, YAW] = back[X, THETA] = dy
     back[Y, YAW] = back[Y, THETA] = -dx
-    back[X, LX], back[X, LY], back[Y, LX], back[Y, LY] = -c, s, -s, -c
+    back[X, LX] = -c
+    back[X, LY] = s
+    back[Y, LX] = -s
+    back[Y, LY] = -c
     back[YAW, THETA] = 1.0
-    return Belief(mean, _sound(back @ marker.cov @ back.T), marker.stood)
+    return FilterState(mean, _regularise(back @ marker.cov @ back.T), marker.rest_time)
 
 
 def _lever_arm(mean: FloatArray, yaw: float) -> FloatArray:
-    """Marker less axle, x, y [m], yaw [rad], of a car with this yaw."""
-    (lx, ly, theta), c, s = mean[LX:LATENCY], cos(yaw), sin(yaw)
+    """Marker minus axle, x, y [m], yaw [rad], of a car with this yaw."""
+    (lx, ly, theta) = mean[LX:LATENCY]
+    c = cos(yaw)
+    s = sin(yaw)
     return np.array((lx * c - ly * s, lx * s + ly * c, -theta))
 
 
-def _lever(mean: FloatArray, yaw: float) -> FloatArray:
-    """Derivative (13, 13) of the marker's coordinates by the axle's."""
-    c, s = cos(yaw), sin(yaw)
+def _marker_jacobian(mean: FloatArray, yaw: float) -> FloatArray:
+    """Derivative (13, 13) of the marker coordinates by those of the axle."""
+    c = cos(yaw)
+    s = sin(yaw)
     dx, dy, _ = _lever_arm(mean, yaw)
     turn: FloatArray = EYE.copy()
-    turn[X, YAW], turn[Y, YAW], turn[YAW, THETA] = -dy, dx, -1.0
-    turn[X, LX], turn[X, LY], turn[Y, LX], turn[Y, LY] = c, -s, s, c
+    turn[X, YAW] = -dy
+    turn[Y, YAW] = dx
+    turn[YAW, THETA] = -1.0
+    turn[X, LX] = c
+    turn[X, LY] = -s
+    turn[Y, LX] = s
+    turn[Y, LY] = c
     return turn
 
 
-def _seen(marker: Belief) -> tuple[FloatArray, FloatArray]:
-    """Pose (3,) that the source should have seen, ``latency`` ago, and its derivative (3, 13)."""
+def _expected_pose(marker: FilterState) -> tuple[FloatArray, FloatArray]:
+    """Pose (3,) that the source measured ``latency`` ago, and its derivative (3, 13)."""
     mean = marker.mean
-    yaw, late = mean[YAW] + mean[THETA], mean[LATENCY]
-    velocity = _velocity(mean, yaw)
+    yaw = mean[YAW] + mean[THETA]
+    latency = mean[LATENCY]
+    velocity = _marker_velocity(mean, yaw)
     row = EYE[:SPEED].copy()
     row[:, LATENCY] = -velocity
-    row[:YAW, SPEED] = -late * cos(yaw), -late * sin(yaw)
-    row[YAW, RATE] = -late
-    return mean[:SPEED] - late * velocity, row
+    row[:YAW, SPEED] = -latency * cos(yaw), -latency * sin(yaw)
+    row[YAW, RATE] = -latency
+    return mean[:SPEED] - latency * velocity, row
 
 
-def _velocity(mean: FloatArray, yaw: float) -> FloatArray:
-    """Of the marker, x, y [m/s], yaw [rad/s], on a car with this yaw."""
-    speed, rate, (dx, dy, _) = mean[SPEED], mean[RATE], _lever_arm(mean, yaw)
+def _marker_velocity(mean: FloatArray, yaw: float) -> FloatArray:
+    """Velocity of the marker, x, y [m/s], yaw [rad/s], on a car with this yaw."""
+    speed = mean[SPEED]
+    rate = mean[RATE]
+    (dx, dy, _) = _lever_arm(mean, yaw)
     return np.array((speed * cos(yaw) - rate * dy, speed * sin(yaw) + rate * dx, rate))
 
 
-def _innovation(at: FloatArray, pose: FloatArray) -> FloatArray:
-    off = pose - at
-    off[YAW] -= tau * np.round(off[YAW] / tau)
-    return off
+def _innovation(expected: FloatArray, pose: FloatArray) -> FloatArray:
+    """Difference of two poses (3,), the yaw within half a turn."""
+    innovation = pose - expected
+    innovation[YAW] -= tau * np.round(innovation[YAW] / tau)
+    return innovation
 
 
-def _updated(belief: Belief, row: FloatArray, innovation: FloatArray, seen: FloatArray
-             ) -> tuple[FloatArray, FloatArray]:
-    """P <- (I - K H) P (I - K H)^T + K R K^T: positive whatever the rounding of K."""
-    cross = belief.cov @ row.T
-    gain = np.linalg.solve(row @ cross + seen, cross.T).T
+def _kalman_update(state: FilterState, row: FloatArray, innovation: FloatArray, noise: FloatArray
+                   ) -> tuple[FloatArray, FloatArray]:
+    """Joseph's form P <- (I - K H) P (I - K H)^T + K R K^T: positive whatever the rounding of K."""
+    cross = state.cov @ row.T
+    gain = np.linalg.solve(row @ cross + noise, cross.T).T
     keep = EYE - gain @ row
-    return (belief.mean + gain @ innovation,
-            _sound(keep @ belief.cov @ keep.T + gain @ seen @ gain.T))
+    return (state.mean + gain @ innovation,
+            _regularise(keep @ state.cov @ keep.T + gain @ noise @ gain.T))
 
 
-def _sound(cov: FloatArray) -> FloatArray:
-    sound: FloatArray = (cov + cov.T) * HALF
-    return sound
+def _regularise(cov: FloatArray) -> FloatArray:
+    """Make the covariance symmetric and add ``COVARIANCE_JITTER`` to its variances."""
+    regular: FloatArray = (cov + cov.T) * SYMMETRISE
+    return regular

@@ -1,7 +1,7 @@
-"""Where the rear axle is in the room: which poses to believe, and what they make of the motion.
+"""Pose of the rear axle in the frame of an external source: selection and fusion of its poses.
 
-``PoseTracker`` says which external poses are those of this car; ``PoseFilter`` fuses them with
-wheels and gyro. Marker and latency are learnt on the way, from what a calibration says of them.
+``PoseTracker`` selects the external poses that are of this car; ``PoseFilter`` fuses them with
+wheels and gyro. Position and latency of the marker are estimated, starting from the calibration.
 """
 
 from __future__ import annotations
@@ -13,141 +13,166 @@ from typing import NamedTuple
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import External, ExternalPose, Pose
-from dart_hal.estimation.odometry import Motion, Odometry
-from dart_hal.estimation.pose_filter import Estimate, PoseFilter, Verdict
-from dart_hal.estimation.pose_model import Marker
-from dart_hal.estimation.pose_tracking import CONFIRMED, MARKER, MARKER_YAW, PoseTracker, Taken
-from dart_hal.estimation.spin import LOOSE, Spin
+from dart_hal.estimation.odometry import MotionStep, Odometry
+from dart_hal.estimation.pose_filter import FilterEstimate, PoseFilter, PoseVerdict
+from dart_hal.estimation.pose_model import MarkerModel
+from dart_hal.estimation.pose_tracking import (
+    CONFIRMATION_DISTANCE,
+    MAX_MARKER_OFFSET,
+    MAX_MARKER_YAW,
+    PoseOutcome,
+    PoseTracker,
+)
+from dart_hal.estimation.spin import SPIN_SPEED_STD, SpinDetector
 
-UNKNOWN = Marker(latency=0.01, std=(MARKER, MARKER, MARKER_YAW, 0.02))
-"""A source of which nothing is known: optical systems are 3 to 15 ms late, 40 to 60 over a
-network; what the fit of its clock already took off is the least of it."""
-SLIDES, SLIDES_STD = 0.0225, 0.016
-"""rad per m/s2, slip gain of the rear tyres and one sigma: 0.011 and 0.034 of the two published
-sets (``odometry.py``). At constant speed v nothing tells it from lx: 0.01 are 1 cm at 1 m/s."""
-ASTRAY = 0.5
-"""s of poses that the track believes and the filter does not, until it begins anew."""
-GAP = 0.1
-"""s by which the State's time may outrun the motions; more was lost in a reset of the Nano."""
+# Marker of an uncalibrated source: optical systems have 3 to 15 ms of latency, 40 to 60 over a
+# network; the fit of its clock already removes the smallest one.
+UNKNOWN_MARKER = MarkerModel(
+    latency=0.01, std=(MAX_MARKER_OFFSET, MAX_MARKER_OFFSET, MAX_MARKER_YAW, 0.02))
+# rad per m/s2, slip gain of the rear tyres: between 0.011 and 0.034 of the two published sets
+# (``odometry.py``). At constant speed v it cannot be separated from lx: 0.01 are 1 cm at 1 m/s.
+SLIP_GAIN = 0.0225
+# One sigma.
+SLIP_GAIN_STD = 0.016
+# s of poses that the tracker accepts and the filter rejects, until the filter restarts.
+MAX_OUTLIER_TIME = 0.5
+# s by which the State's time may exceed the motions; more was lost in a reset of the Nano.
+MAX_MOTION_GAP = 0.1
 
 
-class _Fix(NamedTuple):
-    """A believed pose and the time [s] of its measurement; anew: the track begins there."""
+class _AcceptedPose(NamedTuple):
+    """An accepted pose and the time [s] of its measurement.
 
-    t: float
-    seen: ExternalPose
-    anew: bool
-
-
-class RoomEstimator:
-    """One per open car with a source: ``moved`` for each State, ``add`` for each pose.
-
-    odometry: the car's, for what it knows of its sensors when it is opened; own_clock: stamps
-    are on the car's clock.
+    is_relocated: the track starts again there.
     """
 
-    def __init__(self, odometry: Odometry, marker: Marker = UNKNOWN, *,
+    t: float
+    external: ExternalPose
+    is_relocated: bool
+
+
+class ExternalPoseEstimator:
+    """One per open car with a source: ``update`` for each State, ``add`` for each pose.
+
+    odometry: that of the car, for its knowledge of the sensors at the start; own_clock: stamps
+    are on the clock of the car.
+    """
+
+    def __init__(self, odometry: Odometry, marker: MarkerModel = UNKNOWN_MARKER, *,
                  own_clock: bool = False) -> None:
         self._tracker = PoseTracker(own_clock=own_clock)
-        self._late, marker = marker.latency, marker._replace(latency=0.0)
+        self._latency = marker.latency
+        marker = marker._replace(latency=0.0)
         self._filter = PoseFilter(
-            replace(odometry.noise, slip_gain=SLIDES_STD), slip_gain=SLIDES,
+            replace(odometry.noise, slip_gain=SLIP_GAIN_STD), slip_gain=SLIP_GAIN,
             gyro_bias=odometry.bias.value, gyro_bias_std=odometry.bias.std, marker=marker)
-        self._waiting: deque[_Fix] = deque()
+        self._waiting: deque[_AcceptedPose] = deque()
         self._t: float | None = None
+        # Frame of the source; None while the filter has no position in it.
         self._frame: str | None = None
-        """Of the room; None while the filter knows no place in it."""
         self._fused_t = 0.0
-        self._first: ExternalPose | None = None
-        """Where the track began, until poses have moved from there as the car did."""
-        self._spin, self._spun, self._loose = Spin(), (0.0, 0.0), 0.0
-        """Spun: m, in the axes of the dead reckoning, that the wheels turned and the car did not
-        go; loose: m that it may have gone since it spins."""
+        # Start of the track, until poses have moved from there as the car did.
+        self._unconfirmed: ExternalPose | None = None
+        self._spin = SpinDetector()
+        # m, in the axes of the dead reckoning: wheel travel during spins without motion of the car.
+        self._spin_offset = (0.0, 0.0)
+        # m, one sigma of the travel since the current spin began.
+        self._spin_error = 0.0
 
-    def moved(self, t: float, odometry: Pose, motion: Motion, accel: float | None = None
-              ) -> External:
-        """The State at t [s], its dead reckoning and the motion up to it; accel [m/s2] along the
-        nose."""
-        motion = self._on_ground(motion, odometry.yaw, accel)
-        self._tracker.moved(t, replace(odometry, x=odometry.x - self._spun[0],
-                                       y=odometry.y - self._spun[1]))
+    def update(self, t: float, odometry: Pose, motion: MotionStep, accel: float | None = None
+               ) -> External:
+        """Add the State at t [s] and return its external pose.
+
+        odometry, motion: its dead reckoning and the motion up to it; accel [m/s2]: along the nose.
+        """
+        motion = self._correct_spin(motion, odometry.yaw, accel)
+        self._tracker.update(t, replace(odometry, x=odometry.x - self._spin_offset[0],
+                                        y=odometry.y - self._spin_offset[1]))
         try:
             self._filter.predict(*motion)
-            lost = self._t is not None and t - self._t > motion.dt + GAP
-        except UsageError:  # no car drives so: what it did in that time is not known
+            lost = self._t is not None and t - self._t > motion.dt + MAX_MOTION_GAP
+        except UsageError:  # impossible motion: the travel in that time is unknown
             lost = True
         if lost:
             self._frame = None
         self._t = t
-        self._fuse()
-        return self.at(t)
+        self._fuse_waiting()
+        return self.estimate_at(t)
 
-    def _on_ground(self, motion: Motion, yaw: float, accel: float | None) -> Motion:
-        """What the car did, where its wheels part from what the accelerometer feels."""
-        ground = self._spin.moved(motion.speed * motion.dt, motion.dt, accel,
-                                  motion.yaw_rate * motion.dt)
+    def _correct_spin(self, motion: MotionStep, yaw: float, accel: float | None) -> MotionStep:
+        """Replace the wheel speed by the integrated acceleration while the wheels spin."""
+        ground = self._spin.update(motion.speed * motion.dt, motion.dt, accel,
+                                   motion.yaw_rate * motion.dt)
         if ground is None:
-            self._loose = 0.0
+            self._spin_error = 0.0
             return motion
-        spun, before = (motion.speed - ground) * motion.dt, self._loose
-        self._spun = self._spun[0] + spun * cos(yaw), self._spun[1] + spun * sin(yaw)
-        self._loose = before + LOOSE * motion.dt
-        return motion._replace(speed=ground, missed=LOOSE,
-                               place_variance=self._loose**2 - before**2)
+        spun = (motion.speed - ground) * motion.dt
+        before = self._spin_error
+        x, y = self._spin_offset
+        self._spin_offset = (x + spun * cos(yaw), y + spun * sin(yaw))
+        self._spin_error = before + SPIN_SPEED_STD * motion.dt
+        return motion._replace(speed=ground, speed_error=SPIN_SPEED_STD,
+                               place_variance=self._spin_error**2 - before**2)
 
     def add(self, pose: ExternalPose) -> None:
-        """A pose that has arrived."""
-        taken, t = self._tracker.add(pose)
-        t -= self._late
-        if taken is Taken.FOOLED:
+        """Add a received pose."""
+        outcome, t = self._tracker.add(pose)
+        t -= self._latency
+        if outcome is PoseOutcome.FALSE_LOCK:
             self._waiting.clear()
             if self._t is not None:
                 self._filter.forget(self._t - t)
-        if taken in (Taken.FOOLED, Taken.REFUSED):
-            if self._first is not None:  # it has never been seen to move: locked from the first?
+        if outcome in (PoseOutcome.FALSE_LOCK, PoseOutcome.UNREACHABLE):
+            # A track that has not moved yet may be locked from the start.
+            if self._unconfirmed is not None:
                 self._frame = None
-        elif taken is not Taken.OLD:
-            self._confirm(taken, pose)
-            self._waiting.append(_Fix(t, pose, taken is Taken.ANEW))
-            self._fuse()
+        elif outcome is not PoseOutcome.OUTDATED:
+            self._check_confirmed(outcome, pose)
+            self._waiting.append(_AcceptedPose(t, pose, outcome is PoseOutcome.RELOCATED))
+            self._fuse_waiting()
 
-    def _confirm(self, taken: Taken, pose: ExternalPose) -> None:
-        """Note whether the poses of this track have moved, which only the car's do."""
-        if taken is Taken.FIRST:
-            self._first = pose
-        elif self._first is not None and (taken is Taken.ANEW or hypot(
-                pose.x - self._first.x, pose.y - self._first.y) > CONFIRMED):
-            self._first = None
+    def _check_confirmed(self, outcome: PoseOutcome, pose: ExternalPose) -> None:
+        """Note whether the poses of this track have moved, as only those of the car do."""
+        if outcome is PoseOutcome.FIRST:
+            self._unconfirmed = pose
+        elif (start := self._unconfirmed) is not None and (
+                outcome is PoseOutcome.RELOCATED
+                or hypot(pose.x - start.x, pose.y - start.y) > CONFIRMATION_DISTANCE):
+            self._unconfirmed = None
 
-    def at(self, t: float) -> External:
-        """What is known for the State at t [s], the newest that was ``moved``."""
-        told = self._tracker.at(t)
+    def estimate_at(self, t: float) -> External:
+        """Return the external pose for the State at t [s], the newest given to ``update``."""
+        external = self._tracker.estimate_at(t)
         if self._frame is None:
-            return told
-        return replace(told, estimate=self._filter.estimate().motion(t, self._frame, told.tracking))
+            return external
+        motion = self._filter.estimate().motion(t, self._frame, external.tracking)
+        return replace(external, estimate=motion)
 
     @property
-    def estimate(self) -> Estimate:
-        """The whole state of the filter; of the room only after the first pose."""
+    def estimate(self) -> FilterEstimate:
+        """Whole state of the filter; in the frame of the source only after the first pose."""
         return self._filter.estimate()
 
-    def _fuse(self) -> None:
-        """Give the filter what the track believes; a pose newer than the State waits for it."""
-        now, waiting = self._t, self._waiting
+    def _fuse_waiting(self) -> None:
+        """Fuse the accepted poses; a pose newer than the State waits for it."""
+        now = self._t
+        waiting = self._waiting
         while now is not None and waiting and waiting[0].t <= now:
-            t, seen, anew = waiting.popleft()
-            pose, age = Pose(seen.x, seen.y, seen.yaw, seen.cov), now - t
-            if self._frame is None or anew:
-                self._begin(pose, age, seen.frame)
-            elif self._filter.correct(pose, age) is not Verdict.OUTLIER:
+            t, external, is_relocated = waiting.popleft()
+            pose = Pose(external.x, external.y, external.yaw, external.cov)
+            age = now - t
+            if self._frame is None or is_relocated:
+                self._start_filter(pose, age, external.frame)
+            elif self._filter.correct(pose, age) is not PoseVerdict.OUTLIER:
                 self._fused_t = t
-            elif t - self._fused_t > ASTRAY:
-                self._begin(pose, age, seen.frame)
+            elif t - self._fused_t > MAX_OUTLIER_TIME:
+                self._start_filter(pose, age, external.frame)
 
-    def _begin(self, pose: Pose, age: float, frame: str) -> None:
+    def _start_filter(self, pose: Pose, age: float, frame: str) -> None:
+        """Restart the filter at a pose; keep the old state if the pose is unusable."""
         try:
             self._filter.start(pose, age)
-        except UsageError:  # too late, or no covariance: the next one then
+        except UsageError:  # too old, or no valid covariance: the next pose is tried
             return
         self._frame = frame
         if self._t is not None:

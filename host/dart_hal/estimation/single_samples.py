@@ -25,37 +25,37 @@ from itertools import pairwise
 from math import inf
 from typing import NamedTuple
 
+# rad/s: 7 sigma of the BNO055's noise in one sample (4e-3). Smaller jumps are not withheld.
 MIN_RATE_JUMP = 0.03
-"""rad/s: 7 sigma of the BNO055's noise in one sample (4e-3). Smaller jumps are not withheld."""
+# m/s2: 0.01 m/s in one sample of 10 ms, a twenty-fifth of the change of speed that decides the
+# direction of travel (0.25 m/s). The noise of one sample is 0.015 m/s2.
 MIN_ACCELERATION_JUMP = 1.0
-"""m/s2: 0.01 m/s in one sample of 10 ms, a twenty-fifth of the change of speed that tells the
-direction of travel (0.25 m/s). The noise of one sample is 0.015 m/s2."""
+# Threshold in mean second differences: Gaussian noise exceeds it once in 1e6 samples.
 NOISE_FACTOR = 6.0
-"""Threshold in mean second differences: Gaussian noise exceeds it once in 1e6 samples."""
+# Accepted samples, 1 s, over which the second difference is averaged.
 NOISE_SAMPLES = 100
-"""Accepted samples, 1 s, over which the second difference is averaged."""
-MAX_GAP = 0.035
-"""s from the sample before a jump to the one after it: one missing frame is allowed. In a longer
-time a true motion may come and go."""
+# s from the sample before a jump to the one after it: one missing frame is allowed. In a longer
+# time a true motion may come and go.
+MAX_JUMP_TIME = 0.035
+# The median of five ignores two wrong samples in a row.
 MEDIAN_SAMPLES = 5
-"""The median of five ignores two wrong samples in a row."""
 
+# Share of the largest step between two samples by which both wrong samples of a pair exceed the
+# median: all of it but for noise and motion. A smooth peak five samples wide exceeds it by 0.3.
 PAIR_SHARE = 0.7
-"""Share of the largest step between two samples by which both wrong samples of a pair exceed the
-median: all of it but for noise and motion. A smooth peak five samples wide exceeds it by 0.3."""
 
 
-class Accepted(NamedTuple):
-    """What one sample contributes.
+class AcceptedSample(NamedTuple):
+    """Contribution of one sample.
 
-    value, stamp: the newest value that counts and its stamp [s]. late: the sample before it,
+    value, stamp: the newest accepted value and its stamp [s]. withheld_sample: the one before it,
     (stamp, value), that was withheld and proved to be motion. variance: of the integral, by a
     sample that was rejected now. residual: integral of sample minus median, newly known.
     """
 
     value: float
     stamp: float
-    late: tuple[float, float] | None = None
+    withheld_sample: tuple[float, float] | None = None
     variance: float = 0.0
     residual: float = 0.0
 
@@ -72,7 +72,7 @@ NO_SAMPLE = TimedSample(-inf, 0.0, -inf)
 
 
 class SingleSampleFilter:
-    """Decides about the samples of one channel; call ``add`` once for each new sample.
+    """Accepts or rejects the samples of one channel; call ``add`` once for each new sample.
 
     ``rejected``: number of rejected samples; ``pairs``: of two samples that jumped and returned
     together, which are accepted. min_jump: smallest jump that is withheld, in the unit of the
@@ -87,7 +87,7 @@ class SingleSampleFilter:
         self.restart()
 
     def restart(self) -> None:
-        """Forget all samples: after a pause they say nothing about the next one."""
+        """Forget all samples: after a pause they do not predict the next one."""
         self._before = self._last = NO_SAMPLE
         self._withheld: TimedSample | None = None
         self._recent: deque[TimedSample] = deque(maxlen=MEDIAN_SAMPLES)
@@ -97,7 +97,7 @@ class SingleSampleFilter:
         """Jump beyond which a sample is withheld, in the unit of the channel."""
         return max(self._min_jump, NOISE_FACTOR * self._noise)
 
-    def add(self, t: float, value: float, stamp: float) -> Accepted:
+    def add(self, t: float, value: float, stamp: float) -> AcceptedSample:
         """Judge the sample ``value`` that was read at ``t`` [s]; the same ``t`` changes nothing.
 
         stamp [s]: the time at which it is integrated, from another clock model than ``t``.
@@ -105,27 +105,27 @@ class SingleSampleFilter:
         last = self._last
         withheld = self._withheld
         if t <= last.t or (withheld is not None and t <= withheld.t):
-            return Accepted(last.value, last.stamp)
+            return AcceptedSample(last.value, last.stamp)
         sample = TimedSample(t, value, stamp)
-        if t - last.t > MAX_GAP:
+        if t - last.t > MAX_JUMP_TIME:
             return self._resume(sample)
         if withheld is not None:
             return self._decide(sample, withheld)
         if self._jumps(sample):
             self._withheld = sample
-            return Accepted(last.value, last.stamp)
-        return Accepted(value, stamp, residual=self._accept(sample))
+            return AcceptedSample(last.value, last.stamp)
+        return AcceptedSample(value, stamp, residual=self._accept(sample))
 
-    def _resume(self, sample: TimedSample) -> Accepted:
+    def _resume(self, sample: TimedSample) -> AcceptedSample:
         """Begin again after a pause; a sample that nothing can decide any more is motion."""
         withheld = self._withheld
         self.restart()
         self._accept(sample)
-        late = (withheld.stamp, withheld.value) if withheld is not None else None
-        return Accepted(sample.value, sample.stamp, late)
+        withheld_sample = (withheld.stamp, withheld.value) if withheld is not None else None
+        return AcceptedSample(sample.value, sample.stamp, withheld_sample)
 
     def _jumps(self, sample: TimedSample) -> bool:
-        """Whether the sample is far from the last one and from where the last two lead."""
+        """Whether the sample is far from the last one and from the line through the last two."""
         last = self._last
         jump = sample.value - last.value
         if abs(jump) <= self.threshold or self._before is NO_SAMPLE:
@@ -133,7 +133,7 @@ class SingleSampleFilter:
         slope = (last.value - self._before.value) / (last.t - self._before.t)
         return abs(jump - slope * (sample.t - last.t)) > self.threshold
 
-    def _decide(self, sample: TimedSample, withheld: TimedSample) -> Accepted:
+    def _decide(self, sample: TimedSample, withheld: TimedSample) -> AcceptedSample:
         """Step 2: reject the withheld sample, or accept it as motion."""
         self._withheld = None
         begin = self._last
@@ -147,10 +147,10 @@ class SingleSampleFilter:
             # What the line between the neighbours leaves unknown: the noise, and the difference
             # of the neighbours.
             spread = (self.threshold + high - low) * 0.5 * (sample.t - begin.t)
-            return Accepted(sample.value, sample.stamp, None, spread**2, self._accept(sample))
+            return AcceptedSample(sample.value, sample.stamp, None, spread**2, self._accept(sample))
         residual = self._accept(withheld) + self._accept(sample)
-        return Accepted(sample.value, sample.stamp, (withheld.stamp, withheld.value), 0.0,
-                        residual)
+        return AcceptedSample(sample.value, sample.stamp, (withheld.stamp, withheld.value), 0.0,
+                              residual)
 
     def _accept(self, sample: TimedSample) -> float:
         """Use the sample; returns the residual of step 3 that it makes known."""

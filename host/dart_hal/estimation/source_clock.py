@@ -1,4 +1,4 @@
-"""The clock of a source of poses, told by its stamps and the car's times of their arrival."""
+"""Conversion of the time stamps of a pose source to the clock of the car."""
 
 from __future__ import annotations
 
@@ -8,16 +8,18 @@ from dart_hal.core.clock_fit import edge_under_middle, lower_hull
 from dart_hal.core.types import FloatArray
 
 
-def car_time(stamp: FloatArray, arrival: FloatArray) -> tuple[FloatArray, str]:
-    """Stamps (n,) of a source on the car's clock [s], by offset and rate of the lower hull.
+def to_car_time(stamp: FloatArray, arrival: FloatArray) -> tuple[FloatArray, str]:
+    """Convert the stamps (n,) of a source to the car's clock [s], by offset and rate.
 
-    Also what is wrong with them, in words: told by their arrivals then; empty: nothing.
+    Both follow from the lower hull of stamps and arrival times (n,). Also returns a warning,
+    empty if there is none: if the stamps restart, the arrival times are used instead.
     """
     since = stamp - stamp[0]
     newest = np.maximum.accumulate(since)
     ahead = np.concatenate([[True], newest[1:] > newest[:-1]])
     if np.any(newest - since > 1.0):
-        return arrival, "the source of the poses began anew: told by their arrival"
+        return arrival, ("the pose source restarted its clock: "
+                         "arrival times are used instead of its stamps")
     pairs = list(zip(since[ahead].tolist(), arrival[ahead].tolist(), strict=True))
     (xa, ya), (xb, yb) = edge_under_middle(lower_hull(pairs))
     return ya + (yb - ya) / (xb - xa) * (since - xa), ""

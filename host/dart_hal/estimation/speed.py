@@ -1,4 +1,4 @@
-"""Wheel speed and travel from the edge count and the stamp of the last edge.
+"""Wheel speed and travel from the edge count and the time stamp of the last edge.
 
 Any two frames give the exact mean speed between their newest edges, however
 many frames were lost between them:
@@ -6,15 +6,16 @@ many frames were lost between them:
     v = (P(k2) - P(k1)) / (t2 - t1)        P: ring position, t: edge stamps
 
 The pair reaches from the newest edge back to the newest one that is at least
-15 ms older; with a ring table at most a revolution, as it then gains nothing
-but age. Between edges the car cannot have moved on by more than one gap, so
-|v| <= 1.05 gap / (now - t2), then 0.
+15 ms older. With a ring table it spans at most one revolution: a longer pair is
+not more accurate, only older. Between edges the car has moved by less than one
+gap, so |v| <= 1.05 gap / (now - t2), and 0 after a long silence.
 
-One channel has no direction: it is the sign of the command, taken over only
-when the wheel has stopped; until then the flag AMBIGUOUS is up. Should the
-wheel speed up against the held sign, it did turn round at its slowest point.
-What the car feels of it (``direction.py``) tells more, from a stand on or where
-the sign is in doubt, the phase of a second ring (``phase.py``) always: see ``feel``.
+One channel has no direction. The sign of the command is used; a new sign is
+taken over only when the wheel has stopped, and until then the direction is
+marked AMBIGUOUS. If the wheel speeds up against the old sign, it has reversed at
+its slowest point. ``correct_direction`` takes two better sources: the
+acceleration (``direction.py``), used after a standstill or where the sign is
+ambiguous, and the phase of a second ring (``phase.py``), always used.
 """
 
 from __future__ import annotations
@@ -25,237 +26,256 @@ from math import hypot, sqrt
 
 from dart_hal.estimation.ring import Aligner, Ring
 
-WINDOW = 15e-3
-"""s; stamp noise of 0.5 us is 5e-5 of it, a frame and a half at 100 Hz."""
+# s. A stamp noise of 0.5 us is 5e-5 of it; one and a half frames at 100 Hz.
+MIN_PAIR_TIME = 15e-3
 BOUND_MARGIN = 1.05
+# s of silence after which the speed is 0: below 7 mm/s with 2 mm edges.
 ZERO_AFTER = 0.3
-"""s of silence after which the speed is 0: below 7 mm/s with 2 mm edges."""
-TURN_SPEED = 0.06
-"""m/s: a wheel whose bound is below may follow a command of the other sign."""
-FRESH = 0.6
-"""s after a stand in which what is felt may overrule the command: it takes 0.4 s to tell, and
-later a wheel that catches again after a spin looks like a car that goes the other way."""
-SLOW = 0.3
-"""m/s at the slowest moment of wheels that nobody drives, below which they may have turned round:
-at 10 m/s2 a frame and the age of a pair of edges hide 0.25."""
-TURNS = 0.6
-"""The same of driven wheels, which lock at 2.5 g. Faster ones that gain speed against the command
-have lost their grip, and go on forwards."""
-ACCELERATION = 2.0
-"""m/s2 rms that a pair's age hides; enters the standard deviation only."""
-RECENT = 50
-"""Frames in whose slowest one a wheel turned round that a second ring sees going the other way: it
-takes 0.1 s to tell."""
+# m/s. A wheel whose upper bound is below may follow a command of the other sign.
+MAX_SIGN_CHANGE_SPEED = 0.06
+# s after a standstill in which the acceleration may overrule the command. Its estimate takes
+# 0.4 s; later, a wheel that regains grip after a spin looks like a car in reverse.
+MAX_START_TIME = 0.6
+# m/s at the slowest moment of coasting wheels, below which they may have reversed: at 10 m/s2
+# one frame and the age of a pair of edges hide 0.25.
+MAX_COASTING_REVERSAL_SPEED = 0.3
+# m/s, the same for driven wheels, which lock at 2.5 g. Faster ones that gain speed against the
+# command have lost their grip and still turn forwards.
+MAX_DRIVEN_REVERSAL_SPEED = 0.6
+# m/s2 rms hidden by the age of a pair; enters the standard deviation only.
+PAIR_ACCELERATION_STD = 2.0
+# Number of frames searched for the moment of a reversal that the second ring reports: it takes
+# 0.1 s to detect it.
+REVERSAL_FRAMES = 50
+# m/s2: a lifted wheel at full throttle reaches about half. More is noise.
 MAX_ACCELERATION = 100.0
-"""m/s2: a lifted wheel at full throttle reaches about half. More is noise."""
-EVEN_SPREAD, TABLE_SPREAD = 0.03, 0.003
-"""Relative one sigma of a gap without and with a ring table."""
-STAMP = 5e-6
-"""s, one sigma of an edge stamp: interrupts block it for 10 us at most."""
+# Standard deviation of a gap, relative, without and with a ring table.
+EVEN_GAP_STD = 0.03
+TABLE_GAP_STD = 0.003
+# s, one sigma of an edge stamp: interrupts block it for at most 10 us.
+STAMP_STD = 5e-6
 
-SQRT2, SQRT3 = sqrt(2.0), sqrt(3.0)
+SQRT2 = sqrt(2.0)
+SQRT3 = sqrt(3.0)
 
 _Edge = tuple[float, float, int]  # travel [m], device time [s], count
 
 
 class WheelSpeed:
-    """Pair estimator; call ``update`` once per frame.
+    """Estimates speed and travel from pairs of edges; call ``update`` once per frame.
 
     After a call: ``distance`` signed travel [m], continuous, interpolated
     between edges; ``direction`` +1 or -1; ``ambiguous`` the sign may be wrong;
-    ``rejected`` this frame's edges are noise (the speed is held); ``aligned``
+    ``rejected`` this frame's edges are noise (the last speed is kept); ``aligned``
     the ring table is in use.
     """
 
     def __init__(self, metres_per_edge: float, edges_per_rev: int,
                  ring: Sequence[float] | None = None) -> None:
-        self._even = Ring(metres_per_edge, edges_per_rev)
-        self._table = Ring(metres_per_edge, edges_per_rev, ring) if ring is not None else None
+        self._even_ring = Ring(metres_per_edge, edges_per_rev)
+        self._table_ring = Ring(metres_per_edge, edges_per_rev, ring) if ring is not None else None
         self.direction = 1
         self.speed = self.distance = 0.0
         self.ambiguous = self.rejected = self.aligned = False
-        self._unsigned = False
-        self._lowest, self._lowest_interval = 0.0, 0
-        self._stand, self._rolled, self._felt = 0, 0.0, 0
+        self._start_unsigned = False
+        self._slowest_speed = 0.0
+        self._slowest_interval = 0
+        self._start_interval = 0
+        self._time_since_start = 0.0
+        self._inertial_direction = 0
         self._driven = self._confirmed = False
-        self._hold = self._coasted = 0.0
-        self._skipped = 0
-        self._pair, self._pair_std = 0.0, 0.0
+        self._noise_time = self._extrapolated = 0.0
+        self._noise_edges = 0
+        self._pair_time = 0.0
+        self._pair_std = 0.0
         self._edges: deque[_Edge] = deque()
-        self._newest: deque[tuple[float, int]] = deque(maxlen=RECENT)
-        self._started, self._silent = False, True
-        self._count, self._now, self._edge_t = 0, 0.0, 0.0
-        self._lose_place()
+        self._newest: deque[tuple[float, int]] = deque(maxlen=REVERSAL_FRAMES)
+        self._has_frame = False
+        self._silent = True
+        self._count = 0
+        self._now = 0.0
+        self._edge_t = 0.0
+        self._reset_position()
 
     def update(self, count: int, t_edge: float, dt_prev: float, now: float, rate: float = 1.0,
                hint: int = 0) -> tuple[float, float]:
-        """Speed and one sigma [m/s] at device time ``now``.
+        """Return the speed and its standard deviation [m/s] at device time ``now``.
 
         count: edges, unwrapped; t_edge [s]: device time of the last one;
         dt_prev [s]: interval before it, 0.0 = unknown; rate: host seconds per
         device second; hint: sign of the command, 0 = none. A count or a time
-        that runs backwards is a restart: re-based without a jump.
+        that runs backwards is a restart of the Nano: the travel goes on without a jump.
         """
-        if not self._started or count < self._count or now < self._now:
-            self._started = True
+        if not self._has_frame or count < self._count or now < self._now:
+            self._has_frame = True
             self._rebase(count, t_edge, now)
         new = count - self._count
         dt = (now - self._now) * rate
-        self._count, self._now = count, now
-        self._rolled += dt
+        self._count = count
+        self._now = now
+        self._time_since_start += dt
         if new > 3 and self._is_noise(new, dt):
-            return self._coast(new, dt)
+            return self._extrapolate(new, dt)
         self.rejected = False
-        if self._hold:
+        if self._noise_time:
             self._resume(new, dt)
         if new:
             self._note_start(hint)
-            self._steer(hint, new, (t_edge - self._edge_t) * rate)
-            self._step(new, count, t_edge, dt_prev, rate)
+            self._update_direction(hint, new, (t_edge - self._edge_t) * rate)
+            self._add_edges(new, count, t_edge, dt_prev, rate)
         else:
-            self._steer(hint, 0, (now - self._edge_t) * rate)
+            self._update_direction(hint, 0, (now - self._edge_t) * rate)
         self._newest.append((abs(self.speed), self._interval))
-        return self._publish((now - self._edge_t) * rate)
+        return self._interpolate((now - self._edge_t) * rate)
 
     @property
-    def unsure(self) -> bool:
-        """The wheels turn, and neither the command nor what is felt says which way."""
-        return self.ambiguous and self.speed != 0.0 and self._felt != self.direction
+    def is_direction_uncertain(self) -> bool:
+        """Whether the wheels turn, and neither command nor acceleration gives the direction."""
+        return self.ambiguous and self.speed != 0.0 and self._inertial_direction != self.direction
 
-    def feel(self, direction: int, certain: bool = False) -> None:
-        """The way that the acceleration says the wheels turn; 0 = it does not.
+    def correct_direction(self, direction: int, certain: bool = False) -> None:
+        """Take in a measured direction; 0 = not known.
 
-        From a stand on, where nobody drives, or where the sign is in doubt, it makes the direction
-        sure, or turns it round together with the travel since the stand, or the slowest moment.
-        ``certain``: a second ring says so; it does so always.
+        After a standstill, while coasting, or where the sign is ambiguous, it confirms the
+        direction, or reverses it together with the travel since the standstill or the slowest
+        moment. ``certain``: it comes from a second ring and always counts.
         """
-        self._felt = direction
+        self._inertial_direction = direction
         if direction == self.direction:
-            self._unsigned, self._confirmed = False, True
-        elif direction and self._rolled < FRESH:
-            self._mirror(self._stand)
+            self._start_unsigned = False
+            self._confirmed = True
+        elif direction and self._time_since_start < MAX_START_TIME:
+            self._reverse_since(self._start_interval)
         elif direction and certain:
-            self._mirror(min(self._newest, default=(0.0, self._interval))[1])
+            self._reverse_since(min(self._newest, default=(0.0, self._interval))[1])
         elif direction and (self.ambiguous or not self._driven):
-            self._mirror(self._lowest_interval)
+            self._reverse_since(self._slowest_interval)
 
     @property
-    def witnessed(self) -> int:
-        """The direction where the command vouches for it and what was felt since the stand; else 0.
-        """
-        sure = self._driven and not self.ambiguous and self._confirmed and not self._silent
-        return self.direction if sure else 0
+    def confirmed_direction(self) -> int:
+        """Direction on which command and acceleration agree since the last standstill; else 0."""
+        confirmed = self._driven and not self.ambiguous and self._confirmed and not self._silent
+        return self.direction if confirmed else 0
 
     # -- edges ------------------------------------------------------------
 
     def _rebase(self, count: int, t_edge: float, now: float) -> None:
-        """Go on from the same place with a new count and a new device clock."""
-        self._count, self._now = count, now
+        """Keep the travel and continue with a new count and a new device clock."""
+        self._count = count
+        self._now = now
         self._edge_t = t_edge
         self._silent = True
-        self._lose_place()
+        self._reset_position()
 
-    def _lose_place(self) -> None:
-        """The tooth under the sensor is unknown (again)."""
+    def _reset_position(self) -> None:
+        """Forget which tooth is under the sensor."""
         self.aligned = False
-        self._ring = self._even
-        self._aligner = Aligner(self._table) if self._table is not None else None
-        self._interval = self._stand = self._lowest_interval = 0
-        self._edge_at = self._origin = self.distance
-        self._ahead = 0.0
+        self._ring = self._even_ring
+        self._aligner = Aligner(self._table_ring) if self._table_ring is not None else None
+        self._interval = self._start_interval = self._slowest_interval = 0
+        self._edge_position = self._origin = self.distance
+        self._in_gap = 0.0
         self._edges.clear()
         self._newest.clear()
 
     def _is_noise(self, new: int, dt: float) -> bool:
-        """More edges in one frame than any acceleration of the car explains."""
-        fastest = abs(self.speed) + MAX_ACCELERATION * (self._hold + dt)
-        return new > 3 + 1.2 * fastest * dt / self._even.metres
+        """Whether one frame has more edges than any acceleration of the car explains."""
+        fastest = abs(self.speed) + MAX_ACCELERATION * (self._noise_time + dt)
+        return new > 3 + 1.2 * fastest * dt / self._even_ring.metres
 
-    def _coast(self, new: int, dt: float) -> tuple[float, float]:
-        """Noise on the line: hold the speed, let its deviation grow, drop the edges."""
+    def _extrapolate(self, new: int, dt: float) -> tuple[float, float]:
+        """Noise on the line: keep the speed, let its deviation grow, drop the edges."""
         self.rejected = True
-        self._hold += dt
-        self._skipped += new
-        self._coasted += self.speed * dt
+        self._noise_time += dt
+        self._noise_edges += new
+        self._extrapolated += self.speed * dt
         self.distance += self.speed * dt
         self._edge_t = self._now
-        self._lose_place()
-        return self.speed, self._pair_std + 2.0 * ACCELERATION * self._hold
+        self._reset_position()
+        return self.speed, self._pair_std + 2.0 * PAIR_ACCELERATION_STD * self._noise_time
 
     def _resume(self, new: int, dt: float) -> None:
-        """The first good frame after noise. Did the wheel only start in a jump?
+        """Decide at the first good frame after noise whether the dropped edges were travel.
 
-        Then the dropped edges fit the speed of now, and they were travel.
+        A wheel that starts abruptly looks like noise: then the dropped edges fit the speed of
+        this frame, and their travel is added.
         """
-        travel = self._skipped * self._even.metres
-        if dt > 0.0 and travel <= 1.2 * new * self._even.metres / dt * self._hold:
-            self.distance += self.direction * travel - self._coasted
-            self._edge_at = self._origin = self.distance
-        self._hold = self._coasted = 0.0
-        self._skipped = 0
+        travel = self._noise_edges * self._even_ring.metres
+        if dt > 0.0 and travel <= 1.2 * new * self._even_ring.metres / dt * self._noise_time:
+            self.distance += self.direction * travel - self._extrapolated
+            self._edge_position = self._origin = self.distance
+        self._noise_time = self._extrapolated = 0.0
+        self._noise_edges = 0
 
-    def _step(self, new: int, count: int, t_edge: float, dt_prev: float, rate: float) -> None:
+    def _add_edges(self, new: int, count: int, t_edge: float, dt_prev: float, rate: float) -> None:
         """Move on by ``new`` edges and estimate the speed of the newest pair.
 
-        Forwards edge j + 1 ends interval j; backwards edge j does, so a
-        reversal meets the last edge again and has travelled nothing.
+        Forwards, edge j + 1 ends interval j; backwards, edge j does. So a
+        reversal passes the last edge again with no travel between.
         """
-        ring, sign, edges = self._ring, self.direction, self._edges
+        # 1. Position of the newest edge on the ring.
+        ring = self._ring
+        sign = self.direction
+        edges = self._edges
         self._interval += sign * new
         edge = self._interval if sign > 0 else self._interval + 1
-        self._edge_at = self._origin + ring.position(edge)
+        self._edge_position = self._origin + ring.position(edge)
         single = t_edge - self._edge_t if new == 1 else dt_prev
         self._edge_t = t_edge
-        self._ahead = 0.0
-        edges.append((self._edge_at, t_edge, count))
-        limit = t_edge - WINDOW
+        self._in_gap = 0.0
+        edges.append((self._edge_position, t_edge, count))
+        # 2. Drop old edges until the pair is the shortest one of at least MIN_PAIR_TIME.
+        limit = t_edge - MIN_PAIR_TIME
         while len(edges) > 2 and (edges[1][1] <= limit
                                   or (self.aligned and count - edges[0][2] > ring.n)):
             edges.popleft()
+        # 3. Speed of the pair; after a silence there is none.
         at, t, k = edges[0]
         pair = (t_edge - t) * rate
         if 0.0 < pair < ZERO_AFTER:
             self._silent = False
-            self.speed = (self._edge_at - at) / pair
-            self._pair = pair
+            self.speed = (self._edge_position - at) / pair
+            self._pair_time = pair
             self._pair_std = self._deviation(pair, count - k)
             if self._aligner is not None and single > 0.0:
-                self._align(edge, t_edge, single)
+                self._align_table(edge, t_edge, single)
         else:
-            self._begin(ring.gap(edge - 1 if sign > 0 else edge), dt_prev * rate)
+            self._restart_pair(ring.gap(edge - 1 if sign > 0 else edge), dt_prev * rate)
 
-    def _begin(self, gap: float, interval: float) -> None:
-        """First edge after a silence or a turn: its own interval, or next to nothing."""
+    def _restart_pair(self, gap: float, interval: float) -> None:
+        """Start a new pair at the first edge after a silence; its own interval gives the speed."""
         self._silent = False
         newest = self._edges[-1]
         self._edges.clear()
         self._edges.append(newest)
         if self._aligner is not None:
             self._aligner.clear()
-        self._pair = interval
+        self._pair_time = interval
         self.speed = self.direction * gap / interval if interval > 0.0 else 0.0
         self._pair_std = 0.3 * abs(self.speed) if interval > 0.0 else 2.0 * gap / ZERO_AFTER
 
     def _deviation(self, pair: float, edges: int) -> float:
-        """One sigma of a pair: uneven gaps (none after whole turns) and stamps."""
+        """Standard deviation of a pair [m/s]: uneven gaps (none after whole turns) and stamps."""
         spread = 0.0
         if edges % self._ring.n:
-            spread = (TABLE_SPREAD if self.aligned else EVEN_SPREAD) * self._ring.metres
-        return (spread + STAMP * abs(self.speed)) * SQRT2 / pair
+            spread = (TABLE_GAP_STD if self.aligned else EVEN_GAP_STD) * self._ring.metres
+        return (spread + STAMP_STD * abs(self.speed)) * SQRT2 / pair
 
-    def _align(self, edge: int, t_edge: float, seconds: float) -> None:
-        """Look for the table's shift; once found, go on from the same place."""
+    def _align_table(self, edge: int, t_edge: float, seconds: float) -> None:
+        """Look for the shift of the ring table; once found, keep the travel and use the table."""
         assert self._aligner is not None
-        assert self._table is not None
+        assert self._table_ring is not None
         interval = edge - 1 if self.direction > 0 else edge
         shift = self._aligner.offer(edge, t_edge, interval, seconds)
         if shift is None:
             return
-        self._aligner, self._ring, self.aligned = None, self._table, True
+        self._aligner = None
+        self._ring = self._table_ring
+        self.aligned = True
         self._interval += shift
-        self._stand += shift
-        self._lowest_interval += shift
-        self._origin = self._edge_at - self._table.position(edge + shift)
+        self._start_interval += shift
+        self._slowest_interval += shift
+        self._origin = self._edge_position - self._table_ring.position(edge + shift)
         self._newest.clear()
         newest = self._edges[-1]
         self._edges.clear()
@@ -264,65 +284,76 @@ class WheelSpeed:
     # -- direction --------------------------------------------------------
 
     def _note_start(self, hint: int) -> None:
+        """Remember where the wheel started to turn, and whether a command gave its sign."""
         if self._silent:
-            self._unsigned, self._confirmed = hint == 0, False
-            self._stand, self._rolled = self._interval, 0.0
-            self._lowest, self._lowest_interval = 0.0, self._interval
+            self._start_unsigned = hint == 0
+            self._confirmed = False
+            self._start_interval = self._interval
+            self._time_since_start = 0.0
+            self._slowest_speed = 0.0
+            self._slowest_interval = self._interval
         elif hint == self.direction:
-            self._unsigned = False
+            self._start_unsigned = False
 
-    def _steer(self, hint: int, new: int, silence: float) -> None:
-        """Take over the command's sign once the wheel has stood; see the module."""
-        speed, self._driven = abs(self.speed), hint != 0
+    def _update_direction(self, hint: int, new: int, silence: float) -> None:
+        """Take over the sign of the command once the wheel has stopped; see the module."""
+        speed = abs(self.speed)
+        self._driven = hint != 0
         if hint == 0 or hint == self.direction:
-            if hint or self._felt == self.direction or speed <= self._lowest:
-                self._lowest, self._lowest_interval = speed, self._interval
-            self.ambiguous = self._unsigned or (self._lowest < SLOW and self._gathers(speed))
+            if hint or self._inertial_direction == self.direction or speed <= self._slowest_speed:
+                self._slowest_speed = speed
+                self._slowest_interval = self._interval
+            self.ambiguous = self._start_unsigned or (
+                self._slowest_speed < MAX_COASTING_REVERSAL_SPEED and self._is_accelerating(speed))
             return
         self.ambiguous = True
-        if self._silent or (new < 2 and silence * TURN_SPEED > self._ring.gap(self._interval)):
-            self._turn_round()
-        elif speed <= self._lowest or self._felt == self.direction:
-            self._lowest, self._lowest_interval = speed, self._interval
-        elif self._lowest < TURNS and self._gathers(speed):
-            self._mirror(self._lowest_interval)
+        if self._silent or (
+                new < 2 and silence * MAX_SIGN_CHANGE_SPEED > self._ring.gap(self._interval)):
+            self._reverse()
+        elif speed <= self._slowest_speed or self._inertial_direction == self.direction:
+            self._slowest_speed = speed
+            self._slowest_interval = self._interval
+        elif self._slowest_speed < MAX_DRIVEN_REVERSAL_SPEED and self._is_accelerating(speed):
+            self._reverse_since(self._slowest_interval)
 
-    def _gathers(self, speed: float) -> bool:
-        """The wheels are clearly faster than at their slowest moment."""
-        return speed > 1.5 * self._lowest + 0.1
+    def _is_accelerating(self, speed: float) -> bool:
+        """Whether the wheels are clearly faster than at their slowest moment."""
+        return speed > 1.5 * self._slowest_speed + 0.1
 
-    def _mirror(self, interval: int) -> None:
-        """It has gone the other way since it was in this interval."""
+    def _reverse_since(self, interval: int) -> None:
+        """Mirror the travel since the wheel was in this interval, and reverse the direction."""
         self._interval = 2 * interval - self._interval
         self.distance = self._origin + self._ring.position(self._interval + (
             0 if self.direction < 0 else 1))
-        self._turn_round()
+        self._reverse()
 
-    def _turn_round(self) -> None:
+    def _reverse(self) -> None:
+        """Change the sign of the direction and the speed, and start a new pair."""
         self.direction = -self.direction
         self.speed = -self.speed
-        self._lowest = abs(self.speed)
-        self._lowest_interval = self._interval
-        self._edge_at, self._ahead = self.distance, 0.0
+        self._slowest_speed = abs(self.speed)
+        self._slowest_interval = self._interval
+        self._edge_position = self.distance
+        self._in_gap = 0.0
         self._edges.clear()
         self._newest.clear()
-        self.ambiguous = self._unsigned = self._confirmed = False
+        self.ambiguous = self._start_unsigned = self._confirmed = False
 
     # -- between edges ----------------------------------------------------
 
-    def _publish(self, age: float) -> tuple[float, float]:
-        """Bound the speed by the silence since the last edge, place the car in its gap."""
+    def _interpolate(self, age: float) -> tuple[float, float]:
+        """Bound the speed by the silence since the last edge, and place the car in its gap."""
         gap = self._ring.gap(self._interval)
         if self._silent or age > ZERO_AFTER:
             self._silent = True
             self.speed = 0.0
-            return 0.0, gap / (max(age, WINDOW) * SQRT3)
+            return 0.0, gap / (max(age, MIN_PAIR_TIME) * SQRT3)
         speed = abs(self.speed)
-        std = hypot(self._pair_std, ACCELERATION * (0.5 * self._pair + age))
+        std = hypot(self._pair_std, PAIR_ACCELERATION_STD * (0.5 * self._pair_time + age))
         if speed * age > BOUND_MARGIN * gap:
             speed = BOUND_MARGIN * gap / age
             self.speed = self.direction * speed
             std = max(std, 0.5 * speed)
-        self._ahead = max(self._ahead, min(speed * age, gap))
-        self.distance = self._edge_at + self.direction * self._ahead
+        self._in_gap = max(self._in_gap, min(speed * age, gap))
+        self.distance = self._edge_position + self.direction * self._in_gap
         return self.speed, std

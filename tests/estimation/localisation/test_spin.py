@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.estimation.spin import LONGEST, Spin
+from dart_hal.estimation.spin import MAX_SPIN_TIME, SpinDetector
 from studies.localisation.world import drive, hidden, run
 
 
@@ -34,11 +34,11 @@ def test_a_slip_of_a_few_tenths_is_felt():
 def test_an_imu_off_the_axle_is_no_spin_in_turns():
     """0.1 m at 4 rad/s feels 1.6 m/s2; the control is a turn that is not told."""
     rate, lever = 4.0 * np.sin(0.02 * np.arange(600)), 0.1
-    spin, blind = Spin(), Spin()
-    assert not any(spin.moved(0.02, 0.01, -lever * w * w, 0.01 * w) for w in rate)
-    assert any(blind.moved(0.02, 0.01, -lever * w * w) for w in rate)
+    spin, blind = SpinDetector(), SpinDetector()
+    assert not any(spin.update(0.02, 0.01, -lever * w * w, 0.01 * w) for w in rate)
+    assert any(blind.update(0.02, 0.01, -lever * w * w) for w in rate)
     assert spin._lever == pytest.approx(lever, abs=0.02)
-    assert any(spin.moved(0.026, 0.01, -lever * 16.0, 0.04) for _ in range(20))
+    assert any(spin.update(0.026, 0.01, -lever * 16.0, 0.04) for _ in range(20))
 
 
 def test_without_an_accelerometer_it_does_and_the_covariance_says_so(spun):
@@ -50,20 +50,20 @@ def test_without_an_accelerometer_it_does_and_the_covariance_says_so(spun):
 
 
 def test_wheels_are_believed_while_they_do_what_is_felt():
-    spin = Spin()
+    spin = SpinDetector()
     speed = np.concatenate((np.linspace(0.0, 2.0, 50), np.full(200, 2.0)))
     felt = np.gradient(speed, 0.01) + 0.3        # a bias
-    assert {spin.moved(0.01 * v, 0.01, a) for v, a in zip(speed, felt, strict=True)} == {None}
+    assert {spin.update(0.01 * v, 0.01, a) for v, a in zip(speed, felt, strict=True)} == {None}
 
 
 def test_and_not_while_they_do_not_but_no_longer_than_the_integral_counts():
-    spin = Spin()
+    spin = SpinDetector()
     for _ in range(100):
-        assert spin.moved(0.01, 0.01, 0.0) is None
-    told = [spin.moved(0.016, 0.01, 0.0) for _ in range(150)]
+        assert spin.update(0.01, 0.01, 0.0) is None
+    told = [spin.update(0.016, 0.01, 0.0) for _ in range(150)]
     parted = [t is not None for t in told]
     assert 0.98 < told[parted.index(True)] < 1.1
     assert parted.index(True) <= 3
-    assert sum(parted) == pytest.approx(LONGEST / 0.01, abs=3)
+    assert sum(parted) == pytest.approx(MAX_SPIN_TIME / 0.01, abs=3)
     assert not any(parted[-40:])
-    assert spin.moved(0.03, 0.01, None) is None
+    assert spin.update(0.03, 0.01, None) is None

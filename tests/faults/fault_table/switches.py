@@ -18,10 +18,10 @@ from dart_hal.car.pump import ThreadPump
 from dart_hal.devices.actuation import limits
 from dart_hal.devices.actuation.pca9685 import Pca9685
 from dart_hal.devices.actuation.servokit import Shield, load_servokit
-from dart_hal.estimation.bounds import Margin
+from dart_hal.estimation.bounds import ThrottleMargin
 from dart_hal.estimation.frames import FrameReader
 from dart_hal.estimation.imu_checks import ImuCheck
-from dart_hal.estimation.single_samples import Accepted, SingleSampleFilter
+from dart_hal.estimation.single_samples import AcceptedSample, SingleSampleFilter
 from dart_hal.fleet.peers import Order, Sender
 from dart_hal.fleet.stopping import StopCall, StopRule
 from dart_hal.wire.blocks import BlockReader
@@ -93,8 +93,8 @@ def trusting(check: ImuCheck, now: float, t_imu: float, gyro: Any, acc: Any, *_:
 class Unfiltered(SingleSampleFilter):
     """Accepts every sample and states no residual."""
 
-    def add(self, t: float, value: float, stamp: float) -> Accepted:
-        return Accepted(value, stamp)
+    def add(self, t: float, value: float, stamp: float) -> AcceptedSample:
+        return AcceptedSample(value, stamp)
 
 
 def as_adafruit(pca: Pca9685, neutral: tuple[int, int]) -> None:
@@ -213,8 +213,8 @@ host("single_samples", "a single wrong sample of the IMU is left out, and covere
      "dart_hal.car.telemetry.SingleSampleFilter", Unfiltered)
 host("encoder_check", "the encoder is held against model and accelerometer",
      "dart_hal.car.telemetry.EncoderCheck.judge", nothing)
-host("margins", "a weak or loaded car is no dead encoder", "dart_hal.estimation.bounds.UNKNOWN",
-     Margin(-0.3, 0.3, -0.3))
+host("margins", "a weak or loaded car is no dead encoder",
+     "dart_hal.estimation.bounds.UNIDENTIFIED_MARGIN", ThrottleMargin(-0.3, 0.3, -0.3))
 host("edge_gate", "edges that no wheel makes are dropped",
      "dart_hal.estimation.speed.MAX_ACCELERATION", FOREVER)
 host("ring_table", "uneven marks are learnt", "fault_table.rows_sensors.learnt", nothing)

@@ -22,7 +22,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.estimation.localisation.field import Map
 from dart_hal.estimation.localisation.matcher import Match, match
 from dart_hal.estimation.localisation.path import Stretch
-from dart_hal.estimation.spin import LOOSE
+from dart_hal.estimation.spin import SPIN_SPEED_STD
 
 POSE, ERRORS, TAU, SCALE = slice(0, 3), slice(3, 7), 7, 8
 SEEN = (0, 1, 2, SCALE)
@@ -71,7 +71,7 @@ class Belief:
         by[POSE, ERRORS] = turn @ way.by
         cov = by @ self.cov @ by.T
         noise = np.diag((ALONG**2, ASIDE**2, TURN**2)) * way.way
-        noise += LOOSE**2 * np.outer(way.loose, way.loose)
+        noise += SPIN_SPEED_STD**2 * np.outer(way.loose, way.loose)
         cov[POSE, POSE] += turn @ noise @ turn.T
         index = np.arange(3, len(STD))
         cov[index, index] += WANDER * (way.t[-1] - way.t[0])

@@ -17,7 +17,7 @@ from math import cos, sin
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.estimation.spin import WINDOW, Spin
+from dart_hal.estimation.spin import AVERAGED_STEPS, SpinDetector
 
 KEPT = 6.0
 """s of steps: a scan, and the longest gap without one that is bridged."""
@@ -51,7 +51,7 @@ class Steps:
     def __init__(self) -> None:
         self._t: list[float] = []
         self._steps: list[tuple[float, float, float, float]] = []
-        self._spin = Spin()
+        self._spin = SpinDetector()
         self._last: tuple[float, float, float] | None = None
 
     def moved(self, t: float, x: float, y: float, yaw: float, accel: float | None = None) -> None:
@@ -66,7 +66,7 @@ class Steps:
             c, s = cos(middle), sin(middle)
             step = (c * (x - x0) + s * (y - y0), c * (y - y0) - s * (x - x0), yaw - yaw0,
                     0.0)
-            ground = self._spin.moved(step[0], t - self._t[-1], accel, step[2])
+            ground = self._spin.update(step[0], t - self._t[-1], accel, step[2])
             if ground is not None:
                 step = self._slipped(ground, t, step)
         self._last = (x, y, yaw)
@@ -80,7 +80,7 @@ class Steps:
                  ) -> tuple[float, float, float, float]:
         """The step at a speed [m/s] over ground, and those in which it was not noticed yet."""
         dt = t - self._t[-1]
-        for k in range(-min(WINDOW - 1, len(self._steps) - 1), 0):
+        for k in range(-min(AVERAGED_STEPS - 1, len(self._steps) - 1), 0):
             _, aside, turn, _ = self._steps[k]
             before = self._t[k] - self._t[k - 1]
             self._steps[k] = (ground * before, aside, turn, before)
