@@ -15,7 +15,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.devices.lidar.scan import Stream
 from dart_hal.estimation.localisation import matcher
 from dart_hal.estimation.localisation.field import map_of_lines
-from dart_hal.estimation.localisation.rays import Cast, cast_numpy, native
+from dart_hal.estimation.localisation.rays import Cast, cast_numpy, native_cast
 from dart_lab.sim.lidar.maps import room_of
 from dart_lab.sim.lidar.params import LidarParams
 from dart_lab.sim.lidar.unit import Unit
@@ -61,7 +61,7 @@ def matches_per_s(match: matcher.Matcher, scans: int) -> float:
 
     def work() -> None:
         for points in each:
-            match(chart, points, points, start, known, matcher.SMALL)
+            match(chart, points, points, start, known, matcher.STEP_TOLERANCE)
 
     return scans / best_cpu(work, ROUNDS)
 
@@ -69,7 +69,7 @@ def matches_per_s(match: matcher.Matcher, scans: int) -> float:
 def figures(scale: float = 1.0) -> list[Figure]:
     """Rows for the table of all figures."""
     many, rows = max(int(100 * scale), 20), []
-    compiled = native()
+    compiled = native_cast()
     for name in ("room", "corridor", "track"):
         lines = len(room_of(name, SEED).lines)
         rows.append(Figure(f"lidar: {name} of {lines} lines, numpy",
@@ -79,7 +79,7 @@ def figures(scale: float = 1.0) -> list[Figure]:
             rows.append(Figure(f"lidar: {name} of {lines} lines, kernel",
                                scans_per_s(compiled, name, many), "scans/s",
                                15e3 if name == "room" else None))
-    matched = [matches_per_s(m, many) for m in (matcher.match_numpy, matcher.native()) if m]
+    matched = [matches_per_s(m, many) for m in (matcher.match_numpy, matcher.native_match()) if m]
     rows += [Figure(f"lidar: scans laid on a map, {name}", rate, "scans/s", wanted)
              for name, rate, wanted in zip(("numpy", "kernel"), matched, (1e3, 5e3), strict=False)]
     if len(matched) == 2:

@@ -16,9 +16,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.estimation.localisation.belief import begun
-from dart_hal.estimation.localisation.health import Judge, Status
-from dart_hal.estimation.localisation.localiser import PROVEN, Localiser
+from dart_hal.estimation.localisation.belief import start_belief
+from dart_hal.estimation.localisation.health import Status, TrackJudge
+from dart_hal.estimation.localisation.localiser import MIN_PROOF_SCANS, Localiser
 from dart_hal.estimation.localisation.search import search
 from studies.localisation.world import Drive, Hidden, Result, drive, hidden, run
 
@@ -111,8 +111,8 @@ def wrongs(seed: int, d: Drive) -> list[int]:
         way, turn = rng.uniform(0.3, 1.5), rng.uniform(0.3, 3.0) * rng.choice((-1, 1))
         course, t = rng.uniform(-np.pi, np.pi), float(d.scans[k].t[-1]) - 0.01
         wrong = d.true(t) + np.array((way * np.cos(course), way * np.sin(course), turn))
-        local.belief, local._learnt = begun(t, wrong), None
-        local._judge, local._proven = Judge(mean), PROVEN
+        local.belief, local._learnt = start_belief(t, wrong), None
+        local._judge, local._proof_scans = TrackJudge(mean), MIN_PROOF_SCANS
         judge_wrong(d, local, k, seen)
     return [*seen, sum(s.status is Status.LOST for s in told), len(told)]
 
@@ -124,7 +124,7 @@ def _warmed(d: Drive, k: int) -> Localiser:
         d.tell(local, int(j))
     seen = local.add(d.scans[k])
     assert seen is not None
-    local._judge = Judge(seen.agreement)
+    local._judge = TrackJudge(seen.agreement)
     return local
 
 
@@ -164,10 +164,10 @@ def starts(first: int, seeds: int) -> None:
                 begin = time.process_time()
                 best = search(chart, beams.points, beams.rays, beams.origin)
                 spent.append(time.process_time() - begin)
-                if not (best.sure and best.known):
+                if not (best.is_unique and best.is_known_room):
                     flagged += 1
                     continue
-                true = d.true(float(beams.way.t[-1]))
+                true = d.true(float(beams.stretch.t[-1]))
                 off = np.hypot(*(best.pose[:2] - true[:2]))
                 turn = abs((best.pose[2] - true[2] + np.pi) % (2 * np.pi) - np.pi)
                 fits = name == "own room" and off < 0.2 and turn < 0.1

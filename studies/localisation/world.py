@@ -15,7 +15,7 @@ import numpy as np
 from dart_hal.core.types import FloatArray, Mount, Scan
 from dart_hal.estimation.localisation.field import Map, map_of_lines
 from dart_hal.estimation.localisation.localiser import Localiser, Located
-from dart_hal.estimation.localisation.rays import best
+from dart_hal.estimation.localisation.rays import fastest_cast
 from dart_lab.sim.lidar.maps import Room, box, clearance, room_of
 
 DT = 0.01
@@ -72,7 +72,8 @@ class Drive:
     def tell(self, local: Localiser, k: int) -> None:
         """What the State k says."""
         accel = float(self.accel[k])
-        local.moved(float(self.t[k]), *self.told[k].tolist(), accel if isfinite(accel) else None)
+        local.update_odometry(float(self.t[k]), *self.told[k].tolist(),
+                              accel if isfinite(accel) else None)
 
     def true(self, t: float) -> FloatArray:
         return np.array([np.interp(t, self.t, column) for column in self.truth.T])
@@ -191,7 +192,7 @@ def _scans(lines, glass, t, truth, hid, rng, n):
     """Whole revolutions; the other car drives a circle about the middle of the room."""
     beams = round(5000.0 / hid.rate)
     turn = np.arange(beams) * (2.0 * np.pi / beams)
-    cast, mount = best(), Mount(x=0.13)
+    cast, mount = fastest_cast(), Mount(x=0.13)
     first = t[0] + 0.05
     while first + beams * 2e-4 + 0.02 < t[-1]:
         when = first + 2e-4 * np.arange(beams)

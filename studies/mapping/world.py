@@ -8,8 +8,8 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 from dart_hal.estimation.localisation.grid import Grid
-from dart_hal.estimation.mapping.align import Laid, laid
-from dart_hal.estimation.mapping.graph import between
+from dart_hal.estimation.mapping.align import Alignment, align_points
+from dart_hal.estimation.mapping.graph import relative_pose
 from dart_hal.estimation.mapping.keyframes import Survey
 from dart_hal.estimation.mapping.mapper import Mapper
 from dart_lab.sim.lidar.maps import room_of
@@ -54,7 +54,7 @@ def mapped(d: Drive, *, closing: bool = True, deskew: bool = True) -> Survey:
     mapper, k = Mapper(closing=closing, deskew=deskew), 0
     for scan in d.scans:
         while k < len(d.t) and d.t[k] <= scan.arrival:
-            mapper.moved(float(d.t[k]), *d.told[k].tolist())
+            mapper.update_odometry(float(d.t[k]), *d.told[k].tolist())
             k += 1
         mapper.add(scan)
     return mapper.finish()
@@ -67,10 +67,10 @@ class Placed:
 
     path: FloatArray
     true: FloatArray
-    by: Laid
+    by: Alignment
 
     def room(self, points: FloatArray) -> FloatArray:
-        return self.by.room(points)
+        return self.by.transform(points)
 
     def survey(self, points: FloatArray) -> FloatArray:
         """The other way."""
@@ -90,8 +90,8 @@ def placed_on(survey: Survey, d: Drive, late: float = 0.010) -> Placed:
     path, last = survey.path(), np.array([float(scan.t[-1]) for scan in d.scans])
     told = last[np.abs(last - late - path[:, :1]).argmin(axis=1)]
     true = np.array([d.true(t - late) for t in told])
-    by = laid(path[:, 1:3], true[:, :2])
-    return Placed(np.column_stack((by.room(path[:, 1:3]), path[:, 3] + by.turn)), true, by)
+    by = align_points(path[:, 1:3], true[:, :2])
+    return Placed(np.column_stack((by.transform(path[:, 1:3]), path[:, 3] + by.turn)), true, by)
 
 
 def gap(placed: Placed, way: float = 3.0) -> tuple[float, float]:
@@ -102,7 +102,7 @@ def gap(placed: Placed, way: float = 3.0) -> tuple[float, float]:
     for k in np.flatnonzero(gone > gone[-1] - OVER):
         before = np.flatnonzero(gone < gone[k] - way - OVER)
         j = before[np.argmin(np.hypot(*(placed.true[before, :2] - placed.true[k, :2]).T))]
-        told, true = (between(p[j], p[k]) for p in (placed.path, placed.true))
+        told, true = (relative_pose(p[j], p[k]) for p in (placed.path, placed.true))
         off.append(np.hypot(*(told - true)[:2]))
         turn.append((told[2] - true[2] + np.pi) % (2.0 * np.pi) - np.pi)
     return float(np.sqrt(np.mean(np.square(off)))), float(np.sqrt(np.mean(np.square(turn))))

@@ -71,9 +71,9 @@ def test_the_latency_is_unbiased_on_the_real_firmware(seed):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("change", "words", "remedy"), [
-    (lambda p: replace(p, x=1e3 * p.x, y=1e3 * p.y), "told in mm", "units=mm"),
+    (lambda p: replace(p, x=1e3 * p.x, y=1e3 * p.y), "poses are in mm", "units=mm"),
     (lambda p: replace(p, y=-p.y, yaw=-p.yaw), "left-handed", "hand=left"),
-    (lambda p: replace(p, x=1.0, y=2.0, yaw=0.3), "stand while the car drives", "settings"),
+    (lambda p: replace(p, x=1.0, y=2.0, yaw=0.3), "do not move while the car drives", "settings"),
 ])
 def test_a_wrong_source_is_named_and_nothing_comes_of_it(change, words, remedy):
     with pytest.raises(CalibrationFailed, match=words) as refused:

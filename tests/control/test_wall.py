@@ -8,7 +8,7 @@ import pytest
 from dart_hal.control import wall as wall_module
 from dart_hal.control.wall import BODY, ROUND, Wall
 from dart_hal.core.types import Pose
-from dart_hal.estimation.localisation.rays import FAR, cast_numpy
+from dart_hal.estimation.localisation.rays import NO_HIT, cast_numpy
 
 BEAMS = 300
 
@@ -18,9 +18,9 @@ def scan(*walls, glass=()):
     turn = 2.0 * np.pi / BEAMS * np.arange(BEAMS)
     way = np.column_stack((np.cos(turn), np.sin(turn)))
     r = cast_numpy(np.array(walls), np.zeros((BEAMS, 2)), way)
-    r[r == FAR] = np.nan
+    r[r == NO_HIT] = np.nan
     if glass:
-        r[cast_numpy(np.array((glass,)), np.zeros((BEAMS, 2)), way) < FAR] = np.nan
+        r[cast_numpy(np.array((glass,)), np.zeros((BEAMS, 2)), way) < NO_HIT] = np.nan
     return r[:, None] * way
 
 

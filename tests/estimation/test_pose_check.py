@@ -44,7 +44,7 @@ def told(d: PoseComparison, how: str) -> PoseComparison:
 EXPECTED = {"mm": ("mm", "units=mm"), "cm": ("cm", "units=cm"), "deg": ("degrees", "angle=deg"),
             "left": ("left-handed", "hand=left"), "left_deg": ("degrees", "angle=deg&hand=left"),
             "y-up": ("y-up", ""), "mirrored": ("mirrored", ""), "swapped": ("mirrored", ""),
-            "turn": ("x axis", "turn=90"), "stands": ("stand", ""),
+            "turn": ("x axis", "turn=90"), "stands": ("do not move", ""),
             "another": ("another body", "body=NAME")}
 
 

@@ -22,7 +22,7 @@ def accept_all(values: list[float]) -> tuple[list[float], SingleSampleFilter]:
     for k, value in enumerate(values):
         result = channel.add(k * PERIOD, value, k * PERIOD)
         if result.withheld_sample is not None:
-            accepted[result.withheld_sample[0]] = result.late[1]
+            accepted[result.withheld_sample[0]] = result.withheld_sample[1]
         accepted[result.stamp] = result.value
     return [accepted[t] for t in sorted(accepted)], channel
 

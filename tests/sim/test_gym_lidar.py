@@ -118,7 +118,7 @@ def test_the_picture_shows_them():
 
 def test_numpy_sees_what_the_kernel_sees(monkeypatch):
     seen = []
-    for cast in (rays.best(), rays.cast_numpy):
+    for cast in (rays.fastest_cast(), rays.cast_numpy):
         monkeypatch.setattr("dart_lab.sim.gym.lidar.best", lambda cast=cast: cast)
         seen.append(DartCarEnv(beams=24).reset(seed=6)[0])
     assert seen[0] == pytest.approx(seen[1], abs=1e-6)

@@ -18,7 +18,7 @@ from dart_lab.sim.lidar import lanes
 from dart_lab.sim.lidar.maps import ROOMS, box, clearance, room_of
 from dart_lab.sim.truth import reveal_url, room_of_car
 
-CASTS = [rays.cast_numpy, *([rays.native()] if rays.native() else [])]
+CASTS = [rays.cast_numpy, *([rays.native_cast()] if rays.native_cast() else [])]
 
 
 def directions(n):
@@ -33,8 +33,8 @@ def test_rays_in_a_box_and_past_it(cast):
     assert cast(lines, np.zeros((4, 2)), way) == pytest.approx([3.0, 1.0, 2.0, 1.0])
     outside = cast(lines, np.full((4, 2), (-5.0, 0.0)), way)
     assert outside[0] == pytest.approx(4.0)
-    assert (outside[1:] == rays.FAR).all()
-    assert (cast(np.empty((0, 4)), np.zeros((4, 2)), way) == rays.FAR).all()
+    assert (outside[1:] == rays.NO_HIT).all()
+    assert (cast(np.empty((0, 4)), np.zeros((4, 2)), way) == rays.NO_HIT).all()
 
 
 @pytest.mark.parametrize("cast", CASTS)
@@ -46,22 +46,22 @@ def test_no_ray_slips_through_a_corner(cast):
 
 
 def test_the_kernel_says_what_numpy_says():
-    if rays.native() is None:
+    if rays.native_cast() is None:
         pytest.skip("no C compiler here")
     for name in ROOMS:
         lines = room_of(name, 5).lines
         origin = np.random.default_rng(2).uniform(-1.0, 6.0, (500, 2))
-        assert rays.native()(lines, origin, directions(500)) == pytest.approx(
+        assert rays.native_cast()(lines, origin, directions(500)) == pytest.approx(
             rays.cast_numpy(lines, origin, directions(500)), rel=1e-9, abs=1e-9)
 
 
 def test_numpy_alone_does_where_the_kernels_are_switched_off(monkeypatch):
     monkeypatch.setenv("DART_HAL_NATIVE", "0")
-    rays.native.cache_clear()
+    rays.native_cast.cache_clear()
     try:
-        assert rays.best() is rays.cast_numpy
+        assert rays.fastest_cast() is rays.cast_numpy
     finally:
-        rays.native.cache_clear()
+        rays.native_cast.cache_clear()
 
 
 @pytest.mark.parametrize("name", list(ROOMS))

@@ -19,13 +19,13 @@ from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray, Mount, Scan, State
 from dart_hal.devices.lidar.health import Watch
 from dart_hal.estimation import pose_check
-from dart_hal.estimation.localisation.beams import Beams, beams_of
-from dart_hal.estimation.localisation.belief import LATE, UNLEARNT
+from dart_hal.estimation.localisation.beams import Beams, place_beams
+from dart_hal.estimation.localisation.belief import DEFAULT_ERRORS, MEAN_LATENCY
 from dart_hal.estimation.localisation.field import Map
-from dart_hal.estimation.localisation.health import AGREED, STALE, agreement
+from dart_hal.estimation.localisation.health import MIN_AGREEMENT, MIN_MAP_AGREEMENT, agreement
 from dart_hal.estimation.localisation.matcher import match
-from dart_hal.estimation.localisation.path import Steps
-from dart_hal.estimation.localisation.search import LOOSE, search
+from dart_hal.estimation.localisation.path import OdometrySteps
+from dart_hal.estimation.localisation.search import SEARCH_INFORMATION, search
 from dart_hal.estimation.odometry import OdometryNoise
 from dart_hal.estimation.pose_check import find_fault
 
@@ -61,7 +61,7 @@ PLACE = 0.5
 """m, edge of a place: from one to the next the walls are seen anew."""
 TRIES = 20
 """Scans that are searched for in the whole map, before it is said that they are not of it."""
-SHARE, EXPLAINED = 0.8, STALE
+SHARE, EXPLAINED = 0.8, MIN_MAP_AGREEMENT
 """Of the scans that have to be found, and mean share of their beams that the map explains."""
 
 
@@ -169,21 +169,21 @@ class Seen:
 
 def _laid(drive: Drive, chart: Map, mount: Mount) -> Seen:
     """Every scan that the map explains, of a lidar that sits as ``mount``."""
-    steps, states = Steps(), iter(drive.states)
+    steps, states = OdometrySteps(), iter(drive.states)
     rows: list[tuple[float, ...]] = []
     last: tuple[float, FloatArray] | None = None
     tries = 0
     state = next(states)
     for scan in drive.scans:
         while state.t <= scan.arrival:
-            steps.moved(state.t, state.pose.x, state.pose.y, state.pose.yaw)
+            steps.add(state.t, state.pose.x, state.pose.y, state.pose.yaw)
             if (following := next(states, None)) is None:
                 break
             state = following
-        beams = beams_of(scan.mounted(mount), steps, UNLEARNT, LATE)
+        beams = place_beams(scan.mounted(mount), steps, DEFAULT_ERRORS, MEAN_LATENCY)
         if beams is None:
             continue
-        end = float(beams.way.t[-1])
+        end = float(beams.stretch.t[-1])
         start = _from(last, steps, end)
         start = _searched(chart, beams) if start is None else start
         if start is None:
@@ -191,9 +191,9 @@ def _laid(drive: Drive, chart: Map, mount: Mount) -> Seen:
             if tries > TRIES:
                 break
             continue
-        found = match(chart, beams.points, beams.rays, start, LOOSE, SMALL).pose
+        found = match(chart, beams.points, beams.rays, start, SEARCH_INFORMATION, SMALL).pose
         agreed = agreement(chart, found, beams.points, beams.rays, beams.origin).share
-        if agreed < AGREED:
+        if agreed < MIN_AGREEMENT:
             continue
         last = end, found
         rows.append((*_middle(beams, found), found[3], agreed))
@@ -206,12 +206,13 @@ def _laid(drive: Drive, chart: Map, mount: Mount) -> Seen:
     return Seen(table[:, 0], pose, table[:, 4], table[:, 5])
 
 
-def _from(last: tuple[float, FloatArray] | None, steps: Steps, end: float) -> FloatArray | None:
+def _from(last: tuple[float, FloatArray] | None, steps: OdometrySteps, end: float
+          ) -> FloatArray | None:
     """Where the car is at ``end`` by wheels and gyro; None where nothing is known."""
     if last is None or not steps.covers(last[0], end):
         return None
     t, pose = last
-    dx, dy, turn = steps.stretch(t, end, UNLEARNT).pose[-1].tolist()
+    dx, dy, turn = steps.stretch(t, end, DEFAULT_ERRORS).pose[-1].tolist()
     c, s = cos(pose[2]), sin(pose[2])
     return np.array((pose[0] + c * dx - s * dy, pose[1] + s * dx + c * dy, pose[2] + turn, 0.0))
 
@@ -219,13 +220,13 @@ def _from(last: tuple[float, FloatArray] | None, steps: Steps, end: float) -> Fl
 def _searched(chart: Map, beams: Beams) -> FloatArray | None:
     """Of the whole map. One of two places that are alike does as well as the other."""
     found = search(chart, beams.points, beams.rays, beams.origin)
-    return found.pose if found.known else None
+    return found.pose if found.is_known_room else None
 
 
 def _middle(beams: Beams, pose: FloatArray) -> tuple[float, float, float, float]:
     """t, x, y, yaw in the middle of a scan of which ``pose`` is that at the end: what wheels and
     gyro are wrong by within a scan moves it least."""
-    way = beams.way
+    way = beams.stretch
     t = 0.5 * float(way.t[0] + way.t[-1])
     x, y, yaw = (way.at(np.array((t,)))[0] - way.pose[-1]).tolist()
     turn = float(pose[2]) - float(way.pose[-1, 2])

@@ -137,7 +137,7 @@ class Engine:
             states = [self._seen(state, t) for state in self.receiver.feed(
                 self.hooks.rx(data, t), t, self.applied)]
             if self.localiser is not None:
-                self.localiser.moved(states)
+                self.localiser.add_states(states)
             if self.lidar is not None:
                 states = self.lidar.take(states, t, self.now)
             if self.camera is not None:

@@ -85,7 +85,7 @@ def localiser_of(backend: Backend, lidar: CarLidar | None) -> LidarPoses | None:
                          expected="sim://?lidar=1, or --lidar serial:///dev/dart-lidar")
     lidar.localiser = source
     if not backend.virtual:
-        source.in_thread()
+        source.start_thread()
     return source
 
 

@@ -27,7 +27,7 @@ from dart_hal.cli.follow import apply_keys, open_keys
 from dart_hal.control.ending import Phase
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.plant import plant_of
-from dart_hal.estimation.localisation.localiser import MIRRORED
+from dart_hal.estimation.localisation.localiser import MIN_ROTATION_SENSE
 
 COMMAND_SOURCE = "lane"
 
@@ -110,7 +110,7 @@ def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...],
 def is_mirrored(car: Car) -> bool:
     """Return whether the lidar is mounted upside down, judged by the turns so far."""
     health = car.lidar.health
-    return health is not None and health.sense is not None and health.sense < MIRRORED
+    return health is not None and health.sense is not None and health.sense < MIN_ROTATION_SENSE
 
 
 def summarise_drive(follower: LaneFollower) -> dict[str, Any]:

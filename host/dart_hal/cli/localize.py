@@ -30,7 +30,7 @@ from dart_hal.control.while_located import WhileLocated
 from dart_hal.core.types import FloatArray, Pose
 from dart_hal.devices.links.base import Backend
 from dart_hal.estimation.localisation.localiser import Located
-from dart_hal.estimation.localisation.source import LidarPoses, start_of
+from dart_hal.estimation.localisation.source import LidarPoses, parse_start
 
 
 @click.command("localize")
@@ -62,7 +62,7 @@ def command(url: str | None, car_name: str, cars: Path | None, chart: Path | Non
     located, and stops when its pose is lost. Exits 1 if the pose was lost.
     """
     backend = backend_of(url)
-    source = LidarPoses(load_map(backend, chart), start_of(start) if start else None)
+    source = LidarPoses(load_map(backend, chart), parse_start(start) if start else None)
     poses: list[Located] = []
     ended: WhileLocated | None = None
     with Car.over(backend, car=car_name, cars=cars, poses=source, record=record,

@@ -32,11 +32,11 @@ from dart_hal.control.wall import Wall
 from dart_hal.core.errors import Disarmed, LinkLost, UsageError
 from dart_hal.estimation.localisation.field import map_of_grid
 from dart_hal.estimation.localisation.grid import Grid, write_grid
-from dart_hal.estimation.localisation.health import AGREED, agreement
-from dart_hal.estimation.mapping.checks import Checks
+from dart_hal.estimation.localisation.health import MIN_AGREEMENT, agreement
+from dart_hal.estimation.mapping.checks import MapChecks
 from dart_hal.estimation.mapping.keyframes import Survey
 from dart_hal.estimation.mapping.mapper import Mapper
-from dart_hal.estimation.mapping.occupancy import CELL, grid_of
+from dart_hal.estimation.mapping.occupancy import DEFAULT_CELL, grid_of
 
 
 @click.command("map")
@@ -59,7 +59,7 @@ from dart_hal.estimation.mapping.occupancy import CELL, grid_of
               help="s after which the car stops")
 @click.option("--max-throttle", type=FiniteNumber(0.0, 1.0), default=0.25, show_default=True,
               help="throttle of a key or of a stick pushed to its end")
-@click.option("--cell", type=FiniteNumber(0.01, 0.2), default=CELL, show_default=True,
+@click.option("--cell", type=FiniteNumber(0.01, 0.2), default=DEFAULT_CELL, show_default=True,
               help="side of a cell of the map, m")
 @click.option("--record", type=OutputFile(replaces=False), default=None,
               help="write the drive to this MCAP file (default: OUT.mcap)")
@@ -120,7 +120,7 @@ def command(url: str | None, car_name: str, cars: Path | None, out: Path, run: P
         print_json(found)
     else:
         results.print(format_summary(found), markup=False, highlight=False)
-    return 0 if good and found["explained"] > AGREED else 1
+    return 0 if good and found["explained"] > MIN_AGREEMENT else 1
 
 
 def drive_along_walls(car: Car, speed: float, wall: Wall, distance: float, duration: float,
@@ -135,7 +135,7 @@ def drive_along_walls(car: Car, speed: float, wall: Wall, distance: float, durat
 def build_survey(run: Path, car_name: str, cars: Path | None) -> tuple[Survey, tuple[str, ...]]:
     """Map a recording; return the survey and warnings. Raises UsageError, RecordingError."""
     mapper = Mapper()
-    checks = Checks()
+    checks = MapChecks()
     distance = 0.0
     with Car.open(f"replay://{run}", car=car_name, cars=cars) as car, progress_bar() as bar:
         task = bar.add_task("mapping", total=None)
@@ -145,7 +145,7 @@ def build_survey(run: Path, car_name: str, cars: Path | None) -> tuple[Survey, t
             if previous is not None:
                 distance += float(np.hypot(pose.x - previous.x, pose.y - previous.y))
             previous = pose
-            mapper.moved(state.t, pose.x, pose.y, pose.yaw)
+            mapper.update_odometry(state.t, pose.x, pose.y, pose.yaw)
             for scan in car.lidar.scans():
                 checks.add(scan, pose.yaw)
                 mapper.add(scan)
@@ -155,7 +155,7 @@ def build_survey(run: Path, car_name: str, cars: Path | None) -> tuple[Survey, t
     warnings = []
     if mapper.broken:
         warnings.append(f"the map ends where the lidar sent no scans: {mapper.broken}")
-    if checks.unsure:
+    if checks.is_sense_unknown:
         warnings.append("the car turned too little to check the mounting side of the lidar")
     return mapper.finish(), tuple(warnings)
 
@@ -173,9 +173,9 @@ def summarise_map(survey: Survey, grid: Grid) -> dict[str, Any]:
                  for frame, pose in zip(survey.frames[::step], survey.poses[::step], strict=True)]
     path = survey.path()
     row, column = np.nonzero(grid.occupied)
-    proposed = sum(edge.closes for edge in survey.edges)
+    proposed = sum(edge.is_closure for edge in survey.edges)
     return {
-        "way_m": survey.frames[-1].way, "duration_s": float(path[-1, 0] - path[0, 0]),
+        "way_m": survey.frames[-1].travel, "duration_s": float(path[-1, 0] - path[0, 0]),
         "keyframes": len(survey.frames), "closures": len(survey.closures),
         "closures_refused": proposed - len(survey.closures), "explained": float(np.mean(explained)),
         "cell_m": grid.cell, "walls_cells": len(row),

@@ -24,7 +24,7 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.localisation.field import map_of_grid
 from dart_hal.estimation.localisation.grid import Grid, write_grid
 from dart_hal.estimation.localisation.source import LidarPoses
-from dart_hal.estimation.mapping.align import Laid, laid
+from dart_hal.estimation.mapping.align import Alignment, align_points
 from dart_hal.estimation.mapping.keyframes import Survey
 from dart_hal.estimation.mapping.mapper import Mapper
 from dart_hal.estimation.mapping.occupancy import grid_of
@@ -98,14 +98,14 @@ def driven(number: int, out: Path) -> Followed:
     write_grid(grid, out / MAP)
     line = closed(survey)
     estimated, true, ended = followed(url, cars, grid, line)
-    estimated[:, :2] = place.room(estimated[:, :2])
+    estimated[:, :2] = place.transform(estimated[:, :2])
     row, column = np.nonzero(grid.occupied)
     cells = grid.origin + (np.column_stack((column, row)) + 0.5) * grid.cell
-    return Followed(estimated, true, place.room(cells), boards, place.size,
+    return Followed(estimated, true, place.transform(cells), boards, place.size,
                     ended, len(survey.closures))
 
 
-def mapped(url: str, cars: Path) -> tuple[Survey, Laid, FloatArray]:
+def mapped(url: str, cars: Path) -> tuple[Survey, Alignment, FloatArray]:
     """The survey of one lap, where it lies in the room, and the boards there."""
     backend, mapper = open_backend(url), Mapper()
     with Car.over(backend, cars=cars) as car:
@@ -113,7 +113,7 @@ def mapped(url: str, cars: Path) -> tuple[Survey, Laid, FloatArray]:
 
         def answer(state: State) -> Command:
             scans = car.lidar.scans()
-            mapper.moved(state.t, state.pose.x, state.pose.y, state.pose.yaw)
+            mapper.update_odometry(state.t, state.pose.x, state.pose.y, state.pose.yaw)
             for scan in scans:
                 mapper.add(scan)
             return follower.answer(car.now, state.speed, scans)
@@ -121,7 +121,7 @@ def mapped(url: str, cars: Path) -> tuple[Survey, Laid, FloatArray]:
         drive(car, follower, answer)
         survey = mapper.finish()
         path = survey.path()
-        return (survey, laid(path[:, 1:3], true_path(backend, path[:, 0])[:, :2]),
+        return (survey, align_points(path[:, 1:3], true_path(backend, path[:, 0])[:, :2]),
                 map_of_room(backend).lines)
 
 
@@ -141,7 +141,7 @@ def drive(car: Car, follower: Ending, answer: Callable[[State], Command]) -> Non
 
 def closed(survey: Survey) -> Track:
     """The line that was driven, one lap of it."""
-    way = np.array([frame.way for frame in survey.frames])
+    way = np.array([frame.travel for frame in survey.frames])
     apart = np.hypot(*(survey.poses[:, :2] - survey.poses[0, :2]).T)
     end = int(np.argmin(np.where(way < 0.7 * LAP, np.inf, apart)))
     kept = [0]

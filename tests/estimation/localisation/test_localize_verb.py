@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.cli.main import main
-from dart_hal.estimation.localisation.field import CELL
+from dart_hal.estimation.localisation.field import NODE_SPACING
 from dart_lab.sim.lidar.maps import box, room_of
 
 WAIVED = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED", "--json")
@@ -21,7 +21,7 @@ def told(capsys, *args):
     return done.value.code, json.loads(capsys.readouterr().out)
 
 
-def ros_map(folder, lines, cell=CELL):
+def ros_map(folder, lines, cell=NODE_SPACING):
     """A map_server map of lines [m], drawn at half the cell's spacing."""
     low = lines.reshape(-1, 2).min(axis=0) - 0.2
     size = np.ceil((lines.reshape(-1, 2).max(axis=0) + 0.2 - low) / cell).astype(int)

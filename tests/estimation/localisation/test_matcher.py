@@ -25,9 +25,9 @@ def scan_of(seed):
             np.array((x + 0.02, y - 0.02, 0.02, 0.004)), np.diag((2500.0, 2500.0, 1e4, 1e5)))
 
 
-@pytest.mark.parametrize("small", [0.0, matcher.SMALL])
+@pytest.mark.parametrize("small", [0.0, matcher.STEP_TOLERANCE])
 def test_the_kernel_says_what_numpy_says(small):
-    by_c = matcher.native()
+    by_c = matcher.native_match()
     if by_c is None:
         pytest.skip("no C compiler")
     for seed in range(8):
@@ -44,17 +44,17 @@ def test_one_that_says_otherwise_is_not_used():
         found = matcher.match_numpy(*given)
         return matcher.Match(found.pose + 1e-6, found.info)
 
-    assert matcher._agrees(matcher.match_numpy)
-    assert not matcher._agrees(wrong)
+    assert matcher._is_equal(matcher.match_numpy)
+    assert not matcher._is_equal(wrong)
 
 
 def test_numpy_takes_over_where_it_is_switched_off(monkeypatch):
     monkeypatch.setenv("DART_HAL_NATIVE", "0")
-    matcher.native.cache_clear()
+    matcher.native_match.cache_clear()
     try:
-        assert matcher.native() is None
+        assert matcher.native_match() is None
         given = scan_of(3)
         assert matcher.match(*given).pose == pytest.approx(matcher.match_numpy(*given).pose)
     finally:
         monkeypatch.undo()
-        matcher.native.cache_clear()
+        matcher.native_match.cache_clear()

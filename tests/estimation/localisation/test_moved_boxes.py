@@ -8,12 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dart_hal.estimation.localisation.belief import begun
+from dart_hal.estimation.localisation.belief import start_belief
 from dart_hal.estimation.localisation.field import map_of_grid, map_of_lines
 from dart_hal.estimation.localisation.grid import Grid
 from dart_hal.estimation.localisation.health import Status, agreement
 from dart_hal.estimation.localisation.localiser import Localiser
-from dart_hal.estimation.localisation.rays import best
+from dart_hal.estimation.localisation.rays import fastest_cast
 from dart_hal.estimation.localisation.search import search
 from dart_lab.sim.lidar.maps import box, room_of
 from studies.localisation.figures import _warmed, wrongs
@@ -47,7 +47,7 @@ def seen(there, chart):
     turn = np.linspace(-np.pi, np.pi, 606, endpoint=False)
     ahead = np.column_stack((np.cos(turn), np.sin(turn)))
     origin = np.tile((2.0, 2.5), (606, 1))
-    ends = (best()(there, origin, ahead))[:, None] * ahead
+    ends = (fastest_cast()(there, origin, ahead))[:, None] * ahead
     return agreement(chart, np.array((2.0, 2.5, 0.0, 0.0)), ends, ends, np.zeros_like(ends))
 
 
@@ -55,17 +55,17 @@ def test_through_a_box_that_is_gone_and_through_a_wall():
     """Another box behind it hides the wall, and says nothing; the control is a wall gone."""
     chart = map_of_lines(np.vstack((HALL, STOOL, (2.5, 0.0, 2.5, 1.5))))
     full = seen(chart.lines, chart)
-    assert full.share == full.worth == 1.0
+    assert full.share == full.score == 1.0
     gone = seen(np.vstack((HALL, chart.lines[-1:])), chart)
-    assert gone.gone > 0.02
-    assert gone.passed == 0.0
-    assert gone.share + gone.gone == pytest.approx(1.0)
+    assert gone.removed_boxes > 0.02
+    assert gone.through_walls == 0.0
+    assert gone.share + gone.removed_boxes == pytest.approx(1.0)
     moved = seen(np.vstack((HALL, box(5.3, 2.5, 0.3, 0.5, 0.3), chart.lines[-1:])), chart)
-    assert moved.passed == 0.0
-    assert 0.95 < moved.share + moved.gone < 1.0
+    assert moved.through_walls == 0.0
+    assert 0.95 < moved.share + moved.removed_boxes < 1.0
     torn = seen(np.vstack((HALL, STOOL)), chart)
-    assert torn.passed > 0.03
-    assert torn.gone == 0.0
+    assert torn.through_walls > 0.03
+    assert torn.removed_boxes == 0.0
 
 
 @pytest.mark.slow
@@ -74,7 +74,7 @@ def test_the_pose_that_is_judged_is_the_one_that_is_told():
     the filter makes of it."""
     d = drive(7107, hidden(7107))
     local, t = _warmed(d, 426), float(d.scans[426].t[-1]) - 0.01
-    local.belief = begun(t, d.true(t) + np.array((-0.084, 0.774, 0.439)))
+    local.belief = start_belief(t, d.true(t) + np.array((-0.084, 0.774, 0.439)))
     told = []
     for before, scan in pairwise(d.scans[426:430]):
         for j in np.flatnonzero((d.t > before.arrival) & (d.t <= scan.arrival)):
@@ -104,7 +104,7 @@ def test_a_car_is_found_in_a_room_whose_boxes_have_all_moved():
     beams = _warmed(d, 41)._beams(d.scans[41])
     alike = search(other, beams.points, beams.rays, beams.origin)
     assert alike.fits
-    assert alike.sure
-    assert not alike.known
+    assert alike.is_unique
+    assert not alike.is_known_room
     d = replace(d, scans=d.scans[41:100])
     assert not len(run(d, localiser=Localiser(other)).off)

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from dart_hal.estimation.localisation.field import map_of_lines
-from dart_hal.estimation.localisation.health import EVERY, FITS, Agreement, Judge, Status, agreement
+from dart_hal.estimation.localisation.health import (
+    BEAM_STRIDE,
+    MIN_PROOF,
+    Agreement,
+    Status,
+    TrackJudge,
+    agreement,
+)
 from dart_hal.estimation.localisation.search import search
 from dart_lab.sim.lidar.maps import box
 from studies.localisation.figures import _warmed
@@ -21,12 +28,12 @@ def test_another_room_of_the_same_outline_is_refused(seed):
     chart = drive(seed + 1, hidden(seed + 1)).chart
     beams = _warmed(d, 4)._beams(d.scans[4])
     found = [search(c, beams.points, beams.rays, beams.origin) for c in (d.chart, chart)]
-    assert [f.fits and f.sure for f in found] == [True, False]
+    assert [f.fits and f.is_unique for f in found] == [True, False]
 
 
 def test_a_few_beams_through_walls_weigh_where_the_room_is_in_question():
     agreed = Agreement(0.8, 0.03)
-    assert agreed.share > FITS > agreed.proof()
+    assert agreed.share > MIN_PROOF > agreed.proof()
 
 
 def test_one_beam_past_an_edge_is_no_way_through_a_wall():
@@ -34,17 +41,17 @@ def test_one_beam_past_an_edge_is_no_way_through_a_wall():
     chart, turn = map_of_lines(box(0.0, 0.0, 0.0, 4.0, 4.0)), np.linspace(0.0, 2.0 * np.pi, 603)
     for beams, passed in ((1, 0.0), (2, 2.0 / 201.0)):
         reach = np.full(603, 1.0)
-        reach[:EVERY * beams:EVERY] = 3.0
+        reach[:BEAM_STRIDE * beams:BEAM_STRIDE] = 3.0
         ends = reach[:, None] * np.column_stack((np.cos(turn), np.sin(turn)))
         found = agreement(chart, np.zeros(4), ends, np.zeros_like(ends), np.zeros_like(ends))
-        assert found.passed == pytest.approx(passed)
+        assert found.through_walls == pytest.approx(passed)
 
 
 def test_a_searched_track_in_another_room_is_given_up():
-    judge = Judge(0.8, Agreement(0.8, 0.0))
+    judge = TrackJudge(0.8, Agreement(0.8, 0.0))
     told = [judge.add(Agreement(0.8, 0.05)) for _ in range(20)]
     assert told[-1] is Status.LOST
-    assert Judge(0.8).add(Agreement(0.8, 0.05)) is Status.TRACKING     # somebody said where it is
+    assert TrackJudge(0.8).add(Agreement(0.8, 0.05)) is Status.TRACKING  # given start
 
 
 @pytest.mark.slow

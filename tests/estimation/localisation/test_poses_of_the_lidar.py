@@ -16,9 +16,9 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Pose, Tracking
 from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.localisation.field import map_of_lines
-from dart_hal.estimation.localisation.health import FRESH, Agreement, Judge, Status
+from dart_hal.estimation.localisation.health import PROBATION_SCANS, Agreement, Status, TrackJudge
 from dart_hal.estimation.localisation.localiser import Localiser
-from dart_hal.estimation.localisation.rays import best
+from dart_hal.estimation.localisation.rays import fastest_cast
 from dart_hal.estimation.localisation.search import search
 from dart_hal.estimation.localisation.source import LidarPoses, open_source
 from dart_hal.estimation.odometry import Odometry
@@ -73,7 +73,8 @@ def test_poses_made_on_board_need_no_marker(monkeypatch):
             pass
 
     made = []
-    monkeypatch.setattr(poses, "RoomEstimator", lambda _, *marker, **how: made.append(marker))
+    monkeypatch.setattr(poses, "ExternalPoseEstimator",
+                        lambda _, *marker, **how: made.append(marker))
     for Source.on_board in (False, True):
         poses.room_of(load_car("dart-01", ["cars"]), Odometry(), Source())
     assert made == [(), (poses.AXLE,)]
@@ -90,7 +91,7 @@ def looked(lines, at=(2.0, 1.5, 0.4)):
     """Points and rays of a standing car without noise."""
     turn = np.linspace(-np.pi, np.pi, 606, endpoint=False)
     origin, ahead = np.tile(at[:2], (606, 1)), at[2] + turn
-    r = best()(lines, origin, np.column_stack((np.cos(ahead), np.sin(ahead))))
+    r = fastest_cast()(lines, origin, np.column_stack((np.cos(ahead), np.sin(ahead))))
     points = (r[:, None] * np.column_stack((np.cos(turn), np.sin(turn))))[r < 10.0]
     return points, points, np.zeros_like(points)
 
@@ -99,26 +100,26 @@ def test_a_bare_rectangle_is_ambiguous_and_a_room_is_not():
     bare = box(3.0, 2.5, 0.0, 6.0, 5.0)
     found = search(map_of_lines(bare), *looked(bare))
     assert found.fits
-    assert not found.sure
+    assert not found.is_unique
     room = room_of("room", 3)
     found = search(map_of_lines(room.lines), *looked(room.lines, at=room.start))
-    assert found.sure
+    assert found.is_unique
     assert far(found.pose, room.start) < 0.02
 
 
 def test_three_bad_scans_are_a_loss_and_two_are_none():
-    judge = Judge(0.95)
+    judge = TrackJudge(0.95)
     good, bad = Agreement(0.9, 0.0), Agreement(0.3, 0.1)
     assert [judge.add(a) for a in (bad, bad, good, bad, bad)] == [Status.TRACKING] * 5
     assert judge.add(bad) is Status.LOST
 
 
 def test_a_known_map_grows_stale_but_a_searched_one_was_another_rooms():
-    told, searched = Judge(0.95), Judge(0.8, Agreement(0.8, 0.0))
+    told, searched = TrackJudge(0.95), TrackJudge(0.8, Agreement(0.8, 0.0))
     much, half = Agreement(0.65, 0.0), Agreement(0.5, 0.0)
     assert {told.add(much) for _ in range(60)} == {Status.TRACKING, Status.MAP_STALE}
     assert told.add(half) is Status.MAP_STALE  # the threshold is lower there
-    assert Status.LOST in [searched.add(much) for _ in range(FRESH)]
+    assert Status.LOST in [searched.add(much) for _ in range(PROBATION_SCANS)]
 
 
 def test_one_bad_scan_gives_no_pose(quiet_drive):
@@ -142,12 +143,12 @@ def test_beside_the_loop_of_a_real_car_the_same_poses_come():
     d = drive(2003, hidden(2003, seconds=3.0))
     start = tuple(d.true(float(d.scans[0].t[-1]) - 0.01).tolist())
     inline, threaded = LidarPoses(d.chart, start), LidarPoses(d.chart, start)
-    threaded.in_thread()
+    threaded.start_thread()
     for source in (inline, threaded):
         k = 0
         for scan in d.scans:
             n = int(np.searchsorted(d.t, scan.arrival))
-            source.moved([Moment(float(t), Pose(*pose)) for t, pose in
+            source.add_states([Moment(float(t), Pose(*pose)) for t, pose in
                           zip(d.t[k:n], d.told[k:n].tolist(), strict=True)])
             source.add(scan)
             k = n

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.core.errors import UsageError
-from dart_hal.estimation.mapping.checks import Checks
+from dart_hal.estimation.mapping.checks import MapChecks
 from studies.localisation.world import drive, hidden
 
 
@@ -18,7 +18,7 @@ def right():
 
 
 def judged(found, change=lambda scan: scan, way=10.0):
-    checks = Checks()
+    checks = MapChecks()
     for scan in found.scans:
         checks.add(change(scan), float(np.interp(scan.arrival, found.t, found.told[:, 2])))
     checks.judge(way)
@@ -37,13 +37,13 @@ def without(degrees):
 
 
 def test_a_drive_as_it_should_be_is_not_refused(right):
-    assert not judged(right).unsure
+    assert not judged(right).is_sense_unknown
     judged(right, without(20.0))
 
 
 @pytest.mark.parametrize(("change", "way", "says"), [
     (upside_down, 10.0, "turn against the gyro"),
-    (without(45.0), 10.0, "a sector of the lidar is missing"),
+    (without(45.0), 10.0, "a sector of the lidar is blind"),
     (lambda scan: scan, 0.4, "did not move")], ids=["mirrored", "sector", "still"])
 def test_what_is_no_map_is_refused(right, change, way, says):
     with pytest.raises(UsageError, match=says):
@@ -52,4 +52,4 @@ def test_what_is_no_map_is_refused(right, change, way, says):
 
 def test_no_scan_is_no_map():
     with pytest.raises(UsageError, match="nothing to map"):
-        Checks().judge(10.0)
+        MapChecks().judge(10.0)

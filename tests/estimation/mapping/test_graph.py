@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.estimation.mapping.graph import Edge, between, onto, solve
+from dart_hal.estimation.mapping.graph import Edge, compose_pose, relative_pose, solve
 
 STD = np.array((2e-3, 2e-3, 1e-3))
 INFO = np.diag(1.0 / STD**2)
@@ -13,7 +13,7 @@ INFO = np.diag(1.0 / STD**2)
 
 def test_between_and_onto_are_inverse():
     a, step = np.array((1.0, -2.0, 3.0)), np.array((0.3, 0.1, 0.5))
-    assert between(a, onto(a, step)) == pytest.approx(step)
+    assert relative_pose(a, compose_pose(a, step)) == pytest.approx(step)
 
 
 def test_two_edges_that_disagree_are_met_by_their_weights():
@@ -39,15 +39,17 @@ def test_a_loop_is_closed_and_a_closure_that_lies_is_not_believed(lies):
     true = np.column_stack((3.0 * np.sin(turn), 3.0 - 3.0 * np.cos(turn), turn))
     poses, edges = [true[0]], []
     for a in range(199):
-        edges.append(Edge(a, a + 1, between(true[a], true[a + 1]) + STD * rng.normal(size=3), INFO))
-        poses.append(onto(poses[-1], edges[-1].step))
-    closures = [Edge(a, a + 100, between(true[a], true[a + 100]), INFO, closes=True)
+        noise = STD * rng.normal(size=3)
+        edges.append(Edge(a, a + 1, relative_pose(true[a], true[a + 1]) + noise, INFO))
+        poses.append(compose_pose(poses[-1], edges[-1].step))
+    closures = [Edge(a, a + 100, relative_pose(true[a], true[a + 100]), INFO, is_closure=True)
                 for a in range(0, 100, 20)]
     if lies:
-        closures.append(Edge(10, 60, np.zeros(3), INFO, closes=True))
+        closures.append(Edge(10, 60, np.zeros(3), INFO, is_closure=True))
     drifted = np.array(poses)
     found = solve(drifted, edges + closures)
-    off, before = (np.abs(between(p[80], p[180]) - between(true[80], true[180]))[:2].max()
+    step = relative_pose(true[80], true[180])
+    off, before = (np.abs(relative_pose(p[80], p[180]) - step)[:2].max()
                    for p in (found.poses, drifted))
     assert np.abs(found.poses - true).max() < 0.06
     assert off < 0.006 < 0.012 < before

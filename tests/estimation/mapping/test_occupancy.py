@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from dart_hal.estimation.localisation.grid import Grid, read_grid, write_grid
-from dart_hal.estimation.mapping.keyframes import Keyframe, Survey, View
-from dart_hal.estimation.mapping.occupancy import FREE, OCCUPIED, grid_of, log_odds, passed, thinned
+from dart_hal.estimation.mapping.keyframes import Keyframe, ScanView, Survey
+from dart_hal.estimation.mapping.occupancy import (
+    FREE_ODDS,
+    OCCUPIED_ODDS,
+    grid_of,
+    list_passed,
+    log_odds,
+    thin_walls,
+)
 from dart_hal.estimation.mapping.surfels import chart_of_points, lines_of_points
 
 
@@ -15,13 +22,13 @@ def test_log_odds_are_those_of_bayes():
     """Two hits of p 0.7 and one miss of p 0.4, by the rule of odds."""
     odds = (0.7 / 0.3)**2 * (0.4 / 0.6)
     assert log_odds(np.array(2.0), np.array(1.0)) == pytest.approx(np.log(odds))
-    assert log_odds(np.array(1.0), np.array(0.0)) > OCCUPIED
-    assert log_odds(np.array(1.0), np.array(6.0)) < FREE
-    assert FREE < log_odds(np.array(0.0), np.array(0.0)) < OCCUPIED
+    assert log_odds(np.array(1.0), np.array(0.0)) > OCCUPIED_ODDS
+    assert log_odds(np.array(1.0), np.array(6.0)) < FREE_ODDS
+    assert FREE_ODDS < log_odds(np.array(0.0), np.array(0.0)) < OCCUPIED_ODDS
 
 
 def test_a_beam_passes_the_cells_before_its_end_and_not_the_last_ten_centimetres():
-    x, y = passed(np.array(((0.0, 0.5),)), np.array(((1.0, 0.5),)), 0.02).T
+    x, y = list_passed(np.array(((0.0, 0.5),)), np.array(((1.0, 0.5),)), 0.02).T
     assert x == pytest.approx(0.01 + 0.02 * np.arange(45))
     assert y == pytest.approx(0.5)
 
@@ -33,7 +40,7 @@ def test_a_wall_in_noise_is_thinned_to_a_cell_or_two(turn):
     c, s = np.cos(turn), np.sin(turn)
     x, y = c * along - s * off, s * along + c * off
     hits, _, _ = np.histogram2d(y, x, bins=100, range=((-1.0, 1.0), (-1.0, 1.0)))
-    thick, thin = hits > 0.0, thinned(hits, 0.02)
+    thick, thin = hits > 0.0, thin_walls(hits, 0.02)
     j, i = np.nonzero(thin)
     away = np.abs(c * (0.02 * j - 0.99) - s * (0.02 * i - 0.99))
     assert (away < 0.02).mean() > 0.98
@@ -44,7 +51,7 @@ def test_what_moved_is_gone_and_what_stands_stays(tmp_path):
     """A wall 2 m ahead, seen ten times; before it somebody, once. Map and file are the same."""
     y = np.linspace(-1.0, 1.0, 101)
     wall, person = (np.column_stack((np.full(101, x), y * x / 2.0)) for x in (2.01, 1.01))
-    views = [View(float(k), person if k == 4 else wall, wall, np.zeros((101, 2)), np.zeros(3))
+    views = [ScanView(float(k), person if k == 4 else wall, wall, np.zeros((101, 2)), np.zeros(3))
              for k in range(10)]
     grid = grid_of(Survey([Keyframe(0.0, views)], np.zeros((1, 3)), [], np.zeros(0)))
     read = read_grid(write_grid(grid, tmp_path / "map.yaml").with_suffix(".yaml"))

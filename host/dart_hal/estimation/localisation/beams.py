@@ -1,4 +1,4 @@
-"""The beams of one scan where the car's odometry puts them: each at its own time."""
+"""Beams of one scan, placed by the odometry of the car: each at its own time."""
 
 from __future__ import annotations
 
@@ -7,42 +7,48 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import FloatArray, Scan
-from dart_hal.estimation.localisation.path import Steps, Stretch
+from dart_hal.estimation.localisation.path import OdometrySteps, Stretch
 
-LEAST = 60
-"""Beams that came back, a tenth of a scan: below, it tells nothing."""
+# Returned beams, a tenth of a scan: fewer are not enough for a match.
+MIN_BEAMS = 60
 
 
 @dataclass(frozen=True, slots=True)
 class Beams:
-    """points, rays, origin (n, 2) [m] in the axes of the car at the end of ``way``: end points,
-    how they go with the relative scale of the distances, and where each beam began."""
+    """Beams of one scan in the axes of the car at the end of ``stretch``.
+
+    points, rays, origin (n, 2) [m]: end points, their derivative by the relative scale of the
+    distances, and the start of each beam.
+    """
 
     points: FloatArray
     rays: FloatArray
     origin: FloatArray
-    way: Stretch
+    stretch: Stretch
 
 
-def beams_of(scan: Scan, steps: Steps, errors: FloatArray, late: float, *, deskew: bool = True
-             ) -> Beams | None:
-    """Those that came back; None where they are too few, or ``steps`` does not cover them.
+def place_beams(scan: Scan, steps: OdometrySteps, errors: FloatArray, latency: float, *,
+                deskew: bool = True) -> Beams | None:
+    """Return the beams that came back; None if too few, or not covered by ``steps``.
 
-    errors (4,): of wheels and gyro as ``Steps.stretch`` takes them; late [s]: of the scan's
-    stamps. deskew: False puts all beams at the middle of the scan.
+    errors (4,): of wheels and gyro as ``OdometrySteps.stretch`` takes them; latency [s]: of the
+    stamps of the scan. deskew: False places all beams at the middle of the scan.
     """
-    seen = np.flatnonzero(np.isfinite(scan.distance))
-    at = scan.t - late
-    if len(seen) < LEAST or not steps.covers(float(at[0]), float(at[-1])):
+    returned = np.flatnonzero(np.isfinite(scan.distance))
+    stamps = scan.t - latency
+    if len(returned) < MIN_BEAMS or not steps.covers(float(stamps[0]), float(stamps[-1])):
         return None
-    way = steps.stretch(float(at[0]), float(at[-1]), errors)
-    when = at[seen] if deskew else np.full(len(seen), 0.5 * (at[0] + at[-1]))
-    x, y, yaw = (way.at(when) - way.pose[-1]).T
-    c, s = np.cos(way.pose[-1, 2]), np.sin(way.pose[-1, 2])
+    stretch = steps.stretch(float(stamps[0]), float(stamps[-1]), errors)
+    times = stamps[returned] if deskew else np.full(len(returned), 0.5 * (stamps[0] + stamps[-1]))
+    x, y, yaw = (stretch.at(times) - stretch.pose[-1]).T
+    c = np.cos(stretch.pose[-1, 2])
+    s = np.sin(stretch.pose[-1, 2])
     x, y = c * x + s * y, c * y - s * x
-    bearing, reach = scan.bearing[seen] + yaw, scan.range[seen]
-    cy, sy = np.cos(yaw), np.sin(yaw)
+    bearing = scan.bearing[returned] + yaw
+    range_ = scan.range[returned]
+    cy = np.cos(yaw)
+    sy = np.sin(yaw)
     mount = scan.mount
     origin = np.column_stack((x + cy * mount.x - sy * mount.y, y + sy * mount.x + cy * mount.y))
-    rays = reach[:, None] * np.column_stack((np.cos(bearing), np.sin(bearing)))
-    return Beams(origin + rays, rays, origin, way)
+    rays = range_[:, None] * np.column_stack((np.cos(bearing), np.sin(bearing)))
+    return Beams(origin + rays, rays, origin, stretch)

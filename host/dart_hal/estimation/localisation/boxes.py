@@ -1,4 +1,4 @@
-"""What somebody may carry off: the small parts of a map that touch no other."""
+"""Separate the walls of a map from movable boxes: the small parts that touch no other."""
 
 from __future__ import annotations
 
@@ -6,22 +6,23 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 
-LARGEST = 0.8
-"""m, both sides of what stands around such a part, along x and y: a box of 0.5 m, turned."""
+# m, both sides of the bounding box of such a part: a box of 0.5 m, turned.
+MAX_BOX_SIZE = 0.8
 
 
-def walls_of(
+def select_walls(
     lines: FloatArray, origin: FloatArray, cell: float, distance: FloatArray
 ) -> FloatArray:
-    """Lines (k, 4) [m] without the boxes among them; parts nearer than two nodes touch.
+    """Return the lines (k, 4) [m] without boxes; parts closer than two nodes touch.
 
-    origin (2,) [m] of node 0, 0; distance (rows, columns) [m] of nodes ``cell`` [m] apart.
+    origin (2,) [m] of node 0, 0; distance (rows, columns) [m] of nodes with a spacing of ``cell``
+    [m].
     """
     from scipy.ndimage import find_objects, label
 
     parts, _ = label(distance < cell, np.ones((3, 3)))
     small = [False] + [
-        max(rows.stop - rows.start, columns.stop - columns.start) * cell < LARGEST
+        max(rows.stop - rows.start, columns.stop - columns.start) * cell < MAX_BOX_SIZE
         for rows, columns in find_objects(parts)
     ]
     middle = 0.5 * (lines[:, :2] + lines[:, 2:]) - origin

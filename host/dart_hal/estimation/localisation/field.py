@@ -1,8 +1,8 @@
-"""A map that can be matched: its lines, and on a raster the distance to the nearest of them.
+"""Map for matching: its lines, and a raster of the distance to the nearest line.
 
-A thin wall has its zero on both sides alike, so the field is the plain distance to the lines,
-bilinear between nodes 2.5 cm apart: on a straight wall exact but within half a cell of it, where
-the fold of the distance is cut flat.
+The raster has nodes 2.5 cm apart and is interpolated bilinearly. It holds the unsigned distance,
+because a thin wall is equal on both sides. On a straight wall it is exact, except within half a
+cell of it, where the fold of the distance is flattened.
 """
 
 from __future__ import annotations
@@ -13,23 +13,26 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
-from dart_hal.estimation.localisation.boxes import walls_of
+from dart_hal.estimation.localisation.boxes import select_walls
 from dart_hal.estimation.localisation.grid import Grid, lines_of_grid
 
-CELL = 0.025
-"""m between two nodes: the c of the weights in the matcher is three of them."""
-REACH = 0.6
-"""m beyond which a distance is no news: the matcher ignores what is further than 0.5 m."""
-MOST = 4_000_000
-"""Nodes: 2500 m2, 128 MB. A larger map wants coarser cells."""
+# m between two nodes: the constant c of the weights in the matcher is three of them.
+NODE_SPACING = 0.025
+# m at which the distance is cut off: the matcher ignores more than 0.5 m.
+MAX_FIELD_DISTANCE = 0.6
+# 2500 m2, 128 MB. A larger map needs a coarser raster.
+MAX_NODES = 4_000_000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Map:
-    """lines (m, 4): x1, y1, x2, y2 [m]; walls (k, 4): those that stay when boxes are carried off;
-    origin (2,) [m] of node 0, 0; distance (rows, columns)
-    [m], at most ``REACH``, which it is along the border; patch (rows * columns, 4): of the cell
-    right above a node, the distance there and what x, y and x y add to it."""
+    """Lines and distance field of a map.
+
+    lines (m, 4): x1, y1, x2, y2 [m]; walls (k, 4): lines that remain when boxes are removed;
+    origin (2,) [m] of node 0, 0; distance (rows, columns) [m], at most ``MAX_FIELD_DISTANCE``, its
+    value along the border; patch (rows * columns, 4): bilinear form of the cell above and right of
+    a node, the distance there and its change by x, y and x y.
+    """
 
     lines: FloatArray
     walls: FloatArray
@@ -39,90 +42,105 @@ class Map:
     patch: FloatArray
 
     def look(self, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Distance (n,) [m] at places (n,) [m] and how it grows with x and y; flat far outside."""
+        """Distance (n,) [m] at places (n,) [m] and its derivatives by x and y; constant far
+        outside."""
         rows, columns = self.distance.shape
-        u, v = (x - self.origin[0]) / self.cell, (y - self.origin[1]) / self.cell
+        u = (x - self.origin[0]) / self.cell
+        v = (y - self.origin[1]) / self.cell
         for w, n in ((u, columns), (v, rows)):
             np.maximum(w, 0.0, out=w)
             np.minimum(w, n - 1.001, out=w)
-        i, j = u.astype(np.intp), v.astype(np.intp)
+        i = u.astype(np.intp)
+        j = v.astype(np.intp)
         u -= i
         v -= j
         here, by_x, by_y, by_xy = self.patch.take(j * columns + i, axis=0).T
-        grow_x, grow_y = by_x + by_xy * v, by_y + by_xy * u
+        grow_x = by_x + by_xy * v
+        grow_y = by_y + by_xy * u
         return here + by_x * u + grow_y * v, grow_x / self.cell, grow_y / self.cell
 
 
-def map_of_lines(lines: FloatArray, cell: float = CELL) -> Map:
-    """The map of exact lines (m, 4) [m]. Raises UsageError for none, and for too many nodes."""
-    lines, low, (rows, columns) = _raster(lines, cell)
-    distance = np.full((rows, columns), REACH)
+def map_of_lines(lines: FloatArray, cell: float = NODE_SPACING) -> Map:
+    """Return the map of exact lines (m, 4) [m]. Raises UsageError if none, or too large."""
+    lines, low, (rows, columns) = _make_raster(lines, cell)
+    distance = np.full((rows, columns), MAX_FIELD_DISTANCE)
     for line in lines:
-        _draw(distance, line, low, cell)
-    walls = walls_of(lines, low, cell, distance)
-    return Map(lines, walls, low, cell, distance, _patches(distance))
+        _lower_distance(distance, line, low, cell)
+    walls = select_walls(lines, low, cell, distance)
+    return Map(lines, walls, low, cell, distance, _bilinear_forms(distance))
 
 
-def map_of_pieces(lines: FloatArray, cell: float = CELL) -> Map:
-    """The map of many lines (m, 4) [m] no longer than a few cells, five times quicker: of each
-    node the distance to the piece whose middle is nearest; nothing in it is a box. Raises as
-    ``map_of_lines``."""
+def map_of_pieces(lines: FloatArray, cell: float = NODE_SPACING) -> Map:
+    """Return the map of many lines (m, 4) [m] of at most a few cells; five times faster.
+
+    Each node gets the distance to the piece with the nearest middle; nothing in it is a box.
+    Raises as ``map_of_lines``.
+    """
     from scipy.ndimage import distance_transform_edt
 
-    lines, low, shape = _raster(lines, cell)
+    lines, low, shape = _make_raster(lines, cell)
     nearest = np.full(shape, -1)
     column, row = np.round((0.5 * (lines[:, :2] + lines[:, 2:]) - low) / cell).astype(int).T
     nearest[row, column] = np.arange(len(lines))
     far, (row, column) = distance_transform_edt(nearest < 0, cell, return_indices=True)
-    distance = np.full(shape, REACH)
-    j, i = np.nonzero(far < REACH + 2.0 * cell)
+    distance = np.full(shape, MAX_FIELD_DISTANCE)
+    j, i = np.nonzero(far < MAX_FIELD_DISTANCE + 2.0 * cell)
     node = low + cell * np.column_stack((i, j))
     near = _distance(node.T, lines[nearest[row[j, i], column[j, i]]].T)
-    distance[j, i] = np.minimum(near, REACH)
-    return Map(lines, lines, low, cell, distance, _patches(distance))
+    distance[j, i] = np.minimum(near, MAX_FIELD_DISTANCE)
+    return Map(lines, lines, low, cell, distance, _bilinear_forms(distance))
 
 
-def _raster(lines: FloatArray, cell: float) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
-    """Lines (m, 4) for ever; where node 0, 0 is; rows and columns."""
+def _make_raster(lines: FloatArray, cell: float) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
+    """Lines (m, 4), read-only; position of node 0, 0; rows and columns."""
     lines = np.asarray(lines, dtype=np.float64).reshape(-1, 4)
     if not len(lines):
-        raise UsageError("a map without a wall", found="no line", expected="what a lidar sees")
+        raise UsageError("a map without a wall", found="no line",
+                         expected="walls that a lidar detects")
     ends = lines.reshape(-1, 2)
-    low = ends.min(axis=0) - REACH - 2.0 * cell
-    columns, rows = np.ceil((ends.max(axis=0) + REACH + 2.0 * cell - low) / cell).astype(int) + 1
-    if rows * columns > MOST:
+    low = ends.min(axis=0) - MAX_FIELD_DISTANCE - 2.0 * cell
+    high = ends.max(axis=0) + MAX_FIELD_DISTANCE + 2.0 * cell
+    columns, rows = np.ceil((high - low) / cell).astype(int) + 1
+    if rows * columns > MAX_NODES:
         raise UsageError("a map too large to be matched", found=f"{columns} x {rows} nodes",
-                         expected=f"at most {MOST}", remedy="cut it, or use coarser cells")
+                         expected=f"at most {MAX_NODES}", remedy="cut it, or use coarser cells")
     lines.setflags(write=False)
     return lines, low, (int(rows), int(columns))
 
 
 def map_of_grid(grid: Grid) -> Map:
-    """The map of what is occupied in a ROS grid: the outlines of its cells."""
-    return map_of_lines(lines_of_grid(grid), min(CELL, grid.cell))
+    """Return the map of the occupied cells of a ROS grid: their outlines."""
+    return map_of_lines(lines_of_grid(grid), min(NODE_SPACING, grid.cell))
 
 
-def _draw(distance: FloatArray, line: FloatArray, low: FloatArray, cell: float) -> None:
-    """Lower ``distance`` to that from ``line``, in the box that ``REACH`` puts around it."""
-    first = np.floor((np.minimum(line[:2], line[2:]) - REACH - low) / cell).astype(int)
-    last = np.ceil((np.maximum(line[:2], line[2:]) + REACH - low) / cell).astype(int) + 1
+def _lower_distance(distance: FloatArray, line: FloatArray, low: FloatArray, cell: float) -> None:
+    """Lower ``distance`` to that from ``line``, in the box of MAX_FIELD_DISTANCE around it."""
+    first = np.floor((np.minimum(line[:2], line[2:]) - MAX_FIELD_DISTANCE - low) / cell).astype(int)
+    high = np.maximum(line[:2], line[2:]) + MAX_FIELD_DISTANCE
+    last = np.ceil((high - low) / cell).astype(int) + 1
     box = distance[first[1]:last[1], first[0]:last[0]]
     x = low[0] + cell * np.arange(first[0], last[0])
     y = (low[1] + cell * np.arange(first[1], last[1]))[:, None]
     np.minimum(box, _distance((x, y), line), out=box)
 
 
-def _distance(at: tuple[FloatArray, FloatArray] | FloatArray, line: FloatArray) -> FloatArray:
-    """Of places x, y from lines x1, y1, x2, y2 [m], all of shapes that broadcast."""
-    x, y, ex, ey = at[0] - line[0], at[1] - line[1], line[2] - line[0], line[3] - line[1]
+def _distance(places: tuple[FloatArray, FloatArray] | FloatArray, line: FloatArray) -> FloatArray:
+    """Distance of places x, y from lines x1, y1, x2, y2 [m], of shapes that broadcast."""
+    x = places[0] - line[0]
+    y = places[1] - line[1]
+    ex = line[2] - line[0]
+    ey = line[3] - line[1]
     along = np.clip((x * ex + y * ey) / np.maximum(ex * ex + ey * ey, 1e-12), 0.0, 1.0)
     away: FloatArray = np.hypot(x - along * ex, y - along * ey)
     return away
 
 
-def _patches(distance: FloatArray) -> FloatArray:
-    """The bilinear form of each cell; of the last row and column flat."""
+def _bilinear_forms(distance: FloatArray) -> FloatArray:
+    """Return the bilinear form of each cell; that of the last row and column is constant."""
     d = np.pad(distance, ((0, 1), (0, 1)), mode="edge")
-    here, right, above, across = d[:-1, :-1], d[:-1, 1:], d[1:, :-1], d[1:, 1:]
+    here = d[:-1, :-1]
+    right = d[:-1, 1:]
+    above = d[1:, :-1]
+    across = d[1:, 1:]
     forms = (here, right - here, above - here, across - right - above + here)
     return np.ascontiguousarray(np.stack(forms, axis=-1).reshape(-1, 4))

@@ -19,25 +19,27 @@ from dart_hal.core.types import MAX_COORDINATE, BoolArray, FloatArray
 _PGM = re.compile(rb"P5\s(?:\s*#[^\n]*\n)*\s*(\d+)\s(?:\s*#[^\n]*\n)*\s*(\d+)\s"
                   rb"(?:\s*#[^\n]*\n)*\s*(\d+)\s")
 
-UNKNOWN = 205
-"""Shade of what nobody saw, between map_server's thresholds."""
+# Shade of unobserved cells, between the thresholds of map_server.
+UNKNOWN_SHADE = 205
 
 
+# m: allowed cells of a map.
 CELL_RANGE = (1e-4, 100.0)
-"""m: cells of a map."""
+# Cells of a map, 250 m by 250 m at 5 cm: an image of some kB may expand to gigabytes.
 MAX_CELLS = 25e6
-"""Cells of a map, 250 m by 250 m at 5 cm: an image of some kB may expand to gigabytes."""
+# Characters, and lists with tables, of the YAML file of a map: deep ones take the parser seconds.
 MAX_YAML = 1 << 16
 MAX_BRACKETS = 100
-"""Characters, lists and tables of a map's YAML file: deep ones take the parser seconds."""
+# Modes of an image. Both define occupied and free cells by two thresholds.
 MODES = ("trinary", "scale")
-"""How an image is read. Both know occupied and free cells by two thresholds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """occupied, free (rows, columns), row 0 at the bottom; cell [m]; origin (2,) [m] of the lower
-    left corner."""
+    """Occupancy grid. occupied, free (rows, columns), row 0 at the bottom; cell [m];
+
+    origin (2,) [m] of the lower left corner.
+    """
 
     occupied: BoolArray
     free: BoolArray
@@ -57,8 +59,10 @@ def read_grid(path: Path) -> Grid:
         table = read_map_table(path)
         shades = read_image(path.parent / str(table["image"]))
         x, y, yaw = (float(v) for v in table["origin"])
-        cell, high = float(table["resolution"]), float(table.get("occupied_thresh", 0.65))
-        low, negate = float(table.get("free_thresh", 0.196)), int(table.get("negate", 0))
+        cell = float(table["resolution"])
+        high = float(table.get("occupied_thresh", 0.65))
+        low = float(table.get("free_thresh", 0.196))
+        negate = int(table.get("negate", 0))
     except UsageError:
         raise
     except (OSError, KeyError, TypeError, ValueError, OverflowError, MemoryError) as why:
@@ -107,12 +111,16 @@ def read_map_table(path: Path) -> dict[str, Any]:
 
 
 def write_grid(grid: Grid, path: Path) -> Path:
-    """Write the YAML file ``path`` and a PGM beside it, as ``read_grid`` and map_server read them;
-    returns the PGM's path."""
+    """Write the YAML file ``path`` and a PGM with the same stem; return the path of the PGM.
+
+    ``read_grid`` and map_server read them.
+    """
     image = path.with_suffix(".pgm")
-    shades = np.full(grid.occupied.shape, UNKNOWN, np.uint8)
-    shades[grid.free], shades[grid.occupied] = 254, 0
-    rows, columns = len(shades), len(shades[0])
+    shades = np.full(grid.occupied.shape, UNKNOWN_SHADE, np.uint8)
+    shades[grid.free] = 254
+    shades[grid.occupied] = 0
+    rows = len(shades)
+    columns = len(shades[0])
     path.parent.mkdir(parents=True, exist_ok=True)
     image.write_bytes(b"P5\n%d %d\n255\n" % (columns, rows) + shades[::-1].tobytes())
     x, y = grid.origin.tolist()
@@ -155,27 +163,28 @@ def read_image(path: Path) -> NDArray[np.uint8]:
 
 
 def read_pgm(path: Path) -> NDArray[np.uint8]:
-    """Shades (rows, columns) of a binary PGM. Raises OSError, ValueError."""
+    """Read the shades (rows, columns) of a binary PGM. Raises OSError, ValueError."""
     raw = path.read_bytes()
     head = _PGM.match(raw)
     if head is None or int(head[3]) > 255:
         raise ValueError(f"{path.name} is no binary PGM of 8 bits")
-    columns, rows = int(head[1]), int(head[2])
+    columns = int(head[1])
+    rows = int(head[2])
     shades = np.frombuffer(raw, np.uint8, offset=head.end(), count=rows * columns)
     return shades.reshape(rows, columns)
 
 
 def lines_of_grid(grid: Grid) -> FloatArray:
-    """Outlines (m, 4) [m] of the occupied cells; neighbours' edges in a row are one line."""
-    level = _runs(grid.occupied)
-    upright = _runs(grid.occupied.T)
+    """Outlines (m, 4) [m] of the occupied cells; adjacent edges in a row are one line."""
+    level = _horizontal_edges(grid.occupied)
+    upright = _horizontal_edges(grid.occupied.T)
     cells = np.vstack((level, upright[:, [1, 0, 3, 2]]))
     scaled: FloatArray = cells * grid.cell + np.tile(grid.origin, 2)
     return scaled
 
 
-def _runs(occupied: BoolArray) -> FloatArray:
-    """Level edges as x1, y, x2, y in cells: where what is below differs from what is above."""
+def _horizontal_edges(occupied: BoolArray) -> FloatArray:
+    """Horizontal edges x1, y, x2, y in cells: borders of occupied and other cells."""
     padded = np.pad(occupied, ((1, 1), (0, 0))).astype(np.int8)
     edge = np.pad(np.diff(padded, axis=0), ((0, 0), (1, 1)))
     change = np.diff(edge, axis=1) != 0

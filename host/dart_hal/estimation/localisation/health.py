@@ -1,12 +1,15 @@
-"""Whether the map explains what the lidar sees: rays, and what they say over a few scans.
+"""Agreement of map and scan by ray casting, and the status of a track over several scans.
 
-A beam agrees where the map has its first wall within 8 cm + 2 % of the distance that was measured.
-A pose that is wrong keeps many ends near some wall, but few beams that meet that wall first.
+A beam agrees if the first wall of the map on it is within 8 cm + 2 % of the measured distance. At
+a wrong pose many end points are still near some wall, but few beams meet that wall first.
 
-Other beams end before that wall, or pass through it. Before it anything may stand: another car, a
-box that is new. Boxes are carried off too: where a beam passes one and meets the wall behind, it
-agrees with the walls. But nothing passes through a wall that is there, so such beams count against
-a pose. One alone does not: it has grazed an edge, or tells a distance between both sides of one.
+Other beams end before that wall or pass through it:
+
+- Before it: another car or a new box may be there. Such beams do not count.
+- Through a box: boxes may have been removed. A beam that meets the wall behind agrees with the
+  walls.
+- Through a wall: impossible at the right pose, so such beams count against it. A single one does
+  not: it has grazed an edge, or averages the distances on both sides of one.
 """
 
 from __future__ import annotations
@@ -19,39 +22,50 @@ import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.estimation.localisation.field import Map
-from dart_hal.estimation.localisation.rays import best
+from dart_hal.estimation.localisation.rays import fastest_cast
 
-NEAR, SHARE = 0.08, 0.02
-"""m and share of the distance."""
-EVERY = 3
-"""Of the beams that are judged."""
-PASSES, DOUBTFUL = 7.0, 50.0
-"""Weight of the share of beams that pass through a wall, where it is asked whether this is the room
-of the map at all; and where boxes have moved as well. In that room none did, whatever boxes had
-come and gone, by exact maps; by grids of 5 cm up to 0.8 % in the mean."""
-AGREED = 0.60
-"""Agreement of one scan above which it counts, where maps and lidars are measured."""
-DOUBT, RIGHT = 0.60, 0.45
-"""Worth of a scan below which it gives no pose, and mean worth of three such in a row below which
-the pose is given up. In three scans wrong poses had 0.33 at most in the mean, 0.56 in one of them
-(2726 poses); good ones 0.56 at least in the mean (35 000 scans, a third of them with half of the
-map's boxes gone and 22 % new walls); rooms 5200 to 5215 and 7100 to 7107."""
-FITS = 0.70
-"""Proof, of a search and in the mean of a track that was searched, below which this is not the room
-of the map."""
-STALE = 0.75
-"""Mean agreement below which the map is out of date: moved boxes, other furniture."""
-MEMORY = 0.05
-"""Weight of one scan in that mean: 20 scans, 2.5 s."""
-FRESH = 80
-"""Scans, 10 s, in which a track that was searched must go on to fit."""
-PATIENCE, LONGEST = 3, 20
-"""Scans in a row, 0.4 s, until a pose is given up; and 2.5 s where they are doubted, no worse."""
+# m.
+AGREEMENT_DISTANCE = 0.08
+# Share of the measured distance, in addition.
+AGREEMENT_SHARE = 0.02
+# Every third beam is evaluated.
+BEAM_STRIDE = 3
+# Weight of the share of beams through walls in the proof that this is the room of the map. In the
+# right room there are none with exact maps, whatever boxes had moved; with grids of 5 cm up to 0.8
+# % in the mean.
+PASS_WEIGHT = 7.0
+# The same if boxes have moved as well.
+STRICT_PASS_WEIGHT = 50.0
+# Agreement of one scan above which it is used to evaluate maps and lidars.
+MIN_AGREEMENT = 0.60
+# Score of a scan below which it gives no pose.
+MIN_SCAN_SCORE = 0.60
+# Mean score of three such scans in a row below which the pose is given up. Wrong poses had at most
+# 0.33 in the mean of three, 0.56 in one of them (2726 poses); good ones at least 0.56 in the mean
+# (35 000 scans, a third of them with half of the boxes removed and 22 % new walls; rooms 5200 to
+# 5215 and 7100 to 7107).
+MIN_MEAN_SCORE = 0.45
+# Proof, of a search and in the mean of the following track, below which this is not the room of
+# the map.
+MIN_PROOF = 0.70
+# Mean agreement below which the map is out of date: moved boxes, other furniture.
+MIN_MAP_AGREEMENT = 0.75
+# Weight of one scan in that mean: 20 scans, 2.5 s.
+MEAN_WEIGHT = 0.05
+# Scans, 10 s, in which a track from a search must keep its proof.
+PROBATION_SCANS = 80
+# Bad scans in a row, 0.4 s, until a pose is given up.
+MIN_BAD_SCANS = 3
+# The same, 2.5 s, for scans that are in doubt but not worse.
+MAX_BAD_SCANS = 20
 
 
 class Status(str, Enum):
-    """TRACKING; MAP_STALE: tracking, in a room that is not the map's any more; LOST: no pose
-    explains the scans; AMBIGUOUS: several poses do, and none is told."""
+    """State of the localiser.
+
+    TRACKING; MAP_STALE: tracking, but the room has changed since the map was made; LOST: no pose
+    explains the scans; AMBIGUOUS: several poses do, and none is reported.
+    """
 
     TRACKING = "TRACKING"
     MAP_STALE = "MAP_STALE"
@@ -63,97 +77,112 @@ class Status(str, Enum):
 
     @property
     def located(self) -> bool:
-        """Whether there is a pose to go by."""
+        """Whether the pose can be used."""
         return self in (Status.TRACKING, Status.MAP_STALE)
 
 
 class Agreement(NamedTuple):
-    """Shares of the beams that agree with the map, that pass through its walls, that would agree
-    if its boxes were gone, and that meet its boxes, less those that pass them."""
+    """Shares of the beams of one scan.
+
+    share: agree with the map; through_walls: pass through its walls; removed_boxes: would agree
+    without its boxes; boxes: meet its boxes, minus those that pass through them.
+    """
 
     share: float
-    passed: float
-    gone: float = 0.0
+    through_walls: float
+    removed_boxes: float = 0.0
     boxes: float = 0.0
 
     @property
-    def worth(self) -> float:
-        """How well the pose explains the scan, whatever was carried off or put down."""
-        return self.share + self.gone - self.passed
+    def score(self) -> float:
+        """How well the pose explains the scan, whatever boxes were removed or added."""
+        return self.share + self.removed_boxes - self.through_walls
 
     @property
     def familiar(self) -> bool:
-        """Whether more of the boxes in sight stand where they did than not."""
+        """Whether more of the visible boxes are in place than not."""
         return self.boxes >= 0.0
 
-    def proof(self, passes: float = PASSES) -> float:
-        """How well this is the room of the map, likewise; passes: weight of those beams."""
-        return self.share + self.gone - passes * self.passed
+    def proof(self, pass_weight: float = PASS_WEIGHT) -> float:
+        """Evidence that this is the room of the map; pass_weight: of beams through walls."""
+        return self.share + self.removed_boxes - pass_weight * self.through_walls
 
 
 def agreement(chart: Map, pose: FloatArray, points: FloatArray, rays: FloatArray,
               origin: FloatArray) -> Agreement:
-    """Of every third beam, at a pose (4,)."""
-    c, s = np.cos(pose[2]), np.sin(pose[2])
+    """Return the agreement of every third beam at a pose (4,)."""
+    c = np.cos(pose[2])
+    s = np.sin(pose[2])
     turn = np.array(((c, s), (-s, c)))
-    start = origin[::EVERY]
-    reach = points[::EVERY] + pose[3] * rays[::EVERY] - start
-    told = np.hypot(*reach.T)
-    start, ahead = start @ turn + pose[:2], reach @ turn / told[:, None]
-    limit = NEAR + SHARE * told
-    beyond = told - best()(chart.lines, start, ahead)
-    behind = told - best()(chart.walls, start, ahead)
-    agrees, far = np.abs(beyond) < limit, beyond >= limit
-    gone = far & (np.abs(behind) < limit)
-    boxes = np.mean(agrees & (behind < beyond)) - np.mean(gone | _pairs(far & (behind <= -limit)))
-    return Agreement(float(np.mean(agrees)), float(np.mean(_pairs(behind >= limit))),
-                     float(np.mean(gone)), float(boxes))
+    start = origin[::BEAM_STRIDE]
+    reach = points[::BEAM_STRIDE] + pose[3] * rays[::BEAM_STRIDE] - start
+    measured = np.hypot(*reach.T)
+    start = start @ turn + pose[:2]
+    ahead = reach @ turn / measured[:, None]
+    limit = AGREEMENT_DISTANCE + AGREEMENT_SHARE * measured
+    past_first = measured - fastest_cast()(chart.lines, start, ahead)
+    past_wall = measured - fastest_cast()(chart.walls, start, ahead)
+    agrees = np.abs(past_first) < limit
+    is_past = past_first >= limit
+    removed_boxes = is_past & (np.abs(past_wall) < limit)
+    through_boxes = removed_boxes | _adjacent(is_past & (past_wall <= -limit))
+    boxes = np.mean(agrees & (past_wall < past_first)) - np.mean(through_boxes)
+    return Agreement(float(np.mean(agrees)), float(np.mean(_adjacent(past_wall >= limit))),
+                     float(np.mean(removed_boxes)), float(boxes))
 
 
-def _pairs(beams: BoolArray) -> BoolArray:
-    """Those with a neighbour among them."""
+def _adjacent(beams: BoolArray) -> BoolArray:
+    """Select beams with a selected neighbour."""
     ring = np.concatenate((beams[-1:], beams, beams[:1]))
     both: BoolArray = beams & (ring[:-2] | ring[2:])
     return both
 
 
-class Judge:
-    """One per track. mean: agreement of its first scan; searched: that scan, where nobody but a
-    search says that this is the room of the map.
+class TrackJudge:
+    """Status of one track.
 
-    ``mean``: agreement of the last seconds; ``doubted``: the last scan disagrees.
+    mean: agreement of its first scan; searched: that scan, if only a search indicates that this is
+    the room of the map.
+
+    ``mean``: agreement of the last seconds; ``in_doubt``: the last scan disagrees.
     """
 
     def __init__(self, mean: float, searched: Agreement | None = None) -> None:
-        self.mean, self._proof, self._passes, self._fresh = mean, 1.0, PASSES, 0
-        self._bad: deque[float] = deque(maxlen=LONGEST)
+        self.mean = mean
+        self._proof = 1.0
+        self._pass_weight = PASS_WEIGHT
+        self._probation = 0
+        self._bad_scores: deque[float] = deque(maxlen=MAX_BAD_SCANS)
         if searched is not None:
-            self._passes = PASSES if searched.familiar else DOUBTFUL
-            self._proof, self._fresh = searched.proof(self._passes), FRESH
+            self._pass_weight = PASS_WEIGHT if searched.familiar else STRICT_PASS_WEIGHT
+            self._proof = searched.proof(self._pass_weight)
+            self._probation = PROBATION_SCANS
 
     @property
-    def fresh(self) -> bool:
+    def on_probation(self) -> bool:
         """Whether this may still be another room."""
-        return self._fresh > 0
+        return self._probation > 0
 
     @property
-    def doubted(self) -> bool:
-        return bool(self._bad)
+    def in_doubt(self) -> bool:
+        """Whether the last scan disagrees."""
+        return bool(self._bad_scores)
 
     def add(self, agreed: Agreement) -> Status:
-        """The agreement of one more scan."""
-        stale, self._fresh = self.mean < STALE, self._fresh - 1
-        if agreed.worth < DOUBT:
-            self._bad.append(agreed.worth)
-            last = list(self._bad)[-PATIENCE:]
-            if len(self._bad) == LONGEST or (len(last) == PATIENCE
-                                             and sum(last) < PATIENCE * RIGHT):
+        """Add the agreement of one scan; return the status."""
+        stale = self.mean < MIN_MAP_AGREEMENT
+        self._probation = self._probation - 1
+        if agreed.score < MIN_SCAN_SCORE:
+            self._bad_scores.append(agreed.score)
+            last = list(self._bad_scores)[-MIN_BAD_SCANS:]
+            is_bad = len(last) == MIN_BAD_SCANS and sum(last) < MIN_BAD_SCANS * MIN_MEAN_SCORE
+            if len(self._bad_scores) == MAX_BAD_SCANS or is_bad:
                 return Status.LOST
         else:
-            self._bad.clear()
-            self.mean += MEMORY * (agreed.share - self.mean)
-            if self._fresh > 0:
-                self._proof += MEMORY * (agreed.proof(self._passes) - self._proof)
-        if self._proof < FITS and self._fresh > 0:
+            self._bad_scores.clear()
+            self.mean += MEAN_WEIGHT * (agreed.share - self.mean)
+            if self._probation > 0:
+                self._proof += MEAN_WEIGHT * (agreed.proof(self._pass_weight) - self._proof)
+        if self._proof < MIN_PROOF and self._probation > 0:
             return Status.LOST
         return Status.MAP_STALE if stale else Status.TRACKING

@@ -1,7 +1,7 @@
-"""Scans, wheels and gyro into poses in a map: search, then track, and say when it fails.
+"""Localisation in a map by scans, wheels and gyro: global search, tracking, detection of failure.
 
-``moved`` for each State, ``add`` for each scan that is whole by then. A scan is taken apart into
-beams, each placed by the odometry at its own time in the axes that the car has at the last one.
+``update_odometry`` for each State, ``add`` for each complete scan. A scan is divided into beams,
+each placed by the odometry at its own time in the axes of the car at the last one.
 """
 
 from __future__ import annotations
@@ -12,38 +12,42 @@ import numpy as np
 
 from dart_hal.core.types import Pose, Scan
 from dart_hal.devices.lidar.health import Watch
-from dart_hal.estimation.localisation.beams import Beams, beams_of
+from dart_hal.estimation.localisation.beams import Beams, place_beams
 from dart_hal.estimation.localisation.belief import (
+    DEFAULT_ERRORS,
     ERRORS,
+    MATCHED,
     POSE,
-    SEEN,
     TAU,
-    UNLEARNT,
     Belief,
-    again,
-    begun,
+    restart_belief,
+    start_belief,
 )
 from dart_hal.estimation.localisation.field import Map
-from dart_hal.estimation.localisation.health import FITS, Judge, Status, agreement
-from dart_hal.estimation.localisation.path import Steps
+from dart_hal.estimation.localisation.health import MIN_PROOF, Status, TrackJudge, agreement
+from dart_hal.estimation.localisation.path import OdometrySteps
 from dart_hal.estimation.localisation.search import search
 
-PROVEN = 5
-"""Scans that a pose which was searched must explain, while the car goes on, until it is told."""
-FAR = 4.0
-"""m that it must go on to explain them where boxes do not stand as in the map, for a pose to be
-told: another room of the same outline has walls elsewhere."""
-LONGEST = 4.0
-"""s without a scan that are bridged by wheels and gyro."""
-MIRRORED = -0.3
-"""Sense of the scans against the gyro, 1 right, below which their rotation is taken wrongly."""
+# Scans that a pose from a search must explain, while the car moves, before it is reported.
+MIN_PROOF_SCANS = 5
+# m of travel in which it must explain them if boxes are not as in the map: another room of the
+# same outline has walls elsewhere.
+PROOF_DISTANCE = 4.0
+# s without a scan that are bridged by wheels and gyro.
+MAX_SCAN_GAP = 4.0
+# Rotation of the scans over that of the gyro, 1 if right, below which the lidar is configured
+# upside down.
+MIN_ROTATION_SENSE = -0.3
 
 
 @dataclass(frozen=True, slots=True)
 class Located:
-    """What one scan told. t [s]: of the pose on the clock of the States; arrival [s]: of the scan;
-    pose: None while there is none to go by, also of a single scan that disagrees; agreement: share
-    of beams that the map explains; mirrored: the scans turn against the gyro."""
+    """Result of one scan.
+
+    t [s]: of the pose on the clock of the States; arrival [s]: of the scan; pose: None if unknown,
+    also for a single scan that disagrees; agreement: share of beams that the map explains;
+    mirrored: the scans rotate against the gyro.
+    """
 
     t: float
     arrival: float
@@ -54,94 +58,115 @@ class Located:
 
 
 class Localiser:
-    """One per car and map. start: x, y [m], yaw [rad] where it is known.
+    """One per car and map. start: x, y [m], yaw [rad] if known.
 
-    ``belief``: the filter, None while the car is nowhere. deskew: False puts all beams at the
-    middle of the scan: what comes of it is a control, no use.
+    ``belief``: the filter, None while the position is unknown. deskew: False places all beams at
+    the middle of the scan, as a negative control.
     """
 
     def __init__(self, chart: Map, start: tuple[float, float, float] | None = None, *,
                  deskew: bool = True) -> None:
-        self.chart, self.deskew = chart, deskew
+        self.chart = chart
+        self.deskew = deskew
         self.belief: Belief | None = None
         self._start = None if start is None else np.array(start)
-        self._steps, self._watch, self._yaw = Steps(), Watch(), 0.0
-        self._judge, self._proven, self._owed = Judge(1.0), 0, 0.0
-        self._mapped = start is not None
-        """Whether this is the room of the map: somebody said so, or a track has shown it."""
+        self._steps = OdometrySteps()
+        self._watch = Watch()
+        self._yaw = 0.0
+        self._judge = TrackJudge(1.0)
+        self._proof_scans = 0
+        self._proof_distance = 0.0
+        # Whether this is the room of the map, by the given start or by a proven track.
+        self._is_known_map = start is not None
         self._learnt: Belief | None = None
 
-    def moved(self, t: float, x: float, y: float, yaw: float, accel: float | None = None) -> None:
-        """Dead reckoning of the State at t [s], acceleration [m/s2] along the nose."""
-        self._steps.moved(t, x, y, yaw, accel)
+    def update_odometry(self, t: float, x: float, y: float, yaw: float,
+                        accel: float | None = None) -> None:
+        """Add the dead reckoning of the State at t [s]; accel [m/s2] along the nose."""
+        self._steps.add(t, x, y, yaw, accel)
         self._yaw = yaw
 
     def add(self, scan: Scan) -> Located | None:
-        """One scan; None where it tells nothing: too few beams, or no odometry for it."""
+        """Add one scan; return None if it has too few beams, or no odometry."""
         if self._watch.sense is None:
             self._watch.add(scan, self._yaw)
         beams = self._beams(scan)
         if beams is None:
             return None
-        t, belief = float(beams.way.t[-1]), self.belief
-        if belief is not None and not (belief.t < t < belief.t + LONGEST
+        t = float(beams.stretch.t[-1])
+        belief = self.belief
+        if belief is not None and not (belief.t < t < belief.t + MAX_SCAN_GAP
                                        and self._steps.covers(belief.t, t)):
             belief = self.belief = None
-        if belief is None and not self._begin(beams):
-            return Located(t, scan.arrival, self._nowhere, None, self._agreed, self._mirrored)
+        if belief is None and not self._find(beams):
+            return Located(t, scan.arrival, self._failure, None, self._agreement, self._mirrored)
         return self._track(beams, scan.arrival)
 
     @property
     def _mirrored(self) -> bool:
-        return (self._watch.sense or 0.0) < MIRRORED
+        """Whether the scans rotate against the gyro."""
+        return (self._watch.sense or 0.0) < MIN_ROTATION_SENSE
 
     def _beams(self, scan: Scan) -> Beams | None:
+        """Place the beams with the learnt errors of wheels, gyro and latency."""
         known = self.belief or self._learnt
-        errors = UNLEARNT if known is None else known.mean[ERRORS]
+        errors = DEFAULT_ERRORS if known is None else known.mean[ERRORS]
         late = 0.0 if known is None else float(known.mean[TAU])
-        return beams_of(scan, self._steps, errors, late, deskew=self.deskew)
+        return place_beams(scan, self._steps, errors, late, deskew=self.deskew)
 
-    def _begin(self, beams: Beams) -> bool:
-        """Find the car; False where it cannot be found with this scan."""
-        t = float(beams.way.t[-1])
-        self._agreed, self._nowhere, self._proven, self._owed = 0.0, Status.LOST, 0, 0.0
+    def _find(self, beams: Beams) -> bool:
+        """Find the car by the given start or a search; return whether it was found."""
+        t = float(beams.stretch.t[-1])
+        self._agreement = 0.0
+        self._failure = Status.LOST
+        self._proof_scans = 0
+        self._proof_distance = 0.0
         if self._start is not None:
-            pose, self._start, self._proven = self._start, None, PROVEN
-            self._judge = Judge(1.0)
+            pose = self._start
+            self._start = None
+            self._proof_scans = MIN_PROOF_SCANS
+            self._judge = TrackJudge(1.0)
         elif self._mirrored:
             return False
         else:
             found = search(self.chart, beams.points, beams.rays, beams.origin)
-            self._agreed = found.agreement.share
-            if not (found.fits and found.sure):
-                self._nowhere = Status.AMBIGUOUS if found.fits else Status.LOST
+            self._agreement = found.agreement.share
+            if not (found.fits and found.is_unique):
+                self._failure = Status.AMBIGUOUS if found.fits else Status.LOST
                 return False
-            pose, self._owed = found.pose[:3], 0.0 if self._mapped or found.known else FAR
-            self._judge = Judge(found.agreement.share,
-                                None if self._mapped else found.agreement)
-        self.belief = (begun(t, pose) if self._learnt is None else again(self._learnt, t, pose))
+            pose = found.pose[:3]
+            is_known = self._is_known_map or found.is_known_room
+            self._proof_distance = 0.0 if is_known else PROOF_DISTANCE
+            self._judge = TrackJudge(found.agreement.share,
+                                     None if self._is_known_map else found.agreement)
+        self.belief = (start_belief(t, pose) if self._learnt is None
+                       else restart_belief(self._learnt, t, pose))
         return True
 
     def _track(self, beams: Beams, arrival: float) -> Located:
+        """Predict, match and evaluate one scan; report the pose once it is proven."""
         assert self.belief is not None
-        t = float(beams.way.t[-1])
-        way = self._steps.stretch(self.belief.t, t, self.belief.mean[ERRORS])
-        half = self._steps.stretch(0.5 * float(beams.way.t[0] + t), t, self.belief.mean[ERRORS])
-        belief = self.belief.moved(way).seen(self.chart, beams.points, beams.rays, half)[0]
-        agreed = agreement(self.chart, belief.mean[SEEN,], beams.points, beams.rays, beams.origin)
+        t = float(beams.stretch.t[-1])
+        stretch = self._steps.stretch(self.belief.t, t, self.belief.mean[ERRORS])
+        half = self._steps.stretch(0.5 * float(beams.stretch.t[0] + t), t, self.belief.mean[ERRORS])
+        predicted = self.belief.predict(stretch)
+        belief = predicted.update_with_scan(self.chart, beams.points, beams.rays, half)[0]
+        agreed = agreement(self.chart, belief.mean[MATCHED,], beams.points, beams.rays,
+                           beams.origin)
         status = self._judge.add(agreed)
-        if status is Status.LOST or self._mirrored or (self._proven < PROVEN
-                                                            and agreed.proof() < FITS):
-            self.belief, self._agreed = None, agreed.share
+        if status is Status.LOST or self._mirrored or (self._proof_scans < MIN_PROOF_SCANS
+                                                            and agreed.proof() < MIN_PROOF):
+            self.belief = None
+            self._agreement = agreed.share
             return Located(t, arrival, Status.LOST, None, agreed.share, self._mirrored)
         self.belief = belief
-        self._proven += 1
-        self._owed -= way.way
-        proven = self._proven > PROVEN and self._owed <= 0.0
-        if not proven or self._judge.doubted:
+        self._proof_scans += 1
+        self._proof_distance -= stretch.distance
+        proven = self._proof_scans > MIN_PROOF_SCANS and self._proof_distance <= 0.0
+        if not proven or self._judge.in_doubt:
             return Located(t, arrival, status if proven else Status.LOST, None, agreed.share)
         self._learnt = belief
-        self._mapped = self._mapped or not self._judge.fresh
+        self._is_known_map = self._is_known_map or not self._judge.on_probation
         cov = belief.cov[POSE, POSE].copy()
         cov.setflags(write=False)
         x, y, yaw = belief.mean[POSE].tolist()

@@ -1,10 +1,10 @@
-"""The pose at which the end points of one scan lie on the walls of a map: Gauss-Newton.
+"""Scan matching by Gauss-Newton: the pose at which the end points of a scan lie on map walls.
 
-    minimise  sum rho(d(R p + x)) / SIGMA^2  +  (m - m0)' I (m - m0),     m = x, y, yaw, scale
+    minimise  sum rho(d(R p + x)) / sigma^2  +  (m - m0)' I (m - m0),     m = x, y, yaw, scale
 
-d: distance field of the map. rho: Geman-McClure, weight 1 / (1 + (d / C)^2)^2; what is far from
-every wall (another car, a box that the map does not know) pulls at nothing. The second term is
-what is known before: the belief of the filter, so that a corridor leaves its length to the wheels.
+d: distance field of the map. rho: Geman-McClure, weight 1 / (1 + (d / C)^2)^2, so that points far
+from every wall (another car, an unknown box) have no influence. The second term is the prior of the
+filter: in a corridor, wheels determine the position along it.
 """
 
 from __future__ import annotations
@@ -19,24 +19,24 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 from dart_hal.estimation.localisation.field import Map, map_of_lines
-from dart_hal.estimation.localisation.native import function
+from dart_hal.estimation.localisation.native import load_function
 
+# m at which a beam has a quarter of its weight: five times the noise of a distance. 5 cm are as
+# good; with a larger c boxes that are not in the map bias the pose.
 C = 0.08
-"""m at which a beam has a quarter of its weight: five times the noise of a distance; 5 cm are as
-good, and c larger lets boxes that are not in the map pull."""
-FAR = 0.5
-"""m from any wall: such a beam is of something that the map does not know."""
-SIGMA = 0.019
-"""m, one sigma of a distance to a wall. Noise is 1.5 cm; neighbours share the errors of map and
-de-skewing, so that their number tells less than it seems: 600 beams count as 370."""
-STEPS = 15
-SMALL = 3e-4
-"""m and rad of a step after which there is no other: the next one is a tenth of it."""
+# m from any wall: such a beam is of something unknown to the map.
+MAX_WALL_DISTANCE = 0.5
+# m, one sigma of a distance to a wall. Noise is 1.5 cm; neighbours share the errors of map and de-
+# skewing, so that 600 beams have the information of 370.
+WALL_DISTANCE_STD = 0.019
+MAX_ITERATIONS = 15
+# m and rad of a step that is the last: the next one would be a tenth of it.
+STEP_TOLERANCE = 3e-4
 
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """pose (4,): x, y [m], yaw [rad], scale; info (4, 4): what the scan alone tells of it."""
+    """pose (4,): x, y [m], yaw [rad], scale; info (4, 4): information of the scan alone."""
 
     pose: FloatArray
     info: FloatArray
@@ -46,30 +46,42 @@ Matcher = Callable[[Map, FloatArray, FloatArray, FloatArray, FloatArray, float],
 
 
 def match(chart: Map, points: FloatArray, rays: FloatArray, start: FloatArray,
-          known: FloatArray, small: float = SMALL) -> Match:
-    """The best pose for one scan, from ``start`` (4,) on, which has the information ``known``.
+          known: FloatArray, small: float = STEP_TOLERANCE) -> Match:
+    """Return the best pose for one scan, from ``start`` (4,), whose information is ``known``.
 
-    points (n, 2) [m]: end points in the axes of the car at one time; rays (n, 2) [m]: how they go
-    with the relative error ``scale`` of the distances, which is in them already at scale 0. small
-    [m, rad, share]: a step that is the last. By C (``match.c``) where there is a compiler.
+    points (n, 2) [m]: end points in the axes of the car at one time; rays (n, 2) [m]: their
+    derivative by the relative error ``scale`` of the distances. small [m, rad, share]: largest
+    last step. Runs in C (``match.c``) if there is a compiler.
     """
-    return (native() or match_numpy)(chart, points, rays, start, known, small)
+    return (native_match() or match_numpy)(chart, points, rays, start, known, small)
 
 
 def match_numpy(chart: Map, points: FloatArray, rays: FloatArray, start: FloatArray,
-                known: FloatArray, small: float = SMALL) -> Match:
-    """As ``match``, by numpy."""
-    (px, py), (qx, qy) = np.ascontiguousarray(points.T), np.ascontiguousarray(rays.T)
-    pose, jacobian = start.copy(), np.empty((4, len(points)))
+                known: FloatArray, small: float = STEP_TOLERANCE) -> Match:
+    """Implement ``match`` in NumPy.
+
+    1. Transform the points and look up distance and gradient in the field.
+    2. Robust weights, Jacobian by x, y, yaw, scale.
+    3. Solve the normal equations with the prior; repeat until the step is small.
+    """
+    (px, py) = np.ascontiguousarray(points.T)
+    (qx, qy) = np.ascontiguousarray(rays.T)
+    pose = start.copy()
+    jacobian = np.empty((4, len(points)))
     info = known
-    for _ in range(STEPS):
-        c, s, scale = cos(pose[2]), sin(pose[2]), pose[3]
-        qcx, qcy = c * qx - s * qy, s * qx + c * qy
-        rx, ry = c * px - s * py + scale * qcx, s * px + c * py + scale * qcy
+    for _ in range(MAX_ITERATIONS):
+        c = cos(pose[2])
+        s = sin(pose[2])
+        scale = pose[3]
+        qcx = c * qx - s * qy
+        qcy = s * qx + c * qy
+        rx = c * px - s * py + scale * qcx
+        ry = s * px + c * py + scale * qcy
         d, gx, gy = chart.look(rx + pose[0], ry + pose[1])
-        weight = (d <= FAR) / (C**2 + d * d)**2
-        weight *= C**4 / SIGMA**2
-        jacobian[0], jacobian[1] = gx, gy
+        weight = (d <= MAX_WALL_DISTANCE) / (C**2 + d * d)**2
+        weight *= C**4 / WALL_DISTANCE_STD**2
+        jacobian[0] = gx
+        jacobian[1] = gy
         jacobian[2] = gy * rx - gx * ry
         jacobian[3] = gx * qcx + gy * qcy
         weighted = jacobian * weight
@@ -82,37 +94,42 @@ def match_numpy(chart: Map, points: FloatArray, rays: FloatArray, start: FloatAr
 
 
 @lru_cache(maxsize=1)
-def native() -> Matcher | None:
-    """As ``match``, by C; None where it cannot be had, or says something else than numpy."""
-    compiled = function("match", "match.c")
+def native_match() -> Matcher | None:
+    """Return ``match`` in C; None if not available, or different from NumPy."""
+    compiled = load_function("match", "match.c")
     if compiled is None:
         return None
-    number, real, address = ctypes.c_int64, ctypes.c_double, ctypes.c_void_p
+    number = ctypes.c_int64
+    real = ctypes.c_double
+    address = ctypes.c_void_p
     compiled.argtypes = [number, address, address, number, number, address, *[real] * 6, address,
                          number, real, address, address]
 
-    def by_c(chart: Map, points: FloatArray, rays: FloatArray, start: FloatArray,
-             known: FloatArray, small: float) -> Match:
+    def match_c(chart: Map, points: FloatArray, rays: FloatArray, start: FloatArray,
+                known: FloatArray, small: float) -> Match:
         p, q, k = (np.ascontiguousarray(a, dtype=np.float64) for a in (points, rays, known))
-        pose, info = np.array(start, dtype=np.float64), np.empty((4, 4))
+        pose = np.array(start, dtype=np.float64)
+        info = np.empty((4, 4))
         rows, columns = chart.distance.shape
         compiled(len(p), p.ctypes.data, q.ctypes.data, rows, columns, chart.patch.ctypes.data,
-                 chart.origin[0], chart.origin[1], chart.cell, C * C, FAR, SIGMA, k.ctypes.data,
-                 STEPS, small, pose.ctypes.data, info.ctypes.data)
+                 chart.origin[0], chart.origin[1], chart.cell, C * C, MAX_WALL_DISTANCE,
+                 WALL_DISTANCE_STD, k.ctypes.data,
+                 MAX_ITERATIONS, small, pose.ctypes.data, info.ctypes.data)
         return Match(pose, info)
 
-    return by_c if _agrees(by_c) else None
+    return match_c if _is_equal(match_c) else None
 
 
-def _agrees(by_c: Matcher) -> bool:
-    """In a room of 4 m x 3 m, from 5 cm and 2 deg aside; beams end up to 2 cm beside the walls."""
+def _is_equal(match_c: Matcher) -> bool:
+    """Compare with NumPy in a room of 4 m x 3 m, from a start off by 5 cm and 2 deg."""
     corners = np.array(((0.0, 0.0), (4.0, 0.0), (4.0, 3.0), (0.0, 3.0)))
     chart = map_of_lines(np.hstack((corners, np.roll(corners, -1, axis=0))))
     along = np.linspace(0.05, 0.95, 50)[:, None]
     ends = np.vstack([a + along * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0),
                                                           strict=True)])
     ends += 0.02 * np.sin(np.arange(2 * len(ends)).reshape(-1, 2)) - (2.0, 1.0)
-    given = chart, ends, ends, np.array((2.03, 0.96, 0.03, 0.0)), 100.0 * np.eye(4), 0.0
-    want, got = match_numpy(*given), by_c(*given)
-    return bool(np.allclose(got.pose, want.pose, rtol=0.0, atol=1e-9)
-                and np.allclose(got.info, want.info, rtol=1e-6, atol=1e-3))
+    arguments = chart, ends, ends, np.array((2.03, 0.96, 0.03, 0.0)), 100.0 * np.eye(4), 0.0
+    expected = match_numpy(*arguments)
+    result = match_c(*arguments)
+    return bool(np.allclose(result.pose, expected.pose, rtol=0.0, atol=1e-9)
+                and np.allclose(result.info, expected.info, rtol=1e-6, atol=1e-3))

@@ -1,7 +1,6 @@
-"""C beside numpy: compiled once, kept in the user's cache, as ``dart_hal.vehicle.native``.
+"""C functions of this package: compiled once, cached per user, as in ``dart_hal.vehicle.native``.
 
-DART_HAL_NATIVE=0 switches it off. Whoever takes a function holds it against numpy before its first
-use.
+DART_HAL_NATIVE=0 disables them. Each caller compares a function with NumPy before its first use.
 """
 
 from __future__ import annotations
@@ -16,8 +15,8 @@ from dart_hal.vehicle.native.library import switched_off
 HERE = Path(__file__).parent
 
 
-def function(name: str, source: str) -> Any | None:
-    """A C function of a file beside this one, without a result; None where it cannot be had."""
+def load_function(name: str, source: str) -> Any | None:
+    """Load a C function without result from a file of this package; None if not available."""
     if switched_off():
         return None
     try:

@@ -1,9 +1,11 @@
-"""Where in a map a scan was taken, when nothing is known: every place and every heading.
+"""Global localisation: the position of a scan in a map, from all places and headings.
 
-The end points of every ninth beam are laid on the map from places 10 cm apart under headings 4 deg
-apart, all places of a heading at once: a beam's end moves by whole cells of the raster with the
-place. The best are refined by the matcher and judged by rays: what a beam should meet first, not
-only whether its end is on some wall. Where another place is nearly as good, none is told.
+1. The end points of every ninth beam are scored from places 10 cm apart under headings 4 deg
+   apart. All places of a heading are scored at once: the end of a beam moves by whole cells of
+   the raster with the place.
+2. The best places are refined by the matcher.
+3. Ray casting evaluates them: what a beam meets first, not only whether its end is on some wall.
+4. If another place is nearly as good, the result is ambiguous.
 """
 
 from __future__ import annotations
@@ -16,112 +18,130 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.estimation.localisation.field import REACH, Map
-from dart_hal.estimation.localisation.health import FITS, Agreement, agreement
+from dart_hal.estimation.localisation.field import MAX_FIELD_DISTANCE, Map
+from dart_hal.estimation.localisation.health import MIN_PROOF, Agreement, agreement
 from dart_hal.estimation.localisation.matcher import C, match
 
-EVERY, HEADINGS, PLACE = 9, 90, 0.10
-"""Beams of the coarse score; of a turn; m between places."""
-BEST = 25
-"""Coarse places that are refined."""
-CLEAR = 0.08
-"""m: a car is not in a wall, and its axle not nearer to one."""
-MARGIN = 0.06
-"""By which worth must exceed that of the best other place."""
-APART, TURNED = 0.3, 0.25
-"""m and rad beyond which a place is another one."""
-Worth = NDArray[np.float32]
-LOOSE = np.diag(1.0 / np.array((0.3, 0.3, 0.2, 0.008))**2)
-"""What is known when the refinement begins, and that distances are right to 0.8 %."""
+# Every ninth beam is used in the coarse score.
+COARSE_STRIDE = 9
+# Number of headings of a turn.
+HEADINGS = 90
+# m between places.
+PLACE_SPACING = 0.10
+# Coarse places that are refined.
+REFINED_PLACES = 25
+# m: smallest distance of the axle from a wall.
+MIN_CLEARANCE = 0.08
+# Smallest difference of the score to the best other place.
+MIN_SCORE_MARGIN = 0.06
+# m beyond which a place is another one.
+PLACE_DISTANCE = 0.3
+# rad, likewise.
+PLACE_ANGLE = 0.25
+ScoreGrid = NDArray[np.float32]
+# Prior information of the refinement; distances are right to 0.8 %.
+SEARCH_INFORMATION = np.diag(1.0 / np.array((0.3, 0.3, 0.2, 0.008))**2)
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """pose (4,): x, y [m], yaw [rad], scale; agreement of it; other: worth of the best other
-    place."""
+class SearchResult:
+    """Result of a search.
+
+    pose (4,): x, y [m], yaw [rad], scale; its agreement; other_score: of the best other place.
+    """
 
     pose: FloatArray
     agreement: Agreement
-    other: float
+    other_score: float
 
     @property
-    def sure(self) -> bool:
+    def is_unique(self) -> bool:
         """Whether no other place is nearly as good."""
-        return self.agreement.worth > self.other + MARGIN
+        return self.agreement.score > self.other_score + MIN_SCORE_MARGIN
 
     @property
     def fits(self) -> bool:
         """Whether this may be the room of the map."""
-        return self.agreement.proof() >= FITS
+        return self.agreement.proof() >= MIN_PROOF
 
     @property
-    def known(self) -> bool:
-        """Whether it is: in another room of the same outline boxes stand elsewhere."""
+    def is_known_room(self) -> bool:
+        """Whether this is the room of the map: in another one of the same outline boxes differ."""
         return self.fits and self.agreement.familiar
 
 
-def search(chart: Map, points: FloatArray, rays: FloatArray, origin: FloatArray) -> Found:
-    """The best place for a scan; points, rays (n, 2) [m] as ``match`` takes them, origin (n, 2)
-    [m]: of each beam in the same axes."""
+def search(chart: Map, points: FloatArray, rays: FloatArray, origin: FloatArray) -> SearchResult:
+    """Return the best place for a scan.
+
+    points, rays (n, 2) [m]: as ``match`` takes them; origin (n, 2) [m]: of each beam, same axes.
+    """
     judged: list[tuple[Agreement, FloatArray]] = []
-    for start in _coarse(chart, points[::EVERY]):
-        pose = match(chart, points, rays, start, LOOSE).pose
-        if all(_another(pose, known) for _, known in judged):
+    for start in _rank_places(chart, points[::COARSE_STRIDE]):
+        pose = match(chart, points, rays, start, SEARCH_INFORMATION).pose
+        if all(_is_other_place(pose, earlier) for _, earlier in judged):
             judged.append((agreement(chart, pose, points, rays, origin), pose))
-    judged.sort(key=lambda one: -one[0].worth)
-    others = [agreed.worth for agreed, _ in judged[1:]]
-    return Found(judged[0][1], judged[0][0], max(others, default=-1.0))
+    judged.sort(key=lambda candidate: -candidate[0].score)
+    others = [agreed.score for agreed, _ in judged[1:]]
+    return SearchResult(judged[0][1], judged[0][0], max(others, default=-1.0))
 
 
-def _another(a: FloatArray, b: FloatArray) -> bool:
+def _is_other_place(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two poses are different places."""
     turn = abs(remainder(a[2] - b[2], tau))
-    return bool(np.hypot(*(a[:2] - b[:2])) > APART or turn > TURNED)
+    return bool(np.hypot(*(a[:2] - b[:2])) > PLACE_DISTANCE or turn > PLACE_ANGLE)
 
 
-def _coarse(chart: Map, points: FloatArray) -> list[FloatArray]:
-    """The best coarse poses (4,), the best first, no two of them the same place."""
-    sheets, apart, free = _sheets(chart)
+def _rank_places(chart: Map, points: FloatArray) -> list[FloatArray]:
+    """Return the best coarse poses (4,), best first, all of them different places."""
+    sheets, stride, free = _score_sheets(chart)
     rows, columns = free.shape
     scores = np.zeros((HEADINGS, rows, columns), dtype=np.float32)
     for k, score in enumerate(scores):
-        c, s = np.cos(tau * k / HEADINGS), np.sin(tau * k / HEADINGS)
+        c = np.cos(tau * k / HEADINGS)
+        s = np.sin(tau * k / HEADINGS)
         turned = points @ np.array(((c, s), (-s, c)))
-        _add(score, sheets, np.round(turned / chart.cell).astype(int), apart)
+        _add_beams(score, sheets, np.round(turned / chart.cell).astype(int), stride)
     scores *= free
     poses: list[FloatArray] = []
-    for at in np.argsort(scores, axis=None)[:-40 * BEST:-1]:
-        k, j, i = np.unravel_index(at, scores.shape)
-        step = apart * chart.cell
+    for index in np.argsort(scores, axis=None)[:-40 * REFINED_PLACES:-1]:
+        k, j, i = np.unravel_index(index, scores.shape)
+        step = stride * chart.cell
         pose = np.array((chart.origin[0] + i * step, chart.origin[1] + j * step,
                          tau * k / HEADINGS, 0.0))
-        if all(_another(pose, known) for known in poses):
+        if all(_is_other_place(pose, earlier) for earlier in poses):
             poses.append(pose)
-            if len(poses) == BEST:
+            if len(poses) == REFINED_PLACES:
                 break
     return poses
 
 
-def _add(score: Worth, sheets: Worth, offset: IntArray, apart: int) -> None:
-    """Add what each beam's end (n, 2), in cells from the place, is worth."""
+def _add_beams(score: ScoreGrid, sheets: ScoreGrid, offset: IntArray, stride: int) -> None:
+    """Add the score of the end of each beam (n, 2), in cells from the place."""
     rows, columns = score.shape
-    whole, part = np.divmod(offset, apart)
+    whole, part = np.divmod(offset, stride)
     for (i, j), (a, b) in zip(whole.tolist(), part.tolist(), strict=True):
-        left, right = max(-i, 0), min(columns, columns - i)
-        low, high = max(-j, 0), min(rows, rows - j)
-        if left < right and low < high:
-            score[low:high, left:right] += sheets[b, a, low + j:high + j, left + i:right + i]
+        first_column = max(-i, 0)
+        last_column = min(columns, columns - i)
+        first_row = max(-j, 0)
+        last_row = min(rows, rows - j)
+        if first_column < last_column and first_row < last_row:
+            score[first_row:last_row, first_column:last_column] += sheets[
+                b, a, first_row + j:last_row + j, first_column + i:last_column + i]
 
 
 @lru_cache(maxsize=4)
-def _sheets(chart: Map) -> tuple[Worth, int, Worth]:
-    """What an end is worth at each node, as sheets [row part, column part] of every ``apart``-th
-    node, so that all places of the grid read one of them; where a car may be."""
-    apart = max(round(PLACE / chart.cell), 1)
-    rows, columns = (-(-n // apart) for n in chart.distance.shape)
-    d = np.pad(chart.distance, ((0, rows * apart - chart.distance.shape[0]),
-                                (0, columns * apart - chart.distance.shape[1])),
-               constant_values=REACH)
-    worth = (1.0 / (1.0 + (d / (2.0 * C))**2)).astype(np.float32)
-    sheets = worth.reshape(rows, apart, columns, apart).transpose(1, 3, 0, 2).copy()
-    free = (d[::apart, ::apart] > CLEAR).astype(np.float32)
-    return sheets, apart, free
+def _score_sheets(chart: Map) -> tuple[ScoreGrid, int, ScoreGrid]:
+    """Score of an end point at each node, and the places where a car may be.
+
+    The scores are sheets [row part, column part] of every ``stride``-th node, so that all places of
+    the grid read one of them.
+    """
+    stride = max(round(PLACE_SPACING / chart.cell), 1)
+    rows, columns = (-(-n // stride) for n in chart.distance.shape)
+    d = np.pad(chart.distance, ((0, rows * stride - chart.distance.shape[0]),
+                                (0, columns * stride - chart.distance.shape[1])),
+               constant_values=MAX_FIELD_DISTANCE)
+    score = (1.0 / (1.0 + (d / (2.0 * C))**2)).astype(np.float32)
+    sheets = score.reshape(rows, stride, columns, stride).transpose(1, 3, 0, 2).copy()
+    free = (d[::stride, ::stride] > MIN_CLEARANCE).astype(np.float32)
+    return sheets, stride, free

@@ -1,7 +1,7 @@
-"""The localiser as a source of poses: a controller cannot tell it from motion capture.
+"""Localisation as a source of poses, with the same interface as motion capture.
 
-In virtual time a scan is worked on where it comes, so that a replay gives the same poses; with a
-real car a thread does it, since a search of the whole map takes longer than a frame may wait.
+In virtual time a scan is processed when it arrives, so that a replay gives the same poses. With a
+real car a thread processes it, because a search of the whole map takes longer than a frame.
 """
 
 from __future__ import annotations
@@ -23,42 +23,45 @@ from dart_hal.estimation.localisation.localiser import Localiser, Located
 
 EXPECTED = "lidar:map.yaml, or lidar:map.yaml?start=X,Y,YAW in m and rad"
 FRAME = "lidar-map"
-KEPT = 64
-"""Scans and their States that wait for the thread: 8 s; what comes then is dropped."""
+# Scans with their States that wait for the thread: 8 s; later ones are dropped.
+MAX_QUEUED_SCANS = 64
 
 Work = tuple[tuple[State, ...], Scan]
 
 
 class LidarPoses:
-    """``PoseSource`` of a car with a lidar; the car feeds ``moved`` and ``add``.
+    """``PoseSource`` of a car with a lidar; the car calls ``add_states`` and ``add``.
 
-    ``newest``: what the last scan told, None before it; ``dropped``: scans that were too many.
+    ``newest``: result of the last scan, None before it; ``dropped``: number of dropped scans.
     """
 
     on_board = True
 
     def __init__(self, chart: Map, start: tuple[float, float, float] | None = None,
                  name: str = "lidar") -> None:
-        self.name, self.chart, self.dropped = name, chart, 0
+        self.name = name
+        self.chart = chart
+        self.dropped = 0
         self.newest: Located | None = None
         self._localiser = Localiser(chart, start)
         self._states: list[State] = []
-        self._told: deque[ExternalPose] = deque()
+        self._poses: deque[ExternalPose] = deque()
         self._work: Queue[Work | None] | None = None
 
-    def in_thread(self) -> None:
-        """From now on scans are worked on beside the car's own loop."""
-        self._work = Queue(KEPT)
+    def start_thread(self) -> None:
+        """Process scans in a thread from now on."""
+        self._work = Queue(MAX_QUEUED_SCANS)
         threading.Thread(target=self._serve, args=(self._work,), name="localiser",
                          daemon=True).start()
 
-    def moved(self, states: Sequence[State]) -> None:
-        """States of the car, each once, in order."""
+    def add_states(self, states: Sequence[State]) -> None:
+        """Add States of the car, each once, in order."""
         self._states.extend(states)
 
     def add(self, scan: Scan) -> None:
-        """A scan that was whole when those States were there."""
-        work, self._states = (tuple(self._states), scan), []
+        """Process or queue a scan that was complete at the added States."""
+        work = (tuple(self._states), scan)
+        self._states = []
         if self._work is None:
             self._locate(*work)
             return
@@ -68,38 +71,40 @@ class LidarPoses:
             self.dropped += 1
 
     def poll(self, now: float) -> list[ExternalPose]:
-        """As ``PoseSource``: one for each scan that was placed."""
+        """Return the new poses, as ``PoseSource``: one for each localised scan."""
         out = []
-        while self._told:
-            pose = self._told.popleft()
+        while self._poses:
+            pose = self._poses.popleft()
             out.append(pose if self._work is None else replace(pose, arrival=now))
         return out
 
     def close(self) -> None:
-        """The thread, if any, ends with the scan that it has."""
+        """End the thread, if any, after its current scan."""
         if self._work is not None:
             while not self._work.empty():
                 self._work.get_nowait()
             self._work.put(None)
 
     def _serve(self, work: Queue[Work | None]) -> None:
+        """Process queued scans until None comes."""
         while (item := work.get()) is not None:
             self._locate(*item)
 
     def _locate(self, states: tuple[State, ...], scan: Scan) -> None:
+        """Localise one scan and store its pose."""
         for state in states:
-            self._localiser.moved(state.t, state.pose.x, state.pose.y, state.pose.yaw,
-                                  state.accel_x)
-        told = self._localiser.add(scan)
-        self.newest = told or self.newest
-        if told is not None and told.pose is not None and told.t >= 0.0:
-            at = told.pose
-            self._told.append(ExternalPose(told.t, told.arrival, at.x, at.y, at.yaw, at.cov,
-                                           FRAME))
+            self._localiser.update_odometry(state.t, state.pose.x, state.pose.y, state.pose.yaw,
+                                       state.accel_x)
+        located = self._localiser.add(scan)
+        self.newest = located or self.newest
+        if located is not None and located.pose is not None and located.t >= 0.0:
+            pose = located.pose
+            self._poses.append(ExternalPose(located.t, located.arrival, pose.x, pose.y, pose.yaw,
+                                            pose.cov, FRAME))
 
 
 def open_source(text: str, chart: Map | None = None) -> LidarPoses:
-    """``lidar:FILE.yaml?start=X,Y,YAW``, or ``lidar?start=...`` where the map is given.
+    """Open ``lidar:FILE.yaml?start=X,Y,YAW``, or ``lidar?start=...`` if the map is given.
 
     Raises UsageError.
     """
@@ -107,13 +112,13 @@ def open_source(text: str, chart: Map | None = None) -> LidarPoses:
     options = dict(parse_qsl(parts.query, keep_blank_values=True))
     path = parts.netloc + parts.path if parts.scheme else ""
     if bool(path) is (chart is not None) or set(options) - {"start"}:
-        raise UsageError(f"{text!r} is no map to be localised in", found=text, expected=EXPECTED)
-    start = start_of(options["start"]) if "start" in options else None
+        raise UsageError(f"{text!r} names no map for localisation", found=text, expected=EXPECTED)
+    start = parse_start(options["start"]) if "start" in options else None
     return LidarPoses(chart or map_of_grid(read_grid(Path(path))), start, text)
 
 
-def start_of(text: str) -> tuple[float, float, float]:
-    """X,Y,YAW [m, m, rad]. Raises UsageError."""
+def parse_start(text: str) -> tuple[float, float, float]:
+    """Parse X,Y,YAW [m, m, rad]. Raises UsageError."""
     try:
         x, y, yaw = (float(word) for word in text.split(","))
     except ValueError as why:

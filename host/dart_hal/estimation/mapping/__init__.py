@@ -1,1 +1,1 @@
-"""A map of the room out of scans and odometry: keyframes, loop closures, an occupancy grid."""
+"""Mapping by scans and odometry: keyframes, loop closures, an occupancy grid."""

@@ -1,4 +1,4 @@
-"""What makes a drive no map: refused in words, before somebody trusts it."""
+"""Checks of a mapping drive: conditions under which no useful map can result."""
 
 from __future__ import annotations
 
@@ -9,56 +9,58 @@ import numpy as np
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, Scan
 from dart_hal.devices.lidar.health import Watch, blind
-from dart_hal.estimation.localisation.localiser import MIRRORED
+from dart_hal.estimation.localisation.localiser import MIN_ROTATION_SENSE
 
-BLIND = np.radians(30.0)
-"""rad: a sector from which nothing came in the whole drive. A post hides 10 to 20 deg; where the
-lidar turns above 8.25 times a second the gap is wider."""
-LEAST_WAY = 1.0
-"""m that have to be driven."""
-EVERY = 8
-"""Of the scans that are looked at for blind sectors: one a second."""
+# rad: a sector without any return in the whole drive. A post hides 10 to 20 deg; if the lidar
+# turns more than 8.25 times a second the gap is wider.
+MIN_BLIND_SECTOR = np.radians(30.0)
+# m that must be driven.
+MIN_DRIVE = 1.0
+# Scans per one that is checked for blind sectors: one a second.
+SCAN_STRIDE = 8
 
 
-class Checks:
-    """``add`` for each scan, with the car's yaw [rad, unwrapped] then; ``judge`` at the end."""
+class MapChecks:
+    """Checks of a drive: ``add`` for each scan with the yaw [rad, unwrapped] of the car, then
+    ``judge``."""
 
     def __init__(self) -> None:
         self.scans = 0
-        self._watch, self._seen = Watch(), list[FloatArray]()
+        self._watch = Watch()
+        self._bearings = list[FloatArray]()
 
     def add(self, scan: Scan, yaw: float) -> None:
-        """One more scan. Raises UsageError as soon as the scans are seen to turn the wrong way."""
+        """Add one scan. Raises UsageError as soon as the scans rotate against the gyro."""
         self._watch.add(scan, yaw)
-        if self.scans % EVERY == 0:
-            self._seen.append(scan.bearing[np.isfinite(scan.distance)])
+        if self.scans % SCAN_STRIDE == 0:
+            self._bearings.append(scan.bearing[np.isfinite(scan.distance)])
         self.scans += 1
         sense = self._watch.sense
-        if sense is not None and sense < MIRRORED:
+        if sense is not None and sense < MIN_ROTATION_SENSE:
             raise UsageError(
                 "the scans turn against the gyro", found=f"{sense:+.2f} of the gyro's turns",
                 expected="+1", likely="the lidar is upside down and `inverted` in [lidar] of "
-                "car.toml does not say so, or the other way round; or the gyro's sign is wrong",
+                "car.toml is not set, or the opposite; or the gyro's sign is wrong",
                 remedy="dart-hal doctor, then set inverted in [lidar] of car.toml")
 
-    def judge(self, way: float) -> None:
-        """After a drive of ``way`` [m]. Raises UsageError."""
+    def judge(self, distance: float) -> None:
+        """Check a complete drive of ``distance`` [m]. Raises UsageError."""
         if not self.scans:
             raise UsageError("there is nothing to map", found="no scan", expected="a lidar",
                              remedy="export DART_HAL_LIDAR=serial:///dev/dart-lidar")
-        for start, end in blind(np.concatenate(self._seen)):
-            if end - start >= BLIND:
+        for start, end in blind(np.concatenate(self._bearings)):
+            if end - start >= MIN_BLIND_SECTOR:
                 raise UsageError(
-                    "a sector of the lidar is missing: nothing ever came from there",
+                    "a sector of the lidar is blind: it had no return in the whole drive",
                     found=f"{degrees(start):.0f} to {degrees(end):.0f} deg, left positive",
                     expected="less than 30 deg without a return", likely="a part of the car, a "
-                    "lidar that turns more than 8.25 times a second, or one without power enough",
+                    "lidar that turns more than 8.25 times a second, or one with too little power",
                     remedy="dart-hal doctor")
-        if way < LEAST_WAY:
-            raise UsageError("the car did not move: one place is no map", found=f"{way:.2f} m",
-                             expected=f"{LEAST_WAY:g} m and more")
+        if distance < MIN_DRIVE:
+            raise UsageError("the car did not move: one place is no map", found=f"{distance:.2f} m",
+                             expected=f"{MIN_DRIVE:g} m and more")
 
     @property
-    def unsure(self) -> bool:
-        """Whether the car turned too little to tell which way its scans turn."""
+    def is_sense_unknown(self) -> bool:
+        """Whether the car turned too little to determine the rotation of the scans."""
         return self._watch.sense is None

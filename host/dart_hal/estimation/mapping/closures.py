@@ -1,7 +1,8 @@
-"""Loop closures: where a keyframe is in a submap that was made before, and whether that is so.
+"""Loop closures: the pose of a keyframe in an earlier submap, and its validation.
 
-Candidates are the submaps in whose keyframes' places the car is by the graph. The matcher places
-the scan in them, from where the graph has it; rays say whether the submap explains it there.
+1. Candidates are the submaps near the pose that the graph has for the car.
+2. The matcher refines the pose in the submap.
+3. Ray casting checks whether the submap explains the scan there.
 """
 
 from __future__ import annotations
@@ -11,62 +12,66 @@ import numpy as np
 from dart_hal.core.types import FloatArray
 from dart_hal.estimation.localisation.health import agreement
 from dart_hal.estimation.localisation.matcher import match
-from dart_hal.estimation.mapping.graph import Edge, between
-from dart_hal.estimation.mapping.keyframes import Keyframe, Submap, submap
+from dart_hal.estimation.mapping.graph import Edge, relative_pose
+from dart_hal.estimation.mapping.keyframes import Keyframe, Submap, make_submap
 
-LENGTH, EVERY = 4.0, 2.0
-"""m of way in a submap, and from one to the next."""
-OLD = 8.0
-"""m of way from the end of a submap on, behind which it is one of a loop."""
-NEAR = 1.0
-"""m between the car and a keyframe of a submap."""
-LOOSE = np.diag(1.0 / np.array((0.3, 0.3, 0.1, 1e-5))**2)
-"""What is known of the pose in the submap: the drift of a loop."""
-AGREES = 0.70
-"""Share of the beams that the submap has to explain."""
-FLOOR = np.diag(np.array((0.003, 0.003, 0.001))**2)
-"""m, m, rad: what a submap is bent by."""
+# m of travel in a submap.
+SUBMAP_LENGTH = 4.0
+# m from one to the next.
+SUBMAP_SPACING = 2.0
+# m of travel since the end of a submap from which on it may close a loop.
+MIN_LOOP_LENGTH = 8.0
+# m between the car and a keyframe of a submap.
+MAX_CANDIDATE_DISTANCE = 1.0
+# Prior information on the pose in the submap: the drift of a loop.
+LOOP_INFORMATION = np.diag(1.0 / np.array((0.3, 0.3, 0.1, 1e-5))**2)
+# Share of the beams that the submap must explain.
+MIN_CLOSURE_AGREEMENT = 0.70
+# m, m, rad: deformation of a submap.
+SUBMAP_COVARIANCE = np.diag(np.array((0.003, 0.003, 0.001))**2)
 
 
-class Closures:
-    """One per drive: its submaps."""
+class LoopClosures:
+    """Submaps of one drive."""
 
     def __init__(self) -> None:
         self.submaps: list[Submap] = []
         self.tried = 0
 
-    def of(self, frames: list[Keyframe], poses: FloatArray, k: int) -> list[Edge]:
-        """Closures of keyframe k, the newest."""
-        self._grow(frames, poses)
+    def find(self, frames: list[Keyframe], poses: FloatArray, k: int) -> list[Edge]:
+        """Return the closures of keyframe k, the newest."""
+        self._add_submap(frames, poses)
         best = None
         for sub in self.submaps:
-            if frames[sub.last].way > frames[k].way - OLD:
+            if frames[sub.last].travel > frames[k].travel - MIN_LOOP_LENGTH:
                 break
             span = poses[sub.first:sub.last + 1, :2] - poses[k, :2]
-            off = float(np.hypot(*span.T).min())
-            if off < NEAR and (best is None or off < best[0]):
-                best = off, sub
+            distance = float(np.hypot(*span.T).min())
+            if distance < MAX_CANDIDATE_DISTANCE and (best is None or distance < best[0]):
+                best = distance, sub
         if best is None:
             return []
-        edge = closure(best[1], frames[k], between(poses[best[1].anchor], poses[k]), k)
+        edge = match_submap(best[1], frames[k], relative_pose(poses[best[1].anchor], poses[k]), k)
         self.tried += 1
         return [edge] if edge else []
 
-    def _grow(self, frames: list[Keyframe], poses: FloatArray) -> None:
-        """One more submap, where the car has come so far."""
-        begin = len(self.submaps) * EVERY
-        if frames[-1].way < begin + LENGTH:
+    def _add_submap(self, frames: list[Keyframe], poses: FloatArray) -> None:
+        """Add a submap once the car has driven its length."""
+        begin = len(self.submaps) * SUBMAP_SPACING
+        if frames[-1].travel < begin + SUBMAP_LENGTH:
             return
-        ways = np.array([frame.way for frame in frames])
-        first, last = np.searchsorted(ways, (begin, begin + LENGTH))
-        self.submaps.append(submap(frames, poses, int(first), int(last)))
+        ways = np.array([frame.travel for frame in frames])
+        first, last = np.searchsorted(ways, (begin, begin + SUBMAP_LENGTH))
+        self.submaps.append(make_submap(frames, poses, int(first), int(last)))
 
 
-def closure(sub: Submap, frame: Keyframe, start: FloatArray, k: int) -> Edge | None:
-    """The edge from a submap to keyframe k, which is at about ``start`` (3,) in its axes."""
+def match_submap(sub: Submap, frame: Keyframe, start: FloatArray, k: int) -> Edge | None:
+    """Return the edge from a submap to keyframe k near ``start`` (3,) in its axes, or None."""
     own = frame.own
-    found = match(sub.chart, own.points, own.rays, np.append(start, 0.0), LOOSE)
-    if agreement(sub.chart, found.pose, own.points, own.rays, own.origin).share < AGREES:
+    found = match(sub.chart, own.points, own.rays, np.append(start, 0.0), LOOP_INFORMATION)
+    agreed = agreement(sub.chart, found.pose, own.points, own.rays, own.origin)
+    if agreed.share < MIN_CLOSURE_AGREEMENT:
         return None
-    seen = np.linalg.inv((found.info + LOOSE)[:3, :3])
-    return Edge(sub.anchor, k, found.pose[:3], np.linalg.inv(seen + FLOOR), closes=True)
+    match_cov = np.linalg.inv((found.info + LOOP_INFORMATION)[:3, :3])
+    info = np.linalg.inv(match_cov + SUBMAP_COVARIANCE)
+    return Edge(sub.anchor, k, found.pose[:3], info, is_closure=True)

@@ -1,8 +1,8 @@
-"""Points of scans as short lines along the walls that they are of, for the matcher.
+"""Short wall lines from the points of scans, for the matcher.
 
 Noise spreads a wall over 5 cm. Each cell gives one line: through the mean of its points, moved onto
-the line that fits those of the 3 x 3 cells around it best. So cells on both sides of a wall lie on
-one line, and the field has its zero in the middle of the noise.
+the best fit of the points in the 3 x 3 cells around it. So cells on both sides of a wall lie on one
+line, and the field has its zero in the middle of the noise.
 """
 
 from __future__ import annotations
@@ -12,19 +12,25 @@ import numpy as np
 from dart_hal.core.types import FloatArray
 from dart_hal.estimation.localisation.field import Map, map_of_pieces
 
-CELL = 0.04
-"""m: a window of 3 cells is 8 sigma of a distance wide, and shorter than a side of a box."""
-LEAST = 3
-"""Points of a window from which on it has a direction."""
-LENGTH = 1.5
-"""Cells that a line is long: the diagonal of its own, so that no ray slips through."""
+# m: a window of 3 cells is 8 sigma of a distance wide, and shorter than a side of a box.
+SURFEL_CELL = 0.04
+# Points of a window from which on it has a direction.
+MIN_WINDOW_POINTS = 3
+# Length of a line in cells: the diagonal of its own, so that no ray passes between.
+SURFEL_LENGTH = 1.5
 
 
 def lines_of_points(points: FloatArray) -> FloatArray:
-    """Lines (m, 4) as x1, y1, x2, y2 [m] of points (n, 2) [m]."""
-    low = points.min(axis=0) - 2.0 * CELL
-    column, row = ((points.T - low[:, None]) / CELL).astype(int)
-    columns, rows = int(column.max()) + 2, int(row.max()) + 2
+    """Fit lines (m, 4) as x1, y1, x2, y2 [m] to points (n, 2) [m].
+
+    1. Sums of 1, x, y and their products in each cell and in its 3 x 3 window.
+    2. Direction of the largest spread in the window.
+    3. Mean of the cell, projected onto the line through the mean of the window.
+    """
+    low = points.min(axis=0) - 2.0 * SURFEL_CELL
+    column, row = ((points.T - low[:, None]) / SURFEL_CELL).astype(int)
+    columns = int(column.max()) + 2
+    rows = int(row.max()) + 2
     index = row * columns + column
     x, y = points.T - low[:, None]
 
@@ -34,18 +40,21 @@ def lines_of_points(points: FloatArray) -> FloatArray:
 
     sums = np.stack([summed(w) for w in (np.ones(len(x)), x, y, x * x, x * y, y * y)])
     around = _window(sums)
-    j, i = np.nonzero((sums[0, 1:-1, 1:-1] > 0.0) & (around[0] >= LEAST))
+    j, i = np.nonzero((sums[0, 1:-1, 1:-1] > 0.0) & (around[0] >= MIN_WINDOW_POINTS))
     mx, my, xx, xy, yy = around[1:, j, i] / around[0, j, i]
     turn = 0.5 * np.arctan2(2.0 * (xy - mx * my), (xx - mx * mx) - (yy - my * my))
-    c, s = np.cos(turn), np.sin(turn)
+    c = np.cos(turn)
+    s = np.sin(turn)
     own = sums[1:3, j + 1, i + 1] / sums[0, j + 1, i + 1]
     along = c * (own[0] - mx) + s * (own[1] - my)
-    x, y, half = low[0] + mx + along * c, low[1] + my + along * s, 0.5 * LENGTH * CELL
+    x = low[0] + mx + along * c
+    y = low[1] + my + along * s
+    half = 0.5 * SURFEL_LENGTH * SURFEL_CELL
     return np.column_stack((x - half * c, y - half * s, x + half * c, y + half * s))
 
 
 def chart_of_points(points: FloatArray) -> Map:
-    """What ``match`` takes, of points (n, 2) [m]."""
+    """Return the map for ``match`` of points (n, 2) [m]."""
     return map_of_pieces(lines_of_points(points))
 
 

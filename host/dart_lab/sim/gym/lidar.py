@@ -15,7 +15,7 @@ from dart_hal.car.lidar import AXIS_X
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.core.types import FloatArray
-from dart_hal.estimation.localisation.rays import best
+from dart_hal.estimation.localisation.rays import fastest_cast
 from dart_hal.vehicle.namespace import Value
 from dart_lab.sim.gym.config import GymConfig
 from dart_lab.sim.light.noise import LIDAR, Seed, streams
@@ -39,7 +39,7 @@ class Eyes:
         self.lines = np.vstack([board(track, side * (c.half_width + BESIDE))
                                 for side in (1.0, -1.0)])
         self.bearing: FloatArray = np.arange(c.beams, dtype=np.float64) * (math.tau / c.beams)
-        self._cast = best()
+        self._cast = fastest_cast()
 
     def ranges(self, pose: FloatArray, others: FloatArray) -> FloatArray:
         """Distances (beams, n) [m] to the nearest thing, for rear axles (3, n) at x, y [m], yaw

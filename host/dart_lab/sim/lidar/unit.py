@@ -24,7 +24,7 @@ from dart_hal.core.errors import DartHalError
 from dart_hal.core.types import FloatArray, IntArray, Scan
 from dart_hal.devices.lidar.packets import BASE, CROSSING, HEAD, PERIOD, QUARTER
 from dart_hal.devices.lidar.scan import BYTE, Stream
-from dart_hal.estimation.localisation.rays import FAR, best
+from dart_hal.estimation.localisation.rays import NO_HIT, fastest_cast
 from dart_lab.sim.lidar.maps import Room
 from dart_lab.sim.lidar.params import LidarParams
 
@@ -51,7 +51,7 @@ class Unit:
         self._poses, self._room, self._params = poses, room, params
         self._noise = np.random.default_rng([seed, 512])
         self._line = np.random.default_rng([seed, 513])
-        self._cast = best()
+        self._cast = fastest_cast()
         self._sample = self._turns = 0
         self._free = self._arrived = 0.0
         self._over = 0.0
@@ -134,7 +134,7 @@ class Unit:
         if not half:
             return self._reach(t, laser, _ahead(way))
         a, b = (self._reach(t, laser, _ahead(way + side)) for side in (-half, half))
-        near, far = np.minimum(np.minimum(a, b), FAR), np.maximum(a, b)
+        near, far = np.minimum(np.minimum(a, b), NO_HIT), np.maximum(a, b)
         far = np.where(far > self._params.most, near, far)
         share = self._noise.uniform(size=len(t))
         mixed: FloatArray = 1.0 / (share / near + (1.0 - share) / far)
