@@ -7,7 +7,7 @@ from pathlib import Path
 
 import dart_hal
 import dart_lab
-from dart_lab.live.view.flash_page import assets
+from dart_lab.live.view.flash_page import load_flash_assets
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
@@ -44,7 +44,8 @@ def flasher(app, failure):
     if failure is None and app.builder.format == "html":
         folder = Path(app.outdir) / "flash"
         folder.mkdir(exist_ok=True)
-        for name, body in assets(HERE.parent / "firmware" / "prebuilt" / "dart_nano.hex").items():
+        image = HERE.parent / "firmware" / "prebuilt" / "dart_nano.hex"
+        for name, body in load_flash_assets(image).items():
             (folder / name).write_bytes(body)
 
 

@@ -123,9 +123,9 @@ def page(hold: Callable[[float], messages.Drive | None]) -> Callable[[Bench], Me
     def measure(bench: Bench) -> Measured:
         drive = bench.drive()
         desk = Desk(drive.car, Access(8642, token="right"), drives=True, clock=lambda: drive.now)
-        list(desk.joined("page"))
+        list(desk.open_page("page"))
         drive.armed()
-        desk.said("page", messages.Take("right"))
+        desk.handle_message("page", messages.Take("right"))
         start, last = drive.now, drive.now + DRIVES_S
 
         def each(state: State) -> None:
@@ -134,7 +134,7 @@ def page(hold: Callable[[float], messages.Drive | None]) -> Callable[[Bench], Me
             if command is not None:
                 command.heard += drive.now - 0.03
                 with suppress(Refused):  # a page that does not care goes on
-                    desk.said("page", command)
+                    desk.handle_message("page", command)
 
         drive.car.on_state(each)
         desk.run(last - start + SILENT_S)

@@ -249,6 +249,6 @@ host("input_age", "a human input whose source is silent is neutral",
 host("key_backlog", "keys that were typed earlier do not drive",
      "dart_hal.control.keyboard.MAX_BURST_KEYS", FOREVER)
 host("page_hold", "a command of a live page holds 0.2 s, its age taken off",
-     "dart_lab.live.view.operator.HOLD", FOREVER)
+     "dart_lab.live.view.operator.MAX_COMMAND_AGE_S", FOREVER)
 host("topic_release", "ROS drives again after a silence only when safety_value was 0",
      "dart_lab.live.ros.commands.Commands._refuse", nothing)

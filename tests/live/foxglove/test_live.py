@@ -16,7 +16,7 @@ from mcap_ros2.decoder import DecoderFactory
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 
 from dart_hal.core.errors import UsageError
-from dart_lab.live.foxglove.server import BACKLOG, serve
+from dart_lab.live.foxglove.server import MAX_BACKLOG_BYTES, serve
 
 pytestmark = pytest.mark.realtime
 
@@ -112,7 +112,7 @@ def test_fuzzed_messages_are_answered_and_harm_nobody(shown):
 
 @pytest.mark.slow
 def test_a_client_that_asks_and_does_not_read_is_let_go(shown, monkeypatch):
-    monkeypatch.setattr("dart_lab.live.foxglove.server.BACKLOG", 20_000)
+    monkeypatch.setattr("dart_lab.live.foxglove.server.MAX_BACKLOG_BYTES", 20_000)
     one = Stalled(shown.server.port, [])
     with pytest.raises(OSError, match=r"reset|pipe"):
         one.ask(10**6)
@@ -176,7 +176,7 @@ def test_a_stalled_client_delays_nobody(shown):
         assert share_told(client, 2.0) > 0.99
         assert shown.count - taken > 50, "the program's loop goes on"
         assert max(behind) > 3_000_000, "else none was stalled"
-        assert max(behind) <= BACKLOG
+        assert max(behind) <= MAX_BACKLOG_BYTES
         assert any(b < a for a, b in pairwise(behind)), "what it is behind is dropped"
         for one in stalled:
             one.socket.close()

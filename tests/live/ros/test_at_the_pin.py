@@ -10,7 +10,7 @@ from toy_ros import BridgedCar
 
 from dart_hal.core.errors import Disarmed
 from dart_lab.live.ros import commands
-from dart_lab.live.ros.commands import HOLD, Commands
+from dart_lab.live.ros.commands import MAX_MESSAGE_AGE_S, Commands
 
 LAST = 1.2
 """s since it was armed: the last message, or the first bad one."""
@@ -65,11 +65,11 @@ def test_a_bridge_that_hangs_just_before_the_silence_is_noticed():
 
         with pytest.raises(Disarmed, match="trip"):
             car.run(LAST + 1.0, step)
-        assert HOLD < car.last_driving() - LAST <= NEUTRAL
+        assert MAX_MESSAGE_AGE_S < car.last_driving() - LAST <= NEUTRAL
 
 
 def test_control_a_longer_hold_is_seen_at_the_pin(monkeypatch):
-    monkeypatch.setattr(commands, "HOLD", 0.7)
+    monkeypatch.setattr(commands, "MAX_MESSAGE_AGE_S", 0.7)
     assert drive(WITHOUT_SAFETY).last_driving() - LAST > NEUTRAL
 
 

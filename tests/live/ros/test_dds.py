@@ -18,8 +18,8 @@ from ros_types import classes_of
 from dart_hal.car import Car
 from dart_hal.recording.run import RunReader
 from dart_lab.live.ros.commands import Commands
-from dart_lab.live.ros.messages import built
-from dart_lab.live.ros.told import Told
+from dart_lab.live.ros.messages import build_object
+from dart_lab.live.ros.told import TopicWriter
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed")
 from cyclonedds.domain import DomainParticipant
@@ -41,14 +41,15 @@ pytestmark = pytest.mark.slow
 def payloads(tmp_path_factory):
     """{rt/topic: CDR payloads}: of the recorder, and of the ROS 2 bridge."""
     path, told, (class_of, store) = (tmp_path_factory.mktemp("run") / "run.mcap",
-                                     Told(1, 0.08, simulated=False), classes_of("ROS2_HUMBLE"))
+                                     TopicWriter(1, 0.08, simulated=False),
+                                     classes_of("ROS2_HUMBLE"))
     found = {topic: [] for topic in TOPICS}
     with Car.open("sim://?nano=mock&seed=1", record=path) as car:
         for state in car.states(duration=1.0):
             car.drive(steering=0.1)
             for topic, message in told.messages(state, (1.0, 0.2, 0.1), 1.7e9):
                 if f"rt/{topic}" in found:
-                    made = built(message, class_of)
+                    made = build_object(message, class_of)
                     found[f"rt/{topic}"].append(bytes(store.serialize_cdr(made,
                                                                           made.__msgtype__)))
     for message in RunReader(path).messages():
@@ -94,7 +95,7 @@ def test_topics_of_ros_2_go_to_another_process_and_come_from_it(payloads, monkey
     commands, heard = Commands(), []
     until(lambda: heard.extend(throttle.take(N=10)) or heard)
     commands.throttle(heard[0].data, 1.0)
-    assert commands.logged(1.0) == (0.0, 0.25, 0.0)
+    assert commands.upstream_inputs(1.0) == (0.0, 0.25, 0.0)
     out, _ = peer.communicate(timeout=30)
     assert json.loads(out) == {
         topic: [TOPICS[topic].deserialize(d).serialize(use_version_2=False).hex() for d in sent]

@@ -77,9 +77,9 @@ def test_what_is_heard_is_the_number_and_the_end_is_seen(rclpy):
                                          "std_msgs/msg/Float32"))
     assert (heard, depth) == ([0.25], 1)
     assert rclpy.state.options == "no", "Ctrl-C stays the car's"
-    assert not node.closed
+    assert not node.is_closed
     node.close()
-    assert node.closed
+    assert node.is_closed
     node.publish("nobody hears it", number(0.0))
 
 

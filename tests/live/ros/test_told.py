@@ -12,8 +12,8 @@ from toy_ros import BridgedCar, ToyRos
 from dart_hal.car import Car
 from dart_hal.recording import cdr, stamp
 from dart_lab.live.ros.bridge import Bridge
-from dart_lab.live.ros.messages import built, odometry
-from dart_lab.live.ros.told import Told
+from dart_lab.live.ros.messages import build_object, odometry
+from dart_lab.live.ros.told import TopicWriter
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_the_topics_are_those_of_upstream(driven):
 
 
 def test_a_real_car_leaves_the_motion_capture_to_others(driven):
-    told = Told(3, 0.09, simulated=False)
+    told = TopicWriter(3, 0.09, simulated=False)
     names = {topic for topic, _ in told.messages(driven.states[-1], (0.0, 0.0, 0.0), 0.0)}
     assert names == {"sensors_and_input_3", "arduino_data_3", "odom_3", "/tf"}
 
@@ -78,7 +78,7 @@ def test_the_simulators_topics_are_the_motion_of_the_centre_of_mass(driven):
 def test_what_the_imu_cannot_tell_is_no_number():
     with BridgedCar("sim://?nano=mock&seed=1") as car:
         state = next(car.car.states())
-        told = Told(1, 0.09, simulated=False)
+        told = TopicWriter(1, 0.09, simulated=False)
         blind = replace(state, accel_x=None, accel_y=None, yaw_rate=None)
         data = dict(told.messages(blind, (0.0, 0.0, 0.0), 0.0))["arduino_data_1"].fields["data"]
     assert [isnan(value) for value in data] == [True, True, True, False]
@@ -105,7 +105,7 @@ TOPICS = ["sensors_and_input_3", "arduino_data_3", "odom_3", "/tf", "vicon/jetra
 def test_each_message_fits_the_types_of_ros(driven, topic, store_name):
     class_of, store = classes_of(store_name)
     message = driven.ros.last(topic)
-    made = built(message, class_of)
+    made = build_object(message, class_of)
     kind = made.__msgtype__
     assert kind.replace("/msg", "") == message.kind
     pack, unpack = ((store.serialize_cdr, store.deserialize_cdr) if store_name.startswith("ROS2")
@@ -121,5 +121,5 @@ def test_odometry_is_to_the_byte_the_recorders(driven):
     class_of, store = classes_of("ROS2_HUMBLE")
     state = driven.states[-1]
     whole = stamp.split(state.t)[0] / 1e9  # whole ns, as the recorder keeps them
-    made = built(odometry(state, whole, "odom", "base_link"), class_of)
+    made = build_object(odometry(state, whole, "odom", "base_link"), class_of)
     assert bytes(store.serialize_cdr(made, "nav_msgs/msg/Odometry")) == cdr.odometry(state)

@@ -14,7 +14,7 @@ class ToyRos:
     """``say(topic, value)``: somebody publishes; ``published``: (topic, message)."""
 
     def __init__(self):
-        self.heard, self.advertised, self.published, self.closed = {}, {}, [], False
+        self.heard, self.advertised, self.published, self.is_closed = {}, {}, [], False
 
     def subscribe(self, topic, heard):
         self.heard[topic] = heard
@@ -27,7 +27,7 @@ class ToyRos:
         self.published.append((topic, message))
 
     def close(self):
-        self.closed = True
+        self.is_closed = True
 
     def say(self, topic, value):
         self.heard[topic](value)

@@ -39,7 +39,7 @@ class AtTheDesk:
         self._count = 0
         self.car.on_state(self._step)
         for page in ("one", "two"):
-            list(self.desk.joined(page))
+            list(self.desk.open_page(page))
 
     def now(self):
         return self.car.now
@@ -56,7 +56,7 @@ class AtTheDesk:
         self.desk.run(seconds)
 
     def say(self, page, message):
-        return self.desk.said(page, message)
+        return self.desk.handle_message(page, message)
 
     def hold(self, page="one", throttle=1.0, old=ON_THE_WAY, unchanged=0.0):
         self.say(page, m.Drive(0.0, throttle, self.now() - old, unchanged))

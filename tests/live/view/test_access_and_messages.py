@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from dart_lab.live.view import access
 from dart_lab.live.view import messages as m
 from dart_lab.live.view.access import LOOPBACK, Access
-from dart_lab.live.view.messages import Malformed, read
-from dart_lab.live.view.operator import TRIES, Operator, Refused
+from dart_lab.live.view.messages import MalformedMessage, parse_message
+from dart_lab.live.view.operator import MAX_WRONG_TOKENS, Operator, Refused
 
 
 @pytest.mark.parametrize("message", [m.Stop(), m.Take("x"), m.Drive(0.5, -1.0, 3.25),
                                      m.Release(), m.Record(True)])
 def test_what_a_page_may_say_is_read_back(message):
-    assert read(msgspec.json.encode(message)) == message
+    assert parse_message(msgspec.json.encode(message)) == message
 
 
 @pytest.mark.parametrize("text", [
@@ -31,8 +31,8 @@ def test_what_a_page_may_say_is_read_back(message):
     '{"type":"drive","steering":1e999,"throttle":1,"heard":0}', '{"type":"drive"}',
     '{"type":"take","token":"' + "x" * 5000 + '"}', "[" * 900, b"\xff\xfe", b"\x00" * 40])
 def test_everything_else_is_refused(text):
-    with pytest.raises(Malformed):
-        read(text)
+    with pytest.raises(MalformedMessage):
+        parse_message(text)
 
 
 @given(st.one_of(st.binary(max_size=200), st.text(max_size=200), st.recursive(
@@ -40,8 +40,8 @@ def test_everything_else_is_refused(text):
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner),
     max_leaves=12).map(json.dumps)))
 def test_nothing_that_comes_raises_another_error(data):
-    with suppress(Malformed):
-        read(data)
+    with suppress(MalformedMessage):
+        parse_message(data)
 
 
 ACTS = ("take", "leave", "release", "drive", "stop", "armed", "wanted")
@@ -59,7 +59,7 @@ def test_whatever_is_said_only_the_driver_is_obeyed_and_not_for_long(steps):
             if what == "take":
                 one.take(page, "t")
             elif what == "leave":
-                one.gone(page)
+                one.remove_page(page)
             elif what == "release":
                 one.release(page)
             elif what == "drive":
@@ -68,35 +68,35 @@ def test_whatever_is_said_only_the_driver_is_obeyed_and_not_for_long(steps):
             elif what == "stop":
                 one.stop()
             elif what == "armed":
-                one.armed()
+                one.require_release()
         except Refused:
             pass
-        wanted = one.wanted(now)
+        wanted = one.current_command(now)
         if wanted is not None:
             assert last is not None
             assert one.page == last[0]
             assert now < last[1] + 0.2
             assert what not in ("stop", "armed")
             assert not (what in ("leave", "release") and page == last[0])
-            assert 0.0 < wanted.left <= 0.2
+            assert 0.0 < wanted.remaining_s <= 0.2
 
 
 def test_wrong_tokens_are_counted_and_the_page_sent_away():
     one = Operator(Access(1, token="right"))
-    for n in range(TRIES):
+    for n in range(MAX_WRONG_TOKENS):
         with pytest.raises(Refused) as refused:
             one.take("page", f"wrong{n}")
-        assert refused.value.away is (n == TRIES - 1)
+        assert refused.value.away is (n == MAX_WRONG_TOKENS - 1)
     assert one.page is None
     one.take("page", "right")
 
 
 def test_the_address_has_the_token_behind_its_hash():
-    made = Access.at(8642, lan=False)
+    made = Access.of_this_computer(8642, lan=False)
     (url,) = made.urls
     assert url == f"http://localhost:8642/#{made.token}"
     assert len(made.token) >= 12
-    assert made.token != Access.at(8642, lan=False).token
+    assert made.token != Access.of_this_computer(8642, lan=False).token
 
 
 def test_the_addresses_for_other_computers_come_first():
@@ -133,6 +133,6 @@ def test_own_addresses_are_those_of_the_routes_once_and_not_loopback(monkeypatch
     ("localhost", False), ("evil.example:8642", False), ("localhost:8642.evil.example", False),
     ("", False), ("x" * 4000, False)])
 def test_only_names_of_this_computer_are_served(host, own):
-    made = Access.at(8642, lan=False)
-    assert made.own_host(host) is own
+    made = Access.of_this_computer(8642, lan=False)
+    assert made.is_own_host(host) is own
     assert (f"http://{host}" in made.origins()) is own

@@ -74,7 +74,7 @@ def test_one_that_is_gone_is_told_and_the_car_is_stopped_and_driven_as_ever():
             car.drive(throttle=0.2)
         told = until(one, "status", where=lambda m: m["mode"] == "ARMED")
         assert "the camera is gone" in told["camera"]["told"]
-        page.desk.said(None, Stop())
+        page.desk.handle_message(None, Stop())
         assert car.mode != "ARMED"
 
 
@@ -123,7 +123,7 @@ def test_a_recorded_run_has_its_images_and_a_long_one_fewer(tmp_path, monkeypatc
     rows = [n for n, _ in run["images"]]
     assert rows == sorted(set(rows))
     assert run["rows"][rows[-1]][0] >= images[-1].t
-    monkeypatch.setattr(player, "MOST_PICTURES", 30_000)
+    monkeypatch.setattr(player, "MAX_IMAGE_BYTES", 30_000)
     with Car.open(f"replay://{path}") as car:
         fewer = run_of(car)["images"]
     assert 2 <= len(fewer) < len(rows)

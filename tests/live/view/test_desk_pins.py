@@ -9,7 +9,7 @@ import pytest
 from dart_hal.control.input_age import InputAge
 from dart_lab.live.view import desk, operator
 from dart_lab.live.view import messages as m
-from dart_lab.live.view.messages import Malformed, read
+from dart_lab.live.view.messages import MalformedMessage, parse_message
 from dart_lab.live.view.operator import Operator, Refused
 from tests.live.view.at_the_desk import AtTheDesk
 from tests.live.view.junk import Junk
@@ -34,7 +34,7 @@ def end_of_hold(how, seed=1):
 
 
 ENDS = {"released": lambda at: at.say("one", m.Release()),
-        "gone": lambda at: at.desk.left("one"),
+        "gone": lambda at: at.desk.close_page("one"),
         "left": lambda at: at.say("one", m.Leave()),
         "stopped by another": lambda at: at.say("two", m.Stop())}
 
@@ -55,7 +55,7 @@ def test_a_page_that_falls_silent_leaves_the_car_neutral():
 
 
 def test_control_a_longer_hold_is_seen_at_the_pin(monkeypatch):
-    monkeypatch.setattr(operator, "HOLD", 0.4)
+    monkeypatch.setattr(operator, "MAX_COMMAND_AGE_S", 0.4)
     assert end_of_hold(lambda at: None)[0] > NEUTRAL
 
 
@@ -100,7 +100,7 @@ def test_the_age_of_a_command_is_taken_off_its_validity():
         ended = at.now()
         at.drive(0.4)
         assert 0.0 < at.last_driving(ended) <= NEUTRAL - 0.15 + 0.01
-        with pytest.raises(Refused, match="at most 200"):
+        with pytest.raises(Refused, match="the limit is 200"):
             at.hold(old=0.21)
         with pytest.raises(Refused):
             at.hold(old=-0.1)  # of the future: another program's time
@@ -130,7 +130,7 @@ def test_a_stick_that_is_held_while_it_arms_moves_nothing():
 
 
 def test_control_without_that_rule_it_drives_off(monkeypatch):
-    monkeypatch.setattr(Operator, "armed", lambda self: None)
+    monkeypatch.setattr(Operator, "require_release", lambda self: None)
     with AtTheDesk() as at:
         at.say("one", m.Take("right"))
         at.say("one", m.Arm())
@@ -193,10 +193,10 @@ def test_a_car_that_was_stopped_is_armed_again_by_hand_alone():
         assert at.driving(at.now() - 0.1)
 
 
-@pytest.mark.parametrize("seconds", [desk.STOPPED_FOR, 0.0])
+@pytest.mark.parametrize("seconds", [desk.STOP_DURATION_S, 0.0])
 def test_stop_at_a_page_keeps_the_car_disarmed_for_half_a_second(monkeypatch, seconds):
     """Control: a stop that the next batch releases."""
-    monkeypatch.setattr(desk, "STOPPED_FOR", seconds)
+    monkeypatch.setattr(desk, "STOP_DURATION_S", seconds)
     with AtTheDesk() as at:
         at.drive(0.1)
         at.say("two", m.Stop())
@@ -222,7 +222,7 @@ def test_who_drives_leaves_while_it_arms():
         at.say("one", m.Take("right"))
         at.say("one", m.Arm())
         begun = at.now()
-        at.drive(2.0, lambda t: at.desk.left("one") if 0.4 < t - begun < 0.415 else None)
+        at.drive(2.0, lambda t: at.desk.close_page("one") if 0.4 < t - begun < 0.415 else None)
         assert "ARMED" not in [mode for _, mode in at.modes]
 
 
@@ -232,8 +232,8 @@ def test_whatever_another_page_sends_who_drives_drives_on():
     def each(at):
         at.hold()
         for page in ("two", "three"):
-            with suppress(Malformed, Refused):
-                understood.append(at.say(page, read(junk.draw())))
+            with suppress(MalformedMessage, Refused):
+                understood.append(at.say(page, parse_message(junk.draw())))
 
     with AtTheDesk() as at:
         at.take_and_arm()
@@ -257,7 +257,7 @@ def test_one_drives_and_the_others_are_refused():
         at.say("two", m.Leave())
         at.say("two", m.Release())
         at.say("one", m.Leave())
-        assert at.say("two", m.Take("right")) == desk.TAKEN
+        assert at.say("two", m.Take("right")) == desk.TAKEN_MESSAGE
 
 
 def test_a_page_that_only_watches_can_stop_and_nothing_else():

@@ -14,7 +14,7 @@ from urllib.request import urlopen
 
 import pytest
 
-from dart_lab.live.view.flash_page import TYPES, assets, serve_flash_page
+from dart_lab.live.view.flash_page import FLASH_CONTENT_TYPES, load_flash_assets, serve_flash_page
 
 PREBUILT = Path(__file__).parents[3] / "firmware" / "prebuilt" / "dart_nano.hex"
 
@@ -31,10 +31,11 @@ def served():
 
 def test_it_serves_its_files_and_no_other_on_this_computer_alone():
     with served() as url:
-        for name, body in assets(PREBUILT).items():
+        for name, body in load_flash_assets(PREBUILT).items():
             with urlopen(url + name) as answer:
                 assert answer.read() == body
-                assert answer.headers["Content-Type"] == TYPES[name.rpartition(".")[2]]
+                kind = FLASH_CONTENT_TYPES[name.rpartition(".")[2]]
+                assert answer.headers["Content-Type"] == kind
         with urlopen(url + "?x") as answer:
             assert b"page.mjs" in answer.read()
         for other in ("../server.py", "flash_page.py", "%2e%2e/server.py", "nothing.mjs"):

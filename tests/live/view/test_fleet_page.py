@@ -61,7 +61,7 @@ def stopped(room="local://page"):
         assert set(watched.drive(0.8).values()) == {"driving"}
         pressed = watched.pins.now()
         assert all(watched.pins.driving(n, t - 0.1) for n, t in enumerate(pressed))
-        watched.desk.said("page", m.Stop())
+        watched.desk.handle_message("page", m.Stop())
         states = watched.drive(0.6)
         return [watched.pins.last_driving(n, t) for n, t in enumerate(pressed)], states, watched
 
@@ -97,8 +97,8 @@ def test_it_drives_nobody():
     with Station("local://page2") as station:
         desk = FleetDesk([station])
         for message in (m.Take("x"), m.Arm(), m.Drive(0.0, 1.0, 0.0), m.Record(True)):
-            with pytest.raises(Refused, match="stops them all"):
-                desk.said("page", message)
+            with pytest.raises(Refused, match="stops them"):
+                desk.handle_message("page", message)
 
 
 @pytest.mark.realtime
@@ -115,7 +115,7 @@ def test_it_is_served():
 @pytest.mark.parametrize("key", [None, RoomKey(b"key of the laboratory")], ids=["no key", "key"])
 def test_the_page_is_told_which_rooms_have_no_key(key):
     with Station("local://page4", room_key=key) as station:
-        (rooms,) = map(json.loads, FleetDesk([station]).joined("page"))
+        (rooms,) = map(json.loads, FleetDesk([station]).open_page("page"))
     assert rooms["open"] == ([] if key else ["local://page4"])
 
 

@@ -77,7 +77,7 @@ def programs(tmp_path):
 def test_stop_all_is_at_the_pins_of_cars_whose_programs_drive_on(programs):
     programs.all_drive()
     pressed = time.monotonic()
-    programs.desk.said("page", m.Stop())
+    programs.desk.handle_message("page", m.Stop())
     programs.until(lambda cars: list(cars.values()) == ["refused"] * 4, 2.0)
     time.sleep(0.5)
     driving = programs.pins()

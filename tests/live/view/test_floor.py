@@ -14,7 +14,7 @@ from dart_hal.estimation.localisation.source import FRAME
 from dart_lab.cli.view import map_lines
 from dart_lab.live.view.player import Player
 from dart_lab.live.view.rows import FIELDS
-from dart_lab.live.view.told import others_in
+from dart_lab.live.view.told import others_message
 from dart_lab.sim.lidar.maps import clearance
 from dart_lab.sim.room_truth import lines_by_frame
 from tests.live.view.at_the_desk import AtTheDesk
@@ -52,7 +52,7 @@ def test_the_room_of_a_simulated_car_is_drawn_where_its_scans_see_it():
     at = AtTheDesk(url="sim://?nano=mock&seed=2&lidar=noise=0,scale=1,x=0.13,y=0,yaw=0&map=room",
                    lines=lines)
     with at:
-        (begin,) = map(json.loads, at.desk.joined("three"))
+        (begin,) = map(json.loads, at.desk.open_page("three"))
         assert set(begin["maps"]) == {START, FRAME}
         at.drive(1.0)
         scan = [one for one in at.told if one["type"] == "scan"][-1]["points"]
@@ -79,10 +79,10 @@ def test_other_cars_are_told_in_the_frame_of_this_one_alone():
         frame = fleet.cars[0]._state.estimate.frame
         assert frame != START
         poses = fleet.members[0].other_poses()
-        (other,) = others_in(frame, poses)["poses"]
+        (other,) = others_message(frame, poses)["poses"]
         assert other["name"] == fleet.names[1]
         assert other["x"] == pytest.approx(2.0, abs=0.2)
-        assert others_in(START, poses)["poses"] == []
+        assert others_message(START, poses)["poses"] == []
 
 
 @pytest.mark.realtime

@@ -61,7 +61,7 @@ def test_the_page_is_small_and_asks_nobody_else():
 
 def test_vendored_files_are_those_that_were_published():
     stated = (ROOM / "vendor" / "README.md").read_text(encoding="utf-8")
-    for name in server.VENDOR:
+    for name in server.VENDOR_FILES:
         assert hashlib.sha256((ROOM / "vendor" / name).read_bytes()).hexdigest() in stated
 
 
@@ -91,7 +91,7 @@ def test_every_sample_arrives_at_each_of_five_pages():
 
 @pytest.mark.slow  # until the kernel's buffers are full
 def test_a_page_that_does_not_read_is_sent_away_and_delays_nobody(monkeypatch, caplog):
-    monkeypatch.setattr(server, "MOST_WAITING", 2_000)
+    monkeypatch.setattr(server, "MAX_WAITING_BYTES", 2_000)
     with live_page(drives=False) as (_, page), join(page) as stalled, join(page) as other:
         stalled.socket.setsockopt(SOL_SOCKET, SO_RCVBUF, 2048)  # little fits on the way
         began, gaps, last = time.monotonic(), [], time.monotonic()
@@ -110,7 +110,7 @@ def test_a_drive_over_the_socket_and_its_wrong_turns():
         say(one, type="take", token=page.access.token)
         until(one, "yours")
         two.send("nonsense")
-        assert "not understood" in until(two, "said")["text"]
+        assert "invalid message" in until(two, "said")["text"]
         say(two, type="arm")
         assert "does not drive" in until(two, "said")["text"]
         say(one, type="arm")

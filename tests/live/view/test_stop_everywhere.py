@@ -118,7 +118,7 @@ def test_space_stops_with_every_focus(car_page):
 
 
 def test_control_a_page_that_leaves_space_to_menus_is_seen(browsers, monkeypatch):
-    real = server.assets
+    real = server.load_assets
 
     def patched(page):
         found = real(page)
@@ -129,7 +129,7 @@ def test_control_a_page_that_leaves_space_to_menus_is_seen(browsers, monkeypatch
             rule, rule.replace(b"isSpace(event)", b"isSpace(event) && !event.target.options"))
         return found
 
-    monkeypatch.setattr(server, "assets", patched)
+    monkeypatch.setattr(server, "load_assets", patched)
     with live_page() as (_, page):
         one = browsers()
         one.open(page.urls[0])
@@ -250,7 +250,7 @@ def check_layout(browser, size):
 
 def test_stop_works_where_no_place_is_free(browsers, monkeypatch):
     """The page was replaced by a newer one; or none is free for it."""
-    monkeypatch.setattr(server, "MOST_PAGES", 1)
+    monkeypatch.setattr(server, "MAX_PAGES", 1)
     with live_page() as (car, page), ExitStack() as stack:
         one = browsers()
         one.open(page.urls[0].partition("#")[0])

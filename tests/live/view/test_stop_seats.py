@@ -25,13 +25,13 @@ pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("armed_esc")]
 HEADER = {"X-Dart-Stop": "1"}
 
 
-ALL_PLACES = server.MOST_PAGES
+ALL_PLACES = server.MAX_PAGES
 
 
 @pytest.fixture(autouse=True)
 def few_places(monkeypatch):
     """As many clients as a page has places are slow to open and close."""
-    monkeypatch.setattr(server, "MOST_PAGES", 4)
+    monkeypatch.setattr(server, "MAX_PAGES", 4)
 
 
 def request(page, path="/stop", method="GET", **headers):
@@ -55,11 +55,11 @@ def tripped(car, within=1.0):
 
 def strangers(page, stack, beside=0):
     """Pages that take every place, the first of which come at once."""
-    opened = [stack.enter_context(join(page)) for _ in range(server.MOST_PAGES - beside)]
+    opened = [stack.enter_context(join(page)) for _ in range(server.MAX_PAGES - beside)]
     ends = time.monotonic() + 5.0
-    while len(page._server._pages) < server.MOST_PAGES and time.monotonic() < ends:
+    while len(page._server._pages) < server.MAX_PAGES and time.monotonic() < ends:
         time.sleep(0.01)
-    assert len(page._server._pages) == server.MOST_PAGES
+    assert len(page._server._pages) == server.MAX_PAGES
     return opened
 
 
@@ -88,7 +88,7 @@ def arm(page, driver):
 
 @pytest.mark.slow
 def test_stop_needs_no_place_at_a_page_that_is_really_full(monkeypatch):
-    monkeypatch.setattr(server, "MOST_PAGES", ALL_PLACES)
+    monkeypatch.setattr(server, "MAX_PAGES", ALL_PLACES)
     test_stop_needs_no_place_and_takes_none_from_who_drives()
 
 
@@ -154,12 +154,12 @@ def test_a_page_of_another_origin_replaces_nobody():
             with pytest.raises(InvalidStatus), join(page, origin="http://evil.example"):
                 pass
             time.sleep(0.25)
-        assert len(page._server._pages) == server.MOST_PAGES
+        assert len(page._server._pages) == server.MAX_PAGES
 
 
 @pytest.mark.slow
 def test_control_without_that_request_a_stranger_at_a_full_page_cannot_stop(monkeypatch):
-    monkeypatch.setattr(server, "STOP", "/none")
+    monkeypatch.setattr(server, "STOP_PATH", "/none")
     with live_page() as (car, page), join(page) as driver, ExitStack() as stack:
         arm(page, driver)
         strangers(page, stack, beside=1)
@@ -226,8 +226,8 @@ def test_the_page_of_a_fleet_stops_without_a_place(monkeypatch):
 
 def test_the_token_is_in_no_text_of_an_object_and_in_no_log(caplog):
     token = "correct-horse"
-    access = Access.at(8642, lan=True, token=token)
-    read = m.read(f'{{"type":"take","token":"{token}"}}')
+    access = Access.of_this_computer(8642, lan=True, token=token)
+    read = m.parse_message(f'{{"type":"take","token":"{token}"}}')
     for value in (access, [access], read, {"message": read}):
         assert token not in f"{value} {value!r}"
     with caplog.at_level(logging.DEBUG), live_page() as (_, page), join(page) as one:

@@ -12,7 +12,7 @@ from dart_hal.devices.actuation.trips import TRIPS
 from dart_hal.fleet.station import Station
 from dart_lab.live.view import messages as m
 from dart_lab.live.view import words
-from dart_lab.live.view.words import AT_REST, refusal_words, trip_words
+from dart_lab.live.view.words import WAIT_FOR_REST, refusal_words, trip_words
 from tests.live.view.at_the_desk import AtTheDesk
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
@@ -105,7 +105,7 @@ def coasting(at):
 def test_arming_while_the_car_coasts_says_to_wait():
     """It is no fault: the text names no other cause, and the list of the page no trip."""
     with AtTheDesk(max_throttle=1.0) as at:
-        assert AT_REST in coasting(at)
+        assert WAIT_FOR_REST in coasting(at)
         assert not any("Not armed" in text for text in at.said())
         notes = [one["refusals"] for one in at.told if one["type"] == "status"][-1]
         assert {note["name"] for note in notes} <= {"ENCODER_MOVING"}

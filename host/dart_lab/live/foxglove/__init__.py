@@ -1,4 +1,4 @@
-"""Foxglove's live protocol: an open car's channels for Foxglove, Lichtblick and the like.
+"""Foxglove's live protocol: serve the channels of an open car to Foxglove or Lichtblick.
 
     from dart_lab.live.foxglove.server import serve
 
@@ -12,5 +12,5 @@ from __future__ import annotations
 
 from pathlib import Path
 
+# Layout to import: path, speed, yaw rate, commands compared with the pulses at the pins.
 LAYOUT = Path(__file__).with_name("layout.json")
-"""A layout to import: path, speed, yaw rate, commands against what the pins carry."""

@@ -10,27 +10,25 @@ from collections.abc import Mapping
 from struct import Struct
 from typing import Any
 
+# Newest first. The messages below are common to both.
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
-"""Newest first; both begin with the messages below."""
 _DATA = Struct("<BIQ")  # opcode, subscription, ns since 1970
 _IS_DATA = 1
 
+# Level of a status message.
 ERROR = 2
-"""Level of a status message."""
-
-
-class Malformed(ValueError):
-    """What a client sent is none of the protocol's messages; says what is wrong with it."""
+class MalformedRequest(ValueError):
+    """A client sent a message that the protocol does not have; the text says what is wrong."""
 
 
 def server_info(name: str) -> str:
-    """First message to a client: the server offers no capability beyond subscriptions."""
+    """Return the first message to a client: the server offers subscriptions only."""
     return json.dumps({"op": "serverInfo", "name": name, "capabilities": [],
                        "supportedEncodings": [], "metadata": {}})
 
 
 def advertise(channels: Mapping[int, tuple[str, str]], definitions: Mapping[str, str]) -> str:
-    """Channels (topic, type) by number, in CDR, with their definitions by type."""
+    """Return the message that offers channels (topic, type) by number, with definitions by type."""
     return json.dumps({"op": "advertise", "channels": [
         {"id": number, "topic": topic, "encoding": "cdr", "schemaName": kind,
          "schemaEncoding": "ros2msg", "schema": definitions[kind]}
@@ -38,27 +36,28 @@ def advertise(channels: Mapping[int, tuple[str, str]], definitions: Mapping[str,
 
 
 def status(level: int, message: str) -> str:
+    """Return a status message for the user of a client."""
     return json.dumps({"op": "status", "level": level, "message": message})
 
 
 def data(subscription: int, ns: int, payload: bytes) -> bytes:
-    """A message of ours for one subscription."""
+    """Return a message of a channel for one subscription; ns: time since 1970."""
     return _DATA.pack(_IS_DATA, subscription, ns) + payload
 
 
 def request(text: str) -> dict[str, Any]:
-    """A client's text message, an object with an "op". Raises Malformed."""
+    """Parse a text message of a client: an object with an "op". Raises MalformedRequest."""
     found = _json(text)
     if not isinstance(found, dict) or not isinstance(found.get("op"), str):
-        raise Malformed("a text message without an op")
+        raise MalformedRequest("a text message must be an object with the text field op")
     return found
 
 
 def pairs(request: Mapping[str, Any], key: str, first: str, second: str) -> list[tuple[Any, Any]]:
-    """Two fields of each object in a list. Raises Malformed."""
+    """Return two fields of each object in a list. Raises MalformedRequest."""
     items = request.get(key)
     if not isinstance(items, list) or not all(isinstance(item, dict) for item in items):
-        raise Malformed(f"{request['op']} without a list of {key}")
+        raise MalformedRequest(f"{request['op']} without a list of {key}")
     return [(item.get(first), item.get(second)) for item in items]
 
 
@@ -66,4 +65,4 @@ def _json(text: str | bytes) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise Malformed("no JSON") from error
+        raise MalformedRequest("the message is not JSON") from error

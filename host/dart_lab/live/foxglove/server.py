@@ -1,8 +1,9 @@
-"""A server of an open car's messages: a thread of its own that takes nothing from the drive.
+"""Server of an open car's messages, in a separate thread that does not delay the drive.
 
-The drive hands a message over and goes on; every ``TICK`` the thread gives what came to the
-clients. Each has a queue of its own, which is emptied when it grows: one that stalls delays
-nobody.
+1. The drive appends each message to a queue and goes on.
+2. Every SEND_PERIOD_S the thread distributes the queue to the clients that subscribed.
+3. Each client has its own queue. It is dropped when it grows too long, so a client that stalls
+   does not delay the others.
 """
 
 from __future__ import annotations
@@ -20,47 +21,47 @@ from dart_hal.core.process.extras import install_command
 from dart_hal.recording.run_file import RunFile
 from dart_hal.recording.schemas import definition
 from dart_lab.live.foxglove import LAYOUT, protocol
-from dart_lab.live.foxglove.protocol import Malformed
+from dart_lab.live.foxglove.protocol import MalformedRequest
 
-PORT = 8765
-"""Where Foxglove looks by default."""
-ORIGINS = ("https://app.foxglove.dev", "http://localhost:8080")
-"""Pages that may connect: Foxglove's, and a Lichtblick of one's own. A page of anybody else that
-is open in the same browser may not; programs, which send no Origin, may."""
-TICK = 0.02
-"""s between two looks at what came: a message is at most that old."""
-BACKLOG = 8 << 20
-"""Bytes that a client may be behind, some 40 s of all channels; then it loses them."""
-MOMENT = 4000
-"""Messages within one tick: some 4 s of all channels."""
-LARGEST = 1 << 16
-"""Bytes of a client's message; a longer one ends its connection."""
+# Port that Foxglove opens by default.
+DEFAULT_PORT = 8765
+# Pages that may connect: Foxglove's and a local Lichtblick. Pages of other origins in the same
+# browser are refused. Programs send no Origin and are accepted.
+ALLOWED_ORIGINS = ("https://app.foxglove.dev", "http://localhost:8080")
+# Time between two batches to the clients: the largest delay added here.
+SEND_PERIOD_S = 0.02
+# Largest queue of a client, about 40 s of all channels. A longer queue is dropped.
+MAX_BACKLOG_BYTES = 8 << 20
+# Messages kept between two batches: about 4 s of all channels.
+MAX_PENDING_MESSAGES = 4000
+# Largest message of a client; a longer one closes its connection.
+MAX_REQUEST_BYTES = 1 << 16
 READ_ONLY = "this server is read-only: drive by the live page, a gamepad or a program"
 
 
-class Messages(Protocol):
-    """Where the messages of a car pass (``car.Recorder``)."""
+class MessageSource(Protocol):
+    """Source of the messages of a car (``car.Recorder``)."""
 
     def messages(self) -> RunFile: ...
 
 
 class LiveCar(Protocol):
-    """What is served of a ``Car``."""
+    """The part of a ``Car`` that is served."""
 
     @property
     def files(self) -> CarFiles: ...
     @property
-    def recorder(self) -> Messages: ...
+    def recorder(self) -> MessageSource: ...
 
 
 @contextmanager
-def serve(car: LiveCar, *, port: int = PORT, origins: Sequence[str] = ORIGINS
-          ) -> Iterator[Server]:
-    """Serve ``car`` to Foxglove on this computer alone; port 0: any that is free.
+def serve(car: LiveCar, *, port: int = DEFAULT_PORT, origins: Sequence[str] = ALLOWED_ORIGINS
+          ) -> Iterator[FoxgloveServer]:
+    """Serve ``car`` to Foxglove on this computer only; port 0: any free one.
 
     Raises UsageError without websockets, and for a port that is in use.
     """
-    server = Server(car.recorder.messages(), car.files.config.name)
+    server = FoxgloveServer(car.recorder.messages(), car.files.config.name)
     server.start(port, origins)
     try:
         yield server
@@ -69,60 +70,64 @@ def serve(car: LiveCar, *, port: int = PORT, origins: Sequence[str] = ORIGINS
 
 
 class Client:
-    """One connection: subscriptions by channel, what it has not been sent yet."""
+    """One connection: its subscriptions by channel, and its queue of unsent messages."""
 
     def __init__(self, connection: Any) -> None:
         self.connection = connection
-        self.subscriptions: dict[int, int] = {}  # channel: the client's own number
+        # By channel, the number that the client gave its subscription.
+        self.subscriptions: dict[int, int] = {}
         self.advertised = 0
         self.queue: deque[str | bytes] = deque()
-        self.behind = 0  # bytes
+        self.queued_bytes = 0
         self.wake = asyncio.Event()
 
-    def tell(self, message: str | bytes) -> None:
+    def queue_message(self, message: str | bytes) -> None:
+        """Queue a message; drop data messages if the queue is too long."""
         self.queue.append(message)
-        self.behind += len(message)
-        if self.behind > BACKLOG:
+        self.queued_bytes += len(message)
+        if self.queued_bytes > MAX_BACKLOG_BYTES:
             self.queue = deque(m for m in self.queue if isinstance(m, str))
-            self.behind = sum(map(len, self.queue))
-            if self.behind > BACKLOG:  # it asks and does not read the answers
+            self.queued_bytes = sum(map(len, self.queue))
+            # Still too long without data: the client sends requests but reads no answers.
+            if self.queued_bytes > MAX_BACKLOG_BYTES:
                 self.connection.transport.abort()
         self.wake.set()
 
     async def send(self) -> None:
-        """Send what is queued, for ever; waits where the client does not read."""
+        """Send queued messages until cancelled; wait while the client does not read."""
         while True:
             await self.wake.wait()
             self.wake.clear()
             while self.queue:
                 message = self.queue.popleft()
-                self.behind -= len(message)
+                self.queued_bytes -= len(message)
                 await self.connection.send(message)
 
 
-class Server:
-    """``port``: where it listens. ``start`` and ``stop`` are called by one thread."""
+class FoxgloveServer:
+    """Serves messages at ``port``. ``start`` and ``stop`` must be called by one thread."""
 
     def __init__(self, file: RunFile, name: str) -> None:
-        self._file, self._name = file, name
+        self._file = file
+        self._name = name
         self._clients: set[Client] = set()
-        self._wanted: frozenset[int] = frozenset()
-        self._came: deque[tuple[int, int, bytes]] = deque(maxlen=MOMENT)
-        self._ended: Callable[[], object] = lambda: None
-        self._closed: type[Exception] = ConnectionError
+        self._subscribed_channels: frozenset[int] = frozenset()
+        self._pending: deque[tuple[int, int, bytes]] = deque(maxlen=MAX_PENDING_MESSAGES)
+        self._end: Callable[[], object] = lambda: None
+        self._closed_error: type[Exception] = ConnectionError
         self._thread: threading.Thread | None = None
         self.port = 0
         self.layout = LAYOUT
 
     def start(self, port: int, origins: Sequence[str]) -> None:
-        """Listen. Raises UsageError."""
+        """Start to listen. Raises UsageError without websockets or for a port in use."""
         try:
             from websockets.asyncio.server import serve as listen
             from websockets.exceptions import ConnectionClosed
         except ImportError as error:
-            raise UsageError("a live server needs websockets", found="it is not installed",
+            raise UsageError("a live server needs websockets", found="websockets is not installed",
                              remedy=install_command("websockets")) from error
-        self._closed = ConnectionClosed
+        self._closed_error = ConnectionClosed
         failed: list[OSError] = []
         listening = threading.Event()
         self._thread = threading.Thread(
@@ -132,35 +137,38 @@ class Server:
         listening.wait()
         if failed:
             raise UsageError(f"port {port} cannot be served", found=failed[0].strerror or "",
-                             likely="another program serves there", expected="a free port",
+                             likely="another program uses this port", expected="a free port",
                              remedy=f"--port {port + 1}") from failed[0]
-        self._file.taps.append(self._hear)
+        self._file.taps.append(self._take_message)
 
     def stop(self) -> None:
         """Close every connection; idempotent."""
-        if self._hear in self._file.taps:
-            self._file.taps.remove(self._hear)
-        self._ended()
+        if self._take_message in self._file.taps:
+            self._file.taps.remove(self._take_message)
+        self._end()
         if self._thread is not None:
             self._thread.join()
 
-    def _hear(self, channel: int, ns: int, data: bytes) -> None:
-        """By whoever drives: the newest are kept."""
-        if channel in self._wanted:
-            self._came.append((channel, ns, data))
+    def _take_message(self, channel: int, ns: int, data: bytes) -> None:
+        """Queue a message of the drive, if a client subscribed to its channel."""
+        if channel in self._subscribed_channels:
+            self._pending.append((channel, ns, data))
 
     async def _run(self, listen: Any, port: int, origins: Sequence[str],
                    listening: threading.Event, failed: list[OSError]) -> None:
-        loop, end = asyncio.get_running_loop(), asyncio.Event()
+        loop = asyncio.get_running_loop()
+        end = asyncio.Event()
 
-        def ended() -> None:
-            with suppress(RuntimeError):  # the loop has ended already
+        def end_loop() -> None:
+            # RuntimeError: the loop has ended already.
+            with suppress(RuntimeError):
                 loop.call_soon_threadsafe(end.set)
 
-        self._ended = ended
+        self._end = end_loop
         try:
-            server = await listen(self._attend, "localhost", port, origins=[None, *origins],
-                                  subprotocols=list(protocol.SUBPROTOCOLS), max_size=LARGEST,
+            server = await listen(self._serve_client, "localhost", port, origins=[None, *origins],
+                                  subprotocols=list(protocol.SUBPROTOCOLS),
+                                  max_size=MAX_REQUEST_BYTES,
                                   compression=None, close_timeout=0.5)
             self.port = server.sockets[0].getsockname()[1]
         except OSError as error:
@@ -175,80 +183,82 @@ class Server:
         await server.wait_closed()
 
     async def _tick(self) -> None:
+        """Distribute new channels and messages to the clients, until cancelled."""
         while True:
-            await asyncio.sleep(TICK)
+            await asyncio.sleep(SEND_PERIOD_S)
             for client in self._clients:
                 self._advertise(client)
-            while self._came:
-                channel, ns, data = self._came.popleft()
+            while self._pending:
+                channel, ns, data = self._pending.popleft()
                 for client in self._clients:
                     if (number := client.subscriptions.get(channel)) is not None:
-                        client.tell(protocol.data(number, ns, data))
+                        client.queue_message(protocol.data(number, ns, data))
 
     def _advertise(self, client: Client) -> None:
-        """Channels that have come into being since the last time."""
+        """Advertise the channels that are new since the last call."""
         if client.advertised < len(self._file.channels):
             channels = dict(list(self._file.channels.items())[client.advertised:])
             client.advertised += len(channels)
-            client.tell(protocol.advertise(channels, {
+            client.queue_message(protocol.advertise(channels, {
                 kind: definition(kind).decode() for _, kind in channels.values()}))
 
-    async def _attend(self, connection: Any) -> None:
-        """One client, from its opening to its end."""
+    async def _serve_client(self, connection: Any) -> None:
+        """Serve one client from its connection to its end."""
         client = Client(connection)
-        client.tell(protocol.server_info(self._name))
+        client.queue_message(protocol.server_info(self._name))
         self._advertise(client)
         self._clients.add(client)
         sending = asyncio.create_task(client.send())
         sending.add_done_callback(lambda task: task.cancelled() or task.exception())
         try:
-            while (message := await self._next(connection)) is not None:
+            while (message := await self._receive(connection)) is not None:
                 try:
-                    self._take(client, message)
-                except Malformed as why:
-                    client.tell(protocol.status(protocol.ERROR, str(why)))
+                    self._handle_request(client, message)
+                except MalformedRequest as why:
+                    client.queue_message(protocol.status(protocol.ERROR, str(why)))
         finally:
             self._clients.discard(client)
-            self._count_wanted()
+            self._update_channels()
             sending.cancel()
 
-    async def _next(self, connection: Any) -> str | bytes | None:
-        """What a client sends next; None: it is gone."""
+    async def _receive(self, connection: Any) -> str | bytes | None:
+        """Return the next message of a client, None if it has disconnected."""
         try:
             message: str | bytes = await connection.recv()
-        except self._closed:
+        except self._closed_error:
             return None
         return message
 
-    def _take(self, client: Client, message: str | bytes) -> None:
-        """What a client sent. Raises Malformed."""
+    def _handle_request(self, client: Client, message: str | bytes) -> None:
+        """Handle a request of a client. Raises MalformedRequest."""
         if isinstance(message, bytes):
-            raise Malformed(READ_ONLY)
+            raise MalformedRequest(READ_ONLY)
         request = protocol.request(message)
         if request["op"] == "subscribe":
             for number, channel in protocol.pairs(request, "subscriptions", "id", "channelId"):
                 self._subscribe(client, number, channel)
         elif request["op"] == "unsubscribe":
-            gone = request.get("subscriptionIds")
-            gone = gone if isinstance(gone, list) else []
-            client.subscriptions = {c: n for c, n in client.subscriptions.items() if n not in gone}
+            ended = request.get("subscriptionIds")
+            ended = ended if isinstance(ended, list) else []
+            client.subscriptions = {c: n for c, n in client.subscriptions.items() if n not in ended}
         elif request["op"] in ("advertise", "unadvertise"):
-            raise Malformed(READ_ONLY)
+            raise MalformedRequest(READ_ONLY)
         else:
-            raise Malformed(f"op {request['op'][:40]!r} is not served")
-        self._count_wanted()
+            raise MalformedRequest(f"op {request['op'][:40]!r} is not supported")
+        self._update_channels()
 
     def _subscribe(self, client: Client, number: object, channel: object) -> None:
-        if _whole(channel) not in self._file.channels:
-            raise Malformed(f"there is no channel {channel!r}"[:200])
-        client.subscriptions[_whole(channel)] = _whole(number)
+        if _to_u32(channel) not in self._file.channels:
+            raise MalformedRequest(f"there is no channel {channel!r}"[:200])
+        client.subscriptions[_to_u32(channel)] = _to_u32(number)
 
-    def _count_wanted(self) -> None:
-        self._wanted = frozenset(c for client in self._clients for c in client.subscriptions)
+    def _update_channels(self) -> None:
+        self._subscribed_channels = frozenset(channel for client in self._clients
+                                              for channel in client.subscriptions)
 
 
-def _whole(number: object) -> int:
-    """A channel's number: u32 in the protocol. Raises Malformed."""
+def _to_u32(number: object) -> int:
+    """Check a number of a channel: u32 in the protocol. Raises MalformedRequest."""
     if isinstance(number, bool) or not isinstance(number, int) or not 0 <= number < 1 << 32:
-        raise Malformed(f"{number!r} is no number of a channel"[:200])
+        raise MalformedRequest(f"{number!r} is not the number of a channel"[:200])
     return number

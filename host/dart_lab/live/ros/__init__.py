@@ -1,5 +1,6 @@
-"""The topics of DART's own software: controllers that were written for it drive these cars.
+"""The topics of DART's own ROS software: controllers written for it drive these cars.
 
-``commands``: what a message does to the car; ``told``: what a State becomes; ``bridge`` brings both
-together with a car. None of them knows ROS. ``ros1`` and ``ros2`` carry the messages.
+``commands`` turns received messages into commands, ``told`` turns a State into messages, and
+``bridge`` connects both with a car. They do not depend on ROS: ``ros1`` and ``ros2`` transport the
+messages.
 """

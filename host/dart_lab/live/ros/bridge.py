@@ -1,4 +1,4 @@
-"""A car between its States and a middleware's topics."""
+"""Connect a car with the topics of a middleware such as ROS."""
 
 from __future__ import annotations
 
@@ -11,74 +11,77 @@ from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import State
 from dart_lab.live.ros import told
 from dart_lab.live.ros.commands import Commands
-from dart_lab.live.ros.messages import Message
+from dart_lab.live.ros.messages import RosMessage
 
-SOURCE = "ros"
-VALID_FOR = 0.15
-"""s that a command to the car holds: 15 States. Should this program hang just before it notices a
-silence (``commands.HOLD``), the ESC is neutral a PWM frame behind 0.45 s, and the car tripped."""
-
-
+COMMAND_SOURCE = "ros"
+# Validity of a command to the car: 15 States. If this program hangs just before it detects a
+# silent publisher (after MAX_MESSAGE_AGE_S), the ESC is neutral one PWM frame after 0.45 s, and
+# the car is tripped.
+COMMAND_VALIDITY_S = 0.15
 class Middleware(Protocol):
-    """What carries messages. ``heard`` is called in any thread."""
+    """Transport of messages. ``heard`` may be called in any thread."""
 
     @property
-    def closed(self) -> bool:
-        """Whether the node was told to end."""
+    def is_closed(self) -> bool:
+        """Whether the node ends."""
 
     def subscribe(self, topic: str, heard: Callable[[float], None]) -> None:
-        """``heard(value)`` for each std_msgs/Float32, the newest alone where they pile up."""
+        """Call ``heard(value)`` for each std_msgs/Float32; only for the newest of several."""
 
     def advertise(self, topic: str, kind: str) -> None:
-        """A topic of ours; kind: "std_msgs/Float32"."""
+        """Offer a topic; kind: its type, such as "std_msgs/Float32"."""
 
-    def publish(self, topic: str, message: Message) -> None:
-        """Hand over a message of an advertised topic; does not wait for who reads."""
+    def publish(self, topic: str, message: RosMessage) -> None:
+        """Publish a message of an advertised topic, without waiting for subscribers."""
 
     def close(self) -> None:
         """Leave the network; idempotent."""
 
 
 class Bridge:
-    """Car ``number`` on a middleware. clock [s]: by which messages age; say: one sentence."""
+    """Car ``number`` on a middleware. clock [s]: for the age of messages. say: shows a notice."""
 
     def __init__(self, car: Car, number: int, middleware: Middleware, say: Callable[[str], None],
                  clock: Callable[[], float] = elapsed) -> None:
         self.commands = Commands()
-        self._car, self._middleware, self._say, self._clock = car, middleware, say, clock
-        self._told = told.Told(number, car.files.config.geometry.l_r, car.simulated)
-        for topic, kind in told.topics(number, car.simulated).items():
+        self._car = car
+        self._middleware = middleware
+        self._report = say
+        self._clock = clock
+        self._writer = told.TopicWriter(number, car.files.config.geometry.l_r, car.simulated)
+        for topic, kind in told.list_output_topics(number, car.simulated).items():
             middleware.advertise(topic, kind)
-        for topic, method in told.heard(number).items():
-            middleware.subscribe(topic, self._hears(getattr(self.commands, method)))
+        for topic, method in told.list_input_topics(number).items():
+            middleware.subscribe(topic, self._stamp(getattr(self.commands, method)))
 
     def run(self, arming: Iterable[State], states: Iterable[State]) -> None:
-        """Arm, then drive by what is heard until ``states`` or the middleware end.
+        """Arm, then drive by the received commands until ``states`` or the middleware end.
 
-        Raises NotArmed, LinkLost, and Disarmed after a trip: the car is armed again by hand.
+        Raises NotArmed, LinkLost, and Disarmed after a trip: the user has to arm again.
         """
         for state in arming:
-            self._tell(state)
-            if self._middleware.closed:
+            self._publish(state)
+            if self._middleware.is_closed:
                 self._car.stop()
                 return
-        self.commands.armed()
+        self.commands.require_go()
         for state in states:
-            if self._middleware.closed:
+            if self._middleware.is_closed:
                 break
-            wanted = self.commands.wanted(self._clock())
+            command = self.commands.current_command(self._clock())
             if self._car.drives:
-                self._car.drive(steering=wanted.steering, throttle=wanted.throttle,
-                                valid_for=VALID_FOR, source=SOURCE)
-            self._tell(state)
+                self._car.drive(steering=command.steering, throttle=command.throttle,
+                                valid_for=COMMAND_VALIDITY_S, source=COMMAND_SOURCE)
+            self._publish(state)
         self._car.stop()
 
-    def _tell(self, state: State) -> None:
-        logged, epoch = self.commands.logged(self._clock()), time.time() - self._car.now
-        for topic, message in self._told.messages(state, logged, epoch):
+    def _publish(self, state: State) -> None:
+        logged = self.commands.upstream_inputs(self._clock())
+        epoch = time.time() - self._car.now
+        for topic, message in self._writer.messages(state, logged, epoch):
             self._middleware.publish(topic, message)
-        for sentence in self.commands.said():
-            self._say(sentence)
+        for sentence in self.commands.take_reports():
+            self._report(sentence)
 
-    def _hears(self, method: Callable[[float, float], None]) -> Callable[[float], None]:
+    def _stamp(self, method: Callable[[float, float], None]) -> Callable[[float], None]:
         return lambda value: method(value, self._clock())

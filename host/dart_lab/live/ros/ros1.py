@@ -1,4 +1,4 @@
-"""ROS 1: a rospy node."""
+"""ROS 1 middleware: a rospy node."""
 
 from __future__ import annotations
 
@@ -7,21 +7,19 @@ from importlib import import_module
 from typing import Any
 
 from dart_hal.core.errors import UsageError
-from dart_lab.live.ros.messages import TIME, Message, built
+from dart_lab.live.ros.messages import TIME_KIND, RosMessage, build_object
 
-QUEUE = 10
-"""Messages that wait for a slow reader, 0.1 s; then the oldest go."""
-
-
+# Messages queued for a slow subscriber, 0.1 s; then the oldest are dropped.
+MAX_QUEUED_MESSAGES = 10
 class Ros1:
-    """A node of this name; a Middleware. Raises UsageError without rospy or a master."""
+    """Middleware on a rospy node. Raises UsageError without rospy or a running master."""
 
     def __init__(self, name: str) -> None:
         try:
             import nav_msgs.msg  # noqa: F401
             import rosgraph
             import rospy
-            import tf2_msgs.msg  # noqa: F401 - what is missing is said before the car moves
+            import tf2_msgs.msg  # noqa: F401 - a missing package is reported before the car moves
         except ImportError as why:
             raise UsageError(
                 "the bridge needs ROS 1", found=f"no Python package {why.name}",
@@ -35,10 +33,11 @@ class Ros1:
         self._rospy = rospy
         self._ended = False
         self._publishers: dict[str, Any] = {}
-        rospy.init_node(name, disable_signals=True)  # Ctrl-C is the car's
+        # Ctrl-C is handled by the car, which it stops.
+        rospy.init_node(name, disable_signals=True)
 
     @property
-    def closed(self) -> bool:
+    def is_closed(self) -> bool:
         return self._ended or bool(self._rospy.is_shutdown())
 
     def subscribe(self, topic: str, heard: Callable[[float], None]) -> None:
@@ -47,28 +46,29 @@ class Ros1:
 
     def advertise(self, topic: str, kind: str) -> None:
         self._publishers[topic] = self._rospy.Publisher(topic, self._class_of(kind),
-                                                        queue_size=QUEUE)
+                                                        queue_size=MAX_QUEUED_MESSAGES)
 
-    def publish(self, topic: str, message: Message) -> None:
+    def publish(self, topic: str, message: RosMessage) -> None:
         try:
-            self._publishers[topic].publish(built(message, self._class_of))
+            self._publishers[topic].publish(build_object(message, self._class_of))
         except self._rospy.ROSSerializationException:
             raise
-        except self._rospy.ROSException:  # the topic is closed: somebody ends the node, and
-            self._ended = True            # is_shutdown() comes behind that
+        except self._rospy.ROSException:
+            # The topic is closed: the node is being ended, is_shutdown() is not true yet.
+            self._ended = True
 
     def close(self) -> None:
         self._rospy.signal_shutdown("the bridge ends")
 
     def _class_of(self, kind: str) -> Callable[..., Any]:
-        return self._time if kind == TIME else class_of(kind)
+        return self._time if kind == TIME_KIND else class_of(kind)
 
     def _time(self, sec: int, nanosec: int) -> Any:
         return self._rospy.Time(sec, nanosec)
 
 
 def class_of(kind: str) -> Callable[..., Any]:
-    """The class of a message type, named alike in ROS 1 and ROS 2."""
+    """Return the class of a message type; ROS 1 and ROS 2 use the same names."""
     package, _, name = kind.partition("/")
     found: Callable[..., Any] = getattr(import_module(f"{package}.msg"), name)
     return found

@@ -1,4 +1,4 @@
-"""ROS 2: an rclpy node. Not run: rclpy is in no registry that the tests reach."""
+"""ROS 2 middleware: an rclpy node. Tests use a stand-in, because rclpy is no Python package."""
 
 from __future__ import annotations
 
@@ -7,30 +7,32 @@ from collections.abc import Callable
 from typing import Any
 
 from dart_hal.core.errors import UsageError
-from dart_lab.live.ros.messages import Message, built
-from dart_lab.live.ros.ros1 import QUEUE, class_of
+from dart_lab.live.ros.messages import RosMessage, build_object
+from dart_lab.live.ros.ros1 import MAX_QUEUED_MESSAGES, class_of
 
 
 class Ros2:
-    """A node of this name; a Middleware. Raises UsageError without rclpy."""
+    """Middleware on an rclpy node. Raises UsageError without rclpy."""
 
     def __init__(self, name: str) -> None:
         try:
             import rclpy
-            import tf2_msgs.msg  # noqa: F401 - whatever is missing is said before the car moves
+            import tf2_msgs.msg  # noqa: F401 - a missing package is reported before the car moves
             from rclpy.signals import SignalHandlerOptions
         except ImportError as why:
             raise UsageError(
                 "the bridge needs ROS 2", found=f"no Python package {why.name}",
                 expected="rclpy and tf2_msgs where this Python finds them",
                 remedy="source /opt/ros/humble/setup.bash ; docs/how_to/ros.md") from why
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # Ctrl-C is the car's
-        self._rclpy, self._node = rclpy, rclpy.create_node(name)
+        # Ctrl-C is handled by the car, which it stops.
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        self._rclpy = rclpy
+        self._node = rclpy.create_node(name)
         self._publishers: dict[str, Any] = {}
         threading.Thread(target=rclpy.spin, args=(self._node,), name="ros2", daemon=True).start()
 
     @property
-    def closed(self) -> bool:
+    def is_closed(self) -> bool:
         return not self._rclpy.ok()
 
     def subscribe(self, topic: str, heard: Callable[[float], None]) -> None:
@@ -38,11 +40,12 @@ class Ros2:
                                        lambda message: heard(message.data), 1)
 
     def advertise(self, topic: str, kind: str) -> None:
-        self._publishers[topic] = self._node.create_publisher(class_of(kind), topic, QUEUE)
+        self._publishers[topic] = self._node.create_publisher(class_of(kind), topic,
+                                                              MAX_QUEUED_MESSAGES)
 
-    def publish(self, topic: str, message: Message) -> None:
-        if not self.closed:
-            self._publishers[topic].publish(built(message, class_of))
+    def publish(self, topic: str, message: RosMessage) -> None:
+        if not self.is_closed:
+            self._publishers[topic].publish(build_object(message, class_of))
 
     def close(self) -> None:
         self._rclpy.try_shutdown()

@@ -1,8 +1,8 @@
-"""Who may see a page, and who may drive: origins and a token.
+"""Access to a page: origins that may connect, and a token to drive.
 
-A browser says from which page a socket is opened. Any page that the person at the browser has open
-could open one to localhost; only our own may. The token is for those who drive: it is in the
-address that is printed, behind the #, and so never in a server's log.
+A browser states the origin of the page that opens a socket. Any page in the browser could open one
+to localhost, so only our own origins are accepted. The token allows driving. It is in the printed
+address after the #, and so never in the log of a server.
 """
 
 from __future__ import annotations
@@ -15,14 +15,13 @@ from dataclasses import dataclass, field
 from dart_hal.car.viewers import PORT as PORT
 
 LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
-LONGEST_NAME = 255
-"""Characters of a host name (RFC 1035)."""
-
-
+# Characters of a host name (RFC 1035).
+MAX_HOST_NAME_LENGTH = 255
 def own_addresses() -> tuple[str, ...]:
-    """IPv4 addresses of this computer that others may reach; no packet is sent for it."""
+    """Return IPv4 addresses at which others can reach this computer; sends no packet."""
     found: list[str] = []
-    for route in ("192.0.2.1", "10.255.255.255"):  # no one needs to be there
+    # A UDP socket that "connects" only selects a route: the addresses need not exist.
+    for route in ("192.0.2.1", "10.255.255.255"):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             try:
                 probe.connect((route, 9))
@@ -34,7 +33,7 @@ def own_addresses() -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Access:
-    """port: where it listens; lan: beyond this computer; names: by which it may be called."""
+    """port: of the page. lan: open to other computers. names: host names that are accepted."""
 
     port: int
     lan: bool = False
@@ -42,26 +41,27 @@ class Access:
     names: tuple[str, ...] = ()
 
     @classmethod
-    def at(cls, port: int, lan: bool, token: str | None = None) -> Access:
-        """Of this computer. token None: a new one."""
+    def of_this_computer(cls, port: int, lan: bool, token: str | None = None) -> Access:
+        """Return the access to a page of this computer; token None: a new one."""
         names = (*LOOPBACK, *((*own_addresses(), socket.gethostname()) if lan else ()))
         return cls(port, lan, token or secrets.token_urlsafe(9), names)
 
     def origins(self) -> tuple[str, ...]:
-        """Pages that may open a socket."""
+        """Return the origins of pages that may open a socket."""
         return tuple(f"http://{name}:{self.port}" for name in self.names)
 
-    def own_host(self, host: str) -> bool:
-        """Whether a request was meant for this computer: no name of somebody else's domain may
-        stand for it (DNS rebinding)."""
-        return len(host) <= LONGEST_NAME and host in {f"{name}:{self.port}" for name in self.names}
+    def is_own_host(self, host: str) -> bool:
+        """Return whether a request names this computer. Another domain that resolves to its address
+        (DNS rebinding) is refused."""
+        own = {f"{name}:{self.port}" for name in self.names}
+        return len(host) <= MAX_HOST_NAME_LENGTH and host in own
 
     def may_drive(self, token: str) -> bool:
-        """In a time that does not hang on how much of it was right."""
+        """Return whether the token is right, in a time that does not depend on the token."""
         return hmac.compare_digest(token.encode(), self.token.encode())
 
     @property
     def urls(self) -> tuple[str, ...]:
-        """Addresses to open, token included; that for other computers first."""
+        """Addresses of the page with the token; those for other computers first."""
         hosts = self.names[len(LOOPBACK):-1] if self.lan else ()
         return tuple(f"http://{host}:{self.port}/#{self.token}" for host in (*hosts, "localhost"))

@@ -1,8 +1,8 @@
-"""A car and its page: what the car does goes out, what the pages want comes in.
+"""Connects a car with its pages: States are sent out, requests of the pages come in.
 
-Two threads meet here. The car's tells each State; the server's tells what pages say. STOP, a stick
-that is let go and a socket that closes act at once, in the server's thread; everything that moves
-the car waits for ``run``, the loop of whoever lets the page drive.
+Two threads call this class. The thread of the car passes each State; the thread of the server
+passes messages of pages. STOP, a released stick and a closed socket act at once, in the thread of
+the server. Everything that moves the car waits for ``run``, in the thread of the car.
 """
 
 from __future__ import annotations
@@ -25,63 +25,75 @@ from dart_hal.fleet.peers import OtherPose
 from dart_lab.live.view import messages as m
 from dart_lab.live.view.access import Access
 from dart_lab.live.view.operator import Operator, Refused
-from dart_lab.live.view.rows import Row, points, row
-from dart_lab.live.view.told import Lines, begin, not_armed, others_in, status
-from dart_lab.live.view.words import AT_REST
+from dart_lab.live.view.rows import Row, scan_points, state_row
+from dart_lab.live.view.told import (
+    Lines,
+    begin_message,
+    describe_refusals,
+    others_message,
+    status_message,
+)
+from dart_lab.live.view.words import WAIT_FOR_REST
 
-STATUS_EVERY = 0.2
-"""s between two messages about mode and health."""
-STOPPED_FOR = 0.5
-"""s that a STOP holds; then the car may be armed again, by hand."""
-KEPT = 1000
-"""Rows that wait for the server at most: 10 s."""
-AGAIN = 0.2
-"""s until a lost link is looked at again."""
-
+# Time between two messages about mode and health.
+STATUS_PERIOD_S = 0.2
+# Time for which a STOP holds. After it the user may arm the car again.
+STOP_DURATION_S = 0.5
+# Rows that wait for the server: 10 s.
+MAX_QUEUED_ROWS = 1000
+# Time until a lost link is tried again.
+RETRY_PERIOD_S = 0.2
 _json = msgspec.json.encode
 Others = Callable[[], Mapping[str, OtherPose]]
-TAKEN = '{"type":"yours"}'
+TAKEN_MESSAGE = '{"type":"yours"}'
 
 
 class Desk:
-    """One car's page, without its sockets.
+    """The page of one car, without its sockets: the ``PageListener`` of its server.
 
-    access: who may drive; drives: whether a page may, in ``run``; lines (m, 4) [m]: the map that
-    is drawn, or one for each frame of poses; others: tells where the other cars of a room are;
-    max_throttle: of a stick that is pushed to its end; folder: where the recordings go that a page
-    begins; clock [s]: by which commands age.
+    access: to the page. drives: a page may drive, in ``run``. lines (m, 4) [m]: map that is drawn,
+    or one for each frame of poses. others: returns the poses of other cars. max_throttle: of a
+    stick pushed to its end. folder: for recordings that a page starts. clock [s]: for the age of
+    commands.
     """
 
     def __init__(self, car: Car, access: Access, *, drives: bool = False,
                  lines: Lines = None, others: Others | None = None, waive: Sequence[str] = (),
                  max_throttle: float = 0.35, folder: Path = Path("runs"),
                  clock: Callable[[], float] = elapsed) -> None:
-        self.car, self.drives, self.operator = car, drives, Operator(access)
-        self._others, self._lines = others, lines
-        self._waive, self._max_throttle = tuple(waive), max_throttle
-        self._clock, self._folder = clock, folder
+        self.car = car
+        self.drives = drives
+        self.operator = Operator(access)
+        self._others = others
+        self._lines = lines
+        self._waive = tuple(waive)
+        self._max_throttle = max_throttle
+        self._clock = clock
+        self._folder = folder
         self._lock = threading.Lock()
-        self._rows: deque[Row] = deque(maxlen=KEPT)
+        self._rows: deque[Row] = deque(maxlen=MAX_QUEUED_ROWS)
         self._state: State | None = None
         self._scan: Scan | None = None
-        self._said: deque[str] = deque(maxlen=100)
-        self._wishes: deque[m.Message] = deque(maxlen=10)
+        self._reports: deque[str] = deque(maxlen=100)
+        self._requests: deque[m.Message] = deque(maxlen=10)
         self._logged: dict[str, float] = {}
-        self._told_at, self._stopped_until, self._closed = -inf, -inf, False
-        self._trouble = ""
+        self._status_sent_at = -inf
+        self._stopped_until = -inf
+        self._closed = False
+        self._error = ""
         self.pages = 0
-        self._leave = car.on_state(self._seen)
+        self._unsubscribe = car.on_state(self._take_state)
 
     def close(self) -> None:
-        """Let go of the car, which stays open; ``run`` ends."""
+        """Detach from the car, which stays open; ``run`` ends."""
         self._closed = True
-        self._leave()
+        self._unsubscribe()
 
     # -- in the car's thread ---------------------------------------------------------------
 
-    def _seen(self, state: State) -> None:
+    def _take_state(self, state: State) -> None:
         with self._lock:
-            self._rows.append(row(state, self.car.asked))
+            self._rows.append(state_row(state, self.car.asked))
             self._state = state
 
     def run(self, duration: float = inf, ended: Callable[[], bool] = lambda: False) -> None:
@@ -90,47 +102,50 @@ class Desk:
         while self._clock() < until and not (ended() or self._closed):
             try:
                 for _ in self.car.states(duration=max(until - self._clock(), 0.01)):
-                    self._trouble = ""
+                    self._error = ""
                     self._step()
                     if ended() or self._closed:
                         return
             except LinkLost as lost:
-                self._trouble = str(lost)
-                time.sleep(AGAIN)
+                self._error = str(lost)
+                time.sleep(RETRY_PERIOD_S)
 
     def _step(self) -> None:
-        while self._wishes:
-            wish = self._wishes.popleft()
-            if isinstance(wish, m.Arm):
+        """Handle the waiting requests, then send the command of the page to the car."""
+        while self._requests:
+            request = self._requests.popleft()
+            if isinstance(request, m.Arm):
                 self._arm()
-            elif isinstance(wish, m.Unlock):
+            elif isinstance(request, m.Unlock):
                 self.car.unlock("by hand, at the live page")
-            elif isinstance(wish, m.Record):
-                self._record(wish.on)
+            elif isinstance(request, m.Record):
+                self._record(request.on)
         with self._lock:
-            wanted = self.operator.wanted(self._clock())
-        if wanted is not None and self.car.mode == "ARMED":
+            command = self.operator.current_command(self._clock())
+        if command is not None and self.car.mode == "ARMED":
             lock = self.car.files.config.limits.max_steering
-            self.car.drive(steering=lock * wanted.steering,
-                           throttle=self._max_throttle * wanted.throttle,
-                           valid_for=wanted.left, source="view")
+            self.car.drive(steering=lock * command.steering,
+                           throttle=self._max_throttle * command.throttle,
+                           valid_for=command.remaining_s, source="view")
 
     def _arm(self) -> None:
+        """Arm the car for the page that drives; report why it does not arm."""
         driver = self.operator.page
         try:
             arming = self.car.arming(waive=self._waive)
             for _ in arming:
-                if self.operator.page is not driver:  # nobody is there to hold the stick
+                # The page that requested arming has left.
+                if self.operator.page is not driver:
                     self.car.stop()
                     return
         except NotArmed as why:
             rolls = "ENCODER_MOVING" in (*why.reasons, *self.car.refusals())
-            self._say(AT_REST if rolls else not_armed(self.car, why.reasons))
+            self._report(WAIT_FOR_REST if rolls else describe_refusals(self.car, why.reasons))
         with self._lock:
-            self.operator.armed()
+            self.operator.require_release()
 
     def _record(self, on: bool) -> None:
-        """Begin a file in the folder for recordings, or end it."""
+        """Start a recording in the folder for them, or end it."""
         if not on:
             self.car.recorder.end()
             return
@@ -138,31 +153,31 @@ class Desk:
         try:
             self.car.recorder.start(path)
         except (DartHalError, OSError) as why:
-            self._say(f"no recording: {why}")
+            self._report(f"no recording: {why}")
         else:
-            self._say(f"recording {path}")
+            self._report(f"recording {path}")
 
     # -- in the server's thread ------------------------------------------------------------
 
-    def joined(self, page: Hashable) -> Iterable[str]:
-        """Who the car is; its samples come with the next batch."""
+    def open_page(self, page: Hashable) -> Iterable[str]:
+        """Yield the message about the car; its samples follow in the next batch."""
         self.pages += 1
-        yield _json(begin(self.car, self._lines, self.drives)).decode()
+        yield _json(begin_message(self.car, self._lines, self.drives)).decode()
 
-    def said(self, page: Hashable, message: m.Message) -> str | None:
-        """Raises Refused."""
+    def handle_message(self, page: Hashable, message: m.Message) -> str | None:
+        """Handle a message of a page; return the answer to it. Raises Refused."""
         now = self._clock()
         if isinstance(message, m.Stop):
             self._stop(now)
             return None
         if not self.drives:
-            raise Refused("this car is driven by a program: the page watches, and stops it")
+            raise Refused("this car is driven by a program: the page can only stop it")
         with self._lock:
             if isinstance(message, m.Take):
                 self.operator.take(page, message.token)
-                return TAKEN
+                return TAKEN_MESSAGE
             if isinstance(message, m.Leave):
-                self.operator.gone(page)
+                self.operator.remove_page(page)
             elif isinstance(message, m.Release):
                 self.operator.release(page)
             elif isinstance(message, m.Drive):
@@ -170,23 +185,24 @@ class Desk:
                                     now, message.unchanged)
             else:
                 self.operator.check(page)
-                self._wishes.append(message)
+                self._requests.append(message)
         self._end_drive()
         return None
 
-    def left(self, page: Hashable) -> None:
-        """Its socket is closed: what it drove stops."""
+    def close_page(self, page: Hashable) -> None:
+        """Remove a page whose socket is closed; the car stops if this page drove."""
         self.pages -= 1
         with self._lock:
-            self.operator.gone(page)
+            self.operator.remove_page(page)
         self._end_drive()
 
     def batch(self) -> Iterable[str]:
-        """All samples since the last batch, and what changed."""
+        """Yield the samples since the last batch, and status messages."""
         now = self._clock()
         with self._lock:
-            self.operator.wanted(now)
-            rows, state = list(self._rows), self._state
+            self.operator.current_command(now)
+            rows = list(self._rows)
+            state = self._state
             self._rows.clear()
         self._end_drive()
         if now > self._stopped_until > -inf:
@@ -198,56 +214,59 @@ class Desk:
         if (logged := dict(self.car.recorder.logged)) != self._logged:
             self._logged = logged
             yield _json({"type": "log", "values": logged}).decode()
-        if state is not None and now - self._told_at >= STATUS_EVERY:
-            self._told_at = now
-            yield _json(status(self.car, state, self._extra())).decode()
+        if state is not None and now - self._status_sent_at >= STATUS_PERIOD_S:
+            self._status_sent_at = now
+            yield _json(status_message(self.car, state, self._extra())).decode()
             if self._others is not None:
-                yield _json(others_in(state.estimate.frame, self._others())).decode()
+                yield _json(others_message(state.estimate.frame, self._others())).decode()
             if state.scan is not None and state.scan is not self._scan:
                 self._scan = state.scan
-                yield _json({"type": "scan", "points": points(state.scan, state)}).decode()
-        while self._said:
-            yield self.refusal(self._said.popleft())
+                yield _json({"type": "scan", "points": scan_points(state.scan, state)}).decode()
+        while self._reports:
+            yield self.refusal(self._reports.popleft())
 
     def picture(self) -> bytes | None:
-        """The camera's newest image, JPEG."""
+        """Return the newest image of the camera, JPEG; None without one."""
         with self._lock:
             image = None if self._state is None else self._state.image
         return None if image is None else image.jpeg
 
     def is_driver(self, page: Hashable) -> bool:
-        """Whether this page has the wheel."""
+        """Return whether this page drives."""
         with self._lock:
             return page == self.operator.page
 
     def refusal(self, why: str) -> str:
-        """A sentence for the list of what was said."""
+        """Return a message for the list of notices of the page."""
         return _json({"type": "said", "text": why}).decode()
 
     def _extra(self) -> dict[str, Any]:
-        trouble = self._trouble or str(self.car.recorder.trouble or "")
+        error = self._error or str(self.car.recorder.trouble or "")
         path = self.car.recorder.path
-        return {"pages": self.pages, "driven": self.operator.page is not None, "trouble": trouble,
+        return {"pages": self.pages, "driven": self.operator.page is not None, "trouble": error,
                 "recording": path.name if path else ""}
 
-    def _say(self, text: str) -> None:
-        self._said.append(text)
+    def _report(self, text: str) -> None:
+        self._reports.append(text)
 
     def _stop(self, now: float) -> None:
-        """Whoever pressed it."""
-        self._stopped_until = now + STOPPED_FOR
+        """Stop the car for a STOP of any page."""
+        self._stopped_until = now + STOP_DURATION_S
         self.car.run_stop(True, by="view", reason="STOP was pressed at a live page")
         with self._lock:
             self.operator.stop()
-        self._say("STOP was pressed at a page")
+        self._report("STOP was pressed at a page")
 
     def _end_drive(self) -> None:
-        """A drive by the page that is over leaves the car disarmed."""
+        """Disarm the car if a drive by a page has ended, and report why."""
         with self._lock:
-            why, refusal = self.operator.ended(), self.operator.refusal()
+            why = self.operator.take_end_reason()
+            refusal = self.operator.take_refusal()
         if refusal:
-            self._say(refusal)
+            self._report(refusal)
         if why:
             self.car.stop()
-            self._say({"released": "the stick was let go", "gone": "the page that drove is gone",
-                       "silent": "the page that drove fell silent"}[why] + ": arm to drive again")
+            self._report({"released": "the stick was released", "gone": "the page that drove has "
+                                                                        "left",
+                          "silent": "the page that drove fell silent"}[why]
+                         + ": arm to drive again")

@@ -1,7 +1,7 @@
-"""The page that flashes a Nano from a browser, as files, and served to this computer alone.
+"""The page that flashes a Nano from a browser, served to this computer only.
 
-A browser gives its serial ports (Web Serial) only to localhost and to https: the same files lie in
-the handbook. They are served without the extra ``view``: a desk with pip alone can flash.
+A browser allows serial ports (Web Serial) only to pages of localhost and https. The same files are
+part of the handbook. Serving them needs no optional package.
 """
 
 from __future__ import annotations
@@ -11,27 +11,28 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib.resources import files
 from pathlib import Path
 
-PORT = 8643
-"""A browser keeps its permissions by address; where it is taken, any free port."""
-TYPES = {"html": "text/html; charset=utf-8", "mjs": "text/javascript; charset=utf-8",
-         "css": "text/css; charset=utf-8", "hex": "text/plain; charset=us-ascii"}
-PAGE, IMAGE = "index.html", "dart_nano.hex"
+# A fixed port, because a browser stores permissions by address. Any free port if it is in use.
+FLASH_PORT = 8643
+FLASH_CONTENT_TYPES = {"html": "text/html; charset=utf-8", "mjs": "text/javascript; charset=utf-8",
+                       "css": "text/css; charset=utf-8", "hex": "text/plain; charset=us-ascii"}
+PAGE = "index.html"
+IMAGE = "dart_nano.hex"
 
 
-def assets(image: Path) -> dict[str, bytes]:
-    """Name: bytes of each file of the page. image: the Intel hex that it offers."""
-    room = files("dart_lab.live.view") / "flash"
-    found = {place.name: place.read_bytes() for place in room.iterdir()
-             if place.name.rpartition(".")[2] in TYPES}
+def load_flash_assets(image: Path) -> dict[str, bytes]:
+    """Return the bytes of each file of the page by name. image: the Intel hex that it offers."""
+    folder = files("dart_lab.live.view") / "flash"
+    found = {file.name: file.read_bytes() for file in folder.iterdir()
+             if file.name.rpartition(".")[2] in FLASH_CONTENT_TYPES}
     return found | {IMAGE: image.read_bytes()}
 
 
 def serve_flash_page(image: Path) -> ThreadingHTTPServer:
-    """A server on localhost that listens; the caller lets it ``serve_forever`` and closes it."""
-    served = assets(image)
+    """Return a server on localhost; the caller runs ``serve_forever`` and closes it."""
+    served = load_flash_assets(image)
 
     class Handler(BaseHTTPRequestHandler):
-        """Answers with one of the files."""
+        """Answers with a file of the page."""
 
         def do_GET(self) -> None:
             name = self.path.partition("?")[0].removeprefix("/") or PAGE
@@ -40,7 +41,7 @@ def serve_flash_page(image: Path) -> ThreadingHTTPServer:
                 self.send_error(HTTPStatus.NOT_FOUND)
                 return
             self.send_response(HTTPStatus.OK)
-            self.send_header("Content-Type", TYPES[name.rpartition(".")[2]])
+            self.send_header("Content-Type", FLASH_CONTENT_TYPES[name.rpartition(".")[2]])
             self.send_header("Content-Length", str(len(body)))
             self.send_header("Cache-Control", "no-store")
             self.send_header("X-Content-Type-Options", "nosniff")
@@ -48,9 +49,9 @@ def serve_flash_page(image: Path) -> ThreadingHTTPServer:
             self.wfile.write(body)
 
         def log_message(self, format: str, *words: object) -> None:
-            """Nothing: who flashes reads the page."""
+            """Log nothing: the page shows all that the user needs."""
 
     try:
-        return ThreadingHTTPServer(("127.0.0.1", PORT), Handler)
+        return ThreadingHTTPServer(("127.0.0.1", FLASH_PORT), Handler)
     except OSError:
         return ThreadingHTTPServer(("127.0.0.1", 0), Handler)

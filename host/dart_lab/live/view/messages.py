@@ -1,4 +1,4 @@
-"""What a page may say. Everything else is refused, with a sentence, and changes nothing."""
+"""Messages of a page. All others are refused with an error message and have no effect."""
 
 from __future__ import annotations
 
@@ -6,29 +6,28 @@ from math import isfinite
 
 import msgspec
 
-LONGEST = 1024
-"""Bytes of a message; a command has 80."""
-
-
+# A command has 80 bytes.
+MAX_MESSAGE_BYTES = 1024
 class Stop(msgspec.Struct, tag="stop", forbid_unknown_fields=True):
-    """Stop the car now; anybody may."""
+    """Stop the car now; every page may."""
 
 
 class Take(msgspec.Struct, tag="take", forbid_unknown_fields=True):
-    """Become the one who drives."""
+    """Become the page that drives."""
 
     token: str
 
-    def __repr__(self) -> str:  # without the token: it would stand in a log or a traceback
+    # Without the token, which would otherwise appear in logs and tracebacks.
+    def __repr__(self) -> str:
         return "Take(...)"
 
 
 class Leave(msgspec.Struct, tag="leave", forbid_unknown_fields=True):
-    """Let somebody else drive."""
+    """Stop driving, so that another page can drive."""
 
 
 class Arm(msgspec.Struct, tag="arm", forbid_unknown_fields=True):
-    """Arm the car, after its own checks."""
+    """Arm the car, if its checks pass."""
 
 
 class Unlock(msgspec.Struct, tag="unlock", forbid_unknown_fields=True):
@@ -36,9 +35,12 @@ class Unlock(msgspec.Struct, tag="unlock", forbid_unknown_fields=True):
 
 
 class Drive(msgspec.Struct, tag="drive", forbid_unknown_fields=True):
-    """steering (+1: full lock to the left), throttle, both -1..1 and cut there; heard: the newest
-    time of the server that the page knows, so that the age of the command shows; unchanged [s]:
-    since the page's stick, keys or gamepad last reported anything."""
+    """A command.
+
+    steering (+1: largest angle to the left), throttle: both -1..1, limited to that. heard: the
+    newest server time that the page knows; it gives the age of the command. unchanged [s]: since
+    the stick, keys or gamepad of the page last reported a value.
+    """
 
     steering: float
     throttle: float
@@ -47,7 +49,7 @@ class Drive(msgspec.Struct, tag="drive", forbid_unknown_fields=True):
 
 
 class Release(msgspec.Struct, tag="release", forbid_unknown_fields=True):
-    """The stick was let go."""
+    """The stick was released."""
 
 
 class Record(msgspec.Struct, tag="record", forbid_unknown_fields=True):
@@ -60,18 +62,19 @@ Message = Stop | Take | Leave | Arm | Unlock | Drive | Release | Record
 _decode = msgspec.json.Decoder(Message).decode
 
 
-class Malformed(ValueError):
-    """What came is no message."""
+class MalformedMessage(ValueError):
+    """The received data are no valid message."""
 
 
-def read(data: str | bytes) -> Message:
-    """Raises Malformed."""
-    if len(data) > LONGEST:
-        raise Malformed(f"a message of {len(data)} bytes, at most {LONGEST} are expected")
+def parse_message(data: str | bytes) -> Message:
+    """Parse a message of a page. Raises MalformedMessage."""
+    if len(data) > MAX_MESSAGE_BYTES:
+        raise MalformedMessage(f"a message of {len(data)} bytes, at most {MAX_MESSAGE_BYTES} are "
+                               "expected")
     try:
         message: Message = _decode(data)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as why:
-        raise Malformed(str(why)) from why
+        raise MalformedMessage(str(why)) from why
     if isinstance(message, Drive) and not all(map(isfinite, msgspec.structs.astuple(message))):
-        raise Malformed("a command that is no finite number")
+        raise MalformedMessage("steering, throttle and times must be finite numbers")
     return message

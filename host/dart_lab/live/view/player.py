@@ -1,4 +1,4 @@
-"""A recorded run on the same page: all of it is sent at once, and the page has the time bar."""
+"""Play a recorded run on the live page: it is sent at once, and the page has a time bar."""
 
 from __future__ import annotations
 
@@ -16,46 +16,46 @@ from dart_hal.core.types import Scan
 from dart_lab.live.view import messages as m
 from dart_lab.live.view.access import Access
 from dart_lab.live.view.operator import Refused
-from dart_lab.live.view.rows import FIELDS, Row, points, row
-from dart_lab.live.view.server import Server, bound
+from dart_lab.live.view.rows import FIELDS, Row, scan_points, state_row
+from dart_lab.live.view.server import PageServer, bind_socket
 
-MOST_ROWS = 360_000
-"""An hour at 100 Hz, 40 MB of JSON: more is no page."""
-
-MOST_PICTURES = 12_000_000
-"""Bytes of images: two and a half minutes of the emulated camera, all of them."""
-
-
+# An hour at 100 Hz: 40 MB of JSON, the limit of a browser page.
+MAX_ROWS = 360_000
+# All images together: two and a half minutes of the emulated camera.
+MAX_IMAGE_BYTES = 12_000_000
 def run_of(car: Car) -> dict[str, Any]:
-    """The message with a whole recorded run: rows of ``FIELDS`` and, for each new scan, the index
-    of its row and its points; likewise for images, of which so many are left out evenly that they
-    have ``MOST_PICTURES`` bytes. What of it is longer than an hour is left out."""
+    """Return the message with a recorded run.
+
+    It has rows of ``FIELDS`` and, for each new scan, the index of its row and its points, likewise
+    for images. Images are omitted evenly so that they have at most MAX_IMAGE_BYTES. Only the first
+    hour is included.
+    """
     rows: list[Row] = []
     scans: list[tuple[int, list[float]]] = []
     images: list[tuple[int, bytes]] = []
     last: Scan | None = None
     for state in car.states():
-        rows.append(row(state, None))
+        rows.append(state_row(state, None))
         if state.scan is not None and state.scan is not last:
             last = state.scan
-            scans.append((len(rows) - 1, points(last, state)))
+            scans.append((len(rows) - 1, scan_points(last, state)))
         if state.image is not None and (not images or images[-1][1] is not state.image.jpeg):
             images.append((len(rows) - 1, state.image.jpeg))
-        if len(rows) == MOST_ROWS:
+        if len(rows) == MAX_ROWS:
             break
     return {"type": "run", "car": car.files.config.name, "url": car.url, "fields": FIELDS,
             "rows": rows, "scans": scans,
-            "images": [(n, b64encode(jpeg).decode()) for n, jpeg in thinned(images)]}
+            "images": [(n, b64encode(jpeg).decode()) for n, jpeg in thin_images(images)]}
 
 
-def thinned(images: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
-    """Every n-th of them, as few as must be left out."""
-    each = ceil(sum(len(jpeg) for _, jpeg in images) / MOST_PICTURES)
-    return images[::max(each, 1)]
+def thin_images(images: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
+    """Return every n-th image, with the smallest n for which they fit MAX_IMAGE_BYTES."""
+    step = ceil(sum(len(jpeg) for _, jpeg in images) / MAX_IMAGE_BYTES)
+    return images[::max(step, 1)]
 
 
 def save(run: dict[str, Any], path: Path) -> Path:
-    """As a file beside the page, which then needs no server: ``index.html?run=run.json``."""
+    """Write the run to a file. With it the page needs no server: ``index.html?run=run.json``."""
     path.write_text(json.dumps(run, separators=(",", ":")), encoding="utf-8")
     return path
 
@@ -65,9 +65,9 @@ class Player:
 
     def __init__(self, run: dict[str, Any], port: int, lan: bool) -> None:
         self._run = msgspec.json.encode(run).decode()
-        place = bound(port, lan)
-        self.access = Access.at(place.getsockname()[1], lan)
-        self._server = Server(place, self.access, self)
+        bound = bind_socket(port, lan)
+        self.access = Access.of_this_computer(bound.getsockname()[1], lan)
+        self._server = PageServer(bound, self.access, self)
         self._server.start()
 
     @property
@@ -75,31 +75,31 @@ class Player:
         """Addresses of the page."""
         return tuple(url.partition("#")[0] for url in self.access.urls)
 
-    def joined(self, page: Hashable) -> Iterable[str]:
-        """The run."""
+    def open_page(self, page: Hashable) -> Iterable[str]:
+        """Return the run as the only message."""
         yield self._run
 
-    def said(self, page: Hashable, message: m.Message) -> str | None:
-        """Raises Refused: a recording obeys nobody."""
-        raise Refused("this is a recording: there is nothing to drive or to stop")
+    def handle_message(self, page: Hashable, message: m.Message) -> str | None:
+        """Raise Refused: a recording cannot be driven or stopped."""
+        raise Refused("this is a recording: it cannot be driven or stopped")
 
-    def left(self, page: Hashable) -> None:
-        """Nothing of it remains."""
+    def close_page(self, page: Hashable) -> None:
+        """Do nothing: a player keeps no state of a page."""
 
     def batch(self) -> Iterable[str]:
-        """Nothing happens in a recording."""
+        """Return no messages: a recording does not change."""
         return ()
 
     def is_driver(self, page: Hashable) -> bool:
-        """Nobody drives a recording."""
+        """Return False: a recording has no driver."""
         return False
 
     def refusal(self, why: str) -> str:
-        """A sentence for the list of what was said."""
+        """Return a message for the list of notices of the page."""
         return msgspec.json.encode({"type": "said", "text": why}).decode()
 
     def picture(self) -> bytes | None:
-        """Its images are in the run."""
+        """Return None: the images are part of the run."""
         return None
 
     def close(self) -> None:

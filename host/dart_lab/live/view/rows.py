@@ -1,4 +1,4 @@
-"""States as the rows that a page draws: plain numbers, short in JSON."""
+"""Convert States and scans into plain numbers that a page draws, short in JSON."""
 
 from __future__ import annotations
 
@@ -9,19 +9,20 @@ import numpy as np
 
 from dart_hal.core.types import Scan, State
 
+# Units: s, m, m, rad, m/s, rad/s, m/s2, m/s2, rad, -, rad, -, m2, m2, m2.
 FIELDS = ("t", "x", "y", "yaw", "speed", "yaw_rate", "accel_x", "accel_y", "steering", "throttle",
           "asked_steering", "asked_throttle", "sxx", "sxy", "syy")
-"""s, m, m, rad, m/s, rad/s, m/s2, m/s2, rad, -, rad, -, m2, m2, m2."""
 DIGITS = (3, 3, 3, 4, 3, 4, 3, 3, 4, 4, 4, 4, 7, 7, 7)
-LONGEST_BEAM = 40.0
-"""m; beyond it nothing of a room is drawn."""
+# m; points farther away are not drawn.
+MAX_BEAM_RANGE = 40.0
 Row = list[float | None]
 
 
-def row(state: State, asked: Sequence[float] | None) -> Row:
-    """Of one State; asked: steering [rad] and throttle of the last command, None: there was none.
+def state_row(state: State, asked: Sequence[float] | None) -> Row:
+    """Return the row of a State, with None for unknown and non-finite values.
 
-    None stands for what is not known, and for what is no finite number."""
+    asked: steering [rad] and throttle of the last command, None without one.
+    """
     estimate = state.estimate
     pose, cov = estimate.pose, estimate.pose.cov
     values = (state.t, pose.x, pose.y, pose.yaw, state.speed, state.yaw_rate, state.accel_x,
@@ -31,14 +32,17 @@ def row(state: State, asked: Sequence[float] | None) -> Row:
             for v, n in zip(values, DIGITS, strict=True)]
 
 
-def points(scan: Scan, state: State) -> list[float]:
-    """x0, y0, x1, y1, ... [m] of what a scan hit, in the frame of the car's pose.
+def scan_points(scan: Scan, state: State) -> list[float]:
+    """Return x0, y0, x1, y1, ... [m] of the points of a scan, in the frame of the car's pose.
 
-    The car's motion within the revolution is left out: for the eye, at 2 m/s up to 0.2 m off."""
+    The motion of the car during the revolution is ignored: an error of up to 0.2 m at 2 m/s.
+    """
     pose = state.estimate.pose
-    seen = scan.in_car()
-    seen = seen[np.hypot(*seen.T) < LONGEST_BEAM]  # NaN, where nothing came back, is not
-    c, s = np.cos(pose.yaw), np.sin(pose.yaw)
-    room = seen @ np.array([[c, s], [-s, c]]) + (pose.x, pose.y)
-    flat: list[float] = np.round(room.ravel(), 2).tolist()
+    in_car = scan.in_car()
+    # The comparison is false for NaN, which marks beams without a return.
+    in_car = in_car[np.hypot(*in_car.T) < MAX_BEAM_RANGE]
+    # Rotate by the yaw of the car and shift to its position.
+    cos, sin = np.cos(pose.yaw), np.sin(pose.yaw)
+    in_frame = in_car @ np.array([[cos, sin], [-sin, cos]]) + (pose.x, pose.y)
+    flat: list[float] = np.round(in_frame.ravel(), 2).tolist()
     return flat

@@ -1,4 +1,4 @@
-"""``car.view()``: a car's live page, served."""
+"""``car.view()``: serve the live page of a car."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from dart_hal.car import Car
 from dart_lab.live.view.access import PORT, Access
 from dart_lab.live.view.desk import Desk, Others
-from dart_lab.live.view.server import Server, bound
+from dart_lab.live.view.server import PageServer, bind_socket
 from dart_lab.live.view.told import Lines
 
 
@@ -19,30 +19,31 @@ def serve(car: Car, *, port: int = PORT, lan: bool = False, drives: bool = False
           max_throttle: float = 0.35, folder: Path = Path("runs")) -> LivePage:
     """Serve a live page of an open car, until ``close``.
 
-    port: 0 takes any that is free. lan: other computers and phones may open it. drives: a page may
-    drive, in ``LivePage.run``; else it watches, and stops what the program does. lines (m, 4) [m]:
-    the map that is drawn, or one for each frame of poses. others: tells where other cars are, such
-    as ``join(car, room).other_poses``. max_throttle: of a stick that is pushed to its end. folder:
-    where recordings go that a page begins. Raises UsageError for a port that is in use.
+    port: 0 for any free one. lan: other computers and phones may open the page. drives: a page may
+    drive, in ``LivePage.run``; otherwise it shows the car and can stop it. lines (m, 4) [m]: map
+    that is drawn, or one for each frame of poses. others: returns the poses of other cars, such as
+    ``join(car, room).other_poses``. max_throttle: of a stick pushed to its end. folder: for
+    recordings that a page starts. Raises UsageError for a port that is in use.
     """
-    place = bound(port, lan)
-    access = Access.at(place.getsockname()[1], lan)
+    place = bind_socket(port, lan)
+    access = Access.of_this_computer(place.getsockname()[1], lan)
     desk = Desk(car, access, drives=drives, lines=lines, others=others, waive=waive,
                 max_throttle=max_throttle, folder=folder)
     return LivePage(desk, place, access)
 
 
 class LivePage:
-    """A desk and its sockets; a context manager. Made by ``serve``."""
+    """A live page and its server; a context manager. Created by ``serve``."""
 
     def __init__(self, desk: Desk, place: socket.socket, access: Access) -> None:
-        self.desk, self.access = desk, access
-        self._server = Server(place, access, desk)
+        self.desk = desk
+        self.access = access
+        self._server = PageServer(place, access, desk)
         self._server.start()
 
     @property
     def urls(self) -> tuple[str, ...]:
-        """Addresses to open, with the token of who drives."""
+        """Addresses of the page, with the token for driving."""
         return self.access.urls
 
     def run(self, duration: float = inf, ended: Callable[[], bool] = lambda: False) -> None:
@@ -50,7 +51,7 @@ class LivePage:
         self.desk.run(duration, ended)
 
     def close(self) -> None:
-        """End the page; the car stays open. Idempotent."""
+        """Stop serving the page; the car stays open. Idempotent."""
         self.desk.close()
         self._server.close()
 
