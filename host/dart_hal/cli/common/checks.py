@@ -290,7 +290,7 @@ def _check_lidar(car: Car) -> DoctorCheck:
     return _make_check("lidar", not problems, "; ".join((
         f"{count} revolutions, {health.rate:.2f} per second of {health.beams:.0f} beams, "
         f"{100.0 * health.returned:.0f} % with a return", *problems)), bad="warn",
-        expected="no problem", remedy="docs/how_to/lidar.md, section Whether it is well")
+        expected="no problem", remedy="docs/how_to/lidar.md, section Health")
 
 
 def _check_camera(car: Car) -> DoctorCheck:
