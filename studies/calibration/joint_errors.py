@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from dart_hal.car import Car
-from dart_hal.car.files import files_of
+from dart_hal.car.files import load_files
 from dart_hal.car.runs import read_any
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
@@ -45,7 +45,7 @@ def drive(seed: int, folder: Path) -> list[Path]:
         part = run.with_name(f"{name}.part.mcap")
         part.unlink(missing_ok=True)
         backend = open_backend(url)
-        plan = make_plan(name, files_of(backend, "", folder), Floor.parse(FLOOR), None)
+        plan = make_plan(name, load_files(backend, "", folder), Floor.parse(FLOOR), None)
         with Car.over(backend, cars=folder, record=part) as car:
             note_mass(car, mass_of(car.files, None, backend.workshop))
             conduct(car, plan)

@@ -7,7 +7,7 @@ import pytest
 
 from dart_hal.calibration.from_recordings import steering_from
 from dart_hal.car import Car
-from dart_hal.car.runs import undithered
+from dart_hal.car.runs import remove_dithering
 from dart_lab.sim.truth import reveal
 
 LEVELS = (-0.34, -0.25, -0.15, -0.05, 0.05, 0.15, 0.25, 0.3, 0.25, 0.15, 0.05, -0.05, -0.15,
@@ -17,12 +17,12 @@ COUNT = 4.88 / 375.0
 
 def test_dither_between_two_counts_is_one_level():
     dithered = np.array([0.3, 0.3 + COUNT / 2, 0.3, 0.3 + COUNT / 2, 0.5, 0.5])
-    assert np.allclose(undithered(dithered, COUNT), [0.3 + COUNT / 4] * 4 + [0.5] * 2)
+    assert np.allclose(remove_dithering(dithered, COUNT), [0.3 + COUNT / 4] * 4 + [0.5] * 2)
 
 
 def test_levels_a_count_apart_stay_apart():
     steps = np.repeat(np.arange(5) * COUNT, 20)
-    assert np.allclose(undithered(steps, COUNT), steps)
+    assert np.allclose(remove_dithering(steps, COUNT), steps)
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.2])

@@ -251,5 +251,5 @@ def test_what_the_nano_cuts_off_is_not_applied(tmp_path):
 
 def test_without_the_look_at_the_cut_off_it_would_be_applied(tmp_path, monkeypatch):
     """Negative control."""
-    monkeypatch.setattr(Driver, "passed", lambda self, applied: applied)
+    monkeypatch.setattr(Driver, "apply_cutoff", lambda self, applied: applied)
     assert max(cut_off(applied_behind_a_cut(tmp_path))) > 0.2

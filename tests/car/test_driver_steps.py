@@ -57,6 +57,6 @@ def test_a_car_is_settled_after_a_tenth_of_a_second_without_a_gap(good_for, sett
         for _ in car.states(duration=0.5):
             pass
         driver = car._engine.driver
-        assert driver.settled(car.now)
+        assert driver.is_settled(car.now)
         driver.observer._good_since = car.now - good_for
-        assert driver.settled(car.now) == settled
+        assert driver.is_settled(car.now) == settled

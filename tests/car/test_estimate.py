@@ -104,7 +104,7 @@ def test_dead_reckoning_with_a_doubted_encoder_is_not_sure(fault, monkeypatch):
                    if s.health.doubts or s.t < 4.0)
 
     assert worst() < FAR
-    monkeypatch.setattr(Telemetry, "_missed", lambda self, speed, std: 0.0)
+    monkeypatch.setattr(Telemetry, "_undetected_speed", lambda self, speed, std: 0.0)
     assert worst() > FAR, "the doubt makes no difference"
 
 

@@ -12,7 +12,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.car.export.lerobot import COMMANDED, OBSERVED, episode, statistics, write_lerobot
+from dart_hal.car.export.lerobot import (
+    ACTION_COLUMNS,
+    OBSERVATION_COLUMNS,
+    episode,
+    statistics,
+    write_lerobot,
+)
 from dart_hal.car.table import read_table
 from dart_hal.core.errors import UsageError
 
@@ -90,13 +96,13 @@ def test_a_frame_is_the_newest_state_and_the_newest_command_until_then(tables):
     table = tables[0]
     columns, held = episode(table, 50)
     assert held == 0
-    t, t0 = table.columns["t"], table.columns["t"][np.isfinite(table.columns[COMMANDED[0]])][0]
+    t, t0 = table.columns["t"], table.columns["t"][np.isfinite(table.columns[ACTION_COLUMNS[0]])][0]
     for k in (0, 7, len(columns["action"]) - 1):
         row = np.flatnonzero(t <= t0 + k / 50 + 1e-9)[-1]
-        wanted = [table.columns[name][row] for name in OBSERVED]
+        wanted = [table.columns[name][row] for name in OBSERVATION_COLUMNS]
         assert columns["observation.state"][k].tolist() == (
             np.nan_to_num(np.float32(wanted)).tolist())
-        asked = table.columns[COMMANDED[0]][:row + 1]
+        asked = table.columns[ACTION_COLUMNS[0]][:row + 1]
         assert columns["action"][k, 0] == np.float32(asked[np.isfinite(asked)][-1])
 
 
@@ -106,7 +112,7 @@ def test_no_number_is_missing(tables):
     columns["yaw_rate"][:60] = columns["yaw_rate"][70:80] = np.nan
     columns["yaw_rate"][69] = 0.25
     table = type(tables[0])(tables[0].run, tables[0].hello, 0, columns)
-    yaw_rate = episode(table, 100)[0]["observation.state"][:, OBSERVED.index("yaw_rate")]
+    yaw_rate = episode(table, 100)[0]["observation.state"][:, OBSERVATION_COLUMNS.index("yaw_rate")]
     assert np.isfinite(yaw_rate).all()
     assert np.count_nonzero(yaw_rate == np.float32(0.25)) >= 8
 
@@ -128,7 +134,7 @@ def test_statistics_are_of_each_column():
 def test_a_run_in_which_nobody_drove_is_refused(tmp_path):
     with Car.open("sim://?seed=1&nano=mock", record=tmp_path / "still.mcap") as car:
         list(car.states(duration=0.1))
-    with pytest.raises(UsageError, match="nobody drove"):
+    with pytest.raises(UsageError, match="no commands"):
         write_lerobot([read_table(tmp_path / "still.mcap")], tmp_path / "set")
 
 

@@ -52,22 +52,23 @@ def jpeg(colours, size=(32, 16)):
 def test_it_is_the_image_feature_of_the_format(data_set):
     path, made = data_set
     info = json.loads((path / "meta" / "info.json").read_text())
-    assert info["features"][pictures.NAME] == {
+    assert info["features"][pictures.IMAGE_FEATURE] == {
         "dtype": "image", "shape": [240, 320, 3], "names": ["height", "width", "channels"]}
     assert info["video_path"] is None
     data = pq.read_table(path / info["data_path"].format(chunk_index=0, file_index=0))
     assert set(data.column_names) == set(info["features"])
-    assert str(data.schema.field(pictures.NAME).type) == "struct<bytes: binary, path: string>"
-    shown = data.column(pictures.NAME).to_pylist()
+    kind = data.schema.field(pictures.IMAGE_FEATURE).type
+    assert str(kind) == "struct<bytes: binary, path: string>"
+    shown = data.column(pictures.IMAGE_FEATURE).to_pylist()
     assert len(shown) == made.frames
     for one in (shown[0], shown[-1]):
         with Picture.open(BytesIO(one["bytes"])) as picture:
             assert (picture.size, picture.mode, one["path"]) == ((320, 240), "RGB", None)
     rows = pq.read_table(path / "meta" / "episodes" / "chunk-000" / "file-000.parquet").to_pylist()
-    stats = json.loads((path / "meta" / "stats.json").read_text())[pictures.NAME]
+    stats = json.loads((path / "meta" / "stats.json").read_text())[pictures.IMAGE_FEATURE]
     assert set(stats) == {"min", "max", "mean", "std", "count", *QUANTILES}
     for name in set(stats) - {"count"}:
-        assert np.shape(stats[name]) == np.shape(rows[1][f"stats/{pictures.NAME}/{name}"]) == (
+        assert np.shape(stats[name]) == np.shape(rows[1][f"stats/{pictures.IMAGE_FEATURE}/{name}"]) == (
             3, 1, 1)
     assert 0.0 <= np.min(stats["min"]) < np.min(stats["mean"]) < np.max(stats["max"]) <= 1.0
 
@@ -79,10 +80,10 @@ def test_a_frame_has_the_newest_image_that_had_come(table):
     asked = table.columns["t"][np.isfinite(table.columns["command_steering"])][0]
     begin = max(asked, images[0].arrival)
     assert held == 0
-    for k, shown in enumerate(columns[pictures.NAME]):
+    for k, shown in enumerate(columns[pictures.IMAGE_FEATURE]):
         come = [image for image in images if image.arrival <= begin + k / 50 + 1e-9]
         assert shown == come[-1].jpeg, k
-    assert set(columns[pictures.NAME]) == {image.jpeg for image in images}
+    assert set(columns[pictures.IMAGE_FEATURE]) == {image.jpeg for image in images}
 
 
 def test_frames_of_a_camera_that_fell_silent_are_counted(table):
@@ -113,7 +114,7 @@ def test_runs_with_and_without_a_camera_make_no_data_set(table, tmp_path):
     assert not (tmp_path / "set").exists()
     write_lerobot([blind, blind], tmp_path / "set")
     info = json.loads((tmp_path / "set" / "meta" / "info.json").read_text())
-    assert pictures.NAME not in info["features"]
+    assert pictures.IMAGE_FEATURE not in info["features"]
 
 
 @pytest.mark.parametrize(("images", "why"), [

@@ -7,7 +7,7 @@ import socket
 import pytest
 
 from dart_hal.car import Fleet
-from dart_hal.car.fleet import _distinct
+from dart_hal.car.fleet import _check_distinct
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.run import RunReader
 
@@ -39,9 +39,9 @@ class Named:
 
 def test_two_real_cars_do_not_share_their_files():
     with pytest.raises(UsageError, match="dart-01"):
-        _distinct([Named("dart-01", simulated=False)] * 2)
-    _distinct([Named("dart-01", simulated=False), Named("dart-02", simulated=False)])
-    _distinct([Named("sim-0", simulated=True)] * 2)
+        _check_distinct([Named("dart-01", simulated=False)] * 2)
+    _check_distinct([Named("dart-01", simulated=False), Named("dart-02", simulated=False)])
+    _check_distinct([Named("sim-0", simulated=True)] * 2)
 
 
 def test_the_option_reaches_every_car():

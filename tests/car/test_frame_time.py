@@ -11,7 +11,7 @@ from unittest.mock import patch
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.car.engine import GRACE, Engine
+from dart_hal.car.engine import MAX_LOOP_ANSWER_TIME, Engine
 from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.messages import PARAM_GET
 
@@ -39,7 +39,7 @@ def wait(car: Car, seconds: float) -> None:
 def test_unanswered_state_is_followed_by_its_pulses_after_the_grace_time(car, wakes):
     """Control: a read that does not end for the pulses lets them wait for the next State."""
     engine = car._engine
-    patience = Engine._patience if wakes else lambda engine, timeout: timeout
+    patience = Engine._read_timeout if wakes else lambda engine, timeout: timeout
     reads: list[float] = []
     states: list[float] = []
     writes: list[float] = []
@@ -54,12 +54,13 @@ def test_unanswered_state_is_followed_by_its_pulses_after_the_grace_time(car, wa
         assert len(reads) < 1000, "reads that do not wait"
         return reads[-1]
 
-    with patch.object(Engine, "_patience", note_read), patch.object(engine.driver, "frame", note):
+    with patch.object(Engine, "_read_timeout", note_read), patch.object(engine.driver, "frame", note):
         car.on_state(lambda state: states.append(engine.now))
         wait(car, 0.1)
     delays = [write - max(t for t in states if t <= write) for write in writes if write > states[0]]
     assert len(delays) >= 4
-    assert all(delay == pytest.approx(GRACE, abs=1e-4) for delay in delays) == wakes, delays
+    answered = [delay == pytest.approx(MAX_LOOP_ANSWER_TIME, abs=1e-4) for delay in delays]
+    assert all(answered) == wakes, delays
 
 
 @pytest.mark.parametrize(("delay", "cautioned"), [(0.025, True), (0.015, False)])
@@ -69,8 +70,8 @@ def test_frames_later_than_one_pwm_frame_bring_a_caution(car, delay, cautioned):
     engine._frames = 1000
     for k in range(500):
         engine._due, engine._due_since = True, 10.0
-        engine._note_lateness(10.0 + GRACE + (0.1 if k % 125 == 0 else delay))
-    assert engine.driver.observer.loop_late == pytest.approx(delay)
+        engine._note_latency(10.0 + MAX_LOOP_ANSWER_TIME + (0.1 if k % 125 == 0 else delay))
+    assert engine.driver.observer.loop_latency == pytest.approx(delay)
     names = [caution.name for caution in engine.driver.cautions(engine.now)]
     assert ("LOOP_LATE" in names) == cautioned
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from dart_hal.car import Car
 from dart_hal.car.hooks import Hooks
-from dart_hal.car.receive import INBOX, Receiver
+from dart_hal.car.receive import MAX_QUEUED_MESSAGES, Receiver
 from dart_hal.car.telemetry import Telemetry
 from dart_hal.car.transmit import Transmitter
 from dart_hal.wire.codec import UP, encode
@@ -90,7 +90,7 @@ def lied_to(opened, seed, frames):
     for _ in range(frames):
         t += liar.rng.choice((0.0, 0.01, 0.01, 3.0))
         states += ear.feed(liar.frame(), t, applied)
-        assert len(ear.inbox) <= INBOX
+        assert len(ear.inbox) <= MAX_QUEUED_MESSAGES
         assert len(ear.captures) <= 4
     assert [s.seq for s in states] == sorted({s.seq for s in states})
     return states
@@ -129,7 +129,7 @@ def test_only_an_answer_of_ok_is_a_parameter_and_the_last_counts(opened, answers
         ear.feed(encode(PARAM_VALUE, k & 0xFF, {"id": ident, "status": status, "req_seq": 0,
                                                 "value": value}), 0.0, applied)
     assert ear.params == {ident: value for ident, status, value in answers if status == OK}
-    assert len(ear.inbox) == min(len(answers), INBOX)
+    assert len(ear.inbox) == min(len(answers), MAX_QUEUED_MESSAGES)
 
 
 def test_parameters_are_those_of_this_boot(opened):

@@ -139,7 +139,7 @@ def test_a_program_that_never_asks_keeps_the_newest():
 
 
 def test_a_real_camera_does_not_wait_for_a_program_in_virtual_time(monkeypatch):
-    with pytest.raises(UsageError, match="stands still") as refused:
+    with pytest.raises(UsageError, match="waits while its program") as refused:
         Car.open(URL, camera="usb:0")
     assert "pace=1" in refused.value.remedy
     monkeypatch.setenv("DART_HAL_CAMERA", "colour://red")

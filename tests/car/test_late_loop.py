@@ -35,15 +35,15 @@ class Wall:
 
 
 def rounds(timer: LoopTimer, wall: Wall, work: float, armed: bool = True) -> None:
-    timer.give()
+    timer.record_delivery()
     wall.t += work
-    timer.asked(1, armed=armed, waits=False)
+    timer.record_request(1, armed=armed, waits=False)
 
 
 def test_the_first_late_round_is_told_and_every_one_is_counted(caplog):
     wall = Wall()
     timer = LoopTimer(wall)
-    timer.asked(1, armed=True, waits=False)
+    timer.record_request(1, armed=True, waits=False)
     rounds(timer, wall, 0.9 * SLOW)
     assert not caplog.messages
     rounds(timer, wall, 2 * SLOW)
@@ -58,9 +58,9 @@ def test_a_loop_at_a_lower_rate_has_its_own_period_to_work(caplog):
     wall = Wall()
     timer = LoopTimer(wall)
     for work, late in ((0.10, 0), (0.12, 1)):
-        timer.give()
+        timer.record_delivery()
         wall.t += work
-        timer.asked(10, armed=True, waits=False)
+        timer.record_request(10, armed=True, waits=False)
         assert timer.late == late
     assert "they come each 100 ms" in caplog.text
 
@@ -73,9 +73,9 @@ def test_a_verb_says_of_its_own_loop_only_what_a_real_car_would_notice(verb, wai
     with contextlib.suppress(SystemExit):
         main([verb, "--help"])
     capsys.readouterr()
-    timer.give()
+    timer.record_delivery()
     wall.t += 0.1
-    timer.asked(1, armed=True, waits=waits)
+    timer.record_request(1, armed=True, waits=waits)
     assert ("the loop took 100 ms" in capsys.readouterr().err) == said
 
 

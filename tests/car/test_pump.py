@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import pytest
 
 from dart_hal.car import pump as pumps
-from dart_hal.car.pump import SLICE, ThreadPump
-from dart_hal.car.reconnect import Found
+from dart_hal.car.pump import MAX_READ_TIME, ThreadPump
+from dart_hal.car.reconnect import FoundBoard
 from dart_hal.core.errors import LinkLost
 from dart_hal.devices.links.serial_port import SerialLink
 
@@ -78,7 +78,7 @@ class NarrowPump(ThreadPump):
     def _run(self):
         try:
             while not self._ended.is_set():
-                self._engine.step(SLICE)
+                self._engine.step(MAX_READ_TIME)
         except Exception as error:  # noqa: BLE001
             self._hold(error, None)
         except SystemExit:
@@ -147,7 +147,7 @@ class Port(SerialLink):
 def test_a_lost_board_is_looked_for_by_its_number(monkeypatch, known):
     """One that never said HELLO has no number: neutral is repeated, and nothing is opened."""
     lost = Port()
-    back = Found(Port(), b"HELLO")
+    back = FoundBoard(Port(), b"HELLO")
     searches: list[tuple[int, int]] = []
     resumed = threading.Event()
 
@@ -174,7 +174,7 @@ def test_a_lost_board_is_looked_for_by_its_number(monkeypatch, known):
         return ["state"]
 
     engine.resume = resume
-    monkeypatch.setattr(pumps, "Search", Search)
+    monkeypatch.setattr(pumps, "BoardSearch", Search)
     pump = ThreadPump(engine)
     try:
         with pytest.raises(LinkLost, match="vanished"):

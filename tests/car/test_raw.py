@@ -139,7 +139,7 @@ def test_a_car_that_is_not_lifted_after_all_is_stopped(bench):
 
 def test_without_the_look_at_the_imu_it_would_drive_off(bench, monkeypatch):
     """Negative control."""
-    monkeypatch.setattr(Observer, "on_the_move", False)
+    monkeypatch.setattr(Observer, "is_moving", False)
     with pytest.raises(pytest.fail.Exception):
         moving(bench)
 

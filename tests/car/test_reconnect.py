@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from dart_hal.car.handshake import ASK, LISTEN
-from dart_hal.car.reconnect import LOOK_EVERY, SILENT_FOR, Search
+from dart_hal.car.handshake import BOOT_SILENCE, REQUEST_TIME
+from dart_hal.car.reconnect import RETRY_TIME, SCAN_INTERVAL, BoardSearch
 from dart_hal.devices.links import serial_port
 from dart_hal.devices.links.serial_port import candidates
 from dart_hal.wire.codec import UP, encode
@@ -68,7 +68,7 @@ def ports():
         port.close()
 
 
-def steps(search: Search, start: float, stop: float):
+def steps(search: BoardSearch, start: float, stop: float):
     """Look each 40 ms of the clock until something is found: (time, found)."""
     now = start
     while now < stop:
@@ -82,12 +82,12 @@ def steps(search: Search, start: float, stop: float):
 def test_all_ports_are_listened_to_at_once_and_the_right_board_is_taken(ports):
     silent, right = ports
     plugged = Plugged([silent.device, right.device])
-    search = Search(plugged, OURS, 500_000)
+    search = BoardSearch(plugged, OURS, 500_000)
     assert search.look(0.0) is None
     frame = right.hello(OURS)
     when, found = steps(search, 0.04, 1.0)
     assert when <= 0.08, "the silent one is not waited for"
-    assert found.said == frame, "nothing of what it said is lost"
+    assert found.received == frame, "nothing of what it said is lost"
     assert found.link.device == right.device
     found.link.close()
     search.close()
@@ -96,7 +96,7 @@ def test_all_ports_are_listened_to_at_once_and_the_right_board_is_taken(ports):
 def test_another_board_is_let_go_until_it_is_unplugged(ports):
     other, _ = ports
     plugged = Plugged([other.device])
-    search = Search(plugged, OURS, 500_000)
+    search = BoardSearch(plugged, OURS, 500_000)
     search.look(0.0)
     other.hello(OURS + 1)
     assert steps(search, 0.04, 20.0)[1] is None
@@ -114,13 +114,13 @@ def test_another_board_is_let_go_until_it_is_unplugged(ports):
 
 def test_a_silent_port_is_asked_after_its_boot_loader_and_tried_again(ports):
     port, _ = ports
-    search = Search(Plugged([port.device]), OURS, 500_000)
-    steps(search, 0.0, LISTEN - 0.05)
+    search = BoardSearch(Plugged([port.device]), OURS, 500_000)
+    steps(search, 0.0, BOOT_SILENCE - 0.05)
     assert not port.asked(), "a byte would restart the boot loader's time-out"
-    steps(search, LISTEN, LISTEN + ASK + 0.2)
+    steps(search, BOOT_SILENCE, BOOT_SILENCE + REQUEST_TIME + 0.2)
     assert port.asked()
-    again = LISTEN + ASK + SILENT_FOR + 0.4
-    steps(search, LISTEN + ASK + 0.2, again)
+    again = BOOT_SILENCE + REQUEST_TIME + RETRY_TIME + 0.4
+    steps(search, BOOT_SILENCE + REQUEST_TIME + 0.2, again)
     port.hello(OURS)
     _, found = steps(search, again, again + 1.0)
     assert found is not None
@@ -129,15 +129,15 @@ def test_a_silent_port_is_asked_after_its_boot_loader_and_tried_again(ports):
 
 def test_looking_at_what_is_plugged_in_is_seldom():
     plugged = Plugged()
-    steps(Search(plugged, OURS, 500_000), 0.0, 10.0)
-    assert plugged.looks <= 10.0 / LOOK_EVERY + 1
+    steps(BoardSearch(plugged, OURS, 500_000), 0.0, 10.0)
+    assert plugged.looks <= 10.0 / SCAN_INTERVAL + 1
 
 
 def test_a_port_that_is_not_there_or_not_ours_yet_is_tried_at_the_next_look(ports):
     port, _ = ports
     plugged = Plugged([port.device, "/dev/pts/no-such-port"])
     holder = serial_port.SerialLink(port.device)
-    search = Search(plugged, OURS, 500_000)
+    search = BoardSearch(plugged, OURS, 500_000)
     assert steps(search, 0.0, 1.0)[1] is None
     holder.close()
     search.look(1.25)

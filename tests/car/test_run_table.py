@@ -10,7 +10,7 @@ import pytest
 
 from dart_hal import Car, to_dataframe
 from dart_hal.car.export import write_csv, write_parquet
-from dart_hal.car.table import COLUMNS, read_table
+from dart_hal.car.table import TABLE_COLUMNS, read_table
 from dart_hal.core.errors import RecordingError, UsageError
 
 
@@ -34,7 +34,7 @@ def test_every_state_is_a_row_and_every_number_is_exact(run):
     table = read_table(path)
     last = slice(len(table) - len(states), None)
     for name in ("t", "speed", "yaw_rate", "accel_x", "ticks", "steering_us"):
-        expected = np.array([COLUMNS[name].of(s) for s in states], dtype=float)  # None: NaN
+        expected = np.array([TABLE_COLUMNS[name].of(s) for s in states], dtype=float)  # None: NaN
         np.testing.assert_array_equal(table.columns[name][last], expected)
     assert np.isfinite(table.columns["yaw_rate"][-1])
     assert {len(column) for column in table.columns.values()} == {len(table)}
@@ -58,7 +58,7 @@ def test_units_are_told_of_every_column(run):
     assert list(table.units) == list(table.columns)
     assert {n: table.units[n] for n in ("t", "speed", "yaw_rate", "steering_us", "log/loop/n")} == {
         "t": "s", "speed": "m/s", "yaw_rate": "rad/s", "steering_us": "us", "log/loop/n": ""}
-    assert all(column.meaning for column in COLUMNS.values())
+    assert all(column.meaning for column in TABLE_COLUMNS.values())
 
 
 def test_a_csv_reads_back_exactly(run, tmp_path):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dart_hal import Car
-from dart_hal.car.compare import LASTING, _lasting
+from dart_hal.car.compare import MIN_DIFFERENT_ROWS, _first_lasting
 from tests.pages import foreign
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
@@ -121,8 +121,8 @@ def test_what_is_no_run_is_refused_by_name(verb, runs, tmp_path):
 
 def test_a_difference_must_last():
     apart = np.zeros(50, dtype=bool)
-    apart[10:10 + LASTING - 1] = True
-    assert _lasting(apart) is None
-    apart[20:20 + LASTING] = True
-    assert _lasting(apart) == 20
-    assert _lasting(apart[:2]) is None
+    apart[10:10 + MIN_DIFFERENT_ROWS - 1] = True
+    assert _first_lasting(apart) is None
+    apart[20:20 + MIN_DIFFERENT_ROWS] = True
+    assert _first_lasting(apart) == 20
+    assert _first_lasting(apart[:2]) is None

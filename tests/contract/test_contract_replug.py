@@ -96,5 +96,5 @@ def test_waiting_for_a_cable_is_no_busy_loop(served_by_name):
         begin, frames = time.monotonic(), counters.frames
         time.sleep(1.0)
         rate = (counters.frames - frames) / (time.monotonic() - begin)
-        assert rate <= 1.1 / pump.AWAY
+        assert rate <= 1.1 / pump.REFRESH_INTERVAL
         assert car._engine.driver._guard.age is not None, "and the guard is beaten meanwhile"

@@ -130,7 +130,7 @@ class Drive:
             for states in fleet.states(duration=seconds):
                 motion = states[0].estimate.at(own.now)
                 if not blind:
-                    self.others.look(motion)
+                    self.others.update(motion)
                 steering, speed = self.follower.answer(motion)
                 if self.follower.phase is Phase.ENDED:
                     break
@@ -228,9 +228,9 @@ def test_another_frame_ends_the_drive():
     others = Others(SimpleNamespace(other_poses=lambda: told), follower)
 
     def each(t, follower, motion):
-        others.look(motion)
+        others.update(motion)
         return motion
 
     light_drive(follower, each=each, seconds=5.0)
-    assert follower.why == "red tells its place in the frame 'start', this car in 'room'"
+    assert follower.why == "red sends poses in the frame 'start', this car in 'room'"
     assert not follower.good

@@ -10,7 +10,7 @@ from fault_table.drive import PERIOD, WAIVE, Drive, forward
 
 from dart_hal.car.driver import Driver
 from dart_hal.car.engine import Engine
-from dart_hal.car.facts import LIVE_AFTER, Observer
+from dart_hal.car.facts import MAX_SWITCH_ON_TIME, Observer
 from dart_hal.car.guarding import GuardPost
 from dart_hal.devices.actuation.arming import GOOD_FOR
 from dart_lab.sim.faults import LineFaults
@@ -54,7 +54,7 @@ def test_esc_behind_oe_receives_its_whole_neutral_time(tmp_path, counts):
 @pytest.mark.slow_except("mux-*")
 def test_raw_waits_until_the_nano_passes_its_pulses(tmp_path, cutoff, waits):
     """Control: a driver that expects the pulses behind the cut-off at once ends raw()."""
-    limit = LIVE_AFTER if waits else 0.0
+    limit = MAX_SWITCH_ON_TIME if waits else 0.0
     with (patch("dart_hal.car.driver.LIVE_AFTER", limit),
           Drive(tmp_path, f"&cutoff={cutoff}") as drive):
         drive.run(1.0)
@@ -70,8 +70,8 @@ def test_raw_waits_until_the_nano_passes_its_pulses(tmp_path, cutoff, waits):
 @pytest.mark.slow_except("*-mux-*")
 def test_state_reports_the_pulse_that_the_cutoff_leaves(tmp_path, cutoff, pulse_us, reports):
     """The Nano cuts because no beat reaches it. Control: report the pulses of the PCA9685."""
-    method = Driver.passed if reports else lambda driver, applied: applied
-    with (patch.object(Driver, "passed", method),
+    method = Driver.apply_cutoff if reports else lambda driver, applied: applied
+    with (patch.object(Driver, "apply_cutoff", method),
           Drive(tmp_path, f"&cutoff={cutoff}") as drive):
         drive.driving(seconds=0.1)
         start = drive.now
@@ -208,6 +208,6 @@ def test_run_stop_ends_arming(tmp_path, held):
         driver = drive.car._engine.driver
         driver.arm(drive.now, WAIVE)
         assert driver.mode == "ARMING"
-        driver.hold(held, drive.now, "page")
+        driver.set_run_stop(held, drive.now, "page")
         assert driver.mode == ("DISARMED" if held else "ARMING")
         assert driver.supervisor.reasons == (("RUN_STOP",) if held else ())

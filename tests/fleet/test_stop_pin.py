@@ -63,7 +63,7 @@ def test_a_car_that_does_not_hear_drives_on(monkeypatch):
 @pytest.mark.slow
 def test_a_trip_that_is_not_carried_out_is_seen(monkeypatch):
     """Control: the car knows that it is stopped, and the pin does not."""
-    monkeypatch.setattr(Driver, "hold", lambda self, *given: None)
+    monkeypatch.setattr(Driver, "set_run_stop", lambda self, *given: None)
     assert stop_one_by_another("local://stop")[0][1] > 0.5
 
 

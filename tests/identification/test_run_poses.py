@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.car.run_poses import mocap_of
+from dart_hal.car.run_poses import mocap_from_poses
 from dart_hal.car.runs import read_run
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import ExternalPose
@@ -132,7 +132,7 @@ def test_a_source_that_began_anew_is_told_by_its_arrival():
 
 def test_the_date_of_a_run_is_that_of_its_source():
     t = np.arange(0.0, 1.0, 0.01)
-    mocap, start, _ = mocap_of(poses(1.75e9 + t, 5.0 + t))
+    mocap, start, _ = mocap_from_poses(poses(1.75e9 + t, 5.0 + t))
     assert mocap.epoch == 1.75e9
     assert start == pytest.approx(5.0, abs=1e-6)
-    assert mocap_of(poses(t, t)[:29]) is None
+    assert mocap_from_poses(poses(t, t)[:29]) is None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.car.runs import EVERY, FINE, finer, read_run
+from dart_hal.car.runs import FRAMES_PER_FINE_MESSAGE, FRAMES_PER_MESSAGE, finer, read_run
 from dart_hal.core.timing import SAMPLE
 from dart_lab.identification.prediction.commands import step_of
 
@@ -25,10 +25,10 @@ def jumping(tmp_path_factory):
     return path
 
 
-@pytest.mark.parametrize("every", [EVERY, FINE])
+@pytest.mark.parametrize("every", [FRAMES_PER_MESSAGE, FRAMES_PER_FINE_MESSAGE])
 def test_a_mean_stands_for_its_span(jumping, every):
     run = read_run(jumping, every)
-    assert np.median(np.diff(run.messages.t)) < 0.5 * EVERY * SAMPLE  # what does not tell it
+    assert np.median(np.diff(run.messages.t)) < 0.5 * FRAMES_PER_MESSAGE * SAMPLE
     assert step_of(run) == pytest.approx(every * SAMPLE)
 
 
@@ -36,7 +36,7 @@ def test_a_mean_stands_for_its_span(jumping, every):
 def test_a_coarse_run_is_read_anew_and_a_fine_one_is_not(jumping):
     coarse = read_run(jumping)
     fine = finer(coarse)
-    assert fine.span == pytest.approx(FINE * SAMPLE)
+    assert fine.span == pytest.approx(FRAMES_PER_FINE_MESSAGE * SAMPLE)
     assert len(fine.messages) > len(coarse.messages)
     assert finer(fine) is fine
     of_the_moment = replace(coarse, span=0.0)

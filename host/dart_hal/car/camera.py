@@ -1,4 +1,4 @@
-"""``car.camera``: images polled at each chunk, recorded, told in States."""
+"""``car.camera``: images that are polled at each chunk, recorded, and put into States."""
 
 from __future__ import annotations
 
@@ -16,29 +16,31 @@ from dart_hal.devices.camera import open_camera
 from dart_hal.devices.camera.health import CameraHealth, Watch
 from dart_hal.devices.links.base import Backend
 
-KEPT = 16
-"""Images that wait for ``images``: 1 s; of a program that never asks the oldest are dropped."""
+# Images that wait for ``images``, about 1 s; beyond, the oldest are dropped.
+MAX_QUEUED_IMAGES = 16
 
 
 class CarCamera:
-    """The camera of an open car. lock(): held while what came is read.
+    """Camera of an open car, reached by ``car.camera``.
 
+    source: where the images come from. lock(): lock of the thread that receives them.
     ``record`` is called with each image.
     """
 
     def __init__(self, source: ImageSource,
                  lock: Callable[[], AbstractContextManager[Any]]) -> None:
         self.record: Callable[[Image], None] = lambda image: None
-        self._source, self._lock = source, lock
+        self._source = source
+        self._lock = lock
         self._newest: Image | None = None
-        self._waiting: deque[Image] = deque(maxlen=KEPT)
+        self._waiting: deque[Image] = deque(maxlen=MAX_QUEUED_IMAGES)
         self._watch = Watch()
-        self._early: deque[Image] = deque(maxlen=KEPT)
+        self._early: deque[Image] = deque(maxlen=MAX_QUEUED_IMAGES)
 
     def images(self) -> tuple[Image, ...]:
-        """Return the images that came since the last call, at most the newest 16.
+        """Return the images since the last call, oldest first, at most the newest 16.
 
-        ``State.image`` is the newest alone. Empty while none come: ``trouble`` says why.
+        ``State.image`` is the newest alone. Empty while none arrive: ``trouble`` is the reason.
         """
         with self._lock():
             came = tuple(self._waiting)
@@ -47,19 +49,20 @@ class CarCamera:
 
     @property
     def trouble(self) -> DartHalError | None:
-        """Why no images come; None while they do."""
+        """Return why no images arrive; None while they do."""
         return self._source.trouble
 
     @property
     def health(self) -> CameraHealth | None:
-        """What the last 2 s of images say about the camera; None before the second."""
+        """Return the condition of the camera over the last 2 s; None before the second image."""
         with self._lock():
             return self._watch.health()
 
     def take(self, states: list[State], t: float, now: float) -> list[State]:
-        """States of a chunk that arrived at ``t``, with the newest image that was there by then.
+        """Return the States of a chunk with the newest image that had arrived by then.
 
-        What arrived later waits, so that a replay sees the same. now [s]: the car's clock.
+        Later images wait for the next chunk, so that a replay, which has only the arrival times,
+        gives the same States. t: arrival of the chunk [s]; now: time [s] of the car's clock.
         """
         self._early.extend(self._source.poll(now))
         while self._early and self._early[0].arrival <= t:
@@ -70,26 +73,29 @@ class CarCamera:
         return [replace(state, image=self._newest) for state in states]
 
 
-def give_camera(backend: Backend, camera: str | ImageSource | None) -> None:
-    """Let ``camera``, else $DART_HAL_CAMERA, be the camera of a backend that has none of its own.
+def attach_camera(backend: Backend, camera: str | ImageSource | None) -> None:
+    """Attach ``camera``, else $DART_HAL_CAMERA, to a backend that has no camera of its own.
 
-    A recording keeps the images that it holds. Raises what ``open_camera`` raises.
+    A recording keeps its own images. Raises what ``open_camera`` raises.
     """
     if camera is None and backend.camera is None and backend.bus is not None:
         camera = os.environ.get("DART_HAL_CAMERA") or None
     if camera is not None:
-        backend.camera = camera_of(backend, camera) if isinstance(camera, str) else camera
+        backend.camera = open_named_camera(backend, camera) if isinstance(camera, str) else camera
     if backend.camera is not None:
         backend.closers += (backend.camera.close,)
 
 
-def camera_of(backend: Backend, name: str) -> ImageSource:
-    """One that a backend has by this name, else one of this computer. Raises as ``give_camera``."""
+def open_named_camera(backend: Backend, name: str) -> ImageSource:
+    """Open a camera of the backend by its name, else one of this computer.
+
+    Raises as ``attach_camera``.
+    """
     if name in backend.cameras:
         return backend.cameras[name]()
     if backend.virtual:
-        raise UsageError(f"camera={name}: {backend.url.text} stands still while its program "
+        raise UsageError(f"camera={name}: {backend.url.text} waits while its program "
                          "computes, a camera does not", found=name,
                          expected=", ".join(backend.cameras) or "a car in real time",
-                         remedy="sim://?pace=1 for a real camera beside an emulated car")
+                         remedy="sim://?pace=1 for a real camera with an emulated car")
     return open_camera(name)

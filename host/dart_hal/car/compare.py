@@ -1,4 +1,4 @@
-"""Two runs side by side: what was driven, what came of it, what differs, and from when on."""
+"""Comparison of two runs: facts that differ, and when their motion diverges."""
 
 from __future__ import annotations
 
@@ -15,27 +15,32 @@ from dart_hal.core.errors import ConfigError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray
 
-CHANNELS = ("speed", "yaw_rate", "steering", "throttle", "command_steering", "command_throttle")
-SAME_COMMAND = {"command_steering": 0.01, "command_throttle": 0.01}
-"""rad and -1..1: commands closer than this are the same, whatever the phase of the two loops."""
-APART = {"speed": 0.05, "yaw_rate": 0.1}
-"""m/s and rad/s: the least that counts as a difference of two drives. For the speed three
-common sigmas where they are more; the gyro states none."""
-LASTING = 5
-"""Rows, 50 ms, for which a difference must last: one row is the jitter of a loop's answer."""
-FIRMWARE = ("firmware", "git", "schema", "proto", "board_id", "bootloader", "edges_per_rev", "caps")
+# Columns of a run of which the statistics are compared.
+COMPARED_CHANNELS = ("speed", "yaw_rate", "steering", "throttle", "command_steering",
+                     "command_throttle")
+# rad and -1..1: up to this difference two commands count as the same. The loops of two runs have
+# different phases.
+MAX_COMMAND_DIFFERENCE = {"command_steering": 0.01, "command_throttle": 0.01}
+# m/s and rad/s: smallest difference between two runs. For the speed three common standard errors,
+# where they are larger; the gyro states none.
+MIN_DIFFERENCE = {"speed": 0.05, "yaw_rate": 0.1}
+# Rows of 10 ms for which a difference must last: a single row is jitter of a control loop.
+MIN_DIFFERENT_ROWS = 5
+# Fields of HELLO that are compared.
+FIRMWARE_FACTS = ("firmware", "git", "schema", "proto", "board_id", "bootloader", "edges_per_rev",
+                  "caps")
 
 
-class Differs(NamedTuple):
-    """A fact that is another in the two runs; None: not in that one."""
+class Difference(NamedTuple):
+    """A fact that differs between two runs; None: that run does not have it."""
 
     name: str
     a: Any
     b: Any
 
 
-class Moment(NamedTuple):
-    """When two runs part: s since the first command, the channel, and both values there."""
+class Divergence(NamedTuple):
+    """The moment t [s] after the first command when two runs diverge, the channel, both values."""
 
     t: float
     channel: str
@@ -45,17 +50,20 @@ class Moment(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Of two runs. same_commands: s from the first command on for which both were driven alike,
-    None where one was not driven; parted: the first difference within that time, None: none."""
+    """Comparison of runs a and b.
+
+    same_commands: time [s] from the first command on with equal commands, None where one run has
+    no command. parted: first difference of the motion within that time, None: there is none.
+    """
 
     a: RunTable
     b: RunTable
-    differs: tuple[Differs, ...]
+    differs: tuple[Difference, ...]
     same_commands: float | None
-    parted: Moment | None
+    parted: Divergence | None
 
     def to_json(self) -> dict[str, Any]:
-        """The object of ``dart-hal compare --json``."""
+        """Return the object of ``dart-hal compare --json``."""
         return {"runs": [_facts(table) for table in (self.a, self.b)],
                 "statistics": {name: [statistics(t.columns[name]) for t in (self.a, self.b)]
                                for name in self.channels},
@@ -65,23 +73,23 @@ class Comparison:
 
     @property
     def channels(self) -> list[str]:
-        """What both have: the six of ``CHANNELS``, and what both programs logged."""
+        """Return the names of ``COMPARED_CHANNELS`` and of what both programs logged."""
         logged = [n for n in self.a.columns if n.startswith("log/") and n in self.b.columns]
-        return [*CHANNELS, *logged]
+        return [*COMPARED_CHANNELS, *logged]
 
 
 def compare(a: Path, b: Path) -> Comparison:
-    """Read and compare two runs. Errors: as ``read_table``."""
+    """Read and compare two runs. Raises as ``read_table``."""
     one, other = read_table(a), read_table(b)
     same = parted = None
-    drives = driven(one), driven(other)
+    drives = resample_from_first_command(one), resample_from_first_command(other)
     if drives[0] is not None and drives[1] is not None:
-        same, parted = _parting(drives[0], drives[1])
+        same, parted = _find_divergence(drives[0], drives[1])
     return Comparison(one, other, tuple(_differences(one, other)), same, parted)
 
 
 def statistics(values: FloatArray) -> dict[str, float]:
-    """n of the values that are there, and their mean, standard deviation, least and largest."""
+    """Return number, mean, standard deviation, minimum and maximum of the finite values."""
     there = values[np.isfinite(values)]
     if not len(there):
         return {"n": 0}
@@ -89,8 +97,11 @@ def statistics(values: FloatArray) -> dict[str, float]:
             "min": float(there.min()), "max": float(there.max())}
 
 
-def driven(table: RunTable) -> dict[str, FloatArray] | None:
-    """Channels each 10 ms from the first command on, commands held; None: there was none."""
+def resample_from_first_command(table: RunTable) -> dict[str, FloatArray] | None:
+    """Resample a run each 10 ms from its first command on; commands by zero-order hold.
+
+    Returns arrays (n,) by channel; None: the run has no command.
+    """
     commands = list(table.run.commands())
     t = table.columns["t"]
     if not commands or len(t) < 2 or commands[0].t >= t[-1]:
@@ -104,36 +115,47 @@ def driven(table: RunTable) -> dict[str, FloatArray] | None:
                   for name in ("speed", "speed_std", "yaw_rate")}
 
 
-def _parting(a: Mapping[str, FloatArray], b: Mapping[str, FloatArray]
-             ) -> tuple[float, Moment | None]:
-    """How long the commands were the same, and what differed first within that time."""
+def _find_divergence(a: Mapping[str, FloatArray], b: Mapping[str, FloatArray]
+             ) -> tuple[float, Divergence | None]:
+    """Find how long the commands are the same, and the first difference of the motion until then.
+
+    1. The commands are the same until a difference lasts for MIN_DIFFERENT_ROWS.
+    2. Until then, a channel differs where the difference exceeds MIN_DIFFERENCE, for the
+       speed also three standard errors of the difference, for MIN_DIFFERENT_ROWS.
+    3. The channel that differs first is the divergence.
+    """
     n = min(len(a["t"]), len(b["t"]))
-    other = np.zeros(n, dtype=bool)
-    for name, least in SAME_COMMAND.items():
-        other |= ~(np.abs(a[name][:n] - b[name][:n]) <= least)
-    alike = _lasting(other)
-    end = n if alike is None else alike
+    commands_differ = np.zeros(n, dtype=bool)
+    for name, least in MAX_COMMAND_DIFFERENCE.items():
+        commands_differ |= ~(np.abs(a[name][:n] - b[name][:n]) <= least)
+    parting = _first_lasting(commands_differ)
+    end = n if parting is None else parting
+    # The speeds differ significantly beyond three standard errors of their difference.
     sigmas = 3.0 * np.hypot(a["speed_std"][:end], b["speed_std"][:end])
     found = []
-    for name, least in APART.items():
+    for name, least in MIN_DIFFERENCE.items():
         reach = np.maximum(least, sigmas) if name == "speed" else least
-        at = _lasting(np.abs(a[name][:end] - b[name][:end]) > reach)
-        if at is not None:
-            found.append(Moment(float(a["t"][at]), name, float(a[name][at]), float(b[name][at])))
+        row = _first_lasting(np.abs(a[name][:end] - b[name][:end]) > reach)
+        if row is not None:
+            values = float(a[name][row]), float(b[name][row])
+            found.append(Divergence(float(a["t"][row]), name, *values))
     return end * SAMPLE, min(found, default=None)
 
 
-def _lasting(apart: BoolArray) -> int | None:
-    """Where the first stretch of at least ``LASTING`` rows begins."""
-    if len(apart) < LASTING:
+def _first_lasting(differs: BoolArray) -> int | None:
+    """Return where the first stretch of at least ``MIN_DIFFERENT_ROWS`` True rows begins."""
+    if len(differs) < MIN_DIFFERENT_ROWS:
         return None
-    runs = np.lib.stride_tricks.sliding_window_view(apart, LASTING).all(axis=1)
+    runs = np.lib.stride_tricks.sliding_window_view(differs, MIN_DIFFERENT_ROWS).all(axis=1)
     return int(np.argmax(runs)) if runs.any() else None
 
 
 def _facts(table: RunTable) -> dict[str, Any]:
-    t, speed = table.columns["t"], table.columns["speed"]
-    lost, frames = int(table.columns["lost"][-1]), len(table)
+    """Return the facts of one run for ``Comparison.to_json``."""
+    t = table.columns["t"]
+    speed = table.columns["speed"]
+    lost = int(table.columns["lost"][-1])
+    frames = len(table)
     return {"path": table.run.path, "car": table.run.meta.get("car", ""),
             "url": table.run.meta.get("url", ""), "firmware": table.hello.as_json()["firmware"],
             "duration_s": float(t[-1] - t[0]), "frames": frames, "lost": lost,
@@ -141,18 +163,18 @@ def _facts(table: RunTable) -> dict[str, Any]:
             "distance_m": float(np.sum(np.abs(speed[1:]) * np.diff(t)))}
 
 
-def _differences(a: RunTable, b: RunTable) -> Iterator[Differs]:
-    """Car and URL, firmware, and every key of the car's files."""
+def _differences(a: RunTable, b: RunTable) -> Iterator[Difference]:
+    """Yield what differs in car, URL, firmware, and every key of the car's files."""
     one, other = ({**{k: t.run.meta.get(k) for k in ("car", "url")},
-                   **{f"firmware.{k}": t.hello.as_json()[k] for k in FIRMWARE},
+                   **{f"firmware.{k}": t.hello.as_json()[k] for k in FIRMWARE_FACTS},
                    **dict(_keys(t))} for t in (a, b))
     for name in {**one, **other}:
         if one.get(name) != other.get(name):
-            yield Differs(name, one.get(name), other.get(name))
+            yield Difference(name, one.get(name), other.get(name))
 
 
 def _keys(table: RunTable) -> Iterator[tuple[str, Any]]:
-    """"calibration.pwm.oscillator_hz" and so on, with its value."""
+    """Yield each key of the car's files, such as "calibration.pwm.oscillator_hz", and its value."""
     for file, text in table.run.files.items():
         try:
             yield from _flat(Path(file).stem, decode(text, file))
@@ -161,6 +183,7 @@ def _keys(table: RunTable) -> Iterator[tuple[str, Any]]:
 
 
 def _flat(name: str, value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield nested keys, joined by dots, with their values."""
     if isinstance(value, Mapping) and value:
         for key, inner in value.items():
             yield from _flat(f"{name}.{key}", inner)

@@ -1,69 +1,82 @@
-"""Does the hardware cut-off cut? Asked at every arm(), while the throttle is neutral.
+"""Self-test of the hardware cut-off, run at every arm() while the throttle is neutral.
 
-The spare channel of the PCA9685 carries a pulse and is led through the cut-off
-to the Nano's input capture (D8). First the Nano is told to cut: no
-pulse may come. Then to pass: pulses must come, or nobody watches. The ESC sees
-neutral all the while, and with /OE for a moment nothing, which is why its
-neutral time is counted from the end of the test.
+The spare channel of the PCA9685 carries a pulse, which passes through the cut-off to the input
+capture of the Nano (D8).
+
+1. The Nano switches the outputs off: no pulse may arrive.
+2. The Nano switches them on: pulses must arrive, else the input capture is not wired.
+
+The ESC gets neutral meanwhile, and no pulse for a moment with a cut-off by /OE. Its neutral time
+therefore counts from the end of the test.
 """
 
 from __future__ import annotations
 
-from dart_hal.car.facts import OUTPUT_ON_AFTER, Observer
+from dart_hal.car.facts import OE_SWITCH_ON_TIME, Observer
 from dart_hal.car.receive import Receiver
 from dart_hal.car.transmit import Transmitter
 from dart_hal.wire.messages import CAPTURE_REQ
 
-PERIODS = 2
-"""PWM periods to be seen; three rises."""
-SETTLE = 0.06
-"""s that a new mode takes to act: a heartbeat of 20 ms, a PWM frame, and a slot of the Nano."""
-ANSWER = 0.4
-"""s within which CAPTURE answers: 100 ms + 25 ms per period, and its turn on the line."""
+# PWM periods of one capture, which has three rising edges.
+CAPTURED_PWM_PERIODS = 2
+# s until a new mode acts: a heartbeat of 20 ms, a PWM frame of 20 ms, a time slot of the Nano.
+MODE_CHANGE_TIME = 0.06
+# s within which CAPTURE arrives: 100 ms, 25 ms per period, and its turn on the line.
+MAX_CAPTURE_TIME = 0.4
 
 
 class CutoffTest:
-    """One run of the test; ``step`` once per PWM frame. ``outcome``: see ``Facts``.
+    """One run of the test; ``step`` once per PWM frame.
 
-    ``beat``: the mode of the heartbeat while it runs.
+    ``outcome``: pending, passed, failed or unwired, as in ``Facts``. ``done``: it has ended.
     """
 
     def __init__(self, observer: Observer, transmitter: Transmitter, receiver: Receiver,
                  now: float) -> None:
         self._observer = observer
-        self._transmitter, self._receiver = transmitter, receiver
+        self._transmitter = transmitter
+        self._receiver = receiver
         self._oe = observer.cutoff == "oe"
-        self.outcome, self.done = "pending", False
+        self.outcome = "pending"
+        self.done = False
         self._cutting = True
-        self._asked: float | None = None
-        self._ask_at = now + SETTLE
+        self._requested_at: float | None = None
+        self._request_at = now + MODE_CHANGE_TIME
 
     @property
     def beat(self) -> str:
-        """STOP and DISARMED cut /OE and multiplexer; DISARMED and RAW let pulses through."""
+        """Return the mode of the heartbeat, by which the Nano switches the outputs.
+
+        STOP switches off /OE, DISARMED the multiplexer; DISARMED (/OE) and RAW switch them on.
+        """
         if self._oe:
             return "STOP" if self._cutting else "DISARMED"
         return "DISARMED" if self._cutting or self.done else "RAW"
 
     def step(self, now: float) -> None:
-        """Ask for a capture when its time has come, and judge the answer."""
+        """Request a capture when it is due, and evaluate the answer."""
         if self._oe and self._cutting:
             self._observer.outputs_off(now)
-        if self._asked is None and now >= self._ask_at:
+        if self._requested_at is None and now >= self._request_at:
             self._receiver.captures.clear()
-            self._transmitter.send(CAPTURE_REQ, {"frames": PERIODS}, now)
-            self._asked = now
-        elif self._asked is not None and self._receiver.captures:
+            self._transmitter.send(CAPTURE_REQ, {"frames": CAPTURED_PWM_PERIODS}, now)
+            self._requested_at = now
+        elif self._requested_at is not None and self._receiver.captures:
             self._judge(self._receiver.captures.popleft()["first_rise"] != 0, now)
-        elif self._asked is not None and now - self._asked > ANSWER:
-            self._asked, self._ask_at = None, now    # the request or its answer was lost
+        elif self._requested_at is not None and now - self._requested_at > MAX_CAPTURE_TIME:
+            # The request or its answer was lost.
+            self._requested_at = None
+            self._request_at = now
 
     def _judge(self, came: bool, now: float) -> None:
-        self._asked = None
+        """Evaluate one capture: first with the outputs off, then with them on."""
+        self._requested_at = None
         if not self._cutting:
-            self.outcome, self.done = ("passed" if came else "unwired"), True
+            self.outcome = "passed" if came else "unwired"
+            self.done = True
         elif came:
-            self.outcome, self.done = "failed", True
+            self.outcome = "failed"
+            self.done = True
         else:
             self._cutting = False
-            self._ask_at = now + (OUTPUT_ON_AFTER if self._oe else 0.0) + SETTLE
+            self._request_at = now + (OE_SWITCH_ON_TIME if self._oe else 0.0) + MODE_CHANGE_TIME

@@ -1,4 +1,4 @@
-"""A recorded run in a few numbers: how far and fast, how the loop and the link held."""
+"""Summary of a recorded run: distance, speed, loop period, losses, doubts."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from dart_hal.recording.run import RunReader
 
 @dataclass(frozen=True, slots=True)
 class Digest:
-    """Of one run: times in s, distance in m, speed in m/s.
+    """Summary of one run; times in s, distance in m, speed in m/s.
 
-    period: p50, p99 and max between commands of the program, NaN where it gave none; doubts:
-    seconds with each doubt; firmware: version and board of HELLO; files: texts of the car's files.
+    period: median, 99 % quantile and maximum between commands of the program, NaN without commands.
+    doubts: time with each doubt. firmware: version of HELLO. files: texts of the car's files.
     """
 
     path: str
@@ -39,18 +39,23 @@ class Digest:
     files: Mapping[str, str]
 
     def to_json(self) -> dict[str, Any]:
-        """Without the files."""
+        """Return the fields as JSON, without the files."""
         out = asdict(self)
         del out["files"]
         return out
 
 
 def digest(path: Path) -> Digest:
-    """Read a run. Errors: RecordingError for a file that is none, OSError."""
+    """Summarise a run. Raises RecordingError for a file that is not a run, OSError."""
     reader = RunReader(path)
-    asked = np.array([c.t for c in reader.commands()])
+    times = np.array([c.t for c in reader.commands()])
     doubts: Counter[str] = Counter()
-    distance, fastest, first, last, frames, lost = 0.0, 0.0, None, None, 0, 0
+    distance = 0.0
+    fastest = 0.0
+    first = None
+    last = None
+    frames = 0
+    lost = 0
     with Car.open(f"replay://{path}") as car:
         for state in car.states():
             if last is None:
@@ -58,18 +63,22 @@ def digest(path: Path) -> Digest:
             else:
                 doubts.update(dict.fromkeys(state.health.doubts, state.t - last))
                 distance += abs(state.speed) * (state.t - last)
-            last, frames, lost = state.t, frames + 1, state.health.lost
+            last = state.t
+            frames = frames + 1
+            lost = state.health.lost
             fastest = max(fastest, abs(state.speed))
-        damaged, hello = car.timing.damaged, car.hello
+        damaged = car.timing.damaged
+        hello = car.hello
     firmware = ".".join(map(str, hello.version)) + (" (mock)" if hello.mock else "")
     when = datetime.fromtimestamp(path.stat().st_mtime, timezone.utc)
     return Digest(path.name, reader.meta.get("car", ""), when.isoformat(timespec="minutes"),
                   (last or 0.0) - (first or 0.0), distance, fastest, frames, lost, damaged,
-                  _period(asked), dict(doubts), firmware, reader.files)
+                  _command_periods(times), dict(doubts), firmware, reader.files)
 
 
-def _period(asked: FloatArray) -> tuple[float, float, float]:
-    if len(asked) < 3:
+def _command_periods(times: FloatArray) -> tuple[float, float, float]:
+    """Return median, 99 % quantile and maximum [s] between command times (n,); NaN for n < 3."""
+    if len(times) < 3:
         return float("nan"), float("nan"), float("nan")
-    between = np.diff(asked)
+    between = np.diff(times)
     return (float(np.median(between)), float(np.quantile(between, 0.99)), float(between.max()))

@@ -1,9 +1,8 @@
-"""What the pins may carry: the supervisor's state, and the actuator that obeys it.
+"""What the pins may carry: the supervisor's state, and the actuator that follows it.
 
-Events change the state and nothing else. The actuator asks for the state's
-output whenever it plans a frame, so that no handler can forget to set it; and
-where a new state demands neutral, the frame step does not wait for the next
-PWM frame to write it.
+Events change only the state. The actuator reads the output of the state whenever it plans a
+frame, so no event handler can forget to set the pins. Where a new state demands neutral, the
+frame step writes it at once, without waiting for the next PWM frame.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from dart_hal.car.cutoff_test import CutoffTest
-from dart_hal.car.facts import LIVE_AFTER, STALE, Observer
+from dart_hal.car.facts import MAX_SWITCH_ON_TIME, STALE_LINK_TIME, Observer
 from dart_hal.car.guarding import GuardPost
 from dart_hal.car.receive import Receiver
 from dart_hal.car.transmit import Transmitter
@@ -35,66 +34,70 @@ from dart_hal.devices.actuation.neutral_watch import NeutralWatch
 from dart_hal.devices.actuation.supervisor import COMES_BY_WAITING
 from dart_hal.devices.links.base import Backend
 
-REFUSAL_OF = {"LINK_STALE": "LINK_NOT_GOOD_500MS", "COMMAND_EXPIRED": "THROTTLE_NOT_NEUTRAL",
+# Cause of a trip during ARMING, and the reason that is reported for the refusal.
+REFUSAL_BY_CAUSE = {"LINK_STALE": "LINK_NOT_GOOD_500MS", "COMMAND_EXPIRED": "THROTTLE_NOT_NEUTRAL",
               "TIME_BACKWARD": "COMMAND_INVALID", "PCA_READBACK": "PCA_MODE",
               "GUARD_TRIPPED": "GUARD_SILENT", "SUSPENDED": "LINK_NOT_GOOD_500MS"}
-"""A trip during ARMING, as the reason why it did not arm."""
+# Modes that a run-stop ends.
 LIVE_MODES = (ArmState.ARMING, ArmState.ARMED, ArmState.RAW)
-"""Where a run-stop ends something."""
-OWN_NEUTRAL_US = 1500.0
-"""The pulse that the Nano itself makes for a multiplexer."""
+# us: the neutral pulse that the Nano makes for a multiplexer.
+NANO_NEUTRAL_US = 1500.0
 
 
 class Driver:
-    """Actuator and supervisor of one open car; the engine calls it in its step."""
+    """Actuator and supervisor of one open car, called by the steps of the engine."""
 
     def __init__(self, files: CarFiles, backend: Backend, transmitter: Transmitter,
                  receiver: Receiver) -> None:
-        self._files, self._backend = files, backend
-        self._transmitter, self._receiver = transmitter, receiver
+        self._files = files
+        self._backend = backend
+        self._transmitter = transmitter
+        self._receiver = receiver
         self.supervisor = Supervisor(files.config.throttle.arm_neutral,
                                      files.config.steering.follow_disarmed)
         self.actuator = Actuator(files, backend.bus, backend.clock.sleep,
                                  demand=lambda: self.supervisor.output)
         self.observer = Observer(files, backend, receiver, self.actuator)
         self._neutral_watch = NeutralWatch()
+        # In virtual time the world waits for its program, and nothing is missed.
         self.suspend = None if backend.virtual else SuspendDetector()
-        """In virtual time the world waits for its program, and nothing is missed."""
         self._guard: GuardPost | None = None
         self._test: CutoffTest | None = None
         self._passed = False
         if not (backend.virtual or backend.simulated) and backend.bus is not None:
             self.observer.guard_age = lambda: self._guard.age if self._guard else None
         self.waived: tuple[str, ...] = ()
+        # Who presses a run-stop now, and the reason.
         self.holders: dict[str, str] = {}
-        """Who presses a run-stop now, and the reason."""
+        # Of the last run-stop that ended a drive.
         self.stop_reason = ""
-        """Of the last run-stop that ended a drive."""
 
     @property
     def applied(self) -> Applied:
-        """What the ESC gets: the actuator's pulses, unless the Nano has cut them off."""
-        return self.passed(self.actuator.applied)
+        """Return what the ESC gets: the actuator's pulses, unless the Nano has cut them off."""
+        return self.apply_cutoff(self.actuator.applied)
 
-    def passed(self, applied: Applied) -> Applied:
-        """What is left of pulses behind the cut-off, as the newest State says."""
+    def apply_cutoff(self, applied: Applied) -> Applied:
+        """Return the pulses behind the hardware cut-off, by the newest State."""
         observer = self.observer
         if applied.throttle == 0.0 or observer.passing:
             return applied
-        pulse = OWN_NEUTRAL_US if observer.cutoff == "mux" else 0.0
+        pulse = NANO_NEUTRAL_US if observer.cutoff == "mux" else 0.0
         return replace(applied, throttle=0.0, throttle_us=pulse,
                        limited=(*applied.limited, Limit.CUT_OFF.value))
 
     @property
     def mode(self) -> ArmState:
+        """Return the state of the supervisor."""
         return self.supervisor.state
 
     # -- life ------------------------------------------------------------------
 
     def open(self, now: float) -> None:
-        """Bring the pins to rest; on a real bus call a guard. Raises BusError.
+        """Bring the pins to rest, and start a guard on a real bus. Raises BusError.
 
-        Until the first State servo and ESC get no pulse, as a wrong neutral would go unnoticed.
+        Servo and ESC get no pulse until the first State: before it, nothing shows whether a wrong
+        neutral moves the car.
         """
         self.supervisor.event(Event.OPEN, now)
         self.supervisor.see(now, blind=True)
@@ -111,12 +114,12 @@ class Driver:
             self._guard = GuardPost(bus, self.actuator)
 
     def ready(self) -> None:
-        """The Nano has answered: the guard must watch before anything can be armed."""
+        """Wait for the guard, which must run before the car is armed; the Nano has answered."""
         if self._guard is not None:
             self._guard.ready()
 
     def close(self, now: float) -> None:
-        """Neutral for two frames; what cannot be written is left to the layers below."""
+        """Write neutral for two frames. If that fails, the guard or the cut-off stops the car."""
         self.supervisor.event(Event.CLOSE, now)
         neutral = True
         try:
@@ -127,26 +130,26 @@ class Driver:
             self._guard.close(at_neutral=neutral)
 
     def lost(self, now: float) -> None:
-        """The link is gone: neutral at once."""
+        """Write neutral at once after the link has been lost."""
         self.supervisor.step(now, causes=("LINK_STALE",), bus_ok=self.actuator.fault is None)
         self.actuator.stop()
 
-    def hold(self, held: bool, now: float, by: str, reason: str = "") -> None:
-        """``by`` presses a run-stop (neutral at once, nothing arms) or lets go of its own."""
+    def set_run_stop(self, held: bool, now: float, source: str, reason: str = "") -> None:
+        """Press the run-stop of ``source`` (neutral at once, no arming); False releases it."""
         if not held:
-            self.holders.pop(by, None)
+            self.holders.pop(source, None)
             return
-        self.holders[by] = reason or f"the run-stop was pressed by: {by}"
+        self.holders[source] = reason or f"the run-stop was pressed by: {source}"
         if self.mode in LIVE_MODES:
-            self.stop_reason = self.holders[by]
+            self.stop_reason = self.holders[source]
             self._step(now, ["RUN_STOP"], ())
             self.actuator.stop()
 
     # -- what happens --------------------------------------------------------------
 
-    def seen(self, state: State, now: float) -> None:
-        """A State arrived."""
-        self.observer.seen(state, now)
+    def observe(self, state: State, now: float) -> None:
+        """Take over a State that arrived at host time ``now`` [s]."""
+        self.observer.observe(state, now)
         self._watch_neutral(state, now)
         health = state.health
         # An encoder that is lost caps the throttle; in RAW one that is doubted does.
@@ -155,7 +158,7 @@ class Driver:
         self.actuator.throttle_cap = cap if lost and not self.supervisor.lifted else None
 
     def _watch_neutral(self, state: State, now: float) -> None:
-        """A car that speeds up under neutral gets no pulse any more."""
+        """Switch the pulses off if the car accelerates at neutral."""
         if self.actuator.moving:
             self._neutral_watch.note_driven(now)
         # While armed, noise of the encoder caps the throttle already and need not disarm as well.
@@ -165,18 +168,18 @@ class Driver:
             self._neutral_watch.restart()
 
     def on_boot(self) -> None:
-        """Another boot than before: disarm, and refuse until arm() is called again."""
+        """Disarm after a reboot of the Nano, and refuse until arm() is called again."""
         self.observer.rebooted |= self.mode is not ArmState.DISARMED
         self.supervisor.event(Event.REBOOT, self._backend.clock.now(), ("MCU_REBOOTED",))
 
     def _causes(self, now: float) -> list[str]:
-        """Names of what trips the car now."""
+        """Return the names of what trips the car now."""
         causes = list(self.actuator.trips())
         if self.observer.stale(now) and self.mode is not ArmState.OPENING:
             causes.append("LINK_STALE")
         if self._guard is not None and self._guard.tripped:
             causes.append("GUARD_TRIPPED")
-        if self.supervisor.lifted and self.observer.on_the_move:
+        if self.supervisor.lifted and self.observer.is_moving:
             causes.append("CAR_MOVES")
         if self._cut_off(now):
             causes.append("CUT_OFF")
@@ -187,21 +190,28 @@ class Driver:
         return causes
 
     def _cut_off(self, now: float) -> bool:
-        """The Nano does not pass the pulses on, though this side is live."""
+        """Return whether the Nano blocks the pulses while this program drives."""
         live = self.mode in (ArmState.ARMED, ArmState.RAW)
         self._passed = live and (self._passed or self.observer.passing)
-        waited = now - self.supervisor.since > LIVE_AFTER
+        waited = now - self.supervisor.since > MAX_SWITCH_ON_TIME
         return live and not self.observer.passing and (self._passed or waited)
 
     # -- the PWM frame -------------------------------------------------------------
 
     @property
     def overdue(self) -> bool:
-        """The state demands neutral and the pins have not been told yet."""
+        """Return whether the state demands neutral and the pins do not carry it yet."""
         return self.actuator.astray
 
     def frame(self, now: float) -> Applied:
-        """Let the supervisor decide, then write one PWM frame."""
+        """Let the supervisor decide, then write one PWM frame.
+
+        1. Update the supervisor with the causes of a trip and the reasons against arming.
+        2. Advance the self-test of the cut-off.
+        3. Write the pulses that the new state allows.
+        4. Update the supervisor again if the write has failed.
+        5. Send the guard its heartbeat.
+        """
         self.supervisor.see(now, self.observer.blind(now))
         arming = self.mode is ArmState.ARMING
         refused = refusals(self.facts(now), self.waived) if arming else ()
@@ -222,7 +232,7 @@ class Driver:
                              bus_ok=self.actuator.fault is None)
 
     def _step_test(self, now: float) -> None:
-        """The cut-off's self-test runs in ARMING alone; leaving it ends the test."""
+        """Advance the self-test of the cut-off, which runs in ARMING only."""
         test = self._test
         if test is None:
             return
@@ -233,7 +243,9 @@ class Driver:
         self.observer.tested = test.outcome
 
     def heartbeat(self, now: float) -> None:
-        hello, applied = self._receiver.hello, self.actuator.applied
+        """Send the Nano the pulses and the mode."""
+        hello = self._receiver.hello
+        applied = self.actuator.applied
         direction = (applied.throttle > 0.0) - (applied.throttle < 0.0)
         mode = self._test.beat if self._test is not None else self.supervisor.beat
         self._transmitter.heartbeat(applied, mode, hello.boot_nonce if hello else 0, direction, now)
@@ -241,45 +253,45 @@ class Driver:
     # -- what is known -----------------------------------------------------------
 
     def facts(self, now: float) -> Facts:
-        """Everything that arming asks about."""
+        """Return everything that the arming checks need."""
         supervisor = self.supervisor
         refused = self.mode is ArmState.TRIPPED and "COMMAND_INVALID" in supervisor.causes
         facts = self.observer.facts(self.mode, now, supervisor.neutral_for(now),
                                     supervisor.silent)
         return replace(facts, command_ok=not refused, run_stop=bool(self.holders))
 
-    def settled(self, now: float) -> bool:
-        """Whether everything that comes by waiting after an open or a drive is there."""
+    def is_settled(self, now: float) -> bool:
+        """Return whether all conditions hold that are met by waiting after an opening or drive."""
         facts = self.facts(now)
         return (self.mode is not ArmState.TRIPPED
                 and facts.link_good_for >= 0.1 and facts.clock_synced and not facts.imu_stale
                 and not facts.wheel_moves and (facts.cutoff == "none" or bool(facts.beat_limit))
-                and (facts.guard_age is None or facts.guard_age <= STALE))
+                and (facts.guard_age is None or facts.guard_age <= STALE_LINK_TIME))
 
     def cautions(self, now: float) -> tuple[Caution, ...]:
-        """What does not keep the car from arming but should be known."""
+        """Return what does not prevent arming but should be known."""
         return cautions(self.facts(now))
 
     def arm_refusals(self, now: float) -> tuple[str, ...]:
-        """What keeps the car from arming and does not come by waiting."""
+        """Return what prevents arming and is not met by waiting."""
         return tuple(name for name in refusals(self.facts(now)) if name not in COMES_BY_WAITING)
 
     def raw_refusals(self, now: float, *, lifted: bool = False) -> list[str]:
-        """Why RAW may not be entered now; ``lifted``: with the wheels off the ground.
+        """Return why RAW may not be entered now; ``lifted``: the wheels are off the ground.
 
-        Edges that lifted wheels owe were owed by a car on the floor: what an ESC does at the
-        brake may be the question, and no speed is held.
+        A lost encoder is no reason with lifted wheels: edges that are missing there were missed on
+        the ground, a calibration may study an ESC at its brake, and no speed is controlled.
         """
         needless = ("NEUTRAL_TOO_SHORT", "CUTOFF_UNTESTED")
         facts = self.facts(now)
-        facts = replace(facts, car_moves=lifted and self.observer.on_the_move,
+        facts = replace(facts, car_moves=lifted and self.observer.is_moving,
                         encoder_lost=facts.encoder_lost and not lifted)
         return [name for name in refusals(facts, WAIVABLE) if name not in needless]
 
     # -- what the user asks for ------------------------------------------------------
 
     def arm(self, now: float, waive: tuple[str, ...]) -> None:
-        """Start arming. Raises NotArmed with every reason that waiting will not cure."""
+        """Start arming. Raises NotArmed with every reason that is not met by waiting."""
         observer = self.observer
         observer.rebooted = False
         observer.tested = "pending"
@@ -290,15 +302,15 @@ class Driver:
             self._test = CutoffTest(observer, self._transmitter, self._receiver, now)
 
     def resume_pulses(self, now: float) -> bool:
-        """Neutral again after MOVES_AT_NEUTRAL, once the wheels are at rest; whether it is."""
+        """Write neutral again after MOVES_AT_NEUTRAL, with the wheels at rest; return success."""
         state = self.observer.state
         if self.supervisor.silent and state is not None and state.speed == 0.0:
             self.supervisor.resume(now)
         return not self.supervisor.silent
 
-    def refused(self) -> NotArmed:
-        """Why arming ended in DISARMED."""
-        names = [REFUSAL_OF.get(name, name) for name in self.supervisor.reasons]
+    def refusal_error(self) -> NotArmed:
+        """Return the error for an arming that ended in DISARMED."""
+        names = [REFUSAL_BY_CAUSE.get(name, name) for name in self.supervisor.reasons]
         return not_armed(dict.fromkeys(names or ["LINK_NOT_GOOD_500MS"]))
 
     def open_raw(self, now: float, *, lifted: bool = False) -> None:
@@ -313,7 +325,7 @@ class Driver:
 
     def raw_pulses(self, steering_us: float, throttle_us: float | None, valid_for: float,
                    now: float) -> Applied:
-        """Pulses in RAW. Raises BadCommand in any other state."""
+        """Write pulses in RAW. Raises BadCommand in any other state."""
         if self.mode is not ArmState.RAW:
             causes = ", ".join(self.supervisor.causes)
             raise BadCommand("pulses() needs raw()", found=f"the car is {self.mode.value}"
@@ -323,10 +335,10 @@ class Driver:
         return self.actuator.pulses(steering_us, throttle_us, now, valid_for)
 
     def event(self, event: Event, now: float) -> None:
-        """Tell the supervisor; the pins follow with the frame step."""
+        """Report an event to the supervisor; the pins follow with the frame step."""
         self.supervisor.event(event, now)
 
     def stop(self, now: float, event: Event = Event.STOP) -> Applied:
-        """Throttle neutral now, steering held; the car is disarmed."""
+        """Set the throttle to neutral now, keep the steering, and disarm the car."""
         self.supervisor.event(event, now)
         return self.actuator.stop()

@@ -1,9 +1,9 @@
-"""The frame step: bytes in, States out, pulses and heartbeat out.
+"""The frame step: it reads bytes, returns States, and writes pulses and heartbeats.
 
-In virtual time the step runs inside ``states()``; on a real link a thread runs
-it, so that expiry and heartbeat go on while the user's loop computes. One PWM
-frame belongs to every second STATE. Its pulses are written when ``drive()``
-answers that STATE, or when nobody did within ``GRACE``.
+In virtual time the step runs inside ``states()``. On a real link a thread runs it, so that
+commands expire and heartbeats go on while the user's loop computes. One PWM frame belongs to
+every second STATE. Its pulses are written when ``drive()`` answers that STATE, or
+``MAX_LOOP_ANSWER_TIME`` later.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Any
 
 from dart_hal.car.camera import CarCamera
 from dart_hal.car.driver import Driver
-from dart_hal.car.facts import BEAT_LIMIT, STALE
+from dart_hal.car.facts import BEAT_LIMIT, STALE_LINK_TIME
 from dart_hal.car.handshake import await_hello
 from dart_hal.car.hooks import Hooks
 from dart_hal.car.identity import Hello
@@ -38,21 +38,22 @@ from dart_hal.devices.links.base import Backend
 from dart_hal.wire.crc import crc16
 from dart_hal.wire.messages import HELLO_REQ, PARAM_GET, PROTO, SCHEMA, SEED_FOREVER
 
-BAUD = 500_000
-GRACE = 0.004
-"""s that the user's loop has to answer a STATE before the pulses are written."""
-INQUIRE_EVERY = 0.1
-"""s between two questions that the Nano has not answered."""
+# Line rate of a link that has none, such as a simulated one.
+DEFAULT_BAUD = 500_000
+# s that the user's loop has to answer a STATE before the pulses are written.
+MAX_LOOP_ANSWER_TIME = 0.004
+# s between two requests that the Nano has not answered.
+INQUIRY_INTERVAL = 0.1
 
 class Engine:
-    """Joins link, receiver, transmitter and driver of one open car."""
+    """Link, receiver, transmitter and driver of one open car."""
 
     def __init__(self, backend: Backend, files: CarFiles) -> None:
         self.backend = backend
         self._own_lock = threading.RLock()
         self.lock: AbstractContextManager[Any] = self._own_lock
         self.hooks = Hooks()
-        byte_time = BITS_PER_BYTE / (backend.link.baud or BAUD)
+        byte_time = BITS_PER_BYTE / (backend.link.baud or DEFAULT_BAUD)
         host_id = (crc16(backend.url.text.encode(), SEED_FOREVER) if backend.virtual
                    else secrets.randbits(16))
         self.telemetry = Telemetry(files, byte_time)
@@ -65,7 +66,7 @@ class Engine:
         self._due = False
         self._due_since = 0.0
         self._refresh_at = self._inquire_at = float("-inf")
-        self._late: deque[float] = deque(maxlen=500)
+        self._latencies: deque[float] = deque(maxlen=500)
         self._noted: Applied | None = None
         self.writer: Any = None
         self.poses: PoseFeed | None = None
@@ -81,11 +82,12 @@ class Engine:
 
     @property
     def now(self) -> float:
+        """Return the time [s] of the car's clock."""
         return self.backend.clock.now()
 
     @property
-    def applied(self) -> Applied:
-        """What the pins carry: from the recording in a replay."""
+    def pin_values(self) -> Applied:
+        """Return what the pins carry; in a replay, what the recording has."""
         recorded = self.backend.link.applied
         return self.driver.applied if recorded is None else recorded
 
@@ -94,16 +96,16 @@ class Engine:
         return await_hello(self.backend, self)
 
     def poll(self, timeout: float) -> Hello | None:
-        """One step; HELLO if it is there. (``handshake.Caller``)"""
+        """Run one step; return HELLO if it has arrived. (``handshake.HelloRequester``)"""
         self.step(timeout)
         return self.receiver.hello
 
-    def ask(self) -> None:
-        """Send a HELLO_REQ that wants DIAG as well."""
+    def request_hello(self) -> None:
+        """Send a HELLO_REQ that requests DIAG as well."""
         self.transmitter.send(HELLO_REQ, {"proto": PROTO, "schema": SCHEMA, "flags": 1}, self.now)
 
-    def at_rate(self, baud: int) -> None:
-        """Go on at another line rate: what came before was noise."""
+    def set_rate(self, baud: int) -> None:
+        """Change the line rate; bytes received before it were noise."""
         with self.lock:
             self.backend.link.set_baud(baud)
             self.transmitter.byte_time = BITS_PER_BYTE / baud
@@ -111,31 +113,32 @@ class Engine:
             self.receiver.restart_decoder()
 
     @property
-    def came(self) -> int:
-        """Bytes received at this rate."""
+    def bytes_received(self) -> int:
+        """Return the number of bytes received at this line rate."""
         return self.receiver.fed
 
     def step(self, timeout: float) -> list[State]:
         """Write what is due, then read at most one chunk. Raises LinkLost."""
         with self.lock:
             self._write_if_due()
-        chunk = self.backend.link.read(self._patience(timeout))
-        return self._take(chunk.data, chunk.t) if chunk is not None else []
+        chunk = self.backend.link.read(self._read_timeout(timeout))
+        return self._process_bytes(chunk.data, chunk.t) if chunk is not None else []
 
-    def resume(self, link: Link, said: bytes) -> list[State]:
-        """Go on over ``link`` to the same board; ``said``: what came there, its HELLO in it."""
+    def resume(self, link: Link, received: bytes) -> list[State]:
+        """Continue over ``link`` to the same board; ``received``: bytes with its HELLO."""
         with self.lock:
             self.backend.link = link
-            self.transmitter.over(link)
+            self.transmitter.set_link(link)
             if self.writer is not None:
                 self.writer.note("replugged", {"port": link.device, "t": repr(self.now)})
-        return self._take(said, self.now)
+        return self._process_bytes(received, self.now)
 
-    def _take(self, data: bytes, t: float) -> list[State]:
-        """Bytes that came: States for whoever listens, and every second one is a PWM frame."""
+    def _process_bytes(self, data: bytes, t: float) -> list[State]:
+        """Decode bytes that arrived at host time ``t`` [s]; pass their States to the listeners."""
         with self.lock:
-            states = [self._seen(state, t) for state in self.receiver.feed(
-                self.hooks.rx(data, t), t, self.applied)]
+            # States first, then what has arrived with them: scans, images, poses.
+            states = [self._process_state(state, t) for state in self.receiver.feed(
+                self.hooks.rx(data, t), t, self.pin_values)]
             if self.localiser is not None:
                 self.localiser.add_states(states)
             if self.lidar is not None:
@@ -151,32 +154,36 @@ class Engine:
                 listener(state)
         return states
 
-    def _seen(self, state: State, t: float) -> State:
-        """The State, without the throttle that it says is cut off; counts PWM frames."""
+    def _process_state(self, state: State, t: float) -> State:
+        """Update the driver, and return the State without a throttle that is cut off.
+
+        Every second State makes a PWM frame due.
+        """
         self._frames += 1
-        self.driver.seen(state, t)
+        self.driver.observe(state, t)
         if self._frames % 2 == 0:
-            self._due, self._due_since = True, t
-        applied = self.driver.passed(state.applied)
+            self._due = True
+            self._due_since = t
+        applied = self.driver.apply_cutoff(state.applied)
         return state if applied is state.applied else replace(state, applied=applied)
 
     def answer(self) -> bool:
-        """A command came: write it now if this is its PWM frame; True if it was."""
+        """Write a command now if its PWM frame is due; return whether it was."""
         due = self._due
         if due:
             self._write(self.now)
         return due
 
     def start(self) -> None:
-        """HELLO is there: note it in the recording."""
+        """Note the HELLO that has arrived in the recording."""
         if self.writer is not None and self.receiver.hello_values is not None:
             self.writer.hello(self.receiver.hello_values)
-            self.writer.note("line", {"baud": str(self.backend.link.baud or BAUD)})
+            self.writer.note("line", {"baud": str(self.backend.link.baud or DEFAULT_BAUD)})
 
     def close(self) -> None:
-        """Neutral on the pins, a last heartbeat that says stop.
+        """Write neutral, and send a last heartbeat with the mode STOP.
 
-        Whoever holds the lock for longer than a PWM frame is not waited for.
+        A thread that holds the lock for longer than a PWM frame is not waited for.
         """
         held = self._own_lock.acquire(timeout=PWM_FRAME)
         try:
@@ -192,57 +199,61 @@ class Engine:
 
     @property
     def link_age(self) -> float:
-        """s since the last good frame."""
-        return self.now - self.driver.observer.seen_at
+        """Return the time [s] since the last good frame."""
+        return self.now - self.driver.observer.arrived_at
 
-    def _patience(self, timeout: float) -> float:
-        """How long a read may last: until pulses are due again, answered or not."""
+    def _read_timeout(self, timeout: float) -> float:
+        """Return how long [s] a read may wait: until pulses are due, answered or not."""
+        # The earliest of: refresh of the pulses, stale link, end of the loop's time to answer.
         due = self._refresh_at
         if not self.driver.observer.stale(self.now):
-            due = min(due, self.driver.observer.seen_at + STALE + 1e-6)
+            due = min(due, self.driver.observer.arrived_at + STALE_LINK_TIME + 1e-6)
         if self._due and not self.backend.virtual:
-            due = min(due, self._due_since + GRACE)
+            due = min(due, self._due_since + MAX_LOOP_ANSWER_TIME)
         return min(timeout, max(due - self.now, 0.0))  # exact: now + (due - now) is due
 
     def _write_if_due(self) -> None:
         now = self.now
-        answered = self.backend.virtual or now >= self._due_since + GRACE
+        # In virtual time the loop has answered before the next step, else its time must be over.
+        answered = self.backend.virtual or now >= self._due_since + MAX_LOOP_ANSWER_TIME
         if (self._due and answered) or now >= self._refresh_at or self.driver.overdue:
             self._write(now)
 
     def _write(self, now: float) -> None:
-        """One PWM frame: pulses, heartbeat, ping and questions when their time has come."""
-        self._note_lateness(now)
+        """Write one PWM frame: pulses and heartbeat, and a ping and inquiries if they are due."""
+        self._note_latency(now)
         self._due = False
+        # Without a STATE, the pulses are refreshed after 1.5 PWM frames.
         self._refresh_at = now + 1.5 * PWM_FRAME
         applied = self.driver.frame(now)
         if self.receiver.hello is not None:
             self.transmitter.ping(now)  # first on the line: waiting bytes would look like delay
             self.driver.heartbeat(now)
-            self._inquire(now)
+            self._send_inquiries(now)
         self._record(now, applied)
 
     def _record(self, now: float, applied: Applied) -> None:
-        """What the pins carry from ``now`` on, where it changes."""
+        """Record what the pins carry from ``now`` on, if it has changed."""
         if self.writer is not None and applied != self._noted:
             self.writer.applied(now, applied)
             self._noted = applied
 
-    def _inquire(self, now: float) -> None:
-        """Ask for what the Nano has not said since it booted: who it is, how long it waits."""
+    def _send_inquiries(self, now: float) -> None:
+        """Request what the Nano has not sent since its boot: HELLO, limit of its heartbeat."""
         if now < self._inquire_at or self.backend.bus is None:
             return
-        self._inquire_at = now + INQUIRE_EVERY
+        self._inquire_at = now + INQUIRY_INTERVAL
         if self.receiver.hello_stale:
-            self.ask()
+            self.request_hello()
         if BEAT_LIMIT.id not in self.receiver.params:
             self.transmitter.send(PARAM_GET, {"id": BEAT_LIMIT.id}, now)
 
-    def _note_lateness(self, now: float) -> None:
-        """How long after its time this frame is written; p99 of the last 10 s."""
-        due = self._due_since + GRACE if self._due else self._refresh_at
+    def _note_latency(self, now: float) -> None:
+        """Store the latency of this frame; its 99 % quantile over 10 s is a fact for arming."""
+        due = self._due_since + MAX_LOOP_ANSWER_TIME if self._due else self._refresh_at
         if self.backend.virtual or not isfinite(due):
             return
-        self._late.append(max(now - due, 0.0))
-        if len(self._late) == self._late.maxlen and self._frames % 100 == 0:
-            self.driver.observer.loop_late = sorted(self._late)[int(0.99 * len(self._late))]
+        self._latencies.append(max(now - due, 0.0))
+        if len(self._latencies) == self._latencies.maxlen and self._frames % 100 == 0:
+            p99 = sorted(self._latencies)[int(0.99 * len(self._latencies))]
+            self.driver.observer.loop_latency = p99

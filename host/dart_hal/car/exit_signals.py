@@ -1,4 +1,4 @@
-"""SIGTERM and SIGHUP end a program like Ctrl-C does: through its ``with`` blocks, to neutral."""
+"""SIGTERM and SIGHUP end a program as Ctrl-C does: through its ``with`` blocks, to neutral."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from types import FrameType
 def stop_on_signals() -> None:
     """Turn SIGTERM and SIGHUP (a closed terminal) into SystemExit.
 
-    A handler that the program has installed by itself is left alone.
+    A handler that the program has installed itself is kept.
     """
     if threading.current_thread() is not threading.main_thread():
         return
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) is signal.SIG_DFL:
-            signal.signal(number, _leave)
+            signal.signal(number, _exit)
 
 
-def _leave(number: int, frame: FrameType | None) -> None:
+def _exit(number: int, frame: FrameType | None) -> None:
     sys.exit(128 + number)

@@ -1,4 +1,4 @@
-"""Several cars in lockstep: one State of each per tick."""
+"""``Fleet``: several cars in lockstep, one State of each per tick."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urllib.parse import quote
 from dart_hal.car.car import Car
 from dart_hal.car.member import Member, join
 from dart_hal.car.misuse import check_record
-from dart_hal.car.recorder import Record, keep_old
+from dart_hal.car.recorder import Record, rename_existing
 from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import PoseSource
 from dart_hal.core.timing import SAMPLE
@@ -23,18 +23,26 @@ from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.peers import OtherPose
 from dart_hal.recording.run_file import RunFile
 
-T = TypeVar("T")
+EntryT = TypeVar("EntryT")
 
 
 class Fleet:
-    """Cars that are driven together; a context manager. ``cars`` in the order of the URLs.
+    """Cars that are driven together. Made by ``Fleet.open``; a context manager.
 
-    ``names``: of each, no two alike; ``members``: each in the room that ``open`` was given.
+    Attributes:
+        cars: the cars, in the order of the URLs.
+        names: their names, each unique: a second "dart-01" is "dart-01-2".
+        members: the member of each car in the room that ``open`` was given; else empty.
+
+    The examples of the methods use this fleet, which has been opened but not armed::
+
+        from dart_hal import Fleet
+        fleet = Fleet.open(["sim://?nano=mock&seed=1", "sim://?nano=mock&seed=2"])
     """
 
     def __init__(self, cars: Sequence[Car]) -> None:
         self.cars = tuple(cars)
-        self.names = _names(self.cars)
+        self.names = _unique_names(self.cars)
         self.members: tuple[Member, ...] = ()
 
     @classmethod
@@ -44,27 +52,44 @@ class Fleet:
              poses: str | Sequence[str | PoseSource | None] | None = None,
              room: str | None = None, room_key: RoomKey | str | Path | None = None,
              raise_on_trip: bool = True) -> Fleet:
-        """Open every URL, or none: what was opened is closed if one fails.
+        """Open all cars, or none: if one fails, those that are open are closed.
 
-        ``car``, ``record``, ``poses``: one entry for each URL, as ``Car.open``
-        takes it. Of UDP poses several may name one port, each with its body.
-        ``record`` as one file: of all cars on one time base, the channels of each
-        with its name; read it as FILE?car=NAME. ``poses`` as one text: "{car}" in it
-        is the car's name in ``car``. ``room``: URL of a room of cars (``dart_hal.fleet``)
-        that all of them enter; ``room_key`` as ``join`` takes it.
-        Raises UsageError where their number is another, and where two real cars
-        would drive with the files of one; and what ``Car.open`` raises.
+        Args:
+            urls: URL of each car.
+            car: name of each car's files; None: as ``Car.open``.
+            cars: folder with the files of the cars.
+            record: one MCAP file for all cars, read as FILE?car=NAME, on one time base; or a file
+                (None: no recording) for each car.
+            poses: one URL with "{car}" in it, which is replaced by each car's name in ``car``; or a
+                source, URL or None for each car. Several UDP sources may share a port, each with a
+                body of its own.
+            room: URL of a room (``dart_hal.fleet``) that all cars enter.
+            room_key: key of the room, as in ``join``.
+            raise_on_trip: as in ``Car.open``.
+
+        Returns:
+            The open fleet, all cars at neutral and disarmed.
+
+        Raises:
+            UsageError: the number of entries differs from the number of URLs, or two real cars
+                have the files of one.
+            Also what ``Car.open`` raises.
+
+        Example:
+            >>> with Fleet.open(["sim://?nano=mock", "sim://?nano=mock&seed=2"]) as example:
+            ...     len(example.cars)
+            2
         """
-        names = _each("car", car, urls)
-        seen = _each("poses", _spelled(poses, names), urls)
+        names = _entry_per_url("car", car, urls)
+        sources_by_url = _entry_per_url("poses", _expand_poses(poses, names), urls)
         with ExitStack() as stack:
-            files = _records(record, urls, stack)
-            sources = _sources(seen, stack)
+            files = _open_records(record, urls, stack)
+            sources = _open_sources(sources_by_url, stack)
             opened = [stack.enter_context(Car.open(url, car=name, cars=cars, record=run,
                                                    poses=source,
                                                    raise_on_trip=raise_on_trip))
                       for url, name, run, source in zip(urls, names, files, sources, strict=True)]
-            _distinct(opened)
+            _check_distinct(opened)
             fleet = cls(opened)
             if room is not None:
                 fleet.members = tuple(stack.enter_context(join(one, room, name=name,
@@ -74,7 +99,19 @@ class Fleet:
         return fleet
 
     def arm(self, *, waive: Sequence[str] = ()) -> None:
-        """Arm all at once; if one refuses, all are stopped. Raises NotArmed."""
+        """Arm all cars at the same time; if one refuses, all are stopped.
+
+        Args:
+            waive: checks to leave out, as in ``Car.arm``.
+
+        Raises:
+            NotArmed: with the reasons of the car that refused.
+
+        Example:
+            >>> fleet.arm()
+            >>> [car.mode for car in fleet.cars]
+            ['ARMED', 'ARMED']
+        """
         try:
             waiting = [car.arming(waive=waive) for car in self.cars]
             while waiting:
@@ -84,21 +121,40 @@ class Fleet:
             raise
 
     def states(self, *, duration: float = inf, timeout: float = 0.5) -> Iterator[tuple[State, ...]]:
-        """One State per car at each tick of the first car; ends with the first car that ends.
+        """Yield one State per car at each tick of the first car, at 100 Hz.
 
-        The Nanos' clocks differ by up to half a percent: the States of a tick
-        are within half a frame of each other, counted from the first tick. A
-        car that is ahead shows its State again, one that is behind skips one.
-        Emulated cars in virtual time are brought to the same time first.
+        The clocks of the Nanos differ by up to 0.5 %. The States of a tick are within half a
+        frame of each other, counted from the first tick: a car that is ahead yields its State
+        twice, one that is behind skips one. Emulated cars in virtual time are brought to the same
+        time first.
+
+        Args:
+            duration: length [s] of the first car's time.
+            timeout: longest wait [s] for a frame.
+
+        Returns:
+            Iterator of tuples of State, in the order of ``cars``. It ends with the first car that
+            ends.
+
+        Raises:
+            LinkLost: a car sent no frame for ``timeout``.
+
+        Example:
+            >>> for states in fleet.states(duration=0.1):
+            ...     pass
+            >>> len(states)
+            2
         """
         streams = [car.states(duration=inf, timeout=timeout) for car in self.cars]
         try:
             now = [next(stream) for stream in streams]
+            # 1. Bring the emulated cars to the same time.
             worlds = [n for n, car in enumerate(self.cars) if car.waits and car.drives]
             latest = max((self.cars[n].now for n in worlds), default=0.0)
             for n in worlds:
                 while self.cars[n].now < latest - SAMPLE / 2:
                     now[n] = next(streams[n])
+            # 2. At each tick of the first car, read each other car until it is within half a frame.
             start = [state.t for state in now]
             while now:
                 yield tuple(now)
@@ -114,7 +170,25 @@ class Fleet:
             return
 
     def other_poses(self, name: str) -> dict[str, OtherPose]:
-        """What the car of this name knows of all others in the room. Raises UsageError."""
+        """Return the last known pose of each other car in the room, as one car received it.
+
+        Args:
+            name: name of the car that received it, one of ``names``.
+
+        Returns:
+            Pose and age by name.
+
+        Raises:
+            UsageError: the fleet has no such car, or is in no room.
+
+        Example:
+            >>> urls = ["sim://?nano=mock", "sim://?nano=mock&seed=2"]
+            >>> with Fleet.open(urls, room="local://") as example:
+            ...     for states in example.states(duration=0.2):
+            ...         pass
+            ...     len(example.other_poses(example.names[0]))
+            1
+        """
         if name not in self.names or not self.members:
             raise UsageError(f"no car {name} in a room", found=name,
                              expected=", ".join(self.names) if self.members else
@@ -123,12 +197,26 @@ class Fleet:
 
     @property
     def contacts(self) -> tuple[Contact, ...]:
-        """Of emulated cars in one world (``sim://?world=NAME``): who touched whom, in order."""
+        """Return the contacts of emulated cars in one world (``sim://?world=NAME``), in order.
+
+        Example:
+            >>> fleet.contacts
+            ()
+        """
         every = dict.fromkeys(c for car in self.cars for c in car.contacts)
         return tuple(sorted(every, key=lambda c: c.t))
 
     def stop(self, why: str = "") -> None:
-        """Stop every car, also when one of them raises, and all others in the room."""
+        """Stop all cars, and all other cars in the room, also when one of them raises.
+
+        Args:
+            why: reason, for the other cars in the room.
+
+        Example:
+            >>> fleet.stop()
+            >>> [car.mode for car in fleet.cars]
+            ['DISARMED', 'DISARMED']
+        """
         with ExitStack() as stack:
             if self.members:
                 stack.callback(self.members[0].stop_all, why)
@@ -136,7 +224,13 @@ class Fleet:
                 stack.callback(car.stop)
 
     def close(self) -> None:
-        """Close every car, also when one of them raises."""
+        """Close all cars, also when one of them raises; idempotent.
+
+        Example:
+            >>> fleet.close()
+            >>> [car.mode for car in fleet.cars]
+            ['CLOSED', 'CLOSED']
+        """
         with ExitStack() as stack:
             for member in self.members:
                 stack.callback(member.close)
@@ -151,8 +245,9 @@ class Fleet:
         self.close()
 
 
-def _each(name: str, given: Sequence[T] | None, urls: Sequence[str]) -> Sequence[T | None]:
-    """One entry for each URL. Raises UsageError."""
+def _entry_per_url(name: str, given: Sequence[EntryT] | None, urls: Sequence[str]
+                   ) -> Sequence[EntryT | None]:
+    """Return one entry for each URL. Raises UsageError."""
     if given is None:
         return [None] * len(urls)
     if isinstance(given, str) or len(given) != len(urls):
@@ -161,22 +256,28 @@ def _each(name: str, given: Sequence[T] | None, urls: Sequence[str]) -> Sequence
     return list(given)
 
 
-def _records(record: str | Path | Sequence[str | Path | None] | None, urls: Sequence[str],
+def _open_records(record: str | Path | Sequence[str | Path | None] | None, urls: Sequence[str],
              stack: ExitStack) -> Sequence[Record | None]:
-    """A file for each car, or one for all, which closes if opening fails. Raises UsageError."""
+    """Return the recording of each car. A shared file is closed if opening fails.
+
+    Raises UsageError.
+    """
     if not isinstance(record, (str, Path)):
-        return _each("record", record, urls)
+        return _entry_per_url("record", record, urls)
     check_record(record)
-    keep_old(record)
+    rename_existing(record)
     Path(record).parent.mkdir(parents=True, exist_ok=True)
     shared = RunFile(record)
     stack.callback(shared.close)
     return [shared] * len(urls)
 
 
-def _spelled(poses: str | Sequence[str | PoseSource | None] | None, names: Sequence[str | None]
+def _expand_poses(poses: str | Sequence[str | PoseSource | None] | None, names: Sequence[str | None]
              ) -> Sequence[str | PoseSource | None] | None:
-    """One stream for all, with each car's name where "{car}" stands. Raises UsageError."""
+    """Return the poses of each car: one URL with each car's name in place of "{car}".
+
+    Raises UsageError.
+    """
     if not isinstance(poses, str):
         return poses
     if "{car}" not in poses or None in names:
@@ -185,10 +286,12 @@ def _spelled(poses: str | Sequence[str | PoseSource | None] | None, names: Seque
     return [poses.replace("{car}", quote(str(name))) for name in names]
 
 
-def _sources(given: Sequence[str | PoseSource | None], stack: ExitStack
+def _open_sources(given: Sequence[str | PoseSource | None], stack: ExitStack
              ) -> list[str | PoseSource | None]:
-    """Open what is a URL of many; closed with the stack, as are the cars'. A car's own lidar is
-    its car's to open. Raises as ``open_poses``."""
+    """Open the sources of poses that several cars may share; they are closed with the stack.
+
+    Poses by the lidar of a car remain a URL: ``Car.open`` opens them. Raises as ``open_poses``.
+    """
     shared = [isinstance(one, str) and not one.startswith("lidar:") for one in given]
     opened = iter(open_fleet_poses([str(one) for one, of_many in zip(given, shared, strict=True)
                                     if of_many]))
@@ -200,19 +303,20 @@ def _sources(given: Sequence[str | PoseSource | None], stack: ExitStack
     return sources
 
 
-def _names(cars: Sequence[Car]) -> tuple[str, ...]:
-    """Names of the cars' files; of several with one name the second is NAME-2, and so on."""
+def _unique_names(cars: Sequence[Car]) -> tuple[str, ...]:
+    """Return the names of the cars' files; the second of several with one name is NAME-2."""
     given: list[str] = []
     for car in cars:
-        name, number = car.files.config.name, 1
+        name = car.files.config.name
+        number = 1
         while (unique := name if number == 1 else f"{name}-{number}") in given:
             number += 1
         given.append(unique)
     return tuple(given)
 
 
-def _distinct(cars: Sequence[Car]) -> None:
-    """Raise UsageError where two real cars have one car's calibration."""
+def _check_distinct(cars: Sequence[Car]) -> None:
+    """Raise UsageError if two real cars have the calibration of one car."""
     names = [car.files.config.name for car in cars if not car.simulated]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

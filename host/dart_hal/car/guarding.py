@@ -1,7 +1,7 @@
-"""The guard process of a real car: started while the Nano boots, asked at each write.
+"""The guard process of a real car: started while the Nano boots, checked at each write.
 
-A simulated car in this process needs none: its world stands still with the
-program. On a real bus the guard writes neutral when this program dies or hangs.
+On a real bus the guard writes neutral when this program dies or hangs. A simulated car in this
+process needs none: its time stops with the program.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from dart_hal.devices.actuation.owner import own
 from dart_hal.devices.links.base import Backend
 from dart_hal.devices.links.i2c import open_bus
 
-PATIENCE = 15.0
-"""s that its start may take on a busy machine."""
+# s that the start of the guard may take on a busy machine.
+MAX_GUARD_START_TIME = 15.0
 
 
 def own_actuator(backend: Backend, files: CarFiles) -> None:
-    """Let nobody else drive the PCA9685 of a real bus until ``backend`` is closed.
+    """Reserve the PCA9685 of a real bus for this program until ``backend`` is closed.
 
     Raises PcaBusy, PcaClaimed.
     """
@@ -32,9 +32,9 @@ def own_actuator(backend: Backend, files: CarFiles) -> None:
 
 
 class GuardPost:
-    """Starts a guard for the bus ``spec`` (``1``, ``unix:/path``) and keeps watch with it.
+    """Starts the guard of a bus, and exchanges signs of life with it.
 
-    Make it when the actuator is open. ``error``: why there is no guard.
+    spec: the bus (``1``, ``unix:/path``). actuator: open already. ``error``: why there is no guard.
     """
 
     def __init__(self, spec: str, actuator: Actuator) -> None:
@@ -47,6 +47,7 @@ class GuardPost:
         self._start.start()
 
     def _run(self, spec: str) -> None:
+        """Start the guard process."""
         actuator = self._actuator
         neutral = int(actuator.neutral_us / actuator.pca.count_us)
         try:
@@ -58,27 +59,27 @@ class GuardPost:
             self.error = BusError("the guard process does not start", found=str(error))
 
     def ready(self) -> None:
-        """Wait until the guard watches, or cannot be started."""
-        self._start.join(PATIENCE)
+        """Wait until the guard runs, or cannot be started."""
+        self._start.join(MAX_GUARD_START_TIME)
 
     @property
     def age(self) -> float | None:
-        """s since the guard last spoke; None = there is none."""
+        """Return the time [s] since the guard's last sign of life; None: there is no guard."""
         return self._guard.age if self._guard is not None else None
 
     @property
     def tripped(self) -> bool:
-        """Whether the guard has seen this program hang and writes neutral itself."""
+        """Return whether the guard has found this program hanging and writes neutral itself."""
         return self.age is not None and self._guard is not None and self._guard.tripped
 
     def gate(self) -> str | None:
-        """Why no throttle may be written now; None = go on."""
+        """Return why no throttle may be written now; None: it may."""
         return self._guard.gate() if self._guard is not None else "GUARD_SILENT"
 
     def beat(self, *, at_neutral: bool, off: bool = False) -> None:
-        """This program lives; at neutral, a trip of the guard is acknowledged.
+        """Send a sign of life; at neutral, also acknowledge a trip of the guard.
 
-        off: the pulses are off, and the guard must leave them off.
+        off: the pulses are off, and the guard must keep them off.
         """
         if self._guard is None:
             return
@@ -87,7 +88,7 @@ class GuardPost:
         self._guard.beat(off=off)
 
     def close(self, *, at_neutral: bool) -> None:
-        """Let the guard end; without neutral on the pins it tries for another while."""
+        """End the guard. Without neutral on the pins it goes on trying for a while."""
         self.ready()
         guard, self._guard = self._guard, None
         if guard is not None and at_neutral:

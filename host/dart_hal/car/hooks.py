@@ -1,8 +1,7 @@
-"""Everything that passes between Car and backend can be watched or altered.
+"""Hooks that watch or change the bytes between Car and backend.
 
-A hook gets ``(direction, data, t)`` and returns the bytes to go on with:
-"rx" from the Nano, "tx" to it. That is how faults are injected and how a
-recording keeps the raw bytes; the writer sees what the hooks let through.
+A hook gets ``(direction, data, t)`` and returns the bytes to go on with: "rx" from the Nano, "tx"
+to it. Fault injection and recordings use them; the recording gets the bytes after the hooks.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ Hook = Callable[[str, bytes, float], bytes]
 
 
 class TrafficWriter(Protocol):
-    """What a run writer offers to the engine (``recording.RunWriter``)."""
+    """Methods of a run writer that the engine calls (``recording.RunWriter``)."""
 
     def rx(self, data: bytes, t: float) -> None: ...
     def tx(self, data: bytes, t: float) -> None: ...
@@ -31,9 +30,11 @@ class Hooks:
         self.writer: TrafficWriter | None = None
 
     def add(self, hook: Hook) -> None:
+        """Add a hook behind the others."""
         self._hooks.append(hook)
 
     def rx(self, data: bytes, t: float) -> bytes:
+        """Pass bytes from the Nano through the hooks, and record them."""
         for hook in self._hooks:
             data = hook("rx", data, t)
         if self.writer is not None and data:
@@ -41,6 +42,7 @@ class Hooks:
         return data
 
     def tx(self, data: bytes, t: float) -> bytes:
+        """Pass bytes to the Nano through the hooks, and record them."""
         for hook in self._hooks:
             data = hook("tx", data, t)
         if self.writer is not None and data:

@@ -1,4 +1,4 @@
-"""Who is at the other end: HELLO as a value, and what may be done with it."""
+"""Identity of a Nano: the values of its HELLO frame, and what follows from them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from typing import Any
 
 from dart_hal.wire.messages import PROTO, SCHEMA
 
+# Flags of HELLO.build.
 BUILD_DIRTY, BUILD_TEST, BUILD_MOCK = 1, 2, 4
+# Bootloader by HELLO.bootloader, with its baud rate.
 BOOTLOADERS = {0: "unknown", 1: "ATmegaBOOT (57600)", 2: "Optiboot (115200)"}
 
 
@@ -31,6 +33,7 @@ class Hello:
 
     @classmethod
     def from_frame(cls, values: dict[str, Any]) -> Hello:
+        """Build the identity from the fields of a HELLO frame."""
         return cls(
             proto=values["proto"], schema=values["schema"],
             version=tuple(values["fw_version"]), build=values["build"], git=values["git"],
@@ -41,29 +44,31 @@ class Hello:
 
     @property
     def board(self) -> str:
-        """The Nano's number as the files of a car name it: 8 hex digits."""
+        """Return the board number as in the files of a car: 8 hex digits."""
         return f"{self.board_id:08x}"
 
     @property
     def mock(self) -> bool:
-        """True when the frames come from MockNano, not from firmware."""
+        """Return whether the frames are from MockNano, not from firmware."""
         return bool(self.build & BUILD_MOCK)
 
     @property
     def dirty(self) -> bool:
-        """True when the firmware was built from sources that were not committed."""
+        """Return whether the firmware was built from sources that were not committed."""
         return bool(self.build & BUILD_DIRTY)
 
     @property
     def same_schema(self) -> bool:
+        """Return whether the firmware has the message definitions of this host."""
         return self.schema == SCHEMA
 
     @property
     def proto_supported(self) -> bool:
-        """A host for protocol N works with firmware N-1, N and N+1."""
+        """Return whether this host supports the protocol: its own, one older, one newer."""
         return abs(self.proto - PROTO) <= 1
 
     def as_json(self) -> dict[str, Any]:
+        """Return the identity as the object of ``--json``."""
         return {
             "firmware": ".".join(map(str, self.version)), "git": f"{self.git:08x}",
             "schema": f"{self.schema:08x}", "proto": self.proto, "mock": self.mock,

@@ -1,4 +1,4 @@
-"""``car.lidar``: scans polled at each chunk, mounted by the files, recorded, told in States."""
+"""``car.lidar``: scans that are polled at each chunk, recorded, and put into States."""
 
 from __future__ import annotations
 
@@ -21,34 +21,37 @@ from dart_hal.devices.links.base import Backend
 if TYPE_CHECKING:
     from dart_hal.estimation.localisation.source import LidarPoses
 
-KEPT = 64
-"""Scans that wait for ``scans``: 8 s; of a program that never asks the oldest are dropped."""
-AXIS_X = 0.13
-"""m of the axis before the rear axle where no file says it: the drawing of the base plate."""
+# Scans that wait for ``scans``, 8 s; beyond, the oldest are dropped.
+MAX_QUEUED_SCANS = 64
+# m from the rear axle forward to the axis, where no file states it: drawing of the base plate.
+DEFAULT_MOUNT_X = 0.13
 
 
 class CarLidar:
-    """The lidar of an open car. lock(): held while what came is read.
+    """Lidar of an open car, reached by ``car.lidar``.
 
-    ``record`` is called with each scan as the unit told it; ``localiser`` gets each as it is
-    mounted.
+    source: where the scans come from. mount: pose of the lidar on the car. lock(): lock of the
+    thread that receives them. ``record`` is called with each scan in the frame of the lidar;
+    ``localiser`` gets each in the frame of the car.
     """
 
     def __init__(self, source: ScanSource, mount: Mount,
                  lock: Callable[[], AbstractContextManager[Any]]) -> None:
         self.record: Callable[[Scan], None] = lambda scan: None
         self.localiser: LidarPoses | None = None
-        self._source, self._mount, self._lock = source, mount, lock
+        self._source = source
+        self._mount = mount
+        self._lock = lock
         self._newest: Scan | None = None
-        self._waiting: deque[Scan] = deque(maxlen=KEPT)
+        self._waiting: deque[Scan] = deque(maxlen=MAX_QUEUED_SCANS)
         self._watch = Watch()
         self._yaw = 0.0
         self._early: deque[Scan] = deque()
 
     def scans(self) -> tuple[Scan, ...]:
-        """Return the revolutions that are whole since the last call, at most the newest 64.
+        """Return the complete revolutions since the last call, oldest first, at most the newest 64.
 
-        ``State.scan`` is the newest alone. Empty while none come: ``trouble`` says why.
+        ``State.scan`` is the newest alone. Empty while none arrive: ``trouble`` is the reason.
         """
         with self._lock():
             came = tuple(self._waiting)
@@ -57,28 +60,29 @@ class CarLidar:
 
     @property
     def trouble(self) -> DartHalError | None:
-        """Why no scans come; None while they do."""
+        """Return why no scans arrive; None while they do."""
         return self._source.trouble
 
     @property
     def health(self) -> LidarHealth | None:
-        """What the last 2 s of scans say about the lidar; None before the first."""
+        """Return the condition of the lidar over the last 2 s; None before the first scan."""
         with self._lock():
             return self._watch.health()
 
     @property
     def located(self) -> bool:
-        """Whether the newest scan told where the car is, on ``poses="lidar:map.yaml"``.
+        """Return whether the newest scan gave a pose, with ``poses="lidar:map.yaml"``.
 
-        A pose that is missing since then is missing because no scan came.
+        If it did and no pose has come since, then no scan has come either.
         """
         newest = self.localiser.newest if self.localiser is not None else None
         return newest is not None and newest.pose is not None
 
     def take(self, states: list[State], t: float, now: float) -> list[State]:
-        """States of a chunk that arrived at ``t``, with the newest scan that was there by then.
+        """Return the States of a chunk with the newest scan that had arrived by then.
 
-        What arrived later waits, so that a replay sees the same. now [s]: the car's clock.
+        Later scans wait for the next chunk, so that a replay, which has only the arrival times,
+        gives the same States. t: arrival of the chunk [s]; now: time [s] of the car's clock.
         """
         self._early.extend(self._source.poll(now))
         self._yaw = states[-1].pose.yaw if states else self._yaw
@@ -94,19 +98,21 @@ class CarLidar:
 
 
 def mount_of(files: CarFiles) -> Mount:
-    """How the lidar of a car sits, by ``calibrate lidar``, else by its car.toml."""
-    told, x = files.config.lidar, files.config.geometry.lidar_x
-    given = (AXIS_X if x is None else x, told.y, told.mount_yaw, told.scale)
+    """Return the mounting of a car's lidar by ``calibrate lidar``, else by its car.toml."""
+    configured = files.config.lidar
+    x = files.config.geometry.lidar_x
+    given = (DEFAULT_MOUNT_X if x is None else x, configured.y, configured.mount_yaw,
+             configured.scale)
     table = files.calibration.lidar if files.calibration else LidarCalibration()
     measured = (table.mount_x, table.mount_y, table.mount_yaw, table.scale)
     x, y, yaw, scale = (m.value if m else g for m, g in zip(measured, given, strict=True))
-    return Mount(x, y, yaw, told.inverted, scale)
+    return Mount(x, y, yaw, configured.inverted, scale)
 
 
-def give_lidar(backend: Backend, lidar: str | ScanSource | None) -> None:
-    """Let ``lidar``, else $DART_HAL_LIDAR, be the lidar of a backend that has none of its own.
+def attach_lidar(backend: Backend, lidar: str | ScanSource | None) -> None:
+    """Attach ``lidar``, else $DART_HAL_LIDAR, to a backend that has no lidar of its own.
 
-    A recording keeps the scans that it holds. Raises what ``open_lidar`` raises.
+    A recording keeps its own scans. Raises what ``open_lidar`` raises.
     """
     if lidar is None and backend.lidar is None and backend.bus is not None:
         lidar = os.environ.get("DART_HAL_LIDAR") or None

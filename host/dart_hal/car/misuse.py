@@ -1,4 +1,4 @@
-"""What a program may get wrong with a car, said before anything is done."""
+"""Checks of what a program passes to a car, made before anything is done."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from typing import NoReturn
 from dart_hal.core.errors import LinkLost, UnknownAttribute, UsageError
 from dart_hal.recording.run_file import RunFile
 
-# what a car has that is neither method nor property
-ATTRIBUTES = ("files", "notices", "raise_on_trip", "url")
+# Attributes of a car that are neither method nor property.
+CAR_ATTRIBUTES = ("files", "notices", "raise_on_trip", "url")
 
 
 def check_attribute(name: str) -> None:
     """Raise UnknownAttribute for a public attribute of a car that nothing would read."""
-    if not name.startswith("_") and name not in ATTRIBUTES:
+    if not name.startswith("_") and name not in CAR_ATTRIBUTES:
         raise UnknownAttribute(f"car.{name} = ... would do nothing", found=name,
-                               expected=", ".join(ATTRIBUTES),
+                               expected=", ".join(CAR_ATTRIBUTES),
                                remedy="car.drive(steering=0.1, throttle=0.2)")
 
 
 def check_url(url: str | None) -> str | None:
-    """The URL; None is the default car. Raises UsageError for an empty one or another type."""
+    """Return the URL; None is the default car. Raises UsageError for another type or empty text."""
     if url is not None and not isinstance(url, str):
         raise UsageError("the URL of a car is text", found=repr(url),
                          expected="sim://?seed=7, serial:///dev/ttyUSB0?i2c=1, ...",
@@ -36,22 +36,21 @@ def check_url(url: str | None) -> str | None:
     return url
 
 
-TABLES = (".csv", ".parquet", ".json", ".bag", ".db3")
-"""Suffixes of what a recording is not, but can be exported to or be taken for."""
+# Suffixes of other formats, to which a recording can be exported or for which it may be mistaken.
+TABLE_SUFFIXES = (".csv", ".parquet", ".json", ".bag", ".db3")
 
 
 def check_record(path: str | Path | RunFile) -> None:
-    """Raises UsageError for a file whose name promises another format than MCAP."""
+    """Raise UsageError for a file whose name belongs to another format than MCAP."""
     path = path.path if isinstance(path, RunFile) else path
-    if Path(path).suffix.lower() in TABLES:
+    if Path(path).suffix.lower() in TABLE_SUFFIXES:
         raise UsageError(f"{path}: a recording is an MCAP file", found=Path(path).name,
                          expected="a name that ends in .mcap",
                          remedy="record to .mcap; afterwards: dart-hal export")
 
 
 def check_times(**seconds: float) -> None:
-    """Arguments of states() [s]. Raises UsageError for NaN, beyond which nothing would ever be,
-    below 0, and for what is no number."""
+    """Raise UsageError for a time [s] of states() that is NaN, below 0, or not a number."""
     for name, value in seconds.items():
         if not isinstance(value, Real) or not value >= 0.0:
             raise UsageError(f"{name} of states() is no time", found=f"{name}={value!r}",
@@ -59,7 +58,7 @@ def check_times(**seconds: float) -> None:
 
 
 def check_note(name: str, values: Mapping[str, str]) -> None:
-    """A record for the recording. Raises UsageError for values that are not text."""
+    """Raise UsageError for a note with values that are not text."""
     wrong = [key for key, value in values.items()
              if not isinstance(key, str) or not isinstance(value, str)]
     if wrong:
@@ -76,14 +75,14 @@ def check_message(name: str, known: Iterable[str]) -> None:
                          remedy=near[0] if near else "docs/reference/wire.md")
 
 
-def absent(part: str, simulated: str, real: str, url: str) -> NoReturn:
-    """Raise UsageError: a car was asked for its lidar or camera, and has none."""
+def raise_absent(part: str, simulated: str, real: str, url: str) -> NoReturn:
+    """Raise UsageError for a car without a lidar or camera, which the program uses."""
     raise UsageError(f"this car has no {part}", found=url,
                      expected=f"a URL or Car.open with {part}=...",
                      remedy=f'sim://?{part}={simulated}, or Car.open({part}="{real}")')
 
 
-def shut(what: str) -> LinkLost:
-    """The error for ``what`` was asked of a closed car."""
+def closed_error(what: str) -> LinkLost:
+    """Return the error for using a closed car; ``what``: what was used."""
     return LinkLost("the car is closed", likely=f"{what} outside the with block, or in a forked "
                     "child", remedy="open it again with Car.open()")

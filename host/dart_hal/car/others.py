@@ -1,6 +1,6 @@
-"""A follower among the other cars of its room: passes them, or waits for them.
+"""A follower among the other cars of its room: overtakes them, or waits for them.
 
-What they tell is judged by ``control.traffic``; the own plan is told to them.
+``control.traffic`` decides by their messages; this car sends its own plan.
 """
 
 from __future__ import annotations
@@ -18,16 +18,20 @@ from dart_hal.core.types import MotionEstimate
 
 
 class Others:
-    """``look`` before each answer of the follower, ``tell`` behind it. heard: names of others."""
+    """The other cars, for a follower: ``update`` before each of its answers, ``publish`` after it.
+
+    received: names of the cars of which a pose was received.
+    """
 
     def __init__(self, member: Member, follower: Follower) -> None:
-        self.member, self.follower = member, follower
-        self.heard: set[str] = set()
+        self.member = member
+        self.follower = follower
+        self.received: set[str] = set()
         self._traffic: Traffic | None = None
 
     @property
     def traffic(self) -> Traffic:
-        """Made with the path as it lies once the drive has begun."""
+        """Return the traffic rules along the path, which is fixed once the drive has begun."""
         follower = self.follower
         if self._traffic is None:
             self._traffic = Traffic(follower.path, follower.rules.lane,
@@ -35,15 +39,19 @@ class Others:
                                     isinstance(follower.tracker, Contouring))
         return self._traffic
 
-    def look(self, motion: MotionEstimate) -> None:
-        """Before each answer. A car that tells its place in another frame ends the drive."""
-        follower, found = self.follower, self.member.other_poses()
-        self.heard |= found.keys()
+    def update(self, motion: MotionEstimate) -> None:
+        """Let the traffic rules limit the speed and place obstacles for the follower.
+
+        A car with poses in another frame ends the drive.
+        """
+        follower = self.follower
+        found = self.member.other_poses()
+        self.received |= found.keys()
         if follower.phase in (Phase.WAITING, Phase.ENDED):
             return
         for name, other in found.items():
             if other.frame != motion.frame:
-                follower.stop(f"{name} tells its place in the frame {other.frame!r}, this car in "
+                follower.stop(f"{name} sends poses in the frame {other.frame!r}, this car in "
                               f"{motion.frame!r}", good=False)
                 return
         traffic = self.traffic
@@ -53,10 +61,14 @@ class Others:
         if isinstance(follower.tracker, Contouring):
             follower.tracker.pass_by(traffic.obstacles)
 
-    def tell(self) -> dict[str, float]:
-        """The plan for the others, and what is to be recorded: room [m] to where it has to stand,
-        -1: there is none; the wait by its place in ``Wait``; cars that are passed."""
-        tracker, traffic = self.follower.tracker, self.traffic
+    def publish(self) -> dict[str, float]:
+        """Send the plan to the others, and return what is to be recorded.
+
+        room: distance [m] to where the car has to stop, -1 without. wait: index in ``Wait``.
+        passing: number of cars that are overtaken.
+        """
+        tracker = self.follower.tracker
+        traffic = self.traffic
         if tracker.told and isinstance(tracker, Contouring) and tracker.plan is not None:
             plan = tracker.plan
             self.member.tell_plan(plan.states[:, :4], step=STAGE, t=plan.t)
@@ -65,8 +77,8 @@ class Others:
                 "passing": float(len(traffic.obstacles))}
 
     @property
-    def told(self) -> dict[str, Any]:
-        """For the summary."""
-        return {"others": sorted(self.heard),
+    def summary(self) -> dict[str, Any]:
+        """Return the entries of the summary: other cars, waiting times [s]."""
+        return {"others": sorted(self.received),
                 "waited_s": {str(wait): t for wait, t in self.traffic.seconds.items()
                              if wait is not Wait.FREE and t > 0.0}}

@@ -1,4 +1,4 @@
-"""External poses of an open car: polled at each chunk, recorded, tracked, told in States."""
+"""External poses of an open car: polled at each chunk, recorded, tracked, and put into States."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class PoseFeed:
-    """One per open car with a source of poses. ``record`` is called with each pose taken."""
+    """Source of poses of one open car. ``record`` is called with each pose."""
 
     def __init__(self, source: PoseSource, room: ExternalPoseEstimator) -> None:
         self.source = source
@@ -35,29 +35,32 @@ class PoseFeed:
         self._waiting: deque[ExternalPose] = deque()
 
     def take(self, states: list[State], t: float, now: float) -> list[State]:
-        """States of a chunk that arrived at ``t``; the newest with what the room knew by then.
+        """Return the States of a chunk; the newest has the estimate from all poses until then.
 
-        What arrived later waits: a replay, which knows nothing but stamps, then
-        sees the same. now [s]: the car's clock.
+        Later poses wait for the next chunk, so that a replay, which has only the arrival times,
+        gives the same States. t: arrival of the chunk [s]; now: time [s] of the car's clock.
         """
         self._waiting.extend(self.source.poll(now))
         while self._waiting and self._waiting[0].arrival <= t:
             pose = self._waiting.popleft()
             self.record(pose)
-            told = self._clock.through(pose)
-            if told is not None:
-                self._room.add(told)
+            corrected = self._clock.through(pose)
+            if corrected is not None:
+                self._room.add(corrected)
         if states:
             states[-1] = replace(states[-1], external=self._room.estimate_at(states[-1].t))
         return states
 
 
+# Marker of poses by the car's own lidar: at the rear axle, on the car's own clock.
 AXLE = MarkerModel(std=(0.001, 0.001, 0.002, 0.002))
-"""Of poses that the car's own lidar makes: of the rear axle, by the car's own clock."""
 
 
 def room_of(files: CarFiles, odometry: Odometry, source: PoseSource) -> ExternalPoseEstimator:
-    """For a car of these files: its marker as ``calibrate mocap`` has measured it, else unknown."""
+    """Return the estimator of the pose in the room, with the marker of ``calibrate mocap``.
+
+    Without a calibration the estimator identifies the marker itself.
+    """
     if source.on_board:
         return ExternalPoseEstimator(odometry, AXLE, own_clock=True)
     table = files.calibration.mocap if files.calibration else None
@@ -72,7 +75,10 @@ def room_of(files: CarFiles, odometry: Odometry, source: PoseSource) -> External
 
 
 def localiser_of(backend: Backend, lidar: CarLidar | None) -> LidarPoses | None:
-    """The source, if it is the car's own lidar, joined to its scans. Raises UsageError without."""
+    """Connect the car's own lidar, if that is the source of poses, to its scans.
+
+    Returns the source, None for another one. Raises UsageError for a car without a lidar.
+    """
     source = backend.poses
     if source is None or not source.on_board:
         return None
@@ -89,20 +95,20 @@ def localiser_of(backend: Backend, lidar: CarLidar | None) -> LidarPoses | None:
     return source
 
 
-def give_poses(backend: Backend, poses: str | PoseSource | None) -> None:
-    """Let ``poses``, else $DART_HAL_POSES, be the source of a backend that has none of its own.
+def attach_poses(backend: Backend, poses: str | PoseSource | None) -> None:
+    """Attach ``poses``, else $DART_HAL_POSES, to a backend that has no source of its own.
 
-    A recording keeps the poses that it holds. Raises what ``open_poses`` raises.
+    A recording keeps its own poses. Raises what ``open_poses`` raises.
     """
     if poses is None and backend.poses is None and backend.bus is not None:
         poses = os.environ.get("DART_HAL_POSES") or None
     if poses is not None:
-        backend.poses = _opened(poses) if isinstance(poses, str) else poses
+        backend.poses = _open_source(poses) if isinstance(poses, str) else poses
     if backend.poses is not None:
         backend.closers += (backend.poses.close,)
 
 
-def _opened(text: str) -> PoseSource:
+def _open_source(text: str) -> PoseSource:
     if not text.startswith("lidar:"):
         return open_poses(text)
     from dart_hal.estimation.localisation.source import open_source

@@ -1,4 +1,4 @@
-"""Who runs the frame step: the caller in virtual time, a thread on a real link."""
+"""Runs the frame step: the caller in virtual time, a thread on a real link."""
 
 from __future__ import annotations
 
@@ -7,39 +7,40 @@ import threading
 from typing import Protocol
 
 from dart_hal.car.engine import Engine
-from dart_hal.car.reconnect import Found, Search
+from dart_hal.car.reconnect import BoardSearch, FoundBoard
 from dart_hal.core.errors import LinkLost
 from dart_hal.core.types import State
 from dart_hal.devices.links.serial_port import SerialLink
 
-SLICE = 0.02
-"""s: longest wait in the thread's read, so that expiry is noticed in time."""
-AWAY = 0.04
-"""s between two frames without a Nano: neutral again, and a beat for the guard (100 ms)."""
+# s: longest wait of the thread's read, so that commands expire in time.
+MAX_READ_TIME = 0.02
+# s between two frames without a Nano: neutral again, and a heartbeat for the guard (100 ms).
+REFRESH_INTERVAL = 0.04
 
 
 class Pump(Protocol):
-    """Delivers States and stands still when told to."""
+    """Delivers the States of a car until it is stopped."""
 
     def next(self, timeout: float) -> tuple[State, int]:
-        """The newest State not yet delivered and how many older ones were skipped.
+        """Return the newest State not yet delivered, and how many older ones were skipped.
 
         Raises LinkLost after ``timeout`` s without a frame.
         """
 
     def error(self) -> BaseException | None:
-        """What ``next`` would raise and has not yet; a lost link is told once."""
+        """Return what ``next`` would raise and has not yet; a lost link is returned once."""
 
-    def stop(self) -> None: ...
+    def stop(self) -> None:
+        """Stop the steps."""
 
 
-def _silence(engine: Engine, timeout: float) -> LinkLost:
+def _no_frame_error(engine: Engine, timeout: float) -> LinkLost:
     return LinkLost(f"no frame for {timeout:g} s on {engine.backend.url.text}",
                     found=f"{engine.receiver.counters.ok} good frames before")
 
 
 class InlinePump:
-    """Virtual time: the step runs inside ``next``; nothing is ever skipped."""
+    """Virtual time: the step runs inside ``next``, and no State is skipped."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -52,22 +53,25 @@ class InlinePump:
             if states:
                 return states[-1], len(states) - 1
             if engine.now >= deadline:
-                raise _silence(engine, timeout)
+                raise _no_frame_error(engine, timeout)
 
     def error(self) -> BaseException | None:
         return None
 
     def stop(self) -> None:
-        """Nothing runs by itself."""
+        """Do nothing: no thread runs."""
 
 
 class ThreadPump:
-    """Real link: a thread steps; a slow loop gets the newest State.
+    """Real link: a thread runs the steps, and a slow loop gets the newest State.
 
-    Whatever ends the stepping, a lost link or a listener that raises (SystemExit
-    and KeyboardInterrupt as well), the thread first brings the pins to neutral and
-    goes on refreshing them; the error is raised by ``next``. A link that vanished is
-    raised once: the board is looked for, and stepping goes on, disarmed, when it is found.
+    When a step fails, by a lost link or a listener that raises (also SystemExit and
+    KeyboardInterrupt):
+
+    1. The thread writes neutral, and goes on refreshing it.
+    2. ``next`` raises the error; a lost link only once.
+    3. After a lost link, the thread searches for the board. When it is found, the steps go on, and
+       the car is disarmed.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -81,13 +85,13 @@ class ThreadPump:
         self._thread.start()
 
     def _run(self) -> None:
-        found: Found | None = None
+        found: FoundBoard | None = None
         while not self._ended.is_set():
             try:
                 if found is not None:
                     again, found = found, None
                     self._publish(self._engine.resume(*again))
-                self._publish(self._engine.step(SLICE))
+                self._publish(self._engine.step(MAX_READ_TIME))
             except LinkLost as error:
                 found = self._hold(error, self._search())
             except BaseException as error:  # noqa: BLE001 - raised by next(), at neutral
@@ -95,12 +99,13 @@ class ThreadPump:
         if found is not None:
             found.link.close()
 
-    def _search(self) -> Search | None:
-        """Let go of the port, so that its name is free, and look for the board."""
+    def _search(self) -> BoardSearch | None:
+        """Release the port, so that its name is free, and start a search for the board."""
         engine = self._engine
-        hello, link = engine.receiver.hello, engine.backend.link
+        hello = engine.receiver.hello
+        link = engine.backend.link
         link.close()
-        return Search(engine.backend, hello.board_id, link.baud) \
+        return BoardSearch(engine.backend, hello.board_id, link.baud) \
             if hello is not None and isinstance(link, SerialLink) else None
 
     def _publish(self, states: list[State]) -> None:
@@ -110,8 +115,8 @@ class ThreadPump:
                 self._count += len(states)
                 self._news.notify_all()
 
-    def _hold(self, error: BaseException, search: Search | None) -> Found | None:
-        """Neutral, then tell, then neutral again until the board is found, or ``stop``."""
+    def _hold(self, error: BaseException, search: BoardSearch | None) -> FoundBoard | None:
+        """Write neutral, publish the error, refresh neutral until the board is found or stop()."""
         engine = self._engine
         with engine.lock:  # until it is told: who finds the car disarmed finds out why
             with contextlib.suppress(BaseException):  # a hook of the program may raise again
@@ -120,8 +125,9 @@ class ThreadPump:
                 self._error = error
                 self._delivered = self._count  # what came before is old when it is told
                 self._news.notify_all()
+        # Refresh neutral, and feed the guard, until the search succeeds.
         found = None
-        while found is None and not self._ended.wait(AWAY):
+        while found is None and not self._ended.wait(REFRESH_INTERVAL):
             with contextlib.suppress(BaseException), engine.lock:
                 engine.driver.frame(engine.now)
             found = search.look(engine.now) if search is not None else None
@@ -136,7 +142,7 @@ class ThreadPump:
             if (error := self.error()) is not None:
                 raise error
             if self._latest is None or self._count == self._delivered:
-                raise _silence(self._engine, timeout)
+                raise _no_frame_error(self._engine, timeout)
             # What came before the loop was there to see it is not a slow loop's loss.
             skipped = self._count - self._delivered - 1 if self._delivered else 0
             self._delivered = self._count

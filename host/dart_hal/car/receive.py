@@ -1,4 +1,4 @@
-"""Bytes in, States out: decoder, dispatch by message, and what is kept of each."""
+"""From bytes to States: decoder, dispatch by message, storage of the other messages."""
 
 from __future__ import annotations
 
@@ -24,18 +24,21 @@ from dart_hal.wire.messages import (
 )
 from dart_hal.wire.plausible import Gates
 
-INBOX = 64
-"""Frames of the rarer kinds that are kept for whoever asked for them."""
+# Messages of the rarer kinds that wait for ``take_messages``.
+MAX_QUEUED_MESSAGES = 64
 
 
 class Receiver:
-    """Decodes the link's bytes; one per open car.
+    """Decodes the bytes of the link; one per open car.
 
-    ``hello``, ``diag``: the newest; ``params``, ``captures``: what the Nano
-    answered in this boot; ``inbox``: the other messages in order of
-    arrival; ``boots``: how often a HELLO of another boot was seen;
-    ``hello_stale``: the Nano's clock began anew and no HELLO has said why yet;
-    ``sent_at``: when a recorded ping had left; ``fed``: bytes so far.
+    Attributes:
+        hello, diag: newest of each.
+        params, captures: what the Nano has answered since its boot.
+        inbox: other messages in order of arrival.
+        boots: number of HELLOs of another boot.
+        hello_stale: the Nano's clock restarted, and no HELLO has followed yet.
+        sent_at: gives the time at which a recorded ping was sent.
+        fed: number of bytes so far.
     """
 
     def __init__(self, telemetry: Telemetry, transmitter: Transmitter) -> None:
@@ -52,26 +55,27 @@ class Receiver:
         self.captures: deque[dict[str, Any]] = deque(maxlen=4)
         self.hello_stale = False
         self._hello_new = False
-        self.inbox: deque[Frame] = deque(maxlen=INBOX)
+        self.inbox: deque[Frame] = deque(maxlen=MAX_QUEUED_MESSAGES)
         self.on_boot: Callable[[], None] = lambda: None
         self.sent_at: Callable[[int], float | None] = lambda ping_id: None
 
     @property
     def counters(self) -> Counters:
-        """Decoder's account: frames ok, lost, damaged."""
+        """Return the decoder's counters: frames good, lost, damaged."""
         return self._decoder.counters
 
     @property
     def schema_ok(self) -> bool:
+        """Return whether the firmware has the message definitions of this host."""
         return self.hello is not None and self.hello.same_schema
 
     def restart_decoder(self) -> None:
-        """What came so far was noise of another line rate."""
+        """Drop what was received so far: noise of another line rate."""
         self._decoder = Decoder(UP, Gates())
         self.fed = 0
 
-    def taken(self, name: str) -> list[dict[str, Any]]:
-        """Messages of this name out of the inbox, in order of arrival."""
+    def take_messages(self, name: str) -> list[dict[str, Any]]:
+        """Remove the messages of a name from the inbox and return them, in order of arrival."""
         found = [frame for frame in self.inbox if frame.message.name == name]
         rest = [frame for frame in self.inbox if frame.message.name != name]
         self.inbox.clear()
@@ -79,7 +83,7 @@ class Receiver:
         return [frame.as_dict() for frame in found]
 
     def feed(self, data: bytes, t: float, applied: Applied) -> list[State]:
-        """States that end in ``data``, whose last byte arrived at host time ``t``."""
+        """Return the States that end in ``data``; its last byte arrived at host time ``t`` [s]."""
         self.fed += len(data)
         states = []
         for frame in self._decoder.feed(data):
@@ -90,6 +94,8 @@ class Receiver:
         return states
 
     def _state(self, frame: Frame, t: float, applied: Applied) -> State:
+        """Return the State of a STATE frame."""
+        # Unwrap the 8-bit sequence number.
         self._seq += ((frame.seq - self._seq - 1) & 0xFF) + 1 if self._seq >= 0 else frame.seq + 1
         millivolt = self.diag.get("vcc_mv", 0)
         state = self._telemetry.read(frame, self._seq, t, self.fed - frame.end, applied,
@@ -101,11 +107,13 @@ class Receiver:
         return state
 
     def _forget_boot(self) -> None:
+        """Drop the answers of a boot that has ended."""
         self.params.clear()
         self.captures.clear()
         self.on_boot()
 
     def _other(self, frame: Frame, t: float) -> None:
+        """Handle a message other than STATE."""
         if self._seq >= 0:
             self._seq += ((frame.seq - self._seq - 1) & 0xFF) + 1
         if frame.message is HELLO:
@@ -115,6 +123,7 @@ class Receiver:
             self.diag = frame.as_dict()
             self._telemetry.set_slot(1e-6 * self.diag["loop_max_us"])
         elif frame.message is TIME_PONG:
+            # The pong arrived before the bytes behind it.
             behind = (self.fed - frame.end) * self._telemetry.clock.byte_time
             pong = frame.as_dict()
             self._transmitter.pong(pong, self._telemetry.clock, t - behind,
@@ -133,9 +142,11 @@ class Receiver:
             self.params[value["id"]] = value["value"]
 
     def _hello(self, hello: Hello) -> None:
+        """Take over a HELLO; restart the estimators if it is of another boot or board."""
         known, stale = self.hello, self.hello_stale
-        self.hello, self.hello_stale = hello, False
-        self._telemetry.identified(hello.caps)
+        self.hello = hello
+        self.hello_stale = False
+        self._telemetry.set_capabilities(hello.caps)
         if known is not None and (known.boot_count, known.board_id) != (hello.boot_count,
                                                                         hello.board_id):
             self.boots += 1

@@ -1,10 +1,9 @@
 """``replay://run.mcap``: a recorded run as a backend.
 
-The recorded bytes go through the same decoder, in their order and with their
-stamps; the clock is the recording's. There is no bus: commands are accepted
-and reported as not sent. Beside the bytes the link offers what a Car needs to
-give the very States of the run: the pulses then applied, and when the
-recorded pings had left.
+The recorded bytes go through the same decoder, in their order and with their time stamps; the
+clock is that of the recording. There is no bus: commands are accepted and reported as not sent.
+For exactly the States of the run, the link also gives the pulses that were applied, and when the
+recorded pings were sent.
 """
 
 from __future__ import annotations
@@ -24,32 +23,34 @@ from dart_hal.wire.codec import DOWN, UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, STATE, TIME_PING
 
-HELLO_WITHIN = 4.0
-"""s: a run that began with the opening of its car holds a HELLO by then."""
+# s: a run whose recording began with ``Car.open`` contains a HELLO by then.
+MAX_HELLO_TIME = 4.0
 
 
 class ReplayClock:
-    """The recording's time: moves only when bytes are read or somebody sleeps."""
+    """Clock of the recording; it advances only by reads and sleeps."""
 
     def __init__(self, start: float) -> None:
         self._now = start
 
     def now(self) -> float:
+        """Return the time [s]."""
         return self._now
 
     def sleep(self, seconds: float) -> None:
+        """Advance by ``seconds``."""
         self._now += max(seconds, 0.0)
 
     def reach(self, t: float) -> None:
-        """Go on to ``t``, never back."""
+        """Advance to ``t``, never back."""
         self._now = max(self._now, t)
 
 
 class ReplayLink(Link):
-    """Recorded bytes in recorded order; what is written goes nowhere.
+    """Recorded bytes in recorded order; writes are dropped.
 
-    ``applied``: what the pins carried when the newest chunk arrived;
-    ``applied_next``: what they carried when the chunk after it did.
+    ``applied``: what the pins carried when the newest chunk arrived; ``applied_next``: the same for
+    the chunk after it.
     """
 
     def __init__(self, recording: RunReader, clock: ReplayClock) -> None:
@@ -65,9 +66,9 @@ class ReplayLink(Link):
         self._take_applied()
 
     def read(self, timeout: float) -> Chunk | None:
-        """The next chunk if it is due within ``timeout`` s of the recording.
+        """Return the next chunk if it is due within ``timeout`` s of the recording.
 
-        Raises EndOfRecording behind the last one.
+        Raises EndOfRecording after the last one.
         """
         if not self._items:
             raise EndOfRecording(f"{self.recording.path}: the recording is over",
@@ -86,31 +87,31 @@ class ReplayLink(Link):
         return chunk
 
     def _take_applied(self) -> None:
-        """Records before the next bytes belong to the time until then."""
+        """Take over the pulses that were recorded before the next bytes."""
         while self._items and isinstance(self._items[0], AppliedAt):
             self.applied_next = self._items.popleft().applied  # type: ignore[union-attr]
 
     @property
     def baud(self) -> int:
-        """Line rate of the run; it decides how long a frame was on the wire."""
+        """Return the line rate of the run, which determines the transmission time of a frame."""
         noted = self.recording.metadata.get("line", {}).get("baud", "")
         return int(noted) if noted.isdecimal() and int(noted) else 500_000
 
     def ping_sent(self, ping_id: int) -> float | None:
-        """Host time [s] at which the newest recorded ping of that id had left."""
+        """Return the host time [s] at which the newest recorded ping of that id was sent."""
         sent = self._pings.get(ping_id)
         now = self._clock.now()
         return max((t for t in sent or () if t <= now), default=None)
 
     def write(self, data: bytes) -> None:
-        """Nobody is there to read it."""
+        """Drop the bytes: a recording has no receiver."""
 
     def close(self) -> None:
         self._items.clear()
 
 
 class ReplayPoses:
-    """The recorded poses from outside, each at its arrival; ``on_board``: by the car's lidar."""
+    """Recorded external poses, each at its arrival; ``on_board``: from the car's own lidar."""
 
     def __init__(self, recording: RunReader, poses: Iterable[ExternalPose]) -> None:
         self.name = f"the poses in {recording.path}"
@@ -118,6 +119,7 @@ class ReplayPoses:
         self.on_board = bool(self._poses) and self._poses[0].frame == FRAME
 
     def poll(self, now: float) -> list[ExternalPose]:
+        """Return the poses that have arrived by ``now`` [s]."""
         due = []
         while self._poses and self._poses[0].arrival <= now:
             due.append(self._poses.popleft())
@@ -127,19 +129,19 @@ class ReplayPoses:
         self._poses.clear()
 
 
-class Arrives(Protocol):
-    """What was recorded with its arrival [s]."""
+class HasArrival(Protocol):
+    """An item that was recorded with its arrival."""
 
     @property
     def arrival(self) -> float:
-        """s on the car's clock."""
+        """Return the arrival [s] on the car's clock."""
 
 
-ArrivesT = TypeVar("ArrivesT", bound=Arrives)
+ArrivesT = TypeVar("ArrivesT", bound=HasArrival)
 
 
 class ReplaySource(Generic[ArrivesT]):
-    """Recorded scans, or images, each at its arrival; read from the file as they are due."""
+    """Recorded scans or images, each at its arrival; read from the file when they are due."""
 
     trouble: DartHalError | None = None
 
@@ -150,6 +152,7 @@ class ReplaySource(Generic[ArrivesT]):
         self._rest = rest
 
     def poll(self, now: float) -> list[ArrivesT]:
+        """Return the items that have arrived by ``now`` [s]."""
         due = []
         while self._next is not None and self._next.arrival <= now:
             due.append(self._next)
@@ -161,7 +164,7 @@ class ReplaySource(Generic[ArrivesT]):
 
 
 def sent_pings(recording: RunReader) -> dict[int, list[float]]:
-    """Host times of the recorded TIME_PING frames by their id (ids wrap)."""
+    """Return the host times [s] of the recorded TIME_PING frames by their id (ids wrap)."""
     decoder = Decoder(DOWN)
     found: dict[int, list[float]] = {}
     for chunk in recording.sent():
@@ -172,9 +175,10 @@ def sent_pings(recording: RunReader) -> dict[int, list[float]]:
 
 
 def missing_hello(recording: RunReader) -> Chunk | None:
-    """A HELLO to begin with, for a run whose recording began after the opening."""
+    """Return a HELLO to start with, for a run whose recording began after the opening."""
     if recording.hello is None:
         return None
+    # Search the first seconds for a HELLO; note the sequence number of the first STATE.
     decoder = Decoder(UP)
     first: tuple[int, float] | None = None
     for chunk in recording.chunks():
@@ -183,17 +187,18 @@ def missing_hello(recording: RunReader) -> Chunk | None:
                 return None
             if frame.message.id == STATE.id and first is None:
                 first = frame.seq, chunk.t
-        if first is not None and chunk.t > first[1] + HELLO_WITHIN:
+        if first is not None and chunk.t > first[1] + MAX_HELLO_TIME:
             break
     if first is None:
         return None
+    # The HELLO precedes the first STATE, so that no frame counts as lost.
     return Chunk(encode(HELLO, (first[0] - 1) & 0xFF, recording.hello), first[1])
 
 
 def open_replay(url: Url) -> Backend:
-    """Open ``replay://FILE``, of a file of several cars with ``?car=NAME``.
+    """Open ``replay://FILE``; with ``?car=NAME`` one car of a file of several.
 
-    Raises RecordingError naming the file.
+    Raises RecordingError that names the file.
     """
     url.known("car")
     if not url.target:
@@ -205,8 +210,10 @@ def open_replay(url: Url) -> Backend:
     if first is None:
         raise RecordingError(f"{url.target}: holds no bytes of the Nano", read=url.target,
                              likely="the run was cut off before its first frame")
-    poses, scans = list(recording.poses()), recording.scans()
-    scan, images = next(scans, None), recording.images()
+    poses = list(recording.poses())
+    scans = recording.scans()
+    scan = next(scans, None)
+    images = recording.images()
     image = next(images, None)
     clock = ReplayClock(min(recording.start, first.t) if recording.meta else first.t)
     return Backend(

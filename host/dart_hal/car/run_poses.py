@@ -1,4 +1,4 @@
-"""External poses of a run of our own as the ``Mocap`` that the published recordings have."""
+"""External poses of a run as the ``Mocap`` of the published DART recordings."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ from dart_hal.recording.dart.reader import MIN_MOCAP_ROWS
 from dart_hal.recording.dart.schema import MOCAP
 
 
-def mocap_of(poses: Sequence[ExternalPose]) -> tuple[Mocap, float, list[Note]] | None:
-    """(mocap, car's time [s] of its first row, notes); None for fewer than 30 poses.
+def mocap_from_poses(poses: Sequence[ExternalPose]) -> tuple[Mocap, float, list[Note]] | None:
+    """Return (mocap, car's time [s] of its first row, notes); None for fewer than 30 poses.
 
-    Rows are told by the source's stamps, brought to the car's clock by the
-    promptest arrivals: what all of them were late is not seen, as it is not in
-    the published recordings, whose common clock is the arrival as well.
+    The rows have the times of the source, mapped to the car's clock by the arrivals with the least
+    delay. A delay common to all poses remains, as in the published recordings, whose common clock
+    is the arrival as well.
     """
     if len(poses) < MIN_MOCAP_ROWS:
         return None
     stamp = np.array([p.stamp for p in poses])
-    t, anew = to_car_time(stamp, np.array([p.arrival for p in poses]))
-    notes = [Note(anew, kind="mocap_time_back")] if anew else []
+    t, restarts = to_car_time(stamp, np.array([p.arrival for p in poses]))
+    notes = [Note(restarts, kind="mocap_time_back")] if restarts else []
     rows = (t, *np.array([(p.x, p.y, p.yaw) for p in poses]).T)
     mocap, _, more = read_mocap(dict(zip(MOCAP, rows, strict=True)))
     epoch = float(stamp[0]) if stamp[0] > EPOCH_FROM else None
     return replace(mocap, epoch=epoch), float(t[0]), notes + more
 
 
-def on_clock(messages: Messages, start: float) -> Messages:
-    """Messages whose arrival is told on the clock of a mocap that starts at ``start`` [s]."""
+def shift_arrivals(messages: Messages, start: float) -> Messages:
+    """Return messages with arrivals on the clock of a mocap that starts at ``start`` [s]."""
     return replace(messages, arrival=freeze(messages.t - start))
 
 
-def calibrated(calibration: Calibration | None) -> tuple[Reference, float] | None:
-    """(marker frame, latency [s] of the poses) as ``calibrate mocap`` has measured them."""
+def marker_calibration(calibration: Calibration | None) -> tuple[Reference, float] | None:
+    """Return (marker frame, latency [s]) of ``calibrate mocap``; None: not calibrated."""
     table = calibration.mocap if calibration else None
     if table is None or not (table.marker_x and table.marker_y and table.marker_yaw):
         return None

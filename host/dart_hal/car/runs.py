@@ -1,8 +1,8 @@
-"""Recordings of every kind as ``Recording``: the DART CSV files and our own runs.
+"""Recordings of every format as ``Recording``: the DART CSV files and our own runs.
 
-A run (MCAP) is replayed through the same decoder and estimators as a live
-car, then thinned to 10 Hz like the messages of the DART recordings; steering
-and throttle are the commands that the pulses on the pins stand for.
+A run (MCAP) is replayed through the decoder and estimators of a live car, then averaged to 10 Hz,
+the rate of the DART recordings. Steering and throttle are the commands that correspond to the
+pulses at the pins.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.car import Car
-from dart_hal.car.run_poses import calibrated, mocap_of, on_clock
+from dart_hal.car.run_poses import marker_calibration, mocap_from_poses, shift_arrivals
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.car import CarConfig
 from dart_hal.core.errors import DartHalError, RecordingError
@@ -41,74 +41,83 @@ from dart_hal.recording.dart.reader import note_false_lock
 from dart_hal.recording.dart.sensors import GAP
 from dart_hal.recording.run import RunReader
 
-EVERY = 10  # frames of 10 ms
-FINE = 2  # where timing is the question: the PWM frame of the commands
-SHORTEST = 100  # frames: 1 s
-KEPT = 32  # runs whose messages are kept: an hour of driving is 10 MB
+# Frames of 10 ms of which one message is the mean.
+FRAMES_PER_MESSAGE = 10
+# The same where timing matters: one PWM frame of the commands.
+FRAMES_PER_FINE_MESSAGE = 2
+# Frames of the shortest run that is used: 1 s.
+MIN_FRAMES = 100
+# Replayed runs that are kept in memory: an hour of driving is 10 MB.
+MAX_CACHED_RUNS = 32
+# s by which an acceleration is older than the update of the yaw rate: its own filter of 62.5 Hz,
+# and it is read before the gyro.
 ACCEL_DELAY = 0.0025 + DEFAULT_GYRO_READ[0]
-"""s by which an acceleration is older than the yaw rate's update: its own filter of 62.5 Hz, and
-it is read before the gyro."""
-MASS = "mass"  # metadata of a run: kg and std, as weighed
+# Name of the note with the mass of the car: kg and its standard error.
+MASS_NOTE = "mass"
+# Files of a folder that are read.
 SUFFIXES = (".csv", ".csv.gz", ".mcap")
 
 
 @dataclass(frozen=True, slots=True)
 class NamedCar:
-    """A car by its name, and the folder of the cars' files; None: as ``Car.open`` takes it."""
+    """Name of a car, and folder of the cars' files; None: as ``Car.open``."""
 
     name: str | None = None
     cars: str | None = None
 
 
-def read_run(path: str | Path, every: int = EVERY, *, poses: bool = True,
+def read_run(path: str | Path, every: int = FRAMES_PER_MESSAGE, *, poses: bool = True,
              car: NamedCar = NamedCar()) -> Recording:
-    """As ``read_unframed``, with the marker frame fitted to this run where it is not calibrated."""
+    """Read a run as ``read_unframed``, and fit the marker frame to it if it is not calibrated."""
     return with_marker_frames([read_unframed(path, every, poses=poses, car=car)])[0]
 
 
-def read_unframed(path: str | Path, every: int = EVERY, *, poses: bool = True,
+def read_unframed(path: str | Path, every: int = FRAMES_PER_MESSAGE, *, poses: bool = True,
                   car: NamedCar = NamedCar()) -> Recording:
-    """A run as a Recording: schema "run", 10 Hz; mocap where poses from outside were recorded.
+    """Read a run as a Recording: schema "run", 10 Hz; mocap if external poses were recorded.
 
-    With poses, the messages are what the published recordings have beside theirs:
-    commands, yaw rate and acceleration of the moment, speed of the last 0.1 s, at 50 Hz.
-    poses False: as if there were none. Without:
-    every: frames of 10 ms that one message is made of; fewer keep finer timing.
-    Speed, yaw rate, acceleration and steering are means over the step that ends
-    at a message's stamp; the throttle is that of the moment, free of dithering,
-    with one more message before and after each jump. car: whose files count where the run
-    holds none.
-    Errors: RecordingError for a file that is no run or holds less than 1 s.
+    With poses, the messages are those of the published recordings: commands, yaw rate and
+    acceleration at the time stamp, mean speed of the last 0.1 s, at 50 Hz. Without poses, speed,
+    yaw rate, acceleration and steering are means over the period that ends at the time stamp. The
+    throttle is that at the time stamp without dithering, with a message before and after each jump.
+
+    every: frames of 10 ms per message, without poses; fewer keep finer timing.
+    poses: False ignores the poses.
+    car: files for a run that has none.
+    Raises RecordingError for a file that is not a run or is shorter than 1 s.
     """
     path = Path(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
-    run = _replayed(path, digest, car)
-    said = [Note(notice, kind="car_files") for notice in run.notices]
+    run = _replay_run(path, digest, car)
+    file_notes = [Note(notice, kind="car_files") for notice in run.notices]
     lost = [Note("frames lost on the line", run.lost)] if run.lost else []
-    seen = mocap_of(run.poses) if poses else None
-    if seen is not None:
-        mocap, start, more = seen
-        notes = [Note(f"{run.frames} frames at 100 Hz, every {FINE}. used"), *said, *lost,
-                 *more]
-        marker, late = run.marker or (None, 0.0)
+    external = mocap_from_poses(run.poses) if poses else None
+    if external is not None:
+        mocap, start, more = external
+        frames = Note(f"{run.frames} frames at 100 Hz, every {FRAMES_PER_FINE_MESSAGE}. used")
+        notes = [frames, *file_notes, *lost, *more]
+        marker, latency = run.marker or (None, 0.0)
         return note_false_lock(Recording(
-            path, RUN, on_clock(run.moments, start - late), mocap, "ok", None, digest,
-            tuple(notes), mass=_weighed(path), marker=marker, car=run.car,
-            commands=_on_clock(run.commands, start - late)))
+            path, RUN, shift_arrivals(run.moments, start - latency), mocap, "ok", None, digest,
+            tuple(notes), mass=_read_mass(path), marker=marker, car=run.car,
+            commands=_shift_commands(run.commands, start - latency)))
     notes = [Note(f"{run.frames} frames at 100 Hz, " + (f"means of {every} used" if every > 1
-                                                       else "all used")), *said, *lost]
+                                                       else "all used")), *file_notes, *lost]
     messages = run.messages[every] if every in run.messages else _messages(
         *_states(path, car)[:2], every)
     return Recording(path, RUN, messages, None, "ok", None, digest, tuple(notes),
-                     mass=_weighed(path), span=every * SAMPLE, car=run.car)
+                     mass=_read_mass(path), span=every * SAMPLE, car=run.car)
 
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """What is kept of a run: messages by the frames that each is made of, and of the moment;
-    marker: where it sat on the car, and latency [s] of its poses, where that was calibrated;
-    car: its car file; notices: about the files that were used; commands: at the car's times of
-    their writes, None where a run has none."""
+    """A replayed run.
+
+    messages: by frames per message. moments: messages of the values at the time stamps.
+    marker: marker frame and latency [s] of the poses, if calibrated. car: its car.toml.
+    notices: about the files that are used. commands: by the times of their writes, None without
+    any.
+    """
 
     frames: int
     lost: int
@@ -121,20 +130,22 @@ class _Run:
     commands: AppliedCommands | None
 
 
-@lru_cache(maxsize=KEPT)
-def _replayed(path: Path, digest: str, car: NamedCar) -> _Run:
-    """A run, replayed once for all that is asked of it; digest: of its content."""
+@lru_cache(maxsize=MAX_CACHED_RUNS)
+def _replay_run(path: Path, digest: str, car: NamedCar) -> _Run:
+    """Replay a run once for all uses; digest: of its content."""
     states, files, notices = _states(path, car)
     return _Run(len(states), states[-1].health.lost,
-                {every: _messages(states, files, every) for every in (EVERY, FINE)},
+                {every: _messages(states, files, every)
+                 for every in (FRAMES_PER_MESSAGE, FRAMES_PER_FINE_MESSAGE)},
                 _moments(states, files), tuple(RunReader(path).poses()),
-                calibrated(files.calibration), files.config, notices, _written(path, files))
+                marker_calibration(files.calibration), files.config, notices,
+                _written_commands(path, files))
 
 
-def _written(path: Path, files: CarFiles) -> AppliedCommands | None:
-    """Commands at the times of their writes, without the dithering of the steering.
+def _written_commands(path: Path, files: CarFiles) -> AppliedCommands | None:
+    """Return the commands at the times of their writes, without the dithering of the steering.
 
-    The ESC follows the dithering of its pulses, so that of the throttle stays.
+    The ESC follows the dithering of its pulses, so that of the throttle remains.
     """
     applied = list(RunReader(path).applied())
     if not applied:
@@ -144,16 +155,16 @@ def _written(path: Path, files: CarFiles) -> AppliedCommands | None:
     return AppliedCommands(
         freeze(np.array([a.t for a in applied])),
         freeze(np.array([a.applied.throttle for a in applied])),
-        freeze(np.round(undithered(steering, count), 6)))
+        freeze(np.round(remove_dithering(steering, count), 6)))
 
 
-def _on_clock(commands: AppliedCommands | None, start: float) -> AppliedCommands | None:
-    """Commands on the clock of a mocap that starts at ``start`` [s]."""
+def _shift_commands(commands: AppliedCommands | None, start: float) -> AppliedCommands | None:
+    """Return commands on the clock of a mocap that starts at ``start`` [s]."""
     return None if commands is None else replace(commands, t=freeze(commands.t - start))
 
 
 def _states(path: Path, named: NamedCar) -> tuple[list[State], CarFiles, tuple[str, ...]]:
-    """(states, files of the car, notices about them). Errors: as ``read_run``."""
+    """Return (States, files of the car, notices about them). Raises as ``read_run``."""
     try:
         with Car.open(f"replay://{path}", car=named.name, cars=named.cars) as car:
             files = car.files
@@ -164,7 +175,7 @@ def _states(path: Path, named: NamedCar) -> tuple[list[State], CarFiles, tuple[s
     except DartHalError as err:
         raise RecordingError(f"{path}: the run cannot be replayed", found=err.what,
                              read=str(path), remedy=err.remedy) from err
-    if len(states) < SHORTEST:
+    if len(states) < MIN_FRAMES:
         raise RecordingError(f"{path}: the run is too short", found=f"{len(states)} frames",
                              expected="at least 1 s", read=str(path),
                              remedy="leave this file out")
@@ -172,17 +183,18 @@ def _states(path: Path, named: NamedCar) -> tuple[list[State], CarFiles, tuple[s
 
 
 def finer(recording: Recording) -> Recording:
-    """A run read anew at 50 Hz, for timing; any other recording as it is."""
-    coarse = recording.span > 1.5 * FINE * SAMPLE
+    """Read a run again at 50 Hz, for timing; return any other recording unchanged."""
+    coarse = recording.span > 1.5 * FRAMES_PER_FINE_MESSAGE * SAMPLE
     if not coarse:
         return recording
     name = recording.car.name if recording.car is not None else None
-    return read_run(recording.path, FINE, poses=recording.mocap is not None, car=NamedCar(name))
+    return read_run(recording.path, FRAMES_PER_FINE_MESSAGE, poses=recording.mocap is not None,
+                    car=NamedCar(name))
 
 
-def _weighed(path: Path) -> tuple[float, float] | None:
-    """(kg, one sigma) as noted by the experiment; None where nobody has weighed."""
-    noted = RunReader(path).metadata.get(MASS, {})
+def _read_mass(path: Path) -> tuple[float, float] | None:
+    """Return (mass, standard error) [kg] as noted by the experiment; None: not noted."""
+    noted = RunReader(path).metadata.get(MASS_NOTE, {})
     try:
         value, std = float(noted["kg"]), float(noted["std"])
     except (KeyError, ValueError):
@@ -190,11 +202,14 @@ def _weighed(path: Path) -> tuple[float, float] | None:
     return (value, std) if 0.0 < value < np.inf and 0.0 < std < np.inf else None
 
 
-def undithered(command: FloatArray, count: float) -> FloatArray:
-    """Held levels out of dithered ones, (n,): the mean of every stretch within a count.
+def remove_dithering(command: FloatArray, count: float) -> FloatArray:
+    """Return the levels (n,) of dithered commands (n,): means of stretches within one count.
 
-    The quantiser alternates between two counts to hold a pulse between them;
-    the servo holds its mean. count: one PCA9685 count as a share of the command.
+    The quantiser alternates between two counts for a pulse between them; the servo follows the
+    mean. count: one PCA9685 count as a share of the command.
+
+    1. A stretch continues while the next value is within 0.75 counts of its mean so far.
+    2. Each value is replaced by the mean of its stretch.
     """
     out = np.empty_like(command)
     start = 0
@@ -206,7 +221,7 @@ def undithered(command: FloatArray, count: float) -> FloatArray:
 
 
 def _messages(states: Sequence[State], files: CarFiles, every: int) -> Messages:
-    """One message each ``every`` frames, and one on both sides of a jump of the throttle."""
+    """Return one message per ``every`` frames, and one on both sides of a jump of the throttle."""
     count, share = _counts(files)
     tau, jumps = _throttle(states, share)
     ends = _ends(len(states), every, every, jumps)
@@ -216,32 +231,39 @@ def _messages(states: Sequence[State], files: CarFiles, every: int) -> Messages:
         return np.array([table[e + 1 - every:e + 1].mean() for e in ends])
 
     command = _command(mean(_steering_pulses(states)), files)
-    if every == EVERY:  # groups of one level; finer messages keep what the servo got
-        command = undithered(command, count)
+    if every == FRAMES_PER_MESSAGE:  # groups of one level; finer messages keep what the servo got
+        command = remove_dithering(command, count)
     t = np.array([s.t for s in states])
-    return _at(ends, t, _around(tau, jumps, every), command, _speed(states, t, every)[ends], (
+    throttle = _mean_between_jumps(tau, jumps, every)
+    return _messages_at(ends, t, throttle, command, _speed(states, t, every)[ends], (
         mean(_yaw_rate(states, t)),
-        mean(_sensed([s.accel_x for s in states], states, t, ACCEL_DELAY)),
-        mean(_sensed([s.accel_y for s in states], states, t, ACCEL_DELAY))))
+        mean(_imu_at_midframe([s.accel_x for s in states], states, t, ACCEL_DELAY)),
+        mean(_imu_at_midframe([s.accel_y for s in states], states, t, ACCEL_DELAY))))
 
 
 def _moments(states: Sequence[State], files: CarFiles) -> Messages:
-    """As the published recordings: of the moment of the stamp, the speed of the last 0.1 s."""
+    """Return messages as the published recordings: values at the stamp, mean speed of 0.1 s."""
     count, share = _counts(files)
     tau, jumps = _throttle(states, share)
-    ends = _ends(len(states), FINE, EVERY, jumps)
-    command = undithered(_command(_steering_pulses(states), files), count)
+    ends = _ends(len(states), FRAMES_PER_FINE_MESSAGE, FRAMES_PER_MESSAGE, jumps)
+    command = remove_dithering(_command(_steering_pulses(states), files), count)
     t = np.array([s.t for s in states])
-    gyro, a_x, a_y = (_sensed(values, states, t, latency, 0.0)[ends] for values, latency in (
-        ([s.yaw_rate for s in states], GYRO_FILTER_DELAY),
-        ([s.accel_x for s in states], ACCEL_DELAY), ([s.accel_y for s in states], ACCEL_DELAY)))
-    return _at(ends, t, _around(tau, jumps, FINE), command[ends], _speed(states, t, EVERY)[ends],
-               (gyro, a_x, a_y))
+    gyro, a_x, a_y = (
+        _imu_at_midframe(values, states, t, latency, 0.0)[ends] for values, latency in (
+            ([s.yaw_rate for s in states], GYRO_FILTER_DELAY),
+            ([s.accel_x for s in states], ACCEL_DELAY),
+            ([s.accel_y for s in states], ACCEL_DELAY)))
+    throttle = _mean_between_jumps(tau, jumps, FRAMES_PER_FINE_MESSAGE)
+    speed = _speed(states, t, FRAMES_PER_MESSAGE)
+    return _messages_at(ends, t, throttle, command[ends], speed[ends], (gyro, a_x, a_y))
 
 
 def _steering_pulses(states: Sequence[State]) -> FloatArray:
-    """Pulses of the servo [us]; where it got none (PULSES_OFF) it stays where the last one led,
-    before the first one where that leads."""
+    """Return the servo pulses (n,) [us]. Without pulse (PULSES_OFF) the last one counts.
+
+    Before the first pulse the first one counts.
+    """
+    # A pulse of 0 means none.
     pulses = np.array([s.applied.steering_us for s in states], dtype=np.float64)
     present = np.flatnonzero(pulses)
     if len(present) in (0, len(pulses)):
@@ -251,31 +273,32 @@ def _steering_pulses(states: Sequence[State]) -> FloatArray:
 
 
 def _counts(files: CarFiles) -> tuple[float, float]:
-    """One count of the PCA9685 as a share of the steering's and of the throttle's span."""
+    """Return one count of the PCA9685 as a share of the steering's and of the throttle's span."""
     count = counter_of(files)[1]
     return count / files.config.steering.span_us, count / files.config.throttle.span_us
 
 
 def _throttle(states: Sequence[State], count: float) -> tuple[FloatArray, IntArray]:
-    """(throttle (n,), frames behind which it jumps)."""
+    """Return (throttle (n,), frames after which it jumps)."""
     tau = np.array([s.applied.throttle for s in states])
     return tau, np.flatnonzero(np.abs(np.diff(tau)) > 1.5 * count)
 
 
 def _ends(frames: int, every: int, first: int, jumps: IntArray) -> list[int]:
-    """Frames at which a message ends: each ``every``, and both sides of a jump."""
+    """Return the frames at which a message ends: each ``every``, and both sides of a jump."""
     return sorted({int(i) for i in (*range(first, frames, every), *jumps, *(jumps + 1))
                    if i >= first})
 
 
 def _command(pulse_us: FloatArray, files: CarFiles) -> FloatArray:
+    """Return the steering command in -1..1 of pulses [us]."""
     steering = files.config.steering
     return (pulse_us - steering.center_us) / (steering.direction * steering.span_us)
 
 
-def _at(ends: list[int], t: FloatArray, throttle: FloatArray, steering: FloatArray,
+def _messages_at(ends: list[int], t: FloatArray, throttle: FloatArray, steering: FloatArray,
         speed: FloatArray, imu: tuple[FloatArray, FloatArray, FloatArray]) -> Messages:
-    """Messages at frames ``ends`` (m,) of a run with times t (n,) and throttle (n,)."""
+    """Return messages at frames ``ends`` (m,) of a run with times t (n,) and throttle (n,)."""
     stamp, tau, (gyro, a_x, a_y) = freeze(t[ends]), freeze(throttle[ends]), imu
     return Messages(
         t=stamp, arrival=stamp, throttle=tau, throttle_raw=tau,
@@ -284,11 +307,15 @@ def _at(ends: list[int], t: FloatArray, throttle: FloatArray, steering: FloatArr
         speed=freeze(speed), yaw_rate=freeze(gyro), accel_x=freeze(a_x), accel_y=freeze(a_y))
 
 
-def _around(level: FloatArray, jumps: IntArray, every: int) -> FloatArray:
-    """Mean (n,) of a step around each frame, never across a jump: the dithering is averaged."""
+def _mean_between_jumps(level: FloatArray, jumps: IntArray, every: int) -> FloatArray:
+    """Return the mean (n,) of a period around each frame, never across a jump.
+
+    This averages the dithering.
+    """
     edges = [0, *(int(j) + 1 for j in jumps), len(level)]
     out = np.empty_like(level)
     for start, end in pairwise(edges):
+        # Means of a sliding window by differences of the cumulative sum.
         total = np.concatenate([[0.0], np.cumsum(level[start:end])])
         at = np.arange(end - start)
         low = np.maximum(at + 1 - every // 2 - every % 2, 0)
@@ -298,10 +325,11 @@ def _around(level: FloatArray, jumps: IntArray, every: int) -> FloatArray:
 
 
 def _speed(states: Sequence[State], t: FloatArray, every: int) -> FloatArray:
-    """Mean speed (n,) m/s over the last ``every`` frames: travel between two, free of any lag.
+    """Return the mean speed (n,) [m/s] over the last ``every`` frames: distance over time.
 
-    ``State.speed`` is 10 to 20 ms old, the more the slower the wheel turns.
+    Unlike ``State.speed``, which is 10 to 20 ms old and older at low speed, it has no delay.
     """
+    # Travelled distance with the sign of the speed, then its difference over ``every`` frames.
     x, y = np.array([(s.pose.x, s.pose.y) for s in states]).T
     sign = np.array([np.copysign(1.0, s.speed) for s in states])
     travel = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)) * sign[1:])])
@@ -311,63 +339,65 @@ def _speed(states: Sequence[State], t: FloatArray, every: int) -> FloatArray:
 
 
 def _yaw_rate(states: Sequence[State], t: FloatArray) -> FloatArray:
-    """Yaw rate (n,) rad/s in the middle of the frame that ends at t; NaN where there is none."""
-    return _sensed([s.yaw_rate for s in states], states, t, GYRO_FILTER_DELAY)
+    """Return the yaw rate (n,) [rad/s] in the middle of each frame; NaN without a value."""
+    return _imu_at_midframe([s.yaw_rate for s in states], states, t, GYRO_FILTER_DELAY)
 
 
-def _sensed(values: Sequence[float | None], states: Sequence[State], t: FloatArray,
-            latency: float, before: float = 0.5 * SAMPLE) -> FloatArray:
-    """What the IMU tells (n,) of the middle of each frame; NaN where it tells nothing.
+def _imu_at_midframe(values: Sequence[float | None], states: Sequence[State], t: FloatArray,
+            latency: float, lead: float = 0.5 * SAMPLE) -> FloatArray:
+    """Interpolate a channel of the IMU to the middle of each frame, (n,); NaN without a value.
 
-    before [s]: by how much the moment asked for precedes the end of the frame.
-
-    latency: by what a value is older than the yaw rate's update [s], from which ``imu_age``
-    counts. Encoder and commands have no such age; left in, a model has to explain it.
+    latency: age [s] of a value relative to the update of the yaw rate, to which ``imu_age``
+    refers. Encoder and commands have no such age, and a model would have to explain it.
+    lead: time [s] from the interpolated moment to the end of the frame.
     """
+    # A sample was taken at t - age, and the value is older by the latency. Repeated samples count
+    # once, then the channel is interpolated.
     value = np.array([np.nan if v is None else v for v in values], dtype=np.float64)
     age = np.array([s.health.imu_age for s in states])
     known = np.isfinite(value) & np.isfinite(age)
     if not known.any():
         return value
     taken, first = np.unique((t - age)[known], return_index=True)
-    told = np.interp(t - before, taken - latency, value[known][first])
-    return np.where(known, told, np.nan)
+    interpolated = np.interp(t - lead, taken - latency, value[known][first])
+    return np.where(known, interpolated, np.nan)
 
 
 def read_any(paths: Iterable[str | Path], told: Callable[[Path], None] | None = None,
              reference: Reference | None = None, car: NamedCar = NamedCar()
              ) -> tuple[list[Recording], list[tuple[str, str]]]:
-    """(recordings, skipped as (file, reason)) of files and folders, in name order.
+    """Read files and folders in name order, of any format, with their marker frames.
 
-    The recordings carry their marker frames, see ``with_marker_frames``; reference: a given one.
-    car: whose files count for runs that hold none.
-    told: of each file, before it is read.
+    reference: a marker frame for all; None: as ``with_marker_frames`` finds it.
+    car: files for runs that have none.
+    told: called with each file before it is read.
+    Returns (recordings, excluded files as (file, reason)).
     """
     recordings, skipped = read_all_unframed(paths, told, car)
     return with_marker_frames(recordings, reference), skipped
 
 
-def read_all_unframed(paths: Iterable[str | Path], told: Callable[[Path], None] | None = None,
+def read_all_unframed(paths: Iterable[str | Path], on_file: Callable[[Path], None] | None = None,
                       car: NamedCar = NamedCar()
                       ) -> tuple[list[Recording], list[tuple[str, str]]]:
-    """As ``read_any`` without marker frames, for a caller that pools several calls.
+    """Read as ``read_any`` without marker frames, for a caller that pools several calls.
 
-    In a folder a file that cannot be used is skipped and listed; a file named
-    by itself is refused. Errors: RecordingError, also for a folder without any.
+    A file of a folder that cannot be used is excluded and listed; one that is named itself
+    raises RecordingError, as does a folder without any recording.
     """
     recordings: list[Recording] = []
     skipped: list[tuple[str, str]] = []
-    seen: set[Path] = set()
+    resolved: set[Path] = set()
     for entry in map(Path, paths):
         files = _in_folder(entry) if entry.is_dir() else [entry]
         usable = 0
         for file in files:
             usable += 1
-            if file.resolve() in seen:
+            if file.resolve() in resolved:
                 continue
-            seen.add(file.resolve())
-            if told is not None:
-                told(file)
+            resolved.add(file.resolve())
+            if on_file is not None:
+                on_file(file)
             try:
                 recordings.append(_read(file, car))
             except RecordingError as err:

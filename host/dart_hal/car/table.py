@@ -18,8 +18,11 @@ from dart_hal.core.types import FloatArray, State
 from dart_hal.recording.run import RunReader
 
 
-class Column(NamedTuple):
-    """What a column holds: its unit, "" where it has none, how it is read from a State, why."""
+class TableColumn(NamedTuple):
+    """A column of the table.
+
+    unit: "" without one. of: reads the value from a State. meaning: for the user.
+    """
 
     unit: str
     of: Callable[[State], Any]
@@ -30,38 +33,45 @@ def _names(values: Iterable[object]) -> str:
     return "|".join(sorted(map(str, values)))
 
 
-COLUMNS = {
-    "t": Column("s", lambda s: s.t, "time of the sample, in the car's clock"),
-    "seq": Column("", lambda s: s.seq, "number of the frame"),
-    "speed": Column("m/s", lambda s: s.speed, "of the rear axle, forward positive"),
-    "speed_std": Column("m/s", lambda s: s.speed_std, "one sigma of it"),
-    "yaw_rate": Column("rad/s", lambda s: s.yaw_rate, "left positive; NaN while the IMU is out"),
-    "accel_x": Column("m/s2", lambda s: s.accel_x, "forward; NaN while the IMU is out"),
-    "accel_y": Column("m/s2", lambda s: s.accel_y, "left; NaN while the IMU is out"),
-    "ticks": Column("", lambda s: s.ticks, "encoder edges since boot"),
-    "x": Column("m", lambda s: s.pose.x, "of the rear axle, by odometry"),
-    "y": Column("m", lambda s: s.pose.y, "of the rear axle, by odometry"),
-    "yaw": Column("rad", lambda s: s.pose.yaw, "heading, unwrapped"),
-    "steering": Column("rad", lambda s: s.applied.steering, "what the pins carry"),
-    "throttle": Column("", lambda s: s.applied.throttle, "what the pins carry, -1..1"),
-    "steering_us": Column("us", lambda s: s.applied.steering_us, "pulse at the pin"),
-    "throttle_us": Column("us", lambda s: s.applied.throttle_us, "pulse at the pin"),
-    "limited": Column("", lambda s: _names(s.applied.limited), "why not what was asked, by |"),
-    "flags": Column("", lambda s: _names(s.health.flags), "flags of the frame, by |"),
-    "doubts": Column("", lambda s: _names(s.health.doubts), "what is known against it, by |"),
-    "lost": Column("", lambda s: s.health.lost, "frames lost since the opening"),
-    "command_steering": Column("rad", lambda s: None, "asked for until the next row, else NaN"),
-    "command_throttle": Column("", lambda s: None, "asked for until the next row, else NaN"),
+# Columns by name. Of several commands or logged values within one row the latest counts.
+TABLE_COLUMNS = {
+    "t": TableColumn("s", lambda s: s.t, "time of the sample, in the car's clock"),
+    "seq": TableColumn("", lambda s: s.seq, "number of the frame"),
+    "speed": TableColumn("m/s", lambda s: s.speed, "of the rear axle, forward positive"),
+    "speed_std": TableColumn("m/s", lambda s: s.speed_std, "one sigma of it"),
+    "yaw_rate": TableColumn("rad/s", lambda s: s.yaw_rate,
+                            "left positive; NaN while the IMU is out"),
+    "accel_x": TableColumn("m/s2", lambda s: s.accel_x, "forward; NaN while the IMU is out"),
+    "accel_y": TableColumn("m/s2", lambda s: s.accel_y, "left; NaN while the IMU is out"),
+    "ticks": TableColumn("", lambda s: s.ticks, "encoder edges since boot"),
+    "x": TableColumn("m", lambda s: s.pose.x, "of the rear axle, by odometry"),
+    "y": TableColumn("m", lambda s: s.pose.y, "of the rear axle, by odometry"),
+    "yaw": TableColumn("rad", lambda s: s.pose.yaw, "heading, unwrapped"),
+    "steering": TableColumn("rad", lambda s: s.applied.steering, "what the pins carry"),
+    "throttle": TableColumn("", lambda s: s.applied.throttle, "what the pins carry, -1..1"),
+    "steering_us": TableColumn("us", lambda s: s.applied.steering_us, "pulse at the pin"),
+    "throttle_us": TableColumn("us", lambda s: s.applied.throttle_us, "pulse at the pin"),
+    "limited": TableColumn("", lambda s: _names(s.applied.limited),
+                           "why it differs from the command, by |"),
+    "flags": TableColumn("", lambda s: _names(s.health.flags), "flags of the frame, by |"),
+    "doubts": TableColumn("", lambda s: _names(s.health.doubts), "what is known against it, by |"),
+    "lost": TableColumn("", lambda s: s.health.lost, "frames lost since the opening"),
+    "command_steering": TableColumn("rad", lambda s: None,
+                                    "command before the next row, else NaN"),
+    "command_throttle": TableColumn("", lambda s: None, "command before the next row, else NaN"),
 }
-"""By name. Of two commands, or values logged, within one row the later counts."""
 
-_WHOLE, _TEXT = ("seq", "ticks", "lost"), ("limited", "flags", "doubts")
+_INTEGER_COLUMNS = ("seq", "ticks", "lost")
+_TEXT_COLUMNS = ("limited", "flags", "doubts")
 
 
 @dataclass(frozen=True, slots=True)
 class RunTable:
-    """``columns``: arrays (n,) by name, in the order of ``COLUMNS``, then ``log/NAME`` each;
-    ``units`` by name. ``run`` is what was read, ``hello`` who answered; ``damaged``: frames."""
+    """A run as a table.
+
+    columns: arrays (n,) by name, in the order of ``TABLE_COLUMNS``, then ``log/NAME`` each.
+    run: reader of the file. hello: identity of the Nano. damaged: number of damaged frames.
+    """
 
     run: RunReader
     hello: Hello
@@ -70,30 +80,34 @@ class RunTable:
 
     @property
     def units(self) -> dict[str, str]:
-        """Of each column; "" where there is none, or nobody has said it."""
-        return {name: COLUMNS[name].unit if name in COLUMNS else "" for name in self.columns}
+        """Return the unit of each column; "" where there is none, or none is known."""
+        return {name: TABLE_COLUMNS[name].unit if name in TABLE_COLUMNS else ""
+                for name in self.columns}
 
     def __len__(self) -> int:
         return len(self.columns["t"])
 
 
 def read_table(path: Path | str) -> RunTable:
-    """A run, replayed. An element of a logged array is the column ``log/NAME[i,j]``.
+    """Replay a run as a table. An element of a logged array is the column ``log/NAME[i,j]``.
 
-    Errors: RecordingError for a file that is no run, and those of ``Car.open``.
+    Raises RecordingError for a file that is not a run, and what ``Car.open`` raises.
     """
     run = RunReader(path)
     with Car.open(f"replay://{path}") as car:
         states = list(car.states())
-        hello, damaged = car.hello, car.timing.damaged
+        hello = car.hello
+        damaged = car.timing.damaged
     columns = {name: _column(name, [column.of(s) for s in states])
-               for name, column in COLUMNS.items()}
+               for name, column in TABLE_COLUMNS.items()}
     for command in run.commands():
         if (row := _row(columns["t"], command.t)) >= 0:
             columns["command_steering"][row] = command.steering
             columns["command_throttle"][row] = command.throttle
+    # An element of an array is a column of its own.
     for item in run.logged():
-        row, value = _row(columns["t"], item.t), np.asarray(item.value)
+        row = _row(columns["t"], item.t)
+        value = np.asarray(item.value)
         for index in np.ndindex(value.shape) if row >= 0 else ():
             name = f"log/{item.name}" + (f"[{','.join(map(str, index))}]" if index else "")
             if name not in columns:
@@ -103,34 +117,34 @@ def read_table(path: Path | str) -> RunTable:
 
 
 def _column(name: str, values: list[Any]) -> NDArray[Any]:
-    if name in _TEXT:
+    if name in _TEXT_COLUMNS:
         return np.array(values, dtype=object)
-    return np.array(values, dtype=np.int64 if name in _WHOLE else np.float64)
+    return np.array(values, dtype=np.int64 if name in _INTEGER_COLUMNS else np.float64)
 
 
-def _row(t: FloatArray, at: float) -> int:
-    """Of the newest State until then; -1 before the first."""
-    return int(np.searchsorted(t, at, side="right")) - 1
+def _row(t: FloatArray, t_query: float) -> int:
+    """Return the row of the newest State until time ``t_query`` [s]; -1 before the first."""
+    return int(np.searchsorted(t, t_query, side="right")) - 1
 
 
 def to_dataframe(path: Path | str) -> Any:
-    """A run as a pandas DataFrame: a row per State, the columns of ``COLUMNS`` and of the logs.
+    """Replay a run as a pandas DataFrame: a row per State, columns as in ``read_table``.
 
-    ``frame.attrs["units"]`` holds the unit of each column. NaN where nothing was measured,
-    asked or logged in that row; ``ffill()`` holds the last. Errors: UsageError without
-    pandas, RecordingError for a file that is no run.
+    ``frame.attrs["units"]`` has the unit of each column. NaN where nothing was measured, commanded
+    or logged in that row; ``ffill()`` repeats the last value. Raises UsageError without pandas,
+    RecordingError for a file that is not a run.
     """
     try:
         import pandas as pd
     except ImportError as error:
-        raise missing("pandas", "a DataFrame") from error
+        raise missing_package_error("pandas", "a DataFrame") from error
     table = read_table(path)
     frame = pd.DataFrame(table.columns, copy=False)
     frame.attrs["units"] = table.units
     return frame
 
 
-def missing(package: str, what: str, extra: str = "table") -> UsageError:
-    """What is said where an extra is not installed."""
+def missing_package_error(package: str, what: str, extra: str = "table") -> UsageError:
+    """Return the error for a package that is not installed; ``extra``: the extra that has it."""
     return UsageError(f"{what} needs {package}", found=f"{package} is not installed",
                       remedy=install_command(extra))

@@ -1,4 +1,4 @@
-"""How the loop runs: periods, losses, ages."""
+"""Timing of the user's loop: periods, losses, overruns."""
 
 from __future__ import annotations
 
@@ -13,26 +13,34 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.devices.actuation.limits import LONGEST_VALIDITY
 
-SLOWEST = round(LONGEST_VALIDITY / SAMPLE / 2)
-"""Frames from one State of a loop to its next, 25: a command that may hold for 0.5 s outlives
-one round of the loop that comes too late."""
-KEPT = 1000
-"""Loop periods that are judged: 10 s at 100 Hz."""
-LATE = SAMPLE
-"""s by which work for one State may outlast the time to the next one. Beyond, at 100 Hz, one of
-the PWM frames, 20 ms each, has gone out with the command before."""
-WAITED = "this car waits for its program, a real one drives on: try sim://?pace=1"
-DROVE_ON = "those between are skipped; the car drives on with a command only while it is valid"
+# Most frames per State of a loop, 25: a command may be valid for 0.5 s, and must outlast one period
+# of the loop that is late.
+MAX_FRAMES_PER_STATE = round(LONGEST_VALIDITY / SAMPLE / 2)
+# Loop periods of the statistics: 10 s at 100 Hz.
+MAX_LOOP_PERIODS = 1000
+# s by which the computation for one State may exceed the period. Beyond, at 100 Hz, one PWM frame
+# of 20 ms has repeated the previous command.
+MAX_OVERRUN = SAMPLE
+VIRTUAL_TIME_ADVICE = "this car waits for its program, a real one drives on: try sim://?pace=1"
+REAL_TIME_ADVICE = ("those between are skipped; the car drives on with a command only while it is "
+                    "valid")
 
 log = logging.getLogger("dart_hal")
 
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Loop periods p50, p99, max [s of the car's time]; frames lost and damaged on the
-    line, States skipped by a slow loop; age of the last frame [s]. By the wall clock, on
-    an emulated car too: ``work_p99``, ``work_max`` [s] that the loop took for one State,
-    and how often it was ``late`` while the car was armed: 10 ms or more beyond the next."""
+    """Timing of the loop; periods in s of the car's time.
+
+    Attributes:
+        p50, p99, max: median, 99 % quantile and maximum of the loop period.
+        lost, damaged: frames on the line.
+        skipped: States that a slow loop did not get.
+        link_age: age [s] of the last frame.
+        work_p99, work_max: time [s] by the wall clock that the loop took for one State, also for
+            an emulated car.
+        late: number of States of an armed car for which that was 10 ms or more above the period.
+    """
 
     p50: float
     p99: float
@@ -47,45 +55,47 @@ class Timing:
 
 
 def check_every(every: int) -> None:
-    """Refuse a loop that no command would outlive. Raises UsageError."""
-    if isinstance(every, bool) or not isinstance(every, int) or not 1 <= every <= SLOWEST:
+    """Raise UsageError for a number of frames per State that no command would outlast."""
+    if (isinstance(every, bool) or not isinstance(every, int)
+            or not 1 <= every <= MAX_FRAMES_PER_STATE):
         raise UsageError(f"states(every={every!r}) is no part of the stream", found=repr(every),
-                         expected=f"1 to {SLOWEST}: a command holds for at most "
+                         expected=f"1 to {MAX_FRAMES_PER_STATE}: a command holds for at most "
                          f"{LONGEST_VALIDITY} s, and must outlive a late round",
                          remedy="states(every=10) for 10 Hz")
 
 
 class LoopTimer:
-    """Collects the times at which the user's loop asked for a State, and how long it took.
+    """Measures when the user's loop requests a State, and how long it computes.
 
-    ``wall``: the computer's clock [s].
+    wall: clock of the computer [s].
     """
 
     def __init__(self, wall: Callable[[], float] = time.perf_counter) -> None:
-        self._periods: deque[float] = deque(maxlen=KEPT)
-        self._work: deque[float] = deque(maxlen=KEPT)
-        self._wall, self._given = wall, float("nan")
+        self._periods: deque[float] = deque(maxlen=MAX_LOOP_PERIODS)
+        self._work: deque[float] = deque(maxlen=MAX_LOOP_PERIODS)
+        self._wall = wall
+        self._delivered_at = float("nan")
         self._last: float | None = None
         self._frames = 0
-        self._seen: dict[int, int] = {}
+        self._frames_by_thread: dict[int, int] = {}
         self.skipped = self.late = self.elsewhere = 0
 
     def begin(self) -> None:
-        """A loop of this thread begins; what was read before is not lost to it."""
-        self._seen[threading.get_ident()] = self._frames
+        """Start a loop of this thread; States read before it are not lost to it."""
+        self._frames_by_thread[threading.get_ident()] = self._frames
 
     def tick(self, now: float, frames: int, every: int) -> None:
-        """``frames`` have come, the last of which goes to a loop that asked for ``every`` n-th.
+        """Count new frames, the last of which goes to a loop that requested each ``every``-th.
 
-        Those that went to a loop of another thread meanwhile are lost to this one.
+        Frames that a loop of another thread got meanwhile are lost to this one.
         """
         if self._last is not None:
             self._periods.append(now - self._last)
         self._last = now
         me = threading.get_ident()
-        elsewhere = self._frames - self._seen.get(me, self._frames)
+        elsewhere = self._frames - self._frames_by_thread.get(me, self._frames)
         self._frames += frames
-        self._seen[me] = self._frames
+        self._frames_by_thread[me] = self._frames
         self.skipped += frames - every + elsewhere
         if elsewhere and not self.elsewhere:
             log.warning("two threads read the States of one car, so each gets only some of them: "
@@ -93,33 +103,33 @@ class LoopTimer:
                         "health.skipped counts those that a loop did not get")
         self.elsewhere += elsewhere
 
-    def give(self) -> None:
-        """A State is handed to the loop."""
-        self._given = self._wall()
+    def record_delivery(self) -> None:
+        """Note that a State is passed to the loop."""
+        self._delivered_at = self._wall()
 
-    def asked(self, every: int, *, armed: bool, waits: bool) -> None:
-        """The loop asks for the next State; a late round is counted, the first one said.
+    def record_request(self, every: int, *, armed: bool, waits: bool) -> None:
+        """Note that the loop requests the next State; count an overrun, and warn of the first.
 
-        ``every``: frames from one State to the next; ``waits``: the car stood still meanwhile,
-        in virtual time.
+        every: frames per State. armed: only then an overrun counts. waits: virtual time.
         """
-        work, self._given = self._wall() - self._given, float("nan")
+        work, self._delivered_at = self._wall() - self._delivered_at, float("nan")
         if work == work:  # the first State, and one after an error, answer none
             self._work.append(work)
         period = every * SAMPLE
-        if armed and work >= period + LATE:
+        if armed and work >= period + MAX_OVERRUN:
             self.late += 1
             if self.late == 1:
                 log.warning("the loop took %.0f ms for one State, and they come each %.0f ms: %s; "
                             "car.timing counts the late rounds", 1e3 * work, 1e3 * period,
-                            WAITED if waits else DROVE_ON, extra={"waits": waits})
+                            VIRTUAL_TIME_ADVICE if waits else REAL_TIME_ADVICE,
+                            extra={"waits": waits})
 
     def quantiles(self) -> tuple[float, float, float]:
-        """p50, p99, max [s]; NaN before two States."""
+        """Return median, 99 % quantile and maximum [s] of the periods; NaN before two States."""
         return _quantiles(self._periods)
 
     def work(self) -> tuple[float, float]:
-        """p99, max [s]; NaN before two States."""
+        """Return 99 % quantile and maximum [s] of the computation; NaN before two States."""
         return _quantiles(self._work)[1:]
 
 

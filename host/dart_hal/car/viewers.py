@@ -1,4 +1,4 @@
-"""Viewers of a car, of a room of cars or of a file, offered under ``dart_hal.viewers``."""
+"""Viewers of a car, of a room of cars or of a file: entry points of ``dart_hal.viewers``."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from typing import Any
 
 from dart_hal.core.plugins import load_plugin
 
-GROUP = "dart_hal.viewers"
-PORT = 8642  # where pages are served; a bookmark in a browser keeps to it
+VIEWER_GROUP = "dart_hal.viewers"
+# TCP port of the pages; fixed, so that a bookmark in a browser stays valid.
+VIEWER_PORT = 8642
 
 
 def open_viewer(name: str, shown: object, **options: Any) -> Any:
-    """Open the viewer of this name. Raises UsageError if there is none or it lacks a package."""
-    return load_plugin(GROUP, name)(shown, **options)
+    """Open the viewer of this name. Raises UsageError if it does not exist or lacks a package."""
+    return load_plugin(VIEWER_GROUP, name)(shown, **options)

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from dart_hal.car.export.bags import write_ros1, write_ros2
-from dart_hal.car.export.lerobot import HELD, HELD_IMAGE, write_lerobot
+from dart_hal.car.export.lerobot import MAX_IMAGE_AGE, MAX_STATE_AGE, write_lerobot
 from dart_hal.car.export.tables import write_csv, write_parquet
 from dart_hal.car.export.whole import whole
 from dart_hal.car.table import read_table
@@ -114,7 +114,8 @@ def _write_data_set(runs: Sequence[Path], out: Path, fps: int, task: str) -> tup
     with whole(out) as part:
         made = write_lerobot(tables, part, fps=fps, task=task)
     if made.held:
-        show_notices((f"{made.held} frames repeat a State older than {HELD:g} s, or an image older "
-                      f"than {HELD_IMAGE:g} s: the link or the camera was interrupted",))
+        show_notices((f"{made.held} frames repeat a State older than {MAX_STATE_AGE:g} s, or an "
+                      f"image older than {MAX_IMAGE_AGE:g} s: the link or the camera was "
+                      "interrupted",))
     return ({"recordings": runs, "data_set": out, **made._asdict()},
             f"{made.episodes} episodes, {made.frames} frames at {fps} per second")

@@ -122,7 +122,7 @@ def command(url: str | None, car_name: str, cars: Path | None, path: str, speed:
         found = {**summary.as_json({"recording": record} if record else {})}
     if plot:
         found["files"]["plot"] = draw_follow(follower, path, plot)
-    summary_json = summarise_drive(follower) | (others.told if others else {})
+    summary_json = summarise_drive(follower) | (others.summary if others else {})
     if as_json:
         print_json({**found, "summary": {**found["summary"], "path": path, **summary_json}})
     else:
@@ -188,7 +188,7 @@ def follow(car: Car, follower: Follower, waive: tuple[str, ...],
         for state in car.states():
             motion = estimate_motion(car, state, follower.rules)
             if others:
-                others.look(motion)
+                others.update(motion)
             steering, speed = follower.answer(motion)
             if follower.phase is Phase.ENDED:
                 return
@@ -205,7 +205,7 @@ def follow(car: Car, follower: Follower, waive: tuple[str, ...],
             if follower.tracker.told:
                 car.log("plan", follower.tracker.told)
             if others:
-                car.log("traffic", others.tell())
+                car.log("traffic", others.publish())
             apply_keys(keys, follower)
             bar.update(task, completed=follower.tracker.s - follower.begun_at)
 

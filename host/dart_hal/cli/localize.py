@@ -11,7 +11,7 @@ import click
 import numpy as np
 
 from dart_hal.car import Car
-from dart_hal.car.car import backend_of
+from dart_hal.car.car import open_url
 from dart_hal.cli.common.localize_picture import draw_localization
 from dart_hal.cli.common.options import (
     FiniteNumber,
@@ -61,7 +61,7 @@ def command(url: str | None, car_name: str, cars: Path | None, chart: Path | Non
     explains; for a simulated car also the true error. With --speed the car waits until it is
     located, and stops when its pose is lost. Exits 1 if the pose was lost.
     """
-    backend = backend_of(url)
+    backend = open_url(url)
     source = LidarPoses(load_map(backend, chart), parse_start(start) if start else None)
     poses: list[Located] = []
     ended: WhileLocated | None = None

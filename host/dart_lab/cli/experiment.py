@@ -14,7 +14,7 @@ from rich.table import Table
 
 from dart_hal.car import Car
 from dart_hal.car.car import DEFAULT_URL
-from dart_hal.car.files import files_of
+from dart_hal.car.files import load_files
 from dart_hal.cli.common.options import (
     FiniteNumber,
     car_options,
@@ -93,7 +93,7 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
     backend = open_backend(url or DEFAULT_URL)
     try:  # before anything is recorded or asked
         simulated = backend.url.scheme == "sim"
-        files = files_of(backend, car_name, cars)
+        files = load_files(backend, car_name, cars)
         plan = make_plan(submodel, files, _floor(backend, space, submodel), speed)
         weighed = mass_of(files, mass, backend.workshop)
     except BaseException:

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.car.compare import Comparison, Differs, driven
-from dart_hal.car.table import COLUMNS
+from dart_hal.car.compare import Comparison, Difference, resample_from_first_command
+from dart_hal.car.table import TABLE_COLUMNS
 from dart_hal.core.timing import SAMPLE
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import Html, el, join, table
@@ -34,7 +34,7 @@ def lead(found: Comparison) -> str:
                 "speed nor yaw rate differs")
     return (f"driven by the same commands for {same:.2f} s; {parted.t:.2f} s after the first, "
             f"{parted.channel} is {significant(parted.a)} in A and {significant(parted.b)} "
-            f"{COLUMNS[parted.channel].unit} in B")
+            f"{TABLE_COLUMNS[parted.channel].unit} in B")
 
 
 def statistic_rows(statistics: Mapping[str, Sequence[Mapping[str, float]]]) -> list[list[str]]:
@@ -49,11 +49,11 @@ def statistic_rows(statistics: Mapping[str, Sequence[Mapping[str, float]]]) -> l
 
 def _titled(name: str) -> str:
     """A channel with its unit, where it has one."""
-    unit = COLUMNS[name].unit if name in COLUMNS else ""
+    unit = TABLE_COLUMNS[name].unit if name in TABLE_COLUMNS else ""
     return f"{name} [{unit}]" if unit else name
 
 
-def difference_rows(differs: Sequence[Differs]) -> list[list[str]]:
+def difference_rows(differs: Sequence[Difference]) -> list[list[str]]:
     """Name, value in A, value in B."""
     def short(value: Any) -> str:
         text = "-" if value is None else str(value)
@@ -85,7 +85,7 @@ def write_page(found: Comparison, path: Path, answer: dict[str, Any]) -> Path:
 
 def _pictures(found: Comparison) -> Html:
     """Speed, yaw rate and commands of both over the time since the first command."""
-    both = driven(found.a), driven(found.b)
+    both = resample_from_first_command(found.a), resample_from_first_command(found.b)
     if both[0] is None or both[1] is None:
         return el("p", "One of them was not driven: there is no common beginning.")
     drawn = []

@@ -227,14 +227,15 @@ host("owner", "one owner of a PCA9685", "dart_hal.car.guarding.own", always(noth
 host("port_lock", "one program on a port",
      "dart_hal.devices.links.serial_port.serial.Serial", SharedPort)
 host("search", "a board that comes back is searched by its number",
-     "dart_hal.car.reconnect.Search.look", always(None))
+     "dart_hal.car.reconnect.BoardSearch.look", always(None))
 host("lost", "a link that is gone means neutral at once", "dart_hal.car.driver.Driver.lost",
      nothing)
 host("hold_pace", "without a link neutral is repeated at 50 Hz, not in a busy loop",
-     "dart_hal.car.pump.AWAY", 0.0)
+     "dart_hal.car.pump.REFRESH_INTERVAL", 0.0)
 host("stop_patience", "closing does not wait for a listener that blocks",
      "dart_hal.car.pump.ThreadPump.stop", for_ever)
-host("run_stop", "a stop of all cars of a room trips", "dart_hal.car.driver.Driver.hold", nothing)
+host("run_stop", "a stop of all cars of a room trips",
+     "dart_hal.car.driver.Driver.set_run_stop", nothing)
 host("beat_within", "a car drives only while its room is watched",
      "dart_hal.fleet.stopping.StopRule.held", unwatched)
 host("echo", "a beat counts from the car's own message that its sender repeats",

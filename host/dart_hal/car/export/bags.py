@@ -1,5 +1,7 @@
-"""A run as a bag of ROS 2 or ROS 1: every message, in the order of time, with its definition, and
-what other tools look for (``standard``)."""
+"""A run as a bag of ROS 2 or ROS 1: every message in the order of time, with its definition.
+
+``standard`` adds what ROS tools need.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from dart_hal.car.export import standard
-from dart_hal.car.table import missing
+from dart_hal.car.table import missing_package_error
 from dart_hal.recording.run import RunReader
 
 _HEADER = "std_msgs/msg/Header"
 
 
 def write_ros2(run: RunReader, path: Path) -> int:
-    """A folder with an MCAP and its metadata.yaml, as ``ros2 bag`` makes; messages written.
+    """Write a folder with an MCAP and its metadata.yaml, as ``ros2 bag``; return the messages.
 
-    What the run is called and where it was stands in the metadata's custom data.
-    Errors: UsageError without rosbags, RecordingError, OSError.
+    The facts of the run are in the custom data of the metadata. Raises UsageError without rosbags,
+    RecordingError, OSError.
     """
     rosbags = _rosbags()
     store = _types_of(run, rosbags)
@@ -29,12 +31,13 @@ def write_ros2(run: RunReader, path: Path) -> int:
 
 
 def write_ros1(run: RunReader, path: Path) -> int:
-    """A ``.bag`` of format 2.0; a header's ``seq``, which ROS 2 has not, is 0.
+    """Write a ``.bag`` of format 2.0; ``seq`` of a header, which ROS 2 does not have, is 0.
 
-    Errors: as ``write_ros2``.
+    Raises as ``write_ros2``.
     """
     rosbags = _rosbags()
-    store, typesys = _types_of(run, rosbags), rosbags.typesys
+    store = _types_of(run, rosbags)
+    typesys = rosbags.typesys
     store1 = typesys.get_typestore(typesys.Stores.EMPTY)
     header = typesys.get_typestore(typesys.Stores.ROS1_NOETIC).fielddefs[_HEADER]
     store1.register({**store.fielddefs, _HEADER: header})
@@ -43,7 +46,10 @@ def write_ros1(run: RunReader, path: Path) -> int:
 
 
 def _copy(run: RunReader, writer: Any, types: Any, store: Any, converted: Any) -> int:
-    """Messages of ``types`` into an open bag of ``store``; converted(raw, type): their bytes."""
+    """Write the messages to an open bag of ``store``; return their number.
+
+    types: store of the run's types. converted(raw, type): bytes of a message in the bag.
+    """
     connections: dict[str, Any] = {}
     count = 0
     for message in standard.messages(run, types):
@@ -57,7 +63,7 @@ def _copy(run: RunReader, writer: Any, types: Any, store: Any, converted: Any) -
 
 
 def _types_of(run: RunReader, rosbags: Any) -> Any:
-    """The types of the run's own definitions, and what those are made of."""
+    """Return a store with the definitions of the run."""
     store = rosbags.typesys.get_typestore(rosbags.typesys.Stores.EMPTY)
     for kind, text in run.definitions.items():
         store.register(rosbags.typesys.get_types_from_msg(text, kind))
@@ -72,5 +78,5 @@ def _rosbags() -> Any:
         import rosbags.rosbag2
         import rosbags.typesys
     except ImportError as error:
-        raise missing("rosbags", "a bag", extra="ros") from error
+        raise missing_package_error("rosbags", "a bag", extra="ros") from error
     return rosbags

@@ -1,4 +1,4 @@
-"""A camera's images as the image feature of LeRobot: JPEG in Parquet, and their statistics."""
+"""Images of a camera as the image feature of LeRobot: JPEG in Parquet, and their statistics."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dart_hal.car.table import RunTable, missing
+from dart_hal.car.table import RunTable, missing_package_error
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Image
 
-NAME = "observation.images.camera"
-SAMPLED = 300
-"""Images by which the statistics are made, evenly taken: LeRobot takes a sample, too. Some 4 ms
-each at 640 x 480, and the mean of a drive changes little from one image to the next."""
+IMAGE_FEATURE = "observation.images.camera"
+# Images of the statistics, evenly spaced: LeRobot uses a sample too. About 4 ms each at 640 x 480,
+# and the mean changes little from one image to the next.
+MAX_STATISTICS_IMAGES = 300
 QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
 
 
 def images_of(tables: Sequence[RunTable]) -> list[list[Image]]:
-    """Of each run, none at all where no run has a camera.
+    """Return the images of each run, none at all if no run has a camera.
 
-    Errors: UsageError for runs with and without images, or of several sizes, in one data set.
+    Raises UsageError for runs with and without images, or of several sizes, in one data set.
     """
     images = [list(table.run.images()) for table in tables]
     sizes = {size for table, of_run in zip(tables, images, strict=True)
@@ -42,7 +42,7 @@ def images_of(tables: Sequence[RunTable]) -> list[list[Image]]:
 
 
 def sizes_of(table: RunTable, images: Sequence[Image]) -> set[tuple[int, int]]:
-    """Widths and heights [px]. Errors: UsageError for one that is no JPEG."""
+    """Return the widths and heights [px]. Raises UsageError for an image that is not JPEG."""
     try:
         return {image.size for image in images}
     except ValueError as error:
@@ -51,30 +51,33 @@ def sizes_of(table: RunTable, images: Sequence[Image]) -> set[tuple[int, int]]:
 
 
 def newest(images: Sequence[Image], grid: NDArray[Any]) -> NDArray[Any]:
-    """Indices (n,) of the newest image that had arrived at each time of ``grid`` (n,) [s];
-    -1 before the first."""
+    """Return the index (n,) of the newest image at each time of ``grid`` (n,) [s].
+
+    -1 before the first image.
+    """
     row: NDArray[Any] = np.searchsorted([image.arrival for image in images], grid + 1e-9,
                                         side="right") - 1
     return row
 
 
 def column(images: Sequence[Image], rows: NDArray[Any]) -> NDArray[Any]:
-    """JPEG (n,) by index (n,): an array of bytes objects."""
+    """Return the JPEGs (n,) of images by index (n,): an array of bytes objects."""
     jpegs = np.empty(len(rows), dtype=object)
     jpegs[:] = [images[row].jpeg for row in rows]
     return jpegs
 
 
 def statistics(jpegs: NDArray[Any]) -> dict[str, list[Any]]:
-    """Of each colour, (3, 1, 1), in 0..1, over the pixels of ``SAMPLED`` images; count: images.
+    """Return statistics of each colour, (3, 1, 1), in 0..1, over a sample of the images.
 
-    Errors: UsageError without Pillow, or for an image that cannot be decoded.
+    count: images of the sample. Raises UsageError without Pillow, or for an image that cannot be
+    decoded.
     """
     try:
         from PIL import Image as Picture
     except ImportError as error:
-        raise missing("Pillow", "a data set with images", "camera") from error
-    chosen = np.unique(np.linspace(0, len(jpegs) - 1, SAMPLED).round().astype(int))
+        raise missing_package_error("Pillow", "a data set with images", "camera") from error
+    chosen = np.unique(np.linspace(0, len(jpegs) - 1, MAX_STATISTICS_IMAGES).round().astype(int))
     counts = np.zeros((3, 256))
     for jpeg in jpegs[chosen]:
         try:
@@ -87,26 +90,27 @@ def statistics(jpegs: NDArray[Any]) -> dict[str, list[Any]]:
 
 
 def of_histogram(counts: NDArray[Any]) -> dict[str, list[Any]]:
-    """Of pixels (3, 256), how many of each colour have each of the values 0, 1/255, .. 1."""
-    value, share = np.arange(256) / 255.0, counts / counts.sum(axis=1, keepdims=True)
+    """Return the statistics of pixels by their counts (3, 256): colour, value 0, 1/255, .. 1."""
+    value = np.arange(256) / 255.0
+    share = counts / counts.sum(axis=1, keepdims=True)
     mean = share @ value
     there = [np.flatnonzero(row) / 255.0 for row in counts]
-    told = {"min": [row[0] for row in there], "max": [row[-1] for row in there], "mean": mean,
-            "std": np.sqrt(np.maximum(share @ value ** 2 - mean ** 2, 0.0))}
+    moments = {"min": [row[0] for row in there], "max": [row[-1] for row in there], "mean": mean,
+               "std": np.sqrt(np.maximum(share @ value ** 2 - mean ** 2, 0.0))}
     below = np.cumsum(share, axis=1) - 1e-12
-    told |= {f"q{round(100 * q):02d}": (below >= q).argmax(axis=1) / 255.0 for q in QUANTILES}
-    return {name: np.reshape(values, (3, 1, 1)).tolist() for name, values in told.items()}
+    moments |= {f"q{round(100 * q):02d}": (below >= q).argmax(axis=1) / 255.0 for q in QUANTILES}
+    return {name: np.reshape(values, (3, 1, 1)).tolist() for name, values in moments.items()}
 
 
 def feature(jpegs: NDArray[Any]) -> dict[str, Any]:
-    """What ``info.json`` says of it."""
+    """Return the feature's entry in ``info.json``."""
     width, height = Image(0.0, 0.0, jpegs[0]).size
     return {"dtype": "image", "shape": [height, width, 3],
             "names": ["height", "width", "channels"]}
 
 
 def arrow(pa: Any, jpegs: NDArray[Any]) -> Any:
-    """As the library ``datasets`` keeps an image: its bytes, and no path."""
+    """Return the column as the library ``datasets`` stores images: bytes without a path."""
     return pa.StructArray.from_arrays(
         [pa.array(list(jpegs), pa.binary()), pa.nulls(len(jpegs), pa.string())],
         names=["bytes", "path"])

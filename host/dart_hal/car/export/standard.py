@@ -1,6 +1,6 @@
-"""What other robots' tools look for in a bag: LaserScan and transforms, made of a run's messages.
+"""LaserScan and transforms of a run, which ROS tools need in a bag.
 
-https://www.ros.org/reps/rep-0105.html names the frames; the types are ROS 2's own definitions.
+https://www.ros.org/reps/rep-0105.html defines the frames; the types are those of ROS 2.
 """
 
 from __future__ import annotations
@@ -23,81 +23,93 @@ from dart_hal.recording import cdr
 from dart_hal.recording.items import Recorded
 from dart_hal.recording.run import RunReader
 
-SCAN, LIDAR_SCAN = "sensor_msgs/msg/LaserScan", "dart_msgs/msg/LidarScan"
-TF = "tf2_msgs/msg/TFMessage"
-ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped"
-RAW = "/scan/raw"
-"""Where the scan goes as the unit told it: /scan is what other tools expect there."""
-NEAREST, FURTHEST = 0.12, 12.0
-"""m: data sheet of the X4; the furthest with a fifth to spare, for readers drop what is beyond."""
-WHOLE = 0.9
-"""Share of the median number of beams from which on a revolution is whole."""
-KEPT = 200
-"""Odometry messages, 2 s: a pose of the lidar's is told within one."""
+LASER_SCAN_TYPE = "sensor_msgs/msg/LaserScan"
+LIDAR_SCAN_TYPE = "dart_msgs/msg/LidarScan"
+TF_TYPE = "tf2_msgs/msg/TFMessage"
+ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
+POSE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
+# Topic of the scan in our own type; ROS tools require a LaserScan at /scan.
+RAW_SCAN_TOPIC = "/scan/raw"
+# m: data sheet of the X4; MAX_RANGE with a fifth to spare, since tools drop what is beyond.
+MIN_RANGE = 0.12
+MAX_RANGE = 12.0
+# Smallest share of the median number of beams of a complete revolution.
+MIN_WHOLE_SHARE = 0.9
+# Odometry messages that are kept, 2 s: a pose by the lidar arrives within one.
+MAX_ODOMETRY_MESSAGES = 200
 
 
 class Planar(NamedTuple):
-    """A frame in another: x, y [m], yaw [rad]."""
+    """A frame relative to another: x, y [m], yaw [rad]."""
 
     x: float = 0.0
     y: float = 0.0
     yaw: float = 0.0
 
     def __matmul__(self, other: Planar) -> Planar:
-        """``other``, which is told in this frame, in the one that this is told in."""
-        c, s = cos(self.yaw), sin(self.yaw)
+        """Return ``other``, given relative to this frame, relative to the parent of this one."""
+        c = cos(self.yaw)
+        s = sin(self.yaw)
         return Planar(self.x + c * other.x - s * other.y, self.y + s * other.x + c * other.y,
                       self.yaw + other.yaw)
 
     def inverse(self) -> Planar:
-        c, s = cos(self.yaw), sin(self.yaw)
+        """Return the parent frame relative to this one."""
+        c = cos(self.yaw)
+        s = sin(self.yaw)
         return Planar(-c * self.x - s * self.y, s * self.x - c * self.y, -self.yaw)
 
 
 def add_types(store: Any, known: Any) -> None:
-    """Let a type store know what is made here; known: the one of a ROS 2 distribution."""
-    for kind in (SCAN, TF, "geometry_msgs/msg/TransformStamped", "geometry_msgs/msg/Transform",
-                 "geometry_msgs/msg/Vector3", "geometry_msgs/msg/Quaternion",
+    """Add the ROS types of this module to a type store; known: store of a ROS 2 distribution."""
+    for kind in (LASER_SCAN_TYPE, TF_TYPE, "geometry_msgs/msg/TransformStamped",
+                 "geometry_msgs/msg/Transform", "geometry_msgs/msg/Vector3",
+                 "geometry_msgs/msg/Quaternion",
                  "std_msgs/msg/Header", "builtin_interfaces/msg/Time"):
         if kind not in store.fielddefs:
             store.register({kind: known.fielddefs[kind]})
 
 
 def messages(run: RunReader, store: Any) -> Iterator[Recorded]:
-    """All of the run, in the order of time; ``store``: types that ``add_types`` has completed.
+    """Yield all messages of a run in the order of time; ``store``: completed by ``add_types``.
 
-    Behind each odometry comes /tf: odom to base_link, base_link to laser of a car with a lidar,
-    and the room's frame to odom from the first pose on. Errors: ConfigError.
+    After each odometry follows /tf: odom to base_link; base_link to laser, for a car with a lidar;
+    the frame of the external poses to odom, from the first pose on. Raises ConfigError.
     """
-    files, kinds = _files(run), set(run.definitions)
+    files = _files(run)
     mount = mount_of(files) if files else Mount()
     marker = _marker_of(files)
-    fixed = [("base_link", "laser", Planar(mount.x, mount.y, mount.yaw))] * (LIDAR_SCAN in kinds)
-    readings = count_readings([len(scan) for scan in run.scans()]) if LIDAR_SCAN in kinds else 0
+    has_lidar = LIDAR_SCAN_TYPE in set(run.definitions)
+    fixed = [("base_link", "laser", Planar(mount.x, mount.y, mount.yaw))] * has_lidar
+    readings = count_readings([len(scan) for scan in run.scans()]) if has_lidar else 0
     odometry: list[tuple[int, Planar]] = []
     room: list[tuple[str, str, Planar]] = []
     for message in run.messages():
-        if message.kind == LIDAR_SCAN:
-            told = cdr.scan_of(message.data, 0.0).mounted(mount)
-            raw = store.serialize_cdr(laser_scan(told, run.zero_ns, store, readings), SCAN)
-            yield Recorded("/scan", SCAN, message.ns, bytes(raw))
-            yield message._replace(topic=RAW)
+        if message.kind == LIDAR_SCAN_TYPE:
+            scan = cdr.scan_of(message.data, 0.0).mounted(mount)
+            laser = laser_scan(scan, run.zero_ns, store, readings)
+            raw = store.serialize_cdr(laser, LASER_SCAN_TYPE)
+            yield Recorded("/scan", LASER_SCAN_TYPE, message.ns, bytes(raw))
+            yield message._replace(topic=RAW_SCAN_TOPIC)
             continue
         yield message
-        if message.kind == ODOMETRY:
-            told = store.deserialize_cdr(message.data, message.kind)
-            here = _planar(told.pose.pose)
-            odometry = [*odometry[1 - KEPT:], (message.ns, here)]
-            links = [*room, (told.header.frame_id, told.child_frame_id, here), *fixed]
-            yield Recorded("/tf", TF, message.ns, bytes(store.serialize_cdr(
-                _transforms(links, told.header.stamp, store), TF)))
-        elif message.kind == POSE and odometry:
-            told = store.deserialize_cdr(message.data, message.kind)
-            frame, stamp = told.header.frame_id, told.header.stamp
+        if message.kind == ODOMETRY_TYPE:
+            ros_odometry = store.deserialize_cdr(message.data, message.kind)
+            here = _planar(ros_odometry.pose.pose)
+            odometry = [*odometry[1 - MAX_ODOMETRY_MESSAGES:], (message.ns, here)]
+            header = ros_odometry.header
+            links = [*room, (header.frame_id, ros_odometry.child_frame_id, here), *fixed]
+            yield Recorded("/tf", TF_TYPE, message.ns, bytes(store.serialize_cdr(
+                _transforms(links, header.stamp, store), TF_TYPE)))
+        elif message.kind == POSE_TYPE and odometry:
+            ros_pose = store.deserialize_cdr(message.data, message.kind)
+            frame = ros_pose.header.frame_id
+            stamp = ros_pose.header.stamp
             ns = (run.zero_ns + stamp.sec * 10**9 + stamp.nanosec if frame == FRAME
                   else message.ns - round(1e9 * marker.latency))
+            # Odometry at the time of the external pose: both together give the frame of odom.
             at = odometry[max(bisect(odometry, ns, key=lambda one: one[0]) - 1, 0)][1]
-            axle = _planar(told.pose.pose) @ (Planar() if frame == FRAME else marker.axle)
+            axle = _planar(ros_pose.pose.pose) @ (Planar() if frame == FRAME else marker.axle)
             room = [(frame, "odom", axle @ at.inverse())]
 
 
@@ -106,10 +118,10 @@ def count_readings(lengths: Sequence[int]) -> int:
 
     lengths: beams of each scan. Readers take the number of the first message for all. It is the
     smallest number of beams of a whole revolution: then no step of the angle lacks a beam.
-    Revolutions with less than ``WHOLE`` of the median have lost packets.
+    Revolutions with less than ``MIN_WHOLE_SHARE`` of the median have lost packets.
     """
     median = float(np.median(lengths)) if lengths else 0.0
-    return min((n for n in lengths if n >= WHOLE * median), default=0)
+    return min((n for n in lengths if n >= MIN_WHOLE_SHARE * median), default=0)
 
 
 def laser_scan(scan: Scan, zero_ns: int, store: Any, readings: int) -> Any:
@@ -139,24 +151,25 @@ def laser_scan(scan: Scan, zero_ns: int, store: Any, readings: int) -> Any:
     seconds, rest = divmod(zero_ns + round(1e9 * start), 10**9)
     increment = period / n if n else 0.0
     kinds = store.types
-    return kinds[SCAN](
+    return kinds[LASER_SCAN_TYPE](
         header=_header(kinds, kinds["builtin_interfaces/msg/Time"](seconds, rest), "laser"),
         angle_min=first, angle_max=first + step * max(n - 1, 0), angle_increment=step,
         time_increment=-increment if clockwise else increment, scan_time=period,
-        range_min=NEAREST, range_max=FURTHEST, ranges=ranges,
+        range_min=MIN_RANGE, range_max=MAX_RANGE, ranges=ranges,
         intensities=np.zeros(0, np.float32))
 
 
 class _Marker(NamedTuple):
-    """axle: of the rear axle in the marker's frame; latency [s]."""
+    """axle: rear axle relative to the marker. latency [s]."""
 
     axle: Planar
     latency: float
 
 
 def _transforms(links: list[tuple[str, str, Planar]], stamp: Any, store: Any) -> Any:
+    """Return a tf2_msgs/TFMessage of (parent, child, frame)."""
     kinds = store.types
-    return kinds[TF]([
+    return kinds[TF_TYPE]([
         kinds["geometry_msgs/msg/TransformStamped"](
             _header(kinds, stamp, frame), child, kinds["geometry_msgs/msg/Transform"](
                 kinds["geometry_msgs/msg/Vector3"](at.x, at.y, 0.0),
@@ -166,7 +179,7 @@ def _transforms(links: list[tuple[str, str, Planar]], stamp: Any, store: Any) ->
 
 
 def _planar(pose: Any) -> Planar:
-    """Of a geometry_msgs/Pose in the plane."""
+    """Return the planar frame of a geometry_msgs/Pose."""
     turn = pose.orientation
     return Planar(pose.position.x, pose.position.y, 2.0 * atan2(turn.z, turn.w))
 
@@ -176,7 +189,7 @@ def _header(kinds: Any, stamp: Any, frame: str) -> Any:
 
 
 def _marker_of(files: CarFiles | None) -> _Marker:
-    """As ``calibrate mocap`` has measured it, else the rear axle and no delay."""
+    """Return the marker of ``calibrate mocap``, else the rear axle and no latency."""
     table = files.calibration.mocap if files and files.calibration else None
     found = (table.marker_x, table.marker_y, table.marker_yaw, table.latency) if table else ()
     x, y, theta, latency = (one.value if one else 0.0 for one in found or (None,) * 4)
@@ -184,8 +197,9 @@ def _marker_of(files: CarFiles | None) -> _Marker:
 
 
 def _files(run: RunReader) -> CarFiles | None:
-    """What the car of the run was; a calibration that this version cannot read is not used."""
-    text, name = run.files.get("car.toml"), "calibration.toml"
+    """Return the files of the run's car, without a calibration that cannot be read."""
+    text = run.files.get("car.toml")
+    name = "calibration.toml"
     if text is None:
         return None
     try:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-from dart_hal.car.table import COLUMNS, RunTable, missing
+from dart_hal.car.table import TABLE_COLUMNS, RunTable, missing_package_error
 
 
 def write_csv(table: RunTable, path: Path) -> None:
-    """One line of names, then a line per State; floats read back exactly, NaN is an empty cell.
+    """Write a header, then a row per State; floats read back exactly, NaN is an empty cell.
 
-    Errors: OSError.
+    Raises OSError.
     """
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
@@ -22,19 +22,21 @@ def write_csv(table: RunTable, path: Path) -> None:
 
 
 def write_parquet(table: RunTable, path: Path) -> None:
-    """With ``unit`` and ``meaning`` in the metadata of each field, and the run's own facts.
+    """Write Parquet with ``unit`` and ``meaning`` of each column, and the facts of the run.
 
-    Errors: UsageError without pyarrow, OSError.
+    Raises UsageError without pyarrow, OSError.
     """
     try:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError as error:
-        raise missing("pyarrow", "Parquet") from error
-    fields, arrays = [], []
+        raise missing_package_error("pyarrow", "Parquet") from error
+    fields = []
+    arrays = []
     for name, unit in table.units.items():
         array = pa.array(table.columns[name], from_pandas=False)
-        about = {"unit": unit, "meaning": COLUMNS[name].meaning if name in COLUMNS else "logged"}
+        meaning = TABLE_COLUMNS[name].meaning if name in TABLE_COLUMNS else "logged"
+        about = {"unit": unit, "meaning": meaning}
         fields.append(pa.field(name, array.type, metadata=about))
         arrays.append(array)
     facts = {f"run.{key}": value for key, value in table.run.meta.items()}

@@ -1,4 +1,4 @@
-"""An export is there as a whole or not at all."""
+"""Exports are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from tempfile import TemporaryDirectory
 
 @contextmanager
 def whole(out: Path) -> Iterator[Path]:
-    """A path of the same name to write to, file or folder; it becomes ``out`` at the end.
+    """Yield a temporary path of the same name, file or folder, that becomes ``out`` at the end.
 
-    A file that is there is replaced. Raises OSError.
+    An existing file is replaced. Raises OSError.
     """
     out.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as folder:

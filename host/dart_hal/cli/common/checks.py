@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from dart_hal.car import Car
-from dart_hal.car.camera import camera_of
+from dart_hal.car.camera import open_named_camera
 from dart_hal.core.errors import (
     BusError,
     ConfigError,
@@ -97,7 +97,7 @@ def run_checks(url: str, car_name: str, cars: Path | None, seconds: float,
     checks.append(_make_check("port", True, f"{url} is open"))
     pose_source = _open_source("poses", lambda: open_poses(poses or ""), backend, checks
                                ) if poses else None
-    image_source = _open_source("camera", lambda: camera_of(backend, camera or ""), backend,
+    image_source = _open_source("camera", lambda: open_named_camera(backend, camera or ""), backend,
                                 checks) if camera else None
     car = _open_car(backend, url, car_name, cars, checks, pose_source, image_source)
     if car is None:

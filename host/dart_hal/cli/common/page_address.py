@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from dart_hal.car.viewers import PORT
+from dart_hal.car.viewers import VIEWER_PORT
 from dart_hal.cli.common.output import console, print_json
 
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])
@@ -16,7 +16,7 @@ CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 
 def lan_option(command: CommandT) -> CommandT:
     """Add ``--lan`` and ``--port``: where a page is served."""
-    command = click.option("--port", type=click.IntRange(0, 65535), default=PORT,
+    command = click.option("--port", type=click.IntRange(0, 65535), default=VIEWER_PORT,
                            show_default=True, help="TCP port of the page; 0: any free one")(command)
     return click.option("--lan", is_flag=True, help="allow other computers and phones to open the "
                                                     "page; "

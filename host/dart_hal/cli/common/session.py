@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from dart_hal.car import Car
-from dart_hal.car.car import backend_of
+from dart_hal.car.car import open_url
 from dart_hal.car.viewers import open_viewer
 from dart_hal.cli.common.output import progress_bar, show_notices
 from dart_hal.cli.common.simulated_room import load_simulator
@@ -70,7 +70,7 @@ def show_sensor_errors(car: Car) -> None:
 
 def _open_located_by_lidar(url: str | None, car_name: str, cars: Path | None, record: Path | None,
                            poses: str, lidar: str | None, camera: str | None) -> Car:
-    backend = backend_of(url)
+    backend = open_url(url)
     try:
         source = open_source(poses, load_map(backend))
     except DartHalError:

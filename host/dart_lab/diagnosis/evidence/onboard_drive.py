@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.car.runs import EVERY as FRAMES
+from dart_hal.car.runs import FRAMES_PER_MESSAGE as FRAMES
 from dart_hal.car.runs import finer, read_run
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray, IntArray

@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 
 from dart_hal.car import Car
-from dart_hal.car.runs import EVERY, FINE, MASS, read_run
+from dart_hal.car.runs import FRAMES_PER_FINE_MESSAGE, FRAMES_PER_MESSAGE, MASS_NOTE, read_run
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.ports import Workshop
 from dart_hal.core.ports.workshop import SCALE
@@ -24,7 +24,7 @@ from dart_lab.identification.write import Source, Written, model_from, write
 from .scales import with_scales
 from .understeer import Understeer, understeer
 
-FRAMES = {"delay": FINE}
+FRAMES = {"delay": FRAMES_PER_FINE_MESSAGE}
 """Frames to a message, else ten: where timing is the question, the PWM frame of the commands."""
 MASS_STD = 0.02
 """Relative std of a mass in car.toml that nobody has weighed for this experiment."""
@@ -76,7 +76,7 @@ def mass_of(files: CarFiles, kilograms: float | None = None, workshop: Workshop 
 
 def note_mass(car: Car, mass: Estimate) -> None:
     """Put what was weighed into the recording, so that ``identify`` takes it later."""
-    car.note(MASS, {"kg": repr(mass.value), "std": repr(mass.std)})
+    car.note(MASS_NOTE, {"kg": repr(mass.value), "std": repr(mass.std)})
 
 
 def fit_run(path: str | Path, name: str, files: CarFiles, mass: Estimate) -> Outcome:
@@ -85,7 +85,7 @@ def fit_run(path: str | Path, name: str, files: CarFiles, mass: Estimate) -> Out
     Errors: RecordingError for a run that is too short or cannot be read.
     """
     base = vehicle_of(files.model)
-    recording = read_run(path, FRAMES.get(name, EVERY))
+    recording = read_run(path, FRAMES.get(name, FRAMES_PER_MESSAGE))
     fits, reports = fit_submodels([recording], [name], base=base, mass=mass)
     told = understeer(recording, files, mass.value) if name == "tyres" else None
     if told is not None:  # from the ramps, and finer than what any recording would tell

@@ -12,7 +12,7 @@ import secrets
 import socket
 from dataclasses import dataclass, field
 
-from dart_hal.car.viewers import PORT as PORT
+from dart_hal.car.viewers import VIEWER_PORT as VIEWER_PORT
 
 LOOPBACK = ("localhost", "127.0.0.1", "[::1]")
 # Characters of a host name (RFC 1035).

@@ -8,13 +8,13 @@ from math import inf
 from pathlib import Path
 
 from dart_hal.car import Car
-from dart_lab.live.view.access import PORT, Access
+from dart_lab.live.view.access import VIEWER_PORT, Access
 from dart_lab.live.view.desk import Desk, Others
 from dart_lab.live.view.server import PageServer, bind_socket
 from dart_lab.live.view.told import Lines
 
 
-def serve(car: Car, *, port: int = PORT, lan: bool = False, drives: bool = False,
+def serve(car: Car, *, port: int = VIEWER_PORT, lan: bool = False, drives: bool = False,
           lines: Lines = None, others: Others | None = None, waive: Sequence[str] = (),
           max_throttle: float = 0.35, folder: Path = Path("runs")) -> LivePage:
     """Serve a live page of an open car, until ``close``.

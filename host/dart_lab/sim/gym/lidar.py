@@ -11,7 +11,7 @@ from typing import Protocol
 
 import numpy as np
 
-from dart_hal.car.lidar import AXIS_X
+from dart_hal.car.lidar import DEFAULT_MOUNT_X
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.core.types import FloatArray
@@ -47,7 +47,7 @@ class Eyes:
         x, y, yaw = pose
         way = yaw + self.bearing[:, None]
         c, s = np.cos(way), np.sin(way)
-        at_x, at_y = x + AXIS_X * np.cos(yaw), y + AXIS_X * np.sin(yaw)
+        at_x, at_y = x + DEFAULT_MOUNT_X * np.cos(yaw), y + DEFAULT_MOUNT_X * np.sin(yaw)
         shape = (len(self.bearing), pose.shape[1])
         origin = np.column_stack([np.broadcast_to(v, shape).ravel() for v in (at_x, at_y)])
         hit = self._cast(self.lines, origin, np.column_stack((c.ravel(), s.ravel())))

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from dart_hal.car.lidar import AXIS_X
+from dart_hal.car.lidar import DEFAULT_MOUNT_X
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Mount
 
@@ -37,7 +37,7 @@ class LidarParams:
     least: float = 0.12
     most: float = 10.0
     scale: float = 1.0
-    x: float = AXIS_X
+    x: float = DEFAULT_MOUNT_X
     y: float = 0.0
     yaw: float = 0.0
     clockwise: float = 1.0
@@ -78,7 +78,8 @@ def hidden_lidar(seed: int) -> LidarParams:
     return LidarParams(
         rate=between(7.3, 8.1), ripple=between(0.0, 0.01), skew=between(-1e-4, 1e-4),
         noise=between(0.012, 0.018), scale=between(0.985, 1.015),
-        x=AXIS_X + between(-0.003, 0.003), y=between(-0.003, 0.003), yaw=between(-0.03, 0.03))
+        x=DEFAULT_MOUNT_X + between(-0.003, 0.003), y=between(-0.003, 0.003),
+        yaw=between(-0.03, 0.03))
 
 
 def lidar_of(text: str, seed: int) -> LidarParams | None:
