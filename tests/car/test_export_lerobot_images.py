@@ -68,8 +68,8 @@ def test_it_is_the_image_feature_of_the_format(data_set):
     stats = json.loads((path / "meta" / "stats.json").read_text())[pictures.IMAGE_FEATURE]
     assert set(stats) == {"min", "max", "mean", "std", "count", *QUANTILES}
     for name in set(stats) - {"count"}:
-        assert np.shape(stats[name]) == np.shape(rows[1][f"stats/{pictures.IMAGE_FEATURE}/{name}"]) == (
-            3, 1, 1)
+        of_episode = rows[1][f"stats/{pictures.IMAGE_FEATURE}/{name}"]
+        assert np.shape(stats[name]) == np.shape(of_episode) == (3, 1, 1)
     assert 0.0 <= np.min(stats["min"]) < np.min(stats["mean"]) < np.max(stats["max"]) <= 1.0
 
 

@@ -54,7 +54,8 @@ def test_unanswered_state_is_followed_by_its_pulses_after_the_grace_time(car, wa
         assert len(reads) < 1000, "reads that do not wait"
         return reads[-1]
 
-    with patch.object(Engine, "_read_timeout", note_read), patch.object(engine.driver, "frame", note):
+    with (patch.object(Engine, "_read_timeout", note_read),
+          patch.object(engine.driver, "frame", note)):
         car.on_state(lambda state: states.append(engine.now))
         wait(car, 0.1)
     delays = [write - max(t for t in states if t <= write) for write in writes if write > states[0]]

@@ -17,10 +17,10 @@ from dart_hal.recording import stamp
 
 HEADER = b"\x00\x01\x00\x00"
 _U32 = Struct("<I")
+# Rows of x, y and yaw among x, y, z, roll, pitch, yaw.
 _PLANE = (0, 1, 5)
-"""Rows of x, y and yaw among x, y, z, roll, pitch, yaw."""
+# Variance of what two-dimensional odometry does not say (z, roll, pitch).
 _UNKNOWN = 1e6
-"""Variance of what two-dimensional odometry does not say (z, roll, pitch)."""
 
 
 def _text(value: str, at: int, align: int) -> bytes:
@@ -109,7 +109,8 @@ def _texts(values: Sequence[str]) -> bytes:
 
 
 def _texts_of(data: bytes, count: int) -> tuple[str, ...]:
-    found, at = [], 0
+    found = []
+    at = 0
     for _ in range(count):
         at += -at % 4
         (length,) = _U32.unpack_from(data, at)
@@ -155,7 +156,8 @@ def numbers_of(payload: bytes) -> FloatArray:
 
 def odometry(state: State, zero_ns: int = 0) -> bytes:
     """nav_msgs/Odometry: pose of the rear axle in ``odom``, speed in ``base_link``."""
-    pose, half = state.pose, 0.5 * state.pose.yaw
+    pose = state.pose
+    half = 0.5 * state.pose.yaw
     return _ODOMETRY.pack(
         HEADER, *_stamp(state.t, zero_ns), _ODOM_IDS,
         pose.x, pose.y, 0.0, 0.0, 0.0, sin(half), cos(half),
@@ -247,7 +249,8 @@ def scan(value: Scan) -> bytes:
 def scan_of(payload: bytes, arrival: float) -> Scan:
     """Inverse of ``scan``. Raises ValueError or struct.error for other bytes."""
     _, start, std, rate = _SCAN.unpack_from(payload)
-    columns, at = [], _SCAN.size
+    columns = []
+    at = _SCAN.size
     for _ in range(3):
         (count,) = _U32.unpack_from(payload, at)
         columns.append(np.frombuffer(payload, "<f4", count, at + _U32.size))

@@ -15,11 +15,11 @@ import zstandard
 
 from dart_hal.core.errors import RecordingError
 
+# Expanded bytes per compressed byte. Recordings reach 3 to 10 (text of numbers, bytes of the
+# Nano), a log that repeats one row about 40; an attack has 1000 and more.
 MAX_RATIO = 50
-"""Expanded bytes per compressed byte. Recordings reach 3 to 10 (text of numbers, bytes of the
-Nano), a log that repeats one row about 40; an attack has 1000 and more."""
+# Bytes that any input may expand to: a short file of equal rows has a high ratio too.
 ALWAYS_ALLOWED = 1 << 24
-"""Bytes that any input may expand to: a short file of equal rows has a high ratio too."""
 
 
 class ExpandsTooFar(ValueError):
@@ -78,7 +78,8 @@ class LimitedStream(io.RawIOBase):
 
     def __init__(self, stream: IO[bytes], packed: int) -> None:
         super().__init__()
-        self._stream, self._packed = stream, packed
+        self._stream = stream
+        self._packed = packed
         self._rest = expansion_limit(packed)
 
     def readable(self) -> bool:

@@ -11,8 +11,8 @@ import numpy as np
 from dart_hal.core.errors import LogError
 from dart_hal.core.types import FloatArray
 
+# Of the topics, so that no name of a user can be that of a channel of ours.
 PREFIX = "/log/"
-"""Of the topics, so that no name of a user can be that of a channel of ours."""
 Value: TypeAlias = "float | FloatArray"
 
 _NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)  # what ROS 2 allows in a topic

@@ -37,20 +37,21 @@ MESSAGE = Struct("<HIQQ")  # channel, sequence, log time, publish time
 _INDEX = Struct("<HI")  # channel, length of the entries
 _FOOTER = Struct("<BQQQI")  # opcode, length, start of the summary, of its offsets, CRC-32
 _U32 = Struct("<I")
+# What mcap and the decoders of chunks raise for bytes that are no record; lz4 raises
+# RuntimeError.
 _UNREADABLE = (StructError, ValueError, McapError, ZstdError, EOFError, MemoryError, OverflowError,
                RuntimeError)
-"""What mcap and the decoders of chunks raise for bytes that are no record; lz4 raises
-RuntimeError."""
+# Where a chunk or an attachment of less than 1 TB may begin. The first byte stands outside of
+# the lookahead: it is searched for as fast as a set of characters, 20 times faster.
 _CHECKED = re.compile(rb"[\x06\x09](?=.{5}\0{3})", re.DOTALL)
-"""Where a chunk or an attachment of less than 1 TB may begin. The first byte stands outside of
-the lookahead: it is searched for as fast as a set of characters, 20 times faster."""
 
 PLAIN: dict[int, Any] = {Opcode.SCHEMA: Schema, Opcode.CHANNEL: Channel,
                          Opcode.METADATA: Metadata}
+# What a channel notes: ns since 1970 when the clock of its car was 0.
 ZERO = "zero_ns"
-"""What a channel notes: ns since 1970 when the clock of its car was 0."""
-JSON, TOML = "application/json", "application/toml"
-"""Media types of attachments: facts by name, and the files of the car."""
+# Media types of attachments: facts by name, and the files of the car.
+JSON = "application/json"
+TOML = "application/toml"
 
 
 class Damage(NamedTuple):
@@ -113,7 +114,8 @@ class McapFile:
     def extent(self) -> tuple[Counter[str], int, int]:
         """Messages by topic, and the least and the largest stamp [ns]; 0 and 0 without any."""
         counts: Counter[int] = Counter()
-        first, last = 1 << 64, -1 << 64
+        first = 1 << 64
+        last = -1 << 64
         for block in self.blocks:
             for opcode, start, _ in records(block):
                 if opcode == Opcode.MESSAGE:
@@ -352,7 +354,8 @@ def _end(data: bytes, at: int, found: McapFile) -> None:
 
 def notices(found: McapFile) -> tuple[str, ...]:
     """What the user must know about a file that is not as it was written."""
-    told, read = [], f"read {found.count} whole messages"
+    told = []
+    read = f"read {found.count} whole messages"
     if found.oversized:
         told.append(f"{found.path}: a chunk was not read: {found.oversized}")
     if found.damages:

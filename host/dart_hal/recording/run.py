@@ -37,14 +37,16 @@ from dart_hal.recording.mcap_records import JSON, TOML, McapFile, notices, read_
 from dart_hal.recording.run_file import RunFile, named, of_car, split_car
 from dart_hal.wire.messages import PROTO, SCHEMA
 
-_RAW, _TEXT = "std_msgs/msg/UInt8MultiArray", "std_msgs/msg/String"
+_RAW = "std_msgs/msg/UInt8MultiArray"
+_TEXT = "std_msgs/msg/String"
 _CHANNELS = (
     ("/rx", _RAW), ("/tx", _RAW), ("/i2c", _RAW),
     ("/command", "dart_msgs/msg/Command"), ("/applied", "dart_msgs/msg/Applied"),
     ("/odom", "nav_msgs/msg/Odometry"), ("/imu", "sensor_msgs/msg/Imu"),
     ("/drive", "ackermann_msgs/msg/AckermannDriveStamped"),
 )
-_NUMBER, _NUMBERS = "std_msgs/msg/Float64", "std_msgs/msg/Float64MultiArray"
+_NUMBER = "std_msgs/msg/Float64"
+_NUMBERS = "std_msgs/msg/Float64MultiArray"
 _POSES = ("/external_pose", "geometry_msgs/msg/PoseWithCovarianceStamped")
 _SCANS = ("/scan", "dart_msgs/msg/LidarScan")
 _IMAGES = ("/camera/image/compressed", "sensor_msgs/msg/CompressedImage")
@@ -65,7 +67,8 @@ class RunWriter:
                  start: float = 0.0, files: Mapping[str, str] | None = None,
                  versions: Mapping[str, str] | None = None, now: float | None = None) -> None:
         self._file = path if isinstance(path, RunFile) else RunFile(path)
-        self._lock, self.path = self._file.lock, self._file.path
+        self._lock = self._file.lock
+        self.path = self._file.path
         self._zero = self._file.zero_of(now)
         self._prefix = path.enter(car) if isinstance(path, RunFile) else ""
         self._now = stamp.split(start)[0] + self._zero
@@ -310,7 +313,8 @@ class RunReader:
     def logged(self) -> Iterator[Logged]:
         """What the program logged, in recorded order."""
         def maker(topic: str, kind: str) -> Callable[[float, bytes], Logged]:
-            name, read = topic.removeprefix(PREFIX), _READERS[kind]
+            name = topic.removeprefix(PREFIX)
+            read = _READERS[kind]
             return lambda t, data: Logged(t, name, read(data))
 
         return self._decoded({topic: maker(topic, kind) for topic, kind in self._mcap.types.items()
@@ -334,7 +338,8 @@ class RunReader:
 
     def messages(self) -> list[Recorded]:
         """Every message of a known definition, in the order of time."""
-        zero, types = self.zero_ns, self._mcap.types
+        zero = self.zero_ns
+        types = self._mcap.types
         return sorted((Recorded(m.topic, types[m.topic], m.ns + zero, m.data)
                        for m in self._mcap.messages() if types[m.topic] in self.definitions),
                       key=lambda message: message.ns)

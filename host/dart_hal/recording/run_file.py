@@ -31,15 +31,15 @@ from dart_hal.recording.schemas import definition
 if TYPE_CHECKING:
     from mcap.writer import Writer
 
+# Fixed: a version of a library here would change the bytes of a run.
 LIBRARY = "dart-hal recording 5"
-"""Fixed: a version of a library here would change the bytes of a run."""
+# s of recording time in a chunk: a kill loses at most that.
 FLUSH = 0.05
-"""s of recording time in a chunk: a kill loses at most that."""
+# Name of the attachment that lists the cars of a file.
 CARS = "fleet"
-"""Name of the attachment that lists the cars of a file."""
 
+# Hears every message as it comes: channel, ns since 1970, bytes. It may not wait.
 Tap = Callable[[int, int, bytes], None]
-"""Hears every message as it comes: channel, ns since 1970, bytes. It may not wait."""
 
 log = logging.getLogger("dart_hal")
 
@@ -83,7 +83,8 @@ class RunFile:
     def enter(self, name: str) -> str:
         """A car of a fleet begins its run: what its channels begin with. Raises UsageError."""
         with self.lock:
-            number, unique = 1, name
+            number = 1
+            unique = name
             while unique in self._cars:
                 number += 1
                 unique = f"{name}-{number}"
@@ -215,7 +216,9 @@ def of_car(found: McapFile, car: str | None) -> McapFile:
             remedy=f"replay://{example}, RunReader('{example}')" if cars else str(found.path))
     try:
         told = json.loads(cars[car])
-        prefix, shift = str(told["prefix"]), int(told.get("shift_ns", 0))  # until format 4
+        prefix = str(told["prefix"])
+        # Files until format 4 have a shift.
+        shift = int(told.get("shift_ns", 0))
     except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as why:
         raise RecordingError(f"{found.path}: the list of its cars is damaged", found=repr(why),
                              read=str(found.path)) from why

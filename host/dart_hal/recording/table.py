@@ -16,14 +16,14 @@ from dart_hal.core.errors import RecordingError
 from dart_hal.core.text_file import read_text
 from dart_hal.core.types import State
 
+# s, -, m/s, m/s, rad/s, m/s2, m/s2, edges, m, m, rad, rad, -1..1, us, us, names, names.
 COLUMNS = ("t", "seq", "speed", "speed_std", "yaw_rate", "accel_x", "accel_y", "ticks",
            "x", "y", "yaw", "steering", "throttle", "steering_us", "throttle_us", "limited",
            "flags")
-"""s, -, m/s, m/s, rad/s, m/s2, m/s2, edges, m, m, rad, rad, -1..1, us, us, names, names."""
 
+# Schema A of the DART recordings: s, 0, 0, m/s2, m/s2, rad/s, m/s unsigned, 0/1, two commands.
 DART_COLUMNS = ("elapsed time sensors", "current", "voltage", "acc x (IMU)", "acc y (IMU)",
                 "W (IMU)", "vel encoder", "safety_value", "throttle", "steering")
-"""Schema A of the DART recordings: s, 0, 0, m/s2, m/s2, rad/s, m/s unsigned, 0/1, two commands."""
 
 _TEXT = ("limited", "flags")
 _WHOLE = ("seq", "ticks")
@@ -85,7 +85,8 @@ class CsvWriter(_CsvWriter):
     columns = COLUMNS
 
     def state(self, s: State) -> None:
-        a, p = s.applied, s.pose
+        a = s.applied
+        p = s.pose
         self._row((s.t, s.seq, s.speed, s.speed_std, s.yaw_rate, s.accel_x, s.accel_y, s.ticks,
                    p.x, p.y, p.yaw, a.steering, a.throttle, a.steering_us, a.throttle_us,
                    "|".join(map(str, a.limited)), "|".join(sorted(s.health.flags))))

@@ -149,7 +149,8 @@ def _mocap(m: Motion, false_lock: float) -> MocapFacts | None:
     turns = np.floor((pose.yaw[~pose.outlier] + np.pi) / (2.0 * np.pi))
     v_x = yaw_rate = None
     if m.grid is not None:
-        v_x, yaw_rate = _range(m.grid.v_x[m.good]), _range(m.grid.omega[m.good])
+        v_x = _range(m.grid.v_x[m.good])
+        yaw_rate = _range(m.grid.omega[m.good])
     return MocapFacts(
         rows=len(pose), step=usual, gaps=len(gaps),
         longest_gap=float(gaps.max()) if len(gaps) else 0.0, outliers=int(pose.outlier.sum()),

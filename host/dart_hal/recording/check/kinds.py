@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+# By kind, of every kind with which rows are dropped or values changed.
 DONE = {
     "bad_samples": "parts of the motion are marked bad, 0.2 s to both sides included",
     "cut_off_line": "the cut-off last line is dropped",
@@ -24,4 +25,3 @@ DONE = {
     "time_back": "cut where the sensor time steps back",
     "yaw_wraps": "yaw passes +-pi: unwrapped",
 }
-"""By kind, of every kind with which rows are dropped or values changed."""

@@ -12,10 +12,17 @@ from dart_hal.recording.dart.grid import Grid, grid
 from dart_hal.recording.dart.model import Recording, Reference
 from dart_hal.recording.dart.reference import fit_reference, rolling_reference
 
-LEAD, FIRST, STRIDE, TAIL, SPAN = 8, 20, 25, 220, 207  # samples of 10 ms
+# Samples of 10 ms.
+LEAD = 8
+FIRST = 20
+STRIDE = 25
+TAIL = 220
+SPAN = 207
 START_SPEED = 0.3  # m/s
 STANDING = 0.05  # m/s; below it the car stands
-SLIP, SLIP_ROWS = 0.3, 100  # m/s between wheels and ground; samples to judge it by
+# m/s between wheels and ground, and samples to judge it by.
+SLIP = 0.3
+SLIP_ROWS = 100
 MOSTLY_BAD = 0.9  # of the time; what is left are the pauses between failures
 SLIPS = 0.2  # of the driven time; then the wheels tell no speed
 

@@ -59,7 +59,9 @@ class Check:
 
     def to_json(self) -> dict[str, Any]:
         """The object under "files" of ``data check --json``."""
-        r, f, m = self.recording, self.facts, self.facts.mocap
+        r = self.recording
+        f = self.facts
+        m = self.facts.mocap
         return {
             "path": str(r.path), "name": self.name, "schema": r.schema, "sha256": r.sha256,
             "date": f.date, "date_from": f.date_from, "duration_s": f.duration, "rows": f.rows,

@@ -18,10 +18,18 @@ from .motion import SLIPS, STANDING, Motion
 PURPOSES = ("friction", "motor", "steering", "delay", "tyres", "evaluation")
 ROLLS = 0.1  # m/s
 STRAIGHT = 0.2  # of full steering; more than that and cornering drag counts
-FAST, SLOW = 0.8, 0.3  # m/s; slower, noise of the gyro fills atan(l W/v): only where all is slow
-COASTING, DRIVEN, TURNED, CORNERED = 10, 30, 50, 300
-TIMED, TIMED_SPEED, TIMED_CHANGES, TIMED_SPREAD = 30, 0.3, 3, 0.03
-"""Samples, m/s, steering changes and their spread, below which the fit of the delay declines."""
+# m/s. Below SLOW, noise of the gyro dominates atan(l W / v): it counts only where all is slow.
+FAST = 0.8
+SLOW = 0.3
+COASTING = 10
+DRIVEN = 30
+TURNED = 50
+CORNERED = 300
+# Samples, m/s, steering changes and their spread, below which the fit of the delay declines.
+TIMED = 30
+TIMED_SPEED = 0.3
+TIMED_CHANGES = 3
+TIMED_SPREAD = 0.03
 LEVEL = 0.02  # of a command: two that differ by less are one level
 LATERAL = 1.0  # m/s2; where a tyre shows its slip
 
@@ -110,14 +118,16 @@ def _steering(rows: BoolArray, steering: FloatArray, source: str, step: float) -
         return Use(False, n, "messages", f"above {SLOW} m/s for {_seconds(n, step)} only")
     if levels < 3:
         return Use(False, n, "messages", f"{levels} steering level(s): a map needs several")
-    left, right = bool((steering[rows] > 0.3).any()), bool((steering[rows] < -0.3).any())
+    left = bool((steering[rows] > 0.3).any())
+    right = bool((steering[rows] < -0.3).any())
     side = ("both sides" if left and right else "left only" if left else "right only" if right
             else "near straight only")
     return Use(left or right, n, "messages", f"{levels} levels, {side}, speed from the {source}")
 
 
 def _delay(rows: BoolArray, steering: FloatArray) -> Use:
-    n, held = int(rows.sum()), steering[rows]
+    n = int(rows.sum())
+    held = steering[rows]
     changes = int((np.diff(held) != 0.0).sum())
     if n < TIMED:
         return Use(False, n, "messages", f"fewer than {TIMED} messages above {TIMED_SPEED} m/s")
@@ -137,7 +147,8 @@ def _tyres(m: Motion) -> Use:
     if n < CORNERED:
         return Use(False, n, "samples",
                    f"cornering above {LATERAL:g} m/s2 for {_seconds(n, 0.01)} only")
-    left, right = int((lateral[rows] > 0).sum()), int((lateral[rows] < 0).sum())
+    left = int((lateral[rows] > 0).sum())
+    right = int((lateral[rows] < 0).sum())
     sides = ("both sides" if min(left, right) >= CORNERED / 3 else
              f"{'left' if left > right else 'right'} only: D and C cannot be told apart")
     most = float(np.percentile(np.abs(lateral[rows]), 99))

@@ -23,7 +23,10 @@ ARRIVED = 1e-5  # s; epoch stamps are rounded to 2.4e-7 s
 WIDEN = 20  # samples of 10 ms
 SLOW_STEP = 0.03  # s; a median mocap step above this needs a spline
 POSITION_STEP_C = 0.08  # m per 10 ms
-LOCK_SPEED, LOCK_ENCODER, LOCK_MIN, LOCK_SPAN = 0.05, 0.25, 15, 30
+LOCK_SPEED = 0.05
+LOCK_ENCODER = 0.25
+LOCK_MIN = 15
+LOCK_SPAN = 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +85,8 @@ def marker_grid(recording: Recording) -> MarkerGrid:
 
     Errors: RecordingError for schema A and for less than 0.25 s of mocap.
     """
-    mocap, messages = recording.mocap, recording.messages
+    mocap = recording.mocap
+    messages = recording.messages
     if mocap is None:
         raise RecordingError(f"{recording.name}: no motion capture in this recording",
                              found="schema A", expected="vicon columns (schema B or C)",
@@ -115,7 +119,8 @@ def marker_grid(recording: Recording) -> MarkerGrid:
         steps = _jumps(x, y, yaw, POSITION_STEP)
         jumps = np.append(steps, False) | np.append(False, steps)
     bad = _widen(lock | stale | _in_gap(t, mocap.t) | jumps) | (span_index(recording.spans, t) < 0)
-    throttle, steering = messages.throttle[last], messages.steering[last]
+    throttle = messages.throttle[last]
+    steering = messages.steering[last]
     if recording.commands is not None:
         throttle, steering = recording.commands.sample_means(len(t))
     return MarkerGrid(t, x, y, yaw, dx, dy, omega, throttle, steering, encoder, last, bad, lock)

@@ -14,13 +14,14 @@ from .sensors import BREAK
 
 MIN_ADVANCE = 1e-4  # s
 POSITION_STEP = 0.06  # m per 10 ms; a shorter step is no jump
+# m per 10 ms between a longer step and the usual one of its neighbours, from which on it is a
+# jump. A car that drives at 30 m/s makes steps of 0.3 m, all alike; the other half of POSITION_STEP
+# is the 3 m/s that a car may well drive, so that no outlier at that speed passes as motion.
 DEVIATION = 0.03
-"""m per 10 ms between a longer step and the usual one of its neighbours, from which on it is a
-jump. A car that drives at 30 m/s makes steps of 0.3 m, all alike; the other half of POSITION_STEP
-is the 3 m/s that a car may well drive, so that no outlier at that speed passes as motion."""
-NOISE, NOISE_SHARE = 6.0, 0.5
-"""Times the usual deviation of a file, up to that share of the usual step: a tracker of large cars
-scatters by centimetres. 6 median deviations are 4 standard deviations of normal noise."""
+# Times the usual deviation of a file, up to that share of the usual step: a tracker of large cars
+# scatters by centimetres. 6 median deviations are 4 standard deviations of normal noise.
+NOISE = 6.0
+NOISE_SHARE = 0.5
 NEIGHBOURS = 10  # steps to each side
 YAW_STEP = 0.2  # rad per 10 ms
 MAX_GAP = 0.05  # s
@@ -37,7 +38,9 @@ def advancing(t: FloatArray) -> tuple[BoolArray, FloatArray, int]:
     """
     keep = np.zeros(len(t), dtype=bool)
     moved = np.zeros(len(t))
-    last, shift, back = -np.inf, -float(t[0]), 0
+    last = -np.inf
+    shift = -float(t[0])
+    back = 0
     for i, stamp in enumerate(t.tolist()):
         now = stamp + shift
         if now < last - 0.1:
@@ -45,7 +48,9 @@ def advancing(t: FloatArray) -> tuple[BoolArray, FloatArray, int]:
             now = stamp + shift
             back += 1
         if now > last + MIN_ADVANCE:
-            keep[i], moved[i], last = True, now, now
+            keep[i] = True
+            moved[i] = now
+            last = now
     return keep, moved[keep], back
 
 
@@ -61,7 +66,9 @@ def outliers(t: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray) -> Bo
     against the encoder, on the grid.
     """
     bad = np.zeros(len(t), dtype=bool)
-    duration, dx, dy = np.diff(t), np.diff(x), np.diff(y)
+    duration = np.diff(t)
+    dx = np.diff(x)
+    dy = np.diff(y)
     u, v = usual_velocity(duration, dx, dy)
     allowed = deviation_limit(duration, u, v, np.hypot(dx - u * duration, dy - v * duration))
 

@@ -11,8 +11,11 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 
-LOW, HIGH, STEP = 0.015, 0.12, 1e-5
-MIN_VALUES, MIN_ROUNDED = 5, 8
+LOW = 0.015
+HIGH = 0.12
+STEP = 1e-5
+MIN_VALUES = 5
+MIN_ROUNDED = 8
 ROUNDING = 0.0055  # m/s; half a unit of the second decimal and a little
 SHARE = 0.98  # of the values must lie on the multiples
 MAX_SPEED = 2.5  # m/s; the multiples of neighbouring candidates drift apart with speed

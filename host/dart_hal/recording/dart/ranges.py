@@ -43,25 +43,32 @@ LIMITS = (
 SPEED_LIMIT = Limit(SPEED, 15.0, "m/s", "mm/s or cm/s")
 PLACE_LIMITS = tuple(Limit(column, 1000.0, "m", "mm") for column in ("vicon x", "vicon y"))
 MAX_SPEED = 150.0  # m/s; nothing on wheels that is controlled by these commands is faster
+# m/s2, of a motion that is averaged over SMOOTH s. Grip gives 10, wings 50; a speed in cm/s or a
+# position in mm gives 100 and more where a car changes its speed by 1 m/s in a second.
 MAX_ACCELERATION = 50.0
-"""m/s2, of a motion that is averaged over SMOOTH s. Grip gives 10, wings 50; a speed in cm/s or a
-position in mm gives 100 and more where a car changes its speed by 1 m/s in a second."""
 SMOOTH = 0.2  # s
 AGREEING = 2.0  # times the speed of the mocap that an encoder may show
 CONTINUOUS = 0.02  # of a position beyond its limit, that it may differ from its neighbours
+# From a mistaken unit to the SI unit.
 FACTORS = {
     "mm": "1000", "mm/s or cm/s": "1000 or 100", "deg/s": "57.2958", "degrees": "57.2958",
     "mm/s2 or mg": "1000 or 102", "ms, us or ns": "1e3, 1e6 or 1e9",
     "minutes or hours": "1/60 or 1/3600"}
-"""From a mistaken unit to the SI unit."""
-SHORTEST, LONGEST = 1e-3, 1.0  # s, median step of the sensor messages; they come at 10 Hz
+# s: limits of the median step of the sensor messages, which come at 10 Hz.
+SHORTEST = 1e-3
+LONGEST = 1.0
 SHORTEST_MOCAP = MIN_ADVANCE  # s
 LONGEST_PAUSE = 86_400.0  # s; no recorder waits for a day
 YAW_JUMP = 50.0  # rad from one mocap row to the next
-MOCAP_SPEED, MOCAP_SHARE = 30.0, 0.2  # m/s in a fifth of the rows: no tracking error
+# m/s, and the share of rows: a fifth of the rows that fast is no tracking error.
+MOCAP_SPEED = 30.0
+MOCAP_SHARE = 0.2
 SMALLEST_WHEELBASE = 0.06  # m, of a 1:43 car; every other car turns less tightly
 TIGHTEST = 2.0 * 0.684  # twice tan(0.6 rad): no steering angle turns the car that tightly
-MOVING, MOVING_ROWS, TURN_SHARE = 0.3, 10, 0.2  # m/s; rows; share of them
+# m/s above which the car moves, rows of that, and the share of them that turns.
+MOVING = 0.3
+MOVING_ROWS = 10
+TURN_SHARE = 0.2
 
 
 def check_values(columns: dict[str, FloatArray], file: str) -> None:
@@ -103,7 +110,8 @@ def _check_steps(t: FloatArray, column: str, shortest: float, file: str) -> None
     step = step[step > 0.0]  # held copies, steps back
     if not len(step):
         return
-    usual, longest = float(np.median(step)), float(np.max(step))
+    usual = float(np.median(step))
+    longest = float(np.max(step))
     if not shortest <= usual <= LONGEST:
         raise _refused(file, column, f"a median step of {usual:.6g} s from message to message",
                        f"{shortest:g} to {LONGEST:g} s", "ms, us or ns" if usual > LONGEST
@@ -174,7 +182,8 @@ def _speed_limit(columns: dict[str, FloatArray]) -> Limit:
         usual = float(np.quantile(speed, 0.9)) if len(speed) else 0.0
         supported = AGREEING * min(usual, MAX_SPEED)
     else:
-        t, value = columns[SENSOR_TIME], columns[SPEED]
+        t = columns[SENSOR_TIME]
+        value = columns[SPEED]
         fresh = np.concatenate([[True], np.diff(t) > MIN_ADVANCE])
         change = np.abs(np.diff(value[fresh])) / np.diff(t[fresh])
         smooth = len(change) > 0 and float(np.max(change)) <= MAX_ACCELERATION

@@ -29,34 +29,40 @@ UNTIL = ((datetime(2024, 7, 1, tzinfo=timezone.utc), FEB_24),
          (datetime(2024, 8, 16, tzinfo=timezone.utc), JUL_24),
          (datetime(2025, 1, 1, tzinfo=timezone.utc), SEP_24))
 
-MIN_SPEED, MAX_LATERAL = 0.3, 2.0  # m/s, m/s2
-TURNING_RATE, TURNING_LATERAL = 0.3, 0.3  # rad/s or m/s2; above either the car turns
+# m/s and m/s2: rows that the fit uses.
+MIN_SPEED = 0.3
+MAX_LATERAL = 2.0
+# rad/s and m/s2: above either the car turns.
+TURNING_RATE = 0.3
+TURNING_LATERAL = 0.3
 MIN_SAMPLES = 200  # of 0.01 s to each side
 POINTS = 15  # of the derivative of the yaw rate
+# Stretches of the jackknife. Steering levels last for seconds: shorter stretches would count one
+# level several times, and the error would come out too small.
 GROUPS = 10
-"""Stretches of the jackknife. Steering levels last for seconds: shorter stretches would count one
-level several times, and the error would come out too small."""
+# rad of side slip at the rear axle that the equation of the fit may be wrong by: smoothing and
+# tyres that are not linear. On simulated cars L_x comes out 2 mm too small where turns have a
+# radius of 1 m; recordings of one day in September 2024 differ by as much.
 SLIP_ERROR = 0.002
-"""rad of side slip at the rear axle that the equation of the fit may be wrong by: smoothing and
-tyres that are not linear. On simulated cars L_x comes out 2 mm too small where turns have a
-radius of 1 m; recordings of one day in September 2024 differ by as much."""
-MAX_ERROR, MAX_SHARE, MAX_SLIP = 0.05, 0.25, 0.005
-"""m; share of L_x; rad of side slip at the usual radius of the turns. An L_x that is less certain
-than all three is not identified; a fast car in wide curves needs it less well than a slow one."""
+# m; share of L_x; rad of side slip at the usual radius of the turns. An L_x that is less certain
+# than all three is not identified; a fast car in wide curves needs it less well than a slow one.
+MAX_ERROR = 0.05
+MAX_SHARE = 0.25
+MAX_SLIP = 0.005
+# Of the scale of the encoder to that of the mocap, below which L_y is not identified.
 MIN_RATIO = 0.3
-"""Of the scale of the encoder to that of the mocap, below which L_y is not identified."""
 MAX_ACROSS_ERROR = 0.02  # m
 MIN_MESSAGES = 60  # with a counting encoder
 COUNTED = 10  # samples over which the encoder of a message counted
+# Of turning the frame by the fitted theta; the third changes it by less than 1e-6 rad.
 ROUNDS = 4
-"""Of turning the frame by the fitted theta; the third changes it by less than 1e-6 rad."""
 REWEIGHTED = 8
 WILD = 2.0  # scatters; a residual of that size counts half
+# Standard errors beyond which two marker frames are two mountings.
 DIFFERENT = 3.0
-"""Standard errors beyond which two marker frames are two mountings."""
 NEEDED = "2 s of turns to each side, at more than 0.3 m/s and less than 2 m/s2"
+# What identifies a frame, and the option that states it.
 OPTION = "--reference LX,THETA,LY (m, rad, m) gives the frame"
-"""What identifies a frame, and the option that states it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +130,8 @@ def fit_reference(recordings: Sequence[Recording]) -> Reference | None:
     std = _jackknife(design, lateral)
     turning = _turning(design)
     radius = float(np.median(design[turning, 1] / np.abs(design[turning, 0])))
-    lx, lx_std = float(solution[0]), float(np.hypot(std[0], SLIP_ERROR * radius))
+    lx = float(solution[0])
+    lx_std = float(np.hypot(std[0], SLIP_ERROR * radius))
     if lx_std > max(MAX_ERROR, MAX_SHARE * abs(lx), MAX_SLIP * radius):
         return None
     theta = float((theta + np.pi) % (2.0 * np.pi) - np.pi)
@@ -165,7 +172,8 @@ def difference(given: Reference, fitted: Reference) -> str:
 
 
 def _turns(recording: Recording) -> _Turns:
-    g, m = marker_grid(recording), recording.messages
+    g = marker_grid(recording)
+    m = recording.messages
     driven = m.throttle[g.message] > 0.0
     return _Turns(g.yaw, g.dx, g.dy, g.omega, ~g.bad, driven)
 
@@ -176,7 +184,8 @@ def _course(parts: Sequence[_Turns]) -> float | None:
     Samples under throttle count where there are any: a car that rolls backwards has its course
     behind it.
     """
-    east, north = 0.0, 0.0
+    east = 0.0
+    north = 0.0
     for forward in (True, False):
         for part in parts:
             speed = np.hypot(part.dx, part.dy)
@@ -192,7 +201,8 @@ def _course(parts: Sequence[_Turns]) -> float | None:
 
 def _equation(parts: Sequence[_Turns], theta: float) -> tuple[FloatArray, FloatArray]:
     """(design (n, 4): omega, v, v^2 omega, v d(omega)/dt; v_lat (n,)) of the usable samples."""
-    design, lateral = [], []
+    design = []
+    lateral = []
     for part in parts:
         yaw = part.yaw + theta
         v = np.cos(yaw) * part.dx + np.sin(yaw) * part.dy
@@ -206,7 +216,8 @@ def _equation(parts: Sequence[_Turns], theta: float) -> tuple[FloatArray, FloatA
 
 
 def _turning(design: FloatArray) -> BoolArray:
-    omega, v = design[:, 0], design[:, 1]
+    omega = design[:, 0]
+    v = design[:, 1]
     return np.asarray((np.abs(omega) > TURNING_RATE) | (np.abs(v * omega) > TURNING_LATERAL))
 
 
@@ -245,22 +256,28 @@ def _across(recordings: Sequence[Recording], theta: float) -> tuple[float, float
 
     All three are means over the 0.1 s in which the encoder counted; s: its scale.
     """
-    design, along = [], []
+    design = []
+    along = []
     for recording in recordings:
         if recording.encoder != "ok":
             continue
-        g, m = marker_grid(recording), recording.messages
-        yaw, end = g.yaw + theta, m.arrival / SAMPLE
+        g = marker_grid(recording)
+        m = recording.messages
+        yaw = g.yaw + theta
+        end = m.arrival / SAMPLE
         forward = np.cos(yaw) * g.dx + np.sin(yaw) * g.dy
         bad: FloatArray = g.bad.astype(np.float64)
-        v_long, omega, bad = _mean(forward, end), _mean(g.omega, end), _mean(bad, end)
+        v_long = _mean(forward, end)
+        omega = _mean(g.omega, end)
+        bad = _mean(bad, end)
         use = ((bad == 0.0) & (m.speed > MIN_SPEED) & (np.abs(v_long * omega) < MAX_LATERAL)
                & (end > COUNTED) & (end < len(g.t) - 1))
         design.append(np.column_stack([m.speed, -omega])[use])
         along.append(v_long[use])
     if sum(map(len, along)) < MIN_MESSAGES:
         return 0.0, float("nan")
-    rows, y = np.concatenate(design), np.concatenate(along)
+    rows = np.concatenate(design)
+    y = np.concatenate(along)
     scale, ly = _robust(rows, y).tolist()
     std = float(_jackknife(rows, y)[1])
     if scale < MIN_RATIO or std > MAX_ACROSS_ERROR:

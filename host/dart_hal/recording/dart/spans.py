@@ -8,8 +8,8 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
 
+# (begin, end) [s] on the clock of the messages' arrival, in order of time; empty: all of it.
 Spans = Sequence[tuple[float, float]]
-"""(begin, end) [s] on the clock of the messages' arrival, in order of time; empty: all of it."""
 
 
 def span_index(spans: Spans, t: FloatArray) -> IntArray:

@@ -12,12 +12,14 @@ from .model import Note, Recording
 
 MIN_SPEED = 0.3  # m/s
 STEERED = 0.1  # of the command; less may be a trim
+# s from a command to the turn that answers it, tried one by one.
 LAGS = tuple(np.arange(0.0, 0.36, 0.05).tolist())
-"""s from a command to the turn that answers it, tried one by one."""
+# Correlation below which the sign is turned over; a car that follows its command reaches 0.7 to
+# 1, one that slides or is pushed stays near 0.
 REVERSED = -0.6
-"""Correlation below which the sign is turned over; a car that follows its command reaches 0.7 to
-1, one that slides or is pushed stays near 0."""
-MIN_ROWS, MIN_MESSAGES = 200, 20  # samples of 0.01 s; messages of 0.1 s
+# Samples of 0.01 s, and messages of 0.1 s.
+MIN_ROWS = 200
+MIN_MESSAGES = 20
 
 
 def steering_note(recording: Recording) -> list[Note]:
@@ -57,12 +59,21 @@ def _turns(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray, in
     m = recording.messages
     if recording.mocap is not None:
         g = marker_grid(recording)
-        speed, rate, t, command, good = (np.hypot(g.dx, g.dy), g.omega, g.t, g.steering, ~g.bad)
+        speed = np.hypot(g.dx, g.dy)
+        rate = g.omega
+        t = g.t
+        command = g.steering
+        good = ~g.bad
         forward = np.interp(t, m.arrival, m.throttle) >= 0.0
         least = MIN_ROWS
     else:
-        speed, rate, t, command = m.speed, m.yaw_rate, m.t, m.steering
-        good, forward, least = np.ones(len(t), dtype=np.bool_), m.throttle >= 0.0, MIN_MESSAGES
+        speed = m.speed
+        rate = m.yaw_rate
+        t = m.t
+        command = m.steering
+        good = np.ones(len(t), dtype=np.bool_)
+        forward = m.throttle >= 0.0
+        least = MIN_MESSAGES
     with np.errstate(invalid="ignore"):
         use = good & forward & (speed > MIN_SPEED)
     curvature = np.where(use, rate / np.where(use, speed, 1.0), np.nan)

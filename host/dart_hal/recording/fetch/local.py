@@ -23,7 +23,8 @@ from dart_hal.recording.expansion import (
     expansion_limit,
 )
 
-ENDINGS, PACKED = (".csv", ".csv.gz"), ".gz"
+ENDINGS = (".csv", ".csv.gz")
+PACKED = ".gz"
 LARGEST = 1 << 28  # bytes; no recording is that long, so it is not read
 _OPENERS: dict[bytes, Callable[[IO[bytes]], IO[bytes]]] = {
     b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\0": lzma.open}  # type: ignore[dict-item]

@@ -9,8 +9,8 @@ NOTICE = Path(__file__).with_name("LICENSE")
 LIST = Path(__file__).with_name("published.txt")
 REPOSITORY = "https://github.com/Lorenzo-Lyons/DART"
 COMMIT = "7c30162"
+# Folders of the repository that hold them.
 ROOTS = ("System_identification/Data", "ROS_packages/racecar_pkg/src/Data")
-"""Folders of the repository that hold them."""
 
 RAW = REPOSITORY.replace("https://github.com", "https://raw.githubusercontent.com") + f"/{COMMIT}"
 ARCHIVE = f"{REPOSITORY}/archive/{COMMIT}.zip"

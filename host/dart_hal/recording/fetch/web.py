@@ -41,7 +41,8 @@ class _Bar:
 
     def __init__(self, name: str, progress: Progress) -> None:
         self.total = self._done = 0
-        self._name, self._progress = name, progress
+        self._name = name
+        self._progress = progress
 
     def update(self, count: int) -> None:
         self._done = min(self._done + count, self.total)
