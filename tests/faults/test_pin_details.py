@@ -55,7 +55,7 @@ def test_esc_behind_oe_receives_its_whole_neutral_time(tmp_path, counts):
 def test_raw_waits_until_the_nano_passes_its_pulses(tmp_path, cutoff, waits):
     """Control: a driver that expects the pulses behind the cut-off at once ends raw()."""
     limit = MAX_SWITCH_ON_TIME if waits else 0.0
-    with (patch("dart_hal.car.driver.LIVE_AFTER", limit),
+    with (patch("dart_hal.car.driver.MAX_SWITCH_ON_TIME", limit),
           Drive(tmp_path, f"&cutoff={cutoff}") as drive):
         drive.run(1.0)
         with drive.car.raw():

@@ -237,7 +237,8 @@ class Telemetry:
         return accepted, acc
 
     def _filter_samples(self, sample: Sample, t_gyro: float, gyro: Vector | None,
-                        acc: Vector | None) -> tuple[AcceptedSample | None, Vector | None, Vector | None]:
+                        acc: Vector | None,
+                        ) -> tuple[AcceptedSample | None, Vector | None, Vector | None]:
         """Replace single wrong samples of the IMU.
 
         Returns yaw rate, acceleration, and acceleration to be integrated. A sample that was

@@ -87,8 +87,8 @@ def fake():
 
 @pytest.fixture
 def hurried(monkeypatch):
-    monkeypatch.setattr(handshake, "LISTEN", 0.1)
-    monkeypatch.setattr(handshake, "ASK", 0.3)
+    monkeypatch.setattr(handshake, "BOOT_SILENCE", 0.1)
+    monkeypatch.setattr(handshake, "REQUEST_TIME", 0.3)
 
 
 def clear(error: DartHalError) -> DartHalError:
