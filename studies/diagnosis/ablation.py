@@ -32,7 +32,7 @@ from rich.table import Table
 
 from dart_hal.core.process.jobs import each
 from dart_lab.diagnosis import gates
-from dart_lab.diagnosis.gates import Gate
+from dart_lab.diagnosis.gates import AcceptanceGate
 from studies.diagnosis.campaign import HOME, Answer, ask, done, run
 from studies.diagnosis.campaign_cases import GROUPS, Case
 from studies.diagnosis.campaign_score import score
@@ -67,9 +67,9 @@ def _plain_grades(original: Function) -> Function:
     from dart_lab.diagnosis.grade import bag
 
     def grades(of: Any, names: Sequence[str], policy: Any, seed: int) -> dict[str, float]:
-        every = bag._every(of, names, policy)
-        return {n: bag.probability(bag._problem(of, every, n, ()), bag.ABSENT, policy.draws, seed)
-                for n in names}
+        columns = bag._stack_columns(of, names, policy)
+        return {n: bag.probability(bag._select_columns(of, columns, n, ()), bag.ABSENT_STEP,
+                                   policy.draws, seed) for n in names}
 
     return grades
 
@@ -92,9 +92,10 @@ def _one_explanation(original: Function) -> Function:
 
 RULES: dict[str, Rule] = {
     "effects taken back": Rule(
-        "grade.accept:_Fits.take_back", lambda _: lambda self, those, away: (those, dict(away)),
+        "grade.accept:_FitCache.readmit", lambda _: lambda self, those, away: (those, dict(away)),
         lambda out, self, those, away: out[0].names != those.names),
-    "variants of stronger names": Rule("grade.accept:grades", _plain_grades, lambda *_: True),
+    "variants of stronger names": Rule("grade.accept:grade_effects", _plain_grades,
+                                       lambda *_: True),
     "hidden pairs": Rule("search.selection:find_masked_effect", _constant(None),
                          lambda found, *_: found is not None),
     "noise without the cause": Rule(
@@ -115,10 +116,11 @@ RULES: dict[str, Rule] = {
         lambda out, names, noise, base: out is not noise),
     "several explanations": Rule("search.forward:fit_best_trials", _one_explanation,
                                  lambda fits, *_: len(fits) > 1),
-    "cost of a claim": Rule("parameters.claims:_costly", _constant(True), lambda ok, *_: not ok),
-    "claims beyond stated errors": Rule("parameters.claims:_beyond_what_is_stated",
+    "cost of a claim": Rule("parameters.claims:_raises_errors", _constant(True),
+                            lambda ok, *_: not ok),
+    "claims beyond stated errors": Rule("parameters.claims:_exceeds_stated_error",
                                         _constant(True), lambda ok, *_: not ok),
-    "pairs of groups": Rule("parameters.claims:_together", _constant([]),
+    "pairs of groups": Rule("parameters.claims:_pair_groups", _constant([]),
                             lambda found, *_: bool(found)),
     # whether a search for an onset changed anything is not known: it counts as acting
     "onset of a threshold": Rule("search.scan:find_onset", _constant(None), lambda *_: True),
@@ -179,7 +181,7 @@ def watched(acted: set[str]) -> Iterator[None]:
         yield
 
 
-def _noting(gate: Gate, acted: set[str]) -> Callable[..., bool]:
+def _noting(gate: AcceptanceGate, acted: set[str]) -> Callable[..., bool]:
     def test(candidate: Any, policy: Any) -> bool:
         passes = gate.test(candidate, policy)
         if not passes:

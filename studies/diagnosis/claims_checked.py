@@ -27,10 +27,10 @@ from scipy.stats import binomtest
 from dart_hal.core.process.jobs import each
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import conclude, diagnose
-from dart_lab.diagnosis.parameters.claims import Asked, claims
-from dart_lab.diagnosis.parameters.sets import all_sets, posterior
-from dart_lab.diagnosis.parameters.unseen import Unseen
-from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.parameters.claims import ClaimInputs, find_claims
+from dart_lab.diagnosis.parameters.sets import posterior, posterior_of_all_sets
+from dart_lab.diagnosis.parameters.unseen import RecordingLosses
+from dart_lab.diagnosis.run import make_evidence
 from studies.diagnosis.campaign import done
 from studies.diagnosis.campaign_cases import Case, car, cases, habits
 from studies.diagnosis.known_frame import read
@@ -51,35 +51,36 @@ def run(case: Case, sets: bool = False) -> dict[str, Any]:
         _, long = pair(Path(folder), what, how, (1.0, LONG), case.number + 1)
         recordings = [read(path) for path in (train, test, long)]
     asked = _asked(*recordings[:2])
-    evidence, _ = evidence_of(recordings[2:], asked.logged.body.l_r)
+    evidence, _ = make_evidence(recordings[2:], asked.logged.body.l_r)
     out: dict[str, Any] = {"key": case.key, "hidden": case.hidden}
     if sets:
-        ways = (posterior(asked.sets, asked.seed), all_sets(asked.sets, asked.seed))
-        out["sets"] = {g: [way.of(g) for way in ways] for g in sorted(asked.sets.every)}
-    shown = {c.group for c in claims(asked)}
-    policy = asked.sets.policy
-    asked.sets.policy = replace(policy, claims=replace(policy.claims, **BELIEVED))
-    there_seen = Unseen(evidence, asked.unseen.last, policy)
-    here, there = ({c.group: c.cost for c in claims(replace(asked, unseen=seen))}
-                   for seen in (asked.unseen, there_seen))
+        groups = asked.groups
+        ways = (posterior(groups, asked.seed), posterior_of_all_sets(groups, asked.seed))
+        out["sets"] = {g: [way.probability(g) for way in ways] for g in sorted(groups.all_groups)}
+    shown = {c.group for c in find_claims(asked)}
+    policy = asked.groups.policy
+    asked.groups.policy = replace(policy, claims=replace(policy.claims, **BELIEVED))
+    there_seen = RecordingLosses(evidence, asked.losses.last, policy)
+    here, there = ({c.group: c.cost for c in find_claims(replace(asked, losses=seen))}
+                   for seen in (asked.losses, there_seen))
     out["costs"] = {g: {"shown": g in shown, "ratio": here[g][0], "ci90": here[g][1:],
                         "long": there[g][0]} for g in here}
     return out
 
 
-def _asked(train: Any, test: Any) -> Asked:
+def _asked(train: Any, test: Any) -> ClaimInputs:
     """What the diagnosis asks of its claims."""
-    kept: list[Asked] = []
+    kept: list[ClaimInputs] = []
 
-    def keep(asked: Asked) -> Any:
+    def keep(asked: ClaimInputs) -> Any:
         kept.append(asked)
-        return claims(asked)
+        return find_claims(asked)
 
-    real, conclude.claims = conclude.claims, keep
+    real, conclude.find_claims = conclude.find_claims, keep
     try:
         diagnose(*find_model("paper"), [train], [test])
     finally:
-        conclude.claims = real
+        conclude.find_claims = real
     return kept[-1]
 
 

@@ -23,7 +23,7 @@ from dart_lab.diagnosis.evidence.noise import Noise, estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.policy import BlockPolicy
-from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.fit import Point, refit
 from studies.diagnosis.known_frame import read
 from studies.diagnosis.out_of_catalogue import FAR
@@ -44,7 +44,7 @@ def evidence(prepare: Prepare, style: str, seed: int) -> Evidence:
     prepare(car)
     with tempfile.TemporaryDirectory() as folder:
         train, _ = pair(Path(folder), car, Habits(style=style), SECONDS, seed)
-        return evidence_of([read(train)], PAPER.body.l_r)[0]
+        return make_evidence([read(train)], PAPER.body.l_r)[0]
 
 
 def fitted(seen: Evidence, noise: Noise) -> Point:

@@ -13,16 +13,16 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_lab.diagnosis.evidence.drive import prepare_drive
 from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.gains import Side
+from dart_lab.diagnosis.gains import RecordingSet
 from dart_lab.diagnosis.paths import find_paths
 from dart_lab.diagnosis.result import (
     Cause,
     Considered,
     Constancy,
     Diagnosis,
-    Gained,
-    Moved,
-    Number,
+    ErrorReduction,
+    ParameterChange,
+    ParameterEstimate,
     Stage,
     Unexplained,
 )
@@ -59,7 +59,7 @@ def stages():
 @lru_cache(maxsize=1)
 def side():
     """The same recording as test recordings."""
-    return Side(stages()[1], prepare_cases([recording()]))
+    return RecordingSet(stages()[1], prepare_cases([recording()]))
 
 
 @lru_cache(maxsize=4)
@@ -80,7 +80,8 @@ def cause(name, value, std, gain, like=()):
     effect = catalogue()[name]
     parameter = effect.parameters[0]
     return Cause(name, effect.title, effect.stage,
-                 {parameter.name: Number(value, std, parameter.unit, parameter.null)}, 0.0004,
+                 {parameter.name: ParameterEstimate(value, std, parameter.unit, parameter.null)},
+                 0.0004,
                  321.5, ("A sentence of <evidence> & more.",), gain, like, effect.experiment,
                  0.9875, {"19/a.csv": (1.02, 0.04)}, CONSTANT,
                  (1.21, 1.14, 1.29))
@@ -89,18 +90,19 @@ def cause(name, value, std, gain, like=()):
 def diagnosis(verdict="partly_explained", causes=2, unexplained=True, **changes):
     """A whole diagnosis with as many of its two causes as asked for."""
     every, evidence, ctrv = stages()
-    gain = Gained("yaw_rate", 0.4312, 0.4123, 0.3571, 0.4719, "rollout, 1 s")
+    gain = ErrorReduction("yaw_rate", 0.4312, 0.4123, 0.3571, 0.4719, "rollout, 1 s")
     named = (cause("steering_lag", 0.1187, 0.0043, gain, ("yaw_inertia", "steering_rate_limit")),
              cause("gyro_scale", 0.0588, 0.0011,
-                   Gained("gyro", 0.8112, 0.7934, np.nan, np.nan, "residual of the gyro")))
+                   ErrorReduction("gyro", 0.8112, 0.7934, np.nan, np.nan, "residual of the gyro")))
     rejected = tuple(Considered(n, 0.2 + 0.01 * i, 40.0 / (i + 1),
                                 f"the {n} loses on stretches that were left out")
                      for i, n in enumerate(sorted(set(catalogue()) - {c.effect for c in named}))
                      ) if causes is not None else ()
     left = (Unexplained("v_x", "rises with the speed", ("speed", "time"), 0.003, 0.17),)
     base = Diagnosis(
-        verdict, "<paper> & co", {"friction.a": Moved(1.7195, 1.8312, 0.0219, "N"),
-                                  "motor.d": Moved(28.9, 71.3, 0.51, "N", "weaker than its prior")},
+        verdict, "<paper> & co", {"friction.a": ParameterChange(1.7195, 1.8312, 0.0219, "N"),
+                                  "motor.d": ParameterChange(28.9, 71.3, 0.51, "N",
+                                                              "weaker than its prior")},
         named[:causes], rejected, left if unexplained else (), every[:2 + causes], evidence, ctrv,
         {"yaw_rate": gain} if causes else {},
         {"19/a.csv": {"role": "train", "sha256": "ab" * 32, "used": 5321, "dropped": 77,

@@ -11,8 +11,8 @@ import numpy as np
 from dart_hal.vehicle import PAPER
 from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.space import MessageTiming, Space
-from dart_lab.diagnosis.gains import side_of
-from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.gains import make_recording_set
+from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
@@ -42,11 +42,11 @@ def fitted_side(hide=lambda car: None, seconds=60.0):
     hide(strange)
     file = Path(mkdtemp()) / "car_1_4.csv"
     recording = read(record(file, strange, Habits(style="steps"), seconds, 4))
-    evidence, _ = evidence_of([recording], PAPER.body.l_r)
+    evidence, _ = make_evidence([recording], PAPER.body.l_r)
     search = ForwardSearch(evidence, PAPER, Settings())
     fit, _ = search._fit_and_measure_noise(search.make_space(PAPER),
                                            MessageTiming(evidence.message_age))
-    return side_of(evidence, [recording], PAPER.body.l_r, None), fit
+    return make_recording_set(evidence, [recording], PAPER.body.l_r, None), fit
 
 
 def drive(*causes, seconds=40.0, seed=3, habits=USUAL, **changed):
@@ -61,7 +61,7 @@ def _drive(causes, seconds, seed, habits, changed):
 
 
 def evidence(*recordings):
-    return evidence_of(recordings, PAPER.body.l_r)[0]
+    return make_evidence(recordings, PAPER.body.l_r)[0]
 
 
 def fitted(seen, p=PAPER, free=(), noise=None):

@@ -21,16 +21,16 @@ from dart_lab.diagnosis.evidence.noise import Noise, estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Evidence, Residuals
 from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.inputs import check_inputs
-from dart_lab.diagnosis.parameters.claims import _costly, _together
-from dart_lab.diagnosis.parameters.cost import cost, ratio
-from dart_lab.diagnosis.parameters.groups import GROUPS, holding_throttle, quantities_of
-from dart_lab.diagnosis.parameters.sets import Posterior, Sets
-from dart_lab.diagnosis.parameters.unseen import Unseen
+from dart_lab.diagnosis.parameters.claims import _pair_groups, _raises_errors
+from dart_lab.diagnosis.parameters.cost import group_cost, loss_ratio
+from dart_lab.diagnosis.parameters.groups import GROUPS, holding_throttle, list_quantities
+from dart_lab.diagnosis.parameters.sets import GroupFits, Posterior
+from dart_lab.diagnosis.parameters.unseen import RecordingLosses
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.report.claimed import PICTURES, _measure_curve, pictures
 from dart_lab.diagnosis.report.explain import describe_claim
 from dart_lab.diagnosis.report.page import page
-from dart_lab.diagnosis.result import Change, Claim, Constancy
+from dart_lab.diagnosis.result import Claim, Constancy, QuantityChange
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
 
@@ -149,11 +149,11 @@ def test_a_delay_is_no_curve():
 
 def test_a_group_is_claimed_where_its_cost_is_sure():
     policy = USUAL.claims
-    assert _costly((1.20, 1.05, 1.40), 0.9, policy)
-    assert not _costly((1.20, 0.95, 1.50), 0.9, policy)
-    assert _costly((1.20, 0.95, 1.50), 0.99, policy)
-    assert not _costly((0.90, 0.80, 1.00), 0.99, policy)
-    assert _costly((1.05, np.nan, np.nan), 0.9, policy)
+    assert _raises_errors((1.20, 1.05, 1.40), 0.9, policy)
+    assert not _raises_errors((1.20, 0.95, 1.50), 0.9, policy)
+    assert _raises_errors((1.20, 0.95, 1.50), 0.99, policy)
+    assert not _raises_errors((0.90, 0.80, 1.00), 0.99, policy)
+    assert _raises_errors((1.05, np.nan, np.nan), 0.9, policy)
 
 
 def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
@@ -166,16 +166,16 @@ def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
     def unseen(factor):
         r = Residuals(np.where(wild[:, None], 30.0, factor * motion), np.zeros((0, 4)))
         ten = np.repeat(np.arange(20), 10)
-        out = Unseen(SimpleNamespace(
+        out = RecordingLosses(SimpleNamespace(
             residuals=lambda *model: r, blocks=lambda seconds: (ten, np.zeros(0, dtype=int)),
             motion_drive=np.zeros(200, dtype=int), sensor_drive=np.zeros(0, dtype=int),
             sensor_still=np.zeros(0, dtype=bool)), point, USUAL)
-        out._noise, out._timing = point.noise, lambda *fit: None
+        out._noise, out._fit_timing = point.noise, lambda *fit: None
         return out.motion(point)
 
     losses = {frozenset(): unseen(1.5), frozenset({"motor"}): unseen(1.0)}
-    ratio, low, _ = cost(losses.__getitem__, frozenset({"motor"}), "motor")
-    assert ratio > USUAL.claims.worth
+    loss_ratio, low, _ = group_cost(losses.__getitem__, frozenset({"motor"}), "motor")
+    assert loss_ratio > USUAL.claims.worth
     assert low > 1.0
 
 
@@ -188,9 +188,9 @@ def test_how_old_the_commands_of_a_fit_were_costs_nothing_on_other_recordings(fo
     def lost(age, fitted=True):
         sizes = estimate_noise(evidence.residuals(PAPER, MessageTiming()), evidence.blocks(2.0))
         point = SimpleNamespace(vehicle=PAPER, timing=MessageTiming(command_age=age), noise=sizes)
-        out = Unseen(evidence, point, USUAL)
+        out = RecordingLosses(evidence, point, USUAL)
         if not fitted:
-            out._noise, out._timing = sizes, lambda *fit: point.timing
+            out._noise, out._fit_timing = sizes, lambda *fit: point.timing
         return out.motion(point).sum()
 
     assert lost(0.06, fitted=False) > 2.0 * lost(0.0, fitted=False)
@@ -202,11 +202,11 @@ def test_of_two_times_one_is_wrong_and_the_data_do_not_say_which():
     steering, throttle, both = (frozenset(g) for g in (
         {"steering timing"}, {"throttle timing"}, {"steering timing", "throttle timing"}))
     either = Posterior(tuple(sorted(both)), (steering, throttle), np.array([0.5, 0.5]))
-    assert _together(either, USUAL.claims.unsure) == [both]
+    assert _pair_groups(either, USUAL.claims.unsure) == [both]
     surely = Posterior(tuple(sorted(both)), (steering, both), np.array([0.5, 0.5]))
-    assert _together(surely, USUAL.claims.unsure) == []
+    assert _pair_groups(surely, USUAL.claims.unsure) == []
     late = replace(PAPER, delay=replace(PAPER.delay, throttle_s=0.05))
-    before, after = (quantities_of("command timing")["steering later than throttle"][1](p)
+    before, after = (list_quantities("command timing")["steering later than throttle"][1](p)
                      for p in (PAPER, late))
     assert after == pytest.approx(before - 50.0)
 
@@ -218,13 +218,13 @@ def test_no_command_is_younger_than_its_message_to_stand_in_for_a_delay():
     point = SimpleNamespace(x=np.array([2.0, 0.0, 0.0, 0.0]), normal=slopes.T @ slopes
                             + 1e-3 * np.eye(4), vehicle=PAPER, space=SimpleNamespace(
         names=names, low=np.array([-9.0, -9.0, -9.0, -9.0]), high=np.full(4, 9.0)))
-    of = object.__new__(Sets)
-    of.full, of.every = point, frozenset({"throttle timing"})
+    of = object.__new__(GroupFits)
+    of.full, of.all_groups = point, frozenset({"throttle timing"})
     of._names = {"throttle timing": ("delay.throttle_s",)}
     assert of.rise(frozenset()) < 0.5  # a negative age would do nearly the same
     point.space.low[1] = 0.0
     assert of.rise(frozenset()) == pytest.approx(4.0, abs=0.01)
-    assert of.rise(of.every) == 0.0
+    assert of.rise(of.all_groups) == 0.0
 
 
 @pytest.mark.parametrize(("change", "after", "verdict"), [
@@ -232,7 +232,7 @@ def test_no_command_is_younger_than_its_message_to_stand_in_for_a_delay():
 def test_a_parameter_whose_size_changes_does_not_explain(change, after, verdict):
     """As of a motor that grows hot: one number of it is no number of the car. Of what moved by 2 %
     a part is next to nothing."""
-    claimed = Claim("motor", "motor", (), 1.0, {"pull": Change(1.0, after, 0.01, "N")},
+    claimed = Claim("motor", "motor", (), 1.0, {"pull": QuantityChange(1.0, after, 0.01, "N")},
                     (1.2, 1.1, 1.3), (), "",
                     Constancy(0.001, "time", (), change, (0.01, 0.1)))
     explains = verdict == "parameters_only"
@@ -253,7 +253,7 @@ def test_the_interval_of_a_cost_knows_how_few_its_stretches_are():
     for _ in range(2000):
         base = rng.normal(100.0, 5.0, 4)
         more = base * rng.normal(1.3, 0.1, 4)
-        _, low, high = ratio(base, more)
+        _, low, high = loss_ratio(base, more)
         inside += low <= np.sqrt(1.3) <= high
         picks = rng.integers(0, 4, (200, 4))
         drawn = np.sqrt(more[picks].sum(axis=1) / base[picks].sum(axis=1))

@@ -16,7 +16,7 @@ from dart_lab.diagnosis.evidence.agreement import check_model, check_units, rati
 from dart_lab.diagnosis.evidence.drive import prepare_drive
 from dart_lab.diagnosis.evidence.motion import driving_seconds
 from dart_lab.diagnosis.evidence.split import GUARD_S
-from dart_lab.diagnosis.inputs import check_inputs, effects_named, fitted_before
+from dart_lab.diagnosis.inputs import check_inputs, select_effects, warn_fitted_before
 from studies.diagnosis.known_frame import read
 from tests.diagnosis import made_by_hand as made
 
@@ -150,7 +150,7 @@ def test_a_standing_car_is_refused(drive):
     second = replace(other(drive), mocap=still.mocap, messages=still.messages)
     beside = check_inputs([drive, second], [], PAPER)
     assert len(beside.train) == 1
-    assert any("stands still" in n for n in beside.notes)
+    assert any("at rest" in n for n in beside.notes)
 
 
 def first_part(drive, share):
@@ -198,19 +198,19 @@ def test_without_test_recordings_stretches_are_held_out(drive):
 
 
 def test_a_model_that_has_seen_the_test_recordings_is_said(drive):
-    assert "fitted to 1 of the test recordings" in fitted_before([drive], {drive.sha256})[0]
-    assert fitted_before([drive], {"0" * 64}) == []
+    assert "fitted to 1 of the test recordings" in warn_fitted_before([drive], {drive.sha256})[0]
+    assert warn_fitted_before([drive], {"0" * 64}) == []
 
 
 def test_effects_are_named_as_in_the_catalogue():
-    assert effects_named(["grip"], []) == ("grip",)
-    assert "grip" not in effects_named([], ["grip"])
-    assert len(effects_named([], [])) > 40
+    assert select_effects(["grip"], []) == ("grip",)
+    assert "grip" not in select_effects([], ["grip"])
+    assert len(select_effects([], [])) > 40
     with pytest.raises(UsageError, match="steering_lug") as unknown:
-        effects_named(["steering_lug"], [])
+        select_effects(["steering_lug"], [])
     assert "steering_lag" in unknown.value.remedy
     with pytest.raises(UsageError, match="no effect is left"):
-        effects_named(["grip"], ["grip"])
+        select_effects(["grip"], ["grip"])
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from dart_lab.diagnosis.gates import (
     STAGES,
     Candidate,
     explain_failure,
-    find_failed,
+    find_failed_gate,
     relative_size,
 )
 from dart_lab.diagnosis.policy import USUAL
@@ -39,7 +39,7 @@ def test_all_gates_are_of_a_stage_in_the_order_of_the_stages():
 @pytest.mark.parametrize("gate", GATES, ids=lambda gate: gate.name)
 def test_candidate_fails_by_one_quantity_alone(gate):
     assert explain_failure(gate.stage, Candidate(), USUAL) == "", "nothing speaks against it"
-    assert find_failed(gate.stage, FAILING[gate.name], USUAL) is gate
+    assert find_failed_gate(gate.stage, FAILING[gate.name], USUAL) is gate
     assert explain_failure(gate.stage, FAILING[gate.name], USUAL)
 
 

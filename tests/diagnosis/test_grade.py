@@ -18,8 +18,8 @@ from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.evidence.space import MessageTiming, Space
 from dart_lab.diagnosis.grade import accept
 from dart_lab.diagnosis.grade.accept import accept_effects, impossible_size
-from dart_lab.diagnosis.grade.bag import Problem, probability, sizes
-from dart_lab.diagnosis.grade.constancy import constancy
+from dart_lab.diagnosis.grade.bag import BootstrapProblem, estimate_sizes_by_recording, probability
+from dart_lab.diagnosis.grade.constancy import assess_constancy
 from dart_lab.diagnosis.grade.secants import secants
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search.fit import refit
@@ -40,7 +40,7 @@ def problem(rng, signal, beside=(), pull=1.0):
     noise = rng.normal(size=(UNITS, ROWS))
     flat = z.reshape(-1, z.shape[2])
     noise -= (flat @ np.linalg.lstsq(flat, noise.ravel(), rcond=None)[0]).reshape(noise.shape)
-    return Problem(np.einsum("uri,urj->uij", z, z), np.einsum("uri,ur->ui", z, noise),
+    return BootstrapProblem(np.einsum("uri,urj->uij", z, z), np.einsum("uri,ur->ui", z, noise),
                    np.array([pull] * len(beside) + [0.0]), np.zeros(z.shape[2]))
 
 
@@ -88,15 +88,16 @@ def fitted(tmp_path_factory):
 
 def test_a_constant_cause_is_constant_and_of_its_size(fitted):
     of = fitted("motor_gain", "motor_gain", k=0.08)
-    assert constancy(of, "motor_gain", USUAL.grade, 0).constant
-    ((size, error),) = sizes(of, "motor_gain")
+    assert assess_constancy(of, "motor_gain", USUAL.grade, 0).constant
+    ((size, error),) = estimate_sizes_by_recording(of, "motor_gain")
     assert size == pytest.approx(1.0, abs=0.1)
     assert 0.0 < error < 0.1
 
 
 @pytest.mark.slow
 def test_a_battery_that_runs_down_is_no_constant_gain(fitted):
-    found = constancy(fitted("motor_gain", "battery_fade", k=-0.3), "motor_gain", USUAL.grade, 0)
+    fit = fitted("motor_gain", "battery_fade", k=-0.3)
+    found = assess_constancy(fit, "motor_gain", USUAL.grade, 0)
     assert not found.constant
     assert "time" in (found.along, *found.others)
     assert len({found.along, *found.others}) == 1 + len(found.others) <= 3
@@ -108,22 +109,22 @@ def test_a_battery_that_runs_down_is_no_constant_gain(fitted):
 def test_what_does_nothing_has_no_size_that_changes(fitted):
     of = fitted("motor_gain", "motor_gain", k=0.1)
     still = replace(of, tangent={"motor_gain": np.zeros_like(of.tangent["motor_gain"])})
-    assert constancy(still, "motor_gain", USUAL.grade, 0).constant
-    assert constancy(still, "motor_gain", USUAL.grade, 0).curve == ()
+    assert assess_constancy(still, "motor_gain", USUAL.grade, 0).constant
+    assert assess_constancy(still, "motor_gain", USUAL.grade, 0).curve == ()
 
 
 @pytest.fixture
 def letters(monkeypatch):
     """Accept effects that are letters, by made probabilities of each set of them."""
     monkeypatch.setattr(accept, "secants", lambda evidence, fit, kept, policy: "".join(kept))
-    monkeypatch.setattr(accept, "sizes", lambda *given: ())
-    monkeypatch.setattr(accept, "constancy", lambda *given: None)
-    search = SimpleNamespace(fit=lambda at, noise, kept, near: "".join(kept),
-                             steps=lambda base, at, noise, kept: (base, *kept))
+    monkeypatch.setattr(accept, "estimate_sizes_by_recording", lambda *given: ())
+    monkeypatch.setattr(accept, "assess_constancy", lambda *given: None)
+    search = SimpleNamespace(fit_subset=lambda at, noise, kept, near: "".join(kept),
+                             fit_nested=lambda base, at, noise, kept: (base, *kept))
 
     def run(probabilities, names, impossible=lambda fit, name: "", ratios=lambda fit, name: 1.1,
             low=0.9):
-        monkeypatch.setattr(accept, "grades", lambda of, kept, *rest: dict(
+        monkeypatch.setattr(accept, "grade_effects", lambda of, kept, *rest: dict(
             zip(kept, probabilities.get(of, (0.5,) * len(of)), strict=True)))
         how = accept.Acceptance(search, None, USUAL, 0, impossible, lambda fit, without: {
             n: (ratios(fit, n), low, 1.3) for n in without})

@@ -13,14 +13,14 @@ import pytest
 from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_lab.diagnosis import conclude as conclusion
-from dart_lab.diagnosis.error_summaries import LateCommands, Moment
+from dart_lab.diagnosis.error_summaries import ErrorMoment, LateCommands
 from dart_lab.diagnosis.evidence.space import MessageTiming
-from dart_lab.diagnosis.gains import side_of
+from dart_lab.diagnosis.gains import make_recording_set
 from dart_lab.diagnosis.late_commands import MIN_GAIN, compare_ages, find_late_commands
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.report import page
 from dart_lab.diagnosis.report.summary import headline
-from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.identification.shooting.fit import FREE, free_names
@@ -107,8 +107,8 @@ def test_lost_commands_are_flagged_in_most_kinds_of_driving():
             lose_commands(car, share, seed=k)
             recording = read(record(Path(mkdtemp()) / "car_1_4.csv", car,
                                     Habits(style=style, commands=COMMANDS[k % 4]), 90.0, 6000 + k))
-            evidence, _ = evidence_of([recording], PAPER.body.l_r)
-            side = side_of(evidence, [recording], PAPER.body.l_r, None)
+            evidence, _ = make_evidence([recording], PAPER.body.l_r)
+            side = make_recording_set(evidence, [recording], PAPER.body.l_r, None)
             search = ForwardSearch(evidence, PAPER, Settings(free=free_names(PAPER, tuple(FREE))))
             fit, _ = search._fit_and_measure_noise(search.make_space(PAPER),
                                                    MessageTiming(evidence.message_age))
@@ -118,7 +118,7 @@ def test_lost_commands_are_flagged_in_most_kinds_of_driving():
     assert flagged[0.0] == 0
 
 
-LATE = LateCommands(0.21, 0.062, 34.2, (Moment("19/a.csv", 12.3, 0.9, 8.0, 1.2, 0.3, -0.4),))
+LATE = LateCommands(0.21, 0.062, 34.2, (ErrorMoment("19/a.csv", 12.3, 0.9, 8.0, 1.2, 0.3, -0.4),))
 
 
 def test_terminal_page_and_verdict_state_late_commands(capsys):

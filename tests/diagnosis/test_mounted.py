@@ -14,10 +14,10 @@ from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.space import MESSAGE_AGE, MESSAGE_AGE_REACH, MessageTiming, Space
-from dart_lab.diagnosis.mounted import mounted, of_the_imu
+from dart_lab.diagnosis.mounted import describe_imu_mounting, fit_mounting
 from dart_lab.diagnosis.policy import USUAL
-from dart_lab.diagnosis.result import Number
-from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.result import ParameterEstimate
+from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
@@ -30,8 +30,8 @@ from tests.diagnosis import onboard_files, searched
 
 def beside(seen, p=PAPER):
     noise, point = searched.fitted(seen, p)
-    at = mounted(ForwardSearch(seen, p, Settings()), seen, point, noise)
-    return at, of_the_imu(at, seen, USUAL)
+    at = fit_mounting(ForwardSearch(seen, p, Settings()), seen, point, noise)
+    return at, describe_imu_mounting(at, seen, USUAL)
 
 
 @pytest.mark.slow
@@ -79,7 +79,7 @@ def test_what_the_model_has_is_not_fitted_twice(tmp_path):
 
 def test_beside_motion_capture_nothing_is_taken_for_granted(tmp_path):
     path = hidden_drive.write(tmp_path / "car_1_a.csv", PAPER, 1, hidden_drive.Plan(seconds=15.0))
-    seen = evidence_of([read(path)], PAPER.body.l_r)[0]
+    seen = make_evidence([read(path)], PAPER.body.l_r)[0]
     at, told = beside(seen)
     assert at.names == ()
     assert told == {}
@@ -89,7 +89,7 @@ def test_beside_motion_capture_nothing_is_taken_for_granted(tmp_path):
 def test_beside_motion_capture_a_run_tells_how_its_gyro_is_scaled(tmp_path):
     wrong = apply(PAPER, "gyro_scale", k=0.008)  # less than what gets a name
     path = hidden_drive.write(tmp_path / "car_1_a.csv", wrong, 1, hidden_drive.Plan(seconds=30.0))
-    seen = evidence_of([read(path)], PAPER.body.l_r)[0]
+    seen = make_evidence([read(path)], PAPER.body.l_r)[0]
     runs = [replace(d, recording=replace(d.recording, schema=RUN)) for d in seen.drives]
     at, told = beside(type(seen)(runs, PAPER.body.l_r))
     assert at.names == ("gyro_scale",)
@@ -102,7 +102,7 @@ def test_beside_motion_capture_a_run_tells_how_its_gyro_is_scaled(tmp_path):
 def test_poses_of_a_run_may_be_as_late_as_an_optical_system_tells_them(tmp_path):
     late = apply(PAPER, "mocap_latency", k=0.02)
     path = hidden_drive.write(tmp_path / "car_1_a.csv", late, 1, hidden_drive.Plan(seconds=30.0))
-    published = evidence_of([read(path)], PAPER.body.l_r)[0]
+    published = make_evidence([read(path)], PAPER.body.l_r)[0]
     own = type(published)([replace(d, recording=replace(d.recording, schema=RUN))
                            for d in published.drives], PAPER.body.l_r)
 
@@ -120,7 +120,7 @@ def test_poses_of_a_run_may_be_as_late_as_an_optical_system_tells_them(tmp_path)
 def test_the_extended_model_carries_it_with_its_error():
     file, _ = find_model("paper")
     d = replace(made.diagnosis("parameters_only", 0, False),
-                mounting={"imu_yaw": {"k": Number(0.04, 0.001, "rad")}})
+                mounting={"imu_yaw": {"k": ParameterEstimate(0.04, 0.001, "rad")}})
     model = extended_model(d, file, [])
     entry = next(e for e in model.effects if e.name == "imu_yaw")
     assert (entry.parameters["k"].value, entry.parameters["k"].std) == (0.04, 0.001)

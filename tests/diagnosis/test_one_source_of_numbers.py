@@ -15,7 +15,7 @@ import pytest
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import conclude as conclusion
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.gains import _share
+from dart_lab.diagnosis.gains import _relative_reduction
 from dart_lab.diagnosis.report.explain import describe_cause
 from dart_lab.diagnosis.report.page import page
 from dart_lab.diagnosis.report.summary import headline
@@ -141,4 +141,4 @@ def test_sizes_of_several_recordings_are_stated_with_their_spread():
 def test_nothing_read_has_no_share_and_no_warning():
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
-        assert math.isnan(_share(np.empty(0), np.empty(0)))
+        assert math.isnan(_relative_reduction(np.empty(0), np.empty(0)))

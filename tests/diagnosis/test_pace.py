@@ -8,7 +8,7 @@ import pytest
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.pace import Pace
+from dart_lab.diagnosis.pace import ProgressEstimator
 from tests.diagnosis import searched
 
 STANDS = 60  # evaluations of a model, a second of five minutes of driving
@@ -38,19 +38,19 @@ def test_progress_never_stands_and_never_goes_back(monkeypatch):
 
 def test_a_phase_comes_near_its_end_and_the_next_begins_there():
     told = []
-    pace = Pace(lambda share, what: told.append((round(share, 3), what)))
-    pace.phase(0.2, "fit", 10)
+    pace = ProgressEstimator(lambda share, what: told.append((round(share, 3), what)))
+    pace.start_phase(0.2, "fit", 10)
     for _ in range(1000):
-        pace.step()
+        pace.count_evaluation()
     assert 0.19 < told[-1][0] <= 0.2
-    pace.at(0.5, "scan")
+    pace.set_share(0.5, "scan")
     assert told[-1] == (0.5, "scan")
-    pace.at(0.4, "scan")
+    pace.set_share(0.4, "scan")
     assert told[-1][0] == 0.5
 
 
 def test_without_anybody_to_tell_nothing_is_told():
-    pace = Pace(None)
-    pace.phase(1.0, "fit", 10)
-    pace.step()
-    pace.at(0.5, "scan")
+    pace = ProgressEstimator(None)
+    pace.start_phase(1.0, "fit", 10)
+    pace.count_evaluation()
+    pace.set_share(0.5, "scan")

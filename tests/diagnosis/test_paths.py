@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.gains import Side
+from dart_lab.diagnosis.gains import RecordingSet
 from dart_lab.diagnosis.paths import find_paths
 from tests.diagnosis import made_by_hand as made
 
@@ -42,7 +42,7 @@ def test_paths_begin_at_the_origin_and_head_along_x():
 
 
 def test_without_motion_capture_there_is_no_path():
-    side = Side(made.side().evidence, None)
+    side = RecordingSet(made.side().evidence, None)
     assert find_paths(side, {"given": PAPER}, "given") == ()
 
 

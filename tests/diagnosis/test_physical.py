@@ -8,7 +8,7 @@ import pytest
 
 from dart_hal.vehicle.effects import catalogue
 from dart_lab.diagnosis.report.physical import EXAMPLES, SCALES, describe_size
-from dart_lab.diagnosis.result import Number
+from dart_lab.diagnosis.result import ParameterEstimate
 
 PLAIN = {"rad/s", "N", "N m", "turn", "step"}
 """Units that a reader knows as they are."""
@@ -17,7 +17,8 @@ PLAIN = {"rad/s", "N", "N m", "turn", "step"}
 def size(effect, **values):
     known = {q.name: q for q in catalogue()[effect].parameters}
     return describe_size(SimpleNamespace(effect=effect, parameters={
-        name: Number(value, std, known[name].unit) for name, (value, std) in values.items()}))
+        name: ParameterEstimate(value, std, known[name].unit)
+        for name, (value, std) in values.items()}))
 
 
 @pytest.mark.parametrize(("effect", "value", "std", "text"), [

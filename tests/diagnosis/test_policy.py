@@ -21,7 +21,8 @@ from studies.diagnosis.policy_sensitivity import Watched, altered, changed, list
 from tests.diagnosis.searched import drive, evidence, names, search
 
 ROOM = Path(module.__file__).parent
-GRIDS = {"ROUNDS", "QUICK", "FAINT", "ROUNDING", "PASSES"}
+GRIDS = {"MAX_ITERATIONS", "MAX_REUSE_ITERATIONS", "MIN_SQUARED_CHANGE", "MIN_RELATIVE_DETERMINANT",
+         "BASE_NOISE_PASSES"}
 """Numbers of a search that decide no name: iterations, starts, rounding."""
 
 

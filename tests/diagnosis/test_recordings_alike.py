@@ -13,7 +13,7 @@ from dart_hal.vehicle import PAPER
 from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
-from dart_lab.diagnosis.cautions import EDGE, cautions
+from dart_lab.diagnosis.cautions import AT_BOUND, list_cautions
 from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.space import (
     MAX_COMMAND_AGE,
@@ -21,11 +21,11 @@ from dart_lab.diagnosis.evidence.space import (
     MessageTiming,
     Space,
 )
-from dart_lab.diagnosis.gains import side_of
-from dart_lab.diagnosis.grade.alike import PROBES, Wanted, apart
+from dart_lab.diagnosis.gains import make_recording_set
+from dart_lab.diagnosis.grade.alike import PROBES, SizesByRecording, find_groups
 from dart_lab.diagnosis.policy import USUAL, AlikePolicy
-from dart_lab.diagnosis.result import Moved
-from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.result import ParameterChange
+from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.fit import evaluate_point
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
@@ -52,7 +52,8 @@ def drive(tmp_path_factory):
 
 
 def side(recordings):
-    return side_of(evidence_of(recordings, PAPER.body.l_r)[0], recordings, PAPER.body.l_r, None)
+    evidence, _ = make_evidence(recordings, PAPER.body.l_r)
+    return make_recording_set(evidence, recordings, PAPER.body.l_r, None)
 
 
 def said(train, test, p=PAPER, policy=USUAL):
@@ -61,7 +62,7 @@ def said(train, test, p=PAPER, policy=USUAL):
     seen, space = sides[0].evidence, Space(p, ())
     noise = estimate_noise(seen.residuals(p, MessageTiming()), seen.blocks(2.0))
     last = evaluate_point(seen, noise, space, space.point(MessageTiming()))
-    return " ".join(cautions(last, sides, {}, {}, (), policy))
+    return " ".join(list_cautions(last, sides, {}, {}, (), policy))
 
 
 def names(recordings):
@@ -123,8 +124,9 @@ def test_by_its_own_sensors_a_car_is_told_from_another(tmp_path):
 def test_noise_of_its_stated_size_is_no_second_floor(seed, n):
     rng = np.random.default_rng(seed)
     error = rng.uniform(0.003, 0.03, (n, len(PROBES)))
-    of = Wanted(tuple(map(str, range(n))), error * rng.standard_normal(error.shape), error)
-    assert apart(of, USUAL.alike) is None
+    sizes = SizesByRecording(tuple(map(str, range(n))),
+                             error * rng.standard_normal(error.shape), error)
+    assert find_groups(sizes, USUAL.alike) is None
 
 
 def test_a_parameter_or_a_time_on_its_bound_is_said(drive):
@@ -134,17 +136,17 @@ def test_a_parameter_or_a_time_on_its_bound_is_said(drive):
     noise = estimate_noise(seen.residuals(PAPER, MessageTiming()), seen.blocks(2.0))
     x = space.point(MessageTiming())
     x[1] = MAX_COMMAND_AGE / MESSAGE_AGE_REACH  # of commands, the oldest there is
-    moved = {"tyres.front_B": Moved(11.9, 13.8, 0.5, "1/rad", EDGE),
-             "motor.d": Moved(28.0, 27.0, 0.1, "N")}
-    edges = [n for n in cautions(evaluate_point(seen, noise, space, x), sides, moved, {}, (), USUAL)
-             if EDGE in n]
+    moved = {"tyres.front_B": ParameterChange(11.9, 13.8, 0.5, "1/rad", AT_BOUND),
+             "motor.d": ParameterChange(28.0, 27.0, 0.1, "N")}
+    point = evaluate_point(seen, noise, space, x)
+    edges = [n for n in list_cautions(point, sides, moved, {}, (), USUAL) if AT_BOUND in n]
     assert len(edges) == 2
     assert edges[0].startswith("tyres.front_B ended")
     assert "100 ms before its commands" in edges[1]
     x[1] *= 0.9  # control: where there is still room, nothing is said
     free = {name: replace(m, doubt="") for name, m in moved.items()}
-    assert not any(EDGE in n for n in cautions(evaluate_point(seen, noise, space, x), sides, free,
-                                               {}, (), USUAL))
+    point = evaluate_point(seen, noise, space, x)
+    assert not any(AT_BOUND in n for n in list_cautions(point, sides, free, {}, (), USUAL))
 
 
 @pytest.mark.slow

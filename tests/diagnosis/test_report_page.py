@@ -12,14 +12,14 @@ from html.parser import HTMLParser
 import pytest
 
 from dart_hal.core.plain_json import plain
-from dart_lab.diagnosis.error_summaries import Moment, Outliers
+from dart_lab.diagnosis.error_summaries import ErrorMoment, Outliers
 from dart_lab.diagnosis.report import page, write_page
 from dart_lab.diagnosis.report.along import ResidualRows
 from dart_lab.diagnosis.report.explain import describe_cause
 from dart_lab.diagnosis.report.patterns import Pattern
 from dart_lab.diagnosis.report.summary import remainder
 from dart_lab.diagnosis.report.words import quantity, removes
-from dart_lab.diagnosis.result import VERDICTS, Gained, Number, Possible
+from dart_lab.diagnosis.result import VERDICTS, ErrorReduction, ParameterEstimate, Possible
 from dart_lab.diagnosis.suggest.result import Pair, Suggestion
 from dart_lab.report.numbers import percent, significant
 from tests.diagnosis import made_by_hand as made
@@ -102,7 +102,8 @@ def test_what_was_rejected_moved_left_and_used_is_there(whole):
         assert significant(c.loss) in reader.text
     for name, m in d.refitted.items():
         assert name in reader.text
-        assert quantity(Number(m.after, m.std, m.unit)).replace(" +- ", " ± ") in reader.text
+        after = quantity(ParameterEstimate(m.after, m.std, m.unit))
+        assert after.replace(" +- ", " ± ") in reader.text
         assert m.doubt in reader.text
     for name, use in d.files.items():
         assert name in reader.text
@@ -201,11 +202,11 @@ def test_suggestions_are_there_when_they_were_asked_for():
 
 
 def test_a_gain_that_is_none_is_called_so():
-    worse = Gained("gyro", 0.18, -0.02, -0.06, -0.01, "residual")
+    worse = ErrorReduction("gyro", 0.18, -0.02, -0.06, -0.01, "residual")
     assert removes(worse).startswith("raises the gyro error by 2 % [1 %, 6 %]")
-    perhaps = Gained("vx", 0.18, 0.01, -0.02, 0.05, "rollout")
+    perhaps = ErrorReduction("vx", 0.18, 0.01, -0.02, 0.05, "rollout")
     assert removes(perhaps).endswith("which may be chance")
-    sure = Gained("vx", 0.18, 0.24, 0.13, 0.33, "rollout")
+    sure = ErrorReduction("vx", 0.18, 0.24, 0.13, 0.33, "rollout")
     assert removes(sure) == "removes 24 % [13 %, 33 %] of the speed error on the test " \
                             "recordings"
 
@@ -228,7 +229,7 @@ def test_errors_that_are_not_known_are_a_dash():
     assert "nan" not in page(changed).lower().replace("nance", "").split("base64,")[0]
 
 
-MOMENTS = (Outliers("v_x", 2.6, (Moment("a.csv", 53.2, 0.32, 11.8, 1.4, 0.3, 0.0),)),)
+MOMENTS = (Outliers("v_x", 2.6, (ErrorMoment("a.csv", 53.2, 0.32, 11.8, 1.4, 0.3, 0.0),)),)
 POSSIBLE = (Possible("mass", "is heavier or lighter than the model", 0.7, 30.0, "too rare"),)
 CHANGING = tuple(replace(c, constancy=made.CHANGES) for c in made.diagnosis(causes=1).causes)
 WORSE = tuple(replace(c, gain=replace(c.gain, low=-0.3, high=-0.1))

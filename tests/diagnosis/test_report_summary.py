@@ -17,7 +17,7 @@ from dart_lab.diagnosis.report.explain import describe_cause, describe_claim, he
 from dart_lab.diagnosis.report.patterns import NEXT_STEPS, Pattern, next_step
 from dart_lab.diagnosis.report.summary import headline, median_warnings, summary_lines, tone
 from dart_lab.diagnosis.report.words import change, signed_title
-from dart_lab.diagnosis.result import Change, Claim, Number, Unexplained
+from dart_lab.diagnosis.result import Claim, ParameterEstimate, QuantityChange, Unexplained
 from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS
 from dart_lab.report.numbers import larger, significant
 from tests.diagnosis import made_by_hand as made
@@ -30,7 +30,7 @@ LATE = LateCommands(0.21, 0.062, 34.2, ())
 
 
 def claim(before, after, std, **changes):
-    base = Claim("motor", "motor", (), 1.0, {"pull": Change(before, after, std, "N")},
+    base = Claim("motor", "motor", (), 1.0, {"pull": QuantityChange(before, after, std, "N")},
                  (1.03, 1.01, 1.05), (), "Drive steps.", made.CONSTANT)
     return replace(base, **changes)
 
@@ -46,9 +46,9 @@ def test_a_change_below_two_standard_errors_or_two_per_cent_is_a_small_correctio
 
 
 def test_a_change_is_stated_in_per_cent_and_standard_errors_and_its_gain_forwards():
-    assert change(Change(2.0, 2.2, 0.05, "N")) == (
+    assert change(QuantityChange(2.0, 2.2, 0.05, "N")) == (
         "2 -> 2.200 +- 0.050 N (+10 %, 4 standard errors)")
-    assert "standard" not in change(Change(2.0, 2.2, math.nan, "N"))
+    assert "standard" not in change(QuantityChange(2.0, 2.2, math.nan, "N"))
     gain = describe_claim(claim(2.0, 2.2, 0.05))["Gain"]
     assert "fall by 3 % (90 % interval 1 % to 5 %)" in gain
     assert "rise by 3 %" in describe_claim(claim(2.0, 2.2, 0.05, cost=(0.97, 0.9, 1.0)))["Gain"]
@@ -124,7 +124,7 @@ def test_a_substitute_is_marked_and_not_counted_as_a_cause():
 def test_words_follow_the_sign_of_a_size():
     cause = made.diagnosis(causes=1).causes[0]
     weak, strong = (replace(cause, effect="motor_gain", parameters={
-        "k": Number(k, 0.01, "relative")}) for k in (-0.3, 0.3))
+        "k": ParameterEstimate(k, 0.01, "relative")}) for k in (-0.3, 0.3))
     assert signed_title(weak) == "has a weaker motor than the model"
     assert signed_title(strong) == "has a stronger motor than the model"
     assert signed_title(cause) == cause.title

@@ -14,9 +14,9 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import Diagnosis, diagnose
 from dart_lab.diagnosis.evidence.space import TIMING_COORDINATES
-from dart_lab.diagnosis.gains import rollout_gains, side_of
+from dart_lab.diagnosis.gains import make_recording_set, rollout_gains
 from dart_lab.diagnosis.result import VERDICTS
-from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.fit import covariance
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings, label_point_rows
@@ -74,7 +74,7 @@ def worse(answer):
     """Channels whose error after 1 s on other days surely grew from the refit to the last stage."""
     _, vehicle = find_model("paper")
     l_r = vehicle.body.l_r
-    side = side_of(evidence_of(answer.test, l_r)[0], answer.test, l_r, None)
+    side = make_recording_set(make_evidence(answer.test, l_r)[0], answer.test, l_r, None)
     before = next(s for s in answer.said.stages if s.label == "refitted")
     gains = rollout_gains(before.vehicle, answer.said.stages[-1].vehicle, side, side, 0)
     return {c: gains[c] for c in JUDGED
@@ -117,7 +117,7 @@ def settled(recordings, passes, monkeypatch):
     monkeypatch.setattr("dart_lab.diagnosis.search.forward.BASE_NOISE_PASSES", passes)
     _, vehicle = find_model("paper")
     free = free_names(vehicle, tuple(FREE))
-    seen = evidence_of(recordings, vehicle.body.l_r)[0]
+    seen = make_evidence(recordings, vehicle.body.l_r)[0]
     settings = Settings(free=free, max_causes=0, names=("gyro_bias",))
     return ForwardSearch(seen, vehicle, settings).run().base
 
@@ -127,7 +127,7 @@ def test_measuring_the_noise_again_moves_nothing(excerpt, monkeypatch):
     """Else a cause that does not touch the motion changes what the model predicts of it."""
     train = named(excerpt, ("steer015_ramp", "2024_10_00_45"))
     few, many = (settled(train, passes, monkeypatch) for passes in (2, 4))
-    block = label_point_rows(evidence_of(train, few.vehicle.body.l_r)[0], many).recording
+    block = label_point_rows(make_evidence(train, few.vehicle.body.l_r)[0], many).recording
     std = np.sqrt(np.diag(covariance(many, block)))
     assert (np.abs(many.x - few.x) / std)[:-TIMING_COORDINATES].max() < 0.5
 

@@ -29,7 +29,7 @@ from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.fetch import find
 from dart_lab.cli.evaluate import hashes
 from dart_lab.diagnosis.evidence.motion import driving_seconds
-from dart_lab.diagnosis.inputs import check_inputs, effects_named
+from dart_lab.diagnosis.inputs import check_inputs, select_effects
 from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.identification.measured import default_model, named_model
 
@@ -95,7 +95,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
     for every verdict.
     """
     _check(loose, train, test)
-    names = effects_named(only, exclude)
+    names = select_effects(only, exclude)
     model = model or default_model((*train, *test))
     typed = _typed(locals())
     car = load_named_car(car_name, cars)

@@ -31,7 +31,7 @@ from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.report import write_page
 from dart_lab.diagnosis.report.words import quantity
-from dart_lab.diagnosis.result import Diagnosis, Number
+from dart_lab.diagnosis.result import Diagnosis, ParameterEstimate
 from dart_lab.diagnosis.write import extended_model
 
 MISSING: Mapping[str, tuple[float, float, bool]] = {
@@ -183,7 +183,7 @@ def as_hidden(a: ActiveEffect) -> str:
 
 def values_of(a: ActiveEffect) -> str:
     """"k 0.06 s": every parameter that is not at its null."""
-    return ", ".join(f"{q.name} {quantity(Number(v, 0.0, q.unit))}"
+    return ", ".join(f"{q.name} {quantity(ParameterEstimate(v, 0.0, q.unit))}"
                      for q, v in zip(a.effect.parameters, a.values, strict=True) if v != q.null)
 
 

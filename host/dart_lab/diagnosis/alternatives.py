@@ -1,4 +1,4 @@
-"""Other models that the data do not order, and how far the reported numbers move with them.
+"""Include other models that fit equally well in the standard errors of the reported numbers.
 
 Which effect is accepted decides the values of all other numbers: a front tyre that loses grip by
 roll needs another stiffness than one that does not. With M other models that the data do not
@@ -7,8 +7,8 @@ distinguish from the accepted one, x_m the numbers of one and x those reported,
     C = C_sampling + sum_m (x_m - x)(x_m - x)^T / (M + 1)
 
 is the covariance over all M + 1 models with equal weights, around the reported numbers (law of
-total covariance; Bayesian model averaging, Hoeting et al. 1999, equation 3). What another model has
-not is not moved by it.
+total covariance; Bayesian model averaging, Hoeting et al. 1999, equation 3). A parameter that is
+not in another model keeps its value in x_m.
 """
 
 from __future__ import annotations
@@ -28,13 +28,12 @@ from .search.fit import Point
 from .search.forward import ForwardSearch
 from .search.scan import scan
 
-MAX_ALTERNATIVES = 6
-"""Models that are fitted, nearest first: each costs about as much as one round of the search."""
+MAX_ALTERNATIVES = 6  # fitted models; each costs about as much as one round of the search
 
 
 @dataclass(frozen=True, slots=True)
 class Exchange:
-    """One model: the accepted one with an effect removed, one added, or one for another."""
+    """An alternative model: the accepted one without an effect, with one more, or with another."""
 
     removed: str = ""
     added: str = ""
@@ -42,7 +41,7 @@ class Exchange:
 
 def list_exchanges(confounders: Mapping[str, Sequence[str]], likely: Sequence[str],
                    possible: Sequence[str]) -> tuple[Exchange, ...]:
-    """List models that the data do not order, of those that change how the car moves.
+    """List models with equal fit, of effects that change the motion of the car.
 
     confounders: by accepted effect, what the data do not distinguish from it; likely: accepted
     effects that are not confident; possible: effects that are not accepted but possible.
@@ -73,7 +72,7 @@ def include_alternatives(final: FinalFit, exchanges: Sequence[Exchange], search:
 
 def _move(point: Point, exchange: Exchange, search: ForwardSearch, evidence: Evidence,
           policy: ScanPolicy) -> FloatArray | None:
-    """By how much the numbers (k,) of a fit differ in another model; None if it has the effect."""
+    """Return the change of the parameters (k,) in another model; None if it has the effect."""
     names = [a.name for a in point.vehicle.effects]
     if exchange.added in names or (exchange.removed and exchange.removed not in names):
         return None

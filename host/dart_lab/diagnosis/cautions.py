@@ -1,4 +1,4 @@
-"""What must be said beside a conclusion: of the recordings, and of what the fit ran into."""
+"""Warnings of a conclusion: about the recordings, and about fits that ended on a bound."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from collections.abc import Collection, Mapping, Sequence
 from dart_lab.report.numbers import some
 
 from .evidence.space import MAX_COMMAND_AGE
-from .gains import Side
-from .grade.alike import Apart, apart, beside, wanted
+from .gains import RecordingSet
+from .grade.alike import RecordingGroups, estimate_sizes, find_groups, join_sizes
 from .policy import ConclusionPolicy, Policy
 from .report.words import channel
-from .result import Cause, Gained, Moved
+from .result import Cause, ErrorReduction, ParameterChange
 from .search.fit import Point
 
-EDGE = "at the edge of what is allowed"
-CLOSE = 1e-3  # s; nearer to a bound it is there
+AT_BOUND = "at the edge of what is allowed"
+AGE_BOUND_TOLERANCE = 1e-3  # s; an age that is nearer to its bound is on it
 
 
-def cautions(last: Point, sides: tuple[Side, Side], moved: Mapping[str, Moved],
-             gain: Mapping[str, Gained], causes: Sequence[Cause], policy: Policy
-             ) -> tuple[str, ...]:
-    """In the order of their weight.
+def list_cautions(last: Point, sets: tuple[RecordingSet, RecordingSet],
+                  changes: Mapping[str, ParameterChange], gain: Mapping[str, ErrorReduction],
+                  causes: Sequence[Cause], policy: Policy) -> tuple[str, ...]:
+    """List the warnings, the most important first.
 
-    last: the final fit; sides: training and test recordings; moved: what the refit changed, empty
-    where there was none; gain: of the final model over the base.
+    last: the final fit; sets: training and test recordings; changes: parameters that the refit
+    changed, empty without one; gain: of the final model over the base.
     """
-    out = _alike(last, sides, policy)
-    if not moved:
+    out = _compare_recordings(last, sets, policy)
+    if not changes:
         return tuple(out)
-    out += _edges(moved, last)
-    worse = worse_at(gain, policy.conclusion)
+    out += _list_bounds(changes, last)
+    worse = list_worse_channels(gain, policy.conclusion)
     if worse and not causes:
         out.append("with refitted parameters the model predicts the test recordings worse "
                    f"({', '.join(map(channel, worse))}): these training recordings do not "
@@ -41,43 +41,47 @@ def cautions(last: Point, sides: tuple[Side, Side], moved: Mapping[str, Moved],
     return tuple(out)
 
 
-def worse_at(gain: Mapping[str, Gained], policy: ConclusionPolicy) -> list[str]:
-    """Channels of the test recordings that are surely predicted worse; by much, where they are
-    too short for an interval."""
+def list_worse_channels(gain: Mapping[str, ErrorReduction], policy: ConclusionPolicy) -> list[str]:
+    """List channels of the test recordings that are predicted significantly worse.
+
+    Where the recordings are too short for an interval: worse by more than ``policy.worse``.
+    """
     return [name for name, g in gain.items()
             if g.high < 0.0 or (not math.isfinite(g.high) and g.test < -policy.worse)]
 
 
-def _alike(last: Point, sides: tuple[Side, Side], policy: Policy) -> list[str]:
-    """Whether the recordings are of one car on one floor."""
-    train, test = (wanted(side.evidence, side.names, last, policy) for side in sides)
-    found = apart(beside(train, test), policy.alike)
+def _compare_recordings(last: Point, sets: tuple[RecordingSet, RecordingSet], policy: Policy
+                        ) -> list[str]:
+    """Warn if the recordings are of two cars or floors."""
+    train, test = (estimate_sizes(part.evidence, part.names, last, policy) for part in sets)
+    found = find_groups(join_sizes(train, test), policy.alike)
     if found is None:
         return []
-    if _split(found, train.recordings, test.recordings):
+    if _separates_sets(found, train.recordings, test.recordings):
         return [f"the test recordings look like another floor or car: {found}. The gains are those "
                 "of this model there, and not of its causes alone"]
     alone = [shlex.join(n for n in part if n in train.recordings)
-             for part in (found.fewer, found.more)]
-    return [f"the recordings look like two floors or cars: {found}. Diagnose them apart: "
+             for part in (found.smaller, found.larger)]
+    return [f"the recordings look like two floors or cars: {found}. Diagnose them separately: "
             + ", and ".join(f"--train {names}" for names in alone if names)]
 
 
-def _split(found: Apart, train: Collection[str], test: Collection[str]) -> bool:
-    """Whether the two groups are the two sides."""
-    return {frozenset(found.fewer), frozenset(found.more)} == {frozenset(train), frozenset(test)}
+def _separates_sets(found: RecordingGroups, train: Collection[str], test: Collection[str]) -> bool:
+    """Return whether the two groups are the training and the test recordings."""
+    return {frozenset(found.smaller), frozenset(found.larger)} == {
+        frozenset(train), frozenset(test)}
 
 
-def _edges(moved: Mapping[str, Moved], last: Point) -> list[str]:
-    """What ended where the fit may go no further."""
+def _list_bounds(changes: Mapping[str, ParameterChange], last: Point) -> list[str]:
+    """Warn of parameters and command ages that ended on a bound."""
     out = []
-    names = [name for name, m in moved.items() if m.doubt == EDGE]
+    names = [name for name, change in changes.items() if change.doubt == AT_BOUND]
     if names:
-        out.append(f"{some(names)} ended {EDGE}: these recordings do not tell it, or ask for what "
-                   "no such car has; look for a wrong unit, another car's model, or a cause that "
-                   "is not in the catalogue")
-    if last.timing.command_age > MAX_COMMAND_AGE - CLOSE:
+        out.append(f"{some(names)} ended {AT_BOUND}: these recordings do not determine it, or "
+                   "require a value that no such car has; look for a wrong unit, another car's "
+                   "model, or a cause that is not in the catalogue")
+    if last.timing.command_age > MAX_COMMAND_AGE - AGE_BOUND_TOLERANCE:
         out.append(f"the car acts {1000.0 * last.timing.command_age:.0f} ms before its commands "
-                   f"are in the recording, {EDGE}: the clocks of command and sensors differ. "
+                   f"are in the recording, {AT_BOUND}: the clocks of command and sensors differ. "
                    "Synchronise the clocks of all computers that record, and record again")
     return out

@@ -13,10 +13,10 @@ from scipy.special import stdtrit
 from dart_hal.core.types import FloatArray
 from dart_lab.identification.evaluation.prediction import CHANNELS
 
+# Three quarters of the mean square error then come from something else than noise. The largest of
+# 144 simulated drives that hide nothing is 1.5, see docs/results/noise_floor.md.
 MAX_OVER_FLOOR = 2.0
-"""RMSE over the noise floor, above which a model is not faultless: three quarters of its mean
-square error come from something else. The largest of 144 simulated drives that hide nothing is
-1.5, see docs/results/noise_floor.md."""
+"""RMSE over the noise floor, above which a model is not faultless."""
 
 
 class Ratio(NamedTuple):
@@ -37,8 +37,8 @@ def geometric_mean(ratios: Iterable[float]) -> Ratio:
 
 
 @dataclass(frozen=True, slots=True)
-class LeftOutError:
-    """RMS errors 1 s ahead in a recording, by fits to the others, in the order of CHANNELS.
+class HeldOutError:
+    """RMS errors 1 s ahead in a held-out recording, by fits to the others, as CHANNELS.
 
     refitted: parameters alone; predictor: with the effects of the best predictor.
     """
@@ -59,9 +59,12 @@ class LeftOutError:
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
-    """When an error was far larger than otherwise: second of a file, the error [SI units], how many
-    robust standard deviations that is, and what the car did: speed [m/s], commands (-1..1)."""
+class ErrorMoment:
+    """Time of an error that was far larger than usual.
+
+    second: in the file; error: in SI units; times: the same in robust standard deviations; speed
+    [m/s] and commands (-1..1) at that time.
+    """
 
     file: str
     second: float
@@ -83,7 +86,7 @@ class Outliers:
 
     channel: str
     ratio: float
-    moments: tuple[Moment, ...]
+    moments: tuple[ErrorMoment, ...]
 
     def to_json(self) -> dict[str, Any]:
         """As in ``outliers``."""
@@ -95,14 +98,14 @@ class Outliers:
 class LateCommands:
     """Commands that acted later than their log allows, see ``find_late_commands``.
 
-    share: of the windows whose error depends on when a command acted; delay [s]: how much later, in
-    the mean; log_likelihood: how much such commands add to it; moments: the clearest ones.
+    share: of the windows whose error depends on the age of a command; delay [s]: mean extra delay;
+    log_likelihood: gain by such commands; moments: the most significant ones.
     """
 
     share: float
     delay: float
     log_likelihood: float
-    moments: tuple[Moment, ...]
+    moments: tuple[ErrorMoment, ...]
 
     def to_json(self) -> dict[str, Any]:
         """As ``late_commands``."""

@@ -1,10 +1,9 @@
 """Marker frames that were fitted to the recordings: free in every fit, within their errors.
 
-A fit of the marker frame knows no more of the car than a linear rear tyre, so it is off by some
-millimetres. Beside that error a wrong name may explain what is left: `yaw_damping`, a turned
-steering gain. The offsets of the frame are therefore estimated together with everything else. The
-prior is the standard error that the frame states. They are of these recordings: no model file has
-them.
+The fit of a marker frame assumes a linear rear tyre, so its error is some millimetres. With that
+error a wrong effect may fit the residuals, for example `yaw_damping`. Every fit therefore estimates
+the offsets of the frame, with the standard errors of the frame as prior. They belong to these
+recordings and are not written to a model file.
 """
 
 from __future__ import annotations
@@ -25,8 +24,7 @@ FRAME_EFFECTS = {"mocap_offset_x": 0, "mocap_yaw": 1, "mocap_offset_y": 2}
 def find_frame_errors(recordings: Sequence[Recording]) -> dict[str, float]:
     """Find the standard errors of the marker frame that all recordings share, by parameter.
 
-    Empty where it is known, or where recordings have different frames: the offset of one mounting
-    says nothing about another.
+    Empty if it is known, or if recordings have different frames with independent offsets.
     """
     markers = [r.marker for r in recordings]
     first = markers[0] if markers else None
@@ -49,7 +47,7 @@ def free_frame(vehicle: Vehicle, errors: Collection[str]) -> Vehicle:
 
 
 def describe_frame(vehicle: Vehicle, errors: Collection[str]) -> tuple[str, ...]:
-    """Say by how much a fit moves the marker frame, in one note; none where it is known."""
+    """Return a note of how far a fit moves the marker frame; none if it is known."""
     if not errors:
         return ()
     moved = ", ".join(f"{name.partition('.')[0]} {value(vehicle, name):+.4f} {unit(vehicle, name)}"

@@ -1,8 +1,8 @@
-"""What a model predicts on recordings, and what one model gains over another there.
+"""Errors of a model on recordings, and the gain of one model over another there.
 
-    gain = 1 - RMSE(after) / RMSE(before)
+    gain = 1 - RMSE(changed model) / RMSE(reference model)
 
-by channel, on recordings that no fit has seen. Its 95 % interval is a bootstrap over blocks of
+by channel, on recordings that no fit used. Its 95 % interval is a bootstrap over blocks of
 time (or whole recordings), in which both models keep the same windows.
 """
 
@@ -31,34 +31,37 @@ from dart_lab.identification.prediction.windows import HORIZONS
 from .evidence.drive import remove_mocap_effects
 from .evidence.residuals import SIGNAL_CHANNELS, Evidence, Residuals
 from .evidence.space import MessageTiming
-from .result import Gained
+from .result import ErrorReduction
 
-AT = HORIZONS.index(1.0)
-QUIET = ", one of a standing car counted by how much less it shakes"
-ROLLOUT = "open-loop prediction over 1 s from the measured state, "
-LOGGED, AGED = "logged commands alone", "logged commands at the age that suits the log"
+HORIZON_INDEX = HORIZONS.index(1.0)
+REST_NOTE = ", one of a standing car counted by how much less it shakes"
+ROLLOUT_MEASURE = "open-loop prediction over 1 s from the measured state, "
+LOGGED_COMMANDS = "logged commands alone"
+AGED_COMMANDS = "logged commands at the age that suits the log"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Side:
-    """Recordings of one side, train or test: evidence, and cases where mocap saw them."""
+class RecordingSet:
+    """Training or test recordings: their evidence, and the cases with motion capture."""
 
     evidence: Evidence
     prepared: Prepared | None
 
     @property
     def names(self) -> list[str]:
-        """Of its drives that have anything to judge, as the rows of the evidence number them;
-        stretches of one recording are counted."""
+        """Names of the drives with windows or messages, in the order of the evidence.
+
+        Stretches of one recording are numbered.
+        """
         used = np.union1d(self.evidence.motion_drive, self.evidence.sensor_drive)
         plain = [self.evidence.drives[i].recording.name for i in used.tolist()]
         return [name if plain.count(name) == 1 else f"{name} ({plain[:i].count(name) + 1})"
                 for i, name in enumerate(plain)]
 
     def evaluation_windows(self) -> Evidence:
-        """Evidence of the motion alone, in the windows of the evaluation.
+        """Return the evidence of the motion in the windows of the evaluation.
 
-        None of them without motion capture.
+        It has no windows without motion capture.
         """
         cases = self.prepared.cases if self.prepared else ()
         starts = {case.sha256: case.windows.start for case in cases}
@@ -67,22 +70,22 @@ class Side:
                                            for d in self.evidence.drives])
 
     def errors(self, p: Vehicle) -> FloatArray | None:
-        """As ``evaluate.errors``; None without motion capture."""
-        return None if self.prepared is None else _predicted(self, p)
+        """Compute the errors as ``evaluate.errors``; None without motion capture."""
+        return None if self.prepared is None else _cached_errors(self, p)
 
     def horizons(self, p: Vehicle | None, residuals: Residuals | None = None) -> dict[str, Any]:
-        """Errors as ``evaluate`` gives them, of a model or (None) of constant velocity.
+        """Compute errors as ``evaluate`` gives them, of a model or (None) of constant velocity.
 
-        Without motion capture what the sensors show of it, from the residuals of
-        the model; None where nothing does.
+        Without motion capture they follow from the residuals of the sensors; None for channels
+        that no sensor measures.
         """
         if self.prepared is not None:
             cases = self.prepared.cases
-            found = errors(hold(cases), measured(cases)) if p is None else _predicted(self, p)
+            found = errors(hold(cases), measured(cases)) if p is None else _cached_errors(self, p)
             return score(found, cases).to_json()
-        return {f"{h:.1f}": {"pooled": self._by_sensors(h, residuals)} for h in HORIZONS}
+        return {f"{h:.1f}": {"pooled": self._sensor_errors(h, residuals)} for h in HORIZONS}
 
-    def _by_sensors(self, horizon: float, residuals: Residuals | None) -> dict[str, Any]:
+    def _sensor_errors(self, horizon: float, residuals: Residuals | None) -> dict[str, Any]:
         out: dict[str, Any] = dict.fromkeys(CHANNELS)
         out["n"] = 0
         if residuals is None:
@@ -95,8 +98,11 @@ class Side:
 
 
 @lru_cache(maxsize=4)
-def _predicted(side: Side, p: Vehicle) -> FloatArray:
-    """Kept for a while: what is before one cause is after the one that gains more."""
+def _cached_errors(side: RecordingSet, p: Vehicle) -> FloatArray:
+    """Compute errors of a model.
+
+    They are cached, because the model with one cause is the reference for the next cause.
+    """
     return compute_case_errors(p, side.prepared.cases if side.prepared else (), side.evidence.l_r)
 
 
@@ -119,7 +125,7 @@ def compute_case_differences(p: Vehicle, cases: Sequence[Case], l_r: float) -> F
 
 
 def correct_poses(p: Vehicle, cases: Sequence[Case], l_r: float) -> Sequence[Case]:
-    """Remove from the poses of recordings what effects of the vehicle do to them.
+    """Remove the effects of the vehicle on the poses of recordings.
 
     l_r: as in ``compute_case_errors``.
     """
@@ -128,20 +134,22 @@ def correct_poses(p: Vehicle, cases: Sequence[Case], l_r: float) -> Sequence[Cas
     return [replace(case, grid=remove_mocap_effects(case.grid, p, l_r)) for case in cases]
 
 
-def side_of(evidence: Evidence, recordings: Sequence[Recording], l_r: float,
-            reference: Reference | None) -> Side:
-    """Evidence with the windows of the evaluation where there are any."""
+def make_recording_set(evidence: Evidence, recordings: Sequence[Recording], l_r: float,
+            reference: Reference | None) -> RecordingSet:
+    """Make a set from evidence, with the cases of an evaluation if there are any."""
     try:
-        return Side(evidence, prepare(recordings, l_r=l_r, reference=reference))
+        return RecordingSet(evidence, prepare(recordings, l_r=l_r, reference=reference))
     except RecordingError:
-        return Side(evidence, None)
+        return RecordingSet(evidence, None)
 
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """A fit as it predicts. logged: its vehicle with delays counted from the logs of train and
-    test; timings: of their windows and messages; refitted: the delays are, so that the commands
-    have no age of their own."""
+    """A fit for predictions from logs.
+
+    logged: its vehicle with delays counted from the logs of train and test; timings: of their
+    windows and messages; refitted: the delays are fitted, so the commands have no separate age.
+    """
 
     vehicle: Vehicle
     logged: tuple[Vehicle, Vehicle]
@@ -150,91 +158,98 @@ class Fitted:
 
     @property
     def commands(self) -> str:
-        """What a prediction knows of the commands."""
-        return LOGGED if self.refitted else AGED
+        """Which commands a prediction uses, in words."""
+        return LOGGED_COMMANDS if self.refitted else AGED_COMMANDS
 
 
-def gained(effect: Effect, before: Fitted, after: Fitted, train: Side, test: Side, seed: int,
-           block_s: float) -> Gained:
-    """What an effect takes away where it shows; the channel is chosen on the training side.
+def measure_gain(effect: Effect, reference: Fitted, changed: Fitted, train: RecordingSet,
+                 test: RecordingSet, seed: int, block_s: float) -> ErrorReduction:
+    """Measure the error reduction of an effect in the channel where it is largest in training.
 
-    block_s: of the bootstrap over residuals.
+    block_s: length of the blocks of the bootstrap over residuals [s].
     """
-    of_motion = effect.stage != "measurement" or "pose" in effect.signals
-    if of_motion and train.prepared and test.prepared:
-        channels = _rollout_gains(before.logged, after.logged, train, test, seed, after.commands)
+    changes_motion = effect.stage != "measurement" or "pose" in effect.signals
+    if changes_motion and train.prepared and test.prepared:
+        channels = _rollout_gains(reference.logged, changed.logged, train, test, seed,
+                                  changed.commands)
         return max(channels.values(), key=lambda g: g.train)
     found = {}
     for name, column in _columns(effect, train.evidence).items():
-        found[name] = _residual_gain(name, column, before, after, train, test, seed, block_s)
+        found[name] = _residual_gain(name, column, reference, changed, train, test, seed, block_s)
     return max(found.values(), key=lambda g: g.train if math.isfinite(g.train) else -math.inf)
 
 
-def rollout_gains(before: Vehicle, after: Vehicle, train: Side, test: Side,
-                  seed: int) -> dict[str, Gained]:
-    """By channel at 1 s; empty without motion capture."""
-    return _rollout_gains((before, before), (after, after), train, test, seed, LOGGED)
+def rollout_gains(reference: Vehicle, changed: Vehicle, train: RecordingSet, test: RecordingSet,
+                  seed: int) -> dict[str, ErrorReduction]:
+    """Return the gain by channel at 1 s; empty without motion capture."""
+    return _rollout_gains((reference, reference), (changed, changed), train, test, seed,
+                          LOGGED_COMMANDS)
 
 
-def _rollout_gains(before: tuple[Vehicle, Vehicle], after: tuple[Vehicle, Vehicle], train: Side,
-                   test: Side, seed: int, commands: str) -> dict[str, Gained]:
-    """The same with vehicles of their own on each side; commands: what is known of them."""
+def _rollout_gains(reference: tuple[Vehicle, Vehicle], changed: tuple[Vehicle, Vehicle],
+                   train: RecordingSet, test: RecordingSet, seed: int, commands: str
+                   ) -> dict[str, ErrorReduction]:
+    """Return the gain with separate vehicles for train and test; commands: in words."""
     if train.prepared is None or test.prepared is None:
         return {}
-    sides = [(side.errors(p), side.errors(q))
-             for side, p, q in zip((train, test), before, after, strict=True)]
+    pairs = [(part.errors(p), part.errors(q))
+             for part, p, q in zip((train, test), reference, changed, strict=True)]
     block = _blocks(test.prepared.cases)
     out = {}
     for i, name in enumerate(CHANNELS):
-        (a, b), (c, d) = ((x[AT, i], y[AT, i]) for x, y in sides)  # type: ignore[index]
+        (a, b), (c, d) = ((x[HORIZON_INDEX, i], y[HORIZON_INDEX, i])  # type: ignore[index]
+                          for x, y in pairs)
         interval = gain(c, d, block, seed=seed)
-        out[name] = Gained(name, _share(a, b), interval.value, interval.low, interval.high,
-                           ROLLOUT + commands)
+        out[name] = ErrorReduction(name, _relative_reduction(a, b), interval.value, interval.low,
+                                   interval.high, ROLLOUT_MEASURE + commands)
     return out
 
 
-def overall(before: Fitted, after: Fitted, train: Side, test: Side, seed: int, block_s: float
-            ) -> dict[str, Gained]:
-    """``rollout_gains``, or what sensors tell of it."""
+def measure_overall_gain(reference: Fitted, changed: Fitted, train: RecordingSet,
+                         test: RecordingSet, seed: int, block_s: float
+                         ) -> dict[str, ErrorReduction]:
+    """Measure the gain by channel 1 s ahead; without motion capture in encoder and gyro."""
     if train.prepared and test.prepared:
-        return _rollout_gains(before.logged, after.logged, train, test, seed, after.commands)
-    return {name: _residual_gain(name, column, before, after, train, test, seed, block_s)
+        return _rollout_gains(reference.logged, changed.logged, train, test, seed, changed.commands)
+    return {name: _residual_gain(name, column, reference, changed, train, test, seed, block_s)
             for name, column in test.evidence.columns_at(1.0).items()}
 
 
-def _residual_gain(name: str, column: int, before: Fitted, after: Fitted, train: Side, test: Side,
-                   seed: int, block_s: float) -> Gained:
+def _residual_gain(name: str, column: int, reference: Fitted, changed: Fitted, train: RecordingSet,
+                   test: RecordingSet, seed: int, block_s: float) -> ErrorReduction:
+    """Measure the gain in one column of the residuals."""
     pairs = []
-    for i, side in enumerate((train, test)):
-        a, b = (_pick(side.evidence.residuals(p.vehicle, p.timings[i]), column)
-                for p in (before, after))
+    for i, part in enumerate((train, test)):
+        a, b = (_pick(part.evidence.residuals(p.vehicle, p.timings[i]), column)
+                for p in (reference, changed))
         good = np.isfinite(a) & np.isfinite(b)
-        labels = side.evidence.blocks(block_s)[0 if column >= 0 else 1]
+        labels = part.evidence.blocks(block_s)[0 if column >= 0 else 1]
         pairs.append((a[good], b[good], labels[good]))
     interval = gain(*pairs[1], seed=seed)
     what = "motion 1 s ahead" if column >= 0 else "reading"
-    rest = QUIET if name.startswith("accel") else ""
-    return Gained(name, _share(*pairs[0][:2]), interval.value, interval.low, interval.high,
-                  f"{name}: predicted {what} against the measured one{rest}")
+    rest = REST_NOTE if name.startswith("accel") else ""
+    return ErrorReduction(name, _relative_reduction(*pairs[0][:2]), interval.value, interval.low,
+                          interval.high, f"{name}: predicted {what} against the measured one{rest}")
 
 
 def _columns(effect: Effect, evidence: Evidence) -> dict[str, int]:
-    """Where an effect shows: in the sensors that it changes, else anywhere."""
-    every = evidence.columns
-    sensors = {s: every[s] for channel in effect.signals for s in SIGNAL_CHANNELS.get(channel, ())
-               if s in every}
-    return sensors or dict(every)
+    """Return the channels of an effect: the sensors that it changes, else all."""
+    columns = evidence.columns
+    sensors = {s: columns[s] for channel in effect.signals
+               for s in SIGNAL_CHANNELS.get(channel, ()) if s in columns}
+    return sensors or dict(columns)
 
 
 def _pick(r: Residuals, column: int) -> FloatArray:
     return np.asarray(r.motion[:, column] if column >= 0 else r.sensors[:, column])
 
 
-def _share(before: FloatArray, after: FloatArray) -> float:
-    """1 - RMSE after / RMSE before; NaN where nothing was read."""
-    if not len(before):
+def _relative_reduction(reference: FloatArray, changed: FloatArray) -> float:
+    """Return 1 - RMSE changed / RMSE reference; NaN without readings."""
+    if not len(reference):
         return math.nan
-    return 1.0 - float(np.sqrt(np.mean(np.square(after)) / max(np.mean(np.square(before)), 1e-300)))
+    ratio = np.mean(np.square(changed)) / max(np.mean(np.square(reference)), 1e-300)
+    return 1.0 - float(np.sqrt(ratio))
 
 
 def _blocks(cases: Sequence[Case]) -> IntArray:

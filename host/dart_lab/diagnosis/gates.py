@@ -1,4 +1,4 @@
-"""The gates of a diagnosis: what an effect of the catalogue must pass to be an accepted cause."""
+"""The gates of a diagnosis: conditions that an accepted effect of the catalogue fulfils."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from .search.size_search import scanned_parameters
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Candidate:
-    """What is known of an effect when it comes to a gate.
+    """Quantities of an effect that the gates test.
 
-    gain, threshold: drop of the loss by the linear answer, and what chance reaches at the false
-    alarm rate. size: as ``relative_size``, by the linear answer, or by the full fit once there is
-    one. chosen: effect that is accepted in this round, or "". fit_gain: drop of the loss by the
-    full fit. remaining_gain: the same beside all causes found later.
+    gain, threshold: drop of the loss by the linear solution, and the drop that chance reaches at
+    the false-alarm rate. size: as ``relative_size``, by the linear solution, or by the full fit
+    after it. chosen: effect that is accepted in this round, or "". fit_gain: drop of the loss by
+    the full fit. remaining_gain: the same in a fit with all causes found later.
 
-    structure_after, structure_before, structure_removed: loss that structure takes up in a channel
-    where the effect acts, with it and without it, and the drop of the whole loss there.
-    impossible: why no car has this size, or "". probability: share of draws in which data left out
+    structure_after, structure_before: loss of the structure in a channel where the effect acts,
+    with it and without it; structure_removed: the drop of the whole loss there.
+    impossible: why no car has this size, or "". probability: share of draws in which held-out data
     are predicted better. cost: errors of the test recordings without it, over those with it, and
     the interval of this ratio.
     """
@@ -45,19 +45,22 @@ class Candidate:
     cost: Cost = (math.inf, math.inf, math.inf)
 
     def confirmation(self, policy: Policy) -> float:
-        """What must be above 1: the ratio of a confident effect, the interval of a likely one."""
+        """Return what must exceed 1: the ratio if confident, else the lower end of its interval."""
         ratio, low, _ = self.cost
         confident = self.probability >= policy.grade.confident
         return ratio if confident or not math.isfinite(low) else low
 
     def errors_without(self) -> str:
-        """The errors of the test recordings without the effect, in words."""
+        """Return the errors of the test recordings without the effect, in words."""
         return f"without it the test errors are {larger(*self.cost)}"
 
 
-class Gate(NamedTuple):
-    """One condition. stage: one of STAGES. test: whether a candidate passes. condition: the same
-    in words, with the thresholds of a policy. message: why a candidate did not pass."""
+class AcceptanceGate(NamedTuple):
+    """One condition of an accepted effect.
+
+    stage: one of STAGES. test: whether a candidate passes. condition: the same in words, with the
+    thresholds of a policy. message: why a candidate did not pass.
+    """
 
     name: str
     stage: str
@@ -74,60 +77,60 @@ STAGES = {
     "grade": "all causes, by training data left out of the fit",
     "test": "all causes, by the test recordings",
 }
-"""What each stage judges, in the order of a diagnosis."""
+"""Effects and data of each stage, in the order of a diagnosis."""
 
 TOO_SMALL = "so small that sampling or time stamps alone could cause it"
 WITHDRAWN = "withdrawn: with it as much structure is left as without it"
 IMPROBABLE = "too few of the data left out of its fit are predicted better with it"
 
 GATES = (
-    Gate("significance", "scan", lambda c, p: c.gain > c.threshold,
+    AcceptanceGate("significance", "scan", lambda c, p: c.gain > c.threshold,
          lambda p: "its gain is above the threshold of the null distribution",
          lambda c: "its gain is below the threshold of chance"),
-    Gate("largest gain", "scan", lambda c, p: not c.chosen,
+    AcceptanceGate("largest gain", "scan", lambda c, p: not c.chosen,
          lambda p: "no better effect has passed in this round",
          lambda c: f"gains less than {c.chosen}"),
-    Gate("size", "scan", lambda c, p: c.size >= p.naming.tried_size,
+    AcceptanceGate("size", "scan", lambda c, p: c.size >= p.naming.tried_size,
          lambda p: f"at least {p.naming.tried_size:g} of its small size", lambda c: TOO_SMALL),
-    Gate("gain of the fit", "fit", lambda c, p: c.fit_gain > c.threshold,
+    AcceptanceGate("gain of the fit", "fit", lambda c, p: c.fit_gain > c.threshold,
          lambda p: "the gain of the full fit is above the same threshold",
          lambda c: "the full fit does not keep the gain of the linear answer"),
-    Gate("size of the fit", "fit", lambda c, p: c.size >= p.naming.least_size,
+    AcceptanceGate("size of the fit", "fit", lambda c, p: c.size >= p.naming.least_size,
          lambda p: f"at least {p.naming.least_size:g} of its small size", lambda c: TOO_SMALL),
-    Gate("gain with the others", "search", lambda c, p: c.remaining_gain >= c.threshold,
+    AcceptanceGate("gain with the others", "search", lambda c, p: c.remaining_gain >= c.threshold,
          lambda p: "without it the loss rises by at least its threshold",
          lambda c: "causes found later explain what it did"),
-    Gate("structure", "structure",
+    AcceptanceGate("structure", "structure",
          lambda c, p: (c.structure_after <= c.structure_removed
                        or c.structure_after <= p.conclusion.spurious * c.structure_before),
          lambda p: ("the structure left where it acts is less than what it removes, or than "
                     f"{p.conclusion.spurious:g} of the structure without it"),
          lambda c: WITHDRAWN),
-    Gate("possible size", "grade", lambda c, p: not c.impossible,
+    AcceptanceGate("possible size", "grade", lambda c, p: not c.impossible,
          lambda p: "a car can have its size", lambda c: c.impossible),
-    Gate("probability", "grade", lambda c, p: c.probability >= p.grade.likely,
+    AcceptanceGate("probability", "grade", lambda c, p: c.probability >= p.grade.likely,
          lambda p: f"in at least {p.grade.likely:g} of draws data left out are predicted better",
          lambda c: IMPROBABLE),
-    Gate("confirmation", "test", lambda c, p: c.confirmation(p) > 1.0,
+    AcceptanceGate("confirmation", "test", lambda c, p: c.confirmation(p) > 1.0,
          lambda p: ("the test errors without it are larger; the interval of their ratio is above "
                     f"1 where the probability is below {p.grade.confident:g}"),
          lambda c: f"the test recordings do not confirm it: {c.errors_without()}"),
 )
-"""All gates, in the order in which an effect comes to them."""
+"""All gates, in the order of a diagnosis."""
 
 
 def relative_size(effect: Effect, values: Mapping[str, float]) -> float:
-    """Largest departure of a parameter from its null, over its small size."""
+    """Return the largest deviation of a parameter from its null, over its small size."""
     return max(abs(values.get(q.name, q.null) - q.null) / q.sizes[0]
                for q in scanned_parameters(effect))
 
 
-def find_failed(stage: str, candidate: Candidate, policy: Policy) -> Gate | None:
-    """The first gate of a stage that a candidate does not pass."""
+def find_failed_gate(stage: str, candidate: Candidate, policy: Policy) -> AcceptanceGate | None:
+    """Return the first gate of a stage that a candidate does not pass."""
     return next((g for g in GATES if g.stage == stage and not g.test(candidate, policy)), None)
 
 
 def explain_failure(stage: str, candidate: Candidate, policy: Policy) -> str:
-    """Why a candidate does not pass a stage; empty where it does."""
-    gate = find_failed(stage, candidate, policy)
+    """Return why a candidate does not pass a stage; empty if it does."""
+    gate = find_failed_gate(stage, candidate, policy)
     return gate.message(candidate) if gate else ""

@@ -1,7 +1,7 @@
-"""Recordings before they are diagnosed: what cannot be used is refused or said, and why.
+"""Check recordings before a diagnosis: reject unusable ones, and warn of doubtful ones.
 
-A wrong unit, a dead sensor or a test recording that was trained on looks like
-a physical cause, or like a success. So it is looked for first.
+A wrong unit or a dead sensor looks like a physical cause. A test recording that was used for the
+fit looks like a success.
 """
 
 from __future__ import annotations
@@ -23,70 +23,70 @@ from .evidence.motion import driving_seconds, has_sensors
 from .evidence.split import hold_out
 from .policy import USUAL, InputPolicy
 
-NEVER_SEEN = ("position, side slip, the mocap's own errors and whatever shows in them "
+NOT_OBSERVED = ("position, side slip, the mocap's own errors and whatever shows in them "
               "cannot be known")
 
 
 @dataclass(frozen=True, slots=True)
 class Inputs:
-    """train, test: recordings of one kind, with or without mocap; notes: what must be said."""
+    """Recordings of one kind, all with or all without mocap, and warnings."""
 
     train: tuple[Recording, ...]
     test: tuple[Recording, ...]
     notes: tuple[str, ...]
 
 
-def effects_named(only: Sequence[str], exclude: Sequence[str]) -> tuple[str, ...]:
-    """Effects of the catalogue that may be named.
+def select_effects(only: Sequence[str], exclude: Sequence[str]) -> tuple[str, ...]:
+    """Return the effects of the catalogue that may be accepted.
 
-    Errors: UsageError for an unknown effect, with the nearest ones, and when none is left.
+    Errors: UsageError for an unknown effect, with the nearest ones, and when none remains.
     """
-    asked = [effect(name).name for name in only] or list(catalogue())
-    left = tuple(name for name in asked if name not in {effect(e).name for e in exclude})
-    if not left:
+    requested = [effect(name).name for name in only] or list(catalogue())
+    selected = tuple(name for name in requested if name not in {effect(e).name for e in exclude})
+    if not selected:
         raise UsageError("no effect is left to look for", found="--only without --exclude is empty",
                          expected="at least one effect of the catalogue",
                          remedy="leave out --exclude")
-    return left
+    return selected
 
 
 def check_inputs(train: Sequence[Recording], test: Sequence[Recording], p: Vehicle,
-            fitted_to: Collection[str] = (), policy: InputPolicy = USUAL.inputs) -> Inputs:
-    """Recordings that a diagnosis of the model p may use.
+                 fitted_to: Collection[str] = (), policy: InputPolicy = USUAL.inputs) -> Inputs:
+    """Return the recordings that a diagnosis of the model p may use, with warnings.
 
     test empty: stretches of each training recording are held out, ``test_share`` of it. fitted_to:
     SHA-256 of the files that the model was fitted to. Errors: UsageError for
-    recordings on both sides, RecordingError where nothing can be diagnosed,
+    recordings in both sets, RecordingError where nothing can be diagnosed,
     OtherCar for a model that steers the other way.
     """
     refuse_overlap(train, test)
     notes: list[str] = []
-    sides = [_once(side, notes) for side in (train, test)]
-    for r in (*sides[0], *sides[1]):
+    sets = [_drop_copies(part, notes) for part in (train, test)]
+    for r in (*sets[0], *sets[1]):
         check_units(r, policy)
-    sides = [[drop_dead_gyro(r, notes, policy) for r in side] for side in sides]
-    sides = _of_one_kind(sides, notes)
-    sides = [_that_drive(side, notes) for side in sides]
-    _long_enough(sides[0], policy.train_s, "train")
+    sets = [[drop_dead_gyro(r, notes, policy) for r in part] for part in sets]
+    sets = _select_kind(sets, notes)
+    sets = [_drop_standing(part, notes) for part in sets]
+    _check_duration(sets[0], policy.train_s, "train")
     if test:
-        _long_enough(sides[1], policy.test_s, "test")
+        _check_duration(sets[1], policy.test_s, "test")
     else:
-        sides = list(hold_out(sides[0], policy.test_share))
+        sets = list(hold_out(sets[0], policy.test_share))
         notes.append(f"no test recordings: about {100 * policy.test_share:.0f} % of each training "
                      "recording is held out, in stretches between those that train, and only used "
-                     "to measure the gain; other days would tell more")
-    notes += about_frames([*sides[0], *sides[1]])
-    notes += check_model(sides[0], p, policy)
-    seconds = sum(map(driving_seconds, sides[0]))
+                     "to measure the gain; recordings of other days are a stronger test")
+    notes += list_frame_notes([*sets[0], *sets[1]])
+    notes += check_model(sets[0], p, policy)
+    seconds = sum(map(driving_seconds, sets[0]))
     if seconds < policy.small_train_s:
-        notes.append(f"only {seconds:.0f} s of driving to train on: small effects cannot be seen. "
+        notes.append(f"only {seconds:.0f} s of driving to train on: small effects cannot be found. "
                      "Record a minute or more")
-    notes += fitted_before(sides[1], fitted_to)
-    return Inputs(tuple(sides[0]), tuple(sides[1]), tuple(notes))
+    notes += warn_fitted_before(sets[1], fitted_to)
+    return Inputs(tuple(sets[0]), tuple(sets[1]), tuple(notes))
 
 
-def about_frames(recordings: Sequence[Recording]) -> list[str]:
-    """Cautions of the reader, and the marker frames that the recordings were given."""
+def list_frame_notes(recordings: Sequence[Recording]) -> list[str]:
+    """Return warnings of the reader, and notes of the marker frames of the recordings."""
     kinds = ("steering_reversed", "marker", "marker_differs", "reference_unknown", "car_files")
     found: dict[str, list[str]] = {}
     for r in recordings:
@@ -96,97 +96,100 @@ def about_frames(recordings: Sequence[Recording]) -> list[str]:
     return [f"{some(list(dict.fromkeys(names)))}: {note}" for note, names in found.items()]
 
 
-def fitted_before(test: Sequence[Recording], fitted_to: Collection[str]) -> list[str]:
-    """What must be said of a model that has seen the test recordings before."""
+def warn_fitted_before(test: Sequence[Recording], fitted_to: Collection[str]) -> list[str]:
+    """Warn if the model was fitted to test recordings."""
     known = [r.name for r in test if r.sha256 in fitted_to]
     return [f"the model was fitted to {len(known)} of the test recordings ({some(known)}): its "
             "errors there are not those of a prediction"] if known else []
 
 
 def refuse_overlap(train: Sequence[Recording], test: Sequence[Recording]) -> None:
-    """Errors: UsageError for a file, by its content, on both sides."""
-    seen = {r.sha256: r.name for r in train}
-    both = [r.name for r in test if r.sha256 in seen]
+    """Raise UsageError for a file, by its content, that is in both sets."""
+    training = {r.sha256: r.name for r in train}
+    both = [r.name for r in test if r.sha256 in training]
     if not both:
         return
-    same = {r.sha256 for r in test} == set(seen)
+    same = {r.sha256 for r in test} == set(training)
     raise UsageError(
         "the test recordings are the training recordings" if same else
         f"{len(both)} recording(s) to train on are test recordings as well",
-        found=some(both), expected="recordings that the fit has not seen",
+        found=some(both), expected="recordings that the fit does not use",
         likely="one folder named twice, or a copy of a file under another name",
         remedy="leave them out on one side, or leave out --test: then stretches of each training "
                "recording are held out")
 
 
-def _once(side: Sequence[Recording], notes: list[str]) -> list[Recording]:
-    """Each content once: a copy would count twice."""
-    kept = {r.sha256: r for r in reversed(side)}
-    copies = [r.name for r in side if kept[r.sha256] is not r]
+def _drop_copies(recordings: Sequence[Recording], notes: list[str]) -> list[Recording]:
+    """Drop copies of a file, which would count twice."""
+    first = {r.sha256: r for r in reversed(recordings)}
+    copies = [r.name for r in recordings if first[r.sha256] is not r]
     if copies:
         notes.append(f"{some(copies)}: a copy of another recording, left out")
-    return [r for r in side if kept[r.sha256] is r]
+    return [r for r in recordings if first[r.sha256] is r]
 
 
-def _of_one_kind(sides: list[list[Recording]], notes: list[str]) -> list[list[Recording]]:
-    """With motion capture where both sides have it, else all by their own sensors alone."""
-    seen = [[r for r in side if r.mocap is not None] for side in sides]
-    if seen[0] and (seen[1] or not sides[1]):
-        left = [r.name for side in sides for r in side if r.mocap is None]
-        if left:
-            notes.append(f"{some(left)}: no motion capture, left out beside those that have it")
-        dead = [r.name for side in seen for r in side if r.encoder == "dead"]
+def _select_kind(sets: list[list[Recording]], notes: list[str]) -> list[list[Recording]]:
+    """Select recordings with motion capture if both sets have some, else use sensors alone."""
+    with_mocap = [[r for r in part if r.mocap is not None] for part in sets]
+    if with_mocap[0] and (with_mocap[1] or not sets[1]):
+        others = [r.name for part in sets for r in part if r.mocap is None]
+        if others:
+            notes.append(f"{some(others)}: no motion capture, left out because others have it")
+        dead = [r.name for part in with_mocap for r in part if r.encoder == "dead"]
         if dead:
             notes.append(f"{some(dead)}: the encoder is dead, so the encoder is not judged there. "
                          "Check its plug, ring and distance, and record again")
-        if not any(has_sensors(r) for r in seen[0]):
+        if not any(has_sensors(r) for r in with_mocap[0]):
             notes.append("no on-board sensors in the training recordings: encoder, gyro and "
                          "accelerometer cannot be judged")
-        return seen
-    onboard = [[_unseen(r) for r in side if has_sensors(r)] for side in sides]
-    lost = [r.name for side in sides for r in side if not has_sensors(r)]
-    if not onboard[0] or (sides[1] and not onboard[1]):
+        return with_mocap
+    onboard = [[_remove_mocap(r) for r in part if has_sensors(r)] for part in sets]
+    lost = [r.name for part in sets for r in part if not has_sensors(r)]
+    if not onboard[0] or (sets[1] and not onboard[1]):
         raise RecordingError(
-            "neither motion capture nor a working encoder: nothing tells how the car moved",
+            "neither motion capture nor a working encoder: the motion of the car is unknown",
             found=some(lost), expected="motion capture, or an encoder that counts",
             read=some(lost), remedy="dart-hal doctor finds a dead encoder; then record again")
     if lost:
         notes.append(f"{some(lost)}: no motion capture and no working encoder, left out")
-    where = "" if not seen[0] and not seen[1] else " on both sides"
-    notes.append(f"no motion capture{where}: judged by the car's own sensors alone; {NEVER_SEEN}")
+    where = "" if not with_mocap[0] and not with_mocap[1] else " on both sides"
+    notes.append(f"no motion capture{where}: judged by the car's own sensors alone; {NOT_OBSERVED}")
     return onboard
 
 
-def _unseen(r: Recording) -> Recording:
-    """The recording as if no motion capture had been there."""
+def _remove_mocap(r: Recording) -> Recording:
+    """Return the recording without its motion capture."""
     if r.mocap is None:
         return r
     return read_run(r.path, poses=False) if r.schema == RUN else replace(r, mocap=None)
 
 
-def _that_drive(side: list[Recording], notes: list[str]) -> list[Recording]:
-    still = [r for r in side if driving_seconds(r) <= 0.0]
-    if side and len(still) == len(side):
+def _drop_standing(recordings: list[Recording], notes: list[str]) -> list[Recording]:
+    """Drop recordings with motion capture in which the car does not drive."""
+    still = [r for r in recordings if driving_seconds(r) <= 0.0]
+    if recordings and len(still) == len(recordings):
         raise RecordingError(
-            "the car does not drive in these recordings, so nothing shows what its model gets "
-            "wrong", found=f"{len(side)} recording(s), none above 0.3 m/s",
+            "the car does not drive in these recordings, so they show no error of its model",
+            found=f"{len(recordings)} recording(s), none above 0.3 m/s",
             expected="driving with steering and throttle that change", read=still[0].name,
             remedy="dart-hal experiment drives and records")
-    kept = [r for r in side if r not in still or r.mocap is None]
-    if len(kept) < len(side):
-        notes.append(f"{some([r.name for r in still])}: the car stands still, left out")
-    return kept
+    driving = [r for r in recordings if r not in still or r.mocap is None]
+    if len(driving) < len(recordings):
+        notes.append(f"{some([r.name for r in still])}: the car is at rest, left out")
+    return driving
 
 
-def _long_enough(side: Sequence[Recording], least: float, which: str) -> None:
-    seconds = sum(map(driving_seconds, side))
-    if seconds < least:
+def _check_duration(recordings: Sequence[Recording], min_s: float, which: str) -> None:
+    """Raise RecordingError for less driving than ``min_s`` [s]."""
+    seconds = sum(map(driving_seconds, recordings))
+    if seconds < min_s:
         raise RecordingError(
             f"too little driving to {which}" + (" on" if which == "train" else ""),
-            found=f"{seconds:.1f} s above 0.3 m/s in {len(side)} recording(s)",
-            expected=f"at least {least:g} s, better a minute", read=some([r.name for r in side]),
+            found=f"{seconds:.1f} s above 0.3 m/s in {len(recordings)} recording(s)",
+            expected=f"at least {min_s:g} s, better a minute",
+            read=some([r.name for r in recordings]),
             likely="cut-off recordings, or the car hardly moved",
-            remedy="give more recordings; dart-hal data check says how long each one drives")
+            remedy="give more recordings; dart-hal data check lists how long each one drives")
 
 
 def __getattr__(name: str) -> Any:

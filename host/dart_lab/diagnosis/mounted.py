@@ -1,8 +1,8 @@
-"""How the IMU sits in the car, or how its gyro is scaled: fitted beside the model.
+"""Fit how the IMU is mounted in the car, or the scale of its gyro, in addition to the model.
 
-No car is built truer than a few degrees and a centimetre, so what that explains is no structure.
-What only the accelerometer shows of it goes into the extended model, and beside motion capture what
-the gyro shows: it is of this car, and in the next drives it is known and no news.
+No car is built more exactly than a few degrees and a centimetre, so the effect of the mounting is
+no structure. The extended model includes the part of it that only the accelerometer shows, and with
+motion capture also the part that the gyro shows. It belongs to this car, and is known afterwards.
 """
 
 from __future__ import annotations
@@ -16,45 +16,48 @@ from dart_hal.vehicle.flat import value
 from .evidence.noise import Noise
 from .evidence.residuals import Evidence
 from .policy import Policy
-from .result import Number
+from .result import ParameterEstimate
 from .search.fit import Point, covariance
 from .search.forward import ForwardSearch
 from .search.selection import label_point_rows
 
-ACCELEROMETER = frozenset({"accel"})
+ACCEL_SIGNALS = frozenset({"accel"})
 
 
 @dataclass(frozen=True, slots=True)
-class Mounted:
-    """A fitted point with its mounting beside it, the noise there, and the effects of it that the
-    point has not."""
+class MountingFit:
+    """A fit with the mounting, its noise, and the mounting effects that were added."""
 
     point: Point
     noise: Noise
     names: tuple[str, ...]
 
 
-def mounted(search: ForwardSearch, evidence: Evidence, point: Point, noise: Noise) -> Mounted:
-    """With all of ``Evidence.mounting``."""
+def fit_mounting(search: ForwardSearch, evidence: Evidence, point: Point, noise: Noise
+                 ) -> MountingFit:
+    """Fit all of ``Evidence.mounting`` that the point does not have."""
     has = {a.name for a in point.vehicle.effects}
     names = tuple(name for name in evidence.mounting if name not in has)
     if not names:
-        return Mounted(point, noise, ())
-    beside = search.fit_with_nuisance(point, noise, names)
-    return Mounted(beside, beside.noise, names)
+        return MountingFit(point, noise, ())
+    extended = search.fit_with_nuisance(point, noise, names)
+    return MountingFit(extended, extended.noise, names)
 
 
-def of_the_imu(at: Mounted, evidence: Evidence, policy: Policy
-                         ) -> Mapping[str, Mapping[str, Number]]:
-    """By effect and parameter; what moves the gyro only where the motion is known without it, for
-    else all else would have to follow."""
-    told = ACCELEROMETER | {"gyro"} if evidence.has_mocap else ACCELEROMETER
-    names = [n for n in at.names if set(catalogue()[n].signals) <= told]
+def describe_imu_mounting(fit: MountingFit, evidence: Evidence, policy: Policy
+                          ) -> Mapping[str, Mapping[str, ParameterEstimate]]:
+    """Return the mounting by effect and parameter.
+
+    Effects on the gyro only with motion capture: else the gyro is part of the measured motion, and
+    every other parameter would depend on them.
+    """
+    signals = ACCEL_SIGNALS | {"gyro"} if evidence.has_mocap else ACCEL_SIGNALS
+    names = [n for n in fit.names if set(catalogue()[n].signals) <= signals]
     if not names:
         return {}
-    point = at.point
+    point = fit.point
     block = label_point_rows(evidence, point, policy).block
     stds = point.space.standard_errors(point.x, covariance(point, block))
-    return {n: {q.name: Number(float(value(point.vehicle, f"{n}.{q.name}")),
-                               stds[f"{n}.{q.name}"], q.unit, q.null)
+    return {n: {q.name: ParameterEstimate(float(value(point.vehicle, f"{n}.{q.name}")),
+                                          stds[f"{n}.{q.name}"], q.unit, q.null)
                 for q in catalogue()[n].parameters} for n in names}

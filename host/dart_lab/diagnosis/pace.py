@@ -1,8 +1,8 @@
-"""Progress where nothing says how long it takes: a little with each evaluation of a model.
+"""Progress of work of unknown length, from the number of model evaluations.
 
-    share = from + (to - from) (1 - e^(-n / expected))         after n evaluations of a phase
+    share = start + (end - start) (1 - e^(-n / expected))         after n evaluations of a phase
 
-It never goes back, and it stands only as long as one evaluation takes.
+The share never decreases, and it changes with each evaluation.
 """
 
 from __future__ import annotations
@@ -11,38 +11,47 @@ import math
 
 from .search.scan import Progress
 
-LEAST = 5e-4  # of the whole; a bar is 80 characters wide
+MIN_STEP = 5e-4  # of the whole; a progress bar is 80 characters wide
 
 
-class Pace:
-    """Tells of phases; ``progress`` None: nobody listens."""
+class ProgressEstimator:
+    """Report progress to a callback; None reports nothing."""
 
     def __init__(self, progress: Progress | None) -> None:
         self._progress = progress
-        self._share = self._from = self._to = 0.0
-        self._what, self._steps, self._expected = "", 0, 1.0
+        self._share = 0.0
+        self._start = 0.0
+        self._end = 0.0
+        self._what = ""
+        self._steps = 0
+        self._expected = 1.0
 
-    def phase(self, to: float, what: str, expected: float) -> None:
-        """What comes next goes as far as ``to``, in about as many evaluations."""
-        self._from, self._to, self._what = self._share, to, what
-        self._steps, self._expected = 0, expected
-        self._tell(self._share)
+    def start_phase(self, end: float, what: str, expected: float) -> None:
+        """Start a phase that ends at the share ``end``, after about ``expected`` evaluations."""
+        self._start = self._share
+        self._end = end
+        self._what = what
+        self._steps = 0
+        self._expected = expected
+        self._report(self._share)
 
-    def at(self, share: float, what: str) -> None:
-        """So far it is, as somebody knows."""
-        self._share = self._from = max(self._share, share)
-        self._what, self._steps = what, 0
-        self._tell(self._share)
+    def set_share(self, share: float, what: str) -> None:
+        """Report a share that is known."""
+        self._share = max(self._share, share)
+        self._start = self._share
+        self._what = what
+        self._steps = 0
+        self._report(self._share)
 
-    def step(self) -> None:
-        """One more evaluation."""
+    def count_evaluation(self) -> None:
+        """Count one evaluation of a model, and report if the share has changed visibly."""
         self._steps += 1
         done = 1.0 - math.exp(-self._steps / self._expected)
-        share = self._from + (self._to - self._from) * done
-        if share > self._share + LEAST:
+        share = self._start + (self._end - self._start) * done
+        if share > self._share + MIN_STEP:
             self._share = share
-            self._tell(share)
+            self._report(share)
 
-    def _tell(self, share: float) -> None:
+    def _report(self, share: float) -> None:
         if self._progress is not None:
             self._progress(share, self._what)

@@ -21,14 +21,14 @@ from dart_lab.identification.prediction import rollout
 from dart_lab.identification.prediction.windows import LENGTH
 
 from .error_summaries import PathWindow
-from .gains import Side, correct_poses
+from .gains import RecordingSet, correct_poses
 
 MEASURED = "measured"
 POINT_SPACING = 5  # samples; at 3 m/s a point each 15 cm, finer than a line of the picture shows
 POSITION = CHANNELS.index("position")
 
 
-def find_paths(test: Side, models: Mapping[str, Vehicle], chosen_by: str
+def find_paths(test: RecordingSet, models: Mapping[str, Vehicle], chosen_by: str
                ) -> tuple[PathWindow, ...]:
     """Find the worst and the median window of the test recordings, with the path of each model.
 
@@ -49,22 +49,22 @@ def find_paths(test: Side, models: Mapping[str, Vehicle], chosen_by: str
                  for kind, index in picked.items())
 
 
-def _window(test: Side, models: Mapping[str, Vehicle], chosen_by: str, kind: str, index: int,
-            error: float) -> PathWindow:
-    """Roll all models out in the window number ``index`` of all test recordings."""
+def _window(test: RecordingSet, models: Mapping[str, Vehicle], chosen_by: str, kind: str,
+            index: int, error: float) -> PathWindow:
+    """Roll all models out in the window with number ``index`` of all test recordings."""
     assert test.prepared is not None
     cases = test.prepared.cases
     ends = np.cumsum([len(case) for case in cases])
     number = int(np.searchsorted(ends, index, side="right"))
     case = cases[number]
     start = int(case.windows.start[index - int(ends[number]) + len(case)])
-    at = np.arange(0, LENGTH + 1, POINT_SPACING)
+    samples = np.arange(0, LENGTH + 1, POINT_SPACING)
     origin = rollout.states(case.grid, np.array([start]))[:, 0]
-    paths = {MEASURED: _from_start(rollout.states(case.grid, start + at)[:2], origin)}
+    paths = {MEASURED: _from_start(rollout.states(case.grid, start + samples)[:2], origin)}
     for name, p in models.items():
         freed, = correct_poses(p, [case], test.evidence.l_r)
         one = [(freed.grid, np.array([start]))]
-        predicted = rollout.predict(settled(p), one, [int(k) for k in at[1:]])[:, :2, 0].T
+        predicted = rollout.predict(settled(p), one, [int(k) for k in samples[1:]])[:, :2, 0].T
         first = rollout.measured(one, (0,))[0, :2]
         paths[name] = _from_start(np.concatenate([first, predicted], axis=1), origin)
     return PathWindow(kind, chosen_by, error, int(ends[-1]), case.file,

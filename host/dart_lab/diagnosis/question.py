@@ -1,4 +1,4 @@
-"""What a diagnosis was asked."""
+"""Input of the conclusion of a diagnosis."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from dataclasses import dataclass
 
 from dart_hal.vehicle.parameters import Vehicle
 
-from .gains import Side
+from .gains import RecordingSet
 from .search.forward import ForwardSearch
 from .search.selection import Settings
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
-    """What was asked: the base model, both sides, and the search with its settings.
+class DiagnosisSetup:
+    """Base model, training and test recordings, and the search with its settings.
 
-    predictor: whether the best predictor is wanted. frame: parameters of the marker frame that move
-    with every fit.
+    predictor: whether to find the best predictor. frame: parameters of the marker frame that every
+    fit estimates.
     """
 
     model: str
     base: Vehicle
-    train: Side
-    test: Side
+    train: RecordingSet
+    test: RecordingSet
     settings: Settings
     refit: bool
     search: ForwardSearch

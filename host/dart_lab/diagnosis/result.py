@@ -1,4 +1,4 @@
-"""What a diagnosis says: verdict, causes with their evidence, what is left, and the gain."""
+"""Result of a diagnosis: verdict, causes with their evidence, remaining structure, and gain."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from dart_hal.vehicle.parameters import Vehicle
 
 from .error_summaries import (
     Excess,
+    HeldOutError,
     LateCommands,
-    LeftOutError,
     Outliers,
     PathWindow,
     Ratio,
@@ -26,7 +26,7 @@ VERDICTS = ("nothing_wrong", "explained", "partly_explained", "unexplained", "pa
 
 
 @dataclass(frozen=True, slots=True)
-class Number:
+class ParameterEstimate:
     """One parameter of a cause, with its standard error and the value that changes nothing."""
 
     value: float
@@ -40,8 +40,8 @@ class Number:
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
-    """A parameter of the base model that the refit changed; doubt: why it is hard to believe."""
+class ParameterChange:
+    """A parameter of the base model that the refit changed; doubt: why it may be wrong."""
 
     before: float
     after: float
@@ -56,8 +56,8 @@ class Moved:
 
 
 @dataclass(frozen=True, slots=True)
-class Gained:
-    """1 - RMSE after / RMSE before of one channel on recordings that the fit did not see.
+class ErrorReduction:
+    """1 - RMSE after / RMSE before of one channel on recordings that the fit did not use.
 
     low, high: its 95 % interval (block bootstrap; NaN with less than 4 blocks);
     train: the same on the training recordings; measure: what was compared.
@@ -80,10 +80,10 @@ class Gained:
 class Constancy:
     """Whether a size is the same throughout the training recordings.
 
-    p_value, family-wise, that a constant size would vary as much; along: what it changes with most;
-    others: what it may change with instead, most likely first, two at most; curve: (value of along,
-    size relative to the fitted one, its standard error). change: root mean square of the change, as
-    a share of the size. What is surer than ``least[0]`` and larger than ``least[1]`` is said.
+    p_value, family-wise, that a constant size would vary as much; along: the variable with the most
+    significant change; others: two further ones at most, the most likely first; curve: (value of
+    the variable, size relative to the fitted one, its standard error). change: root mean square of
+    the change, as a share of the size. least: level and change from which a change is reported.
     """
 
     p_value: float
@@ -95,36 +95,36 @@ class Constancy:
 
     @property
     def constant(self) -> bool:
-        """Whether it may well be."""
+        """Whether no significant and relevant change was found."""
         return self.p_value >= self.least[0] or self.change < self.least[1]
 
     def to_json(self) -> dict[str, Any]:
         """{"constant", "p_value", "change", "changes_with" or null, "or_with", "curve"}."""
         return {"constant": self.constant, "p_value": self.p_value, "change": self.change,
                 "changes_with": None if self.constant else self.along, "or_with": list(self.others),
-                "curve": [list(at) for at in self.curve]}
+                "curve": [list(point) for point in self.curve]}
 
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """A named effect: what it does, how sure that is, and what it cannot be told from.
+    """An accepted effect with its sizes, probability and confounders.
 
-    enters: stage of the effect; loss: drop of the robust loss on the training
-    recordings; experiment: the drive that would tell it from its like.
-    gain: of the channel where it shows most; cost: root of the robust loss of the test recordings
+    enters: stage of the effect; loss: drop of the robust loss on the training recordings.
+    experiment: the drive that would distinguish it from its confounders, ``cannot_be_told_from``.
+    gain: of the channel where it is largest. cost: root of the robust loss of the test recordings
     without it over that with all causes, at the timing that suits them, and its 90 % interval.
-    probability: share of draws whose rest is predicted better with it; sizes: (size
+    probability: share of draws whose held-out data are predicted better with it. sizes: (size
     relative to the fitted one, standard error) by training recording.
     """
 
     effect: str
     title: str
     enters: str
-    parameters: Mapping[str, Number]
+    parameters: Mapping[str, ParameterEstimate]
     p_value: float
     loss: float
     evidence: tuple[str, ...]
-    gain: Gained
+    gain: ErrorReduction
     cannot_be_told_from: tuple[str, ...]
     experiment: str
     probability: float
@@ -146,7 +146,7 @@ class Cause:
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class QuantityChange:
     """A quantity of the car that a mechanic can check: by the model as given, and as fitted."""
 
     before: float
@@ -171,7 +171,7 @@ class Claim:
     title: str
     parameters: tuple[str, ...]
     probability: float
-    quantities: Mapping[str, Change]
+    quantities: Mapping[str, QuantityChange]
     cost: Cost
     cannot_be_told_from: tuple[str, ...]
     experiment: str
@@ -179,8 +179,10 @@ class Claim:
 
     @property
     def constant(self) -> bool:
-        """Whether its quantities may well be the same throughout, to a tenth of themselves: what a
-        number moved by may vary by several times where that is next to nothing."""
+        """Whether its quantities are constant to a tenth of their values.
+
+        The change of a parameter may vary by a large factor if it is small itself.
+        """
         moved = min((abs(q.after - q.before) / max(abs(q.after), abs(q.before), 1e-12)
                      for q in self.quantities.values()), default=1.0)
         return self.constancy.constant or self.constancy.change * moved < self.constancy.least[1]
@@ -200,7 +202,7 @@ class Claim:
 class Possible:
     """An effect that the search found, and that is not accepted.
 
-    grade: "likely" or "possible", by its probability; why: it is not accepted.
+    grade: "likely" or "possible", by its probability; why: reason of the rejection.
     """
 
     effect: str
@@ -236,7 +238,7 @@ class Unexplained:
     """Structure of the last residual that no effect of the catalogue explains.
 
     along: the variables it depends on; share: of the variance of that residual.
-    period: of its one variable, after which it comes again; 0 where it does not.
+    period: of its single variable; 0 if it is not periodic.
     """
 
     channel: str
@@ -257,8 +259,8 @@ def _cost(cost: Cost) -> dict[str, Any]:
     return {"ratio": ratio, "ci90": [low, high]}
 
 
-def added(effect: str) -> str:
-    """Label of the stage at which an effect comes into the model."""
+def effect_label(effect: str) -> str:
+    """Return the label of the stage at which an effect enters the model."""
     return f"+ {effect}"
 
 
@@ -266,8 +268,8 @@ def added(effect: str) -> str:
 class Stage:
     """The model after one more step: the base, the refitted base, and each cause in order.
 
-    horizons: errors on the test recordings as ``evaluate`` gives them, numbers
-    that cannot be known None; residuals: on the test drives, in SI units.
+    horizons: errors on the test recordings as ``evaluate`` gives them, None where unknown;
+    residuals: on the test drives, in SI units.
     """
 
     label: str
@@ -278,26 +280,27 @@ class Stage:
 
 @dataclass(frozen=True, slots=True)
 class BestPredictor:
-    """The model that errs least in recordings left out of its fit, see ``find_predictor``.
+    """The model with the smallest errors in held-out recordings, see ``find_predictor``.
 
     vehicle: delays counted from the log, with the accepted effects on sensors. effects: sizes of
-    those on the motion that were found; parameters: of the base. Standard errors are the
-    jackknife's over recordings. left_out: by training recording. tried: sets of effects, and their
-    errors in recordings left out over those of the refit. horizons: errors on the test recordings.
+    those on the motion that were found; parameters: of the base. Standard errors follow from a
+    jackknife over recordings. left_out: errors by held-out training recording. tried: sets of
+    effects, and their errors in held-out recordings over those of the refit. horizons: errors on
+    the test recordings.
     """
 
     vehicle: Vehicle
-    effects: Mapping[str, Mapping[str, Number]]
-    parameters: Mapping[str, Number]
-    left_out: Mapping[str, LeftOutError]
+    effects: Mapping[str, Mapping[str, ParameterEstimate]]
+    parameters: Mapping[str, ParameterEstimate]
+    left_out: Mapping[str, HeldOutError]
     tried: tuple[tuple[tuple[str, ...], Ratio], ...]
     horizons: Mapping[str, Any]
 
     @property
     def ratio(self) -> Ratio:
-        """Error in recordings left out over that of the refit.
+        """Error in held-out recordings over that of the refit.
 
-        The effects were chosen by these recordings, so it is a little too small.
+        The effects were selected by these recordings, so it is slightly too small.
         """
         return geometric_mean(one.ratio for one in self.left_out.values())
 
@@ -316,25 +319,26 @@ class BestPredictor:
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Everything a report needs; ``evidence`` holds the test drives of the stages' residuals.
+    """Result of a diagnosis; ``evidence`` holds the test drives of the stages' residuals.
 
-    false_alarm: share of data sets in which anything is named where nothing is
-    missing; ranking: drop of the loss for every effect alone, before anything was named.
-    mounting: of the IMU, by effect and parameter, see ``mounted``. predictor: None where it was
-    not wanted. paths: see ``find_paths``. late_commands: see ``find_late_commands``. noise_floor:
-    RMS error of a faultless model 1 s ahead on the test recordings, by channel; empty if unknown.
+    false_alarm: share of data sets in which an effect is found where nothing is
+    missing; ranking: drop of the loss for every effect alone, before any was accepted.
+    mounting: of the IMU, by effect and parameter, see ``fit_mounting``. predictor: None if
+    not requested. paths: see ``find_paths``. late_commands: see ``find_late_commands``.
+    noise_floor: RMS error of a faultless model 1 s ahead on the test recordings, by channel; empty
+    if unknown.
     """
 
     verdict: str
     model: str
-    refitted: Mapping[str, Moved]
+    refitted: Mapping[str, ParameterChange]
     causes: tuple[Cause, ...]
     considered: tuple[Considered, ...]
     unexplained: tuple[Unexplained, ...]
     stages: tuple[Stage, ...]
     evidence: Evidence
     ctrv: Mapping[str, Any]
-    gain: Mapping[str, Gained]
+    gain: Mapping[str, ErrorReduction]
     files: Mapping[str, Mapping[str, Any]]
     notes: tuple[str, ...] = ()
     seed: int = 0
@@ -345,7 +349,7 @@ class Diagnosis:
     ranking: Mapping[str, float] = field(default_factory=dict)
     possible: tuple[Possible, ...] = ()
     claims: tuple[Claim, ...] = ()
-    mounting: Mapping[str, Mapping[str, Number]] = field(default_factory=dict)
+    mounting: Mapping[str, Mapping[str, ParameterEstimate]] = field(default_factory=dict)
     outliers: tuple[Outliers, ...] = ()
     predictor: BestPredictor | None = None
     predictor_written: str | None = None
@@ -355,19 +359,19 @@ class Diagnosis:
 
     @property
     def excesses(self) -> tuple[Excess, ...]:
-        """Channels in which the extended model errs far more than a faultless one would."""
+        """Channels in which the error of the extended model is far above the noise floor."""
         return find_excesses(self.stages[-1].horizons, self.noise_floor)
 
     @property
     def compared(self) -> dict[str, Stage]:
         """The model as given, refitted and, where a cause was accepted, extended."""
-        refitted = [s for s in self.stages[1:2] if not s.label.startswith(added(""))]
+        refitted = [s for s in self.stages[1:2] if not s.label.startswith(effect_label(""))]
         return {"given": self.stages[0], **({"refitted": refitted[0]} if refitted else {}),
                 **({"extended": self.stages[-1]} if self.causes else {})}
 
     @property
     def extended(self) -> Vehicle:
-        """The base, refitted where that was allowed, with the causes found."""
+        """The base, refitted if allowed, with the causes found."""
         return self.stages[-1].vehicle
 
     def to_json(self) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The whole diagnosis: what a model gets wrong on recordings, why, and what that is worth."""
+"""The whole diagnosis: what a model gets wrong on recordings, why, and how much that changes."""
 
 from __future__ import annotations
 
@@ -21,20 +21,25 @@ from .conclude import conclude
 from .evidence.drive import READ_OUTS, START_SPACING, WINDOW_SPACING, prepare_drive
 from .evidence.residuals import Evidence
 from .frames import find_frame_errors, free_frame
-from .gains import Side, side_of
-from .pace import Pace
-from .parameters.unseen import Unseen
+from .gains import RecordingSet, make_recording_set
+from .pace import ProgressEstimator
+from .parameters.unseen import RecordingLosses
 from .paths import find_paths
 from .policy import USUAL, EvidencePolicy, Policy
 from .predictor import check_recordings
-from .question import Question
+from .question import DiagnosisSetup
 from .result import Diagnosis
 from .search.forward import ForwardSearch, SearchResult
 from .search.scan import Progress
 from .search.selection import Settings
 
-FITTED, SEARCHING = 0.15, 0.65  # of the time, about, until the model is fitted, and causes found
-EVALUATIONS = (150, 1500, 500)  # of a fit of the base, a search, and a conclusion, about
+# Typical shares of the time until the model is fitted, and until the causes are found.
+FIT_SHARE = 0.15
+SEARCH_SHARE = 0.65
+# Typical numbers of evaluations, for the progress alone.
+FIT_EVALUATIONS = 150
+SEARCH_EVALUATIONS = 1500
+CONCLUSION_EVALUATIONS = 500
 
 
 def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
@@ -49,14 +54,13 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
 
     model, vehicle: as ``find_model`` gives them. train, test: as
     ``inputs.check_inputs`` gives them: all with motion capture, or all without.
-    refit: the parameters of the model are estimated anew before anything is
-    called a missing effect, from where the file says and within the standard
-    errors that it states. only: effects that may be named; () = all.
-    false_alarm: probability that anything is named where nothing is missing.
+    refit: estimate the parameters of the model before the search for effects, from their values in
+    the file and within the standard errors there. only: effects that may be accepted; () = all.
+    false_alarm: probability that an effect is found where nothing is missing.
     jobs: processes; the result does not depend on it as long as linear algebra has one
     thread, as the command line gives it. reference: marker frame
     of the mocap; None: known or fitted, see ``with_marker_frames``. policy: its thresholds.
-    predictor: look for the best predictor too, see ``find_predictor``. progress(share, what).
+    predictor: find the best predictor too, see ``find_predictor``. progress(share, what).
     Errors: RecordingError for recordings that hold nothing to predict; UsageError for a predictor
     without a refit, or of fewer than three training recordings with motion capture.
     """
@@ -69,68 +73,74 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     l_r = settled(vehicle).body.l_r
     known = standard_errors(model) if refit else {}
     files: dict[str, dict[str, Any]] = {}
-    sides = [_side(role, recordings, l_r, reference, policy.evidence, files)
-             for role, recordings in (("train", train), ("test", test))]
+    sets = [_make_recording_set(role, recordings, l_r, reference, policy.evidence, files)
+            for role, recordings in (("train", train), ("test", test))]
     if predictor:
-        check_recordings(sides[0])
-    free = _estimated(vehicle, known, sides[0].evidence.has_mocap) if refit else ()
-    frame = find_frame_errors([d.recording for side in sides for d in side.evidence.drives])
-    known, vehicle = {**known, **frame}, free_frame(vehicle, frame)
+        check_recordings(sets[0])
+    free = _select_free_parameters(vehicle, known, sets[0].evidence.has_mocap) if refit else ()
+    frame = find_frame_errors([d.recording for part in sets for d in part.evidence.drives])
+    known = {**known, **frame}
+    vehicle = free_frame(vehicle, frame)
     settings = Settings(free=free, known=known, names=tuple(only), false_alarm=false_alarm,
                         max_causes=max_causes, jobs=jobs, seed=seed,
                         policy=policy, refit=refit)
 
-    pace = Pace(progress)
-    for side in sides:
-        side.evidence.on_evaluation = pace.step
-    pace.phase(FITTED, "fitting the model", EVALUATIONS[0])
+    pace = ProgressEstimator(progress)
+    for part in sets:
+        part.evidence.on_evaluation = pace.count_evaluation
+    pace.start_phase(FIT_SHARE, "fitting the model", FIT_EVALUATIONS)
 
-    def tell(share: float, what: str) -> None:
-        pace.at(FITTED + (SEARCHING - FITTED) * share, what)
+    def report_search(share: float, what: str) -> None:
+        pace.set_share(FIT_SHARE + (SEARCH_SHARE - FIT_SHARE) * share, what)
 
-    search = ForwardSearch(sides[0].evidence, vehicle, settings, tell,
-                    lambda: pace.phase(SEARCHING, "looking for causes", EVALUATIONS[1]))
+    def start_search() -> None:
+        pace.start_phase(SEARCH_SHARE, "looking for causes", SEARCH_EVALUATIONS)
+
+    search = ForwardSearch(sets[0].evidence, vehicle, settings, report_search, start_search)
     found = search.run()
-    pace.phase(1.0, "measuring the gain", EVALUATIONS[2])
-    question = Question(model.name, vehicle, sides[0], sides[1], settings, refit, search, predictor,
-                        tuple(frame))
-    return _with_paths(conclude(question, found, files, began), question, found)
+    pace.start_phase(1.0, "measuring the gain", CONCLUSION_EVALUATIONS)
+    setup = DiagnosisSetup(model.name, vehicle, sets[0], sets[1], settings, refit, search,
+                           predictor, tuple(frame))
+    return _add_paths(conclude(setup, found, files, began), setup, found)
 
 
-def _with_paths(d: Diagnosis, q: Question, found: SearchResult) -> Diagnosis:
-    """Add the paths of single test windows, by models that count delays as the table of errors."""
+def _add_paths(d: Diagnosis, q: DiagnosisSetup, found: SearchResult) -> Diagnosis:
+    """Add the paths of single test windows, with delays counted as in the table of errors."""
     models = {name: stage.vehicle for name, stage in d.compared.items()}
     if not q.refit and q.test.prepared is not None:
-        timing = Unseen(q.test.evidence, found.point, q.settings.policy).timing(found.point)
+        losses = RecordingLosses(q.test.evidence, found.point, q.settings.policy)
+        timing = losses.timing(found.point)
         models = {name: timing.shift_delays(p) for name, p in models.items()}
     return replace(d, paths=find_paths(q.test, models, "refitted" if q.refit else "given"))
 
 
 def standard_errors(model: ModelFile) -> dict[str, float]:
-    """By name, of the parameters that the file states with one."""
+    """Return the standard errors of the parameters that the file states with one, by name."""
     return {f"{group}.{key}": float(entry.std) for group in FREE
             for key, entry in getattr(model, group).items()
             if isinstance(entry, Quantity) and entry.std}
 
 
-def _estimated(vehicle: Vehicle, known: Mapping[str, float], exact: bool) -> tuple[str, ...]:
-    """Parameters that a refit moves.
+def _select_free_parameters(vehicle: Vehicle, known: Mapping[str, float], has_mocap: bool
+                            ) -> tuple[str, ...]:
+    """Select the parameters that a refit estimates.
 
-    All of them, where the file states no standard error at all. Where it does, a
-    delay or lag of 0 without one is none: a model that has no lag has no parameter
-    for it, and if the car has one, that is a cause with a name. Without motion
-    capture (not ``exact``) it moves even so: a lag of a tenth of a second cannot be
+    All of them, if the file states no standard error at all. If it does, a delay or lag of 0
+    without one is fixed: the model has no such parameter, and if the car has one, that is a cause.
+    Without motion capture it is estimated nevertheless: a lag of a tenth of a second cannot be
     distinguished from commands that are logged with the next message.
     """
     return tuple(name for name in free_names(vehicle, tuple(FREE))
-                 if not (exact and known) or name in known or value(vehicle, name) != 0.0)
+                 if not (has_mocap and known) or name in known or value(vehicle, name) != 0.0)
 
 
-def _side(role: str, recordings: Sequence[Recording], l_r: float, reference: Reference | None,
-          policy: EvidencePolicy, files: dict[str, dict[str, Any]]) -> Side:
-    # by content: sums in another order end a descent elsewhere, and that may change a name
+def _make_recording_set(role: str, recordings: Sequence[Recording], l_r: float,
+                        reference: Reference | None, policy: EvidencePolicy,
+                        files: dict[str, dict[str, Any]]) -> RecordingSet:
+    """Make the evidence of recordings, and their entries in ``files``."""
+    # Sorted by content: with sums in another order a fit ends at another point.
     ordered = sorted(recordings, key=lambda r: r.sha256)
-    evidence, windows = evidence_of(ordered, l_r, reference, policy)
+    evidence, windows = make_evidence(ordered, l_r, reference, policy)
     count = {r.sha256: n for r, n in zip(ordered, windows, strict=True)}
     for r in recordings:
         entry: Mapping[str, Any] = {"role": role, "windows": count[r.sha256], "sha256": r.sha256,
@@ -138,12 +148,15 @@ def _side(role: str, recordings: Sequence[Recording], l_r: float, reference: Ref
                                     "why": [str(note) for note in r.notes]}
         name = r.name if r.name not in files else f"{r.name} ({role})"
         files[name] = dict(entry)
-    return side_of(evidence, ordered, l_r, reference)
+    return make_recording_set(evidence, ordered, l_r, reference)
 
 
-def evidence_of(recordings: Sequence[Recording], l_r: float, reference: Reference | None = None,
+def make_evidence(recordings: Sequence[Recording], l_r: float, reference: Reference | None = None,
                 policy: EvidencePolicy = USUAL.evidence) -> tuple[Evidence, list[int]]:
-    """(evidence, number of windows of each recording); all with motion capture, or all without."""
+    """Return the evidence, and the number of windows of each recording.
+
+    All recordings have motion capture, or none has.
+    """
     if any(r.mocap is None for r in recordings):
         from .evidence.onboard import OnboardEvidence
         from .evidence.onboard_drive import prepare_stretches
@@ -154,9 +167,9 @@ def evidence_of(recordings: Sequence[Recording], l_r: float, reference: Referenc
     cases = prepare_cases(recordings, l_r=l_r, reference=reference)
     frames = {c.sha256: c.grid.reference for c in cases.cases}
     seconds = sum(len(c.grid) for c in cases.cases) * SAMPLE
-    every = WINDOW_SPACING if seconds > policy.whole_s else START_SPACING
-    drives = [prepare_drive(r, l_r, frames[r.sha256], every, policy)
+    spacing = WINDOW_SPACING if seconds > policy.whole_s else START_SPACING
+    drives = [prepare_drive(r, l_r, frames[r.sha256], spacing, policy)
               for r in recordings if r.sha256 in frames]
     windows = {r.sha256: len(d.starts) for d in drives for r in [d.recording]}
-    return (Evidence(drives, l_r, READ_OUTS[-1] / every),
+    return (Evidence(drives, l_r, READ_OUTS[-1] / spacing),
             [windows.get(r.sha256, 0) for r in recordings])

@@ -1,4 +1,4 @@
-"""Causes of a search that leave as much structure as there is without them."""
+"""Find causes of a search that do not reduce the structure of the residuals."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from dart_hal.core.types import FloatArray
 
 from .evidence.rows import RowLabels
 from .gates import Candidate, explain_failure
-from .question import Question
+from .question import DiagnosisSetup
 from .result import Unexplained
 from .search.fit import Point
 from .search.forward import SearchResult
@@ -19,52 +19,62 @@ from .unexplained.structure import explained_shares, group_residuals
 from .unexplained.waits import remove_frame_wait
 
 
-def find_spurious(q: Question, found: SearchResult, left: Sequence[Unexplained]
+def find_spurious(q: DiagnosisSetup, found: SearchResult, structure: Sequence[Unexplained]
                   ) -> tuple[str, ...]:
-    """Causes that leave more structure, where they act, than they take away.
+    """Find spurious causes by the structure of the residuals.
 
-    And as much as there is without them: a cause may stand beside another that
-    nobody knows. What differs from recording to recording says nothing of a
-    cause that is the same in all.
+    For each cause, in the channels with structure where it mainly acts:
+
+    1. Fit the other causes without it.
+    2. Compare three losses: the structure with the cause, the structure without it, and what the
+       cause removes of the whole loss.
+    3. The cause is spurious if the remaining structure exceeds both what it removes and most of
+       the structure without it. An unknown second cause alone would not make it spurious.
+
+    Differences between recordings say nothing about a cause that is the same in all.
     """
-    if all("recording" in u.along for u in left):
+    if all("recording" in u.along for u in structure):
         return ()
     policy = q.settings.policy.conclusion
-    after, out = _structure(q, found, found.point), []
+    with_cause = _structure_losses(q, found, found.point)
+    spurious = []
     names = [n.effect for n in found.accepted]
     for name in names:
-        without = q.search.fit_subset(found.point, found.noise, [n for n in names if n != name],
-                               found.point)
-        taken = _taken(q, without, found.point)
-        total = sum(max(t, 0.0) for t in taken.values())
-        suspect = [u.channel for u in left if "recording" not in u.along
-                   and taken.get(u.channel, 0.0) > policy.mainly * total]
-        before = _structure(q, found, without) if suspect else {}
+        others = q.search.fit_subset(found.point, found.noise, [n for n in names if n != name],
+                              found.point)
+        drops = _loss_drops(q, others, found.point)
+        total = sum(max(drop, 0.0) for drop in drops.values())
+        channels = [u.channel for u in structure if "recording" not in u.along
+                    and drops.get(u.channel, 0.0) > policy.mainly * total]
+        without_cause = _structure_losses(q, found, others) if channels else {}
         if any(explain_failure("structure", Candidate(
-                structure_after=after[c], structure_before=before[c],
-                structure_removed=taken[c]), q.settings.policy) for c in suspect):
-            out.append(name)
-    return tuple(out)
+                structure_after=with_cause[c], structure_before=without_cause[c],
+                structure_removed=drops[c]), q.settings.policy) for c in channels):
+            spurious.append(name)
+    return tuple(spurious)
 
 
-def _structure(q: Question, found: SearchResult, point: Point) -> dict[str, float]:
-    """By channel, loss that a flexible function of what the car was doing would take away."""
-    evidence, rows = q.train.evidence, _rows(q, point)
+def _structure_losses(q: DiagnosisSetup, found: SearchResult, point: Point) -> dict[str, float]:
+    """Return by channel the loss that a flexible function of the driving state would remove."""
+    evidence = q.train.evidence
+    rows = _rows(q, point)
     r = remove_frame_wait(evidence, point.vehicle, point.timing, found.noise)
     policy = q.settings.policy.unexplained
-    share = explained_shares(group_residuals(evidence, point.vehicle, r, found.noise, policy),
-                             q.settings.seed, policy)
-    total = _by_channel(q, rows, point.weight * point.noise.loss(point.residual))
+    residuals = group_residuals(evidence, point.vehicle, r, found.noise, policy)
+    share = explained_shares(residuals, q.settings.seed, policy)
+    total = _sum_by_channel(q, rows, point.weight * point.noise.loss(point.residual))
     return {c: share.get(c, 0.0) * total[c] for c in total}
 
 
-def _taken(q: Question, before: Point, after: Point) -> dict[str, float]:
-    """By channel, the drop of the loss."""
-    return _by_channel(q, _rows(q, after), before.weight * before.noise.loss(before.residual)
-                       - after.weight * after.noise.loss(after.residual))
+def _loss_drops(q: DiagnosisSetup, reference: Point, changed: Point) -> dict[str, float]:
+    """Return the drop of the loss by channel, from one fit to another."""
+    reference_loss = reference.weight * reference.noise.loss(reference.residual)
+    changed_loss = changed.weight * changed.noise.loss(changed.residual)
+    return _sum_by_channel(q, _rows(q, changed), reference_loss - changed_loss)
 
 
-def _by_channel(q: Question, rows: RowLabels, x: FloatArray) -> dict[str, float]:
+def _sum_by_channel(q: DiagnosisSetup, rows: RowLabels, x: FloatArray) -> dict[str, float]:
+    """Sum values (N,) of the stacked residuals by channel."""
     out: dict[str, float] = {}
     for column in np.unique(rows.channel):
         name = q.train.evidence.channel(int(column))
@@ -72,5 +82,5 @@ def _by_channel(q: Question, rows: RowLabels, x: FloatArray) -> dict[str, float]
     return out
 
 
-def _rows(q: Question, point: Point) -> RowLabels:
+def _rows(q: DiagnosisSetup, point: Point) -> RowLabels:
     return label_point_rows(q.train.evidence, point, q.settings.policy)

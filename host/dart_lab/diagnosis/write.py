@@ -1,4 +1,4 @@
-"""The extended model as a ``model.toml``: refitted parameters, effects, where they come from."""
+"""Write the extended model as a ``model.toml``: parameters, effects and their provenance."""
 
 from __future__ import annotations
 
@@ -37,12 +37,10 @@ def write_predictor(d: Diagnosis, path: Path, base: ModelFile, train: Sequence[R
 
 def extended_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
                    command: str = "") -> ModelFile:
-    """The file of ``d.extended`` and how its IMU sits.
+    """Return the file of ``d.extended``, with the mounting of the IMU.
 
-    Standard errors are of what was fitted here, the base's of the rest.
-
-    Covariances of parameters that have moved are left out: they held around
-    the old values.
+    Parameters that were not fitted keep the standard errors of the base. Covariances of fitted
+    parameters are omitted, because they were valid around the old values.
     """
     fitted = bool(d.causes or d.refitted)
     stds = {name: m.std for name, m in d.refitted.items()}
@@ -55,7 +53,7 @@ def extended_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
 
 def predictor_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
                     command: str = "") -> ModelFile:
-    """The file of ``d.predictor``, as ``extended_model``.
+    """Return the file of ``d.predictor``, as ``extended_model``.
 
     Raises ValueError for a diagnosis without one.
     """
@@ -73,11 +71,11 @@ def predictor_model(d: Diagnosis, base: ModelFile, train: Sequence[Recording],
 
 def _model(d: Diagnosis, vehicle: Vehicle, base: ModelFile, kind: str, stds: Mapping[str, float],
            provenance: Mapping[str, Any]) -> ModelFile:
-    """kind: added to the name; stds: by parameter, of what was fitted."""
+    """Return the file of a vehicle; kind: suffix of the name; stds: of fitted parameters."""
     model = model_of(vehicle, base)
-    # an offset of the fitted marker frame is of these recordings, and not of the car
+    # an offset of the fitted marker frame belongs to these recordings, and not to the car
     keep = {*(c.effect for c in d.causes), *(e.name for e in base.effects)}
-    effects = tuple(EffectEntry(e.name, _with(e.name, e.parameters, stds))
+    effects = tuple(EffectEntry(e.name, _add_errors(e.name, e.parameters, stds))
                     for e in model.effects if e.name not in FRAME_EFFECTS or e.name in keep)
     has = {e.name for e in effects}
     effects += tuple(EffectEntry(name, {k: _entry(n.value, n.std) for k, n in numbers.items()})
@@ -102,7 +100,7 @@ def _provenance(d: Diagnosis, base: ModelFile, train: Sequence[Recording], comma
             "seed": d.seed, **own, "files": {**base.provenance.get("files", {}), **files}}
 
 
-def _with(effect: str, parameters: Mapping[str, Parameter], stds: Mapping[str, float]
+def _add_errors(effect: str, parameters: Mapping[str, Parameter], stds: Mapping[str, float]
           ) -> dict[str, Parameter]:
     names = {key: f"{effect}.{key}" for key in parameters}
     return {key: _entry(plain(entry), stds[names[key]]) if names[key] in stds else entry

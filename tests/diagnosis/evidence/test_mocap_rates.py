@@ -16,7 +16,7 @@ from dart_lab.diagnosis.evidence.drive import prepare_drive
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.inputs import check_inputs
-from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.run import make_evidence
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 
@@ -49,7 +49,7 @@ def at_rate(recording, hz, path, jitter=0.0):
 
 def seen(recording):
     """(windows, messages, median size of each error of the paper's car)."""
-    evidence = evidence_of([recording], PAPER.body.l_r)[0]
+    evidence = make_evidence([recording], PAPER.body.l_r)[0]
     r = evidence.residuals(PAPER, MessageTiming(evidence.message_age))
     return len(r.motion), len(r.sensors), np.median(np.abs(r.motion), axis=0)
 

@@ -10,8 +10,8 @@ from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.space import MessageTiming, Space
-from dart_lab.diagnosis.inputs import effects_named
-from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.inputs import select_effects
+from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.scan import scan
 from studies.diagnosis.known_frame import read
@@ -56,7 +56,7 @@ def asked(recordings, only=()):
 def share_of_right(without, recording, name, other=""):
     """What the best other name gains (or the one asked for), over what the right one would."""
     other = other or max(without.ranking, key=lambda n: without.ranking[n])
-    seen, _ = evidence_of([recording], PAPER.body.l_r)
+    seen, _ = make_evidence([recording], PAPER.body.l_r)
     noise = estimate_noise(seen.residuals(PAPER), seen.blocks(2.0))
     exact = Space(PAPER, ())
     point = refit(seen, noise, exact, exact.point(MessageTiming()))
@@ -84,7 +84,7 @@ def test_what_nothing_else_is_like_ends_unexplained(tmp_path, name, request):
     if name == "mocap_offset_x":
         request.applymarker(PARTLY)
     recordings = files(tmp_path, name, 7)
-    without = asked(recordings, effects_named((), (name,)))
+    without = asked(recordings, select_effects((), (name,)))
     assert without.verdict == "unexplained"
     assert without.causes == ()
     channels, variables = SHOWN[name]
@@ -97,7 +97,7 @@ def test_what_nothing_else_is_like_ends_unexplained(tmp_path, name, request):
 def test_what_only_moves_a_level_ends_in_silence(tmp_path, name):
     """A constant is no structure: nothing is named, but nothing is shown either."""
     recordings = files(tmp_path, name, 7)
-    without = asked(recordings, effects_named((), (name,)))
+    without = asked(recordings, select_effects((), (name,)))
     assert without.causes == ()
     assert share_of_right(without, recordings[0], name) < 0.5
 
@@ -108,7 +108,7 @@ def test_what_takes_the_place_of_a_cause_is_its_relative_and_explains_less(tmp_p
     """Near relatives are named for each other. Where nothing is said to be left, the first of them
     must be one that is written down as such, and it never gains more than the right one does."""
     recordings = files(tmp_path, name, 7)
-    without = asked(recordings, effects_named((), (name,)))
+    without = asked(recordings, select_effects((), (name,)))
     known = catalogue()
     for cause in () if without.unexplained else without.causes[:1]:
         relative = any(other in known[name].confused_with or name in known[other].confused_with

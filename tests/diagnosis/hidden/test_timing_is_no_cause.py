@@ -43,7 +43,7 @@ def test_a_lag_beside_a_model_that_may_not_move_gains_at_the_age_of_the_commands
     """Control: with the age of the commands on top of its delays, the lag seems to raise the errors
     of the test recording."""
     if not aged:
-        monkeypatch.setattr(conclude, "as_predicted",
+        monkeypatch.setattr(conclude, "vehicles_for_logs",
                             lambda q, timings, point: (point.vehicle, point.vehicle))
     (cause,) = run(next(c for c in cases(["fixed"], ["throttle_lag"], 1500)))["causes"]
     assert cause["effect"] == "throttle_lag"

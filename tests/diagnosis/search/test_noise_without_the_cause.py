@@ -66,7 +66,7 @@ def test_effects_of_the_base_move_with_a_refit_only(refit):
 def test_cause_that_is_left_out_does_not_shape_the_noise(impossible, monkeypatch):
     """Beside causes of sensors alone the noise of the motion is that of the base."""
     base, used = [], []
-    select_noise, mounted = conclude.select_noise, conclude.mounted
+    select_noise, mounted = conclude.select_noise, conclude.fit_mounting
 
     def spy_on_base(effects, noise, base_noise):
         base.append(base_noise)
@@ -77,7 +77,7 @@ def test_cause_that_is_left_out_does_not_shape_the_noise(impossible, monkeypatch
         return mounted(search, evidence, point, noise)
 
     monkeypatch.setattr(conclude, "select_noise", spy_on_base)
-    monkeypatch.setattr(conclude, "mounted", spy_on_use)
+    monkeypatch.setattr(conclude, "fit_mounting", spy_on_use)
     monkeypatch.setattr(conclude, "impossible_size",
                         lambda fit, name: "no car has it" if name == impossible else "")
     train, test = (drive(("gyro_scale", 0.05), ("grip", -0.2), seconds=40.0, seed=s)

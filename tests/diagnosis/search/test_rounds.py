@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.vehicle import PAPER
-from dart_lab.diagnosis.parameters.sets import Sets, _subsets
+from dart_lab.diagnosis.parameters.sets import GroupFits, _subsets
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search import scan as scanning
 from dart_lab.diagnosis.search.fit import change_noise, evaluate_point
@@ -122,11 +122,11 @@ def test_a_set_near_the_last_fit_has_the_losses_of_its_own_fit(seen):
     """Without rollouts; further off it is fitted, and there a first order would be wrong."""
     full = fitted(seen, free=ALL_FREE)[1]
     unit = np.arange(len(full.residual)) % 16
-    sets = Sets(seen, PAPER, full, unit, {}, USUAL)
-    near = [s for s in _subsets(sets.every) if sets.rise(s) < USUAL.claims.near]
+    sets = GroupFits(seen, PAPER, full, unit, {}, USUAL)
+    near = [s for s in _subsets(sets.all_groups) if sets.rise(s) < USUAL.claims.near]
     assert len(near) > 3
-    quick = {s: sets.losses(s).sum() - sets.losses(sets.every).sum() for s in near}
+    quick = {s: sets.losses(s).sum() - sets.losses(sets.all_groups).sum() for s in near}
     assert not sets._fits
     for s in sorted(near, key=len)[:4]:
-        assert quick[s] == pytest.approx(sets.fit(s).loss() - sets.fit(sets.every).loss(),
+        assert quick[s] == pytest.approx(sets.fit(s).loss() - sets.fit(sets.all_groups).loss(),
                                          abs=0.5 + 0.15 * quick[s])

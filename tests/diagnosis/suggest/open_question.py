@@ -11,8 +11,16 @@ from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.flat import value
 from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.space import MessageTiming, Space
-from dart_lab.diagnosis.result import Cause, Constancy, Diagnosis, Gained, Moved, Number, Stage
-from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.result import (
+    Cause,
+    Constancy,
+    Diagnosis,
+    ErrorReduction,
+    ParameterChange,
+    ParameterEstimate,
+    Stage,
+)
+from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.fit import refit
 from dart_lab.diagnosis.search.scan import EffectScan
 from dart_lab.identification.experiment.floor import Floor
@@ -68,19 +76,20 @@ def recorded(path, case, series, seed, mocap):
 
 def diagnosis(case, recordings):
     """As if the truth had been named, and its confounder listed with it."""
-    evidence, _ = evidence_of(recordings, PAPER.body.l_r)
+    evidence, _ = make_evidence(recordings, PAPER.body.l_r)
     name, k = case.truth
-    cause = Cause(name, "", catalogue()[name].stage, {"k": Number(k, 0.0, "")}, 0.0, 0.0, (),
-                  Gained("omega", 0.0, 0.0, 0.0, 0.0, ""), (case.confounder,), "", 1.0, {},
+    cause = Cause(name, "", catalogue()[name].stage, {"k": ParameterEstimate(k, 0.0, "")}, 0.0,
+                  0.0, (), ErrorReduction("omega", 0.0, 0.0, 0.0, 0.0, ""), (case.confounder,),
+                  "", 1.0, {},
                   Constancy(1.0, "", (), 0.0, (0.0, 0.0)), (1.0, 1.0, 1.0))
-    moved = {n: Moved(value(PAPER, n), value(PAPER, n), MOTOR[n], "") for n in case.free}
+    moved = {n: ParameterChange(value(PAPER, n), value(PAPER, n), MOTOR[n], "") for n in case.free}
     stage = Stage("", case.car, {}, evidence.residuals(case.car))
     return Diagnosis("explained", "paper", moved, (cause,), (), (), (stage,), evidence, {}, {}, {})
 
 
 def gains(case, recordings):
     """{effect: drop of the robust loss} of truth and confounder, as a diagnosis scans."""
-    evidence, _ = evidence_of(recordings, PAPER.body.l_r)
+    evidence, _ = make_evidence(recordings, PAPER.body.l_r)
     space = Space(PAPER, case.free, {n: MOTOR[n] for n in case.free})
     x = space.point(MessageTiming(0.0, 0.02))
     for _ in range(2):

@@ -14,7 +14,7 @@ from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.evidence.space import MessageTiming
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.report import page
-from dart_lab.diagnosis.run import evidence_of
+from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.diagnosis.unexplained.outliers import find_outliers
@@ -34,7 +34,7 @@ def recorded(car, style, seed):
 
 def found(recording):
     """Channels that a refit of the paper's model leaves with long tails, and their moments."""
-    evidence, _ = evidence_of([recording], PAPER.body.l_r)
+    evidence, _ = make_evidence([recording], PAPER.body.l_r)
     search = ForwardSearch(evidence, PAPER, Settings(free=free_names(PAPER, tuple(FREE))))
     fit, _ = search._fit_and_measure_noise(search.make_space(PAPER),
                                            MessageTiming(evidence.message_age))

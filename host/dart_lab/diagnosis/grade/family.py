@@ -1,4 +1,4 @@
-"""What other ways to write a force would do to the residuals, see ``vehicle.departures``."""
+"""Changes of the residuals by other ways to write a force, see ``vehicle.departures``."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ from ..evidence.residuals import Evidence
 from ..policy import GradePolicy
 from ..search.fit import Point
 
-STEP = 0.2  # of a standard deviation of a departure, for its slope
+DEPARTURE_STEP = 0.2  # standard deviations of a departure; two-sided difference for its slope
 
 
-def variants(evidence: Evidence, point: Point, name: str, policy: GradePolicy) -> FloatArray:
-    """(N, d) changes of the residuals by one standard deviation of each departure of a force.
+def force_variants(evidence: Evidence, point: Point, name: str, policy: GradePolicy) -> FloatArray:
+    """Return the changes (N, d) of the residuals by one standard deviation of each departure.
 
     (N, 0) for an effect that is no force.
     """
-    p, timing = point.vehicle, point.timing
+    p = point.vehicle
+    timing = point.timing
     active = next(a for a in p.effects if a.name == name)
     if active.effect.force is None:
         return np.zeros((len(point.residual), 0))
@@ -36,7 +37,7 @@ def variants(evidence: Evidence, point: Point, name: str, policy: GradePolicy) -
 
     columns = []
     for i, width in enumerate(widths):
-        ends = [residual(tuple(sign * STEP * width * (i == j) for j in range(len(widths))))
-                for sign in (1.0, -1.0)]
-        columns.append((ends[0] - ends[1]) / (2.0 * STEP))
+        ends = [residual(tuple(sign * DEPARTURE_STEP * width * (i == j)
+                               for j in range(len(widths)))) for sign in (1.0, -1.0)]
+        columns.append((ends[0] - ends[1]) / (2.0 * DEPARTURE_STEP))
     return np.stack(columns, axis=1)

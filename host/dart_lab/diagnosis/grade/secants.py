@@ -1,8 +1,8 @@
-"""The last fit, made linear: what each named effect did to the residuals, and in which driving.
+"""Linearise the last fit: the change of the residuals by each effect, and the driving state.
 
     d_a = r(with a) - r(without a)          secant of effect a, all else as fitted
     r(l) = r + l d_a                        l = -1: without it, l = 0: as fitted
-    t_a = sum_q (k_q - null_q) dr/dk_q      tangent there: how r changes with the size
+    t_a = sum_q (k_q - null_q) dr/dk_q      tangent at the fit: change of r with the size
 """
 
 from __future__ import annotations
@@ -22,27 +22,26 @@ from ..search.fit import Point
 from ..search.selection import label_point_rows
 from ..unexplained.bases import basis_functions
 from ..unexplained.features import message_features, window_features
-from .family import variants
+from .family import force_variants
 
 STATE = ("speed", "steering_angle", "throttle", "lateral_acceleration", "acceleration",
          "steering_rate")
-"""What the force of a cause may depend on; each once as it is and once without its sign."""
+"""Variables on which the force of a cause may depend, each with and without its sign."""
 PLACE = ("time", "x", "y", "heading")
-"""What else the size of a constant cause must not depend on."""
+"""Further variables on which the size of a constant cause must not depend."""
 
 
 @dataclass(frozen=True, slots=True)
 class Secants:
-    """A fitted point with secants, tangents (N,) and, of its forces, variants (N, d).
+    """A fitted point with the secant and tangent (N,) of each effect.
 
-    coordinates: those of the point that are an effect's own.
-
-    unit (N,): what is drawn together for a grade; state: standardised functions (N,) of what the
-    car was doing, by name.
+    variants (N, d): changes by other ways to write its force. coordinates: indices of its
+    parameters in the point. unit (N,): rows that are drawn together for a grade. features: driving
+    state (N,) by name.
     """
 
     point: Point
-    of: Mapping[str, FloatArray]
+    secant: Mapping[str, FloatArray]
     tangent: Mapping[str, FloatArray]
     variants: Mapping[str, FloatArray]
     coordinates: Mapping[str, Sequence[int]]
@@ -52,80 +51,85 @@ class Secants:
 
 
 def secants(evidence: Evidence, point: Point, effects: Sequence[str], policy: Policy) -> Secants:
-    """Of the effects of a fitted point, given with the largest gain first."""
-    p, timing = point.vehicle, point.timing
-    found, tangent = {}, {}
-    own = {name: starting(point, (f"{name}.",)) for name in effects}
+    """Linearise a fit in its effects, given with the largest gain first."""
+    p = point.vehicle
+    timing = point.timing
+    secant = {}
+    tangent = {}
+    own = {name: find_coordinates(point, (f"{name}.",)) for name in effects}
     for name in effects:
-        tangent[name] = towards_null(point, own[name])
-        before = point.noise.stack(evidence.residuals(remove_effects(p, [name]), timing))[0]
-        found[name] = point.residual - before
+        tangent[name] = parameter_tangent(point, own[name])
+        without = point.noise.stack(evidence.residuals(remove_effects(p, [name]), timing))[0]
+        secant[name] = point.residual - without
     rows = label_point_rows(evidence, point, policy)
-    # of the last one nobody asks: nothing that is named gained less
-    written = {name: variants(evidence, point, name, policy.grade) for name in effects[:-1]}
-    return Secants(point, found, tangent, written, own, rows,
-                   units(evidence, rows, point, policy.grade), features(evidence, point))
+    # the last effect needs no variants, see ``bag``
+    variants = {name: force_variants(evidence, point, name, policy.grade) for name in effects[:-1]}
+    return Secants(point, secant, tangent, variants, own, rows,
+                   bootstrap_units(evidence, rows, point, policy.grade), features(evidence, point))
 
 
-def starting(point: Point, beginnings: tuple[str, ...]) -> list[int]:
-    """Coordinates whose names begin so."""
+def find_coordinates(point: Point, beginnings: tuple[str, ...]) -> list[int]:
+    """Return the indices of coordinates whose names begin with any of ``beginnings``."""
     return [i for i, n in enumerate(point.space.names) if n.startswith(beginnings)]
 
 
-def towards_null(point: Point, mine: Sequence[int]) -> FloatArray:
-    """Change (N,) of the residuals by some coordinates from where the base is, at 0."""
+def parameter_tangent(point: Point, mine: Sequence[int]) -> FloatArray:
+    """Return the change (N,) of the residuals by some coordinates, from 0 to their values."""
     return np.asarray(point.jacobian[:, mine] @ point.x[mine])
 
 
-def units(evidence: Evidence, rows: RowLabels, point: Point, policy: GradePolicy) -> IntArray:
-    """(N,) recordings, where there are enough; else stretches of time of each."""
+def bootstrap_units(evidence: Evidence, rows: RowLabels, point: Point, policy: GradePolicy
+                    ) -> IntArray:
+    """Return the units (N,) of a bootstrap: recordings, or stretches of time of a few."""
     if int(rows.recording.max()) + 1 >= MANY_RECORDINGS:
         return rows.recording
     seconds = len(np.unique(rows.block[rows.channel >= 0])) * BLOCK_S
     length = max(BLOCK_S, seconds / policy.units)
     columns = len(point.noise.motion)
     label = repeat_labels(*evidence.blocks(length), columns)
-    still = repeat_labels(np.zeros(len(evidence.motion_drive), dtype=np.int64),
-                   evidence.sensor_at_rest.astype(np.int64), columns) > 0
-    out = np.unique(np.where(still, label[~still].min() if (~still).any() else 0, label),
-                    return_inverse=True)[1].ravel()
-    # a standing car is one place in time only: its messages are shared out among all
-    out[still] = np.arange(int(still.sum())) % (int(out.max()) + 1)
+    at_rest = repeat_labels(np.zeros(len(evidence.motion_drive), dtype=np.int64),
+                            evidence.sensor_at_rest.astype(np.int64), columns) > 0
+    first = label[~at_rest].min() if (~at_rest).any() else 0
+    out = np.unique(np.where(at_rest, first, label), return_inverse=True)[1].ravel()
+    # The car is at rest at one time of a drive only, so these messages are distributed over all.
+    out[at_rest] = np.arange(int(at_rest.sum())) % (int(out.max()) + 1)
     return np.asarray(out, dtype=np.int64)
 
 
 def features(evidence: Evidence, point: Point) -> dict[str, FloatArray]:
-    """What the car was doing, (N,) by name, for each of the stacked residuals."""
+    """Return the driving state (N,) of each of the stacked residuals, by name."""
     windows = window_features(evidence, point.vehicle)
     messages = message_features(evidence, point.vehicle)
-    # what mocap and sensors smooth differs where a turn begins
+    # mocap and sensors smooth the begin of a turn differently
     messages["steering_rate"] = np.zeros_like(messages["steering_rate"])
-    columns, sensors = len(point.noise.motion), len(point.noise.sensors)
+    columns = len(point.noise.motion)
+    sensors = len(point.noise.sensors)
     return {name: np.concatenate([np.repeat(np.nan_to_num(windows[name]), columns),
                                   np.repeat(np.nan_to_num(messages[name]), sensors)])
             for name in (*STATE, *PLACE)}
 
 
-def modulations(of: Secants, tail: float) -> FloatArray:
-    """(N, k) by what a cause may be written differently: functions of the state, of unit size."""
+def state_modulations(linear: Secants, tail: float) -> FloatArray:
+    """Return functions (N, k) of the state, of unit size, by which a force may differ."""
     columns = []
     for name in STATE:
-        for value in (of.features[name], np.abs(of.features[name])):
+        for value in (linear.features[name], np.abs(linear.features[name])):
             low, high = np.quantile(value, [tail, 1.0 - tail])
             columns.append(np.clip(value, low, high))
     out = np.stack(columns, axis=1)
     return np.asarray((out - out.mean(axis=0)) / np.maximum(out.std(axis=0), 1e-9))
 
 
-def shapes(of: Secants, policy: GradePolicy) -> tuple[list[str], FloatArray]:
-    """(variable of each, (N, k)) functions along which the size of a cause may change."""
-    names, columns = list[str](), []
+def size_functions(linear: Secants, policy: GradePolicy) -> tuple[list[str], FloatArray]:
+    """Return functions (N, k) along which a size may change, and the variable of each."""
+    names = list[str]()
+    columns = []
     for name in (*STATE, *PLACE):
         waves = policy.waves
         if name == "time":
-            span = float(np.ptp(of.features["time"]))
+            span = float(np.ptp(linear.features["time"]))
             waves = int(np.clip(2.0 * span / policy.period_s, policy.waves, policy.time_waves))
-        found = basis_functions(of.features, (name,), TAIL, waves)
+        found = basis_functions(linear.features, (name,), TAIL, waves)
         names += [name] * found.shape[1]
         columns.append(found / np.maximum(found.std(axis=0), 1e-9))
     return names, np.concatenate(columns, axis=1)

@@ -1,9 +1,9 @@
-"""The losses of any fit on recordings that it has not seen.
+"""Losses of any fit on recordings that no fit used.
 
-When a command was given before its message is of a recording and not of the car: where the
-driver's clock and that of the messages differ, every log has another age. So the timing, and it
-alone, is fitted to these recordings; what their commands do at ages of their own counts less, as
-in the recordings to learn from.
+The age of a command belongs to a recording and not to the car: where the clocks of the driver and
+of the messages differ, each log has another age. So the timing, and nothing else, is fitted to
+these recordings. Read-outs that depend on the age of a single command have less weight, as in the
+training recordings.
 """
 
 from __future__ import annotations
@@ -25,38 +25,42 @@ from ..evidence.space import MESSAGE_AGE_REACH, MessageTiming, Space
 from ..policy import MANY_RECORDINGS, Policy
 from ..search.fit import MAX_REUSE_ITERATIONS, FittedModel, Point, loss_at, refit
 
-BEYOND = 0.010
-"""s, by which an age may leave its range here, where delays are held: how a fit divides a time into
-delay and age is uncertain, by two standard errors of the 5 ms that files state of a delay."""
+# A fit divides a time into delay and age with some error: two standard errors of the 5 ms that
+# files state for a delay.
+AGE_TOLERANCE_S = 0.010
+"""Time by which an age may leave its range here, where delays are fixed [s]."""
 
 
-class Unseen:
-    """The test recordings: loss of whitened errors of any fit, by stretch (or whole recording)."""
+class RecordingLosses:
+    """Losses of whitened errors of any fit on recordings, by stretch (or whole recording)."""
 
     def __init__(self, evidence: Evidence, last: Point, policy: Policy) -> None:
         """last: the fit whose noise weighs the errors of all."""
-        self._evidence, self._policy, self.last = evidence, policy, last
+        self._evidence = evidence
+        self._policy = policy
+        self.last = last
         self._timings: dict[tuple[Vehicle, MessageTiming], MessageTiming] = {}
 
     def motion(self, point: Point) -> FloatArray:
-        """(stretches,) of the motion alone, every read-out alike."""
+        """Compute the losses (stretches,) of the motion, with equal weight for all read-outs."""
         r = self._evidence.residuals(point.vehicle, self.timing(point))
-        return self._by_stretch(r, self._noise.loss(self._noise.whiten(r)[0].ravel()))
+        return self._sum_by_stretch(r, self._noise.loss(self._noise.whiten(r)[0].ravel()))
 
     def everything(self, point: Point, timing: MessageTiming) -> FloatArray:
-        """(stretches,) of motion and sensors, weighted as in the fits; timing: as ``timing``."""
+        """Compute the losses (stretches,) of motion and sensors, weighted as in the fits."""
         r = self._evidence.residuals(point.vehicle, timing)
         residual, weight = self._noise.stack(r)
-        return self._by_stretch(r, weight * self._noise.loss(residual))
+        return self._sum_by_stretch(r, weight * self._noise.loss(residual))
 
     def timing(self, point: FittedModel) -> MessageTiming:
-        """That which suits these recordings best; of each fit found once."""
+        """Return the timing that suits these recordings best; it is cached for each fit."""
         key = point.vehicle, point.timing
         if key not in self._timings:
-            self._timings[key] = self._timing(point, self._noise)
+            self._timings[key] = self._fit_timing(point, self._noise)
         return self._timings[key]
 
-    def _by_stretch(self, r: Residuals, losses: FloatArray) -> FloatArray:
+    def _sum_by_stretch(self, r: Residuals, losses: FloatArray) -> FloatArray:
+        """Sum losses by stretch; of many recordings by recording."""
         stretches = replace(self._policy.blocks, seconds=self._policy.claims.stretch_s)
         rows = label_rows(self._evidence, r, stretches)
         many = int(rows.recording.max()) + 1 >= MANY_RECORDINGS
@@ -66,26 +70,34 @@ class Unseen:
 
     @cached_property
     def _noise(self) -> Noise:
-        """That of the last fit, with the windows of these recordings."""
-        evidence, point, policy = self._evidence, self.last, self._policy
+        """Noise of the last fit, with the age scale of the windows of these recordings."""
+        evidence = self._evidence
+        point = self.last
+        policy = self._policy
         noise = replace(point.noise, age_scale=1.0)
-        timing = self._timing(point, noise)
+        timing = self._fit_timing(point, noise)
         r = evidence.residuals(point.vehicle, timing)
-        moved = age_sensitivity(evidence, point.vehicle, timing, r, policy.noise.age_s)
-        here = estimate_noise(r, evidence.blocks(policy.blocks.seconds), evidence.overlap, moved,
-                       policy.noise, PWM_WAIT_STD if evidence.commands_stamped else None)
+        sensitivity = age_sensitivity(evidence, point.vehicle, timing, r, policy.noise.age_s)
+        here = estimate_noise(r, evidence.blocks(policy.blocks.seconds), evidence.overlap,
+                              sensitivity, policy.noise,
+                              PWM_WAIT_STD if evidence.commands_stamped else None)
         return replace(noise, age_scale=here.age_scale)
 
-    def _timing(self, point: FittedModel, noise: Noise) -> MessageTiming:
-        """Of these recordings, the parameters as they were fitted."""
-        evidence, p = self._evidence, point.vehicle
+    def _fit_timing(self, point: FittedModel, noise: Noise) -> MessageTiming:
+        """Fit the timing of these recordings, with the parameters fixed.
+
+        The loss has several minima over the age of commands, so the best of START_AGES starts.
+        """
+        evidence = self._evidence
+        p = point.vehicle
         space = Space(p, (), message_age=evidence.message_age, policy=self._policy.prior)
-        starts = [space.start(p, t) for t in (point.timing, *(replace(point.timing, command_age=age,
-                                                                      age_spread=spread) for age,
-                                                              spread in START_AGES))]
+        starts = [space.start(p, t) for t in (point.timing, *(
+            replace(point.timing, command_age=age, age_spread=spread)
+            for age, spread in START_AGES))]
         x = min(starts, key=lambda z: loss_at(evidence, noise, space, z))
-        held, age = slice(len(space.names)), len(space.names) + 1
-        space.low[held] = space.high[held] = x[held]
-        space.low[age] -= BEYOND / MESSAGE_AGE_REACH
-        space.high[age] += BEYOND / MESSAGE_AGE_REACH
+        n = len(space.names)
+        space.low[:n] = x[:n]
+        space.high[:n] = x[:n]
+        space.low[n + 1] -= AGE_TOLERANCE_S / MESSAGE_AGE_REACH
+        space.high[n + 1] += AGE_TOLERANCE_S / MESSAGE_AGE_REACH
         return refit(evidence, noise, space, x, max_iterations=MAX_REUSE_ITERATIONS).timing

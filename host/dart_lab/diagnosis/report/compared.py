@@ -11,7 +11,7 @@ import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_lab.diagnosis.evidence.residuals import Evidence
-from dart_lab.diagnosis.result import Diagnosis, Stage, added
+from dart_lab.diagnosis.result import Diagnosis, Stage, effect_label
 from dart_lab.identification.evaluation import CHANNELS as PREDICTED
 
 from .words import error_figure
@@ -92,7 +92,7 @@ def step_changes(d: Diagnosis, channel: str) -> list[ErrorChange]:
 
 def stages_around(d: Diagnosis, i: int) -> tuple[Stage, Stage]:
     """Return the stage before the cause number i and the one with it."""
-    index = [s.label for s in d.stages].index(added(d.causes[i].effect))
+    index = [s.label for s in d.stages].index(effect_label(d.causes[i].effect))
     return d.stages[index - 1], d.stages[index]
 
 

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from dart_lab.diagnosis.parameters.groups import MERGED
-from dart_lab.diagnosis.result import Cause, Change, Claim, Diagnosis, Moved
+from dart_lab.diagnosis.result import Cause, Claim, Diagnosis, ParameterChange, QuantityChange
 from dart_lab.report.numbers import listed, p_value, percent, significant
 
 from .compared import error_change, stages_around
@@ -133,7 +133,7 @@ def _next(experiment: str, confounded: bool, substitute: bool = False) -> str:
     return f"{lead}: {inside(experiment)}"
 
 
-def is_small_change(q: Change | Moved) -> bool:
+def is_small_change(q: QuantityChange | ParameterChange) -> bool:
     """Check that a parameter changed by less than 2 standard errors, or by less than 2 %."""
     moved = abs(q.after - q.before)
     return moved < SMALL_CHANGE * abs(q.before) or moved < SIGNIFICANT * q.std

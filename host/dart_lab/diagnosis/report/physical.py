@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.parameters import GRAVITY
-from dart_lab.diagnosis.result import Cause, Number
+from dart_lab.diagnosis.result import Cause, ParameterEstimate
 from dart_lab.report.numbers import significant, with_error
 
 # By unit of the catalogue: factor and unit of the report.
@@ -37,7 +37,7 @@ def describe_size(cause: Cause) -> str:
                      for name, number in cause.parameters.items() if known[name].alone)
 
 
-def _size(meaning: str, number: Number) -> str:
+def _size(meaning: str, number: ParameterEstimate) -> str:
     """"119 +- 4 ms", "+5.9 +- 0.1 %", "0.0845 +- 0.0041 rad (4.84 deg)"."""
     is_share = meaning.startswith("share")
     factor, unit = (100.0, "%") if is_share else SCALES.get(number.unit, (1.0, number.unit))

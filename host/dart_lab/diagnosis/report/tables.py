@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from dart_lab.diagnosis.evidence.onboard import OnboardEvidence
-from dart_lab.diagnosis.result import BestPredictor, Considered, Diagnosis, Number
+from dart_lab.diagnosis.result import BestPredictor, Considered, Diagnosis, ParameterEstimate
 from dart_lab.identification.evaluation import CHANNELS as PREDICTED
 from dart_lab.identification.evaluation import UNITS
 from dart_lab.identification.evaluation.cases import short
@@ -162,7 +162,8 @@ def parameters(d: Diagnosis) -> Html:
     rows = []
     for name, m in d.refitted.items():
         change = (m.after - m.before) / m.before if m.before else float("nan")
-        rows.append((name, significant(m.before, 4), quantity(Number(m.after, m.std, m.unit)),
+        rows.append((name, significant(m.before, 4),
+                     quantity(ParameterEstimate(m.after, m.std, m.unit)),
                      f"{100 * change:+.0f} %" if change == change else "-",
                      m.doubt or "believable"))
     return table(("parameter", "before", "after", "change", "judged"), rows)

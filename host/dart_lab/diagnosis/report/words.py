@@ -11,11 +11,11 @@ from dart_lab.diagnosis.error_summaries import Excess, LateCommands, Outliers
 from dart_lab.diagnosis.result import (
     BestPredictor,
     Cause,
-    Change,
-    Gained,
-    Moved,
-    Number,
+    ErrorReduction,
+    ParameterChange,
+    ParameterEstimate,
     Possible,
+    QuantityChange,
 )
 from dart_lab.report.numbers import larger, listed, percent, significant, with_error
 
@@ -39,7 +39,7 @@ def channel(name: str) -> str:
     return CHANNEL_LABELS.get(name, (name.replace("_", " "), ""))[0]
 
 
-def change(q: Change | Moved) -> str:
+def change(q: QuantityChange | ParameterChange) -> str:
     """"0.294 -> 0.351 +- 0.004 N (+19 %, 14 standard errors)"."""
     share = 100.0 * (q.after / q.before - 1.0) if q.before else math.nan
     parts = [f"{share:+.{1 if abs(share) < 9.95 else 0}f} %"] if q.before else []
@@ -47,7 +47,8 @@ def change(q: Change | Moved) -> str:
         errors = significant(abs(q.after - q.before) / q.std, 2)
         parts.append(f"{errors} standard error{'' if errors == '1' else 's'}")
     note = f" ({', '.join(parts)})" if parts else ""
-    return f"{significant(q.before, 4)} -> {quantity(Number(q.after, q.std, q.unit))}{note}"
+    after = quantity(ParameterEstimate(q.after, q.std, q.unit))
+    return f"{significant(q.before, 4)} -> {after}{note}"
 
 
 def predictor(b: BestPredictor) -> str:
@@ -77,7 +78,7 @@ def possible(p: Possible) -> str:
             f"not in the extended model{why}")
 
 
-def removes(gain: Gained) -> str:
+def removes(gain: ErrorReduction) -> str:
     """State what a cause changes of an error on the test recordings."""
     if not math.isfinite(gain.test):
         return f"what it removes of the {channel(gain.channel)} error could not be measured"
@@ -86,7 +87,7 @@ def removes(gain: Gained) -> str:
             + (", which may be chance" if nothing else ""))
 
 
-def share_of(gain: Gained) -> str:
+def share_of(gain: ErrorReduction) -> str:
     """"removes 24 % [13 %, 33 %] of the speed error", or "raises the speed error by ..."."""
     name = channel(gain.channel)
     if gain.test < 0.0:
@@ -101,7 +102,7 @@ def _format_interval(low: float, high: float) -> str:
     return f"[{percent(low)}, {percent(high)}]" if known else f"({NO_INTERVAL})"
 
 
-def interval(gain: Gained) -> str:
+def interval(gain: ErrorReduction) -> str:
     """Format the 95 % interval of a gain for a table."""
     known = math.isfinite(gain.low) and math.isfinite(gain.high)
     return f"{percent(gain.low)} to {percent(gain.high)}" if known else NO_INTERVAL
@@ -139,14 +140,14 @@ def error_figure(horizons: Mapping[str, Any], horizon: str, name: str,
     return float(value) if value is not None else math.nan
 
 
-def describe_moved(name: str, m: Moved) -> str:
+def describe_moved(name: str, m: ParameterChange) -> str:
     """Describe one base parameter that the refit changed."""
     doubt = f"; hard to believe: {m.doubt}" if m.doubt else ""
-    return (f"{name}: {significant(m.before)} -> {quantity(Number(m.after, m.std, m.unit))}"
-            f"{doubt}")
+    after = quantity(ParameterEstimate(m.after, m.std, m.unit))
+    return f"{name}: {significant(m.before)} -> {after}{doubt}"
 
 
-def quantity(number: Number) -> str:
+def quantity(number: ParameterEstimate) -> str:
     """"0.060 +- 0.004 s"; the standard error has two digits, the value as many decimals."""
     known = math.isfinite(number.std) and number.std > 0.0
     value = with_error(number.value, number.std) if known else significant(number.value)

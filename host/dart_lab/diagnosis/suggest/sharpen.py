@@ -22,7 +22,7 @@ from dart_hal.core.types import FloatArray
 from dart_lab.identification.experiment.floor import Floor
 
 from ..evidence.space import MessageTiming, Space
-from ..parameters.groups import quantities_of
+from ..parameters.groups import list_quantities
 from ..policy import USUAL, Policy
 from ..result import Claim, Diagnosis
 from ..search.fit import evaluate_point
@@ -131,7 +131,7 @@ class ParameterInformation:
         """Gradient (k,) of each quantity of a claim with respect to the coordinates."""
         base = self._space.point(LOG_TIMING)
         out = {}
-        for name, (_, quantity) in quantities_of(claim.group).items():
+        for name, (_, quantity) in list_quantities(claim.group).items():
             gradient = np.zeros(len(self._space))
             for i in range(len(self._space.names)):
                 step = np.zeros(len(gradient))

@@ -22,7 +22,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA
 from dart_hal.vehicle.parameters import Vehicle
 
-from ..error_summaries import Moment, Outliers
+from ..error_summaries import ErrorMoment, Outliers
 from ..evidence.ages import age_sensitivity
 from ..evidence.drive import READ_OUTS
 from ..evidence.noise import replace_diverged
@@ -76,14 +76,14 @@ def find_outliers(evidence: Evidence, vehicle: Vehicle, timing: MessageTiming, p
 
 
 def list_moments(evidence: Evidence, prediction_samples: int, windows: Sequence[int],
-                 error: FloatArray, ratios: FloatArray) -> tuple[Moment, ...]:
+                 error: FloatArray, ratios: FloatArray) -> tuple[ErrorMoment, ...]:
     """List the first moments of some windows, at most MAX_MOMENTS, without near neighbours.
 
     prediction_samples: samples after the start of a window. windows: most important first. error
-    (n,), ratios (n,): as in ``Moment``, of all windows.
+    (n,), ratios (n,): as in ``ErrorMoment``, of all windows.
     """
     starts = np.concatenate([d.starts for d in evidence.drives])
-    out: list[Moment] = []
+    out: list[ErrorMoment] = []
     taken: list[tuple[int, int]] = []
     for w in windows:
         if len(out) == MAX_MOMENTS:
@@ -95,7 +95,7 @@ def list_moments(evidence: Evidence, prediction_samples: int, windows: Sequence[
             continue
         taken.append((drive, sample))
         g = evidence.drives[drive].grid
-        out.append(Moment(evidence.drives[drive].recording.name, sample * SAMPLE, float(error[w]),
-                          float(ratios[w]), float(g.v_x[sample]), float(g.throttle[sample]),
-                          float(g.steering[sample])))
+        out.append(ErrorMoment(evidence.drives[drive].recording.name, sample * SAMPLE,
+                               float(error[w]), float(ratios[w]), float(g.v_x[sample]),
+                               float(g.throttle[sample]), float(g.steering[sample])))
     return tuple(out)
