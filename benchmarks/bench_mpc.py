@@ -11,9 +11,9 @@ import numpy as np
 from figures import Figure
 
 from dart_hal.control.mpc.iteration import Mpcc
-from dart_hal.control.mpc.model import STAGE
+from dart_hal.control.mpc.model import STAGE_PERIOD
 from dart_hal.control.mpc.obstacles import Obstacle
-from dart_hal.control.mpc.problem import Limits
+from dart_hal.control.mpc.problem import MpcLimits
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
@@ -52,14 +52,14 @@ def cost(plans: int, obstacles: tuple[Obstacle, ...], compiled: bool) -> tuple[f
 def spent(plans: int, obstacles: tuple[Obstacle, ...], compiled: bool) -> FloatArray:
     """CPU time [ms] of each plan but the first (n,)."""
     p, path = UPSTREAM_2024, track_named("racetrack_vicon_2")
-    mpcc = Mpcc(p, path, lambda s: np.full(len(s), SPEED), Limits((-p.motor.g, 0.6)),
+    mpcc = Mpcc(p, path, lambda s: np.full(len(s), SPEED), MpcLimits((-p.motor.g, 0.6)),
                 compiled=compiled)
     mpcc.obstacles = obstacles
     state, s, sent, times = np.zeros(8), 0.0, (-p.motor.g, 0.0), []
     state[:2] = path.x[0], path.y[0]
     for k in range(plans):
         begun = time.process_time()
-        plan = mpcc.plan(STAGE * k, state, s, sent)
+        plan = mpcc.plan(STAGE_PERIOD * k, state, s, sent)
         times.append(time.process_time() - begun)
         sent = float(plan.inputs[0, 0]), float(plan.inputs[1, 0])
         state = np.array(mpcc.stage(*state, *sent))

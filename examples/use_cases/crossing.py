@@ -31,7 +31,7 @@ from dart_hal import (
 from dart_hal.control.crossing.coordinator import Coordinator
 from dart_hal.control.crossing.crosser import Crosser
 from dart_hal.control.crossing.layouts import LAYOUTS
-from dart_hal.control.crossing.order import Phase
+from dart_hal.control.crossing.order import CrossingPhase
 
 ROOM = os.environ.get("DART_HAL_ROOM", "local://crossing?loss=0.5&delay=0.02&jitter=0.03&seed=1")
 LAYOUT = os.environ.get("DART_HAL_CROSSING", "intersection")
@@ -112,11 +112,11 @@ def drive(layout, world="crossing"):
                     if message:
                         member.tell_coordination(message)
                         member.tell_plan(mind.points(), step=0.1, frame=motions[k].frame)
-                        car.log("crossing", mind.told)
+                        car.log("crossing", mind.log_values)
                     car.drive_speed(steering=steering, speed=speed)
                 rows.append((motions[0].t, [(*middle(m.pose), m.pose.yaw) for m in motions],
                              [str(mind.last.wait) for mind in minds]))
-                if all(mind.coordinator.phase is Phase.DONE for mind in minds):
+                if all(mind.coordinator.phase is CrossingPhase.DONE for mind in minds):
                     break
             return rows, minds, fleet.contacts
 
@@ -221,7 +221,7 @@ def main(picture=None, animation=None):
         named = [f"{t - minds[0].coordinator.events[0][0]:.1f} s {wait} {who}".strip()
                  for t, wait, who in mind.coordinator.events]
         print(f"{mind.coordinator.names[mind.coordinator.car.id]}: {'; '.join(named)}")
-    across = sum(mind.coordinator.phase is Phase.DONE for mind in minds)
+    across = sum(mind.coordinator.phase is CrossingPhase.DONE for mind in minds)
     print(f"{across} of {len(minds)} across in {seconds:.1f} s, middles at least {least:.3f} m "
           f"apart, {len(contacts)} contacts")
     if picture:

@@ -19,12 +19,12 @@ import numpy as np
 
 from dart_hal import Fleet, Grid, plant_of, write_grid
 from dart_hal.control.monitoring.course import Course
-from dart_hal.control.monitoring.detection import coverage, hiding
+from dart_hal.control.monitoring.detection import coverage, hidden_regions
 from dart_hal.control.monitoring.formation import Formation
 from dart_hal.control.monitoring.kuramoto import disagreement
 from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.control.monitoring.monitor import Monitor
-from dart_hal.control.monitoring.peer import STEP
+from dart_hal.control.monitoring.peer import PLAN_STEP
 
 TEAM = Formation(Lissajous(3.9, 7.8, 3, 2), 5, 2)
 OMEGA, COUPLING = 0.07, 0.14  # rad/s: of the formation, 0.4 to 1.4 m/s; K / N
@@ -51,7 +51,7 @@ def hall(folder, curve=TEAM.curve, cell=0.05):
 def starts(formation=TEAM, noise=0.3, seed=1):
     """A pose "X,Y,YAW" for each car: beside its slot by up to ``noise`` rad of the curve."""
     rng, course = np.random.default_rng(seed), Course(formation.curve)
-    places = [course.spot(float(X)) for X in
+    places = [course.point_at(float(X)) for X in
               formation.slots() + rng.uniform(-noise, noise, formation.n)]
     return [f"{p.x:.4f},{p.y:.4f},{p.heading:.4f}" for p in places]
 
@@ -77,7 +77,7 @@ def drive(where, formation=TEAM, omega=OMEGA, coupling=COUPLING, room=ROOM, seco
                 told = {name: other.plan for name, other in member.other_poses().items()
                         if other.plan is not None and other.plan.frame == motion.frame}
                 steering, speed = robot.answer(motion, told)
-                member.tell_plan(robot.plan(), step=STEP, frame=motion.frame)
+                member.tell_plan(robot.plan(), step=PLAN_STEP, frame=motion.frame)
                 car.drive_speed(steering=steering, speed=speed)
             each(fleet, team)
             if tick % 5 == 0:
@@ -90,7 +90,7 @@ def draw(rows, picture):
     """Ways and discs at the end; disagreement, share that is seen, and where a target may hide."""
     plt = pyplot()
     t = 0.05 * np.arange(len(rows))
-    hides = np.array([h.mean() for h in hiding(TEAM.curve, rows[:, :, :2], SEES, 61)])
+    hides = np.array([h.mean() for h in hidden_regions(TEAM.curve, rows[:, :, :2], SEES, 61)])
     now, _ = coverage(TEAM.curve, rows[:, :, :2], SEES, 61)
     figure, (floor, lines) = plt.subplots(1, 2, figsize=(10, 6.2), width_ratios=(1.0, 1.5),
                                           layout="constrained")
@@ -115,7 +115,7 @@ def animate(rows, file, every=10, seconds=40.0, fps=10):
 
     figure, floor = plt.subplots(figsize=(3.6, 6.2), layout="constrained")
     rows = rows[:round(20.0 * seconds)]
-    hides = list(hiding(TEAM.curve, rows[:, :, :2], SEES, 61))
+    hides = list(hidden_regions(TEAM.curve, rows[:, :, :2], SEES, 61))
     FuncAnimation(figure, lambda k: scene(floor, rows, every * k, hides[every * k]),
                   frames=len(rows) // every).save(file, PillowWriter(fps), dpi=60)
 
@@ -129,7 +129,7 @@ def scene(floor, rows, k, hides):
     if hides is not None:
         floor.imshow(np.where(hides, 1.0, np.nan), extent=(-A, A, -B, B), origin="lower",
                      cmap="autumn", alpha=0.5, vmin=0.0, vmax=2.0)
-    way = TEAM.curve.at(np.linspace(0.0, 2.0 * np.pi, 600))
+    way = TEAM.curve.position(np.linspace(0.0, 2.0 * np.pi, 600))
     floor.plot(*way.T, color="0.6", lw=0.8)
     for n, (x, y, _) in enumerate(rows[k]):
         colour = f"C{n}"
@@ -159,7 +159,7 @@ def main(picture=None, animation=None):
                                      poses=[f"lidar:{chart}?start={at}" for at in places])
     for name, robot in zip(team[0].names, team, strict=True):
         told = ", ".join(f"{mode} {0.01 * n:.1f} s" for mode, n in robot.answers.items())
-        print(f"{name}: {told}; beside the curve by {100 * robot.most_beside:.1f} cm at the most")
+        print(f"{name}: {told}; beside the curve by {100 * robot.max_offset:.1f} cm at the most")
     print(f"{len(contacts)} contacts; phases within {disagreement(rows[-1, :, 2], TEAM.p):.3f} rad")
     if picture:
         draw(rows, picture)

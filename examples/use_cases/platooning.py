@@ -22,17 +22,19 @@ import numpy as np
 
 from dart_hal import Fleet, plant_of
 from dart_hal import Path as Track
-from dart_hal.control.platoon.car import Ahead, PlatoonCar
-from dart_hal.control.platoon.follower import Follower
+from dart_hal.control.platoon.car import PlatoonCar, PredecessorState
+from dart_hal.control.platoon.follower import PlatoonFollower
 from dart_hal.control.platoon.gains import DART, STABLE
 from dart_hal.control.platoon.laws import leader
-from dart_hal.control.platoon.safe import Margins
+from dart_hal.control.platoon.safe import SafetyMargins
 
 CARS, APART, LOSS = 5, 0.8, 0.3  # -; m from rear axle to rear axle at the start; share of messages
 LONG, WIDE, CELL = 26.0, 2.4, 0.05  # m of the corridor, of its map
 LIES, BRAKES, LASTS = 5.0, 13.0, 16.0  # s from the start
 LIE = 1000.0  # m/s2 that the second car tells
-CAREFUL = Margins(b_s=0.9, b_p=1.4, e_g=0.05, e_v=0.05, m=0.03)  # at neutral a car loses 1.2 m/s2
+CAREFUL = SafetyMargins(
+    b_s=0.9, b_p=1.4, e_g=0.05, e_v=0.05, m=0.03
+)  # at neutral a car loses 1.2 m/s2
 EVERY = 5  # States from one plan that is told to the next
 WAIVED = ("CALIBRATION_MISSING",)  # of emulated cars as they come
 
@@ -92,12 +94,28 @@ def ahead_of(others, name, now):
     if other is None or other.plan is None or len(other.plan.points) < 2:
         return None
     (x, y, _, speed), (_, _, _, then) = other.plan.points[:2].tolist()
-    return Ahead(now - other.plan.age, x, y, speed, (then - speed) / other.plan.step)
+    return PredecessorState(now - other.plan.age, x, y, speed, (then - speed) / other.plan.step)
 
 
-def drive(urls, path, *, poses, lasts=LASTS, loss=LOSS, brakes=BRAKES, lies=None, make=Follower,
-          gains=STABLE, waive=WAIVED, silent=(), each=None, record=None, cars=None, see=None,
-          tracker="lqr"):
+def drive(
+    urls,
+    path,
+    *,
+    poses,
+    lasts=LASTS,
+    loss=LOSS,
+    brakes=BRAKES,
+    lies=None,
+    make=PlatoonFollower,
+    gains=STABLE,
+    waive=WAIVED,
+    silent=(),
+    each=None,
+    record=None,
+    cars=None,
+    see=None,
+    tracker="lqr",
+):
     """One drive of a platoon, the first URL leads.
 
     lies: {car: of t [s], what it tells as its acceleration, None: the truth}; silent: cars that
@@ -155,12 +173,12 @@ def straight(folder, seeds=range(1, CARS + 1), hall=corridor, **how):
 
 def careful():
     """The rule behind it, string-stable gains, and the detector."""
-    return Follower(STABLE, margins=CAREFUL)
+    return PlatoonFollower(STABLE, margins=CAREFUL)
 
 
 def published():
     """As published: alpha 0.95, nothing behind it."""
-    return Follower(DART, rule=False, compensated=False, detects=False)
+    return PlatoonFollower(DART, rule=False, compensated=False, detects=False)
 
 
 def draw(drives, file):

@@ -153,7 +153,7 @@ class Emulated:
         leader = "" if mind._leader is None else mind.names[mind._leader]
         made = Crosser(Coordinator(self.layout, mind.names, mind.names[k],
                                    self.layout.routes[mind.route].name, s, 1 + k, leader=leader,
-                                   kept=self.kept[k] if keeps else 0), old.plant)
+                                   stored_stamp=self.kept[k] if keeps else 0), old.plant)
         made.start = old.start
         self._keep(k, made)
         return made

@@ -8,11 +8,11 @@ from math import cos, exp, hypot, inf, sin
 
 import numpy as np
 
-from dart_hal.control.crossing.coordinator import Coordinator, Wait
-from dart_hal.control.crossing.layout import Layout
-from dart_hal.control.crossing.order import Phase
+from dart_hal.control.crossing.coordinator import Coordinator, CrossingWait
+from dart_hal.control.crossing.layout import CrossingLayout
+from dart_hal.control.crossing.order import CrossingPhase
 from dart_hal.control.crossing.speed import safe_speed
-from dart_hal.control.drivetrain import Inverse
+from dart_hal.control.drivetrain import InverseDrive
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.sets import UPSTREAM_2024
 
@@ -71,12 +71,12 @@ class Network:
 class LightDrive:
     """One car along its path."""
 
-    def __init__(self, layout: Layout, start: Start) -> None:
+    def __init__(self, layout: CrossingLayout, start: Start) -> None:
         self.path = layout.routes[layout.number(start.route)].path
         self.s, self.v, self.tau = start.s, 0.0, 0.0
         self.start, self.wanted = start, 0.0
         self.queue = [0.0] * LATE
-        self.inverse, self._friction = Inverse(P), make_friction(P.friction)
+        self.inverse, self._friction = InverseDrive(P), make_friction(P.friction)
         self._share = 1.0 - exp(-STEP / P.delay.throttle_lag_s)
 
     @property
@@ -130,17 +130,26 @@ class Faults:
 NO_FAULTS = Faults()
 
 
-def coordinator(layout: Layout, starts: list[Start], i: int, boot: int, s: float,
+def coordinator(layout: CrossingLayout, starts: list[Start], i: int, boot: int, s: float,
                 kept: int | None = None, keep=lambda stamp: None) -> Coordinator:
     names = tuple(f"car-{k}" for k in range(len(starts)))
     lane = layout.routes[layout.number(starts[i].route)].lane
     ahead = [(o.s, k) for k, o in enumerate(starts) if o.s > starts[i].s
              and layout.routes[layout.number(o.route)].lane == lane]
-    return Coordinator(layout, names, names[i], starts[i].route, s, boot, kept=kept, keep=keep,
-                       leader=names[min(ahead)[1]] if ahead else "")
+    return Coordinator(
+        layout,
+        names,
+        names[i],
+        starts[i].route,
+        s,
+        boot,
+        stored_stamp=kept,
+        store_stamp=keep,
+        leader=names[min(ahead)[1]] if ahead else "",
+    )
 
 
-def drive(layout: Layout, starts: list[Start], network: Network, seconds: float,
+def drive(layout: CrossingLayout, starts: list[Start], network: Network, seconds: float,
           faults: Faults = NO_FAULTS, make=coordinator, ends: bool = True) -> Run:
     """Until all are across, or the time is over."""
     n, run = len(starts), Run(across=[inf] * len(starts), speeds=[0.0] * len(starts))
@@ -189,11 +198,11 @@ def decide(layout, mind, car, cars, starts, network, k, i, mute=False) -> float:
     """One decision of car i: the speed [m/s] to drive."""
     t = k * STEP + starts[i].clock
     for data in network.come(k, i):
-        mind.hear(data, t)
+        mind.receive(data, t)
     ahead = [free for o in cars if o is not car if (free := gap(car, o)) < inf]
     answer = mind.step(t, car.seen, min(ahead, default=inf))
     if not mute:
-        network.send(k, i, mind.tell())
+        network.send(k, i, mind.next_message())
     ending = car.path.length - 0.1 - car.s
     return float(min(layout.speed, safe_speed(answer.line - car.seen), safe_speed(ending)))
 
@@ -220,7 +229,7 @@ def gap(car: LightDrive, other: LightDrive) -> float:
 STRAIGHT = ("S-N", "E-W", "N-S", "W-E")
 
 
-def arrivals(layout: Layout, seed: int, kind: str, ways: str = "straight") -> list[Start]:
+def arrivals(layout: CrossingLayout, seed: int, kind: str, ways: str = "straight") -> list[Start]:
     """Four cars. kind: random, within 1 m; near, within 0.15 m of each other; symmetric: exactly
     alike, at one time, without any bias. ways: straight, or any."""
     rng = np.random.default_rng([seed, 27])
@@ -248,10 +257,10 @@ def kinds(count: int) -> list[tuple[int, str]]:
              else "symmetric") for k in range(count)]
 
 
-def waits(run: Run) -> set[Wait]:
+def waits(run: Run) -> set[CrossingWait]:
     """Names of all waiting there was."""
     return {wait for car in run.cars for _, wait, _ in car.events}
 
 
-def phases(run: Run) -> list[Phase]:
+def phases(run: Run) -> list[CrossingPhase]:
     return [car.phase for car in run.cars]

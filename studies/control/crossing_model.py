@@ -18,7 +18,7 @@ from collections import deque
 from typing import NamedTuple
 
 from dart_hal.control.crossing import order
-from dart_hal.control.crossing.order import Phase, Right
+from dart_hal.control.crossing.order import CrossingPhase, Precedence
 
 BEFORE, ON, PAST = 0, 1, 2
 
@@ -27,41 +27,47 @@ class World(NamedTuple):
     """All there is. sent: messages under way from i to j, by seq; kept: stamps on disk; held: of i,
     to be passed on to j."""
 
-    cars: tuple[order.Standing, ...]
+    cars: tuple[order.CarOrder, ...]
     places: tuple[int, ...]
     rounds: tuple[int, ...]
-    sent: tuple[tuple[order.Message, ...], ...]
+    sent: tuple[tuple[order.OrderMessage, ...], ...]
     kept: tuple[int, ...]
     restarts: int
-    held: tuple[order.Message | None, ...] = ()
+    held: tuple[order.OrderMessage | None, ...] = ()
 
 
 class Rules:
     """The protocol; mutants change one of its answers."""
 
-    def may_go(self, car: order.Standing, j: int) -> bool:
-        right = order.right(car, j)
-        if right is Right.AFTER:
+    def may_go(self, car: order.CarOrder, j: int) -> bool:
+        right = order.precedence(car, j)
+        if right is Precedence.AFTER:
             return car.others[j].s_minus >= PAST
-        return right is Right.GRANTED
+        return right is Precedence.GRANTED
 
-    def heard(self, car: order.Standing, m: order.Message) -> order.Standing:
-        return order.hear(car, m)[0]
+    def heard(self, car: order.CarOrder, m: order.OrderMessage) -> order.CarOrder:
+        return order.receive(car, m)[0]
 
-    def passed(self, car: order.Standing, m: order.Message) -> order.Standing:
-        return order.hear(car, m, passed=True)[0]
+    def passed(self, car: order.CarOrder, m: order.OrderMessage) -> order.CarOrder:
+        return order.receive(car, m, relayed=True)[0]
 
-    def want(self, car: order.Standing, clock: int) -> order.Standing:
-        return order.want(car, clock)
+    def want(self, car: order.CarOrder, clock: int) -> order.CarOrder:
+        return order.request(car, clock)
 
-    def again(self, car: order.Standing) -> order.Standing:
-        return order.again(car, car.boot + 1, 0, BEFORE)
+    def again(self, car: order.CarOrder) -> order.CarOrder:
+        return order.restart_session(car, car.boot + 1, 0, BEFORE)
 
-    def restarted(self, n: int, car: order.Standing, place: int, kept: int) -> order.Standing:
+    def restarted(self, n: int, car: order.CarOrder, place: int, kept: int) -> order.CarOrder:
         if place == PAST:
-            return order.begun(car.id, n, car.boot + 1, 0, place, Phase.DONE)
-        phase = Phase.WANT if kept else Phase.BACK if place == ON else Phase.FREE
-        return order.begun(car.id, n, car.boot + 1, 0, place, phase, kept)
+            return order.start_session(car.id, n, car.boot + 1, 0, place, CrossingPhase.DONE)
+        phase = (
+            CrossingPhase.WANT
+            if kept
+            else CrossingPhase.BACK
+            if place == ON
+            else CrossingPhase.FREE
+        )
+        return order.start_session(car.id, n, car.boot + 1, 0, place, phase, kept)
 
 
 def put(items, i, value):
@@ -72,9 +78,9 @@ def first(
     n: int, rounds: int, restarts: int, met: bool = False, passed: bool = False
 ) -> World:
     """met: each has told that it hears the others' sessions; passed: messages are passed on."""
-    cars = tuple(order.begun(i, n, 1, 0, BEFORE) for i in range(n))
+    cars = tuple(order.start_session(i, n, 1, 0, BEFORE) for i in range(n))
     if met:
-        known = order.Known(1, 1, 0, Phase.FREE, 0, BEFORE, 0, 1)
+        known = order.OtherCar(1, 1, 0, CrossingPhase.FREE, 0, BEFORE, 0, 1)
         cars = tuple(c._replace(seq=1, others=put((known,) * n, c.id, None)) for c in cars)
     return World(cars, (BEFORE,) * n, (rounds - 1,) * n, ((),) * (n * n), (0,) * n, restarts,
                  (None,) * (n * n) if passed else ())
@@ -89,7 +95,7 @@ def after(w: World, rules: Rules, room: int):
             if j == i:
                 continue
             way = i * n + j
-            told, m = order.tell(car)
+            told, m = order.next_message(car)
             m = only_for(j, m)
             if w.held and not same(w.held[way], m):
                 yield w._replace(cars=put(w.cars, i, told), held=put(w.held, way, m))
@@ -108,19 +114,19 @@ def after(w: World, rules: Rules, room: int):
                 yield w._replace(cars=put(w.cars, j, rules.heard(w.cars[j], m)),
                                  sent=put(w.sent, way, without(w.sent[way], k)))
         place = w.places[i]
-        if car.phase is Phase.FREE and place == BEFORE:
+        if car.phase is CrossingPhase.FREE and place == BEFORE:
             top = 1 + max(max(c.highest, c.ts) for c in w.cars)
             for clock in (0, top):
                 wants = rules.want(car, clock)
                 if wants is not car:
                     yield w._replace(cars=put(w.cars, i, wants), kept=put(w.kept, i, wants.ts))
-        if place == BEFORE and car.phase is Phase.WANT and all(
+        if place == BEFORE and car.phase is CrossingPhase.WANT and all(
                 rules.may_go(car, j) for j in range(n) if j != i):
             yield moved(w, i, ON, car)
-        if place == ON and car.phase is Phase.WANT:
-            w2 = moved(w, i, PAST, order.done(order.moved(car, PAST)))
+        if place == ON and car.phase is CrossingPhase.WANT:
+            w2 = moved(w, i, PAST, order.finish(order.advance(car, PAST)))
             yield w2._replace(kept=put(w.kept, i, 0))
-        if place == PAST and car.phase is Phase.DONE and w.rounds[i]:
+        if place == PAST and car.phase is CrossingPhase.DONE and w.rounds[i]:
             free = rules.again(car)
             yield moved(w, i, BEFORE, free)._replace(rounds=put(w.rounds, i, w.rounds[i] - 1))
         if w.restarts:
@@ -132,19 +138,19 @@ def without(items, k):
     return items[:k] + items[k + 1:]
 
 
-def only_for(j: int, m: order.Message) -> order.Message:
+def only_for(j: int, m: order.OrderMessage) -> order.OrderMessage:
     """What j reads of a message."""
     mine = [(x if k == j else 0) for k, x in enumerate(m.grants)]
     heard = [(x if k == j else 0) for k, x in enumerate(m.heard)]
     return m._replace(grants=tuple(mine), heard=tuple(heard))
 
 
-def same(a: order.Message | None, b: order.Message) -> bool:
+def same(a: order.OrderMessage | None, b: order.OrderMessage) -> bool:
     """But for the number."""
     return a is not None and a._replace(seq=0) == b._replace(seq=0)
 
 
-def news(w: World, way: int, j: int, m: order.Message) -> bool:
+def news(w: World, way: int, j: int, m: order.OrderMessage) -> bool:
     """Whether it says more than j knows by the newest that was sent: else it changes nothing."""
     last, known = w.sent[way][-1:], w.cars[j].others[m.id]
     if last:
@@ -153,9 +159,9 @@ def news(w: World, way: int, j: int, m: order.Message) -> bool:
         m.boot, m.path, m.phase, m.ts, m.s_minus, m.grants[j], m.heard[j])
 
 
-def moved(w: World, i: int, place: int, car: order.Standing) -> World:
+def moved(w: World, i: int, place: int, car: order.CarOrder) -> World:
     return w._replace(places=put(w.places, i, place),
-                      cars=put(w.cars, i, order.moved(car, place)))
+                      cars=put(w.cars, i, order.advance(car, place)))
 
 
 def canonical(w: World) -> World:

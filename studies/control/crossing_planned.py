@@ -14,7 +14,7 @@ from math import cos, hypot, inf, sin
 import numpy as np
 
 from dart_hal.control.crossing.layouts import LAYOUTS
-from dart_hal.control.crossing.speed import safe_speed, throttle_at
+from dart_hal.control.crossing.speed import safe_speed, sendable_throttle
 from dart_hal.control.mpc.iteration import Mpcc
 from dart_lab.sim.light import LightCar
 from studies.control import crossing_light as light
@@ -39,7 +39,7 @@ class Planned:
         self.command = (0.0, 0.0)
 
     def _paces(self, s):
-        line = min(self.mpc.line + AHEAD, self.path.length)
+        line = min(self.mpc.stop_line + AHEAD, self.path.length)
         return np.minimum(self.speed, safe_speed(line - AHEAD - s))
 
     def seen(self):
@@ -51,12 +51,15 @@ class Planned:
 
     def plan(self, line: float) -> None:
         """0.1 s on: a plan that stands before the line."""
-        self.mpc.line = line - AHEAD
+        self.mpc.stop_line = line - AHEAD
         z = np.array(self.loop._ahead(*self.seen(), *self.command))
         s = self.path.closest(z[0], z[1], self.s)
         plan = self.mpc.plan(self.loop.car.t + LATE, z, s, self.loop.sent)
         self.loop.sent = float(plan.inputs[0, 0]), float(plan.inputs[1, 0])
-        self.command = throttle_at(self.loop.sent[0], self.mpc.limits.tau[0]), self.loop.sent[1]
+        self.command = (
+            sendable_throttle(self.loop.sent[0], self.mpc.limits.tau[0]),
+            self.loop.sent[1],
+        )
 
     def move(self) -> None:
         self.loop.car.advance(*self.command, round(light.STEP / self.loop.car.config.step))
@@ -78,10 +81,10 @@ def drive(layout, starts, network, seconds: float):
             if k % light.EVERY == start.shift:
                 begun = time.process_time()
                 for data in network.come(k, i):
-                    mind.hear(data, t + start.clock)
+                    mind.receive(data, t + start.clock)
                 seen = car.s + start.along + AHEAD
                 line = mind.step(t + start.clock, seen).line
-                network.send(k, i, mind.tell())
+                network.send(k, i, mind.next_message())
                 car.plan(line)
                 car.cpu.append(time.process_time() - begun)
             car.move()

@@ -25,9 +25,9 @@ from dart_hal.car import Car
 from dart_hal.control.curvature_aware.progress import Law
 from dart_hal.control.curvature_aware.two_layers import TwoLayers
 from dart_hal.control.follow import Follower, Phase, Rules
-from dart_hal.control.mpc.tracker import LANE, Contouring
+from dart_hal.control.mpc.tracker import DEFAULT_HALF_WIDTH, Contouring
 from dart_hal.control.plant import plant_of
-from dart_hal.control.trackers import Lqr, uncompensated
+from dart_hal.control.trackers import Lqr, without_delay
 from dart_hal.core.config import save_model
 from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.localisation.field import map_of_lines
@@ -53,7 +53,9 @@ class Watched(TwoLayers):
 
 
 def watched(path, plant, **options):
-    return Contouring(path, plant, Lqr(path, plant), partial(Watched, **options), lane=LANE)
+    return Contouring(
+        path, plant, Lqr(path, plant), partial(Watched, **options), lane=DEFAULT_HALF_WIDTH
+    )
 
 
 def drive(seed: int, law, weights, *, speed: float = 2.0, laps: float = 2.0,
@@ -77,7 +79,7 @@ def drive(seed: int, law, weights, *, speed: float = 2.0, laps: float = 2.0,
             plant = plant_of(car.files)
             known = plant
             if published:
-                known = uncompensated(replace(plant, vehicle=replace(plant.vehicle,
+                known = without_delay(replace(plant, vehicle=replace(plant.vehicle,
                                                                      kind="kinematic")))
             follower = Follower(TRACK, known, speed,
                                 partial(watched, law=law, path_weights=weights),

@@ -21,12 +21,18 @@ from functools import cache, partial
 
 import numpy as np
 
-from dart_hal.control.curvature_aware.curvature import GRID, curvature, weights_of
-from dart_hal.control.curvature_aware.generator import REACH, STAGES, TUNED, WEIGHTS, PathWeights
+from dart_hal.control.curvature_aware.curvature import GRID, curvature, fit_weights
+from dart_hal.control.curvature_aware.generator import (
+    LOOKAHEAD_FACTOR,
+    PATH_STAGES,
+    TUNED,
+    WEIGHTS,
+    PathWeights,
+)
 from dart_hal.control.curvature_aware.progress import Law, make_rates, make_stage
 from dart_hal.control.curvature_aware.two_layers import TwoLayers
-from dart_hal.control.mpc.obstacles import Obstacle, air
-from dart_hal.control.mpc.reference import Reference
+from dart_hal.control.mpc.obstacles import Obstacle, clearance
+from dart_hal.control.mpc.reference import PathReference
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.vehicle.parameters import Delay, Vehicle
@@ -89,7 +95,7 @@ def error_on_arc(law: Law, radius: float, inside: float, speed: float, kernel: b
     """m of progress too much after 1.5 s on an arc so far inside of a circle; kernel: its curvature
     from the published grid, which ends 1.2 V T ahead."""
     length = 1.2 * 1.5 * speed
-    weights = weights_of(np.full(len(GRID), 1.0 / radius))
+    weights = fit_weights(np.full(len(GRID), 1.0 / radius))
     stage = make_stage(make_rates(law, speed, lambda s: curvature(np.asarray(s), weights, length)
                                   if kernel else 1.0 / radius), 0.1)
     state = (0.0, inside, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -121,8 +127,10 @@ class Finer(TwoLayers):
 
     def _stage(self, s, speed, mean=None):
         path, n = self.reference.path, self._substeps
-        length = REACH * STAGES * 0.1 * (float(np.mean(speed)) if mean is None else mean)
-        weights = weights_of(self.reference.curvatures(s + length * GRID))
+        length = (
+            LOOKAHEAD_FACTOR * PATH_STAGES * 0.1 * (float(np.mean(speed)) if mean is None else mean)
+        )
+        weights = fit_weights(self.reference.curvatures(s + length * GRID))
 
         def curve(at):
             if self._own:
@@ -143,7 +151,7 @@ class Finer(TwoLayers):
 @cache
 def round_track() -> Path:
     """The track with a curvature that does not step: its mean over 0.2 m, integrated."""
-    k, d = Reference(TRACK)._curvature, TRACK.spacing
+    k, d = PathReference(TRACK)._curvature, TRACK.spacing
     yaw = TRACK.heading[0] + np.cumsum(k * d) - 0.5 * k * d
     at = np.cumsum(d * np.column_stack([np.cos(yaw), np.sin(yaw)]), axis=0)
     at -= np.outer(np.arange(1.0, len(k) + 1.0) / len(k), at[-1])  # 5 cm are missing at its end
@@ -185,7 +193,7 @@ def passed(seed: int, law: Law = Law.CA, weights: PathWeights = TUNED, beside: f
     o = Obstacle(float(rng.uniform(4.0, 12.0)), float(rng.choice((-beside, beside))), 0.15, 0.5)
     layers.obstacles = (o,)
     rows = Loop(layers, case.true, case.late, noise=rng, learns=False).drive(1.0)
-    least = min(air(x, y, yaw, o, TRACK, t) for t, _, _, _, x, y, yaw in rows)
+    least = min(clearance(x, y, yaw, o, TRACK, t) for t, _, _, _, x, y, yaw in rows)
     return least, float(np.abs(rows[:, 2]).max())
 
 

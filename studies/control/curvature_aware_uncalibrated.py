@@ -19,7 +19,7 @@ import numpy as np
 
 from dart_hal.car import Car
 from dart_hal.control.follow import Follower, Phase, Rules
-from dart_hal.control.mpc.obstacles import Obstacle, air
+from dart_hal.control.mpc.obstacles import Obstacle, clearance
 from dart_hal.control.plant import plant_of
 from dart_hal.control.tracks import track_named
 from dart_hal.devices.links.base import open_backend
@@ -44,7 +44,7 @@ class Passing:
     least between the true body and the disc [m]."""
 
     rows: list[tuple[float, ...]] = field(default_factory=list)
-    air: float = inf
+    clearance: float = inf
     why: str = ""
 
     @property
@@ -82,7 +82,9 @@ def drive(seed: int, speed: float = 2.0, tracker: str = "ca-mpcc") -> Passing:
             x, y = room.x + c * true.x - s * true.y, room.y + s * true.x + c * true.y
             yaw, at = room.yaw + true.yaw, path.closest(x, y, layers.s)
             middle = x + AXLE * cos(yaw), y + AXLE * sin(yaw)
-            found.air = min(found.air, air(*middle, yaw, layers.mpcc.obstacles[0], path, motion.t))
+            found.air = min(
+                found.air, clearance(*middle, yaw, layers.mpcc.obstacles[0], path, motion.t)
+            )
             found.rows.append((motion.t, at - follower.begun_at, path.offset(x, y, at), true.v_x,
                                *layers._learning.disturbance.value))
         found.why = follower.why

@@ -28,11 +28,11 @@ import numpy as np
 from msgspec.structs import replace as replace_table
 
 from dart_hal.car import Car
-from dart_hal.control.follow import MOST, Follower, Phase, Rules
+from dart_hal.control.follow import DEFAULT_MAX_SPEED, Follower, Phase, Rules
 from dart_hal.control.lap import speed_profile
-from dart_hal.control.plant import Late, Plant, plant_of
+from dart_hal.control.plant import Plant, SteeringDelay, plant_of
 from dart_hal.control.raceline import raceline
-from dart_hal.control.trackers import TRACKERS, Make, uncompensated
+from dart_hal.control.trackers import TRACKERS, Make, without_delay
 from dart_hal.control.tracks import track_named
 from dart_hal.core.config import (
     Calibration,
@@ -184,8 +184,8 @@ def driven(seed: int, speed: float, kind: str = "later", tracker: str | Make = "
             plant = plant_of(car.files)
             path = track_named(track)
             if half_width is not None:
-                path = raceline(path, half_width, plant, speed or MOST)
-            follower = Follower(path, uncompensated(plant) if blind else plant,
+                path = raceline(path, half_width, plant, speed or DEFAULT_MAX_SPEED)
+            follower = Follower(path, without_delay(plant) if blind else plant,
                                 speed or inf, tracker,
                                 Rules(laps=laps, here=not lidar, lane=1.0 if blind else 0.3,
                                       duration=120.0))
@@ -231,7 +231,7 @@ def lines(cap: float) -> None:
     """Laps by the profile of the two published sets, on the middle and on racelines."""
     for p in (PAPER, UPSTREAM_2024):
         curve = make_steering(p.steering)
-        plant = Plant(p, Late(0.0), (curve(-1.0), curve(1.0)))
+        plant = Plant(p, SteeringDelay(0.0), (curve(-1.0), curve(1.0)))
         for name in ("racetrack_vicon_2", "savoiardo"):
             middle = track_named(name)
             laps = [speed_profile(path, plant, cap).time for path in (

@@ -8,7 +8,7 @@ from math import cos, sin
 import numpy as np
 
 from dart_hal.control.follow import Follower, Phase
-from dart_hal.control.plant import Late, Plant
+from dart_hal.control.plant import Plant, SteeringDelay
 from dart_hal.control.speed import SpeedLaw
 from dart_hal.core.types import MotionEstimate, Pose, Tracking
 from dart_hal.vehicle.parameters import Vehicle
@@ -27,7 +27,9 @@ LATER = replace(UPSTREAM_2024, delay=replace(UPSTREAM_2024.delay, steering_s=DEL
 def plant_by(p: Vehicle) -> Plant:
     """What is to be known of a vehicle, exactly."""
     curve = make_steering(p.steering)
-    return Plant(p, Late(p.delay.steering_s, p.delay.steering_lag_s), (curve(-1.0), curve(1.0)))
+    return Plant(
+        p, SteeringDelay(p.delay.steering_s, p.delay.steering_lag_s), (curve(-1.0), curve(1.0))
+    )
 
 
 def motion_at(t: float, pose: Pose, speed: float, yaw_rate: float,

@@ -14,10 +14,10 @@ from types import SimpleNamespace
 import numpy as np
 
 from dart_hal.control.monitoring.formation import Formation
-from dart_hal.control.monitoring.guard import AHEAD
+from dart_hal.control.monitoring.guard import CENTRE_OFFSET
 from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.control.monitoring.monitor import Monitor
-from dart_hal.control.monitoring.peer import STEP
+from dart_hal.control.monitoring.peer import PLAN_STEP
 from dart_hal.core.types import Pose
 from dart_hal.vehicle.sets import PAPER
 from studies.control.light_follow import motion_at, plant_by
@@ -41,13 +41,15 @@ class Bead:
         team, omega = TEAMS[cars]
         self.monitor = Monitor(team, NAMES[:cars], name, PLANT, omega, omega, guard=guard)
         self.name, self.v, self.dead = name, 0.0, False
-        self.s = self.monitor.course.arc(X)
+        self.s = self.monitor.course.arc_length(X)
         self._asked = deque([0.0] * LATE)
 
     @property
     def place(self):
         spot = self.monitor.course.path.at(self.s)
-        return np.array((spot.x + AHEAD * cos(spot.heading), spot.y + AHEAD * sin(spot.heading)))
+        return np.array(
+            (spot.x + CENTRE_OFFSET * cos(spot.heading), spot.y + CENTRE_OFFSET * sin(spot.heading))
+        )
 
     def go(self, t: float, told: dict) -> None:
         spot = self.monitor.course.path.at(self.s)
@@ -79,7 +81,7 @@ def scenario(seed: int, loss: float, seconds: float = 25.0, *, guard: bool = Tru
                 if bead is not other and not bead.dead and len(plan) and rng.random() >= loss:
                     heard[other.name][bead.name] = (t, plan)
         for bead in beads:
-            bead.go(t, {name: SimpleNamespace(age=t - at, step=STEP, points=plan)
+            bead.go(t, {name: SimpleNamespace(age=t - at, step=PLAN_STEP, points=plan)
                         for name, (at, plan) in heard[bead.name].items()})
         least = min(least, _least(beads))
     modes = sum((bead.monitor.answers for bead in beads), Counter())

@@ -25,7 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dart_hal.control.monitoring.detection import cleared, coverage
+from dart_hal.control.monitoring.detection import clearing_time, coverage
 from dart_hal.control.monitoring.formation import Formation
 from dart_hal.control.monitoring.kuramoto import disagreement
 from dart_hal.control.monitoring.lissajous import Lissajous
@@ -70,7 +70,7 @@ class Drive:
         slots = 2.0 * np.pi * p / 3 * np.arange(3)
         off = np.remainder(X - slots - X[:, :1] + np.pi, 2.0 * np.pi) - np.pi
         mean = X[:, :1] + off.mean(axis=1, keepdims=True)
-        return np.linalg.norm(self.true[rows] - TEAM.curve.at(mean + slots), axis=-1)
+        return np.linalg.norm(self.true[rows] - TEAM.curve.position(mean + slots), axis=-1)
 
     @property
     def settled(self) -> float:
@@ -91,7 +91,7 @@ class Drive:
         rows = self.true[-round(20.0 * TEAM.bound(OMEGA)) - 1:]
         t = 0.05 * np.arange(len(rows))
         return next(r for r in np.linspace(0.0, most, 21)[1:]
-                    if np.isfinite(cleared(TEAM.curve, t, rows, r, 41)))
+                    if np.isfinite(clearing_time(TEAM.curve, t, rows, r, 41)))
 
     @property
     def least(self) -> float:
@@ -183,14 +183,17 @@ def bounds() -> None:
         t, r_s = np.linspace(0.0, 1.5, 300), team.sensing_radius
         lap = 2.0 * np.pi / team.n
         X = [team.slots(lap * (begin + t)) for begin in np.linspace(0.0, 1.0, 5, endpoint=False)]
-        whole = [cleared(curve, t, curve.at(one), r_s) for one in X]
-        missing = cleared(curve, t, curve.at(X[0][:, 1:]), r_s)
-        less = [cleared(curve, t, curve.at(one), 0.9 * r_s) for one in X]
-        now, _ = coverage(curve, curve.at(X[0][:200:4]), r_s)
-        print(f"{curve.a}:{curve.b}: r_s {r_s:.3f} m sees {now.min():.0%} to {now.max():.0%}; "
-              f"nothing unseen after {min(whole):.2f} to {max(whole):.2f} of the bound, one less "
-              f"{missing:.2f}, 0.9 r_s {min(less):.2f} to {max(less):.2f}; proven {team.proven}",
-              flush=True)
+        whole = [clearing_time(curve, t, curve.position(one), r_s) for one in X]
+        missing = clearing_time(curve, t, curve.position(X[0][:, 1:]), r_s)
+        less = [clearing_time(curve, t, curve.position(one), 0.9 * r_s) for one in X]
+        now, _ = coverage(curve, curve.position(X[0][:200:4]), r_s)
+        print(
+            f"{curve.a}:{curve.b}: r_s {r_s:.3f} m sees {now.min():.0%} to {now.max():.0%}; "
+            f"nothing unseen after {min(whole):.2f} to {max(whole):.2f} of the bound, one less "
+            f"{missing:.2f}, 0.9 r_s {min(less):.2f} to {max(less):.2f}; proven "
+              f"{team.is_bound_proven}",
+            flush=True,
+        )
 
 
 def main() -> None:
@@ -216,8 +219,8 @@ def main() -> None:
                 error = one.error()
                 rate = float(np.diff(one.X[-100:, 0]).mean() / 0.05)
                 t = 0.05 * np.arange(100)
-                seen = cleared(TEAM.curve, t, one.true[-100:],
-                               TEAM.sensing_radius + float(error.max()), 41)
+                seen = clearing_time(TEAM.curve, t, one.true[-100:],
+                                     TEAM.sensing_radius + float(error.max()), 41)
                 needed = one.needed(TEAM.sensing_radius)
                 found = one.targets(needed)
                 share = {str(mode): f"{n / one.modes.total():.1%}" for mode, n in one.modes.items()}

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from scipy.ndimage import label
 
-from dart_hal.control.monitoring.detection import seen
+from dart_hal.control.monitoring.detection import is_detected
 from dart_hal.control.monitoring.lissajous import Lissajous
 from dart_hal.core.types import FloatArray, IntArray
 
@@ -22,8 +22,10 @@ def parts_of(curve: Lissajous, robots: FloatArray, radius: float, cells: int = 6
     at each step of robots (k, n, 2) [m] that see as far as the radius [m]."""
     edge = np.linspace(-1.0, 1.0, cells)
     spots = np.stack(np.meshgrid(curve.A * edge, curve.B * edge), axis=-1).reshape(-1, 2)
-    return [label(~seen(one, spots, radius).reshape(cells, cells), np.ones((3, 3)))[0].ravel()
-            for one in robots]
+    return [
+        label(~is_detected(one, spots, radius).reshape(cells, cells), np.ones((3, 3)))[0].ravel()
+        for one in robots
+    ]
 
 
 def seen_at(parts: list[IntArray], at: int, rng: np.random.Generator) -> float:

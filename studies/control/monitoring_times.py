@@ -14,7 +14,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from dart_hal.control.monitoring.kuramoto import spread
+from dart_hal.control.monitoring.kuramoto import evenly_spread
 from dart_hal.core.types import FloatArray
 
 K, DT, WITHIN, MOST = 0.1, 0.1, 0.01, 400.0
@@ -49,7 +49,7 @@ def measures(theta: FloatArray, p: int) -> dict[str, FloatArray]:
     of the mean phase."""
     n = theta.shape[1]
     between = wrapped(np.roll(theta, -1, axis=1) - theta - 2.0 * np.pi * p / n)
-    off = wrapped(theta - spread(n, p) - theta[:, :1])
+    off = wrapped(theta - evenly_spread(n, p) - theta[:, :1])
     off -= off.mean(axis=1, keepdims=True)
     return {f"{name} of {what}": fold(error)
             for what, error in (("differences", between), ("phases", off))
@@ -60,7 +60,7 @@ def measures(theta: FloatArray, p: int) -> dict[str, FloatArray]:
 
 def times(n: int, p: int, begin: str, starts: int, seed: int = 0) -> dict[str, FloatArray]:
     """s of each start (starts,) by each measure; inf: not by ``MOST``."""
-    theta = spread(n, p) + STARTS[begin](np.random.default_rng(seed), (starts, n))
+    theta = evenly_spread(n, p) + STARTS[begin](np.random.default_rng(seed), (starts, n))
     found = {name: np.full(starts, np.inf) for name in measures(theta, p)}
     for step in range(round(MOST / DT)):
         for name, error in measures(theta, p).items():

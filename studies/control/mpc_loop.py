@@ -18,14 +18,14 @@ from math import cos, exp, sin
 
 import numpy as np
 
-from dart_hal.control.mpc.disturbance import Disturbance
+from dart_hal.control.mpc.disturbance import SteeringDisturbance
 from dart_hal.control.mpc.iteration import Mpcc
-from dart_hal.control.mpc.model import STAGE, make_stage
-from dart_hal.control.mpc.obstacles import Obstacle, air
-from dart_hal.control.mpc.planner import Plan
-from dart_hal.control.mpc.problem import Limits
+from dart_hal.control.mpc.model import STAGE_PERIOD, make_stage
+from dart_hal.control.mpc.obstacles import Obstacle, clearance
+from dart_hal.control.mpc.planner import MpcPlan
+from dart_hal.control.mpc.problem import MpcLimits
 from dart_hal.control.paths import Path
-from dart_hal.control.plant import Late, Plant
+from dart_hal.control.plant import Plant, SteeringDelay
 from dart_hal.control.tracks import track_named
 from dart_hal.vehicle.parameters import Delay, Vehicle
 from dart_hal.vehicle.sets import UPSTREAM_2024
@@ -47,12 +47,12 @@ ACROSS, ALONG = 5.5, 2.0
 def known(p: Vehicle) -> Plant:
     """What is known of a car by its model."""
     curve = make_steering(p.steering)
-    return Plant(p, Late(LATE, p.delay.steering_lag_s), (curve(-1.0), curve(1.0)))
+    return Plant(p, SteeringDelay(LATE, p.delay.steering_lag_s), (curve(-1.0), curve(1.0)))
 
 
-def limits_of(p: Vehicle) -> Limits:
+def limits_of(p: Vehicle) -> MpcLimits:
     """Throttle from the dead band on, up to 0.6."""
-    return Limits(tau=(-p.motor.g, 0.6))
+    return MpcLimits(tau=(-p.motor.g, 0.6))
 
 
 def controller(p: Vehicle, path: Path, speed: float, **options) -> Mpcc:
@@ -97,7 +97,7 @@ class Loop:
             yaw,
         )
         self.sent, self._servo = (self.mpc.limits.tau[0], 0.0), 0.0
-        self.disturbance = Disturbance(known(self.mpc.vehicle))
+        self.disturbance = SteeringDisturbance(known(self.mpc.vehicle))
         self._ahead = make_stage(self.mpc.vehicle, np, self.late) if self.late else None
 
     def seen(self) -> np.ndarray:
@@ -112,14 +112,14 @@ class Loop:
             z[:6] += self.noise.normal(size=6) * (0.01, 0.01, 0.005, 0.02, 0.01, 0.02)
         return z
 
-    def planned(self) -> Plan:
+    def planned(self) -> MpcPlan:
         """The plan; what is to be sent of it is in ``sent``."""
         z, acts, before = self.seen(), self.disturbance.effective, self.sent
         if self.learns:
             if self.rows:
-                self.disturbance.learn(self._servo, z[3], z[5], STAGE)
+                self.disturbance.update(self._servo, z[3], z[5], STAGE_PERIOD)
             z[7] = acts(self._servo)
-            self.mpc.problem.turn_within(acts(-1.0), acts(1.0))
+            self.mpc.problem.set_steering_range(acts(-1.0), acts(1.0))
         known = before[0], acts(before[1])
         z = np.array(self._ahead(*z, *known)) if self._ahead else z
         plan = self.mpc.plan(
@@ -130,11 +130,11 @@ class Loop:
         )
         self.sent = float(plan.inputs[0, 0]), self.disturbance.command(float(plan.inputs[1, 0]))
         lag = self.mpc.vehicle.delay.steering_lag_s
-        for (_, st), dt in ((before, self.late), (self.sent, STAGE - self.late)):
+        for (_, st), dt in ((before, self.late), (self.sent, STAGE_PERIOD - self.late)):
             self._servo = st + (self._servo - st) * (exp(-dt / lag) if lag else 0.0)
         return plan
 
-    def step(self) -> Plan:
+    def step(self) -> MpcPlan:
         plan = self.planned()
         self.move()
         return plan
@@ -143,7 +143,7 @@ class Loop:
         """A stage on, by what was sent."""
         path = self.mpc.reference.path
         l_r = self.true.body.l_r
-        for _ in range(round(STAGE / self.car.config.step)):
+        for _ in range(round(STAGE_PERIOD / self.car.config.step)):
             self.car.advance(*self.sent)
             x, y, yaw, v = self.car.state[:4]
             xr, yr = x - l_r * cos(yaw), y - l_r * sin(yaw)
@@ -214,7 +214,7 @@ def margin(seed: int, speed: float = 2.0, radius: float = 0.15) -> tuple[float, 
     mpc.obstacles = (o,)
     loop = Loop(mpc, noise=rng)
     rows = loop.drive(1.0)
-    least = min(air(x, y, yaw, o, path, t) for t, _, _, _, x, y, yaw in rows)
+    least = min(clearance(x, y, yaw, o, path, t) for t, _, _, _, x, y, yaw in rows)
     return least, float(np.abs(rows[:, 2]).max())
 
 

@@ -14,9 +14,9 @@ from math import cos, sin
 
 import numpy as np
 
-from dart_hal.control.mpc.model import STAGE
-from dart_hal.control.mpc.planner import Plan
-from dart_hal.control.mpc.spread import across
+from dart_hal.control.mpc.model import STAGE_PERIOD
+from dart_hal.control.mpc.planner import MpcPlan
+from dart_hal.control.mpc.spread import lateral_std
 from dart_hal.control.tracks import track_named
 from studies.control.mpc_loop import LATE, Loop, P, around, controller
 
@@ -24,17 +24,17 @@ COV = np.diag(np.square((0.01, 0.01, 0.005, 0.02, 0.02)))
 """Of the noise in ``Loop.seen``."""
 
 
-def uncorrected(loop: Loop, plan: Plan) -> np.ndarray:
+def uncorrected(loop: Loop, plan: MpcPlan) -> np.ndarray:
     """Error [m] across each state but the last of a plan, of a car that drives its inputs."""
     car, l_r, rows = deepcopy(loop.car), loop.true.body.l_r, []
     for tau, st, _ in plan.inputs.T:
         command = min(max(loop.disturbance.command(float(st)), -1.0), 1.0)
-        for _ in range(round(STAGE / car.config.step)):
+        for _ in range(round(STAGE_PERIOD / car.config.step)):
             car.advance(float(tau), command)
             x, y, yaw = car.state[:3]
             rows.append((car.t, x - l_r * cos(yaw), y - l_r * sin(yaw)))
     t, x, y = np.array(rows).T
-    at, psi = plan.t + STAGE * np.arange(len(plan.states) - 1), plan.states[:-1, 2]
+    at, psi = plan.t + STAGE_PERIOD * np.arange(len(plan.states) - 1), plan.states[:-1, 2]
     left = np.cos(psi) * (np.interp(at, t, y) - plan.states[:-1, 1])
     return left - np.sin(psi) * (np.interp(at, t, x) - plan.states[:-1, 0])
 
@@ -49,7 +49,7 @@ def errors(seed: int, speed: float, each: int = 5) -> tuple[np.ndarray, np.ndarr
         k += 1
         if k > 15 and k % each == 0:
             found.append(uncorrected(loop, plan))
-            told.append(across(plan, COV)[:-1])
+            told.append(lateral_std(plan, COV)[:-1])
         loop.move()
     return np.array(found), np.array(told)
 

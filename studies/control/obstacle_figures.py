@@ -13,7 +13,7 @@ from math import cos, sin
 
 import numpy as np
 
-from dart_hal.control.mpc.obstacles import Disc, air
+from dart_hal.control.mpc.obstacles import Disc, clearance
 from dart_hal.control.mpc.tracker import Contouring
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
@@ -38,8 +38,10 @@ def passed(seed: int, speed: float, moving: float, side: float = 0.15) -> tuple[
     tracker = drive.follower.tracker
     assert isinstance(tracker, Contouring)
     (obstacle,), middle = tracker.mpcc.obstacles, tracker.plant.vehicle.body.l_r
-    least = min(air(x + middle * cos(yaw), y + middle * sin(yaw), yaw, obstacle, tracker.path, t)
-                for t, x, y, yaw in zip(drive.t, drive.x, drive.y, drive.yaw, strict=True))
+    least = min(
+        clearance(x + middle * cos(yaw), y + middle * sin(yaw), yaw, obstacle, tracker.path, t)
+        for t, x, y, yaw in zip(drive.t, drive.x, drive.y, drive.yaw, strict=True)
+    )
     return least, tracker.air[0], drive.follower.why
 
 

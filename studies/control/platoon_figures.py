@@ -20,10 +20,10 @@ from math import inf, pi, sin
 
 import numpy as np
 
-from dart_hal.control.platoon.follower import Follower
-from dart_hal.control.platoon.gains import DART, STABLE, TRUCK, Gains
-from dart_hal.control.platoon.safe import Margins
-from dart_hal.control.platoon.stability import peak
+from dart_hal.control.platoon.follower import PlatoonFollower
+from dart_hal.control.platoon.gains import DART, STABLE, TRUCK, PlatoonGains
+from dart_hal.control.platoon.safe import SafetyMargins
+from dart_hal.control.platoon.stability import peak_gain
 from studies.control.platoon_loop import Line, Scenario, drive, published, random_scenario
 
 STEPS = tuple((dt, delay) for dt in (0.1, 0.05) for delay in (0.0, 0.1, 0.2))
@@ -64,13 +64,22 @@ def strings() -> None:
     for name, gains in (("published", DART), ("stable", STABLE)):
         for dt, age in ((0.1, 0.0), (0.1, 0.1), (0.05, 0.05), (0.05, 0.1)):
             for told in (False, True):
-                peaks = [peak(gains, dt, d, told=told, age=age) for d in (0.0, 0.1, 0.2)]
+                peaks = [
+                    peak_gain(gains, dt, d, feed_forward=told, age=age) for d in (0.0, 0.1, 0.2)
+                ]
                 print(f"{name:9s} dt {dt:g}, {'told ' + str(age) + ' s ago' if told else 'ACC':14s}"
                       " delay 0, 0.1, 0.2 s: " + ", ".join(f"{p:.4f}" for p in peaks))
 
 
-def gaps_of(count: int, gains: Gains, dt: float, delay: float, margins: Margins, line: Line | None,
-            **how: bool) -> np.ndarray:
+def gaps_of(
+    count: int,
+    gains: PlatoonGains,
+    dt: float,
+    delay: float,
+    margins: SafetyMargins,
+    line: Line | None,
+    **how: bool,
+) -> np.ndarray:
     """Smallest gap [m] of each scenario."""
     line = line or Line()
     out, trust = [], 0.5 if line.noise else 1.0
@@ -78,8 +87,18 @@ def gaps_of(count: int, gains: Gains, dt: float, delay: float, margins: Margins,
         rng = np.random.default_rng([seed, 3])
         scenario = random_scenario(rng, gains, 5, 50.0)
         lossy = replace(line, loss=rng.uniform(0.0, 0.5)) if line.noise else line
-        out.append(drive(scenario, lambda: Follower(gains, dt, delay, margins, trust=trust, **how),
-                         5, 50.0, dt=dt, delay=delay, line=lossy, rng=rng)[0].min())
+        out.append(
+            drive(
+                scenario,
+                lambda: PlatoonFollower(gains, dt, delay, margins, trust=trust, **how),
+                5,
+                50.0,
+                dt=dt,
+                delay=delay,
+                line=lossy,
+                rng=rng,
+            )[0].min()
+        )
     return np.array(out)
 
 
@@ -90,22 +109,22 @@ def rule(count: int) -> None:
                 **{f"rule, alpha {a:g}": (replace(DART, alpha=a), RULE) for a in (0.95, 0.2)},
                 "all": (STABLE, {})}
         for name, (gains, how) in laws.items():
-            gaps = gaps_of(count, gains, dt, delay, Margins(m=0.02), None, **how)
+            gaps = gaps_of(count, gains, dt, delay, SafetyMargins(m=0.02), None, **how)
             print(f"dt {dt:g}, delay {delay:g} s, {name:16s} least gap {gaps.min():+.4f} m, "
                   f"contacts {(gaps <= 0.0).sum()} of {count}", flush=True)
-    gaps = gaps_of(count, TRUCK, 0.1, 0.1, Margins(7.848, 7.848, m=0.5), None, **RULE)
-    bare = gaps_of(count, TRUCK, 0.1, 0.1, Margins(), None, **BARE)
+    gaps = gaps_of(count, TRUCK, 0.1, 0.1, SafetyMargins(7.848, 7.848, m=0.5), None, **RULE)
+    bare = gaps_of(count, TRUCK, 0.1, 0.1, SafetyMargins(), None, **BARE)
     print(f"trucks, dt 0.1, delay 0.1 s, rule {gaps.min():+.3f} m, without {bare.min():+.3f} m, "
           f"contacts {(gaps <= 0.0).sum()} and {(bare <= 0.0).sum()} of {count}")
     for b_s in (1.0, 0.9):
         weak = Line(brake=(0.9, 1.0))
-        gaps = gaps_of(count, DART, 0.1, 0.1, Margins(b_s, 1.0, m=0.02), weak, **RULE)
+        gaps = gaps_of(count, DART, 0.1, 0.1, SafetyMargins(b_s, 1.0, m=0.02), weak, **RULE)
         print(f"true brakes 0.9 to 1 m/s2, b_s {b_s:g}: {gaps.min():+.4f} m, contacts "
               f"{(gaps <= 0.0).sum()} of {count}", flush=True)
 
 
 def noise(count: int) -> None:
-    margins = Margins(e_g=0.05, e_v=0.03, m=0.02)
+    margins = SafetyMargins(e_g=0.05, e_v=0.03, m=0.02)
     for dt, delay in STEPS[1::3]:
         for name, gains, how in (("published, rule", DART, RULE), ("published", DART, BARE),
                                  ("stable, rule, detector", STABLE, {})):
@@ -116,17 +135,17 @@ def noise(count: int) -> None:
 
 def speeds() -> None:
     """The second car tells a wrong speed from 10 s on; the leader brakes at 10, 10.6, 20 s."""
-    margins, line = Margins(e_g=0.05, e_v=0.05, m=0.03), replace(NOISY, loss=0.3)
+    margins, line = SafetyMargins(e_g=0.05, e_v=0.05, m=0.03), replace(NOISY, loss=0.3)
     for detects in (False, True):
         for off in (0.1, 0.15, 0.2, 0.3, 0.5, 1.0, -0.3):
             runs = [drive(Scenario(brakes=(brakes, inf),
                                    speeds={1: lambda t, off=off: off if t > 10.0 else 0.0}),
-                          lambda detects=detects: Follower(STABLE, 0.05, 0.1, margins,
-                                                           detects=detects),
+                          lambda detects=detects: PlatoonFollower(STABLE, 0.05, 0.1, margins,
+                                                                  detects=detects),
                           3, 30.0, dt=0.05, delay=0.1, line=line, rng=np.random.default_rng(seed))
                     for seed in range(3) for brakes in (10.0, 10.6, 20.0)]
             least = [gaps.min() for gaps, _ in runs]
-            found = sum([f.doubted for f in who] == [False, True, False] for _, who in runs)
+            found = sum([f.distrusts for f in who] == [False, True, False] for _, who in runs)
             print(f"{'looked for' if detects else 'believed'}: told {off:+g} m/s: least gap "
                   f"{min(least):+.3f} m, contacts {sum(x <= 0 for x in least)}, found {found} of 9")
     called = 0
@@ -134,8 +153,19 @@ def speeds() -> None:
         rng = np.random.default_rng([seed, 3])
         honest = random_scenario(rng, STABLE, 5, 50.0)
         lossy = replace(NOISY, loss=rng.uniform(0.0, 0.5))
-        called += sum(f.doubted for f in drive(honest, lambda: Follower(STABLE, 0.05, 0.1, margins),
-                                               5, 50.0, dt=0.05, delay=0.1, line=lossy, rng=rng)[1])
+        called += sum(
+            f.distrusts
+            for f in drive(
+                honest,
+                lambda: PlatoonFollower(STABLE, 0.05, 0.1, margins),
+                5,
+                50.0,
+                dt=0.05,
+                delay=0.1,
+                line=lossy,
+                rng=rng,
+            )[1]
+        )
     print(f"{called} of 125 followers of true speeds called a liar")
 
 

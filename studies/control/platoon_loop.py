@@ -11,11 +11,11 @@ from math import inf, pi, sin
 
 import numpy as np
 
-from dart_hal.control.platoon.follower import Follower, Gap
-from dart_hal.control.platoon.gains import Gains
-from dart_hal.control.platoon.hearing import Told
-from dart_hal.control.platoon.laws import acc, clipped, leader, limited
-from dart_hal.control.platoon.safe import moves
+from dart_hal.control.platoon.follower import Gap, PlatoonFollower
+from dart_hal.control.platoon.gains import PlatoonGains
+from dart_hal.control.platoon.hearing import PredecessorReport
+from dart_hal.control.platoon.laws import acc, clip, leader, limit_feed_forward
+from dart_hal.control.platoon.safe import integrate_motion
 
 Law = Callable[[float], float]
 
@@ -32,7 +32,9 @@ class Scenario:
     speeds: dict[int, Law] = field(default_factory=dict)
 
 
-def random_scenario(rng: np.random.Generator, gains: Gains, cars: int, lasts: float) -> Scenario:
+def random_scenario(
+    rng: np.random.Generator, gains: PlatoonGains, cars: int, lasts: float
+) -> Scenario:
     """Leader: holds, swings or jumps from acceleration to acceleration; two of three brake fully
     for a while; two of three have 1 to 3 links attacked: a constant, a square wave, or noise."""
     low, high = gains.u_min, gains.u_max
@@ -52,7 +54,7 @@ def random_scenario(rng: np.random.Generator, gains: Gains, cars: int, lasts: fl
     return Scenario(drive, brakes, attacks)
 
 
-def _attack(rng: np.random.Generator, gains: Gains, since: float) -> Law:
+def _attack(rng: np.random.Generator, gains: PlatoonGains, since: float) -> Law:
     kind, size = rng.integers(3), gains.u_max * 10.0 ** rng.uniform(-0.5, 3.0)
     if kind == 0:
         return lambda t: size if t >= since else 0.0
@@ -76,9 +78,17 @@ class Line:
     brake: tuple[float, float] = (1.0, 1.0)
 
 
-def drive(scenario: Scenario, make: Callable[[], Follower], n: int, lasts: float, *, dt: float,
-          delay: float, line: Line | None = None, rng: np.random.Generator | None = None
-          ) -> tuple[np.ndarray, list[Follower]]:
+def drive(
+    scenario: Scenario,
+    make: Callable[[], PlatoonFollower],
+    n: int,
+    lasts: float,
+    *,
+    dt: float,
+    delay: float,
+    line: Line | None = None,
+    rng: np.random.Generator | None = None,
+) -> tuple[np.ndarray, list[PlatoonFollower]]:
     """Gaps (steps, n) [m] of n followers behind a leader, and the followers."""
     line, rng = line or Line(), rng or np.random.default_rng(0)
     followers = [make() for _ in range(n)]
@@ -96,7 +106,7 @@ def drive(scenario: Scenario, make: Callable[[], Follower], n: int, lasts: float
                 told = attack(t) if attack is not None else done[i - 1]
                 said = v[i - 1] + line.wrong * rng.uniform(-1, 1)
                 said += scenario.speeds[i - 1](t) if i - 1 in scenario.speeds else 0.0
-                one.hearing.take(Told(t, said, told), t)
+                one.hearing.take(PredecessorReport(t, said, told), t)
             gap = None
             if not line.rate or int((t + 0.02 * i) * line.rate) > int((t + 0.02 * i - dt)
                                                                       * line.rate):
@@ -108,19 +118,19 @@ def drive(scenario: Scenario, make: Callable[[], Follower], n: int, lasts: float
         acts = queue.pop(0)
         for i in range(n + 1):
             a = max(acts[i], gains.u_min * brake[i])
-            way, after = moves(v[i], a, dt, gains.v_max)
+            way, after = integrate_motion(v[i], a, dt, gains.v_max)
             p[i], v[i], done[i] = p[i] + way, after, (after - v[i]) / dt
         gaps[k] = -np.diff(p)
     return gaps, followers
 
 
-def _leads(scenario: Scenario, gains: Gains, t: float, v: float) -> float:
+def _leads(scenario: Scenario, gains: PlatoonGains, t: float, v: float) -> float:
     if scenario.brakes[0] <= t < scenario.brakes[1]:
         return gains.u_min
-    return clipped(gains, scenario.drive(t) if scenario.drive else leader(gains, v))
+    return clip(gains, scenario.drive(t) if scenario.drive else leader(gains, v))
 
 
-def published(gains: Gains, n: int, dt: float, lasts: float, *, drive: Law | None = None,
+def published(gains: PlatoonGains, n: int, dt: float, lasts: float, *, drive: Law | None = None,
               told: Law | None = None, forward: str = "limited", brakes: float = inf,
               delay: float = 0.0) -> np.ndarray:
     """Gaps (steps, n) [m] as the published simulation takes its steps: position by the old speed,
@@ -137,8 +147,8 @@ def published(gains: Gains, n: int, dt: float, lasts: float, *, drive: Law | Non
             gap, ahead = p[i - 1] - p[i], v[i - 1]
             a = told(t) if told is not None and i == 1 else done[i - 1]
             if forward != "all":
-                a = limited(gains, gap, v[i], ahead, a) if forward else 0.0
-            u[i] = clipped(gains, acc(gains, gap, v[i], ahead) + a)
+                a = limit_feed_forward(gains, gap, v[i], ahead, a) if forward else 0.0
+            u[i] = clip(gains, acc(gains, gap, v[i], ahead) + a)
         queue.append(u)
         after = np.clip(v + dt * queue.pop(0), 0.0, gains.v_max)
         p, v, done = p + dt * v, after, (after - v) / dt
@@ -146,6 +156,6 @@ def published(gains: Gains, n: int, dt: float, lasts: float, *, drive: Law | Non
     return gaps
 
 
-def as_published(gains: Gains, alpha: float) -> Gains:
+def as_published(gains: PlatoonGains, alpha: float) -> PlatoonGains:
     """Another share of the distance for the feed-forward."""
     return replace(gains, alpha=alpha)

@@ -11,7 +11,7 @@ from dart_hal.calibration.latency_fit import DT, held
 from dart_hal.calibration.latency_log import Grid, Traffic, TrafficLog, unseen_grid
 from dart_hal.calibration.measured import write
 from dart_hal.car import Car
-from dart_hal.control.tuning import answer_of
+from dart_hal.control.tuning import make_speed_response
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
@@ -39,10 +39,10 @@ def test_what_is_measured_is_near_the_truth_and_tunes_the_speed_loop(tmp_path):
     true = true_sensors(url)
     for name, found in result.quantities.items():
         assert abs(found.value - true[name]) < 3.5 * found.std, name
-    assert not answer_of(files).known
+    assert not make_speed_response(files).known
     write(files, result)
     with Car.open(url, cars=tmp_path) as car:
-        answer = answer_of(car.files)
+        answer = make_speed_response(car.files)
     assert answer.known
     assert answer.lag == pytest.approx(0.06, abs=0.004)
     assert answer.delay == pytest.approx(0.02, abs=0.004)

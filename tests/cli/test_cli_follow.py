@@ -155,7 +155,7 @@ def test_an_obstacle_without_a_way_past_it_is_refused(verb, tmp_path):
     done = verb("follow", line, "--speed", 1, "--odometry", "--tracker", "mpcc", "--obstacle",
                 "2.4,0.05,0.15", "--url", "sim://?seed=3&nano=mock")
     assert done.code == 2
-    assert "obstacle 1 leaves no way within the lane" in done.err
+    assert "obstacle 1 leaves no passage within the lane" in done.err
 
 
 def test_a_car_that_stands_elsewhere(verb, tmp_path):

@@ -31,7 +31,7 @@ def test_where_there_is_no_lane_it_does_not_drive(verb):
     """A room whose walls are far away."""
     done = verb("lane", "--url", "sim://?seed=1&nano=mock&lidar=most=0.2&map=lane")
     assert done.code == 1
-    assert "no boards are seen within 5 s" in done.out
+    assert "no boards are visible within 5 s" in done.out
 
 
 @pytest.mark.parametrize(("url", "says"), [

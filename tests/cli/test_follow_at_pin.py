@@ -9,7 +9,7 @@ from dart_hal import Car
 from dart_hal.cli.follow import follow, make_follower
 from dart_hal.control import follow as rules
 from dart_hal.control import stopping
-from dart_hal.control.follow import PATIENCE, Phase, Rules
+from dart_hal.control.follow import MAX_POSE_GAP, Phase, Rules
 from dart_hal.control.paths import Path
 from dart_hal.core.errors import Disarmed
 from dart_hal.devices.actuation.neutral_watch import NeutralWatch
@@ -79,9 +79,9 @@ def test_the_pin_slows_down_with_the_pose_and_stays_at_neutral():
     first = t[np.argmax(us > neutral + 5.0)]
     assert 0.5 < first < LOST_AT - 1.0
     assert np.abs(us[t < first] - neutral).max() < 5.0  # while it waits and arms
-    late = t > LOST_AT + PATIENCE + 0.05
+    late = t > LOST_AT + MAX_POSE_GAP + 0.05
     assert us[late].max() <= us[(t > first) & ~late].max()
-    assert us[t > LOST_AT + PATIENCE + SLOWS].max() < neutral + 5.0
+    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() < neutral + 5.0
     assert us[-5:] == pytest.approx(neutral, abs=5.0)  # one count of the PCA9685
 
 
@@ -131,20 +131,20 @@ def test_a_car_that_is_held_is_given_up_at_neutral():
     assert "does not move" in follower.why
     t, us = pulses.T
     assert us[(t > 1.5) & (t < 3.5)].max() > neutral + 20.0
-    assert us[t > 1.0 + 0.5 + stopping.STUCK].max() < neutral + 5.0
+    assert us[t > 1.0 + 0.5 + stopping.STUCK_TIME].max() < neutral + 5.0
 
 
 @pytest.mark.slow
 def test_control_without_that_time_it_pulls_for_ever(monkeypatch):
-    monkeypatch.setattr(stopping, "STUCK", 1e9)
-    monkeypatch.setattr(rules, "PATIENCE", 1e9)
+    monkeypatch.setattr(stopping, "STUCK_TIME", 1e9)
+    monkeypatch.setattr(rules, "MAX_POSE_GAP", 1e9)
     with pytest.raises(NeverEnds):
         driven(60.0, blocked=True, until=10.0, lost_at=5.0)
 
 
 @pytest.mark.slow
 def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
-    monkeypatch.setattr(rules, "PATIENCE", 1e9)
+    monkeypatch.setattr(rules, "MAX_POSE_GAP", 1e9)
     _, neutral, pulses = driven(seconds=7.0)
     t, us = pulses.T
-    assert us[t > LOST_AT + PATIENCE + SLOWS].max() > neutral + 20.0
+    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() > neutral + 20.0

@@ -8,7 +8,7 @@ import pytest
 from dart_hal import Car
 from dart_hal.cli.follow import follow, make_follower
 from dart_hal.control import follow as rules
-from dart_hal.control.follow import BRIDGED, PATIENCE, Phase, Rules
+from dart_hal.control.follow import MAX_BRIDGED_GAP, MAX_POSE_GAP, Phase, Rules
 from dart_hal.control.paths import Path
 from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.localisation.field import map_of_lines
@@ -48,9 +48,9 @@ def test_a_lidar_that_falls_silent_is_bridged_then_the_pin_slows_down():
     t, us = pulses.T
     assert follower.phase is Phase.ENDED
     assert "the pose was lost" in follower.why
-    bridged = (t > LOST_AT + PATIENCE + SCAN) & (t < LOST_AT + BRIDGED - SCAN)
+    bridged = (t > LOST_AT + MAX_POSE_GAP + SCAN) & (t < LOST_AT + MAX_BRIDGED_GAP - SCAN)
     assert us[bridged].mean() > neutral + 20.0
-    assert us[t > LOST_AT + BRIDGED + SLOWS].max() < neutral + 5.0
+    assert us[t > LOST_AT + MAX_BRIDGED_GAP + SLOWS].max() < neutral + 5.0
     assert us[-5:] == pytest.approx(neutral, abs=5.0)
 
 
@@ -58,12 +58,12 @@ def test_scans_that_fit_no_map_are_not_bridged():
     follower, neutral, pulses = driven(silent=False)
     t, us = pulses.T
     assert "the pose was lost" in follower.why
-    assert us[t > LOST_AT + PATIENCE + SLOWS].max() < neutral + 5.0
+    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() < neutral + 5.0
     assert us[-5:] == pytest.approx(neutral, abs=5.0)
 
 
 def test_control_without_an_end_of_the_bridge_the_pin_drives_on(monkeypatch):
-    monkeypatch.setattr(rules, "BRIDGED", 1e9)
+    monkeypatch.setattr(rules, "MAX_BRIDGED_GAP", 1e9)
     _, neutral, pulses = driven(silent=True, until=LOST_AT)
     t, us = pulses.T
-    assert us[t > LOST_AT + BRIDGED + SLOWS].max() > neutral + 20.0
+    assert us[t > LOST_AT + MAX_BRIDGED_GAP + SLOWS].max() > neutral + 20.0

@@ -12,8 +12,8 @@ from dart_hal import Car
 from dart_hal.cli.lane import drive, make_follower
 from dart_hal.control import lane_follow
 from dart_hal.control.follow import Phase
-from dart_hal.control.lane_follow import PATIENCE
-from dart_hal.control.stopping import STUCK
+from dart_hal.control.lane_follow import MAX_POSE_GAP
+from dart_hal.control.stopping import STUCK_TIME
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import THROTTLE
@@ -34,9 +34,9 @@ def blind(side):
 
 
 FAULTS = {"silent": (lambda scan: None, "the lidar is silent"),
-          "none": (blind(0), "no boards are seen"),
-          "right": (blind(1), "only the right board is seen"),
-          "left": (blind(-1), "only the left board is seen")}
+          "none": (blind(0), "no boards are visible"),
+          "right": (blind(1), "only the right board is visible"),
+          "left": (blind(-1), "only the left board is visible")}
 
 
 class Changed:
@@ -85,9 +85,9 @@ def test_the_pin_slows_down_with_the_lane_and_stays_at_neutral(fault):
     assert FAULTS[fault][1] in follower.why
     first = t[np.argmax((us > neutral + 5.0) & (t > 0.5))]
     assert 0.5 < first < LOST_AT - 0.5
-    late = t > LOST_AT + PATIENCE + 0.15
+    late = t > LOST_AT + MAX_POSE_GAP + 0.15
     assert us[late].max() <= us[(t > first) & ~late].max()
-    assert us[t > LOST_AT + PATIENCE + SLOWS].max() < neutral + 5.0
+    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() < neutral + 5.0
     assert us[-5:] == pytest.approx(neutral, abs=5.0)  # one count of the PCA9685
 
 
@@ -98,22 +98,22 @@ def test_a_car_that_is_held_is_given_up_at_neutral():
     assert "does not move" in follower.why
     t, us = pulses.T
     assert us[(t > 2.5) & (t < 3.5)].max() > neutral + 20.0
-    assert us[t > 3.0 + 0.5 + STUCK].max() < neutral + 5.0
+    assert us[t > 3.0 + 0.5 + STUCK_TIME].max() < neutral + 5.0
 
 
 @pytest.mark.slow
 def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
     """And without the second bound, the end of what was seen."""
-    monkeypatch.setattr(lane_follow, "PATIENCE", 1e9)
+    monkeypatch.setattr(lane_follow, "MAX_POSE_GAP", 1e9)
     monkeypatch.setattr(lane_follow, "FRONT", -1e9)
     _, neutral, pulses = driven("silent", until=8.0)
     t, us = pulses.T
-    assert us[t > LOST_AT + PATIENCE + SLOWS].max() > neutral + 20.0
+    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() > neutral + 20.0
 
 
 @pytest.mark.slow
 def test_without_patience_it_still_stops_within_what_it_saw(monkeypatch):
-    monkeypatch.setattr(lane_follow, "PATIENCE", 1e9)
+    monkeypatch.setattr(lane_follow, "MAX_POSE_GAP", 1e9)
     follower, neutral, pulses = driven("silent")
     assert follower.why == "the lane ends"
     assert pulses[-5:, 1] == pytest.approx(neutral, abs=5.0)

@@ -11,7 +11,7 @@ import pytest
 from dart_hal import Car
 from dart_hal.cli.localize import drive_until_ended
 from dart_hal.control import while_located
-from dart_hal.control.ending import PATIENCE, Phase
+from dart_hal.control.ending import MAX_POSE_GAP, Phase
 from dart_hal.control.while_located import WhileLocated
 from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.localisation.field import map_of_lines
@@ -71,18 +71,18 @@ def test_the_pin_slows_down_once_the_car_is_lost_and_stays_at_neutral(silent):
     assert "the pose was lost" in ended.why
     first = t[np.argmax((us > neutral + 5.0) & (t > 0.5))]
     assert 0.8 < first < LOST_AT - 0.5                   # it stands until five scans were explained
-    late = t > LOST_AT + PATIENCE + 0.15
+    late = t > LOST_AT + MAX_POSE_GAP + 0.15
     assert us[late].max() <= us[(t > first) & ~late].max()
-    assert us[t > LOST_AT + PATIENCE + SLOWS].max() < neutral + 5.0
+    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() < neutral + 5.0
     assert us[-5:] == pytest.approx(neutral, abs=5.0)    # one count of the PCA9685
 
 
 @pytest.mark.slow
 def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
-    monkeypatch.setattr(while_located, "PATIENCE", 1e9)
+    monkeypatch.setattr(while_located, "MAX_POSE_GAP", 1e9)
     _, neutral, pulses = driven(LOST_AT, duration=3.5)
     t, us = pulses.T
-    assert us[t > LOST_AT + PATIENCE + SLOWS].max() > neutral + 20.0
+    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() > neutral + 20.0
 
 
 @pytest.mark.slow

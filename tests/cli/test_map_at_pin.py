@@ -11,7 +11,7 @@ from dart_hal import Car
 from dart_hal.cli.map import drive_along_walls
 from dart_hal.control import lane_follow, wall
 from dart_hal.control.follow import Phase
-from dart_hal.control.lane_follow import PATIENCE
+from dart_hal.control.lane_follow import MAX_POSE_GAP
 from dart_hal.control.wall import Wall
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.lidar.maps import clearance
@@ -54,21 +54,21 @@ def test_the_pin_is_at_neutral_soon_after_the_lidar_shows_nothing(fault):
     assert follower.phase is Phase.ENDED
     assert not follower.good
     assert follower.why.startswith("the lidar is silent" if fault == "silent" else
-                                   "the way is blocked")
+                                   "the route is blocked")
     first = t[np.argmax((us > neutral + 5.0) & (t > 0.5))]
     assert 0.5 < first < LOST_AT - 0.5
     assert us[(t > first + 0.5) & (t < LOST_AT)].min() > neutral + 5.0
-    assert us[t > LOST_AT + PATIENCE + SLOWS].max() < neutral + 5.0
+    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() < neutral + 5.0
     assert us[-5:] == pytest.approx(neutral, abs=5.0)
 
 
 @pytest.mark.slow
 def test_control_without_patience_and_end_the_pin_drives_on(monkeypatch):
-    monkeypatch.setattr(lane_follow, "PATIENCE", 1e9)
+    monkeypatch.setattr(lane_follow, "MAX_POSE_GAP", 1e9)
     monkeypatch.setattr(lane_follow, "FRONT", -1e9)
     _, neutral, pulses, _ = driven("corridor", "silent", until=8.0)
     t, us = pulses.T
-    assert us[t > LOST_AT + PATIENCE + SLOWS].max() > neutral + 20.0
+    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() > neutral + 20.0
 
 
 @pytest.mark.slow
@@ -78,7 +78,7 @@ def test_it_touches_nothing_in_a_room_and_does_where_it_may(monkeypatch):
     assert follower.good
     assert near > 0.2
     assert pulses[-5:, 1] == pytest.approx(neutral, abs=5.0)
-    monkeypatch.setattr(wall, "BODY", 0.0)
-    monkeypatch.setattr(wall, "AWAY", 0.0)
+    monkeypatch.setattr(wall, "MIN_CLEARANCE", 0.0)
+    monkeypatch.setattr(wall, "TARGET_CLEARANCE", 0.0)
     *_, near = driven("room", until=30.0)
     assert near < 0.15

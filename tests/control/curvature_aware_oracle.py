@@ -10,17 +10,22 @@ import casadi as ca
 import numpy as np
 
 from dart_hal.control.curvature_aware import curvature, progress
-from dart_hal.control.curvature_aware.follower import Motion
-from dart_hal.control.curvature_aware.generator import REACH, STAGES, TURNS, Way
-from dart_hal.control.curvature_aware.lane import MOST_SLACK, SLACK
+from dart_hal.control.curvature_aware.follower import FollowedMotion
+from dart_hal.control.curvature_aware.generator import (
+    LOOKAHEAD_FACTOR,
+    MAX_TURN_RATE,
+    PATH_STAGES,
+    GeneratedPath,
+)
+from dart_hal.control.curvature_aware.lane import MAX_SLACK, SLACK_COST
 from dart_hal.control.curvature_aware.progress import Law
 from dart_hal.control.curvature_aware.two_layers import TwoLayers, _plan
-from dart_hal.control.mpc.model import STAGE, make_stage
-from dart_hal.control.mpc.planner import Outcome
+from dart_hal.control.mpc.model import STAGE_PERIOD, make_stage
+from dart_hal.control.mpc.planner import PlanOutcome
 from dart_hal.vehicle.namespace import adapt
 from tests.control.mpc_oracle import QUIET
 
-LENGTH = REACH * STAGES * STAGE
+LENGTH = LOOKAHEAD_FACTOR * PATH_STAGES * STAGE_PERIOD
 """Of the grid, by the speed."""
 
 
@@ -29,10 +34,10 @@ class Shooting:
 
     def __init__(self, stage, cost, ends, apart, half, low, high, parameters):
         """cost, ends(k, z, u, p), apart(k, z, p): distance squared; low, high of the inputs."""
-        nz, nu, n = stage.size1_in(0), len(low), STAGES
+        nz, nu, n = stage.size1_in(0), len(low), PATH_STAGES
         z, u, slack = ca.SX.sym("z", nz, n), ca.SX.sym("u", nu, n), ca.SX.sym("slack", n)
         first, p = ca.SX.sym("first", nz), ca.SX.sym("p", parameters)
-        at, total, gaps, room = first, SLACK * ca.sumsqr(slack), [], []
+        at, total, gaps, room = first, SLACK_COST * ca.sumsqr(slack), [], []
         for k in range(n):
             gaps.append(stage(at, u[:, k], p) - z[:, k])
             total += cost(k, at, z[:, k], u[:, k], p)
@@ -41,14 +46,14 @@ class Shooting:
         total += ends(at, p)
         self.nz, self.nu, free = nz, nu, np.full(nz * n, np.inf)
         self.low = np.concatenate([-free, np.tile(low, n), np.zeros(n)])
-        self.high = np.concatenate([free, np.tile(high, n), np.full(n, MOST_SLACK)])
+        self.high = np.concatenate([free, np.tile(high, n), np.full(n, MAX_SLACK)])
         self.solver = ca.nlpsol("layer", "ipopt", {
             "x": ca.vertcat(ca.vec(z), ca.vec(u), slack), "p": ca.vertcat(first, p), "f": total,
             "g": ca.vertcat(*gaps, *room)}, {**QUIET, "ipopt.max_iter": 300})
 
     def solve(self, first, states, inputs, p):
         """(states (n + 1, nz), inputs (nu, n)) from a guess of both."""
-        n, nz = STAGES, self.nz
+        n, nz = PATH_STAGES, self.nz
         x0 = np.concatenate([states[1:].ravel(), inputs.T.ravel(), np.zeros(n)])
         found = self.solver(x0=x0, p=np.concatenate([first, p]), lbx=self.low, ubx=self.high,
                             lbg=np.zeros((nz + 1) * n),
@@ -64,17 +69,21 @@ class Converged(TwoLayers):
 
     layers = None
 
-    def _improved(self, plan, aim, *, anew):
+    def _improve(self, plan, request, *, from_guess):
         self.layers = self.layers or (self._path_layer(), self._follow_layer())
-        (high, low), speed = self.layers, float(self._ahead(aim)[0])  # it is one
-        first = self.generator.first(aim.state, aim.s)
-        k = curvature.weights_of(self.reference.curvatures(aim.s + LENGTH * speed * curvature.GRID))
+        (high, low), speed = self.layers, float(self._speeds_along_path(request)[0])  # it is one
+        first = self.generator.first_state(request.state, request.s)
+        k = curvature.fit_weights(
+            self.reference.curvatures(request.s + LENGTH * speed * curvature.GRID)
+        )
         states, turns = high.solve(first, plan.way.states, plan.way.turns[None],
                                    np.append(speed, k))
-        way = Way(states, turns[0])
-        motion = low.solve(aim.state, plan.states, plan.inputs[:2],
+        way = GeneratedPath(states, turns[0])
+        motion = low.solve(request.state, plan.states, plan.inputs[:2],
                            np.append(speed, way.states[1:].ravel()))
-        return replace(_plan(aim, way, Motion(*motion, plan.slopes), Outcome.SOLVED))
+        return replace(
+            _plan(request, way, FollowedMotion(*motion, plan.slopes), PlanOutcome.SOLVED)
+        )
 
     def _path_layer(self):
         law, w, f = self.generator.law, self.generator.weights, adapt(ca)
@@ -84,7 +93,7 @@ class Converged(TwoLayers):
             away = ca.fabs(s / (LENGTH * p[0]) - curvature.GRID) / curvature.WIDTH
             return ca.dot(curvature.matern(away, ca.exp), p[1:])
 
-        stage = progress.make_stage(progress.make_rates(law, p[0], bend, f), STAGE)
+        stage = progress.make_stage(progress.make_rates(law, p[0], bend, f), STAGE_PERIOD)
         stage = ca.Function("stage", [z, u, p], [ca.vertcat(*stage(*ca.vertsplit(z), u))])
 
         def apart(_k, z, _p=None):
@@ -100,12 +109,20 @@ class Converged(TwoLayers):
         def ends(z, _p):
             return w.end_position * apart(0, z) - w.end_turn * ca.cos(z[2] - z[6])
 
-        return Shooting(stage, cost, ends, apart, self.limits.lane, [-TURNS], [TURNS],
-                        1 + curvature.POINTS)
+        return Shooting(
+            stage,
+            cost,
+            ends,
+            apart,
+            self.limits.lane,
+            [-MAX_TURN_RATE],
+            [MAX_TURN_RATE],
+            1 + curvature.POINTS,
+        )
 
     def _follow_layer(self):
         w, limits = self.follower.weights, self.limits
-        z, u, p = ca.SX.sym("z", 8), ca.SX.sym("u", 2), ca.SX.sym("p", 1 + 7 * STAGES)
+        z, u, p = ca.SX.sym("z", 8), ca.SX.sym("u", 2), ca.SX.sym("p", 1 + 7 * PATH_STAGES)
         after = make_stage(self.vehicle, ca)(*ca.vertsplit(z), *ca.vertsplit(u))
         stage = ca.Function("stage", [z, u, p], [ca.vertcat(*after)])
 
@@ -117,12 +134,16 @@ class Converged(TwoLayers):
             return (z[0] - r[4]) ** 2 + (z[1] - r[5]) ** 2
 
         def cost(k, at, z, u, p):
-            r, last = reference(k, p), k == STAGES - 1
+            r, last = reference(k, p), k == PATH_STAGES - 1
             place, turn = (w.end_position, w.end_turn) if last else (w.position, w.turn)
-            return (w.speed * (z[3] - p[0]) ** 2 + w.acceleration * ((z[3] - at[3]) / STAGE) ** 2
-                    + place * ((z[0] - r[0]) ** 2 + (z[1] - r[1]) ** 2)
-                    + turn * (z[2] - r[2]) ** 2 + w.input * ca.sumsqr(u))
+            return (
+                w.speed * (z[3] - p[0]) ** 2
+                + w.acceleration * ((z[3] - at[3]) / STAGE_PERIOD) ** 2
+                + place * ((z[0] - r[0]) ** 2 + (z[1] - r[1]) ** 2)
+                + turn * (z[2] - r[2]) ** 2
+                + w.input * ca.sumsqr(u)
+            )
 
         return Shooting(stage, cost, lambda z, p: 0.0, apart, limits.lane,
                         [limits.tau[0], limits.st[0]], [limits.tau[1], limits.st[1]],
-                        1 + 7 * STAGES)
+                        1 + 7 * PATH_STAGES)

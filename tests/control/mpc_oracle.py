@@ -8,8 +8,8 @@ import casadi as ca
 import numpy as np
 
 from dart_hal.control.mpc.iteration import Mpcc
-from dart_hal.control.mpc.model import STAGE, STATES, make_stage
-from dart_hal.control.mpc.planner import Aim, Outcome, Plan
+from dart_hal.control.mpc.model import N_STATES, STAGE_PERIOD, make_stage
+from dart_hal.control.mpc.planner import MpcPlan, PlanOutcome, PlanRequest
 
 KNOTS = 0.1
 """m between the knots of the path's splines."""
@@ -25,8 +25,8 @@ class Converged(Mpcc):
     def plan(self, t, state, s, before):
         if self.solver is None:
             self._build()
-        aim = Aim(t, state, s, before, lambda: False)
-        n, guess = self.problem.n, self._shifted(aim) or self._guess(aim)
+        aim = PlanRequest(t, state, s, before, lambda: False)
+        n, guess = self.problem.n, self._shift_last_plan(aim) or self._initial_guess(aim)
         v = float(self.speed_of(np.array([s]))[0])
         x0 = np.concatenate([guess.states[1:].ravel(), guess.inputs.T.ravel()])
         found = self.solver(x0=x0, p=np.concatenate([state, [s, *before, v]]), lbx=self._low,
@@ -34,27 +34,27 @@ class Converged(Mpcc):
         assert self.solver.stats()["success"]
         x = np.array(found["x"]).ravel()
         states, inputs = x[:8 * n].reshape(n, 8), x[8 * n:].reshape(n, 3).T
-        self.last = Plan(t, np.vstack([state, states]),
-                         np.append(s, self.problem.progress(s, inputs[2])), inputs,
-                         Outcome.SOLVED, np.zeros((n, 8, 8)))
+        self.last = MpcPlan(t, np.vstack([state, states]),
+                            np.append(s, self.problem.progress(s, inputs[2])), inputs,
+                            PlanOutcome.SOLVED, np.zeros((n, 8, 8)))
         return self.last
 
     def _build(self):
         n, w, limits, path = self.problem.n, self.problem.weights, self.limits, self.reference.path
-        z, u = ca.SX.sym("z", STATES), ca.SX.sym("u", 2)
+        z, u = ca.SX.sym("z", N_STATES), ca.SX.sym("u", 2)
         after = make_stage(self.vehicle, ca)(*ca.vertsplit(z), *ca.vertsplit(u))
         stage = ca.Function("stage", [z, u], [ca.vertcat(*after)])
         knots = np.arange(-2.0, path.length + 8.0, KNOTS)
-        x_r, y_r, phi = self.reference.spots(knots)
+        x_r, y_r, phi = self.reference.poses(knots)
         phi = np.unwrap(phi)
         curves = [ca.interpolant(name, "bspline", [knots], values)
                   for name, values in (("x", x_r), ("y", y_r), ("phi", phi))]
-        states, inputs, p = ca.MX.sym("X", STATES, n), ca.MX.sym("U", 3, n), ca.MX.sym("p", 12)
+        states, inputs, p = ca.MX.sym("X", N_STATES, n), ca.MX.sym("U", 3, n), ca.MX.sym("p", 12)
         cost, gaps, rates, at, s, before = 0.0, [], [], p[:8], p[8], p[9:11]
         for k in range(n):
             u = inputs[:, k]
             gaps.append(stage(at, u[:2]) - states[:, k])
-            at, s = states[:, k], s + STAGE * u[2]
+            at, s = states[:, k], s + STAGE_PERIOD * u[2]
             x, y, yaw = (curve(s) for curve in curves)
             dx, dy = at[0] - x, at[1] - y
             across = ca.cos(yaw) * dy - ca.sin(yaw) * dx
@@ -65,7 +65,7 @@ class Converged(Mpcc):
                      + w.throttle_change * change[0]**2 + w.steering_change * change[1]**2)
             rates.append(change)
             before = u[:2]
-        most = STAGE * np.array(limits.rates)
+        most = STAGE_PERIOD * np.array(limits.rates)
         self._g_low = np.concatenate([np.zeros(8 * n), np.tile(-most, n)])
         self._g_high = np.concatenate([np.zeros(8 * n), np.tile(most, n)])
         free = np.full(8 * n, np.inf)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from dart_hal.control.crossing import layouts, order
-from dart_hal.control.crossing.coordinator import Coordinator, Wait
-from dart_hal.control.crossing.layout import Layout
-from dart_hal.control.crossing.message import Fault, decode, encode
-from dart_hal.control.crossing.order import Phase, Right, Verdict
-from dart_hal.control.crossing.speed import safe_speed, stopping_distance, throttle_at
+from dart_hal.control.crossing.coordinator import Coordinator, CrossingWait
+from dart_hal.control.crossing.layout import CrossingLayout
+from dart_hal.control.crossing.message import MessageFault, decode, encode
+from dart_hal.control.crossing.order import CrossingPhase, MessageVerdict, Precedence
+from dart_hal.control.crossing.speed import safe_speed, sendable_throttle, stopping_distance
 from dart_hal.core.errors import UsageError
 from studies.control import crossing_light as light
 from studies.control.crossing_figures import campaign
@@ -29,7 +29,9 @@ def layout(name="intersection"):
     made = layouts.LAYOUTS[name]()
     if name != "intersection":
         return made
-    return Layout(name, tuple(r for r in made.routes if r.name in light.STRAIGHT), layouts.SPEED)
+    return CrossingLayout(
+        name, tuple(r for r in made.routes if r.name in light.STRAIGHT), layouts.DEFAULT_SPEED
+    )
 
 
 NO_FAULTS = Faults()
@@ -48,7 +50,7 @@ def test_all_cross_in_time_though_half_of_the_messages_are_lost(kind):
     run = four(kind, loss=0.5)
     assert run.least > LEAST
     assert max(run.across) < 12.0
-    assert {Wait.FOR_CAR, Wait.GOING} <= light.waits(run)
+    assert {CrossingWait.FOR_CAR, CrossingWait.GOING} <= light.waits(run)
 
 
 @pytest.mark.parametrize(("name", "loss", "bursts", "within"), [
@@ -81,7 +83,7 @@ def test_without_any_message_all_stand_before_the_ground_and_say_who_is_silent()
     entry = layout().entry[0]
     assert run.least > LEAST
     assert all(entry - 0.1 < s < entry + 0.03 for s in run.rows[-1][1:]), "3 cm of pose and roll"
-    assert all(car.events[-1][1] is Wait.SILENT for car in run.cars)
+    assert all(car.events[-1][1] is CrossingWait.SILENT for car in run.cars)
     assert all(car.events[-1][2] for car in run.cars)
 
 
@@ -97,7 +99,7 @@ def test_who_meets_a_dead_car_waits_for_it_by_name(at):
     if at < 4.0:
         stuck = [car for k, car in enumerate(run.cars) if run.across[k] == inf and k]
         assert stuck
-        assert {car.events[-1][1:] for car in stuck} & {(Wait.SILENT, "car-0")}
+        assert {car.events[-1][1:] for car in stuck} & {(CrossingWait.SILENT, "car-0")}
 
 
 @pytest.mark.slow
@@ -115,8 +117,8 @@ def test_a_car_that_restarts_is_safe_and_goes_on_with_its_stamp(when, keeps):
         assert max(run.across) < 30.0
     else:
         ended = run.cars[0]
-        assert ended.phase in (Phase.BACK, Phase.DONE)
-        assert ended.phase is Phase.DONE or ended.events[-1][1] is Wait.STRANDED
+        assert ended.phase in (CrossingPhase.BACK, CrossingPhase.DONE)
+        assert ended.phase is CrossingPhase.DONE or ended.events[-1][1] is CrossingWait.STRANDED
 
 
 # -- negative controls ---------------------------------------------------------------------------
@@ -126,10 +128,10 @@ def test_without_acknowledgement_they_touch(monkeypatch):
     """The smallest stamp goes, of those that were heard: with 90 % of the messages lost one was
     not. The bodies are 0.3 m long and 0.2 wide."""
     assert four("near", 5, loss=0.9, seconds=9.0).least > LEAST
-    right = order.right
-    monkeypatch.setattr(order, "right", lambda car, j: Right.AFTER
-                        if right(car, j) is Right.AFTER else Right.GRANTED)
-    monkeypatch.setattr(order, "unknown_to", lambda car: None)
+    right = order.precedence
+    monkeypatch.setattr(order, "precedence", lambda car, j: Precedence.AFTER
+                        if right(car, j) is Precedence.AFTER else Precedence.GRANTED)
+    monkeypatch.setattr(order, "first_unaware", lambda car: None)
     assert four("near", 5, loss=0.9, seconds=9.0).least < 0.2
 
 
@@ -165,7 +167,7 @@ class MidPlane:
         size = np.hypot(*apart.T)
         n = apart / np.maximum(size, 1e-9)[:, None]
         beyond = np.sum(n * (own - 0.5 * (last + other)), axis=1)
-        return bool(np.all((beyond >= 0.5 * layout().apart) | (size > self.WITHIN)))
+        return bool(np.all((beyond >= 0.5 * layout().min_distance) | (size > self.WITHIN)))
 
 
 @pytest.mark.slow
@@ -188,13 +190,13 @@ def test_by_mid_planes_alone_four_alike_wait_for_ever():
 
 def test_lanes_that_are_too_near_to_each_other_are_refused():
     with pytest.raises(UsageError, match="too near to each other") as e:
-        layouts.intersection(beside=0.15)
-    assert "0.30 m apart" in str(e.value)
+        layouts.intersection(lane_offset=0.15)
+    assert "a distance of 0.30 m" in str(e.value)
 
 
 def test_a_start_from_which_nobody_could_stop_is_refused():
     entry = layout().entry[0]
-    layout().checked_start(0, entry - stopping_distance(1.0) - 0.01)
+    layout().check_start(0, entry - stopping_distance(1.0) - 0.01)
     with pytest.raises(UsageError, match="starts too near"):
         Coordinator(layout(), ("a", "b"), "a", "S-N", entry - 0.5, 1)
     with pytest.raises(UsageError, match="no route S-X"):
@@ -212,7 +214,7 @@ def test_the_line_never_falls_and_keeps_the_distance():
                 own = made.routes[b].path
                 free = own.s < min(most, own.length) - 1e-9
                 here = np.hypot(own.x[free] - path.at(at).x, own.y[free] - path.at(at).y)
-                assert here.min(initial=1.0) >= made.apart - 1e-9
+                assert here.min(initial=1.0) >= made.min_distance - 1e-9
 
 
 def test_from_the_safe_speed_a_car_stops_before_the_line():
@@ -226,8 +228,8 @@ def test_from_the_safe_speed_a_car_stops_before_the_line():
     assert 1.8 < s < 2.0
     assert float(safe_speed(stopping_distance(1.0))) == pytest.approx(1.0)
     assert float(safe_speed(-inf)) == 0.0
-    assert throttle_at(0.164, 0.1638) == 0.0
-    assert throttle_at(0.2, 0.1638) == 0.2
+    assert sendable_throttle(0.164, 0.1638) == 0.0
+    assert sendable_throttle(0.2, 0.1638) == 0.2
 
 
 # -- bad input -------------------------------------------------------------------------------------
@@ -243,29 +245,29 @@ def pair():
 def meet(a, b, t=0.0):
     for x, y in ((a, b), (b, a), (a, b)):
         x.step(t, 1.0)
-        y.hear(x.tell(), t)
+        y.receive(x.next_message(), t)
     b.step(t, 1.0)
-    a.hear(b.tell(), t)
+    a.receive(b.next_message(), t)
 
 
 def test_messages_out_of_order_twice_or_a_minute_old_are_counted():
     a, b = pair()
-    first, second = b.tell(), b.tell()
-    assert a.hear(second, 60.0, age=60.0) is Verdict.TAKEN
-    assert a.hear(first, 60.0) is Verdict.OLDER
-    assert a.hear(second, 60.0) is Verdict.OLDER
+    first, second = b.next_message(), b.next_message()
+    assert a.receive(second, 60.0, age=60.0) is MessageVerdict.TAKEN
+    assert a.receive(first, 60.0) is MessageVerdict.OLDER
+    assert a.receive(second, 60.0) is MessageVerdict.OLDER
     assert a.counts == {"TAKEN": 1, "OLD": 1, "OLDER": 2}
-    assert a.hear(a.tell(), 60.0) is Verdict.OWN
+    assert a.receive(a.next_message(), 60.0) is MessageVerdict.OWN
     assert a.counts["OLDER"] == 3  # passed on behind it
 
 
 def test_a_session_that_was_followed_is_not_heard_again():
     a, b = pair()
-    late = b.tell()
+    late = b.next_message()
     newer = Coordinator(layout(), NAMES, "b", "E-W", 1.0, 13)
-    a.hear(b.tell(), 0.0)
-    a.hear(newer.tell(), 0.1)
-    assert a.hear(late, 0.2) is Verdict.RETIRED
+    a.receive(b.next_message(), 0.0)
+    a.receive(newer.next_message(), 0.1)
+    assert a.receive(late, 0.2) is MessageVerdict.RETIRED
 
 
 def three():
@@ -277,13 +279,13 @@ def three():
 
 def test_what_another_passes_on_is_taken_once_its_session_is_known():
     a, b, c = three()
-    b.hear(c.tell(), 0.0)
-    assert a.hear(b.tell(), 0.1) is Verdict.TAKEN
+    b.receive(c.next_message(), 0.0)
+    assert a.receive(b.next_message(), 0.1) is MessageVerdict.TAKEN
     assert (a.counts["TAKEN"], a.counts["UNMET"]) == (1, 1)
     assert a.car.others[2] is None
-    a.hear(c.tell(), 0.2)
-    b.hear(c.tell(), 0.3)
-    a.hear(b.tell(), 0.4)
+    a.receive(c.next_message(), 0.2)
+    b.receive(c.next_message(), 0.3)
+    a.receive(b.next_message(), 0.4)
     assert a.car.others[2].seq == 3
     assert (a.counts["TAKEN"], a.counts["UNMET"]) == (4, 1)
 
@@ -291,19 +293,19 @@ def test_what_another_passes_on_is_taken_once_its_session_is_known():
 def test_a_session_that_is_over_is_not_begun_again_by_who_passes_it_on():
     """b heard the session of c before; a knows the new one alone, and keeps it."""
     a, b, c = three()
-    b.hear(c.tell(), 0.0)
+    b.receive(c.next_message(), 0.0)
     newer = Coordinator(layout(), c.names, "c", "N-S", 1.0, 99)
-    a.hear(newer.tell(), 0.1)
-    a.hear(b.tell(), 0.2)
+    a.receive(newer.next_message(), 0.1)
+    a.receive(b.next_message(), 0.2)
     assert a.car.others[2].boot == 99
     assert a.counts["UNMET"] == 1
 
 
 def test_what_is_passed_on_may_be_broken():
     a, b, c = three()
-    b.hear(c.tell(), 0.0)
-    sent = b.tell()
-    assert a.hear(sent[:-60] + b"\xff" * 60, 0.1) is Verdict.TAKEN
+    b.receive(c.next_message(), 0.0)
+    sent = b.next_message()
+    assert a.receive(sent[:-60] + b"\xff" * 60, 0.1) is MessageVerdict.TAKEN
     assert a.counts["NUMBER"] == 1
 
 
@@ -311,8 +313,8 @@ def test_what_is_passed_on_may_be_broken():
 def test_messages_are_passed_on_where_there_is_room(cars, size):
     names = tuple(f"c{k}" for k in range(cars))
     a, b = (Coordinator(layout(), names, own, "S-N", 1.0, 5) for own in names[:2])
-    a.hear(b.tell(), 0.0)
-    assert len(a.tell()) == size
+    a.receive(b.next_message(), 0.0)
+    assert len(a.next_message()) == size
 
 
 class OneWay(Network):
@@ -327,7 +329,7 @@ class OneWay(Network):
 def test_a_way_that_carries_nothing_any_more_is_gone_around(passes, monkeypatch):
     """Without what the others pass on, the car is waited for as long as one looks."""
     if not passes:
-        monkeypatch.setattr(Coordinator, "_passed_on", lambda self: b"")
+        monkeypatch.setattr(Coordinator, "_next_relayed", lambda self: b"")
     starts = light.arrivals(layout(), 1, "near")
     run = light.drive(layout(), starts, OneWay(np.random.default_rng(5), 4), 25.0)
     assert run.least > LEAST
@@ -336,43 +338,48 @@ def test_a_way_that_carries_nothing_any_more_is_gone_around(passes, monkeypatch)
 
 def test_a_neighbour_that_never_answers_is_named():
     a, _ = pair()
-    assert a.step(0.0, 1.0).wait is Wait.GOING
-    assert a.step(0.5, 2.4)[1:] == (Wait.TO_BE_KNOWN, "b")
+    assert a.step(0.0, 1.0).wait is CrossingWait.GOING
+    assert a.step(0.5, 2.4)[1:] == (CrossingWait.TO_BE_KNOWN, "b")
     answer = a.step(3.0, 2.5)
-    assert answer[1:] == (Wait.SILENT, "b")
+    assert answer[1:] == (CrossingWait.SILENT, "b")
     assert answer.line == layout().entry[0]
 
 
 def test_each_way_to_wait_has_its_name():
     a, b = pair()
     meet(a, b)
-    assert (a.phase, b.phase) == (Phase.WANT, Phase.WANT)
+    assert (a.phase, b.phase) == (CrossingPhase.WANT, CrossingPhase.WANT)
     waits = {m.step(0.1, 2.5).wait for m in (a, b)}
-    assert waits <= {Wait.FOR_GRANT, Wait.FOR_CAR, Wait.GOING}
+    assert waits <= {CrossingWait.FOR_GRANT, CrossingWait.FOR_CAR, CrossingWait.GOING}
     follower = Coordinator(layout(), NAMES, "a", "S-N", 0.0, 11, leader="b")
-    assert follower.step(0.0, 2.3)[1:] == (Wait.FOR_LEADER, "b")
-    assert follower.step(0.1, 1.0, free=0.5).wait is Wait.FOLLOWING
-    lost = Coordinator(layout(), NAMES, "a", "S-N", 3.0, 14, kept=0)
-    assert lost.step(0.0, 3.0) == (3.0, Wait.STRANDED, "")
+    assert follower.step(0.0, 2.3)[1:] == (CrossingWait.FOR_LEADER, "b")
+    assert follower.step(0.1, 1.0, free=0.5).wait is CrossingWait.FOLLOWING
+    lost = Coordinator(layout(), NAMES, "a", "S-N", 3.0, 14, stored_stamp=0)
+    assert lost.step(0.0, 3.0) == (3.0, CrossingWait.STRANDED, "")
 
 
-@pytest.mark.parametrize(("spoil", "fault"), [
-    (lambda d: b"\x09" + d[1:], Fault.VERSION), (lambda d: d[:1] + b"\0\0\0\0" + d[5:], Fault.KEY),
-    (lambda d: d[:20], Fault.LENGTH), (lambda d: d + b"x", Fault.LENGTH),
-    (lambda d: d[:8] + b"\x07" + d[9:], Fault.NUMBER),
-    (lambda d: d[:25] + np.array([np.nan]).tobytes() + d[33:], Fault.NUMBER),
-    (lambda d: d[:17] + b"\xff" * 8 + d[25:], Fault.NUMBER),
-])
+@pytest.mark.parametrize(
+    ("spoil", "fault"),
+    [
+        (lambda d: b"\x09" + d[1:], MessageFault.VERSION),
+        (lambda d: d[:1] + b"\0\0\0\0" + d[5:], MessageFault.KEY),
+        (lambda d: d[:20], MessageFault.LENGTH),
+        (lambda d: d + b"x", MessageFault.LENGTH),
+        (lambda d: d[:8] + b"\x07" + d[9:], MessageFault.NUMBER),
+        (lambda d: d[:25] + np.array([np.nan]).tobytes() + d[33:], MessageFault.NUMBER),
+        (lambda d: d[:17] + b"\xff" * 8 + d[25:], MessageFault.NUMBER),
+    ],
+)
 def test_bytes_that_are_no_message_are_named_and_counted(spoil, fault):
     a, b = pair()
-    assert a.hear(spoil(b.tell()), 0.0) is fault
+    assert a.receive(spoil(b.next_message()), 0.0) is fault
     assert a.counts == {fault.value: 1}
     assert a.car.others == (None, None)
 
 
 def test_a_message_survives_its_bytes():
     _, b = pair()
-    _, told = order.tell(b.car)
+    _, told = order.next_message(b.car)
     assert decode(encode(told, 7), 7) == told
     with pytest.raises(UsageError, match="too many cars"):
         encode(told._replace(grants=(0,) * 17), 7)

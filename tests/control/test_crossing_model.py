@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.control.crossing import order
-from dart_hal.control.crossing.order import Phase, Right
+from dart_hal.control.crossing.order import CrossingPhase, Precedence
 from studies.control.crossing_model import BEFORE, ON, PAST, Rules, check, put
 
 
@@ -14,7 +14,7 @@ class NoAcknowledgement(Rules):
     """Goes by what it has heard: whoever is not known to be before it does not count."""
 
     def may_go(self, car, j):
-        return order.right(car, j) is not Right.AFTER or super().may_go(car, j)
+        return order.precedence(car, j) is not Precedence.AFTER or super().may_go(car, j)
 
 
 class GrantWithoutStamp(Rules):
@@ -22,7 +22,7 @@ class GrantWithoutStamp(Rules):
 
     def may_go(self, car, j):
         other = car.others[j]
-        after = order.right(car, j) is Right.AFTER
+        after = order.precedence(car, j) is Precedence.AFTER
         return super().may_go(car, j) if after or other is None else other.grant > 0
 
 
@@ -30,9 +30,9 @@ class StampOfTheClockAlone(Rules):
     """Not above what it has heard."""
 
     def want(self, car, clock):
-        if car.phase is not Phase.FREE or order.unknown_to(car) is not None:
+        if car.phase is not CrossingPhase.FREE or order.first_unaware(car) is not None:
             return car
-        return car._replace(phase=Phase.WANT, ts=clock + 1)
+        return car._replace(phase=CrossingPhase.WANT, ts=clock + 1)
 
 
 class OneSession(Rules):
@@ -49,9 +49,13 @@ class AsksAtOnce(Rules):
 
     def want(self, car, clock):
         others = tuple(o and o._replace(heard=car.boot) for o in car.others)
-        known = tuple(o or order.Known(0, 0, 0, Phase.FREE, 0, 0, 0, car.boot) if j != car.id
-                      else None for j, o in enumerate(others))
-        new = order.want(car._replace(others=known), clock)
+        known = tuple(
+            o or order.OtherCar(0, 0, 0, CrossingPhase.FREE, 0, 0, 0, car.boot)
+            if j != car.id
+            else None
+            for j, o in enumerate(others)
+        )
+        new = order.request(car._replace(others=known), clock)
         return car if new.phase is car.phase else new._replace(others=car.others)
 
 
@@ -59,8 +63,8 @@ class Forgets(Rules):
     """A car that restarts on the ground takes itself for one that wants nothing."""
 
     def restarted(self, n, car, place, kept):
-        phase = Phase.DONE if place == PAST else Phase.FREE
-        return order.begun(car.id, n, car.boot + 1, 0, place, phase)
+        phase = CrossingPhase.DONE if place == PAST else CrossingPhase.FREE
+        return order.start_session(car.id, n, car.boot + 1, 0, place, phase)
 
 
 class LosesItsStamp(Rules):
@@ -74,7 +78,7 @@ class PassedOnBeginsASession(Rules):
     """What another car passes on is taken like what came late from its sender."""
 
     def passed(self, car, m):
-        return order.hear(car, m)[0]
+        return order.receive(car, m)[0]
 
 
 class PassedOnRevives(PassedOnBeginsASession):
@@ -143,5 +147,5 @@ def test_a_car_that_lost_its_stamp_on_the_ground_is_safe_but_stays():
     found = check(2, 1, 1, rules=LosesItsStamp())
     assert found.unsafe is None
     assert found.stuck is not None
-    assert any(car.phase is Phase.BACK for car in found.stuck.cars)
+    assert any(car.phase is CrossingPhase.BACK for car in found.stuck.cars)
     assert BEFORE in found.stuck.places

@@ -9,16 +9,21 @@ from math import inf
 import numpy as np
 import pytest
 
-from dart_hal.control.curvature_aware.curvature import GRID, curvature, weights_of
-from dart_hal.control.curvature_aware.generator import STAGES, TUNED, Generator, PathWeights
-from dart_hal.control.curvature_aware.programme import slopes
+from dart_hal.control.curvature_aware.curvature import GRID, curvature, fit_weights
+from dart_hal.control.curvature_aware.generator import (
+    PATH_STAGES,
+    TUNED,
+    PathGenerator,
+    PathWeights,
+)
+from dart_hal.control.curvature_aware.programme import differentiate
 from dart_hal.control.curvature_aware.progress import Law, make_rates, make_stage, softmin
 from dart_hal.control.curvature_aware.two_layers import TwoLayers
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.mpc.obstacles import Obstacle
-from dart_hal.control.mpc.planner import Outcome
-from dart_hal.control.mpc.problem import Limits
-from dart_hal.control.mpc.reference import Reference
+from dart_hal.control.mpc.planner import PlanOutcome
+from dart_hal.control.mpc.problem import MpcLimits
+from dart_hal.control.mpc.reference import PathReference
 from dart_hal.control.paths import Path
 from dart_hal.control.trackers import curvature_aware
 from dart_hal.core.errors import UsageError
@@ -58,7 +63,7 @@ def test_the_published_grid_ends_before_a_long_bend_does():
 
 def test_the_kernel_goes_through_its_labels_and_fades_behind_them():
     labels = np.sin(5.0 * GRID)
-    weights = weights_of(labels)
+    weights = fit_weights(labels)
     assert curvature(3.6 * GRID, weights, 3.6) == pytest.approx(labels, abs=1e-6)
     between = 0.5 * (GRID[1:] + GRID[:-1])
     assert curvature(3.6 * between, weights, 3.6)[2:-2] == pytest.approx(
@@ -73,11 +78,11 @@ def test_the_soft_minimum():
 @BOTH
 def test_slopes_of_a_stage(law):
     """Against central differences."""
-    weights = weights_of(TRACK.curvatures(1.0 + 3.6 * GRID))
+    weights = fit_weights(TRACK.curvatures(1.0 + 3.6 * GRID))
     stage = make_stage(make_rates(law, 2.0, lambda s: curvature(s, weights, 3.6)), 0.1)
     at = np.array([(0.1, -0.2, 0.4, 0.7, 0.2, -0.1, 0.3, 1.5),
                    (1.0, 0.2, 0.9, 1.6, 1.1, 0.3, 1.2, 2.0)])
-    value, found = slopes(stage, at)
+    value, found = differentiate(stage, at)
     assert found.shape == (2, 7, 8)
     for k in range(2):
         assert value[k] == pytest.approx(np.array(stage(*at[k:k + 1].T))[:, 0])
@@ -150,7 +155,7 @@ def test_a_start_outside_the_lane_comes_back():
     rows = loop.drive(0.12)
     assert rows[0, 2] > 0.45
     assert np.abs(rows[rows[:, 1] > 2.2, 2]).max() < 0.1
-    assert set(loop.mpc.outcomes.elements()) == {Outcome.SOLVED}
+    assert set(loop.mpc.outcomes.elements()) == {PlanOutcome.SOLVED}
 
 
 @pytest.mark.slow
@@ -170,8 +175,8 @@ def test_a_first_plan_from_anywhere_is_one_or_is_none():
         plans.append(plan.outcome)
         assert np.isfinite(plan.inputs).all()
         assert np.abs(plan.inputs[1]).max() <= limits.st[1] + 1e-9
-    assert set(plans) <= {Outcome.SOLVED, Outcome.DIVERGED}
-    assert plans.count(Outcome.SOLVED) >= 57
+    assert set(plans) <= {PlanOutcome.SOLVED, PlanOutcome.DIVERGED}
+    assert plans.count(PlanOutcome.SOLVED) >= 57
 
 
 def test_a_path_that_the_car_does_not_turn_is_refused():
@@ -183,7 +188,7 @@ def test_a_path_that_the_car_does_not_turn_is_refused():
 
 def test_a_lane_that_has_no_inside_is_refused():
     with pytest.raises(UsageError, match="wider than a bend's radius"):
-        TwoLayers(KINEMATIC, TRACK, lambda s: np.ones(len(s)), Limits((0.2, 1.0), lane=0.8))
+        TwoLayers(KINEMATIC, TRACK, lambda s: np.ones(len(s)), MpcLimits((0.2, 1.0), lane=0.8))
 
 
 def test_a_plan_that_is_late_goes_on_with_the_last_one():
@@ -193,29 +198,29 @@ def test_a_plan_that_is_late_goes_on_with_the_last_one():
     ticks = iter(np.arange(1000.0))
     loop.mpc.clock, loop.mpc.budget = lambda: next(ticks), 0.5
     late = loop.step()
-    assert late.outcome is Outcome.LATE
+    assert late.outcome is PlanOutcome.LATE
     assert late.inputs[:2, 0] == pytest.approx(good.inputs[:2, 1])
-    assert loop.mpc.outcomes[Outcome.LATE] == 1
+    assert loop.mpc.outcomes[PlanOutcome.LATE] == 1
     loop.mpc.budget = inf
-    assert loop.step().outcome is Outcome.SOLVED
+    assert loop.step().outcome is PlanOutcome.SOLVED
 
 
 def test_a_state_of_numbers_that_are_none_is_named():
     loop = Loop(controller(PLAIN, Law.CA, TUNED), KINEMATIC, 0.0, learns=False)
     loop.step()
     plan = loop.mpc.plan(0.1, np.full(8, np.nan), 0.0, (0.2, 0.0))
-    assert plan.outcome is Outcome.DIVERGED
+    assert plan.outcome is PlanOutcome.DIVERGED
     assert np.isfinite(plan.inputs).all()
-    assert loop.step().outcome is Outcome.SOLVED
+    assert loop.step().outcome is PlanOutcome.SOLVED
 
 
 def test_a_lane_without_a_way_is_blocked():
     layers = controller(PLAIN, Law.CA, TUNED)
     layers.obstacles = (Obstacle(2.0, 0.0, 0.25),)
     loop = Loop(layers, KINEMATIC, 0.0, learns=False)
-    assert loop.step().outcome is Outcome.BLOCKED
+    assert loop.step().outcome is PlanOutcome.BLOCKED
     layers.obstacles = ()
-    assert loop.step().outcome is Outcome.SOLVED
+    assert loop.step().outcome is PlanOutcome.SOLVED
 
 
 @pytest.mark.slow
@@ -263,7 +268,7 @@ def test_a_plan_is_slower_where_the_bend_ahead_asks_for_it(law):
         return np.where(s < 1.0, 2.0, 1.3)
 
     layers = TwoLayers(PAPERS, TRACK, speed_of, limits_of(PAPERS), law=law, path_weights=TUNED)
-    x, y, psi = (float(v[0]) for v in layers.reference.spots(np.array([0.1])))
+    x, y, psi = (float(v[0]) for v in layers.reference.poses(np.array([0.1])))
     state = np.array((x, y, psi, 2.0, 0.0, 0.0, 0.3, 0.0))
     for _ in range(3):
         plan = layers.plan(0.0, state, 0.1, (0.3, 0.0))
@@ -279,16 +284,16 @@ def test_a_path_is_one_that_the_tyres_hold(law):
     layers = TwoLayers(PAPERS, TRACK, lambda s: np.full(len(s), 2.0), limits, law=law,
                        path_weights=TUNED)
     layers.obstacles = (Obstacle(1.6, 0.15, 0.15, 0.0, 0.0),)
-    x, y, psi = (float(v[0]) for v in layers.reference.spots(np.array([0.0])))
+    x, y, psi = (float(v[0]) for v in layers.reference.poses(np.array([0.0])))
     plan = layers.plan(0.0, np.array((x, y, psi, 2.0, 0.0, 0.0, 0.3, 0.0)), 0.0, (0.3, 0.0))
     across = 2.0 * np.abs(plan.way.turns).max()
     assert 1.9 < across <= 1.25 * 1.9 + 1e-9
 
 
 def test_a_guess_is_the_path():
-    reference = Reference(TRACK)
-    generator = Generator(Law.CA, PathWeights(), reference, 0.3)
-    first = generator.first(np.array((2.25, 0.1, 0.1 + 2.0 * np.pi, *np.zeros(5))), 0.0)
-    way = generator.guess(first, 0.0, np.full(STAGES, 2.0))
+    reference = PathReference(TRACK)
+    generator = PathGenerator(Law.CA, PathWeights(), reference, 0.3)
+    first = generator.first_state(np.array((2.25, 0.1, 0.1 + 2.0 * np.pi, *np.zeros(5))), 0.0)
+    way = generator.guess(first, 0.0, np.full(PATH_STAGES, 2.0))
     assert first[6] == pytest.approx(2.0 * np.pi)
     assert way.error(reference, 0.0) == pytest.approx(0.0, abs=1e-3)

@@ -10,8 +10,8 @@ import pytest
 
 from dart_hal.control.curvature_aware.generator import TUNED, PathWeights
 from dart_hal.control.curvature_aware.progress import Law
-from dart_hal.control.mpc.disturbance import MOST
-from dart_hal.control.mpc.planner import Outcome
+from dart_hal.control.mpc.disturbance import MAX_ERROR
+from dart_hal.control.mpc.planner import PlanOutcome
 from studies.control.curvature_aware_emulated import drive
 from studies.control.curvature_aware_uncalibrated import drive as uncalibrated
 
@@ -26,7 +26,7 @@ def test_a_lap_by_the_lidar():
     assert found.rms < 0.03
     assert found.left == 0
     assert found.plan_end < 0.02
-    assert set(follower.tracker.mpcc.outcomes.elements()) == {Outcome.SOLVED}
+    assert set(follower.tracker.mpcc.outcomes.elements()) == {PlanOutcome.SOLVED}
 
 
 @pytest.mark.slow
@@ -38,7 +38,7 @@ def test_a_car_of_which_nothing_is_known_passes_and_keeps_its_lane(seed):
     assert found.why == "the path is driven"
     assert found.air > 0.05
     assert found.most < 0.3
-    assert np.abs(np.array(found.rows)[:, 4:]).max() < MOST
+    assert np.abs(np.array(found.rows)[:, 4:]).max() < MAX_ERROR
 
 
 @pytest.mark.long

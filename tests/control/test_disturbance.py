@@ -10,8 +10,8 @@ import pytest
 
 from dart_hal.control.follow import Follower
 from dart_hal.control.mpc import disturbance
-from dart_hal.control.mpc.disturbance import MOST, Disturbance, Learning
-from dart_hal.control.plant import Late, Prediction
+from dart_hal.control.mpc.disturbance import MAX_ERROR, DisturbancePrediction, SteeringDisturbance
+from dart_hal.control.plant import MotionPrediction, SteeringDelay
 from dart_hal.control.tracks import track_named
 from dart_hal.core.types import Pose
 from studies.control.light_follow import LATER, light_drive, motion_at, plant_by
@@ -22,14 +22,16 @@ ORIGIN = Pose(0.0, 0.0, 0.0)
 COMMANDS = np.tile((0.0, 0.6, 0.0, -0.5), 20)
 
 
-def learnt(speed: float, true: np.ndarray = TRUE) -> Disturbance:
+def learnt(speed: float, true: np.ndarray = TRUE) -> SteeringDisturbance:
     """After 8 s of bends to both sides by a car that steers as ``true`` says, noise of 0.05 rad/s
     in its yaw rate."""
-    plant, found, rng = known(P), Disturbance(known(P)), np.random.default_rng(1)
+    plant, found, rng = known(P), SteeringDisturbance(known(P)), np.random.default_rng(1)
     for c in COMMANDS:
         acts = c + true @ (1.0, max(c, 0.0), min(c, 0.0))
-        turned = speed * plant.steady.bend(plant.angle_of(acts), speed) + rng.normal(scale=0.05)
-        found.learn(float(c), speed, turned, 0.1)
+        turned = speed * plant.steady.curvature(plant.angle_of(acts), speed) + rng.normal(
+            scale=0.05
+        )
+        found.update(float(c), speed, turned, 0.1)
     return found
 
 
@@ -43,7 +45,7 @@ def test_a_standing_car_teaches_nothing():
 
 
 def test_it_never_believes_more_than_its_limit():
-    assert np.abs(learnt(1.5, np.array([0.9, 0.9, 0.9])).value).max() <= MOST
+    assert np.abs(learnt(1.5, np.array([0.9, 0.9, 0.9])).value).max() <= MAX_ERROR
 
 
 @pytest.mark.parametrize("command", [-1.0, -0.3, -0.02, 0.0, 0.02, 0.4, 1.0])
@@ -56,16 +58,16 @@ def test_a_command_and_what_it_does(command):
 def test_wheels_that_turn_teach_nothing_of_where_they_stood(every):
     """A car that does what its model says, steered to and fro, without any slip, is asked about
     each 10 ms or with each plan: there is nothing to learn of it."""
-    plant = replace(known(P), late=Late(transport=0.03, settles=0.0))
-    true, asked = Prediction(plant, learns=False), Learning(plant)
+    plant = replace(known(P), delay=SteeringDelay(transport=0.03, yaw_delay=0.0))
+    true, asked = MotionPrediction(plant, learns_bias=False), DisturbancePrediction(plant)
     for k in range(800):
         t, angle = 0.01 * k, plant.angle_of(0.0 if k % 40 < 20 else 0.5 if k % 80 < 40 else -0.5)
-        wheels = true.at(motion_at(t, ORIGIN, 1.5, 0.0), t).angle
-        motion = motion_at(t, ORIGIN, 1.5, 1.5 * plant.steady.bend(wheels, 1.5))
+        wheels = true.predict(motion_at(t, ORIGIN, 1.5, 0.0), t).angle
+        motion = motion_at(t, ORIGIN, 1.5, 1.5 * plant.steady.curvature(wheels, 1.5))
         if k % every == 0:
-            asked.at(motion, t)
+            asked.predict(motion, t)
         for prediction in (true, asked):
-            prediction.sent(t, angle)
+            prediction.record_command(t, angle)
     assert np.abs(asked.disturbance.value).max() < 0.001
 
 
@@ -73,16 +75,16 @@ def test_wheels_that_turn_teach_nothing_of_where_they_stood(every):
 def test_a_yaw_rate_that_comes_behind_the_wheels_is_no_loss_of_gain():
     """It settles within 20 ms and the servo is slower than the model's: what is missing as the
     wheels go out, and left over as they come back, must not add up on any side."""
-    plant, behind = replace(known(P), late=Late(transport=0.03)), 0.0
-    slow = replace(plant, late=Late(transport=0.03, slew=6.0))
-    true, asked = Prediction(slow, learns=False), Learning(plant)
+    plant, behind = replace(known(P), delay=SteeringDelay(transport=0.03)), 0.0
+    slow = replace(plant, delay=SteeringDelay(transport=0.03, slew=6.0))
+    true, asked = MotionPrediction(slow, learns_bias=False), DisturbancePrediction(plant)
     for k in range(1600):
         t, angle = 0.01 * k, plant.angle_of(0.0 if k % 40 < 20 else 0.5 if k % 80 < 40 else -0.5)
-        wheels = true.at(motion_at(t, ORIGIN, 1.5, 0.0), t).angle
-        behind += 0.4 * (1.5 * plant.steady.bend(wheels, 1.5) - behind)
-        asked.at(motion_at(t, ORIGIN, 1.5, behind), t)
+        wheels = true.predict(motion_at(t, ORIGIN, 1.5, 0.0), t).angle
+        behind += 0.4 * (1.5 * plant.steady.curvature(wheels, 1.5) - behind)
+        asked.predict(motion_at(t, ORIGIN, 1.5, behind), t)
         for prediction in (true, asked):
-            prediction.sent(t, angle)
+            prediction.record_command(t, angle)
     assert np.abs(asked.disturbance.value).max() < 0.06
 
 

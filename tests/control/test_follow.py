@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from dart_hal.control.follow import (
-    BRIDGED,
-    JOIN,
-    PATIENCE,
-    WAIT,
+    MAX_BRIDGED_GAP,
+    MAX_JOIN_DISTANCE,
+    MAX_POSE_GAP,
+    MAX_START_WAIT,
     Follower,
     Phase,
     Rules,
-    start_of,
+    find_start,
 )
 from dart_hal.control.paths import Path
-from dart_hal.control.stopping import RESTS, STUCK
+from dart_hal.control.stopping import REST_SPEED, STUCK_TIME
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import START, Pose, Tracking
@@ -35,7 +35,7 @@ def drive(path=STRAIGHT, rules=None, cap=1.0, **options):
     follower = Follower(path, PLANT, cap, "lqr", rules or Rules())
     rows = light_drive(follower, UPSTREAM_2024, **options)
     assert follower.phase is Phase.ENDED
-    assert abs(rows[-1, 4]) < RESTS
+    assert abs(rows[-1, 4]) < REST_SPEED
     return follower, rows
 
 
@@ -67,7 +67,7 @@ def test_a_lost_pose_stops_the_car():
     follower, rows = drive(each=lost(0.0, 1.5))
     assert not follower.good
     assert "the pose was lost: LOST" in follower.why
-    stops = rows[np.argmax(rows[:, 0] > 1.5 + PATIENCE + 0.02):, 5]
+    stops = rows[np.argmax(rows[:, 0] > 1.5 + MAX_POSE_GAP + 0.02):, 5]
     assert (np.diff(stops) <= 0.0).all()
     assert rows[-1, 1] < 3.5
 
@@ -75,7 +75,7 @@ def test_a_lost_pose_stops_the_car():
 def test_a_pose_that_is_lost_for_a_moment_does_not():
     """The control."""
     follower, _ = drive(each=lambda t, f, m: replace(
-        m, tracking=Tracking.DEAD_RECKONING) if 1.5 < t < 1.5 + 0.8 * PATIENCE else m)
+        m, tracking=Tracking.DEAD_RECKONING) if 1.5 < t < 1.5 + 0.8 * MAX_POSE_GAP else m)
     assert follower.good
 
 
@@ -98,14 +98,14 @@ def gone(seconds, std=0.0, silent=True):
 
 
 def test_a_silent_lidar_is_bridged_for_a_second_and_no_longer():
-    assert gone(0.9 * BRIDGED).good
-    assert "the pose was lost" in gone(1.1 * BRIDGED).why
+    assert gone(0.9 * MAX_BRIDGED_GAP).good
+    assert "the pose was lost" in gone(1.1 * MAX_BRIDGED_GAP).why
 
 
 def test_but_not_where_scans_fit_no_map_nor_where_the_place_is_not_known():
     """The controls."""
-    assert "the pose was lost" in gone(0.9 * BRIDGED, silent=False).why
-    assert "the pose was lost" in gone(0.9 * BRIDGED, std=0.11).why
+    assert "the pose was lost" in gone(0.9 * MAX_BRIDGED_GAP, silent=False).why
+    assert "the pose was lost" in gone(0.9 * MAX_BRIDGED_GAP, std=0.11).why
 
 
 def test_out_of_the_lane_it_stops():
@@ -151,7 +151,7 @@ def test_the_speed_may_be_changed_on_the_way():
 def test_a_cap_of_nothing_holds_the_car_and_is_no_end():
     """Longer than a car may stand that is asked to drive."""
     def each(t, follower, motion):
-        follower.cap = 0.0 if 2.0 < t < 3.0 + STUCK + 2.0 else 1.0
+        follower.cap = 0.0 if 2.0 < t < 3.0 + STUCK_TIME + 2.0 else 1.0
         return motion
 
     follower, rows = drive(each=each)
@@ -165,7 +165,7 @@ def test_a_cap_of_nothing_holds_the_car_and_is_no_end():
 def test_no_pose_no_drive():
     """Dead reckoning in a frame of its own is no place in the room."""
     follower = Follower(STRAIGHT, PLANT, 1.0)
-    for t in np.arange(0.0, WAIT + 0.3, 0.1):
+    for t in np.arange(0.0, MAX_START_WAIT + 0.3, 0.1):
         command = follower.answer(motion_at(t, Pose(), 0.0, 0.0, Tracking.LOST, START))
         assert command == (0.0, 0.0)
     assert follower.phase is Phase.ENDED
@@ -182,16 +182,20 @@ def test_a_car_that_never_comes_to_the_path_is_stopped():
     long = Path([(20.0, 0.0)], closed=False)
     follower, rows = drive(long, each=each)
     assert "did not come into the lane" in follower.why
-    assert JOIN < np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum() < JOIN + 1.0
+    assert (
+        MAX_JOIN_DISTANCE
+        < np.hypot(*np.diff(rows[:, 1:3], axis=0).T).sum()
+        < MAX_JOIN_DISTANCE + 1.0
+    )
 
 
 @pytest.mark.parametrize(("pose", "match"), [
     (Pose(1.0, 1.3, 0.0), r"1\.30 m away from the path"),
-    (Pose(1.0, 0.2, 2.5), "looks against the path"),
+    (Pose(1.0, 0.2, 2.5), "points against the path"),
 ])
 def test_a_start_that_is_none(pose, match):
     with pytest.raises(UsageError, match=match) as refused:
-        start_of(STRAIGHT, pose)
+        find_start(STRAIGHT, pose)
     assert "--here" in refused.value.remedy
 
 
@@ -199,11 +203,13 @@ def test_a_start_is_found_anywhere_and_by_the_heading():
     """At its crossing the eight goes two ways; a start may be on any part of a lap."""
     eight = track_named("eight")
     half = eight.length / 2
-    assert start_of(eight, Pose(0.02, 0.0, 0.1)) % half == pytest.approx(0.02, abs=0.03)
+    assert find_start(eight, Pose(0.02, 0.0, 0.1)) % half == pytest.approx(0.02, abs=0.03)
     spot = eight.at(9.0)
-    assert start_of(eight, Pose(spot.x, spot.y, spot.heading + 1.2)) == pytest.approx(9.0, abs=0.03)
+    assert find_start(eight, Pose(spot.x, spot.y, spot.heading + 1.2)) == pytest.approx(
+        9.0, abs=0.03
+    )
     with pytest.raises(UsageError, match="against"):
-        start_of(Path([(2 * pi, 1.0)], closed=True), Pose(0.0, 0.0, pi))
+        find_start(Path([(2 * pi, 1.0)], closed=True), Pose(0.0, 0.0, pi))
 
 
 @pytest.mark.slow
@@ -226,4 +232,4 @@ def test_here_lays_the_path_from_the_car():
 def test_laps_of_an_open_path():
     with pytest.raises(UsageError, match="not closed") as refused:
         Follower(STRAIGHT, PLANT, 1.0, rules=Rules(laps=2))
-    assert "4.00 m apart" in refused.value.found
+    assert "4.00 m between its ends" in refused.value.found

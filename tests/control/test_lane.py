@@ -7,8 +7,8 @@ from math import cos, sin
 import numpy as np
 import pytest
 
-from dart_hal.control.lane import REACH, look
-from dart_hal.control.lane_model import Reckoning
+from dart_hal.control.lane import LOOK_DISTANCE, find_lane
+from dart_hal.control.lane_model import LaneReckoning
 from dart_hal.control.paths import Path
 from dart_hal.core.types import Pose
 from dart_hal.vehicle.sets import UPSTREAM_2024
@@ -47,7 +47,7 @@ def beside(path, s, left=0.0, turned=0.0):
 
 
 def seen_at(path, pose, keep=(0, 1)):
-    return look(points_of(path, pose, keep=keep), pose)
+    return find_lane(points_of(path, pose, keep=keep), pose)
 
 
 def off(path, points, s):
@@ -74,7 +74,7 @@ def test_the_middle_is_found_from_anywhere_in_the_lane(name, left, turned):
 def test_half_a_lane_is_none(keep, left, right):
     path = LANES["lane"]()
     seen = seen_at(path, beside(path, 3.0), keep)
-    assert (seen.left, seen.right, seen.whole) == (left, right, False)
+    assert (seen.left, seen.right, seen.is_complete) == (left, right, False)
 
 
 def test_it_ends_where_the_boards_end():
@@ -82,7 +82,7 @@ def test_it_ends_where_the_boards_end():
     for left in (1.5, 0.8):
         seen = seen_at(path, beside(path, path.length - left))
         assert path.length - 0.15 < seen.middle[-1, 0] < path.length + 0.08
-    assert seen_at(path, beside(path, 3.0)).middle[-1, 0] < 3.0 + REACH + 0.1
+    assert seen_at(path, beside(path, 3.0)).middle[-1, 0] < 3.0 + LOOK_DISTANCE + 0.1
 
 
 def straight(left, heading):
@@ -97,12 +97,12 @@ def test_trim_and_mount_are_learnt_from_lanes_that_do_not_lie_where_they_lay(tri
     """A car that turns by its trim, whose lidar looks to the left by its mount, in a straight lane;
     what it learns is what is there, once it has driven 6 m."""
     p = UPSTREAM_2024
-    model, before, true = Reckoning(plant_by(p)), None, np.zeros(3)
+    model, before, true = LaneReckoning(plant_by(p)), None, np.zeros(3)
     for k in range(600):
-        pose = model.go(0.01 * k, 1.0).pose
-        model.sent(-0.5 * (true[1] + 2.0 * true[2]) - model.trim)
+        pose = model.advance(0.01 * k, 1.0).pose
+        model.record_command(-0.5 * (true[1] + 2.0 * true[2]) - model.trim)
         angle = trim - 0.5 * (true[1] + 2.0 * true[2]) - model.trim
-        true[2] += 0.01 * model._plant.steady.bend(angle, 1.0)
+        true[2] += 0.01 * model._plant.steady.curvature(angle, 1.0)
         true[:2] += 0.01 * cos(true[2]), 0.01 * sin(true[2])
         if k % 13 == 12:
             left, heading = -true[1] / cos(true[2]), -true[2] - mount + model.mount

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from dart_hal.control.lap import ALONG, GRIP, SpeedProfile, speed_profile
+from dart_hal.control.lap import BEND_SPEED_SHARE, MAX_LONGITUDINAL, SpeedProfile, speed_profile
 from dart_hal.control.paths import Path
 from dart_hal.control.raceline import raceline
 from dart_hal.control.steady import CURVATURES, SPEEDS, Steady
@@ -41,7 +41,7 @@ def test_a_steady_bend_is_one_of_the_equations_of_motion(p, v, node):
 def test_slowly_and_without_slip_the_angle_is_ackermanns():
     steady = Steady(replace(PAPER, kind="kinematic"))
     assert steady.turn(1.2, 2.0) == pytest.approx((atan(1.2 * PAPER.body.wheelbase), 0.0), abs=1e-3)
-    assert steady.fastest(np.array([1.2, 2.5]), (-0.3, 0.3)) == pytest.approx((SPEEDS[-1], 0.0))
+    assert steady.max_speed(np.array([1.2, 2.5]), (-0.3, 0.3)) == pytest.approx((SPEEDS[-1], 0.0))
 
 
 @pytest.mark.parametrize("p", [PAPER, LATER, apply(LATER, "steering_trim", k=0.03)],
@@ -51,12 +51,12 @@ def test_the_table_is_monotone_and_turns_round(p):
     assert (np.diff(steady.angle, axis=1) > 0.0).all()
     for v in (0.4, 1.1, 1.9):
         for k in (-1.3, -0.2, 0.0, 0.9):
-            assert steady.bend(steady.turn(k, v).angle, v) == pytest.approx(k, abs=2e-2)
+            assert steady.curvature(steady.turn(k, v).angle, v) == pytest.approx(k, abs=2e-2)
 
 
 def test_what_the_front_tyres_end_at_bounds_the_bend():
     """The paper's take 2.62 N of m v^2 k l_r / l, to the grid's next curvature."""
-    right, left = Steady(PAPER).tightest((-1.0, 1.0))
+    right, left = Steady(PAPER).curvature_limits((-1.0, 1.0))
     after = np.append(CURVATURES, np.inf)[np.searchsorted(CURVATURES, left - 1e-9) + 1]
     per = PAPER.body.mass * SPEEDS**2 * PAPER.body.l_r / PAPER.body.wheelbase
     fast = (SPEEDS > 1.4) & (SPEEDS < 2.6)
@@ -68,19 +68,19 @@ def test_what_the_front_tyres_end_at_bounds_the_bend():
 def test_forces_across_and_along_stay_within_the_circle():
     path = track_named("racetrack_vicon_2")
     profile = speed_profile(path, PLANT, 5.0)
-    v, most = profile.speed, GRIP * PLANT.steady.fastest(path.curvature, PLANT.lock)
+    v, most = profile.speed, BEND_SPEED_SHARE * PLANT.steady.max_speed(path.curvature, PLANT.lock)
     along = np.diff(np.append(v, v[:1]) ** 2) / (2.0 * path.spacing)
     assert (v <= most + 1e-9).all()
-    assert np.abs(along).max() <= ALONG + 1e-9
-    assert along.max() > 0.5 * ALONG
-    assert along.min() < -0.5 * ALONG
+    assert np.abs(along).max() <= MAX_LONGITUDINAL + 1e-9
+    assert along.max() > 0.5 * MAX_LONGITUDINAL
+    assert along.min() < -0.5 * MAX_LONGITUDINAL
     force = make_motor(LATER.motor, np)(1.0, v) + make_friction(LATER.friction, np)(v)
     assert (along <= force / LATER.body.mass + 1e-9).all()
 
 
 def test_a_weak_motor_takes_longer():
     path = track_named("racetrack_vicon_2")
-    weak = replace(PLANT, throttle=0.3)
+    weak = replace(PLANT, max_throttle=0.3)
     assert speed_profile(path, weak, 5.0).time > 1.05 * speed_profile(path, PLANT, 5.0).time
 
 
@@ -90,14 +90,14 @@ def test_a_straight_from_rest_to_rest():
     profile = speed_profile(path, PLANT, 5.0)
     assert profile.speed[0] == 0.0
     assert profile.speed[-1] < 0.4
-    assert profile.time == pytest.approx(2.0 * sqrt(2.0 / ALONG), rel=0.05)
-    assert profile.at(-1.0) == 0.0
+    assert profile.time == pytest.approx(2.0 * sqrt(2.0 / MAX_LONGITUDINAL), rel=0.05)
+    assert profile.speed_at(-1.0) == 0.0
 
 
 def test_the_cap_and_the_speeds_of_the_path_are_kept():
     ring = Path([(2 * pi * 2.0, 0.5)], closed=True)
     assert speed_profile(ring, PLANT, 0.8).time == pytest.approx(ring.length / 0.8)
-    assert speed_profile(ring, PLANT, 5.0).capped(0.8).time == pytest.approx(ring.length / 0.8)
+    assert speed_profile(ring, PLANT, 5.0).limit_to(0.8).time == pytest.approx(ring.length / 0.8)
     ring.speed = np.full(len(ring.x), 0.5)
     assert speed_profile(ring, PLANT, 0.8).speed.max() == 0.5
 
@@ -105,8 +105,8 @@ def test_the_cap_and_the_speeds_of_the_path_are_kept():
 def test_a_profile_is_periodic():
     ring = Path([(2 * pi * 2.0, 0.5)], closed=True)
     profile = SpeedProfile(ring, 1.0 + 0.1 * np.sin(ring.s / 2.0))
-    assert profile.at(3.0 + ring.length) == pytest.approx(profile.at(3.0))
-    assert profile.at(3.0) == pytest.approx(1.0 + 0.1 * np.sin(1.5), abs=1e-4)
+    assert profile.speed_at(3.0 + ring.length) == pytest.approx(profile.speed_at(3.0))
+    assert profile.speed_at(3.0) == pytest.approx(1.0 + 0.1 * np.sin(1.5), abs=1e-4)
 
 
 def test_a_path_that_is_too_tight_says_where():

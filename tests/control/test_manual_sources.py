@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from dart_hal.control.gamepad import EVENT, FULL, Gamepad, Layout
+from dart_hal.control.gamepad import EVENT, FULL_SCALE, Gamepad, GamepadLayout
 from dart_hal.control.input_age import MAX_REPORT_AGE_S, MAX_UNCHANGED_S, InputAge
 from dart_hal.control.keyboard import STEERING_STEP, THROTTLE_STEP, Keyboard
 from dart_hal.core.errors import PortMissing, UsageError
@@ -185,7 +185,7 @@ def test_a_terminal_that_is_closed_is_reported(monkeypatch):
 
 
 def axis(number, value):
-    return EVENT.pack(0, round(value * FULL), 0x02, number)
+    return EVENT.pack(0, round(value * FULL_SCALE), 0x02, number)
 
 
 def button(number, down=True):
@@ -206,7 +206,7 @@ def pad(tmp_path, clock):
 
 
 def test_without_the_dead_man_there_is_no_throttle(pad):
-    layout = Layout()
+    layout = GamepadLayout()
     pad.send(axis(layout.throttle, -1.0), axis(layout.steering, -0.5))
     steering, throttle, ended = pad.read()
     assert steering == pytest.approx(0.5, abs=1e-3)
@@ -218,18 +218,18 @@ def test_without_the_dead_man_there_is_no_throttle(pad):
 
 
 def test_sticks_that_rest_beside_the_centre_are_zero(pad):
-    pad.send(button(Layout().dead_man), axis(Layout().throttle, 0.04), axis(0, -0.04))
+    pad.send(button(GamepadLayout().dead_man), axis(GamepadLayout().throttle, 0.04), axis(0, -0.04))
     assert pad.read() == (0.0, 0.0, False)
 
 
 def test_the_first_events_carry_the_init_bit(pad):
-    layout = Layout()
-    pad.send(EVENT.pack(0, FULL, 0x82, layout.steering), EVENT.pack(0, 1, 0x81, layout.stop))
+    layout = GamepadLayout()
+    pad.send(EVENT.pack(0, FULL_SCALE, 0x82, layout.steering), EVENT.pack(0, 1, 0x81, layout.stop))
     assert pad.read() == (-1.0, 0.0, True)
 
 
 def test_the_stop_button_ends(pad):
-    pad.send(button(Layout().stop))
+    pad.send(button(GamepadLayout().stop))
     assert pad.read()[2] is True
 
 
@@ -246,8 +246,8 @@ def test_no_gamepad_says_what_to_type(tmp_path):
     assert "--keyboard" in caught.value.remedy
 
 
-BUMPER, STICK = button(Layout().dead_man), axis(Layout().throttle, -1.0)
-RELEASED = button(Layout().dead_man, down=False)
+BUMPER, STICK = button(GamepadLayout().dead_man), axis(GamepadLayout().throttle, -1.0)
+RELEASED = button(GamepadLayout().dead_man, down=False)
 OTHER_STICK = axis(2, 0.5)
 ORDERS = {"bumper, stick": [BUMPER, STICK], "stick, bumper": [STICK, BUMPER],
           "together": [BUMPER + STICK], "pressed twice": [BUMPER, STICK, RELEASED, BUMPER],
@@ -273,7 +273,7 @@ def test_a_silent_gamepad_is_neutral_within_a_second(pad, clock, events):
     assert all(throttle == 1.0 for t, throttle in found if t < MAX_UNCHANGED_S)
     assert all(throttle == 0.0 for t, throttle in found if t > MAX_UNCHANGED_S + 0.021)
     assert "no event from the gamepad for 0.95 s" in pad.notice
-    pad.send(axis(Layout().throttle, -0.5))
+    pad.send(axis(GamepadLayout().throttle, -0.5))
     assert pad.read()[1] == 0.0, "the stick alone is not enough"
     pad.send(RELEASED)
     assert (pad.read()[1], pad.notice) == (0.0, "")
@@ -295,7 +295,7 @@ def test_a_gamepad_that_reports_another_axis_is_alive(pad, clock):
 
 
 def test_states_that_the_kernel_reports_are_no_events_of_the_gamepad(pad, clock):
-    initial = EVENT.pack(0, 1, 0x81, 5) + EVENT.pack(0, -FULL, 0x82, 4)
+    initial = EVENT.pack(0, 1, 0x81, 5) + EVENT.pack(0, -FULL_SCALE, 0x82, 4)
     pad.send(BUMPER, STICK)
     found = read_for(pad, clock, 3.0, lambda t: pad.send(EVENT.pack(0, 9, 0x82, 2)))
     assert found[-1][1] == 0.0

@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from dart_hal.car import Car
-from dart_hal.control.drivetrain import Inverse
+from dart_hal.control.drivetrain import InverseDrive
 from dart_hal.control.loop import SpeedLoop
-from dart_hal.control.measured import REST_S, inverse_of, rest_before_reverse, vehicle_for
+from dart_hal.control.measured import (
+    DEFAULT_REVERSE_REST,
+    make_inverse_drive,
+    rest_before_reverse,
+    vehicle_for,
+)
 from dart_hal.control.reversal import Reversal
 from dart_hal.core.config import Calibration, DriveTable, Quantity, save_calibration
 from dart_hal.core.config.calibration import ThrottleCalibration
@@ -37,15 +42,15 @@ def calibrated(files, **throttle):
 
 def test_the_feed_forward_is_the_measured_pulse(files):
     for v, pulse in zip(TABLE.speed, TABLE.pulse_us, strict=True):
-        car = inverse_of(calibrated(files, drive=TABLE))
+        car = make_inverse_drive(calibrated(files, drive=TABLE))
         assert 1500.0 + 450.0 * car.throttle(v) == pytest.approx(pulse, abs=1e-6)
-        other = inverse_of(calibrated(files, drive=TABLE, neutral_us=Quantity(1510.0, 1.0)))
+        other = make_inverse_drive(calibrated(files, drive=TABLE, neutral_us=Quantity(1510.0, 1.0)))
         assert 1510.0 + 450.0 * other.throttle(v) == pytest.approx(pulse, abs=1e-6)
-    assert inverse_of(files).throttle(1.0) == Inverse(PAPER).throttle(1.0)
+    assert make_inverse_drive(files).throttle(1.0) == InverseDrive(PAPER).throttle(1.0)
 
 
 def test_between_and_beyond_the_points_it_keeps_the_models_shape(files):
-    car, model = inverse_of(calibrated(files, drive=TABLE)), Inverse(PAPER)
+    car, model = make_inverse_drive(calibrated(files, drive=TABLE)), InverseDrive(PAPER)
     more = [car.throttle(v) - model.throttle(v) for v in (0.2, 0.5, 0.75, 1.0, 2.0, 1.5)]
     assert more[0] == pytest.approx(more[1])
     assert more[2] == pytest.approx(0.5 * (more[1] + more[3]))
@@ -77,7 +82,7 @@ def test_the_loop_asks_for_no_more_than_the_esc_gives(files):
 
 
 @pytest.mark.parametrize(("throttle", "rest"), [
-    ({}, REST_S), ({"reverse": "at_once"}, 0.0),
+    ({}, DEFAULT_REVERSE_REST), ({"reverse": "at_once"}, 0.0),
     ({"reverse_rest": Quantity(0.4, 0.01)}, 0.4 + 1.645 * 0.01 + 0.06)])
 def test_the_rest_before_reverse_is_the_measured_one(files, throttle, rest):
     assert rest_before_reverse(calibrated(files, **throttle)) == pytest.approx(rest)

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from dart_hal.control.monitoring.course import Course
-from dart_hal.control.monitoring.detection import cleared, coverage, first_seen
+from dart_hal.control.monitoring.detection import clearing_time, coverage, first_detection_time
 from dart_hal.control.monitoring.formation import Formation
 from dart_hal.control.monitoring.kuramoto import (
     disagreement,
+    evenly_spread,
+    integrate,
+    is_stable,
     rates,
-    slowest,
-    spread,
-    stable,
-    stepped,
+    slowest_decay,
     winding,
 )
 from dart_hal.control.monitoring.lissajous import Lissajous
@@ -32,11 +32,11 @@ NINE, FIVE = Lissajous(0.8, 1.8, 5, 4), Lissajous(1.5, 1.5, 3, 2)
 
 def converged(n, p, seed, k=K, most=700.0):
     """s until all differences are within 0.01 rad, inf: they are not by then."""
-    theta = spread(n, p) + np.random.default_rng(seed).uniform(-STARTS, STARTS, n)
+    theta = evenly_spread(n, p) + np.random.default_rng(seed).uniform(-STARTS, STARTS, n)
     for step in range(round(most / DT)):
         if disagreement(theta, p) < 0.01:
             return step * DT
-        theta = stepped(theta, 0.05, k, DT)
+        theta = integrate(theta, 0.05, k, DT)
     return np.inf
 
 
@@ -45,14 +45,14 @@ def converged(n, p, seed, k=K, most=700.0):
     (9, 2, False), (25, 3, False), (4, 1, False), (5, 0, False)])
 def test_a_spread_is_stable_exactly_where_the_cosine_is_negative(n, p, comes_back):
     """By the law itself: its Jacobian in the spread, by differences, has no growing mode."""
-    h, at = 1e-6, spread(n, p)
+    h, at = 1e-6, evenly_spread(n, p)
     jacobian = np.array([(rates(at + h * e, 0.0, K) - rates(at - h * e, 0.0, K)) / (2.0 * h)
                          for e in np.eye(n)]).T
     modes = np.sort(np.linalg.eigvalsh(0.5 * (jacobian + jacobian.T)))
-    assert stable(n, p) is comes_back
+    assert is_stable(n, p) is comes_back
     assert bool(modes[-2] < -1e-6) is comes_back
     if comes_back:
-        assert -modes[-2] == pytest.approx(slowest(n, p, K), rel=1e-6)
+        assert -modes[-2] == pytest.approx(slowest_decay(n, p, K), rel=1e-6)
 
 
 @pytest.mark.parametrize(("n", "p"), FEW)
@@ -79,20 +79,20 @@ def test_the_figure_of_five_robots_is_that_of_a_quick_start():
     found = times(5, 2, "within 0.5 rad", 100)
     quick = np.mean(found["largest of differences"] <= TIMES[5, 2])
     assert 0.05 < quick < 0.3
-    assert np.log(STARTS / 0.01) / slowest(5, 2, K) == pytest.approx(35.0, abs=0.1)
-    own = spread(5, 2) + np.random.default_rng(0).uniform(-0.5, 0.5, (100, 5))[0]
+    assert np.log(STARTS / 0.01) / slowest_decay(5, 2, K) == pytest.approx(35.0, abs=0.1)
+    own = evenly_spread(5, 2) + np.random.default_rng(0).uniform(-0.5, 0.5, (100, 5))[0]
     steps = 0
     while disagreement(own, 2) >= 0.01:
-        own, steps = stepped(own, 0.05, K, DT), steps + 1
+        own, steps = integrate(own, 0.05, K, DT), steps + 1
     assert found["largest of differences"][0] == pytest.approx(steps * DT)
 
 
 @pytest.mark.parametrize(("n", "p"), [(9, 2), (25, 3)])
 @pytest.mark.slow_except("9-2")
 def test_an_unstable_spread_is_left_for_another(n, p):
-    theta = spread(n, p) + np.random.default_rng(1).uniform(-0.05, 0.05, n)
+    theta = evenly_spread(n, p) + np.random.default_rng(1).uniform(-0.05, 0.05, n)
     for _ in range(1500):
-        theta = stepped(theta, 0.05, 0.5, DT)
+        theta = integrate(theta, 0.05, 0.5, DT)
     assert disagreement(theta, p) > 0.5
     assert cos(2.0 * pi * winding(theta) / n) < 0.0
 
@@ -102,7 +102,7 @@ def test_an_unstable_spread_is_left_for_another(n, p):
     (Lissajous(1.8, 0.8, 3, 2), 5, 2, 1, 1.158, .455, .038)])
 def test_the_published_curves(curve, n, p, alpha, sensing, least, tightest):
     team = Formation(curve, n, p, alpha)
-    found = team.sensing_radius, team.distances().least, curve.tightest
+    found = team.sensing_radius, team.distances().min_distance, curve.tightest
     assert found == pytest.approx((sensing, least, tightest), abs=6e-4)
     assert team.distances().chord <= 2.0 * team.sensing_radius + 1e-9
 
@@ -110,10 +110,10 @@ def test_the_published_curves(curve, n, p, alpha, sensing, least, tightest):
 def test_the_robots_lie_on_one_ellipse_that_falls_together_twice():
     team, phi = Formation(NINE, 9, 5, 4), 2.0 * pi / 9 * np.arange(9)
     for X in (0.0, 0.3, pi / 18):
-        at = NINE.at(np.sort(np.remainder(team.slots(X), 2.0 * pi)))
+        at = NINE.position(np.sort(np.remainder(team.slots(X), 2.0 * pi)))
         on = np.stack([0.8 * np.cos(phi + 5 * X), -1.8 * np.sin(phi + 5 * X - 9 * X)], axis=-1)
         assert np.abs(np.min(np.linalg.norm(at[:, None] - on, axis=-1), axis=1)).max() < 1e-9
-    flat = NINE.at(team.slots(pi / 18))
+    flat = NINE.position(team.slots(pi / 18))
     assert np.abs(flat[:, 0] / 0.8 - flat[:, 1] / 1.8).max() < 1e-9
 
 
@@ -121,8 +121,8 @@ def test_the_robots_lie_on_one_ellipse_that_falls_together_twice():
     (lambda: Lissajous(0.8, 1.8, 2, 1), "goes over itself twice", "Lissajous(0.8, 1.8, 3, 1)"),
     (lambda: Lissajous(0.0, 1.8, 3, 2), "without an area", ""),
     (lambda: Formation(NINE, 8, 3), "9 robots", "a + b = 8"),
-    (lambda: Formation(NINE, 9, 2), "do not stay 2 windings", "Formation(curve, 9, 4)"),
-    (lambda: Formation(NINE, 9, 3), "at one place", "p one of 4, 5"),
+    (lambda: Formation(NINE, 9, 2), "unstable with 2 windings", "Formation(curve, 9, 4)"),
+    (lambda: Formation(NINE, 9, 3), "at one position", "p one of 4, 5"),
 ])
 def test_what_is_no_team_is_refused_with_what_to_type(make, match, remedy):
     with pytest.raises(UsageError, match=match) as refused:
@@ -135,10 +135,12 @@ def test_place_and_phase_of_a_course_are_each_others_inverse():
     course = Course(Lissajous(3.3, 0.9, 1, 2))
     assert course.path.length == pytest.approx(course.curve.length, rel=1e-5)
     for X in np.linspace(0.0, 2.0 * pi, 24, endpoint=False):
-        p = course.spot(float(X))
-        assert (p.x, p.y) == pytest.approx(course.curve.at(np.array(X)), abs=2e-4)
+        p = course.point_at(float(X))
+        assert (p.x, p.y) == pytest.approx(course.curve.position(np.array(X)), abs=2e-4)
         assert course.find(p.x, p.y, p.heading + 0.2) == pytest.approx(X, abs=2e-4)
-    assert course.parameter(course.path.length + course.arc(1.0)) == pytest.approx(2 * pi + 1.0)
+    assert course.parameter(course.path.length + course.arc_length(1.0)) == pytest.approx(
+        2 * pi + 1.0
+    )
 
 
 # -- the bound of detection ------------------------------------------------------------
@@ -153,7 +155,7 @@ def escapes(team, robots_of, n=100, each=10, steps=160, cells=61):
     time over the bound of those that are."""
     t, rng, times = np.linspace(0.0, team.bound(RATE), steps), np.random.default_rng(5), []
     for _ in range(n // each):
-        robots = team.curve.at(robots_of(rng.uniform(0.0, 2.0 * pi) + RATE * t))
+        robots = team.curve.position(robots_of(rng.uniform(0.0, 2.0 * pi) + RATE * t))
         parts = parts_of(team.curve, robots, team.sensing_radius, cells)
         times += (moving(parts, each, rng) / (steps - 1)).tolist()
     return int(np.sum(np.isinf(times))), max((x for x in times if x < np.inf), default=0.0)
@@ -190,8 +192,8 @@ def test_not_even_one_that_is_as_fast_as_it_likes(begin):
     """The bound holds, for whatever a target does: nowhere is left where it could be."""
     bound = TEAM.bound(RATE)
     t = np.linspace(0.0, bound, 100)
-    robots = TEAM.curve.at(TEAM.slots(begin * 2.0 * pi / 25 + RATE * t))
-    assert cleared(TEAM.curve, t, robots, TEAM.sensing_radius, 61) < bound
+    robots = TEAM.curve.position(TEAM.slots(begin * 2.0 * pi / 25 + RATE * t))
+    assert clearing_time(TEAM.curve, t, robots, TEAM.sensing_radius, 61) < bound
 
 
 @pytest.mark.slow
@@ -204,17 +206,17 @@ def test_without_the_formation_there_is_no_bound(wrong):
     if wrong == "one missing":
         X = X[:, 1:]
     radius *= 0.9 if wrong == "sees less" else 1.0
-    assert cleared(TEAM.curve, t, TEAM.curve.at(X), radius, 61) == np.inf
+    assert clearing_time(TEAM.curve, t, TEAM.curve.position(X), radius, 61) == np.inf
 
 
 def test_how_much_is_seen():
     """Of one robot in the middle that sees a quarter of the side: pi / 16 of a square."""
     now, ever = coverage(Lissajous(1.0, 1.0, 1, 2), np.zeros((1, 1, 2)), 0.5, cells=200)
     assert now[0] == ever == pytest.approx(pi / 16.0, rel=0.01)
-    robots = TEAM.curve.at(TEAM.slots(np.linspace(0.0, 2.0 * pi / 25, 20)))
+    robots = TEAM.curve.position(TEAM.slots(np.linspace(0.0, 2.0 * pi / 25, 20)))
     now, ever = coverage(TEAM.curve, robots, TEAM.sensing_radius)
     assert 0.2 < now.min() < now.max() < 0.5
     assert ever > 0.99
     t = np.linspace(0.0, 1.0, 5)
-    assert first_seen(t, robots[:5], robots[:5, 3] + 1.0, 2.0) == 0.0
-    assert first_seen(t, robots[:5], robots[:5, 3] + 1e4, 2.0) == np.inf
+    assert first_detection_time(t, robots[:5], robots[:5, 3] + 1.0, 2.0) == 0.0
+    assert first_detection_time(t, robots[:5], robots[:5, 3] + 1e4, 2.0) == np.inf

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dart_hal.control.monitoring.kuramoto import disagreement
-from dart_hal.control.monitoring.monitor import Mode
+from dart_hal.control.monitoring.monitor import MonitorMode
 from dart_lab.sim.truth import world_of
 from studies.control.monitoring_figures import NINE, OMEGA, SLOW, TEAM, driven, nine
 
@@ -31,7 +31,7 @@ class Death:
             for world, seen in zip(self.worlds, self.pulses, strict=True):
                 world.watchers.append(lambda channel, pulse, seen=seen:
                                       seen.append(pulse) if channel == 1 else None)
-        if fleet.cars[0].now > DIES and team[0].mode is not Mode.ENDED:
+        if fleet.cars[0].now > DIES and team[0].mode is not MonitorMode.ENDED:
             team[0].follower.stop("it hangs")
             fleet.members[0].close()
 
@@ -45,9 +45,9 @@ class Death:
 def test_three_cars_spread_while_messages_are_lost():
     drive = driven(1, "kinematic", 0.3, 8.0)
     assert drive.contacts == 0
-    assert drive.least > TEAM.distances().least - 1.0
+    assert drive.least > TEAM.distances().min_distance - 1.0
     assert drive.settled < 0.25
-    assert drive.modes[Mode.YIELDING] < 0.01 * drive.modes.total()
+    assert drive.modes[MonitorMode.YIELDING] < 0.01 * drive.modes.total()
 
 
 @pytest.mark.slow
@@ -87,15 +87,15 @@ def test_nine_cars_keep_the_published_curve():
     """Scaled to what a car can drive: 28 x 62 m, a lap of 600 m, by a motion capture."""
     drive = nine()
     assert drive.contacts == 0
-    assert drive.least > NINE.distances().least - 1.0
+    assert drive.least > NINE.distances().min_distance - 1.0
     assert disagreement(drive.X[-1], NINE.p) < disagreement(drive.X[0], NINE.p) + 0.005
     speeds = np.linalg.norm(drive.true[-1] - drive.true[-21], axis=-1)
     rates = np.array([robot.rate for robot in drive.team])
     assert np.abs(speeds - NINE.curve.rate(drive.X[-11]) * rates).max() < 0.1
     assert rates == pytest.approx(SLOW[0], rel=0.25)
     assert np.abs(speeds - speeds.mean()).max() > 0.2, "control: slower in bends than between them"
-    assert drive.modes[Mode.YIELDING] == 0
-    assert drive.modes[Mode.ALONE] < 0.03 * drive.modes.total(), "until all were heard"
+    assert drive.modes[MonitorMode.YIELDING] == 0
+    assert drive.modes[MonitorMode.ALONE] < 0.03 * drive.modes.total(), "until all were heard"
 
 
 @pytest.mark.long

@@ -11,20 +11,27 @@ import pytest
 
 from dart_hal.control.follow import Phase
 from dart_hal.control.monitoring.course import Course
-from dart_hal.control.monitoring.drivable import check_drivable, least_radius, widened
+from dart_hal.control.monitoring.drivable import check_drivable, min_turn_radius, widen
 from dart_hal.control.monitoring.formation import Formation
-from dart_hal.control.monitoring.guard import APART, BODIES, Guard, Stretch, reachable, stopping
+from dart_hal.control.monitoring.guard import (
+    MIN_BODY_DISTANCE,
+    MIN_DISTANCE,
+    CollisionGuard,
+    CurveSection,
+    reachable_section,
+    stopping_section,
+)
 from dart_hal.control.monitoring.lissajous import Lissajous
-from dart_hal.control.monitoring.monitor import HURRY, Mode, Monitor
-from dart_hal.control.monitoring.peer import POINTS, STALE, STEP, Peer, Touch
+from dart_hal.control.monitoring.monitor import MAX_RATE_FACTOR, Monitor, MonitorMode
+from dart_hal.control.monitoring.peer import MAX_MESSAGE_AGE, PLAN_POINTS, PLAN_STEP, Contact, Peer
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Pose
 from studies.control.light_follow import motion_at
 from studies.control.monitoring_beads import NAMES, OMEGA, PLANT, TEAM, K, scenario
 
 COURSE = Course(TEAM.curve)
-GUARD = Guard(COURSE)
-CROSSING = COURSE.arc(0.5 * pi)
+GUARD = CollisionGuard(COURSE)
+CROSSING = COURSE.arc_length(0.5 * pi)
 """m: the eight goes through 0, 0 there, and half a lap later."""
 HALF = 0.5 * COURSE.path.length
 
@@ -35,17 +42,19 @@ class Told:
 
     age: float
     points: np.ndarray
-    step: float = STEP
+    step: float = PLAN_STEP
 
 
 def told(X, rate=OMEGA, age=0.0):
-    spots = [COURSE.spot(X + rate * STEP * k) for k in range(POINTS)]
+    spots = [COURSE.point_at(X + rate * PLAN_STEP * k) for k in range(PLAN_POINTS)]
     speed = rate * float(TEAM.curve.rate(np.array(X)))
     return Told(age, np.array([(p.x, p.y, p.heading, speed) for p in spots]))
 
 
 def free(mine, its, v=1.0, its_v=1.0, age=0.05, **options):
-    return GUARD.free(mine, v, reachable(its, its_v, age, 2.0), **{"yields": False, **options})
+    return GUARD.may_continue(
+        mine, v, reachable_section(its, its_v, age, 2.0), **{"yields": False, **options}
+    )
 
 
 def test_two_that_come_to_a_crossing_at_once_do_not_both_go_on():
@@ -66,17 +75,17 @@ def test_who_is_in_front_goes_on_and_who_is_behind_does_not():
 def test_what_is_not_heard_makes_the_other_longer_until_it_is_in_the_way():
     its = CROSSING + HALF - 3.0 - COURSE.path.length
     assert free(CROSSING - 1.0, its, age=0.1)
-    assert not free(CROSSING - 1.0, its, age=1.5, sure=False)
-    lengths = [reachable(0.0, 0.5, age, 2.0).end for age in np.linspace(0.0, 5.0, 50)]
+    assert not free(CROSSING - 1.0, its, age=1.5, is_recent=False)
+    lengths = [reachable_section(0.0, 0.5, age, 2.0).end for age in np.linspace(0.0, 5.0, 50)]
     assert (np.diff(lengths) > 0.0).all()
-    assert reachable(0.0, 0.5, 5.0, 2.0).end <= 2.0 * 5.1 + stopping(0.0, 2.0).end
+    assert reachable_section(0.0, 0.5, 5.0, 2.0).end <= 2.0 * 5.1 + stopping_section(0.0, 2.0).end
 
 
 def test_who_stands_in_a_crossing_may_leave_it():
     """Though another one stands before it, nearer than the bodies are wide apart."""
-    away = [Stretch(CROSSING + HALF - d - COURSE.path.length,
-                    CROSSING + HALF - d + 0.1 - COURSE.path.length) for d in (0.4, 0.5, 0.6)]
-    assert all(GUARD.free(CROSSING + 0.2, 0.0, other, yields=True) for other in away)
+    away = [CurveSection(CROSSING + HALF - d - COURSE.path.length,
+                         CROSSING + HALF - d + 0.1 - COURSE.path.length) for d in (0.4, 0.5, 0.6)]
+    assert all(GUARD.may_continue(CROSSING + 0.2, 0.0, other, yields=True) for other in away)
 
 
 def test_in_the_formation_nobody_has_to_wait():
@@ -85,24 +94,24 @@ def test_in_the_formation_nobody_has_to_wait():
     rate, curve = 1.2 / 3.76, TEAM.curve
     for X in np.linspace(0.0, 2.0 * pi, 24, endpoint=False):
         slots = TEAM.slots(X)
-        s, v = COURSE.arc(X), rate * float(curve.rate(np.array(X)))
+        s, v = COURSE.arc_length(X), rate * float(curve.rate(np.array(X)))
         for j in (1, 2):
             then = slots[j] - 0.3 * rate
-            at = COURSE.arc(then % (2.0 * pi))
+            at = COURSE.arc_length(then % (2.0 * pi))
             at -= COURSE.path.length if at > s else 0.0
-            other = reachable(at, rate * float(curve.rate(np.array(then))), 0.3, 2.4)
-            assert GUARD.free(s, v, other, yields=True)
-    assert TEAM.distances().least > APART + 1.0
+            other = reachable_section(at, rate * float(curve.rate(np.array(then))), 0.3, 2.4)
+            assert GUARD.may_continue(s, v, other, yields=True)
+    assert TEAM.distances().min_distance > MIN_DISTANCE + 1.0
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "dies"), [(1, False), (2, True)])
 def test_cars_that_begin_anywhere_spread_and_keep_apart(seed, dies):
     least, modes, error = scenario(seed, 0.3, 18.0, dies=dies)
-    assert least > BODIES
-    assert modes[Mode.MONITORING] > 100
+    assert least > MIN_BODY_DISTANCE
+    assert modes[MonitorMode.MONITORING] > 100
     if dies:
-        assert modes[Mode.ALONE] > 0
+        assert modes[MonitorMode.ALONE] > 0
     else:
         assert error < 0.2
 
@@ -118,21 +127,25 @@ def test_without_the_guard_they_meet():
 
 def test_a_phase_is_carried_on_by_the_plan_and_then_nobody_knows():
     peer, rate = Peer(COURSE), 0.3
-    assert peer.touch(0.0) is Touch.SILENT
-    peer.hear(told(1.0, rate, age=0.1), 10.0)
-    ends = STEP * (POINTS - 1)
-    for now, touch in ((10.0, Touch.IN_TOUCH), (9.9 + STALE + 0.01, Touch.EXTRAPOLATED),
-                       (9.9 + ends - 0.01, Touch.EXTRAPOLATED), (9.9 + ends + 0.01, Touch.SILENT)):
-        assert peer.touch(now) is touch
+    assert peer.contact(0.0) is Contact.SILENT
+    peer.receive(told(1.0, rate, age=0.1), 10.0)
+    ends = PLAN_STEP * (PLAN_POINTS - 1)
+    for now, touch in (
+        (10.0, Contact.IN_TOUCH),
+        (9.9 + MAX_MESSAGE_AGE + 0.01, Contact.EXTRAPOLATED),
+        (9.9 + ends - 0.01, Contact.EXTRAPOLATED),
+        (9.9 + ends + 0.01, Contact.SILENT),
+    ):
+        assert peer.contact(now) is touch
         assert peer.phase(now) == pytest.approx(1.0 + rate * min(now - 9.9, ends), abs=2e-3)
 
 
 def test_an_old_message_changes_nothing():
     peer = Peer(COURSE)
-    peer.hear(told(2.0), 10.0)
-    peer.hear(told(1.0, age=60.0), 10.1)
-    assert peer.heard_at == pytest.approx(2.0, abs=1e-3)
-    peer.hear(Told(0.0, np.empty((0, 4))), 10.2)
+    peer.receive(told(2.0), 10.0)
+    peer.receive(told(1.0, age=60.0), 10.1)
+    assert peer.reported_X == pytest.approx(2.0, abs=1e-3)
+    peer.receive(Told(0.0, np.empty((0, 4))), 10.2)
     assert peer.age(10.2) == pytest.approx(0.2)
 
 
@@ -144,7 +157,7 @@ def robot(names=NAMES[:3], own="red", omega=OMEGA, team=TEAM, **options):
 
 
 def answered(one, t, X, v, messages):
-    spot = COURSE.spot(X)
+    spot = COURSE.point_at(X)
     return one.answer(motion_at(t, Pose(spot.x, spot.y, spot.heading), v, v * spot.curvature),
                       messages)
 
@@ -161,7 +174,13 @@ def test_it_says_what_it_does():
         X += 0.1 * one.rate
         if k and (not seen or seen[-1] is not one.mode):
             seen.append(one.mode)
-    assert seen == [Mode.ALONE, Mode.SPREADING, Mode.MONITORING, Mode.EXTRAPOLATING, Mode.ALONE]
+    assert seen == [
+        MonitorMode.ALONE,
+        MonitorMode.SPREADING,
+        MonitorMode.MONITORING,
+        MonitorMode.EXTRAPOLATING,
+        MonitorMode.ALONE,
+    ]
     assert one.why == "green, blue"
 
 
@@ -186,7 +205,7 @@ def test_its_speed_is_that_of_the_phase():
     assert cap == pytest.approx(OMEGA * float(TEAM.curve.rate(np.array(1.0))), rel=0.02)
     pushed, _ = speed(-1.5)
     assert pushed == pytest.approx(OMEGA + K * (np.sin(1.5) - np.sin(2 * pi / 3)), rel=0.02)
-    assert OMEGA < pushed <= HURRY * OMEGA
+    assert OMEGA < pushed <= MAX_RATE_FACTOR * OMEGA
 
 
 @pytest.mark.parametrize(("make", "match", "remedy"), [
@@ -195,7 +214,7 @@ def test_its_speed_is_that_of_the_phase():
     (lambda: robot(omega=3.0), "cannot hold X' = 3.000", "omega="),
     (lambda: robot(team=Formation(Lissajous(1.5, 0.5, 1, 2), 3, 1)), "tighter than the car turns",
      "Lissajous("),
-    (lambda: robot(team=Formation(TEAM.curve, 3, 1, 4)), "by their place", "Formation(curve, 3"),
+    (lambda: robot(team=Formation(TEAM.curve, 3, 1, 4)), "by their position", "Formation(curve, 3"),
 ])
 def test_what_no_car_can_do_is_refused_with_what_to_type(make, match, remedy):
     with pytest.raises(UsageError, match=match) as refused:
@@ -210,5 +229,5 @@ def test_what_is_to_be_typed_is_drivable():
     wide = Lissajous(*(float(part) if "." in part else int(part) for part in
                        refused.value.remedy.partition("(")[2].partition(")")[0].split(", ")))
     check_drivable(wide, PLANT)
-    assert wide.tightest == pytest.approx(least_radius(PLANT), rel=2e-3)
-    assert widened(wide, 0.1) == wide
+    assert wide.tightest == pytest.approx(min_turn_radius(PLANT), rel=2e-3)
+    assert widen(wide, 0.1) == wide

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from dart_hal.control.follow import Follower, Phase
-from dart_hal.control.mpc.admm import Rows, solve
-from dart_hal.control.mpc.model import STAGE, linearised, make_stage
+from dart_hal.control.mpc.admm import Constraints, solve
+from dart_hal.control.mpc.model import STAGE_PERIOD, linearise, make_stage
 from dart_hal.control.mpc.obstacles import Corridor, Obstacle
-from dart_hal.control.mpc.planner import Outcome
-from dart_hal.control.mpc.reference import Reference
+from dart_hal.control.mpc.planner import PlanOutcome
+from dart_hal.control.mpc.reference import PathReference
 from dart_hal.control.paths import Path
 from dart_hal.control.tracks import track_named
 from dart_hal.vehicle.sets import PAPER
@@ -90,7 +90,7 @@ def test_a_stage_is_the_car_of_the_simulation(kind):
     fine, l_r = make_car_step(p, dt=5e-4), p.body.l_r
     x, y, psi, *rest = state
     true = (x + l_r * np.cos(psi), y + l_r * np.sin(psi), psi, *rest)
-    for _ in range(round(STAGE / 5e-4)):
+    for _ in range(round(STAGE_PERIOD / 5e-4)):
         true = fine(*true, *command)
     got = make_stage(p)(*state, *command)
     behind = true[0] - l_r * np.cos(true[2]), true[1] - l_r * np.sin(true[2])
@@ -106,7 +106,7 @@ def test_slopes_of_a_stage(p):
     stage = make_stage(p)
     at = np.array([CORNERING, (1.0, 2.0, -3.0, 0.4, 0.0, 0.1, 0.2, -0.4)])
     inputs = np.array([(0.3, 0.2), (0.25, -0.5)])
-    after, a, b = linearised(stage, at, inputs)
+    after, a, b = linearise(stage, at, inputs)
     for k in range(2):
         point = np.append(at[k], inputs[k])
         assert after[k] == pytest.approx(stage(*point), abs=1e-12)
@@ -117,8 +117,8 @@ def test_slopes_of_a_stage(p):
 
 
 def test_errors_beside_a_path_and_their_slopes():
-    reference, s = Reference(TRACK), np.array([1.0, 2.4, 7.0])
-    x, y, phi = reference.spots(s)
+    reference, s = PathReference(TRACK), np.array([1.0, 2.4, 7.0])
+    x, y, phi = reference.poses(s)
     left = np.array([0.1, -0.05, 0.2])
     x, y = x - left * np.sin(phi), y + left * np.cos(phi)
     e = reference.errors(x, y, s)
@@ -130,7 +130,9 @@ def test_errors_beside_a_path_and_their_slopes():
 
 def test_a_programme_with_bounds_that_hold_and_bounds_that_cost():
     """min (x - 2)^2 + (y - 2)^2: x <= 1; y <= 1 at 1 per unit, so y = 1.5; z at 9: y = 1."""
-    rows = Rows(np.eye(3), np.full(3, -inf), np.ones(3), np.array([inf, 1.0, 9.0]), np.full(3, 1.0))
+    rows = Constraints(
+        np.eye(3), np.full(3, -inf), np.ones(3), np.array([inf, 1.0, 9.0]), np.full(3, 1.0)
+    )
     x = solve(2.0 * np.eye(3), np.full(3, -4.0), rows, 200)
     assert x == pytest.approx((1.0, 1.5, 1.0), abs=1e-6)
 
@@ -143,11 +145,11 @@ def test_a_plan_that_is_late_goes_on_with_the_last_one():
     ticks = iter(np.arange(100.0))
     loop.mpc.clock, loop.mpc.budget = lambda: next(ticks), 0.5
     late = loop.step()
-    assert late.outcome is Outcome.LATE
+    assert late.outcome is PlanOutcome.LATE
     assert late.inputs[:, 0] == pytest.approx(good.inputs[:, 1])
-    assert loop.mpc.outcomes[Outcome.LATE] == 1
+    assert loop.mpc.outcomes[PlanOutcome.LATE] == 1
     loop.mpc.budget = inf
-    assert loop.step().outcome is Outcome.SOLVED
+    assert loop.step().outcome is PlanOutcome.SOLVED
 
 
 def test_a_plan_of_numbers_that_are_none_is_thrown_away():
@@ -155,8 +157,8 @@ def test_a_plan_of_numbers_that_are_none_is_thrown_away():
     loop.step()
     broken = np.array(CORNERING)
     broken[3] = np.nan
-    assert loop.mpc.plan(0.14, broken, 0.0, (0.2, 0.0)).outcome is Outcome.DIVERGED
-    assert loop.step().outcome is Outcome.SOLVED
+    assert loop.mpc.plan(0.14, broken, 0.0, (0.2, 0.0)).outcome is PlanOutcome.DIVERGED
+    assert loop.step().outcome is PlanOutcome.SOLVED
 
 
 def test_a_drive_whose_plans_are_late_slows_down_and_says_why():
@@ -236,7 +238,7 @@ def test_what_it_expects_and_how_sure_it_is():
         plan = loop.step()
     for _ in range(5):
         loop.step()
-    expected, (x, y) = plan.at(loop.car.t), loop.seen()[:2]
+    expected, (x, y) = plan.state_at(loop.car.t), loop.seen()[:2]
     spread = plan.covariances(1e-4 * np.eye(8), 1e-6 * np.eye(8))
     assert np.hypot(*(expected[:2] - (x, y))) < 0.03
     assert spread[-1, 0, 0] > spread[0, 0, 0]

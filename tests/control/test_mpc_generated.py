@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from dart_hal.control.mpc import generated
-from dart_hal.control.mpc.admm import Rows, solve
-from dart_hal.control.mpc.model import linearised, make_stage
+from dart_hal.control.mpc.admm import Constraints, solve
+from dart_hal.control.mpc.model import linearise, make_stage
 from dart_hal.core.errors import UsageError
 from studies.control.mpc_loop import Loop, P, controller
 from tests.control.test_mpc import CORNERING, TRACK
@@ -21,28 +21,28 @@ INPUTS = np.array([(0.3, 0.2), (0.25, -0.5), (0.4, -0.9)])
 pytest.importorskip("casadi", reason="casadi is absent: pip install 'dart-hal[mpc]'")
 
 
-def programme(seed: int) -> tuple[np.ndarray, np.ndarray, Rows]:
+def programme(seed: int) -> tuple[np.ndarray, np.ndarray, Constraints]:
     """20 variables, 30 rows: held, passed at a price, and without an end to one side."""
     rng = np.random.default_rng(seed)
     half, c = rng.normal(size=(20, 20)), rng.normal(size=(30, 20))
     price = np.where(np.arange(30) < 10, inf, 0.5)
     low = np.where(np.arange(30) % 3 == 0, -inf, -0.4)
-    return half @ half.T + np.eye(20), rng.normal(scale=9.0, size=20), Rows(
+    return half @ half.T + np.eye(20), rng.normal(scale=9.0, size=20), Constraints(
         c, low, np.full(30, 0.3), price, np.full(30, 1.0))
 
 
 def test_stages_and_slopes_agree():
     """The differences of numpy err by their step of 1e-6 times the bend of the tyres."""
-    for ours, theirs in zip(generated.compiled(P)(STATES, INPUTS),
-                            linearised(make_stage(P), STATES, INPUTS), strict=True):
+    for ours, theirs in zip(generated.compile_lineariser(P)(STATES, INPUTS),
+                            linearise(make_stage(P), STATES, INPUTS), strict=True):
         assert ours == pytest.approx(theirs, abs=2e-3)
-    after = generated.compiled(P)(STATES, INPUTS)[0]
+    after = generated.compile_lineariser(P)(STATES, INPUTS)[0]
     assert pytest.approx(np.array(make_stage(P)(*STATES.T, *INPUTS.T)), abs=1e-9) == after.T
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_the_splitting_agrees(seed):
-    ours = solve(*programme(seed), 40, sweep=generated.sweep())
+    ours = solve(*programme(seed), 40, sweep=generated.compile_sweep())
     assert ours == pytest.approx(solve(*programme(seed), 40), abs=1e-9)
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.control.follow import Follower, Phase
 from dart_hal.control.mpc import generated, spread, tracker
-from dart_hal.control.mpc.obstacles import Disc, Obstacle, air, needed
+from dart_hal.control.mpc.obstacles import Disc, Obstacle, clearance, required_offset
 from dart_hal.control.paths import Path
 from dart_hal.control.trackers import contouring
 from dart_hal.core.errors import UsageError
@@ -30,7 +30,7 @@ def follower(disc: Disc, speed: float = 1.5, **options) -> Follower:
 @pytest.mark.parametrize(("x", "y", "offset"), [(4.65, 2.0, -0.15), (2.25, 0.2, 0.2)])
 def test_a_disc_lies_beside_the_nearest_point(x, y, offset):
     """The track begins at (2.25, 0) along +x; x = 4.5 is a straight upwards."""
-    o = Disc(x, y, 0.1, 0.3).beside(TRACK, 7.0)
+    o = Disc(x, y, 0.1, 0.3).locate(TRACK, 7.0)
     spot = TRACK.at(o.s)
     assert o.offset == pytest.approx(offset, abs=1e-3)
     assert spot.x - o.offset * np.sin(spot.heading) == pytest.approx(x, abs=1e-3)
@@ -39,7 +39,7 @@ def test_a_disc_lies_beside_the_nearest_point(x, y, offset):
 
 
 def test_one_behind_the_end_is_not_at_the_end():
-    o = Disc(12.0, 0.1, 0.1).beside(STRAIGHT, 0.0)
+    o = Disc(12.0, 0.1, 0.1).locate(STRAIGHT, 0.0)
     assert (o.s, o.offset) == pytest.approx((12.0, 0.1))
 
 
@@ -49,19 +49,22 @@ def test_one_behind_the_end_is_not_at_the_end():
 def test_air_between_a_body_and_a_disc(x, y, yaw, expected):
     """A body of 0.3 x 0.2 m, a disc of 0.2 m which has come to x = 1 in 2 s."""
     o = Obstacle(0.0, 0.0, 0.2, 0.5, 1.0)
-    assert air(x, y, yaw, o, STRAIGHT, 3.0) == pytest.approx(expected, abs=1e-5)
+    assert clearance(x, y, yaw, o, STRAIGHT, 3.0) == pytest.approx(expected, abs=1e-5)
 
 
 def test_one_in_the_middle_is_refused_by_its_place():
-    with pytest.raises(UsageError, match="obstacle 1 leaves no way within the lane") as told:
+    with pytest.raises(UsageError, match="obstacle 1 leaves no passage within the lane") as told:
         light_drive(follower(Disc(6.0, 0.02, 0.15)))
-    assert "0.35 m beside the path" in str(told.value)
+    assert "an offset of 0.35 m" in str(told.value)
     assert "--lane 0.39" in str(told.value)
 
 
 def test_with_the_lane_that_it_asks_for_there_is_a_way():
     disc = Disc(6.0, 0.02, 0.15)
-    begun = follower(disc, lane=needed(disc.beside(STRAIGHT, 0.0)) + tracker.EDGE + 0.005)
+    begun = follower(
+        disc,
+        lane=required_offset(disc.locate(STRAIGHT, 0.0)) + tracker.OBSTACLE_LANE_MARGIN + 0.005,
+    )
     begun.tracker.begin(0.0)
 
 
@@ -71,8 +74,8 @@ def test_it_tells_how_near_it_came():
     disc = Disc(6.0, -0.15, 0.15)
     drive = follower(disc)
     rows = light_drive(drive)
-    o, ahead = disc.beside(STRAIGHT, 0.0), LATER.body.l_r
-    level = min(air(x + ahead, y, 0.0, o, STRAIGHT, t) for t, x, y, *_ in rows)
+    o, ahead = disc.locate(STRAIGHT, 0.0), LATER.body.l_r
+    level = min(clearance(x + ahead, y, 0.0, o, STRAIGHT, t) for t, x, y, *_ in rows)
     assert drive.why == "the path is driven"
     assert 0.05 < drive.tracker.air[0] < 0.14
     assert drive.tracker.air[0] == pytest.approx(level, abs=0.03)
@@ -88,10 +91,10 @@ def test_without_casadi_it_drives_on_numpy_and_says_so(monkeypatch):
     def none(*_):
         raise UsageError("contouring control in C needs casadi")
 
-    monkeypatch.setattr(generated, "compiled", none)
+    monkeypatch.setattr(generated, "compile_lineariser", none)
     begun = follower(Disc(30.0, 0.0, 0.1), compiled=True)
-    assert "needs casadi" in begun.tracker.in_numpy
-    assert follower(Disc(30.0, 0.0, 0.1)).tracker.in_numpy == ""
+    assert "needs casadi" in begun.tracker.compile_error
+    assert follower(Disc(30.0, 0.0, 0.1)).tracker.compile_error == ""
 
 
 def test_a_plan_tells_how_sure_it_is_across():
@@ -99,7 +102,7 @@ def test_a_plan_tells_how_sure_it_is_across():
     loop = Loop(controller(P, TRACK, 1.5))
     for _ in range(4):
         plan = loop.step()
-    std = spread.across(plan, COV)
+    std = spread.lateral_std(plan, COV)
     assert std.shape == (21,)
     assert std[0] == pytest.approx(0.01, abs=1e-4)
     assert (np.diff(std) > 0.0).all()

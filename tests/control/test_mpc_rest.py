@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dart_hal.control.crossing.speed import safe_speed, throttle_at
-from dart_hal.control.mpc.iteration import Mpcc, Outcome
-from dart_hal.control.mpc.model import linearised, make_stage
+from dart_hal.control.crossing.speed import safe_speed, sendable_throttle
+from dart_hal.control.mpc.iteration import Mpcc, PlanOutcome
+from dart_hal.control.mpc.model import linearise, make_stage
 from dart_hal.control.paths import Path
 from dart_hal.vehicle.sets import PAPER
 from studies.control.mpc_loop import Loop, P, limits_of
@@ -26,7 +26,7 @@ def test_a_slow_car_forgets_a_motion_across_within_a_stage(name):
     speeds = np.linspace(-0.02, 0.5, 27)
     states = np.zeros((len(speeds), 8))
     states[:, 3], states[:, 4], states[:, 5], states[:, 6] = speeds, 0.02, 0.04, onset
-    after, slopes, _ = linearised(make_stage(p), states, np.tile((onset, 0.0), (len(speeds), 1)))
+    after, slopes, _ = linearise(make_stage(p), states, np.tile((onset, 0.0), (len(speeds), 1)))
     assert np.abs(after[:, 4]).max() < 0.005
     assert np.abs(slopes).max() < 2.0, "no state of a stage doubles an error of the one before"
 
@@ -36,19 +36,19 @@ def test_a_slow_car_forgets_a_motion_across_within_a_stage(name):
 def test_it_stops_before_a_line_in_a_bend_and_starts_again(name):
     path = Path(BEND, closed=False)
     mpc = Mpcc(SETS[name], path, lambda s: np.minimum(
-        1.0, safe_speed(min(mpc.line, path.length) - s)), limits_of(SETS[name]))
-    mpc.line = LINE
+        1.0, safe_speed(min(mpc.stop_line, path.length) - s)), limits_of(SETS[name]))
+    mpc.stop_line = LINE
     loop = Loop(mpc, learns=False, noise=np.random.default_rng(1))
     stood = 0.0
     while loop.s < 6.5 and loop.car.t < 16.0:
         if loop.car.t > WAITS and not stood:
-            stood, mpc.line = loop.s, np.inf
+            stood, mpc.stop_line = loop.s, np.inf
         loop.planned()
         sent = loop.sent
-        loop.sent = throttle_at(sent[0], mpc.limits.tau[0]), sent[1]
+        loop.sent = sendable_throttle(sent[0], mpc.limits.tau[0]), sent[1]
         loop.move()
         loop.sent = sent
     assert LINE - 0.15 < stood < LINE
     assert loop.s > 6.5
-    assert mpc.outcomes[Outcome.DIVERGED] == 0
+    assert mpc.outcomes[PlanOutcome.DIVERGED] == 0
     assert np.abs(np.array(loop.rows)[:, 2]).max() < 0.05

@@ -12,7 +12,7 @@ from dart_hal.car import Car
 from dart_hal.control.follow import Follower, Phase, Rules
 from dart_hal.control.mpc import driving, tracker
 from dart_hal.control.mpc.obstacles import Obstacle
-from dart_hal.control.mpc.planner import Outcome
+from dart_hal.control.mpc.planner import PlanOutcome
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import plant_of
 from dart_hal.core.errors import UsageError
@@ -72,17 +72,17 @@ def driven(name, spoil):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "spoil", "why", "outcome"), [
-    ("mpcc", late, LATE, Outcome.LATE), ("ca-mpcc", late, LATE, Outcome.LATE),
-    ("mpcc", blocked, "obstacles leave no way within the lane", Outcome.BLOCKED),
-    ("mpcc", diverged, "the plan diverged", Outcome.DIVERGED)])
+    ("mpcc", late, LATE, PlanOutcome.LATE), ("ca-mpcc", late, LATE, PlanOutcome.LATE),
+    ("mpcc", blocked, "obstacles leave no way within the lane", PlanOutcome.BLOCKED),
+    ("mpcc", diverged, "the plan diverged", PlanOutcome.DIVERGED)])
 def test_a_drive_without_plans_ends_at_neutral(name, spoil, why, outcome):
     """Four late plans are 0.4 s; from there it slows down, and never pulls as it did before. What
     it was is counted, and told for the recording."""
     follower, rows, told = driven(name, spoil)
     assert follower.why == why
-    assert follower.tracker.mpcc.outcomes[outcome] == (4 if outcome is Outcome.LATE else 1)
+    assert follower.tracker.mpcc.outcomes[outcome] == (4 if outcome is PlanOutcome.LATE else 1)
     assert told[-1] == tracker.OUTCOMES.index(outcome)
-    assert told[0] == tracker.OUTCOMES.index(Outcome.SOLVED)
+    assert told[0] == tracker.OUTCOMES.index(PlanOutcome.SOLVED)
     t, width, speed = rows.T
     driving = width[t < 0.1].max()
     assert driving > NEUTRAL_US + 50.0
@@ -95,7 +95,7 @@ def test_a_drive_without_plans_ends_at_neutral(name, spoil, why, outcome):
 @pytest.mark.parametrize("name", ["mpcc", "ca-mpcc"])
 def test_a_tracker_that_forgave_every_late_plan_would_drive_on(name, monkeypatch):
     """The control."""
-    monkeypatch.setattr(driving, "LATEST", inf)
+    monkeypatch.setattr(driving, "MAX_LATE_PLANS", inf)
     follower, rows, _ = driven(name, late)
     assert follower.why == ""
     t, width, _ = rows.T

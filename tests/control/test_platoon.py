@@ -11,19 +11,24 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.control.platoon.detector import Detector
-from dart_hal.control.platoon.follower import Follower, Gap, Mode
-from dart_hal.control.platoon.gains import DART, STABLE, TRUCK, tuned
-from dart_hal.control.platoon.hearing import Hearing, Told
-from dart_hal.control.platoon.safe import Margins, Underway, moves, safe
-from dart_hal.control.platoon.stability import peak
+from dart_hal.control.platoon.detector import AttackDetector
+from dart_hal.control.platoon.follower import Gap, PlatoonFollower, PlatoonMode
+from dart_hal.control.platoon.gains import DART, STABLE, TRUCK, tune
+from dart_hal.control.platoon.hearing import PredecessorReport, ReportFilter
+from dart_hal.control.platoon.safe import (
+    PendingCommands,
+    SafetyMargins,
+    integrate_motion,
+    safe_acceleration,
+)
+from dart_hal.control.platoon.stability import peak_gain
 from dart_hal.core.errors import UsageError
 from studies.control.platoon_loop import Line, Scenario, drive, published, random_scenario
 
 AS_PUBLISHED = {"rule": False, "compensated": False, "detects": False}
-UNREADY = Margins(m=0.02)
+UNREADY = SafetyMargins(m=0.02)
 NOISY = Line(noise=0.02, rate=8.0, wrong=0.03)
-CAREFUL = Margins(e_g=0.05, e_v=0.03, m=0.02)
+CAREFUL = SafetyMargins(e_g=0.05, e_v=0.03, m=0.02)
 
 
 def worst(seeds, gains, dt=0.1, delay=0.1, line=None, margins=UNREADY, lasts=50.0, trust=1.0,
@@ -34,9 +39,16 @@ def worst(seeds, gains, dt=0.1, delay=0.1, line=None, margins=UNREADY, lasts=50.
         rng = np.random.default_rng([seed, 3])
         scenario = random_scenario(rng, gains, 5, lasts)
         lossy = replace(line, loss=rng.uniform(0.0, 0.5)) if line is not None else None
-        gaps, _ = drive(scenario,
-                        lambda: Follower(gains, dt, delay, margins, trust=trust, **how), 5, lasts,
-                        dt=dt, delay=delay, line=lossy, rng=rng)
+        gaps, _ = drive(
+            scenario,
+            lambda: PlatoonFollower(gains, dt, delay, margins, trust=trust, **how),
+            5,
+            lasts,
+            dt=dt,
+            delay=delay,
+            line=lossy,
+            rng=rng,
+        )
         out.append(gaps.min())
     return np.array(out)
 
@@ -55,7 +67,7 @@ def test_the_published_gains_to_the_digit(gains, k, c, h):
 
 def test_gains_of_no_platoon_are_refused():
     with pytest.raises(UsageError, match="v_d 2"):
-        tuned(0.5, 2.0, -1.0, 1.0, 1.4)
+        tune(0.5, 2.0, -1.0, 1.0, 1.4)
 
 
 def lie(t):
@@ -85,13 +97,13 @@ def test_no_collision_holds_for_small_steps_only():
 @given(gap=st.floats(0.0, 3.0), speed=st.floats(0.0, 1.4), ahead=st.floats(0.0, 1.4),
        dt=st.sampled_from([0.02, 0.05, 0.1]), brake=st.floats(0.5, 3.0), more=st.floats(1.0, 2.0))
 def test_what_the_rule_allows_leaves_a_stop(gap, speed, ahead, dt, brake, more):
-    margins = Margins(brake, more * brake, m=0.02)
-    u = safe(gap, 0.0, speed, ahead, dt, margins)
+    margins = SafetyMargins(brake, more * brake, m=0.02)
+    u = safe_acceleration(gap, 0.0, speed, ahead, dt, margins)
     if u == -inf or u < -brake:
         return
-    way, w = moves(speed, u, dt)
+    way, w = integrate_motion(speed, u, dt)
     assert gap - way - w**2 / (2 * brake) + ahead**2 / (2 * more * brake) >= 0.02 - 1e-9
-    way, w = moves(speed, u + 0.5, dt)
+    way, w = integrate_motion(speed, u + 0.5, dt)
     if speed + u >= 0.0:
         assert gap - way - w**2 / (2 * brake) + ahead**2 / (2 * more * brake) < 0.02, "control"
 
@@ -107,11 +119,22 @@ def test_a_brake_that_is_weaker_than_told_ends_in_contact():
     scenario = Scenario(brakes=(12.0, inf), attacks={0: lie})
 
     def least(b_s):
-        margins = Margins(b_s, 1.0, m=0.02)
-        return min(drive(scenario, lambda: Follower(DART, 0.1, 0.1, margins, trust=1.0,
-                                                    detects=False, compensated=False), 1, 16.0,
-                         dt=0.1, delay=0.1, line=Line(brake=(0.9, 1.0)),
-                         rng=np.random.default_rng(seed))[0].min() for seed in range(8))
+        margins = SafetyMargins(b_s, 1.0, m=0.02)
+        return min(
+            drive(
+                scenario,
+                lambda: PlatoonFollower(
+                    DART, 0.1, 0.1, margins, trust=1.0, detects=False, compensated=False
+                ),
+                1,
+                16.0,
+                dt=0.1,
+                delay=0.1,
+                line=Line(brake=(0.9, 1.0)),
+                rng=np.random.default_rng(seed),
+            )[0].min()
+            for seed in range(8)
+        )
 
     assert least(0.9) >= 0.02 - 1e-9
     assert least(1.0) < 0.0, "control"
@@ -144,9 +167,9 @@ def test_noise_and_loss_end_in_no_contact():
 def test_trucks_on_their_own_scale():
     def least(**how):
         scenario = Scenario(brakes=(25.0, inf), attacks={0: lie})
-        margins = Margins(7.848, 7.848, m=0.5)
-        return drive(scenario, lambda: Follower(TRUCK, 0.1, 0.1, margins, trust=1.0,
-                                                **{**AS_PUBLISHED, **how}), 3, 40.0,
+        margins = SafetyMargins(7.848, 7.848, m=0.5)
+        return drive(scenario, lambda: PlatoonFollower(TRUCK, 0.1, 0.1, margins, trust=1.0,
+                                                       **{**AS_PUBLISHED, **how}), 3, 40.0,
                      dt=0.1, delay=0.1)[0].min()
 
     assert least(rule=True) >= 0.5 - 1e-6
@@ -160,12 +183,12 @@ def test_trucks_on_their_own_scale():
 
 def test_disturbances_fade_along_the_string_at_delays_up_to_a_fifth_of_a_second():
     for delay in (0.0, 0.1, 0.2):
-        assert peak(STABLE, 0.05, delay, age=0.05) <= 1.005
-        assert peak(STABLE, 0.1, delay) <= 1.005
-        assert peak(STABLE, 0.1, delay, age=0.1) <= 1.005
-    assert peak(replace(STABLE, share=0.5), 0.1, 0.2, age=0.1) > 1.04, "control"
-    assert peak(DART, 0.1, 0.1, told=False) > 1.03, "control: the published headway"
-    assert peak(STABLE, 0.05, 0.1, age=0.05, compensated=False) > 1.5, "control"
+        assert peak_gain(STABLE, 0.05, delay, age=0.05) <= 1.005
+        assert peak_gain(STABLE, 0.1, delay) <= 1.005
+        assert peak_gain(STABLE, 0.1, delay, age=0.1) <= 1.005
+    assert peak_gain(replace(STABLE, share=0.5), 0.1, 0.2, age=0.1) > 1.04, "control"
+    assert peak_gain(DART, 0.1, 0.1, feed_forward=False) > 1.03, "control: the published headway"
+    assert peak_gain(STABLE, 0.05, 0.1, age=0.05, compensated=False) > 1.5, "control"
 
 
 def test_the_peak_is_what_a_wave_does():
@@ -174,8 +197,14 @@ def test_the_peak_is_what_a_wave_does():
 
     def swing(gains, delay, **how):
         wave = Scenario(lambda t: 0.1 * sin(2 * pi * t / period))
-        gaps, _ = drive(wave, lambda: Follower(gains, dt, delay, UNREADY, trust=1.0, rule=False,
-                                               **how), 4, 60.0, dt=dt, delay=delay)
+        gaps, _ = drive(
+            wave,
+            lambda: PlatoonFollower(gains, dt, delay, UNREADY, trust=1.0, rule=False, **how),
+            4,
+            60.0,
+            dt=dt,
+            delay=delay,
+        )
         return np.ptp(gaps[-round(2 * period / dt):], axis=0)
 
     fading = swing(gains, 0.1)
@@ -189,48 +218,68 @@ def test_the_peak_is_what_a_wave_does():
 def test_a_lie_is_found_and_no_wave_is_taken_for_one():
     def followers(attacks):
         scenario = Scenario(lambda t: 0.8 * sin(2 * pi * t / 6), attacks=attacks)
-        return drive(scenario, lambda: Follower(STABLE, 0.05, 0.1, UNREADY), 3, 30.0, dt=0.05,
-                     delay=0.1, line=replace(NOISY, loss=0.3))[1]
+        return drive(
+            scenario,
+            lambda: PlatoonFollower(STABLE, 0.05, 0.1, UNREADY),
+            3,
+            30.0,
+            dt=0.05,
+            delay=0.1,
+            line=replace(NOISY, loss=0.3),
+        )[1]
 
     square = {1: lambda t: 1.0 if t % 20.0 < 10.0 else -1.0}
     assert [f.detector.attacked for f in followers(square)] == [False, True, False]
     assert not any(f.detector.attacked for f in followers({})), "control"
     attacked = followers(square)[1]
-    assert attacked.mode is Mode.ACC
-    assert attacked.why == "it does not drive what it tells"
+    assert attacked.mode is PlatoonMode.ACC
+    assert attacked.why == "it does not drive its reported acceleration"
 
 
 def test_a_told_speed_that_the_lidar_does_not_see_is_not_believed():
     def drives(added, detects=True):
         scenario = Scenario(brakes=(12.0, inf), speeds={1: lambda t: added if t > 10.0 else 0.0})
-        return drive(scenario, lambda: Follower(STABLE, 0.05, 0.1, CAREFUL, detects=detects), 3,
-                     16.0, dt=0.05, delay=0.1, line=replace(NOISY, loss=0.3))
+        return drive(
+            scenario,
+            lambda: PlatoonFollower(STABLE, 0.05, 0.1, CAREFUL, detects=detects),
+            3,
+            16.0,
+            dt=0.05,
+            delay=0.1,
+            line=replace(NOISY, loss=0.3),
+        )
 
     gaps, followers = drives(0.3)
     assert gaps.min() > 0.0
-    assert [f.doubted for f in followers] == [False, True, False]
-    assert followers[1].why == "it is not where its speed leads"
+    assert [f.distrusts for f in followers] == [False, True, False]
+    assert followers[1].why == "its position does not match its reported speed"
     assert drives(0.3, detects=False)[0].min() < 0.0, "control"
-    assert not any(f.doubted for f in drives(0.0)[1]), "control"
+    assert not any(f.distrusts for f in drives(0.0)[1]), "control"
 
 
 def test_the_detector_needs_more_than_five_samples_in_a_row():
-    detector = Detector(0.1)
-    found = [detector.look(1.0, 1.0, 0.0, 1.0) for _ in range(20)]
+    detector = AttackDetector(0.1)
+    found = [detector.update(1.0, 1.0, 0.0, 1.0) for _ in range(20)]
     assert found.index(True) == 10
-    assert not any(Detector(0.1).look(1.0, 1.0, 0.3, 0.3) for _ in range(50)), "control"
+    assert not any(AttackDetector(0.1).update(1.0, 1.0, 0.3, 0.3) for _ in range(50)), "control"
 
 
 def test_messages_that_do_not_count_are_counted():
-    hearing = Hearing()
-    for told, now in ((Told(10.0, 1.0, 0.0), 10.0), (Told(10.0, 1.0, 0.0), 10.05),
-                      (Told(9.9, 0.5, 0.0), 10.05), (Told(10.1, 1.0, 0.1), 10.1),
-                      (Told(50.0, 1.0, 0.0), 110.0), (Told(111.0, 1.0, 0.0), 110.0),
-                      (Told(109.9, float("nan"), 0.0), 110.0), (Told(110.0, 101.0, 0.0), 110.0)):
+    hearing = ReportFilter()
+    for told, now in (
+        (PredecessorReport(10.0, 1.0, 0.0), 10.0),
+        (PredecessorReport(10.0, 1.0, 0.0), 10.05),
+        (PredecessorReport(9.9, 0.5, 0.0), 10.05),
+        (PredecessorReport(10.1, 1.0, 0.1), 10.1),
+        (PredecessorReport(50.0, 1.0, 0.0), 110.0),
+        (PredecessorReport(111.0, 1.0, 0.0), 110.0),
+        (PredecessorReport(109.9, float("nan"), 0.0), 110.0),
+        (PredecessorReport(110.0, 101.0, 0.0), 110.0),
+    ):
         hearing.take(told, now)
     assert dict(hearing.counts) == {"TAKEN": 2, "AGAIN": 1, "OVERTAKEN": 1, "OLD": 1, "EARLY": 1,
                                     "IMPOSSIBLE": 2}
-    assert hearing.newest == Told(10.1, 1.0, 0.1)
+    assert hearing.newest == PredecessorReport(10.1, 1.0, 0.1)
 
 
 def run(follower, seconds, gap=0.6, speed=1.0, tell=lambda t: None):
@@ -246,34 +295,36 @@ def run(follower, seconds, gap=0.6, speed=1.0, tell=lambda t: None):
 
 
 def test_a_neighbour_that_never_answers_leaves_acc():
-    follower = Follower()
+    follower = PlatoonFollower()
     run(follower, 2.0)
-    assert follower.mode is Mode.ACC
-    assert follower.why.startswith("nothing was heard")
+    assert follower.mode is PlatoonMode.ACC
+    assert follower.why.startswith("no report")
     assert follower.counts["ACC"] == 40
 
 
 def test_a_message_of_a_minute_ago_is_as_none():
-    late, silent = Follower(), Follower()
-    told = run(late, 1.0, tell=lambda t: Told(t - 60.0, 1.4, 1.0))
+    late, silent = PlatoonFollower(), PlatoonFollower()
+    told = run(late, 1.0, tell=lambda t: PredecessorReport(t - 60.0, 1.4, 1.0))
     assert (told == run(silent, 1.0)).all()
     assert late.hearing.counts["OLD"] == 20
-    assert (told != run(Follower(), 1.0, tell=lambda t: Told(t, 1.4, 1.0))).any(), "control"
+    assert (
+        told != run(PlatoonFollower(), 1.0, tell=lambda t: PredecessorReport(t, 1.4, 1.0))
+    ).any(), "control"
 
 
 def test_without_a_gap_it_brakes_to_rest():
-    follower = Follower()
-    u = run(follower, 1.0, gap=None, tell=lambda t: Told(t, 1.0, 0.5))
+    follower = PlatoonFollower()
+    u = run(follower, 1.0, gap=None, tell=lambda t: PredecessorReport(t, 1.0, 0.5))
     assert (u == follower.gains.u_min).all()
-    assert follower.mode is Mode.STOP
+    assert follower.mode is PlatoonMode.STOP
 
 
-class Held(Follower):
+class Held(PlatoonFollower):
     """The control: the gap goes on by the last told speed, as if silence were no news."""
 
-    def _go_on(self, t, speed):
-        super()._go_on(t, speed)
-        self._short = 0.0
+    def _predict_gap(self, t, speed):
+        super()._predict_gap(t, speed)
+        self._gap_deficit = 0.0
 
 
 @pytest.mark.parametrize("dt", [0.1, 0.05])
@@ -287,20 +338,22 @@ def test_in_silence_the_gap_is_the_one_that_a_full_brake_leaves(dt):
                          delay=0.1, line=Line(rate=2.5, loss=0.6), rng=np.random.default_rng(seed)
                          )[0].min() for seed in range(6))
 
-    assert least(Follower) >= 0.02 - 1e-9
+    assert least(PlatoonFollower) >= 0.02 - 1e-9
     assert least(Held) < 0.0, "control"
 
 
 def test_silence_is_taken_for_a_full_brake():
-    follower = Follower(margins=Margins(m=0.02))
-    u = run(follower, 2.0, gap=0.5, tell=lambda t: Told(t, 1.0, 0.0) if t < 0.5 else None)
+    follower = PlatoonFollower(margins=SafetyMargins(m=0.02))
+    u = run(
+        follower, 2.0, gap=0.5, tell=lambda t: PredecessorReport(t, 1.0, 0.0) if t < 0.5 else None
+    )
     assert u[8] > -0.6, "heard: the linear law, which is nearer than it likes"
     assert u[-1] == follower.gains.u_min, "from 1 m/s it needs 0.5 m to rest"
 
 
 def test_what_is_under_way_is_driven_before_what_is_asked_for():
-    underway = Underway(0.1, 0.05)
+    underway = PendingCommands(0.1, 0.05)
     underway.send(-1.0)
-    assert underway.through(1.0) == pytest.approx((0.05 + 0.5 * (1.0 + 0.95) * 0.05, 0.95))
+    assert underway.predict(1.0) == pytest.approx((0.05 + 0.5 * (1.0 + 0.95) * 0.05, 0.95))
     underway.send(1.0)
-    assert underway.through(0.02)[1] == pytest.approx(0.05), "it stands before it starts"
+    assert underway.predict(0.02)[1] == pytest.approx(0.05), "it stands before it starts"

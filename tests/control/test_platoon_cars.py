@@ -10,7 +10,7 @@ import pytest
 from dart_hal.car import Fleet
 from dart_hal.control.paths import Path
 from dart_hal.control.platoon.car import PlatoonCar
-from dart_hal.control.platoon.spacing import NOSE, TAIL, heard, seen
+from dart_hal.control.platoon.spacing import FRONT_LENGTH, REAR_LENGTH, gap_from_pose, measure_gap
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
 from studies.control import platoon_cars as cars
@@ -23,7 +23,7 @@ BRIEF = {**SHORT, "cars": 2, "lasts": 5.5, "brakes": 5.0}
 
 def tail(path, s, width=0.19, n=12):
     """Points of the tail of a car whose rear axle is at s [m]."""
-    spot = path.at(s - TAIL)
+    spot = path.at(s - REAR_LENGTH)
     aside = np.linspace(-0.5, 0.5, n)[:, None] * width
     return np.array((spot.x, spot.y)) + aside * (-np.sin(spot.heading), np.cos(spot.heading))
 
@@ -32,24 +32,26 @@ def tail(path, s, width=0.19, n=12):
     (Path([(20.0, 0.0)], closed=False), 4.0, 0.002),
     (track_named("racetrack_vicon_2"), 2.2, 0.03)], ids=["straight", "bend"])
 def test_the_gap_by_a_scan_is_to_what_stands_in_the_way(path, s, most):
-    away = s + 0.6 + NOSE + TAIL
+    away = s + 0.6 + FRONT_LENGTH + REAR_LENGTH
     board = np.array([(p.x - 0.35 * np.sin(p.heading), p.y + 0.35 * np.cos(p.heading))
                       for p in map(path.at, np.arange(s, s + 3.0, 0.05))])
     points = np.vstack((tail(path, away), board, [[0.0, 0.0]]))
     t = np.linspace(1.0, 1.1, len(points))
-    gap = seen(points, t, path, np.full(len(points), s))
+    gap = measure_gap(points, t, path, np.full(len(points), s))
     assert gap.metres == pytest.approx(0.6, abs=most)
     assert gap.t == pytest.approx(t[:12].mean())
-    assert seen(board, t[12:-1], path, np.full(len(board), s)) is None, "control: boards alone"
+    assert measure_gap(board, t[12:-1], path, np.full(len(board), s)) is None, (
+        "control: boards alone"
+    )
     spot = path.at(away)
-    assert heard(spot.x, spot.y, 1.0, path, s).metres == pytest.approx(0.6, abs=0.01)
+    assert gap_from_pose(spot.x, spot.y, 1.0, path, s).metres == pytest.approx(0.6, abs=0.01)
 
 
 def test_two_stray_points_are_no_car():
     path = Path([(20.0, 0.0)], closed=False)
     points = np.vstack(([[4.4, 0.0], [4.42, 0.05]], tail(path, 5.0)))
-    gap = seen(points, np.ones(len(points)), path, np.full(len(points), 4.0))
-    assert gap.metres == pytest.approx(5.0 - TAIL - 4.0 - NOSE, abs=0.002)
+    gap = measure_gap(points, np.ones(len(points)), path, np.full(len(points), 4.0))
+    assert gap.metres == pytest.approx(5.0 - REAR_LENGTH - 4.0 - FRONT_LENGTH, abs=0.002)
 
 
 def test_a_fleet_takes_the_lidar_of_each_car_as_its_source_of_poses(tmp_path):
@@ -120,7 +122,9 @@ def test_behind_a_car_that_never_tells_anything_it_follows_by_its_lidar():
 @pytest.mark.slow
 def test_a_leader_whose_esc_is_neutral_at_once_is_not_touched(monkeypatch):
     """It slows down harder than the platoon brakes, and tells another acceleration."""
-    changed(monkeypatch, 0, 4.0, lambda answer, *seen: answer(*seen)._replace(speed=0.0))
+    changed(
+        monkeypatch, 0, 4.0, lambda answer, *measure_gap: answer(*measure_gap)._replace(speed=0.0)
+    )
     drive, truth = cars.straight(5, **{**SHORT, "brakes": 99.0})
     speed = np.array(truth.speed)[:, 0]
     assert speed[380] > 0.9
@@ -132,7 +136,7 @@ def test_a_leader_whose_esc_is_neutral_at_once_is_not_touched(monkeypatch):
 
 @pytest.mark.slow
 def test_a_car_that_sees_nothing_brakes_to_rest_and_so_does_who_follows(monkeypatch):
-    made = changed(monkeypatch, 1, 4.0, lambda answer, motion, *seen: answer(motion))
+    made = changed(monkeypatch, 1, 4.0, lambda answer, motion, *measure_gap: answer(motion))
     drive, truth = cars.straight(3, **{**SHORT, "brakes": 99.0})
     assert made[1].mode == "STOP"
     assert made[1].why == "no gap is known for 0.5 s"

@@ -55,7 +55,7 @@ def test_it_brakes_where_rolling_out_is_too_slow_and_never_reverses(more):
 @pytest.mark.slow
 def test_without_the_brake_it_would_be_late(monkeypatch):
     """Control of the same: what the car does by itself."""
-    monkeypatch.setattr(drivetrain, "BRAKE_ABOVE", 99.0)
+    monkeypatch.setattr(drivetrain, "MIN_BRAKING_SPEED", 99.0)
     rows = modes_of(up_and_down, seconds=1.6)
     assert max(v for t, v, *_ in rows if 1.5 < t < 1.6) > 1.2
 
@@ -75,13 +75,13 @@ def test_after_a_rest_at_speed_the_car_is_pulled_forward_before_it_is_braked():
 
 @pytest.mark.slow
 def test_control_braked_at_once_such_a_car_gets_reverse(monkeypatch):
-    plain = SpeedLoop._see
+    plain = SpeedLoop._record_throttle
 
     def careless(self, applied, dt):
         plain(self, applied, dt)
         self._pulled = True
 
-    monkeypatch.setattr(SpeedLoop, "_see", careless)
+    monkeypatch.setattr(SpeedLoop, "_record_throttle", careless)
     assert backward(modes_of(let_go_of_the_brake, seconds=1.8))
 
 

@@ -8,8 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.car import Car
-from dart_hal.control.measured import REST_S
-from dart_hal.control.reversal import AT_REST, BRAKE, LEAST_BRAKE_S, MOST_BRAKE_S, Reversal
+from dart_hal.control.measured import DEFAULT_REVERSE_REST
+from dart_hal.control.reversal import (
+    BRAKE_THROTTLE,
+    MAX_BRAKE_TIME,
+    MIN_BRAKE_TIME,
+    REST_SPEED,
+    Reversal,
+)
 
 URL = "sim://?seed={}&nano=mock"
 DT = 0.01
@@ -81,7 +87,7 @@ def test_neutral_is_never_filled_and_nothing_drives_forward_unasked(asked):
         if wanted >= 0.0:
             assert given_ == wanted
         else:
-            assert -max(BRAKE, -wanted) <= given_ <= 0.0
+            assert -max(BRAKE_THROTTLE, -wanted) <= given_ <= 0.0
 
 
 @given(st.floats(0.0, 3.0), st.floats(0.1, 1.0), st.floats(0.5, 3.0))
@@ -94,8 +100,8 @@ def test_after_forward_the_brake_and_a_rest_come_before_reverse(speed, pull, slo
         if not reversal.holding:
             break
     rest = np.flatnonzero(np.array(seen) == 0.0)
-    assert LEAST_BRAKE_S / DT - 1 <= rest[0] <= MOST_BRAKE_S / DT + 1
-    assert len(rest) >= REST_S / DT - 2
+    assert MIN_BRAKE_TIME / DT - 1 <= rest[0] <= MAX_BRAKE_TIME / DT + 1
+    assert len(rest) >= DEFAULT_REVERSE_REST / DT - 2
     assert seen[-1] == -pull
 
 
@@ -111,7 +117,7 @@ def test_a_brake_that_turns_out_to_reverse_is_let_go():
 def test_an_esc_that_braked_instead_is_rested_once_more():
     reversal, seen = Reversal(), []
     for _ in range(200):
-        seen.append(reversal.throttle(-0.3, 0.5 * AT_REST, DT))
+        seen.append(reversal.throttle(-0.3, 0.5 * REST_SPEED, DT))
     assert seen[0] == -0.3
     assert 0.0 in seen
     assert seen[-1] == -0.3

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.control.profile import FOLLOWED, Profile
-from dart_hal.control.tuning import Answer, answer_of
+from dart_hal.control.profile import MAX_FOLLOWED_ACCELERATION, Profile
+from dart_hal.control.tuning import SpeedResponse, make_speed_response
 from dart_hal.vehicle.parameters import Delay
 from studies.control import speed_figures
 from studies.control.speed_figures import STEP, driven, figures, identified, sine, step
@@ -66,7 +66,7 @@ def test_a_sine_is_in_time(seed):
 def run(profile, wanted, ahead=0.0):
     out = []
     for one in wanted:
-        profile.go(one, 0.01, ahead)
+        profile.advance(one, 0.01, ahead)
         out.append((profile.speed, profile.acceleration))
     return np.array(out).T
 
@@ -93,11 +93,11 @@ def test_the_profile_never_crosses_standstill_and_never_outruns_the_car():
     wanted = np.abs(np.repeat(rng.normal(0.5, 0.5, 40), 7)) + 0.01
     speed, acceleration = run(Profile(3.0, 0.05), wanted, ahead=0.1)
     assert speed.min() >= 0.0
-    assert np.abs(acceleration).max() <= FOLLOWED + 1e-9
+    assert np.abs(acceleration).max() <= MAX_FOLLOWED_ACCELERATION + 1e-9
 
 
 def test_gains_come_of_how_late_the_car_is():
-    quick, slow = Answer(0.0, 0.0), Answer(0.03, 0.1)
+    quick, slow = SpeedResponse(0.0, 0.0), SpeedResponse(0.03, 0.1)
     theta = quick.to_force(0.01) + 0.010
     k_a, tau_i = quick.gains(0.01, 0.0)
     assert k_a == pytest.approx(1.0 / (2.0 * theta))
@@ -112,7 +112,7 @@ def test_it_counts_on_the_window_of_the_estimation():
     from dart_hal.control import tuning
     from dart_hal.estimation import speed
 
-    assert tuning.WINDOW == speed.MIN_PAIR_TIME
+    assert tuning.EDGE_WINDOW == speed.MIN_PAIR_TIME
 
 
 def test_without_a_model_the_lag_is_not_known(tmp_path):
@@ -120,4 +120,4 @@ def test_without_a_model_the_lag_is_not_known(tmp_path):
     from dart_lab.sim.car_file import typical_car_toml
 
     files = parse_car(typical_car_toml(), "test", [tmp_path])
-    assert not answer_of(files).known
+    assert not make_speed_response(files).is_lag_known

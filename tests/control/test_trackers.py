@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from dart_hal.control.follow import Follower, Rules
-from dart_hal.control.lqr import PREVIEW
+from dart_hal.control.lqr import PREVIEW_STEPS
 from dart_hal.control.paths import Path
-from dart_hal.control.plant import Late, Prediction, plant_of
+from dart_hal.control.plant import MotionPrediction, SteeringDelay, plant_of
 from dart_hal.control.pursuit import arc
-from dart_hal.control.trackers import TRACKERS, uncompensated
+from dart_hal.control.trackers import TRACKERS, without_delay
 from dart_hal.control.tracks import track_named
 from dart_hal.core.config import Calibration, Quantity, parse_car
 from dart_hal.core.types import Pose
@@ -56,7 +56,7 @@ def test_one_metre_a_second(name):
 @BOTH
 def test_without_delay_compensation_it_is_much_worse(name):
     """The control: 0.03 s of transport and 0.13 s of lag are 0.3 m at 2 m/s."""
-    blind, knowing = lap(name, 2.0, uncompensated(PLANT))[0], lap(name, 2.0)[0]
+    blind, knowing = lap(name, 2.0, without_delay(PLANT))[0], lap(name, 2.0)[0]
     assert blind > 3.0 * knowing
     assert blind > 0.04
 
@@ -64,8 +64,8 @@ def test_without_delay_compensation_it_is_much_worse(name):
 @pytest.mark.slow
 @BOTH
 def test_a_lag_that_is_15_percent_off_and_a_map_that_is_half_a_degree_off(name):
-    late = replace(PLANT.late, lag=0.85 * PLANT.late.lag)
-    assert lap(name, 2.0, replace(PLANT, late=late), bias=0.01)[0] < 0.04
+    late = replace(PLANT.delay, lag=0.85 * PLANT.delay.lag)
+    assert lap(name, 2.0, replace(PLANT, delay=late), bias=0.01)[0] < 0.04
 
 
 @pytest.mark.slow
@@ -95,7 +95,7 @@ def test_from_far_beside_the_path_it_comes_to_it_without_turning_back(name, side
 
 def test_on_the_path_pursuit_asks_for_its_bend():
     circle = Path([(2 * pi * 1.2, 1 / 1.2)], closed=True)
-    plant = replace(PLANT, late=Late(0.0))
+    plant = replace(PLANT, delay=SteeringDelay(0.0))
     for v in (0.4, 1.2):
         bend = plant.steady.turn(1 / 1.2, v)
         motion = motion_at(0.0, Pose(0.0, 0.0, -bend.slip), v, v / 1.2)
@@ -131,43 +131,43 @@ def test_gains_by_speed():
     """A preview of ones is the bend itself; the faster, the less of what is near counts."""
     gains = PLANT.gains
     assert gains.preview.sum(axis=1) == pytest.approx(1.0)
-    assert gains.preview.shape == (len(gains.feedback), PREVIEW)
+    assert gains.preview.shape == (len(gains.feedback), PREVIEW_STEPS)
     assert (gains.feedback[:, :2] > 0.0).all()
 
 
 def test_a_command_acts_after_transport_and_lag():
     """0.1 s ahead of a step: what is left of the lag by then; nothing before the transport."""
-    late = Late(0.04, 0.1, slew=99.0)
-    prediction = Prediction(replace(PLANT, late=late))
+    late = SteeringDelay(0.04, 0.1, slew=99.0)
+    prediction = MotionPrediction(replace(PLANT, delay=late))
     still = motion_at(0.0, Pose(), 0.0, 0.0)
-    prediction.at(still, 0.0)
-    prediction.sent(0.0, 0.2)
-    assert prediction.at(still, 0.04).angle == pytest.approx(0.0, abs=1e-9)
+    prediction.predict(still, 0.0)
+    prediction.record_command(0.0, 0.2)
+    assert prediction.predict(still, 0.04).angle == pytest.approx(0.0, abs=1e-9)
     share = 1.0 - np.exp(-0.06 / 0.1)
     first, last = PLANT.command_of(0.0), PLANT.command_of(0.2)
-    assert PLANT.command_of(prediction.at(still, 0.1).angle) == pytest.approx(
+    assert PLANT.command_of(prediction.predict(still, 0.1).angle) == pytest.approx(
         first + share * (last - first), rel=0.1)
     later = motion_at(0.5, Pose(), 0.0, 0.0)
-    assert prediction.at(later, 0.5).angle == pytest.approx(0.2, rel=0.02)
+    assert prediction.predict(later, 0.5).angle == pytest.approx(0.2, rel=0.02)
 
 
 def test_a_servo_turns_no_faster_than_it_can():
-    prediction = Prediction(replace(PLANT, late=Late(0.0, 0.0, slew=1.0)))
+    prediction = MotionPrediction(replace(PLANT, delay=SteeringDelay(0.0, 0.0, slew=1.0)))
     still = motion_at(0.0, Pose(), 0.0, 0.0)
-    prediction.at(still, 0.0)
-    prediction.sent(0.0, 0.3)
+    prediction.predict(still, 0.0)
+    prediction.record_command(0.0, 0.3)
     there = PLANT.angle_of(PLANT.command_of(0.0) + 0.1)
-    assert prediction.at(still, 0.1).angle == pytest.approx(there, abs=0.005)
+    assert prediction.predict(still, 0.1).angle == pytest.approx(there, abs=0.005)
 
 
 def test_prediction_is_the_motion_of_the_model():
     """A steady bend, predicted over 0.15 s, against a circle."""
-    prediction, v, k = Prediction(PLANT), 1.5, 0.8
+    prediction, v, k = MotionPrediction(PLANT), 1.5, 0.8
     bend = PLANT.steady.turn(k, v)
     start = motion_at(0.0, Pose(0.0, 0.0, -bend.slip), v, k * v)
     prediction._t, prediction._servo = 0.0, PLANT.command_of(bend.angle)
-    prediction.sent(-1.0, bend.angle)
-    where = prediction.at(start, 0.15)
+    prediction.record_command(-1.0, bend.angle)
+    where = prediction.predict(start, 0.15)
     turned = k * v * 0.15
     assert where.yaw == pytest.approx(turned - bend.slip, abs=2e-3)
     assert (where.x, where.y) == pytest.approx(
@@ -179,13 +179,13 @@ def test_what_is_known_of_a_car(tmp_path):
     files = parse_car(typical_car_toml(), "typical", [tmp_path])
     plant = plant_of(files)
     assert plant.vehicle.tyres == PAPER.tyres
-    assert plant.late.transport == pytest.approx(0.0315)
+    assert plant.delay.transport == pytest.approx(0.0315)
     assert plant.lock == pytest.approx((-0.3505, 0.3075), abs=1e-3)
     measured = Calibration(car=files.config.name).with_quantities({
         "latency.command_to_pulse": Quantity(0.013, 1e-4),
         "latency.pulse_to_yaw": Quantity(0.01, 1e-3),
         "latency.pulse_to_yaw_lag": Quantity(0.08, 1e-3)})
-    assert plant_of(replace(files, calibration=measured)).late == Late(0.023, 0.08)
+    assert plant_of(replace(files, calibration=measured)).delay == SteeringDelay(0.023, 0.08)
     known = plant_of(replace(files, model=model_of(LATER)))
-    assert known.late.transport == pytest.approx(0.0115 + 0.03)
-    assert known.late.lag == pytest.approx(0.1285, abs=1e-4)
+    assert known.delay.transport == pytest.approx(0.0115 + 0.03)
+    assert known.delay.lag == pytest.approx(0.1285, abs=1e-4)

@@ -12,10 +12,10 @@ from dart_hal.car import Car, Fleet, join
 from dart_hal.car.others import Others
 from dart_hal.control import traffic as law
 from dart_hal.control.follow import Follower, Phase, Rules
-from dart_hal.control.mpc.planner import Outcome
+from dart_hal.control.mpc.planner import PlanOutcome
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import plant_of
-from dart_hal.control.traffic import Neighbour, Traffic, Wait
+from dart_hal.control.traffic import NearbyCar, PathTraffic, TrafficWait
 from dart_hal.core.types import Pose, pose_cov
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
@@ -32,13 +32,13 @@ def at(s, offset, turn=0.0, *, path=TRACK, std=0.0, **of):
     spot = path.at(s)
     yaw = spot.heading + turn
     x, y = spot.x - offset * sin(spot.heading), spot.y + offset * cos(spot.heading)
-    return Neighbour("red", Pose(x - REAR * cos(yaw), y - REAR * sin(yaw), yaw,
+    return NearbyCar("red", Pose(x - REAR * cos(yaw), y - REAR * sin(yaw), yaw,
                                  pose_cov(std, std)), **{"speed": 0.0, "age": 0.0, "lost": False,
                                                          **of})
 
 
 def judged(*others, s=1.0, speed=1.0, passes=True, path=TRACK):
-    found = Traffic(path, 0.3, REAR, passes)
+    found = PathTraffic(path, 0.3, REAR, passes)
     found.judge(0.0, s, speed, others)
     return found
 
@@ -47,26 +47,26 @@ def judged(*others, s=1.0, speed=1.0, passes=True, path=TRACK):
 def test_one_in_the_middle_is_waited_for(turn):
     """Its disc, the own front, and the air between."""
     found = judged(at(3.0, 0.02, turn))
-    assert (found.wait, found.who, found.obstacles) == (Wait.BEHIND, "red", ())
-    assert found.room == pytest.approx(2.0 - REAR - law.RADIUS - 0.15 - law.GAP, abs=0.01)
+    assert (found.wait, found.who, found.obstacles) == (TrafficWait.BEHIND, "red", ())
+    assert found.room == pytest.approx(2.0 - REAR - law.BODY_RADIUS - 0.15 - law.STOP_GAP, abs=0.01)
     assert 0.5 < found.speed < 1.5
 
 
 @pytest.mark.parametrize(("offset", "passed"), [(0.2, True), (-0.3, True), (0.45, False)])
 def test_one_beside_the_middle_is_passed_or_nothing(offset, passed):
     found = judged(at(3.0, offset, speed=0.5))
-    assert (found.wait, found.speed) == (Wait.FREE, inf)
+    assert (found.wait, found.speed) == (TrafficWait.FREE, inf)
     assert [o.offset for o in found.obstacles] == pytest.approx([offset] * passed, abs=0.01)
     assert [o.speed for o in found.obstacles] == [0.5] * passed
 
 
 def test_a_tracker_that_passes_nobody_waits():
-    assert judged(at(3.0, 0.2), passes=False).wait is Wait.BEHIND
+    assert judged(at(3.0, 0.2), passes=False).wait is TrafficWait.BEHIND
 
 
 def test_one_that_was_not_heard_stands_where_it_was_and_is_not_passed():
     found = judged(at(3.0, 0.2, speed=2.0, age=60.0, lost=True))
-    assert (found.wait, found.obstacles) == (Wait.LOST, ())
+    assert (found.wait, found.obstacles) == (TrafficWait.LOST, ())
     assert found.room < 2.0
 
 
@@ -82,14 +82,14 @@ def test_doubt_of_its_place_takes_room():
 
 def test_behind_the_car_in_the_next_lane_and_beyond_the_end_is_nobody():
     """x = 3 and x = 4.5 are lanes of the track 1.5 m apart."""
-    assert judged(at(0.6, 0.0)).wait is Wait.FREE
-    assert judged(at(3.0, 1.5)).wait is Wait.FREE
-    past = Neighbour("red", Pose(11.0, 0.0, 0.0), 0.0, 0.0, False)
-    assert judged(past, s=8.5, path=STRAIGHT).wait is Wait.FREE
+    assert judged(at(0.6, 0.0)).wait is TrafficWait.FREE
+    assert judged(at(3.0, 1.5)).wait is TrafficWait.FREE
+    past = NearbyCar("red", Pose(11.0, 0.0, 0.0), 0.0, 0.0, False)
+    assert judged(past, s=8.5, path=STRAIGHT).wait is TrafficWait.FREE
 
 
 def test_over_the_start_of_a_lap_it_is_seen():
-    assert judged(at(TRACK.length + 0.5, 0.0), s=TRACK.length - 1.0).wait is Wait.BEHIND
+    assert judged(at(TRACK.length + 0.5, 0.0), s=TRACK.length - 1.0).wait is TrafficWait.BEHIND
 
 
 def test_it_stands_before_the_room_ends_and_starts_for_more_than_that():
@@ -99,7 +99,7 @@ def test_it_stands_before_the_room_ends_and_starts_for_more_than_that():
     assert found.speed == 0.0
     found.judge(2.0, 1.0, 0.0, [at(3.0, 0.0)])
     assert found.speed > 0.5
-    assert found.seconds[Wait.BEHIND] == pytest.approx(2.0)
+    assert found.seconds[TrafficWait.BEHIND] == pytest.approx(2.0)
 
 
 class Drive:
@@ -161,7 +161,7 @@ def test_a_car_that_stands_in_the_lane_is_waited_for(tracker):
     drive = Drive(stands, tracker=tracker)
     assert not drive.contacts
     assert drive.follower.why == ""
-    assert (drive.others.traffic.wait, drive.others.traffic.who) == (Wait.BEHIND, "red")
+    assert (drive.others.traffic.wait, drive.others.traffic.who) == (TrafficWait.BEHIND, "red")
     t, own, red = drive.rows.T
     assert 0.40 < red[-1] - own[-1] < 0.85
     assert drive.pulled(t[-1] - 3.0, t[-1]) < 5.0
@@ -188,9 +188,9 @@ def test_it_starts_again_behind_one_that_goes_on():
 def test_one_beside_the_middle_is_passed(tmp_path):
     drive = Drive(stands, beside=0.25, cars=tmp_path)
     assert not drive.contacts
-    assert set(drive.follower.tracker.mpcc.outcomes.elements()) == {Outcome.SOLVED}
+    assert set(drive.follower.tracker.mpcc.outcomes.elements()) == {PlanOutcome.SOLVED}
     assert drive.rows[-1, 1] > 4.5
-    assert drive.others.traffic.seconds[Wait.BEHIND] == 0.0
+    assert drive.others.traffic.seconds[TrafficWait.BEHIND] == 0.0
 
 
 @pytest.mark.slow
@@ -198,18 +198,18 @@ def test_but_not_where_nobody_knows_where_its_marker_sits():
     """15 cm, twice, are no way."""
     drive = Drive(stands, beside=0.25, seconds=5.0)
     assert not drive.contacts
-    assert drive.others.traffic.wait is Wait.BEHIND
+    assert drive.others.traffic.wait is TrafficWait.BEHIND
 
 
 @pytest.mark.slow
 def test_one_that_falls_silent_is_waited_for_where_it_was():
     """It drives on, unheard: nobody knows, so the own car stands behind its last place."""
     drive = Drive(lambda t: 0.6 if t < 2.0 else None)
-    assert drive.others.traffic.wait is Wait.LOST
+    assert drive.others.traffic.wait is TrafficWait.LOST
     t, own, red = drive.rows.T
     assert own[-1] < red[t < 2.0][-1] - 0.3
     assert drive.pulled(t[-1] - 2.0, t[-1]) < 5.0
-    assert drive.others.traffic.seconds[Wait.LOST] > 3.0
+    assert drive.others.traffic.seconds[TrafficWait.LOST] > 3.0
 
 
 @pytest.mark.slow

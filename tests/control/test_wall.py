@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dart_hal.control import wall as wall_module
-from dart_hal.control.wall import BODY, ROUND, Wall
+from dart_hal.control.wall import BOX_ANGLE, MIN_CLEARANCE, Wall
 from dart_hal.core.types import Pose
 from dart_hal.estimation.localisation.rays import NO_HIT, cast_numpy
 
@@ -46,7 +46,7 @@ def test_before_a_wall_it_turns_away_and_at_an_opening_it_turns_after_the_wall()
     inner = scan(right, (1.6, -0.6, 1.6, 4.0))
     way = Wall()(inner, Pose()).middle
     assert way[-1, 1] > 0.5
-    assert clear(way, right, (1.6, -0.6, 1.6, 4.0)) > BODY
+    assert clear(way, right, (1.6, -0.6, 1.6, 4.0)) > MIN_CLEARANCE
     outer = scan((-3.0, -0.6, 0.6, -0.6), (0.6, -0.6, 0.6, -4.0), (-3.0, 3.0, 4.0, 3.0))
     assert Wall()(outer, Pose()).middle[-1, 1] < -0.2
 
@@ -55,20 +55,20 @@ def test_a_dead_end_is_blocked_before_it_is_touched():
     pocket = ((-2.0, -0.35, 0.9, -0.35), (-2.0, 0.35, 0.9, 0.35), (0.9, -0.35, 0.9, 0.35))
     way = Wall()(scan(*pocket), Pose()).middle
     assert len(way) < 8
-    assert clear(way, *pocket) > BODY
+    assert clear(way, *pocket) > MIN_CLEARANCE
 
 
 def test_glass_between_walls_is_a_wall(monkeypatch):
     """The negative control: beams that do not come back are nothing."""
     ahead, sides = (1.4, -1.5, 1.4, 1.5), ((-3.0, -1.5, 1.4, -1.5), (-3.0, 1.5, 1.4, 1.5))
     points = scan(ahead, *sides, glass=(1.4, -0.8, 1.4, 0.8))
-    assert Wall(gap=1.5)(points, Pose()).middle[:, 0].max() < 1.4 - BODY
-    monkeypatch.setattr(wall_module, "GLASS", BEAMS)
+    assert Wall(gap=1.5)(points, Pose()).middle[:, 0].max() < 1.4 - MIN_CLEARANCE
+    monkeypatch.setattr(wall_module, "MIN_GLASS_BEAMS", BEAMS)
     assert Wall(gap=1.5)(points, Pose()).middle[:, 0].max() > 1.4
 
 
 def test_nothing_that_is_seen_is_no_way():
-    assert not Wall()(np.full((BEAMS, 2), np.nan), Pose()).whole
+    assert not Wall()(np.full((BEAMS, 2), np.nan), Pose()).is_complete
 
 
 @pytest.mark.parametrize("sense", [1, -1])
@@ -76,8 +76,8 @@ def test_a_box_that_is_gone_around_is_left_and_a_room_is_not(sense):
     """Turning towards the wall on the right, clockwise, for more than a turn: a box."""
     wall = Wall(-1)
     yaw = 0.0
-    while abs(yaw) < ROUND + 0.5:
+    while abs(yaw) < BOX_ANGLE + 0.5:
         yaw -= 0.2 * sense
-        follows = wall._follows(Pose(0.0, 0.0, yaw))
+        follows = wall._has_wall(Pose(0.0, 0.0, yaw))
     assert follows is (sense < 0)
-    assert wall._follows(Pose(2.0, 0.0, yaw))
+    assert wall._has_wall(Pose(2.0, 0.0, yaw))

@@ -382,7 +382,7 @@ class Car:
         applied = self.drive(steering=steering, throttle=throttle, valid_for=valid_for,
                              source=source)
         return replace(applied, limited=tuple(dict.fromkeys(
-            (*applied.limited, *self._loop.limited))))
+            (*applied.limited, *self._loop.active_limits))))
 
     def pulses(self, *, steering_us: float, throttle_us: float | None,
                valid_for: float = 0.2) -> Applied:

@@ -11,9 +11,9 @@ from typing import Any
 from dart_hal.car.member import Member
 from dart_hal.control.ending import Phase
 from dart_hal.control.follow import Follower
-from dart_hal.control.mpc.model import STAGE
+from dart_hal.control.mpc.model import STAGE_PERIOD
 from dart_hal.control.mpc.tracker import Contouring
-from dart_hal.control.traffic import Neighbour, Traffic, Wait
+from dart_hal.control.traffic import NearbyCar, PathTraffic, TrafficWait
 from dart_hal.core.types import MotionEstimate
 
 
@@ -27,16 +27,16 @@ class Others:
         self.member = member
         self.follower = follower
         self.received: set[str] = set()
-        self._traffic: Traffic | None = None
+        self._traffic: PathTraffic | None = None
 
     @property
-    def traffic(self) -> Traffic:
+    def traffic(self) -> PathTraffic:
         """Return the traffic rules along the path, which is fixed once the drive has begun."""
         follower = self.follower
         if self._traffic is None:
-            self._traffic = Traffic(follower.path, follower.rules.lane,
-                                    follower.plant.vehicle.body.l_r,
-                                    isinstance(follower.tracker, Contouring))
+            self._traffic = PathTraffic(follower.path, follower.rules.lane,
+                                        follower.plant.vehicle.body.l_r,
+                                        isinstance(follower.tracker, Contouring))
         return self._traffic
 
     def update(self, motion: MotionEstimate) -> None:
@@ -56,24 +56,24 @@ class Others:
                 return
         traffic = self.traffic
         traffic.judge(motion.t, follower.tracker.s, motion.speed, [
-            Neighbour(name, o.pose, o.speed, o.age, o.lost) for name, o in found.items()])
+            NearbyCar(name, o.pose, o.speed, o.age, o.lost) for name, o in found.items()])
         follower.free = traffic.speed
         if isinstance(follower.tracker, Contouring):
-            follower.tracker.pass_by(traffic.obstacles)
+            follower.tracker.set_moving_obstacles(traffic.obstacles)
 
     def publish(self) -> dict[str, float]:
         """Send the plan to the others, and return what is to be recorded.
 
-        room: distance [m] to where the car has to stop, -1 without. wait: index in ``Wait``.
+        room: distance [m] to where the car has to stop, -1 without. wait: index in ``TrafficWait``.
         passing: number of cars that are overtaken.
         """
         tracker = self.follower.tracker
         traffic = self.traffic
         if tracker.told and isinstance(tracker, Contouring) and tracker.plan is not None:
             plan = tracker.plan
-            self.member.tell_plan(plan.states[:, :4], step=STAGE, t=plan.t)
+            self.member.tell_plan(plan.states[:, :4], step=STAGE_PERIOD, t=plan.t)
         return {"room": traffic.room if traffic.room < inf else -1.0,
-                "wait": float(list(Wait).index(traffic.wait)),
+                "wait": float(list(TrafficWait).index(traffic.wait)),
                 "passing": float(len(traffic.obstacles))}
 
     @property
@@ -81,4 +81,4 @@ class Others:
         """Return the entries of the summary: other cars, waiting times [s]."""
         return {"others": sorted(self.received),
                 "waited_s": {str(wait): t for wait, t in self.traffic.seconds.items()
-                             if wait is not Wait.FREE and t > 0.0}}
+                             if wait is not TrafficWait.FREE and t > 0.0}}

@@ -34,7 +34,7 @@ from dart_hal.cli.common.session import open_car
 from dart_hal.cli.common.summary import RunSummary
 from dart_hal.control.curvature_aware.generator import WEIGHTS
 from dart_hal.control.ending import Phase
-from dart_hal.control.follow import LANE, Follower, Rules
+from dart_hal.control.follow import DEFAULT_HALF_WIDTH, Follower, Rules
 from dart_hal.control.keyboard import Terminal
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.mpc.obstacles import Disc
@@ -85,7 +85,7 @@ COMMAND_SOURCE = "follow"
                                            "car")
 @click.option("--odometry", is_flag=True,
               help="dead reckoning by wheels and gyro, from the pose of the car; drifts")
-@click.option("--lane", type=FiniteNumber(0.05, 5.0), default=LANE, show_default=True,
+@click.option("--lane", type=FiniteNumber(0.05, 5.0), default=DEFAULT_HALF_WIDTH, show_default=True,
               help="largest offset from the path, m; the car stops beyond it")
 @drive_options
 @click.option("--plot", type=PlotFile(), default=None,
@@ -173,8 +173,9 @@ def make_follower(car: Car, track: Track, speed: float, tracker: Make, rules: Ru
     if v < cap < inf and speed < inf and track.closed:
         warnings.append(f"{cap:g} m/s is too fast for the tightest bend: the car slows down to "
                         f"{v:.2f} m/s at {track.s[slowest]:.1f} m")
-    if isinstance(follower.tracker, Contouring) and follower.tracker.in_numpy:
-        warnings.append(f"the plan is computed in numpy, not in C: {follower.tracker.in_numpy}")
+    if isinstance(follower.tracker, Contouring) and follower.tracker.compile_error:
+        warnings.append("the plan is computed in numpy, not in C: "
+                        f"{follower.tracker.compile_error}")
     show_notices(tuple(warnings))
     return follower
 

@@ -97,14 +97,14 @@ def drive(car: Car, follower: LaneFollower, waive: tuple[str, ...],
                 continue
             if not armed:
                 armed = True
-                console.print(follower.told())
+                console.print(follower.describe())
                 car.arm(waive=waive)
                 continue
             car.drive_speed(steering=steering, speed=speed, source=COMMAND_SOURCE)
             car.log("lane", {"offset": follower.offset, "half_width": follower.half,
                              "speed": speed, "trim": follower.model.trim})
             apply_keys(keys, follower)
-            bar.update(task, completed=follower.model.way)
+            bar.update(task, completed=follower.model.distance)
 
 
 def is_mirrored(car: Car) -> bool:
@@ -118,7 +118,7 @@ def summarise_drive(follower: LaneFollower) -> dict[str, Any]:
     driven = follower.driven.table
     offset = driven[:, 3]
     return {
-        "ended": follower.why, "as_asked": follower.good, "way_m": follower.model.way,
+        "ended": follower.why, "as_asked": follower.good, "way_m": follower.model.distance,
         "half_width_m": follower.half or None, "trim_rad": follower.model.trim,
         "lidar_yaw_rad": follower.model.mount,
         "offset_rms_m": float(np.sqrt(np.mean(offset**2))) if len(driven) else None,

@@ -1,1 +1,1 @@
-"""Controllers and command sources: what a Car is told to do."""
+"""Controllers and command sources: what a Car is commanded."""

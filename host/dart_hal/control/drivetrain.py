@@ -1,7 +1,7 @@
-"""The drive train turned round: which throttle gives an acceleration, through lag and brake.
+"""Inverse of the drive train: the throttle for an acceleration, through lag and brake.
 
-F_m(tau, v) + F_f(v) = m dv/dt is solved for the throttle tau. Where the car has to slow down
-harder than it rolls out, the ESC's brake is pulled, which it offers after a pull forward.
+F_m(tau, v) + F_f(v) = m dv/dt is solved for the throttle tau. If the car has to decelerate harder
+than it rolls out, the ESC's brake is used, which is available after driving forward.
 """
 
 from __future__ import annotations
@@ -13,25 +13,27 @@ from dart_hal.core.timing import PWM_FRAME
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.parameters import Vehicle
 
-# Share of the motor's force at v below which no more throttle is asked for.
-RESERVE = 0.2
-# Throttle between the ESC's dead band (0.067 at most in hidden cars) and the motor's (0.14 at
-# least): the car rolls and the ESC knows it driven forward, so that the next pull brakes.
-COAST = 0.1
-# N of the whole brake, as the virtual ESC has it within 10 %; of DART's it is not known.
+# Smallest motor force at v relative to that at rest, for which the throttle is computed.
+MIN_MOTOR_SHARE = 0.2
+# Throttle between the dead band of the ESC (at most 0.067 in hidden cars) and that of the motor (at
+# least 0.14): the car rolls, and the ESC registers driving forward, so that the next negative pulse
+# brakes.
+COAST_THROTTLE = 0.1
+# Force of the full brake [N], within 10 % that of the virtual ESC; that of DART is unknown.
 BRAKE_FORCE = 8.0
-# Of the brake: beyond the ESC's dead band.
-LEAST_BRAKE = 0.09
-# m/s; slower the car rolls out, for an ESC without a brake would drive it backward.
-BRAKE_ABOVE = 0.25
-# Throttle to add at a speed [m/s].
+# Smallest part of the brake: beyond the dead band of the ESC.
+MIN_BRAKE_SHARE = 0.09
+# Minimum speed for braking [m/s]; below it the car rolls out, because an ESC without a brake would
+# drive backward.
+MIN_BRAKING_SPEED = 0.25
+# Function of the speed [m/s]: throttle to add.
 Correction = Callable[[float], float]
 
 
-class Inverse:
+class InverseDrive:
     """Throttle for an acceleration by the motor and friction curves of one vehicle.
 
-    correct(speed [m/s]): throttle that this car was measured to need beside them.
+    correct(speed [m/s]): measured throttle of this car minus that of the curves.
     """
 
     def __init__(self, vehicle: Vehicle, correct: Correction | None = None) -> None:
@@ -42,73 +44,78 @@ class Inverse:
         self.pull = self._motor.d / self.mass
         """m/s2 of the motor at standstill for all of the throttle."""
 
-    def needed(self, speed: float, acceleration: float) -> float:
-        """Force [N] that wheels need of motor or brake."""
+    def required_force(self, speed: float, acceleration: float) -> float:
+        """Return the force [N] that motor or brake must supply."""
         resisting: float = self._friction(speed)
         return self.mass * acceleration - resisting
 
     def motor(self, force: float, speed: float) -> float:
-        """Throttle for a force [N] > 0 of the motor at ``speed`` [m/s], dead band included."""
-        motor = max(self._motor.d - self._motor.e * speed, RESERVE * self._motor.d)
-        more = self._correct(speed) if self._correct is not None else 0.0
-        return force / motor - self._motor.g + more
+        """Return the throttle for a motor force [N] > 0 at ``speed`` [m/s], dead band included."""
+        motor = max(self._motor.d - self._motor.e * speed, MIN_MOTOR_SHARE * self._motor.d)
+        correction = self._correct(speed) if self._correct is not None else 0.0
+        return force / motor - self._motor.g + correction
 
     def forward(self, speed: float, acceleration: float) -> float:
-        """Throttle >= 0 at a speed >= 0 [m/s]; 0 where the car slows down by itself."""
-        force = self.needed(speed, acceleration)
+        """Return the throttle >= 0 at a speed >= 0 [m/s]; 0 if the car decelerates without motor.
+        """
+        force = self.required_force(speed, acceleration)
         return max(0.0, self.motor(force, speed)) if force > 0.0 else 0.0
 
     def throttle(self, speed: float, acceleration: float = 0.0) -> float:
-        """The same at a speed of either sign, never across neutral.
+        """Return the throttle at a speed of either sign, never across neutral.
 
-        In reverse the motor pulls ``reverse`` times as hard behind the same dead band.
+        In reverse the motor force is ``reverse`` times as large, with the same dead band.
         """
         if speed == 0.0 and acceleration == 0.0:
             return 0.0
         if speed >= 0.0:
             return self.forward(speed, acceleration)
-        ahead = self.forward(-speed, -acceleration)
-        pull = max(ahead + self._motor.g, 0.0) / self._motor.reverse
-        return -(pull - self._motor.g) if ahead else 0.0
+        mirrored = self.forward(-speed, -acceleration)
+        magnitude = max(mirrored + self._motor.g, 0.0) / self._motor.reverse
+        return -(magnitude - self._motor.g) if mirrored else 0.0
 
-    def braked(self, speed: float, acceleration: float) -> float:
-        """Throttle on the way forward, negative: the part of the brake that is needed at a
-        speed [m/s]."""
-        force = self.needed(speed, acceleration)
+    def throttle_or_brake(self, speed: float, acceleration: float) -> float:
+        """Return the throttle while driving forward; negative: the required part of the brake at a
+        speed [m/s].
+        """
+        force = self.required_force(speed, acceleration)
         if force > 0.0:
             return self.motor(force, speed)
         part = -force / BRAKE_FORCE
-        return -part if part > LEAST_BRAKE and speed > BRAKE_ABOVE else COAST
+        return -part if part > MIN_BRAKE_SHARE and speed > MIN_BRAKING_SPEED else COAST_THROTTLE
 
 
-class Lead:
-    """Undoes a first-order lag between throttle and force.
+class LagCompensator:
+    """Compensation of the first-order lag between throttle and force.
 
-    ``y`` is what the motor has of the throttle by now, of which the lag [s] is known. Asking for
-    y + (u - y) / beta lets it reach u within ``horizon``; what is left is a lag of beta x lag.
+    ``filtered`` is the throttle after the known lag [s]. The command y + (u - y) / beta makes y
+    reach u within a horizon; the lag that remains is beta * lag.
     """
 
     def __init__(self, lag: float) -> None:
         self._lag = lag
-        self.y = 0.0
+        self.filtered = 0.0
 
-    def left(self, dt: float) -> float:
-        """The lag [s] that is left when called each ``dt`` s."""
+    def remaining_lag(self, dt: float) -> float:
+        """Return the remaining lag [s] when called every ``dt`` s."""
         return self._lag * self._beta(dt)
 
-    def throttle(self, wanted: float, dt: float) -> float:
-        """Throttle that brings the motor to ``wanted``, on the same side of neutral."""
-        if self._lag <= 0.0 or wanted == 0.0:
-            return wanted
-        led = self.y + (wanted - self.y) / self._beta(dt)
-        return math.copysign(max(math.copysign(1.0, wanted) * led, COAST), wanted)
+    def throttle(self, target: float, dt: float) -> float:
+        """Return the throttle that brings the motor to ``target``, on the same side of neutral."""
+        if self._lag <= 0.0 or target == 0.0:
+            return target
+        compensated = self.filtered + (target - self.filtered) / self._beta(dt)
+        return math.copysign(max(math.copysign(1.0, target) * compensated, COAST_THROTTLE), target)
 
-    def passed(self, throttle: float, dt: float) -> None:
-        """``dt`` s have passed with a throttle at the motor, 0 while it brakes."""
+    def record(self, throttle: float, dt: float) -> None:
+        """Record the throttle at the motor for the last ``dt`` s, 0 while it brakes."""
         share = 1.0 - math.exp(-dt / self._lag) if self._lag > 0.0 else 1.0
-        self.y += share * (throttle - self.y)
+        self.filtered += share * (throttle - self.filtered)
 
     def _beta(self, dt: float) -> float:
-        """Half the lag as horizon asks for 2.5 times the step, and is heard as little noise."""
+        """Return beta = 1 - exp(-horizon / lag).
+
+        A horizon of half the lag overdrives a step by a factor of 2.5 and amplifies noise little.
+        """
         horizon = max(dt, PWM_FRAME, 0.5 * self._lag)
         return 1.0 - math.exp(-horizon / self._lag) if self._lag > 0.0 else 1.0

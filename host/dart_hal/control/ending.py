@@ -1,24 +1,23 @@
-"""How a drive ends: why, whether it was asked for, and the stop by which it comes to rest."""
+"""End of a drive: its reason, whether that was intended, and the stop."""
 
 from __future__ import annotations
 
 from enum import Enum
 
-from dart_hal.control.stopping import Standing, Stopping
+from dart_hal.control.stopping import StopManoeuvre, StuckDetector
 from dart_hal.core.types import MotionEstimate
 
-# s without a believed pose, or without a lane, four scans; at 2 m/s dead reckoning is 2 cm off by
-# then, and a car stops within the 2.5 m of a lane that it saw.
-PATIENCE = 0.5
-# s without a pose, where nothing speaks against the last but that the lidar is silent: a gap of a
-# second, and the scan after it.
-BRIDGED = 1.5
-# s for the first pose, or the first lane; the motor of an X4 takes 1 to 2 s to its pace.
-WAIT = 5.0
+# Longest time without an accepted pose or lane [s], four scans; at 2 m/s dead reckoning is 2 cm off
+# by then, and a car stops within the observed 2.5 m of a lane.
+MAX_POSE_GAP = 0.5
+# The same if the only cause is a silent lidar [s]: a gap of a second, and the next scan.
+MAX_BRIDGED_GAP = 1.5
+# Time for the first pose or the first lane [s]; the motor of an X4 needs 1 to 2 s to its speed.
+MAX_START_WAIT = 5.0
 
 
 class Phase(str, Enum):
-    """Where the drive is; JOINING only on a path: off the lane, before it was within."""
+    """Phase of a drive; JOINING only on a path: outside the lane, before the car was inside."""
 
     WAITING = "WAITING"
     JOINING = "JOINING"
@@ -31,38 +30,39 @@ class Phase(str, Enum):
 
 
 class Ending:
-    """What drives that end have in common.
+    """Base class of drives that end.
 
-    ``phase``; ``why``: it ends, empty before; ``good``: whether that was asked for.
+    ``phase``; ``why``: reason of the end, empty before; ``good``: whether the end was intended.
     """
 
     def __init__(self) -> None:
         self.phase = Phase.WAITING
         self.why = ""
         self.good = False
-        self._speed = self._before = 0.0
-        """m/s that was asked for last, and when [s]: where a stop begins."""
-        self._standing = Standing()
-        self._stopping: Stopping | None = None
+        self._speed = self._last_t = 0.0
+        """Last target speed [m/s] and its time [s]: where a stop begins."""
+        self._stuck_detector = StuckDetector()
+        self._stop_manoeuvre: StopManoeuvre | None = None
 
     def stop(self, why: str, *, good: bool = True) -> None:
-        """Slow down and end, at somebody's wish."""
+        """Stop and end on request."""
         self._end(why, good=good)
 
     def _end(self, why: str, phase: Phase = Phase.STOPPING, *, good: bool = False) -> None:
-        """The first reason counts."""
+        """Store the reason; the first one counts."""
         if not self.why:
             self.why = why
             self.good = good
             self.phase = phase
 
-    def _stops(self, motion: MotionEstimate) -> float:
-        """Speed of a stop [m/s]; ends the drive at rest, or where the car does not come to it."""
-        self._stopping = self._stopping or Stopping(self._speed, self._before)
-        speed = self._stopping.speed(motion)
-        if self._stopping.over:
+    def _stop_speed(self, motion: MotionEstimate) -> float:
+        """Return the speed of the stop [m/s]; end the drive at rest, or if the car does not stop.
+        """
+        self._stop_manoeuvre = self._stop_manoeuvre or StopManoeuvre(self._speed, self._last_t)
+        speed = self._stop_manoeuvre.speed(motion)
+        if self._stop_manoeuvre.is_over:
             self.phase = Phase.ENDED
-        if self._stopping.rolls:
-            self.why = f"{self.why}, but {self._stopping.rolls}"
+        if self._stop_manoeuvre.failure:
+            self.why = f"{self.why}, but {self._stop_manoeuvre.failure}"
             self.good = False
         return speed

@@ -22,12 +22,13 @@ from dart_hal.control.input_age import MAX_READ_GAP_S, MAX_UNCHANGED_S, InputAge
 from dart_hal.core.errors import PortMissing
 from dart_hal.core.process.suspend import elapsed
 
+# time, value, type, number of an event; types, and the value of a full deflection.
 EVENT = struct.Struct("<IhBB")
 BUTTON = 0x01
 AXIS = 0x02
 INIT = 0x80
-FULL = 32767
-# Worn sticks rest up to 5 % beside the centre.
+FULL_SCALE = 32767
+# Worn sticks rest up to 5 % off the centre.
 DEAD_ZONE = 0.05
 PRESS_AGAIN = "release the right bumper and press it again"
 
@@ -46,7 +47,7 @@ class Manual(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Layout:
+class GamepadLayout:
     """Which axes and buttons are used; the default fits Xbox-like pads.
 
     steering: left stick, left/right; throttle: right stick, up/down; dead_man
@@ -65,9 +66,9 @@ class Gamepad:
     Raises PortMissing.
     """
 
-    def __init__(self, path: str = "/dev/input/js0", layout: Layout | None = None,
+    def __init__(self, path: str = "/dev/input/js0", layout: GamepadLayout | None = None,
                  clock: Callable[[], float] = elapsed) -> None:
-        self._layout = layout or Layout()
+        self._layout = layout or GamepadLayout()
         self._clock = clock
         self._axes: dict[int, float] = {}
         self._buttons: dict[int, bool] = {}
@@ -129,7 +130,7 @@ class Gamepad:
     def _move(self, number: int, value: int, initial: bool) -> None:
         if initial and number == self._layout.throttle:
             value = 0  # before its first report a pad may claim a deflection that nobody commands
-        x = max(-1.0, value / FULL)
+        x = max(-1.0, value / FULL_SCALE)
         self._axes[number] = x if abs(x) > DEAD_ZONE else 0.0
 
     def _press(self, number: int, pressed: bool, initial: bool) -> None:

@@ -1,11 +1,11 @@
-"""The middle of a lane between two boards or walls, out of the points of one scan.
+"""The middle of a lane between two boards or walls, from the points of one scan.
 
-    beside the car   the slope and the two offsets on which most points lie
-    from there on    strips of 0.1 m: left = half + b u, right = -half + b u, one slope b for both,
-                     by least squares of the points near the boards of the strip before
+    at the car       the slope and the two offsets with the most points
+    further on       strips of 0.1 m: left = half + b u, right = -half + b u, one slope b for both,
+                     by least squares of the points near the boards of the previous strip
 
-Each strip gives one point of the middle line and leads to the next, so a lane may bend as it likes;
-a parabola through all points leaves one that bends twice.
+Each strip yields one point of the middle line and leads to the next, so a lane may bend in any way;
+a parabola through all points would not fit a lane that bends twice.
 """
 
 from __future__ import annotations
@@ -17,34 +17,35 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray, Pose
 
-# m from strip to strip, and to either side of one of which points count: 40 points of a board
-# beside the car, 2 of one 2 m ahead; on a bend of 1.5 m their mean is 2.5 mm off.
-STRIP = 0.10
-WINDOW = 0.15
-# m beside a board in which points are its own: 6 sigma of a distance.
-GATE = 0.10
-# m that are looked ahead: further, a strip holds one point of a board.
-REACH = 2.5
-# Points of a board in a strip, and beside the car, from which on it is seen.
-LEAST = 2
-ENOUGH = 8
-# m before and behind the rear axle in which boards are looked for: on a bend of 1.5 m they leave
-# the straight by 4 cm, a ``BIN``.
-BESIDE = 0.35
-# m from the car to a board: the body's half, and what is no lane any more; of a class.
-NARROW = 0.12
-WIDE = 1.0
-BIN = 0.04
-# rad of the lane to the car that are tried.
+# Distance between strips, and half length of a strip [m]: 40 points of a board next to the car, 2
+# of one 2 m ahead; in a bend of 1.5 m their mean is 2.5 mm off.
+STRIP_SPACING = 0.10
+STRIP_HALF_LENGTH = 0.15
+# Distance from a board within which points belong to it [m]: 6 sigma of a distance.
+BOARD_GATE = 0.10
+# Distance ahead [m]: further on, a strip contains one point of a board.
+LOOK_DISTANCE = 2.5
+# Points from which a board is accepted, in a strip and next to the car.
+MIN_STRIP_POINTS = 2
+MIN_BOARD_POINTS = 8
+# Distance before and behind the rear axle in which boards are searched [m]: in a bend of 1.5 m they
+# deviate from the straight by 4 cm, an ``OFFSET_BIN``.
+SIDE_HALF_LENGTH = 0.35
+# Range of distances from the car to a board: half the body, and no lane any more; bin of the
+# histogram [m].
+MIN_BOARD_DISTANCE = 0.12
+MAX_BOARD_DISTANCE = 1.0
+OFFSET_BIN = 0.04
+# Directions of the lane relative to the car that are tried [rad].
 SLOPES = np.arange(-0.6, 0.601, 0.05)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
-    """What one scan shows. middle (n, 2) [m], in the frame of its points, every ``STRIP`` from
-    beside the rear axle on; half [m] of the width; left, right: which board is beside the car.
+class LaneView:
+    """The lane in one scan.
 
-    Without both the middle is empty: half a lane is no lane.
+    middle (n, 2) [m], in the frame of the points, every ``STRIP_SPACING`` from the rear axle on;
+    half [m]: half width; left, right: which board was found. Without both the middle is empty.
     """
 
     middle: FloatArray
@@ -53,82 +54,104 @@ class Sight:
     right: bool
 
     @property
-    def whole(self) -> bool:
-        """A lane to drive in."""
+    def is_complete(self) -> bool:
+        """Whether there is a lane to drive in."""
         return len(self.middle) > 1
 
 
-def look(points: FloatArray, pose: Pose) -> Sight:
-    """The lane in points (m, 2) [m; NaN = nothing came back], from the car's pose among them on."""
+def find_lane(points: FloatArray, pose: Pose) -> LaneView:
+    """Find the lane in points (m, 2) [m; NaN = no echo], from the pose of the car in their frame
+    on.
+    """
     c = cos(pose.yaw)
     s = sin(pose.yaw)
     dx, dy = (points - (pose.x, pose.y)).T
-    near = np.hypot(dx, dy) < REACH  # NaN is not
-    at = np.column_stack((c * dx + s * dy, c * dy - s * dx))[near]
-    slope, left, right = _beside(at)
+    in_range = np.hypot(dx, dy) < LOOK_DISTANCE  # False for NaN
+    local = np.column_stack((c * dx + s * dy, c * dy - s * dx))[in_range]
+    slope, left, right = _find_boards(local)
     if left is None or right is None:
-        return Sight(np.empty((0, 2)), 0.0, left is not None, right is not None)
-    middle, half = _march(at, slope, left, right)
+        return LaneView(np.empty((0, 2)), 0.0, left is not None, right is not None)
+    middle, half = _trace_middle(local, slope, left, right)
     x, y = middle.T
-    return Sight(np.column_stack((pose.x + c * x - s * y, pose.y + s * x + c * y)), half,
-                 True, True)
+    return LaneView(np.column_stack((pose.x + c * x - s * y, pose.y + s * x + c * y)), half,
+                    True, True)
 
 
-def _beside(at: FloatArray) -> tuple[float, float | None, float | None]:
-    """Slope [rad] of the lane and offsets [m] of its boards, left positive; None: there is none."""
+def _find_boards(points: FloatArray) -> tuple[float, float | None, float | None]:
+    """Return slope [rad] of the lane and offsets [m] of its boards, left positive, None without a
+    board.
+
+    A Hough transform: for each slope a histogram of the offsets to either side; the slope with the
+    largest sum of the two maxima (each of two neighbouring bins) is taken.
+    """
     c = np.cos(SLOPES)[:, None]
     s = np.sin(SLOPES)[:, None]
-    along = c * at[:, 0] + s * at[:, 1]
-    left = c * at[:, 1] - s * at[:, 0]
-    classes = int(WIDE / BIN)
+    along = c * points[:, 0] + s * points[:, 1]
+    left = c * points[:, 1] - s * points[:, 0]
+    classes = int(MAX_BOARD_DISTANCE / OFFSET_BIN)
     hits = []
     for side in (left, -left):
-        counts = (np.abs(along) < BESIDE) & (side > NARROW) & (side < classes * BIN)
+        counts = (
+            (np.abs(along) < SIDE_HALF_LENGTH)
+            & (side > MIN_BOARD_DISTANCE)
+            & (side < classes * OFFSET_BIN)
+        )
         row, column = np.nonzero(counts)
-        k = row * classes + (side[row, column] / BIN).astype(int)
+        k = row * classes + (side[row, column] / OFFSET_BIN).astype(int)
         found = np.bincount(k, minlength=len(SLOPES) * classes).reshape(len(SLOPES), classes)
         hits.append(found + np.roll(found, -1, axis=1) * (np.arange(classes) < classes - 1))
     best = int(np.argmax(hits[0].max(axis=1) + hits[1].max(axis=1)))
-    offsets = [BIN * (1.0 + int(np.argmax(h[best]))) if h[best].max() >= ENOUGH else None
-               for h in hits]
+    offsets = [
+        OFFSET_BIN * (1.0 + int(np.argmax(h[best]))) if h[best].max() >= MIN_BOARD_POINTS else None
+        for h in hits
+    ]
     return float(SLOPES[best]), offsets[0], None if offsets[1] is None else -offsets[1]
 
 
-def _march(at: FloatArray, heading: float, left: float, right: float
-           ) -> tuple[FloatArray, float]:
-    """Middle (n, 2) [m] and half width [m] at its beginning, in the car's axes."""
+def _trace_middle(points: FloatArray, heading: float, left: float, right: float
+                  ) -> tuple[FloatArray, float]:
+    """Return the middle line (n, 2) [m] and the half width [m] at its beginning, in the car's
+    frame.
+
+    For each strip: 1. points near either board; 2. common slope by least squares; 3. half width and
+    offset from the two intercepts (one board: from the last half width); 4. next strip.
+    """
     half = 0.5 * (left - right)
-    side = 0.5 * (left + right)
-    x = -side * sin(heading)
-    y = side * cos(heading)
+    offset = 0.5 * (left + right)
+    x = -offset * sin(heading)
+    y = offset * cos(heading)
     middle: list[tuple[float, float]] = []
     width = half
-    while len(middle) * STRIP < REACH:
+    while len(middle) * STRIP_SPACING < LOOK_DISTANCE:
         c = cos(heading)
         s = sin(heading)
-        dx = at[:, 0] - x
-        dy = at[:, 1] - y
+        dx = points[:, 0] - x
+        dy = points[:, 1] - y
         along = c * dx + s * dy
         off = c * dy - s * dx
-        strip = np.abs(along) < WINDOW
-        boards = [(along[k], off[k]) for k in (strip & (np.abs(off - b) < GATE)
+        strip = np.abs(along) < STRIP_HALF_LENGTH
+        boards = [(along[k], off[k]) for k in (strip & (np.abs(off - b) < BOARD_GATE)
                                                for b in (half, -half))]
-        seen = [len(u) >= LEAST and u.max() > 0.0 for u, _ in boards]
-        if not any(seen):
+        has_board = [len(u) >= MIN_STRIP_POINTS and u.max() > 0.0 for u, _ in boards]
+        if not any(has_board):
             break
         spread = sum(float(np.sum((u - u.mean()) ** 2)) for u, _ in boards if len(u))
         slope = sum(float(np.sum((u - u.mean()) * v)) for u, v in boards if len(u)) / max(
             spread, 1e-3)
-        here = [float(v.mean() - slope * u.mean()) if ok else None
-                for (u, v), ok in zip(boards, seen, strict=True)]
-        one, two = here
-        half = 0.5 * (one - two) if one is not None and two is not None else half
-        side = (one - half) if one is not None else (two or 0.0) + half
-        x = x - side * s
-        y = y + side * c
+        intercepts = [float(v.mean() - slope * u.mean()) if ok else None
+                      for (u, v), ok in zip(boards, has_board, strict=True)]
+        left_offset, right_offset = intercepts
+        half = (
+            0.5 * (left_offset - right_offset)
+            if left_offset is not None and right_offset is not None
+            else half
+        )
+        offset = (left_offset - half) if left_offset is not None else (right_offset or 0.0) + half
+        x = x - offset * s
+        y = y + offset * c
         heading = heading + atan(slope)
         middle.append((x, y))
         width = half if len(middle) == 1 else width
-        x = x + STRIP * cos(heading)
-        y = y + STRIP * sin(heading)
+        x = x + STRIP_SPACING * cos(heading)
+        y = y + STRIP_SPACING * sin(heading)
     return np.array(middle).reshape(-1, 2), width

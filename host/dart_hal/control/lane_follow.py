@@ -3,9 +3,9 @@
     WAITING ---> FOLLOWING ---> STOPPING ---> ENDED
      no lane      in it          slows down    at rest
 
-Each scan shows the lane anew (``lane``); between two the model knows where the car is in it
-(``lane_model``). Steering is pure pursuit (``pursuit.arc``) to a point a look-ahead away from where
-the car will be when the answer acts. It is never faster than it can stop within what it sees.
+Each scan shows the whole lane (``lane``); between two scans the model predicts the car's pose in it
+(``lane_model``). Steering is pure pursuit (``pursuit.arc``) of a point at a look-ahead distance
+from the pose at which the command acts. The car can always stop within the visible lane.
 """
 
 from __future__ import annotations
@@ -15,179 +15,188 @@ from math import inf, sqrt
 
 import numpy as np
 
-from dart_hal.control.ending import PATIENCE, WAIT, Ending, Phase
-from dart_hal.control.follow import Command, Driven
-from dart_hal.control.lane import Sight, look
-from dart_hal.control.lane_model import Reckoning
-from dart_hal.control.lap import CRAWL, GRIP
+from dart_hal.control.ending import MAX_POSE_GAP, MAX_START_WAIT, Ending, Phase
+from dart_hal.control.follow import DriveCommand, DriveRecord
+from dart_hal.control.lane import LaneView, find_lane
+from dart_hal.control.lane_model import LaneReckoning
+from dart_hal.control.lap import BEND_SPEED_SHARE, CRAWL_SPEED
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.pursuit import arc
-from dart_hal.control.stopping import ROLLS, SLOWS, STUCK
+from dart_hal.control.stopping import ROLL_DECELERATION, STOP_DECELERATION, STUCK_TIME
 from dart_hal.core.types import FloatArray, Pose, Scan
 
-# m and s of the look-ahead: 0.3 m at 1 m/s, 0.5 at 2. At 0.5 m the play of the linkage, 1 to 2
-# deg, swings the car by 1.5 cm at 1 m/s, at 0.3 m by 0.8; at 2 m/s a scan is 0.5 m old.
-NEAR = 0.1
-PER_SPEED = 0.2
-# m of the car before the rear axle, and some.
-FRONT = 0.3
-# What the points (m, 2) [m] of a scan show, from the car's pose among them on.
-Look = Callable[[FloatArray, Pose], Sight]
-# m over which the bend ahead is taken: noise of 1 cm is a bend of 8 m.
-BENDS = 0.6
+# Look-ahead distance [m] and time [s]: 0.3 m at 1 m/s, 0.5 m at 2 m/s. With 0.5 m at 1 m/s the play
+# of the linkage, 1 to 2 deg, moves the car by 1.5 cm, with 0.3 m by 0.8 cm; at 2 m/s a scan is 0.5
+# m old.
+MIN_LOOK_AHEAD = 0.1
+LOOK_AHEAD_TIME = 0.2
+# Length of the car before the rear axle, and a reserve [m].
+FRONT_DISTANCE = 0.3
+# Function that finds a lane in the points (m, 2) [m] of a scan, from the pose of the car on.
+LaneFinder = Callable[[FloatArray, Pose], LaneView]
+# Length over which the curvature ahead is averaged [m]: noise of 1 cm is a bend of 8 m.
+CURVATURE_LENGTH = 0.6
 
 
 class LaneFollower(Ending):
-    """One drive. ``answer`` once per State, with the scans since, until ``phase`` is ENDED; ``why``
-    then tells the end, ``good`` whether it was one that was asked for.
+    """One drive. Call ``answer`` once per State, with the new scans, until ``phase`` is ENDED;
+    ``why`` is then the reason of the end, ``good`` whether it was intended.
 
-    ``cap`` [m/s] may be set at any time; distance [m] and duration [s] from where it begins end it.
-    ``path``: the lane ahead as it was seen last, in the frame of ``model``; ``half`` [m] its half
-    width; ``driven`` holds rows as those of ``Follower``, its x, y in that frame.
+    ``cap`` [m/s] may be set at any time; distance [m] and duration [s]: limits from the beginning
+    on. ``path``: the lane ahead by the last scan, in the frame of ``model``; ``half`` [m]: its half
+    width; ``driven``: rows as those of ``Follower``, with x, y in that frame.
     """
 
-    ends = "the lane ends"
-    """Why it ended where nothing of it is left."""
+    end_reason = "the lane ends"
+    """Reason of the end if the lane is driven to its end."""
 
     def __init__(self, plant: Plant, cap: float, distance: float = inf,
-                 duration: float = inf, look: Look = look) -> None:
+                 duration: float = inf, find_lane: LaneFinder = find_lane) -> None:
         super().__init__()
         self.plant = plant
         self.cap = cap
         self.distance = distance
         self.duration = duration
-        self.model = Reckoning(plant)
-        self._most = plant.steady.fastest  # its tables are made here, not while the car drives
+        self.model = LaneReckoning(plant)
+        self._max_speed = plant.steady.max_speed  # creates its tables now, not during the drive
         self.path: Path | None = None
         self.half = self.s = self.offset = 0.0
-        self.driven = Driven()
-        self.seen: list[tuple[float, float, float, float]] = []
-        """x, y [m], heading [rad] of the lane beside the car and its half width [m], each scan."""
-        self._look = look
-        self._sight: Sight | None = None
-        self._begun = self._whole = self._scanned = -inf
+        self.driven = DriveRecord()
+        self.lane_history: list[tuple[float, float, float, float]] = []
+        """x, y [m], heading [rad] of the lane at the car and its half width [m], by each scan."""
+        self._find_lane = find_lane
+        self._view: LaneView | None = None
+        self._start_t = self._lane_t = self._scan_t = -inf
 
-    def answer(self, t: float, speed: float, scans: Sequence[Scan] = ()) -> Command:
-        """What to command at t [s], with the speed [m/s] of the wheels and what came of scans."""
-        if self._begun == -inf:
-            self._begun = self._whole = self._scanned = self._before = t
-        now = self.model.go(t, speed)
+    def answer(self, t: float, speed: float, scans: Sequence[Scan] = ()) -> DriveCommand:
+        """Return the command at t [s], with the wheel speed [m/s] and the new scans."""
+        if self._start_t == -inf:
+            self._start_t = self._lane_t = self._scan_t = self._last_t = t
+        now = self.model.advance(t, speed)
         for scan in scans:
-            self._see(scan)
+            self._take_scan(scan)
         if self.phase is Phase.WAITING:
             if self.path is None:
-                if t - self._begun > WAIT:
-                    self._end(f"{self._fault()} within {WAIT:g} s", Phase.ENDED)
-                return Command(0.0, 0.0)
+                if t - self._start_t > MAX_START_WAIT:
+                    self._end(f"{self._describe_fault()} within {MAX_START_WAIT:g} s", Phase.ENDED)
+                return DriveCommand(0.0, 0.0)
             self.phase = Phase.FOLLOWING
-            self._begun = t
+            self._start_t = t
         if self.phase is Phase.ENDED or self.path is None:
-            return Command(0.0, 0.0)
+            return DriveCommand(0.0, 0.0)
         self.s = self.path.closest(now.pose.x, now.pose.y, self.s)
         self.offset = self.path.offset(now.pose.x, now.pose.y, self.s)
-        self._judge(t)
-        wanted = self._wanted(speed)
-        self.driven.rows.append((t, now.pose.x, now.pose.y, self.offset, speed, wanted,
-                                 self.model.way))
-        self._before = t
-        return Command(self._steer(self.path), wanted)
+        self._check_end(t)
+        target_speed = self._target_speed(speed)
+        self.driven.rows.append((t, now.pose.x, now.pose.y, self.offset, speed, target_speed,
+                                 self.model.distance))
+        self._last_t = t
+        return DriveCommand(self._steer(self.path), target_speed)
 
     @property
     def fastest(self) -> float:
-        """m/s that may be asked for anywhere."""
+        """Largest speed that may be commanded [m/s]."""
         return self.cap
 
-    def told(self) -> str:
-        """What it sees, in words."""
+    def describe(self) -> str:
+        """Return a text about the visible lane."""
         ahead = self.path.length if self.path else 0.0
-        return f"a lane {200.0 * self.half:.0f} cm wide, seen {ahead:.1f} m ahead"
+        return f"a lane {200.0 * self.half:.0f} cm wide, visible for {ahead:.1f} m"
 
-    def _see(self, scan: Scan) -> None:
-        """The lane that a scan shows."""
-        self._scanned = self.model.now.t
-        self._sight = sight = self._look(self.model.points(scan), self.model.now.pose)
-        if not sight.whole or len(sight.middle) < 3:
+    def _take_scan(self, scan: Scan) -> None:
+        """Find the lane in a scan."""
+        self._scan_t = self.model.now.t
+        self._view = view = self._find_lane(self.model.points(scan), self.model.now.pose)
+        if not view.is_complete or len(view.middle) < 3:
             return
-        path = Path.through(sight.middle, closed=False)
+        lane = Path.through(view.middle, closed=False)
         if self.path is not None:
-            self._learn(self.path, path)
-        self.path = path
-        self.half = sight.half
+            self._learn_errors(self.path, lane)
+        self.path = lane
+        self.half = view.half
         self.s = 0.0
-        self._whole = self.model.now.t
-        self.seen.append((*sight.middle[0].tolist(), float(path.heading[0]), sight.half))
+        self._lane_t = self.model.now.t
+        self.lane_history.append((*view.middle[0].tolist(), float(lane.heading[0]), view.half))
 
-    def _learn(self, before: Path, after: Path) -> None:
-        """What one lane, seen twice, tells of the car."""
-        self.model.compare(before, after)
+    def _learn_errors(self, last_path: Path, path: Path) -> None:
+        """Learn the errors of the model from the lane in two successive scans."""
+        self.model.compare(last_path, path)
 
     def _steer(self, path: Path) -> float:
-        """Angle [rad] of the road wheels to command."""
-        late = self.plant.late
+        """Return the angle [rad] of the road wheels to command."""
+        delay = self.plant.delay
         low, high = self.plant.lock
-        where = self.model.at(self.model.now.t + late.transport + late.settles + late.lag)
-        reach = NEAR + PER_SPEED * abs(where.speed)
-        target = path.at(path.closest(where.x, where.y, self.s) + reach)
-        bend = arc(where.x, where.y, where.course(self.plant), target.x, target.y)
-        angle = self.plant.steady.turn(bend, where.speed).angle - self.model.trim
+        future = self.model.predict(
+            self.model.now.t + delay.transport + delay.yaw_delay + delay.lag
+        )
+        look_ahead = MIN_LOOK_AHEAD + LOOK_AHEAD_TIME * abs(future.speed)
+        target = path.at(path.closest(future.x, future.y, self.s) + look_ahead)
+        curvature = arc(future.x, future.y, future.course(self.plant), target.x, target.y)
+        angle = self.plant.steady.turn(curvature, future.speed).angle - self.model.trim
         angle = min(max(angle, low), high)
-        self.model.sent(angle)
+        self.model.record_command(angle)
         return angle
 
-    def _judge(self, t: float) -> None:
-        """Ends what has to end."""
+    def _check_end(self, t: float) -> None:
+        """End the drive if a condition requires it."""
         if self.phase is Phase.STOPPING:
             return
-        if t - self._whole > PATIENCE:
-            self._end(f"{self._fault()} for {t - self._whole:.1f} s")
-        elif self._standing.stuck(t, self.model.now.speed):
-            self._end(f"the car does not move, though asked to for {STUCK:g} s")
-        elif t - self._begun > self.duration:
+        if t - self._lane_t > MAX_POSE_GAP:
+            self._end(f"{self._describe_fault()} for {t - self._lane_t:.1f} s")
+        elif self._stuck_detector.is_stuck(t, self.model.now.speed):
+            self._end(f"the car does not move, though commanded to for {STUCK_TIME:g} s")
+        elif t - self._start_t > self.duration:
             self._end(f"the time of {self.duration:g} s is over", good=True)
-        elif self.model.way > self.distance:
+        elif self.model.distance > self.distance:
             self._end(f"{self.distance:g} m are driven", good=True)
 
-    def _fault(self) -> str:
-        """Why there is no lane."""
-        sight = self._sight
-        if sight is None or self.model.now.t - self._scanned > 0.5 * PATIENCE:
+    def _describe_fault(self) -> str:
+        """Return why there is no lane."""
+        view = self._view
+        if view is None or self.model.now.t - self._scan_t > 0.5 * MAX_POSE_GAP:
             return "the lidar is silent"
-        if sight.left or sight.right:
-            return f"only the {'left' if sight.left else 'right'} board is seen"
-        return "no boards are seen"
+        if view.left or view.right:
+            return f"only the {'left' if view.left else 'right'} board is visible"
+        return "no boards are visible"
 
-    def _wanted(self, speed: float) -> float:
-        """Speed to ask for [m/s]."""
+    def _target_speed(self, speed: float) -> float:
+        """Return the speed to command [m/s]."""
         if self.phase is Phase.STOPPING:
-            return self._stops(self.model.now)
+            return self._stop_speed(self.model.now)
         assert self.path is not None
-        left = max(self.path.length - self.s - FRONT, 0.0)
-        if left <= speed**2 / (2.0 * ROLLS) and speed < 2.0 * CRAWL:
-            self._end(self.ends, good=True)
+        remaining = max(self.path.length - self.s - FRONT_DISTANCE, 0.0)
+        if remaining <= speed**2 / (2.0 * ROLL_DECELERATION) and speed < 2.0 * CRAWL_SPEED:
+            self._end(self.end_reason, good=True)
             return 0.0
-        self._speed = max(min(self.cap, self._holds(self.path), sqrt(2.0 * SLOWS * left)), CRAWL)
+        self._speed = max(
+            min(self.cap, self._bend_speed(self.path), sqrt(2.0 * STOP_DECELERATION * remaining)),
+            CRAWL_SPEED,
+        )
         return self._speed
 
-    def _holds(self, path: Path) -> float:
-        """Speed [m/s] that the bends ahead hold."""
-        n = max(round(BENDS / path.spacing), 1)
-        bends: FloatArray = (path.heading[n:] - path.heading[:-n]) / BENDS
-        return GRIP * float(np.min(self._most(bends, self.plant.lock), initial=inf))
+    def _bend_speed(self, path: Path) -> float:
+        """Return the speed [m/s] that the tyres allow in the bends ahead."""
+        n = max(round(CURVATURE_LENGTH / path.spacing), 1)
+        curvatures: FloatArray = (path.heading[n:] - path.heading[:-n]) / CURVATURE_LENGTH
+        return BEND_SPEED_SHARE * float(
+            np.min(self._max_speed(curvatures, self.plant.lock), initial=inf)
+        )
 
 
 class WallFollower(LaneFollower):
-    """Along a wall instead, by ``look=Wall(...)``. Nothing is learnt of the car: a new way is
-    planned from where it is with every scan."""
+    """Follower of a wall, with ``look=Wall(...)``. It learns no errors of the car, because every
+    scan plans a new route from the car's pose.
+    """
 
-    ends = "the way is blocked"
+    end_reason = "the route is blocked"
 
-    def told(self) -> str:
-        return f"a way of {self.path.length if self.path else 0.0:.1f} m is clear"
+    def describe(self) -> str:
+        return f"a route of {self.path.length if self.path else 0.0:.1f} m is clear"
 
-    def _learn(self, before: Path, after: Path) -> None:
+    def _learn_errors(self, last_path: Path, path: Path) -> None:
         pass
 
-    def _fault(self) -> str:
-        silent = self._sight is None or self.model.now.t - self._scanned > 0.5 * PATIENCE
-        return "the lidar is silent" if silent else self.ends
+    def _describe_fault(self) -> str:
+        silent = self._view is None or self.model.now.t - self._scan_t > 0.5 * MAX_POSE_GAP
+        return "the lidar is silent" if silent else self.end_reason

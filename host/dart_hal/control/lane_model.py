@@ -1,14 +1,14 @@
-"""How the car moved since the last scan, by its model alone, and what the next one corrects.
+"""Motion of the car since the last scan by its model alone, and its correction by the next scan.
 
-Commands and the speed of the wheels give its way through ``plant``; no gyro and no pose is asked.
-The lane of a new scan should lie where the last one lay. Where it does not,
+Commands and wheel speed give the motion through ``plant``, without gyro and poses. The lane of a
+new scan should coincide with the last one. A difference
 
-    turned by b     the wheels stand by  -b L / way  more to the left than the map says: trim
-    shifted by a    the lidar looks  a / way  more to the left than told: mount
+    rotation by b   the wheels are  -b L / distance  more to the left than by the map: trim
+    shift by a      the lidar is turned  a / distance  more to the left than configured: mount
 
-are each taken in by a filter: the mean over the way so far, and over the last 4 m later. Scan noise
-cancels from one pair of scans to the next, so that of a filter over 1 m 2 mm and 0.1 deg are left.
-It never takes less than 1 s: quicker, it answers to the play of the linkage, and both swing.
+is averaged by a filter: over the distance so far, later over the last 4 m. Scan noise cancels from
+one pair of scans to the next, so a filter over 1 m is off by 2 mm and 0.1 deg. Its time is at least
+1 s: a faster filter reacts to the play of the linkage, and both oscillate.
 """
 
 from __future__ import annotations
@@ -20,102 +20,103 @@ from math import cos, exp, sin
 import numpy as np
 
 from dart_hal.control.paths import Path
-from dart_hal.control.plant import BIAS_MOST, Plant, Prediction, Where
+from dart_hal.control.plant import MAX_BIAS, MotionPrediction, Plant, PredictedMotion
 from dart_hal.core.types import FloatArray, MotionEstimate, Pose, Scan, Tracking
 
-# m at the start and at the most, and s over which an error is learnt: whichever takes longer.
-LEARN_FIRST = 0.7
-LEARN_LATER = 4.0
-LEARN_TIME = 1.0
-# rad; 3 mm of play in holes 57 mm apart are 0.05.
-MOUNT_MOST = 0.06
-# m between two scans at least, and ahead of the car over which their lanes are compared.
-MOVED = 0.02
-COMPARED = 1.0
-# Poses that are kept: 1 s of answers, a scan takes 0.13.
-KEPT = 100
+# Distance over which errors are averaged, at the start and later [m], and the shortest time [s].
+MIN_LEARNING_DISTANCE = 0.7
+MAX_LEARNING_DISTANCE = 4.0
+MIN_LEARNING_TIME = 1.0
+# Largest mounting error [rad]; 3 mm of play in holes 57 mm from each other are 0.05.
+MAX_MOUNT_ERROR = 0.06
+# Smallest distance between two scans [m], and length of the lanes that is compared [m].
+MIN_TRAVEL = 0.02
+COMPARED_LENGTH = 1.0
+# Stored poses: 1 s of States, a scan takes 0.13 s.
+MAX_QUEUED_POSES = 100
 _UNKNOWN = np.zeros((5, 5))
 
 
-class Reckoning:
-    """Pose of the rear axle in a frame that begins where the drive does.
+class LaneReckoning:
+    """Pose of the rear axle in a frame that begins at the start of the drive.
 
-    ``go`` with every answer, ``sent`` with every command, ``compare`` with every new lane. mount
-    [rad]: how much more to the left the lidar looks than its files say.
+    Call ``advance`` with every State, ``record_command`` with every command, ``compare`` with every
+    new lane. mount [rad]: by how much the lidar is turned more to the left than configured.
     """
 
     def __init__(self, plant: Plant) -> None:
         self.now = MotionEstimate(0.0, Pose(), 0.0, 0.0, _UNKNOWN, "lane", Tracking.DEAD_RECKONING)
         self.mount = 0.0
-        self.way = 0.0
+        self.distance = 0.0
         self._plant = plant
-        self._prediction = Prediction(plant, learns=False)
-        self._poses: deque[tuple[float, float, float, float]] = deque(maxlen=KEPT)
+        self._prediction = MotionPrediction(plant, learns_bias=False)
+        self._poses: deque[tuple[float, float, float, float]] = deque(maxlen=MAX_QUEUED_POSES)
         self._compared = (0.0, 0.0)
 
     @property
     def trim(self) -> float:
-        """rad by which the wheels stand more to the left than the map says."""
+        """Angle by which the wheels are more to the left than by the map [rad]."""
         return self._prediction.bias
 
-    def go(self, t: float, speed: float) -> MotionEstimate:
-        """The motion at t [s], with the speed [m/s] of the wheels."""
+    def advance(self, t: float, speed: float) -> MotionEstimate:
+        """Advance to t [s] with a wheel speed [m/s]; return the motion."""
         dt = t - self.now.t if self._poses else 0.0
         here = replace(self.now, t=t, speed=speed)
         steady = self._plant.steady
         pose = self.now.pose
-        bend = steady.bend(self._prediction.at(here, t).angle, speed)
-        turn = bend * speed * dt
-        way = speed * dt
-        course = pose.yaw + steady.turn(bend, speed).slip + 0.5 * turn
-        pose = Pose(pose.x + way * cos(course), pose.y + way * sin(course), pose.yaw + turn)
-        self.now = replace(here, pose=pose, yaw_rate=bend * speed)
-        self.way += abs(way)
+        curvature = steady.curvature(self._prediction.predict(here, t).angle, speed)
+        turn = curvature * speed * dt
+        travel = speed * dt
+        course = pose.yaw + steady.turn(curvature, speed).slip + 0.5 * turn
+        pose = Pose(pose.x + travel * cos(course), pose.y + travel * sin(course), pose.yaw + turn)
+        self.now = replace(here, pose=pose, yaw_rate=curvature * speed)
+        self.distance += abs(travel)
         self._poses.append((t, pose.x, pose.y, pose.yaw))
         return self.now
 
-    def at(self, t: float) -> Where:
-        """The motion at a later t [s]."""
-        return self._prediction.at(self.now, t)
+    def predict(self, t: float) -> PredictedMotion:
+        """Predict the motion at a later t [s]."""
+        return self._prediction.predict(self.now, t)
 
-    def sent(self, angle: float) -> None:
-        """An angle [rad] of the road wheels was commanded now."""
-        self._prediction.sent(self.now.t, angle)
+    def record_command(self, angle: float) -> None:
+        """Record an angle [rad] of the road wheels that is commanded now."""
+        self._prediction.record_command(self.now.t, angle)
 
     def points(self, scan: Scan) -> FloatArray:
-        """End points (n, 2) [m] of a scan, each by the pose at its own time."""
+        """Return the end points (n, 2) [m] of a scan, each by the pose at its own time."""
         t, x, y, yaw = np.array(self._poses).T
         turned = replace(scan.mount, yaw=scan.mount.yaw + self.mount)
-        return scan.mounted(turned).points(lambda at: (
-            np.interp(at, t, x), np.interp(at, t, y), np.interp(at, t, yaw)))
+        return scan.mounted(turned).points(lambda time: (
+            np.interp(time, t, x), np.interp(time, t, y), np.interp(time, t, yaw)))
 
-    def compare(self, before: Path, after: Path) -> None:
-        """Learn from the lanes of two scans in a row."""
+    def compare(self, last_path: Path, path: Path) -> None:
+        """Learn trim and mount from the lanes of two successive scans."""
         t, s = self._compared
-        self._compared = (self.now.t, self.way)
-        way = self.way - s
+        self._compared = (self.now.t, self.distance)
+        travel = self.distance - s
         pose = self.now.pose
-        (u, old), (v, new) = (_in_car(path, pose) for path in (before, after))
-        at = np.linspace(0.0, min(COMPARED, u[-1], v[-1]), 11)
-        if way < MOVED or at[-1] < 0.5 * COMPARED:
+        (u, old), (v, new) = (_to_car_frame(path, pose) for path in (last_path, path))
+        grid = np.linspace(0.0, min(COMPARED_LENGTH, u[-1], v[-1]), 11)
+        if travel < MIN_TRAVEL or grid[-1] < 0.5 * COMPARED_LENGTH:
             return
-        b, a = np.polyfit(at, np.interp(at, v, new) - np.interp(at, u, old), 1)
-        over = min(max(self.way, LEARN_FIRST), LEARN_LATER)
-        part = 1.0 - exp(-min(way / over, (self.now.t - t) / LEARN_TIME))
-        trim = self.trim - part * float(b) * self._plant.vehicle.body.wheelbase / way
-        mount = self.mount + part * float(a) / way
-        self._prediction.bias = min(max(trim, -BIAS_MOST), BIAS_MOST)
-        self.mount = min(max(mount, -MOUNT_MOST), MOUNT_MOST)
+        b, a = np.polyfit(grid, np.interp(grid, v, new) - np.interp(grid, u, old), 1)
+        learning_distance = min(max(self.distance, MIN_LEARNING_DISTANCE), MAX_LEARNING_DISTANCE)
+        gain = 1.0 - exp(-min(travel / learning_distance, (self.now.t - t) / MIN_LEARNING_TIME))
+        trim = self.trim - gain * float(b) * self._plant.vehicle.body.wheelbase / travel
+        mount = self.mount + gain * float(a) / travel
+        self._prediction.bias = min(max(trim, -MAX_BIAS), MAX_BIAS)
+        self.mount = min(max(mount, -MAX_MOUNT_ERROR), MAX_MOUNT_ERROR)
 
 
-def _in_car(path: Path, pose: Pose) -> tuple[FloatArray, FloatArray]:
-    """Points of a path ahead and left of a pose [m], as far as they lead on."""
+def _to_car_frame(path: Path, pose: Pose) -> tuple[FloatArray, FloatArray]:
+    """Return the points of a path ahead and to the left of a pose [m], as far as they lead forward.
+    """
     dx = path.x - pose.x
     dy = path.y - pose.y
     c = cos(pose.yaw)
     s = sin(pose.yaw)
     ahead = c * dx + s * dy
-    back = np.flatnonzero(np.diff(ahead) <= 0.0)
-    n = int(back[0]) + 1 if len(back) else len(ahead)
+    reversals = np.flatnonzero(np.diff(ahead) <= 0.0)
+    n = int(reversals[0]) + 1 if len(reversals) else len(ahead)
     left: FloatArray = c * dy - s * dx
     return ahead[:n], left[:n]

@@ -1,11 +1,11 @@
-"""How fast a path can be driven by the identified model: a speed for each of its points.
+"""Fastest speed profile of a path by the identified model: a speed for each of its points.
 
-    v_max(s)  what tyres and steering lock hold in the bend
-    forward   v dv/ds <= what motor and friction leave beside the bend
+    v_max(s)  limit by tyres and steering lock in the bend
+    forward   v dv/ds <= what motor and friction leave in the bend
     backward  the same for the brake
 
-Tyres share their force between the bend and the drive: a_x <= a_most sqrt(1 - (v^2 / v_max^2)^2),
-the friction circle with v_max^2 k as the most that is across. E. Velenis and P. Tsiotras,
+Tyres share their force between lateral and longitudinal: a_x <= a_max sqrt(1 - (v^2 / v_max^2)^2),
+the friction circle with v_max^2 k as the largest lateral acceleration. E. Velenis and P. Tsiotras,
 "Minimum-time travel for a vehicle with acceleration limits", JOTA 138 (2008), for the passes.
 """
 
@@ -20,20 +20,20 @@ import numpy as np
 from dart_hal.control.drivetrain import BRAKE_FORCE
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
-from dart_hal.control.profile import FOLLOWED
+from dart_hal.control.profile import MAX_FOLLOWED_ACCELERATION
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_drive
 
-# Share of the speed in a bend that is asked for: 0.9 of the force, for models are 2 % off each.
-GRIP = 0.95
-# rad of the lock that is left to the tracker in a bend.
-RESERVE = 0.03
-# m/s2 along the path at most: what ``drive_speed`` follows, and some to correct with.
-ALONG = 0.7 * FOLLOWED
-# m/s, the slowest that is asked of a car that moves.
-CRAWL = 0.2
+# Speed in a bend relative to the limit: 0.9 of the lateral force, as models are 2 % off each.
+BEND_SPEED_SHARE = 0.95
+# Part of the lock that remains for the tracker in a bend [rad].
+LOCK_RESERVE = 0.03
+# Largest longitudinal acceleration [m/s2]: what ``drive_speed`` follows, and a reserve.
+MAX_LONGITUDINAL = 0.7 * MAX_FOLLOWED_ACCELERATION
+# Slowest target speed of a moving car [m/s].
+CRAWL_SPEED = 0.2
 
 
 @dataclass(frozen=True)
@@ -45,18 +45,22 @@ class SpeedProfile:
 
     @property
     def time(self) -> float:
-        """s of a flying lap, or of an open path from rest to rest."""
+        """Time of a flying lap [s], or of an open path from rest to rest."""
         after = np.roll(self.speed, -1)
         if not self.path.closed:
             after[-1] = 0.0
-        return float(np.sum(self.path.spacing / np.maximum(0.5 * (self.speed + after), CRAWL)))
+        return float(
+            np.sum(self.path.spacing / np.maximum(0.5 * (self.speed + after), CRAWL_SPEED))
+        )
 
-    def capped(self, cap: float) -> SpeedProfile:
-        """No faster than ``cap`` [m/s]."""
+    def limit_to(self, cap: float) -> SpeedProfile:
+        """Return the profile limited to ``cap`` [m/s]."""
         return replace(self, speed=np.minimum(self.speed, cap))
 
-    def at(self, s: float) -> float:
-        """Speed [m/s] at arc length s [m], of any lap; at the ends of an open path its last one."""
+    def speed_at(self, s: float) -> float:
+        """Return the speed [m/s] at arc length s [m] of any lap; beyond an open path that of its
+        end.
+        """
         k = s / self.path.spacing
         n = len(self.speed)
         i = int(np.floor(k))
@@ -73,77 +77,83 @@ class SpeedProfile:
 
 
 def speed_profile(path: Path, plant: Plant, cap: float) -> SpeedProfile:
-    """The fastest profile up to ``cap`` [m/s]; where the path asks for a speed, that is one too.
+    """Return the fastest profile up to ``cap`` [m/s], and up to the speed of the path if it has
+    one.
 
-    Raises UsageError where the path is too tight for the car at any speed.
+    Raises UsageError if the path is too tight for the car at any speed.
     """
-    check_turns(path, plant)
+    check_curvature(path, plant)
     low, high = plant.lock
-    lock = low + RESERVE, high - RESERVE
-    bends = np.maximum(GRIP * plant.steady.fastest(path.curvature, lock), CRAWL)
-    most = np.minimum(bends, cap if path.speed is None else np.minimum(path.speed, cap))
-    limits = _Limits(plant)
-    forward = _pass(most, bends, path, limits.forward)
-    speed = _pass(forward[::-1], bends[::-1], path, limits.backward)[::-1]
+    lock = low + LOCK_RESERVE, high - LOCK_RESERVE
+    bend_speed = np.maximum(
+        BEND_SPEED_SHARE * plant.steady.max_speed(path.curvature, lock), CRAWL_SPEED
+    )
+    max_speed = np.minimum(bend_speed, cap if path.speed is None else np.minimum(path.speed, cap))
+    limits = _DriveLimits(plant)
+    forward = _limit_acceleration(max_speed, bend_speed, path, limits.forward)
+    speed = _limit_acceleration(forward[::-1], bend_speed[::-1], path, limits.backward)[::-1]
     return SpeedProfile(path, speed)
 
 
-def turns(path: Path, plant: Plant) -> bool:
-    """Whether the car turns as tightly as the path everywhere."""
+def is_drivable(path: Path, plant: Plant) -> bool:
+    """Return whether the car can drive the curvature of the path everywhere."""
     return not len(_too_tight(path, plant))
 
 
-def check_turns(path: Path, plant: Plant) -> None:
-    """Raises UsageError where the path turns tighter than the car at its stops."""
-    bad = _too_tight(path, plant)
-    if not len(bad):
+def check_curvature(path: Path, plant: Plant) -> None:
+    """Raise UsageError if the path is tighter than the car turns at its stops."""
+    tight = _too_tight(path, plant)
+    if not len(tight):
         return
-    k = int(bad[np.argmax(np.abs(path.curvature[bad]))])
-    right, left = _sharpest(plant)
-    side, most = ("left", left) if path.curvature[k] > 0.0 else ("right", -right)
+    k = int(tight[np.argmax(np.abs(path.curvature[tight]))])
+    right, left = _lock_curvatures(plant)
+    side, limit = ("left", left) if path.curvature[k] > 0.0 else ("right", -right)
     raise UsageError(
         f"the path is tighter than the car turns: at {path.s[k]:.2f} m, x {path.x[k]:.2f} "
         f"y {path.y[k]:.2f} m",
         found=f"a radius of {1.0 / abs(path.curvature[k]):.3f} m to the {side}",
-        expected=f"at least {1.0 / most:.3f} m to the {side}",
+        expected=f"at least {1.0 / limit:.3f} m to the {side}",
         likely="points that are close together or not smooth, or a tight bend",
         remedy="widen the bend, or cut it: dart-hal follow PATH --raceline 0.2")
 
 
 def _too_tight(path: Path, plant: Plant) -> IntArray:
-    right, left = _sharpest(plant)
+    """Return the indices of points that are tighter than the car turns."""
+    right, left = _lock_curvatures(plant)
     return np.flatnonzero((path.curvature > left) | (path.curvature < right))
 
 
-def _sharpest(plant: Plant) -> tuple[float, float]:
-    """Curvature [1/m] at the stops, right and left, of a car that does not slip."""
+def _lock_curvatures(plant: Plant) -> tuple[float, float]:
+    """Return the curvatures [1/m] at the stops, right and left, without slip."""
     right, left = (float(np.tan(angle)) / plant.vehicle.body.wheelbase for angle in plant.lock)
     return right, left
 
 
-class _Limits:
-    """Most acceleration and deceleration [m/s2] of the drive at a speed [m/s]."""
+class _DriveLimits:
+    """Largest acceleration and deceleration [m/s2] of the drive at a speed [m/s]."""
 
     def __init__(self, plant: Plant) -> None:
         p = plant.vehicle
         self._drive = make_drive(p.motor, p.friction)
         self._friction = make_friction(p.friction)
         self._mass = p.body.mass
-        self._throttle = plant.throttle
+        self._max_throttle = plant.max_throttle
 
     def forward(self, v: float) -> float:
-        force: float = self._drive(self._throttle, v)
-        return min(max(force / self._mass, 0.0), ALONG)
+        force: float = self._drive(self._max_throttle, v)
+        return min(max(force / self._mass, 0.0), MAX_LONGITUDINAL)
 
     def backward(self, v: float) -> float:
         force: float = BRAKE_FORCE - self._friction(v)
-        return min(force / self._mass, ALONG)
+        return min(force / self._mass, MAX_LONGITUDINAL)
 
 
-def _pass(most: FloatArray, bends: FloatArray, path: Path,
-          limit: Callable[[float], float]) -> FloatArray:
-    """No faster at a point than from the one before; twice round a closed path, open from rest."""
-    v: FloatArray = most.copy()
+def _limit_acceleration(max_speed: FloatArray, bend_speed: FloatArray, path: Path,
+                        limit: Callable[[float], float]) -> FloatArray:
+    """Limit the acceleration from each point to the next; twice around a closed path, an open one
+    from rest.
+    """
+    v: FloatArray = max_speed.copy()
     n = len(v)
     d = path.spacing
     order = range(1, 2 * n) if path.closed else range(1, n)
@@ -153,7 +163,7 @@ def _pass(most: FloatArray, bends: FloatArray, path: Path,
         i = (j - 1) % n
         k = j % n
         here = float(v[i])
-        across = min(here / float(bends[i]), 1.0) ** 2
-        a = limit(here) * sqrt(max(1.0 - across * across, 0.0))
+        lateral_use = min(here / float(bend_speed[i]), 1.0) ** 2
+        a = limit(here) * sqrt(max(1.0 - lateral_use * lateral_use, 0.0))
         v[k] = min(float(v[k]), sqrt(here * here + 2.0 * a * d))
     return v

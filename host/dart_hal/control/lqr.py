@@ -1,19 +1,19 @@
-"""Gains of the LQR tracker, by speed: feedback of the offset, and preview of the path's bends.
+"""Gains of the LQR tracker, by speed: feedback of the offset and preview of the path's curvature.
 
 About a steady bend the car moves as
 
     e'     = v (psi + slip(delta))          e: offset of the rear axle [m]
-    psi'   = v bend(delta) - v k(s)         psi: heading to the path's [rad]
+    psi'   = v curvature(delta) - v k(s)    psi: heading relative to the path [rad]
     delta' = (u - delta) / T                delta: road wheels, u: command [rad]
 
-with slip and bend linear in delta, by the identified model, and T its steering lag. The gain
-minimises the sum of e^2 + (delta' / RATE)^2, which costs nothing in a steady bend of any curvature.
-The bends ahead k_0, k_1, ... enter linearly, with weights by the same Riccati matrix P:
+with slip and curvature linear in delta, by the identified model, and T its steering lag. The gain
+minimises the sum of e^2 + (delta' / WHEEL_RATE_WEIGHT)^2, which is zero in a steady bend of any
+curvature. The curvatures ahead k_0, k_1, ... enter linearly, by the same Riccati matrix P:
 
     u = -K x - sum_j (R + B'PB)^-1 B' (A - BK)'^j P E k_j
 
 (M. Tomizuka, "Optimal continuous finite preview problem", IEEE TAC 20, 1975). Their weighted mean
-is the bend about which the tracker corrects.
+is the curvature about which the tracker corrects.
 """
 
 from __future__ import annotations
@@ -22,57 +22,63 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dart_hal.control.steady import SPEEDS, Steady, row_of
+from dart_hal.control.steady import SPEEDS, Steady, grid_position
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import FloatArray
 
-# rad/s of the wheels for 1 m of offset.
-RATE = 40.0
-# s between two commands that act, one PWM frame; steps ahead, 1 s.
-PERIOD = PWM_FRAME
-PREVIEW = 50
-# s: no servo is quicker, for its slew takes as long for 0.1 rad.
-LEAST_LAG = 0.03
-# 1/m from straight, for the slopes.
-SMALL = 0.02
+# Wheel rate that costs as much as an offset of 1 m [rad/s].
+WHEEL_RATE_WEIGHT = 40.0
+# Period of the commands that act, one PWM frame [s]; number of preview steps, 1 s.
+COMMAND_PERIOD = PWM_FRAME
+PREVIEW_STEPS = 50
+# Smallest lag [s]: the slew rate of a servo takes as long for 0.1 rad.
+MIN_LAG = 0.03
+# Curvatures of the linearisation [1/m].
+CURVATURE_STEP = 0.02
 
 
-class Gains(NamedTuple):
-    """feedback (v, 3) of e, psi, delta; preview (v, n), which sums to 1, at multiples of PERIOD."""
+class LqrGains(NamedTuple):
+    """feedback (v, 3) of e, psi, delta; preview (v, n), which sums to 1, at multiples of
+    COMMAND_PERIOD.
+    """
 
     feedback: FloatArray
     preview: FloatArray
 
-    def at(self, speed: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(feedback (3,), preview (n,), metres ahead of its bends (n,)) at a speed [m/s]."""
-        k, part = row_of(speed)
-        gain, ahead = ((1.0 - part) * rows[k] + part * rows[k + 1]
-                       for rows in (self.feedback, self.preview))
-        way = SPEEDS[k] + part * (SPEEDS[k + 1] - SPEEDS[k])
-        return gain, ahead, way * PERIOD * (np.arange(len(ahead)) + 0.5)
+    def interpolate(self, speed: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return (feedback (3,), preview (n,), distances of its curvatures (n,) [m]) at a speed
+        [m/s].
+        """
+        k, part = grid_position(speed)
+        gain, preview = ((1.0 - part) * rows[k] + part * rows[k + 1]
+                         for rows in (self.feedback, self.preview))
+        grid_speed = SPEEDS[k] + part * (SPEEDS[k + 1] - SPEEDS[k])
+        return gain, preview, grid_speed * COMMAND_PERIOD * (np.arange(len(preview)) + 0.5)
 
 
-def gains_of(steady: Steady, lag: float) -> Gains:
-    """For a car with this steady cornering and steering lag [s]."""
+def compute_gains(steady: Steady, lag: float) -> LqrGains:
+    """Compute the gains for a car with this steady cornering and steering lag [s]."""
     from scipy.linalg import expm, solve_discrete_are
 
-    lag = max(lag, LEAST_LAG)
+    lag = max(lag, MIN_LAG)
     rows = []
     for v in SPEEDS:
-        one = steady.turn(SMALL, v)
-        two = steady.turn(-SMALL, v)
-        per = 1.0 / (one.angle - two.angle)
-        bend = 2.0 * SMALL * per
-        slip = (one.slip - two.slip) * per
-        flow = np.zeros((5, 5))  # of e, psi, delta, and the held u and k
-        flow[0, 1:3] = v, v * slip
-        flow[1, 2:] = v * bend, 0.0, -v
-        flow[2, 2:4] = -1.0 / lag, 1.0 / lag
-        step = expm(flow * PERIOD)
+        left_turn = steady.turn(CURVATURE_STEP, v)
+        right_turn = steady.turn(-CURVATURE_STEP, v)
+        per = 1.0 / (left_turn.angle - right_turn.angle)
+        curvature_slope = 2.0 * CURVATURE_STEP * per
+        slip_slope = (left_turn.slip - right_turn.slip) * per
+        dynamics = np.zeros((5, 5))  # of e, psi, delta, and the constant inputs u and k
+        dynamics[0, 1:3] = v, v * slip_slope
+        dynamics[1, 2:] = v * curvature_slope, 0.0, -v
+        dynamics[2, 2:4] = -1.0 / lag, 1.0 / lag
+        # Discretise with constant u and k over a command period.
+        step = expm(dynamics * COMMAND_PERIOD)
         a = step[:3, :3]
         b = step[:3, 3:4]
         e = step[:3, 4:]
-        r = (1.0 / (RATE * lag)) ** 2
+        # delta' = (u - delta) / T, so its cost has terms in delta, u and delta * u (cross).
+        r = (1.0 / (WHEEL_RATE_WEIGHT * lag)) ** 2
         q = np.diag((1.0, 0.0, r))
         cross = np.array([[0.0], [0.0], [-r]])
         p = solve_discrete_are(a, b, q, np.array([[r]]), s=cross)
@@ -80,13 +86,13 @@ def gains_of(steady: Steady, lag: float) -> Gains:
         gain = per * (b.T @ p @ a + cross.T)
         rows.append((gain[0], _preview(a - b @ gain, b, p @ e)))
     feedback, preview = zip(*rows, strict=True)
-    return Gains(np.array(feedback), np.array(preview))
+    return LqrGains(np.array(feedback), np.array(preview))
 
 
-def _preview(closed: FloatArray, b: FloatArray, pull: FloatArray) -> FloatArray:
-    """Weights (n,) of the bends ahead, to the sum of 1."""
+def _preview(closed_loop: FloatArray, b: FloatArray, weight: FloatArray) -> FloatArray:
+    """Return the weights (n,) of the curvatures ahead, normalised to the sum 1."""
     weights = []
-    for _ in range(PREVIEW):
-        weights.append(float((b.T @ pull)[0, 0]))
-        pull = closed.T @ pull
+    for _ in range(PREVIEW_STEPS):
+        weights.append(float((b.T @ weight)[0, 0]))
+        weight = closed_loop.T @ weight
     return np.array(weights) / sum(weights)

@@ -1,4 +1,4 @@
-"""What every tracker is and knows: where the car is and will be, beside its path."""
+"""Common parts of the trackers: where the car is and will be, relative to its path."""
 
 from __future__ import annotations
 
@@ -8,17 +8,19 @@ from math import inf
 from typing import Protocol
 
 from dart_hal.control.paths import Path
-from dart_hal.control.plant import Plant, Prediction, Where
+from dart_hal.control.plant import MotionPrediction, Plant, PredictedMotion
 from dart_hal.core.types import FloatArray, MotionEstimate
 
 
 class Tracker(Protocol):
-    """s [m]: arc length of the closest point, grows over laps; offset [m]: to the left of it.
+    """A steering controller for a path.
 
-    speed [m/s]: no faster, for this tracker's sake; why: it can go on no longer, and steers until
-    the car stands; told: what is new of its plan, for ``car.log``. To be set:
-    pace, the speed [m/s] that is wanted at an arc length; clock [s], which goes on while a tracker
-    thinks (in virtual time it does not).
+    s [m]: arc length of the closest point, grows over laps; offset [m]: of the car to its left;
+    speed [m/s]: limit of this tracker; why: set if it cannot continue, it then steers until the car
+    is at rest; told: new values of its plan, for ``car.log``.
+
+    May be set: pace, the target speed [m/s] at an arc length; clock [s], which runs while a tracker
+    computes (virtual time does not).
     """
 
     s: float
@@ -30,14 +32,14 @@ class Tracker(Protocol):
     clock: Callable[[], float]
 
     def begin(self, s: float) -> None:
-        """The car is near arc length s [m]; nothing is known of commands before."""
+        """Start near arc length s [m] and forget earlier commands."""
 
     def steer(self, motion: MotionEstimate) -> float:
-        """Angle [rad] of the road wheels to command at ``motion.t``."""
+        """Return the angle [rad] of the road wheels to command at ``motion.t``."""
 
 
-class OnPath(ABC):
-    """What trackers share."""
+class PathTracker(ABC):
+    """Base class of trackers."""
 
     def __init__(self, path: Path, plant: Plant) -> None:
         self.path = path
@@ -48,9 +50,10 @@ class OnPath(ABC):
         self.told: dict[str, FloatArray] = {}
         self.pace: Callable[[float], float] = lambda s: 1.0
         self.clock: Callable[[], float] = lambda: 0.0
-        self._prediction = Prediction(plant)
+        self._prediction = MotionPrediction(plant)
 
     def begin(self, s: float) -> None:
+        """See ``Tracker``."""
         self.s = s
         self._prediction.reset()
 
@@ -58,16 +61,18 @@ class OnPath(ABC):
     def steer(self, motion: MotionEstimate) -> float:
         """See ``Tracker``."""
 
-    def _see(self, motion: MotionEstimate, ahead: float) -> tuple[Where, float]:
-        """Motion ``ahead`` s later, and the arc length of its closest point."""
+    def _predict_motion(self, motion: MotionEstimate, horizon: float
+                        ) -> tuple[PredictedMotion, float]:
+        """Return the motion ``horizon`` s later and the arc length of its closest point."""
         pose = motion.pose
         self.s = self.path.closest(pose.x, pose.y, self.s)
         self.offset = self.path.offset(pose.x, pose.y, self.s)
-        where = self._prediction.at(motion, motion.t + ahead)
-        return where, self.path.closest(where.x, where.y, self.s)
+        future = self._prediction.predict(motion, motion.t + horizon)
+        return future, self.path.closest(future.x, future.y, self.s)
 
-    def _command(self, motion: MotionEstimate, angle: float) -> float:
+    def _send_steering(self, motion: MotionEstimate, angle: float) -> float:
+        """Limit and record a command; return the angle [rad]."""
         low, high = self.plant.lock
-        angle = min(max(self._prediction.asked(angle), low), high)
-        self._prediction.sent(motion.t, angle)
+        angle = min(max(self._prediction.compensate(angle), low), high)
+        self._prediction.record_command(motion.t, angle)
         return angle

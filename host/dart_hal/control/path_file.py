@@ -19,14 +19,15 @@ from pathlib import Path as File
 
 import numpy as np
 
-from dart_hal.control.paths import GAP, Path
+from dart_hal.control.paths import MAX_GAP, Path
 from dart_hal.core.errors import UsageError
 from dart_hal.core.text_file import read_text
 from dart_hal.core.types import MAX_COORDINATE, FloatArray
 
+# Required columns of a path.
 COLUMNS = ("x", "y")
 # Suffix of a column of lengths and its unit [m]. Without one, metres are assumed.
-UNITS = {"": 1.0, "_m": 1.0, "_cm": 0.01, "_mm": 0.001}
+UNIT_SCALES = {"": 1.0, "_m": 1.0, "_cm": 0.01, "_mm": 0.001}
 # Names of a column of speeds [m/s].
 SPEEDS = ("speed", "vx_mps", "speed_mps", "v_mps")
 # Between columns. A comma last: in some countries it is the decimal separator.
@@ -37,16 +38,16 @@ DELIMITERS = (";", "\t", ",")
 MAX_UNNAMED_EXTENT = 60.0
 # Largest number in a column of lengths, whatever its unit.
 MAX_CELL = 1e8
-# m of a path: the longest race track has 21 km.
+# Largest length of a path [m]: the longest race track has 21 km.
 MAX_LENGTH = 25e3
-# m/s: at a lower speed a path never ends, and no car reaches the other.
+# Range of speeds [m/s]: below it a path never ends, and no car exceeds it.
 SPEED_RANGE = (1e-3, 1e3)
 # Of a track: distance from its last point to its first, in median distances of its points.
 MAX_CLOSING_GAP = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class PathTable:
     """Cells of a path file. lines: number of the line of each row, from 1.
 
     is_track: the columns were named in a comment, as in files of F1TENTH and TUM.
@@ -86,7 +87,7 @@ def read_path(file: File) -> Path:
         raise
 
 
-def read_table(file: File) -> Table:
+def read_table(file: File) -> PathTable:
     """Split a file into header and cells. Raises UsageError and FileNotFoundError."""
     try:
         text = read_text(file)
@@ -105,14 +106,14 @@ def read_table(file: File) -> Table:
         content = content[1:]
         comments = []
     delimiter = find_delimiter(named[-1]) if named else ","
-    return Table(split_line(named[-1], delimiter) if named else (),
-                 tuple(split_line(line, delimiter) for _, line in content),
-                 tuple(number for number, _ in content), bool(comments))
+    return PathTable(split_line(named[-1], delimiter) if named else (),
+                     tuple(split_line(line, delimiter) for _, line in content),
+                     tuple(number for number, _ in content), bool(comments))
 
 
 def has_columns(header: Sequence[str]) -> bool:
     """Return whether a header names x and y."""
-    return all(any(name + suffix in header for suffix in UNITS) for name in COLUMNS)
+    return all(any(name + suffix in header for suffix in UNIT_SCALES) for name in COLUMNS)
 
 
 def find_delimiter(line: str) -> str:
@@ -134,7 +135,7 @@ def choose_columns(header: Sequence[str], file: File) -> list[tuple[int, float]]
     found: list[tuple[int, float]] = []
     missing = []
     for name in COLUMNS:
-        match = next(((header.index(name + suffix), unit) for suffix, unit in UNITS.items()
+        match = next(((header.index(name + suffix), unit) for suffix, unit in UNIT_SCALES.items()
                       if name + suffix in header), None)
         if match is None:
             missing.append(name)
@@ -152,11 +153,11 @@ def choose_columns(header: Sequence[str], file: File) -> list[tuple[int, float]]
 def check_unit(points: FloatArray, name: str, file: File) -> None:
     """Raise UsageError for points (n, 2) that look like centimetres and do not name their unit,
     and for paths that no car drives."""
-    farthest = float(np.abs(points).max()) if len(points) else 0.0
+    max_coordinate = float(np.abs(points).max()) if len(points) else 0.0
     length = float(np.hypot(*np.diff(points, axis=0).T).sum()) if len(points) else 0.0
-    if farthest > MAX_COORDINATE or length > MAX_LENGTH:
+    if max_coordinate > MAX_COORDINATE or length > MAX_LENGTH:
         raise UsageError(f"{file}: the path is too large", read=str(file),
-                         found=f"{length:g} m long, a point at {farthest:g} m",
+                         found=f"{length:g} m long, a point at {max_coordinate:g} m",
                          expected=f"at most {MAX_LENGTH:g} m, within {MAX_COORDINATE:g} m of the "
                                   "origin", likely="another unit",
                          remedy="name the columns x_cm,y_cm or x_mm,y_mm")
@@ -177,7 +178,7 @@ def close_loop(values: FloatArray, is_track: bool) -> tuple[FloatArray, bool]:
     step = float(np.median(np.hypot(*np.diff(values[:, :2], axis=0).T)))
     gap = float(np.hypot(*(values[-1, :2] - values[0, :2])))
     # Files of tracks are rounded: a thousandth of a step is the same point.
-    if gap < (max(GAP, 1e-3 * step) if is_track else GAP):
+    if gap < (max(MAX_GAP, 1e-3 * step) if is_track else MAX_GAP):
         return values[:-1], True
     return values, is_track and gap < MAX_CLOSING_GAP * step
 

@@ -1,8 +1,8 @@
-"""Changing direction through an ESC that brakes before it reverses.
+"""Change of direction with an ESC that brakes before it reverses.
 
-Such an ESC takes the first pull below neutral after driving forward as the brake, and lets go of
-it only after a rest at neutral; the next pull reverses. One without a brake reverses at once: then
-every step here pulls the way that is wanted anyway.
+After driving forward, such an ESC interprets the first pulse below neutral as braking until it has
+been at neutral for a while; the next pulse reverses. An ESC without a brake reverses at once: then
+every step here drives in the requested direction.
 """
 
 from __future__ import annotations
@@ -10,90 +10,96 @@ from __future__ import annotations
 import math
 from enum import Enum
 
-from dart_hal.control.measured import REST_S
+from dart_hal.control.measured import DEFAULT_REVERSE_REST
 
-# m/s; slower, and the wheels are standing for the next few edges: one edge of 2.1 mm in 35 ms.
-AT_REST = 0.06
-# Throttle below neutral: beyond a dead band (0.16 at most in hidden cars), not the whole brake.
-BRAKE = 0.35
-# s; three PWM frames, so that the ESC has seen the pull whatever the speed was.
-LEAST_BRAKE_S = 0.06
-# s; from 2 m/s a third of the brake takes half a second. Longer, and the speed is not believed.
-MOST_BRAKE_S = 1.0
-# m/s faster than it was: the pull drives the car backward, so nothing is left to brake.
-GAINED = 0.12
-# s in reverse without a wheel that turns: the ESC has braked instead, rest once more.
-PATIENCE_S = 0.7
+# Speed below which the wheels stop within the next edges [m/s]: one edge of 2.1 mm in 35 ms.
+REST_SPEED = 0.06
+# Throttle below neutral: beyond a dead band (0.16 at most in hidden cars), less than the full
+# brake.
+BRAKE_THROTTLE = 0.35
+# Shortest braking [s]; three PWM frames, so that the ESC has received the pulse at any speed.
+MIN_BRAKE_TIME = 0.06
+# Longest braking [s]: a third of the brake needs half a second from 2 m/s. Beyond, the speed is
+# doubted.
+MAX_BRAKE_TIME = 1.0
+# Increase of the speed [m/s] that shows that the pulse drives the car backward.
+MAX_SPEED_GAIN = 0.12
+# Time in reverse without a turning wheel [s], after which the ESC has braked instead: rest again.
+MAX_IDLE_REVERSE_TIME = 0.7
 
 
-class Phase(Enum):
-    """What the throttle is held at; FREE: at what the speed law asks for."""
+class ReversalPhase(Enum):
+    """State of the sequence; FREE: the throttle of the speed law is used."""
 
     FREE = "free"
-    BRAKE = "brake"
+    BRAKE_THROTTLE = "brake"
     REST = "rest"
 
 
 class Reversal:
-    """Which throttle an ESC has to see next; call once per control period.
+    """Sequence brake, rest, reverse; call once per control period.
 
-    ``rest`` [s] at neutral between brake and reverse, 0: the ESC knows no brake. ``holding``: the
-    throttle is not what the speed law asks for.
+    ``rest`` [s]: time at neutral between brake and reverse, 0: the ESC has no brake. ``holding``:
+    whether the throttle differs from that of the speed law.
     """
 
-    def __init__(self, rest: float = REST_S) -> None:
+    def __init__(self, rest: float = DEFAULT_REVERSE_REST) -> None:
         self._rest = rest
-        self._phase = Phase.FREE
+        self._phase = ReversalPhase.FREE
         self._forward = False
-        self._since = self._tried = 0.0
-        self._slowest = math.inf
+        self._phase_time = self._idle_reverse_time = 0.0
+        self._min_speed = math.inf
 
     def reset(self) -> None:
-        """Begin again at the next pull; that the car was driven forward is kept."""
-        self._enter(Phase.FREE)
-        self._tried = 0.0
+        """Restart with the next pulse; whether the car was driven forward is kept."""
+        self._enter(ReversalPhase.FREE)
+        self._idle_reverse_time = 0.0
 
     @property
     def holding(self) -> bool:
-        return self._phase is not Phase.FREE
+        return self._phase is not ReversalPhase.FREE
 
-    def throttle(self, wanted: float, speed: float, dt: float) -> float:
-        """Throttle instead of ``wanted`` at a speed [m/s] of either sign, ``dt`` s later.
+    def throttle(self, requested: float, speed: float, dt: float) -> float:
+        """Return the throttle for a requested one at a speed [m/s] of either sign, ``dt`` s later.
 
-        Forward is never held back, and neutral never filled.
+        Forward and neutral are never changed. Requests below neutral after driving forward pass
+        through
+
+            FREE -> BRAKE (until at rest, MIN_BRAKE_TIME at least) -> REST (``rest`` s) -> FREE
         """
-        if wanted >= 0.0 or self._rest == 0.0:
+        if requested >= 0.0 or self._rest == 0.0:
             self.reset()
-            self._forward |= wanted > 0.0
-            return wanted
-        self._since += dt
-        if self._phase is Phase.FREE:
-            return self._backward(wanted, speed, dt)
-        if self._phase is Phase.BRAKE:
-            self._slowest = min(self._slowest, abs(speed))
-            pulls_back = abs(speed) > self._slowest + GAINED
-            stopped = abs(speed) < AT_REST and self._since >= LEAST_BRAKE_S
-            if not (stopped or pulls_back or self._since >= MOST_BRAKE_S):
-                return -BRAKE
-            self._enter(Phase.REST)
-        if self._since < self._rest:
+            self._forward |= requested > 0.0
+            return requested
+        self._phase_time += dt
+        if self._phase is ReversalPhase.FREE:
+            return self._backward(requested, speed, dt)
+        if self._phase is ReversalPhase.BRAKE_THROTTLE:
+            self._min_speed = min(self._min_speed, abs(speed))
+            pulls_back = abs(speed) > self._min_speed + MAX_SPEED_GAIN
+            stopped = abs(speed) < REST_SPEED and self._phase_time >= MIN_BRAKE_TIME
+            if not (stopped or pulls_back or self._phase_time >= MAX_BRAKE_TIME):
+                return -BRAKE_THROTTLE
+            self._enter(ReversalPhase.REST)
+        if self._phase_time < self._rest:
             return 0.0
         self._forward = False
-        self._enter(Phase.FREE)
-        return wanted
+        self._enter(ReversalPhase.FREE)
+        return requested
 
-    def _backward(self, wanted: float, speed: float, dt: float) -> float:
+    def _backward(self, requested: float, speed: float, dt: float) -> float:
+        """Begin with the brake after forward; rest again if the wheels do not turn in reverse."""
         if self._forward:
-            self._enter(Phase.BRAKE)
-            return -BRAKE
-        self._tried = self._tried + dt if abs(speed) < AT_REST else 0.0
-        if self._tried < PATIENCE_S:
-            return wanted
-        self._tried = 0.0
-        self._enter(Phase.REST)
+            self._enter(ReversalPhase.BRAKE_THROTTLE)
+            return -BRAKE_THROTTLE
+        self._idle_reverse_time = self._idle_reverse_time + dt if abs(speed) < REST_SPEED else 0.0
+        if self._idle_reverse_time < MAX_IDLE_REVERSE_TIME:
+            return requested
+        self._idle_reverse_time = 0.0
+        self._enter(ReversalPhase.REST)
         return 0.0
 
-    def _enter(self, phase: Phase) -> None:
+    def _enter(self, phase: ReversalPhase) -> None:
         self._phase = phase
-        self._since = 0.0
-        self._slowest = math.inf
+        self._phase_time = 0.0
+        self._min_speed = math.inf

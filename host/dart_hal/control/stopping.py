@@ -1,66 +1,68 @@
-"""Slowing down to rest, by a ramp and a time in which the car has to stand; and one that stands
-though it is asked to drive."""
+"""Stop of a car by a speed ramp, and detection of a car that does not move though commanded to."""
 
 from __future__ import annotations
 
 from math import inf
 
-from dart_hal.control.lap import CRAWL
+from dart_hal.control.lap import CRAWL_SPEED
 from dart_hal.core.types import MotionEstimate
 
-# m/s2 of a stop, and of a car that rolls out from a crawl (1.0 on the paper's car).
-SLOWS = 2.0
-ROLLS = 0.8
-# m/s and s: the car stands.
-RESTS = 0.03
-RESTS_FOR = 0.2
-# s at neutral in which it has to stand: a car whose brake does nothing rolls out from 2 m/s in
-# 2.5 s. One that does not is downhill, or pushed, and no program makes it stop.
-WITHIN = 3.0
+# Deceleration of a stop, and of a car that rolls out from a crawl (1.0 on the car of the paper)
+# [m/s2].
+STOP_DECELERATION = 2.0
+ROLL_DECELERATION = 0.8
+# A car is at rest below this speed [m/s] for this time [s].
+REST_SPEED = 0.03
+REST_TIME = 0.2
+# Time at neutral in which the car has to come to rest [s]: without a brake a car rolls out from 2
+# m/s in 2.5 s. Beyond it the car is on a slope or pushed, and no command stops it.
+MAX_ROLL_TIME = 3.0
 
-# s in which a car that is asked to drive has to move, of at most so many for one answer: arming
-# takes 2 s, in which nothing is asked. A motor that is held pulls its largest current.
-STUCK = 3.0
-ANSWER = 0.1
+# Time in which a car with a speed command has to move [s], and the largest time counted for one
+# call: arming takes 2 s without commands. A blocked motor draws its largest current.
+STUCK_TIME = 3.0
+MAX_UPDATE_GAP = 0.1
 
 
-class Standing:
-    """How long a car that is asked to drive has stood [s]; once per answer."""
+class StuckDetector:
+    """Time for which a car with a speed command has been at rest [s]; call once per State."""
 
     def __init__(self) -> None:
         self._t = inf
-        self._stood = 0.0
+        self._rest_time = 0.0
 
-    def stuck(self, t: float, speed: float) -> bool:
-        """Whether that is too long, at t [s] and a speed [m/s]."""
-        dt = min(max(t - self._t, 0.0), ANSWER)
+    def is_stuck(self, t: float, speed: float) -> bool:
+        """Return whether that is too long, at t [s] and a speed [m/s]."""
+        dt = min(max(t - self._t, 0.0), MAX_UPDATE_GAP)
         self._t = t
-        self._stood = self._stood + dt if abs(speed) < RESTS else 0.0
-        return self._stood > STUCK
+        self._rest_time = self._rest_time + dt if abs(speed) < REST_SPEED else 0.0
+        return self._rest_time > STUCK_TIME
 
 
-class Stopping:
-    """A stop from ``speed`` [m/s] asked for at ``t`` [s]. ``over``: at rest, or given up."""
+class StopManoeuvre:
+    """A stop from ``speed`` [m/s], begun at ``t`` [s]. ``is_over``: at rest, or given up."""
 
     def __init__(self, speed: float, t: float) -> None:
-        self.over = False
-        self.rolls = ""
-        """Why it is given up; empty while it is not."""
+        self.is_over = False
+        self.failure = ""
+        """Why the stop was given up; empty if it was not."""
         self._speed = speed
         self._t = t
-        self._rested = self._neutral = 0.0
+        self._rest_time = self._neutral_time = 0.0
 
     def speed(self, motion: MotionEstimate) -> float:
-        """Speed to ask for [m/s]; 0 is neutral. It falls with every answer, so it ends."""
+        """Return the target speed [m/s]; 0 is neutral. It falls with every call, so it ends."""
         dt = motion.t - self._t
         self._t = motion.t
-        speed = max(min(self._speed, max(motion.speed, 0.0)) - SLOWS * dt, 0.0)
-        self._speed = speed if speed > CRAWL else 0.0
-        self._rested = self._rested + dt if abs(motion.speed) < RESTS else 0.0
-        self._neutral += 0.0 if self._speed else dt
-        if self._rested > RESTS_FOR:
-            self.over = True
-        elif self._neutral > WITHIN:
-            self.over = True
-            self.rolls = f"it still rolls at {motion.speed:.2f} m/s, {WITHIN:g} s after neutral"
+        speed = max(min(self._speed, max(motion.speed, 0.0)) - STOP_DECELERATION * dt, 0.0)
+        self._speed = speed if speed > CRAWL_SPEED else 0.0
+        self._rest_time = self._rest_time + dt if abs(motion.speed) < REST_SPEED else 0.0
+        self._neutral_time += 0.0 if self._speed else dt
+        if self._rest_time > REST_TIME:
+            self.is_over = True
+        elif self._neutral_time > MAX_ROLL_TIME:
+            self.is_over = True
+            self.failure = (
+                f"it still rolls at {motion.speed:.2f} m/s, {MAX_ROLL_TIME:g} s after neutral"
+            )
         return self._speed

@@ -1,7 +1,7 @@
-"""Tracks by name, those of DART's authors among them, and paths from files.
+"""Tracks by name, including those of the authors of DART, and paths from files.
 
-``racetrack_vicon_2`` and ``savoiardo`` are drawn as in their curvature-aware MPC. Of
-``racetrack_vicon`` its size, radii and length are known: seven lanes up and down keep to them.
+``racetrack_vicon_2`` and ``savoiardo`` are those of their curvature-aware MPC. Of
+``racetrack_vicon`` the size, radii and length are known: seven lanes up and down reproduce them.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from dart_hal.core.errors import UsageError
 
 
 def _arc(radius: float, degrees: float) -> Segment:
-    """Part of a circle; positive = left."""
+    """Return a part of a circle; positive = left."""
     return abs(math.radians(degrees)) * radius, math.copysign(1.0 / radius, degrees)
 
 
 def _vicon_2() -> Path:
-    """4.5 m square, turns of 0.75 m, 22.92 m; begun in the middle of the lower side."""
+    """Return a 4.5 m square, turns of 0.75 m, 22.92 m; begins in the middle of the lower side."""
     left = _arc(0.75, 180)
     right = _arc(0.75, -180)
     half = _arc(0.75, 90)
@@ -32,7 +32,7 @@ def _vicon_2() -> Path:
 
 
 def _vicon() -> Path:
-    """7 x 5.5 m, radii 0.5 and 1.0 m, 41.1 m.
+    """Return a track of 7 x 5.5 m, radii 0.5 and 1.0 m, 41.1 m.
 
     Without the six inner lanes it has 5 + pi + 8 + 3.5 pi m; they share the rest.
     """
@@ -45,7 +45,7 @@ def _vicon() -> Path:
 
 
 def _savoiardo() -> Path:
-    """Two straights of 2.4 m and half circles of 0.8 m."""
+    """Return two straights of 2.4 m and half circles of 0.8 m."""
     return Path([(2.4, 0.0), _arc(0.8, 180)] * 2, closed=True)
 
 

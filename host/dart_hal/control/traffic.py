@@ -1,9 +1,9 @@
-"""Other cars on the path: which are passed, and before which to stand.
+"""Other cars on the path: which are passed, and which are waited for.
 
-Each is a disc about its middle that holds its body however it is turned. Where it leaves a way
-within the lane it is an obstacle of the plan; otherwise the car drives no faster than it can stop
-before it, and starts again when it has gone. One that was not heard for a while stands, as far as
-anybody knows, where it was: it is not passed.
+Each is a disc around its centre that contains its body at any heading. If the disc leaves a passage
+within the lane it becomes an obstacle of the plan. Otherwise the car drives no faster than it can
+stop before it, and starts again when it has gone. A car without recent messages is assumed at its
+last position and is not passed.
 """
 
 from __future__ import annotations
@@ -16,26 +16,33 @@ from typing import NamedTuple
 import numpy as np
 
 from dart_hal.control.crossing.speed import safe_speed, stopping_distance
-from dart_hal.control.mpc.obstacles import HALF_LENGTH, HALF_WIDTH, MARGIN, Obstacle, needed
-from dart_hal.control.mpc.reference import Reference
-from dart_hal.control.mpc.tracker import EDGE
+from dart_hal.control.mpc.obstacles import (
+    HALF_LENGTH,
+    HALF_WIDTH,
+    LATERAL_MARGIN,
+    Obstacle,
+    required_offset,
+)
+from dart_hal.control.mpc.reference import PathReference
+from dart_hal.control.mpc.tracker import OBSTACLE_LANE_MARGIN
 from dart_hal.control.paths import Path
 from dart_hal.core.types import Pose
 
-RADIUS = hypot(HALF_LENGTH, HALF_WIDTH)
-# m of air to one before which the car stands, beside what ``safe_speed`` keeps.
-GAP = 0.15
-# Standard errors of another's place that are added to its radius.
-SURE = 2.0
-# m/s: less is asked for as rest; a car at rest starts for more.
-STANDS = 0.2
-STARTS = 0.3
-# m of the lane that have to be left, once it waits, before it passes after all.
-BACK = 0.03
+# Radius of the disc that contains a body [m].
+BODY_RADIUS = hypot(HALF_LENGTH, HALF_WIDTH)
+# Additional distance to a car that is waited for, beyond that of ``safe_speed`` [m].
+STOP_GAP = 0.15
+# Standard errors of the pose of another car that are added to its radius.
+POSE_STD_FACTOR = 2.0
+# Target speeds below the first are replaced by rest; a car at rest starts above the second [m/s].
+MIN_TARGET_SPEED = 0.2
+MIN_START_SPEED = 0.3
+# Additional width of a passage after waiting [m].
+RESTART_MARGIN = 0.03
 
 
-class Wait(str, Enum):
-    """What the others ask of the car."""
+class TrafficWait(str, Enum):
+    """What the other cars require."""
 
     FREE = "FREE"
     BEHIND = "BEHIND"
@@ -45,9 +52,12 @@ class Wait(str, Enum):
         return self.value
 
 
-class Neighbour(NamedTuple):
-    """Another car: pose of its rear axle in the frame of the own poses, speed [m/s], age [s] of
-    both; lost: it was not heard for too long."""
+class NearbyCar(NamedTuple):
+    """Another car.
+
+    pose: of its rear axle, in the frame of the own poses; speed [m/s]; age [s]: of both;
+    lost: its last message is too old.
+    """
 
     name: str
     pose: Pose
@@ -56,76 +66,92 @@ class Neighbour(NamedTuple):
     lost: bool
 
 
-class Traffic:
-    """``judge`` with each answer. ``obstacles``: to be passed; ``speed`` [m/s]: no faster, 0: it
-    stands; ``wait``, ``who``: for what, and for whom; ``seconds``: of each wait."""
+class PathTraffic:
+    """Call ``judge`` with each State. ``obstacles``: to be passed; ``speed`` [m/s]: limit, 0: wait;
+    ``wait``, ``who``: the reason and the car; ``seconds``: duration of each kind of wait.
+    """
 
     def __init__(self, path: Path, lane: float, rear: float, passes: bool) -> None:
-        """lane [m] to either side; rear [m]: from a rear axle to the middle; passes: whether the
-        tracker can."""
+        """lane [m]: to either side; rear [m]: from a rear axle to the centre of the body; passes:
+        whether the tracker passes obstacles.
+        """
         self._path = path
-        self._reference = Reference(path)
+        self._reference = PathReference(path)
         self._lane = lane
         self._rear = rear
         self._passes = passes
         self.obstacles: tuple[Obstacle, ...] = ()
         self.speed = inf
         self.room = inf
-        self.wait = Wait.FREE
+        self.wait = TrafficWait.FREE
         self.who = ""
-        self.seconds = dict.fromkeys(Wait, 0.0)
+        self.seconds = dict.fromkeys(TrafficWait, 0.0)
         self._t = inf
 
-    def judge(self, t: float, s: float, speed: float, others: Iterable[Neighbour]) -> None:
-        """At t [s], the rear axle at arc length s [m], at a speed [m/s]."""
+    def judge(self, t: float, s: float, speed: float, others: Iterable[NearbyCar]) -> None:
+        """Update at t [s], with the rear axle at arc length s [m] and a speed [m/s].
+
+        1. Locate each car on the path ahead.
+        2. Pass it if the tracker can, its messages are recent and the passage is wide enough.
+        3. Otherwise keep the speed from which the car still stops before it.
+        """
         self.seconds[self.wait] += max(t - self._t, 0.0)
         self._t = t
-        before = self.who
+        last_who = self.who
         sight = stopping_distance(max(speed, 1.0)) + 2.0 * self._rear + 1.0
         passing = []
         room = inf
-        wait = Wait.FREE
+        wait = TrafficWait.FREE
         who = ""
         for other in others:
-            met = self._met(other, t, s, sight)
-            if met is None:
+            obstacle = self._locate(other, t, s, sight)
+            if obstacle is None:
                 continue
-            way = self._lane - EDGE - needed(met) - (BACK if other.name == before else 0.0)
-            if self._passes and not other.lost and way >= 0.0:
-                passing.append(met)
+            passage = (
+                self._lane
+                - OBSTACLE_LANE_MARGIN
+                - required_offset(obstacle)
+                - (RESTART_MARGIN if other.name == last_who else 0.0)
+            )
+            if self._passes and not other.lost and passage >= 0.0:
+                passing.append(obstacle)
                 continue
-            free = met.s - s - self._rear - met.radius - HALF_LENGTH - GAP
-            if free < room:
-                room = free
-                wait = Wait.LOST if other.lost else Wait.BEHIND
+            distance = obstacle.s - s - self._rear - obstacle.radius - HALF_LENGTH - STOP_GAP
+            if distance < room:
+                room = distance
+                wait = TrafficWait.LOST if other.lost else TrafficWait.BEHIND
                 who = other.name
         self.obstacles = tuple(passing)
         self.room = room
         self.wait = wait
         self.who = who
         allowed = float(safe_speed(room)) if room < inf else inf
-        self.speed = 0.0 if allowed < (STARTS if self.speed == 0.0 else STANDS) else allowed
+        self.speed = (
+            0.0
+            if allowed < (MIN_START_SPEED if self.speed == 0.0 else MIN_TARGET_SPEED)
+            else allowed
+        )
 
-    def _met(self, other: Neighbour, t: float, s: float, sight: float) -> Obstacle | None:
-        """It beside the way ahead; None: it is not there."""
+    def _locate(self, other: NearbyCar, t: float, s: float, sight: float) -> Obstacle | None:
+        """Return a car as an obstacle on the path ahead, or None."""
         pose = other.pose
-        moved = 0.0 if other.lost else other.speed * other.age
-        x, y = (at + (self._rear + moved) * part for at, part in (
+        travel = 0.0 if other.lost else other.speed * other.age
+        x, y = (place + (self._rear + travel) * part for place, part in (
             (pose.x, cos(pose.yaw)), (pose.y, sin(pose.yaw))))
-        radius = RADIUS + SURE * float(np.sqrt(max(pose.cov[0, 0], pose.cov[1, 1])))
+        radius = BODY_RADIUS + POSE_STD_FACTOR * float(np.sqrt(max(pose.cov[0, 0], pose.cov[1, 1])))
         if not self._path.closed:
             sight = min(sight, max(self._path.length - s, 0.0) + 1.0)
-        way = np.arange(s, s + sight, 0.05)
-        x_r, y_r, headings = self._reference.spots(way)
-        near = int(np.argmin(np.hypot(x_r - x, y_r - y)))
-        dx = x - float(x_r[near])
-        dy = y - float(y_r[near])
-        heading = float(headings[near])
+        s_ahead = np.arange(s, s + sight, 0.05)
+        x_r, y_r, headings = self._reference.poses(s_ahead)
+        k = int(np.argmin(np.hypot(x_r - x, y_r - y)))
+        dx = x - float(x_r[k])
+        dy = y - float(y_r[k])
+        heading = float(headings[k])
         along = cos(heading) * dx + sin(heading) * dy
         offset = cos(heading) * dy - sin(heading) * dx
-        behind = near == 0 and along < -self._rear
-        beyond = near == len(way) - 1 and along > 0.1
-        if behind or beyond or abs(offset) > radius + HALF_WIDTH + MARGIN:
+        is_behind = k == 0 and along < -self._rear
+        is_beyond = k == len(s_ahead) - 1 and along > 0.1
+        if is_behind or is_beyond or abs(offset) > radius + HALF_WIDTH + LATERAL_MARGIN:
             return None
-        pace = 0.0 if other.lost else other.speed * cos(pose.yaw - heading)
-        return Obstacle(float(way[near]) + along, offset, radius, pace, t)
+        speed = 0.0 if other.lost else other.speed * cos(pose.yaw - heading)
+        return Obstacle(float(s_ahead[k]) + along, offset, radius, speed, t)

@@ -12,7 +12,7 @@ import numpy as np
 
 from dart_hal.car import Car
 from dart_hal.control.ending import Ending, Phase
-from dart_hal.control.follow import Command, Follower, Rules
+from dart_hal.control.follow import DriveCommand, Follower, Rules
 from dart_hal.control.lane_follow import LaneFollower
 from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
@@ -111,7 +111,7 @@ def mapped(url: str, cars: Path) -> tuple[Survey, Alignment, FloatArray]:
     with Car.over(backend, cars=cars) as car:
         follower = LaneFollower(plant_of(car.files), SPEED, LAP + OVER)
 
-        def answer(state: State) -> Command:
+        def answer(state: State) -> DriveCommand:
             scans = car.lidar.scans()
             mapper.update_odometry(state.t, state.pose.x, state.pose.y, state.pose.yaw)
             for scan in scans:
@@ -125,7 +125,7 @@ def mapped(url: str, cars: Path) -> tuple[Survey, Alignment, FloatArray]:
                 map_of_room(backend).lines)
 
 
-def drive(car: Car, follower: Ending, answer: Callable[[State], Command]) -> None:
+def drive(car: Car, follower: Ending, answer: Callable[[State], DriveCommand]) -> None:
     """Until it has ended; the car is armed once it need not wait any more."""
     armed = False
     for state in car.states():
@@ -160,7 +160,7 @@ def followed(url: str, cars: Path, grid: Grid, line: Track
         plant = plant_of(car.files)
         follower = Follower(raceline(line, SMOOTH, plant, SPEED), plant, SPEED, rules=Rules(laps=1))
 
-        def answer(state: State) -> Command:
+        def answer(state: State) -> DriveCommand:
             if source.newest is not None and (at := source.newest.pose) is not None:
                 told[source.newest.t] = at.x, at.y, at.yaw
             return follower.answer(state.estimate.at(car.now))

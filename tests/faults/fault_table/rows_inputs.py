@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from unittest.mock import patch
 
 from dart_hal.cli import drive as verb
-from dart_hal.control.gamepad import EVENT, FULL, Gamepad, Layout, Manual
+from dart_hal.control.gamepad import EVENT, FULL_SCALE, Gamepad, GamepadLayout, Manual
 from dart_hal.control.keyboard import Keyboard
 from dart_hal.core.types import State
 from dart_lab.live.ros.bridge import Bridge
@@ -25,9 +25,9 @@ DRIVES_S = 0.6
 """Time of driving before the device falls silent."""
 SILENT_S = 2.5
 """Time that is watched after it."""
-BUMPER = EVENT.pack(0, 1, 0x01, Layout().dead_man)
-STICK = EVENT.pack(0, -FULL, 0x02, Layout().throttle)
-JITTER = EVENT.pack(0, -FULL + 200, 0x02, Layout().throttle)
+BUMPER = EVENT.pack(0, 1, 0x01, GamepadLayout().dead_man)
+STICK = EVENT.pack(0, -FULL_SCALE, 0x02, GamepadLayout().throttle)
+JITTER = EVENT.pack(0, -FULL_SCALE + 200, 0x02, GamepadLayout().throttle)
 Feed = Callable[[float], bytes]
 """What the device writes at a time [s] since the car was armed."""
 

@@ -34,8 +34,8 @@ def draw_lane(follower: LaneFollower, file: Path) -> Path:
     grid = figure.add_gridspec(2, 2, width_ratios=(1.25, 1.0))
     axes = figure.add_subplot(grid[:, 0])
     driven = follower.driven.table
-    if follower.seen:
-        x, y, yaw, half = np.array(follower.seen).T
+    if follower.lane_history:
+        x, y, yaw, half = np.array(follower.lane_history).T
         for side, name in ((1.0, "boards"), (-1.0, None)):
             axes.plot(x - side * half * np.sin(yaw), y + side * half * np.cos(yaw), color=INK,
                       lw=1.4, label=name)
@@ -73,7 +73,7 @@ def _draw_plans(axes: Any, tracker: Contouring[Any]) -> None:
 
     A moving obstacle is drawn hollow, at its start.
     """
-    for k, (x, y, std) in enumerate(tracker.shown):
+    for k, (x, y, std) in enumerate(tracker.predictions):
         # Outline of the band: two standard deviations to the left, then back on the right.
         yaw = np.arctan2(np.gradient(y), np.gradient(x))
         band_x = -2.0 * std * np.sin(yaw)

@@ -1,7 +1,7 @@
 """A car of a crossing: from poses and messages to steering, speed and the next message.
 
-Contouring control plans along the route and stands before the coordinator's line; its wanted speed
-is that from which the car still stops there. What ends its plan ends the drive: ``why``.
+Contouring control plans along the route and stops before the coordinator's line; its target speed
+is that from which the car still stops there. If its plan fails, the drive ends: ``why``.
 """
 
 from __future__ import annotations
@@ -12,24 +12,24 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dart_hal.control.crossing.coordinator import Answer, Coordinator, Wait
-from dart_hal.control.crossing.order import Verdict
+from dart_hal.control.crossing.coordinator import Coordinator, CrossingWait, StopLine
+from dart_hal.control.crossing.order import MessageVerdict
 from dart_hal.control.crossing.speed import safe_speed
 from dart_hal.control.plant import Plant
 from dart_hal.control.trackers import contouring
 from dart_hal.core.types import FloatArray, MotionEstimate, Tracking
 
-# s from one message to the next.
-EVERY = 0.1
-# m/s: slower than that is asked for as rest, 4 cm before the line; a car at rest starts for no
-# less, when the line is 0.2 m away: for noise it gives no pulse.
-STANDS = 0.1
-STARTS = 0.3
-# s without a pose after which the car stops.
-BLIND = 0.5
+# Period of the messages [s].
+MESSAGE_PERIOD = 0.1
+# Target speeds below the first are replaced by rest, 4 cm before the line; a car at rest starts
+# above the second, when the line is 0.2 m away: noise causes no pulse [m/s].
+MIN_TARGET_SPEED = 0.1
+MIN_START_SPEED = 0.3
+# Time without a pose after which the car stops [s].
+MAX_POSE_GAP = 0.5
 
 
-class Command(NamedTuple):
+class CrosserCommand(NamedTuple):
     """steering [rad], speed [m/s]; message to send now, b"" = none."""
 
     steering: float
@@ -38,86 +38,92 @@ class Command(NamedTuple):
 
 
 class Crosser:
-    """``answer`` once per State. ``last``: where it has to stand, and why; ``why`` it gave up, ""
-    = it did not."""
+    """Call ``answer`` once per State. ``last``: stop line and reason; ``why``: reason of the end,
+    or "".
+    """
 
     def __init__(self, coordinator: Coordinator, plant: Plant) -> None:
         self.coordinator = coordinator
         self.plant = plant
         self.path = coordinator.layout.routes[coordinator.route].path
         self.tracker = contouring(self.path, self.plant)
-        self.tracker.pace = self._pace
-        self.last = Answer(inf, Wait.GOING, "")
-        self._ahead = plant.vehicle.body.l_r  # of the car's middle before its rear axle
-        self._due = -inf
-        self._seen = -inf
-        self._begun = False
-        self._stands = True
+        self.tracker.pace = self._target_speed_at
+        self.last = StopLine(inf, CrossingWait.GOING, "")
+        self._centre_offset = plant.vehicle.body.l_r  # from the rear axle to the centre of the body
+        self._next_message_t = -inf
+        self._located_t = -inf
+        self._has_begun = False
+        self._is_waiting = True
 
     @property
     def s(self) -> float:
-        """Of the car's middle [m]."""
-        return self.tracker.s + self._ahead
+        """Arc length of the centre of the body [m]."""
+        return self.tracker.s + self._centre_offset
 
     @property
     def why(self) -> str:
-        """Why it gave up."""
+        """Reason of the end, or ""."""
         return self.tracker.why
 
     def answer(
-        self, motion: MotionEstimate, came: Iterable[tuple[bytes, float]], free: float = inf
-    ) -> Command:
-        """What to command at ``motion.t``.
+        self, motion: MotionEstimate, datagrams: Iterable[tuple[bytes, float]], free: float = inf
+    ) -> CrosserCommand:
+        """Return the command at ``motion.t``.
 
-        came: bytes of messages and how old each is [s]; free [m]: to the middle of the car ahead
-        in its lane.
+        datagrams: received bytes and the age of each [s]; free [m]: distance to the centre of the
+        car ahead in its lane.
         """
         t = motion.t
         pose = motion.pose
-        if not self._begun:
-            near = float(np.argmin(np.hypot(self.path.x - pose.x, self.path.y - pose.y)))
-            self.tracker.begin(near * self.path.spacing)
-            self._begun = True
+        if not self._has_begun:
+            k = float(np.argmin(np.hypot(self.path.x - pose.x, self.path.y - pose.y)))
+            self.tracker.begin(k * self.path.spacing)
+            self._has_begun = True
         if motion.tracking is Tracking.TRACKING:
-            self._seen = t
-        for data, age in came:
-            self.coordinator.hear(data, t, age)
+            self._located_t = t
+        for data, age in datagrams:
+            self.coordinator.receive(data, t, age)
         message = b""
-        if t > self._due - 1e-6:
-            self._due = t + EVERY
+        if t > self._next_message_t - 1e-6:
+            self._next_message_t = t + MESSAGE_PERIOD
             self.last = self.coordinator.step(t, self.s, free)
-            self.tracker.mpcc.line = self.last.line - self._ahead
-            message = self.coordinator.tell()
+            self.tracker.mpcc.stop_line = self.last.line - self._centre_offset
+            message = self.coordinator.next_message()
         steering = self.tracker.steer(motion)
-        pace = self._pace(self.tracker.s)
-        speed = min(self.tracker.speed, pace)
-        self._stands = speed < STANDS or (self._stands and pace < STARTS)
-        if self._stands or self.why or t - self._seen > BLIND:
+        target_speed = self._target_speed_at(self.tracker.s)
+        speed = min(self.tracker.speed, target_speed)
+        self._is_waiting = speed < MIN_TARGET_SPEED or (
+            self._is_waiting and target_speed < MIN_START_SPEED
+        )
+        if self._is_waiting or self.why or t - self._located_t > MAX_POSE_GAP:
             speed = 0.0
-        return Command(steering, speed, message)
+        return CrosserCommand(steering, speed, message)
 
     @property
-    def told(self) -> dict[str, float]:
-        """For ``car.log``: line [m], at most the path's end; wait, by its place in ``Wait``; who it
-        waits for, by the roster, -1 = nobody; phase; messages taken, and those that were not."""
-        mind = self.coordinator
+    def log_values(self) -> dict[str, float]:
+        """Values for ``car.log``.
+
+        line [m]: at most the end of the path; wait: number in ``CrossingWait``; who: number of the
+        car that it waits for, -1 = none; phase; taken, refused: numbers of messages.
+        """
+        coordinator = self.coordinator
         last = self.last
-        taken = mind.counts[Verdict.TAKEN.value]
+        taken = coordinator.counts[MessageVerdict.TAKEN.value]
         return {
             "line": min(last.line, self.path.length),
-            "wait": float(list(Wait).index(last.wait)),
-            "who": float(mind.names.index(last.who)) if last.who else -1.0,
-            "phase": float(mind.phase),
+            "wait": float(list(CrossingWait).index(last.wait)),
+            "who": float(coordinator.names.index(last.who)) if last.who else -1.0,
+            "phase": float(coordinator.phase),
             "taken": float(taken),
-            "refused": float(mind.counts.total() - taken - mind.counts["OLD"]),
+            "refused": float(coordinator.counts.total() - taken - coordinator.counts["OLD"]),
         }
 
     def points(self) -> FloatArray:
-        """The plan for ``Member.tell_plan``: (n, 4) of x, y [m], yaw [rad], speed [m/s]."""
+        """Return the plan for ``Member.tell_plan``: (n, 4) of x, y [m], yaw [rad], speed [m/s]."""
         plan = self.tracker.plan
         return np.empty((0, 4)) if plan is None else plan.states[:, :4]
 
-    def _pace(self, s: float) -> float:
-        """m/s that are wanted with the rear axle at s [m]."""
+    def _target_speed_at(self, s: float) -> float:
+        """Return the target speed [m/s] with the rear axle at s [m]."""
         line = min(self.last.line, self.path.length)
-        return min(self.coordinator.layout.speed, float(safe_speed(line - self._ahead - s)))
+        return min(self.coordinator.layout.speed, float(safe_speed(line - self._centre_offset - s)))

@@ -1,10 +1,10 @@
-"""A message of the order as bytes: what the fleet's transport carries for this room.
+"""A message of the order as bytes: payload of the fleet's transport.
 
     version u8 | key u32 | id u8 | cars u8 | path u8 | phase u8 | boot u32 | seq u32 | ts u64 [us]
     | s_minus f64 [m] | cars x (grant u64 [us], heard u32)
 
-What is sent is a car's own message, and behind it one of another car's where both find room.
-``key``: of layout and roster. Whatever else comes is named, and never raises.
+A datagram contains the message of its sender, followed by one of another car if both fit.
+``key``: checksum of layout and roster. Invalid bytes are classified, and never raise.
 """
 
 from __future__ import annotations
@@ -13,25 +13,29 @@ from enum import Enum
 from math import isfinite
 from struct import Struct
 
-from dart_hal.control.crossing.order import Message, Phase
+from dart_hal.control.crossing.order import CrossingPhase, OrderMessage
 from dart_hal.core.errors import UsageError
 
-VERSION = 2
-HEAD = Struct("<BIBBBBIIQd")
-CAR = Struct("<QI")
-# The most: 225 bytes.
-CARS = 16
-# bytes of what is sent, at most: 7 cars pass on what they heard, more have no room for it.
-ROOM = 255
-# us of a stamp: whoever tells a later one would leave no stamp above it.
-LATEST = 1 << 62
-# m of a path.
-LONGEST = 1e4
+# Version of this format; layout of the header and of the part for each car.
+FORMAT_VERSION = 2
+HEADER = Struct("<BIBBBBIIQd")
+CAR_RECORD = Struct("<QI")
+# Largest number of cars: 225 bytes.
+MAX_CARS = 16
+# Largest datagram [bytes]: up to 7 cars relay messages, more do not fit.
+MAX_DATAGRAM_BYTES = 255
+# Largest stamp [us]: a later one would leave no stamp above it.
+MAX_STAMP = 1 << 62
+# Largest absolute arc length [m].
+MAX_ARC_LENGTH = 1e4
 
 
-class Fault(str, Enum):
-    """What is wrong with bytes. VERSION: of another; KEY: of another layout or roster; LENGTH:
-    cut or too long; NUMBER: one that cannot be."""
+class MessageFault(str, Enum):
+    """Fault of received bytes.
+
+    VERSION: another format; KEY: another layout or roster; LENGTH: truncated or too long; NUMBER:
+    an impossible value.
+    """
 
     VERSION = "VERSION"
     KEY = "KEY"
@@ -39,14 +43,14 @@ class Fault(str, Enum):
     NUMBER = "NUMBER"
 
 
-def encode(m: Message, key: int) -> bytes:
-    """The bytes of a message. Raises UsageError for more than ``CARS``."""
-    if len(m.grants) > CARS:
+def encode(m: OrderMessage, key: int) -> bytes:
+    """Return the bytes of a message. Raises UsageError for more than ``MAX_CARS``."""
+    if len(m.grants) > MAX_CARS:
         raise UsageError(
-            "too many cars for a crossing", found=f"{len(m.grants)}", expected=f"at most {CARS}"
+            "too many cars for a crossing", found=f"{len(m.grants)}", expected=f"at most {MAX_CARS}"
         )
-    head = HEAD.pack(
-        VERSION,
+    head = HEADER.pack(
+        FORMAT_VERSION,
         key,
         m.id,
         len(m.grants),
@@ -57,35 +61,39 @@ def encode(m: Message, key: int) -> bytes:
         m.ts,
         m.s_minus,
     )
-    return head + b"".join(map(CAR.pack, m.grants, m.heard))
+    return head + b"".join(map(CAR_RECORD.pack, m.grants, m.heard))
 
 
-def parts(data: bytes) -> tuple[bytes, bytes]:
-    """A car's own message, and that which it passes on, b"" = none."""
-    size = HEAD.size + HEAD.unpack_from(data)[3] * CAR.size if len(data) >= HEAD.size else 0
+def split_datagram(data: bytes) -> tuple[bytes, bytes]:
+    """Split a datagram into the message of its sender and the relayed one, b"" = none."""
+    size = (
+        HEADER.size + HEADER.unpack_from(data)[3] * CAR_RECORD.size
+        if len(data) >= HEADER.size
+        else 0
+    )
     return (data[:size], data[size:]) if size and len(data) == 2 * size else (data, b"")
 
 
-def decode(data: bytes, key: int) -> Message | Fault:
-    """The message in bytes, or what is wrong with them."""
-    if len(data) < HEAD.size:
-        return Fault.LENGTH
-    version, told, id_, n, path, phase, boot, seq, ts, s_minus = HEAD.unpack_from(data)
-    if version != VERSION:
-        return Fault.VERSION
-    if told != key:
-        return Fault.KEY
-    if len(data) != HEAD.size + n * CAR.size:
-        return Fault.LENGTH
-    rows = list(CAR.iter_unpack(data[HEAD.size :]))
+def decode(data: bytes, key: int) -> OrderMessage | MessageFault:
+    """Return the message in bytes, or their fault."""
+    if len(data) < HEADER.size:
+        return MessageFault.LENGTH
+    version, key_received, id_, n, path, phase, boot, seq, ts, s_minus = HEADER.unpack_from(data)
+    if version != FORMAT_VERSION:
+        return MessageFault.VERSION
+    if key_received != key:
+        return MessageFault.KEY
+    if len(data) != HEADER.size + n * CAR_RECORD.size:
+        return MessageFault.LENGTH
+    rows = list(CAR_RECORD.iter_unpack(data[HEADER.size :]))
     grants = tuple(g for g, _ in rows)
     heard = tuple(b for _, b in rows)
     if (
-        phase > max(Phase)
+        phase > max(CrossingPhase)
         or not boot
-        or max((ts, *grants)) > LATEST
-        or not (isfinite(s_minus) and -LONGEST < s_minus < LONGEST)
-        or (phase == Phase.WANT) > (ts > 0)
+        or max((ts, *grants)) > MAX_STAMP
+        or not (isfinite(s_minus) and -MAX_ARC_LENGTH < s_minus < MAX_ARC_LENGTH)
+        or (phase == CrossingPhase.WANT) > (ts > 0)
     ):
-        return Fault.NUMBER
-    return Message(id_, boot, seq, path, Phase(phase), ts, s_minus, grants, heard)
+        return MessageFault.NUMBER
+    return OrderMessage(id_, boot, seq, path, CrossingPhase(phase), ts, s_minus, grants, heard)

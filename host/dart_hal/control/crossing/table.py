@@ -1,8 +1,8 @@
-"""How far one car may go while another is still to come: B_ab(s), made once for two paths.
+"""How far one car may go while another one is still to come: B_ab(s), computed once for two paths.
 
     B_ab(s) = min over s' >= s of the first s_b with |p_a(s') - p_b(s_b)| < D
 
-One table for crossing, merging, a roundabout and following. It never falls with s, so a stale s
+One table for crossing, merging, a roundabout and following. It never falls with s, so an old s
 of the other car only makes it stricter.
 """
 
@@ -16,24 +16,24 @@ from dart_hal.control.paths import Path
 from dart_hal.core.types import FloatArray
 
 
-def distances(a: Path, b: Path) -> FloatArray:
-    """(n_a, n_b) [m] between their points."""
+def point_distances(a: Path, b: Path) -> FloatArray:
+    """Return the distances (n_a, n_b) [m] between the points of two paths."""
     dx = a.x[:, None] - b.x
     dy = a.y[:, None] - b.y
     dx *= dx
     dy *= dy
     dx += dy
-    apart: FloatArray = np.sqrt(dx, out=dx)
-    return apart
+    result: FloatArray = np.sqrt(dx, out=dx)
+    return result
 
 
-def lines(between: FloatArray, b: Path, apart: float) -> FloatArray:
-    """B_ab [m] at the points of a; inf where b is free.
+def stop_lines(distances: FloatArray, b: Path, min_distance: float) -> FloatArray:
+    """Return B_ab [m] at the points of a; inf where b is free.
 
-    between: ``distances(a, b)``; apart [m]: D, between the cars' middles. The line lies a point
-    before the first that is too near, so that a car between two points counts as at either.
+    distances: ``point_distances(a, b)``; min_distance [m]: D, between the centres of the cars. The
+    line is one point before the first that is too near, so it also holds between two points.
     """
-    near = between < apart
-    first = np.where(near.any(axis=1), b.s[near.argmax(axis=1)] - b.spacing, inf)
-    after: FloatArray = np.minimum.accumulate(first[::-1])[::-1]
-    return after
+    is_near = distances < min_distance
+    first = np.where(is_near.any(axis=1), b.s[is_near.argmax(axis=1)] - b.spacing, inf)
+    result: FloatArray = np.minimum.accumulate(first[::-1])[::-1]
+    return result

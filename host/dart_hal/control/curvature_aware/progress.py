@@ -1,4 +1,4 @@
-"""How a point that drives at a speed V goes on beside a path, and how far that is along it.
+"""Motion of a point with speed V near a path, and its progress along the path.
 
     state  (x, y, psi, s, x_r, y_r, phi)       input  u
 
@@ -8,8 +8,8 @@
     MPCC      s' = V
     CA-MPCC   s' = V cos(psi - phi) / softmin(1 - k e, 0.3)        e: left of the path
 
-1 - k e is what the path is shorter by inside a bend: there a point gets on faster than it drives.
-The soft minimum keeps that finite at the bend's middle, and is 0.04 m off after 3 m at e k = 0.5.
+1 - k e is the ratio of lengths inside a bend: there the progress is faster than the point. The soft
+minimum keeps it finite at the centre of the bend, and is 0.04 m off after 3 m at e k = 0.5.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from typing import Any
 
 from dart_hal.vehicle.namespace import ARRAY, Namespace, Value
 
-# Of the soft minimum.
-LEAST = 0.3
-SHARPNESS = 10.0
+# Parameters of the soft minimum.
+SOFTMIN_FLOOR = 0.3
+SOFTMIN_SHARPNESS = 10.0
 
 State7 = tuple[Value, Value, Value, Value, Value, Value, Value]
-Curve = Callable[[Value], Value]
+CurvatureFunction = Callable[[Value], Value]
 
 
 class Law(str, Enum):
-    """How progress is counted."""
+    """Law of the progress."""
 
     MPCC = "mpcc"
     CA = "ca-mpcc"
@@ -39,42 +39,54 @@ class Law(str, Enum):
 
 
 def softmin(x: Value, f: Namespace = ARRAY) -> Value:
-    """x where it is large, ``LEAST`` where it is small."""
-    return LEAST + 0.5 * (1.0 + f.tanh(SHARPNESS * (x - LEAST))) * (x - LEAST)
+    """Return x where it is large, ``SOFTMIN_FLOOR`` where it is small."""
+    return SOFTMIN_FLOOR + 0.5 * (1.0 + f.tanh(SOFTMIN_SHARPNESS * (x - SOFTMIN_FLOOR))) * (
+        x - SOFTMIN_FLOOR
+    )
 
 
-def make_rates(law: Law, speed: Value, curve: Curve,
+def make_rates(law: Law, speed: Value, curve: CurvatureFunction,
                f: Namespace = ARRAY) -> Callable[..., State7]:
-    """``rates(x, y, psi, s, x_r, y_r, phi, u)``; speed: V [m/s], one or of each lane; curve(s):
-    curvature [1/m] of the path."""
+    """Return ``rates(x, y, psi, s, x_r, y_r, phi, u)``.
+
+    speed: V [m/s], one or one for each batch element; curve(s): curvature [1/m] of the path.
+    """
 
     def rates(x: Value, y: Value, psi: Value, s: Value, x_r: Value, y_r: Value, phi: Value,
               u: Value) -> State7:
-        c = f.cos(phi)
-        d = f.sin(phi)
+        cos_phi = f.cos(phi)
+        sin_phi = f.sin(phi)
         k = curve(s)
-        way: Value = speed
+        progress_rate: Value = speed
         if law is Law.CA:
-            right = (x - x_r) * d - (y - y_r) * c
-            way = speed * f.cos(psi - phi) / softmin(1.0 + k * right, f)
-        return speed * f.cos(psi), speed * f.sin(psi), u, way, way * c, way * d, way * k
+            e_right = (x - x_r) * sin_phi - (y - y_r) * cos_phi
+            progress_rate = speed * f.cos(psi - phi) / softmin(1.0 + k * e_right, f)
+        return (
+            speed * f.cos(psi),
+            speed * f.sin(psi),
+            u,
+            progress_rate,
+            progress_rate * cos_phi,
+            progress_rate * sin_phi,
+            progress_rate * k,
+        )
 
     return rates
 
 
 def make_stage(rates: Callable[..., State7], dt: float) -> Callable[..., tuple[Value, ...]]:
-    """``stage(x, .., phi, u)``: the state dt [s] later by one Runge-Kutta step of fourth order."""
+    """Return ``stage(x, .., phi, u)``: the state dt [s] later by one RK4 step."""
 
-    def moved(z: tuple[Value, ...], h: float, by: tuple[Value, ...]) -> tuple[Value, ...]:
-        return tuple(a + h * b for a, b in zip(z, by, strict=True))
+    def add_scaled(z: tuple[Value, ...], h: float, rates: tuple[Value, ...]) -> tuple[Value, ...]:
+        return tuple(a + h * b for a, b in zip(z, rates, strict=True))
 
     def stage(*at: Any) -> tuple[Value, ...]:
         z = at[:-1]
         u = at[-1]
         a = rates(*z, u)
-        b = rates(*moved(z, 0.5 * dt, a), u)
-        c = rates(*moved(z, 0.5 * dt, b), u)
-        d = rates(*moved(z, dt, c), u)
+        b = rates(*add_scaled(z, 0.5 * dt, a), u)
+        c = rates(*add_scaled(z, 0.5 * dt, b), u)
+        d = rates(*add_scaled(z, dt, c), u)
         return tuple(v + dt / 6.0 * (p + 2.0 * (q + r) + w)
                      for v, p, q, r, w in zip(z, a, b, c, d, strict=True))
 

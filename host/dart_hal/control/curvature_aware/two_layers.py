@@ -1,9 +1,9 @@
-"""Both layers for one sample: a path from where the car is, then the inputs that follow it.
+"""Both layers for one sample: a path from the pose of the car, then the inputs that follow it.
 
-    last plan -> shifted -> path generator -> follower -> plan
+    last plan -> shift -> path generator -> follower -> plan
 
-Like ``mpc.iteration.Mpcc``, whose place it takes in a tracker: one real-time iteration a sample and
-layer, several for a first plan, ``budget`` s by ``clock``; the same outcomes, named and counted.
+A planner as ``mpc.iteration.Mpcc``: one real-time iteration for each sample and layer, several for
+a first plan, ``budget`` s by ``clock``, and the same outcomes.
 """
 
 from __future__ import annotations
@@ -13,161 +13,199 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dart_hal.control.curvature_aware.follower import FollowWeights, Motion, PathFollower
-from dart_hal.control.curvature_aware.generator import STAGES, Generator, PathWeights, S, Way
+from dart_hal.control.curvature_aware.follower import FollowedMotion, FollowWeights, PathFollower
+from dart_hal.control.curvature_aware.generator import (
+    COL_S,
+    PATH_STAGES,
+    GeneratedPath,
+    PathGenerator,
+    PathWeights,
+)
 from dart_hal.control.curvature_aware.lane import Bounds
 from dart_hal.control.curvature_aware.progress import Law
-from dart_hal.control.mpc.iteration import BEGINNING, ITERATIONS
-from dart_hal.control.mpc.model import STAGE
-from dart_hal.control.mpc.planner import FAR, Aim, Outcome, Plan, Planner
-from dart_hal.control.mpc.problem import Limits
+from dart_hal.control.mpc.iteration import INITIAL_STEPS, QP_ITERATIONS
+from dart_hal.control.mpc.model import STAGE_PERIOD
+from dart_hal.control.mpc.planner import (
+    DIVERGENCE_LIMIT,
+    MpcPlan,
+    MpcPlanner,
+    PlanOutcome,
+    PlanRequest,
+)
+from dart_hal.control.mpc.problem import MpcLimits
 from dart_hal.control.paths import Path
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 
-# Iterations of a plan that goes on.
-STEPS = 2
-# m/s; the way ahead must have a length.
-SLOWEST = 0.1
+# Iterations of a shifted plan.
+STEPS_PER_PLAN = 2
+# Smallest set speed [m/s]; the path ahead must have a length.
+MIN_SPEED = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class TwoLayerPlan(Plan):
-    """A plan whose s is the progress of its generated ``way``."""
+class TwoLayerPlan(MpcPlan):
+    """A plan whose s is the progress of its generated path ``way``."""
 
-    way: Way
+    way: GeneratedPath
 
 
-class TwoLayers(Planner[TwoLayerPlan]):
+class TwoLayers(MpcPlanner[TwoLayerPlan]):
     """MPCC or CA-MPCC of one car on one path.
 
-    The wanted speed is asked where each stage is: a path at the speed of here through a bend that
-    the tyres hold at less is one on which no input has a slope. law, path_weights,
-    follow_weights: as published unless given. Raises UsageError for a path that the car does not
-    turn, and for a lane wider than a bend's radius, beside which progress has no meaning.
+    The target speed is evaluated at the position of each stage: with the present speed, a path
+    through a bend that the tyres hold at less would have no slope to any input. law, path_weights,
+    follow_weights: default as published. Raises UsageError for a path that the car cannot drive,
+    and for a lane wider than the radius of a bend, where progress is undefined.
     """
 
     def __init__(self, vehicle: Vehicle, path: Path, speed_of: Callable[[FloatArray], FloatArray],
-                 limits: Limits | None = None, *, law: Law = Law.CA,
+                 limits: MpcLimits | None = None, *, law: Law = Law.CA,
                  path_weights: PathWeights | None = None,
-                 follow_weights: FollowWeights | None = None, steps: int = STEPS,
-                 iterations: int = ITERATIONS) -> None:
+                 follow_weights: FollowWeights | None = None, steps: int = STEPS_PER_PLAN,
+                 iterations: int = QP_ITERATIONS) -> None:
         super().__init__(vehicle, path, speed_of, limits)
-        _check(path, self.vehicle, self.limits)
-        self.generator = Generator(law, path_weights or PathWeights(), self.reference,
-                                   self.limits.lane, self.limits.lateral)
+        _check_path(path, self.vehicle, self.limits)
+        self.generator = PathGenerator(law, path_weights or PathWeights(), self.reference,
+                                       self.limits.lane, self.limits.lateral)
         self.follower = PathFollower(self.vehicle, follow_weights or FollowWeights(), self.limits)
         self.steps = steps
         self.iterations = iterations
 
-    def turn_within(self, low: float, high: float) -> None:
-        """See ``Planner``."""
-        self.follower.turn_within(low, high)
+    def set_steering_range(self, low: float, high: float) -> None:
+        """See ``MpcPlanner``."""
+        self.follower.set_steering_range(low, high)
 
-    def _improved(self, plan: TwoLayerPlan, aim: Aim, *, anew: bool) -> TwoLayerPlan | None:
-        """The path by some steps, then the inputs by as many, anew from that path or from the last
-        ones; None where late."""
-        bounds = self._bounds(aim.t)
-        steps = BEGINNING if anew else self.steps
+    def _improve(
+        self, plan: TwoLayerPlan, request: PlanRequest, *, from_guess: bool
+    ) -> TwoLayerPlan | None:
+        """Improve the path, then the inputs, from the last ones or from a guess; None if late."""
+        bounds_at = self._bounds(request.t)
+        steps = INITIAL_STEPS if from_guess else self.steps
         try:
-            with np.errstate(over="ignore", invalid="ignore"):  # it is looked at
-                way = self._generated(plan.way, steps, aim, bounds)
+            with np.errstate(over="ignore", invalid="ignore"):  # checked below
+                way = self._generate(plan.way, steps, request, bounds_at)
                 if way is None:
                     return None
-                within = bounds(aim.s + way.states[1:, S])
-                motion = (self.follower.guess(way, aim.state, self._speeds(aim, way)) if anew
-                          else Motion(plan.states, plan.inputs[:2], plan.slopes))
-                moved = self._followed(motion, steps, aim, way, within)
+                bounds = bounds_at(request.s + way.states[1:, COL_S])
+                motion = (
+                    self.follower.guess(way, request.state, self._speeds(request, way))
+                    if from_guess
+                    else FollowedMotion(plan.states, plan.inputs[:2], plan.slopes)
+                )
+                followed = self._follow(motion, steps, request, way, bounds)
         except np.linalg.LinAlgError:
-            return replace(plan, outcome=Outcome.DIVERGED)
-        if moved is None:
+            return replace(plan, outcome=PlanOutcome.DIVERGED)
+        if followed is None:
             return None
-        blocked = within is not None and self.corridor.blocked
-        return _plan(aim, way, moved, Outcome.BLOCKED if blocked else Outcome.SOLVED)
+        blocked = bounds is not None and self.corridor.blocked
+        return _plan(request, way, followed, PlanOutcome.BLOCKED if blocked else PlanOutcome.SOLVED)
 
-    def _generated(self, way: Way, steps: int, aim: Aim,
-                   bounds: Callable[[FloatArray], Bounds | None]) -> Way | None:
-        first = self.generator.first(aim.state, aim.s)
+    def _generate(self, way: GeneratedPath, steps: int, request: PlanRequest,
+                  bounds_at: Callable[[FloatArray], Bounds | None]) -> GeneratedPath | None:
+        """Improve the path by a number of steps; None if late."""
+        first_state = self.generator.first_state(request.state, request.s)
         for _ in range(steps):
-            better = self.generator.step(way, first, aim.s, self._speeds(aim, way)[:-1], bounds,
-                                         self.iterations, aim.late)
-            if better is None:
+            improved = self.generator.step(
+                way,
+                first_state,
+                request.s,
+                self._speeds(request, way)[:-1],
+                bounds_at,
+                self.iterations,
+                request.is_late,
+            )
+            if improved is None:
                 return None
-            way = better
-            _near(way.states)
+            way = improved
+            _check_divergence(way.states)
         return way
 
-    def _followed(self, motion: Motion, steps: int, aim: Aim, way: Way,
-                  within: Bounds | None) -> Motion | None:
-        speeds = self._speeds(aim, way)[1:]
+    def _follow(self, motion: FollowedMotion, steps: int, request: PlanRequest, way: GeneratedPath,
+                bounds: Bounds | None) -> FollowedMotion | None:
+        """Improve the inputs by a number of steps; None if late."""
+        speeds = self._speeds(request, way)[1:]
         for _ in range(steps):
-            better = self.follower.step(motion, aim.state, way, speeds, within, self.iterations,
-                                        aim.late)
-            if better is None:
+            improved = self.follower.step(
+                motion, request.state, way, speeds, bounds, self.iterations, request.is_late
+            )
+            if improved is None:
                 return None
-            motion = better
-            _near(motion.states)
+            motion = improved
+            _check_divergence(motion.states)
         return motion
 
-    def _speeds(self, aim: Aim, way: Way) -> FloatArray:
-        """The set speeds [m/s] where the states of a way are, (n + 1,)."""
-        return np.maximum(self.speed_of(aim.s + way.states[:, S]), SLOWEST)
+    def _speeds(self, request: PlanRequest, way: GeneratedPath) -> FloatArray:
+        """Return the set speeds [m/s] at the states of a path, (n + 1,)."""
+        return np.maximum(self.speed_of(request.s + way.states[:, COL_S]), MIN_SPEED)
 
-    def _ahead(self, aim: Aim) -> FloatArray:
-        """The same of the stages of a way along the path, (n,)."""
-        s = aim.s
+    def _speeds_along_path(self, request: PlanRequest) -> FloatArray:
+        """Return the set speeds [m/s] of the stages of a path along the reference, (n,)."""
+        s = request.s
         speeds = []
-        for _ in range(STAGES):
-            speeds.append(max(float(self.speed_of(np.array([s]))[0]), SLOWEST))
-            s += STAGE * speeds[-1]
+        for _ in range(PATH_STAGES):
+            speeds.append(max(float(self.speed_of(np.array([s]))[0]), MIN_SPEED))
+            s += STAGE_PERIOD * speeds[-1]
         return np.array(speeds)
 
     def _bounds(self, t: float) -> Callable[[FloatArray], Bounds | None]:
-        times = t + STAGE * np.arange(1.0, STAGES + 1.0)
+        """Return the function of the bounds by obstacles."""
+        times = t + STAGE_PERIOD * np.arange(1.0, PATH_STAGES + 1.0)
         if not self.obstacles:
             return lambda s: None
         return lambda s: self.corridor.bounds(s + self.vehicle.body.l_r, times)
 
-    def _shifted(self, aim: Aim) -> TwoLayerPlan | None:
+    def _shift_last_plan(self, request: PlanRequest) -> TwoLayerPlan | None:
         last = self.last
-        by = self._stages_since(aim)
-        if last is None or not 0 <= by < STAGES:
+        stages = self._stages_since_last(request)
+        if last is None or not 0 <= stages < PATH_STAGES:
             return None
-        motion = self.follower.shifted(Motion(last.states, last.inputs[:2], last.slopes), by)
-        way = self.generator.shifted(last.way, aim.s, self._speeds(aim, last.way)[1:], by)
-        return _plan(aim, way, motion, last.outcome)
+        motion = self.follower.shift(
+            FollowedMotion(last.states, last.inputs[:2], last.slopes), stages
+        )
+        way = self.generator.shift(last.way, request.s, self._speeds(request, last.way)[1:], stages)
+        return _plan(request, way, motion, last.outcome)
 
-    def _guess(self, aim: Aim) -> TwoLayerPlan:
-        way = self.generator.guess(self.generator.first(aim.state, aim.s), aim.s, self._ahead(aim))
-        motion = self.follower.guess(way, aim.state, self._speeds(aim, way))
-        return _plan(aim, way, motion, Outcome.SOLVED)
+    def _initial_guess(self, request: PlanRequest) -> TwoLayerPlan:
+        way = self.generator.guess(
+            self.generator.first_state(request.state, request.s),
+            request.s,
+            self._speeds_along_path(request),
+        )
+        motion = self.follower.guess(way, request.state, self._speeds(request, way))
+        return _plan(request, way, motion, PlanOutcome.SOLVED)
 
 
-def _plan(aim: Aim, way: Way, motion: Motion, outcome: Outcome) -> TwoLayerPlan:
-    s = way.states[:, S]
-    inputs = np.vstack([motion.inputs, np.diff(s) / STAGE])
-    return TwoLayerPlan(aim.t, motion.states, aim.s + s, inputs, outcome, motion.slopes, way)
+def _plan(
+    request: PlanRequest, way: GeneratedPath, motion: FollowedMotion, outcome: PlanOutcome
+) -> TwoLayerPlan:
+    s = way.states[:, COL_S]
+    inputs = np.vstack([motion.inputs, np.diff(s) / STAGE_PERIOD])
+    return TwoLayerPlan(
+        request.t, motion.states, request.s + s, inputs, outcome, motion.slopes, way
+    )
 
 
-def _near(states: FloatArray) -> None:
-    """Raises LinAlgError for a plan that runs away, as its next programme would."""
-    if not np.abs(states - states[0]).max() < FAR:
+def _check_divergence(states: FloatArray) -> None:
+    """Raise LinAlgError for a plan that diverges, as its next programme would."""
+    if not np.abs(states - states[0]).max() < DIVERGENCE_LIMIT:
         raise np.linalg.LinAlgError("the plan diverged")
 
 
-def _check(path: Path, p: Vehicle, limits: Limits) -> None:
+def _check_path(path: Path, p: Vehicle, limits: MpcLimits) -> None:
+    """Raise UsageError for a path that is too tight, or a lane that is too wide."""
     curve = make_steering(p.steering)
     k = path.curvature
     right, left = (float(np.tan(curve(st))) / p.body.wheelbase for st in limits.st)
     tight = np.flatnonzero((k > left) | (k < right))
     if len(tight):
         i = int(tight[np.argmax(np.abs(k[tight]))])
-        most = left if k[i] > 0.0 else -right
+        limit = left if k[i] > 0.0 else -right
         raise UsageError(f"the path is tighter than the car turns: at {path.s[i]:.2f} m",
                          found=f"a radius of {1.0 / abs(k[i]):.3f} m",
-                         expected=f"at least {1.0 / most:.3f} m", remedy="widen the bend")
+                         expected=f"at least {1.0 / limit:.3f} m", remedy="widen the bend")
     radius = 1.0 / max(float(np.abs(k).max()), 1e-9)
     if limits.lane >= radius:
         raise UsageError("the lane is wider than a bend's radius, so that it has no inside",

@@ -17,23 +17,25 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 
-# Of cos(2 pi p / N): a quarter turn between neighbours is on the edge, rounding or not.
-FLAT = 1e-9
+# Margin of cos(2 pi p / N): a quarter turn between neighbours is marginally stable, rounding or
+# not.
+STABILITY_MARGIN = 1e-9
 
 
-def repulsion(own: float, before: float, after: float, k: float) -> float:
-    """What the two neighbours' phases [rad] add to one robot's rate [rad/s]; k [rad/s]."""
-    return float(k * (np.sin(own - before) + np.sin(own - after)))
+def repulsion(own: float, previous: float, following: float, k: float) -> float:
+    """Return the effect of the two neighbours' phases [rad] on one robot's rate [rad/s]; k [rad/s].
+    """
+    return float(k * (np.sin(own - previous) + np.sin(own - following)))
 
 
 def rates(theta: FloatArray, omega: float, k: float) -> FloatArray:
-    """Rates [rad/s] of all phases (n,) [rad]; omega, k [rad/s]."""
+    """Return the rates [rad/s] of all phases (n,) [rad]; omega, k [rad/s]."""
     return np.asarray(omega + k * (np.sin(theta - np.roll(theta, 1))
                                    + np.sin(theta - np.roll(theta, -1))), dtype=np.float64)
 
 
-def stepped(theta: FloatArray, omega: float, k: float, dt: float) -> FloatArray:
-    """Phases dt [s] later, by the classical Runge-Kutta step of fourth order."""
+def integrate(theta: FloatArray, omega: float, k: float, dt: float) -> FloatArray:
+    """Return the phases dt [s] later, by one Runge-Kutta step of fourth order."""
     k1 = rates(theta, omega, k)
     k2 = rates(theta + 0.5 * dt * k1, omega, k)
     k3 = rates(theta + 0.5 * dt * k2, omega, k)
@@ -41,29 +43,29 @@ def stepped(theta: FloatArray, omega: float, k: float, dt: float) -> FloatArray:
     return theta + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
-def spread(n: int, p: int) -> FloatArray:
-    """Phases (n,) [rad] of the p-winding state, the first at 0."""
+def evenly_spread(n: int, p: int) -> FloatArray:
+    """Return the phases (n,) [rad] of the p-winding state, the first at 0."""
     return 2.0 * pi * p / n * np.arange(n, dtype=np.float64)
 
 
-def stable(n: int, p: int) -> bool:
-    """Whether n robots come back to the p-winding state from near it."""
-    return cos(2.0 * pi * p / n) < -FLAT
+def is_stable(n: int, p: int) -> bool:
+    """Return whether n robots return to the p-winding state from near it."""
+    return cos(2.0 * pi * p / n) < -STABILITY_MARGIN
 
 
 def disagreement(theta: FloatArray, p: int) -> float:
-    """Largest error [rad] of a difference between neighbours, of the p-winding state."""
+    """Return the largest error [rad] of a difference between neighbours, of the p-winding state."""
     n = len(theta)
     error = np.roll(theta, -1) - theta - 2.0 * pi * p / n
     return float(np.abs(np.remainder(error + pi, 2.0 * pi) - pi).max())
 
 
 def winding(theta: FloatArray) -> int:
-    """How often the phases go round along the ring, 0 <= winding < n."""
+    """Return how often the phases go round along the ring, 0 <= winding < n."""
     steps = np.remainder(np.roll(theta, -1) - theta, 2.0 * pi)
     return round(float(steps.sum()) / (2.0 * pi)) % len(theta)
 
 
-def slowest(n: int, p: int, k: float) -> float:
-    """Decay [1/s] of the slowest mode about a stable p-winding state; k [rad/s]."""
+def slowest_decay(n: int, p: int, k: float) -> float:
+    """Return the decay [1/s] of the slowest mode about a stable p-winding state; k [rad/s]."""
     return -k * cos(2.0 * pi * p / n) * (2.0 - 2.0 * cos(2.0 * pi / n))

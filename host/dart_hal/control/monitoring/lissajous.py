@@ -1,4 +1,4 @@
-"""Lissajous curves x = A cos(a X), y = B sin(b X), and how tight they are."""
+"""Lissajous curves x = A cos(a X), y = B sin(b X), and their curvature."""
 
 from __future__ import annotations
 
@@ -12,17 +12,21 @@ from dart_hal.control.paths import Path
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
 
-# m between the points of the path; the spline between them is 1e-5 m off at a bend of 0.5 m.
-DENSE = 0.05
-# Places at which bends are looked at; of a 13:12 curve 300 to each lobe.
-LOOK = 4000
+# Distance between the points of the path [m]; the spline between them is 1e-5 m off in a bend of
+# 0.5 m.
+POINT_SPACING = 0.05
+# Positions at which the curvature is evaluated; of a 13:12 curve 300 for each lobe.
+SAMPLES = 4000
 
 
 @dataclass(frozen=True)
 class Lissajous:
-    """A, B [m]: half width and half height of the area; a, b: its lobes. X [rad] goes round in
-    2 pi. Raises UsageError for sizes that are none, and for curves that go over themselves twice:
-    a and b with a common divisor, or a even, which is driven to and fro."""
+    """A Lissajous curve.
+
+    A, B [m]: half width and half height of the area; a, b: its lobes. X [rad] goes round in 2 pi.
+    Raises UsageError for impossible sizes, and for curves that cover themselves twice: a and b with
+    a common divisor, or a even, which is driven to and fro.
+    """
 
     A: float
     B: float
@@ -39,19 +43,19 @@ class Lissajous:
                 expected="a odd, a and b without a common divisor: 1:2, 3:2, 5:4, 13:12",
                 likely="with a even x = A cos(a X), y = B sin(b X) ends, and comes back on itself",
                 remedy=f"Lissajous({self.A:g}, {self.B:g}, {self.a + 1 - self.a % 2}, "
-                       f"{_partner(self.a + 1 - self.a % 2, self.b)})")
+                       f"{_coprime_near(self.a + 1 - self.a % 2, self.b)})")
 
-    def at(self, X: FloatArray) -> FloatArray:
-        """Places (..., 2) [m]."""
+    def position(self, X: FloatArray) -> FloatArray:
+        """Return positions (..., 2) [m]."""
         return np.stack([self.A * np.cos(self.a * X), self.B * np.sin(self.b * X)], axis=-1)
 
     def rate(self, X: FloatArray) -> FloatArray:
-        """|dr/dX| [m/rad]: the speed for a rate of X of 1 rad/s."""
+        """Return |dr/dX| [m/rad]: the speed for a rate of X of 1 rad/s."""
         return np.asarray(np.hypot(self.A * self.a * np.sin(self.a * X),
                                    self.B * self.b * np.cos(self.b * X)), dtype=np.float64)
 
     def curvature(self, X: FloatArray) -> FloatArray:
-        """Curvature [1/m], left positive."""
+        """Return the curvature [1/m], left positive."""
         a = self.a
         b = self.b
         dx = -self.A * a * np.sin(a * X)
@@ -63,35 +67,35 @@ class Lissajous:
     @cached_property
     def tightest(self) -> float:
         """Smallest radius of curvature [m]."""
-        return 1.0 / float(np.abs(self.curvature(_round(LOOK))).max())
+        return 1.0 / float(np.abs(self.curvature(_parameters(SAMPLES))).max())
 
     @cached_property
     def length(self) -> float:
-        """Length [m]; the trapezoidal rule is exact to rounding for what is periodic."""
-        return 2.0 * pi * float(self.rate(_round(LOOK)).mean())
+        """Length [m]; for periodic functions the trapezoidal rule is exact to rounding."""
+        return 2.0 * pi * float(self.rate(_parameters(SAMPLES)).mean())
 
     @property
     def diagonal(self) -> float:
         """Half the diagonal of the area [m]."""
         return hypot(self.A, self.B)
 
-    def scaled(self, factor: float) -> Lissajous:
-        """The same form, so many times as large."""
+    def scale(self, factor: float) -> Lissajous:
+        """Return the same form, scaled by a factor."""
         return replace(self, A=factor * self.A, B=factor * self.B)
 
     def path(self) -> Path:
-        """The closed path; it begins at X = 0, in (A, 0), upwards."""
-        fine = np.append(0.0, np.cumsum(self.rate(_round(LOOK)))) / LOOK * 2.0 * pi
-        s = np.linspace(0.0, self.length, round(self.length / DENSE), endpoint=False)
-        X = np.interp(s, fine, np.linspace(0.0, 2.0 * pi, LOOK + 1))
-        return Path.through(self.at(X), closed=True)
+        """Return the closed path; it begins at X = 0, in (A, 0), upwards."""
+        fine = np.append(0.0, np.cumsum(self.rate(_parameters(SAMPLES)))) / SAMPLES * 2.0 * pi
+        s = np.linspace(0.0, self.length, round(self.length / POINT_SPACING), endpoint=False)
+        X = np.interp(s, fine, np.linspace(0.0, 2.0 * pi, SAMPLES + 1))
+        return Path.through(self.position(X), closed=True)
 
 
-def _round(n: int) -> FloatArray:
-    """n values of X [rad] once round."""
+def _parameters(n: int) -> FloatArray:
+    """Return n values of X [rad] in one period."""
     return np.linspace(0.0, 2.0 * pi, n, endpoint=False)
 
 
-def _partner(a: int, b: int) -> int:
-    """The b next to the one that was asked for, without a divisor common with a."""
+def _coprime_near(a: int, b: int) -> int:
+    """Return the b closest to the given one without a common divisor with a."""
     return min((k for k in range(1, a + b + 2) if gcd(a, k) == 1), key=lambda k: (abs(k - b), k))

@@ -1,10 +1,10 @@
-"""One car of the team: from its motion and what the others told to steering and speed.
+"""One car of the team: from its motion and the messages of the others to steering and speed.
 
-    place -> X on the curve -> theta' = Omega + k sum sin(theta_i - theta_j)   (kuramoto)
-          -> v = |dr/dX| X', within the bends and the car's limits             (follow)
-          -> 0 where another car may be in the way, or one is silent           (guard)
+    position -> X on the curve -> theta' = Omega + k sum sin(theta_i - theta_j)   (kuramoto)
+          -> v = |dr/dX| X', within the bends and the limits of the car           (follow)
+          -> 0 if another car may be in the way, or one is silent                 (guard)
 
-A place tells X; with alpha = 1, which a formation of cars needs, X is the phase.
+The position determines X; with alpha = 1, which a formation of cars needs, X is the phase.
 """
 
 from __future__ import annotations
@@ -17,34 +17,42 @@ from math import hypot, inf, pi
 import numpy as np
 
 from dart_hal.control.ending import Phase
-from dart_hal.control.follow import Command, Follower, Rules
-from dart_hal.control.lap import CRAWL
+from dart_hal.control.follow import DriveCommand, Follower, Rules
+from dart_hal.control.lap import CRAWL_SPEED
 from dart_hal.control.monitoring.course import Course
-from dart_hal.control.monitoring.drivable import check_drivable, check_rate, fastest_rate
+from dart_hal.control.monitoring.drivable import check_drivable, check_rate, max_rate
 from dart_hal.control.monitoring.formation import Formation
-from dart_hal.control.monitoring.guard import Guard, reachable
+from dart_hal.control.monitoring.guard import CollisionGuard, reachable_section
 from dart_hal.control.monitoring.kuramoto import repulsion
-from dart_hal.control.monitoring.peer import POINTS, STEP, Peer, Told, Touch, apart
+from dart_hal.control.monitoring.peer import (
+    PLAN_POINTS,
+    PLAN_STEP,
+    Contact,
+    Peer,
+    ReceivedPlan,
+    phase_difference,
+)
 from dart_hal.control.plant import Plant
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, MotionEstimate
 
-# rad of a neighbour's phase from its slot: 4 % of the way from one robot to the next of five.
-IN_STEP = 0.2
+# Largest error of a neighbour's phase from its slot [rad]: 4 % of the distance from one robot to
+# the next of five.
+MAX_PHASE_ERROR = 0.2
 
-# Times the rate of the formation, which no car of the team falls below (none stands in another's
-# way for the sake of its phase) or exceeds (by that the others reckon). The law is still a
-# descent: what is cut keeps its sign.
-LINGER = 0.3
-HURRY = 2.0
+# Range of the rate of a car, relative to the rate of the formation: no car of the team is slower,
+# so none obstructs others because of its phase, or faster, which the others assume. The law is
+# still a descent: clipping keeps its sign.
+MIN_RATE_FACTOR = 0.3
+MAX_RATE_FACTOR = 2.0
 
 
-class Mode(str, Enum):
-    """What a car of the team does.
+class MonitorMode(str, Enum):
+    """Mode of a car of the team.
 
-    WAITING: it does not know its place; SPREADING: the phases are not even yet; MONITORING;
-    EXTRAPOLATING: one of its neighbours was not heard for 0.5 s; YIELDING: it stands for a car that
-    may be in its way; ALONE: a car of the team is silent, and nobody knows where it is; ENDED.
+    WAITING: its position is unknown; SPREADING: the phases are not even yet; MONITORING;
+    EXTRAPOLATING: no message of a neighbour for 0.5 s; YIELDING: it waits for a car that may be in
+    its way; ALONE: a car of the team is silent, and its position is unknown; ENDED.
     """
 
     WAITING = "WAITING"
@@ -59,16 +67,19 @@ class Mode(str, Enum):
         return self.value
 
 
-MODES = {Phase.WAITING: Mode.WAITING, Phase.STOPPING: Mode.ENDED, Phase.ENDED: Mode.ENDED}
+MODE_OF_PHASE = {
+    Phase.WAITING: MonitorMode.WAITING,
+    Phase.STOPPING: MonitorMode.ENDED,
+    Phase.ENDED: MonitorMode.ENDED,
+}
 
 
 class Monitor:
-    """Robot ``own`` of a formation. ``answer`` once per State, ``plan`` whenever it is told.
+    """Robot ``own`` of a formation. Call ``answer`` once per State, ``plan`` whenever it is sent.
 
     names: of all cars, in the order of the ring. omega, k [rad/s]: rate of the formation and
-    coupling. guard: False is for tests, it then drives as if it were alone. ``mode``, ``why`` (of
-    whom it waits), ``answers`` (answers in each mode), ``follower`` (the drive, its end and its
-    record).
+    coupling. guard False: for tests, it ignores collisions. ``mode``; ``why``: the cars it waits
+    for; ``answers``: calls in each mode; ``follower``: the drive, its end and its record.
     """
 
     def __init__(self, formation: Formation, names: Sequence[str], own: str, plant: Plant,
@@ -83,117 +94,142 @@ class Monitor:
                                  rules=Rules(laps=inf, duration=duration))
         self.omega = omega
         self.k = k
-        plant.gains.at(0.0)  # made here: that takes a second, in which no car may drive
-        fastest = fastest_rate(self.course, self.follower.profile)
+        plant.gains.interpolate(0.0)  # created now: this takes a second, in which no car may drive
+        fastest = max_rate(self.course, self.follower.profile)
         check_rate(omega, fastest)
-        self.fastest = min(fastest, HURRY * omega)
+        self.fastest = min(fastest, MAX_RATE_FACTOR * omega)
         self.peers = {name: Peer(self.course) for name in names if name != own}
         self.names = tuple(names)
-        self._at = names.index(own)
-        self._ring = tuple(names[(self._at + d) % len(names)] for d in (-1, 1))
-        self._guard = Guard(self.course) if guard else None
+        self._index = names.index(own)
+        self._ring = tuple(names[(self._index + d) % len(names)] for d in (-1, 1))
+        self._guard = CollisionGuard(self.course) if guard else None
         curve = formation.curve
-        self._top = hypot(curve.A * curve.a, curve.B * curve.b)
-        """m/rad; |dr/dX| is nowhere larger."""
-        self.mode = Mode.WAITING
+        self._max_slope = hypot(curve.A * curve.a, curve.B * curve.b)
+        """Upper bound of |dr/dX| [m/rad]."""
+        self.mode = MonitorMode.WAITING
         self.why = ""
-        self.answers = Counter[Mode]()
-        self.X = self.rate = self._moves = 0.0
+        self.answers = Counter[MonitorMode]()
+        self.X = self.rate = self._speed = 0.0
 
-    def answer(self, motion: MotionEstimate, told: Mapping[str, Told] | None = None) -> Command:
-        """What to command at ``motion.t``; told: of the others, what came by now.
+    def answer(
+        self, motion: MotionEstimate, plans: Mapping[str, ReceivedPlan] | None = None
+    ) -> DriveCommand:
+        """Return the command at ``motion.t``; plans: the newest plans of the others.
 
         Raises UsageError for a start that is too far from the curve.
         """
         now = motion.t
-        for name, message in (told or {}).items():
+        for name, plan in (plans or {}).items():
             if name in self.peers:
-                self.peers[name].hear(message, now)
+                self.peers[name].receive(plan, now)
         self.follower.cap = self._cap(motion)
         command = self.follower.answer(motion)
-        if self.follower.phase in MODES:
-            self.mode = MODES[self.follower.phase]
+        if self.follower.phase in MODE_OF_PHASE:
+            self.mode = MODE_OF_PHASE[self.follower.phase]
             self.rate = 0.0
         self.X = self.course.parameter(self.follower.tracker.s)
         self.answers[self.mode] += 1
         return command
 
     def plan(self) -> FloatArray:
-        """Where it means to be: points (13, 4) of x, y [m], yaw [rad], speed [m/s], ``STEP`` s
-        apart, the first now, for ``member.tell_plan``; none before it knows its place."""
-        if self.mode is Mode.WAITING:
+        """Return the plan for ``member.tell_plan``: points (13, 4) of x, y [m], yaw [rad], speed
+        [m/s].
+
+        They are ``PLAN_STEP`` s after each other, the first one now; empty before the position is
+        known.
+        """
+        if self.mode is MonitorMode.WAITING:
             return np.empty((0, 4))
-        X = self.X + self.rate * STEP * np.arange(POINTS, dtype=np.float64)
-        spots = [self.course.spot(float(one)) for one in X]
+        X = self.X + self.rate * PLAN_STEP * np.arange(PLAN_POINTS, dtype=np.float64)
+        points = [self.course.point_at(float(one)) for one in X]
         speed = self.rate * self.formation.curve.rate(X)
-        speed[0] = max(self._moves, 0.0)
-        return np.array([(p.x, p.y, p.heading, v) for p, v in zip(spots, speed, strict=True)])
+        speed[0] = max(self._speed, 0.0)
+        return np.array([(p.x, p.y, p.heading, v) for p, v in zip(points, speed, strict=True)])
 
     @property
-    def most_beside(self) -> float:
-        """m beside the curve at most, by its own belief, once it was under way."""
+    def max_offset(self) -> float:
+        """Largest distance to the curve [m], by its own estimate, after the start."""
         offset = self.follower.driven.table[self.follower.joined:, 3]
         return float(np.abs(offset).max(initial=0.0))
 
     def disagreement(self, now: float) -> float:
-        """Largest error [rad] of a neighbour's phase from its slot, by what is known of it, in the
-        spread that is nearest: cars that begin anywhere find one of ``formation.windings``."""
-        before, after = (self.peers[name].phase(now) for name in self._ring)
+        """Return the largest error [rad] of a neighbour's phase from its slot, by its extrapolated
+        report.
+
+        The closest spread counts: cars with any initial phases reach one of ``formation.windings``.
+        """
+        previous, following = (self.peers[name].phase(now) for name in self._ring)
         steps = (2.0 * pi * p / self.formation.n for p in self.formation.windings)
-        return min(max(abs(apart(self.X - before, step)), abs(apart(after - self.X, step)))
-                   for step in steps)
+        return min(
+            max(
+                abs(phase_difference(self.X - previous, step)),
+                abs(phase_difference(following - self.X, step)),
+            )
+            for step in steps
+        )
 
     def _cap(self, motion: MotionEstimate) -> float:
-        """m/s; 0: it stands."""
-        self._moves = motion.speed
+        """Return the speed limit [m/s]; 0: wait."""
+        self._speed = motion.speed
         now = motion.t
         self.why = ""
         if self.follower.phase is Phase.WAITING:
             self.rate = 0.0
             return 0.0
-        self.mode = self._judged(now)
-        if self.mode in (Mode.ALONE, Mode.YIELDING):
+        self.mode = self._select_mode(now)
+        if self.mode in (MonitorMode.ALONE, MonitorMode.YIELDING):
             self.rate = 0.0
             return 0.0
-        before, after = (self.peers[name].phase(now) for name in self._ring)
-        wanted = self.omega + repulsion(self.X, before, after, self.k)
-        self.rate = min(max(wanted, LINGER * self.omega), self.fastest)
+        previous, following = (self.peers[name].phase(now) for name in self._ring)
+        rate = self.omega + repulsion(self.X, previous, following, self.k)
+        self.rate = min(max(rate, MIN_RATE_FACTOR * self.omega), self.fastest)
         speed = self.rate * float(self.formation.curve.rate(np.array(self.X)))
-        return speed if speed > 0.5 * CRAWL else 0.0
+        return speed if speed > 0.5 * CRAWL_SPEED else 0.0
 
-    def _judged(self, now: float) -> Mode:
-        touch = {name: peer.touch(now) for name, peer in self.peers.items()}
-        silent = [name for name, how in touch.items() if how is Touch.SILENT]
+    def _select_mode(self, now: float) -> MonitorMode:
+        """Select the mode and store the cars that it waits for."""
+        contact = {name: peer.contact(now) for name, peer in self.peers.items()}
+        silent = [name for name, how in contact.items() if how is Contact.SILENT]
         if silent and self._guard is not None:
             self.why = ", ".join(silent)
-            return Mode.ALONE
-        self.why = ", ".join(name for name in self.peers if not self._free(name, now))
+            return MonitorMode.ALONE
+        self.why = ", ".join(name for name in self.peers if not self._may_continue(name, now))
         if self.why:
-            return Mode.YIELDING
-        if any(touch[name] is not Touch.IN_TOUCH for name in self._ring):
-            return Mode.EXTRAPOLATING
-        return Mode.MONITORING if self.disagreement(now) < IN_STEP else Mode.SPREADING
+            return MonitorMode.YIELDING
+        if any(contact[name] is not Contact.IN_TOUCH for name in self._ring):
+            return MonitorMode.EXTRAPOLATING
+        return (
+            MonitorMode.MONITORING
+            if self.disagreement(now) < MAX_PHASE_ERROR
+            else MonitorMode.SPREADING
+        )
 
-    def _free(self, name: str, now: float) -> bool:
-        """Whether it may go on beside another car."""
+    def _may_continue(self, name: str, now: float) -> bool:
+        """Return whether it may continue with regard to another car."""
         if self._guard is None:
             return True
         peer = self.peers[name]
         s = self.follower.tracker.s
         length = self.course.path.length
-        at = self.course.arc(peer.heard_at)
-        at += length * np.floor((s - at) / length)  # behind this car, by less than a lap
-        top = HURRY * self.omega * self._top
-        other = reachable(at, peer.heard_speed, max(peer.age(now), 0.0), top)
-        return self._guard.free(s, self._moves, other, yields=self.names.index(name) < self._at,
-                                sure=peer.touch(now) is Touch.IN_TOUCH)
+        s_other = self.course.arc_length(peer.reported_X)
+        s_other += length * np.floor((s - s_other) / length)  # less than a lap behind this car
+        max_speed = MAX_RATE_FACTOR * self.omega * self._max_slope
+        other = reachable_section(s_other, peer.reported_speed, max(peer.age(now), 0.0), max_speed)
+        return self._guard.may_continue(
+            s,
+            self._speed,
+            other,
+            yields=self.names.index(name) < self._index,
+            is_recent=peer.contact(now) is Contact.IN_TOUCH,
+        )
 
 
 def _check_team(formation: Formation, names: Sequence[str], own: str) -> None:
+    """Raise UsageError if the names do not fit the formation."""
     if len(names) != formation.n or len(set(names)) != formation.n or own not in names:
         raise UsageError("the team is not the formation's", found=f"{own} of {', '.join(names)}",
-                         expected=f"{formation.n} names, no two alike, {own} among them")
+                         expected=f"{formation.n} different names, including {own}")
     if formation.alpha != 1:
-        raise UsageError("cars find their phase by their place, so X must be the phase",
+        raise UsageError("cars find their phase by their position, so X must be the phase",
                          found=f"alpha = {formation.alpha}", expected="alpha = 1",
                          remedy=f"Formation(curve, {formation.n}, p) with another p")

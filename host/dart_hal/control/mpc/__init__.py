@@ -1,14 +1,14 @@
 """Model predictive contouring control by real-time iteration, on numpy alone.
 
-    model        one stage of the car: equations of ``vehicle``, delays and lags as states
-    reference    where the path is at a progress: errors across it and along it, and their slopes
-    obstacles    what lies on the path, as bounds of the error across
+    model        one stage of the prediction: equations of ``vehicle``, delays and lags as states
+    reference    pose of the path at a progress; lateral and longitudinal error and their slopes
+    obstacles    obstacles on the path as bounds of the lateral error
     problem      weights and limits: the quadratic programme of one iteration
     admm         its solution
-    generated    stages and solution in C, where the extra ``mpc`` and a compiler are there
-    planner      a plan for each sample, within its time: what every planner is
-    iteration    shift, linearise, solve, step: contouring control
-    disturbance  what the steering does beside the model, learnt: offset-free control
+    generated    stages and solution in C, with the extra ``mpc`` and a compiler
+    planner      base class of the planners: one plan for each sample, within its time budget
+    iteration    contouring control: shift, linearise, solve, step
+    disturbance  estimate of the steering's error: offset-free control
     tracker      a planner as a tracker of ``dart-hal follow``
 
 A. Liniger, A. Domahidi, M. Morari, "Optimization-based autonomous racing of 1:43 scale RC cars",

@@ -1,4 +1,4 @@
-/* Some iterations of the splitting of admm.py, in place: see `swept` there.
+/* Some iterations of the splitting of admm.py, in place: see `run_sweep` there.
  * c (m, n) and to_x (n, m) row by row; the rows of to_x are asked one after another, as those of c. */
 #include <stdint.h>
 
@@ -9,7 +9,7 @@ static double within(double x, double low, double high)
     return x < low ? low : x > high ? high : x;
 }
 
-void swept(int64_t times, int64_t n, int64_t m, double relaxation, const double *c,
+void run_sweep(int64_t times, int64_t n, int64_t m, double relaxation, const double *c,
            const double *to_x, const double *offset, const double *low, const double *high,
            const double *most, double *z, double *y)
 {

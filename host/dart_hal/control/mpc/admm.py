@@ -2,9 +2,9 @@
 
     minimise  1/2 x' H x + g' x + sum_i w_i dist(C_i x, [low_i, high_i])
 
-w_i = inf: a bound that holds; finite: one that may be passed at that price per unit. The splitting
+w_i = inf: a hard bound; finite: a soft bound with that price per unit of violation. The splitting
 is that of B. Stellato et al., "OSQP", Mathematical Programming Computation 12 (2020), without
-sigma, as H is positive definite; a soft row is a proximal step, so it needs no variable of its own.
+sigma, as H is positive definite. A soft row is a proximal step, so it needs no slack variable.
 """
 
 from __future__ import annotations
@@ -16,13 +16,14 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 
+# alpha of the over-relaxation, as recommended for OSQP.
 RELAXATION = 1.6
-# Iterations between two looks at the time.
-EACH = 10
+# Iterations between two readings of the clock.
+ITERATIONS_PER_CLOCK_CHECK = 10
 
 
-class Rows(NamedTuple):
-    """Constraints: c (m, n), low, high (m,), price (m,), rho (m,)."""
+class Constraints(NamedTuple):
+    """Rows low <= C x <= high: c (m, n), low, high (m,), price (m,), rho (m,)."""
 
     c: FloatArray
     low: FloatArray
@@ -32,50 +33,60 @@ class Rows(NamedTuple):
 
 
 class Splitting(NamedTuple):
-    """What stays the same over the iterations: c (m, n), to_x (n, m), offset (n,), low, high, most
-    (m,)."""
+    """Constants of the iterations: c (m, n), to_x (n, m), offset (n,), low, high, max_push (m,).
+
+    max_push: largest shift by the price of a soft row, price / rho.
+    """
 
     c: FloatArray
     to_x: FloatArray
     offset: FloatArray
     low: FloatArray
     high: FloatArray
-    most: FloatArray
+    max_push: FloatArray
 
 
-# So many iterations on z and y (m,), in place.
+# Function that runs a number of iterations on z and y (m,), in place.
 Sweep = Callable[[int, Splitting, FloatArray, FloatArray], None]
 
 
-def swept(times: int, of: Splitting, z: FloatArray, y: FloatArray) -> None:
-    """See ``Sweep``; y is the dual by rho."""
-    for _ in range(times):
-        x = of.to_x @ (z - y) - of.offset
-        there = RELAXATION * (of.c @ x) + (1.0 - RELAXATION) * z + y
-        inside = np.minimum(np.maximum(there, of.low), of.high)
-        beyond = there - inside
-        z[:] = inside + beyond - np.minimum(np.maximum(beyond, -of.most), of.most)
-        y[:] = there - z
+def run_sweep(iterations: int, splitting: Splitting, z: FloatArray, y: FloatArray) -> None:
+    """Run ADMM iterations on z and y (m,) in place; y is the dual divided by rho.
+
+    1. x = argmin of the Lagrangian, by the factorised H + C' R C.
+    2. Over-relax: relaxed = alpha C x + (1 - alpha) z + y.
+    3. Hard rows: z is the projection of relaxed onto [low, high]. Soft rows: the proximal step of
+       price * distance moves relaxed towards the interval by max_push at the most.
+    4. y = relaxed - z.
+    """
+    for _ in range(iterations):
+        x = splitting.to_x @ (z - y) - splitting.offset
+        relaxed = RELAXATION * (splitting.c @ x) + (1.0 - RELAXATION) * z + y
+        inside = np.minimum(np.maximum(relaxed, splitting.low), splitting.high)
+        excess = relaxed - inside
+        push = np.minimum(np.maximum(excess, -splitting.max_push), splitting.max_push)
+        z[:] = inside + excess - push
+        y[:] = relaxed - z
 
 
 def solve(
     h: FloatArray,
     g: FloatArray,
-    rows: Rows,
+    constraints: Constraints,
     iterations: int,
-    late: Callable[[], bool] = lambda: False,
-    sweep: Sweep = swept,
+    is_late: Callable[[], bool] = lambda: False,
+    sweep: Sweep = run_sweep,
 ) -> FloatArray | None:
-    """x (n,) after so many iterations; None where ``late()`` before."""
-    c, low, high, price, rho = rows
+    """Return x (n,) after the iterations, or None if ``is_late()`` became true before their end."""
+    c, low, high, price, rho = constraints
     weighted = c.T * rho
     inverse = np.linalg.inv(h + weighted @ c)
-    of = Splitting(c, inverse @ weighted, inverse @ g, low, high, price / rho)
+    splitting = Splitting(c, inverse @ weighted, inverse @ g, low, high, price / rho)
     z = np.clip(np.zeros(len(low)), low, high)
     y = np.zeros(len(low))
-    for done in range(0, iterations, EACH):
-        if late():
+    for k in range(0, iterations, ITERATIONS_PER_CLOCK_CHECK):
+        if is_late():
             return None
-        sweep(min(EACH, iterations - done), of, z, y)
-    x: FloatArray = of.to_x @ (z - y) - of.offset
+        sweep(min(ITERATIONS_PER_CLOCK_CHECK, iterations - k), splitting, z, y)
+    x: FloatArray = splitting.to_x @ (z - y) - splitting.offset
     return x

@@ -1,4 +1,4 @@
-"""What the trackers that drive by plans have in common: model, limits, first state, why it ends."""
+"""Common parts of the trackers that plan: model, limits, first state, reason to end a drive."""
 
 from __future__ import annotations
 
@@ -7,52 +7,63 @@ from math import tan
 
 import numpy as np
 
-from dart_hal.control.mpc.planner import Outcome
-from dart_hal.control.plant import Plant, Where
+from dart_hal.control.mpc.planner import PlanOutcome
+from dart_hal.control.plant import Plant, PredictedMotion
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Delay, Vehicle
 
-# s for a plan, half of what there is; late ones in a row that are still as good as the model.
-BUDGET = 0.05
-LATEST = 3
-# s ahead of which the plan's speed is asked for: what the speed loop takes to answer, and some.
-REACH = 0.3
-# Of throttle beyond the dead band, the least that a car may be asked for.
-MOTOR = 0.1
+# Time for a plan [s], half of the period.
+PLAN_BUDGET = 0.05
+# Number of late plans in a row over which the last plan is still as good as the model.
+MAX_LATE_PLANS = 3
+# Time ahead at which the speed of the plan is the setpoint [s]: the delay of the speed loop, and a
+# reserve.
+SPEED_LOOKAHEAD = 0.3
+# Smallest range of throttle above the dead band.
+MIN_THROTTLE_RANGE = 0.1
 
 
-def vehicle_of(plant: Plant) -> Vehicle:
-    """The car's model with its lags alone: transport is predicted, not planned."""
+def make_planning_vehicle(plant: Plant) -> Vehicle:
+    """Return the car's model with its lags only: the transport delay is predicted, not planned."""
     p = settled(plant.vehicle)
-    late = plant.late
-    lag = p.delay.throttle_lag_s if late.lag or late.transport else 0.0
-    return replace(p, delay=Delay(steering_lag_s=late.lag, throttle_lag_s=lag))
+    delay = plant.delay
+    lag = p.delay.throttle_lag_s if delay.lag or delay.transport else 0.0
+    return replace(p, delay=Delay(steering_lag_s=delay.lag, throttle_lag_s=lag))
 
 
-def inputs_of(plant: Plant) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Ends of throttle, from the dead band on, and of steering, the stops."""
+def input_ranges(plant: Plant) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the ranges of throttle, from the dead band on, and of steering, up to the stops."""
     low, high = (plant.command_of(angle) for angle in plant.lock)
     onset = -settled(plant.vehicle).motor.g
-    return (onset, max(plant.throttle, onset + MOTOR)), (low, high)
+    return (onset, max(plant.max_throttle, onset + MIN_THROTTLE_RANGE)), (low, high)
 
 
-def first_state(plant: Plant, where: Where, l_r: float, tau: float, st: float) -> FloatArray:
-    """State (8,) of a car at ``where``, with the model's slip there; l_r [m]: from the rear axle
-    to the centre of mass; tau, st: throttle and steering behind their lags."""
-    speed = max(where.speed, 0.0)
+def make_first_state(
+    plant: Plant, motion: PredictedMotion, l_r: float, tau: float, st: float
+) -> FloatArray:
+    """Return the state (8,) of a car with a predicted motion, with the slip of the model.
+
+    l_r [m]: from the rear axle to the centre of mass; tau, st: throttle and steering after their
+    lags.
+    """
+    speed = max(motion.speed, 0.0)
     steady = plant.steady
-    bend = steady.bend(where.angle, speed)
-    omega = bend * speed
-    slip = steady.turn(bend, speed).slip
-    return np.array((where.x, where.y, where.yaw, speed, l_r * omega + speed * tan(slip), omega,
+    curvature = steady.curvature(motion.angle, speed)
+    omega = curvature * speed
+    slip = steady.turn(curvature, speed).slip
+    return np.array((motion.x, motion.y, motion.yaw, speed, l_r * omega + speed * tan(slip), omega,
                      tau, st))
 
 
-def why_of(outcome: Outcome, missed: int) -> str:
-    """Why a drive ends by a plan, of which ``missed`` in a row were late; "": it goes on."""
-    if outcome is Outcome.DIVERGED:
+def describe_failure(outcome: PlanOutcome, late_plans: int) -> str:
+    """Return why a plan ends the drive after ``late_plans`` late ones in a row; "": it does not."""
+    if outcome is PlanOutcome.DIVERGED:
         return "the plan diverged"
-    if outcome is Outcome.BLOCKED:
+    if outcome is PlanOutcome.BLOCKED:
         return "obstacles leave no way within the lane"
-    return f"no plan within {BUDGET:g} s, {missed} times in a row" if missed > LATEST else ""
+    return (
+        f"no plan within {PLAN_BUDGET:g} s, {late_plans} times in a row"
+        if late_plans > MAX_LATE_PLANS
+        else ""
+    )

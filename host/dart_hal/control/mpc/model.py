@@ -1,20 +1,21 @@
 """One stage of the prediction: the car by the equations of ``vehicle``, with its actuators.
 
     state   (x, y, psi, v_x, v_y, omega, tau, st)     x, y: rear axle; v_x, v_y: centre of mass;
-    input   (tau_c, st_c)                             tau, st: commands -1..1 behind their lags
+    input   (tau_c, st_c)                             tau, st: commands -1..1 after their lags
 
-An input is held over the stage. The motion across the car settles with about 190/v per s: no
-explicit step of 0.1 s, nor of 10 ms at walking pace, is stable. v_y and omega are therefore
-linearly implicit (a Rosenbrock method with theta = 0.55) in steps of 25 ms, with the slopes at the
-stage's begin; the lags are exact.
+An input is constant during the stage. The lateral motion has rates of about 190/v per s, so no
+explicit step of 0.1 s is stable, nor one of 10 ms at walking pace. Therefore v_y and omega are
+integrated linearly implicitly (a Rosenbrock method with theta = 0.55) in steps of 25 ms, with the
+slopes at the beginning of the stage. The lags are exact.
 
-Towards rest those slopes are of no use: there 1 cm/s across is 6 deg of slip, a tyre that slips is
-flatter than the same tyre when it holds, and the step is then an explicit one, of rates beyond
-1000/s. At 0.3 m/s a motion across of 2 cm/s outlives a stage and has slopes of 15, which over 20
-stages run away. From ``SLIPS`` down to ``ROLLS`` the car therefore comes to roll without slip.
+Near standstill those slopes cannot be used: a lateral speed of 1 cm/s is then 6 deg of slip, where
+the tyre curve is flat, and the step becomes an explicit one with rates beyond 1000/s. At 0.3 m/s a
+lateral speed of 2 cm/s lasts longer than a stage and has slopes of 15, which diverge over 20
+stages. Between ``MIN_SLIPPING_SPEED`` and ``MAX_ROLLING_SPEED`` the model therefore blends into
+rolling without slip.
 
-Pure delays are the caller's, who predicts the state to the time
-at which the input acts.
+Pure delays are compensated by the caller, which predicts the state to the time at which the input
+acts.
 """
 
 from __future__ import annotations
@@ -33,62 +34,69 @@ from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.step import decay
 
-# s for which an input is held, and the steps in it.
-STAGE = 0.1
-SUBSTEPS = 4
-# m/s: without slip below, by the tyres above, whose slopes are well from 0.5 on. In a bend of 0.6
-# m 0.5 m/s is 0.4 m/s2 across, which the published tyres hold at 0.3 to 0.9 deg of slip.
-ROLLS = 0.2
-SLIPS = 0.5
-# 0.5 is of second order and rings at walking pace; 1 loses 1 to 2 cm in a bend.
+# Duration of a stage, for which an input is constant [s].
+STAGE_PERIOD = 0.1
+# Integration steps in a stage.
+SUBSTEPS_PER_STAGE = 4
+# Speed up to which the car rolls without slip, and from which the tyres act alone [m/s]. Tyre
+# slopes can be used from 0.5 m/s on: in a bend of 0.6 m that is a lateral acceleration of 0.4 m/s2,
+# at which the published tyres slip by 0.3 to 0.9 deg.
+MAX_ROLLING_SPEED = 0.2
+MIN_SLIPPING_SPEED = 0.5
+# Implicitness. 0.5 is of second order and oscillates at walking pace; 1 is off by 1 to 2 cm in a
+# bend.
 THETA = 0.55
-# Of a state or input, for its slopes: the rounding of double precision stays below 1e-9.
-SLOPE = 1e-6
-STATES = 8
-INPUTS = 2
-# States whose slopes are differences; those of the pose are its geometry.
-VARIED = (3, 4, 5, 6, 7)
+# Step of a state or input for finite differences: rounding then changes slopes by less than 1e-9.
+DIFFERENCE_STEP = 1e-6
+# Sizes of state and input.
+N_STATES = 8
+N_INPUTS = 2
+# Indices of the states with slopes by differences; the slopes to the pose follow from geometry.
+DIFFERENCED_STATES = (3, 4, 5, 6, 7)
 
-Stage = Callable[..., tuple[Value, ...]]
-Velocity = Callable[..., tuple[Value, Value, Value]]
+StageFunction = Callable[..., tuple[Value, ...]]
+VelocityStep = Callable[..., tuple[Value, Value, Value]]
 # Next states (n, 8), slopes to states (n, 8, 8) and to inputs (n, 8, 2).
-Linearised = tuple[FloatArray, FloatArray, FloatArray]
-# Of states (n, 8) and inputs (n, 2).
-Linearise = Callable[[FloatArray, FloatArray], Linearised]
+Linearisation = tuple[FloatArray, FloatArray, FloatArray]
+# Function of states (n, 8) and inputs (n, 2).
+Lineariser = Callable[[FloatArray, FloatArray], Linearisation]
 
 
-def make_stage(p: Vehicle, xp: Any = np, dt: float = STAGE) -> Stage:
-    """``stage(x, y, psi, v_x, v_y, omega, tau, st, tau_c, st_c)``: the state dt [s] later.
+def make_stage(p: Vehicle, xp: Any = np, dt: float = STAGE_PERIOD) -> StageFunction:
+    """Return ``stage(x, y, psi, v_x, v_y, omega, tau, st, tau_c, st_c)``: the state dt [s] later.
 
     xp: numpy for many stages at once, casadi for an optimiser.
     """
     f = adapt(xp)
     p = settled(p)
-    h = dt / SUBSTEPS
+    h = dt / SUBSTEPS_PER_STAGE
     (on_t, half_t), (on_s, half_s) = (
         decay(lag, h, f) for lag in (p.delay.throttle_lag_s, p.delay.steering_lag_s)
     )
     l_r = p.body.l_r
-    begin = _rolling(p, f, h) if p.kind == "kinematic" else _slipping(p, f, h)
+    make_step = _make_rolling_step if p.kind == "kinematic" else _make_slipping_step
+    prepare_step = make_step(p, f, h)
 
     def stage(x: Value, y: Value, psi: Value, vx: Value, vy: Value, om: Value, tau: Value,
               st: Value, tau_c: Value, st_c: Value) -> tuple[Value, ...]:
         tau = on_t * (tau - tau_c)
-        st = on_s * (st - st_c)  # what is left of the way to the input
-        move = begin(vx, vy, om, tau_c + half_t * tau, st_c + half_s * st)
-        for _ in range(SUBSTEPS):
-            middle = tau_c + half_t * tau, st_c + half_s * st
+        st = on_s * (st - st_c)  # distance to the input
+        step_velocity = prepare_step(vx, vy, om, tau_c + half_t * tau, st_c + half_s * st)
+        for _ in range(SUBSTEPS_PER_STAGE):
+            # 1. Mean commands of the step, then the velocity at its end.
+            mean_commands = tau_c + half_t * tau, st_c + half_s * st
             tau = half_t * half_t * tau
             st = half_s * half_s * st
-            vx1, vy1, om1 = move(vx, vy, om, *middle, st_c + st)
-            along = 0.5 * (vx + vx1)
-            across = 0.5 * (vy + vy1) - 0.5 * l_r * (om + om1)
-            turned = 0.5 * h * (om + om1)
-            c = f.cos(psi + 0.5 * turned)
-            s = f.sin(psi + 0.5 * turned)
-            x = x + h * (along * c - across * s)
-            y = y + h * (along * s + across * c)
-            psi = psi + turned
+            vx1, vy1, om1 = step_velocity(vx, vy, om, *mean_commands, st_c + st)
+            # 2. The rear axle moves with the mean velocity, in the direction of the mean heading.
+            v_along = 0.5 * (vx + vx1)
+            v_lateral = 0.5 * (vy + vy1) - 0.5 * l_r * (om + om1)
+            d_psi = 0.5 * h * (om + om1)
+            c = f.cos(psi + 0.5 * d_psi)
+            s = f.sin(psi + 0.5 * d_psi)
+            x = x + h * (v_along * c - v_lateral * s)
+            y = y + h * (v_along * s + v_lateral * c)
+            psi = psi + d_psi
             vx = vx1
             vy = vy1
             om = om1
@@ -97,91 +105,98 @@ def make_stage(p: Vehicle, xp: Any = np, dt: float = STAGE) -> Stage:
     return stage
 
 
-def _slipping(p: Vehicle, f: Any, h: float) -> Callable[..., Velocity]:
-    """``begin(v_x, v_y, omega, tau, st) -> move(v_x, v_y, omega, tau, st, st at the end)``."""
+def _make_slipping_step(p: Vehicle, f: Any, h: float) -> Callable[..., VelocityStep]:
+    """Return ``prepare_step(v_x, v_y, omega, tau, st)``, which linearises at the start of a stage
+    and returns ``step_velocity(v_x, v_y, omega, tau, st, st at the end)``.
+    """
     rates = make_dynamic(p, f)
     gains = make_motor_gains(p.motor, f)
     steering = make_steering(p.steering, f)
     implicit = THETA * h
-    rolling = _rolling(p, f, h)()
+    step_rolling = _make_rolling_step(p, f, h)()
 
-    def change(vx: Value, vy: Value, om: Value, tau: Value,
-               st: Value) -> tuple[Value, Value, Value]:
+    def derivatives(vx: Value, vy: Value, om: Value, tau: Value,
+                    st: Value) -> tuple[Value, Value, Value]:
         (k0, k1) = gains(tau)
         delta = steering(st)
-        _, _, _, ax, ay, turning = rates(0.0, vx, vy, om, k0, k1, 0.0, f.cos(delta), f.sin(delta))
-        return ax, ay, turning
+        _, _, _, ax, ay, om_dot = rates(0.0, vx, vy, om, k0, k1, 0.0, f.cos(delta), f.sin(delta))
+        return ax, ay, om_dot
 
-    def begin(vx: Value, vy: Value, om: Value, tau: Value, st: Value) -> Velocity:
-        vx = f.fmax(vx, ROLLS)  # slower, this has no part in the move
-        _, ay, turning = change(vx, vy, om, tau, st)
-        _, ay_v, turning_v = change(vx, vy + SLOPE, om, tau, st)
-        _, ay_o, turning_o = change(vx, vy, om + SLOPE, tau, st)
-        per = implicit / SLOPE
-        a = 1.0 - per * (ay_v - ay)
-        b = per * (ay_o - ay)
-        c = per * (turning_v - turning)
-        d = 1.0 - per * (turning_o - turning)
+    def prepare_step(vx: Value, vy: Value, om: Value, tau: Value, st: Value) -> VelocityStep:
+        vx = f.fmax(vx, MAX_ROLLING_SPEED)  # below it the step does not use these slopes
+        # Slopes of (v_y', omega') to (v_y, omega) by differences. The implicit step solves
+        #     (I - theta h J) change = h (v_y', omega')
+        # with the 2 x 2 matrix ((a, -b), (-c, d)) below; det is h over its determinant.
+        _, ay, om_dot = derivatives(vx, vy, om, tau, st)
+        _, ay_v, om_dot_v = derivatives(vx, vy + DIFFERENCE_STEP, om, tau, st)
+        _, ay_o, om_dot_o = derivatives(vx, vy, om + DIFFERENCE_STEP, tau, st)
+        scale = implicit / DIFFERENCE_STEP
+        a = 1.0 - scale * (ay_v - ay)
+        b = scale * (ay_o - ay)
+        c = scale * (om_dot_v - om_dot)
+        d = 1.0 - scale * (om_dot_o - om_dot)
         det = h / (a * d - b * c)
 
-        def move(vx: Value, vy: Value, om: Value, tau: Value, st: Value,
-                 end: Value) -> tuple[Value, Value, Value]:
-            ax, ay, turning = change(f.fmax(vx, ROLLS), vy, om, tau, st)
-            part = f.fmax(0.0, f.fmin(1.0, (vx - ROLLS) / (SLIPS - ROLLS)))
+        def step_velocity(vx: Value, vy: Value, om: Value, tau: Value, st: Value,
+                          st_end: Value) -> tuple[Value, Value, Value]:
+            ax, ay, om_dot = derivatives(f.fmax(vx, MAX_ROLLING_SPEED), vy, om, tau, st)
+            slip_share = f.fmax(0.0, f.fmin(1.0, (vx - MAX_ROLLING_SPEED)
+                                            / (MIN_SLIPPING_SPEED - MAX_ROLLING_SPEED)))
             slipping = (
                 vx + h * ax,
-                vy + det * (d * ay + b * turning),
-                om + det * (c * ay + a * turning),
+                vy + det * (d * ay + b * om_dot),
+                om + det * (c * ay + a * om_dot),
             )
             vx, vy, om = (
-                r + part * (s - r)
-                for r, s in zip(rolling(vx, vy, om, tau, st, end), slipping, strict=True)
+                r + slip_share * (s - r)
+                for r, s in zip(step_rolling(vx, vy, om, tau, st, st_end), slipping, strict=True)
             )
             return vx, vy, om
 
-        return move
+        return step_velocity
 
-    return begin
+    return prepare_step
 
 
-def _rolling(p: Vehicle, f: Any, h: float) -> Callable[..., Velocity]:
+def _make_rolling_step(p: Vehicle, f: Any, h: float) -> Callable[..., VelocityStep]:
+    """As ``_make_slipping_step`` for a car that rolls without slip."""
     rates = make_kinematic(p, f)
     gains = make_motor_gains(p.motor, f)
     steering = make_steering(p.steering, f)
 
-    def move(vx: Value, _vy: Value, _om: Value, tau: Value, _st: Value,
-             end: Value) -> tuple[Value, Value, Value]:
+    def step_velocity(vx: Value, _vy: Value, _om: Value, tau: Value, _st: Value,
+                      st_end: Value) -> tuple[Value, Value, Value]:
         (k0, k1) = gains(tau)
-        turn = f.tan(steering(end))
-        _, _, _, ax = rates(0.0, vx, k0, k1, 0.0, turn)
+        tan_delta = f.tan(steering(st_end))
+        _, _, _, ax = rates(0.0, vx, k0, k1, 0.0, tan_delta)
         vx = vx + h * ax
-        _, vy, om, _ = rates(0.0, vx, k0, k1, 0.0, turn)
+        _, vy, om, _ = rates(0.0, vx, k0, k1, 0.0, tan_delta)
         return vx, vy, om
 
-    return lambda *_: move
+    return lambda *_: step_velocity
 
 
-def linearised(
-    stage: Stage,
+def linearise(
+    stage: StageFunction,
     states: FloatArray,
     inputs: FloatArray,
-) -> Linearised:
-    """Next states and slopes by differences.
+) -> Linearisation:
+    """Return the next states and their slopes by finite differences.
 
-    All stages and all variations are lanes of one evaluation.
+    All stages and all variations are one batch of a single evaluation.
     """
     n = len(states)
-    varied = len(VARIED) + INPUTS
+    variations = len(DIFFERENCED_STATES) + N_INPUTS
     point = np.concatenate([states, inputs], axis=1)
-    lanes = np.repeat(point.T[:, None, :], 1 + varied, axis=1)
-    for lane, column in enumerate((*VARIED, STATES, STATES + 1), start=1):
-        lanes[column, lane] += SLOPE
-    after = np.array(stage(*lanes))
-    end = after[:, 0]
-    slopes = ((after[:, 1:] - end[:, None]) / SLOPE).transpose(2, 0, 1)
-    a = np.zeros((n, STATES, STATES))
-    a[:, :, VARIED] = slopes[:, :, : len(VARIED)]
+    batch = np.repeat(point.T[:, None, :], 1 + variations, axis=1)
+    for row, column in enumerate((*DIFFERENCED_STATES, N_STATES, N_STATES + 1), start=1):
+        batch[column, row] += DIFFERENCE_STEP
+    results = np.array(stage(*batch))
+    next_state = results[:, 0]
+    slopes = ((results[:, 1:] - next_state[:, None]) / DIFFERENCE_STEP).transpose(2, 0, 1)
+    a = np.zeros((n, N_STATES, N_STATES))
+    a[:, :, DIFFERENCED_STATES] = slopes[:, :, : len(DIFFERENCED_STATES)]
     a[:, (0, 1, 2), (0, 1, 2)] = 1.0
-    a[:, 0, 2] = states[:, 1] - end[1]
-    a[:, 1, 2] = end[0] - states[:, 0]
-    return end.T, a, slopes[:, :, len(VARIED) :]
+    a[:, 0, 2] = states[:, 1] - next_state[1]
+    a[:, 1, 2] = next_state[0] - states[:, 0]
+    return next_state.T, a, slopes[:, :, len(DIFFERENCED_STATES) :]

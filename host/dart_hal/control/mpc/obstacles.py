@@ -1,9 +1,9 @@
-"""Obstacles beside a path, as bounds of the error across at each stage.
+"""Obstacles near a path, as bounds of the lateral error at each stage.
 
-    e_c >= e_o + R - RAMP max(|s - s_o| - L, 0)      passed on its left, the mirror on its right
+    e_c >= e_o + R - RAMP max(|s - s_o| - L, 0)      passed on its left; mirrored on its right
 
-A corridor that narrows along a ramp: one that is there or is not makes the plan jump. The side is
-chosen once for an encounter, that with more room.
+The corridor narrows along a ramp, because a bound that appears suddenly makes the plan jump. The
+side is chosen once for an encounter: the one with more space.
 """
 
 from __future__ import annotations
@@ -16,24 +16,29 @@ import numpy as np
 from dart_hal.control.paths import Path
 from dart_hal.core.types import FloatArray
 
-# m across for 1 m along: at 2 m/s within the curvature that the car turns.
-RAMP = 0.4
-# m of the body, and beyond: 5 cm of air; 2.5 for the corners of a body that is turned by 0.17
-# rad; 1.5 by which a bend of 0.75 m leaves its straight side (0.15^2 / 1.5 m); three of the 1.0
-# cm by which a car with 1 cm of pose noise errs there, as two of them are passed once in fifty.
+# Lateral change per distance along the path: at 2 m/s within the curvature that the car can drive.
+CORRIDOR_RAMP = 0.4
+# Half size of the body [m].
 HALF_LENGTH = 0.15
 HALF_WIDTH = 0.10
-MARGIN = 0.12
-# m of way more than R for which the whole distance is kept.
-BESIDE = 0.05
-# m ahead at which a side is chosen: 1.5 s at 2 m/s.
-SEEN = 3.0
+# Distance beyond the body [m]: 5 cm of clearance; 2.5 cm for the corners of a body at 0.17 rad to
+# the path; 1.5 cm by which a bend of 0.75 m deviates from the straight side (0.15^2 / 1.5 m); three
+# times the lateral error of 1.0 cm with 1 cm of pose noise, as twice that is exceeded once in fifty
+# passes.
+LATERAL_MARGIN = 0.12
+# Distance along the path, beyond R, over which the full offset is kept [m].
+PLATEAU_LENGTH = 0.05
+# Distance at which a side is chosen [m]: 1.5 s at 2 m/s.
+SIDE_CHOICE_DISTANCE = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """A disc: s, offset [m] of its middle along and beside the path, radius [m]; speed [m/s]
-    along the path; s is where it is at time t [s]."""
+    """A disc in path coordinates.
+
+    s, offset [m]: arc length and lateral position of its centre at time t [s]; radius [m];
+    speed [m/s]: along the path.
+    """
 
     s: float
     offset: float
@@ -44,41 +49,46 @@ class Obstacle:
 
 @dataclass(frozen=True, slots=True)
 class Disc:
-    """x, y, radius [m] of a disc in the frame of the poses; speed [m/s] along the path."""
+    """A disc in the frame of the poses: x, y, radius [m]; speed [m/s] along the path."""
 
     x: float
     y: float
     radius: float
     speed: float = 0.0
 
-    def beside(self, path: Path, t: float) -> Obstacle:
-        """It, at time t [s], beside the nearest point of a path, which goes on behind its ends."""
-        near = float(path.s[np.argmin(np.hypot(path.x - self.x, path.y - self.y))])
-        s = path.closest(self.x, self.y, near)
+    def locate(self, path: Path, t: float) -> Obstacle:
+        """Return the disc in path coordinates at time t [s], by the nearest point of the path.
+
+        The path is continued straight beyond its ends.
+        """
+        s_guess = float(path.s[np.argmin(np.hypot(path.x - self.x, path.y - self.y))])
+        s = path.closest(self.x, self.y, s_guess)
         spot = path.at(s)
         s += cos(spot.heading) * (self.x - spot.x) + sin(spot.heading) * (self.y - spot.y)
         return Obstacle(s, path.offset(self.x, self.y, s), self.radius, self.speed, t)
 
 
-def needed(o: Obstacle) -> float:
-    """m beside the path that the car has to go to pass it on the side with more room."""
-    return o.radius + HALF_WIDTH + MARGIN - abs(o.offset)
+def required_offset(o: Obstacle) -> float:
+    """Offset from the path [m] with which the car passes the obstacle on its wider side."""
+    return o.radius + HALF_WIDTH + LATERAL_MARGIN - abs(o.offset)
 
 
-def air(x: float, y: float, yaw: float, o: Obstacle, path: Path, t: float) -> float:
-    """m between the body, with its middle at x, y [m], and an obstacle at t [s]; negative inside
-    it."""
-    spot = path.at(o.s + o.speed * (t - o.t))
-    away_x = spot.x - o.offset * sin(spot.heading) - x
-    away_y = spot.y + o.offset * cos(spot.heading) - y
-    along = abs(away_x * cos(yaw) + away_y * sin(yaw)) - HALF_LENGTH
-    across = abs(away_y * cos(yaw) - away_x * sin(yaw)) - HALF_WIDTH
-    apart = hypot(max(along, 0.0), max(across, 0.0)) + min(max(along, across), 0.0)
-    return apart - o.radius
+def clearance(x: float, y: float, yaw: float, o: Obstacle, path: Path, t: float) -> float:
+    """Distance [m] between the body, whose centre is at x, y [m], and an obstacle at t [s].
+
+    It is negative if they overlap.
+    """
+    centre = path.at(o.s + o.speed * (t - o.t))
+    dx = centre.x - o.offset * sin(centre.heading) - x
+    dy = centre.y + o.offset * cos(centre.heading) - y
+    along = abs(dx * cos(yaw) + dy * sin(yaw)) - HALF_LENGTH
+    across = abs(dy * cos(yaw) - dx * sin(yaw)) - HALF_WIDTH
+    distance = hypot(max(along, 0.0), max(across, 0.0)) + min(max(along, across), 0.0)
+    return distance - o.radius
 
 
 class Corridor:
-    """The lane [m] to either side, less what obstacles take of it."""
+    """The lane [m] to either side, reduced by the obstacles."""
 
     def __init__(self, lane: float, length: float = inf) -> None:
         """length [m]: of a closed path, on which an obstacle is met once a lap."""
@@ -90,7 +100,7 @@ class Corridor:
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
-        """What takes of it; may be set at any time."""
+        """Obstacles that reduce the lane; may be set at any time."""
         return self._obstacles
 
     @obstacles.setter
@@ -99,22 +109,25 @@ class Corridor:
         self._sides = {o: side for o, side in self._sides.items() if o in obstacles}
 
     def bounds(self, s: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(low, high) [m] of the error across for the car's middle at progresses s [m], times t.
+        """Return (low, high) [m] of the lateral error of the car's centre at progresses s [m],
+        times t.
 
-        ``blocked`` tells then whether there is no way anywhere; low is above high there.
+        Sets ``blocked``: whether low is above high anywhere.
         """
         low = np.full(len(s), -self.lane)
         high = np.full(len(s), self.lane)
         for o in self.obstacles:
-            at = o.s + o.speed * (t - o.t)
-            apart = s - at
+            s_obstacle = o.s + o.speed * (t - o.t)
+            distance = s - s_obstacle
             if np.isfinite(self._length):
-                apart = apart - self._length * np.round(apart / self._length)
-            side = self._side(o, float(apart[0]))
+                distance = distance - self._length * np.round(distance / self._length)
+            side = self._choose_side(o, float(distance[0]))
             if not side:
                 continue
-            clear = o.radius + HALF_WIDTH + MARGIN
-            edge = side * o.offset + clear - RAMP * np.maximum(np.abs(apart) - clear - BESIDE, 0.0)
+            required = o.radius + HALF_WIDTH + LATERAL_MARGIN
+            excess = np.maximum(np.abs(distance) - required - PLATEAU_LENGTH, 0.0)
+            edge = side * o.offset + required - CORRIDOR_RAMP * excess
+            # Passed on its left: a lower bound; on its right: an upper bound.
             if side > 0.0:
                 low = np.maximum(low, edge)
             else:
@@ -122,9 +135,9 @@ class Corridor:
         self.blocked = bool((low > high).any())
         return low, high
 
-    def _side(self, o: Obstacle, apart: float) -> float:
-        """1: passed on its left, -1: on its right, 0: far away."""
-        if not -SEEN < apart < 1.0:
+    def _choose_side(self, o: Obstacle, distance: float) -> float:
+        """1: pass on its left, -1: on its right, 0: it is too far away."""
+        if not -SIDE_CHOICE_DISTANCE < distance < 1.0:
             self._sides.pop(o, None)
             return 0.0
         return self._sides.setdefault(o, 1.0 if o.offset <= 0.0 else -1.0)

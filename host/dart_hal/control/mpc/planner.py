@@ -1,11 +1,12 @@
-"""What a controller that plans is: a plan for each sample, within its time, from the last one.
+"""Base class of planning controllers: one plan for each sample, within its time, from the last one.
 
-    last plan -> shifted -> improved -> plan
+    last plan -> shift -> improve -> plan
 
-A plan is made within ``budget`` s by ``clock``, or not at all: then the last plan goes on
-(``Outcome.LATE``), which is what its first stages were made for. One that runs away is begun anew
-from the path; where that does as well, it is ``DIVERGED``. Where obstacles leave no way, a plan is
-``BLOCKED``. All are counted; who asks decides when to brake.
+A plan is finished within ``budget`` s by ``clock``, or it is discarded and the last plan is
+continued (``PlanOutcome.LATE``): its next stages were planned for this time. A plan that
+diverges is restarted from a guess along the path; if that diverges too, the outcome is
+``DIVERGED``. If obstacles leave no passage, it is ``BLOCKED``. All outcomes are counted; the caller
+decides when to brake.
 """
 
 from __future__ import annotations
@@ -20,22 +21,21 @@ from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from dart_hal.control.mpc.model import STAGE
+from dart_hal.control.mpc.model import N_STATES, STAGE_PERIOD
 from dart_hal.control.mpc.obstacles import Corridor, Obstacle
-from dart_hal.control.mpc.problem import Limits
-from dart_hal.control.mpc.reference import Reference
+from dart_hal.control.mpc.problem import MpcLimits
+from dart_hal.control.mpc.reference import PathReference
 from dart_hal.control.paths import Path
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import settled
 from dart_hal.vehicle.parameters import Vehicle
 
-# m, m/s, ... from the first state to any of a plan that has not diverged.
-FAR = 1e3
-STATES = 8
+# Largest distance of a state to the first one of a plan that has not diverged, in m, m/s, ...
+DIVERGENCE_LIMIT = 1e3
 
 
-class Outcome(str, Enum):
-    """How a plan came about."""
+class PlanOutcome(str, Enum):
+    """How a plan was obtained, see the module."""
 
     SOLVED = "SOLVED"
     BLOCKED = "BLOCKED"
@@ -47,67 +47,77 @@ class Outcome(str, Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """t [s] of the first state; states (n + 1, 8) as in ``model``, x and y of the rear axle;
-    s (n + 1,) [m]; inputs (3, n): tau, st, v_s [m/s], each held for ``STAGE``; slopes (n, 8, 8)
-    of each state to the one before."""
+class MpcPlan:
+    """A sequence of states and inputs.
+
+    t [s]: time of the first state; states (n + 1, 8) as in ``model``, x and y of the rear axle;
+    s (n + 1,) [m]; inputs (3, n): tau, st, v_s [m/s], each constant for ``STAGE_PERIOD``;
+    slopes (n, 8, 8): of each state to the previous one.
+    """
 
     t: float
     states: FloatArray
     s: FloatArray
     inputs: FloatArray
-    outcome: Outcome
+    outcome: PlanOutcome
     slopes: FloatArray
 
-    def at(self, t: float) -> FloatArray:
-        """State (8,) at a time [s] of the plan."""
-        times = self.t + STAGE * np.arange(len(self.states))
+    def state_at(self, t: float) -> FloatArray:
+        """Interpolate the state (8,) at a time [s] of the plan."""
+        times = self.t + STAGE_PERIOD * np.arange(len(self.states))
         return np.array([np.interp(t, times, row) for row in self.states.T])
 
     def covariances(self, first: FloatArray, per_stage: FloatArray) -> FloatArray:
-        """(n + 1, 8, 8) from that of the first state, with what each stage adds, both (8, 8)."""
-        all_ = [first]
+        """Propagate the covariance of the first state, P_k+1 = A P_k A' + Q, to (n + 1, 8, 8).
+
+        first, per_stage (8, 8): covariance of the first state, and what each stage adds.
+        """
+        result = [first]
         for a in self.slopes:
-            all_.append(a @ all_[-1] @ a.T + per_stage)
-        return np.array(all_)
+            result.append(a @ result[-1] @ a.T + per_stage)
+        return np.array(result)
 
 
-PlanT = TypeVar("PlanT", bound=Plan)
+PlanT = TypeVar("PlanT", bound=MpcPlan)
 
 
-class Aim(NamedTuple):
-    """What a sample asks: t [s], first state (8,), progress s [m], tau and st that act until then,
-    whether time is over."""
+class PlanRequest(NamedTuple):
+    """Data of one sample.
+
+    t [s]; state (8,): first state; s [m]: its progress; last_inputs: tau and st that act until t;
+    is_late: whether the time budget is over.
+    """
 
     t: float
     state: FloatArray
     s: float
-    before: tuple[float, float]
-    late: Callable[[], bool]
+    last_inputs: tuple[float, float]
+    is_late: Callable[[], bool]
 
 
-class Planner(ABC, Generic[PlanT]):
-    """One car on one path. ``speed_of(s)``: wanted speed [m/s] at progresses (n,) [m]; ``limits``:
-    None = of the vehicle, without any of the car's own; ``outcomes`` counts.
+class MpcPlanner(ABC, Generic[PlanT]):
+    """Planner of one car on one path.
 
-    budget [s] for a plan, and clock, which tells them; both may be set.
+    speed_of(s): target speed [m/s] at progresses (n,) [m]; limits: None = those of the vehicle's
+    model. ``outcomes`` counts. ``budget`` [s] for a plan and ``clock``, which measures it, may be
+    set.
     """
 
     def __init__(self, vehicle: Vehicle, path: Path, speed_of: Callable[[FloatArray], FloatArray],
-                 limits: Limits | None) -> None:
+                 limits: MpcLimits | None) -> None:
         self.vehicle = settled(vehicle)
         self.speed_of = speed_of
-        self.limits = limits or Limits(tau=(-vehicle.motor.g, 1.0))
-        self.reference = Reference(path)
+        self.limits = limits or MpcLimits(tau=(-vehicle.motor.g, 1.0))
+        self.reference = PathReference(path)
         self.corridor = Corridor(self.limits.lane, path.length if path.closed else inf)
         self.budget = inf
         self.clock: Callable[[], float] = lambda: 0.0
-        self.outcomes: Counter[Outcome] = Counter()
+        self.outcomes: Counter[PlanOutcome] = Counter()
         self.last: PlanT | None = None
 
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
-        """What is to be passed; may be set at any time."""
+        """Obstacles to be passed; may be set at any time."""
         return self.corridor.obstacles
 
     @obstacles.setter
@@ -118,45 +128,55 @@ class Planner(ABC, Generic[PlanT]):
         """Forget the last plan."""
         self.last = None
 
-    def plan(self, t: float, state: FloatArray, s: float, before: tuple[float, float]) -> PlanT:
-        """From the state (8,) at t [s], when the answer acts, at progress s [m].
+    def plan(
+        self, t: float, state: FloatArray, s: float, last_inputs: tuple[float, float]
+    ) -> PlanT:
+        """Plan from the state (8,) at t [s], when the inputs take effect, at progress s [m].
 
-        before: tau, st that act until then.
+        1. Shift the last plan to t; without one, start from a guess along the path.
+        2. Improve it. If it diverges, improve the guess instead, with more iterations.
+        3. If the time is over, return the shifted plan as LATE.
+
+        last_inputs: tau, st that act until then.
         """
         end = self.clock() + self.budget if self.budget < inf else inf
-        aim = Aim(t, state, s, before, lambda: end < inf and self.clock() > end)
-        guess = self._shifted(aim)
+        request = PlanRequest(t, state, s, last_inputs, lambda: end < inf and self.clock() > end)
+        guess = self._shift_last_plan(request)
         if not np.isfinite(state).all():
-            nowhere = aim._replace(state=np.zeros(STATES))
-            return self._kept(replace(guess or self._guess(nowhere), outcome=Outcome.DIVERGED))
-        plan = self._improved(guess, aim, anew=False) if guess else None
-        if guess is None or (plan is not None and plan.outcome is Outcome.DIVERGED):
-            self.outcomes[Outcome.DIVERGED] += plan is not None
-            guess = self._guess(aim)
-            plan = self._improved(guess, aim, anew=True)
-        return self._kept(plan or replace(guess, outcome=Outcome.LATE))
+            origin = request._replace(state=np.zeros(N_STATES))
+            return self._record(
+                replace(guess or self._initial_guess(origin), outcome=PlanOutcome.DIVERGED)
+            )
+        plan = self._improve(guess, request, from_guess=False) if guess else None
+        if guess is None or (plan is not None and plan.outcome is PlanOutcome.DIVERGED):
+            self.outcomes[PlanOutcome.DIVERGED] += plan is not None
+            guess = self._initial_guess(request)
+            plan = self._improve(guess, request, from_guess=True)
+        return self._record(plan or replace(guess, outcome=PlanOutcome.LATE))
 
     @abstractmethod
-    def turn_within(self, low: float, high: float) -> None:
-        """Ends of the steering from now on: what is learnt of it moves them."""
+    def set_steering_range(self, low: float, high: float) -> None:
+        """Set the range of the steering command, which the disturbance estimate shifts."""
 
     @abstractmethod
-    def _shifted(self, aim: Aim) -> PlanT | None:
-        """The last plan from ``aim.t`` on; its end goes on as it was. None: there is none."""
+    def _shift_last_plan(self, request: PlanRequest) -> PlanT | None:
+        """Return the last plan from ``request.t`` on with its last input repeated, or None."""
 
     @abstractmethod
-    def _guess(self, aim: Aim) -> PlanT:
-        """Along the path, without slip."""
+    def _initial_guess(self, request: PlanRequest) -> PlanT:
+        """Return a plan along the path without slip."""
 
     @abstractmethod
-    def _improved(self, plan: PlanT, aim: Aim, *, anew: bool) -> PlanT | None:
-        """A sample's steps on, more of them from a guess; None where late, or DIVERGED."""
+    def _improve(self, plan: PlanT, request: PlanRequest, *, from_guess: bool) -> PlanT | None:
+        """Iterate a plan; more often from a guess. None if late; outcome DIVERGED if it diverges.
+        """
 
-    def _stages_since(self, aim: Aim) -> int:
-        """Stages from the last plan on, -1: there is none, or it began later."""
-        return round((aim.t - self.last.t) / STAGE) if self.last else -1
+    def _stages_since_last(self, request: PlanRequest) -> int:
+        """Return the number of stages since the last plan, or -1 if it cannot be shifted."""
+        return round((request.t - self.last.t) / STAGE_PERIOD) if self.last else -1
 
-    def _kept(self, plan: PlanT) -> PlanT:
+    def _record(self, plan: PlanT) -> PlanT:
+        """Count the outcome and store the plan for the next sample."""
         self.outcomes[plan.outcome] += 1
-        self.last = None if plan.outcome is Outcome.DIVERGED else plan
+        self.last = None if plan.outcome is PlanOutcome.DIVERGED else plan
         return plan

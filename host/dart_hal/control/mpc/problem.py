@@ -1,12 +1,13 @@
 """The quadratic programme of one iteration, in the changes of all inputs.
 
     minimise  sum_k  q_c e_c^2 + q_l e_l^2 + q_v (v_s - V)^2 + q_u (tau^2 + st^2)
-                     + q_t (tau - tau_before)^2 + q_s (st - st_before)^2
-    hard      inputs within their ends, their changes within their rates, |s - s_last| <= TRUST
+                     + q_t (tau - tau_last)^2 + q_s (st - st_last)^2
+    hard      ranges of inputs, rates of inputs, |s - s_last| <= MAX_PROGRESS_STEP
     soft      low <= e_c <= high,   v_x <= 1.05 V,   |v_x omega| <= a_lat,   s + e_l <= line
 
-e_c, e_l are linear in the changes through the stages' slopes (``condensed``), so that the states
-are no variables: 3 x 20 of them remain. Without TRUST the iteration stalls.
+e_c, e_l are linear in the input changes through the slopes of the stages (``condense``), so the
+states are no variables: 3 x 20 variables remain. Without the limit of the progress the iteration
+stalls.
 """
 
 from __future__ import annotations
@@ -17,35 +18,41 @@ from typing import NamedTuple
 
 import numpy as np
 
-from dart_hal.control.mpc.admm import Rows
-from dart_hal.control.mpc.model import STAGE
-from dart_hal.control.mpc.reference import Errors
+from dart_hal.control.mpc.admm import Constraints
+from dart_hal.control.mpc.model import STAGE_PERIOD
+from dart_hal.control.mpc.reference import PathErrors
 from dart_hal.core.types import FloatArray
 
+# Rows of the inputs (3, n).
 TAU = 0
 ST = 1
 V_S = 2
-X = 0
-Y = 1
-V_X = 3
-OMEGA = 5
-# m of progress beside the last plan's.
-TRUST = 0.4
-# Of the wanted speed.
-OVER = 1.05
-# Of the rows by their unit: with 0.1 for metres 40 iterations do not enforce a lane.
+# Columns of the states.
+STATE_X = 0
+STATE_Y = 1
+STATE_VX = 3
+STATE_OMEGA = 5
+# Largest change of the progress relative to the last plan [m].
+MAX_PROGRESS_STEP = 0.4
+# Speed limit relative to the target speed.
+MAX_SPEED_RATIO = 1.05
+# ADMM penalties of the rows by their unit: with 0.1 for metres, 40 iterations do not enforce a
+# lane.
 RHO_INPUT = 0.1
 RHO_METRE = 10.0
 RHO_SPEED = 1.0
-RHO_ACROSS = 0.1
-# ``Limits.lateral``, of the most that the tyres hold across, by the model.
-GRIP = 0.8
+RHO_LATERAL = 0.1
+# ``MpcLimits.lateral`` relative to the largest lateral acceleration of the tyres in the model.
+TYRE_SHARE = 0.8
 
 
 @dataclass(frozen=True, slots=True)
 class Weights:
-    """See the module; ends: of q_c at the last stage; lane, speed, lateral, line: prices per m,
-    m/s, m/s2, m of the soft limits."""
+    """Weights of the cost, see the module.
+
+    ends: factor of q_c at the last stage; lane, speed, lateral, line: prices per m, m/s, m/s2, m of
+    the soft limits.
+    """
 
     contour: float = 20.0
     lag: float = 100.0
@@ -61,12 +68,14 @@ class Weights:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
-    """tau, st: ends of the inputs; rates [1/s] of both; fastest [m/s] of the progress;
-    lateral [m/s2]; lane [m] to either side.
+class MpcLimits:
+    """Limits of the inputs and of the motion.
 
-    tau ends at the motor's dead band: below it the force does not change with it, and a standing
-    car would have no reason to start.
+    tau, st: ranges of the inputs; rates [1/s]: of both; fastest [m/s]: of the progress;
+    lateral [m/s2]: acceleration; lane [m]: half width.
+
+    tau begins at the motor's dead band: below it the force does not depend on tau, and the
+    optimiser would find no slope that starts a car at rest.
     """
 
     tau: tuple[float, float]
@@ -78,55 +87,62 @@ class Limits:
 
 
 class Condensed(NamedTuple):
-    """Changes of the states behind each stage: free (n, states), and (n, states, inputs n) for each
-    change of the first input (tau), then of the next (st)."""
+    """State changes as a linear function of the input changes.
+
+    free (n, states): without input changes. forced (n, states, inputs n): slopes to each change of
+    the first input (tau), then of the next (st).
+    """
 
     free: FloatArray
     forced: FloatArray
 
 
-def condensed(first: FloatArray, a: FloatArray, b: FloatArray, gaps: FloatArray) -> Condensed:
-    """From the change of the first state (states,), slopes (n, states, states), (n, states, inputs)
-    and gaps (n, states)."""
+def condense(first: FloatArray, a: FloatArray, b: FloatArray, gaps: FloatArray) -> Condensed:
+    """Eliminate the states of the linearised stages x_k+1 = A_k x_k + B_k u_k + gap_k.
+
+    first (states,): change of the first state; a (n, states, states), b (n, states, inputs):
+    slopes; gaps (n, states): prediction minus plan.
+    """
     n, states, inputs = b.shape
     free = np.empty((n, states))
     forced = np.empty((n, states, inputs * n))
-    at = first
-    by = np.zeros((states, inputs * n))
+    offset = first
+    slopes = np.zeros((states, inputs * n))
     for k in range(n):
-        at = a[k] @ at + gaps[k]
-        by = a[k] @ by
-        by[:, k::n] = b[k]
-        free[k] = at
-        forced[k] = by
+        offset = a[k] @ offset + gaps[k]
+        slopes = a[k] @ slopes
+        slopes[:, k::n] = b[k]
+        free[k] = offset
+        forced[k] = slopes
     return Condensed(free, forced)
 
 
-class Problem:
-    """Everything that stays the same from sample to sample, for n stages."""
+class ContouringProblem:
+    """Matrices that are the same for all samples, for n stages."""
 
-    def __init__(self, n: int, weights: Weights, limits: Limits) -> None:
+    def __init__(self, n: int, weights: Weights, limits: MpcLimits) -> None:
         self.n = n
         self.weights = weights
         self.limits = limits
         w = weights
-        one = np.eye(n)
-        none = np.zeros((n, n))
-        self._way: FloatArray = STAGE * np.tril(np.ones((n, n)))
-        step = one - np.eye(n, k=-1)
-        self._step = np.block([[step, none, none], [none, step, none]])
+        identity = np.eye(n)
+        zeros = np.zeros((n, n))
+        self._progress: FloatArray = STAGE_PERIOD * np.tril(np.ones((n, n)))
+        step = identity - np.eye(n, k=-1)
+        self._step = np.block([[step, zeros, zeros], [zeros, step, zeros]])
         change = step.T @ step
         self._h = 2.0 * np.block(
             [
-                [w.input * one + w.throttle_change * change, none, none],
-                [none, w.input * one + w.steering_change * change, none],
-                [none, none, w.progress * one],
+                [w.input * identity + w.throttle_change * change, zeros, zeros],
+                [zeros, w.input * identity + w.steering_change * change, zeros],
+                [zeros, zeros, w.progress * identity],
             ]
         )
-        self._across = np.full(n, w.contour)
-        self._across[-1] *= w.ends
-        self._fixed = np.vstack([np.eye(3 * n), self._step, np.hstack([none, none, self._way])])
-        self._price = np.concatenate(
+        self._contour_weights = np.full(n, w.contour)
+        self._contour_weights[-1] *= w.ends
+        progress = np.hstack([zeros, zeros, self._progress])
+        self._fixed = np.vstack([np.eye(3 * n), self._step, progress])
+        self._prices = np.concatenate(
             [np.full(6 * n, inf), np.full(n, w.lane), np.full(n, w.speed), np.full(n, w.lateral)]
         )
         self._rho = np.concatenate(
@@ -134,16 +150,16 @@ class Problem:
                 np.full(5 * n, RHO_INPUT),
                 np.full(2 * n, RHO_METRE),
                 np.full(n, RHO_SPEED),
-                np.full(n, RHO_ACROSS),
+                np.full(n, RHO_LATERAL),
             ]
         )
         lim = limits
         self._low = np.repeat((lim.tau[0], lim.st[0], 0.0), n)
         self._high = np.repeat((lim.tau[1], lim.st[1], lim.fastest), n)
-        self._most = STAGE * np.repeat(lim.rates, n)
+        self._max_change = STAGE_PERIOD * np.repeat(lim.rates, n)
 
-    def turn_within(self, low: float, high: float) -> None:
-        """Ends of the steering from now on: what is learnt of it moves them."""
+    def set_steering_range(self, low: float, high: float) -> None:
+        """Set the range of the steering command, which the disturbance estimate shifts."""
         n = self.n
         self._low[n * ST : n * (ST + 1)] = low
         self._high[n * ST : n * (ST + 1)] = high
@@ -152,90 +168,96 @@ class Problem:
         self,
         states: FloatArray,
         inputs: FloatArray,
-        before: tuple[float, float],
-        moved: Condensed,
-        errors: Errors,
-        wanted: FloatArray,
+        last_inputs: tuple[float, float],
+        condensed: Condensed,
+        errors: PathErrors,
+        target_speed: FloatArray,
         lane: tuple[FloatArray, FloatArray],
-        room: FloatArray | None = None,
-    ) -> tuple[FloatArray, FloatArray, Rows]:
-        """(H, g, rows) about states (n, 8) behind the stages and inputs (3, n).
+        stop_distance: FloatArray | None = None,
+    ) -> tuple[FloatArray, FloatArray, Constraints]:
+        """Return (H, g, constraints) for states (n, 8) at the ends of the stages and inputs (3, n).
 
-        before: tau, st that were sent last; wanted (n,) [m/s]; lane: low, high (n,) [m];
-        room (n,) [m]: from the progress to a line at which to stand, None = there is none.
+        last_inputs: tau, st that were sent last; target_speed (n,) [m/s]; lane: low, high (n,) [m];
+        stop_distance (n,) [m]: from the progress to the stop line, None without one.
         """
         n = self.n
         w = self.weights
         u = inputs.ravel()
-        across, e_c = self._error(errors.across, errors.across_slopes, moved)
-        along, e_l = self._error(errors.along, errors.along_slopes, moved)
+        across, e_c = self._error(errors.across, errors.across_slopes, condensed)
+        along, e_l = self._error(errors.along, errors.along_slopes, condensed)
+        # Gauss-Newton: H = constant part + 2 J' Q J, g = 2 J' Q e.
         h = self._h + 2.0 * (
-            across.T @ (self._across[:, None] * across) + w.lag * (along.T @ along)
+            across.T @ (self._contour_weights[:, None] * across) + w.lag * (along.T @ along)
         )
-        g = self._h @ u + 2.0 * (across.T @ (self._across * e_c) + w.lag * (along.T @ e_l))
-        g[2 * n :] -= 2.0 * w.progress * wanted
-        g[0] -= 2.0 * w.throttle_change * before[TAU]
-        g[n] -= 2.0 * w.steering_change * before[ST]
-        change = self._step @ u
-        change[0] -= before[TAU]
-        change[n] -= before[ST]
-        speed = states[:, V_X] + moved.free[:, V_X]
-        turn = states[:, OMEGA] + moved.free[:, OMEGA]
-        faster = moved.forced[:, V_X]
-        lateral = turn[:, None] * faster + speed[:, None] * moved.forced[:, OMEGA]
-        pad = np.zeros((n, n))
-        most = np.full(n, TRUST)
+        g = self._h @ u + 2.0 * (across.T @ (self._contour_weights * e_c) + w.lag * (along.T @ e_l))
+        g[2 * n :] -= 2.0 * w.progress * target_speed
+        g[0] -= 2.0 * w.throttle_change * last_inputs[TAU]
+        g[n] -= 2.0 * w.steering_change * last_inputs[ST]
+        input_change = self._step @ u
+        input_change[0] -= last_inputs[TAU]
+        input_change[n] -= last_inputs[ST]
+        speed = states[:, STATE_VX] + condensed.free[:, STATE_VX]
+        omega = states[:, STATE_OMEGA] + condensed.free[:, STATE_OMEGA]
+        speed_slopes = condensed.forced[:, STATE_VX]
+        # v_x omega is linearised by the product rule.
+        lateral = omega[:, None] * speed_slopes + speed[:, None] * condensed.forced[:, STATE_OMEGA]
+        zeros = np.zeros((n, n))
+        max_progress = np.full(n, MAX_PROGRESS_STEP)
         a_lat = self.limits.lateral
-        rows = Rows(
-            np.vstack([self._fixed, across, np.hstack([faster, pad]), np.hstack([lateral, pad])]),
+        constraints = Constraints(
+            np.vstack([self._fixed, across, np.hstack([speed_slopes, zeros]),
+                       np.hstack([lateral, zeros])]),
             np.concatenate(
                 [
                     self._low - u,
-                    -self._most - change,
-                    -most,
+                    -self._max_change - input_change,
+                    -max_progress,
                     lane[0] - e_c,
                     np.full(n, -inf),
-                    -a_lat - speed * turn,
+                    -a_lat - speed * omega,
                 ]
             ),
             np.concatenate(
                 [
                     self._high - u,
-                    self._most - change,
-                    most,
+                    self._max_change - input_change,
+                    max_progress,
                     lane[1] - e_c,
-                    OVER * wanted - speed,
-                    a_lat - speed * turn,
+                    MAX_SPEED_RATIO * target_speed - speed,
+                    a_lat - speed * omega,
                 ]
             ),
-            self._price,
+            self._prices,
             self._rho,
         )
-        if room is not None:
-            rows = self._standing(rows, along, room - e_l)
-        return h, g, rows
+        if stop_distance is not None:
+            constraints = self._add_stop_line(constraints, along, stop_distance - e_l)
+        return h, g, constraints
 
-    def _standing(self, rows: Rows, along: FloatArray, high: FloatArray) -> Rows:
-        """Rows for the line as well: where the car is along the path, whatever its progress."""
+    def _add_stop_line(
+        self, constraints: Constraints, e_l_slopes: FloatArray, high: FloatArray
+    ) -> Constraints:
+        """Add rows that keep the rear axle, not its progress variable, before the stop line."""
         n = self.n
-        ahead = along.copy()
-        ahead[:, 2 * n :] += self._way
-        return Rows(
-            np.vstack([rows.c, ahead]),
-            np.append(rows.low, np.full(n, -inf)),
-            np.append(rows.high, high),
-            np.append(rows.price, np.full(n, self.weights.line)),
-            np.append(rows.rho, np.full(n, RHO_METRE)),
+        position_slopes = e_l_slopes.copy()
+        position_slopes[:, 2 * n :] += self._progress
+        return Constraints(
+            np.vstack([constraints.c, position_slopes]),
+            np.append(constraints.low, np.full(n, -inf)),
+            np.append(constraints.high, high),
+            np.append(constraints.price, np.full(n, self.weights.line)),
+            np.append(constraints.rho, np.full(n, RHO_METRE)),
         )
 
     def progress(self, s: float, v_s: FloatArray) -> FloatArray:
-        """s [m] behind each stage."""
-        return s + self._way @ v_s
+        """Return s [m] at the end of each stage."""
+        return s + self._progress @ v_s
 
     def _error(
-        self, error: FloatArray, slopes: FloatArray, moved: Condensed
+        self, error: FloatArray, slopes: FloatArray, condensed: Condensed
     ) -> tuple[FloatArray, FloatArray]:
-        """(slopes to all inputs (n, 3 n), error with the free change (n,))."""
-        by_pose = slopes[:, :1] * moved.forced[:, X] + slopes[:, 1:2] * moved.forced[:, Y]
-        free = slopes[:, 0] * moved.free[:, X] + slopes[:, 1] * moved.free[:, Y]
-        return np.hstack([by_pose, slopes[:, 2:] * self._way]), error + free
+        """Return (slopes to all inputs (n, 3 n), error without input changes (n,))."""
+        forced = condensed.forced
+        by_pose = slopes[:, :1] * forced[:, STATE_X] + slopes[:, 1:2] * forced[:, STATE_Y]
+        free = slopes[:, 0] * condensed.free[:, STATE_X] + slopes[:, 1] * condensed.free[:, STATE_Y]
+        return np.hstack([by_pose, slopes[:, 2:] * self._progress]), error + free

@@ -1,33 +1,38 @@
-"""How sure a plan is: the covariance of the estimate, carried along, and what each stage adds.
+"""Uncertainty of a plan: the propagated covariance of the estimate, plus process noise of each
+stage.
 
-It is that of the inputs as they are planned, which nobody corrects: a car that plans anew each
-0.1 s comes nearer to its first plan than that.
+It is that of the planned inputs without feedback. A car that plans again every 0.1 s stays closer
+to its first plan.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.control.mpc.planner import Plan
+from dart_hal.control.mpc.planner import MpcPlan
 from dart_hal.core.types import FloatArray
 
-# States of a plan that an estimate of the motion has a covariance of.
-KNOWN = (0, 1, 2, 3, 5)
-# What a stage adds: rad of the heading for each m/s, m/s, m. By ten cars whose parameters are 5 %
-# off (``studies.control.mpc_spread``): 1.6 cm across after 1 s at 1 m/s, 6 at 2 m/s.
-TURNED = 0.010
-FASTER = 0.02
-PLACED = 0.002
+# States of a plan that the covariance of the motion estimate covers.
+ESTIMATED_STATES = (0, 1, 2, 3, 5)
+# Process noise of a stage: heading [rad] for each m/s, speed [m/s], position [m]. From ten cars
+# whose parameters are 5 % off (``studies.control.mpc_spread``): 1.6 cm lateral after 1 s at 1 m/s,
+# 6 cm at 2 m/s.
+HEADING_STD_PER_SPEED = 0.010
+SPEED_STD = 0.02
+POSITION_STD = 0.002
 
 
-def across(plan: Plan, cov: FloatArray) -> FloatArray:
-    """Standard deviation [m] across its heading of each state (n + 1,) of a plan, from the
-    covariance (5, 5) of the motion at its begin."""
+def lateral_std(plan: MpcPlan, cov: FloatArray) -> FloatArray:
+    """Return the standard deviation [m] across the heading of each state (n + 1,) of a plan.
+
+    cov (5, 5): covariance of the motion estimate at its beginning.
+    """
     first = np.zeros((8, 8))
-    first[np.ix_(KNOWN, KNOWN)] = cov
-    adds = np.array((PLACED, PLACED, TURNED * plan.states[:, 3].mean(), FASTER, 0, 0, 0, 0))
-    spread = plan.covariances(first, np.diag(np.square(adds)))
+    first[np.ix_(ESTIMATED_STATES, ESTIMATED_STATES)] = cov
+    heading_std = HEADING_STD_PER_SPEED * plan.states[:, 3].mean()
+    stage_std = np.array((POSITION_STD, POSITION_STD, heading_std, SPEED_STD, 0, 0, 0, 0))
+    covariances = plan.covariances(first, np.diag(np.square(stage_std)))
     psi = plan.states[:, 2]
     normal = np.stack([-np.sin(psi), np.cos(psi)], axis=1)
-    std: FloatArray = np.sqrt(np.einsum("ki,kij,kj->k", normal, spread[:, :2, :2], normal))
+    std: FloatArray = np.sqrt(np.einsum("ki,kij,kj->k", normal, covariances[:, :2, :2], normal))
     return std

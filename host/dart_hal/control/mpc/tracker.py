@@ -1,12 +1,12 @@
-"""A planner as a tracker: a plan each 0.1 s, whose first steering is held until the next.
+"""A planner as a tracker: a plan every 0.1 s, whose first steering command holds until the next.
 
-The plan begins at the pose that is predicted for the time at which its answer acts, with the
-model's slip there. The car's speed loop drives: it is given the speed that the plan has a little
-later, where that is less than the profile's. A plan that is late is the last one, shifted; too
-many of them in a row (``driving.LATEST``), one that diverged or one without a way past the
-obstacles end the drive (``why``): ``safe`` steers to rest.
+The plan begins at the pose predicted for the time at which its inputs act, with the slip of the
+model. The car's speed loop drives: its setpoint is the speed of the plan a little later, where that
+is less than that of the profile. A late plan is replaced by the last one, shifted. Too many late
+plans in a row (``driving.MAX_LATE_PLANS``), a plan that diverges or one without a passage between
+obstacles end the drive (``why``): ``fallback`` steers until the car is at rest.
 
-What the car passes is given as discs; how near it came to each, by its own estimate, is in ``air``.
+Obstacles are given as discs; ``air`` holds the smallest clearance to each, by the car's estimate.
 """
 
 from __future__ import annotations
@@ -18,88 +18,99 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from dart_hal.control.mpc.disturbance import Learning
+from dart_hal.control.mpc.disturbance import DisturbancePrediction
 from dart_hal.control.mpc.driving import (
-    BUDGET,
-    REACH,
-    first_state,
-    inputs_of,
-    vehicle_of,
-    why_of,
+    PLAN_BUDGET,
+    SPEED_LOOKAHEAD,
+    describe_failure,
+    input_ranges,
+    make_first_state,
+    make_planning_vehicle,
 )
-from dart_hal.control.mpc.model import STAGE
-from dart_hal.control.mpc.obstacles import Disc, Obstacle, air, needed
-from dart_hal.control.mpc.planner import Outcome, Plan, Planner
-from dart_hal.control.mpc.problem import GRIP, Limits
-from dart_hal.control.mpc.spread import across
-from dart_hal.control.on_path import OnPath
+from dart_hal.control.mpc.model import STAGE_PERIOD
+from dart_hal.control.mpc.obstacles import Disc, Obstacle, clearance, required_offset
+from dart_hal.control.mpc.planner import MpcPlan, MpcPlanner, PlanOutcome
+from dart_hal.control.mpc.problem import TYRE_SHARE, MpcLimits
+from dart_hal.control.mpc.spread import lateral_std
+from dart_hal.control.on_path import PathTracker
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.control.steady import SPEEDS
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, MotionEstimate
 
-# m to either side.
-LANE = 0.3
-# m to the end of the lane that a way past an obstacle has to leave: a drive ends there, and the
-# car errs by 2 to 3 cm beside one.
-EDGE = 0.04
-# Plans from one that is kept to be drawn to the next: 1 s.
-SHOWN = 10
-# How a plan came about, by its place, as it is recorded.
-OUTCOMES = tuple(Outcome)
+# Lane to either side [m].
+DEFAULT_HALF_WIDTH = 0.3
+# Distance to the edge of the lane that a passage needs [m]: a drive ends at the edge, and next to
+# an obstacle the car has lateral errors of 2 to 3 cm.
+OBSTACLE_LANE_MARGIN = 0.04
+# Plans from one that is stored for the picture to the next: 1 s.
+PLANS_PER_PREDICTION = 10
+# Outcomes in the order by which they are recorded.
+PLAN_OUTCOMES = tuple(PlanOutcome)
 
-PlannerT = TypeVar("PlannerT", bound=Planner[Any])
+PlannerT = TypeVar("PlannerT", bound=MpcPlanner[Any])
 
 
-class Shown(NamedTuple):
-    """A plan to be drawn: x, y [m] of its states and how sure they are across [m], (n + 1,)."""
+class PredictedPath(NamedTuple):
+    """A plan for the picture: x, y [m] of its states and their lateral std [m], (n + 1,)."""
 
     x: FloatArray
     y: FloatArray
     std: FloatArray
 
 
-class Contouring(OnPath, Generic[PlannerT]):
-    """See ``Tracker``. ``mpcc``: the planner, its obstacles may be set; ``plan``: the last;
-    ``shown``: one of ten; ``air`` [m]: the least beside each disc; ``in_numpy``: why there is no C.
+class Contouring(PathTracker, Generic[PlannerT]):
+    """See ``Tracker``. ``mpcc``: the planner, its obstacles may be set; ``plan``: the last plan;
+    ``predictions``: every tenth plan; ``air`` [m]: smallest clearance to each disc;
+    ``compile_error``: why the plans are not made in C.
     """
 
-    def __init__(self, path: Path, plant: Plant, safe: OnPath, make: Callable[..., PlannerT],
-                 discs: tuple[Disc, ...] = (), lane: float = LANE) -> None:
-        """make: the planner of a vehicle, a path, the speed that is wanted there, and limits;
-        discs: what is to be passed, from the first answer on; lane [m] to either side. Raises
-        UsageError as the planner."""
+    def __init__(
+        self,
+        path: Path,
+        plant: Plant,
+        fallback: PathTracker,
+        make: Callable[..., PlannerT],
+        discs: tuple[Disc, ...] = (),
+        lane: float = DEFAULT_HALF_WIDTH,
+    ) -> None:
+        """make: constructs the planner of a vehicle, a path, the target speed and limits; discs: to
+        be passed, they move from the first plan on; lane [m] to either side. Raises UsageError as
+        the planner.
+        """
         super().__init__(path, plant)
-        self._vehicle = vehicle_of(plant)
-        self.mpcc = make(self._vehicle, path, self._paces, replace(_limits(plant), lane=lane))
-        self.in_numpy = ""
+        self._vehicle = make_planning_vehicle(plant)
+        self.mpcc = make(
+            self._vehicle, path, self._target_speeds, replace(_limits(plant), lane=lane)
+        )
+        self.compile_error = ""
         self.discs = discs
         self.air = [inf] * len(discs)
-        self._still: tuple[Obstacle, ...] = ()
-        self.shown: list[Shown] = []
-        self.mpcc.budget = BUDGET
-        self.plan: Plan | None = None
-        self._prediction = self._learning = Learning(plant)
-        self._safe = safe
-        self._safe._prediction = self._prediction
-        self._due = -inf
+        self._disc_obstacles: tuple[Obstacle, ...] = ()
+        self.predictions: list[PredictedPath] = []
+        self.mpcc.budget = PLAN_BUDGET
+        self.plan: MpcPlan | None = None
+        self._prediction = self._learning = DisturbancePrediction(plant)
+        self._fallback = fallback
+        self._fallback._prediction = self._prediction
+        self._next_plan_t = -inf
         self._st = 0.0
-        self._missed = 0
-        self._count = 0
+        self._late_plans = 0
+        self._plan_count = 0
 
     def begin(self, s: float) -> None:
-        """See ``Tracker``. Raises UsageError for a disc that leaves no way within the lane."""
+        """See ``Tracker``. Raises UsageError for a disc that leaves no passage within the lane."""
         super().begin(s)
-        self._safe.begin(s)
+        self._fallback.begin(s)
         for k, disc in enumerate(self.discs, start=1):
-            _passable(k, disc, disc.beside(self.path, 0.0), self.mpcc.limits.lane)
+            _check_passable(k, disc, disc.locate(self.path, 0.0), self.mpcc.limits.lane)
         self.mpcc.reset()
         self.mpcc.clock = self.clock
         self.plan = None
-        self._due = -inf
-        self._missed = 0
-        self._count = 0
+        self._next_plan_t = -inf
+        self._late_plans = 0
+        self._plan_count = 0
         self._st = self.plant.command_of(0.0)
 
     def steer(self, motion: MotionEstimate) -> float:
@@ -108,84 +119,88 @@ class Contouring(OnPath, Generic[PlannerT]):
         self.s = self.path.closest(pose.x, pose.y, self.s)
         self.offset = self.path.offset(pose.x, pose.y, self.s)
         self.told = {}
-        self._prediction.see(motion)
-        self._watch(motion)
+        self._prediction.update(motion)
+        self._measure_clearance(motion)
         if self.why:
-            return self._safe.steer(motion)
-        if motion.t > self._due - 1e-6:
-            self._due = motion.t + STAGE
-            self.plan = self._planned(motion)
-            self.told = {"outcome": np.array([float(OUTCOMES.index(self.plan.outcome))])}
+            return self._fallback.steer(motion)
+        if motion.t > self._next_plan_t - 1e-6:
+            self._next_plan_t = motion.t + STAGE_PERIOD
+            self.plan = self._make_plan(motion)
+            self.told = {"outcome": np.array([float(PLAN_OUTCOMES.index(self.plan.outcome))])}
             if self.why:
-                return self._safe.steer(motion)
+                return self._fallback.steer(motion)
             self._st = self._learning.disturbance.command(float(self.plan.inputs[1, 0]))
             x, y, _, speed = self.plan.states[:, :4].T
-            std = across(self.plan, motion.cov)
+            std = lateral_std(self.plan, motion.cov)
             self.told |= {"x": x, "y": y, "speed": speed, "throttle": self.plan.inputs[0],
                           "steering": self.plan.inputs[1], "std": std}
-            if self._count % SHOWN == 0:
-                self.shown.append(Shown(x, y, std))
-            self._count += 1
+            if self._plan_count % PLANS_PER_PREDICTION == 0:
+                self.predictions.append(PredictedPath(x, y, std))
+            self._plan_count += 1
         if self.plan is not None:
-            self.speed = float(self.plan.at(motion.t + REACH)[3])
-        return self._turned(motion)
+            self.speed = float(self.plan.state_at(motion.t + SPEED_LOOKAHEAD)[3])
+        return self._hold_steering(motion)
 
-    def pass_by(self, others: tuple[Obstacle, ...]) -> None:
-        """What is to be passed from now on, beside the discs."""
-        self.mpcc.obstacles = (*self._still, *others)
+    def set_moving_obstacles(self, others: tuple[Obstacle, ...]) -> None:
+        """Set the obstacles in addition to the discs."""
+        self.mpcc.obstacles = (*self._disc_obstacles, *others)
 
-    def _watch(self, motion: MotionEstimate) -> None:
-        """The discs begin to move with the first answer; how near the body is to each."""
-        if self.discs and not self._still:
-            self._still = tuple(d.beside(self.path, motion.t) for d in self.discs)
-            self.pass_by(())
+    def _measure_clearance(self, motion: MotionEstimate) -> None:
+        """Start the motion of the discs with the first call; update the clearances."""
+        if self.discs and not self._disc_obstacles:
+            self._disc_obstacles = tuple(d.locate(self.path, motion.t) for d in self.discs)
+            self.set_moving_obstacles(())
         pose = motion.pose
-        ahead = self._vehicle.body.l_r
-        x = pose.x + ahead * cos(pose.yaw)
-        y = pose.y + ahead * sin(pose.yaw)
-        for k, o in enumerate(self._still):
-            self.air[k] = min(self.air[k], air(x, y, pose.yaw, o, self.path, motion.t))
+        l_r = self._vehicle.body.l_r
+        x = pose.x + l_r * cos(pose.yaw)
+        y = pose.y + l_r * sin(pose.yaw)
+        for k, o in enumerate(self._disc_obstacles):
+            self.air[k] = min(self.air[k], clearance(x, y, pose.yaw, o, self.path, motion.t))
 
-    def _turned(self, motion: MotionEstimate) -> float:
-        """The angle [rad] of the command that is in force."""
+    def _hold_steering(self, motion: MotionEstimate) -> float:
+        """Return the angle [rad] of the current command and record it."""
         low, high = self.plant.lock
         angle = min(max(self.plant.angle_of(self._st), low), high)
-        self._prediction.sent(motion.t, angle)
+        self._prediction.record_command(motion.t, angle)
         return angle
 
-    def _planned(self, motion: MotionEstimate) -> Plan:
-        """The plan from the time on at which it acts; ``why`` where there is none to drive by."""
-        where, s = self._see(motion, self.plant.late.transport)
-        plan = self.plan
-        tau = float(plan.at(where.t)[6]) if plan else self.mpcc.limits.tau[0]
-        acts = self._learning.disturbance.effective
-        state = first_state(self.plant, where, self._vehicle.body.l_r, tau, acts(where.servo))
-        sent = float(plan.inputs[0, 0]) if plan else tau
+    def _make_plan(self, motion: MotionEstimate) -> MpcPlan:
+        """Plan from the time at which the inputs act; set ``why`` if the plan cannot be driven."""
+        future, s = self._predict_motion(motion, self.plant.delay.transport)
+        last_plan = self.plan
+        tau = float(last_plan.state_at(future.t)[6]) if last_plan else self.mpcc.limits.tau[0]
+        effective = self._learning.disturbance.effective
+        state = make_first_state(
+            self.plant, future, self._vehicle.body.l_r, tau, effective(future.servo)
+        )
+        last_tau = float(last_plan.inputs[0, 0]) if last_plan else tau
         low, high = self.mpcc.limits.st
-        self.mpcc.turn_within(acts(low), acts(high))
-        found: Plan = self.mpcc.plan(where.t, state, s, (sent, acts(self._st)))
-        self._missed = self._missed + 1 if found.outcome is Outcome.LATE else 0
-        self.why = why_of(found.outcome, self._missed)
-        return found
+        self.mpcc.set_steering_range(effective(low), effective(high))
+        plan: MpcPlan = self.mpcc.plan(future.t, state, s, (last_tau, effective(self._st)))
+        self._late_plans = self._late_plans + 1 if plan.outcome is PlanOutcome.LATE else 0
+        self.why = describe_failure(plan.outcome, self._late_plans)
+        return plan
 
-    def _paces(self, s: FloatArray) -> FloatArray:
-        return np.array([self.pace(float(at)) for at in s])
+    def _target_speeds(self, s: FloatArray) -> FloatArray:
+        """Return the target speeds [m/s] at arc lengths [m]."""
+        return np.array([self.pace(float(one)) for one in s])
 
 
-def _passable(k: int, disc: Disc, o: Obstacle, lane: float) -> None:
-    """Raises UsageError for an obstacle that no plan passes within the lane."""
-    room = needed(o) + EDGE
-    if room > lane:
+def _check_passable(k: int, disc: Disc, o: Obstacle, lane: float) -> None:
+    """Raise UsageError for an obstacle that no plan passes within the lane."""
+    needed_width = required_offset(o) + OBSTACLE_LANE_MARGIN
+    if needed_width > lane:
         side = "left" if o.offset > 0.0 else "right"
         raise UsageError(
-            f"obstacle {k} leaves no way within the lane",
+            f"obstacle {k} leaves no passage within the lane",
             found=f"{abs(o.offset):.2f} m to the {side} of the path at {o.s:.2f} m, radius "
-                  f"{disc.radius:g} m: the car would have to go {needed(o):.2f} m beside the path",
-            expected=f"{EDGE:g} m less than the lane of {lane:g} m to either side",
-            remedy=f"--lane {room + 0.005:.2f} where there is room, or move the obstacle")
+                  f"{disc.radius:g} m: the car would need an offset of {required_offset(o):.2f} m"
+                  " from the path",
+            expected=f"{OBSTACLE_LANE_MARGIN:g} m less than the lane of {lane:g} m to either side",
+            remedy=f"--lane {needed_width + 0.005:.2f} if there is space, or move the obstacle")
 
 
-def _limits(plant: Plant) -> Limits:
-    """Of the car: dead band, stops, most throttle; tyres by the model."""
-    ends = np.abs(plant.steady.ends) * SPEEDS**2
-    return Limits(*inputs_of(plant), lateral=GRIP * float(ends.max(axis=1).min()))
+def _limits(plant: Plant) -> MpcLimits:
+    """Return the limits of the car: dead band, stops, largest throttle; tyres by the model."""
+    ends = np.abs(plant.steady.tyre_limits) * SPEEDS**2
+    return MpcLimits(*input_ranges(plant), lateral=TYRE_SHARE * float(ends.max(axis=1).min()))

@@ -1,51 +1,53 @@
-"""Steering of a platoon's car by what its own lidar sees beside it: the middle between two boards.
+"""Steering of a platoon's car by its lidar: in the middle between two boards.
 
-The pose in the room then only says how far along the path the car is: an error of it across, which
-a tracker on the path follows, is none here.
+The external pose then only supplies the arc length, so its lateral error does not matter.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dart_hal.control.ending import PATIENCE, Phase
+from dart_hal.control.ending import MAX_POSE_GAP, Phase
 from dart_hal.control.lane_follow import LaneFollower
-from dart_hal.control.on_path import OnPath
+from dart_hal.control.on_path import PathTracker
 from dart_hal.control.paths import Path
 from dart_hal.control.plant import Plant
 from dart_hal.core.types import MotionEstimate, Scan
 
 
-class Boards(LaneFollower):
-    """A lane without a speed of its own: who follows in a platoon may stand, and may go on."""
+class BoardFollower(LaneFollower):
+    """A lane follower without a speed of its own: in a platoon a car may stop and continue."""
 
-    def _wanted(self, speed: float) -> float:
+    def _target_speed(self, speed: float) -> float:
         return speed
 
-    def _judge(self, t: float) -> None:
-        if self.phase is Phase.FOLLOWING and t - self._whole > PATIENCE:
-            self._end(f"{self._fault()} for {t - self._whole:.1f} s")
+    def _check_end(self, t: float) -> None:
+        if self.phase is Phase.FOLLOWING and t - self._lane_t > MAX_POSE_GAP:
+            self._end(f"{self._describe_fault()} for {t - self._lane_t:.1f} s")
 
 
-class ByLane(OnPath):
-    """A tracker whose ``offset`` [m] is from the middle of the lane; ``look`` before ``steer``.
-    ``why``: no lane is seen yet, or for 0.5 s; the latter for good."""
+class LaneTracker(PathTracker):
+    """A tracker whose ``offset`` [m] is from the middle of the lane; call ``add_scans`` before
+    ``steer``.
+
+    ``why``: no lane was found yet, or none for 0.5 s; the latter is permanent.
+    """
 
     def __init__(self, path: Path, plant: Plant) -> None:
         super().__init__(path, plant)
-        self.lane = Boards(plant, cap=0.0)
+        self.lane = BoardFollower(plant, cap=0.0)
         self._scans: Sequence[Scan] = ()
 
-    def look(self, scans: Sequence[Scan]) -> None:
-        """What came since the last."""
+    def add_scans(self, scans: Sequence[Scan]) -> None:
+        """Set the scans since the last call."""
         self._scans = scans
 
     def steer(self, motion: MotionEstimate) -> float:
         """See ``Tracker``."""
-        self._see(motion, 0.0)
+        self._predict_motion(motion, 0.0)
         command = self.lane.answer(motion.t, motion.speed, self._scans)
         self._scans = ()
         self.offset = self.lane.offset
-        waits = self.lane.phase is Phase.WAITING
-        self.why = "no lane was seen yet" if waits else self.lane.why
+        is_waiting = self.lane.phase is Phase.WAITING
+        self.why = "no lane was found yet" if is_waiting else self.lane.why
         return command.steering

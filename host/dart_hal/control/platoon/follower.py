@@ -1,13 +1,13 @@
-"""One follower of a platoon: gap, told speed and own speed in, acceleration out.
+"""One follower of a platoon: from gap, reported speed and own speed to an acceleration.
 
     CACC   the predecessor's acceleration is fed forward
-    ACC    it is not: nothing was heard for 0.3 s, or what is told is not what is driven; where even
-           the told speed is not, the lidar's has to do, and the car ahead may stand at any time
+    ACC    it is not: no report for 0.3 s, or the reports do not match the motion. Without reported
+           speeds the lidar supplies the speed, and the car ahead may be at rest at any time
     STOP   no gap is known for 0.5 s: brakes to rest
 
-In every mode the rule of ``safe`` has the last word. It counts on the newest told speed less what a
-full brake takes off it since, down to a predecessor that stands, and on the gap that is left if it
-brakes so: silence only makes it careful.
+In every mode the safety filter (``safe``) has the last word. It assumes that the predecessor has
+braked fully since its newest report, down to rest, and the gap that remains if it brakes so:
+missing messages only make it more careful.
 """
 
 from __future__ import annotations
@@ -17,27 +17,34 @@ from dataclasses import dataclass
 from enum import Enum
 from math import inf
 
-from dart_hal.control.platoon.detector import Detector
-from dart_hal.control.platoon.gains import STABLE, Gains
-from dart_hal.control.platoon.hearing import FRESH, LOST, Hearing, Told
-from dart_hal.control.platoon.laws import acc, clipped, limited
-from dart_hal.control.platoon.safe import Margins, Underway, safe
+from dart_hal.control.platoon.detector import AttackDetector
+from dart_hal.control.platoon.gains import STABLE, PlatoonGains
+from dart_hal.control.platoon.hearing import (
+    MAX_ACCELERATION_AGE,
+    MAX_SPEED_AGE,
+    PredecessorReport,
+    ReportFilter,
+)
+from dart_hal.control.platoon.laws import acc, clip, limit_feed_forward
+from dart_hal.control.platoon.safe import PendingCommands, SafetyMargins, safe_acceleration
 
-# s without a gap, four scans.
-BLIND = 0.5
-# Of a measured gap, and of what it says of the predecessor's speed while that tells nothing.
-TRUST = 0.5
-LEARN = 0.15
-# s without a message, after which the lidar has learnt that speed: a dozen scans.
-LEARNT = 1.5
-# Of each new gap in the mean by which gaps come otherwise than the told speed leads; and m of it
-# that are a lie. Noise of 2 cm leaves 0.5 cm of mean; a speed told 0.16 m/s wrong ends at 4 cm.
-DRIFT = 0.1
-BEYOND = 0.04
+# Longest time without a gap [s], four scans.
+MAX_GAP_AGE = 0.5
+# Gain of a measured gap, and of its rate in the estimate of the predecessor's speed without
+# reports.
+GAP_GAIN = 0.5
+SPEED_GAIN = 0.15
+# Time without a report after which the lidar has estimated that speed [s]: a dozen scans.
+MAX_LEARNING_AGE = 1.5
+# Gain of the mean difference between measured and predicted gaps, and the mean [m] that proves
+# false reports. Noise of 2 cm causes 0.5 cm; a reported speed that is wrong by 0.16 m/s ends at 4
+# cm.
+DRIFT_GAIN = 0.1
+MAX_DRIFT = 0.04
 
 
-class Mode(str, Enum):
-    """How it follows; LEAD: it is the first."""
+class PlatoonMode(str, Enum):
+    """How it follows; LEAD: it is the first car."""
 
     LEAD = "LEAD"
     CACC = "CACC"
@@ -50,149 +57,185 @@ class Mode(str, Enum):
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """metres [m] from the predecessor's tail to the own nose at t [s]; error [m]: at most."""
+    """Distance from the predecessor's tail to the own nose at t [s]; error [m]: largest error."""
 
     t: float
     metres: float
     error: float
 
 
-class Follower:
-    """``answer`` each ``dt`` s, with ``hearing`` fed as messages come. ``mode`` and, where it is
-    not CACC, ``why``; ``counts``: answers in each mode by its name, and those that the RULE made.
+class PlatoonFollower:
+    """Call ``answer`` each ``dt`` s and feed ``hearing`` with the reports.
 
-    gap [m]: as it is thought to be now, ``ahead`` [m/s]: the predecessor's speed; doubted: what it
-    tells of it is not believed, for good. rule False, no
-    compensation: as published. trust: of one measured gap, 1: it is exact.
+    ``mode``; ``why``: reason of a mode other than CACC; ``counts``: calls in each mode by its name,
+    and those with an acceleration of the safety filter, RULE.
+
+    gap [m]: estimate for now; ``predecessor_speed`` [m/s]; ``distrusts``: the reports are not used
+    any more. rule False, no compensation: as published. trust: gain of a measured gap, 1: it is
+    exact.
     """
 
-    def __init__(self, gains: Gains = STABLE, dt: float = 0.05, delay: float = 0.1,
-                 margins: Margins | None = None, *, rule: bool = True, compensated: bool = True,
-                 detects: bool = True, trust: float = TRUST) -> None:
+    def __init__(
+        self,
+        gains: PlatoonGains = STABLE,
+        dt: float = 0.05,
+        delay: float = 0.1,
+        margins: SafetyMargins | None = None,
+        *,
+        rule: bool = True,
+        compensated: bool = True,
+        detects: bool = True,
+        trust: float = GAP_GAIN,
+    ) -> None:
         self.gains = gains
         self.dt = dt
-        self.margins = margins or Margins()
-        self.hearing = Hearing()
-        self.detector = Detector(dt)
-        self.mode = Mode.STOP
-        self.why = "nothing was seen yet"
+        self.margins = margins or SafetyMargins()
+        self.hearing = ReportFilter()
+        self.detector = AttackDetector(dt)
+        self.mode = PlatoonMode.STOP
+        self.why = "no gap was measured yet"
         self.counts: Counter[str] = Counter()
         self.gap = inf
         self.error = 0.0
-        self.ahead = self._drift = 0.0
-        self._short = self._slower = 0.0
-        """m, m/s by which the gap and the predecessor's speed may be less than they are thought."""
-        self.doubted = False
+        self.predecessor_speed = self._drift = 0.0
+        self._gap_deficit = self._speed_deficit = 0.0
+        """Largest errors [m], [m/s] by which gap and predecessor speed may be smaller."""
+        self.distrusts = False
         self._rule = rule
         self._compensated = compensated
         self._detects = detects
         self._trust = trust
-        self._underway = Underway(delay, dt, gains.v_max, self.margins.b_s)
+        self._pending = PendingCommands(delay, dt, gains.v_max, self.margins.b_s)
         self._forward = 0.0
         self._speed: float | None = None
-        self._seen = -inf
+        self._gap_t = -inf
 
     def answer(self, t: float, speed: float, gap: Gap | None = None) -> float:
-        """Acceleration [m/s2] to ask for at t [s] with the own speed [m/s]; gap: None without a
-        new one."""
-        self._go_on(t, speed)
-        self._see(t, speed, gap)
-        told, age = self._told(t)
-        if told is not None and age <= LOST and self._detects:
-            driven = (speed - self._speed) / self.dt if self._speed is not None else 0.0
-            self.detector.look(speed, told.speed, driven, told.acceleration)
+        """Return the acceleration [m/s2] at t [s] with the own speed [m/s]; gap: None without a new
+        one.
+
+        1. Predict gap and predecessor speed, correct them by a new gap.
+        2. Check the reports by the detector; select the mode.
+        3. Linear law for the state after the pending commands.
+        4. Limit by the safety filter, with the worst case of the predecessor, and by the car.
+        """
+        self._predict_gap(t, speed)
+        self._correct_gap(t, speed, gap)
+        report, age = self._trusted_report(t)
+        if report is not None and age <= MAX_SPEED_AGE and self._detects:
+            acceleration = (speed - self._speed) / self.dt if self._speed is not None else 0.0
+            self.detector.update(speed, report.speed, acceleration, report.acceleration)
         else:
-            self.detector.forget()
+            self.detector.restart()
         self._speed = speed
-        self._judge(t, age)
-        way, then = self._underway.through(speed)
-        wanted = self.gains.u_min if self.mode is Mode.STOP else self._wanted(speed, way, then)
-        u = wanted
+        self._select_mode(t, age)
+        distance, speed_then = self._pending.predict(speed)
+        nominal = (
+            self.gains.u_min
+            if self.mode is PlatoonMode.STOP
+            else self._linear_law(speed, distance, speed_then)
+        )
+        u = nominal
         if self._rule and self.gap < inf:
             b_p = self.margins.b_p
-            least = max(told.speed - b_p * age, 0.0) if told is not None else 0.0
-            bound = safe(self.gap - self._short, way, then, least, self.dt, self._margins())
-            self.counts["RULE"] += int(bound < wanted)
-            u = min(wanted, bound)
-        u = clipped(self.gains, u)
-        self._underway.send(u)
+            min_speed = max(report.speed - b_p * age, 0.0) if report is not None else 0.0
+            bound = safe_acceleration(
+                self.gap - self._gap_deficit,
+                distance,
+                speed_then,
+                min_speed,
+                self.dt,
+                self._margins(),
+            )
+            self.counts["RULE"] += int(bound < nominal)
+            u = min(nominal, bound)
+        u = clip(self.gains, u)
+        self._pending.send(u)
         self.counts[self.mode.value] += 1
         return u
 
-    def _told(self, t: float) -> tuple[Told | None, float]:
-        """What counts of what was told, and its age [s]."""
-        return (None, inf) if self.doubted else (self.hearing.newest, self.hearing.age(t))
+    def _trusted_report(self, t: float) -> tuple[PredecessorReport | None, float]:
+        """Return the newest trusted report and its age [s]."""
+        return (None, inf) if self.distrusts else (self.hearing.newest, self.hearing.age(t))
 
-    def _go_on(self, t: float, speed: float) -> None:
-        """The predecessor's speed, as long as it tells it; the gap, by both speeds over the step,
-        and by how much it is less where the predecessor has braked fully since it told."""
-        told, age = self._told(t)
-        before = self.ahead
-        slower = self._slower
-        if told is not None and age <= LOST:
-            self.ahead = max(told.speed, 0.0)
-        if told is not None and age <= LEARNT:
-            least = told.speed - self.margins.b_p * age
+    def _predict_gap(self, t: float, speed: float) -> None:
+        """Predict the predecessor's speed by its report, and the gap by both speeds over the step.
+
+        _gap_deficit and _speed_deficit: by how much both are less if the predecessor has braked
+        fully since its report.
+        """
+        report, age = self._trusted_report(t)
+        last_speed = self.predecessor_speed
+        last_deficit = self._speed_deficit
+        if report is not None and age <= MAX_SPEED_AGE:
+            self.predecessor_speed = max(report.speed, 0.0)
+        if report is not None and age <= MAX_LEARNING_AGE:
+            min_speed = report.speed - self.margins.b_p * age
         else:
-            least = self.ahead - self.margins.b_p * (t - self._seen)
-        self._slower = max(self.ahead - max(least, 0.0), 0.0)
+            min_speed = self.predecessor_speed - self.margins.b_p * (t - self._gap_t)
+        self._speed_deficit = max(self.predecessor_speed - max(min_speed, 0.0), 0.0)
         if self.gap < inf:
-            own = speed if self._speed is None else 0.5 * (self._speed + speed)
-            self.gap += (0.5 * (before + self.ahead) - own) * self.dt
-            self._short += 0.5 * (slower + self._slower) * self.dt
+            own_speed = speed if self._speed is None else 0.5 * (self._speed + speed)
+            self.gap += (0.5 * (last_speed + self.predecessor_speed) - own_speed) * self.dt
+            self._gap_deficit += 0.5 * (last_deficit + self._speed_deficit) * self.dt
 
-    def _see(self, t: float, speed: float, gap: Gap | None) -> None:
-        """The gap of now: what is known goes on, what is new corrects it."""
-        if gap is None or gap.t <= self._seen:
+    def _correct_gap(self, t: float, speed: float, gap: Gap | None) -> None:
+        """Correct the predicted gap by a new one; without reports also the speed."""
+        if gap is None or gap.t <= self._gap_t:
             return
-        new = gap.metres + (self.ahead - speed) * (t - gap.t)
-        if self.gap == inf or t - self._seen > BLIND:
+        new = gap.metres + (self.predecessor_speed - speed) * (t - gap.t)
+        if self.gap == inf or t - self._gap_t > MAX_GAP_AGE:
             self.gap = new
-            self._short = 0.0
+            self._gap_deficit = 0.0
         else:
-            off = new - self.gap
-            self.gap += self._trust * off
-            self._short *= 1.0 - self._trust
-            self._drift += DRIFT * (off - self._drift)
-            self.doubted |= self._detects and abs(self._drift) > BEYOND
-            if self._told(t)[1] > LOST:
-                since = max(gap.t - self._seen, self.dt)
-                self.ahead = min(max(self.ahead + LEARN * off / since, 0.0), self.gains.v_max)
-        self._seen = gap.t
+            innovation = new - self.gap
+            self.gap += self._trust * innovation
+            self._gap_deficit *= 1.0 - self._trust
+            self._drift += DRIFT_GAIN * (innovation - self._drift)
+            self.distrusts |= self._detects and abs(self._drift) > MAX_DRIFT
+            if self._trusted_report(t)[1] > MAX_SPEED_AGE:
+                since = max(gap.t - self._gap_t, self.dt)
+                self.predecessor_speed = min(
+                    max(self.predecessor_speed + SPEED_GAIN * innovation / since, 0.0),
+                    self.gains.v_max,
+                )
+        self._gap_t = gap.t
         self.error = gap.error
 
-    def _judge(self, t: float, age: float) -> None:
-        if t - self._seen > BLIND:
-            self.mode = Mode.STOP
-            self.why = f"no gap is known for {BLIND:g} s"
-        elif self.doubted:
-            self.mode = Mode.ACC
-            self.why = "it is not where its speed leads"
+    def _select_mode(self, t: float, age: float) -> None:
+        """Select mode and reason."""
+        if t - self._gap_t > MAX_GAP_AGE:
+            self.mode = PlatoonMode.STOP
+            self.why = f"no gap is known for {MAX_GAP_AGE:g} s"
+        elif self.distrusts:
+            self.mode = PlatoonMode.ACC
+            self.why = "its position does not match its reported speed"
         elif self.detector.attacked:
-            self.mode = Mode.ACC
-            self.why = "it does not drive what it tells"
-        elif age > FRESH:
-            self.mode = Mode.ACC
-            self.why = f"nothing was heard for {FRESH:g} s"
+            self.mode = PlatoonMode.ACC
+            self.why = "it does not drive its reported acceleration"
+        elif age > MAX_ACCELERATION_AGE:
+            self.mode = PlatoonMode.ACC
+            self.why = f"no report for {MAX_ACCELERATION_AGE:g} s"
         else:
-            self.mode = Mode.CACC
+            self.mode = PlatoonMode.CACC
             self.why = ""
 
-    def _wanted(self, speed: float, way: float, then: float) -> float:
-        """By the linear law, and what is fed forward of the predecessor's acceleration."""
+    def _linear_law(self, speed: float, distance: float, speed_then: float) -> float:
+        """Return the linear law plus the feed-forward of the reported acceleration."""
         gains = self.gains
         gap = self.gap
         if self._compensated:
-            gap = gap - way + self.ahead * self._underway.delay
-            speed = then
-        told = self.hearing.newest.acceleration if self.hearing.newest is not None else 0.0
-        share = gains.share * told if self.mode is Mode.CACC else 0.0
-        self._forward += gains.beta * (share - self._forward)
-        u = acc(gains, gap, speed, self.ahead)
-        if self.mode is Mode.CACC:
-            u += limited(gains, gap, speed, self.ahead, self._forward)
+            gap = gap - distance + self.predecessor_speed * self._pending.delay
+            speed = speed_then
+        reported = self.hearing.newest.acceleration if self.hearing.newest is not None else 0.0
+        feed_forward = gains.share * reported if self.mode is PlatoonMode.CACC else 0.0
+        self._forward += gains.beta * (feed_forward - self._forward)
+        u = acc(gains, gap, speed, self.predecessor_speed)
+        if self.mode is PlatoonMode.CACC:
+            u += limit_feed_forward(gains, gap, speed, self.predecessor_speed, self._forward)
         return u
 
-    def _margins(self) -> Margins:
+    def _margins(self) -> SafetyMargins:
+        """Return the margins with the error of the present gap."""
         m = self.margins
-        return Margins(m.b_s, m.b_p, max(self.error, m.e_g), m.e_v, m.m)
+        return SafetyMargins(m.b_s, m.b_p, max(self.error, m.e_g), m.e_v, m.m)

@@ -1,4 +1,5 @@
-"""What a predecessor told last: in order, of now, and possible; what is not is counted."""
+"""Acceptance of the predecessor's reports: in order, recent and plausible; the others are counted.
+"""
 
 from __future__ import annotations
 
@@ -6,59 +7,66 @@ from collections import Counter
 from dataclasses import dataclass
 from math import inf, isfinite
 
-# s that a told acceleration counts, six messages of 20 Hz: at 50 % loss one gap of 64 is longer;
-# and that a speed does, as poses of the fleet.
-FRESH = 0.3
-LOST = 0.5
-# s that two clocks may differ.
-EARLY = 0.05
-# s; told each 0.05 s, a time is computed anew with each look, by clocks that are still learnt.
-SAME = 0.002
-# m/s, m/s2; the limit of the feed-forward deals with what no car does. No speed is believed.
-FASTEST = 100.0
-HARDEST = 1e6
+# Age up to which a reported acceleration is used [s], six messages at 20 Hz: at 50 % loss one gap
+# of 64 is longer; and up to which a speed is used, as poses of the fleet.
+MAX_ACCELERATION_AGE = 0.3
+MAX_SPEED_AGE = 0.5
+# Largest difference of two clocks [s].
+MAX_CLOCK_ERROR = 0.05
+# Smallest difference between two reports [s]; they are sent every 0.05 s, and a time is converted
+# again at each reading, with clock offsets that are still estimated.
+MIN_TIME_STEP = 0.002
+# Plausible speeds [m/s] and accelerations [m/s2]; the limit of the feed-forward handles
+# accelerations that no car has.
+MAX_REPORTED_SPEED = 100.0
+MAX_REPORTED_ACCELERATION = 1e6
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """speed [m/s] and acceleration [m/s2] at t [s] of the hearer's clock."""
+class PredecessorReport:
+    """Speed [m/s] and acceleration [m/s2] at t [s] of the receiver's clock."""
 
     t: float
     speed: float
     acceleration: float
 
 
-class Hearing:
-    """``counts``: messages by what they were: TAKEN; AGAIN; OVERTAKEN by a newer one; OLD; EARLY,
-    from later than now; IMPOSSIBLE."""
+class ReportFilter:
+    """``counts``: reports by class: TAKEN; AGAIN: repeated; OVERTAKEN: older than the newest; OLD;
+    EARLY: from the future; IMPOSSIBLE.
+    """
 
     def __init__(self) -> None:
-        self.newest: Told | None = None
-        self._judged_last = -inf
+        self.newest: PredecessorReport | None = None
+        self._last_t = -inf
         self.counts: Counter[str] = Counter()
 
-    def take(self, told: Told, now: float) -> bool:
-        """Whether a message counts, at ``now`` [s]."""
-        again = abs(told.t - self._judged_last) < SAME
-        name = "AGAIN" if again else self._judged(told, now)
-        self._judged_last = told.t
+    def take(self, report: PredecessorReport, now: float) -> bool:
+        """Return whether a report is accepted at ``now`` [s]."""
+        is_repeated = abs(report.t - self._last_t) < MIN_TIME_STEP
+        name = "AGAIN" if is_repeated else self._classify(report, now)
+        self._last_t = report.t
         self.counts[name] += 1
         if name == "TAKEN":
-            self.newest = told
+            self.newest = report
         return name == "TAKEN"
 
     def age(self, now: float) -> float:
-        """s of what counts; inf: nothing ever did."""
+        """Return the age of the newest accepted report [s]; inf: none yet."""
         return inf if self.newest is None else max(now - self.newest.t, 0.0)
 
-    def _judged(self, told: Told, now: float) -> str:
-        if not (all(map(isfinite, (told.t, told.speed, told.acceleration)))
-                and abs(told.speed) <= FASTEST and abs(told.acceleration) <= HARDEST):
+    def _classify(self, report: PredecessorReport, now: float) -> str:
+        """Return the class of a report."""
+        if not (
+            all(map(isfinite, (report.t, report.speed, report.acceleration)))
+            and abs(report.speed) <= MAX_REPORTED_SPEED
+            and abs(report.acceleration) <= MAX_REPORTED_ACCELERATION
+        ):
             return "IMPOSSIBLE"
-        if told.t > now + EARLY:
+        if report.t > now + MAX_CLOCK_ERROR:
             return "EARLY"
-        if now - told.t > LOST:
+        if now - report.t > MAX_SPEED_AGE:
             return "OLD"
-        if self.newest is not None and told.t < self.newest.t + SAME:
+        if self.newest is not None and report.t < self.newest.t + MIN_TIME_STEP:
             return "OVERTAKEN"
         return "TAKEN"
