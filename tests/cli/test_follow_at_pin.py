@@ -111,13 +111,13 @@ def test_a_car_that_rolls_away_is_given_up_at_neutral(monkeypatch):
     assert not follower.good
     assert "it still rolls at" in follower.why
     t, us = pulses.T
-    assert t[-1] - t[us > neutral + 5.0].max() > stopping.WITHIN  # neutral all the while
+    assert t[-1] - t[us > neutral + 5.0].max() > stopping.MAX_ROLL_TIME  # neutral all the while
     assert pulses[-5:, 1] == pytest.approx(neutral, abs=5.0)
 
 
 @pytest.mark.slow
 def test_control_without_that_time_it_never_ends(monkeypatch):
-    monkeypatch.setattr(stopping, "WITHIN", 1e9)
+    monkeypatch.setattr(stopping, "MAX_ROLL_TIME", 1e9)
     monkeypatch.setattr(NeutralWatch, "update", lambda *_: False)
     with pytest.raises(NeverEnds):
         driven(2.8, downhill=True, until=8.0)

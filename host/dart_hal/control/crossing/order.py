@@ -259,3 +259,7 @@ def precedence(car: CarOrder, j: int) -> Precedence:
     if other.phase is not CrossingPhase.FREE and other.ts > 0 and (other.ts, j) < (car.ts, car.id):
         return Precedence.AFTER
     return Precedence.GRANTED if other.grant == car.ts > 0 else Precedence.UNGRANTED
+
+
+# Name of version 0.1.
+Phase = CrossingPhase

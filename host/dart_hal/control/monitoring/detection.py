@@ -68,3 +68,7 @@ def clearing_time(
         if not may_be.any():
             return float(now)
     return float("inf")
+
+
+# Name of version 0.1.
+hiding = hidden_regions

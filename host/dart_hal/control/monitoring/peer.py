@@ -102,3 +102,7 @@ class Peer:
 def phase_difference(a: float, b: float) -> float:
     """Return a - b [rad], -pi to pi."""
     return remainder(a - b, 2.0 * pi)
+
+
+# Name of version 0.1.
+STEP = PLAN_STEP

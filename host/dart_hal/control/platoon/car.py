@@ -196,3 +196,7 @@ class PlatoonCar:
             max(target, speed - MAX_SPEED_LEAD, 0.0), speed + MAX_SPEED_LEAD, self.gains.v_max
         )
         return target if target > CRAWL_SPEED or self.u > 0.0 else 0.0
+
+
+# Name of version 0.1.
+Ahead = PredecessorState

@@ -239,3 +239,7 @@ class PlatoonFollower:
         """Return the margins with the error of the present gap."""
         m = self.margins
         return SafetyMargins(m.b_s, m.b_p, max(self.error, m.e_g), m.e_v, m.m)
+
+
+# Name of version 0.1.
+Follower = PlatoonFollower

@@ -94,3 +94,7 @@ def safe_acceleration(
     square = (0.5 * b * dt) ** 2 + 2.0 * b * (stopping_distance - 0.5 * speed * dt)
     next_speed = sqrt(square) - 0.5 * b * dt if stopping_distance >= 0.0 <= square else -inf
     return (next_speed - speed) / dt if next_speed >= 0.0 else -inf
+
+
+# Name of version 0.1.
+Margins = SafetyMargins
