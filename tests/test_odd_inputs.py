@@ -25,7 +25,7 @@ from dart_hal.devices.poses import line
 from dart_hal.devices.poses.file import open_file
 from dart_hal.devices.poses.reading import Convention
 from dart_hal.estimation.localisation.grid import read_grid
-from dart_hal.recording.mcap_records import MAGIC, as_written, parse_mcap
+from dart_hal.recording.mcap_records import MCAP_MAGIC, parse_mcap, record_bytes
 from dart_hal.vehicle.load import find_model
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -396,9 +396,9 @@ def test_a_file_of_poses_with_an_odd_cell(tmp_path, cell):
 def test_facts_of_a_recording_that_no_parser_can_hold_are_left_out(tmp_path):
     from mcap.records import Attachment
 
-    data = MAGIC
+    data = MCAP_MAGIC
     for text in ("[" * 100_000, "9" * 5000, '{"a": ' * 5000, '"x"', "[[1, 2]]"):
-        data += as_written(Attachment(0, 0, "run", "application/json", text.encode()))
+        data += record_bytes(Attachment(0, 0, "run", "application/json", text.encode()))
     found = parse_mcap(tmp_path, data)
     assert found.metadata in ({}, {"run": {1: 2}})
 

@@ -16,7 +16,7 @@ from dart_hal.core.errors import ConfigError, RecordingError
 from dart_hal.core.text_file import decode_text, read_text
 from dart_hal.devices.poses import open_poses
 from dart_hal.recording.dart.table import parse
-from dart_hal.recording.table import COLUMNS, read_csv
+from dart_hal.recording.table import CSV_COLUMNS, read_csv
 
 ROOT = Path(__file__).resolve().parents[1]
 CAR = ROOT / "cars" / "dart-01"
@@ -39,9 +39,9 @@ def read_poses(folder, data):
 
 
 def read_run(folder, data):
-    row = ["0.0"] * len(COLUMNS)
+    row = ["0.0"] * len(CSV_COLUMNS)
     row[1], row[7], row[-1], row[-2] = "1", "2", "", ""
-    (folder / "r.csv").write_bytes(data(",".join(COLUMNS) + "\n" + ",".join(row) + "\n"))
+    (folder / "r.csv").write_bytes(data(",".join(CSV_COLUMNS) + "\n" + ",".join(row) + "\n"))
     return len(read_csv(folder / "r.csv")) == 1
 
 

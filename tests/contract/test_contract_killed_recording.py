@@ -11,7 +11,7 @@ import time
 import pytest
 
 from dart_hal.recording.run import RunReader
-from dart_hal.recording.run_file import FLUSH
+from dart_hal.recording.run_file import CHUNK_TIME
 
 pytestmark = pytest.mark.realtime
 
@@ -40,7 +40,7 @@ LIMIT = 0.1
 """s of a recording that a kill may cost."""
 
 
-@pytest.mark.parametrize("flush", [FLUSH, 1e9])
+@pytest.mark.parametrize("flush", [CHUNK_TIME, 1e9])
 @pytest.mark.slow_except("0.05")
 def test_a_kill_costs_a_recording_less_than_a_tenth_of_a_second(served, tmp_path, flush):
     """What the program had seen stands in shared memory, which outlives it. The control flushes
@@ -60,7 +60,7 @@ def test_a_kill_costs_a_recording_less_than_a_tenth_of_a_second(served, tmp_path
     assert not run.complete
     assert not run.damaged
     kept = max((chunk.t for chunk in run.chunks()), default=float("-inf"))
-    if flush == FLUSH:
+    if flush == CHUNK_TIME:
         assert last - kept <= LIMIT
         assert run.notices, "and it is said"
     else:

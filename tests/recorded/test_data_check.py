@@ -12,7 +12,7 @@ import pytest
 from dart_hal.cli.main import main
 from dart_hal.recording.check import DONE, check, summary
 from dart_hal.recording.check.facts import marks, named_time
-from dart_hal.recording.check.findings import DROPPED
+from dart_hal.recording.check.findings import DROPPED_KINDS
 from dart_hal.recording.dart import read, read_all
 from dart_hal.recording.dart.reference import SEP_24
 from dart_lab.pages.data_show import broken
@@ -303,7 +303,7 @@ def test_every_kind_with_which_something_is_done_has_its_sentence(excerpt):
     found, _ = read_all([excerpt])
     done = {x.kind for r in found for x in check(r).findings if x.effect != "said"}
     assert len(done) > 8
-    assert done | set(DROPPED) <= set(DONE)
+    assert done | set(DROPPED_KINDS) <= set(DONE)
 
 
 def test_a_run_is_dated_by_its_name():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dart_hal.recording.dart import grid, marker, read
-from dart_hal.recording.dart.sensors import GAP
+from dart_hal.recording.dart.sensors import MAX_MESSAGE_GAP
 from dart_lab.identification.prediction.windows import BEFORE, CLEAN, find_windows
 from tests.recorded.simulated_recording import simulated, table_of, write_table
 
@@ -108,7 +108,7 @@ def test_silent_sensors_are_a_gap_although_the_mocap_goes_on(driven, tmp_path):
         if not name.startswith("vicon"):
             table[name][silent] = table[name][last]
     g, windows = windows_of(write_table(table, tmp_path / "silent.csv"), frame)
-    assert_clean(g, windows, [(15.1 + GAP, 16.0)])
+    assert_clean(g, windows, [(15.1 + MAX_MESSAGE_GAP, 16.0)])
 
 
 def test_silent_commands_of_a_run_are_a_gap(driven):
@@ -120,4 +120,4 @@ def test_silent_commands_of_a_run_are_a_gap(driven):
         "yaw_rate", "accel_x", "accel_y")})
     for schema in ("B", "C", "run"):
         g = grid(replace(recording, messages=thinned, schema=schema), frame)
-        assert_clean(g, find_windows(g).start, [(15.0 + GAP, 16.4)])
+        assert_clean(g, find_windows(g).start, [(15.0 + MAX_MESSAGE_GAP, 16.4)])

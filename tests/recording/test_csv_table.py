@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import Applied
-from dart_hal.recording.table import COLUMNS, DART_COLUMNS, CsvWriter, DartCsvWriter, read_csv
+from dart_hal.recording.table import CSV_COLUMNS, DART_COLUMNS, CsvWriter, DartCsvWriter, read_csv
 
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 
@@ -27,7 +27,7 @@ def test_round_trip_is_exact(tmp_path_factory, t, speed, yaw_rate):
     with CsvWriter(path) as writer:
         writer.state(state)
     (row,) = read_csv(path)
-    assert tuple(row) == COLUMNS
+    assert tuple(row) == CSV_COLUMNS
     assert (row["t"], row["speed"], row["yaw_rate"], row["accel_x"]) == (t, speed, yaw_rate, None)
     assert (row["x"], row["steering_us"], row["ticks"]) == (1 / 3, 1500.5, 7)
     assert row["limited"] == ("RANGE", "OVERRIDDEN(safety)")
@@ -48,7 +48,7 @@ def test_a_cut_off_row_is_dropped(tmp_path, state):
 
 
 @pytest.mark.parametrize("content", [b"", b"a,b\n1,2\n", b"\xff\xfe\x00",
-                                     (",".join(COLUMNS) + "\nx\n").encode()])
+                                     (",".join(CSV_COLUMNS) + "\nx\n").encode()])
 def test_another_file_is_refused_by_name(tmp_path, content):
     path = tmp_path / "other.csv"
     path.write_bytes(content)

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
 from dart_hal.recording import mcap_records
-from dart_hal.recording.mcap_records import MAGIC, PREFIX, McapFile, parse_mcap, records
+from dart_hal.recording.mcap_records import MCAP_MAGIC, PREFIX, McapFile, parse_mcap, records
 from dart_hal.recording.run import RunReader
 
 
@@ -34,7 +34,7 @@ def run_bytes(tmp_path_factory, request):
 @pytest.fixture(scope="module")
 def unchunked(run_bytes):
     """The same as a tool that knows no chunks would write it: nothing has a checksum."""
-    out = bytearray(MAGIC)
+    out = bytearray(MCAP_MAGIC)
     for block in parse_mcap("run", run_bytes).blocks[1:]:  # the first repeats the channels
         for opcode, start, end in records(block):
             if opcode != Opcode.ATTACHMENT:
@@ -42,15 +42,15 @@ def unchunked(run_bytes):
     return bytes(out)
 
 
-def messages(found: McapFile) -> list[mcap_records.Message]:
+def messages(found: McapFile) -> list[mcap_records.McapMessage]:
     return list(found.messages())
 
 
 def chunks(data: bytes) -> list[tuple[int, int]]:
     """(start, end) of every chunk record of a whole file."""
     return [(s - PREFIX.size, e) for opcode, s, e in
-            ((o, s + len(MAGIC), e + len(MAGIC)) for o, s, e in records(
-                data[len(MAGIC):-len(MAGIC)])) if opcode == Opcode.CHUNK]
+            ((o, s + len(MCAP_MAGIC), e + len(MCAP_MAGIC)) for o, s, e in records(
+                data[len(MCAP_MAGIC):-len(MCAP_MAGIC)])) if opcode == Opcode.CHUNK]
 
 
 def is_part(found, whole) -> bool:
@@ -105,7 +105,7 @@ def test_no_damage_invents_a_message(run_bytes, tmp_path_factory, places):
     whole = parse_mcap(tmp_path_factory.getbasetemp(), run_bytes)
     data = run_bytes
     for where, size, kind, seed in places:
-        at = len(MAGIC) + int(where * (len(data) - len(MAGIC) - 1))
+        at = len(MCAP_MAGIC) + int(where * (len(data) - len(MCAP_MAGIC) - 1))
         data = damage(data, at, size, kind, seed)
     found = parse_mcap(tmp_path_factory.getbasetemp(), data)
     assert is_part(messages(found), messages(whole))
@@ -241,7 +241,7 @@ def test_without_chunks_a_cut_is_no_damage(unchunked, tmp_path):
 @given(st.floats(0, 1), st.integers(1, 4000), KINDS, st.integers(0, 999))
 def test_without_checksums_no_damage_is_a_crash(unchunked, tmp_path_factory, where, size, kind,
                                                 seed):
-    at = len(MAGIC) + int(where * (len(unchunked) - len(MAGIC) - 1))
+    at = len(MCAP_MAGIC) + int(where * (len(unchunked) - len(MCAP_MAGIC) - 1))
     found = parse_mcap(tmp_path_factory.getbasetemp(), damage(unchunked, at, size, kind, seed))
     assert found.used <= found.length + size
 

@@ -302,8 +302,8 @@ def test_the_repository_is_tried_file_by_file_then_as_an_archive(
         originals, listed, to, serve, tmp_path, monkeypatch):
     (tmp_path / "empty").mkdir()
     as_zip(originals, tmp_path / "x.zip")
-    monkeypatch.setattr(bring, "RAW", serve(quiet(tmp_path / "empty")))
-    monkeypatch.setattr(bring, "ARCHIVE", serve(quiet(tmp_path)) + "/x.zip")
+    monkeypatch.setattr(bring, "RAW_URL", serve(quiet(tmp_path / "empty")))
+    monkeypatch.setattr(bring, "ARCHIVE_URL", serve(quiet(tmp_path)) + "/x.zip")
     outcome = fetch(None, to, registry=listed)
     assert outcome.complete
     assert len(outcome.sources) == 2
@@ -377,7 +377,7 @@ def test_the_verb_brings_what_the_excerpt_has_and_says_what_lacks(capsys, to):
 
 
 def test_no_network_is_one_error_with_what_to_do(capsys, to, monkeypatch):
-    monkeypatch.setattr(bring, "RAW", "http://127.0.0.1:9")
+    monkeypatch.setattr(bring, "RAW_URL", "http://127.0.0.1:9")
     code, out, _ = run(capsys, "--to", to, "--json")
     assert code == 2
     assert out["error"]["code"] == "D-REC-03"

@@ -22,7 +22,7 @@ from dart_hal.recording import expansion
 from dart_hal.recording.dart.table import read_content
 from dart_hal.recording.expansion import ALWAYS_ALLOWED, MAX_RATIO, expand_gzip, expansion_limit
 from dart_hal.recording.fetch.local import Local
-from dart_hal.recording.mcap_records import MAGIC, PREFIX, as_written, parse_mcap
+from dart_hal.recording.mcap_records import MCAP_MAGIC, PREFIX, parse_mcap, record_bytes
 from dart_hal.recording.run import RunReader
 
 BOMB = 64 << 20
@@ -67,7 +67,7 @@ def chunk_record(compression, data, size):
     crc = 0
     for block in content(size):
         crc = zlib.crc32(block, crc)
-    return as_written(Chunk(compression=compression, data=data, message_start_time=0,
+    return record_bytes(Chunk(compression=compression, data=data, message_start_time=0,
                             message_end_time=0, uncompressed_crc=crc, uncompressed_size=size))
 
 
@@ -75,7 +75,7 @@ def mcap_file(*records):
     """A header, records, and the end of the data."""
     header = PREFIX.pack(Opcode.HEADER, 8) + bytes(8)
     end = PREFIX.pack(Opcode.DATA_END, 4) + bytes(4)
-    return MAGIC + header + b"".join(records) + end
+    return MCAP_MAGIC + header + b"".join(records) + end
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])

@@ -22,7 +22,7 @@ stamps = st.floats(0.0, 2.0**31 - 1.0)
 def test_a_pose_comes_back_to_the_bit(stamp, x, y, yaw, frame):
     cov = np.array(((0.01, 1e-3, 2e-4), (1e-3, 0.02, 1e-5), (2e-4, 1e-5, 0.3)))
     pose = ExternalPose(stamp, 1.25, x, y, yaw, cov, frame)
-    again = cdr.external_pose_of(cdr.external_pose(pose), 1.25)
+    again = cdr.decode_external_pose(cdr.encode_external_pose(pose), 1.25)
     assert (again.stamp, again.x, again.y, again.yaw, again.frame) == (
         pose.stamp, x, y, pose.yaw, frame)
     assert again.cov.tobytes() == cov.tobytes()

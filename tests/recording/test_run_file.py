@@ -335,16 +335,17 @@ NUMBER = st.floats(allow_nan=False)
 @given(st.binary(max_size=80), NUMBER, TEXT, st.lists(TEXT, max_size=4))
 @pytest.mark.slow
 def test_cdr_inverses(data, value, text, texts):
-    assert cdr.byte_array_of(cdr.byte_array(data)) == data
-    assert cdr.command_of(cdr.command(value, -value, text)) == (value, -value, text)
+    assert cdr.decode_byte_array(cdr.encode_byte_array(data)) == data
+    assert cdr.decode_command(cdr.encode_command(value, -value, text)) == (value, -value, text)
     pulses = Applied(value, 0.5, 1500.0, 1600.0, tuple(texts))
-    assert cdr.applied_of(cdr.applied(pulses)) == pulses
+    assert cdr.decode_applied(cdr.encode_applied(pulses)) == pulses
 
 
 @pytest.mark.parametrize("cut", [-1, 1, 9])
 def test_a_command_or_pulses_of_another_length_are_refused(cut):
-    whole = {cdr.command_of: cdr.command(0.1, 0.2, "user"),
-             cdr.applied_of: cdr.applied(Applied(0.1, 0.2, 1500.0, 1600.0, ("SLEW", "RANGE")))}
+    applied = Applied(0.1, 0.2, 1500.0, 1600.0, ("SLEW", "RANGE"))
+    whole = {cdr.decode_command: cdr.encode_command(0.1, 0.2, "user"),
+             cdr.decode_applied: cdr.encode_applied(applied)}
     for read, data in whole.items():
         with pytest.raises((ValueError, struct.error)):
             read(data[:-cut] if cut > 0 else data + b"\0")

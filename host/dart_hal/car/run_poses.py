@@ -15,7 +15,7 @@ from dart_hal.recording.dart.mocap import EPOCH_FROM
 from dart_hal.recording.dart.mocap import mocap as read_mocap
 from dart_hal.recording.dart.model import freeze
 from dart_hal.recording.dart.reader import MIN_MOCAP_ROWS
-from dart_hal.recording.dart.schema import MOCAP
+from dart_hal.recording.dart.schema import MOCAP_COLUMNS
 
 
 def mocap_from_poses(poses: Sequence[ExternalPose]) -> tuple[Mocap, float, list[Note]] | None:
@@ -31,7 +31,7 @@ def mocap_from_poses(poses: Sequence[ExternalPose]) -> tuple[Mocap, float, list[
     t, restarts = to_car_time(stamp, np.array([p.arrival for p in poses]))
     notes = [Note(restarts, kind="mocap_time_back")] if restarts else []
     rows = (t, *np.array([(p.x, p.y, p.yaw) for p in poses]).T)
-    mocap, _, more = read_mocap(dict(zip(MOCAP, rows, strict=True)))
+    mocap, _, more = read_mocap(dict(zip(MOCAP_COLUMNS, rows, strict=True)))
     epoch = float(stamp[0]) if stamp[0] > EPOCH_FROM else None
     return replace(mocap, epoch=epoch), float(t[0]), notes + more
 

@@ -38,7 +38,7 @@ from dart_hal.recording.dart import (
 )
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.recording.dart.reader import note_false_lock
-from dart_hal.recording.dart.sensors import GAP
+from dart_hal.recording.dart.sensors import MAX_MESSAGE_GAP
 from dart_hal.recording.run import RunReader
 
 # Frames of 10 ms of which one message is the mean.
@@ -302,7 +302,7 @@ def _messages_at(ends: list[int], t: FloatArray, throttle: FloatArray, steering:
     stamp, tau, (gyro, a_x, a_y) = freeze(t[ends]), freeze(throttle[ends]), imu
     return Messages(
         t=stamp, arrival=stamp, throttle=tau, throttle_raw=tau,
-        segment=freeze_index(np.concatenate([[0], np.cumsum(np.diff(stamp) > GAP)])),
+        segment=freeze_index(np.concatenate([[0], np.cumsum(np.diff(stamp) > MAX_MESSAGE_GAP)])),
         steering=freeze(np.round(steering, 6)), gate=freeze_flags(np.ones(len(ends))),
         speed=freeze(speed), yaw_rate=freeze(gyro), accel_x=freeze(a_x), accel_y=freeze(a_y))
 

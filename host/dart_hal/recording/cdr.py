@@ -20,10 +20,10 @@ _U32 = Struct("<I")
 # Rows of x, y and yaw among x, y, z, roll, pitch, yaw.
 _PLANE = (0, 1, 5)
 # Variance of what two-dimensional odometry does not say (z, roll, pitch).
-_UNKNOWN = 1e6
+_UNKNOWN_VARIANCE = 1e6
 
 
-def _text(value: str, at: int, align: int) -> bytes:
+def _encode_text(value: str, at: int, align: int) -> bytes:
     """A string at offset ``at``, padded so that what follows is aligned."""
     raw = value.encode() + b"\0"
     end = at + 4 + len(raw)
@@ -35,10 +35,10 @@ def _stamp(t: float, zero_ns: int) -> tuple[int, int]:
     return divmod(stamp.split(t)[0] + zero_ns, 10**9)
 
 
-_ODOM_IDS = _text("odom", 8, 4)
-_ODOM_IDS += _text("base_link", 8 + len(_ODOM_IDS), 8)
-_IMU_ID = _text("base_link", 8, 8)
-_DRIVE_ID = _text("base_link", 8, 4)
+_ODOM_IDS = _encode_text("odom", 8, 4)
+_ODOM_IDS += _encode_text("base_link", 8 + len(_ODOM_IDS), 8)
+_IMU_ID = _encode_text("base_link", 8, 8)
+_DRIVE_ID = _encode_text("base_link", 8, 4)
 _ODOMETRY = Struct(f"<4siI{len(_ODOM_IDS)}s85d")
 _IMU = Struct(f"<4siI{len(_IMU_ID)}s37d")
 _DRIVE = Struct(f"<4siI{len(_DRIVE_ID)}s5f")
@@ -51,55 +51,55 @@ _TIME = Struct("<iI")
 _POSE = Struct("<43d")
 _SCAN = Struct("<4s3d")
 _TIMED = Struct("<4siI")
-_IMAGE_IDS = _text("camera", 8, 4)
-_IMAGE_IDS += _text("jpeg", 8 + len(_IMAGE_IDS), 4)
+_IMAGE_IDS = _encode_text("camera", 8, 4)
+_IMAGE_IDS += _encode_text("jpeg", 8 + len(_IMAGE_IDS), 4)
 
 
-def byte_array(data: bytes) -> bytes:
+def encode_byte_array(data: bytes) -> bytes:
     """std_msgs/UInt8MultiArray without a layout."""
     return _BYTES.pack(HEADER, 0, 0, len(data)) + data
 
 
-def byte_array_of(payload: bytes) -> bytes:
-    """Inverse of ``byte_array``; raises ValueError when the length does not fit."""
+def decode_byte_array(payload: bytes) -> bytes:
+    """Inverse of ``encode_byte_array``; raises ValueError when the length does not fit."""
     *_, length = _BYTES.unpack_from(payload)
     if length != len(payload) - _BYTES.size:
         raise ValueError(f"{length} bytes announced, {len(payload) - _BYTES.size} there")
     return payload[_BYTES.size:]
 
 
-def string_of(payload: bytes) -> str:
+def decode_string(payload: bytes) -> str:
     """Text of a std_msgs/String; commands and pulses were such until format 3."""
     return payload[8:-1].decode()
 
 
-def command(steering: float, throttle: float, source: str) -> bytes:
+def encode_command(steering: float, throttle: float, source: str) -> bytes:
     """dart_msgs/Command."""
-    return _COMMAND.pack(HEADER, steering, throttle) + _texts([source])
+    return _COMMAND.pack(HEADER, steering, throttle) + _encode_texts([source])
 
 
-def command_of(payload: bytes) -> tuple[float, float, str]:
-    """Inverse of ``command``; raises ValueError or struct.error when the length does not fit."""
+def decode_command(payload: bytes) -> tuple[float, float, str]:
+    """Inverse of ``encode_command``; raises ValueError or struct.error for a wrong length."""
     _, steering, throttle = _COMMAND.unpack_from(payload)
-    (source,) = _texts_of(payload[_COMMAND.size:], 1)
+    (source,) = _decode_texts(payload[_COMMAND.size:], 1)
     return steering, throttle, source
 
 
-def applied(value: Applied) -> bytes:
+def encode_applied(value: Applied) -> bytes:
     """dart_msgs/Applied."""
     limited = [str(name) for name in value.limited]
     return _APPLIED.pack(HEADER, value.steering, value.throttle, value.steering_us,
-                         value.throttle_us, len(limited)) + _texts(limited)
+                         value.throttle_us, len(limited)) + _encode_texts(limited)
 
 
-def applied_of(payload: bytes) -> Applied:
-    """Inverse of ``applied``; raises ValueError or struct.error when the length does not fit."""
+def decode_applied(payload: bytes) -> Applied:
+    """Inverse of ``encode_applied``; raises ValueError or struct.error for a wrong length."""
     _, steering, throttle, steering_us, throttle_us, count = _APPLIED.unpack_from(payload)
     return Applied(steering, throttle, steering_us, throttle_us,
-                   _texts_of(payload[_APPLIED.size:], count))
+                   _decode_texts(payload[_APPLIED.size:], count))
 
 
-def _texts(values: Sequence[str]) -> bytes:
+def _encode_texts(values: Sequence[str]) -> bytes:
     """Strings one behind the other, from an offset that 4 divides."""
     out = b""
     for value in values:
@@ -108,7 +108,7 @@ def _texts(values: Sequence[str]) -> bytes:
     return out
 
 
-def _texts_of(data: bytes, count: int) -> tuple[str, ...]:
+def _decode_texts(data: bytes, count: int) -> tuple[str, ...]:
     found = []
     at = 0
     for _ in range(count):
@@ -123,19 +123,19 @@ def _texts_of(data: bytes, count: int) -> tuple[str, ...]:
     return tuple(found)
 
 
-def number(value: float) -> bytes:
+def encode_number(value: float) -> bytes:
     """std_msgs/Float64."""
     return _FLOAT.pack(HEADER, value)
 
 
-def number_of(payload: bytes) -> float:
-    """Inverse of ``number``; raises struct.error when the length does not fit."""
+def decode_number(payload: bytes) -> float:
+    """Inverse of ``encode_number``; raises struct.error when the length does not fit."""
     value: float
     _, value = _FLOAT.unpack(payload)
     return value
 
 
-def numbers(values: FloatArray) -> bytes:
+def encode_numbers(values: FloatArray) -> bytes:
     """std_msgs/Float64MultiArray, row by row; its layout holds the shape."""
     shape = values.shape
     layout = _U32.pack(len(shape)) + b"".join(
@@ -145,8 +145,8 @@ def numbers(values: FloatArray) -> bytes:
     return HEADER + body + gap + values.astype("<f8").tobytes()
 
 
-def numbers_of(payload: bytes) -> FloatArray:
-    """Inverse of ``numbers``; raises ValueError or struct.error when the length does not fit."""
+def decode_numbers(payload: bytes) -> FloatArray:
+    """Inverse of ``encode_numbers``; raises ValueError or struct.error for a wrong length."""
     (rank,) = _U32.unpack_from(payload, 4)
     shape = [_DIMENSION.unpack_from(payload, 8 + i * _DIMENSION.size)[2] for i in range(rank)]
     at = 8 + rank * _DIMENSION.size + 8  # behind data_offset and the count
@@ -154,7 +154,7 @@ def numbers_of(payload: bytes) -> FloatArray:
     return np.frombuffer(payload[at:], "<f8").reshape(shape).astype(np.float64)
 
 
-def odometry(state: State, zero_ns: int = 0) -> bytes:
+def encode_odometry(state: State, zero_ns: int = 0) -> bytes:
     """nav_msgs/Odometry: pose of the rear axle in ``odom``, speed in ``base_link``."""
     pose = state.pose
     half = 0.5 * state.pose.yaw
@@ -171,7 +171,7 @@ def planar_covariance(cov: FloatArray) -> list[float]:
     for i, row in enumerate(_PLANE):
         for j, column in enumerate(_PLANE):
             spread[6 * row + column] = float(cov[i, j])
-    spread[14] = spread[21] = spread[28] = _UNKNOWN
+    spread[14] = spread[21] = spread[28] = _UNKNOWN_VARIANCE
     return spread
 
 
@@ -179,11 +179,11 @@ def twist_covariance(state: State) -> list[float]:
     """36 numbers; nothing but the speed is stated."""
     spread = [0.0] * 36
     spread[0] = state.speed_std**2
-    spread[7] = spread[14] = spread[21] = spread[28] = spread[35] = _UNKNOWN
+    spread[7] = spread[14] = spread[21] = spread[28] = spread[35] = _UNKNOWN_VARIANCE
     return spread
 
 
-def imu(state: State, zero_ns: int = 0) -> bytes | None:
+def encode_imu(state: State, zero_ns: int = 0) -> bytes | None:
     """sensor_msgs/Imu in body axes; None while the IMU has no valid sample."""
     if state.yaw_rate is None or state.accel_x is None or state.accel_y is None:
         return None
@@ -193,23 +193,23 @@ def imu(state: State, zero_ns: int = 0) -> bytes | None:
                      state.accel_x, state.accel_y, 0.0, *[0.0] * 9)
 
 
-def drive(state: State, zero_ns: int = 0) -> bytes:
+def encode_drive(state: State, zero_ns: int = 0) -> bytes:
     """ackermann_msgs/AckermannDriveStamped: the steering angle that was applied."""
     return _DRIVE.pack(HEADER, *_stamp(state.t, zero_ns), _DRIVE_ID, state.applied.steering, 0.0,
                        state.speed, 0.0, 0.0)
 
 
-def external_pose(pose: ExternalPose) -> bytes:
+def encode_external_pose(pose: ExternalPose) -> bytes:
     """geometry_msgs/PoseWithCovarianceStamped: marker frame in the room, stamp of the source."""
-    name = _text(pose.frame, 8, 8)
+    name = _encode_text(pose.frame, 8, 8)
     half = 0.5 * pose.yaw
     return (HEADER + _TIME.pack(*divmod(nanoseconds(pose.stamp), 10**9)) + name
             + _POSE.pack(pose.x, pose.y, 0.0, 0.0, 0.0, sin(half), cos(half),
                          *planar_covariance(pose.cov)))
 
 
-def external_pose_of(payload: bytes, arrival: float) -> ExternalPose:
-    """Inverse of ``external_pose``. Raises ValueError or struct.error for other bytes."""
+def decode_external_pose(payload: bytes, arrival: float) -> ExternalPose:
+    """Inverse of ``encode_external_pose``. Raises ValueError or struct.error for other bytes."""
     seconds, rest = _TIME.unpack_from(payload, len(HEADER))
     (length,) = _U32.unpack_from(payload, len(HEADER) + _TIME.size)
     at = len(HEADER) + _TIME.size + _U32.size
@@ -223,14 +223,14 @@ def external_pose_of(payload: bytes, arrival: float) -> ExternalPose:
                         frame)
 
 
-def image(value: Image, zero_ns: int = 0) -> bytes:
+def encode_image(value: Image, zero_ns: int = 0) -> bytes:
     """sensor_msgs/CompressedImage: stamped when it was taken."""
     taken = divmod(round(value.t * 1e9) + zero_ns, 10**9)
     return (_TIMED.pack(HEADER, *taken) + _IMAGE_IDS + _U32.pack(len(value.jpeg)) + value.jpeg)
 
 
-def image_of(payload: bytes, arrival: float, zero_ns: int = 0) -> Image:
-    """Inverse of ``image``. Raises ValueError or struct.error for other bytes."""
+def decode_image(payload: bytes, arrival: float, zero_ns: int = 0) -> Image:
+    """Inverse of ``encode_image``. Raises ValueError or struct.error for other bytes."""
     _, seconds, rest = _TIMED.unpack_from(payload)
     at = _TIMED.size + len(_IMAGE_IDS)
     (length,) = _U32.unpack_from(payload, at)
@@ -239,15 +239,15 @@ def image_of(payload: bytes, arrival: float, zero_ns: int = 0) -> Image:
     return Image(arrival, (seconds * 10**9 + rest - zero_ns) / 1e9, payload[at + _U32.size:])
 
 
-def scan(value: Scan) -> bytes:
+def encode_scan(value: Scan) -> bytes:
     """dart_msgs/LidarScan: as the unit told it; how it is mounted is in the car's files."""
     columns = (value.after, value.angle, value.distance)
     return _SCAN.pack(HEADER, value.start, value.std, value.rate) + b"".join(
         _U32.pack(len(c)) + c.astype("<f4").tobytes() for c in columns)
 
 
-def scan_of(payload: bytes, arrival: float) -> Scan:
-    """Inverse of ``scan``. Raises ValueError or struct.error for other bytes."""
+def decode_scan(payload: bytes, arrival: float) -> Scan:
+    """Inverse of ``encode_scan``. Raises ValueError or struct.error for other bytes."""
     _, start, std, rate = _SCAN.unpack_from(payload)
     columns = []
     at = _SCAN.size

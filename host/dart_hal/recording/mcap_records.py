@@ -31,7 +31,7 @@ from dart_hal.recording.expansion import ExpandsTooFar, expand_chunk, expansion_
 from dart_hal.recording.regular import check_regular
 from dart_hal.recording.seals import Block, sealed_blocks
 
-MAGIC = b"\x89MCAP0\r\n"
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 PREFIX = Struct("<BQ")  # opcode, length of what follows
 MESSAGE = Struct("<HIQQ")  # channel, sequence, log time, publish time
 _INDEX = Struct("<HI")  # channel, length of the entries
@@ -61,7 +61,7 @@ class Damage(NamedTuple):
     skipped: int
 
 
-class Message(NamedTuple):
+class McapMessage(NamedTuple):
     """One message: topic, stamp (whole ns, rest), payload."""
 
     topic: str
@@ -88,7 +88,7 @@ class McapFile:
     path: Path
     length: int
     complete: bool
-    used: int = len(MAGIC)
+    used: int = len(MCAP_MAGIC)
     damages: list[Damage] = field(default_factory=list)
     blocks: list[bytes] = field(default_factory=list)
     topics: dict[int, str] = field(default_factory=dict)
@@ -100,7 +100,7 @@ class McapFile:
     expanded: int = 0
     oversized: str = ""
 
-    def messages(self, topics: Container[str] | None = None) -> Iterator[Message]:
+    def messages(self, topics: Container[str] | None = None) -> Iterator[McapMessage]:
         """Messages of these topics (None: all) in file order."""
         wanted = {n: t for n, t in self.topics.items() if topics is None or t in topics}
         for block in self.blocks:
@@ -108,7 +108,7 @@ class McapFile:
                 if opcode == Opcode.MESSAGE:
                     channel, rest, ns, _ = MESSAGE.unpack_from(block, start)
                     if channel in wanted:
-                        yield Message(wanted[channel], ns - self.zeros.get(channel, 0), rest,
+                        yield McapMessage(wanted[channel], ns - self.zeros.get(channel, 0), rest,
                                       block[start + MESSAGE.size:end])
 
     def extent(self) -> tuple[Counter[str], int, int]:
@@ -138,9 +138,9 @@ def parse_mcap(path: Path, data: bytes) -> McapFile:
     found = McapFile(path, len(data), _has_end(data))
     sealed = sealed_blocks(data)
     if sealed:
-        _by_seals(data, sealed, found)
+        _read_by_seals(data, sealed, found)
     else:
-        _by_checksums(data, found)
+        _read_by_checksums(data, found)
     schemas: dict[int, str] = {}
     for block in found.blocks:
         for opcode, start, end in records(block):
@@ -161,7 +161,7 @@ def parse_mcap(path: Path, data: bytes) -> McapFile:
                 noted = content(Metadata, block[start:end])
                 found.metadata[noted.name] = noted.metadata
             elif opcode == Opcode.ATTACHMENT:
-                _attached(found, content(Attachment, block[start:end]))
+                _read_attachment(found, content(Attachment, block[start:end]))
     return found
 
 
@@ -186,16 +186,16 @@ def _bytes_of(path: Path) -> bytes:
     except OSError as why:
         raise RecordingError(f"{path}: cannot be read", found=why.strerror or str(why),
                              read=str(path), remedy="check the path") from why
-    if data[:len(MAGIC)] != MAGIC:
+    if data[:len(MCAP_MAGIC)] != MCAP_MAGIC:
         what = "the file is empty" if not data else f"it begins with {data[:16]!r}"
         raise RecordingError(f"{path}: is not an MCAP recording", found=what,
-                             expected=f"a file that begins with {MAGIC!r}", read=str(path),
+                             expected=f"a file that begins with {MCAP_MAGIC!r}", read=str(path),
                              likely="another kind of file, or a run that was killed at once",
                              remedy="dart-hal record --out run.mcap")
     return data
 
 
-def _attached(found: McapFile, attachment: Attachment) -> None:
+def _read_attachment(found: McapFile, attachment: Attachment) -> None:
     """A file of the car, or facts; what other tools attach is none of ours."""
     text = attachment.data.decode(errors="replace")
     if attachment.media_type == TOML:
@@ -208,17 +208,17 @@ def _attached(found: McapFile, attachment: Attachment) -> None:
 
 
 def _has_end(data: bytes) -> bool:
-    at = len(data) - len(MAGIC) - _FOOTER.size
-    return (at >= len(MAGIC) and data.endswith(MAGIC)
+    at = len(data) - len(MCAP_MAGIC) - _FOOTER.size
+    return (at >= len(MCAP_MAGIC) and data.endswith(MCAP_MAGIC)
             and PREFIX.unpack_from(data, at) == (Opcode.FOOTER, _FOOTER.size - PREFIX.size))
 
 
-def _by_seals(data: bytes, sealed: list[Block], found: McapFile) -> None:
+def _read_by_seals(data: bytes, sealed: list[Block], found: McapFile) -> None:
     end, number = 0, 0
     for block in sealed:
         if block.start != end or block.number != number:
             found.damages.append(Damage(end, block.start - end))
-        found.blocks.append(data[max(block.start, len(MAGIC)):block.end])
+        found.blocks.append(data[max(block.start, len(MCAP_MAGIC)):block.end])
         end, number = block.end, block.number + 1
     found.used = end
     if found.complete:
@@ -228,15 +228,15 @@ def _by_seals(data: bytes, sealed: list[Block], found: McapFile) -> None:
         found.used = len(data)
 
 
-def _by_checksums(data: bytes, found: McapFile) -> None:
+def _read_by_checksums(data: bytes, found: McapFile) -> None:
     """``sound``: end of what is trusted; what follows it counts when a checksum holds again."""
-    at = sound = len(MAGIC)
+    at = sound = len(MCAP_MAGIC)
     plain: set[int] = set()
     while at < len(data):
-        opcode, start, end = _record(data, at)
-        block = _checked(data, at, found)
+        opcode, start, end = _read_prefix(data, at)
+        block = _read_checked(data, at, found)
         if opcode == Opcode.DATA_END and end == start + _U32.size:
-            _end(data, at, found)
+            _check_end(data, at, found)
             return
         if block is None and _is_plain(data, at, plain):
             block = data[at:end]
@@ -248,7 +248,7 @@ def _by_checksums(data: bytes, found: McapFile) -> None:
             at = end
         else:
             again = next((m.start() for m in _CHECKED.finditer(data, sound)
-                          if _checked(data, m.start(), found) is not None), None)
+                          if _read_checked(data, m.start(), found) is not None), None)
             if plain and found.blocks:  # what is missing may lie inside the record before
                 at = sound = sound - len(found.blocks.pop())
                 plain.clear()
@@ -262,7 +262,7 @@ def _by_checksums(data: bytes, found: McapFile) -> None:
         found.used = len(data)
 
 
-def _record(data: bytes, at: int) -> tuple[int, int, int]:
+def _read_prefix(data: bytes, at: int) -> tuple[int, int, int]:
     """(opcode, start, end) of the record at ``at``; opcode 0 where there is none."""
     if at + PREFIX.size > len(data):
         return 0, at, at
@@ -271,12 +271,12 @@ def _record(data: bytes, at: int) -> tuple[int, int, int]:
     return (opcode, start, start + length) if length <= len(data) - start else (0, at, at)
 
 
-def _checked(data: bytes, at: int, found: McapFile) -> bytes | None:
+def _read_checked(data: bytes, at: int, found: McapFile) -> bytes | None:
     """Records of the chunk at ``at``, or the attachment there, if its checksum holds.
 
     All chunks together may expand as far as the length of the file allows.
     """
-    opcode, start, end = _record(data, at)
+    opcode, start, end = _read_prefix(data, at)
     body = data[start:end] if opcode in (Opcode.CHUNK, Opcode.ATTACHMENT) else b""
     try:
         if opcode == Opcode.ATTACHMENT:
@@ -284,7 +284,7 @@ def _checked(data: bytes, at: int, found: McapFile) -> bytes | None:
             return data[at:end] if crc == crc32(body[:-4]) else None
         if opcode == Opcode.CHUNK:
             chunk = content(Chunk, body)
-            if not chunk.uncompressed_crc or as_written(chunk) != data[at:end]:
+            if not chunk.uncompressed_crc or record_bytes(chunk) != data[at:end]:
                 return None
             expanded = expand_chunk(chunk.compression, chunk.data, chunk.uncompressed_size,
                                     expansion_limit(len(data)) - found.expanded)
@@ -296,7 +296,7 @@ def _checked(data: bytes, at: int, found: McapFile) -> bytes | None:
     return None
 
 
-def as_written(record: Any) -> bytes:
+def record_bytes(record: Any) -> bytes:
     """The bytes of a record of mcap's."""
     builder = RecordBuilder()
     record.write(builder)
@@ -310,14 +310,14 @@ def _is_plain(data: bytes, at: int, channels: set[int]) -> bool:
     ``channels``: ids of those that stand there as well. A message counts in one of them only:
     one changed bit makes a message out of the index behind a chunk.
     """
-    opcode, start, end = _record(data, at)
+    opcode, start, end = _read_prefix(data, at)
     if opcode == Opcode.MESSAGE:
         return end >= start + MESSAGE.size and _INDEX.unpack_from(data, start)[0] in channels
     if opcode not in PLAIN:
         return False
     try:
         record = content(PLAIN[opcode], data[start:end])
-        exact = as_written(record) == data[at:end]
+        exact = record_bytes(record) == data[at:end]
     except _UNREADABLE:
         return False
     if exact and opcode == Opcode.CHANNEL:
@@ -327,20 +327,20 @@ def _is_plain(data: bytes, at: int, channels: set[int]) -> bool:
 
 def _is_index(data: bytes, at: int) -> bool:
     """Whether the header, or the index of one channel of a chunk, stands here."""
-    opcode, start, end = _record(data, at)
+    opcode, start, end = _read_prefix(data, at)
     if opcode == Opcode.MESSAGE_INDEX and end >= start + _INDEX.size:
         _, length = _INDEX.unpack_from(data, start)
         return bool(end == start + _INDEX.size + length)
-    return opcode == Opcode.HEADER and at == len(MAGIC)
+    return opcode == Opcode.HEADER and at == len(MCAP_MAGIC)
 
 
-def _end(data: bytes, at: int, found: McapFile) -> None:
+def _check_end(data: bytes, at: int, found: McapFile) -> None:
     """The data end at ``at``: is all there that was written, and the index behind it?"""
     found.used = at
     if not found.complete:
         return
     (crc,) = _U32.unpack_from(data, at + PREFIX.size)
-    footer = len(data) - len(MAGIC) - _FOOTER.size
+    footer = len(data) - len(MCAP_MAGIC) - _FOOTER.size
     _, _, summary, _, summary_crc = _FOOTER.unpack_from(data, footer)
     behind = at + PREFIX.size + _U32.size
     sound = not summary or (summary == behind and summary_crc in (

@@ -34,7 +34,7 @@ from dart_hal.recording.items import Logged as Logged
 from dart_hal.recording.items import Recorded as Recorded
 from dart_hal.recording.log import PREFIX, Value
 from dart_hal.recording.mcap_records import JSON, TOML, McapFile, notices, read_mcap
-from dart_hal.recording.run_file import RunFile, named, of_car, split_car
+from dart_hal.recording.run_file import RunFile, prefix_topic, select_car, split_car
 from dart_hal.wire.messages import PROTO, SCHEMA
 
 _RAW = "std_msgs/msg/UInt8MultiArray"
@@ -98,32 +98,32 @@ class RunWriter:
 
     def rx(self, data: bytes, t: float) -> None:
         """Bytes from the Nano; t: arrival of the last of them."""
-        self._add("/rx", cdr.byte_array(data), t)
+        self._add("/rx", cdr.encode_byte_array(data), t)
 
     def tx(self, data: bytes, t: float) -> None:
         """Bytes to the Nano."""
-        self._add("/tx", cdr.byte_array(data), t)
+        self._add("/tx", cdr.encode_byte_array(data), t)
 
     def i2c(self, address: int, wrote: bytes, t: float, read: bytes = b"") -> None:
         """One transaction on the car's bus."""
-        self._add("/i2c", cdr.byte_array(
+        self._add("/i2c", cdr.encode_byte_array(
             _I2C.pack(address, len(wrote), len(read)) + wrote + read), t)
 
     def command(self, t: float, steering: float, throttle: float, source: str = "user") -> None:
         """What was asked for, before limits: rad, -1..1. NaN and inf are kept."""
-        self._add("/command", cdr.command(steering, throttle, source), t)
+        self._add("/command", cdr.encode_command(steering, throttle, source), t)
 
     def applied(self, t: float, applied: Applied) -> None:
         """What the pins carry from now on; call it when it changes."""
-        self._add("/applied", cdr.applied(applied), t)
+        self._add("/applied", cdr.encode_applied(applied), t)
 
     def state(self, state: State) -> None:
         """The ROS 2 channels of one State: odometry, IMU, drive."""
-        self._add("/odom", cdr.odometry(state, self._zero), state.t)
-        imu = cdr.imu(state, self._zero)
+        self._add("/odom", cdr.encode_odometry(state, self._zero), state.t)
+        imu = cdr.encode_imu(state, self._zero)
         if imu is not None:
             self._add("/imu", imu, state.t)
-        self._add("/drive", cdr.drive(state, self._zero), state.t)
+        self._add("/drive", cdr.encode_drive(state, self._zero), state.t)
 
     def log(self, t: float, channels: Mapping[str, Value]) -> None:
         """Numbers and arrays of the program's own by name (``log.LogNames.take``).
@@ -134,27 +134,27 @@ class RunWriter:
             if self._closed:
                 return
             for name, value in channels.items():
-                kind, data = ((_NUMBER, cdr.number(value)) if isinstance(value, float)
-                              else (_NUMBERS, cdr.numbers(value)))
+                kind, data = ((_NUMBER, cdr.encode_number(value)) if isinstance(value, float)
+                              else (_NUMBERS, cdr.encode_numbers(value)))
                 self._add_to(PREFIX + name, kind, data, t)
 
     def pose(self, pose: ExternalPose) -> None:
         """A pose from outside, at its arrival; a run without any has no channel for them."""
         with self._lock:
             if not self._closed:
-                self._add_to(*_POSES, cdr.external_pose(pose), pose.arrival)
+                self._add_to(*_POSES, cdr.encode_external_pose(pose), pose.arrival)
 
     def scan(self, scan: Scan) -> None:
         """A revolution of the lidar, at its arrival; a run without a lidar has no channel."""
         with self._lock:
             if not self._closed:
-                self._add_to(*_SCANS, cdr.scan(scan), scan.arrival)
+                self._add_to(*_SCANS, cdr.encode_scan(scan), scan.arrival)
 
     def image(self, image: Image) -> None:
         """A picture of the camera, at its arrival; a run without a camera has no channel."""
         with self._lock:
             if not self._closed:
-                self._add_to(*_IMAGES, cdr.image(image, self._zero), image.arrival)
+                self._add_to(*_IMAGES, cdr.encode_image(image, self._zero), image.arrival)
 
     def hello(self, values: Mapping[str, Any]) -> None:
         """Who answered: the raw values of HELLO by name."""
@@ -165,8 +165,8 @@ class RunWriter:
         self._attach(name, JSON, json.dumps(dict(values)))
 
     def _channel(self, topic: str, kind: str) -> int:
-        return self._file.channel(named(self._prefix, topic) if self._prefix else topic, kind,
-                                  self._zero)
+        name = prefix_topic(self._prefix, topic) if self._prefix else topic
+        return self._file.channel(name, kind, self._zero)
 
     def _attach(self, name: str, kind: str, text: str) -> None:
         self._file.attach(self._prefix + name, kind, text, self._now)
@@ -211,7 +211,7 @@ class RunReader:
 
     def __init__(self, path: Path | str) -> None:
         self.path, car = split_car(path)
-        self._mcap = found = of_car(read_mcap(self.path), car)
+        self._mcap = found = select_car(read_mcap(self.path), car)
         self.damaged = bool(found.damages)
         if "/rx" not in found.topics.values():
             self._refuse(found)
@@ -290,12 +290,12 @@ class RunReader:
 
     def sent(self) -> Iterator[Chunk]:
         """Bytes to the Nano in recorded order."""
-        return self._decoded({"/tx": _chunk})
+        return self._decode({"/tx": _decode_chunk})
 
     def replay(self) -> Iterator[Chunk | AppliedAt]:
         """What a replay needs, in recorded order: bytes received, pulses applied."""
-        return self._decoded({"/rx": _chunk, "/applied": _applied_text if self._is_text("/applied")
-                              else _applied})
+        applied = _decode_applied_text if self._is_text("/applied") else _decode_applied
+        return self._decode({"/rx": _decode_chunk, "/applied": applied})
 
     def applied(self) -> Iterator[AppliedAt]:
         """What the pins carried, at each change."""
@@ -303,8 +303,8 @@ class RunReader:
 
     def commands(self) -> Iterator[Command]:
         """What was asked for, in recorded order."""
-        return self._decoded({"/command": _command_text if self._is_text("/command")
-                              else _command})
+        return self._decode({"/command": _decode_command_text if self._is_text("/command")
+                              else _decode_command})
 
     def _is_text(self, topic: str) -> bool:
         """Commands and pulses were JSON until format 3."""
@@ -317,24 +317,24 @@ class RunReader:
             read = _READERS[kind]
             return lambda t, data: Logged(t, name, read(data))
 
-        return self._decoded({topic: maker(topic, kind) for topic, kind in self._mcap.types.items()
+        return self._decode({topic: maker(topic, kind) for topic, kind in self._mcap.types.items()
                               if topic.startswith(PREFIX) and kind in _READERS})
 
     def i2c(self) -> Iterator[I2c]:
         """Transactions of the bus, in recorded order."""
-        return self._decoded({"/i2c": _transaction})
+        return self._decode({"/i2c": _decode_transaction})
 
     def poses(self) -> Iterator[ExternalPose]:
         """Poses from outside, in order of arrival."""
-        return self._decoded({_POSES[0]: lambda t, data: cdr.external_pose_of(data, t)})
+        return self._decode({_POSES[0]: lambda t, data: cdr.decode_external_pose(data, t)})
 
     def scans(self) -> Iterator[Scan]:
         """Revolutions of the lidar as the unit told them, in order of arrival."""
-        return self._decoded({_SCANS[0]: lambda t, data: cdr.scan_of(data, t)})
+        return self._decode({_SCANS[0]: lambda t, data: cdr.decode_scan(data, t)})
 
     def images(self) -> Iterator[Image]:
         """Pictures of the camera, in order of arrival."""
-        return self._decoded({_IMAGES[0]: lambda t, data: cdr.image_of(data, t, self.zero_ns)})
+        return self._decode({_IMAGES[0]: lambda t, data: cdr.decode_image(data, t, self.zero_ns)})
 
     def messages(self) -> list[Recorded]:
         """Every message of a known definition, in the order of time."""
@@ -349,7 +349,7 @@ class RunReader:
         """Texts of the message types by name, with all that they are made of."""
         return self._mcap.definitions
 
-    def _decoded(self, makers: Mapping[str, Callable[[float, bytes], Any]]) -> Iterator[Any]:
+    def _decode(self, makers: Mapping[str, Callable[[float, bytes], Any]]) -> Iterator[Any]:
         """Messages of some topics as values, in file order."""
         for m in self._mcap.messages(makers):
             try:
@@ -360,35 +360,35 @@ class RunReader:
                                      found=repr(why), read=str(self.path)) from why
 
 
-_READERS: dict[str, Callable[[bytes], Value]] = {_NUMBER: cdr.number_of,
-                                                 _NUMBERS: cdr.numbers_of}
+_READERS: dict[str, Callable[[bytes], Value]] = {_NUMBER: cdr.decode_number,
+                                                 _NUMBERS: cdr.decode_numbers}
 
 
-def _chunk(t: float, data: bytes) -> Chunk:
-    return Chunk(cdr.byte_array_of(data), t)
+def _decode_chunk(t: float, data: bytes) -> Chunk:
+    return Chunk(cdr.decode_byte_array(data), t)
 
 
-def _command(t: float, data: bytes) -> Command:
-    return Command(t, *cdr.command_of(data))
+def _decode_command(t: float, data: bytes) -> Command:
+    return Command(t, *cdr.decode_command(data))
 
 
-def _command_text(t: float, data: bytes) -> Command:
-    v = json.loads(cdr.string_of(data))
+def _decode_command_text(t: float, data: bytes) -> Command:
+    v = json.loads(cdr.decode_string(data))
     return Command(t, v["steering"], v["throttle"], v["source"])
 
 
-def _transaction(t: float, data: bytes) -> I2c:
-    raw = cdr.byte_array_of(data)
+def _decode_transaction(t: float, data: bytes) -> I2c:
+    raw = cdr.decode_byte_array(data)
     address, wrote, read = _I2C.unpack_from(raw)
     at = _I2C.size + wrote
     return I2c(t, address, raw[_I2C.size:at], raw[at:at + read])
 
 
-def _applied(t: float, data: bytes) -> AppliedAt:
-    return AppliedAt(t, cdr.applied_of(data))
+def _decode_applied(t: float, data: bytes) -> AppliedAt:
+    return AppliedAt(t, cdr.decode_applied(data))
 
 
-def _applied_text(t: float, data: bytes) -> AppliedAt:
-    v = json.loads(cdr.string_of(data))
+def _decode_applied_text(t: float, data: bytes) -> AppliedAt:
+    v = json.loads(cdr.decode_string(data))
     return AppliedAt(t, Applied(v["steering"], v["throttle"], v["steering_us"], v["throttle_us"],
                                 tuple(v["limited"])))

@@ -34,9 +34,9 @@ if TYPE_CHECKING:
 # Fixed: a version of a library here would change the bytes of a run.
 LIBRARY = "dart-hal recording 5"
 # s of recording time in a chunk: a kill loses at most that.
-FLUSH = 0.05
+CHUNK_TIME = 0.05
 # Name of the attachment that lists the cars of a file.
-CARS = "fleet"
+CARS_ATTACHMENT = "fleet"
 
 # Hears every message as it comes: channel, ns since 1970, bytes. It may not wait.
 Tap = Callable[[int, int, bytes], None]
@@ -93,7 +93,7 @@ class RunFile:
                 raise UsageError(f"{self.path}: two cars would write to {prefix}", found=unique,
                                  expected="names that differ by letters and digits")
             self._cars[unique] = json.dumps({"prefix": prefix})
-            self.attach(CARS, JSON, json.dumps(self._cars), 0)
+            self.attach(CARS_ATTACHMENT, JSON, json.dumps(self._cars), 0)
             return prefix
 
     def zero_of(self, now: float | None) -> int:
@@ -147,7 +147,7 @@ class RunFile:
 
     def _write(self, channel: int, ns: int, rest: int, data: bytes) -> None:
         self._writer.add_message(channel, ns, data, ns, rest)
-        if self._flushed is None or abs(ns - self._flushed) >= FLUSH * 1e9:
+        if self._flushed is None or abs(ns - self._flushed) >= CHUNK_TIME * 1e9:
             self.flush()  # stamps of host and car are not quite in order
             self._flushed = ns
 
@@ -186,7 +186,7 @@ class RunFile:
                 self._look()
 
 
-def named(prefix: str, topic: str) -> str:
+def prefix_topic(prefix: str, topic: str) -> str:
     """The topic of a car whose channels begin with ``prefix``."""
     return f"/{prefix}{topic[1:]}"
 
@@ -199,12 +199,12 @@ def split_car(path: Path | str) -> tuple[Path, str | None]:
 
 def cars_in(found: McapFile) -> tuple[str, ...]:
     """Names of the cars of a file of several; () for one of one car."""
-    return tuple(found.metadata.get(CARS, ()))
+    return tuple(found.metadata.get(CARS_ATTACHMENT, ()))
 
 
-def of_car(found: McapFile, car: str | None) -> McapFile:
+def select_car(found: McapFile, car: str | None) -> McapFile:
     """The part of one car, as if it were a file of its own. Raises RecordingError."""
-    cars = found.metadata.get(CARS, {})
+    cars = found.metadata.get(CARS_ATTACHMENT, {})
     if not cars and car is None:
         return _part(found, "")
     if car not in cars:

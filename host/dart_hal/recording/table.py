@@ -17,7 +17,7 @@ from dart_hal.core.text_file import read_text
 from dart_hal.core.types import State
 
 # s, -, m/s, m/s, rad/s, m/s2, m/s2, edges, m, m, rad, rad, -1..1, us, us, names, names.
-COLUMNS = ("t", "seq", "speed", "speed_std", "yaw_rate", "accel_x", "accel_y", "ticks",
+CSV_COLUMNS = ("t", "seq", "speed", "speed_std", "yaw_rate", "accel_x", "accel_y", "ticks",
            "x", "y", "yaw", "steering", "throttle", "steering_us", "throttle_us", "limited",
            "flags")
 
@@ -25,8 +25,8 @@ COLUMNS = ("t", "seq", "speed", "speed_std", "yaw_rate", "accel_x", "accel_y", "
 DART_COLUMNS = ("elapsed time sensors", "current", "voltage", "acc x (IMU)", "acc y (IMU)",
                 "W (IMU)", "vel encoder", "safety_value", "throttle", "steering")
 
-_TEXT = ("limited", "flags")
-_WHOLE = ("seq", "ticks")
+_TEXT_COLUMNS = ("limited", "flags")
+_INTEGER_COLUMNS = ("seq", "ticks")
 
 Row = dict[str, Any]
 
@@ -82,7 +82,7 @@ class _CsvWriter:
 class CsvWriter(_CsvWriter):
     """One row per State; floats are written so that they read back exactly."""
 
-    columns = COLUMNS
+    columns = CSV_COLUMNS
 
     def state(self, s: State) -> None:
         a = s.applied
@@ -140,25 +140,25 @@ def read_csv(path: Path | str) -> list[Row]:
     whole = text[:text.rfind("\n") + 1]
     lines = csv.reader(whole.splitlines())
     header = tuple(next(lines, ()))
-    if header != COLUMNS:
+    if header != CSV_COLUMNS:
         raise RecordingError(f"{path}: not the columns of a run", read=str(path),
                              found=",".join(header)[:80] or "an empty file",
-                             expected=",".join(COLUMNS))
+                             expected=",".join(CSV_COLUMNS))
     try:
-        return [_parsed(line) for line in lines]
+        return [_parse_row(line) for line in lines]
     except ValueError as why:
         raise RecordingError(f"{path}: a cell is not a number", found=str(why),
                              read=str(path)) from why
 
 
-def _parsed(line: list[str]) -> Row:
-    if len(line) != len(COLUMNS):
-        raise ValueError(f"{len(line)} cells in a row of {len(COLUMNS)}")
+def _parse_row(line: list[str]) -> Row:
+    if len(line) != len(CSV_COLUMNS):
+        raise ValueError(f"{len(line)} cells in a row of {len(CSV_COLUMNS)}")
     row: Row = {}
-    for name, cell in zip(COLUMNS, line, strict=True):
-        if name in _TEXT:
+    for name, cell in zip(CSV_COLUMNS, line, strict=True):
+        if name in _TEXT_COLUMNS:
             row[name] = tuple(cell.split("|")) if cell else ()
-        elif name in _WHOLE:
+        elif name in _INTEGER_COLUMNS:
             row[name] = int(cell)
         else:
             row[name] = float(cell) if cell else None

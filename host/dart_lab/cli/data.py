@@ -11,7 +11,7 @@ from dart_hal.cli.common.options import json_option
 from dart_hal.cli.common.output import console, print_json, progress_bar
 from dart_hal.cli.common.outputs import PlotFileOrFolder
 from dart_hal.cli.common.sizes import load_named_car, recorded_car_options
-from dart_hal.recording.check import Check, check, folder_of, stem_of, summary
+from dart_hal.recording.check import RecordingCheck, check, folder_of, stem_of, summary
 from dart_hal.recording.fetch import fetch, find
 from dart_hal.recording.repair import repair
 from dart_lab.pages.data_show import show_checks, show_fetch, show_repair
@@ -65,7 +65,7 @@ def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, car_na
     return 0 if any(c.good_for for c in checks) else 1
 
 
-def _plot(checks: list[Check], target: Path) -> list[Path]:
+def _plot(checks: list[RecordingCheck], target: Path) -> list[Path]:
     """One picture for a file name; for a folder one of each recording, and the overview last."""
     from dart_lab.report.recordings import plot_check, plot_overview
 

@@ -10,9 +10,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from dart_hal.cli.common.output import print_line, results
-from dart_hal.recording.check import DONE, Check, Summary, folder_of, stem_of
-from dart_hal.recording.fetch import Outcome
-from dart_hal.recording.fetch.published import BY_HAND
+from dart_hal.recording.check import DONE, CheckSummary, RecordingCheck, folder_of, stem_of
+from dart_hal.recording.fetch import FetchOutcome
+from dart_hal.recording.fetch.published import MANUAL_ADVICE
 from dart_hal.recording.repair import Repaired
 
 DETAILED = 3  # files; above it a table, and only what is serious
@@ -23,8 +23,8 @@ NARROW, NAME, LONGEST = 80, 21, 44
 """Columns of a narrow terminal, of a name there, and of the longest that is worth its room."""
 
 
-def show_checks(checks: Sequence[Check], skipped: Sequence[tuple[str, str]], whole: Summary,
-                full: bool) -> None:
+def show_checks(checks: Sequence[RecordingCheck], skipped: Sequence[tuple[str, str]],
+                whole: CheckSummary, full: bool) -> None:
     """Blocks for a few files, a table for many; the verdicts last."""
     if full or len(checks) <= DETAILED:
         for c in checks:
@@ -43,7 +43,7 @@ def show_checks(checks: Sequence[Check], skipped: Sequence[tuple[str, str]], who
                 f"evaluation windows; good for: {uses}")
 
 
-def _block(c: Check) -> None:
+def _block(c: RecordingCheck) -> None:
     f, r, m = c.facts, c.recording, c.facts.mocap
     print_line(c.name, "bold")
     _line("what", f"schema {r.schema}, {f.duration:.1f} s, {f.rows or f.messages} rows, "
@@ -69,7 +69,7 @@ def _block(c: Check) -> None:
     print_line(f"  {c.verdict}", "green" if c.good_for else "red")
 
 
-def _reference(c: Check) -> str:
+def _reference(c: RecordingCheck) -> str:
     known, fitted = c.motion.reference, c.motion.fitted
     text = f"{known} ({known.source})" if known else "not known, and not identified by this driving"
     if fitted and str(fitted) != str(known):
@@ -77,7 +77,7 @@ def _reference(c: Check) -> str:
     return text
 
 
-def _table(checks: Sequence[Check]) -> Table:
+def _table(checks: Sequence[RecordingCheck]) -> Table:
     table = Table(box=None, pad_edge=False)
     width = NAME + min(max(results.width - NARROW, 0), LONGEST - NAME)
     table.add_column("recording", no_wrap=True, min_width=NAME)
@@ -112,14 +112,14 @@ def broken(name: str, width: int) -> str:
     return "\n".join(lines)
 
 
-def _serious(checks: Sequence[Check]) -> None:
+def _serious(checks: Sequence[RecordingCheck]) -> None:
     for c in checks:
         for x in c.findings:
             if x.serious:
                 print_line(f"! {c.name}: {x}", "yellow")
 
 
-def _counts(checks: Sequence[Check]) -> None:
+def _counts(checks: Sequence[RecordingCheck]) -> None:
     """What was dropped or changed in all files, by kind."""
     kinds: dict[str, list[int]] = {}
     for c in checks:
@@ -132,7 +132,7 @@ def _counts(checks: Sequence[Check]) -> None:
     print_line("(--full lists every finding of every file, --json has them for machines)", "dim")
 
 
-def show_fetch(outcome: Outcome) -> None:
+def show_fetch(outcome: FetchOutcome) -> None:
     """What came, what was refused, what is missing and what to do about it."""
     for r in outcome.refused:
         print_line(f"refused {r.path}: {r.found} ({r.where})", "red")
@@ -147,7 +147,7 @@ def show_fetch(outcome: Outcome) -> None:
                "new)",
                 "green" if outcome.complete else "yellow")
     if not outcome.complete:
-        print_line(f"to complete it: {BY_HAND}")
+        print_line(f"to complete it: {MANUAL_ADVICE}")
 
 
 def show_repair(done: Sequence[Repaired]) -> None:

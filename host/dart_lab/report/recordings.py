@@ -23,14 +23,14 @@ from dart_hal.core.figures import (
     save_figure,
 )
 from dart_hal.core.types import FloatArray
-from dart_hal.recording.check import Check, folder_of, stem_of
+from dart_hal.recording.check import RecordingCheck, folder_of, stem_of
 
 WHEEL, GROUND, BAD, GATED, RAW, STEER = BLUE, INK, ORANGE, "#56b4e9", GREY, GREEN
 COLUMNS = 6
 MAX_RECORDINGS = 120  # recordings in one overview
 
 
-def plot_check(c: Check, path: str | Path) -> Path:
+def plot_check(c: RecordingCheck, path: str | Path) -> Path:
     """One recording. Errors: UsageError without matplotlib or for an unknown suffix."""
     figure = new_figure((11.0, 7.6), path)
     mocap = c.motion.grid is not None
@@ -54,7 +54,7 @@ def plot_check(c: Check, path: str | Path) -> Path:
     return save_figure(figure, path)
 
 
-def plot_overview(checks: Sequence[Check], path: str | Path) -> Path:
+def plot_overview(checks: Sequence[RecordingCheck], path: str | Path) -> Path:
     """The speed of every recording over its throttle, small. Errors: as ``plot_check``."""
     shown = checks[:MAX_RECORDINGS]
     rows = -(-len(shown) // COLUMNS)
@@ -72,7 +72,7 @@ def plot_overview(checks: Sequence[Check], path: str | Path) -> Path:
     return save_figure(figure, path)
 
 
-def _small(axes: Any, c: Check) -> None:
+def _small(axes: Any, c: RecordingCheck) -> None:
     a, t = c.recording.messages, _time(c)
     top = 1.05 * max([0.5, *(r[1] for r in (c.facts.speed, _ground(c)) if r)])
     axes.fill_between(t, 0.0, top * a.throttle, step="post", color=GATED, alpha=0.35, lw=0)
@@ -88,7 +88,7 @@ def _small(axes: Any, c: Check) -> None:
                    f"{_short(stem_of(path), 36)}", fontsize=5.5, loc="left")
 
 
-def _path(axes: Any, c: Check) -> None:
+def _path(axes: Any, c: RecordingCheck) -> None:
     g = c.motion.grid
     assert g is not None
     axes.plot(np.where(g.bad, np.nan, g.x), np.where(g.bad, np.nan, g.y), color=GROUND, lw=0.9,
@@ -100,7 +100,7 @@ def _path(axes: Any, c: Check) -> None:
     finish(axes, "x [m]", "y [m]", fontsize=7, ncols=3, **ABOVE)
 
 
-def _speed(axes: Any, c: Check) -> None:
+def _speed(axes: Any, c: RecordingCheck) -> None:
     if np.isfinite(c.recording.messages.speed).any():
         axes.plot(_time(c), c.recording.messages.speed, color=WHEEL, lw=1.2, label="encoder")
     elif c.recording.encoder == "dead":
@@ -111,7 +111,7 @@ def _speed(axes: Any, c: Check) -> None:
     axes.set_ylabel("speed [m/s]")
 
 
-def _throttle(axes: Any, c: Check) -> None:
+def _throttle(axes: Any, c: RecordingCheck) -> None:
     a, t = c.recording.messages, _time(c)
     axes.fill_between(t, 0.0, a.throttle, step="post", color=GATED, alpha=0.6, lw=0,
                       label="behind the gate")
@@ -119,13 +119,13 @@ def _throttle(axes: Any, c: Check) -> None:
     axes.set_ylabel("throttle")
 
 
-def _steering(axes: Any, c: Check) -> None:
+def _steering(axes: Any, c: RecordingCheck) -> None:
     axes.step(_time(c), c.recording.messages.steering, where="post", color=STEER, lw=1.0)
     axes.set_ylim(-1.1, 1.1)
     axes.set_ylabel("steering")
 
 
-def _yaw_rate(axes: Any, c: Check) -> None:
+def _yaw_rate(axes: Any, c: RecordingCheck) -> None:
     if np.isfinite(c.recording.messages.yaw_rate).any():
         axes.plot(_time(c), c.recording.messages.yaw_rate, color=WHEEL, lw=1.0, label="gyro")
     g = c.motion.grid
@@ -134,7 +134,7 @@ def _yaw_rate(axes: Any, c: Check) -> None:
     axes.set_ylabel("yaw rate [rad/s]")
 
 
-def _shade_bad(axes: Any, c: Check) -> None:
+def _shade_bad(axes: Any, c: RecordingCheck) -> None:
     g = c.motion.grid
     if g is None or not g.bad.any():
         return
@@ -144,13 +144,13 @@ def _shade_bad(axes: Any, c: Check) -> None:
                      zorder=0)
 
 
-def _time(c: Check) -> FloatArray:
+def _time(c: RecordingCheck) -> FloatArray:
     """Messages on the clock of the mocap, else from their first [s]."""
     arrival = c.recording.messages.arrival
     return arrival if c.motion.grid is not None else arrival - arrival[0]
 
 
-def _ground(c: Check) -> tuple[float, float] | None:
+def _ground(c: RecordingCheck) -> tuple[float, float] | None:
     return c.facts.mocap.v_x if c.facts.mocap else None
 
 

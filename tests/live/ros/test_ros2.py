@@ -66,7 +66,7 @@ def test_what_is_published_is_the_cdr_of_ros_2(rclpy):
     assert sent["vx_1"] == bytes.fromhex("00010000" "0000803e")
     assert sent["arduino_data_1"] == bytes.fromhex(
         "00010000" "00000000" "00000000" "02000000" "0000803f" "00000040")
-    assert sent["vicon/jetracer1"] == cdr.external_pose(pose), "to the byte the recorder's"
+    assert sent["vicon/jetracer1"] == cdr.encode_external_pose(pose), "to the byte the recorder's"
 
 
 def test_what_is_heard_is_the_number_and_the_end_is_seen(rclpy):

@@ -122,4 +122,4 @@ def test_odometry_is_to_the_byte_the_recorders(driven):
     state = driven.states[-1]
     whole = stamp.split(state.t)[0] / 1e9  # whole ns, as the recorder keeps them
     made = build_object(odometry(state, whole, "odom", "base_link"), class_of)
-    assert bytes(store.serialize_cdr(made, "nav_msgs/msg/Odometry")) == cdr.odometry(state)
+    assert bytes(store.serialize_cdr(made, "nav_msgs/msg/Odometry")) == cdr.encode_odometry(state)

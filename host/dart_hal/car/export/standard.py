@@ -86,7 +86,7 @@ def messages(run: RunReader, store: Any) -> Iterator[Recorded]:
     room: list[tuple[str, str, Planar]] = []
     for message in run.messages():
         if message.kind == LIDAR_SCAN_TYPE:
-            scan = cdr.scan_of(message.data, 0.0).mounted(mount)
+            scan = cdr.decode_scan(message.data, 0.0).mounted(mount)
             laser = laser_scan(scan, run.zero_ns, store, readings)
             raw = store.serialize_cdr(laser, LASER_SCAN_TYPE)
             yield Recorded("/scan", LASER_SCAN_TYPE, message.ns, bytes(raw))

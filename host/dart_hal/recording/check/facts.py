@@ -12,13 +12,13 @@ import numpy as np
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart.model import Recording
 
-from .motion import Motion, windows
+from .motion import RecordedMotion, windows
 
 Range = tuple[float, float]
 SHAFT_TURN = 0.0412918  # m of travel per turn of the drive shaft of DART: 2 pi (11/39) 0.0233 m
-COUNTED = 0.1  # s; the recorder counts edges over this time
-MARKS_OFF = 0.015  # relative; a quantum further from a whole number of marks gives none
-BY_NAME = ((re.compile(r"(\d\d_\d\d_\d{4}_\d\d_\d\d_\d\d)"), "%m_%d_%Y_%H_%M_%S"),
+ENCODER_COUNT_TIME = 0.1  # s; the recorder counts edges over this time
+MAX_MARKS_ERROR = 0.015  # relative; a quantum further from a whole number of marks gives none
+NAME_FORMATS = ((re.compile(r"(\d\d_\d\d_\d{4}_\d\d_\d\d_\d\d)"), "%m_%d_%Y_%H_%M_%S"),
            (re.compile(r"(\d{4}-\d\d-\d\d-\d\d-\d\d-\d\d)"), "%Y-%m-%d-%H-%M-%S"),
            (re.compile(r"(\d{8}-\d{6})"), "%Y%m%d-%H%M%S"))
 
@@ -46,7 +46,7 @@ class MocapFacts:
 
 
 @dataclass(frozen=True, slots=True)
-class Facts:
+class RecordingFacts:
     """One recording in figures. Ranges are (least, most), None: no such sensor.
 
     date in ISO 8601, date_from "mocap clock (UTC)" or "file name (local time)";
@@ -71,20 +71,20 @@ class Facts:
     mocap: MocapFacts | None
 
 
-def facts(m: Motion, false_lock: float = 0.0) -> Facts:
+def facts(m: RecordedMotion, false_lock: float = 0.0) -> RecordingFacts:
     """Figures of a recording; false_lock: share of the time, from the marker grid."""
     recording = m.recording
     messages = recording.messages
     date, source = _date(recording)
     step = np.diff(messages.t)
-    return Facts(
+    return RecordingFacts(
         date=date, date_from=source, duration=recording.duration, rows=recording.rows,
         messages=len(messages), step=float(np.median(step)) if len(step) else float("nan"),
         throttle=_range(messages.throttle_raw[messages.gate]),
         steering=_range(messages.steering) or (0.0, 0.0), speed=_range(messages.speed),
         yaw_rate=_range(messages.yaw_rate),
         marks=marks(recording.quantum, _shaft_turn(recording)),
-        rounded=_rounded(recording), mocap=_mocap(m, false_lock))
+        rounded=_is_rounded(recording), mocap=_mocap(m, false_lock))
 
 
 def _shaft_turn(recording: Recording) -> float | None:
@@ -102,9 +102,9 @@ def marks(quantum: float | None, shaft_turn: float | None = SHAFT_TURN) -> int |
     """
     if not quantum or not shaft_turn:
         return None
-    turns = shaft_turn / COUNTED / quantum
+    turns = shaft_turn / ENCODER_COUNT_TIME / quantum
     whole = round(turns)
-    return whole if whole > 0 and abs(turns / whole - 1.0) < MARKS_OFF else None
+    return whole if whole > 0 and abs(turns / whole - 1.0) < MAX_MARKS_ERROR else None
 
 
 def _range(values: FloatArray) -> Range | None:
@@ -112,7 +112,7 @@ def _range(values: FloatArray) -> Range | None:
     return (float(values.min()), float(values.max())) if len(values) else None
 
 
-def _rounded(recording: Recording) -> bool:
+def _is_rounded(recording: Recording) -> bool:
     """Values of the sensors carry a second quantum of 0.01."""
     values = recording.messages.yaw_rate
     values = values[np.isfinite(values) & (values != 0.0)]
@@ -129,7 +129,7 @@ def _date(recording: Recording) -> tuple[str | None, str | None]:
 
 def named_time(path: Path) -> datetime | None:
     """Start of the recording by its name (local time, without a zone), None: no date in it."""
-    for pattern, form in BY_NAME:
+    for pattern, form in NAME_FORMATS:
         found = pattern.search(path.name)
         try:
             if found:
@@ -139,7 +139,7 @@ def named_time(path: Path) -> datetime | None:
     return None
 
 
-def _mocap(m: Motion, false_lock: float) -> MocapFacts | None:
+def _mocap(m: RecordedMotion, false_lock: float) -> MocapFacts | None:
     pose = m.recording.mocap
     if pose is None:
         return None

@@ -6,20 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .facts import Facts
-from .motion import SLIP, SLIPS, STANDING, Motion
+from .facts import RecordingFacts
+from .motion import MAX_SLIP_SHARE, MAX_SLIP_SPEED, MIN_MOVING_SPEED, RecordedMotion
 
-DROPPED = ("cut_off_line", "not_finite", "not_started", "held_copies", "repeated_stamp",
+DROPPED_KINDS = ("cut_off_line", "not_finite", "not_started", "held_copies", "repeated_stamp",
            "mocap_repeated")
-SAID = ("car_files", "quantum", "lost_messages", "encoder_zero", "read", "reference_unknown",
-        "marker_differs", "steering_reversed")
-SERIOUS = ("time_back", "mocap_time_back", "false_lock", "encoder_dead", "not_finite",
+REPORTED_KINDS = ("car_files", "quantum", "lost_messages", "encoder_zero", "read",
+                  "reference_unknown", "marker_differs", "steering_reversed")
+SERIOUS_KINDS = ("time_back", "mocap_time_back", "false_lock", "encoder_dead", "not_finite",
            "never_moves", "too_short", "message_gap", "reference_unknown", "marker_differs",
            "mostly_bad", "steering_reversed", "car_files")
-SHORT = 3.0  # s
-TILT = 0.15  # m/s2 at rest
+MIN_FIT_DURATION = 3.0  # s
+MAX_TILT_ACCELERATION = 0.15  # m/s2 at rest
 REST_ROWS = 10
-SOME_SLIP = 0.05  # of the driven time
+MIN_REPORTED_SLIP = 0.05  # of the driven time
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,41 +39,42 @@ class Finding:
         return f"{self.text}: {self.rows} row(s)" if self.rows else self.text
 
 
-def findings(m: Motion, f: Facts) -> list[Finding]:
+def findings(m: RecordedMotion, f: RecordingFacts) -> list[Finding]:
     """Everything to know about one recording, serious things first."""
-    out = [_of_note(n.kind, n.why, n.rows) for n in m.recording.notes]
+    out = [_finding_of_note(n.kind, n.why, n.rows) for n in m.recording.notes]
     if m.mostly_bad:
         share = 1.0 - float(m.good.mean())
-        out.insert(0, _said("mostly_bad", f"{share:.0%} of the motion capture is marked bad (gaps, "
-                            "jumps, false lock, or messages that are missing): nothing may be "
-                            "concluded from the rest"))
+        out.insert(0, _report("mostly_bad", f"{share:.0%} of the motion capture is marked bad "
+                              "(gaps, jumps, false lock, or messages that are missing): nothing "
+                              "may be concluded from the rest"))
     elif not m.moves:
-        out.append(_said("never_moves", "the car never moves: no speed above "
-                         f"{STANDING} m/s in any sensor"))
-    if f.duration < SHORT:
-        out.append(_said("too_short", f"only {f.duration:.1f} s long: too short for a fit"))
+        out.append(_report("never_moves", "the car never moves: no speed above "
+                         f"{MIN_MOVING_SPEED} m/s in any sensor"))
+    if f.duration < MIN_FIT_DURATION:
+        out.append(_report("too_short", f"only {f.duration:.1f} s long: too short for a fit"))
     if f.rounded:
-        out.append(_said("rounded", "sensor values have 2 decimals: a quantum of 0.01 on top of "
+        out.append(_report("rounded", "sensor values have 2 decimals: a quantum of 0.01 on top of "
                          "the encoder's"))
     out += _mocap(m, f) + _accelerometer(m)
-    if m.slip >= SOME_SLIP:
-        out.append(Finding("slip", f"wheel and ground speed differ by more than {SLIP} m/s in "
-                           f"{m.slip:.0%} of the driven time: the wheels slip, use the mocap",
-                           serious=m.slip >= SLIPS))
+    if m.slip >= MIN_REPORTED_SLIP:
+        out.append(Finding("slip", "wheel and ground speed differ by more than "
+                           f"{MAX_SLIP_SPEED} m/s in {m.slip:.0%} of the driven time: the wheels "
+                           "slip, use the mocap",
+                           serious=m.slip >= MAX_SLIP_SHARE))
     return sorted(out, key=lambda x: not x.serious)
 
 
-def _of_note(kind: str, why: str, rows: int) -> Finding:
-    effect = ("dropped" if kind in DROPPED else
-              "said" if kind in SAID else "changed")
-    return Finding(kind, why, rows, effect, kind in SERIOUS)
+def _finding_of_note(kind: str, why: str, rows: int) -> Finding:
+    effect = ("dropped" if kind in DROPPED_KINDS else
+              "said" if kind in REPORTED_KINDS else "changed")
+    return Finding(kind, why, rows, effect, kind in SERIOUS_KINDS)
 
 
-def _said(kind: str, text: str) -> Finding:
-    return Finding(kind, text, serious=kind in SERIOUS)
+def _report(kind: str, text: str) -> Finding:
+    return Finding(kind, text, serious=kind in SERIOUS_KINDS)
 
 
-def _mocap(m: Motion, f: Facts) -> list[Finding]:
+def _mocap(m: RecordedMotion, f: RecordingFacts) -> list[Finding]:
     if f.mocap is None:
         return []
     out = []
@@ -86,7 +87,7 @@ def _mocap(m: Motion, f: Facts) -> list[Finding]:
     return out
 
 
-def _accelerometer(m: Motion) -> list[Finding]:
+def _accelerometer(m: RecordedMotion) -> list[Finding]:
     """Offset at rest from tilt, spread while driving from vibration."""
     a = m.recording.messages
     if not np.isfinite(a.accel_x).any():
@@ -96,12 +97,12 @@ def _accelerometer(m: Motion) -> list[Finding]:
     out = []
     if m.recording.encoder == "ok" and rest.sum() >= REST_ROWS:
         x, y = float(np.nanmean(a.accel_x[rest])), float(np.nanmean(a.accel_y[rest]))
-        if max(abs(x), abs(y)) > TILT:
-            out.append(_said("accelerometer_tilt", "accelerometer at rest shows "
+        if max(abs(x), abs(y)) > MAX_TILT_ACCELERATION:
+            out.append(_report("accelerometer_tilt", "accelerometer at rest shows "
                              f"({x:+.2f}, {y:+.2f}) m/s2: tilt, do not integrate it"))
-    driven = speed > STANDING
+    driven = speed > MIN_MOVING_SPEED
     if driven.sum() >= REST_ROWS and float(np.nanstd(a.accel_x[driven])) > 1.0:
-        out.append(_said("vibration", "accelerometer x scatters by "
+        out.append(_report("vibration", "accelerometer x scatters by "
                          f"{float(np.nanstd(a.accel_x[driven])):.1f} m/s2 while driving: "
                          "vibration sampled too slowly"))
     return out

@@ -13,22 +13,22 @@ from dart_hal.recording.dart.model import Recording, Reference
 from dart_hal.recording.dart.reference import fit_reference, rolling_reference
 
 # Samples of 10 ms.
-LEAD = 8
-FIRST = 20
-STRIDE = 25
-TAIL = 220
-SPAN = 207
+WINDOW_LEAD = 8
+FIRST_WINDOW = 20
+WINDOW_STRIDE = 25
+WINDOW_TAIL = 220
+WINDOW_SPAN = 207
 START_SPEED = 0.3  # m/s
-STANDING = 0.05  # m/s; below it the car stands
+MIN_MOVING_SPEED = 0.05  # m/s; below it the car stands
 # m/s between wheels and ground, and samples to judge it by.
-SLIP = 0.3
+MAX_SLIP_SPEED = 0.3
 SLIP_ROWS = 100
-MOSTLY_BAD = 0.9  # of the time; what is left are the pauses between failures
-SLIPS = 0.2  # of the driven time; then the wheels tell no speed
+MAX_BAD_MOTION_SHARE = 0.9  # of the time; what is left are the pauses between failures
+MAX_SLIP_SHARE = 0.2  # of the driven time; then the wheels tell no speed
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class RecordedMotion:
     """A recording with its grid.
 
     grid: None without motion capture, or with too little of it. reference: marker frame of
@@ -49,13 +49,13 @@ class Motion:
     @property
     def mostly_bad(self) -> bool:
         """Whether so much of the motion capture is bad that nothing may be concluded from it."""
-        return self.grid is not None and float(self.grid.bad.mean()) > MOSTLY_BAD
+        return self.grid is not None and float(self.grid.bad.mean()) > MAX_BAD_MOTION_SHARE
 
     @property
     def moves(self) -> bool:
         """Whether anything shows that the car drove: encoder or motion capture, for 0.3 s."""
         speed = self.recording.messages.speed
-        if int((np.nan_to_num(speed) > STANDING).sum()) >= 3:
+        if int((np.nan_to_num(speed) > MIN_MOVING_SPEED).sum()) >= 3:
             return True
         return self.grid is not None and int(
             (np.hypot(self.grid.v_x, self.grid.v_y)[self.good] > START_SPEED).sum()) >= 30
@@ -73,20 +73,20 @@ class Motion:
         driven = self.good & (g.v_x > START_SPEED) & np.isfinite(g.encoder)
         if driven.sum() < SLIP_ROWS:
             return 0.0
-        return float((np.abs(g.encoder - g.v_x)[driven] > SLIP).mean())
+        return float((np.abs(g.encoder - g.v_x)[driven] > MAX_SLIP_SPEED).mean())
 
 
-def motion(recording: Recording) -> Motion:
+def motion(recording: Recording) -> RecordedMotion:
     """Grid of ``recording``, which has been through ``with_marker_frames``."""
     if recording.mocap is None:
-        return Motion(recording, None, None, None)
+        return RecordedMotion(recording, None, None, None)
     known = recording.marker
     fitted = fit_reference([recording])
     try:
-        return Motion(recording, grid(recording, known or rolling_reference(recording)), known,
-                      fitted)
+        measured = grid(recording, known or rolling_reference(recording))
+        return RecordedMotion(recording, measured, known, fitted)
     except RecordingError:  # less than 0.25 s of motion capture
-        return Motion(recording, None, known, None)
+        return RecordedMotion(recording, None, known, None)
 
 
 def windows(g: Grid) -> list[int]:
@@ -95,5 +95,5 @@ def windows(g: Grid) -> list[int]:
     A window needs 80 ms before its start and 2.07 s after it.
     """
     bad = np.concatenate([[0], np.cumsum(g.bad)])
-    return [s for s in range(FIRST, len(g) - TAIL, STRIDE)
-            if g.v_x[s] > START_SPEED and bad[s + SPAN + 1] == bad[s - LEAD]]
+    return [s for s in range(FIRST_WINDOW, len(g) - WINDOW_TAIL, WINDOW_STRIDE)
+            if g.v_x[s] > START_SPEED and bad[s + WINDOW_SPAN + 1] == bad[s - WINDOW_LEAD]]

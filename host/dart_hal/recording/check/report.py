@@ -1,4 +1,4 @@
-"""The whole of it: one ``Check`` per recording, one ``Summary`` over all."""
+"""The whole of it: one ``RecordingCheck`` per recording, one ``CheckSummary`` over all."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from dart_hal.recording.dart import Reference, with_marker_frames
 from dart_hal.recording.dart.marker import marker_grid
 from dart_hal.recording.dart.model import Recording
 
-from .facts import Facts, Range, facts, named_time
+from .facts import Range, RecordingFacts, facts, named_time
 from .findings import Finding, findings
-from .motion import Motion, motion
+from .motion import RecordedMotion, motion
 from .uses import PURPOSES, Use, uses
 
 QUANTUM_TOLERANCE = 0.05  # relative; quanta further apart come from different constants
@@ -24,11 +24,11 @@ SAME_CLOCK = 60.0  # s; between the names of two files and their first stamps
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class RecordingCheck:
     """One recording: what is in it, what is wrong with it, what it is good for."""
 
-    motion: Motion
-    facts: Facts
+    motion: RecordedMotion
+    facts: RecordingFacts
     findings: tuple[Finding, ...]
     uses: dict[str, Use]
 
@@ -85,7 +85,7 @@ class Check:
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
+class CheckSummary:
     """All recordings together; notes: what matters only when they are pooled."""
 
     files: int
@@ -112,19 +112,19 @@ def stem_of(path: Path) -> str:
     return path.name.split(".csv")[0].removesuffix(".mcap").removeprefix("car_1_Datarecording_")
 
 
-def check(recording: Recording) -> Check:
+def check(recording: Recording) -> RecordingCheck:
     """Look through one recording."""
     m = motion(with_marker_frames([recording])[0])
     lock = 0.0
     if recording.schema == "B" and m.grid is not None:
         lock = float(marker_grid(recording).false_lock.mean())
     f = facts(m, lock)
-    return Check(m, f, tuple(findings(m, f)), uses(m, f))
+    return RecordingCheck(m, f, tuple(findings(m, f)), uses(m, f))
 
 
-def summary(checks: Sequence[Check]) -> Summary:
+def summary(checks: Sequence[RecordingCheck]) -> CheckSummary:
     """Counts over ``checks`` and what their differences mean for pooling."""
-    return Summary(
+    return CheckSummary(
         files=len(checks),
         schemas=dict(sorted(Counter(c.recording.schema for c in checks).items())),
         duration=float(sum(c.facts.duration for c in checks)),
@@ -133,7 +133,7 @@ def summary(checks: Sequence[Check]) -> Summary:
         notes=tuple(_pooling(checks)))
 
 
-def _pooling(checks: Sequence[Check]) -> list[str]:
+def _pooling(checks: Sequence[RecordingCheck]) -> list[str]:
     notes = []
     quanta = sorted(c.recording.quantum for c in checks if c.recording.quantum)
     groups = [q for i, q in enumerate(quanta)
@@ -150,7 +150,7 @@ def _pooling(checks: Sequence[Check]) -> list[str]:
     return notes
 
 
-def _order(checks: Sequence[Check]) -> list[str]:
+def _order(checks: Sequence[RecordingCheck]) -> list[str]:
     """Files whose name puts them elsewhere than the clock of the sensor node does.
 
     The node counts from its start: files of one start share the difference

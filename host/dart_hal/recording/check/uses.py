@@ -12,26 +12,26 @@ import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray
 
-from .facts import Facts
-from .motion import SLIPS, STANDING, Motion
+from .facts import RecordingFacts
+from .motion import MAX_SLIP_SHARE, MIN_MOVING_SPEED, RecordedMotion
 
 PURPOSES = ("friction", "motor", "steering", "delay", "tyres", "evaluation")
-ROLLS = 0.1  # m/s
-STRAIGHT = 0.2  # of full steering; more than that and cornering drag counts
+MIN_ROLLING_SPEED = 0.1  # m/s
+MAX_STRAIGHT_STEERING = 0.2  # of full steering; more than that and cornering drag counts
 # m/s. Below SLOW, noise of the gyro dominates atan(l W / v): it counts only where all is slow.
-FAST = 0.8
-SLOW = 0.3
-COASTING = 10
-DRIVEN = 30
-TURNED = 50
-CORNERED = 300
+MIN_STEERED_SPEED = 0.8
+MIN_SLOW_STEERED_SPEED = 0.3
+MIN_COASTING_MESSAGES = 10
+MIN_DRIVEN_MESSAGES = 30
+MIN_TURNED_MESSAGES = 50
+MIN_CORNERED_SAMPLES = 300
 # Samples, m/s, steering changes and their spread, below which the fit of the delay declines.
-TIMED = 30
-TIMED_SPEED = 0.3
-TIMED_CHANGES = 3
-TIMED_SPREAD = 0.03
-LEVEL = 0.02  # of a command: two that differ by less are one level
-LATERAL = 1.0  # m/s2; where a tyre shows its slip
+MIN_DELAY_MESSAGES = 30
+MIN_DELAY_SPEED = 0.3
+MIN_STEERING_CHANGES = 3
+MIN_STEERING_SPREAD = 0.03
+COMMAND_LEVEL_STEP = 0.02  # of a command: two that differ by less are one level
+MIN_LATERAL_ACCELERATION = 1.0  # m/s2; where a tyre shows its slip
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class Use:
     why: str
 
 
-def uses(m: Motion, f: Facts) -> dict[str, Use]:
+def uses(m: RecordedMotion, f: RecordingFacts) -> dict[str, Use]:
     """By purpose, in the order of ``PURPOSES``."""
     a = m.recording.messages
     speed, source = _speed(m)
@@ -52,27 +52,28 @@ def uses(m: Motion, f: Facts) -> dict[str, Use]:
         no = Use(False, 0, "messages", f"{1.0 - float(m.good.mean()):.0%} of the motion is marked "
                  "bad")
         return dict.fromkeys(PURPOSES, no)
-    if m.slip >= SLIPS:
+    if m.slip >= MAX_SLIP_SHARE:
         no = Use(False, 0, "messages", "the wheels slip: their speed is not the car's")
         return {**dict.fromkeys(PURPOSES[:4], no), "tyres": _tyres(m),
                 "evaluation": _evaluation(m, f)}
-    straight = np.abs(a.steering) <= STRAIGHT
-    coast = straight & (a.throttle == 0.0) & (speed > ROLLS)
-    driven = straight & (a.throttle > 0.0) & (speed > STANDING)
+    straight = np.abs(a.steering) <= MAX_STRAIGHT_STEERING
+    coast = straight & (a.throttle == 0.0) & (speed > MIN_ROLLING_SPEED)
+    driven = straight & (a.throttle > 0.0) & (speed > MIN_MOVING_SPEED)
     turn = _turn_rate(m)
-    fast = speed > (FAST if int((speed > FAST).sum()) >= TURNED else SLOW)
+    enough = int((speed > MIN_STEERED_SPEED).sum()) >= MIN_TURNED_MESSAGES
+    fast = speed > (MIN_STEERED_SPEED if enough else MIN_SLOW_STEERED_SPEED)
     steered = fast & np.isfinite(turn)
     return {
         "friction": _friction(coast, source, f.step),
         "motor": _motor(driven, a.throttle, source, f.step),
         "steering": _steering(steered, a.steering, source, f.step),
-        "delay": _delay((speed > TIMED_SPEED) & np.isfinite(turn), a.steering),
+        "delay": _delay((speed > MIN_DELAY_SPEED) & np.isfinite(turn), a.steering),
         "tyres": _tyres(m),
         "evaluation": _evaluation(m, f),
     }
 
 
-def _speed(m: Motion) -> tuple[FloatArray, str]:
+def _speed(m: RecordedMotion) -> tuple[FloatArray, str]:
     """Speed at the messages (m,) and which sensor gives it; zeros where there is none."""
     a = m.recording.messages
     if m.recording.encoder in ("ok", "zero") and np.isfinite(a.speed).any():
@@ -82,14 +83,14 @@ def _speed(m: Motion) -> tuple[FloatArray, str]:
     return _at_messages(m, m.grid.v_x), "mocap"
 
 
-def _turn_rate(m: Motion) -> FloatArray:
+def _turn_rate(m: RecordedMotion) -> FloatArray:
     a = m.recording.messages
     if np.isfinite(a.yaw_rate).any() or m.grid is None:
         return a.yaw_rate
     return _at_messages(m, m.grid.omega)
 
 
-def _at_messages(m: Motion, values: FloatArray) -> FloatArray:
+def _at_messages(m: RecordedMotion, values: FloatArray) -> FloatArray:
     """Grid values (n,) at the arrival of the messages (m,); 0 where they are bad."""
     assert m.grid is not None
     usable = np.where(m.grid.bad, 0.0, values)
@@ -98,7 +99,7 @@ def _at_messages(m: Motion, values: FloatArray) -> FloatArray:
 
 def _friction(rows: BoolArray, source: str, step: float) -> Use:
     n = int(rows.sum())
-    good = n >= COASTING
+    good = n >= MIN_COASTING_MESSAGES
     return Use(good, n, "messages", f"coasting straight, speed from the {source}" if good else
                f"coasts straight for {_seconds(n, step)} only (speed: {source})")
 
@@ -106,7 +107,7 @@ def _friction(rows: BoolArray, source: str, step: float) -> Use:
 def _motor(rows: BoolArray, throttle: FloatArray, source: str, step: float) -> Use:
     n = int(rows.sum())
     levels = _levels(throttle[rows])
-    good = n >= DRIVEN
+    good = n >= MIN_DRIVEN_MESSAGES
     return Use(good, n, "messages", f"{levels} throttle level(s) driven straight, speed from the "
                f"{source}" if good else f"drives straight for {_seconds(n, step)} only")
 
@@ -114,8 +115,9 @@ def _motor(rows: BoolArray, throttle: FloatArray, source: str, step: float) -> U
 def _steering(rows: BoolArray, steering: FloatArray, source: str, step: float) -> Use:
     n = int(rows.sum())
     levels = _levels(steering[rows])
-    if n < TURNED:
-        return Use(False, n, "messages", f"above {SLOW} m/s for {_seconds(n, step)} only")
+    if n < MIN_TURNED_MESSAGES:
+        return Use(False, n, "messages",
+                   f"above {MIN_SLOW_STEERED_SPEED} m/s for {_seconds(n, step)} only")
     if levels < 3:
         return Use(False, n, "messages", f"{levels} steering level(s): a map needs several")
     left = bool((steering[rows] > 0.3).any())
@@ -129,33 +131,35 @@ def _delay(rows: BoolArray, steering: FloatArray) -> Use:
     n = int(rows.sum())
     held = steering[rows]
     changes = int((np.diff(held) != 0.0).sum())
-    if n < TIMED:
-        return Use(False, n, "messages", f"fewer than {TIMED} messages above {TIMED_SPEED} m/s")
-    if changes < TIMED_CHANGES or float(np.std(held)) < TIMED_SPREAD:
+    if n < MIN_DELAY_MESSAGES:
+        return Use(False, n, "messages",
+                   f"fewer than {MIN_DELAY_MESSAGES} messages above {MIN_DELAY_SPEED} m/s")
+    if changes < MIN_STEERING_CHANGES or float(np.std(held)) < MIN_STEERING_SPREAD:
         return Use(False, n, "messages", "the steering hardly changes while the car drives")
-    return Use(True, n, "messages", f"{changes} steering changes above {TIMED_SPEED} m/s")
+    return Use(True, n, "messages", f"{changes} steering changes above {MIN_DELAY_SPEED} m/s")
 
 
-def _tyres(m: Motion) -> Use:
+def _tyres(m: RecordedMotion) -> Use:
     if m.grid is None:
         return Use(False, 0, "samples", "no motion capture: side slip is not measured")
     if m.reference is None:
         return Use(False, 0, "samples", "the marker frame is not known")
     lateral = m.grid.v_x * m.grid.omega
-    rows = m.good & (np.abs(lateral) > LATERAL)
+    rows = m.good & (np.abs(lateral) > MIN_LATERAL_ACCELERATION)
     n = int(rows.sum())
-    if n < CORNERED:
+    if n < MIN_CORNERED_SAMPLES:
         return Use(False, n, "samples",
-                   f"cornering above {LATERAL:g} m/s2 for {_seconds(n, 0.01)} only")
+                   f"cornering above {MIN_LATERAL_ACCELERATION:g} m/s2 for "
+                   f"{_seconds(n, 0.01)} only")
     left = int((lateral[rows] > 0).sum())
     right = int((lateral[rows] < 0).sum())
-    sides = ("both sides" if min(left, right) >= CORNERED / 3 else
+    sides = ("both sides" if min(left, right) >= MIN_CORNERED_SAMPLES / 3 else
              f"{'left' if left > right else 'right'} only: D and C cannot be told apart")
     most = float(np.percentile(np.abs(lateral[rows]), 99))
     return Use(True, n, "samples", f"up to {most:.1f} m/s2, {sides}")
 
 
-def _evaluation(m: Motion, f: Facts) -> Use:
+def _evaluation(m: RecordedMotion, f: RecordingFacts) -> Use:
     if f.mocap is None:
         return Use(False, 0, "windows", "no motion capture to compare with")
     n = f.mocap.windows
@@ -170,4 +174,4 @@ def _seconds(n: int, step: float) -> str:
 
 def _levels(values: FloatArray) -> int:
     """How many levels of a command were held, LEVEL apart."""
-    return len(np.unique(np.round(values / LEVEL))) if len(values) else 0
+    return len(np.unique(np.round(values / COMMAND_LEVEL_STEP))) if len(values) else 0

@@ -10,6 +10,22 @@ from .quantum import encoder_quantum
 from .reader import read, read_all
 from .reference import fit_reference, reference_for, rolling_reference
 
-__all__ = ["RUN", "AppliedCommands", "Grid", "Messages", "Mocap", "Note", "Recording", "Reference",
-           "encoder_quantum", "fit_reference", "grid", "read", "read_all", "reference_for",
-           "rolling_reference", "savgol_derivative", "with_marker_frames"]
+__all__ = [
+           "RUN",
+           "AppliedCommands",
+           "Grid",
+           "Messages",
+           "Mocap",
+           "Note",
+           "Recording",
+           "Reference",
+           "encoder_quantum",
+           "fit_reference",
+           "grid",
+           "read",
+           "read_all",
+           "reference_for",
+           "rolling_reference",
+           "savgol_derivative",
+           "with_marker_frames",
+]

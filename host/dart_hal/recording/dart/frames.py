@@ -28,11 +28,11 @@ def with_marker_frames(recordings: Sequence[Recording], given: Reference | None 
     that have been through this function, come back unchanged.
     """
     open_ones = [r for r in recordings if r.mocap is not None and not r.framed]
-    fits = _fitted(open_ones)
-    return [_framed(r, given, *fits[id(r)]) if id(r) in fits else r for r in recordings]
+    fits = _fit_mountings(open_ones)
+    return [_attach_frame(r, given, *fits[id(r)]) if id(r) in fits else r for r in recordings]
 
 
-def _fitted(recordings: Sequence[Recording]) -> dict[int, tuple[Reference | None, str]]:
+def _fit_mountings(recordings: Sequence[Recording]) -> dict[int, tuple[Reference | None, str]]:
     """By id of a recording, its fitted frame and what it was fitted to."""
     mountings: dict[str, list[Recording]] = {}
     for r in recordings:
@@ -44,13 +44,13 @@ def _fitted(recordings: Sequence[Recording]) -> dict[int, tuple[Reference | None
             continue
         pooled = fit_reference(members)
         alone = [fit_reference([r]) for r in members]
-        apart = [own is not None and (pooled is None or difference(own, pooled) != "")
-                 for own in alone]
-        for r, own, differs in zip(members, alone, apart, strict=True):
+        differences = [own is not None and (pooled is None or difference(own, pooled) != "")
+                       for own in alone]
+        for r, own, differs in zip(members, alone, differences, strict=True):
             if differs:
                 found[id(r)] = own, f"this recording, not like the others of {name}"
             else:  # where mountings differ, a recording without a fit may be of either
-                found[id(r)] = (own if any(apart) else pooled,
+                found[id(r)] = (own if any(differences) else pooled,
                                 f"{len(members)} recordings of {name}")
     return found
 
@@ -63,8 +63,8 @@ def mounting(recording: Recording) -> str:
     return f"{day} ({owner})" if owner else day
 
 
-def _framed(recording: Recording, given: Reference | None, fitted: Reference | None, fitted_to: str
-            ) -> Recording:
+def _attach_frame(recording: Recording, given: Reference | None, fitted: Reference | None,
+                  fitted_to: str) -> Recording:
     known = given or reference_for(recording)
     notes = list(recording.notes)
     if known is not None:

@@ -16,11 +16,11 @@ from dart_hal.core.types import BoolArray, FloatArray, IntArray
 
 from .mocap import POSITION_STEP, YAW_STEP, longest_step, position_jumps
 from .model import RUN, Recording
-from .sensors import GAP
+from .sensors import MAX_MESSAGE_GAP
 from .spans import span_index
 
-ARRIVED = 1e-5  # s; epoch stamps are rounded to 2.4e-7 s
-WIDEN = 20  # samples of 10 ms
+ARRIVAL_TOLERANCE = 1e-5  # s; epoch stamps are rounded to 2.4e-7 s
+MARGIN_SAMPLES = 20  # samples of 10 ms
 SLOW_STEP = 0.03  # s; a median mocap step above this needs a spline
 POSITION_STEP_C = 0.08  # m per 10 ms
 LOCK_SPEED = 0.05
@@ -105,13 +105,13 @@ def marker_grid(recording: Recording) -> MarkerGrid:
     if recording.schema == RUN:  # the published evaluation of the other schemas does without
         kept = turning_share(omega, points)
         dx, dy = dx / kept, dy / kept
-    arrived = np.searchsorted(messages.arrival, t + ARRIVED, side="right") - 1
+    arrived = np.searchsorted(messages.arrival, t + ARRIVAL_TOLERANCE, side="right") - 1
     last = np.maximum(arrived, 0)
     encoder = messages.speed[last]
     lock = np.zeros(len(t), dtype=bool)
     if recording.schema != "C":
         lock = _false_lock(np.hypot(dx, dy), encoder)
-    stale = (arrived < 0) | (t - messages.arrival[last] > GAP + ARRIVED)
+    stale = (arrived < 0) | (t - messages.arrival[last] > MAX_MESSAGE_GAP + ARRIVAL_TOLERANCE)
     # the published evaluation of schema C has a longer limit and drops the sample before only
     if recording.schema == "C":
         jumps = np.append(_jumps(x, y, yaw, POSITION_STEP_C), False)
@@ -134,7 +134,7 @@ def _onto(t: FloatArray, stamp: FloatArray, values: FloatArray, slow: bool) -> F
     return np.asarray(CubicSpline(stamp, values)(t))
 
 
-def _widen(bad: BoolArray, by: int = WIDEN) -> BoolArray:
+def _widen(bad: BoolArray, by: int = MARGIN_SAMPLES) -> BoolArray:
     return np.asarray(np.convolve(bad, np.ones(2 * by + 1), mode="same") > 0.5)
 
 

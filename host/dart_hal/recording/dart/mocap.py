@@ -9,19 +9,19 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray
 
 from .model import Mocap, Note, freeze, freeze_flags
-from .schema import MOCAP
-from .sensors import BREAK
+from .schema import MOCAP_COLUMNS
+from .sensors import CLOCK_BREAK
 
 MIN_ADVANCE = 1e-4  # s
 POSITION_STEP = 0.06  # m per 10 ms; a shorter step is no jump
 # m per 10 ms between a longer step and the usual one of its neighbours, from which on it is a
 # jump. A car that drives at 30 m/s makes steps of 0.3 m, all alike; the other half of POSITION_STEP
 # is the 3 m/s that a car may well drive, so that no outlier at that speed passes as motion.
-DEVIATION = 0.03
+MAX_DEVIATION = 0.03
 # Times the usual deviation of a file, up to that share of the usual step: a tracker of large cars
 # scatters by centimetres. 6 median deviations are 4 standard deviations of normal noise.
-NOISE = 6.0
-NOISE_SHARE = 0.5
+MAX_NOISE_RATIO = 6.0
+MAX_NOISE_SHARE = 0.5
 NEIGHBOURS = 10  # steps to each side
 YAW_STEP = 0.2  # rad per 10 ms
 MAX_GAP = 0.05  # s
@@ -44,7 +44,7 @@ def advancing(t: FloatArray) -> tuple[BoolArray, FloatArray, int]:
     for i, stamp in enumerate(t.tolist()):
         now = stamp + shift
         if now < last - 0.1:
-            shift += last + BREAK - now
+            shift += last + CLOCK_BREAK - now
             now = stamp + shift
             back += 1
         if now > last + MIN_ADVANCE:
@@ -75,10 +75,11 @@ def outliers(t: FloatArray, x: FloatArray, y: FloatArray, yaw: FloatArray) -> Bo
     def jump(i: int, k: int) -> bool:
         time = t[k] - t[i]
         scale = max(time / SAMPLE, 1.0)
-        way = x[k] - x[i], y[k] - y[i]
-        apart = np.hypot(way[0] - u[i] * time, way[1] - v[i] * time)
-        return bool((np.hypot(*way) > POSITION_STEP * scale
-                     and apart > max(allowed[i], DEVIATION * scale))
+        dx_ik = x[k] - x[i]
+        dy_ik = y[k] - y[i]
+        deviation = np.hypot(dx_ik - u[i] * time, dy_ik - v[i] * time)
+        return bool((np.hypot(dx_ik, dy_ik) > POSITION_STEP * scale
+                     and deviation > max(allowed[i], MAX_DEVIATION * scale))
                     or abs(wrap(yaw[k] - yaw[i])) > YAW_STEP * scale)
 
     scale = np.maximum(duration / SAMPLE, 1.0)
@@ -106,15 +107,17 @@ def position_jumps(duration: FloatArray, dx: FloatArray, dy: FloatArray,
     if not long.any():
         return np.asarray(long)
     u, v = usual_velocity(duration, dx, dy)
-    apart = np.hypot(dx - u * duration, dy - v * duration)
-    return np.asarray(long & (apart > deviation_limit(duration, u, v, apart)))
+    deviation = np.hypot(dx - u * duration, dy - v * duration)
+    return np.asarray(long & (deviation > deviation_limit(duration, u, v, deviation)))
 
 
-def deviation_limit(duration: FloatArray, u: FloatArray, v: FloatArray, apart: FloatArray
+def deviation_limit(duration: FloatArray, u: FloatArray, v: FloatArray, deviation: FloatArray
                     ) -> FloatArray:
-    """How far [m], (n,), a step may deviate from the usual velocity (u, v) [m/s]; apart: does."""
-    noise = np.minimum(NOISE * float(np.median(apart)), NOISE_SHARE * np.hypot(u, v) * duration)
-    return np.asarray(np.maximum(DEVIATION * np.maximum(duration / SAMPLE, 1.0), noise))
+    """Return how far [m], (n,), a step may deviate from the usual velocity (u, v) [m/s]."""
+    # Noise: a multiple of the median deviation, at most a share of the usual step.
+    noise = np.minimum(MAX_NOISE_RATIO * float(np.median(deviation)),
+                       MAX_NOISE_SHARE * np.hypot(u, v) * duration)
+    return np.asarray(np.maximum(MAX_DEVIATION * np.maximum(duration / SAMPLE, 1.0), noise))
 
 
 def usual_velocity(duration: FloatArray, dx: FloatArray, dy: FloatArray
@@ -147,7 +150,7 @@ def unwrap(yaw: FloatArray, outlier: BoolArray) -> FloatArray:
 
 def mocap(columns: dict[str, FloatArray]) -> tuple[Mocap, BoolArray, list[Note]]:
     """(mocap, rows of the table that it kept, notes)."""
-    stamp, x, y, yaw = (columns[c] for c in MOCAP)
+    stamp, x, y, yaw = (columns[c] for c in MOCAP_COLUMNS)
     keep, t, back = advancing(stamp)
     x, y, yaw = x[keep], y[keep], yaw[keep]
     outlier = outliers(t, x, y, yaw)

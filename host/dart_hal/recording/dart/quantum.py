@@ -11,13 +11,13 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 
-LOW = 0.015
-HIGH = 0.12
-STEP = 1e-5
+MIN_QUANTUM = 0.015
+MAX_QUANTUM = 0.12
+QUANTUM_STEP = 1e-5
 MIN_VALUES = 5
 MIN_ROUNDED = 8
 ROUNDING = 0.0055  # m/s; half a unit of the second decimal and a little
-SHARE = 0.98  # of the values must lie on the multiples
+MIN_MULTIPLE_SHARE = 0.98  # of the values must lie on the multiples
 MAX_SPEED = 2.5  # m/s; the multiples of neighbouring candidates drift apart with speed
 
 
@@ -33,10 +33,10 @@ def encoder_quantum(speed: FloatArray) -> float | None:
     rounded = bool(np.all(np.abs(cents - np.round(cents)) < 1e-3))
     if len(values) < (MIN_ROUNDED if rounded else MIN_VALUES):
         return None
-    candidates = np.arange(HIGH, LOW, -STEP)
+    candidates = np.arange(MAX_QUANTUM, MIN_QUANTUM, -QUANTUM_STEP)
     off = np.abs(values - candidates[:, None] * np.round(values / candidates[:, None]))
     tolerance = ROUNDING if rounded else np.maximum(0.02 * candidates, 1e-4)[:, None]
-    fits = (off < tolerance).mean(axis=1) >= SHARE
+    fits = (off < tolerance).mean(axis=1) >= MIN_MULTIPLE_SHARE
     if not fits.any():
         return None
     first = int(np.argmax(fits))

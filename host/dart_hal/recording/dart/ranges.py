@@ -20,11 +20,11 @@ from dart_hal.core.types import BoolArray, FloatArray
 from .mocap import MIN_ADVANCE
 from .schema import SENSOR_TIME
 
-YAW_RATE = "W (IMU)"
-SPEED = "vel encoder"
+YAW_RATE_COLUMN = "W (IMU)"
+SPEED_COLUMN = "vel encoder"
 
 
-class Limit(NamedTuple):
+class ValueLimit(NamedTuple):
     """Largest magnitude of a column, its unit, and the units that exceed it."""
 
     column: str
@@ -34,31 +34,32 @@ class Limit(NamedTuple):
 
 
 LIMITS = (
-    Limit(YAW_RATE, 35.0, "rad/s", "deg/s"),  # 2000 deg/s ends the gyro's range
-    Limit("acc x (IMU)", 200.0, "m/s2", "mm/s2 or mg"),
-    Limit("acc y (IMU)", 200.0, "m/s2", "mm/s2 or mg"),
-    Limit(SENSOR_TIME, 1e10, "s", "ms, us or ns"),
-    Limit("vicon time", 1e10, "s", "ms, us or ns"),
+    ValueLimit(YAW_RATE_COLUMN, 35.0, "rad/s", "deg/s"),  # 2000 deg/s ends the gyro's range
+    ValueLimit("acc x (IMU)", 200.0, "m/s2", "mm/s2 or mg"),
+    ValueLimit("acc y (IMU)", 200.0, "m/s2", "mm/s2 or mg"),
+    ValueLimit(SENSOR_TIME, 1e10, "s", "ms, us or ns"),
+    ValueLimit("vicon time", 1e10, "s", "ms, us or ns"),
 )
-SPEED_LIMIT = Limit(SPEED, 15.0, "m/s", "mm/s or cm/s")
-PLACE_LIMITS = tuple(Limit(column, 1000.0, "m", "mm") for column in ("vicon x", "vicon y"))
+SPEED_LIMIT = ValueLimit(SPEED_COLUMN, 15.0, "m/s", "mm/s or cm/s")
+PLACE_LIMITS = tuple(ValueLimit(column, 1000.0, "m", "mm") for column in ("vicon x", "vicon y"))
 MAX_SPEED = 150.0  # m/s; nothing on wheels that is controlled by these commands is faster
 # m/s2, of a motion that is averaged over SMOOTH s. Grip gives 10, wings 50; a speed in cm/s or a
 # position in mm gives 100 and more where a car changes its speed by 1 m/s in a second.
 MAX_ACCELERATION = 50.0
-SMOOTH = 0.2  # s
-AGREEING = 2.0  # times the speed of the mocap that an encoder may show
-CONTINUOUS = 0.02  # of a position beyond its limit, that it may differ from its neighbours
+SMOOTHING_TIME = 0.2  # s
+MAX_SPEED_RATIO = 2.0  # times the speed of the mocap that an encoder may show
+# Of a position beyond its limit: by how much it may differ from its neighbours.
+MAX_CONTINUOUS_CHANGE = 0.02
 # From a mistaken unit to the SI unit.
 FACTORS = {
     "mm": "1000", "mm/s or cm/s": "1000 or 100", "deg/s": "57.2958", "degrees": "57.2958",
     "mm/s2 or mg": "1000 or 102", "ms, us or ns": "1e3, 1e6 or 1e9",
     "minutes or hours": "1/60 or 1/3600"}
 # s: limits of the median step of the sensor messages, which come at 10 Hz.
-SHORTEST = 1e-3
-LONGEST = 1.0
-SHORTEST_MOCAP = MIN_ADVANCE  # s
-LONGEST_PAUSE = 86_400.0  # s; no recorder waits for a day
+MIN_MESSAGE_STEP = 1e-3
+MAX_MESSAGE_STEP = 1.0
+MIN_MOCAP_STEP = MIN_ADVANCE  # s
+MAX_PAUSE = 86_400.0  # s; no recorder waits for a day
 YAW_JUMP = 50.0  # rad from one mocap row to the next
 # m/s, and the share of rows: a fifth of the rows that fast is no tracking error.
 MOCAP_SPEED = 30.0
@@ -66,7 +67,7 @@ MOCAP_SHARE = 0.2
 SMALLEST_WHEELBASE = 0.06  # m, of a 1:43 car; every other car turns less tightly
 TIGHTEST = 2.0 * 0.684  # twice tan(0.6 rad): no steering angle turns the car that tightly
 # m/s above which the car moves, rows of that, and the share of them that turns.
-MOVING = 0.3
+MIN_TURNING_SPEED = 0.3
 MOVING_ROWS = 10
 TURN_SHARE = 0.2
 
@@ -79,16 +80,16 @@ def check_values(columns: dict[str, FloatArray], file: str) -> None:
         size = np.abs(columns[limit.column])
         odd = size > limit.most
         if limit in PLACE_LIMITS:
-            odd &= _isolated(columns[limit.column])
+            odd &= _is_isolated(columns[limit.column])
         if odd.any():
             worst = columns[limit.column][int(np.argmax(np.where(odd, size, 0.0)))]
-            raise _refused(file, limit.column, f"{worst:.6g} {limit.unit}",
+            raise _refusal(file, limit.column, f"{worst:.6g} {limit.unit}",
                            f"at most {limit.most:g} {limit.unit} either way",
                            limit.mistaken, f", in {int(odd.sum())} of {len(odd)} row(s)")
     if "vicon yaw" in columns and len(columns["vicon yaw"]) > 1:
         jump = float(np.max(np.abs(np.diff(columns["vicon yaw"]))))
         if jump > YAW_JUMP:
-            raise _refused(file, "vicon yaw", f"a jump of {jump:.6g} rad from row to row",
+            raise _refusal(file, "vicon yaw", f"a jump of {jump:.6g} rad from row to row",
                            "radians", "degrees")
 
 
@@ -98,10 +99,10 @@ def check_units(columns: dict[str, FloatArray], file: str) -> None:
     columns (rows,): without the rows before the first sensor message.
     """
     if SENSOR_TIME in columns:
-        _check_steps(columns[SENSOR_TIME], SENSOR_TIME, SHORTEST, file)
+        _check_steps(columns[SENSOR_TIME], SENSOR_TIME, MIN_MESSAGE_STEP, file)
         _check_yaw_rate(columns, file)
     if "vicon time" in columns:
-        _check_steps(columns["vicon time"], "vicon time", SHORTEST_MOCAP, file)
+        _check_steps(columns["vicon time"], "vicon time", MIN_MOCAP_STEP, file)
         _check_mocap_speed(columns, file)
 
 
@@ -112,29 +113,30 @@ def _check_steps(t: FloatArray, column: str, shortest: float, file: str) -> None
         return
     usual = float(np.median(step))
     longest = float(np.max(step))
-    if not shortest <= usual <= LONGEST:
-        raise _refused(file, column, f"a median step of {usual:.6g} s from message to message",
-                       f"{shortest:g} to {LONGEST:g} s", "ms, us or ns" if usual > LONGEST
-                       else "minutes or hours")
-    if longest > LONGEST_PAUSE:
-        raise _refused(file, column, f"a step of {longest:.6g} s",
-                       f"at most {LONGEST_PAUSE:g} s (a day)", "ms, us or ns")
+    if not shortest <= usual <= MAX_MESSAGE_STEP:
+        raise _refusal(file, column, f"a median step of {usual:.6g} s from message to message",
+                       f"{shortest:g} to {MAX_MESSAGE_STEP:g} s",
+                       "ms, us or ns" if usual > MAX_MESSAGE_STEP else "minutes or hours")
+    if longest > MAX_PAUSE:
+        raise _refusal(file, column, f"a step of {longest:.6g} s",
+                       f"at most {MAX_PAUSE:g} s (a day)", "ms, us or ns")
 
 
 def _check_yaw_rate(columns: dict[str, FloatArray], file: str) -> None:
     """A yaw rate in deg/s is tighter than any steering, wherever the car turns."""
-    speed = np.abs(columns[SPEED])
-    moves = speed > MOVING
+    speed = np.abs(columns[SPEED_COLUMN])
+    moves = speed > MIN_TURNING_SPEED
     if int(moves.sum()) < MOVING_ROWS:
         return
-    slope = SMALLEST_WHEELBASE * np.abs(columns[YAW_RATE][moves]) / speed[moves]
+    slope = SMALLEST_WHEELBASE * np.abs(columns[YAW_RATE_COLUMN][moves]) / speed[moves]
     share = float((slope > TIGHTEST).mean())
     if share > TURN_SHARE:
-        raise _refused(
-            file, YAW_RATE, f"{float(np.max(np.abs(columns[YAW_RATE]))):.6g} at most; in "
-            f"{share:.0%} of the driven rows a tighter turn than "
+        raise _refusal(
+            file, YAW_RATE_COLUMN, f"{float(np.max(np.abs(columns[YAW_RATE_COLUMN]))):.6g} "
+            f"at most; in {share:.0%} of the driven rows a tighter turn than "
             f"{SMALLEST_WHEELBASE / TIGHTEST:.3f} m",
-            f"rad/s that a wheelbase of {SMALLEST_WHEELBASE} m can turn at the speed of {SPEED!r}",
+            f"rad/s that a wheelbase of {SMALLEST_WHEELBASE} m can turn at the speed of "
+            f"{SPEED_COLUMN!r}",
             "deg/s")
 
 
@@ -145,11 +147,11 @@ def _check_mocap_speed(columns: dict[str, FloatArray], file: str) -> None:
         return
     usual = float(np.median(speed))
     if usual > MAX_SPEED:
-        raise _refused(file, "vicon x", f"a median speed of {usual:.6g} m/s",
+        raise _refusal(file, "vicon x", f"a median speed of {usual:.6g} m/s",
                        f"at most {MAX_SPEED:g} m/s", "mm")
     change = float(np.quantile(acceleration, 0.75)) if len(acceleration) else 0.0
     if change > MAX_ACCELERATION:
-        raise _refused(file, "vicon x", f"a median speed of {usual:.6g} m/s, and an acceleration "
+        raise _refusal(file, "vicon x", f"a median speed of {usual:.6g} m/s, and an acceleration "
                        f"of {change:.6g} m/s2 and more in a quarter of the time",
                        f"at most {MAX_ACCELERATION:g} m/s2 at such a speed", "mm")
 
@@ -162,7 +164,7 @@ def _motion(columns: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
     if len(t) < 2:
         return np.empty(0), np.empty(0)
     speed = np.hypot(np.diff(x), np.diff(y)) / np.diff(t)
-    span = max(round(SMOOTH / float(np.median(np.diff(t)))), 1)
+    span = max(round(SMOOTHING_TIME / float(np.median(np.diff(t)))), 1)
     t, x, y = t[::span], x[::span], y[::span]
     if len(t) < 3:
         return speed, np.empty(0)
@@ -173,17 +175,17 @@ def _motion(columns: dict[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
         return speed, np.hypot(np.diff(u), np.diff(v)) / (0.5 * (step[1:] + step[:-1]))
 
 
-def _speed_limit(columns: dict[str, FloatArray]) -> Limit:
+def _speed_limit(columns: dict[str, FloatArray]) -> ValueLimit:
     """Largest speed of the encoder: that of small cars, or what the file itself supports."""
-    if SPEED not in columns or not len(columns[SPEED]):
+    if SPEED_COLUMN not in columns or not len(columns[SPEED_COLUMN]):
         return SPEED_LIMIT
     if "vicon time" in columns:
         speed, _ = _motion(columns)
         usual = float(np.quantile(speed, 0.9)) if len(speed) else 0.0
-        supported = AGREEING * min(usual, MAX_SPEED)
+        supported = MAX_SPEED_RATIO * min(usual, MAX_SPEED)
     else:
         t = columns[SENSOR_TIME]
-        value = columns[SPEED]
+        value = columns[SPEED_COLUMN]
         fresh = np.concatenate([[True], np.diff(t) > MIN_ADVANCE])
         change = np.abs(np.diff(value[fresh])) / np.diff(t[fresh])
         smooth = len(change) > 0 and float(np.max(change)) <= MAX_ACCELERATION
@@ -191,14 +193,14 @@ def _speed_limit(columns: dict[str, FloatArray]) -> Limit:
     return SPEED_LIMIT._replace(most=max(SPEED_LIMIT.most, supported))
 
 
-def _isolated(place: FloatArray) -> BoolArray:
+def _is_isolated(place: FloatArray) -> BoolArray:
     """Rows (n,) that are far from both neighbours: a damaged number, no place far away."""
-    apart = np.abs(np.diff(place)) > CONTINUOUS * np.abs(place[:-1])
-    ends = np.concatenate([[True], apart, [True]])
+    jumps = np.abs(np.diff(place)) > MAX_CONTINUOUS_CHANGE * np.abs(place[:-1])
+    ends = np.concatenate([[True], jumps, [True]])
     return np.asarray(ends[:-1] & ends[1:])
 
 
-def _refused(file: str, column: str, found: str, expected: str, mistaken: str,
+def _refusal(file: str, column: str, found: str, expected: str, mistaken: str,
              where: str = "") -> RecordingError:
     return RecordingError(
         f"{file}: column {column!r} holds what no car can have: {found} ({mistaken}?)",

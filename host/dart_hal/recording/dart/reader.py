@@ -23,7 +23,7 @@ from .sensors import check_commands, commands_only, messages, not_started
 from .steering_sign import steering_note
 from .table import keep_finite, parse_text, read_content, text_of
 
-MOVING = 0.15  # m/s of mocap for a second: the car drives, so the encoder must count
+MIN_MOCAP_SPEED = 0.15  # m/s of mocap for a second: the car drives, so the encoder must count
 MIN_MOCAP_ROWS = 30
 
 
@@ -139,7 +139,7 @@ def _mocap_moves(recording: Recording) -> bool:
     if recording.mocap is None:
         return False
     m = marker_grid(recording)
-    return int(((np.hypot(m.dx, m.dy) > MOVING) & ~m.bad).sum()) > 100
+    return int(((np.hypot(m.dx, m.dy) > MIN_MOCAP_SPEED) & ~m.bad).sum()) > 100
 
 
 def read_all(paths: Iterable[str | Path]

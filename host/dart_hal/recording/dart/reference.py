@@ -30,16 +30,16 @@ UNTIL = ((datetime(2024, 7, 1, tzinfo=timezone.utc), FEB_24),
          (datetime(2025, 1, 1, tzinfo=timezone.utc), SEP_24))
 
 # m/s and m/s2: rows that the fit uses.
-MIN_SPEED = 0.3
-MAX_LATERAL = 2.0
+MIN_FIT_SPEED = 0.3
+MAX_FIT_LATERAL = 2.0
 # rad/s and m/s2: above either the car turns.
 TURNING_RATE = 0.3
 TURNING_LATERAL = 0.3
-MIN_SAMPLES = 200  # of 0.01 s to each side
-POINTS = 15  # of the derivative of the yaw rate
+MIN_TURNING_SAMPLES = 200  # of 0.01 s to each side
+DERIVATIVE_POINTS = 15  # of the derivative of the yaw rate
 # Stretches of the jackknife. Steering levels last for seconds: shorter stretches would count one
 # level several times, and the error would come out too small.
-GROUPS = 10
+JACKKNIFE_GROUPS = 10
 # rad of side slip at the rear axle that the equation of the fit may be wrong by: smoothing and
 # tyres that are not linear. On simulated cars L_x comes out 2 mm too small where turns have a
 # radius of 1 m; recordings of one day in September 2024 differ by as much.
@@ -53,13 +53,13 @@ MAX_SLIP = 0.005
 MIN_RATIO = 0.3
 MAX_ACROSS_ERROR = 0.02  # m
 MIN_MESSAGES = 60  # with a counting encoder
-COUNTED = 10  # samples over which the encoder of a message counted
+ENCODER_COUNT_SAMPLES = 10  # samples over which the encoder of a message counted
 # Of turning the frame by the fitted theta; the third changes it by less than 1e-6 rad.
-ROUNDS = 4
-REWEIGHTED = 8
-WILD = 2.0  # scatters; a residual of that size counts half
+FRAME_ROUNDS = 4
+REWEIGHTING_ROUNDS = 8
+HALF_WEIGHT_RESIDUAL = 2.0  # scatters; a residual of that size counts half
 # Standard errors beyond which two marker frames are two mountings.
-DIFFERENT = 3.0
+MIN_DIFFERENT_STDS = 3.0
 NEEDED = "2 s of turns to each side, at more than 0.3 m/s and less than 2 m/s2"
 # What identifies a frame, and the option that states it.
 OPTION = "--reference LX,THETA,LY (m, rad, m) gives the frame"
@@ -121,7 +121,7 @@ def fit_reference(recordings: Sequence[Recording]) -> Reference | None:
     theta = _course(parts)
     if theta is None:
         return None
-    for _ in range(ROUNDS):
+    for _ in range(FRAME_ROUNDS):
         design, lateral = _equation(parts, theta)
         if not _both_sides(design):
             return None
@@ -166,7 +166,7 @@ def difference(given: Reference, fitted: Reference) -> str:
     for name, unit, by, i in (("L_x", "m", given.lx - fitted.lx, 0), ("theta", "rad", angle, 1),
                               ("L_y", "m", given.ly - fitted.ly, 2)):
         error = float(np.hypot(fitted.std[i], np.nan_to_num(other[i])))
-        if np.isfinite(error) and abs(by) > DIFFERENT * error:
+        if np.isfinite(error) and abs(by) > MIN_DIFFERENT_STDS * error:
             found.append(f"{name} by {by:+.4f} {unit} ({abs(by) / error:.1f} standard errors)")
     return ", ".join(found)
 
@@ -189,7 +189,8 @@ def _course(parts: Sequence[_Turns]) -> float | None:
     for forward in (True, False):
         for part in parts:
             speed = np.hypot(part.dx, part.dy)
-            use = (part.good & (speed > MIN_SPEED) & (np.abs(speed * part.omega) < MAX_LATERAL)
+            use = (part.good & (speed > MIN_FIT_SPEED)
+                   & (np.abs(speed * part.omega) < MAX_FIT_LATERAL)
                    & (part.driven | (not forward)))
             angle = np.arctan2(part.dy[use], part.dx[use]) - part.yaw[use]
             east += float(np.cos(angle).sum())
@@ -207,8 +208,8 @@ def _equation(parts: Sequence[_Turns], theta: float) -> tuple[FloatArray, FloatA
         yaw = part.yaw + theta
         v = np.cos(yaw) * part.dx + np.sin(yaw) * part.dy
         across = -np.sin(yaw) * part.dx + np.cos(yaw) * part.dy
-        rate = savgol_derivative(part.omega, POINTS)
-        use = part.good & (v > MIN_SPEED) & (np.abs(v * part.omega) < MAX_LATERAL)
+        rate = savgol_derivative(part.omega, DERIVATIVE_POINTS)
+        use = part.good & (v > MIN_FIT_SPEED) & (np.abs(v * part.omega) < MAX_FIT_LATERAL)
         terms = [part.omega, v, v * v * part.omega, v * rate]
         design.append(np.column_stack(terms)[use])
         lateral.append(across[use])
@@ -224,7 +225,7 @@ def _turning(design: FloatArray) -> BoolArray:
 def _both_sides(design: FloatArray) -> bool:
     left = _turning(design) & (design[:, 0] > 0.0)
     right = _turning(design) & (design[:, 0] < 0.0)
-    return min(int(left.sum()), int(right.sum())) >= MIN_SAMPLES
+    return min(int(left.sum()), int(right.sum())) >= MIN_TURNING_SAMPLES
 
 
 def _robust(design: FloatArray, y: FloatArray) -> FloatArray:
@@ -233,9 +234,9 @@ def _robust(design: FloatArray, y: FloatArray) -> FloatArray:
     Iteratively reweighted, weight 1 / (1 + (residual / limit)^2), limit 2 scatters.
     """
     solution = np.linalg.lstsq(design, y, rcond=None)[0]
-    for _ in range(REWEIGHTED):
+    for _ in range(REWEIGHTING_ROUNDS):
         residual = y - design @ solution
-        limit = WILD * scatter(residual) + 1e-9
+        limit = HALF_WEIGHT_RESIDUAL * scatter(residual) + 1e-9
         weight = 1.0 / np.sqrt(1.0 + (residual / limit)**2)
         solution = np.linalg.lstsq(design * weight[:, None], y * weight, rcond=None)[0]
     return np.asarray(solution)
@@ -243,10 +244,10 @@ def _robust(design: FloatArray, y: FloatArray) -> FloatArray:
 
 def _jackknife(design: FloatArray, y: FloatArray) -> FloatArray:
     """Standard errors of ``_robust`` from leaving out one of ten stretches at a time."""
-    group = np.arange(len(y)) * GROUPS // len(y)
-    parts = np.array([_robust(design[group != i], y[group != i]) for i in range(GROUPS)])
+    group = np.arange(len(y)) * JACKKNIFE_GROUPS // len(y)
+    parts = np.array([_robust(design[group != i], y[group != i]) for i in range(JACKKNIFE_GROUPS)])
     spread = ((parts - parts.mean(axis=0))**2).sum(axis=0)
-    return np.asarray(np.sqrt((GROUPS - 1) / GROUPS * spread))
+    return np.asarray(np.sqrt((JACKKNIFE_GROUPS - 1) / JACKKNIFE_GROUPS * spread))
 
 
 def _across(recordings: Sequence[Recording], theta: float) -> tuple[float, float]:
@@ -270,8 +271,8 @@ def _across(recordings: Sequence[Recording], theta: float) -> tuple[float, float
         v_long = _mean(forward, end)
         omega = _mean(g.omega, end)
         bad = _mean(bad, end)
-        use = ((bad == 0.0) & (m.speed > MIN_SPEED) & (np.abs(v_long * omega) < MAX_LATERAL)
-               & (end > COUNTED) & (end < len(g.t) - 1))
+        use = ((bad == 0.0) & (m.speed > MIN_FIT_SPEED) & (np.abs(v_long * omega) < MAX_FIT_LATERAL)
+               & (end > ENCODER_COUNT_SAMPLES) & (end < len(g.t) - 1))
         design.append(np.column_stack([m.speed, -omega])[use])
         along.append(v_long[use])
     if sum(map(len, along)) < MIN_MESSAGES:
@@ -290,5 +291,5 @@ def _mean(series: FloatArray, end: FloatArray) -> FloatArray:
     total = np.concatenate([[0.0], np.cumsum(0.5 * (series[1:] + series[:-1]))])
     sample = np.arange(len(total))
     here = np.interp(end, sample, total)
-    before = np.interp(end - COUNTED, sample, total)
-    return np.asarray((here - before) / COUNTED)
+    before = np.interp(end - ENCODER_COUNT_SAMPLES, sample, total)
+    return np.asarray((here - before) / ENCODER_COUNT_SAMPLES)

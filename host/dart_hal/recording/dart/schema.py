@@ -13,12 +13,13 @@ from collections.abc import Sequence
 from dart_hal.core.errors import RecordingError
 
 SENSOR_TIME = "elapsed time sensors"
-SENSOR = (SENSOR_TIME, "acc x (IMU)", "acc y (IMU)", "W (IMU)", "vel encoder", "safety_value",
-          "throttle", "steering")
+SENSOR_COLUMNS = (SENSOR_TIME, "acc x (IMU)", "acc y (IMU)", "W (IMU)", "vel encoder",
+                  "safety_value", "throttle", "steering")
 NEVER_MEASURED = ("current", "voltage")
-MOCAP = ("vicon time", "vicon x", "vicon y", "vicon yaw")
-COMMAND = ("throttle", "steering", "safety_value")
-USED = {"A": SENSOR, "B": SENSOR + MOCAP, "C": MOCAP + COMMAND}
+MOCAP_COLUMNS = ("vicon time", "vicon x", "vicon y", "vicon yaw")
+COMMAND_COLUMNS = ("throttle", "steering", "safety_value")
+USED = {"A": SENSOR_COLUMNS, "B": SENSOR_COLUMNS + MOCAP_COLUMNS,
+        "C": MOCAP_COLUMNS + COMMAND_COLUMNS}
 DERIVED_C = ("unwrapped yaw", "vx_abs_filtered", "vy_abs_filtered", "w", "ax_abs_filtered_more",
              "ay_abs_filtered_more", "acc_w", "vx body", "vy body", "ax body no centrifugal",
              "ay body no centrifugal", "ax body", "ay body")
@@ -40,8 +41,8 @@ def detect(columns: Sequence[str], file: str) -> str:
         raise RecordingError(f"{file}: a column name occurs twice", found=", ".join(twice),
                              expected="every column once", read=file,
                              remedy="delete or rename one of the two in the header line")
-    sensors = names & (set(SENSOR) - set(COMMAND))
-    mocap = names & set(MOCAP)
+    sensors = names & (set(SENSOR_COLUMNS) - set(COMMAND_COLUMNS))
+    mocap = names & set(MOCAP_COLUMNS)
     if sensors and mocap:
         schema = "B"
     elif mocap:
@@ -52,13 +53,13 @@ def detect(columns: Sequence[str], file: str) -> str:
     if missing:
         raise RecordingError(
             f"{file}: not a DART recording: {len(missing)} needed column(s) missing",
-            found=f"missing {_quoted(missing)} among {_quoted(columns[:24])}",
-            expected=f"schema {schema}: {_quoted(USED[schema])}", read=file,
+            found=f"missing {_quote(missing)} among {_quote(columns[:24])}",
+            expected=f"schema {schema}: {_quote(USED[schema])}", read=file,
             likely="another kind of table, or a header that was edited",
             remedy="name the columns as in docs/reference/recordings.md; "
                    "their order does not matter")
     return schema
 
 
-def _quoted(names: Sequence[str]) -> str:
+def _quote(names: Sequence[str]) -> str:
     return ", ".join(repr(n if len(n) <= 40 else n[:40] + "...") for n in names)

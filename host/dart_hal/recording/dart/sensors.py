@@ -8,11 +8,11 @@ from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
 
 from .model import Messages, Note, freeze, freeze_flags, freeze_index
-from .schema import SENSOR, SENSOR_TIME
+from .schema import SENSOR_COLUMNS, SENSOR_TIME
 
-GAP = 0.3  # s; no value is used for longer than this
-LOST = 0.14  # s; a step above this skipped a 10 Hz message
-BREAK = 1.0  # s; put between what lies before and after a step back of the clock
+MAX_MESSAGE_GAP = 0.3  # s; no value is used for longer than this
+MIN_LOST_STEP = 0.14  # s; a step above this skipped a 10 Hz message
+CLOCK_BREAK = 1.0  # s; put between what lies before and after a step back of the clock
 COMMAND_LIMIT = 1.0 + 1e-6
 
 
@@ -20,7 +20,7 @@ def not_started(columns: dict[str, FloatArray], schema: str) -> BoolArray:
     """Rows written before the first sensor message came."""
     if schema == "B":
         return np.asarray(columns[SENSOR_TIME] == 0.0)
-    return np.asarray(np.all([columns[c] == 0.0 for c in SENSOR], axis=0))
+    return np.asarray(np.all([columns[c] == 0.0 for c in SENSOR_COLUMNS], axis=0))
 
 
 def check_commands(columns: dict[str, FloatArray], file: str) -> None:
@@ -48,9 +48,9 @@ def monotone(t: FloatArray) -> tuple[FloatArray, IntArray, int]:
     """
     step = np.diff(t)
     back = step < 0.0
-    moved = np.where(back, BREAK, step)
+    moved = np.where(back, CLOCK_BREAK, step)
     out = t[:1] + np.concatenate([[0.0], np.cumsum(moved)]) if back.any() else t
-    segment = np.concatenate([[0], np.cumsum(back | (step > GAP))])
+    segment = np.concatenate([[0], np.cumsum(back | (step > MAX_MESSAGE_GAP))])
     return np.asarray(out), np.asarray(segment, dtype=np.int64), int(back.sum())
 
 
@@ -62,7 +62,7 @@ def messages(columns: dict[str, FloatArray], arrival: FloatArray | None
     """
     stamp = columns[SENSOR_TIME]
     fresh = np.concatenate([[True], np.diff(stamp) != 0.0])
-    kept = {c: columns[c][fresh] for c in SENSOR}
+    kept = {c: columns[c][fresh] for c in SENSOR_COLUMNS}
     t, segment, back = monotone(kept[SENSOR_TIME])
     notes = []
     if not fresh.all():
@@ -74,8 +74,8 @@ def messages(columns: dict[str, FloatArray], arrival: FloatArray | None
         notes.append(Note(f"sensor time steps back {back} time(s): cut there, not sorted",
                           kind="time_back"))
     step = np.diff(t)
-    lost = int(((step > LOST) & (step <= GAP)).sum())
-    gaps = int((step > GAP).sum())
+    lost = int(((step > MIN_LOST_STEP) & (step <= MAX_MESSAGE_GAP)).sum())
+    gaps = int((step > MAX_MESSAGE_GAP).sum())
     if lost:
         notes.append(Note(f"{lost} step(s) of 0.14 to 0.3 s between sensor messages "
                           "(messages lost)", kind="lost_messages"))
@@ -97,7 +97,7 @@ def commands_only(columns: dict[str, FloatArray], t: FloatArray) -> tuple[Messag
     """Messages of schema C: commands at the mocap rows, sensors NaN. t (rows,) s, advancing."""
     gate = columns["safety_value"] == 1.0
     nan = freeze(np.full(len(t), np.nan))
-    segment = np.concatenate([[0], np.cumsum(np.diff(t) > GAP)])
+    segment = np.concatenate([[0], np.cumsum(np.diff(t) > MAX_MESSAGE_GAP)])
     return Messages(
         t=freeze(t), arrival=freeze(t), segment=freeze_index(segment),
         throttle=freeze(np.where(gate, columns["throttle"], 0.0)),

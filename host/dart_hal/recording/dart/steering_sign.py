@@ -10,13 +10,13 @@ from dart_hal.core.types import FloatArray
 from .marker import marker_grid
 from .model import Note, Recording
 
-MIN_SPEED = 0.3  # m/s
-STEERED = 0.1  # of the command; less may be a trim
+MIN_SIGN_SPEED = 0.3  # m/s
+MIN_STEERING = 0.1  # of the command; less may be a trim
 # s from a command to the turn that answers it, tried one by one.
-LAGS = tuple(np.arange(0.0, 0.36, 0.05).tolist())
+STEERING_LAGS = tuple(np.arange(0.0, 0.36, 0.05).tolist())
 # Correlation below which the sign is turned over; a car that follows its command reaches 0.7 to
 # 1, one that slides or is pushed stays near 0.
-REVERSED = -0.6
+MAX_REVERSED_CORRELATION = -0.6
 # Samples of 0.01 s, and messages of 0.1 s.
 MIN_ROWS = 200
 MIN_MESSAGES = 20
@@ -25,7 +25,7 @@ MIN_MESSAGES = 20
 def steering_note(recording: Recording) -> list[Note]:
     """A caution where the car turns to the other side than its commands say, else nothing."""
     found = follow(recording)
-    if found is None or found > REVERSED:
+    if found is None or found > MAX_REVERSED_CORRELATION:
         return []
     return [Note("caution: the car turns to the other side than the steering command says "
                  f"(correlation {found:.2f}): + is to the left; turn the column over (multiply "
@@ -42,9 +42,9 @@ def follow(recording: Recording) -> float | None:
     except RecordingError:  # less than 0.25 s of motion capture
         return None
     best = None
-    for lag in LAGS:
+    for lag in STEERING_LAGS:
         earlier = np.interp(t - lag, t, command)
-        use = (np.abs(earlier) > STEERED) & np.isfinite(curvature)
+        use = (np.abs(earlier) > MIN_STEERING) & np.isfinite(curvature)
         if int(use.sum()) < least:
             continue
         x, y = earlier[use], curvature[use]
@@ -75,6 +75,6 @@ def _turns(recording: Recording) -> tuple[FloatArray, FloatArray, FloatArray, in
         forward = m.throttle >= 0.0
         least = MIN_MESSAGES
     with np.errstate(invalid="ignore"):
-        use = good & forward & (speed > MIN_SPEED)
+        use = good & forward & (speed > MIN_SIGN_SPEED)
     curvature = np.where(use, rate / np.where(use, speed, 1.0), np.nan)
     return t, command, curvature, least

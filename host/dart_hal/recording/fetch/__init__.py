@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .bring import Outcome, fetch
+from .bring import FetchOutcome, fetch
 from .folder import data_folder, find
 from .published import load
 
-__all__ = ["Outcome", "data_folder", "fetch", "find", "load"]
+__all__ = ["FetchOutcome", "data_folder", "fetch", "find", "load"]

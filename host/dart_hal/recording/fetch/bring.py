@@ -18,14 +18,14 @@ from dart_hal.core.errors import FetchFailed
 
 from .folder import data_folder
 from .local import Local
-from .published import AGAIN, ARCHIVE, BY_HAND, NOTICE, RAW, load
+from .published import ARCHIVE_URL, MANUAL_ADVICE, NOTICE, RAW_URL, RETRY_ADVICE, load
 from .web import Progress, Web, download
 
 ARCHIVES = (".zip", ".tar.gz", ".tgz", ".tar")
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
+class RefusedFile:
     """A file that came but is not the published one."""
 
     path: str
@@ -34,7 +34,7 @@ class Refusal:
 
 
 @dataclass(slots=True)
-class Outcome:
+class FetchOutcome:
     """What a fetch did. Lists hold paths of the published list."""
 
     to: Path
@@ -43,7 +43,7 @@ class Outcome:
     present: list[str] = field(default_factory=list)
     fetched: list[str] = field(default_factory=list)
     replaced: list[str] = field(default_factory=list)
-    refused: list[Refusal] = field(default_factory=list)
+    refused: list[RefusedFile] = field(default_factory=list)
     missing: list[str] = field(default_factory=list)
 
     @property
@@ -62,7 +62,7 @@ def _quiet(done: int, total: int, name: str) -> None:
 
 
 def fetch(source: str | None = None, to: str | Path | None = None, *,
-          registry: Mapping[str, str] | None = None, progress: Progress = _quiet) -> Outcome:
+          registry: Mapping[str, str] | None = None, progress: Progress = _quiet) -> FetchOutcome:
     """Complete ``to`` (default ``data_folder()``) from ``source``.
 
     source: a folder of any layout, an archive (.zip, .tar.gz) or the address
@@ -76,7 +76,7 @@ def fetch(source: str | None = None, to: str | Path | None = None, *,
     pooch.get_logger().setLevel("WARNING")
     target = Path(to) if to is not None else data_folder()
     store = pooch.Pooch(target, "", registry=dict(registry or load()))
-    outcome = Outcome(target, len(store.registry))
+    outcome = FetchOutcome(target, len(store.registry))
     progress(0, outcome.files, "checking what is there")
     outcome.present = [path for path, known in store.registry.items()
                        if (target / path).is_file() and pooch.file_hash(target / path) == known]
@@ -98,38 +98,39 @@ def fetch(source: str | None = None, to: str | Path | None = None, *,
     outcome.refused = [r for r in outcome.refused if r.path in left]
     outcome.missing = [path for path in left if path not in {r.path for r in outcome.refused}]
     if left and not (outcome.fetched or outcome.present):
-        raise _nothing(outcome)
+        raise _nothing_found(outcome)
     if outcome.fetched and not (target / "LICENSE").exists():
         shutil.copyfile(NOTICE, target / "LICENSE")  # which asks to stay with every copy
     return outcome
 
 
-def _take(path: str, source: Web | Local, store: Any, outcome: Outcome) -> None:
+def _take(path: str, source: Web | Local, store: Any, outcome: FetchOutcome) -> None:
     """One file, whole or not at all; another one of its name is kept as ``NAME.old``."""
-    came = b""
+    received = b""
 
-    def noted(url: str, to: str, store: Any) -> None:
-        nonlocal came
-        source(url, to, store)
-        came = Path(to).read_bytes()
+    def download_file(url: str, destination: str, store: Any) -> None:
+        nonlocal received
+        source(url, destination, store)
+        received = Path(destination).read_bytes()
 
     target = store.abspath / path
     old = target.rename(target.with_name(target.name + ".old")) if target.is_file() else None
     try:
-        store.fetch(path, downloader=noted)
+        store.fetch(path, downloader=download_file)
         outcome.fetched.append(path)
         outcome.replaced += [path] if old else []
         old = None
     except LookupError:
         pass
     except ValueError:  # pooch: not the known checksum
-        outcome.refused.append(Refusal(path, source.where, _described(came, store.registry[path])))
+        found = _describe(received, store.registry[path])
+        outcome.refused.append(RefusedFile(path, source.where, found))
     finally:
         if old:
             old.rename(target)
 
 
-def _described(data: bytes, known: str) -> str:
+def _describe(data: bytes, known: str) -> str:
     """What came instead, for the message."""
     if data.lstrip()[:1] == b"<":
         return "a web page"
@@ -140,14 +141,14 @@ def _sources(source: str | None, registry: Mapping[str, str], scratch: Path, pro
              ) -> Iterator[Web | Local]:
     """Where to look, in turn until nothing is missing."""
     if source is None:
-        yield Web(RAW)
-        yield _from_archive(ARCHIVE, registry, scratch, progress)
+        yield Web(RAW_URL)
+        yield _from_archive(ARCHIVE_URL, registry, scratch, progress)
     elif not source.startswith(("http://", "https://")):
         path = Path(source).expanduser()
         if not path.exists():
             raise FetchFailed(f"{source}: no such folder or archive", found="nothing there",
                               expected="a folder, a .zip or .tar.gz, or an http(s) address",
-                              remedy=BY_HAND)
+                              remedy=MANUAL_ADVICE)
         yield Local(path, str(path), registry)
     elif source.lower().partition("?")[0].endswith(ARCHIVES):
         yield _from_archive(source, registry, scratch, progress)
@@ -159,14 +160,15 @@ def _from_archive(url: str, registry: Mapping[str, str], scratch: Path, progress
                   ) -> Local:
     if not download(url, scratch / "archive", progress):
         raise FetchFailed(f"{url} cannot be had", found="the server has no such file",
-                          expected="an archive of the repository", remedy=AGAIN + BY_HAND)
+                          expected="an archive of the repository",
+                          remedy=RETRY_ADVICE + MANUAL_ADVICE)
     return Local(scratch / "archive", url, registry)
 
 
-def _nothing(outcome: Outcome) -> FetchFailed:
+def _nothing_found(outcome: FetchOutcome) -> FetchFailed:
     first = outcome.refused[0] if outcome.refused else None
     return FetchFailed(
         f"none of the {outcome.files} published recordings in {', '.join(outcome.sources)}",
         found=f"{len(outcome.refused)} file(s) of the right name but other content, as "
               f"{first.where}: {first.found}" if first else "no file of that name or content",
-        expected="the recordings of Lorenzo-Lyons/DART, unchanged", remedy=BY_HAND)
+        expected="the recordings of Lorenzo-Lyons/DART, unchanged", remedy=MANUAL_ADVICE)

@@ -23,9 +23,9 @@ from dart_hal.recording.expansion import (
     expansion_limit,
 )
 
-ENDINGS = (".csv", ".csv.gz")
-PACKED = ".gz"
-LARGEST = 1 << 28  # bytes; no recording is that long, so it is not read
+RECORDING_SUFFIXES = (".csv", ".csv.gz")
+GZIP_SUFFIX = ".gz"
+MAX_FILE_SIZE = 1 << 28  # bytes; no recording is that long, so it is not read
 _OPENERS: dict[bytes, Callable[[IO[bytes]], IO[bytes]]] = {
     b"\x1f\x8b": gzip.open, b"BZh": bz2.open, b"\xfd7zXZ\0": lzma.open}  # type: ignore[dict-item]
 
@@ -40,14 +40,14 @@ class Local:
     def __init__(self, path: Path, name: str, registry: Mapping[str, str]) -> None:
         self.name = self.where = name
         self._found: dict[str, tuple[str, bytes]] = {}
-        wanted = {*registry.values(), *map(_base, registry)}
+        keys = {*registry.values(), *map(_base, registry)}
         try:
             rest = inf if path.is_dir() else expansion_limit(path.stat().st_size)
             for entry, data in _entries(path):
                 content = _content(entry, data, rest)
                 rest -= len(content)
-                for key in (sha256(content).hexdigest(), _base(entry.removesuffix(PACKED))):
-                    if key in wanted:
+                for key in (sha256(content).hexdigest(), _base(entry.removesuffix(GZIP_SUFFIX))):
+                    if key in keys:
                         self._found.setdefault(key, (entry, content))
                 if rest < 0:
                     length = path.stat().st_size
@@ -72,11 +72,11 @@ class Local:
                                      "an archive with a password",
                               remedy="download it again") from err
 
-    def __call__(self, path: str, to: str, store: Any) -> None:
-        """Write the file of that path to ``to``. Raises LookupError when there is none."""
+    def __call__(self, path: str, destination: str, store: Any) -> None:
+        """Write the file of that path to ``destination``. Raises LookupError when there is none."""
         key = store.registry[path]
         self.where, content = self._found[key if key in self._found else _base(path)]
-        Path(to).write_bytes(content)
+        Path(destination).write_bytes(content)
 
 
 def _base(name: str) -> str:
@@ -87,26 +87,28 @@ def _entries(path: Path) -> Iterator[tuple[str, bytes]]:
     """(name, bytes) of every file below a folder, or in an archive, that may be a recording."""
     if path.is_dir():
         for file in sorted(path.rglob("*")):
-            if file.name.endswith(ENDINGS) and file.is_file() and file.stat().st_size <= LARGEST:
+            if (file.name.endswith(RECORDING_SUFFIXES) and file.is_file()
+                    and file.stat().st_size <= MAX_FILE_SIZE):
                 yield file.as_posix(), file.read_bytes()
     elif zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as packed:
             for info in packed.infolist():
-                if info.filename.endswith(ENDINGS) and info.file_size <= LARGEST:
+                if info.filename.endswith(RECORDING_SUFFIXES) and info.file_size <= MAX_FILE_SIZE:
                     if info.file_size > expansion_limit(info.compress_size):
                         raise ExpandsTooFar(info.compress_size,
                                             expansion_limit(info.compress_size))
                     yield info.filename, packed.read(info)
     else:
-        with path.open("rb") as archive, _unpacked(archive, path.stat().st_size) as stream, \
+        with path.open("rb") as archive, _open_tar(archive, path.stat().st_size) as stream, \
                 tarfile.open(fileobj=stream, mode="r|") as tape:
             for member in tape:
                 handle = tape.extractfile(member) if member.isfile() else None
-                if handle and member.name.endswith(ENDINGS) and member.size <= LARGEST:
+                if (handle and member.name.endswith(RECORDING_SUFFIXES)
+                        and member.size <= MAX_FILE_SIZE):
                     yield member.name, handle.read()
 
 
-def _unpacked(file: IO[bytes], length: int) -> IO[bytes]:
+def _open_tar(file: IO[bytes], length: int) -> IO[bytes]:
     """The tar archive in a file, packed by gzip, bzip2, xz or not at all."""
     magic = file.read(6)
     file.seek(0)
@@ -118,7 +120,7 @@ def _unpacked(file: IO[bytes], length: int) -> IO[bytes]:
 
 def _content(entry: str, data: bytes, rest: float) -> bytes:
     """Unpacked bytes, at most ``rest``; a damaged pack gives what it is, which no checksum fits."""
-    if entry.endswith(PACKED):
+    if entry.endswith(GZIP_SUFFIX):
         try:
             return expand_gzip(data, int(min(rest, expansion_limit(len(data)))))
         except (OSError, EOFError, zlib.error):

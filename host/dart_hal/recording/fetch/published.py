@@ -12,11 +12,12 @@ COMMIT = "7c30162"
 # Folders of the repository that hold them.
 ROOTS = ("System_identification/Data", "ROS_packages/racecar_pkg/src/Data")
 
-RAW = REPOSITORY.replace("https://github.com", "https://raw.githubusercontent.com") + f"/{COMMIT}"
-ARCHIVE = f"{REPOSITORY}/archive/{COMMIT}.zip"
-BY_HAND = (f"git clone {REPOSITORY} ; dart-hal data fetch --from DART"
+RAW_URL = (REPOSITORY.replace("https://github.com", "https://raw.githubusercontent.com")
+           + f"/{COMMIT}")
+ARCHIVE_URL = f"{REPOSITORY}/archive/{COMMIT}.zip"
+MANUAL_ADVICE = (f"git clone {REPOSITORY} ; dart-hal data fetch --from DART"
            " ; or set $DART_DATA to a folder that has them")
-AGAIN = "the same command goes on where it stopped ; or "
+RETRY_ADVICE = "the same command goes on where it stopped ; or "
 
 
 def load() -> dict[str, str]:

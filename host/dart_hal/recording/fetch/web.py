@@ -9,10 +9,10 @@ from urllib.parse import quote
 
 from dart_hal.core.errors import FetchFailed
 
-from .published import AGAIN, BY_HAND, ROOTS
+from .published import MANUAL_ADVICE, RETRY_ADVICE, ROOTS
 
 TIMEOUT = 20.0  # s without a byte
-ABSENT = (404, 410)
+ABSENT_STATUS = (404, 410)
 Progress = Callable[[int, int, str], None]
 
 
@@ -23,21 +23,21 @@ class Web:
         self.name = self.where = base.rstrip("/")
         self._roots = ["", *ROOTS]
 
-    def __call__(self, path: str, to: str, store: Any) -> None:
-        """Download to ``to`` from the first address that exists.
+    def __call__(self, path: str, destination: str, store: Any) -> None:
+        """Download to ``destination`` from the first address that exists.
 
         Raises LookupError when there is none, FetchFailed without a network.
         """
         for root in self._roots:
             self.where = "/".join(p for p in (self.name, quote(root), quote(path)) if p)
-            if download(self.where, to):
+            if download(self.where, destination):
                 self._roots.sort(key=lambda r: r != root)  # stable: it alone moves to the front
                 return
         raise LookupError(path)
 
 
 class _Bar:
-    """What pooch tells of a download, as ``progress`` wants it."""
+    """Progress bar of pooch that calls ``progress``."""
 
     def __init__(self, name: str, progress: Progress) -> None:
         self.total = self._done = 0
@@ -55,8 +55,8 @@ class _Bar:
         """Nothing to close."""
 
 
-def download(url: str, to: str | Path, progress: Progress | None = None) -> bool:
-    """``url`` in the file ``to``; False when the server says that it is not there.
+def download(url: str, destination: str | Path, progress: Progress | None = None) -> bool:
+    """Download ``url`` to a file; return False when the server has no such file.
 
     progress(bytes done, bytes in all, name). Errors: FetchFailed.
     """
@@ -66,10 +66,10 @@ def download(url: str, to: str | Path, progress: Progress | None = None) -> bool
     fetcher = pooch.HTTPDownloader(progressbar=bar, timeout=TIMEOUT, chunk_size=1 << 16,
                                    headers={"User-Agent": "dart-hal"})
     try:
-        fetcher(url, str(to), None)
+        fetcher(url, str(destination), None)
     except OSError as err:  # what requests raises is one
         answer = getattr(err, "response", None)
-        if answer is not None and answer.status_code in ABSENT:
+        if answer is not None and answer.status_code in ABSENT_STATUS:
             return False
         why = err.args[0] if err.args else err
         found = (f"HTTP {answer.status_code} {answer.reason}" if answer is not None
@@ -77,5 +77,5 @@ def download(url: str, to: str | Path, progress: Progress | None = None) -> bool
         raise FetchFailed(f"{url} cannot be had", found=found,
                           expected="an answer from the server",
                           likely="no network here, or a server that refuses",
-                          remedy=AGAIN + BY_HAND) from err
+                          remedy=RETRY_ADVICE + MANUAL_ADVICE) from err
     return True

@@ -17,7 +17,7 @@ import numpy as np
 
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import BoolArray, FloatArray
-from dart_hal.recording.dart.schema import MOCAP, SENSOR, SENSOR_TIME
+from dart_hal.recording.dart.schema import MOCAP_COLUMNS, SENSOR_COLUMNS, SENSOR_TIME
 from dart_hal.recording.dart.table import parse
 from dart_lab.identification.report import FileReport
 
@@ -92,7 +92,7 @@ def read_folder(root: str | Path, folder: str, schema: str = "A") -> JoinedRows:
                              found="no such folder" if not place.is_dir() else "no *.csv file",
                              expected=f"{', '.join(FOLDERS.values())} inside {root}",
                              remedy="--as-paper ROOT, the folder that holds these folders")
-    needed = SENSOR if schema == "A" else (*SENSOR, *MOCAP)
+    needed = SENSOR_COLUMNS if schema == "A" else (*SENSOR_COLUMNS, *MOCAP_COLUMNS)
     tables = [_table(file, schema, needed) for file in files]
     rows = _joined(files, tables)
     if len(rows) < LEAST_ROWS:

@@ -14,10 +14,10 @@ import numpy as np
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.recording.check.uses import TIMED as LEAST
-from dart_hal.recording.check.uses import TIMED_CHANGES as MIN_CHANGES
-from dart_hal.recording.check.uses import TIMED_SPEED as MIN_SPEED
-from dart_hal.recording.check.uses import TIMED_SPREAD as MIN_SPREAD
+from dart_hal.recording.check.uses import MIN_DELAY_MESSAGES as LEAST
+from dart_hal.recording.check.uses import MIN_DELAY_SPEED as MIN_SPEED
+from dart_hal.recording.check.uses import MIN_STEERING_CHANGES as MIN_CHANGES
+from dart_hal.recording.check.uses import MIN_STEERING_SPREAD as MIN_SPREAD
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import AxleTyres, Vehicle
 from dart_hal.vehicle.fitting.covariance import blocks_of
