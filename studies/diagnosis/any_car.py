@@ -38,7 +38,7 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
-from dart_lab.demo.diagnosis import FRAME_WAIT, SERVO_S
+from dart_lab.demo.diagnosis import FRAME_WAIT_S, SERVO_S
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.result import Diagnosis
@@ -146,7 +146,7 @@ def own_model(run: Path, target: Path, poses: bool = True, measured: bool = Fals
 def of_data_sheets() -> tuple[ModelFile, Vehicle]:
     """The paper's model with waits for a frame of the PWM, and the slew of the servo."""
     file, p = find_model("paper")
-    p = apply(replace(p, delay=replace(p.delay, steering_s=FRAME_WAIT, throttle_s=FRAME_WAIT)),
+    p = apply(replace(p, delay=replace(p.delay, steering_s=FRAME_WAIT_S, throttle_s=FRAME_WAIT_S)),
               "steering_rate_limit", k=SERVO_S)
     return model_of(p, file), p
 

@@ -111,7 +111,7 @@ def test_the_answer_is_on_standard_output_alone(verb, arguments, answer):
 
 @pytest.mark.slow
 def test_demo(verb, tmp_path, monkeypatch):
-    monkeypatch.setattr("dart_lab.demo.real.excerpt", lambda: None)
+    monkeypatch.setattr("dart_lab.demo.real.find_excerpt", lambda: None)
     done = verb("demo", "--url", MOCK, "--out", tmp_path / "demo", "--json")
     assert done.code == 0, done.err
     result = done.json

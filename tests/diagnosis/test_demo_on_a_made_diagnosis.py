@@ -12,10 +12,10 @@ from tests.diagnosis import made_by_hand as made
 
 @pytest.mark.slow
 def test_the_demo_drives_calibrates_and_writes_its_page(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr("dart_lab.demo.real.excerpt", lambda: None)
+    monkeypatch.setattr("dart_lab.demo.real.find_excerpt", lambda: None)
     monkeypatch.setattr("dart_lab.cli.demo.LAPS", 1)
     monkeypatch.setattr("dart_lab.diagnosis.inputs._check_duration", lambda *_: None)
-    for name in ("BEFORE", "AFTER", "UNSEEN"):
+    for name in ("FIRST_DRIVE_S", "SECOND_DRIVE_S", "THIRD_DRIVE_S"):
         monkeypatch.setattr(f"dart_lab.demo.diagnosis.{name}", 10.0)
     monkeypatch.setattr("dart_lab.demo.diagnosis.diagnose", lambda *_, **__: made.diagnosis())
     # in this process, where what was replaced is replaced

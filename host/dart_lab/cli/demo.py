@@ -28,9 +28,14 @@ from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
 from dart_lab.demo import map as demo_map
 from dart_lab.demo import real as demo_real
-from dart_lab.demo.diagnosis import Chapter, as_hidden, chapter, without_effect
-from dart_lab.demo.page import Drive, Shown, write_page, write_summary
-from dart_lab.demo.section import HIDDEN, REAL, hidden_section, real_skipped
+from dart_lab.demo.diagnosis import (
+    DiagnosisChapter,
+    describe_effect,
+    remove_hidden_effects,
+    run_chapter,
+)
+from dart_lab.demo.page import DemoResults, EightDrive, write_page, write_summary
+from dart_lab.demo.section import HIDDEN_TITLE, REAL_TITLE, hidden_section, real_skipped
 from dart_lab.diagnosis.report import describe_cause, headline
 from dart_lab.sim.truth import reveal_url, truth
 
@@ -67,12 +72,12 @@ def command(url: str, out: Path, as_json: bool) -> None:
     check_writable(out)
     reveal_url(parsed)  # raises what opening this car would raise, before anything is driven
     number = parsed.options.get("seed", "0")
-    healthy = without_effect(parsed)
+    healthy = remove_hidden_effects(parsed)
     began = time.monotonic()
     result, hello, said = calibrate(healthy, out)
-    beside = jobs.beside(others, demo_real.excerpt(), int(number), out)
+    beside = jobs.beside(others, demo_real.find_excerpt(), int(number), out)
     drive = eight(healthy, out)
-    told = chapter(parsed, int(number), out)
+    told = run_chapter(parsed, int(number), out)
     with progress_bar() as bar:
         bar.add_task("the real car, and a track by the lidar", total=None)
         (real, of_real), (lidar, by_lidar) = next(beside)
@@ -80,14 +85,14 @@ def command(url: str, out: Path, as_json: bool) -> None:
              "recording": out / "eight.mcap", "calibration": Path(result.written or ""),
              **told.files, **({} if "skipped" in of_real else
                               {"diagnosis_real": out / demo_real.PAGE}),
-             **({} if "skipped" in by_lidar else {"map": out / demo_map.MAP})}
+             **({} if "skipped" in by_lidar else {"map": out / demo_map.MAP_FILE})}
     known = reveal_url(Url.parse(healthy))
     numbers = {"steering_rms_deg": steering_rms(result, known["steering"]),
                "odometry_error_m": float(drive.errors[-1]), "distance_m": drive.distance}
-    shown = Shown(healthy, hello, result, known, drive, numbers, said)
+    shown = DemoResults(healthy, hello, result, known, drive, numbers, said)
     write_page(files["page"], shown, {
-        "hidden": (HIDDEN, hidden_section(told, known["sensors"])),
-        "lidar": (demo_map.TITLE, lidar), "real": (REAL, real)})
+        "hidden": (HIDDEN_TITLE, hidden_section(told, known["sensors"])),
+        "lidar": (demo_map.TITLE, lidar), "real": (REAL_TITLE, real)})
     write_summary(files["summary"], shown)
     last = drive.states[-1]
     if as_json:
@@ -97,7 +102,7 @@ def command(url: str, out: Path, as_json: bool) -> None:
                                 "real_car": of_real}})
     else:
         show(numbers, result, drive, told)
-        results.print(demo_map.sentence(by_lidar))
+        results.print(demo_map.summarise(by_lidar))
         results.print(f"the real car: {of_real.get('skipped') or of_real['verdict']}")
         console.print(f"{time.monotonic() - began:.0f} s in all; open {files['page'].resolve()}",
                       highlight=False)
@@ -126,11 +131,11 @@ def calibrate(url: str, out: Path) -> tuple[SteeringResult, dict[str, Any], tupl
         return result, hello, car.notices
 
 
-def eight(url: str, out: Path) -> Drive:
+def eight(url: str, out: Path) -> EightDrive:
     """Chapter two: a figure of eight on the fresh calibration, by odometry alone."""
     backend = open_backend(url)
     with Car.over(backend, cars=out / "cars", record=out / "eight.mcap") as car:
-        drive = Drive(figure_of_eight(RADIUS))
+        drive = EightDrive(figure_of_eight(RADIUS))
         pursuit = Pursuit(drive.track, plant_of(car.files))
         car.arm()
         duration = LAPS * drive.track.length / SPEED
@@ -152,7 +157,8 @@ def steering_rms(result: SteeringResult, known: dict[str, Any]) -> float:
     return math.degrees(float(np.sqrt(np.mean((found - true) ** 2))))
 
 
-def show(numbers: dict[str, float], result: SteeringResult, drive: Drive, told: Chapter) -> None:
+def show(numbers: dict[str, float], result: SteeringResult, drive: EightDrive,
+         told: DiagnosisChapter) -> None:
     """What the chapters on the emulated car came to."""
     last = drive.states[-1]
     results.print(f"steering map: {numbers['steering_rms_deg']:.2f} deg rms against ground truth"
@@ -164,4 +170,4 @@ def show(numbers: dict[str, float], result: SteeringResult, drive: Drive, told: 
     found = " ".join(f"{cause.effect}: {describe_cause(d, i)['What']}"
                      for i, cause in enumerate(d.causes)) or headline(d)
     results.print(f"diagnosis: {found}", markup=False)
-    results.print(f"what was changed: {'; '.join(map(as_hidden, told.hidden))}", markup=False)
+    results.print(f"what was changed: {'; '.join(map(describe_effect, told.hidden))}", markup=False)

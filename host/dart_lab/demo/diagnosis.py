@@ -1,8 +1,7 @@
-"""The demo's last chapter: two things are changed in the car, and the diagnosis has to name them.
+"""Chapter of the demo on the diagnosis: two hidden changes of the car, which it has to find.
 
-What it may use is what the owner of a car has: a drive from before, one from
-after, the paper's model and the servo's data sheet. What was changed stands in
-the URL, which only the simulator reads.
+It uses what the owner of a car has: a drive from before and one from after the change, the paper's
+model, and the data sheet of the servo. The changes are in the URL, which only the simulator reads.
 """
 
 from __future__ import annotations
@@ -34,31 +33,36 @@ from dart_lab.diagnosis.report.words import quantity
 from dart_lab.diagnosis.result import Diagnosis, ParameterEstimate
 from dart_lab.diagnosis.write import extended_model
 
-MISSING: Mapping[str, tuple[float, float, bool]] = {
+# Effect that the model lacks: smallest and largest size in its own unit, and whether it has either
+# sign. All show in encoder and gyro: a simulated car has no motion capture.
+MISSING_EFFECTS: Mapping[str, tuple[float, float, bool]] = {
     "steering_backlash": (0.05, 0.08, False), "throttle_lag": (0.08, 0.16, False),
     "steering_lag": (0.08, 0.12, False)}
-"""Effect that the model has not: least and largest size in its own unit, and whether it has
-either sign. All show in what encoder and gyro read: a simulated car has no motion capture."""
-WRONG: Mapping[str, tuple[float, float, bool]] = {
+# Parameter of the model that has changed: as in ``MISSING_EFFECTS``.
+WRONG_PARAMETERS: Mapping[str, tuple[float, float, bool]] = {
     "steering_trim": (0.02, 0.03, True), "motor_gain": (0.08, 0.12, True),
     "front_grip": (-0.25, -0.15, False)}
-"""Parameter that the model has and that is another one now: as in ``MISSING``."""
-STANDING = 3.0  # s
-BEFORE, AFTER, UNSEEN = 80.0, 60.0, 60.0
-"""s of driving: the car as it was; changed, to find the cause in; changed, to measure the gain."""
-TURNS, TURN_SECONDS = 0.9, (0.4, 2.0)  # steering command, s that one is held
-PULLS, PULL_SECONDS, ROLLING = (0.2, 0.3), 1.5, 0.12  # throttle, s, share of them without any
-FRAME_WAIT = 0.0115
-"""s from a command to the pulse, on average: half a frame of the PWM, and the pulse itself."""
+STANDSTILL_S = 3.0
+# The car as it was; changed, to find the cause; changed, to measure the gain.
+FIRST_DRIVE_S = 80.0
+SECOND_DRIVE_S = 60.0
+THIRD_DRIVE_S = 60.0
+MAX_STEERING = 0.9  # command
+STEERING_INTERVAL_S = (0.4, 2.0)  # between steps of the steering
+THROTTLE_RANGE = (0.2, 0.3)  # command
+THROTTLE_INTERVAL_S = 1.5  # between steps of the throttle
+COASTING_SHARE = 0.12  # of the throttle steps are to zero
+# Mean time from a command to the pulse: half a PWM frame, and the pulse itself.
+FRAME_WAIT_S = 0.0115
+# Causes: limits the time of the demo. ``dart-hal diagnose`` on its files searches for more.
 MAX_CAUSES = 3
-"""Causes: the demo has to end; ``dart-hal diagnose`` on its files looks for more."""
+# s from the middle to full lock: 375 us at the 6 rad/s of the servo's data sheet.
 SERVO_S = 0.1
-"""s from the middle to full lock: 375 us at the 6 rad/s of the servo's data sheet."""
 
 
 @dataclass(frozen=True, slots=True)
-class Chapter:
-    """What was hidden, what the diagnosis made of it, and the files on the way, by name."""
+class DiagnosisChapter:
+    """What was hidden, the diagnosis, and the files by name."""
 
     hidden: tuple[ActiveEffect, ...]
     diagnosis: Diagnosis
@@ -66,7 +70,7 @@ class Chapter:
 
     @property
     def found(self) -> bool:
-        """Whether everything hidden is named, or stands beside a named one that is like it."""
+        """Check that every hidden effect is accepted, or confounded with an accepted one."""
         names = {n for c in self.diagnosis.causes for n in (c.effect, *c.cannot_be_told_from)}
         return all(a.name in names for a in self.hidden)
 
@@ -80,82 +84,86 @@ class Chapter:
                 "causes": [c.to_json() for c in self.diagnosis.causes]}
 
 
-def without_effect(url: Url) -> str:
-    """The same car before anything was changed in it."""
-    return _text(url, {k: v for k, v in url.options.items() if k != "effect"})
+def remove_hidden_effects(url: Url) -> str:
+    """URL of the same car without changes."""
+    return _format_url(url, {k: v for k, v in url.options.items() if k != "effect"})
 
 
-def hide(url: Url, seed: int) -> tuple[str, tuple[ActiveEffect, ...]]:
-    """(URL of the changed car, what was changed): as the URL says, else drawn from its seed.
+def choose_hidden_effects(url: Url, seed: int) -> tuple[str, tuple[ActiveEffect, ...]]:
+    """Return the URL of the changed car and its changes: of the URL, otherwise drawn from its seed.
 
-    Errors: UsageError, ConfigError for an effect of the URL that there is not.
+    Errors: UsageError, ConfigError for an unknown effect in the URL.
     """
     given = url.options.get("effect", "")
     if not given:
         rng = np.random.default_rng([seed, 2])
-        given = ",".join(_drawn(rng, table) for table in (MISSING, WRONG))
-    return _text(url, {**url.options, "effect": given}), parse(given)
+        given = ",".join(_draw_effect(rng, table) for table in (MISSING_EFFECTS, WRONG_PARAMETERS))
+    return _format_url(url, {**url.options, "effect": given}), parse(given)
 
 
-def _drawn(rng: np.random.Generator, table: Mapping[str, tuple[float, float, bool]]) -> str:
-    """"steering_lag:0.1": one of the table at a size within its bounds."""
+def _draw_effect(rng: np.random.Generator, table: Mapping[str, tuple[float, float, bool]]) -> str:
+    """Draw an effect of the table and a size within its bounds: "steering_lag:0.1"."""
     name = list(table)[int(rng.integers(len(table)))]
     low, high, signed = table[name]
     size = float(rng.uniform(low, high)) * (-1.0 if signed and rng.random() < 0.5 else 1.0)
     return f"{name}:{size:.3g}"
 
 
-def _text(url: Url, options: Mapping[str, str]) -> str:
+def _format_url(url: Url, options: Mapping[str, str]) -> str:
+    """Format a URL with other options."""
     tail = urlencode(options, safe=":,=/")
     return f"{url.scheme}://{url.target}" + (f"?{tail}" if tail else "")
 
 
-def chapter(url: Url, seed: int, out: Path) -> Chapter:
-    """Drive, change the car, drive again, diagnose; the report goes to ``out``."""
+def run_chapter(url: Url, seed: int, out: Path) -> DiagnosisChapter:
+    """Drive, change the car, drive again, and diagnose; the report is written to ``out``."""
     files = {"first_drive": out / "before.mcap", "second_drive": out / "after.mcap",
              "third_drive": out / "unseen.mcap",
              "healthy_model": out / "healthy.toml", "diagnosis": out / "diagnosis.html"}
-    changed, hidden = hide(url, seed)
-    cars, second, third = out / "cars", files["second_drive"], files["third_drive"]
-    weave(without_effect(url), cars, files["first_drive"], BEFORE, 1)
-    fit = jobs.beside(healthy_model, files["first_drive"], files["healthy_model"])
-    weave(changed, cars, second, AFTER, 2)
-    weave(changed, cars, third, UNSEEN, 3)
+    changed, hidden = choose_hidden_effects(url, seed)
+    cars = out / "cars"
+    second = files["second_drive"]
+    third = files["third_drive"]
+    record_drive(remove_hidden_effects(url), cars, files["first_drive"], FIRST_DRIVE_S, 1)
+    # The model is fitted in another process during the next two drives.
+    fit = jobs.beside(fit_healthy_model, files["first_drive"], files["healthy_model"])
+    record_drive(changed, cars, second, SECOND_DRIVE_S, 2)
+    record_drive(changed, cars, third, THIRD_DRIVE_S, 3)
     with progress_bar() as bar:
         bar.add_task("fitting the model to drive 1", total=None)
         next(fit)
-    found = told(second, third, files["healthy_model"])
+    found = diagnose_drive(second, third, files["healthy_model"])
     write_page(found, files["diagnosis"],
                command=f"dart-hal diagnose --model {files['healthy_model']} --no-refit "
                        f"--max-causes {MAX_CAUSES} --train {second} --test {third} "
                        f"--html {files['diagnosis']}")
-    return Chapter(hidden, found, files)
+    return DiagnosisChapter(hidden, found, files)
 
 
-def weave(url: str, cars: Path, run: Path, seconds: float, draw: int) -> None:
-    """Steps of steering and throttle at random times, recorded; draw: which ones."""
+def record_drive(url: str, cars: Path, run: Path, seconds: float, draw: int) -> None:
+    """Record steps of steering and throttle at random times; draw: seed of the steps."""
     rng = np.random.default_rng([draw, 3])
     title = f"drive {draw} of 3, {run.stem}"
     with Car.open(url, cars=cars, record=run) as car:
-        for _ in car.states(duration=STANDING):  # what sensors read at rest
+        for _ in car.states(duration=STANDSTILL_S):  # offsets of the sensors at rest
             pass
         car.arm()
-        turn = pull = steering = throttle = 0.0
+        next_steering = next_throttle = steering = throttle = 0.0
         for i, _ in enumerate(with_progress(car.states(duration=seconds), seconds, title)):
             t = 0.01 * i
-            if t >= pull:
-                throttle = rng.uniform(*PULLS) * (rng.random() > ROLLING)
-                pull = t + PULL_SECONDS
-            if t >= turn:
-                steering = rng.uniform(-TURNS, TURNS)
-                turn = t + rng.uniform(*TURN_SECONDS)
+            if t >= next_throttle:
+                throttle = rng.uniform(*THROTTLE_RANGE) * (rng.random() > COASTING_SHARE)
+                next_throttle = t + THROTTLE_INTERVAL_S
+            if t >= next_steering:
+                steering = rng.uniform(-MAX_STEERING, MAX_STEERING)
+                next_steering = t + rng.uniform(*STEERING_INTERVAL_S)
             car.drive(steering=steering, throttle=throttle)
 
 
-def healthy_model(run: Path, target: Path) -> None:
-    """The paper's model with the servo's data sheet, fitted to a drive of the car as it was."""
+def fit_healthy_model(run: Path, target: Path) -> None:
+    """Fit the paper's model, with the data sheet of the servo, to a drive of the unchanged car."""
     file, p = find_model("paper")
-    timing = replace(p.delay, steering_s=FRAME_WAIT, throttle_s=FRAME_WAIT)
+    timing = replace(p.delay, steering_s=FRAME_WAIT_S, throttle_s=FRAME_WAIT_S)
     p = apply(replace(p, delay=timing), "steering_rate_limit", k=SERVO_S)
     sheet = model_of(p, file)
     sides = check_inputs([read_run(run)], [], p)
@@ -164,25 +172,25 @@ def healthy_model(run: Path, target: Path) -> None:
     save_model(msgspec.structs.replace(model, name=target.stem), target)
 
 
-def told(run: Path, unseen: Path, model: Path) -> Diagnosis:
-    """The diagnosis of a drive; the gain is measured on another one."""
+def diagnose_drive(run: Path, test_run: Path, model: Path) -> Diagnosis:
+    """Diagnose a drive; the gain is measured on another one."""
     file, p = find_model(model)
     with progress_bar() as bar:
         task = bar.add_task("looking for the cause", total=1.0)
-        sides = check_inputs([read_run(run)], [read_run(unseen)], p)
+        sides = check_inputs([read_run(run)], [read_run(test_run)], p)
         found = diagnose(file, p, sides.train, sides.test, refit=False, max_causes=MAX_CAUSES,
                          jobs=jobs.cores(),
                          progress=lambda share, _: bar.update(task, completed=share))
     return replace(found, model=model.name, notes=(*sides.notes, *found.notes))
 
 
-def as_hidden(a: ActiveEffect) -> str:
-    """"steering_lag, k 0.06 s"."""
-    return f"{a.name}, {values_of(a)}"
+def describe_effect(a: ActiveEffect) -> str:
+    """Describe an effect: "steering_lag, k 0.06 s"."""
+    return f"{a.name}, {describe_values(a)}"
 
 
-def values_of(a: ActiveEffect) -> str:
-    """"k 0.06 s": every parameter that is not at its null."""
+def describe_values(a: ActiveEffect) -> str:
+    """Describe the parameters of an effect that are not at their null: "k 0.06 s"."""
     return ", ".join(f"{q.name} {quantity(ParameterEstimate(v, 0.0, q.unit))}"
                      for q, v in zip(a.effect.parameters, a.values, strict=True) if v != q.null)
 

@@ -1,5 +1,8 @@
-"""The demo's chapter on the lidar: a car maps a track between boards, and follows the line that it
-drove by what it sees. Its Nano is the mock, which is quicker."""
+"""Chapter of the demo on the lidar: a car maps a track and follows the mapped line.
+
+The track is between boards. The car localises itself by its lidar alone. Its Nano is the mock,
+which is faster.
+"""
 
 from __future__ import annotations
 
@@ -34,22 +37,26 @@ from dart_lab.report.page import image
 from dart_lab.sim.room_truth import map_of_room, true_path
 
 TITLE = "Map a track by the lidar, find the way in it, follow it"
-SPEED, LAP, OVER = 1.2, 22.9, 1.5
-"""m/s; m of the track, and that are driven a second time, so that the loop closes."""
-MAP = "track.yaml"
-POINTS = 0.4
-"""m between the points of the line that is followed."""
-SMOOTH = 0.1
-"""m to either side of it in which the line is bent less: where the first lap swung."""
-WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
+MAX_SPEED = 1.2  # m/s
+LAP_LENGTH = 22.9  # m of the track
+LAP_OVERLAP = 1.5  # m that are driven twice, so that the loop closes
+MAP_FILE = "track.yaml"
+# m between the points of the line that is followed.
+POINT_SPACING = 0.4
+# m on both sides of the line within which it is smoothed, because the first lap oscillated.
+SMOOTHING_WIDTH = 0.1
+WAIVED_CHECKS = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 Section = tuple[Html, dict[str, Any]]
 
 
 @dataclass(frozen=True, slots=True)
-class Followed:
-    """estimated, true (n, 3): x, y [m], yaw [rad] at each pose of the lidar, in the room; grid:
-    occupied cells (k, 2) [m] there; boards (m, 4) [m]: the true ones; size: of the room over that
-    of the map; why it ended."""
+class FollowedLap:
+    """The lap that followed the mapped line.
+
+    estimated, true (n, 3): x, y [m], yaw [rad] in the room at each pose of the lidar. grid:
+    occupied cells (k, 2) [m] in the room. boards (m, 4) [m]: the true ones. size: size of the room
+    over that of the map. ended: why the lap ended.
+    """
 
     estimated: FloatArray
     true: FloatArray
@@ -61,55 +68,59 @@ class Followed:
 
 
 def section(number: int, out: Path) -> Section:
-    """What the page and the JSON say of the car of a seed."""
+    """Text of the page and numbers of the JSON for the car of a seed."""
     try:
-        found = driven(number, out)
-    except DartHalError as why:  # of a seed whose car cannot: the rest of the demo is worth it
+        found = drive_laps(number, out)
+    except DartHalError as why:  # the car of this seed cannot: show the rest of the demo
         return el("p", f"Not shown: {why.what}.", class_="notice"), {"skipped": why.what}
-    off = np.hypot(*(found.estimated - found.true)[:, :2].T)
-    rms, most = float(np.sqrt(np.mean(off**2))), float(off.max())
-    numbers = {"ended": found.ended, "closures": found.closures, "poses": len(off),
-               "map_size": 1.0 / found.size, "rms_m": rms, "max_m": most}
-    text = ("The car drove once around between the boards by its lidar alone, and what it saw "
-            f"became a map ({found.closures} loop closures). Then it followed the line that it had "
-            f"driven, with no other poses than those of its lidar in its own map: off by "
-            f"{100 * rms:.1f} cm rms, {100 * most:.1f} cm at most; "
+    errors = np.hypot(*(found.estimated - found.true)[:, :2].T)
+    rms = float(np.sqrt(np.mean(errors**2)))
+    largest = float(errors.max())
+    numbers = {"ended": found.ended, "closures": found.closures, "poses": len(errors),
+               "map_size": 1.0 / found.size, "rms_m": rms, "max_m": largest}
+    text = ("The car drove one lap between the boards by its lidar alone and made a map "
+            f"({found.closures} loop closures). Then it followed the line of that lap, with poses "
+            f"of its lidar in its own map. Errors of these poses: "
+            f"{100 * rms:.1f} cm rms, {100 * largest:.1f} cm at most; "
             f"{found.ended}. Its map is {100 * abs(1.0 - 1.0 / found.size):.1f} % too "
-            f"{'small' if found.size > 1.0 else 'large'}: how long a metre is, it knows by a lidar "
-            "that nobody has calibrated.")
+            f"{'small' if found.size > 1.0 else 'large'}: its scale comes from an "
+            "uncalibrated lidar.")
     figure = new_figure((7.0, 5.6))
     draw(figure.add_subplot(), found)
     return join([el("p", text), page.figure(TITLE, image(figure, TITLE))]), numbers
 
 
-def sentence(told: dict[str, Any]) -> str:
-    """The same to be read in a terminal."""
-    if "skipped" in told:
-        return f"a track by the lidar: skipped, {told['skipped']}"
+def summarise(numbers: dict[str, Any]) -> str:
+    """Summarise the chapter in one line for the terminal."""
+    if "skipped" in numbers:
+        return f"a track by the lidar: skipped, {numbers['skipped']}"
     return (f"a track by the lidar: mapped, then followed in the own map; poses off by "
-            f"{100 * told['rms_m']:.1f} cm rms; the map is {told['map_size']:.3f} times as large")
+            f"{100 * numbers['rms_m']:.1f} cm rms; the map is "
+            f"{numbers['map_size']:.3f} times as large")
 
 
-def driven(number: int, out: Path) -> Followed:
-    """Both laps of the car of a seed; out: the folder with its files, and for the map."""
-    url, cars = f"sim://?seed={number}&nano=mock&lidar=1&map=track", out / "cars"
-    survey, place, boards = mapped(url, cars)
+def drive_laps(number: int, out: Path) -> FollowedLap:
+    """Drive both laps of the car of a seed; out: folder of its files and of the map."""
+    url = f"sim://?seed={number}&nano=mock&lidar=1&map=track"
+    cars = out / "cars"
+    survey, alignment, boards = map_track(url, cars)
     grid = grid_of(survey)
-    write_grid(grid, out / MAP)
-    line = closed(survey)
-    estimated, true, ended = followed(url, cars, grid, line)
-    estimated[:, :2] = place.transform(estimated[:, :2])
+    write_grid(grid, out / MAP_FILE)
+    line = make_closed_line(survey)
+    estimated, true, ended = follow_line(url, cars, grid, line)
+    estimated[:, :2] = alignment.transform(estimated[:, :2])
     row, column = np.nonzero(grid.occupied)
     cells = grid.origin + (np.column_stack((column, row)) + 0.5) * grid.cell
-    return Followed(estimated, true, place.transform(cells), boards, place.size,
+    return FollowedLap(estimated, true, alignment.transform(cells), boards, alignment.size,
                     ended, len(survey.closures))
 
 
-def mapped(url: str, cars: Path) -> tuple[Survey, Alignment, FloatArray]:
-    """The survey of one lap, where it lies in the room, and the boards there."""
-    backend, mapper = open_backend(url), Mapper()
+def map_track(url: str, cars: Path) -> tuple[Survey, Alignment, FloatArray]:
+    """Map one lap; return the survey, its alignment with the room, and the boards of the room."""
+    backend = open_backend(url)
+    mapper = Mapper()
     with Car.over(backend, cars=cars) as car:
-        follower = LaneFollower(plant_of(car.files), SPEED, LAP + OVER)
+        follower = LaneFollower(plant_of(car.files), MAX_SPEED, LAP_LENGTH + LAP_OVERLAP)
 
         def answer(state: State) -> DriveCommand:
             scans = car.lidar.scans()
@@ -126,7 +137,7 @@ def mapped(url: str, cars: Path) -> tuple[Survey, Alignment, FloatArray]:
 
 
 def drive(car: Car, follower: Ending, answer: Callable[[State], DriveCommand]) -> None:
-    """Until it has ended; the car is armed once it need not wait any more."""
+    """Drive until the follower has ended; arm the car when it stops waiting."""
     armed = False
     for state in car.states():
         steering, speed = answer(state)
@@ -134,43 +145,48 @@ def drive(car: Car, follower: Ending, answer: Callable[[State], DriveCommand]) -
             return
         if follower.phase is not Phase.WAITING and not armed:
             armed = True
-            car.arm(waive=WAIVED)
+            car.arm(waive=WAIVED_CHECKS)
         elif armed:
             car.drive_speed(steering=steering, speed=speed)
 
 
-def closed(survey: Survey) -> Track:
-    """The line that was driven, one lap of it."""
-    way = np.array([frame.travel for frame in survey.frames])
-    apart = np.hypot(*(survey.poses[:, :2] - survey.poses[0, :2]).T)
-    end = int(np.argmin(np.where(way < 0.7 * LAP, np.inf, apart)))
+def make_closed_line(survey: Survey) -> Track:
+    """Make a closed line of one lap of the survey."""
+    distance = np.array([frame.travel for frame in survey.frames])
+    # The lap ends where the car is closest to its start, after 70 % of the length.
+    from_start = np.hypot(*(survey.poses[:, :2] - survey.poses[0, :2]).T)
+    end = int(np.argmin(np.where(distance < 0.7 * LAP_LENGTH, np.inf, from_start)))
     kept = [0]
     for k in range(1, end):
-        if way[k] - way[kept[-1]] > POINTS and way[end] - way[k] > 0.5 * POINTS:
+        if (distance[k] - distance[kept[-1]] > POINT_SPACING
+                and distance[end] - distance[k] > 0.5 * POINT_SPACING):
             kept.append(k)
     return Track.through(survey.poses[kept, :2], closed=True)
 
 
-def followed(url: str, cars: Path, grid: Grid, line: Track
+def follow_line(url: str, cars: Path, grid: Grid, line: Track
              ) -> tuple[FloatArray, FloatArray, str]:
-    """Poses that the lidar told in the map, the true ones in the room, why it ended."""
-    backend, source = open_backend(url), LidarPoses(map_of_grid(grid), (0.0, 0.0, 0.0))
-    told: dict[float, tuple[float, float, float]] = {}
+    """Follow the line; return the poses by the lidar, the true poses, and why the lap ended."""
+    backend = open_backend(url)
+    source = LidarPoses(map_of_grid(grid), (0.0, 0.0, 0.0))
+    poses: dict[float, tuple[float, float, float]] = {}
     with Car.over(backend, cars=cars, poses=source) as car:
         plant = plant_of(car.files)
-        follower = Follower(raceline(line, SMOOTH, plant, SPEED), plant, SPEED, rules=Rules(laps=1))
+        follower = Follower(raceline(line, SMOOTHING_WIDTH, plant, MAX_SPEED), plant, MAX_SPEED,
+                            rules=Rules(laps=1))
 
         def answer(state: State) -> DriveCommand:
             if source.newest is not None and (at := source.newest.pose) is not None:
-                told[source.newest.t] = at.x, at.y, at.yaw
+                poses[source.newest.t] = at.x, at.y, at.yaw
             return follower.answer(state.estimate.at(car.now))
 
         drive(car, follower, answer)
-        return np.array(list(told.values())), true_path(backend, np.array(list(told))), follower.why
+        return np.array(list(poses.values())), true_path(backend,
+                                                         np.array(list(poses))), follower.why
 
 
-def draw(axes: Any, found: Followed) -> None:
-    """The map on the true boards, and the paths of the second lap."""
+def draw(axes: Any, found: FollowedLap) -> None:
+    """Draw the map on the true boards, and the paths of the second lap."""
     for k, (x1, y1, x2, y2) in enumerate(found.boards):
         axes.plot((x1, x2), (y1, y2), color=ORANGE, lw=0.8, label=None if k else "true boards")
     axes.plot(*found.grid.T, "s", color=INK, ms=0.8, label="its map")

@@ -1,4 +1,4 @@
-"""What the demo's page says of a diagnosis: the sentences, one picture, the errors, the report."""
+"""Sections of the demo's page on a diagnosis: sentences, pictures, errors, link to the report."""
 
 from __future__ import annotations
 
@@ -7,7 +7,14 @@ from collections.abc import Mapping, Sequence
 from itertools import islice
 from typing import Any
 
-from dart_lab.demo.diagnosis import AFTER, BEFORE, UNSEEN, Chapter, as_hidden, values_of
+from dart_lab.demo.diagnosis import (
+    FIRST_DRIVE_S,
+    SECOND_DRIVE_S,
+    THIRD_DRIVE_S,
+    DiagnosisChapter,
+    describe_effect,
+    describe_values,
+)
 from dart_lab.diagnosis.report import describe_pattern
 from dart_lab.diagnosis.report.along import ResidualRows
 from dart_lab.diagnosis.report.causes import LEGEND, cause_pictures
@@ -18,53 +25,54 @@ from dart_lab.report import page
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import listed, percent
 
-LEFT = 2
-"""Structures without a cause that are written out; the report has all."""
-BUILT = {"imu_yaw": "imu.mount_yaw", "imu_pitch": "imu.mount_pitch", "imu_roll": "imu.mount_roll"}
-"""Effects that a car of a seed has from the start, and what the truth calls their sizes [rad]."""
-HIDDEN = "Two things were changed in this car. Which?"
-REAL = "The real car: what the paper's model gets wrong"
+# Patterns without a cause that are described; the report has all.
+MAX_PATTERNS = 2
+# Effects that a car of a seed has from the start, and the names of their sizes [rad] in the truth.
+BUILT_IN_ANGLES = {"imu_yaw": "imu.mount_yaw", "imu_pitch": "imu.mount_pitch",
+                   "imu_roll": "imu.mount_roll"}
+HIDDEN_TITLE = "Two things were changed in this car. Which?"
+REAL_TITLE = "The real car: what the paper's model gets wrong"
 
 
-def hidden_section(told: Chapter, sensors: Mapping[str, Any]) -> Html:
-    """What was changed in the emulated car, and what was found of it; sensors: their truth."""
-    true = {name: f"k {sensors[key]:.3g} rad, built so" for name, key in BUILT.items()}
-    true |= {a.name: f"{values_of(a)}, put in" for a in told.hidden}
-    how = (f"The car was driven for {BEFORE:.0f} s as it was. The paper's model, with the speed "
-           "of the servo from its data sheet, was fitted to that drive: that is all that is known "
-           "of the healthy car. Then it was changed. The diagnosis had that model "
-           f"and a recorded drive of {AFTER:.0f} s; how much a cause gains is measured on another "
-           f"one of {UNSEEN:.0f} s. Encoder, gyro and accelerometer are all that it sees.")
-    named = "Named." if told.found else "Not named: this drive did not show it well enough."
+def hidden_section(chapter: DiagnosisChapter, sensors: Mapping[str, Any]) -> Html:
+    """Describe what was changed in the emulated car, and what was found; sensors: their truth."""
+    true = {name: f"k {sensors[key]:.3g} rad, built so" for name, key in BUILT_IN_ANGLES.items()}
+    true |= {a.name: f"{describe_values(a)}, put in" for a in chapter.hidden}
+    how = (f"The car was driven for {FIRST_DRIVE_S:.0f} s as it was. The paper's model, with the "
+           "speed of the servo from its data sheet, was fitted to that drive: that is all that is "
+           "known of the healthy car. Then it was changed. The diagnosis had that model "
+           f"and a recorded drive of {SECOND_DRIVE_S:.0f} s; how much a cause gains is measured on "
+           f"another one of {THIRD_DRIVE_S:.0f} s. It uses encoder, gyro and accelerometer only.")
+    named = "Named." if chapter.found else "Not named: this drive did not show it well enough."
     changed = el("p", el("strong", "What was changed: "),
-                 "; ".join(as_hidden(a) for a in told.hidden), ". ", named)
-    return _section(told.diagnosis, how, told.files["diagnosis"].name,
-                    changed, el("p", _as_built(sensors)),
-                    _found(told.diagnosis, true, [a.name for a in told.hidden]))
+                 "; ".join(describe_effect(a) for a in chapter.hidden), ". ", named)
+    return _diagnosis_section(chapter.diagnosis, how, chapter.files["diagnosis"].name,
+                    changed, el("p", _describe_built_in(sensors)),
+                    _tabulate_causes(chapter.diagnosis, true, [a.name for a in chapter.hidden]))
 
 
-def _as_built(sensors: Mapping[str, Any]) -> str:
-    """What else is true of this car and not in its model."""
-    turned = [math.degrees(sensors[key]) for key in BUILT.values()]
+def _describe_built_in(sensors: Mapping[str, Any]) -> str:
+    """Describe other differences of this car from its model."""
+    turned = [math.degrees(sensors[key]) for key in BUILT_IN_ANGLES.values()]
     if max(map(abs, turned)) < 0.01:
-        return "Nothing else is different from what its model can say."
+        return "Nothing else is different from its model."
     yaw, pitch, roll = (f"{angle:+.1f} deg" for angle in turned)
-    return ("True of this car from the start, and unknown to its model: the IMU sits askew (yaw "
+    return ("True of this car from the start, and unknown to its model: the IMU is misaligned (yaw "
             f"{yaw}, pitch {pitch}, roll {roll}), and the ring of the encoder is uneven.")
 
 
 def real_section(d: Diagnosis, train: Sequence[str], test: Sequence[str], report: str) -> Html:
-    """What the paper's model gets wrong on recordings of the real car."""
+    """Describe what the paper's model gets wrong on recordings of the real car."""
     how = ("Recordings of the real car with motion capture, from the excerpt that comes with the "
-           f"sources. Causes are looked for in those until 9 September 2024 ({', '.join(train)}); "
-           f"how much they gain is measured on later days ({', '.join(test)}), of which no fit "
-           "has seen anything. Step 1 is the model as it is, its parameters fitted anew: a cause "
-           "is what that cannot do. There is no ground truth for this car.")
-    return _section(d, how, report, _found(d))
+           f"sources. Causes are searched in those until 9 September 2024 ({', '.join(train)}); "
+           f"how much they gain is measured on later days ({', '.join(test)}), which no fit "
+           "uses. Step 1 is the given model with its parameters fitted again: a cause explains "
+           "what that cannot. There is no ground truth for this car.")
+    return _diagnosis_section(d, how, report, _tabulate_causes(d))
 
 
 def real_skipped() -> Html:
-    """Where the package is installed without its recordings."""
+    """Text for an installation without the recordings."""
     return el(
         "p", "Skipped: the excerpt of the real car's recordings comes with the sources, and this "
              "installation is without them. ", el("code", "dart-hal data fetch"), " brings all of "
@@ -72,24 +80,24 @@ def real_skipped() -> Html:
         " does the same on any.", class_="notice")
 
 
-def _section(d: Diagnosis, how: str, report: str, *known: Html) -> Html:
-    """The answer with paths and errors, what is known of the truth, where each cause shows."""
-    more = len(d.unexplained) - LEFT
+def _diagnosis_section(d: Diagnosis, how: str, report: str, *known: Html) -> Html:
+    """Answer with paths and errors, what is known of the truth, and where each cause shows."""
+    more = len(d.unexplained) - MAX_PATTERNS
     rows = ResidualRows(d.evidence, d.extended)
-    left = [describe_pattern(d, u, rows) for u in d.unexplained[:LEFT]]
-    left += [f"and {more} more, see the report"] if more > 0 else []
-    without = [el("p", "Left without a cause:"), page.items(left)] if left else []
-    drawn = [one for i in range(len(d.causes)) for one in islice(cause_pictures(d, i, rows), 1)]
+    patterns = [describe_pattern(d, u, rows) for u in d.unexplained[:MAX_PATTERNS]]
+    patterns += [f"and {more} more, see the report"] if more > 0 else []
+    unexplained = [el("p", "Patterns without a cause:"), page.items(patterns)] if patterns else []
+    figures = [one for i in range(len(d.causes)) for one in islice(cause_pictures(d, i, rows), 1)]
     return join([
-        el("p", how), answer_card(d, *without, report=report), overview(d), *known,
-        page.figures(drawn), *([LEGEND] if drawn else []),
+        el("p", how), answer_card(d, *unexplained, report=report), overview(d), *known,
+        page.figures(figures), *([LEGEND] if figures else []),
         el("p", el("a", "The full report: every figure, and how it was made", href=report,
                    class_="button"))])
 
 
-def _found(d: Diagnosis, true: Mapping[str, str] | None = None, hidden: Sequence[str] = ()
+def _tabulate_causes(d: Diagnosis, true: Mapping[str, str] | None = None, hidden: Sequence[str] = ()
            ) -> Html:
-    """One row for each cause, and for what was hidden and not named; true None: nobody knows."""
+    """Tabulate each cause, and each hidden effect that was not accepted; true: None if unknown."""
     rows = [(c.effect, (true or {}).get(c.effect, "-"),
              ", ".join(f"{name} {quantity(n)}" for name, n in c.parameters.items()),
              listed(c.cannot_be_told_from, "or") or "nothing in the catalogue",
@@ -98,7 +106,7 @@ def _found(d: Diagnosis, true: Mapping[str, str] | None = None, hidden: Sequence
     named = [c.effect for c in d.causes]
     rows += [(name, (true or {})[name], "not named", "-", "-", "-")
              for name in hidden if name not in named]
-    head = ("effect", "in the car", "found", "cannot be told from", "removes", "95 %")
+    head = ("effect", "in the car", "found", "confounded with", "removes", "95 %")
     if true is None:
         return table((head[0], *head[2:]), [(row[0], *row[2:]) for row in rows])
     return table(head, rows)
