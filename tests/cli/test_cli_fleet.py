@@ -140,12 +140,12 @@ def test_without_zeroconf_a_room_must_be_named(capsys, monkeypatch):
 @pytest.mark.skipif(find_spec("zeroconf") is None,
                     reason="needs zeroconf: pip install 'dart-hal[fleet]'")
 def test_a_room_that_announces_itself_is_found():
-    from dart_hal.fleet.discovery import Announcement, found
+    from dart_hal.fleet.discovery import Announcement, discover_rooms
 
     room = f"udp://127.0.0.1:{free_port()}?to=127.0.0.1:9"
     announcement = Announcement("red", room)
     try:
-        assert found(2.0).get("red") == room
+        assert discover_rooms(2.0).get("red") == room
     finally:
         announcement.close()
 

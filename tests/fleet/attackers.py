@@ -45,7 +45,7 @@ class FakeCar:
     def step(self, now, count):
         self.now = now
         if self.hears:
-            self.peers.take(self.line, now)
+            self.peers.receive(self.line, now)
         else:
             self.line.poll(now)
         if count % 5 == 0:
@@ -84,7 +84,7 @@ class Scene:
             self.recorded += [d.data for d in self.attacker.poll(self.now)]
             for car in self.cars:
                 car.step(self.now, self.count)
-            if self.car.rule.held(self.now):
+            if self.car.rule.drive_block(self.now):
                 since = self.now
             drove = max(drove, self.now - since)
         return drove
@@ -92,7 +92,7 @@ class Scene:
     def watch(self, seconds):
         """The watcher beats for so long; it has to let the car drive."""
         self.run_for(seconds, lambda: self.station.watch())
-        assert self.car.rule.held(self.now) == ""
+        assert self.car.rule.drive_block(self.now) == ""
 
     def play(self, frames):
         """Send recorded frames, one each step, from the first again when they end."""

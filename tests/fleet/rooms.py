@@ -7,7 +7,7 @@ from dart_hal.core.types import Pose, Tracking, pose_cov
 from dart_hal.devices.links.base import open_backend
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
-from dart_hal.fleet.peers import values_of_pose
+from dart_hal.fleet.peers import pose_values
 from dart_lab.sim.truth import world_of
 
 NEUTRAL_US, NEAR_US = 1500.0, 5.0
@@ -15,7 +15,7 @@ NEUTRAL_US, NEAR_US = 1500.0, 5.0
 
 def pose_frame(seq, *, x=0.0, speed=1.0, yaw_rate=0.0, boot=7, sent=0.0, age=0.0, name="red"):
     pose = Pose(x, 0.0, 0.0, pose_cov(0.01, 0.02))
-    return encode(m.POSE, boot, seq, sent, values_of_pose(name, age, "room", pose, speed,
+    return encode(m.POSE, boot, seq, sent, pose_values(name, age, "room", pose, speed,
                                                           yaw_rate, Tracking.TRACKING))
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
-from dart_hal.fleet.peers import LATEST, Peers
+from dart_hal.fleet.peers import MAX_TRANSIT, Peers
 from dart_hal.fleet.sender import REPLAY_WINDOW, Order, Sender, Session
 from dart_hal.fleet.stopping import StopCall, StopRule
 from tests.fleet.attackers import KEY, OTHER_KEY, STEP, WITHIN, FakeCar, Scene, forged_beats, reader
@@ -78,7 +78,7 @@ def test_a_beat_that_was_held_back_and_comes_late_does_not_beat(key):
         # The attacker has removed twenty on their way: the car does not know their numbers.
         held_back = iter(scene.of_kind(m.BEAT)[-20:])
         session = scene.car.peers.sessions[("base", scene.station.peers.boot)]
-        session.came = 1
+        session.received_bits = 1
 
         def go_on():
             scene.station.look()
@@ -126,13 +126,13 @@ def test_without_a_key_a_forger_that_listens_keeps_the_car_driving():
 @pytest.mark.parametrize("broken", ["arrival", "copies"])
 def test_replays_are_noticed_by_these_tests(monkeypatch, broken):
     """Control: beats that count from their arrival, and a window that forgets."""
-    act = Peers._act
+    act = Peers._notify
     if broken == "arrival":
         def young(self, sender, heard, order):
             act(self, sender, heard, order)
             if heard.kind is m.BEAT:
                 self.on_beat(heard.name, 1e9)
-        monkeypatch.setattr(Peers, "_act", young)
+        monkeypatch.setattr(Peers, "_notify", young)
     else:
         monkeypatch.setattr(Peers, "_prove", lambda self, sender, heard, arrived:
                             setattr(sender, "proof", arrived))
@@ -140,7 +140,7 @@ def test_replays_are_noticed_by_these_tests(monkeypatch, broken):
         def forgets(self, seq):
             self.newest = seq
             return Order.NEWEST
-        monkeypatch.setattr(Sender, "place", forgets)
+        monkeypatch.setattr(Sender, "classify", forgets)
     with Scene() as scene:
         scene.watcher()
         scene.watch(1.0)
@@ -216,7 +216,7 @@ def test_a_new_station_with_the_key_stops_a_car_that_has_never_received_it():
         scene.run_for(0.5)
         call = scene.watcher().stop("now")
         assert call.silent == set()
-        assert call.answered == {"red"}
+        assert call.confirmed_cars == {"red"}
         assert scene.car.stops > 0
 
 
@@ -225,8 +225,8 @@ def test_a_stop_is_obeyed_after_the_way_back_is_lost():
     with Scene(KEY) as scene:
         scene.watcher()
         scene.watch(1.0)
-        scene.station.peers.take = lambda transport, now: transport.poll(now)
-        scene.run_for(2 * LATEST)
+        scene.station.peers.receive = lambda transport, now: transport.poll(now)
+        scene.run_for(2 * MAX_TRANSIT)
         scene.station.call_stop("way back lost")
         scene.run_for(0.2, scene.station.press)
         assert scene.car.stops > 0
@@ -306,7 +306,7 @@ def test_a_forged_answer_does_not_hide_a_car_that_drives_on(key, boot):
         call = stop_deaf_car(scene, forge_answers(scene, boot))
         assert scene.car.stops == 0
         assert call.silent == {"red"}
-        assert call.answered == set()
+        assert call.confirmed_cars == set()
 
 
 def test_without_an_attacker_the_car_answers():
@@ -323,11 +323,11 @@ def test_of_two_cars_of_one_name_both_must_answer(key):
         scene.watch(0.5)
         scene.cars[1].hears = False
         call = stop_deaf_car(scene, lambda: None)
-        assert (call.silent, call.answered) == ({"red"}, set())
+        assert (call.silent, call.confirmed_cars) == ({"red"}, set())
         scene.cars[1].hears = True
         scene.cars[1].step(scene.now, 1)
         call = stop_deaf_car(scene, lambda: None)
-        assert (call.silent, call.answered) == (set(), {"red"})
+        assert (call.silent, call.confirmed_cars) == (set(), {"red"})
 
 
 @pytest.mark.parametrize("frame", ["a new session", "a number far ahead", "an old number"])
@@ -393,7 +393,7 @@ def test_no_number_is_accepted_twice_in_any_order(numbers):
     """Against a list of all that were accepted, for frames that overtake each other at random."""
     sender, accepted = Sender(Session("red", 1), 0.0, 0.0, 0.0), set()
     for seq in numbers:
-        order = sender.place(seq)
+        order = sender.classify(seq)
         newest = max(accepted, default=-1)
         if seq > newest:
             assert order is Order.NEWEST
@@ -403,12 +403,12 @@ def test_no_number_is_accepted_twice_in_any_order(numbers):
             assert order is (Order.COPY if seq in accepted else Order.LATE)
         if order in (Order.NEWEST, Order.LATE):
             accepted.add(seq)
-    assert sender.taken == len(accepted)
+    assert sender.accepted == len(accepted)
 
 
 def test_a_late_number_is_accepted_once():
     sender = Sender(Session("red", 1), 0.0, 0.0, 0.0)
-    assert [sender.place(seq) for seq in (5, 3, 3, 5, 4, 3)] == [
+    assert [sender.classify(seq) for seq in (5, 3, 3, 5, 4, 3)] == [
         Order.NEWEST, Order.LATE, Order.COPY, Order.COPY, Order.LATE, Order.COPY]
 
 
@@ -416,8 +416,8 @@ def test_a_number_stays_known_while_others_overtake_it():
     """100, then the 63 below, then the 63 above: 100 is still in the window."""
     sender = Sender(Session("red", 1), 0.0, 0.0, 0.0)
     for seq in (100, *range(37, 100), *range(101, 164)):
-        assert sender.place(seq) in (Order.NEWEST, Order.LATE)
-    assert sender.place(100) is Order.COPY
+        assert sender.classify(seq) in (Order.NEWEST, Order.LATE)
+    assert sender.classify(100) is Order.COPY
 
 
 def test_only_the_own_recent_number_is_a_proof():
@@ -427,7 +427,7 @@ def test_only_the_own_recent_number_is_a_proof():
 
     def proof_after(seq, *echoes):
         heard = reader(None).decode(encode(m.HEARD, 9, seq, 0.0, ("base", echoes)))
-        peers.hear(heard, 10.0, 10.0)
+        peers.process(heard, 10.0, 10.0)
         return peers.sessions[("base", 9)].proof
 
     assert proof_after(1) == float("-inf")
@@ -448,10 +448,10 @@ def test_a_stop_takes_answers_with_its_number_alone():
     call.health(car, "ARMED", 0.15)
     assert call.silent == set(), "it may have left before the answer"
     call.health(car, "ARMED", 0.2)
-    assert (call.silent, call.answered) == ({"red"}, set())
+    assert (call.silent, call.confirmed_cars) == ({"red"}, set())
     call.health(car, "TRIPPED", 0.25)
-    assert (call.silent, call.answered) == (set(), {"red"})
-    assert call.over(0.3)
+    assert (call.silent, call.confirmed_cars) == (set(), {"red"})
+    assert call.is_over(0.3)
     call.health(car, "ARMED", 0.3)
     assert call.silent == set(), "it may arm again when the stop is over"
 
@@ -485,5 +485,5 @@ def test_an_older_beat_takes_nothing_from_a_newer_one():
     rule = StopRule(WITHIN)
     rule.beat(5.0)
     rule.beat(3.0)
-    assert rule.held(5.0 + WITHIN) == ""
-    assert rule.held(5.01 + WITHIN) != ""
+    assert rule.drive_block(5.0 + WITHIN) == ""
+    assert rule.drive_block(5.01 + WITHIN) != ""

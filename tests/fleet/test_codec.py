@@ -31,10 +31,10 @@ def values(f):
         return st.binary(max_size=f.count)
     if f.type == "pairs":
         return st.lists(st.tuples(*[st.integers(0, 2**32 - 1)] * f.count),
-                        max_size=m.POINTS).map(tuple)
+                        max_size=m.MAX_ROWS).map(tuple)
     row = st.tuples(*[numbers(m.Field(f.name, f.type, "", 1, f.low, f.high))] * f.count)
     if f.type == "rows":
-        return st.lists(row, max_size=m.POINTS).map(tuple)
+        return st.lists(row, max_size=m.MAX_ROWS).map(tuple)
     return row if f.count > 1 else numbers(f)
 
 
@@ -47,7 +47,7 @@ frames = st.sampled_from(m.KINDS).flatmap(lambda kind: st.tuples(
 def test_what_is_told_arrives(frame):
     kind, boot, seq, sent, told = frame
     data = encode(kind, boot, seq, sent, told)
-    assert len(data) <= m.LARGEST
+    assert len(data) <= m.MAX_FRAME_BYTES
     heard = Decoder().decode(data)
     assert (heard.kind, heard.boot, heard.seq, heard.values) == (kind, boot, seq, told)
     assert heard.sent == pytest.approx(sent, abs=1e-6)

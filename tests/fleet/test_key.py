@@ -13,7 +13,7 @@ from dart_hal.car import Car, Fleet, join
 from dart_hal.core.errors import UsageError
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Decoder, encode
-from dart_hal.fleet.key import VARIABLE, RoomKey, find_key, read_key
+from dart_hal.fleet.key import KEY_VARIABLE, RoomKey, find_key, read_key
 from dart_hal.fleet.station import Station
 from tests.fleet.rooms import pose_frame
 
@@ -102,22 +102,22 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path, path):
 
 
 def test_the_variable_holds_the_key_or_the_path_of_its_file(tmp_path, monkeypatch):
-    monkeypatch.delenv(VARIABLE, raising=False)
+    monkeypatch.delenv(KEY_VARIABLE, raising=False)
     assert find_key() is None
     file = tmp_path / "room.key"
     file.write_text(SECRET)
     for value in (SECRET, str(file)):
-        monkeypatch.setenv(VARIABLE, value)
+        monkeypatch.setenv(KEY_VARIABLE, value)
         assert find_key() == KEY
     for value in ("", "short", str(tmp_path / "missing")):
-        monkeypatch.setenv(VARIABLE, value)
+        monkeypatch.setenv(KEY_VARIABLE, value)
         with pytest.raises(UsageError):
             find_key()
         assert find_key(KEY) == KEY, "what is given counts before the variable"
 
 
 def test_cars_and_stations_take_the_key_of_the_variable(monkeypatch):
-    monkeypatch.setenv(VARIABLE, SECRET)
+    monkeypatch.setenv(KEY_VARIABLE, SECRET)
     with (Car.open("sim://?nano=mock&seed=1") as car,
           join(car, "local://variable", name="red") as member,
           Station("local://variable", "base", now=lambda: car.now) as station):

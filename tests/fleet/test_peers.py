@@ -12,7 +12,7 @@ from dart_hal.core.url import Url
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
 from dart_hal.fleet.key import RoomKey
-from dart_hal.fleet.peers import LATEST, LOST_AFTER, MOST, Peers
+from dart_hal.fleet.peers import LOST_AFTER, MAX_SESSIONS, MAX_TRANSIT, Peers
 from dart_hal.fleet.transports import Datagram
 from dart_hal.fleet.transports.local import open_local
 from tests.fleet.rooms import pose_frame
@@ -47,7 +47,7 @@ def fed():
 def hears(peers, fed, now, *frames, line=None, age=0.0):
     fed.line = now if line is None else line
     fed.came = [Datagram(data, age) for data in frames]
-    peers.take(fed, now)
+    peers.receive(fed, now)
     return peers.other_poses(now)
 
 
@@ -96,7 +96,7 @@ def test_a_car_slower_or_quicker_than_its_computer_sees_right_ages(fed, rate):
             frames.append(Datagram(pose_frame(n, sent=n * STEP), line - n * STEP))
             n += 1
         fed.line, fed.came = line, frames
-        peers.take(fed, car)
+        peers.receive(fed, car)
         if n > 1:
             oldest = rate * STEP + 0.0101  # the car's seconds since the newest frame, and a look
             assert peers.other_poses(car)["red"].age <= oldest
@@ -111,7 +111,7 @@ def test_overtaken_and_repeated_frames_change_nothing(fed):
         seen = hears(peers, fed, STEP * k, pose_frame(n, x=float(n), sent=STEP * n))["red"]
         assert seen.pose.x == max(order[:k + 1])
     red = peers.senders["red"]
-    assert (red.taken, red.late, red.twice, red.lost) == (6, 2, 2, 0)
+    assert (red.accepted, red.late, red.copies, red.lost) == (6, 2, 2, 0)
 
 
 def test_lost_frames_are_counted(fed):
@@ -137,7 +137,7 @@ def test_two_programs_of_one_name_are_told(fed):
     peers = Peers("blue", 1)
     for n in range(60):
         hears(peers, fed, STEP * n, pose_frame(n, boot=7), pose_frame(n, boot=8))
-    assert 60 * STEP > LATEST
+    assert 60 * STEP > MAX_TRANSIT
     assert peers.namesakes == {"red"}
     hears(peers, fed, 4.0, pose_frame(1, boot=9, name="blue"))
     assert "blue" in peers.namesakes
@@ -150,11 +150,11 @@ def test_the_own_frames_that_come_back_are_nobody(fed):
 
 def test_a_flood_of_names_does_not_fill_the_memory(fed):
     peers = Peers("blue", 1)
-    for n in range(3 * MOST):
+    for n in range(3 * MAX_SESSIONS):
         fed.came = [Datagram(pose_frame(1, name=f"n{n}"), 0.0)]
-        peers.take(fed, 0.001 * n)
-    assert len(peers.senders) == MOST
-    assert f"n{3 * MOST - 1}" in peers.senders
+        peers.receive(fed, 0.001 * n)
+    assert len(peers.senders) == MAX_SESSIONS
+    assert f"n{3 * MAX_SESSIONS - 1}" in peers.senders
 
 
 def test_junk_moves_nobody(fed):
@@ -193,7 +193,7 @@ def run(room, seconds=4.0, alive=lambda n: True):
         if k % 5 == 0 and alive(k // 5):
             sent_at[k // 5] = now
             out.send(pose_frame(k // 5, x=float(k // 5), sent=out.stamp(now)), now)
-        peers.take(into, now)
+        peers.receive(into, now)
         seen = peers.other_poses(now).get("red")
         if seen is not None:
             pairs.append((now - sent_at[int(seen.pose.x)], seen.age))
@@ -209,7 +209,7 @@ def test_ages_are_right_through_loss_delay_and_copies(faults):
     true, told = true[100:], told[100:]  # the first second: no quick frame has come yet
     # what the quickest frame of the last 10 s took, and a look of 10 ms, cannot be seen
     assert np.abs(true - told).max() < 0.035
-    assert peers.senders["red"].taken > 30
+    assert peers.senders["red"].accepted > 30
 
 
 def test_a_car_that_goes_silent_is_lost_and_found():
@@ -224,10 +224,10 @@ def test_who_joins_late_knows_all_after_one_message():
         out.send(pose_frame(n), STEP * n)
     late = open_local(Url.parse("local://late"))
     peers = Peers("blue", 1)
-    peers.take(late, 0.5)
+    peers.receive(late, 0.5)
     assert peers.other_poses(0.5) == {}
     out.send(pose_frame(10, x=1.0), 0.5)
-    peers.take(late, 0.51)
+    peers.receive(late, 0.51)
     assert peers.other_poses(0.51)["red"].pose.x == 1.0
     assert peers.senders["red"].lost == 0, "what was sent before it came is no loss"
     for end in (out, early, late):
@@ -263,4 +263,4 @@ def test_watcher_without_an_echo_is_reported_after_the_time_that_a_frame_may_tra
     for n in range(60):
         now = n * STEP
         hears(peers, fed, now, encode(m.BEAT, 7, n, now, ("base",), key))
-        assert ("base" in peers.ignored(now)) == (now > LATEST), now
+        assert ("base" in peers.ignored(now)) == (now > MAX_TRANSIT), now

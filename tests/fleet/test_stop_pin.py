@@ -10,7 +10,7 @@ from dart_hal.core.errors import Disarmed, NotArmed
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
 from dart_hal.fleet.station import Station
-from dart_hal.fleet.stopping import HOLD, PATIENCE, StopCall, StopRule
+from dart_hal.fleet.stopping import MAX_STOP_TIME, STOP_HOLD_TIME, StopCall, StopRule
 from tests.fleet.rooms import Pins, pose_frame
 
 HALF = "local://stop?loss=0.5&seed={}"
@@ -95,7 +95,7 @@ def test_a_program_may_arm_again_when_the_stop_is_over():
             pins.fleet.arm()
         assert "RUN_STOP" in told.value.reasons
         assert "lunch" in pins.fleet.members[1].held
-        for _ in pins.fleet.states(duration=2.0 * HOLD + PATIENCE):
+        for _ in pins.fleet.states(duration=2.0 * STOP_HOLD_TIME + MAX_STOP_TIME):
             pass
         assert [member.held for member in pins.fleet.members] == ["", ""]
         pins.fleet.arm()
@@ -144,8 +144,8 @@ def test_while_somebody_watches_they_drive():
 @pytest.mark.slow
 def test_a_rule_that_forgets_the_silence_is_seen(monkeypatch):
     """Control: broken code."""
-    held = StopRule.held
-    monkeypatch.setattr(StopRule, "held", lambda self, now: held(self, min(now, self._beat)))
+    held = StopRule.drive_block
+    monkeypatch.setattr(StopRule, "drive_block", lambda self, now: held(self, min(now, self._beat)))
     lasts, _ = watched(lambda t: t < 0.5)
     assert min(lasts) > 1.1
 
@@ -203,7 +203,7 @@ def test_a_room_lets_go_of_its_own_stop_alone():
         car, member = pins.fleet.cars[0], pins.fleet.members[0]
         car.run_stop(True)
         pins.fleet.members[1].stop_all("room")
-        for _ in pins.fleet.states(duration=1.0 + HOLD):
+        for _ in pins.fleet.states(duration=1.0 + STOP_HOLD_TIME):
             pass
         assert member.rule.number, "it has heard"
         assert member.held == ""
@@ -212,7 +212,7 @@ def test_a_room_lets_go_of_its_own_stop_alone():
         assert "RUN_STOP" in told.value.reasons
         assert pins.driving(0, 0.0) == []
         car.run_stop(False)
-        for _ in pins.fleet.states(duration=2.0 * HOLD + PATIENCE):
+        for _ in pins.fleet.states(duration=2.0 * STOP_HOLD_TIME + MAX_STOP_TIME):
             pass  # what did not arm together was stopped
         pins.fleet.arm()
         assert car.mode == "ARMED"

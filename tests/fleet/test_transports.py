@@ -75,7 +75,7 @@ def exchange(a, b, key=None):
         for (line, peers), name in zip(ends, "ab", strict=True):
             if key is None:
                 line.send(pose_frame(count, name=name, boot=peers.boot, sent=line.stamp(now)), now)
-            peers.take(line, now)
+            peers.receive(line, now)
         if key is not None:
             for outbox in outboxes:
                 outbox.send(m.HEALTH, ("ARMED", 0, "", ""), now)

@@ -19,14 +19,14 @@ from dart_hal.car.car import Car
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, State
 from dart_hal.fleet import messages as m
-from dart_hal.fleet.codec import Counters, encode
+from dart_hal.fleet.codec import FrameCounters, encode
 from dart_hal.fleet.discovery import Announcement
 from dart_hal.fleet.key import RoomKey, find_key
-from dart_hal.fleet.messages import NOTE, TEXT
+from dart_hal.fleet.messages import MAX_NAME_BYTES, MAX_TEXT_BYTES
 from dart_hal.fleet.outbox import Outbox
-from dart_hal.fleet.peers import Coordination, OtherPose, Peers, values_of_pose
+from dart_hal.fleet.peers import Coordination, OtherPose, Peers, pose_values
 from dart_hal.fleet.sender import Session
-from dart_hal.fleet.stopping import REPEAT, StopCall, StopRule
+from dart_hal.fleet.stopping import STOP_INTERVAL, StopCall, StopRule
 from dart_hal.fleet.transports import Transport, open_transport
 
 # States from one message to the next: 20 Hz.
@@ -57,9 +57,9 @@ def join(car: Car, room: str | Transport, *, name: str | None = None,
         UsageError: the name is not allowed. Also what opening the transport raises.
     """
     name = name or car.files.config.name
-    if len(name.encode("utf-8")) > TEXT or not name.isprintable() or not name:
+    if len(name.encode("utf-8")) > MAX_NAME_BYTES or not name.isprintable() or not name:
         raise UsageError(f"no member of a room can be called {name[:80]!r}", found=repr(name[:80]),
-                         expected=f"1 to {TEXT} bytes of printable text",
+                         expected=f"1 to {MAX_NAME_BYTES} bytes of printable text",
                          remedy='join(car, room, name="red")')
     key = find_key(room_key)
     transport = open_transport(room) if isinstance(room, str) else room
@@ -118,7 +118,7 @@ class Member:
     def held(self) -> str:
         """Return who stopped this car and why, or what keeps it from driving; "": nothing."""
         with self._lock:
-            return self.rule.held(self.car.now)
+            return self.rule.drive_block(self.car.now)
 
     @property
     def ignored(self) -> dict[str, str]:
@@ -127,7 +127,7 @@ class Member:
             return self.peers.ignored(self.car.now)
 
     @property
-    def counters(self) -> Counters:
+    def counters(self) -> FrameCounters:
         """Return the counters of datagrams: good ones, and refused ones by reason."""
         return self.peers.decoder.counters
 
@@ -163,8 +163,8 @@ class Member:
             now = self.car.now
             self._call = call = StopCall(secrets.randbits(32) or 1, why, self.peers.cars(now), now)
             self._repeat(now)
-        while not (self.car.waits or call.over(self.car.now)):
-            time.sleep(REPEAT)
+        while not (self.car.waits or call.is_over(self.car.now)):
+            time.sleep(STOP_INTERVAL)
             with self._lock:
                 self._receive(self.car.now)
         return call
@@ -201,7 +201,7 @@ class Member:
     def _receive(self, now: float) -> None:
         """Receive messages, apply a run-stop, repeat an own one."""
         try:
-            self.peers.take(self.transport, now)
+            self.peers.receive(self.transport, now)
         except OSError as why:  # the network is gone: the car goes by what it knows
             self.transport.trouble = str(why)
         self._apply_stop(now)
@@ -209,16 +209,16 @@ class Member:
 
     def _apply_stop(self, now: float) -> None:
         """Press or release the run-stop of the room."""
-        held = self.rule.held(now)
+        held = self.rule.drive_block(now)
         if held or self._held:
             self.car.run_stop(bool(held), by="room", reason=f"run-stop of the room: {held}")
         self._held = held
 
     def _repeat(self, now: float) -> None:
         """Send STOP again while cars have not answered."""
-        if self._call is not None and self._call.due(now):
+        if self._call is not None and self._call.is_due(now):
             self._send(m.STOP, (self._call.number, self._call.why), now)
-            self._call.knows(self.peers.cars(now), now)
+            self._call.add_cars(self.peers.cars(now), now)
 
     def _on_stop(self, number: int, who: str, why: str) -> None:
         """Apply a received STOP, and answer it."""
@@ -240,12 +240,12 @@ class Member:
     def _broadcast(self, state: State, now: float) -> None:
         """Send pose, health and plan."""
         estimate = state.estimate
-        pose = values_of_pose("", now - estimate.t, estimate.frame, estimate.pose,
+        pose = pose_values("", now - estimate.t, estimate.frame, estimate.pose,
                               estimate.speed, estimate.yaw_rate, estimate.tracking)
         self._send(m.POSE, pose[1:], now)
         health = state.health
         self._send(m.HEALTH, (self.car.mode, health.lost, " ".join(sorted(health.doubts)),
-                              self._held[:NOTE // 4]), now)
+                              self._held[:MAX_TEXT_BYTES // 4]), now)
         if self._plan is not None:
             t, *rest = self._plan
             self._send(m.PLAN, (max(now - t, 0.0), *rest), now)

@@ -18,10 +18,10 @@ from dart_hal.cli.common.output import console, print_json, print_line, show_not
 from dart_hal.cli.common.page_address import lan_option, print_page_address
 from dart_hal.control.keyboard import Terminal
 from dart_hal.core.errors import UsageError
-from dart_hal.fleet.discovery import found, listed
+from dart_hal.fleet.discovery import discover_rooms, list_rooms
 from dart_hal.fleet.key import find_key
-from dart_hal.fleet.station import Seen, Station
-from dart_hal.fleet.stopping import REPEAT
+from dart_hal.fleet.station import CarStatus, Station
+from dart_hal.fleet.stopping import STOP_INTERVAL
 
 # Time for rooms to answer to mDNS.
 MDNS_WAIT_S = 1.5
@@ -90,11 +90,11 @@ def stop_command(rooms: tuple[str, ...], room_key: Path | None, why: str, as_jso
         calls = [station.call_stop(why, MIN_STOP_TIME_S) for station in stations]
         # sum, not any: the stop must be sent in every room, also while the first has no answer.
         while sum(not station.press() for station in stations):
-            time.sleep(REPEAT / 2)
+            time.sleep(STOP_INTERVAL / 2)
         ignored = _list_ignored(stations)
         show_notices(_format_ignored(stations))
     silent = sorted(set().union(*(call.silent for call in calls)))
-    answered = sorted(set().union(*(call.answered for call in calls)) - set(silent))
+    answered = sorted(set().union(*(call.confirmed_cars for call in calls)) - set(silent))
     if as_json:
         print_json({"stopped": answered, "silent": silent, **ignored})
     else:
@@ -135,7 +135,7 @@ def watch_command(rooms: tuple[str, ...], room_key: Path | None, duration: float
             if live is not None and time.monotonic() - updated > 0.1:
                 updated = time.monotonic()
                 live.update(_make_table(stations), refresh=True)
-            time.sleep(REPEAT)
+            time.sleep(STOP_INTERVAL)
         if as_json:
             print_json({"cars": [_car_json(s, car) for s in stations for car in s.cars()],
                         **_list_ignored(stations)})
@@ -167,9 +167,9 @@ def page_command(rooms: tuple[str, ...], room_key: Path | None, lan: bool, port:
 def _enter_rooms(rooms: tuple[str, ...], room_key: Path | None, stack: ExitStack) -> list[Station]:
     """Join each room as a station. Raises UsageError without a named or announced room."""
     key = find_key(room_key)
-    urls = listed(rooms)
+    urls = list_rooms(rooms)
     if not urls:
-        urls = tuple(dict.fromkeys(found(MDNS_WAIT_S).values()))
+        urls = tuple(dict.fromkeys(discover_rooms(MDNS_WAIT_S).values()))
         if not urls:
             raise UsageError("no fleet room: none is named, none is announced by mDNS",
                              found="none",
@@ -203,7 +203,7 @@ def _open_keyboard(stack: ExitStack) -> Terminal | None:
     return keys
 
 
-def _describe_car(station: Station, car: Seen) -> str:
+def _describe_car(station: Station, car: CarStatus) -> str:
     """Return link, health and conflicts of a car on one line."""
     parts = [f"last message {1e3 * car.silent:.0f} ms ago, {car.lost} lost"]
     if car.health is not None:
@@ -213,7 +213,7 @@ def _describe_car(station: Station, car: Seen) -> str:
     return "; ".join(parts)
 
 
-def _car_json(station: Station, car: Seen) -> dict[str, Any]:
+def _car_json(station: Station, car: CarStatus) -> dict[str, Any]:
     pose = car.pose
     return {"name": car.name, "url": station.transport.url, "state": car.state,
             "why": _describe_car(station, car), "silent_s": car.silent, "lost": car.lost,

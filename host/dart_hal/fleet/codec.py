@@ -1,4 +1,4 @@
-"""From values to frames and back, without I/O. ``Decoder`` never raises, whatever comes."""
+"""Encoding and decoding of frames, without I/O. ``Decoder`` accepts any bytes and never raises."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from dart_hal.fleet.messages import (
     BY_ID,
     FORMATS,
     HEAD,
-    LARGEST,
     MAGIC,
-    POINTS,
+    MAX_FRAME_BYTES,
+    MAX_ROWS,
     ROW_FORMATS,
     SIGNATURE_BYTES,
     SIGNED_VERSION,
@@ -28,21 +28,20 @@ from dart_hal.fleet.messages import (
 )
 
 _CRC = Struct("<I")
-RECENT = 512
-"""Frames whose values are kept: cars of one process then decode a frame once, not each for
-itself."""
+# Frames whose values are cached: cars of one process decode a frame once, not once each.
+MAX_CACHED_FRAMES = 512
+# Names in ``Decoder.ignored``, so that a flood of names cannot fill the memory.
 MAX_IGNORED = 64
-"""Names in ``Decoder.ignored``: a flood of names must not fill the memory."""
+# Reason why a frame with a readable name is ignored, by counter.
 REASONS = {
     "unsigned": "its messages are not signed: start it with the key of this room",
     "forged": "its signature is not of this room's key",
     "signed": "its messages are signed: this program was started without the room's key",
 }
-"""Why a frame with a readable name is ignored, by counter."""
 
 
-class Heard(NamedTuple):
-    """One good frame. values: in the order of ``kind.fields``; a count > 1 and rows as tuples."""
+class ReceivedFrame(NamedTuple):
+    """One valid frame. values: in the order of ``kind.fields``; a count > 1 and rows as tuples."""
 
     kind: Kind
     boot: int
@@ -52,16 +51,19 @@ class Heard(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Who told it."""
+        """Name of the sender."""
         return str(self.values[0])
 
 
 @dataclass
-class Counters:
-    """ok: frames returned. The others by what was found first: short, huge (beyond
-    ``LARGEST``), foreign (no frame of ours), version, unknown (kind), crc, body (fields that do
-    not fit, numbers that cannot be); in a room with a key unsigned and forged (signed with
-    another key, or changed on the way), in one without a key signed."""
+class FrameCounters:
+    """Numbers of datagrams by result.
+
+    ok: frames returned. The others by the first fault: short, huge (more than
+    ``MAX_FRAME_BYTES``), foreign (another protocol), version, unknown (kind), crc, body (fields
+    that do not fit, values out of range); in a room with a key unsigned and forged (signed with
+    another key, or changed), in one without a key signed.
+    """
 
     ok: int = 0
     short: int = 0
@@ -77,42 +79,42 @@ class Counters:
 
     @property
     def refused(self) -> int:
-        """Datagrams that gave no frame."""
+        """Number of datagrams without a valid frame."""
         counts: dict[str, int] = asdict(self)
         return sum(counts.values()) - self.ok
 
 
 class Decoder:
-    """Opens datagrams and counts those that are no frames.
+    """Decodes datagrams and counts the invalid ones.
 
     key: of the room; with one, only frames that it has signed are returned. ``ignored``: by the
-    name in a frame, why its frames were not accepted. That name is not verified.
+    name in a frame, the reason why its frames were not accepted. That name is not verified.
     """
 
     def __init__(self, key: RoomKey | None = None) -> None:
         self.key = key
-        self.counters = Counters()
+        self.counters = FrameCounters()
         self.ignored: dict[str, str] = {}
 
-    def decode(self, data: bytes) -> Heard | None:
-        """The frame in a datagram, None if there is none. Never raises."""
-        found = opened(data, self.key) if len(data) <= LARGEST else "huge"
-        if isinstance(found, Heard):
+    def decode(self, data: bytes) -> ReceivedFrame | None:
+        """Return the frame in a datagram, None if it is invalid. Never raises."""
+        found = decode_frame(data, self.key) if len(data) <= MAX_FRAME_BYTES else "huge"
+        if isinstance(found, ReceivedFrame):
             self.counters.ok += 1
             return found
         setattr(self.counters, found, getattr(self.counters, found) + 1)
         if found in REASONS and len(self.ignored) < MAX_IGNORED:
-            claimed = parse(data, VERSION if found == "unsigned" else SIGNED_VERSION)
-            if isinstance(claimed, Heard):
+            claimed = parse_frame(data, VERSION if found == "unsigned" else SIGNED_VERSION)
+            if isinstance(claimed, ReceivedFrame):
                 self.ignored[claimed.name] = REASONS[found]
         return None
 
 
-@lru_cache(maxsize=RECENT)
-def opened(data: bytes, key: RoomKey | None = None) -> Heard | str:
-    """The frame, or the counter that says what is wrong.
+@lru_cache(maxsize=MAX_CACHED_FRAMES)
+def decode_frame(data: bytes, key: RoomKey | None = None) -> ReceivedFrame | str:
+    """Return the frame, or the name of the counter of its fault.
 
-    With a key the signature is verified before anything but the version is looked at.
+    With a key the signature is verified before anything but the version is read.
     """
     if len(data) < HEAD.size:
         return "short"
@@ -122,16 +124,16 @@ def opened(data: bytes, key: RoomKey | None = None) -> Heard | str:
     if version not in (VERSION, SIGNED_VERSION):
         return "version"
     if key is None:
-        return parse(data, VERSION) if version == VERSION else "signed"
+        return parse_frame(data, VERSION) if version == VERSION else "signed"
     if version == VERSION:
         return "unsigned"
     if not key.verify(data):
         return "forged"
-    return parse(data, SIGNED_VERSION)
+    return parse_frame(data, SIGNED_VERSION)
 
 
-def parse(data: bytes, version: int) -> Heard | str:
-    """The frame of this version, or the counter of what is wrong. Signatures are not verified."""
+def parse_frame(data: bytes, version: int) -> ReceivedFrame | str:
+    """Return the frame of this version, or the counter of its fault; verifies no signature."""
     if version == SIGNED_VERSION:
         data = data[:-SIGNATURE_BYTES]
     end = len(data) - _CRC.size
@@ -144,34 +146,35 @@ def parse(data: bytes, version: int) -> Heard | str:
     if crc32(data[:end], kind.seed) != _CRC.unpack_from(data, end)[0]:
         return "crc"
     try:
-        return Heard(kind, boot, seq, sent * 1e-6, _read(kind, data, end))
+        return ReceivedFrame(kind, boot, seq, sent * 1e-6, _decode_body(kind, data, end))
     except (ValueError, error):
         return "body"
 
 
-def _read(kind: Kind, data: bytes, end: int) -> tuple[Any, ...]:
-    """Values of a body. Raises ValueError, struct.error."""
-    at, values = HEAD.size, []
+def _decode_body(kind: Kind, data: bytes, end: int) -> tuple[Any, ...]:
+    """Decode the values of a body. Raises ValueError, struct.error."""
+    offset = HEAD.size
+    values = []
     for f in kind.fields:
         if f.type in FORMATS:
-            found: Any = f.struct.unpack_from(data, at)
-            at += f.struct.size
-            _possible(f, found)
+            found: Any = f.struct.unpack_from(data, offset)
+            offset += f.struct.size
+            _check_range(f, found)
             found = found if f.count > 1 else found[0]
         else:
-            size = data[at] * (f.struct.size if f.type in ROW_FORMATS else 1)
-            part = data[at + 1:at + 1 + size]
-            at += 1 + size
-            found = _VARIABLE[f.type](f, part, size)
+            size = data[offset] * (f.struct.size if f.type in ROW_FORMATS else 1)
+            content = data[offset + 1:offset + 1 + size]
+            offset += 1 + size
+            found = _VARIABLE[f.type](f, content, size)
         values.append(found)
-        if at > end:
+        if offset > end:
             raise ValueError("the body ends too early")
-    if at != end:
+    if offset != end:
         raise ValueError("the body is too long")
     return tuple(values)
 
 
-def _text(f: Field, part: bytes, size: int) -> str:
+def _decode_text(f: Field, part: bytes, size: int) -> str:
     if size > f.count:
         raise ValueError("a text that is too long")
     text = part.decode("utf-8")
@@ -180,41 +183,41 @@ def _text(f: Field, part: bytes, size: int) -> str:
     return text
 
 
-def _rows(f: Field, part: bytes, size: int) -> tuple[tuple[Any, ...], ...]:
-    if size > POINTS * f.struct.size:
+def _decode_rows(f: Field, part: bytes, size: int) -> tuple[tuple[Any, ...], ...]:
+    if size > MAX_ROWS * f.struct.size:
         raise ValueError("too many rows")
     rows = tuple(f.struct.iter_unpack(part))
     for row in rows:
-        _possible(f, row)
+        _check_range(f, row)
     return rows
 
 
-def _bytes(f: Field, part: bytes, size: int) -> bytes:
+def _decode_bytes(f: Field, part: bytes, size: int) -> bytes:
     if size > f.count:
         raise ValueError("more bytes than there may be")
     return part
 
 
 _VARIABLE: dict[str, Callable[[Field, bytes, int], Any]] = {
-    "text": _text, "rows": _rows, "pairs": _rows, "bytes": _bytes}
+    "text": _decode_text, "rows": _decode_rows, "pairs": _decode_rows, "bytes": _decode_bytes}
 
 
-def _possible(f: Field, numbers: tuple[float, ...]) -> None:
-    """Raises ValueError for a number that no car tells; NaN is one."""
+def _check_range(f: Field, numbers: tuple[float, ...]) -> None:
+    """Raise ValueError for a number outside the range of the field, or NaN."""
     if not all(f.low <= v <= f.high and isfinite(v) for v in numbers):
         raise ValueError(f"{f.name} is out of range")
 
 
 def encode(kind: Kind, boot: int, seq: int, sent: float, values: tuple[Any, ...],
            key: RoomKey | None = None) -> bytes:
-    """A frame, signed where a key is given. sent [s] >= 0; values as in ``Heard``.
+    """Encode a frame, signed if a key is given. sent [s] >= 0; values as in ``ReceivedFrame``.
 
-    Raises UsageError for what is no value.
+    Raises UsageError for invalid values.
     """
     version = VERSION if key is None else SIGNED_VERSION
     head = HEAD.pack(MAGIC, version, kind.id, boot, seq & 0xFFFFFFFF, round(sent * 1e6))
     try:
-        body = b"".join(_written(f, v) for f, v in zip(kind.fields, values, strict=True))
+        body = b"".join(_encode_field(f, v) for f, v in zip(kind.fields, values, strict=True))
     except (ValueError, TypeError, error) as why:
         raise UsageError(f"{kind.name}: {why}", found=repr(values),
                          expected=", ".join(f"{f.name} {f.type}" for f in kind.fields)) from why
@@ -223,18 +226,18 @@ def encode(kind: Kind, boot: int, seq: int, sent: float, values: tuple[Any, ...]
     return data if key is None else data + key.signature(data)
 
 
-def _written(f: Field, value: Any) -> bytes:
+def _encode_field(f: Field, value: Any) -> bytes:
     if f.type in FORMATS:
         numbers = value if f.count > 1 else (value,)
-        _possible(f, numbers)
+        _check_range(f, numbers)
         return f.struct.pack(*numbers)
     if f.type in ("text", "bytes"):
         raw = str(value).encode("utf-8") if f.type == "text" else bytes(value)
         _VARIABLE[f.type](f, raw, len(raw))
         return bytes((len(raw),)) + raw
     rows = [f.struct.pack(*row) for row in value]
-    if len(rows) > POINTS:
-        raise ValueError(f"{len(rows)} points, at most {POINTS}")
+    if len(rows) > MAX_ROWS:
+        raise ValueError(f"{len(rows)} points, at most {MAX_ROWS}")
     for row in value:
-        _possible(f, row)
+        _check_range(f, row)
     return bytes((len(rows),)) + b"".join(rows)

@@ -1,7 +1,7 @@
-"""Rooms that announce themselves by mDNS (zeroconf), or those of a list.
+"""Discovery of rooms by mDNS (zeroconf), or from a list.
 
-A room is a service ``_dart-hal._udp.local.`` of the name of a car in it; its record ``room``
-holds the URL by which others enter. Without the package zeroconf only lists are found.
+A room is a service ``_dart-hal._udp.local.`` with the name of a car in it; its record ``room``
+holds the URL for joining. Without the package zeroconf only lists are available.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from dart_hal.core.process.extras import install_command
 from dart_hal.core.url import Url
 
 SERVICE = "_dart-hal._udp.local."
-ROOM = "DART_HAL_ROOM"
-"""Environment variable: URLs of rooms, by spaces."""
+# Environment variable: URLs of rooms, separated by spaces.
+ROOM_VARIABLE = "DART_HAL_ROOM"
 
 
-def listed(rooms: tuple[str, ...]) -> tuple[str, ...]:
-    """The rooms given, else those of $DART_HAL_ROOM."""
-    return rooms or tuple(os.environ.get(ROOM, "").split())
+def list_rooms(rooms: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the given rooms, else those of $DART_HAL_ROOM."""
+    return rooms or tuple(os.environ.get(ROOM_VARIABLE, "").split())
 
 
 class Announcement:
-    """Tells the network of a car in a room until ``close``. Raises UsageError without zeroconf."""
+    """Announces a car in a room until ``close``. Raises UsageError without zeroconf."""
 
     def __init__(self, name: str, room: str) -> None:
         zeroconf = _zeroconf()
@@ -40,14 +40,14 @@ class Announcement:
         self._network.register_service(self._info, allow_name_change=True)
 
     def close(self) -> None:
-        """Take it back; idempotent."""
+        """Withdraw the announcement; idempotent."""
         with suppress(Exception):  # the network may be gone
             self._network.unregister_service(self._info)
         self._network.close()
 
 
-def found(seconds: float) -> dict[str, str]:
-    """Car: room of the announcements heard within ``seconds`` s. Raises UsageError."""
+def discover_rooms(seconds: float) -> dict[str, str]:
+    """Return car: room of the announcements received within ``seconds`` s. Raises UsageError."""
     zeroconf = _zeroconf()
     network = zeroconf.Zeroconf()
     rooms: dict[str, str] = {}
@@ -55,15 +55,16 @@ def found(seconds: float) -> dict[str, str]:
     class Listener(zeroconf.ServiceListener):  # type: ignore[misc, name-defined]
         def add_service(self, net: Any, kind: str, name: str) -> None:
             info = net.get_service_info(kind, name, 1000)
-            told = {} if info is None else info.properties
-            car, room = told.get(b"car"), told.get(b"room")
+            properties = {} if info is None else info.properties
+            car = properties.get(b"car")
+            room = properties.get(b"room")
             if car and room:
                 rooms[car.decode("utf-8", "replace")] = room.decode("utf-8", "replace")
 
         update_service = add_service
 
         def remove_service(self, net: Any, kind: str, name: str) -> None:
-            """What was there a second ago may be asked all the same."""
+            """Keep the room: it may still be reachable."""
 
     browser = zeroconf.ServiceBrowser(network, SERVICE, Listener())
     time.sleep(seconds)
@@ -73,7 +74,7 @@ def found(seconds: float) -> dict[str, str]:
 
 
 def own_address() -> str:
-    """Of the interface that leads outside; 127.0.0.1 without a network. Nothing is sent."""
+    """Address of the interface with the default route; 127.0.0.1 without. Sends nothing."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(("192.0.2.1", 9))

@@ -1,4 +1,4 @@
-"""What a member of a room sends: frames that are numbered, signed where the room has a key."""
+"""Sending of frames by one member: numbered, and signed if the room has a key."""
 
 from __future__ import annotations
 
@@ -11,23 +11,25 @@ from dart_hal.fleet.transports import Transport
 
 
 class Outbox:
-    """Sends in the name of one member. Raises nothing but UsageError, for what is no value."""
+    """Sends frames of one member. Raises only UsageError, for invalid values."""
 
     def __init__(self, peers: Peers, transport: Transport) -> None:
-        self._peers, self._transport = peers, transport
+        self._peers = peers
+        self._transport = transport
         self._seq = 0
 
     def send(self, kind: m.Kind, values: tuple[Any, ...], now: float) -> None:
-        """One frame to every member; ``values`` without the name, now [s] of the own clock."""
+        """Send a frame to all members; ``values`` without the name, now [s] of the own clock."""
         self._seq += 1
-        peers, line = self._peers, self._transport
+        peers = self._peers
+        line = self._transport
         data = encode(kind, peers.boot, self._seq, line.stamp(now), (peers.own, *values),
                       peers.decoder.key)
         peers.note_sent(self._seq, now)
         line.send(data, now)
 
     def send_heard(self, now: float) -> None:
-        """The echoes by which the other members know that this one is alive."""
+        """Send the echoes that prove to the other members that this one is alive."""
         echoes = self._peers.echoes()
         if echoes:
             self.send(m.HEARD, (echoes,), now)

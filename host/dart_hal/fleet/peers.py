@@ -1,26 +1,26 @@
-"""The table of the other members of a room, fed with datagrams, with time as an argument.
+"""Table of the other members of a room, updated by datagrams; time is an argument.
 
 A session is one run of one program: (name, boot). Its frames count up.
 
-Order. A frame that came before (a copy), or that is more than ``REPLAY_WINDOW`` frames older than
-the newest of its session, is dropped and counted. One that was overtaken by less is late: it
-informs where nothing newer is known, and never beats.
+**Order.** A frame that was received before (a copy), or that is at least ``REPLAY_WINDOW`` frames
+older than the newest of its session, is dropped and counted. One that was overtaken by less is
+late: it is used where nothing newer is known, but never as a beat.
 
-Liveness. A member repeats the newest frame that it has received from each other member (HEARD). A
+**Liveness.** A member repeats the number of the newest frame of each other member (HEARD). A
 receiver that finds the number of its own frame in it knows, by its own clock, a time at which the
 sender was still alive: ``Sender.proof``. No recording contains the number of a frame that was
-sent after it was made, so a replay never moves this time, whatever clocks the members have and
-however often they were restarted.
+sent later, so a replay never changes this time, whatever clocks the members have and however often
+they were restarted.
 
-- A BEAT counts from ``proof``, in every room. Delay on the way makes it older, not younger.
-- With a key all other frames count only while ``proof`` is at most ``LATEST`` s old; a STOP also
-  later, once its session was proven. Frames of a session that is not proven change nothing, but
-  are echoed, so that it is proven with the next frame if it lives.
-- Without a key poses, health and stops count without a proof.
+- A BEAT counts from ``proof``, in every room. Transmission delay makes it older, not younger.
+- With a key all other frames are used only while ``proof`` is at most ``MAX_TRANSIT`` s old; a
+  STOP also later, once its session was proven. Frames of an unproven session change nothing, but
+  are echoed, so that its next frame proves it if it is alive.
+- Without a key poses, health and stops are used without a proof.
 
-Age. The sender says how old its pose was when it left. From then on this car's own clock counts,
-whose rate need not be the sender's. How long the frame travelled is given by the lines' clocks, in
-excess of the quickest frame of the last 10 s: a delay that all frames have cannot be observed.
+**Age.** The sender reports the age of its pose at transmission. From then on the clock of this car
+is used, whose rate may differ. The transit is measured by the clocks of the transports, in excess
+of the fastest frame of the last 10 s: a delay common to all frames cannot be observed.
 """
 
 from __future__ import annotations
@@ -34,31 +34,35 @@ import numpy as np
 
 from dart_hal.core.types import CHANGES, FloatArray, Pose, Tracking
 from dart_hal.fleet import messages as m
-from dart_hal.fleet.codec import Decoder, Heard
+from dart_hal.fleet.codec import Decoder, ReceivedFrame
 from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.sender import Order, Sender, Session
 from dart_hal.fleet.transports import Datagram, Transport
 
+# s, ten poses, after which a car is lost.
 LOST_AFTER = 0.5
-"""s, ten poses: beyond, a car is lost."""
-MOST = 256
-"""Sessions in the table: a flood of names must not fill the memory."""
-SENT_KEPT = 512
-"""Own frames whose times are remembered: at 100 a second all of the last ``LATEST`` s and more."""
-KNOWN = 5.0
-"""s within which a session was received that is waited for when all are stopped."""
-LATEST = 2.0
-"""s that a frame may travel; a session that is heard later than that has not ended."""
-UNPROVEN = ("it does not repeat the numbers of this member's frames: it is a recording or an "
-            "earlier version, or the network carries frames in one direction only")
-"""Why a session that is not proven to be alive is ignored."""
+# Sessions in the table, so that a flood of names cannot fill the memory.
+MAX_SESSIONS = 256
+# Stored send times of own frames: at 100 a second more than the last ``MAX_TRANSIT`` s.
+MAX_SENT_TIMES = 512
+# s since its last frame for which an answer of a session to a stop is required.
+SESSION_MEMORY = 5.0
+# s of transit of a frame; a session that was received later has not ended.
+MAX_TRANSIT = 2.0
+# Reason for ignoring a session that is not proven to be alive.
+UNPROVEN_REASON = (
+    "it does not repeat the numbers of this member's frames: it is a recording or an "
+    "earlier version, or the network carries frames in one direction only")
 TRACKINGS = tuple(Tracking)
 
 
 @dataclass(frozen=True, slots=True)
 class OtherPlan:
-    """Where another car means to be: points (n, 4) of x, y [m], yaw [rad], speed [m/s], ``step``
-    s apart; the first was at ``age`` s ago."""
+    """Planned path of another car.
+
+    points (n, 4) of x, y [m], yaw [rad], speed [m/s], ``step`` s apart; the first is for ``age`` s
+    ago.
+    """
 
     frame: str
     age: float
@@ -68,8 +72,11 @@ class OtherPlan:
 
 @dataclass(frozen=True, slots=True)
 class OtherHealth:
-    """How another car is: mode of its supervisor, frames of its Nano lost, names of doubts;
-    held: what keeps it from driving, "" = nothing."""
+    """State of another car.
+
+    mode of its supervisor, lost frames of its Nano, names of doubts; held: reason why it may not
+    drive, "" if it may.
+    """
 
     mode: str
     lost: int
@@ -79,10 +86,10 @@ class OtherHealth:
 
 @dataclass(frozen=True, slots=True)
 class OtherPose:
-    """The last known pose of another car, as it was ``age`` s ago by this car's clock.
+    """Last known pose of another car, ``age`` s ago by the clock of this car.
 
-    pose: of its rear axle in ``frame``, with a covariance that has grown by how far it may have
-    gone since; speed [m/s], yaw_rate [rad/s]: of then; lost: it is older than 0.5 s.
+    pose: of its rear axle in ``frame``; the covariance includes its possible motion since;
+    speed [m/s], yaw_rate [rad/s]: at that time; lost: it is older than 0.5 s.
     """
 
     name: str
@@ -98,8 +105,10 @@ class OtherPose:
 
 
 class Coordination(NamedTuple):
-    """What another car's law told last: age [s] by this car's clock, session and number of the
-    frame, the law's own bytes."""
+    """Newest message of the control law of another car.
+
+    age [s] by the clock of this car, session and number of the frame, content.
+    """
 
     age: float
     boot: int
@@ -108,18 +117,18 @@ class Coordination(NamedTuple):
 
 
 class Peers:
-    """The table of one member of a room. ``own``: its name; ``boot``: its session, whose frames
-    come back; ``key``: of the room.
+    """Table of the other members. ``own``: name of this one; ``boot``: its session; ``key``.
 
-    ``on_stop`` (number, sender's name, reason), ``on_beat`` (sender's name, time from which it
-    counts), ``on_stopped`` (number, session), ``on_health`` (session, mode) are called as frames
-    arrive. ``senders``: by name the session that counts; ``sessions``: all of them. ``namesakes``:
-    names that two programs use at once. Counts: ``retired``: frames of a session that another has
-    displaced; ``unproven``: frames of sessions that are not proven to be alive.
+    ``on_stop`` (number, name of the sender, reason), ``on_beat`` (name of the sender, time from
+    which it counts), ``on_stopped`` (number, session), ``on_health`` (session, mode) are called for
+    each frame. ``senders``: the current session of each name; ``sessions``: all of them.
+    ``namesakes``: names that two programs use at once. Counts: ``retired``: frames of a session
+    that was displaced by another; ``unproven``: frames of sessions not proven to be alive.
     """
 
     def __init__(self, own: str, boot: int, key: RoomKey | None = None) -> None:
-        self.own, self.boot = own, boot
+        self.own = own
+        self.boot = boot
         self.decoder = Decoder(key)
         self.senders: dict[str, Sender] = {}
         self.sessions: dict[Session, Sender] = {}
@@ -129,85 +138,89 @@ class Peers:
         self.on_stopped: Callable[[int, Session], None] = lambda number, session: None
         self.on_beat: Callable[[str, float], None] = lambda who, since: None
         self.on_health: Callable[[Session, str], None] = lambda session, mode: None
-        self._looked = -inf
-        self._sent: dict[int, float] = {}
-        self._echoed = 0
+        self._last_poll = -inf
+        self._send_times: dict[int, float] = {}
+        self._first_echo = 0
 
     def note_sent(self, seq: int, now: float) -> None:
-        """An own frame leaves at ``now`` [s] of this car's clock."""
-        self._sent[seq] = now
-        if len(self._sent) > SENT_KEPT:
-            del self._sent[next(iter(self._sent))]
+        """Store that an own frame is sent at ``now`` [s] of the clock of this car."""
+        self._send_times[seq] = now
+        if len(self._send_times) > MAX_SENT_TIMES:
+            del self._send_times[next(iter(self._send_times))]
 
     def echoes(self) -> tuple[tuple[int, int], ...]:
-        """(boot, seq) of the newest frame of each session; of more than fit, others each time."""
+        """Return (boot, seq) of the newest frame of each session, in turn if there are too many."""
         newest = [(boot, sender.newest) for (_, boot), sender in self.sessions.items()]
-        if len(newest) <= m.POINTS:
+        if len(newest) <= m.MAX_ROWS:
             return tuple(newest)
-        self._echoed = (self._echoed + m.POINTS) % len(newest)
-        return tuple((newest[self._echoed:] + newest)[:m.POINTS])
+        self._first_echo = (self._first_echo + m.MAX_ROWS) % len(newest)
+        return tuple((newest[self._first_echo:] + newest)[:m.MAX_ROWS])
 
-    def take(self, transport: Transport, now: float) -> None:
-        """All that has come until ``now`` [s] of this car's clock, whatever it is.
+    def receive(self, transport: Transport, now: float) -> None:
+        """Process all received datagrams until ``now`` [s] of the clock of this car.
 
-        Raises OSError where the line cannot be read."""
-        came: Sequence[Datagram] = transport.poll(now)
-        for data, age, source in came:
+        Raises OSError if the transport cannot be read.
+        """
+        datagrams: Sequence[Datagram] = transport.poll(now)
+        for data, age, source in datagrams:
             heard = self.decoder.decode(data)
             if heard is None or heard.boot == self.boot:
                 continue
             transport.answer(source)
-            # Since the last look it has come; a car whose time passes slower than the
-            # computer's must not take the computer's seconds for its own.
-            arrived = max(now - age, min(self._looked, now))
-            self.hear(heard, arrived, transport.stamp(now) - age, source)
-        self._looked = now
+            # It arrived after the last poll. This bounds its age if the time of the car passes
+            # more slowly than that of the computer.
+            arrived = max(now - age, min(self._last_poll, now))
+            self.process(heard, arrived, transport.stamp(now) - age, source)
+        self._last_poll = now
 
-    def hear(self, heard: Heard, arrived: float, line: float, source: object = None) -> None:
-        """A good frame: arrived [s] of this car's clock, line [s] of the line's.
+    def process(self, heard: ReceivedFrame, arrived: float, line: float,
+                source: object = None) -> None:
+        """Process a valid frame: arrived [s] by the clock of this car, line [s] of the transport.
 
         1. Order: copies and old frames end here.
         2. Proof: its echo of an own frame, if it is a HEARD.
-        3. With a key: what is not proven ends here.
-        4. What it asks for: a stop, an answer, a beat.
-        5. What it informs of.
+        3. With a key: unproven frames end here.
+        4. Requests: a stop, an answer, a beat.
+        5. Information: stored if newer than before.
         """
         keyed = self.decoder.key is not None
         sender = self._sender(heard, arrived, source)
-        order = sender.place(heard.seq)
+        order = sender.classify(heard.seq)
         sender.last = max(sender.last, arrived)
         if order in (Order.COPY, Order.OLD):
             if order is Order.OLD and heard.kind in (m.STOP, m.HEALTH) and not keyed:
                 # A forged number may have made the own frames of a session old. They can still
                 # stop this car, and show that a car has not obeyed.
-                self._act(sender, heard, order)
+                self._notify(sender, heard, order)
             return
         if heard.kind is m.HEARD:
             self._prove(sender, heard, arrived)
-        if keyed and arrived - sender.proof > LATEST:
+        if keyed and arrived - sender.proof > MAX_TRANSIT:
             self.unproven += 1
             if heard.kind is m.STOP and sender.proof > -inf:
-                self._act(sender, heard, order)
+                self._notify(sender, heard, order)
             return
         if heard.name == self.own:
             self.namesakes.add(self.own)
         sender.heard = max(sender.heard, arrived)
         transit = line - heard.sent
-        sender.travelled(transit, line)
-        self._act(sender, heard, order)
-        self._choose(sender, arrived)
-        before = sender.told.get(heard.kind.id)
+        sender.add_transit(transit, line)
+        self._notify(sender, heard, order)
+        self._choose_session(sender, arrived)
+        before = sender.newest_frames.get(heard.kind.id)
         if before is None or before[2].seq < heard.seq:
-            sender.told[heard.kind.id] = (arrived, transit, heard)
+            sender.newest_frames[heard.kind.id] = (arrived, transit, heard)
 
-    def _sender(self, heard: Heard, arrived: float, source: object) -> Sender:
-        """The session of a frame; a new one takes the place of the longest silent of ``MOST``,
-        of one without a proof if there is any."""
+    def _sender(self, heard: ReceivedFrame, arrived: float, source: object) -> Sender:
+        """Return the session of a frame.
+
+        A new one replaces the longest silent of ``MAX_SESSIONS``, an unproven one if there is any.
+        """
         session = Session(heard.name, heard.boot)
         found = self.sessions.get(session)
         if found is not None:
             return found
-        if len(self.sessions) >= MOST:
+        if len(self.sessions) >= MAX_SESSIONS:
             oldest = min(self.sessions.values(), key=lambda s: (s.proof > -inf, s.heard))
             del self.sessions[oldest.session]
             if self.senders.get(oldest.session.name) is oldest:
@@ -216,22 +229,24 @@ class Peers:
         self.sessions[session] = new
         return new
 
-    def _prove(self, sender: Sender, heard: Heard, arrived: float) -> None:
-        """Note when the newest own frame that a HEARD echoes was sent."""
+    def _prove(self, sender: Sender, heard: ReceivedFrame, arrived: float) -> None:
+        """Store the send time of the newest own frame that a HEARD echoes."""
         for boot, seq in heard.values[1]:
             if boot == self.boot:
-                sender.proof = max(sender.proof, min(self._sent.get(seq, -inf), arrived))
+                sender.proof = max(sender.proof, min(self._send_times.get(seq, -inf), arrived))
 
-    def _choose(self, sender: Sender, arrived: float) -> None:
-        """Which session of a name counts: the one that appeared last, until it falls silent while
-        an earlier one goes on."""
+    def _choose_session(self, sender: Sender, arrived: float) -> None:
+        """Choose the current session of a name.
+
+        It is the one that appeared last, until it is silent while an earlier one goes on.
+        """
         name = sender.session.name
         current = self.senders.get(name)
         if current is sender:
             return
         if sender.displaced is not None and current is not None:
             self.retired += 1
-            if arrived - sender.displaced > LATEST:
+            if arrived - sender.displaced > MAX_TRANSIT:
                 self.namesakes.add(name)
             if arrived - current.heard <= LOST_AFTER:
                 return
@@ -240,7 +255,8 @@ class Peers:
         sender.displaced = None
         self.senders[name] = sender
 
-    def _act(self, sender: Sender, heard: Heard, order: Order) -> None:
+    def _notify(self, sender: Sender, heard: ReceivedFrame, order: Order) -> None:
+        """Call the callback of a stop, an answer, a health or a beat."""
         if heard.kind is m.STOP:
             self.on_stop(heard.values[1], heard.name, heard.values[2])
         elif heard.kind is m.STOPPED:
@@ -253,80 +269,82 @@ class Peers:
     # -- what is known -------------------------------------------------------------
 
     def cars(self, now: float) -> set[Session]:
-        """Sessions that have told of a pose or a health, received within the last ``KNOWN`` s.
+        """Return the sessions with a pose or health, received within ``SESSION_MEMORY`` s.
 
-        Two of one name are two: a car that was displaced in the table of names by a frame of
-        another session still has to answer. Dropped frames count as well: a forged number that
-        makes the own frames of a car old must not hide the car."""
+        Two of one name count twice: a car that was displaced in the table of names by a frame of
+        another session must still answer. Dropped frames count as well: a forged number that makes
+        the own frames of a car old must not hide the car.
+        """
         return {session for session, sender in self.sessions.items()
-                if now - sender.last <= KNOWN
-                and (m.HEALTH.id in sender.told or m.POSE.id in sender.told)}
+                if now - sender.last <= SESSION_MEMORY
+                and (m.HEALTH.id in sender.newest_frames or m.POSE.id in sender.newest_frames)}
 
     def ignored(self, now: float) -> dict[str, str]:
-        """Members whose frames do not count, by the name that they give, and why."""
+        """Return the names of members whose frames are not used, with the reason."""
         found = dict(self.decoder.ignored)
         for session, sender in self.sessions.items():
-            matters = self.decoder.key is not None or m.BEAT.id in sender.told
-            if matters and now - sender.last < LATEST < now - max(sender.proof, sender.began):
-                found.setdefault(session.name, UNPROVEN)
+            matters = self.decoder.key is not None or m.BEAT.id in sender.newest_frames
+            if matters and now - sender.last < MAX_TRANSIT < now - max(sender.proof, sender.began):
+                found.setdefault(session.name, UNPROVEN_REASON)
         return found
 
     def other_poses(self, now: float) -> dict[str, OtherPose]:
-        """The last known pose of each other car by name, at ``now`` [s] of this car's clock."""
-        return {name: self._pose(name, sender, now)
-                for name, sender in sorted(self.senders.items()) if m.POSE.id in sender.told}
+        """Last known pose of each other car by name, at ``now`` [s] of the clock of this car."""
+        return {name: self._other_pose(name, sender, now)
+                for name, sender in sorted(self.senders.items())
+                if m.POSE.id in sender.newest_frames}
 
     def coordination(self, now: float) -> dict[str, Coordination]:
-        """What the law of each other car told last, by name, at ``now`` [s]."""
+        """Newest message of the control law of each other car, by name, at ``now`` [s]."""
         return {name: Coordination(sender.age(m.COORDINATION, now), heard.boot, heard.seq,
                                    heard.values[1])
-                for name, sender in sorted(self.senders.items()) if m.COORDINATION.id in sender.told
-                for heard in (sender.told[m.COORDINATION.id][2],)}
+                for name, sender in sorted(self.senders.items())
+                if m.COORDINATION.id in sender.newest_frames
+                for heard in (sender.newest_frames[m.COORDINATION.id][2],)}
 
-    def _pose(self, name: str, sender: Sender, now: float) -> OtherPose:
-        _, said, frame, x, y, yaw, var, cov, speed, yaw_rate, tracking = \
-            sender.told[m.POSE.id][2].values
-        age = said + sender.age(m.POSE, now)
-        return OtherPose(name, age, age > LOST_AFTER,
-                         Pose(x, y, yaw, grown(var, cov, speed, yaw_rate, age)), frame, speed,
-                         yaw_rate, TRACKINGS[tracking], self._plan(sender, now),
-                         self.health(sender))
+    def _other_pose(self, name: str, sender: Sender, now: float) -> OtherPose:
+        _, age_at_sending, frame, x, y, yaw, var, cov, speed, yaw_rate, tracking = \
+            sender.newest_frames[m.POSE.id][2].values
+        age = age_at_sending + sender.age(m.POSE, now)
+        predicted = Pose(x, y, yaw, grow_covariance(var, cov, speed, yaw_rate, age))
+        return OtherPose(name, age, age > LOST_AFTER, predicted, frame, speed, yaw_rate,
+                         TRACKINGS[tracking], self._other_plan(sender, now), self.health(sender))
 
-    def _plan(self, sender: Sender, now: float) -> OtherPlan | None:
-        if m.PLAN.id not in sender.told:
+    def _other_plan(self, sender: Sender, now: float) -> OtherPlan | None:
+        if m.PLAN.id not in sender.newest_frames:
             return None
-        _, said, frame, step, points = sender.told[m.PLAN.id][2].values
+        _, age_at_sending, frame, step, points = sender.newest_frames[m.PLAN.id][2].values
         rows = np.array(points).reshape(-1, 4)
         rows.setflags(write=False)
-        return OtherPlan(frame, said + sender.age(m.PLAN, now), step, rows)
+        return OtherPlan(frame, age_at_sending + sender.age(m.PLAN, now), step, rows)
 
     def health(self, sender: Sender) -> OtherHealth | None:
-        """What a sender said of itself last."""
-        if m.HEALTH.id not in sender.told:
+        """Newest health of a sender, or None."""
+        if m.HEALTH.id not in sender.newest_frames:
             return None
-        _, mode, lost, doubts, held = sender.told[m.HEALTH.id][2].values
+        _, mode, lost, doubts, held = sender.newest_frames[m.HEALTH.id][2].values
         return OtherHealth(mode, lost, frozenset(doubts.split()), held)
 
 
+def grow_covariance(var: Sequence[float], cov: Sequence[float], speed: float, yaw_rate: float,
+                    age: float) -> FloatArray:
+    """Covariance (3, 3) of a pose ``age`` s later, if the motion is unknown.
 
-def grown(var: Sequence[float], cov: Sequence[float], speed: float, yaw_rate: float,
-          age: float) -> FloatArray:
-    """Covariance (3, 3) of a pose ``age`` s later, where nobody says which way it went.
-
-    One sigma more: the whole way at the last speed, and what a change of it by ``CHANGES`` adds;
-    of the yaw likewise.
+    Additional standard deviation: the whole distance at the last speed, and that of a change of it
+    by ``CHANGES``; for the yaw likewise.
     """
-    (xx, yy, tt), (xy, xt, yt) = var, cov
-    way = abs(speed) * age + 0.5 * CHANGES[0] * age**2
+    (xx, yy, tt) = var
+    (xy, xt, yt) = cov
+    distance = abs(speed) * age + 0.5 * CHANGES[0] * age**2
     turn = abs(yaw_rate) * age + 0.5 * CHANGES[1] * age**2
-    out = np.array(((xx + way**2, xy, xt), (xy, yy + way**2, yt), (xt, yt, tt + turn**2)))
+    out = np.array(((xx + distance**2, xy, xt), (xy, yy + distance**2, yt), (xt, yt, tt + turn**2)))
     out.setflags(write=False)
     return out
 
 
-def values_of_pose(name: str, age: float, frame: str, pose: Pose, speed: float, yaw_rate: float,
-                   tracking: Tracking) -> tuple[Any, ...]:
-    """The values of a POSE."""
+def pose_values(name: str, age: float, frame: str, pose: Pose, speed: float, yaw_rate: float,
+                tracking: Tracking) -> tuple[Any, ...]:
+    """Return the values of a POSE message."""
     c = pose.cov
     return (name, max(age, 0.0), frame, pose.x, pose.y, pose.yaw,
             (c[0, 0], c[1, 1], c[2, 2]), (c[0, 1], c[0, 2], c[1, 2]), speed, yaw_rate,

@@ -1,4 +1,4 @@
-"""One session of a member: the order of its frames, and how long they travel."""
+"""State of one session of a member: order of its frames, and their transit time."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from math import inf
 from typing import NamedTuple
 
 from dart_hal.fleet import messages as m
-from dart_hal.fleet.codec import Heard
+from dart_hal.fleet.codec import ReceivedFrame
 
-WINDOW = 10.0
-"""s over which the quickest frame is looked for: two quartzes part by 1 ms in it at the most."""
+# s over which the fastest frame is searched: two quartzes drift by at most 1 ms in it.
+TRANSIT_WINDOW = 10.0
+# Frames by which one may be overtaken: 1 s of a car that sends three at 20 Hz. The numbers within
+# are stored, so a copy is detected; older ones are rejected.
 REPLAY_WINDOW = 64
-"""Frames by which one may be overtaken: 1 s of a car that sends three at 20 Hz. The numbers
-within are remembered, so a copy is recognised; older ones are refused whether new or not."""
 
 
 class Session(NamedTuple):
@@ -26,7 +26,7 @@ class Session(NamedTuple):
 
 
 class Order(Enum):
-    """Where a frame comes among those of its session."""
+    """Order of a frame among those of its session."""
 
     NEWEST = auto()
     LATE = auto()
@@ -36,14 +36,13 @@ class Order(Enum):
 
 @dataclass
 class Sender:
-    """One session.
+    """State of one session.
 
-    ``began``: own car's time of its first frame; ``last``: of its last one, also of one that was
-    dropped; ``heard``: of its last frame that counted; ``newest``, ``came``: see ``place``;
-    ``told``: of each kind when the newest frame arrived, what it took, and the frame; ``proof``:
-    own car's time of the newest own frame that it has echoed; ``displaced``: when another session
-    of its name took its place in the table of names. Counts: frames taken, late (overtaken), twice
-    (came again).
+    ``began``: own time of its first frame; ``last``: of its last one, also if it was dropped;
+    ``heard``: of its last accepted one; ``newest``, ``received_bits``: see ``classify``;
+    ``newest_frames``: by kind, arrival and transit of the newest frame, and the frame; ``proof``:
+    own time of the newest own frame that it has echoed; ``displaced``: when another session of its
+    name replaced it in the table of names. Counts: frames accepted, late (overtaken), copies.
     """
 
     session: Session
@@ -52,14 +51,14 @@ class Sender:
     last: float
     source: object = None
     newest: int = -1
-    came: int = 0
+    received_bits: int = 0
     first: int = 0
-    taken: int = 0
+    accepted: int = 0
     late: int = 0
-    twice: int = 0
+    copies: int = 0
     proof: float = -inf
     displaced: float | None = None
-    told: dict[int, tuple[float, float, Heard]] = field(default_factory=dict)
+    newest_frames: dict[int, tuple[float, float, ReceivedFrame]] = field(default_factory=dict)
     transits: deque[tuple[float, float]] = field(default_factory=deque)
 
     @property
@@ -69,47 +68,51 @@ class Sender:
 
     @property
     def lost(self) -> int:
-        """Frames of this session that have not come, or not yet."""
-        return self.newest - self.first + 1 - self.taken if self.taken else 0
+        """Number of frames of this session that are missing."""
+        return self.newest - self.first + 1 - self.accepted if self.accepted else 0
 
-    def place(self, seq: int) -> Order:
-        """Count a frame by its number, and remember it.
+    def classify(self, seq: int) -> Order:
+        """Classify a frame by its number, and store the number.
 
         1. Larger than all: NEWEST.
-        2. ``REPLAY_WINDOW`` or more below the largest: OLD; whether it came is not known.
-        3. Among the numbers within the window that came: COPY; else LATE.
+        2. ``REPLAY_WINDOW`` or more below the largest: OLD; whether it was received is unknown.
+        3. Among the received numbers within the window: COPY; else LATE.
 
-        Bit n of ``came`` is set where the number ``newest - n`` has come.
+        Bit n of ``received_bits`` is set if the number ``newest - n`` was received.
         """
         behind = self.newest - seq
         if behind < 0:
-            shifted = self.came << -behind if -behind < REPLAY_WINDOW else 0
-            self.came = (shifted | 1) & ((1 << REPLAY_WINDOW) - 1)
+            shifted = self.received_bits << -behind if -behind < REPLAY_WINDOW else 0
+            self.received_bits = (shifted | 1) & ((1 << REPLAY_WINDOW) - 1)
             self.newest = seq
-            self.taken += 1
+            self.accepted += 1
             return Order.NEWEST
         if behind >= REPLAY_WINDOW:
             self.late += 1
             return Order.OLD
-        if self.came >> behind & 1:
-            self.twice += 1
+        if self.received_bits >> behind & 1:
+            self.copies += 1
             return Order.COPY
-        self.came |= 1 << behind
+        self.received_bits |= 1 << behind
         self.late += 1
-        self.taken += 1
+        self.accepted += 1
         self.first = min(self.first, seq)
         return Order.LATE
 
-    def travelled(self, transit: float, line: float) -> None:
-        """A frame took so long, by two clocks that differ; ``quickest`` of the last 10 s."""
-        kept = self.transits  # from the quickest to the newest, each slower than those before it
-        while kept and kept[-1][1] >= transit:
-            kept.pop()
-        kept.append((line, transit))
-        while kept[0][0] < line - WINDOW:
-            kept.popleft()
+    def add_transit(self, transit: float, line: float) -> None:
+        """Add the transit time of a frame, by two clocks with an unknown offset.
+
+        ``transits`` stays sorted from the fastest to the newest, each slower than those before it:
+        its first entry is the minimum of the window.
+        """
+        transits = self.transits
+        while transits and transits[-1][1] >= transit:
+            transits.pop()
+        transits.append((line, transit))
+        while transits[0][0] < line - TRANSIT_WINDOW:
+            transits.popleft()
 
     def age(self, kind: m.Kind, now: float) -> float:
-        """s since what it told last of this kind left it, by the quickest frame known now."""
-        arrived, transit, _ = self.told[kind.id]
+        """Age [s] of the content of the newest frame of this kind, by the fastest transit."""
+        arrived, transit, _ = self.newest_frames[kind.id]
         return max(now - arrived, 0.0) + max(transit - self.transits[0][1], 0.0)

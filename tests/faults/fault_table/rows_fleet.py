@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dart_hal.car import join
 from dart_hal.core.url import Url
 from dart_hal.fleet import messages as m
-from dart_hal.fleet.codec import encode, parse
+from dart_hal.fleet.codec import encode, parse_frame
 from dart_hal.fleet.key import RoomKey
 from dart_hal.fleet.station import Station
 from dart_hal.fleet.transports.local import open_local
@@ -42,7 +42,7 @@ def stopped(nano: str, loss: float) -> Callable[[Bench], Measured]:
                     car.drive(throttle=0.4)
 
                 drive.run(1.0, both)
-                worst, told = max(worst, drive.last_wrong(at)), told + len(call.answered)
+                worst, told = max(worst, drive.last_wrong(at)), told + len(call.confirmed_cars)
         return Measured(worst, f"{told} answered, then {drive.car.mode}")
     return measure
 
@@ -95,7 +95,7 @@ class Attacker:
         """Session and newest number of each member: what an echo repeats."""
         found = {}
         for data in self.recorded[-40:]:
-            heard = parse(data, m.SIGNED_VERSION)
+            heard = parse_frame(data, m.SIGNED_VERSION)
             if not isinstance(heard, str):
                 found[heard.boot] = heard.seq
         return tuple(found.items())
@@ -158,7 +158,7 @@ def stopped_again(bench: Bench) -> Measured:
         station.call_stop("fault table")
         drive.run(2.0)
         stops = [data for data in attacker.recorded if not isinstance(
-            heard := parse(data, m.SIGNED_VERSION), str) and heard.kind is m.STOP]
+            heard := parse_frame(data, m.SIGNED_VERSION), str) and heard.kind is m.STOP]
         drive.driving()
         play = attacker.player(stops)
         drive.car.on_state(lambda state: play())
@@ -179,7 +179,7 @@ def answered_for(bench: Bench) -> Measured:
             attacker.listen(drive.car.now)
             station.press()
             for data in attacker.recorded[-10:]:
-                heard = parse(data, m.VERSION)
+                heard = parse_frame(data, m.VERSION)
                 if not isinstance(heard, str) and heard.kind is m.STOP:
                     attacker.player([encode(m.STOPPED, 99, next(numbers), 0.0,
                                             ("red", heard.values[1]))])()
@@ -187,7 +187,7 @@ def answered_for(bench: Bench) -> Measured:
         drive.car.on_state(each)
         drive.driving()
         station.look()
-        member.peers.take = lambda transport, now: transport.poll(now)  # it hears no STOP
+        member.peers.receive = lambda transport, now: transport.poll(now)  # it hears no STOP
         call = station.call_stop("fault table")
         drive.run(2.2, forward(0.4))
         return Measured(float("red" not in call.silent), f"{drive.car.mode}, {call.silent} named")

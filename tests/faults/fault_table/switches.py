@@ -237,10 +237,10 @@ host("stop_patience", "closing does not wait for a listener that blocks",
 host("run_stop", "a stop of all cars of a room trips",
      "dart_hal.car.driver.Driver.set_run_stop", nothing)
 host("beat_within", "a car drives only while its room is watched",
-     "dart_hal.fleet.stopping.StopRule.held", unwatched)
+     "dart_hal.fleet.stopping.StopRule.drive_block", unwatched)
 host("echo", "a beat counts from the car's own message that its sender repeats",
      "dart_hal.fleet.peers.Peers._prove", believing)
-host("replay_window", "a message is taken once", "dart_hal.fleet.peers.Sender.place", forgetful)
+host("replay_window", "a message is taken once", "dart_hal.fleet.peers.Sender.classify", forgetful)
 host("room_key", "a message must be signed with the key of the room",
      "dart_hal.fleet.key.RoomKey.verify", always(True))
 host("stop_answers", "each session of a name has to answer a stop",

@@ -75,7 +75,7 @@ def test_its_stop_is_at_the_pins_of_all_cars():
 
 
 def test_control_cars_that_do_not_obey_are_seen(monkeypatch):
-    monkeypatch.setattr(StopRule, "held", lambda self, now: "")
+    monkeypatch.setattr(StopRule, "drive_block", lambda self, now: "")
     lasts, states, _ = stopped("local://deaf")
     assert max(lasts) > WITHIN
     assert "driving" in states.values()

@@ -75,7 +75,7 @@ def test_a_stop_of_the_room_is_told_as_that(stops):
         else:
             watching[0] = False
             at.drive(0.7)
-        expected = "stopped by base" if stops else "nobody has watched the room for 0.3 s"
+        expected = "stopped by base" if stops else "the room was not watched for 0.3 s"
         assert trip_of(at)["text"].startswith(f"Run-stop of the room: {expected}")
         leave()
 

@@ -1,4 +1,4 @@
-"""Who carries the frames of a room: in this process, UDP, zenoh, or a package of somebody else.
+"""Transports of the frames of a room: in this process, UDP, zenoh, or of another package.
 
 A transport registers under the entry-point group ``dart_hal.transports`` by URL scheme; each
 entry is a function ``open(url: Url) -> Transport``.
@@ -20,7 +20,7 @@ GROUP = "dart_hal.transports"
 
 
 class Datagram(NamedTuple):
-    """Bytes that came ``age`` s ago by the clock of ``stamp``; source: whom ``answer`` knows."""
+    """Bytes received ``age`` s ago by the clock of ``stamp``; source: argument of ``answer``."""
 
     data: bytes
     age: float
@@ -28,7 +28,7 @@ class Datagram(NamedTuple):
 
 
 class Transport(Protocol):
-    """Carries datagrams to everybody in a room, perhaps late, twice or not at all.
+    """Sends datagrams to all members of a room: delayed, duplicated or lost.
 
     ``url``: as it was opened; ``trouble``: why the last datagram could not be sent, "" = it was.
     Methods may be called by any thread, by one at a time.
@@ -38,26 +38,29 @@ class Transport(Protocol):
     trouble: str
 
     def stamp(self, now: float) -> float:
-        """Time [s] >= 0 on the line's clock, where ``now`` is the car's: what differs between
-        two computers by a constant alone."""
+        """Return the time [s] >= 0 of the clock of the transport; ``now``: that of the car.
+
+        It differs between two computers by a constant only.
+        """
 
     def send(self, data: bytes, now: float) -> None:
-        """To everybody; never blocks, never raises: see ``trouble``."""
+        """Send to all members; never blocks, never raises: see ``trouble``."""
 
     def poll(self, now: float) -> Sequence[Datagram]:
-        """What has come since the last call, in order of arrival; never blocks.
+        """Return the datagrams received since the last call, in order; never blocks.
 
-        The own datagrams may come back."""
+        The own datagrams may be among them.
+        """
 
     def answer(self, source: object) -> None:
-        """Who sent a good frame is in the room: send to it as well."""
+        """Send to the source of a valid frame as well: it is a member."""
 
     def close(self) -> None:
-        """Let go of sockets; idempotent."""
+        """Close the sockets; idempotent."""
 
 
 def transports() -> dict[str, EntryPoint]:
-    """URL schemes that an installed package carries."""
+    """Return the URL schemes of all installed packages."""
     return list_plugins(GROUP)
 
 
@@ -67,11 +70,11 @@ def open_transport(text: str) -> Transport:
     expected = ", ".join(f"{name}://" for name in sorted(known))
     if "://" not in text:
         raise UsageError(f"{text!r} is no room of cars", found="no scheme://", expected=expected,
-                         remedy=ROOMS)
+                         remedy=ROOM_EXAMPLES)
     url = Url.parse(text)
     if url.scheme not in known:
         raise UsageError(f"no transport for {url.scheme}://", found=text, expected=expected,
-                         remedy=ROOMS)
+                         remedy=ROOM_EXAMPLES)
     entry = known[url.scheme]
     opener = load_entry(entry)
     with attribute_errors(entry):
@@ -79,4 +82,4 @@ def open_transport(text: str) -> Transport:
     return opened
 
 
-ROOMS = "udp://239.255.42.99:7447, or local:// for cars of one program"
+ROOM_EXAMPLES = "udp://239.255.42.99:7447, or local:// for cars of one program"

@@ -1,8 +1,8 @@
-"""``local://ROOM``: cars of one process, in whatever time they live; with faults to test by.
+"""``local://ROOM``: cars of one process, in virtual or real time; with faults for tests.
 
-Options: ``loss`` share of datagrams that do not come, ``delay`` and ``jitter`` [s] (each is late
-by delay and up to jitter more, so they overtake each other), ``twice`` share that come twice,
-``seed``. Each is drawn for every receiver by itself, by the options of the receiver.
+Options: ``loss`` share of lost datagrams, ``delay`` and ``jitter`` [s] (each is delayed by delay
+and up to jitter more, so they overtake each other), ``twice`` share of duplicates, ``seed``. Each
+receiver draws its own, by its own options.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
 from dart_hal.fleet.transports import Datagram
 
-KEPT = 10_000
-"""Datagrams that wait for a receiver; for one that never looks no more are kept."""
+# Datagrams that wait for a receiver; further ones are dropped.
+MAX_QUEUED_DATAGRAMS = 10_000
 
 
 class Room:
-    """Who is in it, and its time: the latest of the cars' clocks, which go in lockstep.
+    """Members of a room, and its time: the latest of the clocks of the cars, which run in lockstep.
 
-    A car that is let run alone for a while takes the room's time with it; the others follow.
+    A car that runs alone for a while advances the time of the room; the others follow.
     """
 
     def __init__(self) -> None:
@@ -39,19 +39,23 @@ _doors = threading.Lock()
 
 
 def open_local(url: Url) -> LocalTransport:
-    """Enter a room of this process. Raises UsageError."""
+    """Join a room of this process. Raises UsageError."""
     url.known("loss", "delay", "jitter", "twice", "seed")
-    return LocalTransport(url, *(_number(url, name, most) for name, most in (
+    return LocalTransport(url, *(_number(url, name, limit) for name, limit in (
         ("loss", 1.0), ("twice", 1.0), ("delay", inf), ("jitter", inf))))
 
 
 class LocalTransport:
-    """One member's end."""
+    """Transport of one member."""
 
     def __init__(self, url: Url, loss: float = 0.0, twice: float = 0.0, delay: float = 0.0,
                  jitter: float = 0.0) -> None:
-        self.url, self.trouble = url.text, ""
-        self.loss, self.twice, self.delay, self.jitter = loss, twice, delay, jitter
+        self.url = url.text
+        self.trouble = ""
+        self.loss = loss
+        self.twice = twice
+        self.delay = delay
+        self.jitter = jitter
         self._waiting: list[tuple[float, int, bytes]] = []
         self._count = 0
         self._name = url.target
@@ -62,30 +66,33 @@ class LocalTransport:
             room.members.append(self)
 
     def stamp(self, now: float) -> float:
-        """The room's time."""
+        """Return the time of the room."""
         return self._room.now
 
     def send(self, data: bytes, now: float) -> None:
+        """Pass a datagram to all other members."""
         room = self._room
         with room.lock:
             room.now = max(room.now, now)
             for other in room.members:
                 if other is not self:
-                    other.come(data, room.now)
+                    other.enqueue(data, room.now)
 
-    def come(self, data: bytes, sent: float) -> None:
-        """A datagram is on its way here; the room's lock is held."""
+    def enqueue(self, data: bytes, sent: float) -> None:
+        """Queue a datagram with its faults; the lock of the room is held."""
         draw = self._draw
         if self.loss and draw.random() < self.loss:
             return
         for _ in range(2 if self.twice and draw.random() < self.twice else 1):
             late = self.delay + (draw.uniform(0.0, self.jitter) if self.jitter else 0.0)
             self._count += 1
-            if len(self._waiting) < KEPT:
+            if len(self._waiting) < MAX_QUEUED_DATAGRAMS:
                 insort(self._waiting, (sent + late, self._count, data))
 
     def poll(self, now: float) -> Sequence[Datagram]:
-        room, waiting = self._room, self._waiting
+        """Return the datagrams that are due."""
+        room = self._room
+        waiting = self._waiting
         with room.lock:
             room.now = max(room.now, now)
             if not waiting or waiting[0][0] > room.now:
@@ -95,9 +102,10 @@ class LocalTransport:
         return [Datagram(data, room.now - at) for at, _, data in due]
 
     def answer(self, source: object) -> None:
-        """Everybody in the room is sent to anyway."""
+        """Do nothing: all members receive every datagram."""
 
     def close(self) -> None:
+        """Leave the room; the last member removes it."""
         with _doors:
             if self in self._room.members:
                 self._room.members.remove(self)
@@ -105,13 +113,14 @@ class LocalTransport:
                     del _rooms[self._name]
 
 
-def _number(url: Url, name: str, most: float) -> float:
+def _number(url: Url, name: str, limit: float) -> float:
+    """Return a numeric option. Raises UsageError outside 0 to ``limit``."""
     text = url.options.get(name, "0")
     try:
         value = float(text)
     except ValueError:
         value = -1.0
-    if not 0.0 <= value <= most or value == inf:
+    if not 0.0 <= value <= limit or value == inf:
         raise UsageError(f"{name}={text!r} of a room", found=url.text,
-                         expected="a share from 0 to 1" if most == 1.0 else "seconds from 0")
+                         expected="a share from 0 to 1" if limit == 1.0 else "seconds from 0")
     return value

@@ -1,10 +1,10 @@
 """``udp://ADDRESS:PORT``: a multicast group, or a list of addresses; the standard library alone.
 
-    udp://239.255.42.99:7447                       everybody who has joined the group
-    udp://:7447?to=10.0.0.11:7447,10.0.0.12:7447   listens at 7447, sends to each of the list
+    udp://239.255.42.99:7447                       all members of the group
+    udp://:7447?to=10.0.0.11:7447,10.0.0.12:7447   listens at 7447, sends to each address
 
-``via``: address of the interface whose network multicast shall take; ``hops``: routers that it
-may pass, 0 by default: it stays in its network (1 hop is the network itself).
+``via``: address of the network interface for multicast; ``hops``: routers that it may pass, 0 by
+default: it stays in its network.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from dart_hal.devices.poses.udp import Port, SharedPort
 from dart_hal.fleet.transports import Datagram
 
 EXPECTED = "udp://239.255.42.99:7447, or udp://:7447?to=10.0.0.11:7447,10.0.0.12:7447"
-GUESTS = 64
-"""Addresses beyond the list that are answered."""
-STAYS = 10.0
-"""s that one is, after its last good frame."""
+# Addresses beyond the list that are answered.
+MAX_GUESTS = 64
+# s for which one is answered after its last valid frame.
+GUEST_TIMEOUT = 10.0
 
 Address = tuple[str, int]
 
 
 def open_udp(url: Url) -> UdpTransport:
-    """Listen at a port, and know whom to send to. Raises UsageError, PortBusy, PortMissing."""
+    """Listen at a port and set the destinations. Raises UsageError, PortBusy, PortMissing."""
     url.known("to", "via", "hops")
     host, port = _address(url, url.target)
     group = bool(host) and _is_group(url, host)
     to = [_address(url, part) for part in url.options.get("to", "").split(",") if part]
     if group == bool(to):
-        raise UsageError(f"{url.text} does not say to whom", found=url.text, expected=EXPECTED)
+        raise UsageError(f"{url.text} names no destination", found=url.text, expected=EXPECTED)
     hops = url.options.get("hops", "0")
     if not (hops.isascii() and hops.isdigit() and int(hops) < 255):
         raise UsageError(f"hops={hops!r} of a room", found=url.text, expected="0 to 254")
@@ -47,18 +47,18 @@ def open_udp(url: Url) -> UdpTransport:
     key = host, port, via, int(hops)
     with _doors:
         if key not in _groups or _groups[key].closed:
-            _groups[key] = _joined(url, *key)
+            _groups[key] = _open_group(url, *key)
         return UdpTransport(url, _groups[key], [(host, port)])
 
 
+# Groups that cars of this process have joined: one socket for all of them, not a copy of every
+# frame for each.
 _groups: dict[tuple[str, int, str, int], SharedPort] = {}
-"""Groups that cars of this process are in: one socket for all of them, not a copy of every frame
-for each."""
 _doors = threading.Lock()
 
 
-def _joined(url: Url, group: str, port: int, via: str, hops: int) -> SharedPort:
-    """A port of the group. Raises UsageError and what opening it raises."""
+def _open_group(url: Url, group: str, port: int, via: str, hops: int) -> SharedPort:
+    """Open a port of the group. Raises UsageError and the errors of opening it."""
     listening = Port("", port, url.text, shared=True)
     try:
         _join(listening.socket, group, via, hops + 1)
@@ -71,21 +71,24 @@ def _joined(url: Url, group: str, port: int, via: str, hops: int) -> SharedPort:
 
 
 class UdpTransport:
-    """A socket, and the addresses that are sent to."""
+    """A socket, and the destination addresses."""
 
-    def __init__(self, url: Url, shared: SharedPort, to: Sequence[Address]) -> None:
-        self.url, self.trouble = url.text, ""
-        self._port, self._reader, self._to = shared.port, shared.reader(), tuple(to)
-        self._group = _is_group(url, to[0][0])
+    def __init__(self, url: Url, shared: SharedPort, addresses: Sequence[Address]) -> None:
+        self.url = url.text
+        self.trouble = ""
+        self._port = shared.port
+        self._reader = shared.reader()
+        self._to = tuple(addresses)
+        self._group = _is_group(url, addresses[0][0])
         self._guests: dict[Address, float] = {}
 
     @property
     def number(self) -> int:
-        """The port that is listened at."""
+        """Number of the local port."""
         return self._port.number
 
     def stamp(self, now: float) -> float:
-        """The computer's clock that nobody sets."""
+        """Return the monotonic clock of the computer."""
         return elapsed()
 
     def send(self, data: bytes, now: float) -> None:
@@ -96,7 +99,7 @@ class UdpTransport:
             except OSError as why:  # no network yet, a full queue: the next one comes in 50 ms
                 self.trouble = f"{address[0]}:{address[1]}: {why}"
         if self._guests:
-            old = elapsed() - STAYS
+            old = elapsed() - GUEST_TIMEOUT
             self._guests = {a: t for a, t in self._guests.items() if t > old}
 
     def poll(self, now: float) -> Sequence[Datagram]:
@@ -104,7 +107,7 @@ class UdpTransport:
 
     def answer(self, source: Any) -> None:
         if not self._group and source not in self._to and (
-                source in self._guests or len(self._guests) < GUESTS):
+                source in self._guests or len(self._guests) < MAX_GUESTS):
             self._guests[source] = elapsed()
 
     def close(self) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from dart_hal.fleet.station import Seen, Station
+from dart_hal.fleet.station import CarStatus, Station
 from dart_lab.live.view import messages as m
 from dart_lab.live.view.access import Access
 from dart_lab.live.view.operator import Refused
@@ -26,7 +26,7 @@ BATCHES_PER_REPORT = 3
 _json = msgspec.json.encode
 
 
-def state_of(seen: Seen) -> str:
+def state_of(seen: CarStatus) -> str:
     """Return found (no health yet), link, arming, armed, driving, refused or lost."""
     if seen.state in ("LOST", "UNKNOWN"):
         return {"LOST": "lost", "UNKNOWN": "found"}[seen.state]
@@ -39,7 +39,7 @@ def state_of(seen: Seen) -> str:
     return "arming" if seen.state == "ARMING" else "link"
 
 
-def car_json(seen: Seen, room: str) -> dict[str, Any]:
+def car_json(seen: CarStatus, room: str) -> dict[str, Any]:
     """Return a car as JSON for the page."""
     health = seen.health
     pose = seen.pose
