@@ -37,10 +37,10 @@ def command(middleware: str, url: str | None, car_name: str, cars: Path | None, 
             poses: str | None, lidar: str | None, as_json: bool) -> None:
     """Arm the car and let ROS drive it by DART's own topics, until Ctrl-C.
 
-    It drives while safety_value says 1; silence, and what is no number that can be meant, is
-    neutral. A recording is told and not driven.
+    The car drives while safety_value is 1. Missing or invalid messages mean neutral. A recording
+    is published and not driven.
     """
-    with (closing(_opened(middleware, f"dart_hal_{number}")) as node,
+    with (closing(_open_node(middleware, f"dart_hal_{number}")) as node,
           open_car(real_time_url(url), car_name, cars, record, poses, lidar) as car):
         summary = RunSummary(car)
         states = car.states(duration=duration or inf)
@@ -55,8 +55,8 @@ def command(middleware: str, url: str | None, car_name: str, cars: Path | None, 
         results.print(f"{summary.distance:.2f} m in {summary.duration:.1f} s")
 
 
-def _opened(middleware: str, name: str) -> Middleware:
-    """A node of that name; each module is imported for its own middleware alone."""
+def _open_node(middleware: str, name: str) -> Middleware:
+    """Open a node of that name; only the module of this middleware is imported."""
     if middleware == "ros1":
         from dart_lab.live.ros.ros1 import Ros1
         return Ros1(name)

@@ -12,7 +12,7 @@ from dart_hal.cli.common.options import html_option, json_option
 from dart_hal.cli.common.output import print_json, print_line, show_notices
 from dart_lab.pages.compare_page import difference_rows, lead, statistic_rows, write_page
 
-SHOWN = 20
+MAX_PRINTED_DIFFERENCES = 20
 """Differences on the screen; --html and --json have all."""
 
 
@@ -51,10 +51,10 @@ def _show(found: Comparison, answer: dict[str, Any]) -> None:
         print_line(f"{row[0]:<24}{row[1]:<3}" + "".join(f"{cell:>11}" for cell in row[2:]))
     print_line("")
     rows = difference_rows(found.differs)
-    for name, one, other in rows[:SHOWN]:
+    for name, one, other in rows[:MAX_PRINTED_DIFFERENCES]:
         print_line(f"{name}: {one} -> {other}")
-    if len(rows) > SHOWN:
-        print_line(f"and {len(rows) - SHOWN} more differences: --html or --json")
+    if len(rows) > MAX_PRINTED_DIFFERENCES:
+        print_line(f"and {len(rows) - MAX_PRINTED_DIFFERENCES} more differences: --html or --json")
     if not rows:
         print_line("car, firmware and files of the car are the same")
     print_line(lead(found))

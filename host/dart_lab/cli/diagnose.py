@@ -33,12 +33,12 @@ from dart_lab.diagnosis.inputs import check_inputs, select_effects
 from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.identification.measured import default_model, named_model
 
-READ = 0.05
-"""Share of the progress bar for reading."""
-READS = 0.9
-"""Share of that which each file leaves to the others: nobody has counted them."""
-NAMED = 3
-"""Skipped files that are named; above it they are counted."""
+# Fraction of the progress bar for reading. The number of files is unknown, so the bar approaches
+# it geometrically: each file leaves UNREAD_FACTOR of the rest.
+READING_FRACTION = 0.05
+UNREAD_FACTOR = 0.9
+# Skipped files that a notice names; more are counted.
+MAX_NAMED_FILES = 3
 Skipped = list[tuple[str, str]]
 
 
@@ -97,7 +97,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
     _check(loose, train, test)
     names = select_effects(only, exclude)
     model = model or default_model((*train, *test))
-    typed = _typed(locals())
+    typed = _format_command(locals())
     car = load_named_car(car_name, cars)
     file, _ = named_model(model, (*train, *test))
     with progress_bar() as bar:
@@ -105,7 +105,8 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
         number = count(1)
         named = NamedCar(car_name, str(cars) if cars else None)
         recordings, skipped = _read(train, test, reference, named, lambda file: bar.update(
-            task, completed=READ * (1.0 - READS**next(number)), description=f"reading {file.name}"))
+            task, completed=READING_FRACTION * (1.0 - UNREAD_FACTOR**next(number)),
+            description=f"reading {file.name}"))
         sizes = apply_car_sizes(model, file, car, [*recordings[0], *recordings[1]], fitting=False)
         file, vehicle = sizes.model, sizes.vehicle
         inputs = check_inputs(*recordings, vehicle, hashes(file))
@@ -117,9 +118,10 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
                      jobs=jobs or wanted(sum(map(driving_seconds, inputs.train))),
                      reference=reference, seed=seed, predictor=out_predictor is not None,
                      progress=lambda share, text: bar.update(
-                         task, completed=READ + (1.0 - READ) * share, description=text))
+                         task, completed=READING_FRACTION + (1.0 - READING_FRACTION) * share,
+                                                             description=text))
     sizes.show(as_json)
-    d = _completed(d, model, skipped, (*sizes.lines, *inputs.notes))
+    d = _add_context(d, model, skipped, (*sizes.lines, *inputs.notes))
     if out is not None:
         from dart_lab.diagnosis.write import write_model
 
@@ -129,7 +131,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
 
         d = replace(d, predictor_written=str(
             write_predictor(d, out_predictor, file, inputs.train, typed)))
-    suggestions, drives = _suggested(d, file, seed) if suggest else ((), ())
+    suggestions, drives = _suggest_drives(d, file, seed) if suggest else ((), ())
     answer = {**d.to_json(), "sizes": sizes.to_json(), "report": html,
               **({"suggestions": [s.to_json() for s in suggestions],
                   "parameter_drives": [s.to_json() for s in drives]} if suggest else {})}
@@ -153,7 +155,7 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
 
 
 def _check(loose: Sequence[str], train: Sequence[Path], test: Sequence[Path]) -> None:
-    """What can be refused before anything is read."""
+    """Check the arguments before any file is read. Raises UsageError."""
     if loose:
         raise UsageError(f"{loose[0]} follows no option", found=shlex.join(loose),
                          expected="--train before recordings to find causes in, --test before "
@@ -179,18 +181,18 @@ def _read(train: tuple[Path, ...], test: tuple[Path, ...], reference: Reference 
     return (both[:len(first)], both[len(first):]), [*skipped, *more]
 
 
-def _completed(d: Diagnosis, model: str, skipped: Skipped, first: Sequence[str]) -> Diagnosis:
-    """With the model as it was asked for, the files that were not read, and all that was said."""
+def _add_context(d: Diagnosis, model: str, skipped: Skipped, first: Sequence[str]) -> Diagnosis:
+    """Return the diagnosis with the requested model, the skipped files and all notices."""
     unread = {file: {"used": 0, "why": [reason]} for file, reason in skipped}
-    said = tuple(f"{file} was skipped: {reason}" for file, reason in skipped[:NAMED])
+    said = tuple(f"{file} was skipped: {reason}" for file, reason in skipped[:MAX_NAMED_FILES])
     if len(skipped) > len(said):
         said += (f"{len(skipped) - len(said)} more file(s) were skipped, see the report",)
     return replace(d, model=model, files={**d.files, **unread},
-                   notes=tuple(dict.fromkeys((*first, *d.notes, *_unknowable(d), *said))))
+                   notes=tuple(dict.fromkeys((*first, *d.notes, *_list_limits(d), *said))))
 
 
-def _unknowable(d: Diagnosis) -> tuple[str, ...]:
-    """What recordings without motion capture cannot tell."""
+def _list_limits(d: Diagnosis) -> tuple[str, ...]:
+    """List what recordings without motion capture cannot show."""
     from dart_lab.diagnosis.evidence.onboard import OnboardEvidence, list_limits
 
     return (tuple(f"cannot be known from these recordings: {limit}"
@@ -198,7 +200,8 @@ def _unknowable(d: Diagnosis) -> tuple[str, ...]:
             if isinstance(d.evidence, OnboardEvidence) else ())
 
 
-def _suggested(d: Diagnosis, file: ModelFile, seed: int) -> tuple[Sequence[Any], Sequence[Any]]:
+def _suggest_drives(d: Diagnosis, file: ModelFile, seed: int) -> tuple[Sequence[Any],
+                                                                       Sequence[Any]]:
     """What to drive for causes, and for parameters; loaded only when asked for: it simulates."""
     from dart_lab.diagnosis.suggest import suggest, suggest_parameter_drives
 
@@ -213,7 +216,7 @@ def _suggested(d: Diagnosis, file: ModelFile, seed: int) -> tuple[Sequence[Any],
 
 
 def _next(d: Diagnosis, html: Path | None, test: Sequence[Path]) -> None:
-    """Where things were written, and what to type after that."""
+    """Print the files that were written and the next command."""
     lines = [f"report: {html}"] if html is not None else []
     if d.written is not None:
         model = shlex.quote(d.written)
@@ -229,8 +232,8 @@ def _next(d: Diagnosis, html: Path | None, test: Sequence[Path]) -> None:
         console.print(line, markup=False, highlight=False)
 
 
-def _typed(given: dict[str, Any]) -> str:
-    """The command line, for report and provenance."""
+def _format_command(given: dict[str, Any]) -> str:
+    """Return the command line, for report and provenance."""
     words = ["dart-hal", "diagnose", "--model", given["model"]]
     for name in ("train", "test"):
         words += [f"--{name}", *map(str, given[name])] if given[name] else []

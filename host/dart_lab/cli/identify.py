@@ -90,7 +90,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     target = out or (DEFAULT_OUT if root is None else None)
     car = load_named_car(car_name, cars, out)
     start, origin = _base(base, target, files)
-    typed = _typed(submodel, files, {"--as-paper": root, "--base": base, "--out": out,
+    typed = _format_command(submodel, files, {"--as-paper": root, "--base": base, "--out": out,
                                      "--reference": reference, "--joint": joint or None,
                                      "--car": car_name})
     sizes: SizedModel | None = None
@@ -128,9 +128,9 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
 
         show(outcome, full)
         results.print(f"base: {origin}", markup=False, highlight=False)
-    _say(written, path, target, dry_run)
+    _report_written(written, path, target, dry_run)
     # last: whatever goes wrong with a picture, the figures above are out and the file is written
-    drawn, missing = (_drawn(outcome, data, reference, vehicle_of(start)) if plot or html
+    drawn, missing = (_draw_pictures(outcome, data, reference, vehicle_of(start)) if plot or html
                       else ({}, {}))
     pictures = _save(drawn, missing, plot) if plot else []
     answer = {**outcome.to_json(), "base": origin, "sizes": sizes and sizes.to_json(),
@@ -177,7 +177,7 @@ def _check(submodel: str, files: Sequence[Path], root: Path | None,
                          remedy="dart-hal identify all FOLDER")
 
 
-def _typed(submodel: str, files: Sequence[Path], options: dict[str, Any]) -> str:
+def _format_command(submodel: str, files: Sequence[Path], options: dict[str, Any]) -> str:
     """The command line, for the provenance of the file."""
     words = ["dart-hal", "identify", submodel, *map(str, files)]
     for name, value in options.items():
@@ -198,7 +198,7 @@ def _base(base: str | None, target: Path | None, files: Sequence[Path]
     return named_model(name, files)[0], name
 
 
-def _drawn(outcome: Identification, data: Any, reference: Reference | None, base: Vehicle
+def _draw_pictures(outcome: Identification, data: Any, reference: Reference | None, base: Vehicle
            ) -> tuple[dict[str, Any], dict[str, str]]:
     """Pictures by name, and why there is none of the other sub-models."""
     from dart_lab.identification.paper.evidence import evidence_as_paper
@@ -233,7 +233,8 @@ def _next(path: Path, data: Any) -> None:
         console.print(f"next: {line}", markup=False, highlight=False)
 
 
-def _say(written: Written, path: Path | None, target: Path | None, dry_run: bool) -> None:
+def _report_written(written: Written, path: Path | None, target: Path | None,
+                    dry_run: bool) -> None:
     """What is in the model, what is not and why, on standard error."""
     for section, why in written.left_out.items():
         console.print(f"not written: {section}: {why}; the values of the base model stay",

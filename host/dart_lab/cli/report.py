@@ -18,7 +18,7 @@ from dart_hal.core.errors import ConfigError, DartHalError
 from dart_lab.pages.report_page import About, write_page
 
 RUNS = Path("runs")
-MOST = 10
+MAX_RUNS = 10
 """Runs on the page, the newest."""
 
 
@@ -71,7 +71,7 @@ def _digests(given: tuple[Path, ...]) -> tuple[tuple[Digest, ...], tuple[str, ..
     """The newest runs, the newest first, and what could not be read."""
     paths = {p for path in given for p in (path.rglob("*.mcap") if path.is_dir() else [path])}
     newest = sorted((p for p in paths if p.is_file()), key=lambda p: p.stat().st_mtime,
-                    reverse=True)[:MOST]
+                    reverse=True)[:MAX_RUNS]
     out, skipped = [], []
     with progress_bar() as bar:
         task = bar.add_task("reading runs", total=len(newest) or 1)

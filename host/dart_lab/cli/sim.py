@@ -21,7 +21,7 @@ from dart_lab.sim.failures import parse as parse_failure
 from dart_lab.sim.serve import BusServer, PacedWorld
 from dart_lab.sim.truth import reveal_url
 
-LOOK_EVERY = 0.5
+POLL_PERIOD_S = 0.5
 """s between two looks at whether the pacing thread still lives."""
 
 
@@ -56,7 +56,7 @@ def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple
         show_notices(("--model is now called --vehicle; the next version no longer knows it",))
     text = url or DEFAULT_URL
     for option, value in (("vehicle", vehicle), ("vehicle", model), ("fail", ",".join(fail))):
-        text = _with(text, option, value)
+        text = _add_option(text, option, value)
     parsed = Url.parse(text)
     if parsed.scheme != "sim":
         raise UsageError("sim serves simulated cars", found=parsed.text, expected="sim://?seed=N")
@@ -69,7 +69,7 @@ def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple
         _serve(parsed, bus, link, cars, as_json)
 
 
-def _with(url: str, option: str, value: str | None) -> str:
+def _add_option(url: str, option: str, value: str | None) -> str:
     """The URL with one more option; given twice, it refuses itself."""
     if not value:
         return url
@@ -156,7 +156,7 @@ def _serve(url: Url, bus: Path | None, link: Path | None, cars: Path | None,
                           f"  export DART_HAL_URL='{address}' DART_HAL_CAR={name}\n"
                           "  dart-hal top\nCtrl-C ends it",
                           soft_wrap=True, markup=False)
-            while port.alive and not done.wait(LOOK_EVERY):
+            while port.alive and not done.wait(POLL_PERIOD_S):
                 pass
     finally:
         if served is not None:

@@ -169,8 +169,7 @@ class ReferenceType(click.ParamType):  # type: ignore[type-arg]
         except ValueError:
             self.fail(f"{value!r} is not LX,THETA,LY (three numbers: m, rad, m)", param, ctx)
         if not (abs(lx) < 1.0 and abs(theta) < 7.0 and abs(ly) < 1.0):
-            self.fail(f"{value!r}: LX and LY must be within 1 m of the rear axle, THETA within 7 "
-                      "rad",
+            self.fail(f"{value!r}: LX and LY are metres (below 1), THETA is radians (below 7)",
                       param, ctx)
         return Reference(lx, theta, ly, "given by --reference")
 
