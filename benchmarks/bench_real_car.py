@@ -43,7 +43,7 @@ from dart_hal.core.errors import DartHalError
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.error_summaries import Ratio, geometric_mean
@@ -94,7 +94,7 @@ def judge(work: tuple[Sequence[Recording], Sequence[Recording], bool]) -> list[d
     assert d.predictor is not None
     found = {CTRV: d.ctrv, PAPER: d.stages[0].horizons, REFIT: d.stages[1].horizons,
              BEST: d.predictor.horizons}
-    l_r = settled(vehicle).body.l_r
+    l_r = apply_parameter_effects(vehicle).body.l_r
     cases = prepare(test, l_r=l_r).cases
     rmse = {case.file: {name: [horizons["1.0"]["by_file"][case.file][c] for c in CHANNELS]
                         for name, horizons in found.items()} for case in cases}

@@ -19,7 +19,7 @@ from dart_hal.vehicle import PAPER, UPSTREAM_2024, Batch, Vehicle, rollout
 from dart_hal.vehicle.batch import car_rollout, car_step
 from dart_hal.vehicle.native import build, status
 from dart_hal.vehicle.native.model import form_of, trace
-from dart_hal.vehicle.native.trace import FUNCTIONS, needed
+from dart_hal.vehicle.native.trace import FUNCTIONS, find_dependencies
 
 ROUNDS, CARS = 5, 10_000
 START = (0.0, 0.0, 0.0, 1.2, 0.0, 0.3, 0.2, 0.1)
@@ -116,7 +116,7 @@ def work(p: Vehicle) -> tuple[int, int]:
     """(flops, functions) of one car-step, as the kernel computes it; a fused pair counts two."""
     traced = trace(form_of(p), "car")
     given = set(traced.uniform)
-    inside = [i for i in needed(traced.graph, traced.outputs)
+    inside = [i for i in find_dependencies(traced.graph, traced.outputs)
               if i not in _behind(traced.graph, given)]
     count = Counter(traced.graph.nodes[i].op for i in inside)
     functions = sum(n for op, n in count.items() if op in FUNCTIONS and op not in CHEAP)
@@ -125,7 +125,7 @@ def work(p: Vehicle) -> tuple[int, int]:
 
 
 def _behind(graph: object, given: set[int]) -> set[int]:
-    return set(needed(graph, tuple(given)))  # type: ignore[arg-type]
+    return set(find_dependencies(graph, tuple(given)))  # type: ignore[arg-type]
 
 
 def fma_peak(bits: int) -> float:

@@ -19,8 +19,8 @@ import numpy as np
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.bicycle import make_dynamic
-from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.integrate import RATES, make_dynamic_midpoint
+from dart_hal.vehicle.compose import apply_parameter_effects
+from dart_hal.vehicle.integrate import MAX_RELAXATION, make_dynamic_midpoint
 from dart_hal.vehicle.motor import make_motor_gains
 from dart_hal.vehicle.namespace import adapt
 from dart_hal.vehicle.parameters import Vehicle
@@ -96,10 +96,10 @@ def add_accelerations(network: Network, scales: Scales, velocity: Any, held: Any
 
 def make_rollout(vehicle: Vehicle, scales: Scales) -> Callable[..., Any]:
     """``rollout(network, start, inputs)`` -> states (samples, 6, n) after each sample."""
-    p = settled(vehicle)
+    p = apply_parameter_effects(vehicle)
     f = adapt(jnp)
     dt = SAMPLE / SUBSTEPS
-    bicycle = make_dynamic(p, f, max_rate=RATES["midpoint"] / dt)
+    bicycle = make_dynamic(p, f, max_rate=MAX_RELAXATION["midpoint"] / dt)
     gains = make_motor_gains(p.motor, f)
 
     def rates(eta: Any, vx: Any, vy: Any, om: Any, *held: Any) -> Any:

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from dart_hal.vehicle import PAPER
-from dart_hal.vehicle.channels import through
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.channels import transform_signal
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.delay import delay_series
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.friction import make_friction
@@ -82,14 +82,14 @@ def commands(plan, rng):
 
 def motion(p, throttle, steering, plan, rng):
     """States (n + 1, 6) of the centre of mass, accelerations (n, 3), drive force (n,)."""
-    q = settled(p)
+    q = apply_parameter_effects(p)
     t = np.arange(len(throttle)) * DT
     d = q.delay
     tau = _lag(delay_series(throttle, d.throttle_s, DT), d.throttle_lag_s)
     command = _lag(delay_series(steering, d.steering_s, DT), d.steering_lag_s)
-    command = through(p, "steering", command, Now(t), DT)
-    angle = through(p, "angle", make_steering(q.steering, np)(command), Now(t), DT)
-    tau = through(p, "throttle", tau, Now(t), DT)
+    command = transform_signal(p, "steering", command, Now(t), DT)
+    angle = transform_signal(p, "angle", make_steering(q.steering, np)(command), Now(t), DT)
+    tau = transform_signal(p, "throttle", tau, Now(t), DT)
     try:
         step = make_native_step(p, "motion", DT)
     except CannotCompile:
@@ -139,18 +139,18 @@ def write(path, p=PAPER, seed=0, plan=Plan()):
     s = states[1:]
     t = (np.arange(len(s)) + 1) * DT
     now = Now(t, *s[:, [3, 4, 5, 2]].T, *accel.T, drive, np.cumsum(s[:, 3]) * DT / 0.0412925)
-    wheel = through(p, "wheel", s[:, 3].copy(), now, DT)
-    gyro = through(p, "gyro", s[:, 5].copy(), now, DT)
-    ax, ay = through(p, "accel", (accel[:, 0].copy(), accel[:, 1].copy()), now, DT)
+    wheel = transform_signal(p, "wheel", s[:, 3].copy(), now, DT)
+    gyro = transform_signal(p, "gyro", s[:, 5].copy(), now, DT)
+    ax, ay = transform_signal(p, "accel", (accel[:, 0].copy(), accel[:, 1].copy()), now, DT)
     every = round(0.01 / DT)
-    l_r = settled(p).body.l_r
+    l_r = apply_parameter_effects(p).body.l_r
     rows = s[every - 1::every]
     yaw = rows[:, 2] - THETA
     c, sn = np.cos(rows[:, 2]), np.sin(rows[:, 2])
     forward = LX - l_r
     pose = (rows[:, 0] + forward * c - LY * sn, rows[:, 1] + forward * sn + LY * c, yaw)
     fine = Now(t[every - 1::every], *(f[every - 1::every] for f in now[1:]))
-    x, y, yaw = through(p, "pose", pose, fine, 0.01)
+    x, y, yaw = transform_signal(p, "pose", pose, fine, 0.01)
     x, y = (v + rng.normal(size=len(v)) * 1e-4 for v in (x, y))
     yaw = yaw + rng.normal(size=len(yaw)) * 5e-4
     stamps = fine.t

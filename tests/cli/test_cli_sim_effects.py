@@ -6,7 +6,7 @@ import pytest
 
 from dart_hal.core.config import save_model
 from dart_hal.vehicle import UPSTREAM_2024
-from dart_hal.vehicle.effects import extended, parse
+from dart_hal.vehicle.effects import add_effects, parse_effects
 from dart_hal.vehicle.load import model_of
 
 EFFECTS = "steering_lag:0.06,encoder_ring:missing=0.1"
@@ -26,7 +26,7 @@ def test_reveal_lists_the_effects(verb):
 
 def test_a_model_file_is_the_car(verb, tmp_path):
     path = tmp_path / "of me & you.toml"                # what a URL has to quote
-    save_model(model_of(extended(UPSTREAM_2024, parse(EFFECTS))), path)
+    save_model(model_of(add_effects(UPSTREAM_2024, parse_effects(EFFECTS))), path)
     shown = verb("sim", "--reveal", "--vehicle", path, "--json").json
     assert [e["name"] for e in shown["effects"]] == ["steering_lag", "encoder_ring"]
     assert shown["vehicle"]["name"] == UPSTREAM_2024.name

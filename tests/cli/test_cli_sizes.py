@@ -9,7 +9,7 @@ import pytest
 from dart_hal.core.config import load_model
 from dart_hal.core.config.folders import load_car
 from dart_hal.vehicle.load import find_model
-from dart_hal.vehicle.sizes import body_of, with_sizes
+from dart_hal.vehicle.sizes import body_of, set_sizes
 from tests.recorded.simulated_recording import simulated, table_of, write_table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -153,5 +153,5 @@ def test_a_mass_that_was_weighed_is_kept(cars, tmp_path):
     path.write_text(text.replace("mass = 1.67", "mass = { value = 1.71, std = 0.01 }"))
     weighed = load_model(path)
     size = load_car("long", [cars]).config.geometry
-    assert with_sizes(weighed, size).body["mass"].value == 1.71
-    assert with_sizes(model, size).body["mass"] == 2.0
+    assert set_sizes(weighed, size).body["mass"].value == 1.71
+    assert set_sizes(model, size).body["mass"] == 2.0

@@ -45,7 +45,7 @@ def test_a_diagnosis_calls_them_in_this_order(tmp_path):
 def test_another_order_is_seen():
     def work():
         find_model("paper")
-        find_object("dart_hal.vehicle.effects.parse")("gyro_scale:0.1")
+        find_object("dart_hal.vehicle.effects.parse_effects")("gyro_scale:0.1")
 
-    order = ["dart_hal.vehicle.load.find_model", "dart_hal.vehicle.effects.parse"]
+    order = ["dart_hal.vehicle.load.find_model", "dart_hal.vehicle.effects.parse_effects"]
     assert first_calls(order[::-1], work) == order

@@ -180,7 +180,7 @@ def test_descent_follows_a_bent_valley_to_its_end():
         return np.array([[-20.0 * x[0], 10.0], [-1.0, 0.0], [0.0, 0.0]])
 
     found = descend(residual, jacobian, np.array([-1.2, 1.0]), np.full(2, -5.0), np.full(2, 5.0),
-                    robust=1e6, prior=0.0, rounds=200)
+                    robust=1e6, prior=0.0, max_iterations=200)
     assert found.converged
     np.testing.assert_allclose(found.x, 1.0, atol=0.05)
 

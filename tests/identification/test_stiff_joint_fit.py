@@ -11,7 +11,7 @@ from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, integrate, rollout
 from dart_hal.vehicle.flat import value
-from dart_hal.vehicle.native.library import SWITCH
+from dart_hal.vehicle.native.library import NATIVE_SWITCH
 from dart_hal.vehicle.parameters import AxleTyres
 from dart_lab.identification.prediction.actuators import actuated
 from dart_lab.identification.shooting import Problem, fit_jointly
@@ -61,8 +61,8 @@ def test_slow_driving_does_not_identify_stiff_tyres_and_the_errors_say_so():
 @pytest.mark.slow
 def test_control_plain_runge_kutta_is_sure_of_what_is_wrong(monkeypatch):
     """As with unstable steps before: errors 100 times too small; only the loss gives them away."""
-    monkeypatch.setenv(SWITCH, "0")
-    monkeypatch.setitem(integrate.RATES, "rk4", 1e9)
+    monkeypatch.setenv(NATIVE_SWITCH, "0")
+    monkeypatch.setitem(integrate.MAX_RELAXATION, "rk4", 1e9)
     found = scores(15.0)
     assert max(abs(z) for z, _ in found.values()) > 10.0
     assert not any(known for _, known in found.values())

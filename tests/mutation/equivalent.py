@@ -55,22 +55,22 @@ EQUIVALENTS = (
     Equivalent(
         EFFECTS + "encoder_axle.py", "return v + k * (front - f.fabs(now.v_x))",
         "return v + k * (front - (now.v_x))",
-        "forwards v_x is its own absolute value; in reverse the docstring has v_x and the code its "
-        "absolute value, and neither makes the reading larger: no law there until that is decided"),
+        "forwards v_x is its own absolute value; there is no law for this effect in reverse"),
     Equivalent(
-        EFFECTS + "pwm_quantisation.py", "LEAST = 1e-9", "LEAST = 1.25e-09",
+        EFFECTS + "pwm_quantisation.py", "MIN_STEP = 1e-9  # avoids a division by zero at k = 0",
+        "MIN_STEP = 1.25e-09  # avoids a division by zero at k = 0",
         "keeps a quotient finite at k = 0; a step of 1e-9 of the command is none"),
     Equivalent(
-        EFFECTS + "steering_compliance.py", "NO_SLIP = 1e-8  # rad2", "NO_SLIP = 1.25e-08  # rad2",
+        EFFECTS + "steering_compliance.py", "SLIP_OFFSET = 1e-8", "SLIP_OFFSET = 1.25e-08",
         "keeps a quotient finite; changes slip below 1e-4 rad alone, where the force is 4 mN"),
     Equivalent(
-        EFFECTS + "steering_compliance.py", "NOTHING = 1e-16  # rad2",
-        "NOTHING = 1.25e-16  # rad2",
+        EFFECTS + "steering_compliance.py", "STEP_OFFSET = 1e-16",
+        "STEP_OFFSET = 1.25e-16",
         "keeps a quotient finite where two approximations agree to 1e-8 rad"),
     Equivalent(
         EFFECTS + "steering_compliance.py",
-        "ratio = f.fmax(-0.5, f.fmin(0.5, last * step / (step * step + NOTHING)))",
-        "ratio = f.fmax(-0.5, f.fmin(0.5, last * step / (step * step - NOTHING)))",
+        "ratio = f.fmax(-0.5, f.fmin(0.5, last * step / (step * step + STEP_OFFSET)))",
+        "ratio = f.fmax(-0.5, f.fmin(0.5, last * step / (step * step - STEP_OFFSET)))",
         "where two approximations agree to 1e-8 rad; the ratio is limited to a half either way"),
 )
 

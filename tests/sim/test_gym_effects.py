@@ -7,7 +7,7 @@ import pytest
 
 from dart_hal.core.config import save_model
 from dart_hal.vehicle import UPSTREAM_2024
-from dart_hal.vehicle.effects import extended, parse
+from dart_hal.vehicle.effects import add_effects, parse_effects
 from dart_hal.vehicle.load import model_of
 from dart_lab.sim.gym import DartCarEnv, DartCarVectorEnv
 
@@ -17,7 +17,7 @@ ACTION = np.array([0.3, 0.2], dtype=np.float32)
 
 @pytest.fixture
 def model(tmp_path):
-    p = extended(UPSTREAM_2024, parse(EFFECTS))
+    p = add_effects(UPSTREAM_2024, parse_effects(EFFECTS))
     return save_model(model_of(p), tmp_path / "extended.toml")
 
 
@@ -27,7 +27,7 @@ def episode(env, steps=30, **options):
 
 
 def test_what_is_observed_has_the_errors_of_the_sensors():
-    base, biased = (episode(DartCarEnv(vehicle=extended(UPSTREAM_2024, parse(text))))
+    base, biased = (episode(DartCarEnv(vehicle=add_effects(UPSTREAM_2024, parse_effects(text))))
                     for text in ("", "gyro_bias:0.05,encoder_scale:0.04"))
     names = DartCarEnv().names
     rate, speed = names.index("yaw_rate"), names.index("speed")

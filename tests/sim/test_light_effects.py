@@ -12,7 +12,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import GRAVITY, UPSTREAM_2024
 from dart_hal.vehicle.channels import Stepper
 from dart_hal.vehicle.effect import Now
-from dart_hal.vehicle.effects import apply, catalogue, extended, parse
+from dart_hal.vehicle.effects import add_effects, apply, catalogue, parse_effects
 from dart_hal.vehicle.steering import make_steering
 from dart_lab.sim.light import (
     FIRMWARE,
@@ -33,7 +33,7 @@ ROLLING = replace(UPSTREAM_2024, kind="kinematic")
 
 
 def car_with(text, config=None, base=UPSTREAM_2024, seed=0):
-    return LightCar(extended(base, parse(text)), config, seed)
+    return LightCar(add_effects(base, parse_effects(text)), config, seed)
 
 
 def command(k):
@@ -78,7 +78,7 @@ def test_at_null_the_numbers_are_the_same_to_the_last_bit(name, sensors):
 def test_a_batch_is_its_cars_also_when_some_begin_anew(name, sensors):
     """Cars of other sizes of the effect, one of which is reset on the way."""
     config = LightConfig(sensors=sensors)
-    vehicles = [extended(UPSTREAM_2024, parse(f"{name}:{size}"))
+    vehicles = [add_effects(UPSTREAM_2024, parse_effects(f"{name}:{size}"))
                 for size in catalogue()[name].parameters[0].sizes]
     batch = LightBatch(vehicles, 3, config, seed=[[7, i] for i in range(3)])
     cars = [LightCar(p, config, [7, i]) for i, p in enumerate(vehicles)]
@@ -98,7 +98,7 @@ def test_a_batch_is_its_cars_also_when_some_begin_anew(name, sensors):
                                   if set(catalogue()[n].signals) & {"steering", "angle"}])
 def test_the_wheels_stand_where_the_signals_say(name):
     """A car without slip shows its angle; the law is the one that every simulator steps."""
-    p = replace(extended(ROLLING, parse(large(name))), delay=ROLLING.delay)
+    p = replace(add_effects(ROLLING, parse_effects(large(name))), delay=ROLLING.delay)
     p = replace(p, delay=replace(p.delay, steering_s=0.0, steering_lag_s=0.0, throttle_s=0.0))
     car, curve = LightCar(p), make_steering(p.steering)
     turn, bend = Stepper(p, "steering", 0.01), Stepper(p, "angle", 0.01)
@@ -148,7 +148,7 @@ def test_a_latency_of_a_part_of_a_step_is_between():
 
 
 def test_encoder_slip_follows_the_force():
-    p = extended(UPSTREAM_2024, parse("encoder_slip:0.04"))
+    p = add_effects(UPSTREAM_2024, parse_effects("encoder_slip:0.04"))
     plain, seen = LightCar(UPSTREAM_2024), LightCar(p)
     for car in (plain, seen):
         car.reset(v_x=1.5)

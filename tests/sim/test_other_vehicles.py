@@ -13,7 +13,7 @@ from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle import SETS, UPSTREAM_2024
-from dart_hal.vehicle.effects import extended, parse
+from dart_hal.vehicle.effects import add_effects, parse_effects
 from dart_hal.vehicle.load import model_of
 from dart_lab.sim.hidden import hidden_car
 from dart_lab.sim.light import LightCar
@@ -26,7 +26,8 @@ CIRCLE = ((0.3, 0.3, 6.0),)
 def filed(tmp_path):
     """``filed(vehicle, effects)``: the path of its model.toml."""
     def write(p, effects=""):
-        return save_model(model_of(extended(p, parse(effects))), tmp_path / "extended.toml")
+        model = model_of(add_effects(p, parse_effects(effects)))
+        return save_model(model, tmp_path / "extended.toml")
 
     return write
 

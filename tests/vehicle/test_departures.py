@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal.vehicle import PAPER, make_dynamic
-from dart_hal.vehicle.channels import through
+from dart_hal.vehicle.channels import transform_signal
 from dart_hal.vehicle.departures import DEPARTURES, with_departures
 from dart_hal.vehicle.effect import ActiveEffect, Now
 from dart_hal.vehicle.effects import catalogue
@@ -33,7 +33,8 @@ def test_what_it_does_to_signals_stays_as_written(name):
     now = Now(T, 1.0 + T, 0.1 * T, 0.5 * T, T, 0.3 * T, 0.2 * T, 0.1 * T)
     signal = (0.3 * T, 0.2 * T)
     for channel in catalogue()[name].signals:
-        written, other = (through(p, channel, signal, now, 0.01) for p in both(name, (0.3,) * 6))
+        written, other = (transform_signal(p, channel, signal, now, 0.01)
+                          for p in both(name, (0.3,) * 6))
         assert not np.array_equal(written[0], signal[0])
         assert np.array_equal(written, other)
 

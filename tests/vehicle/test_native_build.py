@@ -34,10 +34,10 @@ def nothing_built(monkeypatch, tmp_path):
     """A machine on which no kernel was ever compiled."""
     monkeypatch.setattr(build, "BUILT", tmp_path / "built")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    monkeypatch.delenv(library.SWITCH, raising=False)
-    kernel.find.cache_clear()
+    monkeypatch.delenv(library.NATIVE_SWITCH, raising=False)
+    kernel.find_kernel.cache_clear()
     yield tmp_path
-    kernel.find.cache_clear()
+    kernel.find_kernel.cache_clear()
 
 
 def test_the_committed_kernels_are_those_of_the_equations():
@@ -47,14 +47,14 @@ def test_the_committed_kernels_are_those_of_the_equations():
 
 @pytest.mark.parametrize("p", committed.FORMS, ids=lambda p: f"{p.name}-{p.kind}")
 def test_shipped_sets_find_their_committed_text(p):
-    for kind in model.STATES:
+    for kind in model.STATE_NAMES:
         assert body(trace(form_of(p), kind)) in committed.text()
 
 
 def test_vector_conditions_of_the_text():
     """No cosine (gcc fuses it with the sine) and no branch or array in the loops over cars."""
     loops = re.findall(r"#pragma omp simd\n(.*?)\n    }\n}", committed.text(), re.S)
-    assert len(loops) == 2 * len(committed.FORMS) * len(model.STATES)
+    assert len(loops) == 2 * len(committed.FORMS) * len(model.STATE_NAMES)
     for loop in loops:
         assert not re.search(r"cos\b|\bif\b|\?|while|real \w+\[", loop)
     assert "F(sin)" in loops[-1], "the control: what is looked for is there to be found"
@@ -78,34 +78,34 @@ def test_without_a_compiler_numpy_takes_over_and_says_so(nothing_built, monkeypa
 
 
 def test_switched_off_by_the_user(monkeypatch):
-    monkeypatch.setenv(library.SWITCH, "0")
+    monkeypatch.setenv(library.NATIVE_SWITCH, "0")
     assert Batch(PAPER, 3).engine == "numpy"
-    assert f"{library.SWITCH}=0" in status()
+    assert f"{library.NATIVE_SWITCH}=0" in status()
 
 
 @pytest.mark.slow
 @needs_compiler
 def test_compiled_on_demand_once(nothing_built, monkeypatch):
-    first = kernel.Kernel(KINEMATIC, "motion", 0.01)
+    first = kernel.CompiledStep(KINEMATIC, "motion", 0.01)
     assert first.origin == "compiled on demand"
     made = list(nothing_built.rglob("*.so"))
     assert len(made) == 1
-    kernel.find.cache_clear()
+    kernel.find_kernel.cache_clear()
     monkeypatch.setenv("CC", "no-such-compiler")    # gone, the library stays
-    assert kernel.Kernel(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
+    assert kernel.CompiledStep(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
     with pytest.raises(CannotCompile, match="no C compiler"):
-        kernel.Kernel(KINEMATIC, "motion", 0.01, np.float32)
+        kernel.CompiledStep(KINEMATIC, "motion", 0.01, np.float32)
 
 
 @pytest.mark.slow
 @needs_compiler
 def test_another_processor_does_not_get_this_one_s_library(nothing_built, monkeypatch):
-    kernel.Kernel(KINEMATIC, "motion", 0.01)
-    kernel.find.cache_clear()
+    kernel.CompiledStep(KINEMATIC, "motion", 0.01)
+    kernel.find_kernel.cache_clear()
     monkeypatch.setattr(build, "processor", lambda: "another one")
     monkeypatch.setenv("CC", "no-such-compiler")
     with pytest.raises(CannotCompile, match="no C compiler"):
-        kernel.Kernel(KINEMATIC, "motion", 0.01)
+        kernel.CompiledStep(KINEMATIC, "motion", 0.01)
 
 
 @needs_compiler
@@ -134,7 +134,7 @@ exec {real} "$@"
 """, encoding="utf-8")
     plain.chmod(0o755)
     monkeypatch.setenv("CC", str(plain))
-    assert kernel.Kernel(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
+    assert kernel.CompiledStep(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
 
 
 @pytest.mark.slow
@@ -144,7 +144,7 @@ def test_a_damaged_library_of_the_package_is_replaced_by_one_on_demand(nothing_b
     broken = build.BUILT / f"{build.key(text, F64)}.so"
     broken.parent.mkdir(parents=True, exist_ok=True)
     broken.write_bytes(b"not a library")
-    assert kernel.Kernel(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
+    assert kernel.CompiledStep(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
 
 
 @pytest.mark.slow
@@ -154,7 +154,7 @@ def test_a_damaged_library_is_compiled_anew(nothing_built):
     broken = build.cache_folder() / f"{build.key(text, F64)}.so"
     broken.parent.mkdir(parents=True)
     broken.write_bytes(b"not a library")
-    assert kernel.Kernel(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
+    assert kernel.CompiledStep(KINEMATIC, "motion", 0.01).origin == "compiled on demand"
     assert broken.stat().st_size > 1000
 
 
@@ -165,7 +165,7 @@ def test_a_damaged_library_without_a_compiler_is_no_kernel(nothing_built, monkey
     broken.parent.mkdir(parents=True)
     broken.write_bytes(b"not a library")
     with pytest.raises(CannotCompile, match="no C compiler"):
-        kernel.Kernel(KINEMATIC, "motion", 0.01)
+        kernel.CompiledStep(KINEMATIC, "motion", 0.01)
     assert Batch(KINEMATIC, 3).engine in ("native", "numpy")
 
 
@@ -183,11 +183,11 @@ def test_changed_equations_get_a_kernel_of_their_own(nothing_built, monkeypatch)
 
         return changed
 
-    monkeypatch.setitem(model.MAKERS, "car", heavier)
+    monkeypatch.setitem(model.STEP_FACTORIES, "car", heavier)
     trace.cache_clear()
     try:
-        assert body(trace(form_of(KINEMATIC), "car")) not in library._committed()
-        found = kernel.find(form_of(KINEMATIC), "car", "rk4", 64, False)
+        assert body(trace(form_of(KINEMATIC), "car")) not in library._read_committed()
+        found = kernel.find_kernel(form_of(KINEMATIC), "car", "rk4", 64, False)
         assert found.says == "compiled on demand"
     finally:
         trace.cache_clear()
@@ -210,7 +210,7 @@ def test_one_turned_sign_in_a_kernel_is_noticed(tmp_path, site):
     traced = trace(form, "motion")
     texts = body(traced), wrong(body(traced), site)
     assert texts[0] != texts[1]
-    runs = [library._function(build.compile_kernel(source([t]), F64, tmp_path), traced.name)
+    runs = [library._load_function(build.compile_kernel(source([t]), F64, tmp_path), traced.name)
             for t in texts]
     check.check(runs[0], traced, F64, form, "motion", "rk4")
     with pytest.raises(CannotCompile, match="differs from the Python equations"):
@@ -223,7 +223,8 @@ def test_a_wrong_kernel_is_not_used(nothing_built, monkeypatch):
     traced = trace(form_of(KINEMATIC), "car")
     path = build.compile_kernel(source([wrong(body(traced), 9)]), Variant(32, False),
                                 nothing_built)
-    monkeypatch.setattr(kernel, "load", lambda *_: (library._function(path, traced.name), "bad"))
+    monkeypatch.setattr(kernel, "load",
+                        lambda *_: (library._load_function(path, traced.name), "bad"))
     assert Batch(KINEMATIC, 3).engine == "numpy"
     with pytest.raises(UsageError, match="no compiled kernel"):
         Batch(KINEMATIC, 3, engine="native")
@@ -303,7 +304,7 @@ def test_a_source_archive_holds_no_library(hook):
 
 @needs_compiler
 def test_a_library_in_use_is_the_last_to_be_forgotten(tmp_path, monkeypatch):
-    monkeypatch.setattr(build, "KEPT", 2)
+    monkeypatch.setattr(build, "MAX_CACHED_LIBRARIES", 2)
     monkeypatch.setattr(build, "_build", lambda command, text, variant, scratch:
                         (scratch / "kernel.so").write_text(text) and scratch / "kernel.so")
     used, idle, new = "int a;", "int b;", "int c;"

@@ -19,8 +19,8 @@ from dart_hal.vehicle.native import library
 from dart_hal.vehicle.native.build import Variant, compile_kernel, compiler
 from dart_hal.vehicle.native.call import call
 from dart_hal.vehicle.native.emit import body, source
-from dart_hal.vehicle.native.model import INPUTS, STATES, computed, record
-from dart_hal.vehicle.parameters import SLIPS, AxleTyres
+from dart_hal.vehicle.native.model import INPUT_NAMES, STATE_NAMES, evaluate_coefficients, record
+from dart_hal.vehicle.parameters import SLIP_FORMS, AxleTyres
 from dart_hal.vehicle.step import make_car_step, make_motion_step
 
 pytestmark = pytest.mark.skipif(compiler() is None, reason="no C compiler")
@@ -29,7 +29,7 @@ LAGS = UPSTREAM_2024.delay
 CAPPED = with_values(PAPER, {"tyres.rear_max": 4.0})
 FORMS = {
     **{f"{type(p.tyres).__name__}-{slip}": replace(p, slip=slip, delay=LAGS)
-       for p in (PAPER, UPSTREAM_2024) for slip in SLIPS},
+       for p in (PAPER, UPSTREAM_2024) for slip in SLIP_FORMS},
     "capped": replace(CAPPED, delay=LAGS),
     "no-lag": PAPER,
     "kinematic": replace(PAPER, kind="kinematic", delay=LAGS),
@@ -232,11 +232,12 @@ def test_any_step_can_become_a_kernel(tmp_path):
 
         return windy
 
-    traced = record("windy", make, STATES["car"], INPUTS["car"])
+    traced = record("windy", make, STATE_NAMES["car"], INPUT_NAMES["car"])
     path = compile_kernel(source([body(traced)]), Variant(64, False), tmp_path)
     numbers = {name: value(PAPER, name) for name in names(PAPER)} | {"dt": 0.01, "wind": 0.7}
     state, held = driving(PAPER, 20), np.full((30, 20), 0.2)
-    got = call(library._function(path, "windy"), computed(traced, numbers), state, held, held,
+    got = call(library._load_function(path, "windy"), evaluate_coefficients(traced, numbers), state,
+               held, held,
                [30], 1)[0]
     step, wanted = make(numbers.__getitem__, ARRAY), tuple(state)
     for _ in range(30):

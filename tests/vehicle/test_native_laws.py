@@ -219,5 +219,5 @@ def test_a_step_of_10_ms_bears_the_paper_s_tyres_at_walking_pace(limited, chatte
 
     right = yaw_rate(0.0025)
     if not limited:
-        monkeypatch.setitem(integrate.RATES, "rk4", 1e9)
+        monkeypatch.setitem(integrate.MAX_RELAXATION, "rk4", 1e9)
     assert bool(abs(yaw_rate(0.01) - right) > 0.1 * abs(right)) == chatters

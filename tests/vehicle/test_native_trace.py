@@ -12,15 +12,15 @@ from dart_hal.vehicle.flat import names, value
 from dart_hal.vehicle.namespace import SCALAR
 from dart_hal.vehicle.native.emit import body
 from dart_hal.vehicle.native.model import (
-    DT,
-    MAKERS,
-    STATES,
+    DT_SYMBOL,
+    STATE_NAMES,
+    STEP_FACTORIES,
     coefficients,
     form_of,
     split,
     trace,
 )
-from dart_hal.vehicle.native.trace import Graph, evaluate, needed
+from dart_hal.vehicle.native.trace import Graph, evaluate, find_dependencies
 from dart_hal.vehicle.parameters import AxleTyres
 
 CARS = pytest.mark.parametrize("p", [PAPER, UPSTREAM_2024, replace(PAPER, kind="kinematic")],
@@ -30,14 +30,15 @@ VALUES = {"car": (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 0.2, 0.1, 0.35, -0.2),
 
 
 @CARS
-@pytest.mark.parametrize("kind", STATES)
+@pytest.mark.parametrize("kind", STATE_NAMES)
 @pytest.mark.parametrize("method", ["rk4", "midpoint", "euler"])
 def test_the_graph_computes_the_step(p, kind, method):
     traced = trace(form_of(p), kind, method)
-    symbols = {**{name: min(value(p, name), 1e30) for name in names(p)}, DT: 0.01,
+    symbols = {**{name: min(value(p, name), 1e30) for name in names(p)}, DT_SYMBOL: 0.01,
                **dict(zip((*traced.states, *traced.inputs), VALUES[kind], strict=True))}
     got = evaluate(traced.graph, traced.outputs, symbols, SCALAR)
-    assert got == pytest.approx(MAKERS[kind](p, math, dt=0.01, method=method)(*VALUES[kind]),
+    assert got == pytest.approx(STEP_FACTORIES[kind](p, math, dt=0.01,
+                                                        method=method)(*VALUES[kind]),
                                 rel=1e-14, abs=1e-14)
 
 
@@ -108,7 +109,7 @@ def used(p):
 def test_a_kernel_shares_work_between_the_stages():
     """The start of a step needs one sine and one cosine of the yaw, not two of each."""
     traced = trace(form_of(PAPER), "motion")
-    ops = [traced.graph.nodes[i].op for i in needed(traced.graph, traced.outputs)]
+    ops = [traced.graph.nodes[i].op for i in find_dependencies(traced.graph, traced.outputs)]
     assert (ops.count("sin") - 4, ops.count("cos") - 4) == (1 + 4, 1)   # 4 tyres, one delta
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal.vehicle import PAPER, UPSTREAM_2024, batch, integrate
-from dart_hal.vehicle.flat import stack, unchecked
+from dart_hal.vehicle.flat import replace_unchecked, stack
 from dart_hal.vehicle.parameters import AxleTyres, Body
 from dart_hal.vehicle.tyres import make_slip
 
@@ -80,7 +80,7 @@ def test_a_step_and_an_eighth_of_it_agree_down_to_5_cm_per_second(method):
 
 def test_control_plain_runge_kutta_is_unstable_there(monkeypatch):
     reference()
-    monkeypatch.setitem(integrate.RATES, "rk4", 1e9)
+    monkeypatch.setitem(integrate.MAX_RELAXATION, "rk4", 1e9)
     with np.errstate(all="ignore"):
         _, omega, _, _ = disagreement()
     assert omega > 3.0 * OMEGA
@@ -89,7 +89,7 @@ def test_control_plain_runge_kutta_is_unstable_there(monkeypatch):
 def moved_by_a_millionth():
     """Largest change of v_x, v_y and yaw rate by tyres that are softer by a millionth."""
     p, start = cars()
-    softer = unchecked(p, {"tyres": {"rear_B": p.tyres.rear_B * (1.0 - 1e-6)}})
+    softer = replace_unchecked(p, {"tyres": {"rear_B": p.tyres.rear_B * (1.0 - 1e-6)}})
     return np.nanmax(np.abs(drive(p, start, DT) - drive(softer, start, DT))[:, 3:])
 
 
@@ -99,7 +99,7 @@ def test_a_small_change_of_a_stiff_tyre_moves_the_prediction_a_little():
 
 
 def test_control_an_unstable_step_turns_a_small_change_into_noise(monkeypatch):
-    monkeypatch.setitem(integrate.RATES, "rk4", 1e9)
+    monkeypatch.setitem(integrate.MAX_RELAXATION, "rk4", 1e9)
     with np.errstate(all="ignore"):
         assert moved_by_a_millionth() > 1e-3
 
@@ -116,7 +116,7 @@ def test_the_published_cars_are_as_they_were_above_walking_pace(vehicle, monkeyp
         return [batch.rollout(vehicle, start, *inputs, substeps=n, engine="numpy") for n in (1, 4)]
 
     found = rollouts()
-    monkeypatch.setitem(integrate.RATES, "rk4", 1e9)
+    monkeypatch.setitem(integrate.MAX_RELAXATION, "rk4", 1e9)
     for new, old in zip(found, rollouts(), strict=True):
         np.testing.assert_array_equal(new, old)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.vehicle.fitting.covariance import pooled_blocks
+from dart_hal.vehicle.fitting.covariance import pool_blocks
 
 LEVEL = 0.025  # of command: commands closer than half of it are one level
 MAX_BLOCK = 50  # samples; a longer run of slowly changing commands is cut into blocks
@@ -44,7 +44,7 @@ def concatenate(parts: Sequence[Samples]) -> Samples:
         np.concatenate([getattr(p, name) for p in parts])
         for name in ("command", "angle", "direction", "age", "weight"))
     return Samples(command, angle, direction, age, weight,
-                   pooled_blocks([p.block for p in parts])[1])
+                   pool_blocks([p.block for p in parts])[1])
 
 
 def approach(command: FloatArray, t: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,7 +17,7 @@ from dart_hal.calibration.samples import LEVEL, Samples
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.fitting.covariance import leverage_covariance
 from dart_hal.vehicle.fitting.least_squares import Solution, fit_curve
-from dart_hal.vehicle.fitting.robust import ROBUST, scatter
+from dart_hal.vehicle.fitting.robust import SOFT_L1_STDS, scatter
 from dart_hal.vehicle.parameters import Steering
 
 LOW = np.array([0.1, 0.1, -0.4, 0.1, 0.1])
@@ -87,7 +87,7 @@ def fit_map(samples: Samples, *, block: IntArray | None = None, square: FloatArr
     target = np.concatenate([root * samples.angle, pull * TYPICAL])
     found = fit_curve(model, target, TYPICAL.tolist(), bounds)
     if robust:
-        beyond = ROBUST * max(scatter(found.residual), LEAST_SCATTER)
+        beyond = SOFT_L1_STDS * max(scatter(found.residual), LEAST_SCATTER)
         found = fit_curve(model, target, found.x.tolist(), bounds, robust=beyond)
     label = np.unique(samples.block if block is None else block, return_inverse=True)[1]
     covariance = leverage_covariance(found, np.append(label, label.max() + 1 + np.arange(5)))

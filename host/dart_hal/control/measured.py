@@ -10,7 +10,7 @@ from dart_hal.control.drivetrain import Correction, InverseDrive
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.calibration import ThrottleCalibration
 from dart_hal.core.types import NINETY
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -38,7 +38,7 @@ def vehicle_for(files: CarFiles) -> Vehicle:
 def make_inverse_drive(files: CarFiles) -> InverseDrive:
     """Return the inverse of the drive train, corrected by the pulses measured at constant speeds.
     """
-    vehicle = settled(vehicle_for(files))
+    vehicle = apply_parameter_effects(vehicle_for(files))
     return InverseDrive(vehicle, make_correction(files, InverseDrive(vehicle).throttle))
 
 

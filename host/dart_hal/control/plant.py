@@ -16,7 +16,7 @@ from dart_hal.control.tuning import PULSE_DELAY
 from dart_hal.core.config import CarFiles
 from dart_hal.core.timing import PWM_FRAME
 from dart_hal.core.types import MotionEstimate
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering, make_steering_inverse
@@ -97,7 +97,7 @@ class Plant:
 
 def plant_of(files: CarFiles) -> Plant:
     """Return the plant of a car: by calibration.toml, else model.toml, else typical values."""
-    vehicle = settled(vehicle_for(files))
+    vehicle = apply_parameter_effects(vehicle_for(files))
     measured = files.calibration.latency if files.calibration else None
     is_measured = measured is not None and measured.pulse_to_yaw is not None
     servo_delay = vehicle.delay.steering_s

@@ -16,7 +16,7 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.bicycle import make_dynamic
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
@@ -54,7 +54,7 @@ class Steady:
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
-        right, left = _solve_tables(settled(vehicle))
+        right, left = _solve_tables(apply_parameter_effects(vehicle))
         self.curvatures: FloatArray = np.append(-CURVATURES[:0:-1], CURVATURES)
         self.angle, self.slip, is_solved = (
             np.hstack([r[:, :0:-1], x]) for r, x in zip(right, left, strict=True))

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.model import ModelFile
 from dart_hal.core.timing import PWM_FRAME
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.load import vehicle_of
 
 # Time from a command to the end of the first pulse that carries it [s]: half a PWM frame and 1.5
@@ -130,7 +130,7 @@ def _read_model_delays(model: ModelFile | None) -> tuple[float | None, float | N
     """Return (delay, lag) [s] of the throttle, effects included; None: not in the file."""
     if model is None:
         return None, None
-    vehicle = settled(vehicle_of(model))
+    vehicle = apply_parameter_effects(vehicle_of(model))
     has_delays = {"throttle_s", "throttle_lag_s"} & set(model.delay)
     effects = {effect.name for effect in model.effects}
     delay = vehicle.delay.throttle_s if has_delays or "throttle_delay" in effects else None

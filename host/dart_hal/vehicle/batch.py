@@ -19,20 +19,20 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.vehicle.flat import shapes
 from dart_hal.vehicle.namespace import ARRAY, SCALAR
 from dart_hal.vehicle.native.build import CannotCompile
-from dart_hal.vehicle.native.kernel import Kernel, make_native_step
+from dart_hal.vehicle.native.kernel import CompiledStep, make_native_step
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.step import make_car_step, make_motion_step
 
 Array = NDArray[Any]
 Step = Callable[..., tuple[Any, ...]]
-SUBSTEPS = 4
+ROLLOUT_SUBSTEPS = 4
 """RK4 steps between held inputs of an open-loop rollout."""
 ENGINES = ("auto", "numpy", "native")
 
 
 def rollout(p: Vehicle, start: Array, throttle: Array, angle: Array, *,
             at: Sequence[int] | None = None, sample: float = SAMPLE,
-            substeps: int = SUBSTEPS, method: str = "rk4", engine: str = "auto") -> Array:
+            substeps: int = ROLLOUT_SUBSTEPS, method: str = "rk4", engine: str = "auto") -> Array:
     """States of n cars under held inputs, (len(at), 6, n); at: numbers of samples passed.
 
     start (6, n): x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of the
@@ -41,19 +41,19 @@ def rollout(p: Vehicle, start: Array, throttle: Array, angle: Array, *,
     every sample. p: one vehicle, or ``flat.stack`` of n. Raises UsageError
     when shapes do not fit.
     """
-    start, throttle, angle = (_floats(a) for a in (start, throttle, angle))
+    start, throttle, angle = (_to_floats(a) for a in (start, throttle, angle))
     wanted = list(range(1, len(throttle) + 1)) if at is None else list(at)
     check_shapes(start, throttle, angle, wanted)
-    _check_lanes(p, start.shape[1])
+    _check_stack_size(p, start.shape[1])
     if not (sample > 0.0 and substeps >= 1):
         raise UsageError("a rollout needs time to pass",
                          found=f"{substeps} substep(s) in {sample} s",
                          expected="at least one, in more than 0 s")
     kernel = prepare(p, "motion", sample / substeps, start.dtype, method, engine)
-    if kernel and _finite(start, throttle, angle):
+    if kernel and _all_finite(start, throttle, angle):
         return kernel(start, throttle, angle, wanted, substeps)
     step = make_motion_step(p, ARRAY, sample / substeps, substeps, method)
-    return _by_hand(step, start, throttle, angle, wanted)
+    return _rollout_numpy(step, start, throttle, angle, wanted)
 
 
 def car_rollout(p: Vehicle, start: Array, throttle: Array, steering: Array, *,
@@ -65,14 +65,14 @@ def car_rollout(p: Vehicle, start: Array, throttle: Array, steering: Array, *,
     row of commands is held. Pure delays are the caller's. Raises UsageError
     when shapes do not fit.
     """
-    start, throttle, steering = (_floats(a) for a in (start, throttle, steering))
+    start, throttle, steering = (_to_floats(a) for a in (start, throttle, steering))
     wanted = list(range(1, len(throttle) + 1)) if at is None else list(at)
     check_shapes(start, throttle, steering, wanted, states=8)
-    _check_lanes(p, start.shape[1])
+    _check_stack_size(p, start.shape[1])
     kernel = prepare(p, "car", dt, start.dtype, method, engine)
-    if kernel and _finite(start, throttle, steering):
+    if kernel and _all_finite(start, throttle, steering):
         return kernel(start, throttle, steering, wanted)
-    return _by_hand(make_car_step(p, ARRAY, dt, method), start, throttle, steering, wanted)
+    return _rollout_numpy(make_car_step(p, ARRAY, dt, method), start, throttle, steering, wanted)
 
 
 def car_step(p: Vehicle, dt: float = SAMPLE, method: str = "rk4", engine: str = "auto") -> Step:
@@ -81,25 +81,25 @@ def car_step(p: Vehicle, dt: float = SAMPLE, method: str = "rk4", engine: str = 
     The step of a kernel is not for two threads at once.
     """
     try:
-        if _known(engine) != "numpy":
+        if _check_engine(engine) != "numpy":
             return make_native_step(p, "car", dt, method)
     except CannotCompile as why:
-        _refuse(engine, why)
+        _report_missing_kernel(engine, why)
     return make_car_step(p, SCALAR, dt, method)
 
 
 def prepare(p: Vehicle, kind: str, dt: float, dtype: DTypeLike, method: str,
-            engine: str) -> Kernel | None:
+            engine: str) -> CompiledStep | None:
     """The kernel for a vehicle, None = numpy.
 
     Raises UsageError for an unknown engine, or for "native" where there is none.
     """
-    if _known(engine) == "numpy":
+    if _check_engine(engine) == "numpy":
         return None
     try:
-        return Kernel(p, kind, dt, dtype, method)
+        return CompiledStep(p, kind, dt, dtype, method)
     except CannotCompile as why:
-        _refuse(engine, why)
+        _report_missing_kernel(engine, why)
     return None
 
 
@@ -130,7 +130,7 @@ class Batch:
         if np.dtype(dtype).kind != "f":
             raise UsageError("a state is of real numbers", found=f"dtype {np.dtype(dtype)}",
                              expected="float64 or float32")
-        _check_lanes(p, n)
+        _check_stack_size(p, n)
         self.state: Array = np.zeros((8, n), dtype=dtype)
         self._kernel = prepare(p, "car", dt, dtype, method, engine)
         self.engine = "native" if self._kernel else "numpy"
@@ -138,7 +138,7 @@ class Batch:
 
     def advance(self, throttle: Array, steering: Array, steps: int = 1) -> Array:
         """State (8, n) after ``steps`` steps with commands -1..1 (n,) held."""
-        if self._kernel and _finite(self.state, throttle, steering):
+        if self._kernel and _all_finite(self.state, throttle, steering):
             tau, s = (np.broadcast_to(u, (1, self.state.shape[1])) for u in (throttle, steering))
             self.state[...] = self._kernel(self.state, tau, s, [1], steps)[0]
             return self.state
@@ -150,7 +150,7 @@ class Batch:
         return self.state
 
 
-def _by_hand(step: Step, start: Array, first: Array, second: Array,
+def _rollout_numpy(step: Step, start: Array, first: Array, second: Array,
              wanted: Sequence[int]) -> Array:
     """Rollout over numpy, sample by sample."""
     out = np.empty((len(wanted), *start.shape), dtype=start.dtype)
@@ -164,31 +164,31 @@ def _by_hand(step: Step, start: Array, first: Array, second: Array,
     return out
 
 
-def _known(engine: str) -> str:
+def _check_engine(engine: str) -> str:
     if engine not in ENGINES:
         raise UsageError(f"no engine {engine!r}", expected=", ".join(ENGINES))
     return engine
 
 
-def _refuse(engine: str, why: CannotCompile) -> None:
+def _report_missing_kernel(engine: str, why: CannotCompile) -> None:
     if engine == "native":
         raise UsageError("there is no compiled kernel for this vehicle", found=str(why),
                          remedy="install a C compiler (apt install gcc), or engine=\"numpy\"")
 
 
-def _floats(a: Array) -> Array:
+def _to_floats(a: Array) -> Array:
     """As an array of floats: integers would cut off what the states become."""
     a = np.asarray(a)
     return a if a.dtype.kind == "f" else a.astype(np.float64)
 
 
-def _check_lanes(p: Vehicle, n: int) -> None:
+def _check_stack_size(p: Vehicle, n: int) -> None:
     sizes = shapes(p)
     if sizes - {(n,)}:
         raise UsageError("a stack has a vehicle for each car", found=f"{n} cars and parameters "
                          f"of shapes {sorted(sizes)}", expected=f"({n},)")
 
 
-def _finite(*arrays: Array) -> bool:
+def _all_finite(*arrays: Array) -> bool:
     """Whether a kernel may take them: -ffast-math knows neither NaN nor infinity."""
     return all(bool(np.isfinite(a).all()) for a in arrays)

@@ -39,36 +39,40 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from dart_hal.vehicle.compose import force_hooks, settled
+from dart_hal.vehicle.compose import apply_parameter_effects, force_hooks
 from dart_hal.vehicle.effect import Forces
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor_gains
 from dart_hal.vehicle.namespace import Value, adapt
 from dart_hal.vehicle.parameters import Vehicle
-from dart_hal.vehicle.tyres import least_divisor, make_slip, make_tyres
+from dart_hal.vehicle.tyres import make_slip, make_tyres, min_slip_divisor
 
 Rates = tuple[Value, Value, Value, Value, Value, Value]
 
 
 def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None,
                  max_rate: Value | None = None) -> Callable[..., Rates]:
-    """``rates(eta, v_x, v_y, omega, k0, k1, brake, cos d, sin d)``: d(state)/dt.
+    """Return ``rates(eta, v_x, v_y, omega, k0, k1, brake, cos d, sin d)``: d(state)/dt.
 
-    Returns (x', y', eta', v_x', v_y', omega'). What an actuator holds over an
-    integration step enters as coefficients: the drive (k0, k1, brake) of
+    The rates are (x', y', eta', v_x', v_y', omega'). Inputs that are constant over an
+    integration step enter as coefficients: the drive (k0, k1, brake) of
     ``make_motor_gains``, cosine and sine of the road-wheel angle. Accelerations
     in body axes are v_x' - omega v_y and v_y' + omega v_x. slip: form of the
     slip angles, None = the vehicle's own. max_rate [1/s]: fastest relaxation of
-    v_y and omega, for an integrator that knows its step (``integrate.RATES``);
-    None: as fast as the tyres are stiff.
+    v_y and omega, for an integrator of a known step (``integrate.MAX_RELAXATION``);
+    None: without limit.
     """
     f = adapt(xp)
-    sin, cos = f.sin, f.cos
-    l_f, l_r = p.body.l_f, p.body.l_r
-    per_mass, per_inertia = 1.0 / p.body.mass, 1.0 / p.body.yaw_inertia
-    share_f, share_r = p.body.front_share, 1.0 - p.body.front_share
+    sin = f.sin
+    cos = f.cos
+    l_f = p.body.l_f
+    l_r = p.body.l_r
+    per_mass = 1.0 / p.body.mass
+    per_inertia = 1.0 / p.body.yaw_inertia
+    share_f = p.body.front_share
+    share_r = 1.0 - p.body.front_share
     friction = make_friction(p.friction, f)
-    least = None if max_rate is None else least_divisor(p.tyres, p.body, f, max_rate)
+    least = None if max_rate is None else min_slip_divisor(p.tyres, p.body, f, max_rate)
     angles = make_slip(p.body, f, slip or p.slip, least)
     front, rear = make_tyres(p.tyres, p.body, f)
     hooks = force_hooks(p, f)
@@ -77,19 +81,35 @@ def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None,
               cd: Value, sd: Value) -> Rates:
         alpha_f, alpha_r = angles(vx, vy, om, cd, sd)
         f_w = k0 - k1 * vx + friction(vx, brake)
-        f_xf, f_xr, f_yf, f_yr = share_f * f_w, share_r * f_w, front(alpha_f), rear(alpha_r)
-        if hooks:  # of the vehicle, never of the state: nothing here branches on a value
+        # 1. forces of each axle in its own frame
+        f_xf = share_f * f_w
+        f_xr = share_r * f_w
+        f_yf = front(alpha_f)
+        f_yr = rear(alpha_r)
+        # 2. effects change them; the branch depends on the vehicle only, never on the state
+        if hooks:
             q = Forces(eta, vx, vy, om, cd, sd, alpha_f, alpha_r, f_xf, f_xr, f_yf, f_yr,
                        0.0, 0.0, 0.0)
             for hook in hooks:
                 q = hook(q)
-            cd, sd, f_xf, f_xr, f_yf, f_yr = q.cos_d, q.sin_d, q.f_xf, q.f_xr, q.f_yf, q.f_yr
+            cd = q.cos_d
+            sd = q.sin_d
+            f_xf = q.f_xf
+            f_xr = q.f_xr
+            f_yf = q.f_yf
+            f_yr = q.f_yr
+        # 3. sum of forces in body axes and of moments about the centre of mass
         f_left = f_yf * cd + f_xf * sd
-        f_x, f_y = f_xr + f_xf * cd - f_yf * sd, f_yr + f_left
+        f_x = f_xr + f_xf * cd - f_yf * sd
+        f_y = f_yr + f_left
         m_z = l_f * f_left - l_r * f_yr
         if hooks:
-            f_x, f_y, m_z = f_x + q.f_x, f_y + q.f_y, m_z + q.m_z
-        ce, se = cos(eta), sin(eta)
+            f_x = f_x + q.f_x
+            f_y = f_y + q.f_y
+            m_z = m_z + q.m_z
+        # 4. Newton and Euler in rotating axes; the velocity in the plane
+        ce = cos(eta)
+        se = sin(eta)
         return (vx * ce - vy * se, vx * se + vy * ce, om, f_x * per_mass + om * vy,
                 f_y * per_mass - om * vx, m_z * per_inertia)
 
@@ -97,21 +117,25 @@ def make_dynamic(p: Vehicle, xp: Any = math, slip: str | None = None,
 
 
 def make_kinematic(p: Vehicle, xp: Any = math) -> Callable[..., tuple[Value, Value, Value, Value]]:
-    """``rates(eta, v, k0, k1, brake, tan d)``: (x', y', eta', v'), no tyre slip.
+    """Return ``rates(eta, v, k0, k1, brake, tan d)``: (x', y', eta', v'), no tyre slip.
 
     v is the speed of the rear axle, x and y belong to the centre of mass; the
     lateral velocity there is l_r omega with omega = v tan(d) / wheelbase.
     """
     f = adapt(xp)
-    sin, cos = f.sin, f.cos
-    l_r, per_wheelbase, per_mass = p.body.l_r, 1.0 / p.body.wheelbase, 1.0 / p.body.mass
+    sin = f.sin
+    cos = f.cos
+    l_r = p.body.l_r
+    per_wheelbase = 1.0 / p.body.wheelbase
+    per_mass = 1.0 / p.body.mass
     friction = make_friction(p.friction, f)
 
     def rates(eta: Value, v: Value, k0: Value, k1: Value, brake: Value,
               td: Value) -> tuple[Value, Value, Value, Value]:
         om = v * td * per_wheelbase
         vy = l_r * om
-        ce, se = cos(eta), sin(eta)
+        ce = cos(eta)
+        se = sin(eta)
         return (v * ce - vy * se, v * se + vy * ce, om,
                 (k0 - k1 * v + friction(v, brake)) * per_mass)
 
@@ -120,13 +144,15 @@ def make_kinematic(p: Vehicle, xp: Any = math) -> Callable[..., tuple[Value, Val
 
 def make_acceleration(p: Vehicle, xp: Any = math,
                       slip: str | None = None) -> Callable[..., tuple[Value, Value, Value]]:
-    """``acceleration(v_x, v_y, omega, tau, delta) -> (v_x', v_y', omega')``.
+    """Return ``acceleration(v_x, v_y, omega, tau, delta) -> (v_x', v_y', omega')``.
 
-    The same equations with the commands as they are named in the paper:
-    throttle after the dead band of the ESC, road-wheel angle in rad.
+    The equations of ``make_dynamic`` with the inputs of the paper: throttle tau -1..1 at the ESC
+    and road-wheel angle delta [rad].
     """
-    f, p = adapt(xp), settled(p)
-    rates, gains = make_dynamic(p, f, slip), make_motor_gains(p.motor, f)
+    f = adapt(xp)
+    p = apply_parameter_effects(p)
+    rates = make_dynamic(p, f, slip)
+    gains = make_motor_gains(p.motor, f)
 
     def acceleration(vx: Value, vy: Value, om: Value, tau: Value,
                      delta: Value) -> tuple[Value, Value, Value]:

@@ -1,7 +1,7 @@
 """Signals on their way through the effects that change them: whole series, or tick by tick.
 
 A signal is an array or a float, or a tuple of them where a channel has several
-(accel, pose). ``through`` and ``Stepper`` give the same numbers. A vehicle
+(accel, pose). ``transform_signal`` and ``Stepper`` give the same numbers. A vehicle
 without an effect on a channel gives back what it was given, itself.
 """
 
@@ -17,18 +17,18 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.compose import settled, signals
+from dart_hal.vehicle.compose import apply_parameter_effects, signals
 from dart_hal.vehicle.delay import DelayRing, delay_series
-from dart_hal.vehicle.effect import ActiveEffect, Late, Now, Signal, Stateful
-from dart_hal.vehicle.flat import GROUPS
+from dart_hal.vehicle.effect import ActiveEffect, Now, PureDelay, Signal, Stateful
+from dart_hal.vehicle.flat import PARAMETER_GROUPS
 from dart_hal.vehicle.namespace import ARRAY, SCALAR
 from dart_hal.vehicle.parameters import Vehicle
 
-AHEAD = 1024
+PLAY_CHUNK = 1024
 """Samples that are looked at together, until a signal turns: some hundreds of a steered one."""
 
 
-def through(p: Vehicle, channel: str, signal: Any, now: Now, dt: float) -> Any:
+def transform_signal(p: Vehicle, channel: str, signal: Any, now: Now, dt: float) -> Any:
     """A series behind the effects on its channel: an array (n,) or (n, lanes), or a tuple.
 
     Sample i is at i * dt [s]; fields of ``now`` are numbers, (n,) or (n, lanes).
@@ -38,17 +38,18 @@ def through(p: Vehicle, channel: str, signal: Any, now: Now, dt: float) -> Any:
     chain = signals(p, channel)
     if not chain:
         return signal
-    p = settled(p)
-    if lanes := _lanes(p):
-        now = Now(*(_in_lanes(field, lanes) for field in now))
-        signal = (tuple(_in_lanes(part, lanes) for part in signal) if isinstance(signal, tuple)
-                  else _in_lanes(signal, lanes))
+    p = apply_parameter_effects(p)
+    if lanes := _batch_size(p):
+        now = Now(*(_repeat_in_batch(field, lanes) for field in now))
+        signal = (tuple(_repeat_in_batch(part, lanes) for part in signal)
+                  if isinstance(signal, tuple)
+                  else _repeat_in_batch(signal, lanes))
     for a, hook in chain:
-        signal = _series(p, a, hook, signal, now, dt)
+        signal = _transform_series(p, a, hook, signal, now, dt)
     return signal
 
 
-def late_last(p: Vehicle, channel: str) -> tuple[Vehicle, float]:
+def split_final_delay(p: Vehicle, channel: str) -> tuple[Vehicle, float]:
     """The vehicle without what delays a channel at the end of its chain, and these delays [s].
 
     A reader at times of its own reads that much earlier instead: to shift a
@@ -56,7 +57,7 @@ def late_last(p: Vehicle, channel: str) -> tuple[Vehicle, float]:
     """
     seconds, kept = 0.0, list(p.effects)
     for a, hook in reversed(signals(p, channel)):
-        if not isinstance(hook, Late):
+        if not isinstance(hook, PureDelay):
             break
         seconds += float(hook.seconds(*a.values))
         kept.remove(a)
@@ -73,8 +74,8 @@ class Stepper:
     def __init__(self, p: Vehicle, channel: str, dt: float) -> None:
         chain = signals(p, channel)
         self.active = bool(chain)
-        p = settled(p)
-        self._steps = [_stepper(p, a, hook, dt) for a, hook in chain]
+        p = apply_parameter_effects(p)
+        self._steps = [_make_stepper(p, a, hook, dt) for a, hook in chain]
 
     def __call__(self, signal: Any, now: Now) -> Any:
         """The signal behind the effects: a float or a tuple of floats."""
@@ -83,24 +84,25 @@ class Stepper:
         return signal
 
 
-def _series(p: Vehicle, a: ActiveEffect, hook: Signal, signal: Any, now: Now, dt: float) -> Any:
-    if isinstance(hook, Late):
+def _transform_series(p: Vehicle, a: ActiveEffect, hook: Signal, signal: Any, now: Now,
+                      dt: float) -> Any:
+    if isinstance(hook, PureDelay):
         return delay_series(signal, hook.seconds(*a.values), dt)
     if isinstance(hook, Stateful):
-        return _stateful(p, a, hook, signal, now, dt)
+        return _run_stateful(p, a, hook, signal, now, dt)
     return hook.make(p, ARRAY, *a.values)(signal, now)
 
 
-def _stateful(p: Vehicle, a: ActiveEffect, hook: Stateful, signal: FloatArray, now: Now,
+def _run_stateful(p: Vehicle, a: ActiveEffect, hook: Stateful, signal: FloatArray, now: Now,
               dt: float) -> FloatArray:
     """Sample by sample: over floats for one car, which is faster, else over rows of lanes."""
     single = signal.ndim == 1
     first, step = hook.make(p, SCALAR if single else ARRAY, dt, *a.values)
     if single and hook.play is not None:
-        return _pushed(signal, hook.play(*a.values))
+        return _run_play(signal, hook.play(*a.values))
     if single and hook.blind:
         slack = hook.slack(dt, *a.values) if hook.slack else 0.0
-        return _blind(signal, first, step, slack)
+        return _run_on_change(signal, first, step, slack)
     rows = signal.tolist() if single else signal
     out = np.empty_like(signal, dtype=np.float64)
     state: list[Any] = list(first(rows[0])) if len(rows) else []
@@ -110,7 +112,7 @@ def _stateful(p: Vehicle, a: ActiveEffect, hook: Stateful, signal: FloatArray, n
     return out
 
 
-def _blind(signal: FloatArray, first: Callable[..., Any], step: Callable[..., Any],
+def _run_on_change(signal: FloatArray, first: Callable[..., Any], step: Callable[..., Any],
            slack: float) -> FloatArray:
     """Steps only where something happens: most commands are held for many samples.
 
@@ -136,7 +138,7 @@ def _blind(signal: FloatArray, first: Callable[..., Any], step: Callable[..., An
     return out
 
 
-def _pushed(signal: FloatArray, play: float) -> FloatArray:
+def _run_play(signal: FloatArray, play: float) -> FloatArray:
     """To the last bit what single steps give, from one turn further than the play to the next.
 
     Pushed up, the state is the most of all that has pushed it, until the signal has crossed the
@@ -145,7 +147,7 @@ def _pushed(signal: FloatArray, play: float) -> FloatArray:
     out, i, side, n = np.empty(len(signal)), 0, 1.0, len(signal)
     held = float(signal[0]) if n else 0.0
     while i < n:
-        part = side * signal[i:i + AHEAD]
+        part = side * signal[i:i + PLAY_CHUNK]
         state = np.maximum.accumulate(np.maximum(part - play, side * held))
         crossed = part + play < state
         end = int(crossed.argmax()) if crossed.any() else len(part)
@@ -156,9 +158,10 @@ def _pushed(signal: FloatArray, play: float) -> FloatArray:
     return out
 
 
-def _stepper(p: Vehicle, a: ActiveEffect, hook: Signal, dt: float) -> Callable[[Any, Now], Any]:
-    if isinstance(hook, Late):
-        return _late(a, float(hook.seconds(*a.values)), dt)
+def _make_stepper(p: Vehicle, a: ActiveEffect, hook: Signal, dt: float
+                  ) -> Callable[[Any, Now], Any]:
+    if isinstance(hook, PureDelay):
+        return _make_delay(a, float(hook.seconds(*a.values)), dt)
     if not isinstance(hook, Stateful):
         return hook.make(p, SCALAR, *a.values)
     first, step = hook.make(p, SCALAR, dt, *a.values)
@@ -171,7 +174,7 @@ def _stepper(p: Vehicle, a: ActiveEffect, hook: Signal, dt: float) -> Callable[[
     return advance
 
 
-def _late(a: ActiveEffect, seconds: float, dt: float) -> Callable[[Any, Now], Any]:
+def _make_delay(a: ActiveEffect, seconds: float, dt: float) -> Callable[[Any, Now], Any]:
     """The signal ``seconds`` later. Raises UsageError for a time in the future."""
     ring = DelayRing(seconds, dt)
     if ring.whole < 0:
@@ -181,15 +184,15 @@ def _late(a: ActiveEffect, seconds: float, dt: float) -> Callable[[Any, Now], An
     return lambda signal, now: ring.step(signal)
 
 
-def _lanes(p: Vehicle) -> int:
+def _batch_size(p: Vehicle) -> int:
     """Number of lanes of the arrays among the parameters, 0 without any."""
-    groups = (getattr(p, name) for name in GROUPS)
+    groups = (getattr(p, name) for name in PARAMETER_GROUPS)
     parts = [v for g in groups for v in map(g.__getattribute__, g.__slots__)]
     parts += [v for a in p.effects for v in a.values]
     return max((v.shape[0] for v in parts if isinstance(v, np.ndarray) and v.shape), default=0)
 
 
-def _in_lanes(series: Any, lanes: int) -> Any:
+def _repeat_in_batch(series: Any, lanes: int) -> Any:
     """(n,) as (n, lanes); numbers and what has lanes already as they are."""
     if np.ndim(series) != 1:
         return series

@@ -14,7 +14,7 @@ from dart_hal.vehicle.parameters import Vehicle
 Hook = Callable[[Forces], Forces]
 
 
-def settled(p: Vehicle) -> Vehicle:
+def apply_parameter_effects(p: Vehicle) -> Vehicle:
     """The vehicle with those effects in its parameters that are a change of parameters.
 
     The others stay. To do it twice changes nothing more.
@@ -25,13 +25,13 @@ def settled(p: Vehicle) -> Vehicle:
     for applied in effects:
         if applied.effect.vehicle is not None:
             p = applied.effect.vehicle(p, *applied.values)
-    left = tuple(_without_vehicle(a) for a in effects if a.effect.force or a.effect.signals)
+    left = tuple(_without_vehicle_hook(a) for a in effects if a.effect.force or a.effect.signals)
     return replace(p, effects=left)
 
 
-def moving(p: Vehicle) -> Vehicle:
+def keep_motion_effects(p: Vehicle) -> Vehicle:
     """The vehicle as its step knows it: settled, and without effects on signals alone."""
-    q = settled(p)
+    q = apply_parameter_effects(p)
     return replace(q, effects=tuple(a for a in q.effects if a.effect.force)) if q.effects else q
 
 
@@ -47,13 +47,13 @@ def signals(p: Vehicle, channel: str) -> tuple[tuple[ActiveEffect, Signal], ...]
                  if channel in a.effect.signals)
 
 
-def _without_vehicle(applied: ActiveEffect) -> ActiveEffect:
+def _without_vehicle_hook(applied: ActiveEffect) -> ActiveEffect:
     if applied.effect.vehicle is None:
         return applied
-    return ActiveEffect(_rest(applied.effect), applied.values)
+    return ActiveEffect(_drop_vehicle_hook(applied.effect), applied.values)
 
 
 @cache
-def _rest(of: Effect) -> Effect:
+def _drop_vehicle_hook(of: Effect) -> Effect:
     """The same one every time: a kernel is looked up by it."""
     return replace(of, vehicle=None)

@@ -21,8 +21,8 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.namespace import ARRAY, SCALAR, Namespace
 
-EXACT = 1e-9  # samples; a time closer than that to a sample is at it
-BLOCK = 64  # samples of a lag at once
+WHOLE_SAMPLE_TOLERANCE = 1e-9  # samples; a time closer than that to a sample is at it
+LAG_BLOCK = 64  # samples of a lag at once
 Sampled = Literal["start", "middle", "mean"]
 """At which moment of a sample, in which the command is held, the output of a lag is taken."""
 
@@ -53,7 +53,7 @@ def delay_series(signal: Any, seconds: Any, dt: float) -> Any:
 
 def split_delay(samples: Any, f: Namespace) -> tuple[Any, Any]:
     """Whole samples of a delay, and the share of the next one."""
-    whole = f.floor(samples + EXACT)
+    whole = f.floor(samples + WHOLE_SAMPLE_TOLERANCE)
     return whole, f.fmax(0.0, samples - whole)
 
 
@@ -115,12 +115,12 @@ def low_pass(u: FloatArray, keep: float) -> FloatArray:
     In blocks, each a product with the same triangle. (scipy's ``lfilter`` does the same;
     its module alone takes longer to import than a recording to evaluate.)
     """
-    n, (left, answer) = u.shape[-1], _block(keep)
-    padded = np.concatenate([u, np.repeat(u[..., -1:], -n % BLOCK, axis=-1)], axis=-1)
-    blocks = padded.reshape(*u.shape[:-1], -1, BLOCK)
+    n, (left, answer) = u.shape[-1], _lag_block(keep)
+    padded = np.concatenate([u, np.repeat(u[..., -1:], -n % LAG_BLOCK, axis=-1)], axis=-1)
+    blocks = padded.reshape(*u.shape[:-1], -1, LAG_BLOCK)
     forced = blocks @ answer
     last = keep * forced[..., -1] + (1.0 - keep) * blocks[..., -1]
-    begin, over = [u[..., 0]], keep**BLOCK
+    begin, over = [u[..., 0]], keep**LAG_BLOCK
     # numbers are quicker than arrays of one
     for one in last.tolist() if u.ndim == 1 else np.moveaxis(last, -1, 0):
         begin.append(over * begin[-1] + one)
@@ -131,9 +131,9 @@ def low_pass(u: FloatArray, keep: float) -> FloatArray:
 
 
 @lru_cache(maxsize=8)
-def _block(keep: float) -> tuple[FloatArray, FloatArray]:
+def _lag_block(keep: float) -> tuple[FloatArray, FloatArray]:
     """Of a lag: what is left of y_0 after each sample of a block, and y (j) by u (i), (i, j)."""
-    ahead = np.arange(BLOCK)
+    ahead = np.arange(LAG_BLOCK)
     since = ahead[None, :] - 1 - ahead[:, None]  # samples from u_i to y_j
     left = np.asarray(keep**ahead, dtype=np.float64)
     return left, np.where(since >= 0, (1.0 - keep) * left[np.maximum(since, 0)], 0.0)

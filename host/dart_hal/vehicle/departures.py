@@ -18,7 +18,7 @@ from dart_hal.vehicle.effect import Effect, Forces, Parameter, Signal, Static
 from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
-ANGLE, SPEED = 0.2, 1.0  # rad, m/s: half of full lock, and a usual speed
+ANGLE_SCALE, SPEED_SCALE = 0.2, 1.0  # rad, m/s: half of full lock, and a usual speed
 DEPARTURES = ("front", "angle", "speed", "front_side", "rear_side", "moment")
 """e1 to e6."""
 
@@ -40,7 +40,7 @@ def with_departures(effect: Effect) -> Effect:
             r = written(q)
             along = (r.f_xf - q.f_xf) + (r.f_xr - q.f_xr) + (r.f_x - q.f_x)
             turned = f.fabs(f.atan2(q.sin_d, q.cos_d))
-            share = angle * turned / ANGLE + speed * (q.v_x / SPEED - 1.0) - front
+            share = angle * turned / ANGLE_SCALE + speed * (q.v_x / SPEED_SCALE - 1.0) - front
             return r._replace(f_xf=r.f_xf + front * along, f_x=r.f_x + share * along,
                               f_yf=r.f_yf + side_f * (r.f_yf - q.f_yf),
                               f_yr=r.f_yr + side_r * (r.f_yr - q.f_yr),
@@ -48,11 +48,11 @@ def with_departures(effect: Effect) -> Effect:
 
         return hook
 
-    signals = {channel: _of_first(hook, n) for channel, hook in effect.signals.items()}
+    signals = {channel: _drop_extra_values(hook, n) for channel, hook in effect.signals.items()}
     return replace(effect, parameters=(*effect.parameters, *more), force=force, signals=signals)
 
 
-def _of_first(hook: Signal, n: int) -> Static:
+def _drop_extra_values(hook: Signal, n: int) -> Static:
     """The hook, given more values than the ``n`` that it knows."""
     assert isinstance(hook, Static), "no force of the catalogue has a signal with memory"
     return Static(lambda p, f, *values: hook.make(p, f, *values[:n]))

@@ -14,14 +14,14 @@ from typing import Any, NamedTuple
 
 from dart_hal.vehicle.namespace import Value
 
-STAGES = ("command", "actuator", "force", "motion", "measurement")
-CHANNELS = ("throttle", "steering", "angle", "wheel", "gyro", "accel", "pose")
+EFFECT_STAGES = ("command", "actuator", "force", "motion", "measurement")
+SIGNAL_CHANNELS = ("throttle", "steering", "angle", "wheel", "gyro", "accel", "pose")
 """Signals that an effect may change: commands behind gate, delay and lag (-1..1);
 road-wheel angle [rad]; speed of the wheels' circumference [m/s]; yaw rate [rad/s];
 (a_x, a_y) [m/s2] at the IMU; (x, y, yaw) of the mocap marker [m, rad]."""
 
 
-EDGE_SHARE = 1e-3
+BOUND_MARGIN = 1e-3
 """Of the interval of a parameter; a fit that ends nearer to one of its ends has met that end."""
 
 
@@ -96,13 +96,13 @@ class Stateful:
 
 
 @dataclass(frozen=True, slots=True)
-class Late:
+class PureDelay:
     """``seconds(*values) -> s``: the signal comes that much later."""
 
     seconds: Callable[..., Value]
 
 
-Signal = Static | Stateful | Late
+Signal = Static | Stateful | PureDelay
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ class Parameter:
         """
         if not self.alone:
             return ""
-        near = EDGE_SHARE * (self.high - self.low)
+        near = BOUND_MARGIN * (self.high - self.low)
         low, high = self.physical_range
         unit = "" if self.unit in ("-", "relative") else f" {self.unit}"
         for end in (self.low, self.high):

@@ -10,8 +10,8 @@ from dart_hal.core.config import EffectEntry, ModelFile, plain
 from dart_hal.core.config.model import Parameter, Parameters
 from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle.effect import ActiveEffect
-from dart_hal.vehicle.effects import applied, effect, extended
-from dart_hal.vehicle.flat import GROUPS as SECTIONS
+from dart_hal.vehicle.effects import activate, add_effects, find_effect
+from dart_hal.vehicle.flat import PARAMETER_GROUPS as SECTIONS
 from dart_hal.vehicle.flat import names, value
 from dart_hal.vehicle.parameters import (
     AxleTyres,
@@ -24,7 +24,7 @@ from dart_hal.vehicle.parameters import (
     Vehicle,
 )
 
-GROUPS: dict[str, Any] = {"body": Body, "friction": Friction, "motor": Motor,
+PARAMETER_CLASSES: dict[str, Any] = {"body": Body, "friction": Friction, "motor": Motor,
                           "steering": Steering, "delay": Delay}
 
 
@@ -34,8 +34,8 @@ def vehicle_from(model: ModelFile, base: Vehicle | None = None) -> Vehicle:
     Raises ConfigError on a value out of its bounds, or missing without a base,
     and on an effect that is unknown or named twice.
     """
-    groups = {name: _group(kind, name, model, getattr(base, name, None))
-              for name, kind in GROUPS.items()}
+    groups = {name: _read_group(kind, name, model, getattr(base, name, None))
+              for name, kind in PARAMETER_CLASSES.items()}
     others = sorted(set(model.forms) - {"slip"})
     if others:
         raise ConfigError(f"{model.name}: forms has what no equation knows: {', '.join(others)}",
@@ -43,10 +43,10 @@ def vehicle_from(model: ModelFile, base: Vehicle | None = None) -> Vehicle:
                           remedy="leave it out; tyres are by axle when they have rear_D")
     kind = AxleTyres if "rear_D" in model.tyres else PaperTyres
     old = getattr(base, "tyres", None)
-    tyres = _group(kind, "tyres", model, old if isinstance(old, kind) else None)
+    tyres = _read_group(kind, "tyres", model, old if isinstance(old, kind) else None)
     slip = model.forms.get("slip", base.slip if base is not None else "all_speeds")
     p = Vehicle(name=model.name, tyres=tyres, kind=model.kind, slip=slip, **groups)
-    return extended(p, _effects(model))
+    return add_effects(p, _read_effects(model))
 
 
 def model_of(p: Vehicle, old: ModelFile | None = None) -> ModelFile:
@@ -54,7 +54,7 @@ def model_of(p: Vehicle, old: ModelFile | None = None) -> ModelFile:
 
     Numbers that ``old`` has as well keep the standard error that it has for them.
     """
-    known = _entries(old) if old is not None else {}
+    known = _list_entries(old) if old is not None else {}
     sections: dict[str, Parameters] = {}
     for name in names(p):
         number = value(p, name)
@@ -68,7 +68,7 @@ def model_of(p: Vehicle, old: ModelFile | None = None) -> ModelFile:
                      **sections)  # type: ignore[arg-type]
 
 
-def left_out(model: ModelFile, p: Vehicle) -> tuple[str, ...]:
+def missing_parameters(model: ModelFile, p: Vehicle) -> tuple[str, ...]:
     """What of the vehicle ``p`` the file does not say: "group.key", "group" for all of it.
 
     Without tyres of a kinematic model, and what is null by default.
@@ -84,14 +84,14 @@ def left_out(model: ModelFile, p: Vehicle) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _entries(model: ModelFile) -> dict[str, Parameter]:
+def _list_entries(model: ModelFile) -> dict[str, Parameter]:
     """Every number of a file as it is written there, by "group.key" and "effect.key"."""
     tables = [(name, getattr(model, name)) for name in SECTIONS]
     tables += [(e.name, e.parameters) for e in model.effects]
     return {f"{name}.{key}": entry for name, table in tables for key, entry in table.items()}
 
 
-def _effects(model: ModelFile) -> list[ActiveEffect]:
+def _read_effects(model: ModelFile) -> list[ActiveEffect]:
     found: dict[str, ActiveEffect] = {}
     for entry in model.effects:
         if entry.name in found:
@@ -99,7 +99,7 @@ def _effects(model: ModelFile) -> list[ActiveEffect]:
                               found=entry.name, expected="each effect once",
                               remedy="put both into one entry of [[effects]]")
         try:
-            found[entry.name] = applied(effect(entry.name),
+            found[entry.name] = activate(find_effect(entry.name),
                                         {key: plain(v) for key, v in entry.parameters.items()})
         except UsageError as why:
             raise ConfigError(f"{model.name}: {why.what}", found=why.found or entry.name,
@@ -107,7 +107,7 @@ def _effects(model: ModelFile) -> list[ActiveEffect]:
     return list(found.values())
 
 
-def _group(kind: Any, section: str, model: ModelFile, old: Any) -> Any:
+def _read_group(kind: Any, section: str, model: ModelFile, old: Any) -> Any:
     given = model.values(section)
     known = {f.name: f for f in fields(kind)}
     unknown = sorted(set(given) - set(known))

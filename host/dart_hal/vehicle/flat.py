@@ -17,10 +17,10 @@ from numpy.typing import DTypeLike
 from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.namespace import Value
-from dart_hal.vehicle.parameters import Vehicle, limits_of
+from dart_hal.vehicle.parameters import Vehicle, scaled_bounds
 
-T = TypeVar("T")
-GROUPS = ("body", "friction", "motor", "steering", "delay", "tyres")
+Group = TypeVar("Group")
+PARAMETER_GROUPS = ("body", "friction", "motor", "steering", "delay", "tyres")
 
 
 def names(p: Vehicle) -> tuple[str, ...]:
@@ -30,7 +30,7 @@ def names(p: Vehicle) -> tuple[str, ...]:
 
 def values(p: Vehicle) -> dict[str, Any]:
     """All parameters by name, in the order of ``names``."""
-    parts = ((group, getattr(p, group)) for group in GROUPS)
+    parts = ((group, getattr(p, group)) for group in PARAMETER_GROUPS)
     out = {f"{group}.{key}": getattr(part, key) for group, part in parts
            for key in _parameters(part)}
     for applied in p.effects:
@@ -46,7 +46,7 @@ def shapes(p: Vehicle) -> set[tuple[int, ...]]:
 
 def value(p: Vehicle, name: str) -> Any:
     """The parameter of that name. Raises UsageError for an unknown one."""
-    group, key, applied = _find(p, name)
+    group, key, applied = _find_parameter(p, name)
     if applied is None:
         return getattr(getattr(p, group), key)
     return applied.values[_index(applied, key)]
@@ -54,7 +54,7 @@ def value(p: Vehicle, name: str) -> Any:
 
 def unit(p: Vehicle, name: str) -> str:
     """Unit of the parameter of that name."""
-    group, key, applied = _find(p, name)
+    group, key, applied = _find_parameter(p, name)
     if applied is None:
         return str(_metadata(p, group, key)["unit"])
     return applied.effect.parameters[_index(applied, key)].unit
@@ -62,10 +62,10 @@ def unit(p: Vehicle, name: str) -> str:
 
 def bounds(p: Vehicle, name: str) -> tuple[float, float]:
     """Interval in which the parameter must lie."""
-    group, key, applied = _find(p, name)
+    group, key, applied = _find_parameter(p, name)
     if applied is None:
         meta = _metadata(p, group, key)
-        return limits_of(meta, p.body.mass)
+        return scaled_bounds(meta, p.body.mass)
     parameter = applied.effect.parameters[_index(applied, key)]
     return parameter.low, parameter.high
 
@@ -79,17 +79,17 @@ def with_values(p: Vehicle, changed: Mapping[str, float]) -> Vehicle:
     changes: dict[str, dict[str, float]] = {}
     effects = {applied.name: applied for applied in p.effects}
     for name, number in changed.items():
-        group, key, applied = _find(p, name)
+        group, key, applied = _find_parameter(p, name)
         if applied is None:
             changes.setdefault(group, {})[key] = float(number)
         else:
-            effects[group] = applied_with(effects[group], {key: float(number)})
+            effects[group] = change_values(effects[group], {key: float(number)})
     groups: dict[str, Any] = {group: replace(getattr(p, group), **part)
                               for group, part in changes.items()}
     return replace(p, effects=tuple(effects.values()), **groups)
 
 
-def applied_with(applied: ActiveEffect, changed: Mapping[str, float]) -> ActiveEffect:
+def change_values(applied: ActiveEffect, changed: Mapping[str, float]) -> ActiveEffect:
     """An effect with some values changed. Raises ConfigError out of bounds."""
     numbers = list(applied.values)
     for key, number in changed.items():
@@ -105,7 +105,7 @@ def applied_with(applied: ActiveEffect, changed: Mapping[str, float]) -> ActiveE
     return ActiveEffect(applied.effect, tuple(numbers))
 
 
-def setter(p: Vehicle, names: Sequence[str]) -> Callable[[Sequence[float]], Vehicle]:
+def make_setter(p: Vehicle, names: Sequence[str]) -> Callable[[Sequence[float]], Vehicle]:
     """``with_values`` of the same parameters again and again, unchecked but for the body's.
 
     The numbers must be within ``bounds``. Raises UsageError for an unknown name.
@@ -113,7 +113,7 @@ def setter(p: Vehicle, names: Sequence[str]) -> Callable[[Sequence[float]], Vehi
     groups: dict[str, list[tuple[str, int]]] = {}
     inside: dict[str, list[tuple[int, int]]] = {}
     for i, name in enumerate(names):
-        group, key, applied = _find(p, name)
+        group, key, applied = _find_parameter(p, name)
         if applied is None:
             groups.setdefault(group, []).append((key, i))
         else:
@@ -128,10 +128,10 @@ def setter(p: Vehicle, names: Sequence[str]) -> Callable[[Sequence[float]], Vehi
         return ActiveEffect(applied.effect, tuple(own))
 
     def vehicle(numbers: Sequence[float]) -> Vehicle:
-        changes = {group: _clone(getattr(p, group), {key: numbers[i] for key, i in part})
+        changes = {group: _replace_fields(getattr(p, group), {key: numbers[i] for key, i in part})
                    for group, part in groups.items()}
         effects = tuple(changed(a, numbers) for a in p.effects) if inside else p.effects
-        return _clone(p, {**changes, "effects": effects})
+        return _replace_fields(p, {**changes, "effects": effects})
 
     return vehicle
 
@@ -139,16 +139,17 @@ def setter(p: Vehicle, names: Sequence[str]) -> Callable[[Sequence[float]], Vehi
 def bind(p: Vehicle, of: Callable[[str], Value]) -> Vehicle:
     """A clone whose parameters are ``of(name)``, unchecked: arrays or symbols."""
     changed = {group: {key: of(f"{group}.{key}") for key in _parameters(getattr(p, group))}
-               for group in GROUPS}
+               for group in PARAMETER_GROUPS}
     effects = tuple(ActiveEffect(a.effect, tuple(of(f"{a.name}.{parameter.name}")
                                             for parameter in a.effect.parameters))
                     for a in p.effects)
-    return replace(unchecked(p, changed), effects=effects)
+    return replace(replace_unchecked(p, changed), effects=effects)
 
 
-def unchecked(p: Vehicle, changes: Mapping[str, Mapping[str, Value]]) -> Vehicle:
+def replace_unchecked(p: Vehicle, changes: Mapping[str, Mapping[str, Value]]) -> Vehicle:
     """A clone with changed parameters, {group: {key: value}}, that may be arrays or symbols."""
-    return _clone(p, {group: _clone(getattr(p, group), part) for group, part in changes.items()})
+    return _replace_fields(p, {group: _replace_fields(getattr(p, group), part)
+                               for group, part in changes.items()})
 
 
 def stack(vehicles: Sequence[Vehicle], dtype: DTypeLike = np.float64) -> Vehicle:
@@ -178,9 +179,9 @@ def form(p: Vehicle) -> str:
     return ", ".join((p.kind, type(p.tyres).__name__, p.slip, *(a.name for a in p.effects)))
 
 
-def _find(p: Vehicle, name: str) -> tuple[str, str, ActiveEffect | None]:
+def _find_parameter(p: Vehicle, name: str) -> tuple[str, str, ActiveEffect | None]:
     group, _, key = name.partition(".")
-    if group in GROUPS and key in _parameters(getattr(p, group)):
+    if group in PARAMETER_GROUPS and key in _parameters(getattr(p, group)):
         return group, key, None
     for applied in p.effects:
         if applied.name == group and any(q.name == key for q in applied.effect.parameters):
@@ -188,7 +189,7 @@ def _find(p: Vehicle, name: str) -> tuple[str, str, ActiveEffect | None]:
     raise UsageError(f"no parameter is called {name!r}", expected=", ".join(names(p)))
 
 
-def _clone(old: T, changed: Mapping[str, Any]) -> T:
+def _replace_fields(old: Group, changed: Mapping[str, Any]) -> Group:
     """``dataclasses.replace`` without its checks, which cost as much as a short rollout."""
     new = object.__new__(type(old))
     for key in _fields(old):
@@ -197,15 +198,15 @@ def _clone(old: T, changed: Mapping[str, Any]) -> T:
 
 
 def _parameters(group: Any) -> tuple[str, ...]:
-    return _keys(group.__class__)[0]
+    return _field_names(group.__class__)[0]
 
 
 def _fields(group: Any) -> tuple[str, ...]:
-    return _keys(group.__class__)[1]
+    return _field_names(group.__class__)[1]
 
 
 @cache
-def _keys(group: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _field_names(group: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """(fields that are parameters, all fields): asked for thousands of times in a fit."""
     every = fields(group)
     return (tuple(f.name for f in every if "unit" in f.metadata), tuple(f.name for f in every))

@@ -1,4 +1,10 @@
-"""Rolling friction and drag of the whole drive train."""
+"""Rolling friction and drag of the whole drive train.
+
+    F(v) = -((a + brake) tanh(b v) + (c + q |v|) v)
+
+a: dry friction with a smooth sign of the speed, c: viscous friction, q: quadratic drag. a, b and c
+are those of the DART paper; q and brake are additions.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +17,17 @@ from dart_hal.vehicle.parameters import Friction
 
 
 def make_friction(p: Friction, xp: Any = math) -> Callable[..., Value]:
-    """``friction(v, brake=0) -> F`` [N], odd in v [m/s], against the motion.
+    """Return ``friction(v, brake=0) -> F`` [N], odd in v [m/s].
 
-    ``brake`` [N] adds to the dry friction a: both change sign with v alike.
+    ``brake`` [N] is added to the dry friction a and changes sign with v in the same way.
     """
     f = adapt(xp)
-    a, b, c, q = p.a, p.b, p.c, p.q
-    tanh, fabs = f.tanh, f.fabs
+    a = p.a
+    b = p.b
+    c = p.c
+    q = p.q
+    tanh = f.tanh
+    fabs = f.fabs
 
     def friction(v: Value, brake: Value = 0.0) -> Value:
         return -((a + brake) * tanh(b * v) + (c + q * fabs(v)) * v)

@@ -1,9 +1,16 @@
-"""Runge-Kutta of fourth order, unrolled, and Euler: no loop, no list in the inner step.
+"""Explicit Runge-Kutta of fourth, second and first order, unrolled: no loop or list in a step.
 
-Inputs of ``rates`` come as a tuple each for the start, the middle and the end
-of the step, so that what an actuator does meanwhile is integrated to the same
-order; held inputs are passed three times. Position does not act back on the
-motion, so it is only summed.
+With x' = f(x, u) and the inputs u_0, u_m, u_1 at the start, the middle and the end of a step dt:
+
+    RK4:       a = f(x, u_0),           b = f(x + a dt/2, u_m)
+               c = f(x + b dt/2, u_m),  d = f(x + c dt, u_1)
+               x + (a + 2 (b + c) + d) dt/6
+    midpoint:  x + f(x + f(x, u_0) dt/2, u_m) dt
+    Euler:     x + f(x, u_0) dt
+
+Inputs are tuples, so the response of the actuators is integrated to the same order; for constant
+inputs the same tuple is passed three times. Position does not act on the motion, so it is only
+summed.
 """
 
 from __future__ import annotations
@@ -13,13 +20,14 @@ from typing import Any
 
 from dart_hal.vehicle.namespace import Value
 
-RATES = {"rk4": 2.4, "midpoint": 1.6, "euler": 1.0}
-"""Per step: fastest relaxation of the lateral motion that a method integrates.
-
-A step multiplies a mode of rate r by 1 - z + z^2/2 - z^3/6 + z^4/24 (RK4, unstable above
-z = r dt = 2.785), 1 - z + z^2/2 (midpoint, above 2) or 1 - z (Euler, above 2). At these rates that
-is 0.56, 0.68 and 0, with a margin of 1.16 and more for forces that an effect makes stiffer; no
-mode changes its sign."""
+# Fastest relaxation rate r of the lateral motion that a method integrates, as z = r dt. One step
+# multiplies a mode by
+#     RK4:       1 - z + z^2/2 - z^3/6 + z^4/24     unstable above z = 2.785
+#     midpoint:  1 - z + z^2/2                      unstable above z = 2
+#     Euler:     1 - z                              unstable above z = 2
+# At these values the factors are 0.56, 0.68 and 0: no mode changes its sign, and the margin of at
+# least 1.16 is for forces that an effect makes stiffer.
+MAX_RELAXATION = {"rk4": 2.4, "midpoint": 1.6, "euler": 1.0}
 
 State6 = tuple[Value, Value, Value, Value, Value, Value]
 State4 = tuple[Value, Value, Value, Value]
@@ -27,7 +35,7 @@ Inputs = tuple[Value, ...]
 
 
 def make_dynamic_step(rates: Callable[..., Any]) -> Callable[..., State6]:
-    """``step(x, y, eta, v_x, v_y, omega, dt, start, middle, end) -> state`` after dt [s].
+    """Return ``step(x, y, eta, v_x, v_y, omega, dt, start, middle, end) -> state`` after dt [s].
 
     ``rates`` is that of ``bicycle.make_dynamic``; the last three are its inputs
     (k0, k1, brake, cos d, sin d).
@@ -35,7 +43,8 @@ def make_dynamic_step(rates: Callable[..., Any]) -> Callable[..., State6]:
 
     def step(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, dt: Value,
              start: Inputs, middle: Inputs, end: Inputs) -> State6:
-        h, s = 0.5 * dt, dt / 6.0
+        h = 0.5 * dt
+        s = dt / 6.0
         a0, a1, a2, a3, a4, a5 = rates(eta, vx, vy, om, *start)
         b0, b1, b2, b3, b4, b5 = rates(eta + h * a2, vx + h * a3, vy + h * a4, om + h * a5,
                                        *middle)
@@ -51,14 +60,15 @@ def make_dynamic_step(rates: Callable[..., Any]) -> Callable[..., State6]:
 
 
 def make_kinematic_step(rates: Callable[..., Any]) -> Callable[..., State4]:
-    """``step(x, y, eta, v, dt, start, middle, end) -> state`` after dt [s].
+    """Return ``step(x, y, eta, v, dt, start, middle, end) -> state`` after dt [s].
 
     ``rates`` is that of ``bicycle.make_kinematic``, inputs (k0, k1, brake, tan d).
     """
 
     def step(x: Value, y: Value, eta: Value, v: Value, dt: Value, start: Inputs, middle: Inputs,
              end: Inputs) -> State4:
-        h, s = 0.5 * dt, dt / 6.0
+        h = 0.5 * dt
+        s = dt / 6.0
         a0, a1, a2, a3 = rates(eta, v, *start)
         b0, b1, b2, b3 = rates(eta + h * a2, v + h * a3, *middle)
         c0, c1, c2, c3 = rates(eta + h * b2, v + h * b3, *middle)
@@ -70,7 +80,7 @@ def make_kinematic_step(rates: Callable[..., Any]) -> Callable[..., State4]:
 
 
 def make_dynamic_midpoint(rates: Callable[..., Any]) -> Callable[..., State6]:
-    """As ``make_dynamic_step``, second order: half the work, for steps as fine as commands are."""
+    """Return a step as ``make_dynamic_step`` does, of second order: half the evaluations."""
 
     def step(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, dt: Value,
              start: Inputs, middle: Inputs, end: Inputs) -> State6:
@@ -85,7 +95,7 @@ def make_dynamic_midpoint(rates: Callable[..., Any]) -> Callable[..., State6]:
 
 
 def make_kinematic_midpoint(rates: Callable[..., Any]) -> Callable[..., State4]:
-    """As ``make_kinematic_step``, second order."""
+    """Return a step as ``make_kinematic_step`` does, of second order."""
 
     def step(x: Value, y: Value, eta: Value, v: Value, dt: Value, start: Inputs, middle: Inputs,
              end: Inputs) -> State4:
@@ -98,7 +108,7 @@ def make_kinematic_midpoint(rates: Callable[..., Any]) -> Callable[..., State4]:
 
 
 def make_dynamic_euler(rates: Callable[..., Any]) -> Callable[..., State6]:
-    """As ``make_dynamic_step``, first order: four times cheaper, error in proportion to dt."""
+    """Return a step as ``make_dynamic_step`` does, of first order: one evaluation of the rates."""
 
     def step(x: Value, y: Value, eta: Value, vx: Value, vy: Value, om: Value, dt: Value,
              start: Inputs, middle: Inputs, end: Inputs) -> State6:
@@ -110,7 +120,7 @@ def make_dynamic_euler(rates: Callable[..., Any]) -> Callable[..., State6]:
 
 
 def make_kinematic_euler(rates: Callable[..., Any]) -> Callable[..., State4]:
-    """As ``make_kinematic_step``, first order."""
+    """Return a step as ``make_kinematic_step`` does, of first order."""
 
     def step(x: Value, y: Value, eta: Value, v: Value, dt: Value, start: Inputs, middle: Inputs,
              end: Inputs) -> State4:

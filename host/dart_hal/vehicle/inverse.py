@@ -1,4 +1,4 @@
-"""Wheel and tyre forces from the measured motion: the equations of motion turned round."""
+"""Wheel and tyre forces from the measured motion: the equations of motion, solved for forces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from dart_hal.vehicle.parameters import Vehicle
 
 
 def make_inverse_dynamics(p: Vehicle, xp: Any = math) -> Callable[..., tuple[Value, Value, Value]]:
-    """``forces(a_x, a_y, omega', delta) -> (F_w, F_yf, F_yr)`` [N].
+    """Return ``forces(a_x, a_y, omega', delta) -> (F_w, F_yf, F_yr)`` [N].
 
     a_x, a_y [m/s2]: acceleration of the centre of mass along the body axes
     (v_x' - omega v_y and v_y' + omega v_x), omega' [rad/s2], delta [rad].
@@ -22,22 +22,31 @@ def make_inverse_dynamics(p: Vehicle, xp: Any = math) -> Callable[..., tuple[Val
         [c_f sin d         cos d     1 ] [F_yf] = [m a_y   ]
         [l_f c_f sin d     l_f cos d -l_r] [F_yr]   [I omega']
 
-    with c_f, c_r the share of each axle in F_w; singular only where cos d =
-    -c_f / c_r, behind every stop. The paper divides by m and I_z on the right,
-    and takes half of m a_x for the front wheel's force, which forgets what the
-    turned front tyre takes from it.
+    with c_f, c_r the share of each axle in F_w. The matrix is singular only for cos d =
+    -c_f / c_r, beyond every steering stop. The paper divides by m and I_z on the right, and sets
+    the front wheel force to m a_x / 2, without the longitudinal part of the front tyre's lateral
+    force.
     """
     f = adapt(xp)
-    sin, cos = f.sin, f.cos
-    mass, inertia = p.body.mass, p.body.yaw_inertia
-    l_f, l_r, per_wheelbase = p.body.l_f, p.body.l_r, 1.0 / p.body.wheelbase
-    share_f, share_r = p.body.front_share, 1.0 - p.body.front_share
+    sin = f.sin
+    cos = f.cos
+    mass = p.body.mass
+    inertia = p.body.yaw_inertia
+    l_f = p.body.l_f
+    l_r = p.body.l_r
+    per_wheelbase = 1.0 / p.body.wheelbase
+    share_f = p.body.front_share
+    share_r = 1.0 - p.body.front_share
 
     def forces(ax: Value, ay: Value, om_dot: Value, delta: Value) -> tuple[Value, Value, Value]:
-        sd, cd = sin(delta), cos(delta)
-        forward, left, moment = mass * ax, mass * ay, inertia * om_dot
-        rear = (l_f * left - moment) * per_wheelbase
-        front = (l_r * left + moment) * per_wheelbase
+        sd = sin(delta)
+        cd = cos(delta)
+        forward = mass * ax
+        side = mass * ay
+        moment = inertia * om_dot
+        # lateral force of each axle in body axes, from the sums of forces and moments
+        rear = (l_f * side - moment) * per_wheelbase
+        front = (l_r * side + moment) * per_wheelbase
         per_det = 1.0 / (share_f + share_r * cd)
         return ((forward * cd + front * sd) * per_det,
                 ((share_f * cd + share_r) * front - share_f * sd * forward) * per_det, rear)

@@ -45,7 +45,7 @@ def force(unit: str, low: float, high: float, **options: Any) -> Any:
     return field(metadata={"unit": unit, "low": low, "high": high, "of_mass": True}, **options)
 
 
-def limits_of(meta: Any, mass: float) -> tuple[float, float]:
+def scaled_bounds(meta: Any, mass: float) -> tuple[float, float]:
     """Interval of a field by its metadata, for a car of that mass [kg]."""
     if "of_mass" not in meta:
         return float(meta["low"]), float(meta["high"])
@@ -56,7 +56,7 @@ def limits_of(meta: Any, mass: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class BoundedParameters:
     """Base of all parameter groups: every number finite and within its bounds."""
 
     def __post_init__(self) -> None:
@@ -76,7 +76,7 @@ class Checked:
 
 
 @dataclass(frozen=True, slots=True)
-class Body(Checked):
+class Body(BoundedParameters):
     """Geometry and inertia. ``front_share`` is the front axle's part of the wheel force."""
 
     wheelbase: float = quantity("m", 0.03, 5.0)
@@ -87,7 +87,7 @@ class Body(Checked):
     front_share: float = quantity("-", 0.0, 1.0, default=0.5)
 
     def __post_init__(self) -> None:
-        Checked.__post_init__(self)
+        BoundedParameters.__post_init__(self)
         if abs(self.l_f + self.l_r - self.wheelbase) > 1e-6:
             raise ConfigError("l_f + l_r is not the wheelbase",
                               found=f"{self.l_f} + {self.l_r} != {self.wheelbase} m")
@@ -117,7 +117,7 @@ class Body(Checked):
 
 
 @dataclass(frozen=True, slots=True)
-class Friction(Checked):
+class Friction(BoundedParameters):
     """F = -(a tanh(b v) + c v + q v |v|)."""
 
     a: float = force("N", 0.0, 20.0)
@@ -127,7 +127,7 @@ class Friction(Checked):
 
 
 @dataclass(frozen=True, slots=True)
-class Motor(Checked):
+class Motor(BoundedParameters):
     """F = (d - e v) T(tau) - reverse (d + e v) T(-tau); T = smooth max(0, tau + g)."""
 
     d: float = force("N", 0.0, 200.0)
@@ -137,7 +137,7 @@ class Motor(Checked):
 
 
 @dataclass(frozen=True, slots=True)
-class Steering(Checked):
+class Steering(BoundedParameters):
     """Steering map of the paper: amplitudes [rad] and gains, left and right."""
 
     k_left: float = quantity("-", 0.05, 10.0)
@@ -148,7 +148,7 @@ class Steering(Checked):
 
 
 @dataclass(frozen=True, slots=True)
-class Delay(Checked):
+class Delay(BoundedParameters):
     """Pure delays and first-order lags of the two command channels [s]."""
 
     steering_s: float = quantity("s", 0.0, 1.0, default=0.0)
@@ -158,7 +158,7 @@ class Delay(Checked):
 
 
 @dataclass(frozen=True, slots=True)
-class PaperTyres(Checked):
+class PaperTyres(BoundedParameters):
     """Front: four-parameter magic formula [N]; rear: linear, ends at ``rear_max``.
 
     The paper's rear tyre has no end; its data stop at 6.7 deg of slip. A car
@@ -174,7 +174,7 @@ class PaperTyres(Checked):
 
 
 @dataclass(frozen=True, slots=True)
-class AxleTyres(Checked):
+class AxleTyres(BoundedParameters):
     """Three-parameter magic formula of both axles; D is a coefficient of the axle load."""
 
     front_D: float = quantity("-", 0.05, 3.0)  # noqa: N815
@@ -185,8 +185,8 @@ class AxleTyres(Checked):
     rear_B: float = quantity("1/rad", 0.5, 200.0)  # noqa: N815
 
 
-KINDS = ("dynamic", "kinematic")
-SLIPS = ("all_speeds", "paper", "upstream")
+MODEL_KINDS = ("dynamic", "kinematic")
+SLIP_FORMS = ("all_speeds", "paper", "upstream")
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +210,8 @@ class Vehicle:
     effects: tuple[ActiveEffect, ...] = ()
 
     def __post_init__(self) -> None:
-        for name, value, known in (("kind", self.kind, KINDS), ("slip", self.slip, SLIPS)):
+        for name, value, known in (("kind", self.kind, MODEL_KINDS),
+                                   ("slip", self.slip, SLIP_FORMS)):
             if value not in known:
                 raise ConfigError(f"Vehicle.{name} = {value!r} is not known",
                                   found=repr(value), expected=" or ".join(known),

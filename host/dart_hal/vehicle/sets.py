@@ -21,13 +21,13 @@ PER_DEGREE = 180.0 / math.pi
 FOLDER = Path(__file__).parent / "published"
 
 
-def _published(name: str) -> Vehicle:
+def _load_published(name: str) -> Vehicle:
     return vehicle_from(load_model(FOLDER / f"{name}.toml"))
 
 
-PAPER = _published("paper")
-PAPER_PRINTED = _published("paper-printed")
-UPSTREAM_2024 = _published("upstream-2024")
+PAPER = _load_published("paper")
+PAPER_PRINTED = _load_published("paper-printed")
+UPSTREAM_2024 = _load_published("upstream-2024")
 SETS = {v.name: v for v in (PAPER, PAPER_PRINTED, UPSTREAM_2024)}
 
 

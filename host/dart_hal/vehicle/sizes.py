@@ -21,7 +21,7 @@ from dart_hal.vehicle.steering import make_steering
 
 SIZES = {"wheelbase": "m", "l_f": "m", "l_r": "m", "mass": "kg", "yaw_inertia": "kg m2"}
 """Entries of the section body that a car file gives, with their units."""
-SAME = 0.01
+MIN_SIZE_DIFFERENCE = 0.01
 """Relative; sizes that differ by less are the same car's, weighed or measured twice."""
 
 
@@ -36,7 +36,7 @@ def body_of(size: Geometry, base: Body = PAPER.body) -> Body:
                    mass=size.mass, yaw_inertia=inertia)
 
 
-def with_sizes(model: ModelFile, size: Geometry) -> ModelFile:
+def set_sizes(model: ModelFile, size: Geometry) -> ModelFile:
     """The model with the sizes of a car; entries with a standard error were measured and stay."""
     body = body_of(size)
     measured = {key for key, entry in model.body.items() if isinstance(entry, Quantity)}
@@ -46,7 +46,7 @@ def with_sizes(model: ModelFile, size: Geometry) -> ModelFile:
     return msgspec.structs.replace(model, body={**model.body, **changed})
 
 
-def with_lock(model: ModelFile, car: CarConfig) -> ModelFile:
+def scale_steering_lock(model: ModelFile, car: CarConfig) -> ModelFile:
     """The model with the steering lock of a car, where its car.toml states one: a start of a fit.
 
     Both amplitudes of the steering map are scaled so that the mean of the angles at full
@@ -63,7 +63,7 @@ def with_lock(model: ModelFile, car: CarConfig) -> ModelFile:
     return msgspec.structs.replace(model, steering={**model.steering, **scaled})
 
 
-def differing(model: ModelFile, size: Geometry) -> list[str]:
+def list_differences(model: ModelFile, size: Geometry) -> list[str]:
     """Sizes in which a model differs from a car by more than SAME, as sentences of one clause."""
     body = body_of(size)
     found = []
@@ -71,12 +71,12 @@ def differing(model: ModelFile, size: Geometry) -> list[str]:
         if key not in model.body or (key == "yaw_inertia" and size.yaw_inertia is None):
             continue
         here, there = plain(model.body[key]), getattr(body, key)
-        if abs(here - there) > SAME * abs(there):
+        if abs(here - there) > MIN_SIZE_DIFFERENCE * abs(there):
             found.append(f"{key} {here:.4g} {unit} and not {there:.4g}")
     return found
 
 
-def listed_sizes(model: ModelFile) -> str:
+def describe_sizes(model: ModelFile) -> str:
     """The sizes of a model in words."""
     return ", ".join(f"{key} {plain(model.body[key]):.4g} {unit}" for key, unit in SIZES.items()
                      if key in model.body)

@@ -1,4 +1,9 @@
-"""Steering map of the paper: command -1..1 (+1 full left) to road-wheel angle."""
+"""Steering map of the DART paper: command s, -1..1 (+1 full left), to road-wheel angle delta.
+
+    c     = s + s0
+    w     = (tanh(30 c) + 1) / 2                                   1: left, 0: right
+    delta = w a_left tanh(k_left c) + (1 - w) a_right tanh(k_right c)
+"""
 
 from __future__ import annotations
 
@@ -10,19 +15,22 @@ from dart_hal.core.errors import NotMonotone
 from dart_hal.vehicle.namespace import Value, adapt
 from dart_hal.vehicle.parameters import Steering
 
+# Steepness of the transition between the left and the right curve; it is 2 / 30 = 0.07 wide in s.
 BLEND = 30.0
-"""Steepness of the change between the left and the right curve (0.07 wide in s)."""
 
 
 def make_steering(p: Steering, xp: Any = math) -> Callable[[Value], Value]:
-    """``steering(s) -> delta`` [rad].
+    """Return ``steering(s) -> delta`` [rad].
 
-    Gains multiply the command and amplitudes the tanh; the paper prints two of
-    its five numbers under each other's name.
+    Gains multiply the command and amplitudes the tanh. The table of the paper has two of the five
+    numbers under swapped names.
     """
     tanh = adapt(xp).tanh
-    k_left, a_left, s0 = p.k_left, p.a_left_rad, p.s0
-    a_right, k_right = p.a_right_rad, p.k_right
+    k_left = p.k_left
+    a_left = p.a_left_rad
+    s0 = p.s0
+    a_right = p.a_right_rad
+    k_right = p.k_right
 
     def steering(s: Value) -> Value:
         c = s + s0
@@ -43,19 +51,21 @@ def check_monotone(p: Steering, n: int = 401) -> None:
 
 
 def make_steering_inverse(p: Steering) -> Callable[[float], float]:
-    """``command(delta) -> s`` for floats; angles beyond the stops give -1 or +1.
+    """Return ``command(delta) -> s`` for floats; angles beyond the stops give -1 or +1.
 
-    Bisection on the monotone map: exact to 1e-12 and free of a start value.
+    42 bisections of [-1, 1]: exact to 2 / 2^42 < 1e-12, without a start value.
     Raises NotMonotone when the map cannot be inverted.
     """
     check_monotone(p)
     curve = make_steering(p)
-    lowest, highest = curve(-1.0), curve(1.0)
+    lowest = curve(-1.0)
+    highest = curve(1.0)
 
     def command(delta: float) -> float:
         if delta <= lowest or delta >= highest:
             return -1.0 if delta <= lowest else 1.0
-        low, high = -1.0, 1.0
+        low = -1.0
+        high = 1.0
         for _ in range(42):
             middle = 0.5 * (low + high)
             low, high = (middle, high) if curve(middle) < delta else (low, middle)

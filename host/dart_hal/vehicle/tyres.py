@@ -1,6 +1,17 @@
 """Slip angles and lateral tyre forces.
 
-Slip angles are in rad and positive when the tyre force points to the left.
+Slip angles are in rad and positive when the tyre force points to the left:
+
+    alpha_f = delta - atan2(v_y + l_f omega, v_x)
+    alpha_r = -atan((v_y - l_r omega) / v_x)
+
+Tyre forces, with D the peak, B the stiffness, C the shape and E the curvature factor:
+
+    magic formula, 4 parameters: F_y = D sin(C atan(B alpha - E (B alpha - atan(B alpha))))
+    magic formula, 3 parameters: F_y = D F_z sin(C atan(B alpha)),  F_z: static load of the axle
+    linear:                      F_y = clip(C_r alpha, -rear_max, rear_max)
+
+Source: H. B. Pacejka, "Tire and Vehicle Dynamics"; forms and values of the DART paper.
 """
 
 from __future__ import annotations
@@ -11,7 +22,7 @@ from typing import Any
 
 from dart_hal.core.errors import UsageError
 from dart_hal.vehicle.namespace import Value, adapt
-from dart_hal.vehicle.parameters import SLIPS, AxleTyres, Body, PaperTyres
+from dart_hal.vehicle.parameters import SLIP_FORMS, AxleTyres, Body, PaperTyres
 
 Slip = Callable[[Value, Value, Value, Value, Value], tuple[Value, Value]]
 Force = Callable[[Value], Value]
@@ -19,25 +30,26 @@ Force = Callable[[Value], Value]
 
 def make_slip(body: Body, xp: Any = math, form: str = "all_speeds",
               least: Value | None = None) -> Slip:
-    """``slip(v_x, v_y, omega, cos d, sin d) -> (alpha_f, alpha_r)`` [rad].
+    """Return ``slip(v_x, v_y, omega, cos d, sin d) -> (alpha_f, alpha_r)`` [rad].
 
     form: "all_speeds" (the paper's, made valid at rest and in reverse),
     "upstream" (that of the later set, likewise; its regularisation reaches up
     to 1 m/s and belongs to its tyre values), "paper" (as published, v_x > 0
-    only). least [m/s]: smallest divisor, see ``least_divisor``; None: as the
+    only). least [m/s]: smallest divisor, see ``min_slip_divisor``; None: as the
     form has it. Raises UsageError for another form.
     """
     f = adapt(xp)
+    # amount [m/s] and decay [s2/m2] of the regularisation, see _make_regularised_slip
     if form == "all_speeds":
-        return _regularised(body, f, 0.1, 100.0, least)
+        return _make_regularised_slip(body, f, 0.1, 100.0, least)
     if form == "upstream":
-        return _regularised(body, f, 1.0, 3.0, least)
+        return _make_regularised_slip(body, f, 1.0, 3.0, least)
     if form == "paper":
-        return _paper(body, f, least)
-    raise UsageError(f"no slip angles of form {form!r}", expected=", ".join(SLIPS))
+        return _make_paper_slip(body, f, least)
+    raise UsageError(f"no slip angles of form {form!r}", expected=", ".join(SLIP_FORMS))
 
 
-def least_divisor(p: PaperTyres | AxleTyres, body: Body, xp: Any, max_rate: Value) -> Value:
+def min_slip_divisor(p: PaperTyres | AxleTyres, body: Body, xp: Any, max_rate: Value) -> Value:
     """Compute the divisor of the slip angles [m/s] at which slip relaxes at ``max_rate`` [1/s].
 
     At rest of the steering, [v_y, omega] relax at the eigenvalues of
@@ -56,9 +68,9 @@ def least_divisor(p: PaperTyres | AxleTyres, body: Body, xp: Any, max_rate: Valu
     across = (front + rear) / body.mass
     turning = (body.l_f * body.l_f * front + body.l_r * body.l_r * rear) / body.yaw_inertia
     coupling = body.l_f * front - body.l_r * rear
-    apart = across - turning
+    difference = across - turning
     coupled = 4.0 * coupling * coupling / (body.mass * body.yaw_inertia)
-    return 0.5 * (across + turning + f.sqrt(apart * apart + coupled)) / max_rate
+    return 0.5 * (across + turning + f.sqrt(difference * difference + coupled)) / max_rate
 
 
 def cornering_stiffness(p: PaperTyres | AxleTyres, body: Body, xp: Any = math
@@ -76,18 +88,26 @@ def cornering_stiffness(p: PaperTyres | AxleTyres, body: Body, xp: Any = math
     return p.front_D * p.front_C * p.front_B * steeper, p.rear_cornering_stiffness
 
 
-def _regularised(body: Body, f: Any, amount: float, decay: float,
+def _make_regularised_slip(body: Body, f: Any, amount: float, decay: float,
                  least: Value | None) -> Slip:
     """Slip angles that are odd in time and zero at rest.
 
-    The paper adds its regularisation to the velocity itself, so that a standing
-    car with turned wheels has slip and begins to rotate. Here it only keeps the
-    divisor away from zero: |v| + amount exp(-decay v^2). With 0.1, 100 they
-    equal the paper's above 0.3 m/s to 1e-4 rad; with 1, 3 upstream's wherever
-    the wheels roll forward, exactly.
+    The paper adds its regularisation to the velocity itself, so that a car at rest with turned
+    wheels has slip and begins to rotate. Here only the divisor is kept away from zero:
+
+        alpha_f = atan2(v_x sin d - b cos d, |v_w| + amount exp(-decay v_w^2))
+        alpha_r = atan2(l_r omega - v_y,     |v_x| + amount exp(-decay v_x^2))
+
+    with b = v_y + l_f omega and v_w = v_x cos d + b sin d, the speed along the front wheel. With
+    0.1, 100 they equal the paper's above 0.3 m/s to 1e-4 rad; with 1, 3 they equal upstream's
+    exactly wherever the wheels roll forward.
     """
-    l_f, l_r = body.l_f, body.l_r
-    atan2, exp, fabs, fmax = f.atan2, f.exp, f.fabs, f.fmax
+    l_f = body.l_f
+    l_r = body.l_r
+    atan2 = f.atan2
+    exp = f.exp
+    fabs = f.fabs
+    fmax = f.fmax
 
     def slip(vx: Value, vy: Value, om: Value, cd: Value, sd: Value) -> tuple[Value, Value]:
         b = vy + l_f * om
@@ -102,9 +122,14 @@ def _regularised(body: Body, f: Any, amount: float, decay: float,
     return slip
 
 
-def _paper(body: Body, f: Any, least: Value | None) -> Slip:
-    l_f, l_r = body.l_f, body.l_r
-    atan, atan2, exp, fmax = f.atan, f.atan2, f.exp, f.fmax
+def _make_paper_slip(body: Body, f: Any, least: Value | None) -> Slip:
+    """Slip angles as published: v_x + 0.1 exp(-100 v_x^2) in place of v_x; for v_x > 0."""
+    l_f = body.l_f
+    l_r = body.l_r
+    atan = f.atan
+    atan2 = f.atan2
+    exp = f.exp
+    fmax = f.fmax
 
     def slip(vx: Value, vy: Value, om: Value, cd: Value, sd: Value) -> tuple[Value, Value]:
         v = vx + 0.1 * exp(-100.0 * vx * vx)
@@ -119,15 +144,19 @@ def _paper(body: Body, f: Any, least: Value | None) -> Slip:
 
 
 def make_tyres(p: PaperTyres | AxleTyres, body: Body, xp: Any = math) -> tuple[Force, Force]:
-    """``(front, rear)``: lateral force [N] of each axle from its slip angle [rad]."""
+    """Return ``(front, rear)``: lateral force [N] of each axle from its slip angle [rad]."""
     if isinstance(p, AxleTyres):
-        return _axle(p, body, adapt(xp))
-    return _paper_front(p, adapt(xp)), _paper_rear(p, adapt(xp))
+        return _make_axle_tyres(p, body, adapt(xp))
+    return _make_paper_front(p, adapt(xp)), _make_paper_rear(p, adapt(xp))
 
 
-def _paper_front(p: PaperTyres, f: Any) -> Force:
-    d, c, b, e = p.front_D, p.front_C, p.front_B, p.front_E
-    sin, atan = f.sin, f.atan
+def _make_paper_front(p: PaperTyres, f: Any) -> Force:
+    d = p.front_D
+    c = p.front_C
+    b = p.front_B
+    e = p.front_E
+    sin = f.sin
+    atan = f.atan
 
     def front(alpha: Value) -> Value:
         x = b * alpha
@@ -136,24 +165,31 @@ def _paper_front(p: PaperTyres, f: Any) -> Force:
     return front
 
 
-def _paper_rear(p: PaperTyres, f: Any) -> Force:
-    stiffness, limit = p.rear_cornering_stiffness, p.rear_max
-    fmin, fmax = f.fmin, f.fmax
+def _make_paper_rear(p: PaperTyres, f: Any) -> Force:
+    stiffness = p.rear_cornering_stiffness
+    limit = p.rear_max
+    fmin = f.fmin
+    fmax = f.fmax
 
     def linear(alpha: Value) -> Value:
         return stiffness * alpha
 
-    def capped(alpha: Value) -> Value:
+    def clip_force(alpha: Value) -> Value:
         return fmax(-limit, fmin(limit, stiffness * alpha))
 
-    # an array or a symbol is not the float inf: it gets the cap
-    return linear if isinstance(limit, float) and math.isinf(limit) else capped
+    # Arrays and symbols always have the limit, whatever their values.
+    return linear if isinstance(limit, float) and math.isinf(limit) else clip_force
 
 
-def _axle(p: AxleTyres, body: Body, f: Any) -> tuple[Force, Force]:
-    sin, atan = f.sin, f.atan
-    peak_f, c_f, b_f = p.front_D * body.front_load, p.front_C, p.front_B
-    peak_r, c_r, b_r = p.rear_D * body.rear_load, p.rear_C, p.rear_B
+def _make_axle_tyres(p: AxleTyres, body: Body, f: Any) -> tuple[Force, Force]:
+    sin = f.sin
+    atan = f.atan
+    peak_f = p.front_D * body.front_load
+    c_f = p.front_C
+    b_f = p.front_B
+    peak_r = p.rear_D * body.rear_load
+    c_r = p.rear_C
+    b_r = p.rear_B
 
     def front(alpha: Value) -> Value:
         return peak_f * sin(c_f * atan(b_f * alpha))

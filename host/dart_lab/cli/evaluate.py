@@ -17,7 +17,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import new_figure
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.recording.fetch import find
-from dart_hal.vehicle.file import left_out
+from dart_hal.vehicle.file import missing_parameters
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.evaluation import Evaluation, evaluate, kinematic
@@ -64,7 +64,7 @@ def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
     found = tuple(find(files))
     model = model or default_model(found)
     file, vehicle = named_model(model, found)
-    assumed = left_out(file, vehicle)
+    assumed = missing_parameters(file, vehicle)
     if assumed:
         show_notices((f"{model} does not say {', '.join(assumed)}: the paper's values stand in",))
     car = load_named_car(car_name, cars)

@@ -23,7 +23,7 @@ from dart_hal.core.config import save_model
 from dart_hal.core.process import jobs
 from dart_hal.core.url import Url
 from dart_hal.vehicle.effect import ActiveEffect
-from dart_hal.vehicle.effects import apply, parse
+from dart_hal.vehicle.effects import apply, parse_effects
 from dart_hal.vehicle.file import model_of
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
@@ -98,7 +98,7 @@ def choose_hidden_effects(url: Url, seed: int) -> tuple[str, tuple[ActiveEffect,
     if not given:
         rng = np.random.default_rng([seed, 2])
         given = ",".join(_draw_effect(rng, table) for table in (MISSING_EFFECTS, WRONG_PARAMETERS))
-    return _format_url(url, {**url.options, "effect": given}), parse(given)
+    return _format_url(url, {**url.options, "effect": given}), parse_effects(given)
 
 
 def _draw_effect(rng: np.random.Generator, table: Mapping[str, tuple[float, float, bool]]) -> str:

@@ -19,7 +19,7 @@ import numpy as np
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.vehicle.compose import settled, signals
+from dart_hal.vehicle.compose import apply_parameter_effects, signals
 from dart_hal.vehicle.effect import Effect
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.evaluation.cases import Case, Prepared, prepare
@@ -121,7 +121,7 @@ def compute_case_differences(p: Vehicle, cases: Sequence[Case], l_r: float) -> F
     l_r: as in ``compute_case_errors``.
     """
     cases = correct_poses(p, cases, l_r)
-    return predict(settled(p), cases) - measured(cases)
+    return predict(apply_parameter_effects(p), cases) - measured(cases)
 
 
 def correct_poses(p: Vehicle, cases: Sequence[Case], l_r: float) -> Sequence[Case]:

@@ -14,7 +14,7 @@ from dart_hal.car.runs import read_run
 from dart_hal.compat import load_moved_name
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.dart import RUN, Recording
-from dart_hal.vehicle.effects import catalogue, effect
+from dart_hal.vehicle.effects import catalogue, find_effect
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.report.numbers import some
 
@@ -41,8 +41,9 @@ def select_effects(only: Sequence[str], exclude: Sequence[str]) -> tuple[str, ..
 
     Errors: UsageError for an unknown effect, with the nearest ones, and when none remains.
     """
-    requested = [effect(name).name for name in only] or list(catalogue())
-    selected = tuple(name for name in requested if name not in {effect(e).name for e in exclude})
+    requested = [find_effect(name).name for name in only] or list(catalogue())
+    excluded = {find_effect(name).name for name in exclude}
+    selected = tuple(name for name in requested if name not in excluded)
     if not selected:
         raise UsageError("no effect is left to look for", found="--only without --exclude is empty",
                          expected="at least one effect of the catalogue",

@@ -14,7 +14,7 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.evaluation.prediction import CHANNELS
 from dart_lab.identification.prediction import rollout
@@ -64,7 +64,8 @@ def _window(test: RecordingSet, models: Mapping[str, Vehicle], chosen_by: str, k
     for name, p in models.items():
         freed, = correct_poses(p, [case], test.evidence.l_r)
         one = [(freed.grid, np.array([start]))]
-        predicted = rollout.predict(settled(p), one, [int(k) for k in samples[1:]])[:, :2, 0].T
+        states = rollout.predict(apply_parameter_effects(p), one, [int(k) for k in samples[1:]])
+        predicted = states[:, :2, 0].T
         first = rollout.measured(one, (0,))[0, :2]
         paths[name] = _from_start(np.concatenate([first, predicted], axis=1), origin)
     return PathWindow(kind, chosen_by, error, int(ends[-1]), case.file,

@@ -11,7 +11,7 @@ from dart_hal.core.config import ModelFile, Quantity
 from dart_hal.core.errors import UsageError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.evaluation.cases import prepare as prepare_cases
@@ -70,7 +70,7 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
                          expected="a predictor estimates all parameters again, effects and "
                                   "numbers together",
                          remedy="leave out --no-refit, or leave out --out-predictor")
-    l_r = settled(vehicle).body.l_r
+    l_r = apply_parameter_effects(vehicle).body.l_r
     known = standard_errors(model) if refit else {}
     files: dict[str, dict[str, Any]] = {}
     sets = [_make_recording_set(role, recordings, l_r, reference, policy.evidence, files)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import textwrap
 
-from dart_hal.vehicle.effect import STAGES, Effect, Parameter
-from dart_hal.vehicle.effects import equation, own_effects, place
+from dart_hal.vehicle.effect import EFFECT_STAGES, Effect, Parameter
+from dart_hal.vehicle.effects import equation_text, order_key, own_effects
 
 HEAD = """# Effects
 
@@ -40,9 +40,9 @@ STAGE_TEXT = {
 
 def render_effects() -> str:
     """Markdown page of the catalogue, by stage and in the order in which effects act."""
-    effects = sorted(own_effects().values(), key=place)
+    effects = sorted(own_effects().values(), key=order_key)
     parts = [HEAD]
-    for stage in STAGES:
+    for stage in EFFECT_STAGES:
         mine = [e for e in effects if e.stage == stage]
         parts.append(f"## {stage.capitalize()}\n\n{STAGE_TEXT[stage]}\n\n"
                      + " · ".join(f"[{e.name}](#{e.name})" for e in mine) + "\n")
@@ -61,7 +61,7 @@ def section(of: Effect) -> str:
 {said}
 
 ```text
-{equation(of)}
+{equation_text(of)}
 ```
 
 | parameter | meaning | unit | null | from | to | physical | sizes |

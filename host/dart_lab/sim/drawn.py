@@ -8,7 +8,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.url import URLS, Url
 from dart_hal.vehicle import PAPER, Body
 from dart_hal.vehicle.effect import ActiveEffect
-from dart_hal.vehicle.effects import extended, parse
+from dart_hal.vehicle.effects import add_effects, parse_effects
 from dart_hal.vehicle.load import find_model
 from dart_lab.sim.hidden import HiddenCar, hidden_car
 from dart_lab.sim.true_car import only_mocap, with_effects, with_vehicle
@@ -58,13 +58,13 @@ def _physics(url: Url, usual: str) -> tuple[str, tuple[str, ...]]:
 
 def _effects(url: Url, of_file: tuple[ActiveEffect, ...]) -> tuple[ActiveEffect, ...]:
     """Those of the option ``effect`` with those of the file, in the order in which they act."""
-    given = parse(url.options.get("effect", ""))
+    given = parse_effects(url.options.get("effect", ""))
     every = [a.name for a in (*given, *of_file)]
     twice = sorted({name for name in every if every.count(name) > 1})
     if twice:
         raise UsageError(f"{', '.join(twice)} is given twice", found=url.text,
                          expected="every effect once, in the URL or in the file of the vehicle")
-    return extended(replace(PAPER, effects=of_file), given).effects
+    return add_effects(replace(PAPER, effects=of_file), given).effects
 
 
 def _seed(url: Url) -> int:

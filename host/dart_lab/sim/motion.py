@@ -15,12 +15,12 @@ from dart_hal.vehicle import (
     make_kinematic_step,
     make_motor_gains,
 )
-from dart_hal.vehicle.integrate import RATES
+from dart_hal.vehicle.integrate import MAX_RELAXATION
 
 
 def _dynamic(p: Vehicle, dt: float) -> Callable[..., Any]:
     """A step over one tick: x, y, eta, v_x, v_y, omega; inputs k0, k1, brake, cos d, sin d."""
-    step = make_dynamic_step(make_dynamic(p, SCALAR, max_rate=RATES["rk4"] / dt))
+    step = make_dynamic_step(make_dynamic(p, SCALAR, max_rate=MAX_RELAXATION["rk4"] / dt))
     return lambda *a: step(*a[:6], dt, a[6:], a[6:], a[6:])
 
 

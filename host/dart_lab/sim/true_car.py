@@ -14,10 +14,10 @@ from dataclasses import replace
 
 from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import Delay, Vehicle
-from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import ActiveEffect, Late
-from dart_hal.vehicle.effects import extended
-from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.compose import apply_parameter_effects
+from dart_hal.vehicle.effect import ActiveEffect, PureDelay
+from dart_hal.vehicle.effects import add_effects
+from dart_hal.vehicle.flat import replace_unchecked
 from dart_lab.sim.hidden import HiddenCar
 from dart_lab.sim.imu import Vector
 from dart_lab.sim.ring import twice_round, worn_ring
@@ -54,8 +54,8 @@ def with_effects(car: HiddenCar, effects: tuple[ActiveEffect, ...], model: str) 
     base = replace(car.vehicle, delay=Delay(), effects=())
     for a in acting:
         _refuse(base, a, model)
-    named = extended(base, acting)
-    p = settled(named)
+    named = add_effects(base, acting)
+    p = apply_parameter_effects(named)
     by_name = {a.name: a.values for a in named.effects}
     d, clock = p.delay, by_name.get("pwm_clock", (0.0,))[0]
     car = replace(
@@ -96,7 +96,7 @@ def _refuse(base: Vehicle, a: ActiveEffect, model: str) -> None:
                          found=a.name, expected="an effect on the car or on its own sensors",
                          remedy="the light simulation has a motion capture: dart_lab.sim.light, "
                                 "docs/how_to/learning.md")
-    early = [s for s in signals.values() if isinstance(s, Late) and s.seconds(*a.values) < 0.0]
+    early = [s for s in signals.values() if isinstance(s, PureDelay) and s.seconds(*a.values) < 0.0]
     if early:
         raise UsageError(f"{a.name} of {a.values[0]} s would need the future",
                          found=f"{a.values[0]} s", expected="0 s or more in a running car",
@@ -114,5 +114,5 @@ def _acts_without_slip(base: Vehicle, a: ActiveEffect) -> bool:
         return True
     after = a.effect.vehicle(base, *a.values)
     # it turns as its wheels say, whatever its inertia of yaw
-    after = unchecked(after, {"body": {"yaw_inertia": base.body.yaw_inertia}})
+    after = replace_unchecked(after, {"body": {"yaw_inertia": base.body.yaw_inertia}})
     return any(getattr(base, group) != getattr(after, group) for group in MOVES)

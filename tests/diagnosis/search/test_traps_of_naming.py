@@ -52,7 +52,7 @@ def test_a_standing_car_reads_the_same_a_little_later(monkeypatch, name):
     late = apply(PAPER, name, k=0.013)
     as_it_is = rest_residuals(standing, PAPER, has_mocap=True)
     assert np.array_equal(rest_residuals(standing, late, has_mocap=True), as_it_is, equal_nan=True)
-    monkeypatch.setattr(readings, "late_last", lambda p, channel: (p, 0.0))
+    monkeypatch.setattr(readings, "split_final_delay", lambda p, channel: (p, 0.0))
     assert np.nanmax(np.abs(rest_residuals(standing, late, has_mocap=True) - as_it_is)) > 0.0
 
 

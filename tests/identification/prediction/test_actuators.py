@@ -10,7 +10,7 @@ import pytest
 
 from dart_hal.core.errors import UsageError
 from dart_hal.vehicle.delay import first_order_lag, low_pass
-from dart_hal.vehicle.effect import ActiveEffect, Effect, Late, Parameter, Stateful, Static
+from dart_hal.vehicle.effect import ActiveEffect, Effect, Parameter, PureDelay, Stateful, Static
 from dart_hal.vehicle.effects import apply, catalogue
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 from dart_hal.vehicle.steering import make_steering
@@ -123,7 +123,7 @@ def test_effects_on_commands_enter_where_they_say(empty):
     got = actuated(carrying(PAPER, 0.02, signals={"steering": offset}), g)
     s = delay_command(g.steering, PAPER.delay.steering_s)
     assert np.allclose(got[1], make_steering(PAPER.steering, np)(s + 0.02), atol=1e-12)
-    late = Late(lambda k: k)
+    late = PureDelay(lambda k: k)
     assert np.array_equal(actuated(carrying(PAPER, 0.05, signals={"angle": late}), g)[1],
                           delay_command(angle, 0.05))
 

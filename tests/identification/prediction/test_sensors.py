@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from dart_hal.vehicle.effect import ActiveEffect
-from dart_hal.vehicle.effects import effect
+from dart_hal.vehicle.effects import find_effect
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.parameters import GEAR_REVOLUTION
@@ -25,7 +25,7 @@ CIRCLE = np.stack([SPEED / RATE * np.sin(RATE * T), SPEED / RATE * (1 - np.cos(R
 
 
 def carrying(name, *values):
-    return replace(PAPER, effects=(ActiveEffect(effect(name), values),))
+    return replace(PAPER, effects=(ActiveEffect(find_effect(name), values),))
 
 
 def test_on_a_circle_the_accelerometer_feels_v_omega_and_the_gear_turns():

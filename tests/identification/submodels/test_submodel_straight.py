@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.calibration.sessions import sessions_of
 from dart_hal.vehicle import PAPER
-from dart_hal.vehicle.fitting.covariance import wider
+from dart_hal.vehicle.fitting.covariance import enclosing_covariance
 from dart_lab.identification.fit import Estimate
 from dart_lab.identification.submodels import fit_submodels
 from dart_lab.identification.submodels.coasting import driven, fit_coasting
@@ -162,10 +162,10 @@ def test_a_session_ends_with_an_hour_of_rest(workshop, steps, lively):
 def test_the_wider_of_two_covariances_is_narrower_than_neither():
     rng = np.random.default_rng(12)
     first, second = (m @ m.T for m in rng.normal(size=(2, 3, 3)))
-    out = wider(first, second)
+    out = enclosing_covariance(first, second)
     for other in (first, second):
         assert np.linalg.eigvalsh(out - other).min() > -1e-9
-    assert wider(first, 0.1 * first) == pytest.approx(first)
+    assert enclosing_covariance(first, 0.1 * first) == pytest.approx(first)
 
 
 @pytest.mark.slow

@@ -8,8 +8,8 @@ import numpy as np
 
 from dart_hal.vehicle import PAPER, UPSTREAM_2024, make_friction, make_motor_gains, make_steering
 from dart_hal.vehicle.bicycle import make_dynamic
-from dart_hal.vehicle.channels import through
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.channels import transform_signal
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.step import make_car_step
@@ -35,15 +35,15 @@ def late(series, seconds):
 
 def drive(p):
     """{channel: series} of the standard drive: what commands, motion and sensors become."""
-    q = settled(p)
+    q = apply_parameter_effects(p)
     t, throttle, steering = commands()
     clock = Now(t=t)
-    tau = through(q, "throttle", late(throttle, q.delay.throttle_s), clock, DT)
-    s = through(q, "steering", late(steering, q.delay.steering_s), clock, DT)
+    tau = transform_signal(q, "throttle", late(throttle, q.delay.throttle_s), clock, DT)
+    s = transform_signal(q, "steering", late(steering, q.delay.steering_s), clock, DT)
     # the linkage is behind the servo: its change of the angle as a change of the command
     curve = make_steering(q.steering)
     angle = np.array([curve(v) for v in s.tolist()])
-    moved = through(q, "angle", angle, clock, DT) - angle
+    moved = transform_signal(q, "angle", angle, clock, DT) - angle
     slope = 0.5 * (q.steering.a_left_rad * q.steering.k_left
                    + q.steering.a_right_rad * q.steering.k_right)
     step = make_car_step(q, math, DT)
@@ -65,7 +65,7 @@ def sensed(q, states, t):
     now = Now(t, vx, vy, om, eta, a_x, a_y, rates[5],
               k0 - k1 * vx + make_friction(q.friction, np)(vx), np.cumsum(vx) * DT / PER_TURN)
     true = {"wheel": vx, "gyro": om, "accel": (a_x, a_y), "pose": (x, y, eta)}
-    out = {name: through(q, name, series, now, DT) for name, series in true.items()}
+    out = {name: transform_signal(q, name, series, now, DT) for name, series in true.items()}
     return {"v_x": vx, "v_y": vy, "omega": om, "wheel": out["wheel"], "gyro": out["gyro"],
             "a_x": out["accel"][0], "a_y": out["accel"][1], "x": out["pose"][0],
             "y": out["pose"][1], "yaw": out["pose"][2], "throttle": tau, "angle": delta}

@@ -6,19 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from dart_hal.vehicle.channels import Stepper, through
-from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import CHANNELS, Forces, Late, Now
-from dart_hal.vehicle.effects import applied, catalogue, extended
+from dart_hal.vehicle.channels import Stepper, transform_signal
+from dart_hal.vehicle.compose import apply_parameter_effects
+from dart_hal.vehicle.effect import SIGNAL_CHANNELS, Forces, Now, PureDelay
+from dart_hal.vehicle.effects import activate, add_effects, catalogue
 from dart_hal.vehicle.flat import bind, names, stack, value, values
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.namespace import ARRAY, SCALAR, adapt
 from dart_hal.vehicle.native.build import Variant, compile_kernel
-from dart_hal.vehicle.native.call import aligned, call
+from dart_hal.vehicle.native.call import align_coefficients, call
 from dart_hal.vehicle.native.emit import body, source
-from dart_hal.vehicle.native.library import _function
-from dart_hal.vehicle.native.model import computed, record
+from dart_hal.vehicle.native.library import _load_function
+from dart_hal.vehicle.native.model import evaluate_coefficients, record
 from dart_hal.vehicle.native.trace import Graph, evaluate
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.tyres import make_tyres
@@ -38,7 +38,7 @@ def kind_of(law):
     """Return which hook of the effect the law is about: force, signals or vehicle."""
     if set(law.state) <= set(Forces._fields) and set(law.expected) <= set(Forces._fields):
         return "force"
-    series = set(law.expected) <= set(CHANNELS) & set(law.state)
+    series = set(law.expected) <= set(SIGNAL_CHANNELS) & set(law.state)
     return "signals" if series else "vehicle"
 
 
@@ -72,13 +72,13 @@ def expected_forces(law):
 
 
 def evaluate_forces(of, law):
-    hook = of.force(CARS[law.car], SCALAR, *applied(of, law.values).values)
+    hook = of.force(CARS[law.car], SCALAR, *activate(of, law.values).values)
     return hook(Forces(**(FORCES | law.state)))._asdict()
 
 
 def evaluate_forces_together(of, laws):
     """Evaluate the laws of one car as one batch: values and states are arrays (n,)."""
-    cars = stack([extended(CARS[law.car], (applied(of, law.values),)) for law in laws])
+    cars = stack([add_effects(CARS[law.car], (activate(of, law.values),)) for law in laws])
     rows = {k: np.array([(FORCES | law.state)[k] for law in laws]) for k in Forces._fields}
     hook = of.force(cars, ARRAY, *cars.effects[0].values)
     out = [np.broadcast_to(v, len(laws)) for v in hook(Forces(**rows))]
@@ -88,7 +88,7 @@ def evaluate_forces_together(of, laws):
 def evaluate_forces_of_symbols(of, law):
     """Evaluate the graph of the equation, in which parameters and state are symbols."""
     graph = Graph()
-    car = extended(CARS[law.car], (applied(of, law.values),))
+    car = add_effects(CARS[law.car], (activate(of, law.values),))
     symbols = bind(car, graph.symbol)
     hook = of.force(symbols, graph.namespace(), *symbols.effects[0].values)
     out = [v if hasattr(v, "index") else graph.constant(v)
@@ -101,7 +101,7 @@ def evaluate_forces_of_symbols(of, law):
 def evaluate_forces_of_casadi(of, law, casadi):
     """Evaluate the equation over casadi's symbols; also return its slope at the state and at 0."""
     x = casadi.SX.sym("x", len(Forces._fields))
-    hook = of.force(CARS[law.car], adapt(casadi), *applied(of, law.values).values)
+    hook = of.force(CARS[law.car], adapt(casadi), *activate(of, law.values).values)
     out = casadi.vertcat(*hook(Forces(*casadi.vertsplit(x))))
     state = [(FORCES | law.state)[k] for k in Forces._fields]
     at_rest = [1.0 if k == "cos_d" else 0.0 for k in Forces._fields]
@@ -116,7 +116,7 @@ def evaluate_forces_compiled(effects, laws, folder):
 
     In each lane the effects of other laws are at their null. Returns the fields by name, per lane.
     """
-    cars = [extended(CARS[law.car], [applied(of, law.values if of.name == law.effect else {})
+    cars = [add_effects(CARS[law.car], [activate(of, law.values if of.name == law.effect else {})
                                      for of in effects]) for law in laws]
 
     def make(symbol, f):
@@ -136,7 +136,8 @@ def evaluate_forces_compiled(effects, laws, folder):
     numbers = {name: value(lanes, name) for name in names(lanes)}
     start = np.array([[(FORCES | law.state)[k] for law in laws] for k in Forces._fields])
     unused = np.zeros((1, len(laws)))
-    out = call(_function(path, "laws"), aligned(computed(traced, numbers, len(laws)), np.float64),
+    h = align_coefficients(evaluate_coefficients(traced, numbers, len(laws)), np.float64)
+    out = call(_load_function(path, "laws"), h,
                start, unused, unused, [1], 1)[0]
     return [dict(zip(Forces._fields, column, strict=True)) for column in out.T]
 
@@ -158,9 +159,9 @@ def _length(series):
 
 
 def evaluate_series(of, law):
-    p = extended(CARS[law.car], (applied(of, law.values),))
+    p = add_effects(CARS[law.car], (activate(of, law.values),))
     series = {c: _series(law, c) for c in law.expected}
-    return {c: through(p, c, s, _now(law, _length(s)), DT) for c, s in series.items()}
+    return {c: transform_signal(p, c, s, _now(law, _length(s)), DT) for c, s in series.items()}
 
 
 def evaluate_series_in_lanes(of, law):
@@ -170,11 +171,12 @@ def evaluate_series_in_lanes(of, law):
     """
     car = CARS[law.car]
     heavier = replace(car, body=replace(car.body, mass=car.body.mass + 0.5))
-    both = stack([extended(car, (applied(of, law.values),)), extended(heavier, (applied(of, {}),))])
+    both = stack([add_effects(car, (activate(of, law.values),)),
+                  add_effects(heavier, (activate(of, {}),))])
     results, changes = {}, [0.0]
     for channel in law.expected:
         series = _series(law, channel)
-        out = np.array(through(both, channel, series, _now(law, _length(series)), DT))
+        out = np.array(transform_signal(both, channel, series, _now(law, _length(series)), DT))
         results[channel] = out[..., 0]
         changes.append(np.abs(out[..., 1] - np.array(series)).max())
     return results, max(changes)
@@ -182,11 +184,11 @@ def evaluate_series_in_lanes(of, law):
 
 def evaluate_step_by_step(of, law):
     """Evaluate one sample after the other, as a simulator does; {} where it needs the future."""
-    p = extended(CARS[law.car], (applied(of, law.values),))
+    p = add_effects(CARS[law.car], (activate(of, law.values),))
     results = {}
     for channel in law.expected:
         hook = of.signals[channel]
-        if isinstance(hook, Late) and hook.seconds(*applied(of, law.values).values) < 0.0:
+        if isinstance(hook, PureDelay) and hook.seconds(*activate(of, law.values).values) < 0.0:
             return {}
         series = _series(law, channel)
         now = _now(law, _length(series))
@@ -216,21 +218,22 @@ def _quantities(p, f, law, convert):
 
 
 def evaluate_parameters(of, law):
-    p = settled(extended(CARS[law.car], (applied(of, law.values),)))
+    p = apply_parameter_effects(add_effects(CARS[law.car], (activate(of, law.values),)))
     return _quantities(p, SCALAR, law, float)
 
 
 def evaluate_parameters_in_lanes(of, law):
     """Evaluate two cars in one batch; the second has the values of the null."""
-    p = settled(stack([extended(CARS[law.car], (applied(of, v),)) for v in (law.values, {})]))
+    p = apply_parameter_effects(stack([add_effects(CARS[law.car], (activate(of, v),))
+                                       for v in (law.values, {})]))
     results = _quantities(p, ARRAY, law, np.asarray)
     return {k: np.broadcast_to(v, 2)[0] for k, v in results.items()}
 
 
 def evaluate_parameters_of_symbols(of, law):
     graph = Graph()
-    car = extended(CARS[law.car], (applied(of, law.values),))
-    symbols = settled(bind(car, graph.symbol))
+    car = add_effects(CARS[law.car], (activate(of, law.values),))
+    symbols = apply_parameter_effects(bind(car, graph.symbol))
     results = _quantities(symbols, graph.namespace(), law, graph.constant)
     numbers = {k: min(v, 1e30) for k, v in values(car).items()}
     return dict(zip(results, evaluate(graph, tuple(v.index for v in results.values()), numbers,

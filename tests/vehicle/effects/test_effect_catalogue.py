@@ -13,8 +13,15 @@ import pytest
 
 from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.vehicle import PAPER, effects
-from dart_hal.vehicle.effect import CHANNELS, STAGES, Late
-from dart_hal.vehicle.effects import apply, catalogue, effect, extended, own_effects, parse
+from dart_hal.vehicle.effect import EFFECT_STAGES, SIGNAL_CHANNELS, PureDelay
+from dart_hal.vehicle.effects import (
+    add_effects,
+    apply,
+    catalogue,
+    find_effect,
+    own_effects,
+    parse_effects,
+)
 from dart_hal.vehicle.flat import names, stack, value, with_values
 from dart_lab.pages.effect_page import render_effects
 
@@ -48,7 +55,7 @@ def test_an_effect_is_documented(of):
     module = import_module(f"dart_hal.vehicle.effects.{of.name}")
     assert module.EFFECT is of, "a file bears the name of its effect"
     assert len(inspect.getdoc(module).splitlines()) >= 3, "the equation is in the docstring"
-    assert of.stage in STAGES
+    assert of.stage in EFFECT_STAGES
     assert of.title[0].islower(), "it completes 'the car ...'"
     assert not of.title.endswith(".")
     for text in (of.physics, of.experiment):
@@ -60,7 +67,7 @@ def test_an_effect_is_documented(of):
         assert parameter.meaning, "a report says what the parameter is"
         assert not parameter.meaning.endswith(".")
     assert of.vehicle or of.force or of.signals
-    assert set(of.signals) <= set(CHANNELS)
+    assert set(of.signals) <= set(SIGNAL_CHANNELS)
 
 
 def test_the_page_is_that_of_the_files():
@@ -99,7 +106,7 @@ def test_what_cannot_be_negative_is_not(name):
 
 def test_unknown_names_are_answered_with_near_ones():
     with pytest.raises(UsageError) as caught:
-        effect("stering_lag")
+        find_effect("stering_lag")
     assert "steering_lag" in caught.value.remedy
     with pytest.raises(UsageError, match="no parameter 'seconds'"):
         apply(PAPER, "steering_lag", seconds=0.1)
@@ -113,25 +120,25 @@ def test_an_effect_is_there_once_and_can_be_replaced():
 
 
 def test_the_order_of_naming_does_not_matter():
-    some = parse("gyro_latency:0.02,clock_offset:0.01,gyro_scale:0.03,yaw_damping:0.01")
-    cars = {extended(PAPER, order).effects for order in permutations(some)}
+    some = parse_effects("gyro_latency:0.02,clock_offset:0.01,gyro_scale:0.03,yaw_damping:0.01")
+    cars = {add_effects(PAPER, order).effects for order in permutations(some)}
     assert len(cars) == 1
     assert [a.name for a in cars.pop()] == ["yaw_damping", "gyro_scale", "clock_offset",
                                             "gyro_latency"]
 
 
 def test_stages_come_in_the_order_of_the_car():
-    p = extended(PAPER, parse(",".join(f"{n}:{e.parameters[0].sizes[1]}"
+    p = add_effects(PAPER, parse_effects(",".join(f"{n}:{e.parameters[0].sizes[1]}"
                                        for n, e in catalogue().items())))
-    stages = [STAGES.index(a.effect.stage) for a in p.effects]
+    stages = [EFFECT_STAGES.index(a.effect.stage) for a in p.effects]
     assert stages == sorted(stages)
-    late = [any(isinstance(s, Late) for s in a.effect.signals.values()) for a in p.effects]
+    late = [any(isinstance(s, PureDelay) for s in a.effect.signals.values()) for a in p.effects]
     assert late == sorted(late), "what comes late is late after everything else"
 
 
 def test_text_gives_effects():
-    assert parse("") == ()
-    a, b, c = parse("steering_lag:0.06, mocap_offset_x:k=0.003,encoder_ring:0.1:phase=0.2")
+    assert parse_effects("") == ()
+    a, b, c = parse_effects("steering_lag:0.06, mocap_offset_x:k=0.003,encoder_ring:0.1:phase=0.2")
     assert (a.name, a.values) == ("steering_lag", (0.06,))
     assert (b.name, b.values) == ("mocap_offset_x", (0.003,))
     assert (c.name, c.values) == ("encoder_ring", (0.1, 0.0, 0.2))
@@ -142,7 +149,7 @@ def test_text_gives_effects():
                                   "steering_lag:T=0.1"])
 def test_text_that_says_nothing_is_refused(text):
     with pytest.raises(UsageError):
-        parse(text)
+        parse_effects(text)
 
 
 def test_effects_are_parameters_of_a_stack():

@@ -18,12 +18,12 @@ from dart_hal.vehicle import (
     stack,
 )
 from dart_hal.vehicle.batch import car_rollout
-from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effects import applied, apply, catalogue, effect, extended
+from dart_hal.vehicle.compose import apply_parameter_effects
+from dart_hal.vehicle.effects import activate, add_effects, apply, catalogue, find_effect
 from dart_hal.vehicle.flat import names, value
 from dart_hal.vehicle.namespace import SCALAR
 from dart_hal.vehicle.native.build import compiler
-from dart_hal.vehicle.native.model import DT as STEP
+from dart_hal.vehicle.native.model import DT_SYMBOL as STEP
 from dart_hal.vehicle.native.model import form_of, trace
 from dart_hal.vehicle.native.trace import evaluate
 from tests.vehicle.effects.effect_drive import CARS, DT, medium
@@ -37,7 +37,7 @@ def states(n=6, seed=1):
 
 
 def car_with_all(p, size=0):
-    return extended(p, (applied(e, medium(e, size)) for e in catalogue().values()))
+    return add_effects(p, (activate(e, medium(e, size)) for e in catalogue().values()))
 
 
 @pytest.mark.parametrize("car", CARS)
@@ -66,7 +66,7 @@ def test_symbols_move_a_car_with_all_effects_alike():
 
 def test_casadi_has_the_rates_of_a_car_with_all_effects_and_their_slope():
     casadi = pytest.importorskip("casadi")
-    p = settled(car_with_all(PAPER))
+    p = apply_parameter_effects(car_with_all(PAPER))
     held = (3.0, 0.8, 0.0, math.cos(0.2), math.sin(0.2))
     x = casadi.SX.sym("x", 4)
     rates = casadi.Function("rates", [x], [casadi.vertcat(*make_dynamic(p, casadi)(
@@ -94,8 +94,8 @@ def test_the_compiled_kernel_has_every_effect():
 
 
 def test_rollouts_with_actuators_have_them_too():
-    p = extended(PAPER, [applied(effect("steering_lag"), {"k": 0.1}),
-                         applied(effect("yaw_damping"), {"k": 0.02})])
+    p = add_effects(PAPER, [activate(find_effect("steering_lag"), {"k": 0.1}),
+                         activate(find_effect("yaw_damping"), {"k": 0.02})])
     start = np.zeros((8, 1))
     start[3] = 1.5
     commands = np.full((30, 1), 0.3), np.full((30, 1), 0.5)
@@ -109,8 +109,8 @@ def test_rollouts_with_actuators_have_them_too():
 
 def test_accelerations_have_effects_of_both_kinds():
     x = (1.5, 0.05, 1.0, 0.3, 0.2)
-    p = extended(PAPER, [applied(effect("yaw_damping"), {"k": 0.02}),
-                         applied(effect("yaw_inertia"), {"k": 0.5})])
+    p = add_effects(PAPER, [activate(find_effect("yaw_damping"), {"k": 0.02}),
+                         activate(find_effect("yaw_inertia"), {"k": 0.5})])
     bare, got = make_acceleration(PAPER)(*x), make_acceleration(p)(*x)
     moment = PAPER.body.yaw_inertia * bare[2] - 0.02 * x[2]
     assert got[2] == pytest.approx(moment / (1.5 * PAPER.body.yaw_inertia), rel=1e-12)

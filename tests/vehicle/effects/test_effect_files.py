@@ -8,7 +8,7 @@ import pytest
 from dart_hal.core.config import EffectEntry, Quantity, dump, parse_model
 from dart_hal.core.errors import ConfigError
 from dart_hal.vehicle import PAPER
-from dart_hal.vehicle.effects import applied, apply, catalogue, extended, parse
+from dart_hal.vehicle.effects import activate, add_effects, apply, catalogue, parse_effects
 from dart_hal.vehicle.load import find_model, model_of, vehicle_of
 from tests.vehicle.effects.effect_drive import medium
 
@@ -23,7 +23,7 @@ parameters = { k = { value = 0.1, std = 0.02 } }
 
 
 def test_every_effect_survives_the_file():
-    p = extended(PAPER, (applied(e, medium(e)) for e in catalogue().values()))
+    p = add_effects(PAPER, (activate(e, medium(e)) for e in catalogue().values()))
     assert vehicle_of(parse_model(dump(model_of(p)), "model.toml")) == p
 
 
@@ -31,7 +31,7 @@ def test_a_file_with_effects_is_a_vehicle_with_effects(tmp_path):
     path = tmp_path / "model.toml"
     path.write_text(dump(model_of(PAPER)) + TEXT, encoding="utf-8")
     model, p = find_model(path)
-    assert p == extended(PAPER, parse("quadratic_drag:0.1,gyro_latency:0.03"))
+    assert p == add_effects(PAPER, parse_effects("quadratic_drag:0.1,gyro_latency:0.03"))
     assert model.effects[1].parameters["k"] == Quantity(0.1, 0.02)
 
 
@@ -40,7 +40,7 @@ def test_standard_errors_stay_with_the_numbers_they_belong_to():
         model_of(PAPER), friction={"a": Quantity(PAPER.friction.a, 0.02), "b": Quantity(9.0, 1.0)},
         effects=(EffectEntry("quadratic_drag", {"k": Quantity(0.1, 0.02)}),
                  EffectEntry("grip", {"k": Quantity(0.1, 0.03)})))
-    p = apply(extended(PAPER, parse("quadratic_drag:0.1,grip:0.2")), "mass", k=0.1)
+    p = apply(add_effects(PAPER, parse_effects("quadratic_drag:0.1,grip:0.2")), "mass", k=0.1)
     new = model_of(p, old)
     assert new.friction["a"] == Quantity(PAPER.friction.a, 0.02)
     assert new.friction["b"] == PAPER.friction.b, "another number: its error is not known"

@@ -11,10 +11,18 @@ import pytest
 
 from dart_hal.vehicle import PAPER, make_car_step
 from dart_hal.vehicle.bicycle import make_dynamic
-from dart_hal.vehicle.channels import through
-from dart_hal.vehicle.compose import settled
-from dart_hal.vehicle.effect import CHANNELS, ActiveEffect, Effect, Forces, Now, Parameter, Static
-from dart_hal.vehicle.effects import applied, apply, catalogue, effect, extended
+from dart_hal.vehicle.channels import transform_signal
+from dart_hal.vehicle.compose import apply_parameter_effects
+from dart_hal.vehicle.effect import (
+    SIGNAL_CHANNELS,
+    ActiveEffect,
+    Effect,
+    Forces,
+    Now,
+    Parameter,
+    Static,
+)
+from dart_hal.vehicle.effects import activate, add_effects, apply, catalogue, find_effect
 from dart_hal.vehicle.flat import names, value
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.tyres import make_slip, make_tyres
@@ -49,11 +57,11 @@ def stays_neutral(p, with_effect):
     """Whether motion, signals and parameters are those of p, to the last bit."""
     x = states()
     motion = np.array_equal(make_car_step(p, np, DT)(*x), make_car_step(with_effect, np, DT)(*x))
-    same = all(value(settled(with_effect), n) == value(p, n) for n in names(p))
+    same = all(value(apply_parameter_effects(with_effect), n) == value(p, n) for n in names(p))
     signals = True
-    for channel in CHANNELS:
+    for channel in SIGNAL_CHANNELS:
         given, now = series(channel)
-        signals &= np.array_equal(through(with_effect, channel, given, now, DT), given)
+        signals &= np.array_equal(transform_signal(with_effect, channel, given, now, DT), given)
     return motion, signals, same
 
 
@@ -110,7 +118,7 @@ CHANGES = {
 @EVERY
 def test_at_medium_size_it_shows_in_ten_seconds(name, base_drive):
     channel, least = CHANGES[name]
-    of = effect(name)
+    of = find_effect(name)
     changed = drive(apply(PAPER, name, **medium(of)))
 
     def apart(c):
@@ -123,8 +131,8 @@ def test_at_medium_size_it_shows_in_ten_seconds(name, base_drive):
 
 @pytest.mark.slow
 def test_all_at_once_is_still_a_car(base_drive):
-    one = extended(PAPER, (applied(e, medium(e, 0)) for e in catalogue().values()))
-    other = extended(PAPER, (applied(e, medium(e, 0)) for e in reversed(catalogue().values())))
+    one = add_effects(PAPER, (activate(e, medium(e, 0)) for e in catalogue().values()))
+    other = add_effects(PAPER, (activate(e, medium(e, 0)) for e in reversed(catalogue().values())))
     got, same = drive(one), drive(other)
     for channel, signal in got.items():
         assert np.isfinite(signal).all()
@@ -137,15 +145,16 @@ def test_all_at_once_is_still_a_car(base_drive):
 def test_any_two_compose_in_any_order(car):
     """Finite, equal whichever was named first, and equal to the one alone where the other is 0."""
     x, p = states()[:, :8], CARS[car]
-    some = {n: applied(e, medium(e)) for n, e in catalogue().items()}
+    some = {n: activate(e, medium(e)) for n, e in catalogue().items()}
     for a, b in combinations(NAMES, 2):
-        both = extended(p, (some[a], some[b]))
-        assert both == extended(p, (some[b], some[a]))
+        both = add_effects(p, (some[a], some[b]))
+        assert both == add_effects(p, (some[b], some[a]))
         if {some[a].effect.stage, some[b].effect.stage} != {"measurement"}:
             assert np.isfinite(make_car_step(both, np, DT)(*x)).all(), f"{a} and {b}"
         for channel in {*some[a].effect.signals} & {*some[b].effect.signals}:
             given, now = series(channel)
-            assert np.isfinite(through(both, channel, given, now, DT)).all(), f"{a} and {b}"
+            changed = transform_signal(both, channel, given, now, DT)
+            assert np.isfinite(changed).all(), f"{a} and {b}"
 
 
 # laws of single effects
@@ -154,7 +163,7 @@ def forces(p, *state):
     """(v_x', v_y', omega') of the effects of p alone, at a state (eta, v_x, v_y, omega, delta)."""
     eta, vx, vy, om, delta = state
     held = (0.0, 0.0, 0.0, math.cos(delta), math.sin(delta))
-    with_them, without = (make_dynamic(settled(q), math)(eta, vx, vy, om, *held)
+    with_them, without = (make_dynamic(apply_parameter_effects(q), math)(eta, vx, vy, om, *held)
                           for q in (p, replace(p, effects=())))
     return [a - b for a, b in zip(with_them[3:], without[3:], strict=True)]
 
@@ -162,7 +171,7 @@ def forces(p, *state):
 @pytest.mark.parametrize("name", ["rolling_resistance", "quadratic_drag", "cornering_drag",
                                   "differential_drag", "yaw_damping"])
 def test_what_resists_takes_energy_forwards_and_in_reverse(name):
-    p = apply(PAPER, name, **medium(effect(name), 2))
+    p = apply(PAPER, name, **medium(find_effect(name), 2))
     for v, (om, delta) in product((2.0, 0.05, -1.5), ((1.5, 0.3), (-1.5, -0.3), (0.7, -0.2))):
         ax, ay, alpha = forces(p, 0.3, v, 0.1, om, delta)
         power = PAPER.body.mass * (ax * v + ay * 0.1) + PAPER.body.yaw_inertia * alpha * om
@@ -174,7 +183,7 @@ def test_what_resists_takes_energy_forwards_and_in_reverse(name):
 def test_a_car_at_rest_without_commands_stays_at_rest(name):
     """Only a slope, and what shifts the zero of a command, moves it."""
     p = apply(replace(PAPER, steering=replace(PAPER.steering, s0=0.0)), name,
-              **medium(effect(name), 2))
+              **medium(find_effect(name), 2))
     step, state = make_car_step(p, math, 0.0025), (0.0,) * 8    # tyres at rest are stiff
     for _ in range(200):
         state = step(*state, 0.0, 0.0)
@@ -217,7 +226,7 @@ def test_compliance_in_reverse_adds_slip_and_no_more_than_it_says(car):
     alpha = make_slip(p.body, np, p.slip)(vx, vy, om, cd, sd)[0]
     q = Forces(0.0, vx, vy, om, cd, sd, alpha, alpha, 0.0, 0.0,
                make_tyres(p.tyres, p.body, np)[0](alpha), 0.0, 0.0, 0.0, 0.0)
-    got = effect("steering_compliance").force(p, ARRAY, 0.03)(q).alpha_f
+    got = find_effect("steering_compliance").force(p, ARRAY, 0.03)(q).alpha_f
     ratio = got / alpha
     forwards = vx * cd + (vy + p.body.l_f * om) * sd
     assert (ratio > 0.0).all()

@@ -11,16 +11,23 @@ from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Grid
 from dart_hal.recording.dart.reference import SEP_24
 from dart_hal.vehicle import PAPER, make_motor, make_steering, stack
-from dart_hal.vehicle.channels import Stepper, through
+from dart_hal.vehicle.channels import Stepper, transform_signal
 from dart_hal.vehicle.delay import delay_series, first_order_lag
-from dart_hal.vehicle.effect import CHANNELS, Now
-from dart_hal.vehicle.effects import applied, apply, catalogue, effect, extended, parse
+from dart_hal.vehicle.effect import SIGNAL_CHANNELS, Now
+from dart_hal.vehicle.effects import (
+    activate,
+    add_effects,
+    apply,
+    catalogue,
+    find_effect,
+    parse_effects,
+)
 from dart_lab.identification.prediction.actuators import actuated
 from tests.vehicle.effects.effect_drive import DT, NAMES, PER_TURN, commands, medium, noise
 
 WITH_SIGNALS = [(n, c) for n in NAMES for c in catalogue()[n].signals]
 TWO = {c: ",".join(f"{n}:{catalogue()[n].parameters[0].sizes[1]}" for n, of in WITH_SIGNALS
-                   if of == c) for c in CHANNELS}
+                   if of == c) for c in SIGNAL_CHANNELS}
 """All effects of a channel at once, as text."""
 
 
@@ -37,11 +44,11 @@ def stepped(p, channel, signal, now):
 @pytest.mark.parametrize("name", ["steering_backlash", "steering_rate_limit"])
 def test_tick_by_tick_gives_the_series_where_the_signal_stands_still(name):
     """It is not asked again until it moves, and not before the state has come to rest."""
-    (channel,) = effect(name).signals
-    p = apply(PAPER, name, **medium(effect(name)))
+    (channel,) = find_effect(name).signals
+    p = apply(PAPER, name, **medium(find_effect(name)))
     signal = np.repeat([0.0, 0.3, 0.3, -0.2, -0.21, 0.4], [5, 40, 1, 60, 2, 1])
     now = Now(*[np.zeros(len(signal))] * len(Now._fields))
-    got = through(p, channel, signal, now, DT)
+    got = transform_signal(p, channel, signal, now, DT)
     assert (got == stepped(p, channel, signal, now)).all()
     assert len(np.unique(got)) > 4
 
@@ -55,37 +62,38 @@ def test_a_rate_limit_that_has_caught_up_follows_what_is_slow(k, lag):
     signal[400:800] += 0.002 * rng.standard_normal(400)
     p = apply(PAPER, "steering_rate_limit", k=k)
     now = Now(*[np.zeros(len(signal))] * len(Now._fields))
-    got = through(p, "steering", signal, now, DT)
+    got = transform_signal(p, "steering", signal, now, DT)
     assert (got == stepped(p, "steering", signal, now)).all()
     assert (np.abs(got - signal).max() > 0.1) == (k > 0.0)
 
 
-@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize("channel", SIGNAL_CHANNELS)
 def test_tick_by_tick_gives_the_series_through_all_of_them(channel):
-    p = extended(PAPER, parse(TWO[channel]))
+    p = add_effects(PAPER, parse_effects(TWO[channel]))
     signal, now = noise(channel)
-    expected = np.array(through(p, channel, signal, now, DT))
+    expected = np.array(transform_signal(p, channel, signal, now, DT))
     assert np.abs(stepped(p, channel, signal, now) - expected).max() < 1e-12
     assert np.abs(expected - np.array(signal)).max() > 1e-3
 
 
-@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize("channel", SIGNAL_CHANNELS)
 def test_lanes_are_cars_of_their_own(channel):
     """Values per lane, a series (n,) or (n, lanes): each lane as if alone."""
-    some = [effect(n) for n, c in WITH_SIGNALS if c == channel]
-    cars = [extended(PAPER, (applied(of, values) for of, values in zip(some, sizes, strict=True)))
+    some = [find_effect(n) for n, c in WITH_SIGNALS if c == channel]
+    cars = [add_effects(PAPER, (activate(of, values)
+                                for of, values in zip(some, sizes, strict=True)))
             for sizes in ([{}] * len(some), [medium(of, 0) for of in some],
                           [medium(of, 2) for of in some])]
     together = stack(cars)
     for lanes in ((), (3,)):
         signal, now = noise(channel, lanes=lanes)
-        got = np.array(through(together, channel, signal, now, DT))
+        got = np.array(transform_signal(together, channel, signal, now, DT))
         for i, p in enumerate(cars):
             def lane(rows, i=i):
                 return rows[..., i] if np.ndim(rows) == 2 else rows
 
             mine = tuple(map(lane, signal)) if isinstance(signal, tuple) else lane(signal)
-            alone = through(p, channel, mine, Now(*map(lane, now)), DT)
+            alone = transform_signal(p, channel, mine, Now(*map(lane, now)), DT)
             assert np.abs(got[..., i] - np.array(alone)).max() < 1e-12
 
 
@@ -93,7 +101,7 @@ def test_without_effects_the_very_same_arrays_come_back():
     u = np.arange(5.0)
     p = apply(PAPER, "gyro_bias", k=0.1)
     for car in (PAPER, p):
-        assert through(car, "wheel", u, Now(), DT) is u
+        assert transform_signal(car, "wheel", u, Now(), DT) is u
         assert not Stepper(car, "wheel", DT).active
         assert Stepper(car, "wheel", DT)(u, Now()) is u
     assert Stepper(p, "gyro", DT).active
@@ -110,16 +118,16 @@ def test_a_delay_is_one_between_samples_too(seconds):
 def test_early_is_for_recordings_alone():
     p = apply(PAPER, "clock_offset", k=-0.015)
     t = np.arange(100) * DT
-    assert through(p, "gyro", 2.0 * t, Now(), DT) == pytest.approx(
+    assert transform_signal(p, "gyro", 2.0 * t, Now(), DT) == pytest.approx(
         np.minimum(2.0 * (t + 0.015), 2.0 * t[-1]), abs=1e-12)
     with pytest.raises(UsageError, match="future"):
         Stepper(p, "gyro", DT)
-    assert np.array_equal(through(p, "pose", (t, t, t), Now(), DT), (t, t, t))
+    assert np.array_equal(transform_signal(p, "pose", (t, t, t), Now(), DT), (t, t, t))
 
 
 def test_play_is_a_loop_of_its_width():
     u = 0.2 * np.sin(np.linspace(0.0, 6.0 * math.pi, 3001))
-    got = through(apply(PAPER, "steering_backlash", k=0.06), "angle", u, Now(), DT)
+    got = transform_signal(apply(PAPER, "steering_backlash", k=0.06), "angle", u, Now(), DT)
     settled = slice(1000, None)
     assert np.abs(got - u)[settled].max() == pytest.approx(0.03, abs=1e-12)
     up = np.diff(u, prepend=u[0]) > 0
@@ -130,7 +138,7 @@ def test_play_is_a_loop_of_its_width():
 
 def test_a_rate_limit_takes_its_time_per_unit_of_command():
     u = np.where(np.arange(200) < 10, -0.4, 0.4)
-    got = through(apply(PAPER, "steering_rate_limit", k=0.5), "steering", u, Now(), DT)
+    got = transform_signal(apply(PAPER, "steering_rate_limit", k=0.5), "steering", u, Now(), DT)
     assert np.abs(np.diff(got)).max() == pytest.approx(DT / 0.5, rel=1e-9)
     assert got[9 + 40] == pytest.approx(0.4)
     assert got[9 + 38] < 0.37
@@ -141,7 +149,8 @@ def test_the_battery_scales_the_force_of_the_motor():
     force = make_motor(PAPER.motor)
     p = apply(PAPER, "battery_fade", k=-0.15)
     for tau in (0.2, 0.4, -0.4):
-        late = float(through(p, "throttle", np.array([tau]), Now(t=np.array([80.0])), DT)[0])
+        now = Now(t=np.array([80.0]))
+        late = float(transform_signal(p, "throttle", np.array([tau]), now, DT)[0])
         assert force(late, 1.0) == pytest.approx((1.0 - 0.15 * 0.8) * force(tau, 1.0), rel=1e-3)
     assert force(0.0, 1.0) == pytest.approx(0.0, abs=1e-9)
 
@@ -149,7 +158,7 @@ def test_the_battery_scales_the_force_of_the_motor():
 def test_pulses_are_whole_counts_cut_off():
     u = np.linspace(-1.0, 1.0, 20011)
     p = apply(PAPER, "pwm_quantisation", k=0.013)
-    s, tau = (through(p, c, u, Now(), DT) for c in ("steering", "throttle"))
+    s, tau = (transform_signal(p, c, u, Now(), DT) for c in ("steering", "throttle"))
     for got, count in ((s, 0.013), (tau, 0.013 * 375.0 / 450.0)):
         assert np.abs(got / count - np.rint(got / count)).max() < 1e-9
         assert (u - got).min() >= -1e-12
@@ -174,7 +183,7 @@ def test_a_ring_without_a_mark_reads_as_counting_says(v):
     marks = (np.arange(200) + 0.5) / 200.0
     want, turns = ring_of(marks[20:], 200, v)
     p = apply(PAPER, "encoder_ring", missing=0.1)
-    got = through(p, "wheel", np.full(len(turns), v), Now(turns=turns), 0.1)
+    got = transform_signal(p, "wheel", np.full(len(turns), v), Now(turns=turns), 0.1)
     quantum = PER_TURN / 200.0 / 0.1
     assert np.abs(got - want).max() < 1.01 * quantum
     assert np.mean(got) == pytest.approx(0.9 * v, rel=0.02)
@@ -188,16 +197,16 @@ def test_marks_off_centre_ripple_with_the_turn():
                       fine + 0.2 * np.sin(2.0 * math.pi * fine) / (2.0 * math.pi), fine)
     want, turns = ring_of(marks, 400, 0.17)
     p = apply(PAPER, "encoder_ring", uneven=0.2)
-    got = through(p, "wheel", np.full(len(turns), 0.17), Now(turns=turns), 0.1)
+    got = transform_signal(p, "wheel", np.full(len(turns), 0.17), Now(turns=turns), 0.1)
     assert np.abs(got - want).max() < 1.01 * PER_TURN / 400.0 / 0.1
-    turned = through(apply(PAPER, "encoder_ring", uneven=0.2, phase=0.5), "wheel",
+    turned = transform_signal(apply(PAPER, "encoder_ring", uneven=0.2, phase=0.5), "wheel",
                      np.full(len(turns), 0.17), Now(turns=turns), 0.1)
     assert turned - 0.17 == pytest.approx(0.17 - got, abs=1e-9), "half a turn: the other way"
 
 
 def test_slip_goes_with_the_force_over_the_mass():
     p = apply(apply(PAPER, "encoder_slip", k=0.02), "mass", k=0.5)
-    got = through(p, "wheel", np.array([2.0, 2.0]), Now(drive=np.array([3.34, -3.34])), DT)
+    got = transform_signal(p, "wheel", np.array([2.0, 2.0]), Now(drive=np.array([3.34, -3.34])), DT)
     assert got == pytest.approx([2.0 * (1.0 + 0.04 / 1.5), 2.0 * (1.0 - 0.04 / 1.5)])
 
 
@@ -208,7 +217,8 @@ def test_slip_goes_with_the_force_over_the_mass():
 def test_a_turned_imu_sees_force_along_its_own_axes(text, axes):
     """Specific force of the car (a_x, a_y, g) on axes rotated about y, x and z of the body."""
     felt = np.array([1.3, -0.7, 9.81])
-    got = through(extended(PAPER, parse(text)), "accel", (felt[:1], felt[1:2]), Now(), DT)
+    got = transform_signal(add_effects(PAPER, parse_effects(text)), "accel",
+                           (felt[:1], felt[1:2]), Now(), DT)
     assert [float(v[0]) for v in got] == pytest.approx([float(felt @ np.array(a)) for a in axes])
 
 
@@ -225,15 +235,15 @@ def test_an_imu_feels_the_motion_of_its_own_place(name, ahead, left):
                      np.cos(yaw) * world[1] - np.sin(yaw) * world[0]])
     omega = 0.8 + 1.2 * np.cos(2.0 * t)
     still = np.zeros(len(t))
-    got = through(apply(PAPER, name, k=ahead + left), "accel", (still, still),
+    got = transform_signal(apply(PAPER, name, k=ahead + left), "accel", (still, still),
                   Now(omega=omega, omega_dot=-2.4 * np.sin(2.0 * t)), DT)
     assert np.abs(np.array(got) - body)[:, 5:-5].max() < 1e-5
 
 
 def test_a_marker_turns_with_the_car():
     pose = tuple(np.array([v]) for v in (1.0, 2.0, math.pi / 2))
-    p = extended(PAPER, parse("mocap_offset_x:0.01,mocap_offset_y:0.02,mocap_yaw:0.03"))
-    got = [float(v[0]) for v in through(p, "pose", pose, Now(), DT)]
+    p = add_effects(PAPER, parse_effects("mocap_offset_x:0.01,mocap_offset_y:0.02,mocap_yaw:0.03"))
+    got = [float(v[0]) for v in transform_signal(p, "pose", pose, Now(), DT)]
     assert got == pytest.approx([1.0 - 0.02, 2.0 + 0.01, math.pi / 2 + 0.03])
 
 
@@ -253,7 +263,8 @@ def test_rollouts_of_recordings_see_the_effects_on_commands():
     same = shaped(throttle, steering, apply(PAPER, "gyro_bias", k=0.1))
     assert np.array_equal(same[0], tau)
     assert np.array_equal(same[1], angle)
-    got = shaped(throttle, steering, extended(PAPER, parse("battery_fade:-0.1,steering_trim:0.02")))
+    effects = parse_effects("battery_fade:-0.1,steering_trim:0.02")
+    got = shaped(throttle, steering, add_effects(PAPER, effects))
     assert got[1] == pytest.approx(angle + 0.02, abs=1e-15)
     assert np.abs(got[0] - tau).max() == pytest.approx(0.1 * 0.1 * np.max((tau - 0.15) * t / 10.0),
                                                        rel=0.02)
@@ -278,4 +289,4 @@ def test_play_of_a_whole_series_is_that_of_single_steps_to_the_last_bit(name, k)
         car = apply(PAPER, "steering_backlash", k=k)
         stepper = Stepper(car, "angle", DT)
         each = [stepper(v, Now()) for v in signal.tolist()]
-        assert np.array_equal(through(car, "angle", signal, Now(), DT), each)
+        assert np.array_equal(transform_signal(car, "angle", signal, Now(), DT), each)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.vehicle.fitting.covariance import plain_covariance, pooled_blocks
-from dart_hal.vehicle.fitting.free_starts import FreeStarts, shoot
+from dart_hal.vehicle.fitting.covariance import plain_covariance, pool_blocks
+from dart_hal.vehicle.fitting.free_starts import FreeStarts, fit_free_starts
 
 T = np.tile(np.linspace(0.0, 1.0, 12), 5)
 STRETCH = np.repeat(np.arange(5), 12)
@@ -29,7 +29,7 @@ def problem():
 def test_it_finds_what_one_fit_of_parameters_and_starts_together_finds(problem):
     from scipy.optimize import least_squares
 
-    found, starts = shoot(problem, np.array([1.0, 0.0]), problem.measured[::12].copy())
+    found, starts = fit_free_starts(problem, np.array([1.0, 0.0]), problem.measured[::12].copy())
     whole = least_squares(lambda x: readings(x[None, :2], x[None, 2:])[0] - problem.measured,
                           np.concatenate([found.x, starts]), xtol=1e-12)
     assert found.converged
@@ -42,13 +42,13 @@ def test_it_finds_what_one_fit_of_parameters_and_starts_together_finds(problem):
 def test_a_parameter_ends_at_its_bound_and_says_so(problem):
     from dataclasses import replace
 
-    found, _ = shoot(replace(problem, high=np.array([1.5, 2.0])), np.array([1.0, 0.0]),
+    found, _ = fit_free_starts(replace(problem, high=np.array([1.5, 2.0])), np.array([1.0, 0.0]),
                      problem.measured[::12].copy())
     assert found.at_bound.tolist() == [True, False]
     assert found.x[0] == 1.5
 
 
 def test_blocks_of_parts_stay_apart():
-    owner, block = pooled_blocks([np.array([4, 4, 9]), np.array([4, 5])])
+    owner, block = pool_blocks([np.array([4, 4, 9]), np.array([4, 5])])
     assert owner.tolist() == [0, 0, 0, 1, 1]
     assert block.tolist() == [0, 0, 1, 2, 3]

@@ -7,7 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.vehicle.fitting.levenberg_marquardt import KEPT, bounded, descend
+from dart_hal.vehicle.fitting.levenberg_marquardt import (
+    JACOBIAN_TOLERANCE,
+    descend,
+    solve_box_quadratic,
+)
 
 
 def quadratic(normal, slope, move):
@@ -21,7 +25,7 @@ def test_every_slope_at_the_end_points_out_of_the_box(seed, n, pinned):
     a[:, -1] = a[:, 0] + 1e-3 * rng.normal(size=n + 2)  # two that nearly do the same
     normal, slope = a.T @ a + 1e-6 * np.eye(n), 10.0 * rng.normal(size=n)
     low, high = (sign * rng.uniform(size=n) * (rng.random(n) >= pinned) for sign in (-1.0, 1.0))
-    move = bounded(normal, slope, low, high)
+    move = solve_box_quadratic(normal, slope, low, high)
     assert ((low <= move) & (move <= high)).all()
     g = (slope + normal @ move) / np.sqrt(np.diag(normal))
     assert (g[move > low] < 1e-5).all()
@@ -47,20 +51,21 @@ def test_to_hold_whatever_leaves_the_box_ends_above_the_beginning():
     box = np.array([-0.2, -0.7, 0.0]), np.array([0.6, 1.0, 0.9])
     of = a.T @ a + 0.01 * np.eye(3), np.array([0.9, 0.6, 0.4])
     assert quadratic(*of, held(*of, *box)) > 12.0
-    assert quadratic(*of, bounded(*of, *box)) < 0.0
+    assert quadratic(*of, solve_box_quadratic(*of, *box)) < 0.0
 
 
 def test_without_a_bound_it_is_the_newton_step():
     normal, slope = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([1.0, -3.0])
     far = np.full(2, 1e9)
-    assert bounded(normal, slope, -far, far) == pytest.approx(-np.linalg.solve(normal, slope))
+    newton = -np.linalg.solve(normal, slope)
+    assert solve_box_quadratic(normal, slope, -far, far) == pytest.approx(newton)
 
 
 @pytest.mark.parametrize(("reach", "ends"), [(0.5, 0.5 * np.pi), (np.inf, 5.5 * np.pi)])
 def test_no_step_goes_further_than_its_slope_is_believed(reach, ends):
     """Where a slope is nearly flat a step would leap over the nearest bottom; beyond others."""
     found = descend(lambda x: np.cos(x), lambda x, r: -np.sin(x)[:, None], np.array([0.04]),
-                    np.array([-50.0]), np.array([50.0]), robust=1e6, prior=0.0, reach=reach)
+                    np.array([-50.0]), np.array([50.0]), robust=1e6, prior=0.0, max_step=reach)
     assert found.x[0] == pytest.approx(ends, abs=1e-2)
 
 
@@ -83,9 +88,10 @@ def test_slopes_are_kept_while_steps_gain_what_they_promise(bend):
             return mix * (1.0 + 2.0 * bend * (x - target))
 
         return descend(residual, jacobian, np.zeros(5), np.full(5, -9.0), np.full(5, 9.0),
-                       robust=3.0, prior=1e-9, gain=1e-6, kept=kept)
+                       robust=3.0, prior=1e-9, cost_tolerance=1e-6,
+                       jacobian_tolerance=kept)
 
-    often, seldom = ended(0.0), ended(KEPT)
+    often, seldom = ended(0.0), ended(JACOBIAN_TOLERANCE)
     assert seldom.x == pytest.approx(often.x, abs=2e-3)
-    assert asked[KEPT] < asked[0.0]
-    assert bend > 0.1 or asked[KEPT] == 1
+    assert asked[JACOBIAN_TOLERANCE] < asked[0.0]
+    assert bend > 0.1 or asked[JACOBIAN_TOLERANCE] == 1

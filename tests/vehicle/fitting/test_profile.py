@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.vehicle.fitting.covariance import held_covariance
+from dart_hal.vehicle.fitting.covariance import fixed_value_covariance
 from dart_hal.vehicle.fitting.least_squares import Solution
-from dart_hal.vehicle.fitting.profile import quadratic_sides
+from dart_hal.vehicle.fitting.profile import agrees_with_quadratic
 
 DESIGN = np.column_stack([np.ones(40), np.linspace(-1.0, 1.0, 40)])
 LOW, HIGH = np.full(2, -10.0), np.full(2, 10.0)
@@ -39,29 +39,29 @@ def bent(x):
     (plain, [True, True]), (bent, [True, False]), (rough, [True, False])])
 def test_only_a_parabola_agrees(residual, expected):
     solution = solved(residual, np.ones(2), 1e-7 if residual is rough else 1e-4)
-    agrees = quadratic_sides(residual, solution, np.array([0.3, 0.3]), LOW, HIGH)
+    agrees = agrees_with_quadratic(residual, solution, np.array([0.3, 0.3]), LOW, HIGH)
     assert agrees.tolist() == expected
 
 
 def test_control_a_small_error_of_a_bent_loss_agrees():
-    assert quadratic_sides(bent, solved(bent, np.ones(2)), np.array([0.3, 0.01]), LOW,
+    assert agrees_with_quadratic(bent, solved(bent, np.ones(2)), np.array([0.3, 0.01]), LOW,
                            HIGH).tolist() == [True, True]
 
 
 def test_a_bound_cuts_a_side_off_and_two_leave_nothing():
     solution = solved(plain, np.ones(2))
-    one = quadratic_sides(plain, solution, np.full(2, 0.3), np.array([1.0, -10.0]), HIGH)
-    both = quadratic_sides(plain, solution, np.full(2, 0.3), np.ones(2), np.ones(2))
+    one = agrees_with_quadratic(plain, solution, np.full(2, 0.3), np.array([1.0, -10.0]), HIGH)
+    both = agrees_with_quadratic(plain, solution, np.full(2, 0.3), np.ones(2), np.ones(2))
     assert one.tolist() == [True, True]
     assert both.tolist() == [False, False]
 
 
 def test_an_error_that_is_not_finite_never_agrees():
-    assert not quadratic_sides(plain, solved(plain, np.ones(2)), np.array([np.inf, 0.0]), LOW,
+    assert not agrees_with_quadratic(plain, solved(plain, np.ones(2)), np.array([np.inf, 0.0]), LOW,
                                HIGH).any()
 
 
 def test_a_held_quantity_adds_what_it_moves_the_fit_by():
     """An offset of the data of 0.1 moves the mean by 0.1 and the slope by nothing."""
-    found = held_covariance(solved(plain, np.ones(2)), np.full((40, 1), 0.1))
+    found = fixed_value_covariance(solved(plain, np.ones(2)), np.full((40, 1), 0.1))
     assert found == pytest.approx(np.array([[0.01, 0.0], [0.0, 0.0]]), abs=1e-12)

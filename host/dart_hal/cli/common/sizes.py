@@ -17,7 +17,13 @@ from dart_hal.recording.dart import Recording
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import SETS
-from dart_hal.vehicle.sizes import SIZES, differing, listed_sizes, with_lock, with_sizes
+from dart_hal.vehicle.sizes import (
+    SIZES,
+    describe_sizes,
+    list_differences,
+    scale_steering_lock,
+    set_sizes,
+)
 
 CommandT = TypeVar("CommandT", bound=Callable[..., Any])
 # Start of ``provenance.sizes`` of a model whose sizes were not stated.
@@ -54,7 +60,8 @@ class SizedModel:
         """The assumption as a sentence; "" if nothing is assumed."""
         if not self.assumed:
             return ""
-        return (f"assumed: {listed_sizes(self.model)}, of {self.source}, because no car is named; "
+        sizes = describe_sizes(self.model)
+        return (f"assumed: {sizes}, of {self.source}, because no car is named; "
                 "--car NAME (or $DART_HAL_CAR) takes those of NAME/car.toml")
 
     @property
@@ -104,11 +111,11 @@ def apply_car_sizes(name: str, model: ModelFile, car: CarFiles | None,
     source = str(model.provenance.get("sizes", ""))
     stated = name not in SETS and not source.startswith(ASSUMED_PREFIX)
     if car is not None and (fitting or not stated):
-        changed = with_sizes(model, car.config.geometry)
-        changed = with_lock(changed, car.config) if fitting else changed
+        changed = set_sizes(model, car.config.geometry)
+        changed = scale_steering_lock(changed, car.config) if fitting else changed
         return _record_source(changed, f"car {car.config.name} ({car.origin})")
     if car is not None:
-        differences = differing(model, car.config.geometry)
+        differences = list_differences(model, car.config.geometry)
         caution = (f"{name} states other sizes than car {car.config.name} ({car.origin}): "
                    f"{', '.join(differences)}; those of the model are used" if differences else "")
         return _record_source(model, f"the model {name}", caution=caution)
@@ -117,7 +124,7 @@ def apply_car_sizes(name: str, model: ModelFile, car: CarFiles | None,
     owner = recordings[0].car if recordings else None
     if owner is not None and all(r.car is not None and r.car.geometry == owner.geometry
                                  for r in recordings):
-        return _record_source(with_sizes(model, owner.geometry),
+        return _record_source(set_sizes(model, owner.geometry),
                               f"car {owner.name}, as recorded in its runs")
     published = bool(recordings) and all(r.published for r in recordings)
     return _record_source(model, "the DART car", assumed=not published)

@@ -10,7 +10,7 @@ import numpy as np
 from dart_hal.control.mpc.planner import PlanOutcome
 from dart_hal.control.plant import Plant, PredictedMotion
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Delay, Vehicle
 
 # Time for a plan [s], half of the period.
@@ -26,7 +26,7 @@ MIN_THROTTLE_RANGE = 0.1
 
 def make_planning_vehicle(plant: Plant) -> Vehicle:
     """Return the car's model with its lags only: the transport delay is predicted, not planned."""
-    p = settled(plant.vehicle)
+    p = apply_parameter_effects(plant.vehicle)
     delay = plant.delay
     lag = p.delay.throttle_lag_s if delay.lag or delay.transport else 0.0
     return replace(p, delay=Delay(steering_lag_s=delay.lag, throttle_lag_s=lag))
@@ -35,7 +35,7 @@ def make_planning_vehicle(plant: Plant) -> Vehicle:
 def input_ranges(plant: Plant) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the ranges of throttle, from the dead band on, and of steering, up to the stops."""
     low, high = (plant.command_of(angle) for angle in plant.lock)
-    onset = -settled(plant.vehicle).motor.g
+    onset = -apply_parameter_effects(plant.vehicle).motor.g
     return (onset, max(plant.max_throttle, onset + MIN_THROTTLE_RANGE)), (low, high)
 
 

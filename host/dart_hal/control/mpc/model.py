@@ -27,12 +27,12 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.bicycle import make_dynamic, make_kinematic
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.motor import make_motor_gains
 from dart_hal.vehicle.namespace import Value, adapt
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
-from dart_hal.vehicle.step import decay
+from dart_hal.vehicle.step import lag_decay
 
 # Duration of a stage, for which an input is constant [s].
 STAGE_PERIOD = 0.1
@@ -68,10 +68,10 @@ def make_stage(p: Vehicle, xp: Any = np, dt: float = STAGE_PERIOD) -> StageFunct
     xp: numpy for many stages at once, casadi for an optimiser.
     """
     f = adapt(xp)
-    p = settled(p)
+    p = apply_parameter_effects(p)
     h = dt / SUBSTEPS_PER_STAGE
     (on_t, half_t), (on_s, half_s) = (
-        decay(lag, h, f) for lag in (p.delay.throttle_lag_s, p.delay.steering_lag_s)
+        lag_decay(lag, h, f) for lag in (p.delay.throttle_lag_s, p.delay.steering_lag_s)
     )
     l_r = p.body.l_r
     make_step = _make_rolling_step if p.kind == "kinematic" else _make_slipping_step

@@ -27,7 +27,7 @@ from dart_hal.control.mpc.problem import MpcLimits
 from dart_hal.control.mpc.reference import PathReference
 from dart_hal.control.paths import Path
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
 
 # Largest distance of a state to the first one of a plan that has not diverged, in m, m/s, ...
@@ -105,7 +105,7 @@ class MpcPlanner(ABC, Generic[PlanT]):
 
     def __init__(self, vehicle: Vehicle, path: Path, speed_of: Callable[[FloatArray], FloatArray],
                  limits: MpcLimits | None) -> None:
-        self.vehicle = settled(vehicle)
+        self.vehicle = apply_parameter_effects(vehicle)
         self.speed_of = speed_of
         self.limits = limits or MpcLimits(tau=(-vehicle.motor.g, 1.0))
         self.reference = PathReference(path)

@@ -10,14 +10,14 @@ from pathlib import Path
 from typing import Any
 
 from dart_hal.vehicle.native.build import CannotCompile, Variant, cache_folder, compile_kernel
-from dart_hal.vehicle.native.library import switched_off
+from dart_hal.vehicle.native.library import is_switched_off
 
 HERE = Path(__file__).parent
 
 
 def load_function(name: str, source: str) -> Any | None:
     """Load a C function without result from a file of this package; None if not available."""
-    if switched_off():
+    if is_switched_off():
         return None
     try:
         text = (HERE / source).read_text(encoding="utf-8")

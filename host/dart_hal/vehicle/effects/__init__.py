@@ -20,11 +20,11 @@ from types import MappingProxyType
 import numpy as np
 
 from dart_hal.core.errors import ConfigError, PluginFailed, UsageError
-from dart_hal.vehicle.effect import STAGES, ActiveEffect, Effect, Late
+from dart_hal.vehicle.effect import EFFECT_STAGES, ActiveEffect, Effect, PureDelay
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
-GROUP = "dart_hal.effects"  # entry points: effects of other packages
+ENTRY_POINT_GROUP = "dart_hal.effects"  # entry points: effects of other packages
 
 
 @lru_cache(maxsize=1)
@@ -54,18 +54,19 @@ def _added_effects() -> Mapping[str, tuple[Effect, str]]:
     from importlib.metadata import entry_points
 
     found: dict[str, tuple[Effect, str]] = {}
-    for entry in entry_points(group=GROUP):
+    for entry in entry_points(group=ENTRY_POINT_GROUP):
         try:
             one = entry.load()
         except Exception as error:
             owner = entry.dist.name if entry.dist is not None else "an unknown distribution"
-            raise PluginFailed(f"{entry.name} = {entry.value} ({GROUP}) of {owner} failed: "
-                               f"{type(error).__name__}: {error}", found=entry.value,
+            raise PluginFailed(f"{entry.name} = {entry.value} ({ENTRY_POINT_GROUP}) of {owner} "
+                               f"failed: {type(error).__name__}: {error}", found=entry.value,
                                remedy=f"correct {owner}, or uninstall it") from error
         is_effect = isinstance(one, Effect)
         if not is_effect or one.name in found or one.name in own_effects():
             raise ConfigError(
-                f"the entry point {entry.name} of {GROUP} cannot be added to the catalogue",
+                f"the entry point {entry.name} of {ENTRY_POINT_GROUP} cannot be added to the "
+                "catalogue",
                 found=f"a second effect named {one.name}" if is_effect else repr(one),
                 expected="an Effect with a name of its own",
                 remedy=f"correct {entry.value}, or uninstall its package")
@@ -73,13 +74,13 @@ def _added_effects() -> Mapping[str, tuple[Effect, str]]:
     return found
 
 
-def equation(of: Effect) -> str:
+def equation_text(of: Effect) -> str:
     """As the docstring of its file has it, behind the title."""
     module = f"{__name__}.{of.name}" if of.name in own_effects() else _added_effects()[of.name][1]
     return "\n".join((inspect.getdoc(sys.modules[module]) or "").splitlines()[2:])
 
 
-def effect(name: str) -> Effect:
+def find_effect(name: str) -> Effect:
     """The effect of that name. Raises UsageError that names the nearest ones."""
     known = catalogue()
     if name in known:
@@ -89,7 +90,7 @@ def effect(name: str) -> Effect:
                      remedy=f"write {' or '.join(near)}" if near else "dart-hal diagnose --help")
 
 
-def applied(of: Effect, values: Mapping[str, Value]) -> ActiveEffect:
+def activate(of: Effect, values: Mapping[str, Value]) -> ActiveEffect:
     """An effect with values by parameter, null for what is left out; floats or arrays (n,).
 
     Raises UsageError for an unknown parameter, ConfigError for a value that is
@@ -116,19 +117,19 @@ def apply(p: Vehicle, name: str, **values: Value) -> Vehicle:
     Raises UsageError for an unknown effect or parameter, ConfigError for a
     value out of its bounds.
     """
-    return extended(p, (applied(effect(name), values),))
+    return add_effects(p, (activate(find_effect(name), values),))
 
 
-def extended(p: Vehicle, more: Iterable[ActiveEffect]) -> Vehicle:
-    """The vehicle with more effects, all in the order in which they act, see ``place``."""
+def add_effects(p: Vehicle, more: Iterable[ActiveEffect]) -> Vehicle:
+    """The vehicle with more effects, all in the order in which they act, see ``order_key``."""
     every = {a.name: a for a in (*p.effects, *more)}
-    return replace(p, effects=tuple(sorted(every.values(), key=lambda a: place(a.effect))))
+    return replace(p, effects=tuple(sorted(every.values(), key=lambda a: order_key(a.effect))))
 
 
-def with_nulls(p: Vehicle, effects: Iterable[ActiveEffect]) -> Vehicle:
+def add_null_effects(p: Vehicle, effects: Iterable[ActiveEffect]) -> Vehicle:
     """The vehicle with those effects that it has not, at their null."""
     has = {a.name for a in p.effects}
-    return extended(p, [applied(effect(a.name), {}) for a in effects if a.name not in has])
+    return add_effects(p, [activate(find_effect(a.name), {}) for a in effects if a.name not in has])
 
 
 def remove_effects(p: Vehicle, names: Collection[str]) -> Vehicle:
@@ -141,43 +142,43 @@ def remove_effects(p: Vehicle, names: Collection[str]) -> Vehicle:
     return replace(p, effects=tuple(a for a in p.effects if a.name not in names))
 
 
-def place(of: Effect) -> tuple[int, bool, str]:
+def order_key(of: Effect) -> tuple[int, bool, str]:
     """Sort key: stage by stage from the command to the sensor; what comes late is late last.
 
     So the same effects make the same car, whichever was named first.
     """
-    late = any(isinstance(signal, Late) for signal in of.signals.values())
-    return STAGES.index(of.stage), late, of.name
+    late = any(isinstance(signal, PureDelay) for signal in of.signals.values())
+    return EFFECT_STAGES.index(of.stage), late, of.name
 
 
-def parse(text: str) -> tuple[ActiveEffect, ...]:
+def parse_effects(text: str) -> tuple[ActiveEffect, ...]:
     """Effects from ``steering_lag:0.06,encoder_ring:missing=0.05:phase=0.2``.
 
     Values without a name are in the order of the effect's parameters. Raises
     UsageError for what it does not understand, ConfigError out of bounds.
     """
-    return tuple(_parse_one(part.strip()) for part in text.split(",") if part.strip())
+    return tuple(_parse_effect(part.strip()) for part in text.split(",") if part.strip())
 
 
-def _parse_one(text: str) -> ActiveEffect:
+def _parse_effect(text: str) -> ActiveEffect:
     name, *given = (part.strip() for part in text.split(":"))
-    of = effect(name)
+    of = find_effect(name)
     values: dict[str, Value] = {}
     for i, entry in enumerate(given):
         key, equals, number = entry.rpartition("=")
         if not equals and i >= len(of.parameters):
-            raise _not_understood(of, text)
+            raise _unreadable_effect(of, text)
         key = key if equals else of.parameters[i].name
         try:
             values[key.strip()] = float(number)
         except ValueError as error:
-            raise _not_understood(of, text) from error
+            raise _unreadable_effect(of, text) from error
     if not values or len(values) < len(given):
-        raise _not_understood(of, text)
-    return applied(of, values)
+        raise _unreadable_effect(of, text)
+    return activate(of, values)
 
 
-def _not_understood(of: Effect, text: str) -> UsageError:
+def _unreadable_effect(of: Effect, text: str) -> UsageError:
     form = ":".join(f"{q.name}={q.sizes[1]:g}" for q in of.parameters)
     return UsageError(f"an effect that cannot be read: {text!r}", found=text,
                       expected=f"{of.name}:{form}",

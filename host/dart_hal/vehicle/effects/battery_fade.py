@@ -1,7 +1,11 @@
 """Battery fade: the motor becomes weaker while the car drives.
 
-    F_m times 1 + k t / 100 s. As a signal: that throttle which gives this force,
-    tau + (k t / 100 s) (T(tau) - T(-tau)) with the dead band T of the motor
+    F_m (1 + k t / 100 s)
+
+As a signal, this is the throttle that gives the same force. The force is proportional to the
+dead-band output T(tau) - T(-tau), so the throttle becomes
+
+    tau + (k t / 100 s) (T(tau) - T(-tau))
 """
 
 from __future__ import annotations
@@ -14,12 +18,12 @@ from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
-def faded(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+def fade_throttle(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
     band = make_dead_band(p.motor.g, f)
 
     def signal(v: Value, now: Now) -> Value:
-        past = band(v) - band(-v)
-        return v + 0.01 * k * now.t * past
+        effective = band(v) - band(-v)
+        return v + 0.01 * k * now.t * effective
 
     return signal
 
@@ -29,16 +33,16 @@ EFFECT = Effect(
     title="loses or gains motor force during a drive",
     signed_titles=("loses motor force during a drive", "gains motor force during a drive"),
     physics=(
-        "The voltage of a battery sags while it is drained, the motor warms and its "
-        "winding resists more: force falls in proportion to time, for every throttle."),
+        "The voltage of a battery drops while it is drained. The motor warms, and the "
+        "resistance of its winding rises. The force falls in proportion to time, for every "
+        "throttle."),
     stage="actuator",
     acts_along=("time", "throttle"),
     parameters=(Parameter("k", "1/100 s", -0.5, 0.3, sizes=(0.03, 0.08, 0.15),
                           meaning="change of the motor force in 100 s of driving"),),
     confused_with=("motor_gain", "quadratic_drag", "rolling_resistance"),
     experiment=(
-        "The same throttle step from standstill at the start and at the end of a long "
-        "drive, and coasting beside each: coasting stays the same when it is the "
-        "battery."),
-    signals={"throttle": Static(faded)},
+        "The same throttle step from standstill and the same coasting, at the start and at the "
+        "end of a long drive. If the battery is the cause, coasting does not change."),
+    signals={"throttle": Static(fade_throttle)},
 )

@@ -1,11 +1,11 @@
 """Clock offset: the sensors on the car are stamped by another clock.
 
-    wheel, gyro and accelerometer at t show what was at t - k; k > 0: stamped too late
+    reading(t) = true(t - k) for wheel, gyro and accelerometer; k > 0: stamped too late
 """
 
 from __future__ import annotations
 
-from dart_hal.vehicle.effect import Effect, Late, Parameter
+from dart_hal.vehicle.effect import Effect, Parameter, PureDelay
 
 
 def seconds(k: float) -> float:
@@ -17,15 +17,15 @@ EFFECT = Effect(
     title="has sensors whose clock is not that of commands and motion capture",
     signed_titles=("has sensors whose stamps are early", "has sensors whose stamps are late"),
     physics=(
-        "Microcontroller and computer each have a clock; a wrong fit between them "
-        "shifts all sensors on the car together, against commands and poses."),
+        "Microcontroller and computer have a clock each. A wrong fit between the clocks shifts "
+        "all sensors on the car by the same time against commands and poses."),
     stage="measurement",
     acts_along=("acceleration", "steering_rate"),
     parameters=(Parameter("k", "s", -0.3, 0.3, sizes=(0.01, 0.03, 0.06),
                           meaning="time by which the stamps of the sensors are late"),),
     confused_with=("gyro_latency", "encoder_latency", "mocap_latency"),
     experiment=(
-        "Turn and push the standing car by hand: gyro and encoder shifted by the same "
-        "time against the poses is a clock, one of them alone is a latency."),
-    signals={"wheel": Late(seconds), "gyro": Late(seconds), "accel": Late(seconds)},
+        "Turn and push the car at rest by hand. If gyro and encoder are shifted by the same "
+        "time against the poses, the clock is wrong; if only one is shifted, it has a latency."),
+    signals={"wheel": PureDelay(seconds), "gyro": PureDelay(seconds), "accel": PureDelay(seconds)},
 )

@@ -1,6 +1,8 @@
-"""Combined slip: a tyre that drives has less force left for the side.
+"""Combined slip: a tyre under drive force has less side force.
 
-    F_y sqrt(1 - k (F_x / 3 N)^2) at each axle, F_x its drive force; never below a tenth
+    F_y sqrt(1 - k (F_x / 3 N)^2)      at each axle, F_x its drive force
+
+This is the friction ellipse with half-axis 3 N / sqrt(k). The factor is at least 0.1.
 """
 
 from __future__ import annotations
@@ -11,17 +13,18 @@ from dart_hal.vehicle.effect import Effect, Forces, Parameter
 from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
-REACH = 3.0  # N, about what the front axle has
-LEAST = 0.01
+FORCE_SCALE = 3.0  # N, about the largest side force of the front axle
+MIN_SQUARED_SHARE = 0.01  # square of the smallest factor, 0.1
 
 
 def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
     def hook(q: Forces) -> Forces:
-        def left(f_x: Value) -> Value:
-            share = f_x / REACH
-            return f.sqrt(f.fmax(LEAST, 1.0 - k * share * share))
+        def side_factor(f_x: Value) -> Value:
+            share = f_x / FORCE_SCALE
+            return f.sqrt(f.fmax(MIN_SQUARED_SHARE, 1.0 - k * share * share))
 
-        return q._replace(f_yf=q.f_yf * left(q.f_xf), f_yr=q.f_yr * left(q.f_xr))
+        return q._replace(f_yf=q.f_yf * side_factor(q.f_xf),
+                          f_yr=q.f_yr * side_factor(q.f_xr))
 
     return hook
 
@@ -30,16 +33,16 @@ EFFECT = Effect(
     name="combined_slip",
     title="holds its line less well under drive force than the model",
     physics=(
-        "Friction has one limit for both directions: what a tyre uses to drive or to "
-        "brake, it lacks for the side."),
+        "Friction has one limit for both directions. A tyre that drives or brakes has less side "
+        "force."),
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "-", 0.0, 4.0, sizes=(0.75, 1.5, 3.0),
                           meaning="share of the squared side force lost at 3 N of drive force"),),
     confused_with=("load_transfer", "rear_saturation", "grip", "cornering_drag"),
     experiment=(
-        "A circle at constant speed, then the same circle accelerating and coasting "
-        "through the same speed: only the drive force differs; load transfer changes "
-        "sign between the two, this does not."),
+        "A circle at constant speed, then the same circle with acceleration and with coasting "
+        "through the same speed: only the drive force differs. Load transfer changes sign "
+        "between the two, combined slip does not."),
     force=force,
 )

@@ -13,13 +13,13 @@ from dart_hal.vehicle.effect import Effect, Forces, Parameter
 from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
-SLOW = 0.3  # m/s
+DIRECTION_SPEED = 0.3  # m/s, at which the force changes from forward to reverse
 
 
 def force(p: Vehicle, f: Namespace, k: Value, s: Value) -> Callable[[Forces], Forces]:
     def hook(q: Forces) -> Forces:
         turned = f.fabs(f.atan2(q.sin_d, q.cos_d))
-        drag = -k * turned * f.tanh(q.v_x / SLOW)
+        drag = -k * turned * f.tanh(q.v_x / DIRECTION_SPEED)
         return q._replace(f_x=q.f_x + (1.0 - s) * drag, f_xf=q.f_xf + s * drag)
 
     return hook
@@ -29,9 +29,9 @@ EFFECT = Effect(
     name="cornering_drag",
     title="loses speed with turned wheels more than the model",
     physics=(
-        "Wheels that do not follow one circle scrub over the floor, and the joints of "
-        "the drive shafts resist at an angle: a force against the motion in proportion "
-        "to the steering angle."),
+        "Wheels that do not follow one circle scrub over the floor, and the joints of the drive "
+        "shafts resist at an angle. The force against the motion is proportional to the "
+        "steering angle."),
     stage="force",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "N/rad", 0.0, 10.0, sizes=(0.3, 1.0, 2.0),
@@ -40,8 +40,7 @@ EFFECT = Effect(
                           meaning="share of the drag that acts along the steered wheels")),
     confused_with=("differential_drag", "quadratic_drag", "front_grip", "combined_slip"),
     experiment=(
-        "Coasting on circles of several radii from low speed, and straight beside them: "
-        "the loss depends on the angle even when the car is slow and the tyres do not "
-        "slip."),
+        "Coasting from low speed on circles of several radii and on a straight. The loss "
+        "depends on the angle even when the car is slow and the tyres do not slip."),
     force=force,
 )

@@ -11,12 +11,12 @@ from dart_hal.vehicle.effect import Effect, Forces, Parameter
 from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
-SLOW = 0.3  # m/s
+MIN_TURN_SPEED = 0.3  # m/s; keeps the curvature finite at rest
 
 
 def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
     def hook(q: Forces) -> Forces:
-        curvature = q.omega / f.fmax(f.fabs(q.v_x), SLOW)
+        curvature = q.omega / f.fmax(f.fabs(q.v_x), MIN_TURN_SPEED)
         return q._replace(m_z=q.m_z - k * curvature)
 
     return hook
@@ -26,16 +26,16 @@ EFFECT = Effect(
     name="differential_drag",
     title="resists being turned more than the model",
     physics=(
-        "A locked or stiff differential drives inner and outer wheel alike; they slip "
-        "against each other in a curve, which makes a moment against it that depends on "
-        "the radius and not on the speed."),
+        "A locked or stiff differential drives inner and outer wheel at the same speed. In a "
+        "curve they slip against each other, which makes a moment against the curve. It depends "
+        "on the radius and not on the speed."),
     stage="force",
     acts_along=("steering_angle", "yaw_rate"),
     parameters=(Parameter("k", "N m2", 0.0, 0.5, sizes=(0.01, 0.02, 0.04),
                           meaning="moment against turning per 1/m of curvature"),),
     confused_with=("yaw_damping", "cornering_drag", "steering_gain", "front_grip"),
     experiment=(
-        "Circles of the same command from walking pace to fast: this moment widens the "
-        "slow circle as well, where damping and grip leave it alone."),
+        "Circles of the same command from walking pace to fast. This moment also widens the "
+        "slow circle; damping and grip do not."),
     force=force,
 )

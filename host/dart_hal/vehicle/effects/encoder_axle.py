@@ -1,9 +1,9 @@
 """Which axles turn the encoder.
 
-The model reads the speed of the centre of mass along the car. A drive shaft
-between two axles turns with both, and in a turn the front one goes further:
+In the model the encoder measures the speed of the centre of mass along the car. A shaft that
+drives both axles turns with the mean of both, and in a turn the front axle moves faster:
 
-    reading = v + k (hypot(v_x, v_y + l_f omega) - v_x), k: share of the front axle
+    reading = v + k (sqrt(v_x^2 + (v_y + l_f omega)^2) - |v_x|)      k: share of the front axle
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
 from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
-STANDING = 1e-12  # (m/s)^2; keeps the root smooth where nothing moves
+ROOT_OFFSET = 1e-12  # (m/s)^2; keeps the derivative of the root finite at rest
 
 
-def both(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+def read_both_axles(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
     l_f = p.body.l_f
 
     def signal(v: Value, now: Now) -> Value:
         across = now.v_y + l_f * now.omega
-        front = f.sqrt(now.v_x * now.v_x + across * across + STANDING)
+        front = f.sqrt(now.v_x * now.v_x + across * across + ROOT_OFFSET)
         return v + k * (front - f.fabs(now.v_x))
 
     return signal
@@ -32,9 +32,8 @@ EFFECT = Effect(
     name="encoder_axle",
     title="has an encoder that the front axle turns as well",
     physics=(
-        "With four driven wheels the shaft under the encoder turns with the mean of both "
-        "axles. The steered wheels run on a larger circle, so the tighter the turn, the more it "
-        "reads."),
+        "With four driven wheels the shaft at the encoder turns with the mean of both axles. "
+        "The steered wheels run on a larger circle, so the reading is higher in tight turns."),
     stage="measurement",
     acts_along=("steering_angle", "yaw_rate"),
     parameters=(Parameter("k", "share", -1.0, 1.5, sizes=(0.1, 0.25, 0.5),
@@ -42,7 +41,7 @@ EFFECT = Effect(
                           physical=(0.0, 1.0)),),
     confused_with=("encoder_scale", "encoder_slip"),
     experiment=(
-        "Slow circles at full lock to both sides beside a straight of the same speed: a scale "
-        "is the same everywhere, the front axle reads more in circles alone."),
-    signals={"wheel": Static(both)},
+        "Slow circles at full lock to both sides, and a straight at the same speed. A scale "
+        "error is the same everywhere; the front axle raises the reading only in circles."),
+    signals={"wheel": Static(read_both_axles)},
 )

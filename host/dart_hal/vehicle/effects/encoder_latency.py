@@ -1,11 +1,11 @@
-"""Latency of the encoder: its speed comes late.
+"""Latency of the encoder: its speed is delayed.
 
     reading(t) = v(t - k)
 """
 
 from __future__ import annotations
 
-from dart_hal.vehicle.effect import Effect, Late, Parameter
+from dart_hal.vehicle.effect import Effect, Parameter, PureDelay
 
 
 def seconds(k: float) -> float:
@@ -14,17 +14,17 @@ def seconds(k: float) -> float:
 
 EFFECT = Effect(
     name="encoder_latency",
-    title="has an encoder whose speed comes late",
+    title="has an encoder whose speed is delayed",
     physics=(
-        "A mean over the last 0.1 s is 0.05 s old, then it waits to be fetched: more "
-        "than the model of the sensor allows for."),
+        "A mean over the last 0.1 s is 0.05 s old, and it is read some time later. The delay is "
+        "longer than the sensor model assumes."),
     stage="measurement",
     acts_along=("acceleration",),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.01, 0.03, 0.06),
                           meaning="additional age of the encoder's speed"),),
     confused_with=("clock_offset", "mocap_latency", "encoder_slip"),
     experiment=(
-        "Hard throttle steps, with gyro and motion capture beside: the encoder alone is "
-        "late."),
-    signals={"wheel": Late(seconds)},
+        "Hard throttle steps, recorded with gyro and motion capture: only the encoder is "
+        "delayed."),
+    signals={"wheel": PureDelay(seconds)},
 )

@@ -1,11 +1,11 @@
 """Ring of the encoder: marks that are missing, counted twice or unevenly spaced.
 
-The reading is a mean over the last 0.1 s. With the density of marks
+The reading is the number of marks in the last 0.1 s. At u turns of the gear the density of marks,
+1 for a perfect ring, is
 
-    1 + uneven cos(2 pi u) - [1 where the first ``missing`` of a turn goes by]
+    rho(u) = 1 + uneven cos(2 pi u) - [1 if u mod 1 < missing]
 
-at u turns of the gear, the mean is the difference of its integral at both ends
-of the window over the turns in between.
+and the reading is the integral of rho from the begin to the end of the window, per time.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
 from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
-WINDOW = 0.1  # s
+ENCODER_WINDOW_S = 0.1
 METRES_PER_TURN = 2.0 * math.pi * 11.0 / 39.0 * 0.0233
-SPEED_OF_A_TURN = METRES_PER_TURN / WINDOW
-"""m/s at which one turn goes by in a window."""
+SPEED_OF_A_TURN = METRES_PER_TURN / ENCODER_WINDOW_S  # m/s; one turn of the gear per window
 
 
-def ring(p: Vehicle, f: Namespace, missing: Value, uneven: Value,
+def read_ring(p: Vehicle, f: Namespace, missing: Value, uneven: Value,
          phase: Value) -> Callable[[Value, Now], Value]:
-    def passed(u: Value) -> Value:
+    def deviation(u: Value) -> Value:
+        # integral of rho - 1 from 0 to u
         whole = f.floor(u)
         gap = whole * missing + f.fmax(whole - u, f.fmin(u - whole, missing))
         return uneven * f.sin(2.0 * math.pi * u) / (2.0 * math.pi) - gap
 
     def signal(v: Value, now: Now) -> Value:
         end = now.turns + phase
-        begin = end - v / SPEED_OF_A_TURN       # in reverse it is ahead of the end
-        # v times (1 + change of the integral / turns in the window), without a quotient 0 / 0
-        return v + (passed(end) - passed(begin)) * SPEED_OF_A_TURN
+        begin = end - v / SPEED_OF_A_TURN  # larger than end in reverse
+        # v (1 + change of the integral / turns in the window), written without the quotient 0 / 0
+        return v + (deviation(end) - deviation(begin)) * SPEED_OF_A_TURN
 
     return signal
 
@@ -43,9 +43,9 @@ EFFECT = Effect(
     name="encoder_ring",
     title="has an encoder ring with bad marks",
     physics=(
-        "A mark that fell off or is dirty leaves a gap in every turn of the gear, one "
-        "that bounces counts twice, and a ring off centre has its marks closer on one "
-        "side. The speed ripples with the angle of the gear, and a gap lowers its mean."),
+        "A mark that fell off or is dirty leaves a gap in every turn of the gear. A mark that "
+        "bounces counts twice. An eccentric ring has its marks closer on one side. The speed "
+        "ripples with the angle of the gear, and a gap lowers its mean."),
     stage="measurement",
     acts_along=("revolution_angle",),
     parameters=(
@@ -58,7 +58,7 @@ EFFECT = Effect(
                   alone=False)),
     confused_with=("encoder_scale",),
     experiment=(
-        "Roll slowly and steadily, below 0.4 m/s, where a window of 0.1 s holds less "
-        "than a turn: the ripple shows the ring mark by mark."),
-    signals={"wheel": Static(ring)},
+        "Roll slowly and steadily, below 0.4 m/s: a window of 0.1 s is then less than a turn, "
+        "and the ripple shows the ring mark by mark."),
+    signals={"wheel": Static(read_ring)},
 )

@@ -1,4 +1,4 @@
-"""Scale of the encoder: metres per mark are not what was entered.
+"""Scale of the encoder: the distance per mark differs from the configured value.
 
     reading = (1 + k) v
 """
@@ -12,7 +12,7 @@ from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
-def scaled(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+def scale_speed(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
     def signal(v: Value, now: Now) -> Value:
         return v * (1.0 + k)
 
@@ -24,15 +24,15 @@ EFFECT = Effect(
     title="has an encoder that reads too much or too little",
     signed_titles=("has an encoder that reads too little", "has an encoder that reads too much"),
     physics=(
-        "Wheel radius under load, number of marks and gear ratio give metres per mark; "
-        "a worn tyre is 2 % smaller."),
+        "Wheel radius under load, number of marks and gear ratio determine the distance per "
+        "mark. A worn tyre is 2 % smaller."),
     stage="measurement",
     acts_along=("speed",),
     parameters=(Parameter("k", "relative", -0.3, 0.3, sizes=(0.005, 0.015, 0.04),
                           meaning="excess of the encoder's speed"),),
     confused_with=("encoder_slip", "encoder_ring"),
     experiment=(
-        "Roll the car along a tape by hand: no drive force, so no slip; then drive it "
+        "Roll the car along a tape by hand: without drive force there is no slip. Then drive it "
         "and compare."),
-    signals={"wheel": Static(scaled)},
+    signals={"wheel": Static(scale_speed)},
 )

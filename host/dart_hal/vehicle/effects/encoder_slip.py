@@ -1,6 +1,6 @@
-"""Slip of the driven wheels: they turn faster than the floor goes by.
+"""Slip of the driven wheels: under drive force they turn faster than the car moves.
 
-    reading = v (1 + k F / m), F: force of motor and friction at the wheels
+    reading = v (1 + k F / m)      F: force of motor and friction at the wheels
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
-def slipping(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+def add_slip(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
     def signal(v: Value, now: Now) -> Value:
         return v * (1.0 + k * now.drive / p.body.mass)
 
@@ -21,18 +21,18 @@ def slipping(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value
 
 EFFECT = Effect(
     name="encoder_slip",
-    title="turns its wheels faster than it moves when it pulls",
+    title="turns its wheels faster than it moves under drive force",
     physics=(
-        "A tyre transmits force only by slipping a little, in proportion to the force: "
-        "under drive the encoder sees more than the floor, under braking less."),
+        "A tyre transmits force only with a small slip, proportional to the force. Under drive "
+        "the encoder reads more than the true speed, under braking less."),
     stage="measurement",
     acts_along=("acceleration", "throttle"),
     parameters=(Parameter("k", "s2/m", 0.0, 0.2, sizes=(0.005, 0.015, 0.04),
                           meaning="slip of the wheels per m/s2 of drive"),),
     confused_with=("encoder_scale", "encoder_latency"),
     experiment=(
-        "Accelerate hard and coast on one straight: the error changes sign with the "
-        "force at the same speed; a latency goes with the change of speed as well, but "
-        "not with the speed itself."),
-    signals={"wheel": Static(slipping)},
+        "Accelerate hard and coast on one straight. The error changes sign with the force at "
+        "the same speed. The error of a latency also follows the change of speed, but not the "
+        "speed itself."),
+    signals={"wheel": Static(add_slip)},
 )

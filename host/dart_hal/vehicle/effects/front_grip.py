@@ -1,18 +1,18 @@
-"""Front grip: the side force of the front axle is larger or smaller by a share.
+"""Front grip: the side force of the front axle is larger or smaller by a factor.
 
-    F_yf times 1 + k
+    (1 + k) F_yf
 """
 
 from __future__ import annotations
 
 from dart_hal.vehicle.effect import Effect, Parameter
-from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.flat import replace_unchecked
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
 def vehicle(p: Vehicle, k: Value) -> Vehicle:
-    return unchecked(p, {"tyres": {"front_D": p.tyres.front_D * (1.0 + k)}})
+    return replace_unchecked(p, {"tyres": {"front_D": p.tyres.front_D * (1.0 + k)}})
 
 
 EFFECT = Effect(
@@ -22,16 +22,15 @@ EFFECT = Effect(
         "has less grip at its front wheels than the model",
         "has more grip at its front wheels than the model"),
     physics=(
-        "Front tyres wear faster than rear ones, and a load on one axle changes its "
-        "grip and not the other's."),
+        "Front tyres wear faster than rear tyres. A load on one axle changes the grip of that "
+        "axle only."),
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "relative", -0.6, 0.6, sizes=(0.05, 0.1, 0.2),
                           meaning="change of the side force of the front tyres"),),
     confused_with=("grip", "steering_compliance", "steering_gain", "load_transfer"),
     experiment=(
-        "Circles of the same command at rising speed, with the side velocity of the "
-        "body: front grip changes the radius and leaves the slip of the rear axle at a "
-        "given radius as it was."),
+        "Circles of the same command at rising speed, with the side velocity of the body. Front "
+        "grip changes the radius; the slip of the rear axle at a given radius does not change."),
     vehicle=vehicle,
 )

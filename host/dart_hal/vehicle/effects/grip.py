@@ -1,24 +1,26 @@
-"""Grip: the side forces of both axles are larger or smaller by the same share.
+"""Grip: the side forces of both axles are larger or smaller by the same factor.
 
-    F_y times 1 + k, front and rear
+    (1 + k) F_y      front and rear
 """
 
 from __future__ import annotations
 
 from dart_hal.vehicle.effect import Effect, Parameter
-from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.flat import replace_unchecked
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import AxleTyres, Vehicle
 
 
 def vehicle(p: Vehicle, k: Value) -> Vehicle:
-    t, factor = p.tyres, 1.0 + k
+    t = p.tyres
+    factor = 1.0 + k
     if isinstance(t, AxleTyres):
-        return unchecked(p, {"tyres": {"front_D": t.front_D * factor,
+        return replace_unchecked(p, {"tyres": {"front_D": t.front_D * factor,
                                        "rear_D": t.rear_D * factor}})
     stiffness = t.rear_cornering_stiffness * factor
-    return unchecked(p, {"tyres": {"front_D": t.front_D * factor, "rear_max": t.rear_max * factor,
-                                   "rear_cornering_stiffness": stiffness}})
+    return replace_unchecked(p, {"tyres": {"front_D": t.front_D * factor,
+                                           "rear_max": t.rear_max * factor,
+                                           "rear_cornering_stiffness": stiffness}})
 
 
 EFFECT = Effect(
@@ -26,16 +28,16 @@ EFFECT = Effect(
     title="has more or less grip than the model",
     signed_titles=("has less grip than the model", "has more grip than the model"),
     physics=(
-        "Another floor, dust, or tyres that are worn, warm or cleaned: the same slip "
-        "gives another side force, at both axles."),
+        "Another floor, dust, or tyres that are worn, warm or cleaned: the same slip gives "
+        "another side force, at both axles."),
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "relative", -0.6, 0.6, sizes=(0.05, 0.1, 0.2),
                           meaning="change of the side force of all tyres"),),
     confused_with=("front_grip", "roll_compliance", "yaw_inertia", "steering_gain"),
     experiment=(
-        "Circles of the same command at rising speed to both sides, on this floor and "
-        "on another: less grip widens fast circles and leaves slow ones; less at the "
-        "front alone lets the rear hold its line."),
+        "Circles of the same command at rising speed to both sides, on this floor and on "
+        "another. Less grip widens fast circles and does not change slow ones. If only the "
+        "front has less grip, the rear keeps its line."),
     vehicle=vehicle,
 )

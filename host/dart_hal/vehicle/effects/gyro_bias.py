@@ -12,7 +12,7 @@ from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
-def biased(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+def add_bias(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
     def signal(v: Value, now: Now) -> Value:
         return v + k
 
@@ -26,13 +26,14 @@ EFFECT = Effect(
         "has a gyro that reads a right turn at standstill",
         "has a gyro that reads a left turn at standstill"),
     physics=(
-        "The zero of a micromechanical gyro moves with temperature and from one "
-        "switching-on to the next."),
+        "The zero of a micromechanical gyro drifts with temperature and differs after each "
+        "power-on."),
     stage="measurement",
     acts_along=("yaw_rate", "time"),
     parameters=(Parameter("k", "rad/s", -0.3, 0.3, sizes=(0.005, 0.02, 0.05),
                           meaning="yaw rate that the gyro reads at standstill"),),
     confused_with=("steering_trim", "gyro_scale", "lateral_pull"),
-    experiment="Stand still for ten seconds: whatever it reads is bias.",
-    signals={"gyro": Static(biased)},
+    experiment=(
+        "Keep the car at rest for ten seconds: the mean reading is the bias."),
+    signals={"gyro": Static(add_bias)},
 )

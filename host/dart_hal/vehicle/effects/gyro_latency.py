@@ -1,11 +1,11 @@
-"""Latency of the gyro: its turning rate comes late.
+"""Latency of the gyro: its yaw rate is delayed.
 
     reading(t) = omega(t - k)
 """
 
 from __future__ import annotations
 
-from dart_hal.vehicle.effect import Effect, Late, Parameter
+from dart_hal.vehicle.effect import Effect, Parameter, PureDelay
 
 
 def seconds(k: float) -> float:
@@ -14,17 +14,17 @@ def seconds(k: float) -> float:
 
 EFFECT = Effect(
     name="gyro_latency",
-    title="has a gyro whose turning rate comes late",
+    title="has a gyro whose yaw rate is delayed",
     physics=(
-        "The filter inside the chip (32 Hz on a BNO055) and the wait until it is read "
-        "delay it."),
+        "The filter in the chip (32 Hz on a BNO055) and the time until it is read delay the yaw "
+        "rate."),
     stage="measurement",
     acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.02, 0.04, 0.08),
                           meaning="additional age of the gyro's yaw rate"),),
     confused_with=("clock_offset", "mocap_latency", "steering_lag"),
     experiment=(
-        "Steering changes to and fro, with encoder and motion capture beside: the gyro "
-        "alone is late."),
-    signals={"gyro": Late(seconds)},
+        "Alternate the steering from side to side, recorded with encoder and motion capture: "
+        "only the gyro is delayed."),
+    signals={"gyro": PureDelay(seconds)},
 )

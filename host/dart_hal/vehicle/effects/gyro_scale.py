@@ -12,7 +12,7 @@ from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
-def scaled(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+def scale_rate(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
     def signal(v: Value, now: Now) -> Value:
         return v * (1.0 + k)
 
@@ -34,7 +34,7 @@ EFFECT = Effect(
                           meaning="excess of the gyro's yaw rate"),),
     confused_with=("steering_gain", "gyro_bias", "imu_pitch", "imu_roll"),
     experiment=(
-        "Ten whole turns to each side by hand against a line on the floor; bias has the "
-        "same sign to both sides, scale has not."),
-    signals={"gyro": Static(scaled)},
+        "Ten whole turns to each side by hand against a line on the floor. The error of a bias "
+        "has the same sign to both sides, that of a scale does not."),
+    signals={"gyro": Static(scale_rate)},
 )

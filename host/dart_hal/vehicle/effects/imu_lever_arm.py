@@ -1,6 +1,6 @@
-"""Lever arm of the IMU: it sits ahead of the centre of mass.
+"""Lever arm of the IMU: it is mounted ahead of the centre of mass.
 
-    a_x - k omega^2, a_y + k d(omega)/dt
+    a_x - k omega^2,  a_y + k d(omega)/dt
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ EFFECT = Effect(
         "has an IMU behind its centre of mass",
         "has an IMU ahead of its centre of mass"),
     physics=(
-        "Away from the centre of mass an accelerometer also feels the turning: outwards "
-        "with the square of its rate, sideways with its change. k is positive ahead of "
+        "Away from the centre of mass an accelerometer also measures the rotation: outwards "
+        "with the square of the yaw rate, sideways with its derivative. k is positive ahead of "
         "the centre."),
     stage="measurement",
     acts_along=("yaw_rate",),
@@ -36,8 +36,8 @@ EFFECT = Effect(
                           meaning="distance of the IMU ahead of the centre of mass"),),
     confused_with=("imu_yaw", "imu_pitch", "centre_of_mass"),
     experiment=(
-        "Measure the place with a ruler. Or steady fast circles to both sides: a "
-        "forward acceleration of the same sign in both, which grows with the square of "
-        "the turning rate."),
+        "Measure the position with a ruler. Or drive steady fast circles to both sides: the "
+        "forward acceleration has the same sign in both and grows with the square of the yaw "
+        "rate."),
     signals={"accel": Static(accel)},
 )

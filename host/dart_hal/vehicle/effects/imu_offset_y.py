@@ -1,6 +1,6 @@
-"""Offset of the IMU across the car: it sits to the left of the centre of mass.
+"""Offset of the IMU across the car: it is mounted to the left of the centre of mass.
 
-    a_x - k d(omega)/dt, a_y - k omega^2
+    a_x - k d(omega)/dt,  a_y - k omega^2
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ EFFECT = Effect(
     title="has an IMU to the left or right of its middle",
     signed_titles=("has an IMU to the right of its middle", "has an IMU to the left of its middle"),
     physics=(
-        "Off the middle of the car an accelerometer feels the turning sideways with the square "
-        "of its rate, to the same side in either turn. k is positive to the left."),
+        "Off the middle of the car an accelerometer measures a side acceleration with the "
+        "square of the yaw rate, of the same sign in either turn. k is positive to the left."),
     stage="measurement",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.01, 0.02, 0.05),
                           meaning="distance of the IMU to the left of the middle"),),
     confused_with=("imu_roll", "imu_lever_arm"),
     experiment=(
-        "Measure the place with a ruler. Or steady fast circles to both sides: a side "
-        "acceleration of the same sign in both, which grows with the square of the turning "
-        "rate, where that of a tilted IMU stays when the car stands."),
+        "Measure the position with a ruler. Or drive steady fast circles to both sides: the "
+        "side acceleration has the same sign in both and grows with the square of the yaw rate. "
+        "That of a tilted IMU remains when the car is at rest."),
     signals={"accel": Static(accel)},
 )

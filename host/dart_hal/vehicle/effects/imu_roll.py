@@ -1,6 +1,7 @@
 """Roll of the IMU: it is mounted with its left side up by an angle.
 
-    a_y cos k + g sin k: gravity leaks into the reading; omega cos k
+    a_y cos k + g sin k      a part of gravity is in the reading
+    omega cos k
 """
 
 from __future__ import annotations
@@ -34,16 +35,15 @@ EFFECT = Effect(
         "has an IMU that is tilted to the left",
         "has an IMU that is tilted to the right"),
     physics=(
-        "A board on foam tape or a bent plate is never level. One degree lets 0.17 m/s2 "
-        "of gravity into the side axis, as if the car were always in a curve. Positive: "
-        "left side up."),
+        "A board on foam tape or a bent plate is never level. One degree adds 0.17 m/s2 of "
+        "gravity to the side axis, like a constant curve. Positive: left side up."),
     stage="measurement",
     acts_along=("speed",),
     parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.01, 0.02, 0.05),
                           meaning="tilt of the IMU, left side up"),),
     confused_with=("road_slope_x", "road_slope_y", "imu_pitch"),
     experiment=(
-        "Stand still, then turn the car by hand to the opposite heading and stand "
-        "again: a tilted IMU reads the same, a sloping floor the opposite."),
+        "Measure at rest, turn the car by hand to the opposite heading and measure again: a "
+        "tilted IMU reads the same, a sloping floor the opposite."),
     signals={"accel": Static(accel), "gyro": Static(gyro)},
 )

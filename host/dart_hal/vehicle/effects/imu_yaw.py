@@ -1,6 +1,6 @@
-"""Yaw of the IMU: its axes do not point along those of the car.
+"""Yaw of the IMU: its axes are rotated against those of the car.
 
-    a_x cos k + a_y sin k, a_y cos k - a_x sin k, k > 0: turned to the left
+    a_x cos k + a_y sin k,  a_y cos k - a_x sin k      k > 0: to the left
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from dart_hal.vehicle.parameters import Vehicle
 
 def accel(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
     def signal(v: Any, now: Now) -> Any:
-        c, s = f.cos(k), f.sin(k)
+        c = f.cos(k)
+        s = f.sin(k)
         return v[0] * c + v[1] * s, v[1] * c - v[0] * s
 
     return signal
@@ -28,15 +29,15 @@ EFFECT = Effect(
         "has an IMU that is turned to the right",
         "has an IMU that is turned to the left"),
     physics=(
-        "A board that is glued on askew mixes forward and side acceleration. The gyro "
-        "does not notice."),
+        "A misaligned board mixes forward and side acceleration. The yaw rate of the gyro does "
+        "not change."),
     stage="measurement",
     acts_along=("acceleration", "lateral_acceleration"),
     parameters=(Parameter("k", "rad", -0.5, 0.5, sizes=(0.02, 0.05, 0.1),
                           meaning="rotation of the IMU to the left"),),
     confused_with=("imu_lever_arm",),
     experiment=(
-        "Accelerate and brake hard on a straight: a side acceleration that follows the "
-        "forward one shows the angle; a lever arm reads only while the car turns."),
+        "Accelerate and brake hard on a straight. A side acceleration that follows the forward "
+        "one shows the angle; that of a lever arm is zero unless the car turns."),
     signals={"accel": Static(accel)},
 )

@@ -1,6 +1,6 @@
-"""Lateral pull: a moment that turns the rolling car to one side.
+"""Lateral pull: a moment that turns the moving car to one side.
 
-    M_z = k tanh(v_x / 0.3 m/s), none at rest, the other way round in reverse
+    M_z = k tanh(v_x / 0.3 m/s)      zero at rest, opposite sign in reverse
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from dart_hal.vehicle.effect import Effect, Forces, Parameter
 from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
-SLOW = 0.3  # m/s
+PULL_SPEED = 0.3  # m/s, at which the moment reaches 76 %
 
 
 def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
     def hook(q: Forces) -> Forces:
-        return q._replace(m_z=q.m_z + k * f.tanh(q.v_x / SLOW))
+        return q._replace(m_z=q.m_z + k * f.tanh(q.v_x / PULL_SPEED))
 
     return hook
 
@@ -26,16 +26,16 @@ EFFECT = Effect(
     title="pulls to one side",
     signed_titles=("pulls to the right", "pulls to the left"),
     physics=(
-        "A wheel that drags, or tyres of different size left and right: resistance on "
-        "one side of the car turns it to that side."),
+        "A wheel that drags, or tyres of different size left and right: the resistance on one "
+        "side of the car turns it to that side."),
     stage="force",
     acts_along=("speed",),
     parameters=(Parameter("k", "N m", -0.2, 0.2, sizes=(0.003, 0.01, 0.03),
                           meaning="moment that turns the moving car to the left"),),
     confused_with=("steering_trim", "gyro_bias", "mocap_yaw", "road_slope_x", "road_slope_y"),
     experiment=(
-        "Straight drives in both directions of the hall, forwards and in reverse: a "
-        "pull keeps its side of the car, a slope that of the hall; a trim shows at "
-        "walking pace as much as at speed."),
+        "Straight drives in both directions of the hall, forwards and in reverse. A pull keeps "
+        "its side of the car, a slope its side of the hall. A trim has the same effect at "
+        "walking pace as at speed."),
     force=force,
 )

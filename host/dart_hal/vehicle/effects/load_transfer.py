@@ -1,6 +1,8 @@
-"""Load transfer: acceleration presses the rear wheels and relieves the front.
+"""Load transfer: forward acceleration moves load from the front to the rear axle.
 
-    F_yf (1 - k a_x / g), F_yr (1 + k a_x / g)
+    F_yf (1 - k a_x / g),  F_yr (1 + k a_x / g)      neither factor below 0
+
+a_x: from the forces of the model.
 """
 
 from __future__ import annotations
@@ -28,16 +30,15 @@ EFFECT = Effect(
     name="load_transfer",
     title="shifts grip between its axles when it speeds up or slows down",
     physics=(
-        "The centre of mass is above the floor: a_x m h / l of load moves between the "
-        "axles, and side force goes with load. k is the height over half the wheelbase, "
-        "nearly."),
+        "The centre of mass is above the floor: a load of a_x m h / l moves between the axles, "
+        "and side force grows with load. k is nearly the height over half the wheelbase."),
     stage="force",
     acts_along=("acceleration",),
     parameters=(Parameter("k", "-", 0.0, 3.0, sizes=(0.2, 0.4, 0.8),
                           meaning="share of the side force that 1 g moves to the rear axle"),),
     confused_with=("combined_slip", "front_grip", "yaw_damping"),
     experiment=(
-        "The same circle with hard acceleration and with coasting, through the same "
-        "speed: the front pushes wide in one and turns in during the other."),
+        "The same circle with hard acceleration and with coasting, through the same speed: the "
+        "radius grows with acceleration and shrinks with coasting."),
     force=force,
 )

@@ -1,11 +1,11 @@
-"""Latency of the motion capture: poses come late.
+"""Latency of the motion capture: poses are delayed.
 
     pose(t) = true pose(t - k)
 """
 
 from __future__ import annotations
 
-from dart_hal.vehicle.effect import Effect, Late, Parameter
+from dart_hal.vehicle.effect import Effect, Parameter, PureDelay
 
 
 def seconds(k: float) -> float:
@@ -14,9 +14,9 @@ def seconds(k: float) -> float:
 
 EFFECT = Effect(
     name="mocap_latency",
-    title="is seen late by the motion capture",
+    title="has delayed poses from the motion capture",
     physics=(
-        "Cameras expose, a computer solves, a network carries: the stamp is that of the "
+        "Cameras expose, a computer solves, a network transmits, and the pose is stamped on "
         "arrival."),
     stage="measurement",
     acts_along=("speed", "yaw_rate"),
@@ -24,7 +24,7 @@ EFFECT = Effect(
                           meaning="additional age of the poses"),),
     confused_with=("steering_delay", "throttle_delay", "clock_offset"),
     experiment=(
-        "Turn the standing car by hand to and fro: gyro against the turning rate of the "
-        "pose shows the latency, without command or actuator."),
-    signals={"pose": Late(seconds)},
+        "Turn the car at rest by hand to both sides: comparing the gyro with the yaw rate of "
+        "the pose shows the latency, without command or actuator."),
+    signals={"pose": PureDelay(seconds)},
 )

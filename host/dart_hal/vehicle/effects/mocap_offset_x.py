@@ -1,6 +1,6 @@
 """Offset of the marker along the car.
 
-    x + k cos(yaw), y + k sin(yaw), k > 0: ahead of where it was thought
+    x + k cos(yaw),  y + k sin(yaw)      k > 0: ahead of the configured position
 """
 
 from __future__ import annotations
@@ -27,17 +27,15 @@ EFFECT = Effect(
         "carries its marker further back than was measured",
         "carries its marker further ahead than was measured"),
     physics=(
-        "Motion capture sees a marker; where it sits on the car is measured with a "
-        "ruler, if at all. Turning then looks like side velocity, in proportion to its "
-        "rate."),
+        "Motion capture tracks a marker, whose position on the car is measured with a ruler, if "
+        "at all. Rotation then looks like side velocity, proportional to the yaw rate."),
     stage="measurement",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.003, 0.008, 0.02),
-                          meaning="distance of the marker ahead of its stated place"),),
+                          meaning="distance of the marker ahead of its stated position"),),
     confused_with=("centre_of_mass", "mocap_offset_y"),
     experiment=(
-        "Turn the car on the spot by hand: the marker draws a circle whose radius is "
-        "the offset from the axis of turning. Or very slow circles, where no tyre "
-        "slips."),
+        "Turn the car on the spot by hand: the marker moves on a circle whose radius is its "
+        "distance from the axis of rotation. Or drive very slow circles, where no tyre slips."),
     signals={"pose": Static(pose)},
 )

@@ -1,6 +1,6 @@
 """Offset of the marker across the car.
 
-    x - k sin(yaw), y + k cos(yaw), k > 0: to the left of where it was thought
+    x - k sin(yaw),  y + k cos(yaw)      k > 0: to the left of the configured position
 """
 
 from __future__ import annotations
@@ -27,16 +27,15 @@ EFFECT = Effect(
         "carries its marker further right than was measured",
         "carries its marker further left than was measured"),
     physics=(
-        "A marker off the middle of the car goes faster in a curve to the other side: "
-        "forward speed seems to change with the turning rate."),
+        "A marker to one side of the middle is faster in a curve to the other side: the forward "
+        "speed seems to change with the yaw rate."),
     stage="measurement",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "m", -0.1, 0.1, sizes=(0.003, 0.008, 0.02),
-                          meaning="distance of the marker to the left of its stated place"),),
+                          meaning="distance of the marker to the left of its stated position"),),
     confused_with=("mocap_offset_x", "cornering_drag"),
     experiment=(
-        "Slow circles to the left and to the right against the encoder: the speed of "
-        "the pose is too small on one side and too large on the other, where drag is "
-        "the same on both."),
+        "Slow circles to the left and to the right, compared with the encoder. The speed of the "
+        "pose is too low on one side and too high on the other; drag is the same on both."),
     signals={"pose": Static(pose)},
 )

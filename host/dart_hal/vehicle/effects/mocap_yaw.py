@@ -1,4 +1,4 @@
-"""Yaw of the marker: its axes are turned against those of the car.
+"""Yaw of the marker: its axes are rotated against those of the car.
 
     yaw + k
 """
@@ -27,15 +27,15 @@ EFFECT = Effect(
         "carries its marker turned to the right",
         "carries its marker turned to the left"),
     physics=(
-        "The axes of a marker are those in which it was registered. Driving straight "
-        "ahead then looks like drifting sideways, in proportion to speed."),
+        "The axes of a marker are those at its registration. Driving straight ahead then looks "
+        "like side velocity, proportional to speed."),
     stage="measurement",
     acts_along=("speed",),
     parameters=(Parameter("k", "rad", -0.2, 0.2, sizes=(0.005, 0.01, 0.03),
                           meaning="rotation of the marker to the left"),),
     confused_with=("steering_trim", "lateral_pull"),
     experiment=(
-        "Straight drives forwards and in reverse: the side velocity changes its sign "
-        "with the speed and none of it turns the car, where a trim does."),
+        "Straight drives forwards and in reverse. The side velocity changes its sign with the "
+        "speed and the car does not turn; with a trim it turns."),
     signals={"pose": Static(pose)},
 )

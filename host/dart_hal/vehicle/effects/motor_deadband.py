@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 from dart_hal.vehicle.effect import Effect, Parameter
-from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.flat import replace_unchecked
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
 def vehicle(p: Vehicle, k: Value) -> Vehicle:
-    return unchecked(p, {"motor": {"g": p.motor.g - k}})
+    return replace_unchecked(p, {"motor": {"g": p.motor.g - k}})
 
 
 EFFECT = Effect(
@@ -22,15 +22,15 @@ EFFECT = Effect(
         "begins to pull at less throttle than the model",
         "begins to pull at more throttle than the model"),
     physics=(
-        "Neutral of the ESC drifts with temperature and with how it was taught; brushes "
-        "and gears stick until the torque suffices."),
+        "The neutral of the ESC drifts with temperature and depends on how it was calibrated. "
+        "Brushes and gears stick until the torque is large enough."),
     stage="actuator",
     acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "-", -0.1, 0.1, sizes=(0.005, 0.01, 0.02),
                           meaning="additional throttle at which the motor begins to pull"),),
     confused_with=("motor_gain", "rolling_resistance", "pwm_clock"),
     experiment=(
-        "Steady speeds on a straight at many levels of throttle, small ones above all: "
-        "a dead band shifts the curve of speed over throttle sideways, a gain tilts it."),
+        "Steady speeds on a straight at many levels of throttle, above all small ones. A dead "
+        "band shifts the curve of speed over throttle, a gain changes its slope."),
     vehicle=vehicle,
 )

@@ -1,18 +1,18 @@
-"""Motor gain: all forces of the motor are larger or smaller by the same share.
+"""Motor gain: all forces of the motor are larger or smaller by the same factor.
 
-    F_m = (1 + k) (d - e v) T(tau), a level for each recording
+    F_m = (1 + k) (d - e v) T(tau)      one k for each recording
 """
 
 from __future__ import annotations
 
 from dart_hal.vehicle.effect import Effect, Parameter
-from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.flat import replace_unchecked
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
 def vehicle(p: Vehicle, k: Value) -> Vehicle:
-    return unchecked(p, {"motor": {"d": p.motor.d * (1.0 + k), "e": p.motor.e * (1.0 + k)}})
+    return replace_unchecked(p, {"motor": {"d": p.motor.d * (1.0 + k), "e": p.motor.e * (1.0 + k)}})
 
 
 EFFECT = Effect(
@@ -20,8 +20,8 @@ EFFECT = Effect(
     title="has a stronger or weaker motor than the model",
     signed_titles=("has a weaker motor than the model", "has a stronger motor than the model"),
     physics=(
-        "Force goes with the voltage of the battery: full or half empty is a difference "
-        "of 15 %. It is a property of a drive and not of the car."),
+        "The force is proportional to the battery voltage: full and half empty differ by 15 %. "
+        "It is a property of a drive and not of the car."),
     stage="actuator",
     acts_along=("throttle", "acceleration"),
     parameters=(
@@ -30,8 +30,7 @@ EFFECT = Effect(
     confused_with=(
         "battery_fade", "quadratic_drag", "rolling_resistance", "mass", "motor_deadband"),
     experiment=(
-        "Throttle steps from standstill and coasting down on the same straight, with a "
-        "full and with a half empty battery: a weak motor leaves coasting unchanged, "
-        "drag and mass do not."),
+        "Throttle steps from standstill and coasting on the same straight, with a full and with "
+        "a half empty battery. A weak motor does not change coasting; drag and mass do."),
     vehicle=vehicle,
 )

@@ -1,6 +1,8 @@
 """PWM clock: all pulses are longer or shorter by the same factor.
 
-    pulse = (1 + k) (1500 us + span command), so u = command + k (command + 1500 us / span)
+    pulse = (1 + k) (1500 us + span u)
+
+The effective command is that of the unchanged pulse formula: u + k (u + 1500 us / span).
 """
 
 from __future__ import annotations
@@ -12,10 +14,10 @@ from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
 NEUTRAL_US = 1500.0
-SPAN_US = 375.0, 450.0  # pulse for a command of 1: steering, throttle
+SPAN_US = (375.0, 450.0)  # change of the pulse for a command of 1: steering, throttle
 
 
-def stretched(k: Value, span: float) -> Callable[[Value, Now], Value]:
+def stretch_pulse(k: Value, span: float) -> Callable[[Value, Now], Value]:
     def signal(v: Value, now: Now) -> Value:
         return v + k * (v + NEUTRAL_US / span)
 
@@ -23,20 +25,22 @@ def stretched(k: Value, span: float) -> Callable[[Value, Now], Value]:
 
 
 def steering(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
-    return stretched(k, SPAN_US[0])
+    return stretch_pulse(k, SPAN_US[0])
 
 
 def throttle(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
-    return stretched(k, SPAN_US[1])
+    return stretch_pulse(k, SPAN_US[1])
 
 
 EFFECT = Effect(
     name="pwm_clock",
-    title="gets pulses that are too long or too short",
-    signed_titles=("gets pulses that are too short", "gets pulses that are too long"),
+    title="receives pulses that are too long or too short",
+    signed_titles=(
+        "receives pulses that are too short",
+        "receives pulses that are too long"),
     physics=(
-        "The PCA9685 counts an RC oscillator of 25 MHz +- 4 %. Slow, it stretches every "
-        "pulse: the neutral of the servo moves to the left and that of the motor "
+        "The PCA9685 counts an RC oscillator of 25 MHz +- 4 %. A slow oscillator lengthens "
+        "every pulse: the neutral of the servo moves to the left and that of the motor "
         "forwards, together."),
     stage="command",
     acts_along=("throttle", "steering_angle"),
@@ -44,8 +48,8 @@ EFFECT = Effect(
                           meaning="excess length of the pulses"),),
     confused_with=("steering_trim", "motor_deadband", "motor_gain"),
     experiment=(
-        "Straight drives with two levels of throttle: the clock moves trim and dead "
-        "band together, in the ratio 375 to 450; a counter on the PWM pin shows it at "
-        "once (hardware/README.md, PWM clock)."),
+        "Straight drives with two levels of throttle: the clock moves trim and dead band "
+        "together, in the ratio 375 to 450. A counter on the PWM pin measures it directly "
+        "(hardware/README.md, PWM clock)."),
     signals={"steering": Static(steering), "throttle": Static(throttle)},
 )

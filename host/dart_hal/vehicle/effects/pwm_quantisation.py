@@ -1,8 +1,9 @@
-"""Quantisation: pulses come in whole counts of the PWM chip, cut or rounded.
+"""Quantisation: pulses are whole counts of the PWM chip, truncated or rounded.
 
-    u = k floor(command / k + phase), k: one count as a share of the steering command;
-    375/450 of it for the throttle, whose span in microseconds is wider; phase: 0 where
-    counts are cut, 0.5 where they are rounded
+    u = k floor(command / k + phase)
+
+k: one count in units of the steering command; 375/450 of it for the throttle, whose span in
+microseconds is wider. phase: 0 for truncated counts, 0.5 for rounded ones.
 """
 
 from __future__ import annotations
@@ -13,40 +14,40 @@ from dart_hal.vehicle.effect import Effect, Now, Parameter, Static
 from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
-SPAN_US = 375.0, 450.0  # pulse for a command of 1: steering, throttle
-LEAST = 1e-9
+SPAN_US = (375.0, 450.0)  # change of the pulse for a command of 1: steering, throttle
+MIN_STEP = 1e-9  # avoids a division by zero at k = 0
 
 
-def steps(p: Vehicle, f: Namespace, k: Value,
+def quantise(p: Vehicle, f: Namespace, k: Value,
           phase: Value) -> Callable[[Value, Now], Value]:
     def signal(v: Value, now: Now) -> Value:
-        counts = v / f.fmax(k, LEAST) + phase
-        return v - k * (counts - f.floor(counts) - phase)   # exactly v where k is 0
+        counts = v / f.fmax(k, MIN_STEP) + phase
+        return v - k * (counts - f.floor(counts) - phase)  # exactly v for k = 0
 
     return signal
 
 
 def throttle(p: Vehicle, f: Namespace, k: Value,
              phase: Value) -> Callable[[Value, Now], Value]:
-    return steps(p, f, k * SPAN_US[0] / SPAN_US[1], phase)
+    return quantise(p, f, k * SPAN_US[0] / SPAN_US[1], phase)
 
 
 EFFECT = Effect(
     name="pwm_quantisation",
     title="moves steering and motor in steps",
     physics=(
-        "A PCA9685 at 50 Hz makes pulses in steps of 4.88 us: 0.013 of the steering "
-        "command. A driver that cuts to whole counts makes the mean half a step low."),
+        "A PCA9685 at 50 Hz makes pulses in steps of 4.88 us, which is 0.013 of the steering "
+        "command. A driver that truncates to whole counts lowers the mean by half a step."),
     stage="command",
     acts_along=("steering_angle",),
     parameters=(
         Parameter("k", "-", 0.0, 0.2, sizes=(0.013, 0.026, 0.052),
                   meaning="step of the steering command"),
         Parameter("phase", "step", 0.0, 1.0, sizes=(0.25, 0.5, 0.75),
-                  meaning="0 where counts are cut, 0.5 where they are rounded", alone=False)),
+                  meaning="0 if counts are truncated, 0.5 if they are rounded", alone=False)),
     confused_with=("steering_backlash", "steering_trim", "motor_deadband"),
     experiment=(
-        "A slow ramp of the steering command at constant speed, up and down: steps at "
-        "the same commands in both directions, where backlash makes a loop."),
-    signals={"steering": Static(steps), "throttle": Static(throttle)},
+        "A slow ramp of the steering command at constant speed, up and down. Steps are at the "
+        "same commands in both directions; backlash makes a loop."),
+    signals={"steering": Static(quantise), "throttle": Static(throttle)},
 )

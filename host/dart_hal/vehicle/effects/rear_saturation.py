@@ -1,6 +1,6 @@
-"""Rear saturation: the side force of the rear axle bends and ends.
+"""Rear saturation: the side force of the rear axle has a limit.
 
-    F_yr / sqrt(1 + (k F_yr)^2): never more than 1/k
+    F_yr / sqrt(1 + (k F_yr)^2)      below 1/k
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from dart_hal.vehicle.parameters import Vehicle
 
 def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
     def hook(q: Forces) -> Forces:
-        bent = f.sqrt(1.0 + (k * q.f_yr) * (k * q.f_yr))
-        return q._replace(f_yr=q.f_yr / bent)
+        divisor = f.sqrt(1.0 + (k * q.f_yr) * (k * q.f_yr))
+        return q._replace(f_yr=q.f_yr / divisor)
 
     return hook
 
 
 EFFECT = Effect(
     name="rear_saturation",
-    title="lets its rear wheels slide where the model's hold",
+    title="has less side force at its rear wheels than the model",
     physics=(
-        "The rear tyre of the paper's model is a straight line without end. A real one "
-        "gives way: its force has a limit near the grip of the floor times the load."),
+        "The rear tyre of the paper's model is linear without limit. The force of a real tyre "
+        "is limited, near the friction coefficient times the load."),
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "1/N", 0.0, 2.0, sizes=(0.15, 0.25, 0.40),
@@ -33,8 +33,7 @@ EFFECT = Effect(
                           tops=True),),
     confused_with=("grip", "roll_compliance", "combined_slip", "yaw_damping"),
     experiment=(
-        "Circles at rising speed until the rear slides, and a step of the steering at "
-        "high speed: only the largest forces fall short, small ones are those of the "
-        "model."),
+        "Circles at rising speed until the rear slides, and a step of the steering at high "
+        "speed. Only the largest forces are smaller than in the model."),
     force=force,
 )

@@ -1,7 +1,8 @@
 """Slope of the floor along y of the room.
 
-    acceleration k along y of the room, k = g times the slope, k > 0: down towards +y;
-    an accelerometer does not feel what gravity does, so it reads k less
+    acceleration k = g slope along y of the room      k > 0: downhill towards +y
+
+An accelerometer measures the acceleration without that of gravity, so it reads k less along y.
 """
 
 from __future__ import annotations
@@ -33,19 +34,18 @@ def accel(p: Vehicle, f: Namespace, k: Value) -> Callable[[Any, Now], Any]:
 
 EFFECT = Effect(
     name="road_slope_y",
-    title="is drawn along y of the room",
+    title="is pulled along y of the room by a slope",
     physics=(
-        "A floor is never level: one centimetre over a metre is 0.1 m/s2, about a "
-        "tenth of the friction. The pull keeps its direction in the room while the "
-        "car turns."),
+        "A floor is never level: one centimetre per metre is 0.1 m/s2, about a tenth of the "
+        "friction. The pull keeps its direction in the room while the car turns."),
     stage="force",
     acts_along=("heading", "y"),
     parameters=(Parameter("k", "m/s2", -1.0, 1.0, sizes=(0.05, 0.1, 0.2),
                           meaning="downhill acceleration along y of the room"),),
     confused_with=("road_slope_x", "rolling_resistance", "lateral_pull", "imu_pitch", "imu_roll"),
     experiment=(
-        "The same straight drive in four directions of the room, or slow circles: the "
-        "error turns with the heading, where a cause in the car turns with the car."),
+        "The same straight drive in four directions of the room, or slow circles. The error "
+        "changes with the heading; a cause in the car has the same error at every heading."),
     force=force,
     signals={"accel": Static(accel)},
 )

@@ -1,6 +1,8 @@
-"""Roll: leaning in a curve takes grip from both axles.
+"""Roll: leaning in a curve reduces the grip of both axles.
 
-    F_y (1 - k (a_y / g)^2), front and rear, a_y from the forces of the model
+    F_y (1 - k (a_y / g)^2)      front and rear, the factor not below 0
+
+a_y: from the forces of the model.
 """
 
 from __future__ import annotations
@@ -18,8 +20,8 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
     def hook(q: Forces) -> Forces:
         a_y = (q.f_yr + q.f_yf * q.cos_d + q.f_xf * q.sin_d + q.f_y) * per_mass
         lean = a_y / GRAVITY
-        left = f.fmax(0.0, 1.0 - k * lean * lean)
-        return q._replace(f_yf=q.f_yf * left, f_yr=q.f_yr * left)
+        factor = f.fmax(0.0, 1.0 - k * lean * lean)
+        return q._replace(f_yf=q.f_yf * factor, f_yr=q.f_yr * factor)
 
     return hook
 
@@ -28,17 +30,16 @@ EFFECT = Effect(
     name="roll_compliance",
     title="loses grip in fast curves more than the model",
     physics=(
-        "In a curve the body leans: load moves to the outer wheels, which gain less "
-        "than the inner ones lose, and the wheels tilt and steer with the springs. All "
-        "of it grows with the square of the side acceleration."),
+        "In a curve the body leans. Load moves to the outer wheels, which gain less grip than "
+        "the inner ones lose, and the wheels tilt and steer with the springs. The loss grows "
+        "with the square of the side acceleration."),
     stage="force",
     acts_along=("lateral_acceleration",),
     parameters=(Parameter("k", "-", 0.0, 3.0, sizes=(0.2, 0.5, 1.0),
                           meaning="share of the side force lost at 1 g to the side"),),
     confused_with=("grip", "rear_saturation", "front_grip"),
     experiment=(
-        "Circles of one radius at rising speed to both sides: the loss grows with the "
-        "square of the side acceleration, where less grip is the same share from the "
-        "first circle on."),
+        "Circles of one radius at rising speed to both sides. The loss grows with the square of "
+        "the side acceleration; that of less grip is the same factor from the first circle on."),
     force=force,
 )

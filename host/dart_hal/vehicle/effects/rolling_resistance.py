@@ -1,18 +1,18 @@
 """Rolling resistance: a constant force against the motion.
 
-    F_f - k tanh(b v), b of the model's own dry friction
+    F_f - k tanh(b v)      F_f, b: friction of the model
 """
 
 from __future__ import annotations
 
 from dart_hal.vehicle.effect import Effect, Parameter
-from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.flat import replace_unchecked
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
 def vehicle(p: Vehicle, k: Value) -> Vehicle:
-    return unchecked(p, {"friction": {"a": p.friction.a + k}})
+    return replace_unchecked(p, {"friction": {"a": p.friction.a + k}})
 
 
 EFFECT = Effect(
@@ -20,8 +20,8 @@ EFFECT = Effect(
     title="rolls harder or more easily than the model",
     signed_titles=("rolls more easily than the model", "rolls harder than the model"),
     physics=(
-        "Tyres, bearings and gears resist with a force that hardly depends on speed; a "
-        "soft floor, dirt or a tight gear mesh adds to it."),
+        "Tyres, bearings and gears resist with a force that hardly depends on speed. A soft "
+        "floor, dirt or a tight gear mesh increases it."),
     stage="force",
     acts_along=("speed", "throttle"),
     parameters=(Parameter("k", "N", -1.0, 5.0, sizes=(0.1, 0.25, 0.5),
@@ -29,8 +29,8 @@ EFFECT = Effect(
     confused_with=(
         "quadratic_drag", "motor_gain", "motor_deadband", "road_slope_x", "road_slope_y"),
     experiment=(
-        "Coasting down from high speed to standstill, in both directions of the hall: a "
-        "constant force slows the car alike at all speeds, drag only at high ones, and "
-        "a slope changes sign with the direction."),
+        "Coasting from high speed to standstill, in both directions of the hall. A constant "
+        "force slows the car equally at all speeds, drag only at high ones, and a slope changes "
+        "sign with the direction."),
     vehicle=vehicle,
 )

@@ -1,6 +1,6 @@
 """Steering backlash: play between servo and wheels.
 
-    angle stays within k/2 of what the linkage asks for, and moves only when pushed
+    angle = clip(angle before, target - k/2, target + k/2)      target: angle of the linkage
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ def play(p: Vehicle, f: Namespace, dt: Value, k: Value) -> tuple[
         Callable[[Value], tuple[Value]], Callable[[Value, Now, Value], tuple[Value, Value]]]:
     half = 0.5 * k
 
-    def step(v: Value, now: Now, held: Value) -> tuple[Value, Value]:
-        out = f.fmax(v - half, f.fmin(v + half, held))
+    def step(v: Value, now: Now, before: Value) -> tuple[Value, Value]:
+        out = f.fmax(v - half, f.fmin(v + half, before))
         return out, out
 
     return lambda v: (v,), step
 
 
 def half_width(k: float) -> float:
-    """How far the wheels may be from where the linkage asks for [rad]."""
+    """Return the largest difference of wheels and linkage [rad]."""
     return 0.5 * k
 
 
@@ -32,9 +32,9 @@ EFFECT = Effect(
     name="steering_backlash",
     title="has play in its steering",
     physics=(
-        "Pin and hole of every joint of the linkage, and the gears of the servo, leave "
-        "the wheels free within a small angle: coming from the left they stand further "
-        "left than coming from the right. k is the whole width."),
+        "Pins and holes of the linkage and the gears of the servo leave the wheels free within "
+        "a small angle. After a movement from the left they are further left than after one "
+        "from the right. k is the whole width."),
     stage="actuator",
     acts_along=("steering_angle", "steering_rate"),
     parameters=(Parameter("k", "rad", 0.0, 0.3, sizes=(0.02, 0.05, 0.10),
@@ -42,7 +42,7 @@ EFFECT = Effect(
     confused_with=("steering_trim", "steering_gain", "pwm_quantisation", "steering_delay",
                    "steering_dead_zone"),
     experiment=(
-        "Circles of the same command reached from the left and from the right at "
-        "constant low speed: play gives two radii, a trim gives one."),
+        "Circles of the same command reached from the left and from the right at constant low "
+        "speed: backlash gives two radii, a trim gives one."),
     signals={"angle": Stateful(play, blind=True, play=half_width)},
 )

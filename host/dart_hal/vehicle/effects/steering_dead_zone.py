@@ -1,4 +1,4 @@
-"""Steering dead zone: the wheels stay straight until the linkage has left the middle.
+"""Steering dead zone: the wheels stay straight until the linkage has left its centre.
 
     delta - clip(delta, -k/2, k/2)
 """
@@ -26,16 +26,16 @@ EFFECT = Effect(
     name="steering_dead_zone",
     title="does not steer for small commands about straight ahead",
     physics=(
-        "Play in the linkage, with wheels that run after their steering axis: rolling pulls "
-        "them to the middle of what the play leaves them, whichever side they come from, so that "
-        "they stand straight within it. k is the whole width."),
+        "Play in the linkage, and wheels that trail their steering axis: rolling moves them to "
+        "the middle of the play, from either side, so they are straight within it. k is the "
+        "whole width."),
     stage="actuator",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "rad", 0.0, 0.3, sizes=(0.02, 0.05, 0.10),
                           meaning="range of angles without steering from end to end"),),
     confused_with=("steering_backlash", "steering_gain", "steering_compliance"),
     experiment=(
-        "Small commands to either side of straight ahead, coming from left and from right: the "
-        "car goes straight for all of them, where backlash leaves the angle it had before."),
+        "Small commands to either side of straight ahead, reached from left and from right. The "
+        "car goes straight for all of them; with backlash it keeps the angle it had before."),
     signals={"angle": Static(angle)},
 )

@@ -1,4 +1,4 @@
-"""Steering gain: all angles of the map are larger or smaller by the same share.
+"""Steering gain: all angles of the map are larger or smaller by the same factor.
 
     angle = (1 + k) map(s)
 """
@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 from dart_hal.vehicle.effect import Effect, Parameter
-from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.flat import replace_unchecked
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
 def vehicle(p: Vehicle, k: Value) -> Vehicle:
-    return unchecked(p, {"steering": {"a_left_rad": p.steering.a_left_rad * (1.0 + k),
+    return replace_unchecked(p, {"steering": {"a_left_rad": p.steering.a_left_rad * (1.0 + k),
                                   "a_right_rad": p.steering.a_right_rad * (1.0 + k)}})
 
 
@@ -23,16 +23,15 @@ EFFECT = Effect(
         "turns its wheels less far than the model",
         "turns its wheels further than the model"),
     physics=(
-        "Length of the servo's horn and of the steering arms set the ratio of the "
-        "linkage; another hole of the horn changes it."),
+        "The lengths of the servo horn and of the steering arms set the ratio of the linkage. "
+        "Another hole of the horn changes it."),
     stage="actuator",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "relative", -0.5, 0.5, sizes=(0.02, 0.05, 0.10),
                           meaning="change of the road-wheel angle"),),
     confused_with=("front_grip", "grip", "steering_compliance", "gyro_scale"),
     experiment=(
-        "Slow circles at several commands: without slip the radius shows the angle "
-        "alone; then the same circles faster, where grip and compliance change it and "
-        "the gain does not."),
+        "Slow circles at several commands: without slip the radius shows the angle alone. Then "
+        "the same circles faster: grip and compliance change the radius, the gain does not."),
     vehicle=vehicle,
 )

@@ -1,34 +1,36 @@
 """Steering lag: the servo follows its command like a first-order filter.
 
-    s' = (command - s) / k, in addition to a lag that the model has (time constants add)
+    s' = (command - s) / k
+
+In addition to a lag of the model: the time constants add.
 """
 
 from __future__ import annotations
 
 from dart_hal.vehicle.effect import Effect, Parameter
-from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.flat import replace_unchecked
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
 def vehicle(p: Vehicle, k: Value) -> Vehicle:
-    return unchecked(p, {"delay": {"steering_lag_s": p.delay.steering_lag_s + k}})
+    return replace_unchecked(p, {"delay": {"steering_lag_s": p.delay.steering_lag_s + k}})
 
 
 EFFECT = Effect(
     name="steering_lag",
     title="turns its wheels more slowly than the model",
     physics=(
-        "The position loop of the servo, and the play and elasticity behind it, need "
-        "time to follow: fast at first, then ever slower."),
+        "The position loop of the servo, and the play and elasticity behind it, follow with a "
+        "delay: fast at first, then ever slower."),
     stage="actuator",
     acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.03, 0.06, 0.12),
                           meaning="additional time constant of the steering"),),
     confused_with=("steering_delay", "steering_rate_limit", "yaw_inertia"),
     experiment=(
-        "Steering steps of different size at constant speed: a lag has the same shape "
-        "for all, a rate limit takes longer for the large; at two speeds, because "
-        "inertia of yaw shows only when the tyres slip."),
+        "Steering steps of different size at constant speed: a lag has the same shape for all, "
+        "a rate limit takes longer for the large. At two speeds, because yaw inertia has an "
+        "effect only when the tyres slip."),
     vehicle=vehicle,
 )

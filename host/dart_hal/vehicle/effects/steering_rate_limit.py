@@ -1,6 +1,6 @@
-"""Steering rate limit: the servo turns no faster than its motor.
+"""Steering rate limit: the servo has a top speed.
 
-    |ds/dt| <= 1/k, s the command that it has reached
+    |ds/dt| <= 1/k      s: position of the servo, as a command
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
-def limited(p: Vehicle, f: Namespace, dt: Value, k: Value) -> tuple[
+def limit_rate(p: Vehicle, f: Namespace, dt: Value, k: Value) -> tuple[
         Callable[[Value], tuple[Value]], Callable[[Value, Now, Value], tuple[Value, Value]]]:
     def step(v: Value, now: Now, reached: Value) -> tuple[Value, Value]:
-        way = v - reached
-        # what is left to go; 0 within one step's reach, so that no limit changes nothing
-        out = v - (way - way / f.fmax(1.0, f.fabs(way) * k / dt))
+        error = v - reached
+        # reached + clip(error, -dt / k, dt / k), written so that k = 0 gives exactly v
+        out = v - (error - error / f.fmax(1.0, f.fabs(error) * k / dt))
         return out, out
 
     return lambda v: (v,), step
 
 
 def slack(dt: float, k: float) -> float:
-    """Change of the command in one step that the servo keeps up with."""
+    """Return the largest change of the command in one step that the servo follows."""
     return dt / k if k > 0.0 else math.inf
 
 
@@ -33,15 +33,15 @@ EFFECT = Effect(
     name="steering_rate_limit",
     title="turns its wheels no faster than a limit",
     physics=(
-        "A servo has a top speed: large changes of the command take time in proportion, "
-        "small ones pass at once. A weak supply of the servo lowers it."),
+        "A servo has a top speed: large changes of the command take time in proportion, small "
+        "ones are immediate. A weak supply of the servo lowers it."),
     stage="actuator",
     acts_along=("steering_rate",),
     parameters=(Parameter("k", "s", 0.0, 2.0, sizes=(0.125, 0.25, 0.5),
                           meaning="time from straight ahead to full lock"),),
     confused_with=("steering_lag", "steering_delay"),
     experiment=(
-        "Steering steps of different size at constant speed: the time to arrive grows "
-        "with the size of the step, where a lag takes the same time for all."),
-    signals={"steering": Stateful(limited, blind=True, slack=slack)},
+        "Steering steps of different size at constant speed. The time to arrive grows with the "
+        "size of the step; a lag takes the same time for all."),
+    signals={"steering": Stateful(limit_rate, blind=True, slack=slack)},
 )

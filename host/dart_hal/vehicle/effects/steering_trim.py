@@ -1,4 +1,4 @@
-"""Steering trim: the wheels stand askew by a constant angle.
+"""Steering trim: the road-wheel angle has a constant offset.
 
     angle = map(s) + k
 """
@@ -12,7 +12,7 @@ from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
-def trimmed(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
+def add_trim(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]:
     def signal(v: Value, now: Now) -> Value:
         return v + k
 
@@ -21,21 +21,21 @@ def trimmed(p: Vehicle, f: Namespace, k: Value) -> Callable[[Value, Now], Value]
 
 EFFECT = Effect(
     name="steering_trim",
-    title="steers to one side of where the model steers",
+    title="has a steering offset to one side of the model",
     signed_titles=(
-        "steers to the right of where the model steers",
-        "steers to the left of where the model steers"),
+        "steers further to the right than the model",
+        "steers further to the left than the model"),
     physics=(
-        "The horn of the servo sits on a toothed shaft and the rods have threads: "
-        "centre is where somebody set it, and a bump moves it."),
+        "The horn of the servo is on a toothed shaft and the rods have threads. Assembly sets "
+        "the centre, and an impact moves it."),
     stage="actuator",
     acts_along=("steering_angle",),
     parameters=(Parameter("k", "rad", -0.2, 0.2, sizes=(0.005, 0.01, 0.02),
                           meaning="road-wheel angle to the left of the model's"),),
     confused_with=("steering_backlash", "pwm_clock", "lateral_pull", "mocap_yaw", "gyro_bias"),
     experiment=(
-        "Straight drives at two speeds, then circles of equal command to both sides: a "
-        "trim adds the same curvature at every speed; a pull grows with the slip of the "
-        "tyres, and play depends on the side from which the command came."),
-    signals={"angle": Static(trimmed)},
+        "Straight drives at two speeds, then circles of equal command to both sides. A trim "
+        "adds the same curvature at every speed. A pull grows with the slip of the tyres, and "
+        "backlash depends on the direction in which the command was reached."),
+    signals={"angle": Static(add_trim)},
 )

@@ -6,21 +6,21 @@
 from __future__ import annotations
 
 from dart_hal.vehicle.effect import Effect, Parameter
-from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.flat import replace_unchecked
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
 def vehicle(p: Vehicle, k: Value) -> Vehicle:
-    return unchecked(p, {"delay": {"throttle_s": p.delay.throttle_s + k}})
+    return replace_unchecked(p, {"delay": {"throttle_s": p.delay.throttle_s + k}})
 
 
 EFFECT = Effect(
     name="throttle_delay",
-    title="answers the throttle later than the model, by a fixed time",
+    title="responds to the throttle later than the model, by a fixed time",
     physics=(
-        "Commands wait for the next frame of the ESC, and its own filter waits for "
-        "several frames before it believes a change."),
+        "Commands wait for the next frame of the ESC, and its filter accepts a change only "
+        "after several frames."),
     stage="command",
     acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.03, 0.06, 0.12),
@@ -28,7 +28,7 @@ EFFECT = Effect(
     confused_with=("throttle_lag", "mocap_latency", "clock_offset"),
     experiment=(
         "Throttle steps up and down on a straight: a delay shifts the start of the "
-        "acceleration, a lag rounds it; steering steps beside them, because late motion "
-        "capture delays those too."),
+        "acceleration, a lag rounds it. Steering steps as well, because delayed motion capture "
+        "delays those too."),
     vehicle=vehicle,
 )

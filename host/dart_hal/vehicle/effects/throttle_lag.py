@@ -1,26 +1,28 @@
 """Throttle lag: the force of the motor follows its command like a first-order filter.
 
-    tau' = (command - tau) / k, in addition to a lag that the model has (time constants add)
+    tau' = (command - tau) / k
+
+In addition to a lag of the model: the time constants add.
 """
 
 from __future__ import annotations
 
 from dart_hal.vehicle.effect import Effect, Parameter
-from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.flat import replace_unchecked
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
 def vehicle(p: Vehicle, k: Value) -> Vehicle:
-    return unchecked(p, {"delay": {"throttle_lag_s": p.delay.throttle_lag_s + k}})
+    return replace_unchecked(p, {"delay": {"throttle_lag_s": p.delay.throttle_lag_s + k}})
 
 
 EFFECT = Effect(
     name="throttle_lag",
-    title="answers the throttle more slowly than the model",
+    title="responds to the throttle more slowly than the model",
     physics=(
-        "The ESC ramps its duty cycle, the current rises against the motor's "
-        "inductance, shafts and gears wind up."),
+        "The ESC ramps its duty cycle, the current rises against the motor's inductance, and "
+        "shafts and gears twist."),
     stage="actuator",
     acts_along=("throttle", "acceleration"),
     parameters=(Parameter("k", "s", 0.0, 0.5, sizes=(0.04, 0.08, 0.16),

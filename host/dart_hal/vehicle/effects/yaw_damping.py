@@ -1,4 +1,4 @@
-"""Yaw damping: a moment against turning.
+"""Yaw damping: a moment against the yaw rate.
 
     M_z = -k omega
 """
@@ -21,18 +21,18 @@ def force(p: Vehicle, f: Namespace, k: Value) -> Callable[[Forces], Forces]:
 
 EFFECT = Effect(
     name="yaw_damping",
-    title="turns more lazily than the model",
+    title="turns more slowly than the model",
     physics=(
-        "Tyres have width and length and resist being twisted on the floor; what the "
-        "bicycle has as a point of contact damps the turning as well."),
+        "Tyres have width and length and resist rotation on the floor. In the bicycle model a "
+        "tyre is a point of contact without such a moment."),
     stage="force",
     acts_along=("yaw_rate",),
     parameters=(Parameter("k", "N m s", 0.0, 0.2, sizes=(0.003, 0.01, 0.03),
                           meaning="moment against turning per rad/s of yaw rate"),),
     confused_with=("differential_drag", "yaw_inertia", "front_grip", "rear_saturation"),
     experiment=(
-        "Steering steps at several speeds: damping lowers the steady turning rate too, "
-        "inertia only its rise; the loss on a circle of one radius grows with speed, "
-        "where a stiff differential takes the same."),
+        "Steering steps at several speeds: damping also lowers the steady yaw rate, inertia "
+        "only its rise. On a circle of one radius the loss grows with speed; that of a stiff "
+        "differential does not."),
     force=force,
 )

@@ -1,4 +1,4 @@
-"""Inertia of yaw: the car resists changes of its turning rate more or less.
+"""Yaw inertia: the car resists changes of its yaw rate more or less than the model.
 
     I_z (1 + k)
 """
@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 from dart_hal.vehicle.effect import Effect, Parameter
-from dart_hal.vehicle.flat import unchecked
+from dart_hal.vehicle.flat import replace_unchecked
 from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle
 
 
 def vehicle(p: Vehicle, k: Value) -> Vehicle:
-    return unchecked(p, {"body": {"yaw_inertia": p.body.yaw_inertia * (1.0 + k)}})
+    return replace_unchecked(p, {"body": {"yaw_inertia": p.body.yaw_inertia * (1.0 + k)}})
 
 
 EFFECT = Effect(
@@ -22,17 +22,16 @@ EFFECT = Effect(
         "begins and ends a turn faster than the model",
         "begins and ends a turn more slowly than the model"),
     physics=(
-        "Nobody has measured it: published values are those of a rectangle and differ "
-        "by a third. Weight at the ends of the car counts with the square of its "
-        "distance."),
+        "It was not measured: published values are those of a rectangle and differ by a third. "
+        "Mass at the ends of the car counts with the square of its distance."),
     stage="motion",
     acts_along=("yaw_rate", "steering_rate"),
     parameters=(Parameter("k", "relative", -0.7, 3.0, sizes=(0.3, 0.6, 1.2),
                           meaning="change of the yaw inertia"),),
     confused_with=("steering_lag", "yaw_damping", "grip", "front_grip"),
     experiment=(
-        "Fast changes of the steering at high speed, with the side velocity of the "
-        "body: inertia delays turning and not slipping, and leaves every steady circle "
-        "alone; a lag of the servo shows at low speed too."),
+        "Fast changes of the steering at high speed, with the side velocity of the body. "
+        "Inertia delays the rotation and not the slip, and does not change steady circles. A "
+        "lag of the servo also has an effect at low speed."),
     vehicle=vehicle,
 )

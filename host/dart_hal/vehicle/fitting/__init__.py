@@ -1,1 +1,1 @@
-"""Least squares: solvers, robust loss, covariances. Knows nothing of cars."""
+"""Least squares: solvers, robust loss, covariances. Independent of the vehicle model."""

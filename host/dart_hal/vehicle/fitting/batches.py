@@ -1,4 +1,4 @@
-"""The error of a mean whose samples are not independent: means of batches of them."""
+"""Standard error of a mean of correlated samples, by batch means."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 
+# Half-width of the central 90 % of a normal distribution in standard deviations, Phi^-1(0.95).
 NORMAL_90 = 1.6449
-"""Standard errors to either side that hold 90 % of a normal distribution."""
 
 
 def standard_error(means: FloatArray | Sequence[float]) -> FloatArray:
-    """Of the mean of ``means`` (n, ...), each of a batch longer than the memory of its samples.
+    """Compute the standard error of the mean of ``means`` (n, ...).
 
-    As few batches tell their own scatter badly, it is as wide as Student's t with n - 1 degrees
-    of freedom needs for 90 %, so that 1.645 of it still hold 90 %: 1.11 for n = 10, 1.30 for 5.
+    Each value is the mean of a batch that is longer than the correlation time of its samples. Few
+    batches estimate their own scatter poorly, so s / sqrt(n) is multiplied by the ratio of the
+    95 % quantiles of Student's t (n - 1 degrees of freedom) and the normal distribution: 1.11 for
+    n = 10, 1.30 for n = 5. 1.645 standard errors to each side then still contain 90 %.
     """
     from scipy.special import stdtrit
 

@@ -1,8 +1,15 @@
-"""Least squares over many stretches, each with a free start that is eliminated.
+"""Least squares over many stretches of a recording, each with an unknown start value.
 
-Every stretch has one start value of its own, which only its own samples feel:
-each step solves for it in closed form, so hundreds of them cost nothing and
-the parameters' standard errors contain that the starts are not known.
+The residual of stretch j depends on the parameters x and on one start value s_j of its own:
+
+    r_i = J_i x + b_i s_j,     i in stretch j
+
+For given x the best start is in closed form (variable projection, Golub and Pereyra 1973):
+
+    s_j = -sum_j(w_i b_i r_i) / sum_j(w_i b_i^2)
+
+so the starts are eliminated from each step. Hundreds of them cost no rollouts, and the standard
+errors of the parameters include that the starts are unknown.
 """
 
 from __future__ import annotations
@@ -15,22 +22,24 @@ import numpy as np
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.fitting.least_squares import Solution
 from dart_hal.vehicle.fitting.levenberg_marquardt import descend
-from dart_hal.vehicle.fitting.robust import ROBUST, scatter, soft_l1_weight
+from dart_hal.vehicle.fitting.robust import SOFT_L1_STDS, scatter, soft_l1_weight
 
 Predict = Callable[[FloatArray, FloatArray], FloatArray]
-"""(parameters (P, k), starts (P, S)) -> readings (P, n), P variants at once."""
+"""(parameters (P, k), starts (P, S)) -> readings (P, n), for P variants in one call."""
 MAX_STEPS = 80
-QUIET = 1e-5  # share of the cost; a gain below it is the end: far below any standard error
-RIDGE = 1e-12  # prior for what no residual depends on: too weak to move what one does
-LEAST = 1e-6  # of the measured unit; a scatter of nought would have no robust loss
+# Share of the cost; a smaller reduction in one step ends the fit. The parameters then move by far
+# less than their standard errors.
+START_COST_TOLERANCE = 1e-5
+RIDGE_PRIOR = 1e-12  # prior weight of parameters that no residual depends on; too weak for others
+MIN_SCATTER = 1e-6  # in the measured unit; the robust loss needs a scale above zero
 
 
 @dataclass(frozen=True, slots=True)
 class FreeStarts:
-    """predict, measured (n,), stretch (n,) 0..S-1; bounds and difference steps (k,).
+    """A problem: predict, measured (n,), stretch (n,) 0..S-1; bounds and difference steps (k,).
 
-    group (n,) 0..G-1: the last G parameters are each felt by one group of
-    samples alone, and are therefore differenced all at once. None: all shared.
+    group (n,) 0..G-1: each of the last G parameters changes the samples of one group only, so
+    one pair of rollouts gives all their differences. None: all parameters are shared.
     """
 
     predict: Predict
@@ -42,59 +51,71 @@ class FreeStarts:
     group: IntArray | None = None
 
 
-def shoot(problem: FreeStarts, x0: FloatArray, starts: FloatArray) -> tuple[Solution, FloatArray]:
-    """(solution with the starts projected out of its Jacobian, starts (S,)).
+def fit_free_starts(problem: FreeStarts, x0: FloatArray, starts: FloatArray
+                    ) -> tuple[Solution, FloatArray]:
+    """Fit parameters and starts; return the solution and the starts (S,).
 
-    Levenberg-Marquardt within bounds; first plain least squares, then a soft
-    L1 loss beyond three times the scatter found.
+    1. Plain least squares by Levenberg-Marquardt within bounds.
+    2. The same with a soft L1 loss, its scale three times the scatter of the residuals of step 1.
+
+    The starts are projected out of the Jacobian of the solution.
     """
-    p, beyond, x = problem, np.inf, x0
+    p = problem
+    x = x0
+    scale = np.inf
     for _ in range(2):
-        along = _Starts(p, starts, beyond)
-        found = descend(along.residual, along.jacobian, x, p.low, p.high, robust=beyond,
-                        prior=RIDGE, rounds=MAX_STEPS, gain=QUIET)
-        x, starts = found.x, along.at(found.x)
-        beyond = ROBUST * max(scatter(found.residual), LEAST)
+        model = _Starts(p, starts, scale)
+        found = descend(model.residual, model.jacobian, x, p.low, p.high, robust=scale,
+                        prior=RIDGE_PRIOR, max_iterations=MAX_STEPS,
+                        cost_tolerance=START_COST_TOLERANCE)
+        x = found.x
+        starts = model.predict_starts(x)
+        scale = SOFT_L1_STDS * max(scatter(found.residual), MIN_SCATTER)
     residual, jac, slope = _linearise(p, x, starts)
-    weight = soft_l1_weight(residual, beyond)
+    weight = soft_l1_weight(residual, scale)
     jac, _ = _project(p, residual, jac, slope, weight)
     return Solution(x, residual, jac, weight, found.converged, found.at_bound), starts
 
 
 class _Starts:
-    """What ``descend`` sees of a problem: the starts follow the parameters to first order."""
+    """Residual and Jacobian in the parameters alone; the starts follow them to first order."""
 
     def __init__(self, problem: FreeStarts, starts: FloatArray, robust: float) -> None:
-        self._problem, self._starts, self._robust = problem, starts, robust
+        self._problem = problem
+        self._starts = starts
+        self._robust = robust
         self._x: FloatArray | None = None
 
-    def at(self, x: FloatArray) -> FloatArray:
-        """Starts (S,) by the slopes of the point where the last Jacobian was taken."""
-        return self._starts if self._x is None else self._starts + self._back(x - self._x)
+    def predict_starts(self, x: FloatArray) -> FloatArray:
+        """Return the starts (S,) at x, linearised at the point of the last Jacobian."""
+        return self._starts if self._x is None else self._starts + self._move_starts(x - self._x)
 
     def residual(self, x: FloatArray) -> FloatArray:
         p = self._problem
-        return np.asarray(p.predict(x[None], self.at(x)[None])[0] - p.measured)
+        return np.asarray(p.predict(x[None], self.predict_starts(x)[None])[0] - p.measured)
 
     def jacobian(self, x: FloatArray, residual: FloatArray) -> FloatArray:
-        self._starts = self.at(x)
+        self._starts = self.predict_starts(x)
         self._x = x
         _, jac, slope = _linearise(self._problem, x, self._starts)
         weight = soft_l1_weight(residual, self._robust)
-        inner, self._back = _project(self._problem, residual, jac, slope, weight)
+        inner, self._move_starts = _project(self._problem, residual, jac, slope, weight)
         return inner
 
 
 def _linearise(p: FreeStarts, x: FloatArray, starts: FloatArray
                ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """residual (n,), d/dx (n, k), d/dstart (n,) out of one batch of variants."""
+    """Compute residual (n,), d/dx (n, k) and d/dstart (n,) from one batch of variants.
+
+    Rows of the batch: x; x with all starts 1e-5 higher; each difference direction up; each down.
+    """
     up = np.minimum(x + p.step, p.high)
     down = np.maximum(x - p.step, p.low)
-    move = _together(p, len(x))
+    move = _difference_directions(p, len(x))
     variants = np.concatenate([np.tile(x, (2, 1)), np.where(move, up, x), np.where(move, down, x)])
-    held = np.tile(starts, (len(variants), 1))
-    held[1] += 1e-5
-    read = p.predict(variants, held)
+    tiled = np.tile(starts, (len(variants), 1))
+    tiled[1] += 1e-5
+    read = p.predict(variants, tiled)
     change = read[2:2 + len(move)] - read[2 + len(move):]
     if p.group is not None:
         shared = len(move) - 1
@@ -103,8 +124,8 @@ def _linearise(p: FreeStarts, x: FloatArray, starts: FloatArray
     return read[0] - p.measured, (change / (up - down)[:, None]).T, (read[1] - read[0]) / 1e-5
 
 
-def _together(p: FreeStarts, k: int) -> BoolArray:
-    """Which parameters (m, k) are moved at once: one by one, those of the groups together."""
+def _difference_directions(p: FreeStarts, k: int) -> BoolArray:
+    """Return which parameters (m, k) move together: shared ones singly, grouped ones at once."""
     if p.group is None:
         return np.eye(k, dtype=bool)
     shared = k - int(p.group.max()) - 1
@@ -112,26 +133,31 @@ def _together(p: FreeStarts, k: int) -> BoolArray:
 
 
 def sensitivity(p: FreeStarts, x: FloatArray, starts: FloatArray, weight: FloatArray) -> FloatArray:
-    """Jacobian (n, k) without what the starts can take over, at any x (k,)."""
+    """Return the Jacobian (n, k) at any x (k,), the starts projected out."""
     residual, jac, slope = _linearise(p, x, starts)
     return _project(p, residual, jac, slope, weight)[0]
 
 
 def _project(p: FreeStarts, residual: FloatArray, jac: FloatArray, slope: FloatArray,
              weight: FloatArray) -> tuple[FloatArray, Callable[[FloatArray], FloatArray]]:
-    """(Jacobian without what the starts can take over, move of x -> move of the starts)."""
+    """Project the starts out; return the Jacobian (n, k) and d(x) (k,) -> d(starts) (S,).
+
+    With sums over the samples of a stretch, a = sum(w b J) / sum(w b^2):
+
+        J_projected = J - b a,     d(starts) = -sum(w b r) / sum(w b^2) - a d(x)
+    """
     count = int(p.stretch.max()) + 1
 
-    def summed(values: FloatArray) -> FloatArray:
+    def sum_by_stretch(values: FloatArray) -> FloatArray:
         return np.asarray(np.bincount(p.stretch, values, minlength=count), dtype=np.float64)
 
-    square = np.maximum(summed(weight * slope**2), 1e-12)
-    share = np.stack([summed(weight * slope * column) for column in jac.T], axis=1)
+    square = np.maximum(sum_by_stretch(weight * slope**2), 1e-12)
+    share = np.stack([sum_by_stretch(weight * slope * column) for column in jac.T], axis=1)
     share = share / square[:, None]
-    rest = summed(weight * slope * residual) / square
+    rest = sum_by_stretch(weight * slope * residual) / square
     inner = jac - slope[:, None] * share[p.stretch]
 
-    def back(move: FloatArray) -> FloatArray:
+    def move_starts(move: FloatArray) -> FloatArray:
         return np.asarray(-rest - share @ move)
 
-    return inner, back
+    return inner, move_starts

@@ -1,4 +1,4 @@
-"""Nonlinear least squares within bounds, with a robust loss if wished."""
+"""Nonlinear least squares within bounds, optionally with a robust loss."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.vehicle.fitting.robust import soft_l1_weight
 
-EDGE = 1e-6
-"""Share of the interval at whose ends a parameter counts as stopped there."""
+# Share of the interval [low, high]; a parameter closer to an end is at its bound.
+BOUND_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """x (k,), residual (n,) and Jacobian (n, k) there, both without robust weights.
+    """Result of a fit: x (k,), residual (n,) and Jacobian (n, k) there, without robust weights.
 
-    weight (n,): 1 for least squares, less for what a robust loss holds down.
+    weight (n,): 1 for least squares, less for outliers under a robust loss.
     """
 
     x: FloatArray
@@ -40,8 +40,8 @@ def least_squares(residual: Callable[[FloatArray], FloatArray], x0: Sequence[flo
                   robust: float | None = None, tolerance: float = 1e-12) -> Solution:
     """Minimise the sum of squares of residual(x) (n,) within bounds.
 
-    jacobian(x) (n, k), None = three-point differences; robust: residual size
-    beyond which a soft L1 loss takes over from the square, None = never.
+    jacobian(x) (n, k), None = three-point differences; robust: scale of a soft L1 loss in the unit
+    of the residual, None = plain squares.
     """
     from scipy.optimize import least_squares as scipy_least_squares
 
@@ -61,34 +61,36 @@ def least_squares(residual: Callable[[FloatArray], FloatArray], x0: Sequence[flo
 def fit_curve(curve: Callable[[FloatArray], tuple[FloatArray, FloatArray]], target: FloatArray,
               x0: Sequence[float], bounds: tuple[Sequence[float], Sequence[float]], *,
               robust: float | None = None, tolerance: float = 1e-12) -> Solution:
-    """The same for curve(x) -> (values (n,), slopes (n, k)), found together, and target (n,)."""
+    """Fit curve(x) -> (values (n,), slopes (n, k)) to target (n,); see ``least_squares``."""
     known: dict[bytes, tuple[FloatArray, FloatArray]] = {}
 
-    def at(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def evaluate(x: FloatArray) -> tuple[FloatArray, FloatArray]:
         key = x.tobytes()
-        if key not in known:  # the solver asks for both at the same x, one after the other
+        if key not in known:  # the solver calls residual, then jacobian, at the same x
             known.clear()
             known[key] = curve(x)
         return known[key]
 
-    return least_squares(lambda x: at(x)[0] - target, x0, bounds, jacobian=lambda x: at(x)[1],
-                         robust=robust, tolerance=tolerance)
+    return least_squares(lambda x: evaluate(x)[0] - target, x0, bounds,
+                         jacobian=lambda x: evaluate(x)[1], robust=robust, tolerance=tolerance)
 
 
 def at_bound(x: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
-    """Which parameters (k,) stopped at an end of their interval."""
+    """Return which parameters (k,) are at an end of their interval."""
     span = high - low
-    near = EDGE * np.where(np.isfinite(span), span, 1.0)
+    near = BOUND_TOLERANCE * np.where(np.isfinite(span), span, 1.0)
     return np.asarray((x - low < near) | (high - x < near))
 
 
 def _differences(residual: Callable[[FloatArray], FloatArray], x: FloatArray, low: FloatArray,
                  high: FloatArray) -> FloatArray:
-    """Central differences inside the bounds, (n, k)."""
+    """Compute central differences (n, k); one-sided at a bound."""
     columns = []
     for i, value in enumerate(x):
         step = 1e-6 * max(abs(float(value)), 1e-3 * float(high[i] - low[i]))
-        up, down = x.copy(), x.copy()
-        up[i], down[i] = min(value + step, high[i]), max(value - step, low[i])
+        up = x.copy()
+        down = x.copy()
+        up[i] = min(value + step, high[i])
+        down[i] = max(value - step, low[i])
         columns.append((residual(up) - residual(down)) / (up[i] - down[i]))
     return np.stack(columns, axis=1)

@@ -1,12 +1,18 @@
-"""Levenberg-Marquardt within bounds for few parameters and dear residuals.
+"""Levenberg-Marquardt within bounds, for few parameters and residuals that are slow to compute.
 
-A general solver spends most of its rollouts at the bounds where delays and
-lags like to end, and scales its steps without knowing the priors. Parameters
-here are in units of their prior, so that damping and prior are the same thing.
-A Jacobian costs a rollout for every parameter: it is kept as long as steps gain
-what it promises (Shamanskii 1967).
-scipy's ``trf`` needs twice the rollouts for the same joint fit
-(``benchmarks/bench_solver.py``).
+Minimises
+
+    cost(x) = sum_i rho(r_i(x)) + prior |x|^2,      rho: soft L1 (``robust.soft_l1``)
+
+With the weights w_i = rho'(r_i) / (2 r_i), W = diag(w) and the Jacobian J = dr/dx, one step d is
+
+    H = J'WJ + prior I,     g = J'Wr + prior x
+    d = argmin  d'(H + damping diag(H)) d / 2 + g'd     within the bounds and the largest step
+
+Parameters are in units of their prior standard deviation, so that one damping factor suits all.
+A Jacobian costs one rollout for each parameter. It is used again as long as the steps reduce the
+cost as it predicts (V. E. Shamanskii, "A modification of Newton's method", 1967).
+scipy's ``trf`` needs twice the rollouts for the same joint fit (``benchmarks/bench_solver.py``).
 """
 
 from __future__ import annotations
@@ -19,67 +25,97 @@ from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.vehicle.fitting.least_squares import Solution, at_bound
 from dart_hal.vehicle.fitting.robust import soft_l1, soft_l1_weight
 
-ROUNDS = 40
-DAMPING, EASIER, HARDER, TOO_HARD = 1e-3, 0.2, 5.0, 1e6  # of the diagonal: first, factors, end
-CONVERGED = 1e-4  # of the cost
-EDGES = 3  # times the number of parameters: edges of the box that a step may meet
-SMALL = 1e-9  # of a parameter's unit
-NOTHING = 0.1  # of the gain at which a fit has converged; a step that promises less is not tried
-KEPT = 0.25  # of what a Jacobian promises; one whose step gains it within as much is kept
-STUCK = 1e-2  # of the cost; a larger gain was promised where no step gained anything
+MAX_ITERATIONS = 40
+# Damping is a multiple of the diagonal of H: its first value, the factors after a step that
+# reduces the cost and after one that does not, and the value at which the search ends.
+FIRST_DAMPING = 1e-3
+DAMPING_DECREASE = 0.2
+DAMPING_INCREASE = 5.0
+MAX_DAMPING = 1e6
+COST_TOLERANCE = 1e-4  # relative reduction of the cost below which the fit has converged
+EDGES_PER_PARAMETER = 3  # edges of the box that one step may meet, per parameter
+MIN_MOVE = 1e-9  # smallest move along a direction, in a parameter's unit
+MIN_PREDICTED_SHARE = 0.1  # of the cost tolerance; a step of smaller predicted reduction is skipped
+JACOBIAN_TOLERANCE = 0.25  # relative error of the predicted reduction up to which J is used again
+# Share of the cost. If no step reduces the cost although the Jacobian predicts more than this, the
+# residual is not smooth there and the fit has not converged.
+STUCK_PREDICTION = 1e-2
 
 
 def descend(residual: Callable[[FloatArray], FloatArray],
             jacobian: Callable[[FloatArray, FloatArray], FloatArray], x: FloatArray,
             low: FloatArray, high: FloatArray, *, robust: float | FloatArray, prior: float,
-            rounds: int = ROUNDS, reach: float | FloatArray = np.inf,
-            gain: float = CONVERGED, kept: float = KEPT, first: FloatArray | None = None
-            ) -> Solution:
-    """Minimise the soft L1 of residual(x) beyond ``robust`` (a number or (n,)), plus prior * |x|^2.
+            max_iterations: int = MAX_ITERATIONS, max_step: float | FloatArray = np.inf,
+            cost_tolerance: float = COST_TOLERANCE, jacobian_tolerance: float = JACOBIAN_TOLERANCE,
+            initial_jacobian: FloatArray | None = None) -> Solution:
+    """Minimise the soft L1 loss of residual(x) (n,) plus prior * |x|^2 within bounds.
 
-    jacobian(x, r) (n, k) at x, where the residual is r. reach: how far a slope is
-    believed, a number or (k,); no step goes further. gain: share of the cost below
-    which the fit has converged. kept: see KEPT; infinite = one Jacobian for all.
-    first: a Jacobian to begin with, from nearby.
+    1. Linearise, and try the damped step. Raise the damping until a step reduces the cost; with
+       an old Jacobian, compute a new one after the first step that does not.
+    2. Accept the step and lower the damping. Stop if the reduction is below the tolerance.
+    3. Compute a new Jacobian if the reduction differs from the prediction by too much.
+
+    Args:
+        residual: x (k,) to residuals (n,).
+        jacobian: x, and the residual there, to (n, k).
+        x: start (k,); low, high (k,): bounds.
+        robust: scale of the soft L1 loss, a number or (n,).
+        prior: weight of |x|^2.
+        max_step: largest change of a parameter in one step, a number or (k,).
+        cost_tolerance: relative reduction of the cost at convergence.
+        jacobian_tolerance: see JACOBIAN_TOLERANCE; infinite = one Jacobian for all steps.
+        initial_jacobian: a Jacobian from a nearby x for the first step.
     """
     x = np.clip(x, low, high)
     r = residual(x)
-    jac = jacobian(x, r) if first is None else first
-    damping, fresh, proved = DAMPING, first is None or kept == np.inf, False
-    for _ in range(rounds):
+    jac = jacobian(x, r) if initial_jacobian is None else initial_jacobian
+    one_jacobian = jacobian_tolerance == np.inf
+    damping = FIRST_DAMPING
+    is_fresh = initial_jacobian is None or one_jacobian  # J belongs to this x
+    is_proven = False  # J has led to a step that reduced the cost
+    for _ in range(max_iterations):
         weight = soft_l1_weight(r, robust)
         weighted = jac * np.sqrt(weight)[:, None]
         hessian = weighted.T @ weighted + prior * np.eye(len(x))
         slope = jac.T @ (weight * r) + prior * x
-        cost, moved, harder = _cost(r, x, robust, prior), False, HARDER
-        while damping < TOO_HARD:
-            trial = _step(x, hessian, slope, damping, np.maximum(low, x - reach),
-                          np.minimum(high, x + reach))
-            promised = -float((2.0 * slope + hessian @ (trial - x)) @ (trial - x))
-            if promised < NOTHING * gain * cost:
+        cost = _cost(r, x, robust, prior)
+        negligible = MIN_PREDICTED_SHARE * cost_tolerance * cost
+        has_moved = False
+        increase = DAMPING_INCREASE
+        while damping < MAX_DAMPING:
+            trial = _damped_step(x, hessian, slope, damping, np.maximum(low, x - max_step),
+                                 np.minimum(high, x + max_step))
+            # reduction of the undamped quadratic: -(2 g'd + d'Hd)
+            predicted = -float((2.0 * slope + hessian @ (trial - x)) @ (trial - x))
+            if predicted < negligible:
                 break
             r_trial = residual(trial)
-            gained = cost - _cost(r_trial, trial, robust, prior)
-            if gained > 0.0:
-                x, r, moved = trial, r_trial, True
-                damping *= EASIER
-            if moved or not fresh:
+            reduction = cost - _cost(r_trial, trial, robust, prior)
+            if reduction > 0.0:
+                x, r = trial, r_trial
+                has_moved = True
+                damping *= DAMPING_DECREASE
+            if has_moved or not is_fresh:
                 break
-            damping, harder = damping * harder, harder * HARDER
-        if not moved and not fresh and not (proved and promised < NOTHING * gain * cost):
-            jac, fresh = jacobian(x, r), True
+            damping *= increase
+            increase *= DAMPING_INCREASE
+        if not has_moved and not is_fresh and not (is_proven and predicted < negligible):
+            jac = jacobian(x, r)
+            is_fresh = True
             continue
-        if not moved:
-            # at the bottom, or stuck where the Jacobian promises what no step keeps
-            free = _free(x, slope, low, high)
-            promised = slope[free] @ np.linalg.solve(hessian[np.ix_(free, free)], slope[free])
-            return Solution(x, r, jac, weight, bool(promised < STUCK * cost),
+        if not has_moved:
+            # At the minimum; or stuck, if the Jacobian predicts a reduction that no step reaches.
+            free = _find_free(x, slope, low, high)
+            predicted = slope[free] @ np.linalg.solve(hessian[np.ix_(free, free)], slope[free])
+            return Solution(x, r, jac, weight, bool(predicted < STUCK_PREDICTION * cost),
                             at_bound(x, low, high))
-        if gained < gain * cost and damping < 1.0:
+        if reduction < cost_tolerance * cost and damping < 1.0:
             return Solution(x, r, jac, weight, True, at_bound(x, low, high))
-        fresh, proved = kept == np.inf, True
-        if abs(gained - promised) > kept * promised + gain * cost:
-            jac, fresh = jacobian(x, r), True
+        is_fresh = one_jacobian
+        is_proven = True
+        if abs(reduction - predicted) > jacobian_tolerance * predicted + cost_tolerance * cost:
+            jac = jacobian(x, r)
+            is_fresh = True
     return Solution(x, r, jac, weight, False, at_bound(x, low, high))
 
 
@@ -87,28 +123,34 @@ def _cost(r: FloatArray, x: FloatArray, robust: float | FloatArray, prior: float
     return float(np.sum(soft_l1(r, robust)) + prior * (x @ x))
 
 
-def _step(x: FloatArray, hessian: FloatArray, slope: FloatArray, damping: float,
+def _damped_step(x: FloatArray, hessian: FloatArray, slope: FloatArray, damping: float,
           low: FloatArray, high: FloatArray) -> FloatArray:
-    """The damped Newton step within the bounds."""
+    """Return x after the damped Newton step within the bounds."""
     damped = hessian + damping * np.diag(np.diag(hessian))
-    move = bounded(damped, slope, low - x, high - x)
+    move = solve_box_quadratic(damped, slope, low - x, high - x)
     return np.asarray(np.clip(x + move, low, high))
 
 
-def _free(x: FloatArray, slope: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
-    """Parameters that are not held at a bound by the slope."""
+def _find_free(x: FloatArray, slope: FloatArray, low: FloatArray, high: FloatArray) -> BoolArray:
+    """Find the parameters (k,) that the gradient does not press against a bound."""
     return np.asarray(~(((x <= low) & (slope > 0.0)) | ((x >= high) & (slope < 0.0))))
 
 
-def bounded(normal: FloatArray, slope: FloatArray, low: FloatArray, high: FloatArray
+def solve_box_quadratic(normal: FloatArray, slope: FloatArray, low: FloatArray, high: FloatArray
             ) -> FloatArray:
-    """The move (k,) within a box around 0 that lowers m normal m / 2 + slope m most.
+    """Minimise m'Hm / 2 + g'm over moves m (k,) within a box around 0; H: normal, g: slope.
 
-    From edge to edge, and lower with each: where parameters nearly do the same,
-    to hold whatever leaves the box at its edge may end far above the beginning.
+    Active set method. It goes from edge to edge of the box, each time to a lower value:
+
+    1. Free are the parameters that the gradient g + Hm does not press against an edge.
+    2. Solve for their Newton direction; remove those that would leave the box at once; repeat.
+    3. Go along the direction to the nearest edge, at most to its end. Stop at the minimum.
+
+    Clipping the Newton step instead can raise the value far above that at 0 if parameters are
+    nearly collinear.
     """
     move = np.zeros(len(slope))
-    for _ in range(EDGES * len(slope)):
+    for _ in range(EDGES_PER_PARAMETER * len(slope)):
         g = slope + normal @ move
         free = ~(((move <= low) & (g > 0.0)) | ((move >= high) & (g < 0.0)))
         direction = np.zeros(len(slope))
@@ -120,7 +162,7 @@ def bounded(normal: FloatArray, slope: FloatArray, low: FloatArray, high: FloatA
                 break
             free &= ~stopped
         edge = np.where(direction > 0.0, high, low)
-        with np.errstate(over="ignore"):  # an edge that is infinitely far is none
+        with np.errstate(over="ignore"):  # infinite bounds give an infinite share
             share = np.divide(edge - move, direction, out=np.full(len(move), np.inf),
                               where=direction != 0.0)
         nearest = float(share.min(initial=np.inf))
@@ -128,6 +170,6 @@ def bounded(normal: FloatArray, slope: FloatArray, low: FloatArray, high: FloatA
         if nearest < 1.0:
             met = share <= nearest * (1.0 + 1e-12)
             move[met] = edge[met]
-        elif free.all() or np.abs(direction).max(initial=0.0) < SMALL:
+        elif free.all() or np.abs(direction).max(initial=0.0) < MIN_MOVE:
             break
     return move

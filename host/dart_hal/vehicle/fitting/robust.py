@@ -1,4 +1,4 @@
-"""Robust scale and loss: a few wild samples must not decide a fit."""
+"""Robust scale and loss: outliers have a limited influence on a fit."""
 
 from __future__ import annotations
 
@@ -6,29 +6,34 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 
+# Standard deviation over median absolute deviation of a normal variable, 1 / Phi^-1(3/4) =
+# 1 / 0.67449.
 MAD_TO_SIGMA = 1.4826
-"""Standard deviation over median absolute deviation of a normal variable: 1 / 0.67449."""
-ROBUST = 3.0
-"""Times the scatter: a residual beyond it counts less than its square; normal ones never do."""
+# Scale of the soft L1 loss in standard deviations of the residuals: larger residuals, which are
+# rare in a normal distribution, count less than their square.
+SOFT_L1_STDS = 3.0
 
 
 def scatter(x: FloatArray) -> float:
-    """Standard deviation of residuals about zero, by the median of their sizes."""
+    """Estimate the standard deviation of residuals about zero from the median of |x|."""
     return MAD_TO_SIGMA * float(np.median(np.abs(x)))
 
 
-def soft_l1(x: FloatArray, beyond: float | FloatArray) -> FloatArray:
-    """Soft L1 loss: x^2 for |x| << beyond, 2 beyond |x| for |x| >> beyond.
+def soft_l1(x: FloatArray, scale: float | FloatArray) -> FloatArray:
+    """Return the soft L1 loss: x^2 for |x| << scale, 2 scale |x| for |x| >> scale.
 
-    2 b^2 (sqrt(1 + (x / b)^2) - 1), scipy's ``soft_l1`` scaled so that it is
-    the square near zero; ``beyond`` in the unit of x, a number (infinite: the
-    square) or one per value.
+    rho(x) = 2 b^2 (sqrt(1 + (x / b)^2) - 1) with b the scale: scipy's ``soft_l1``, multiplied so
+    that it is the square near zero. scale: in the unit of x, a number (infinite: the square) or
+    one per value.
     """
-    if np.all(np.isinf(beyond)):
+    if np.all(np.isinf(scale)):
         return np.square(x)
-    return np.asarray(2.0 * beyond**2 * (np.sqrt(1.0 + (x / beyond)**2) - 1.0))
+    return np.asarray(2.0 * scale**2 * (np.sqrt(1.0 + (x / scale)**2) - 1.0))
 
 
-def soft_l1_weight(x: FloatArray, beyond: float | FloatArray) -> FloatArray:
-    """Weights of the least squares problem with the same gradient: 1 / sqrt(1 + (x / b)^2)."""
-    return np.asarray(1.0 / np.sqrt(1.0 + (x / beyond)**2))
+def soft_l1_weight(x: FloatArray, scale: float | FloatArray) -> FloatArray:
+    """Return the weights of the least squares problem of equal gradient, rho'(x) / (2 x).
+
+    w = 1 / sqrt(1 + (x / scale)^2)
+    """
+    return np.asarray(1.0 / np.sqrt(1.0 + (x / scale)**2))

@@ -8,7 +8,7 @@ writes it as C, ``build`` compiles, ``library`` finds what is compiled already,
 from __future__ import annotations
 
 from dart_hal.vehicle.native.build import CannotCompile
-from dart_hal.vehicle.native.kernel import Kernel, make_native_step
+from dart_hal.vehicle.native.kernel import CompiledStep, make_native_step
 from dart_hal.vehicle.native.status import status
 
-__all__ = ["CannotCompile", "Kernel", "make_native_step", "status"]
+__all__ = ["CannotCompile", "CompiledStep", "make_native_step", "status"]

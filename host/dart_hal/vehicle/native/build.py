@@ -29,15 +29,15 @@ COMMITTED = HERE / "kernel.c"
 BUILT = HERE / "_built"
 """Libraries that the build of the package made of it."""
 
-FAST = ("-std=gnu11", "-O3", "-ffast-math", "-fopenmp-simd", "-fPIC")
-MACHINE: tuple[tuple[str, ...], ...] = (
+COMPILE_OPTIONS = ("-std=gnu11", "-O3", "-ffast-math", "-fopenmp-simd", "-fPIC")
+MACHINE_OPTIONS: tuple[tuple[str, ...], ...] = (
     ("-march=native", "-mprefer-vector-width=512"), ("-march=native",), ("-mcpu=native",), ())
 """What makes a compiler use the vectors of this processor, all of their width (gcc takes half,
 which costs a third of the speed); the first that the compiler knows."""
 VECTOR_MATH: tuple[tuple[str, ...], ...] = (("-lmvec",), ())
 """glibc's vector sin, tanh and so on, where there are any; -lm is always linked."""
 TIMEOUT_S = 120.0
-KEPT = 1000
+MAX_CACHED_LIBRARIES = 1000
 """Libraries in the user's cache; each has some 30 kB. A diagnosis that finds ten causes needs some
 150: every effect on forces beside those that were found before."""
 
@@ -73,7 +73,7 @@ def compiler() -> list[str] | None:
 
 def key(source: str, variant: Variant) -> str:
     """Name of a library without suffix."""
-    parts = (source, *variant.defines, *FAST, *sum(MACHINE, ()), processor())
+    parts = (source, *variant.defines, *COMPILE_OPTIONS, *sum(MACHINE_OPTIONS, ()), processor())
     digest = hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
     return f"kernel-f{variant.bits}{'-lanes' if variant.lanes else ''}-{digest}"
 
@@ -118,17 +118,17 @@ def compile_kernel(source: str, variant: Variant, folder: Path) -> Path:
             os.replace(library, target)   # whole or not at all, whoever else compiles it too
     except OSError as why:
         raise CannotCompile(f"cannot write to {folder}: {why}") from why
-    _sweep(folder)
+    _delete_oldest(folder)
     return target
 
 
-def _sweep(folder: Path) -> None:
+def _delete_oldest(folder: Path) -> None:
     """Forget what was not used for longest."""
     times: dict[Path, float] = {}
     for path in folder.glob("kernel-*.so"):
         with contextlib.suppress(FileNotFoundError):  # swept by another process
             times[path] = path.stat().st_mtime
-    for path in sorted(times, key=times.__getitem__)[:-KEPT]:
+    for path in sorted(times, key=times.__getitem__)[:-MAX_CACHED_LIBRARIES]:
         path.unlink(missing_ok=True)
 
 
@@ -136,16 +136,17 @@ def _build(command: list[str], source: str, variant: Variant, scratch: Path) -> 
     """Compile and link, with as much of the machine as the compiler knows."""
     text, thing, library = (scratch / f"kernel{suffix}" for suffix in (".c", ".o", ".so"))
     text.write_text(source, encoding="utf-8")
-    _first([[*command, *FAST, *machine, *variant.defines, "-c", str(text), "-o", str(thing)]
-            for machine in MACHINE])
+    _run_first([[*command, *COMPILE_OPTIONS, *machine, *variant.defines, "-c", str(text),
+                 "-o", str(thing)]
+            for machine in MACHINE_OPTIONS])
     # linked without -ffast-math: with it gcc adds code that switches off denormal
     # numbers for everybody in the process that loads the library
-    _first([[*command, "-shared", str(thing), "-o", str(library), *vectors, "-lm"]
+    _run_first([[*command, "-shared", str(thing), "-o", str(library), *vectors, "-lm"]
             for vectors in VECTOR_MATH])
     return library
 
 
-def _first(commands: list[list[str]]) -> None:
+def _run_first(commands: list[list[str]]) -> None:
     """Run the first command that succeeds. Raises CannotCompile with what the last one said."""
     said = ""
     for command in commands:

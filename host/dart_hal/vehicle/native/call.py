@@ -18,10 +18,10 @@ PAD = 16
 
 def call(run: Run, h: Array, start: Array, first: Array, second: Array, at: Sequence[int],
          substeps: int, out: Array | None = None) -> Array:
-    """States (len(at), states, n) after ``at`` samples, in any order; h from ``aligned``.
+    """Return the states (len(at), states, n) after ``at`` samples, in any order.
 
-    start (states, n); inputs (samples, n), or (samples,) for all cars alike.
-    out: C-contiguous, of h's type; it may be start's memory when the only
+    h: from ``align_coefficients``; start (states, n); inputs (samples, n), or (samples,) for all
+    cars. out: C-contiguous, of h's type; it may be start's memory when the only
     thing read is the end.
     """
     start, first, second = (np.ascontiguousarray(a, dtype=h.dtype)
@@ -44,7 +44,7 @@ def call(run: Run, h: Array, start: Array, first: Array, second: Array, at: Sequ
     return back
 
 
-def aligned(h: Array, dtype: Any) -> Array:
+def align_coefficients(h: Array, dtype: Any) -> Array:
     """Coefficients as a kernel reads them: rows of whole vectors, the last lane repeated."""
     if h.ndim == 1:
         return h.astype(dtype)

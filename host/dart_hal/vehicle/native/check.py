@@ -16,46 +16,47 @@ from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.flat import bind, value
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.native.build import CannotCompile, Variant
-from dart_hal.vehicle.native.call import aligned, call
+from dart_hal.vehicle.native.call import align_coefficients, call
 from dart_hal.vehicle.native.library import Run
-from dart_hal.vehicle.native.model import MAKERS, STATES, Traced, coefficients
+from dart_hal.vehicle.native.model import STATE_NAMES, STEP_FACTORIES, Traced, coefficients
 from dart_hal.vehicle.parameters import AxleTyres, Vehicle
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
-DT, SAMPLES, SUBSTEPS = 0.01, 3, 2
-CARS = 19
+CHECK_STEP_S, CHECK_SAMPLES, CHECK_SUBSTEPS = 0.01, 3, 2
+CHECKED_CARS = 19
 """More than a vector and not a multiple of it."""
 TOLERANCE = {64: 1e-12, 32: 1e-4}
 """Of the scale of a value, at least 1."""
-SPREAD = {"x": 2.0, "y": 2.0, "eta": 3.0, "vx": 2.0, "vy": 0.3, "om": 3.0, "tau": 0.5, "s": 1.0,
-          "delta": 0.4, "tau_command": 0.5, "s_command": 1.0}
+VALUE_RANGES = {"x": 2.0, "y": 2.0, "eta": 3.0, "vx": 2.0, "vy": 0.3, "om": 3.0, "tau": 0.5,
+                "s": 1.0, "delta": 0.4, "tau_command": 0.5, "s_command": 1.0}
 
 
 def check(run: Run, traced: Traced, variant: Variant, form: Vehicle, kind: str,
           method: str) -> None:
     """Raises CannotCompile when the kernel and the equations disagree."""
     draw = np.random.default_rng(1)
-    for n in (1, CARS):
-        p = reference(form, n if variant.lanes else 0, draw)
-        start = np.stack([draw.uniform(-1, 1, n) * SPREAD[q] for q in STATES[kind]])
+    for n in (1, CHECKED_CARS):
+        lanes = n if variant.lanes else 0
+        p = make_reference_vehicle(form, lanes, draw)
+        start = np.stack([draw.uniform(-1, 1, n) * VALUE_RANGES[q] for q in STATE_NAMES[kind]])
         if form.slip == "paper":    # as published it divides by v_x
             start[3] = 0.5 + np.abs(start[3])
-        inputs = [draw.uniform(-1, 1, (SAMPLES, n)) * SPREAD[q] for q in traced.inputs]
+        inputs = [draw.uniform(-1, 1, (CHECK_SAMPLES, n)) * VALUE_RANGES[q] for q in traced.inputs]
         dtype = np.float64 if variant.bits == 64 else np.float32
-        h = aligned(coefficients(traced, p, DT, n if variant.lanes else 0), dtype)
-        got = call(run, h, start, inputs[0], inputs[1], [0, SAMPLES], SUBSTEPS)
-        error = disagreement(got[1], expected(p, kind, method, start, inputs))
+        h = align_coefficients(coefficients(traced, p, CHECK_STEP_S, lanes), dtype)
+        got = call(run, h, start, inputs[0], inputs[1], [0, CHECK_SAMPLES], CHECK_SUBSTEPS)
+        error = disagreement(got[1], integrate_reference(p, kind, method, start, inputs))
         if not error <= TOLERANCE[variant.bits] or not np.array_equal(got[0], start.astype(dtype)):
             raise CannotCompile(f"the kernel {traced.name} (f{variant.bits}) differs from the "
                                 f"Python equations by {error:.1e}")
 
 
-def expected(p: Vehicle, kind: str, method: str, start: Any, inputs: Any) -> Any:
+def integrate_reference(p: Vehicle, kind: str, method: str, start: Any, inputs: Any) -> Any:
     """What the equations give over numpy."""
-    step = MAKERS[kind](p, ARRAY, dt=DT, method=method)
+    step = STEP_FACTORIES[kind](p, ARRAY, dt=CHECK_STEP_S, method=method)
     state = tuple(start)
     for first, second in zip(*inputs, strict=True):
-        for _ in range(SUBSTEPS):
+        for _ in range(CHECK_SUBSTEPS):
             state = step(*state, first, second)
     return np.array([np.broadcast_to(q, start.shape[1:]) for q in state])
 
@@ -65,7 +66,7 @@ def disagreement(got: Any, wanted: Any) -> float:
     return float(np.max(np.abs(got - wanted) / np.maximum(1.0, np.abs(wanted))))
 
 
-def reference(form: Vehicle, lanes: int, draw: np.random.Generator) -> Vehicle:
+def make_reference_vehicle(form: Vehicle, lanes: int, draw: np.random.Generator) -> Vehicle:
     """A vehicle of that form with the numbers of a shipped set; in lanes a little varied."""
     tyres = UPSTREAM_2024.tyres if isinstance(form.tyres, AxleTyres) else PAPER.tyres
     effects = tuple(ActiveEffect(a.effect, tuple(q.null + q.sizes[0] for q in a.effect.parameters))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from dart_hal.vehicle.native.build import COMMITTED, CannotCompile, build_committed
 from dart_hal.vehicle.native.emit import body, source
-from dart_hal.vehicle.native.model import STATES, form_of, trace
+from dart_hal.vehicle.native.model import STATE_NAMES, form_of, trace
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
 FORMS = (PAPER, UPSTREAM_2024, replace(PAPER, kind="kinematic"))
@@ -16,7 +16,7 @@ FORMS = (PAPER, UPSTREAM_2024, replace(PAPER, kind="kinematic"))
 
 def text() -> str:
     """What ``kernel.c`` must hold."""
-    return source(body(trace(form_of(p), kind)) for p in FORMS for kind in STATES)
+    return source(body(trace(form_of(p), kind)) for p in FORMS for kind in STATE_NAMES)
 
 
 def write() -> bool:

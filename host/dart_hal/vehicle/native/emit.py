@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from dart_hal.vehicle.native.model import Traced
-from dart_hal.vehicle.native.trace import needed
+from dart_hal.vehicle.native.trace import find_dependencies
 
 PRELUDE = """\
 /* Generated from the Python equations of the vehicle (`make native`); do not edit.
@@ -171,7 +171,7 @@ class _Lines:
             if i not in found:
                 found.add(i)
                 todo.extend(() if i in self._given else self._nodes[i].args)
-        return [i for i in needed(self._graph, wanted) if i in found]
+        return [i for i in find_dependencies(self._graph, wanted) if i in found]
 
     def _expression(self, index: int, text: dict[int, str]) -> str:
         node = self._nodes[index]

@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from dart_hal.core.timing import SAMPLE
-from dart_hal.vehicle.compose import moving
+from dart_hal.vehicle.compose import keep_motion_effects
 from dart_hal.vehicle.flat import shapes
 from dart_hal.vehicle.native.build import CannotCompile, Variant
-from dart_hal.vehicle.native.call import Array, aligned, call
+from dart_hal.vehicle.native.call import Array, align_coefficients, call
 from dart_hal.vehicle.native.check import check
-from dart_hal.vehicle.native.library import SWITCH, Job, Run, load, switched_off
+from dart_hal.vehicle.native.library import NATIVE_SWITCH, Job, Run, is_switched_off, load
 from dart_hal.vehicle.native.model import coefficients, form_of, trace
 from dart_hal.vehicle.parameters import Vehicle
 
 
-class Kernel:
+class CompiledStep:
     """The step of one vehicle, or of a stack of them, ready to run.
 
     kind: "car" (8 states; throttle and steering command) or "motion" (6 states;
@@ -34,16 +34,16 @@ class Kernel:
         number = np.dtype(dtype)
         if number not in (np.float32, np.float64):
             raise CannotCompile(f"no kernel for numbers of type {number}")
-        p = moving(p)
-        form, lanes = form_of(p), lanes_of(p)
+        p = keep_motion_effects(p)
+        form, lanes = form_of(p), count_vehicles(p)
         self._lanes = lanes
-        if switched_off():
-            raise CannotCompile(f"switched off by {SWITCH}=0")
-        run, self.origin = find(form, kind, method, number.itemsize * 8, lanes > 0)
+        if is_switched_off():
+            raise CannotCompile(f"switched off by {NATIVE_SWITCH}=0")
+        run, self.origin = find_kernel(form, kind, method, number.itemsize * 8, lanes > 0)
         if run is None:
             raise CannotCompile(self.origin)
         self.run = run
-        self.h = aligned(coefficients(trace(form, kind, method), p, dt, lanes), number)
+        self.h = align_coefficients(coefficients(trace(form, kind, method), p, dt, lanes), number)
 
     def __call__(self, start: Array, first: Array, second: Array, at: Sequence[int],
                  substeps: int = 1, out: Array | None = None) -> Array:
@@ -63,7 +63,7 @@ def make_native_step(p: Vehicle, kind: str = "car", dt: float = SAMPLE,
     Takes and returns floats. Not for two threads at once. Raises CannotCompile
     where the Python step has to do it.
     """
-    kernel = Kernel(p, kind, dt, np.float64, method)
+    kernel = CompiledStep(p, kind, dt, np.float64, method)
     n = 8 if kind == "car" else 6
     memory, at = (ctypes.c_double * (n + 2))(), ctypes.c_int64(1)
     state = ctypes.addressof(memory)
@@ -82,7 +82,7 @@ def make_native_step(p: Vehicle, kind: str = "car", dt: float = SAMPLE,
     return step
 
 
-class Found(NamedTuple):
+class KernelLookup(NamedTuple):
     """A kernel's function and its origin; or None, and why."""
 
     run: Run | None
@@ -90,18 +90,18 @@ class Found(NamedTuple):
 
 
 @lru_cache(maxsize=128)
-def find(form: Vehicle, kind: str, method: str, bits: int, lanes: bool) -> Found:
+def find_kernel(form: Vehicle, kind: str, method: str, bits: int, lanes: bool) -> KernelLookup:
     """The kernel of a form, once it gave what the Python equations give; asked for once."""
     traced, variant = trace(form, kind, method), Variant(bits, lanes)
     try:
         run, origin = load(traced, variant)
         check(run, traced, variant, form, kind, method)
     except CannotCompile as why:
-        return Found(None, str(why))
-    return Found(run, origin)
+        return KernelLookup(None, str(why))
+    return KernelLookup(run, origin)
 
 
-def lanes_of(p: Vehicle) -> int:
+def count_vehicles(p: Vehicle) -> int:
     """Number of vehicles in a stack, 0 for a single one. Raises CannotCompile for other arrays."""
     found = shapes(p)
     if len(found) > 1 or any(len(shape) != 1 for shape in found):

@@ -11,7 +11,7 @@ from dart_hal.vehicle.native import build
 from dart_hal.vehicle.native.emit import body, source
 from dart_hal.vehicle.native.model import Traced
 
-SWITCH = "DART_HAL_NATIVE"
+NATIVE_SWITCH = "DART_HAL_NATIVE"
 """Environment variable: 0 = numpy always."""
 
 
@@ -34,39 +34,39 @@ Run = Callable[[object], None]
 """``run(byref(job))``."""
 
 
-def switched_off() -> bool:
+def is_switched_off() -> bool:
     """Whether the user wants numpy."""
-    return os.environ.get(SWITCH, "").strip() == "0"
+    return os.environ.get(NATIVE_SWITCH, "").strip() == "0"
 
 
 def load(traced: Traced, variant: build.Variant) -> tuple[Run, str]:
     """The kernel's function and where it is from. Raises build.CannotCompile when there is none."""
     text = body(traced)
-    committed = _committed()
+    committed = _read_committed()
     if text in committed:
         path = build.BUILT / f"{build.key(committed, variant)}.so"
         if path.is_file():
             try:
-                return _function(path, traced.name), "built with the package"
+                return _load_function(path, traced.name), "built with the package"
             except build.CannotCompile:
                 pass  # damaged: one compiled on demand does as well
     whole, folder = source([text]), build.cache_folder()
     path = build.compile_kernel(whole, variant, folder)
     try:
-        return _function(path, traced.name), "compiled on demand"
+        return _load_function(path, traced.name), "compiled on demand"
     except build.CannotCompile:
         # damaged since it was kept: once more, else it would never be used again
         path.unlink(missing_ok=True)
-        return _function(build.compile_kernel(whole, variant, folder),
+        return _load_function(build.compile_kernel(whole, variant, folder),
                          traced.name), "compiled on demand"
 
 
 @lru_cache(maxsize=1)
-def _committed() -> str:
+def _read_committed() -> str:
     return build.COMMITTED.read_text(encoding="utf-8") if build.COMMITTED.is_file() else ""
 
 
-def _function(path: object, name: str) -> Run:
+def _load_function(path: object, name: str) -> Run:
     try:
         function = getattr(ctypes.CDLL(str(path)), f"run_{name}")
     except (OSError, AttributeError) as why:

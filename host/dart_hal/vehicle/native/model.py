@@ -11,17 +11,17 @@ import numpy as np
 
 from dart_hal.vehicle.flat import bind, values
 from dart_hal.vehicle.namespace import ARRAY, SCALAR, Namespace
-from dart_hal.vehicle.native.trace import Expr, Graph, evaluate, needed
+from dart_hal.vehicle.native.trace import Expr, Graph, evaluate, find_dependencies
 from dart_hal.vehicle.parameters import PaperTyres, Vehicle
 from dart_hal.vehicle.step import make_car_step, make_motion_step
 
-DT = "dt"
-ENDLESS = 1e30
+DT_SYMBOL = "dt"
+MAX_FORCE = 1e30
 """N; stands for a rear tyre without end, because -ffast-math knows no infinity."""
-STATES = {"car": ("x", "y", "eta", "vx", "vy", "om", "tau", "s"),
+STATE_NAMES = {"car": ("x", "y", "eta", "vx", "vy", "om", "tau", "s"),
           "motion": ("x", "y", "eta", "vx", "vy", "om")}
-INPUTS = {"car": ("tau_command", "s_command"), "motion": ("tau", "delta")}
-MAKERS: dict[str, Callable[..., Any]] = {"car": make_car_step, "motion": make_motion_step}
+INPUT_NAMES = {"car": ("tau_command", "s_command"), "motion": ("tau", "delta")}
+STEP_FACTORIES: dict[str, Callable[..., Any]] = {"car": make_car_step, "motion": make_motion_step}
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +42,7 @@ class Traced:
     held: tuple[int, ...]
 
 
-_FORMS: dict[Hashable, Vehicle] = {}
+_FORM_CACHE: dict[Hashable, Vehicle] = {}
 """By what makes equations differ: a fit asks for the same ones thousands of times."""
 
 
@@ -50,11 +50,11 @@ _FORMS: dict[Hashable, Vehicle] = {}
 def trace(form: Vehicle, kind: str, method: str = "rk4") -> Traced:
     """Equations of the form's kind; its numbers do not matter, see ``form_of``."""
     def make(symbol: Callable[[str], Expr], xp: Namespace) -> Callable[..., Any]:
-        step: Callable[..., Any] = MAKERS[kind](bind(form, symbol), xp, dt=symbol(DT),
-                                                method=method)
+        step: Callable[..., Any] = STEP_FACTORIES[kind](
+            bind(form, symbol), xp, dt=symbol(DT_SYMBOL), method=method)
         return step
 
-    return record(f"{kind}_{slug(form)}_{method}", make, STATES[kind], INPUTS[kind])
+    return record(f"{kind}_{slug(form)}_{method}", make, STATE_NAMES[kind], INPUT_NAMES[kind])
 
 
 def record(name: str, make: Callable[[Callable[[str], Expr], Namespace], Callable[..., Any]],
@@ -74,7 +74,7 @@ def split(name: str, graph: Graph, states: tuple[str, ...], inputs: tuple[str, .
           outputs: tuple[int, ...]) -> Traced:
     """Find what stays the same over the steps of a sample, and over all of them."""
     level: dict[int, int] = {}
-    for i in needed(graph, outputs):
+    for i in find_dependencies(graph, outputs):
         node = graph.nodes[i]
         own = 2 if node.name in states else 1 if node.name in inputs else 0
         level[i] = max([own, *(level[a] for a in node.args)])
@@ -94,9 +94,9 @@ def form_of(p: Vehicle) -> Vehicle:
     """A vehicle with the equations of p and no numbers of its own, to be a key."""
     slip = "all_speeds" if p.kind == "kinematic" else p.slip  # the tyres have no part in it
     key = p.kind, slip, type(p.tyres), tuple(a.effect for a in p.effects)
-    if key not in _FORMS:
-        _FORMS[key] = bind(replace(p, name="", slip=slip), lambda name: 0.0)
-    return _FORMS[key]
+    if key not in _FORM_CACHE:
+        _FORM_CACHE[key] = bind(replace(p, name="", slip=slip), lambda name: 0.0)
+    return _FORM_CACHE[key]
 
 
 def slug(p: Vehicle) -> str:
@@ -108,12 +108,12 @@ def slug(p: Vehicle) -> str:
 
 def coefficients(traced: Traced, p: Vehicle, dt: float, lanes: int = 0) -> Any:
     """Values of ``traced.uniform`` for a vehicle in f64: (H,), or (H, lanes) for a stack."""
-    return computed(traced, {**values(p), DT: dt}, lanes)
+    return evaluate_coefficients(traced, {**values(p), DT_SYMBOL: dt}, lanes)
 
 
-def computed(traced: Traced, parameters: Mapping[str, Any], lanes: int = 0) -> Any:
+def evaluate_coefficients(traced: Traced, parameters: Mapping[str, Any], lanes: int = 0) -> Any:
     """The same from a value for each symbol that is neither state nor input."""
-    symbols = {name: _finite(number) for name, number in parameters.items()}
+    symbols = {name: _clip_infinite(number) for name, number in parameters.items()}
     if not lanes:
         return np.array(evaluate(traced.graph, traced.uniform, symbols, SCALAR))
     out = np.empty((len(traced.uniform), lanes))
@@ -123,7 +123,7 @@ def computed(traced: Traced, parameters: Mapping[str, Any], lanes: int = 0) -> A
     return out
 
 
-def _finite(number: Any) -> Any:
+def _clip_infinite(number: Any) -> Any:
     if isinstance(number, np.ndarray):
-        return np.clip(number.astype(np.float64), -ENDLESS, ENDLESS)
-    return min(max(number, -ENDLESS), ENDLESS)
+        return np.clip(number.astype(np.float64), -MAX_FORCE, MAX_FORCE)
+    return min(max(number, -MAX_FORCE), MAX_FORCE)

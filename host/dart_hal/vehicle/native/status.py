@@ -6,14 +6,14 @@ import numpy as np
 
 from dart_hal.vehicle.native import build
 from dart_hal.vehicle.native.build import CannotCompile
-from dart_hal.vehicle.native.kernel import Kernel
+from dart_hal.vehicle.native.kernel import CompiledStep
 from dart_hal.vehicle.sets import PAPER
 
 
 def status() -> str:
     """One sentence: "compiled kernels, built with the package", or numpy and the reason."""
     try:
-        kernel = Kernel(PAPER, "motion", 0.01, np.float64)
+        kernel = CompiledStep(PAPER, "motion", 0.01, np.float64)
     except CannotCompile as why:
         return f"numpy; no compiled kernels: {why}"
     command = build.compiler()

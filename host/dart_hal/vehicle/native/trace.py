@@ -33,7 +33,7 @@ class Node:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class EvaluationPlan:
     """Constants, symbols and operations by the index of their nodes, each in computable order."""
 
     constants: Mapping[int, float]
@@ -47,7 +47,7 @@ class Graph:
     def __init__(self) -> None:
         self.nodes: list[Node] = []
         self._known: dict[Node, int] = {}
-        self._plans: dict[tuple[tuple[int, ...], Namespace], Plan] = {}
+        self._plans: dict[tuple[tuple[int, ...], Namespace], EvaluationPlan] = {}
 
     def symbol(self, name: str) -> Expr:
         """The symbol of that name."""
@@ -65,7 +65,7 @@ class Graph:
         nodes = [self.nodes[x.index] for x in exprs]
         if all(n.op == "const" for n in nodes):
             return self.constant(_operation(op, SCALAR)(*[n.value for n in nodes]))
-        same = _without_effect(op, exprs, nodes)
+        same = _simplify(op, exprs, nodes)
         return same if same is not None else self._node(Node(op, tuple(x.index for x in exprs)))
 
     def namespace(self) -> Namespace:
@@ -75,12 +75,12 @@ class Graph:
 
         return Namespace(**{name: record(name) for name in FUNCTIONS})
 
-    def plan(self, wanted: tuple[int, ...], xp: Namespace) -> Plan:
+    def plan(self, wanted: tuple[int, ...], xp: Namespace) -> EvaluationPlan:
         """How to compute some nodes, made once."""
         key = wanted, xp
         if key not in self._plans:
-            nodes = [(i, self.nodes[i]) for i in needed(self, wanted)]
-            self._plans[key] = Plan(
+            nodes = [(i, self.nodes[i]) for i in find_dependencies(self, wanted)]
+            self._plans[key] = EvaluationPlan(
                 {i: n.value for i, n in nodes if n.op == "const"},
                 tuple((i, n.name) for i, n in nodes if n.op == "symbol"),
                 tuple((i, _operation(n.op, xp), n.args) for i, n in nodes
@@ -153,7 +153,7 @@ def evaluate(graph: Graph, wanted: tuple[int, ...], symbols: Mapping[str, Any],
     return [values[i] for i in wanted]
 
 
-def needed(graph: Graph, wanted: tuple[int, ...]) -> list[int]:
+def find_dependencies(graph: Graph, wanted: tuple[int, ...]) -> list[int]:
     """All nodes that ``wanted`` depend on and themselves, in computable order."""
     found: set[int] = set()
     todo = list(wanted)
@@ -169,7 +169,7 @@ def _operation(op: str, xp: Namespace) -> Callable[..., Any]:
     return _ARITHMETIC.get(op) or getattr(xp, op)
 
 
-def _without_effect(op: str, exprs: list[Expr], nodes: list[Node]) -> Expr | None:
+def _simplify(op: str, exprs: list[Expr], nodes: list[Node]) -> Expr | None:
     """The operand that x + 0, x - 0, 1 x and x / 1 leave as it is."""
     number = [n.value if n.op == "const" else None for n in nodes]
     if (op == "+" and number[0] == 0.0) or (op == "*" and number[0] == 1.0):

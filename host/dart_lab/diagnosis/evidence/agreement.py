@@ -17,7 +17,7 @@ from dart_hal.core.errors import OtherCar, RecordingError
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.recording.dart import Recording
 from dart_hal.recording.dart.model import freeze
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
@@ -160,7 +160,7 @@ def _compare_yaw_rates(r: Recording, p: Vehicle, policy: InputPolicy
     """
     m = r.messages
     motion = motion_at_messages(r)
-    q = settled(p)
+    q = apply_parameter_effects(p)
     steering = make_steering(q.steering, ARRAY)
     sent = m.t - q.delay.steering_s - q.delay.steering_lag_s
     angle = np.asarray(steering(np.interp(sent, m.t, m.steering)))

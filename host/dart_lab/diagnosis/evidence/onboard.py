@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.parameters import Vehicle
 
@@ -115,7 +115,7 @@ class OnboardEvidence(Evidence):
 
     def _residuals(self, p: Vehicle, timing: MessageTiming) -> Residuals:
         """Compute the residuals of p, whose delays count from the messages of its commands."""
-        q = settled(p)
+        q = apply_parameter_effects(p)
         throttle = self._cached_part(
             ("throttle", *throttle_key(p, q), timing.message_age, timing.age_spread),
             lambda: [throttle_output(d, q, timing) for d in self.drives])

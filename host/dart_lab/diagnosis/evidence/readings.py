@@ -9,7 +9,7 @@ import numpy as np
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Grid, savgol_derivative
-from dart_hal.vehicle.channels import late_last, through
+from dart_hal.vehicle.channels import split_final_delay, transform_signal
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.prediction import sensors
@@ -63,8 +63,8 @@ def predict_readings(p: Vehicle, m: MeasuredMotion, drive: RecordedDrive, signal
     samples = drive.message_samples[~drive.at_rest]
     now = m.now
     true = {"wheel": np.array(now.v_x), "gyro": m.omega, "accel": (now.a_x, now.a_y)}[signal]
-    q, delay = late_last(p, signal)
-    readings = through(q, signal, true, now, SAMPLE)
+    q, delay = split_final_delay(p, signal)
+    readings = transform_signal(q, signal, true, now, SAMPLE)
     samples = samples - (message_age + delay) / SAMPLE
     if signal != "wheel":
         return np.stack([catmull_rom(series, samples)
@@ -98,8 +98,10 @@ def rest_residuals(drive: RecordedDrive, p: Vehicle, has_mocap: bool = False,
     now, yaw_rate = rest or rest_motion(drive)
     zero = np.zeros(len(yaw_rate))
     # A delay changes no reading at rest, and messages are no evenly sampled series to delay.
-    gyro = through(late_last(p, "gyro")[0], "gyro", yaw_rate if has_mocap else zero, now, SAMPLE)
-    a_x, a_y = through(late_last(p, "accel")[0], "accel", (zero, zero), now, SAMPLE)
+    gyro = transform_signal(split_final_delay(p, "gyro")[0], "gyro",
+                            yaw_rate if has_mocap else zero, now, SAMPLE)
+    a_x, a_y = transform_signal(split_final_delay(p, "accel")[0], "accel", (zero, zero), now,
+                                SAMPLE)
     out = np.stack([zero, gyro, a_x, a_y], axis=1) - drive.readings[drive.at_rest]
     out[:, 0] = np.nan
     out[:, 2:] *= drive.noise_scale

@@ -29,8 +29,8 @@ import numpy as np
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.recording.dart import RUN, Grid
-from dart_hal.vehicle.channels import late_last
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.channels import split_final_delay
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.delay import first_order_lag
 from dart_hal.vehicle.effect import ActiveEffect, Effect
 from dart_hal.vehicle.parameters import Vehicle
@@ -227,7 +227,7 @@ class Evidence:
         p, timing = _align_clocks(p, timing)
         ages = timing.message_age, timing.gyro_age
         moving = _drop_reading_effects(p)
-        q = settled(p)
+        q = apply_parameter_effects(p)
         motion = self._cached_residuals(
             (moving, timing.age_spread), lambda: self._motion_residuals(moving, timing.age_spread))
         sensors = [self._cached_residuals(_readings_key(p, q, signal, *ages),
@@ -242,7 +242,7 @@ class Evidence:
         """
         p, timing = _align_clocks(p, timing)
         moving = _drop_reading_effects(p)
-        q = settled(moving)
+        q = apply_parameter_effects(moving)
         row = READ_OUTS.index(read_out) * DERIVATIVE_POINTS + HALF_POINTS
         predicted = self._states(moving, q, timing.age_spread)[row]
         measured_at = measured_states(self._parts(moving, q), (read_out,))[0]
@@ -267,7 +267,7 @@ class Evidence:
 
     def _motion_residuals(self, p: Vehicle, age_spread: float) -> FloatArray:
         """Compute the motion residuals (n, len(READ_OUTS) * 3)."""
-        q = settled(p)
+        q = apply_parameter_effects(p)
         measured = self._cached_start_and_motion(p, q)[1]
         error = _velocities(self._states(p, q, age_spread)) - measured
         return np.asarray(error.reshape(len(READ_OUTS) * len(MOTION), -1).T)
@@ -412,7 +412,7 @@ def _align_clocks(p: Vehicle, timing: MessageTiming) -> tuple[Vehicle, MessageTi
 
     Returns the vehicle, and the timing relative to the poses.
     """
-    p, pose_delay = late_last(p, "pose")
+    p, pose_delay = split_final_delay(p, "pose")
     timing = replace(timing, message_age=timing.message_age - pose_delay,
                      command_age=timing.command_age - pose_delay)
     return timing.shift_delays(p), timing

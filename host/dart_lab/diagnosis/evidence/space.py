@@ -20,7 +20,7 @@ from types import MappingProxyType
 import numpy as np
 
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.flat import unchecked, unit, value
+from dart_hal.vehicle.flat import replace_unchecked, unit, value
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.shooting.coordinates import Coordinates
 
@@ -65,7 +65,7 @@ class MessageTiming:
     def shift_delays(self, p: Vehicle) -> Vehicle:
         """Return the vehicle with delays counted from the messages of its commands."""
         d = p.delay
-        return unchecked(p, {"delay": {"steering_s": d.steering_s - self.command_age,
+        return replace_unchecked(p, {"delay": {"steering_s": d.steering_s - self.command_age,
                                        "throttle_s": d.throttle_s - self.command_age}})
 
 

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.friction import make_friction
 from dart_hal.vehicle.motor import make_motor
 from dart_hal.vehicle.parameters import GRAVITY, Vehicle
@@ -43,11 +43,11 @@ class ParameterGroup:
 
 
 def _resistance(speed: float) -> Quantity:
-    return lambda p: -float(make_friction(settled(p).friction)(speed))
+    return lambda p: -float(make_friction(apply_parameter_effects(p).friction)(speed))
 
 
 def _motor_force(throttle: float, speed: float) -> Quantity:
-    return lambda p: float(make_motor(settled(p).motor)(throttle, speed))
+    return lambda p: float(make_motor(apply_parameter_effects(p).motor)(throttle, speed))
 
 
 def holding_throttle(speed: float) -> Quantity:
@@ -57,7 +57,7 @@ def holding_throttle(speed: float) -> Quantity:
     equal over a range of speeds, 0.01 N changes that speed by 1 m/s.
     """
     def quantity(p: Vehicle) -> float:
-        q = settled(p)
+        q = apply_parameter_effects(p)
         resistance = -float(make_friction(q.friction)(speed))
         force = make_motor(q.motor, np)(THROTTLES, np.full_like(THROTTLES, speed))
         return float(np.interp(resistance, np.maximum.accumulate(force), THROTTLES))
@@ -66,12 +66,13 @@ def holding_throttle(speed: float) -> Quantity:
 
 
 def _angle(command: float) -> Quantity:
-    return lambda p: math.degrees(float(make_steering(settled(p).steering)(command)))
+    return lambda p: math.degrees(float(
+        make_steering(apply_parameter_effects(p).steering)(command)))
 
 
 def _peak_grip(axle: int) -> Quantity:
     def quantity(p: Vehicle) -> float:
-        q = settled(p)
+        q = apply_parameter_effects(p)
         force = make_tyres(q.tyres, q.body, np)[axle](SLIPS)
         share = q.body.l_r if axle == 0 else q.body.l_f
         return float(np.max(force)) / (q.body.mass * GRAVITY * share / q.body.wheelbase)
@@ -81,7 +82,7 @@ def _peak_grip(axle: int) -> Quantity:
 
 def _stiffness(axle: int) -> Quantity:
     def quantity(p: Vehicle) -> float:
-        q = settled(p)
+        q = apply_parameter_effects(p)
         return float(make_tyres(q.tyres, q.body)[axle](SMALL_SLIP)) / SMALL_SLIP
 
     return quantity
@@ -89,7 +90,7 @@ def _stiffness(axle: int) -> Quantity:
 
 def _total_delay(channel: str) -> Quantity:
     def quantity(p: Vehicle) -> float:
-        d = settled(p).delay
+        d = apply_parameter_effects(p).delay
         return 1000.0 * float(getattr(d, f"{channel}_s") + getattr(d, f"{channel}_lag_s"))
 
     return quantity

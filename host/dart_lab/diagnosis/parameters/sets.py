@@ -21,8 +21,8 @@ from itertools import combinations
 import numpy as np
 
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.vehicle.effects import with_nulls
-from dart_hal.vehicle.fitting.levenberg_marquardt import bounded
+from dart_hal.vehicle.effects import add_null_effects
+from dart_hal.vehicle.fitting.levenberg_marquardt import solve_box_quadratic
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.evaluation.compare import draws
 
@@ -73,7 +73,7 @@ class GroupFits:
             p = self.full.vehicle
             names = tuple(n for n in self.free
                           if any(n in self.names(g) for g in free) or not _has_group(n))
-            vehicle = with_nulls(self.base, p.effects)
+            vehicle = add_null_effects(self.base, p.effects)
             space = Space(vehicle, names, self.known, self.evidence.message_age, self.policy.prior,
                           self.full.space.loose)
             x = space.transfer(space.start(p, self.full.timing), self.full.space,
@@ -94,8 +94,9 @@ class GroupFits:
         x = self.full.x.copy()
         normal = self.full.normal
         rest = np.setdiff1d(np.arange(len(x)), fixed)
-        x[rest] += bounded(normal[np.ix_(rest, rest)], -normal[rest][:, fixed] @ x[fixed],
-                           space.low[rest] - x[rest], space.high[rest] - x[rest])
+        x[rest] += solve_box_quadratic(
+            normal[np.ix_(rest, rest)], -normal[rest][:, fixed] @ x[fixed],
+            space.low[rest] - x[rest], space.high[rest] - x[rest])
         x[fixed] = 0.0
         return np.asarray(x)
 

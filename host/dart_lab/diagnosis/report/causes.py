@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from dart_hal.vehicle.effects import catalogue, equation
+from dart_hal.vehicle.effects import catalogue, equation_text
 from dart_lab.diagnosis.result import Cause, Claim, Constancy, Diagnosis
 from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS
 from dart_lab.report import charts, page, svg
@@ -43,7 +43,7 @@ def cause_section(d: Diagnosis, i: int, rows: ResidualRows) -> Html:
     known = catalogue().get(cause.effect)
     figures = list(cause_pictures(d, i, rows))
     physics = Html() if known is None else join([
-        el("p", known.physics), el("pre", equation(known))])
+        el("p", known.physics), el("pre", equation_text(known))])
     tone = "found" if cause.constancy.constant and cause.gain.low > 0.0 else "bad"
     return el(
         "section", el("h3", f"{i + 1}. {heading(cause)}"),

@@ -21,7 +21,7 @@ import numpy as np
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import savgol_derivative
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.steering import make_steering
@@ -109,11 +109,11 @@ def _measure_curve(kind: ParameterCurve, d: Diagnosis) -> Means | None:
 def _axle(front: bool) -> tuple[Curve, Callable[[RecordedDrive, Vehicle], Points]]:
     """Side force of an axle over its slip angle: the curve of a model, and measured points."""
     def curve(p: Vehicle, x: FloatArray) -> FloatArray:
-        q = settled(p)
+        q = apply_parameter_effects(p)
         return np.asarray(make_tyres(q.tyres, q.body, ARRAY)[0 if front else 1](x))
 
     def points(drive: RecordedDrive, p: Vehicle) -> Points:
-        b = settled(p).body
+        b = apply_parameter_effects(p).body
         m = measured_motion(drive.grid).now
         _, delta = actuated(p, drive.grid, smooth=True)
         slip = make_slip(b, ARRAY, p.slip)(m.v_x, m.v_y, m.omega, np.cos(delta), np.sin(delta))
@@ -133,7 +133,7 @@ def _axle(front: bool) -> tuple[Curve, Callable[[RecordedDrive, Vehicle], Points
 def _steering_points(drive: RecordedDrive, p: Vehicle) -> Points:
     """Command and measured steering angle while driving gently."""
     g = drive.grid
-    q = settled(p)
+    q = apply_parameter_effects(p)
     # The command acted later by its delay and lag.
     back = round((q.delay.steering_s + q.delay.steering_lag_s) / SAMPLE)
     command = np.concatenate([np.repeat(g.steering[:1], back), g.steering])[:len(g)]
@@ -143,7 +143,7 @@ def _steering_points(drive: RecordedDrive, p: Vehicle) -> Points:
 
 
 def _steering_curve(p: Vehicle, x: FloatArray) -> FloatArray:
-    return np.asarray(make_steering(settled(p).steering, ARRAY)(x))
+    return np.asarray(make_steering(apply_parameter_effects(p).steering, ARRAY)(x))
 
 
 def _throttle_points(drive: RecordedDrive, p: Vehicle) -> Points:

@@ -24,7 +24,11 @@ import numpy as np
 
 from dart_hal.core.process.jobs import each
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
-from dart_hal.vehicle.fitting.levenberg_marquardt import KEPT, bounded, descend
+from dart_hal.vehicle.fitting.levenberg_marquardt import (
+    JACOBIAN_TOLERANCE,
+    descend,
+    solve_box_quadratic,
+)
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.noise import Noise
@@ -108,7 +112,7 @@ class Point:
 
     def bounded_step(self, normal: FloatArray, gradient: FloatArray) -> FloatArray:
         """Solve the normal equations of all rows for a step (k,), with priors and bounds."""
-        return bounded(normal + np.diag(self.space.prior_weight + 1e-9),
+        return solve_box_quadratic(normal + np.diag(self.space.prior_weight + 1e-9),
                        gradient + self.space.prior_weight * self.x, self.space.low - self.x,
                        self.space.high - self.x)
 
@@ -212,10 +216,11 @@ def _reuse_jacobian(evidence: Evidence, noise: Noise, space: Space, x: FloatArra
 
 
 def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, max_iterations: int,
-             first: FloatArray | None = None, kept: float = KEPT, jobs: int = 1) -> Point:
+             first: FloatArray | None = None, jacobian_tolerance: float = JACOBIAN_TOLERANCE,
+             jobs: int = 1) -> Point:
     """Minimise the objective; first (N, k): initial Jacobian of the whitened residuals.
 
-    kept: see ``descend``.
+    jacobian_tolerance: see ``descend``.
     """
     weight = _residual(evidence, noise, space, x)[1]
     root = np.sqrt(weight)
@@ -234,7 +239,8 @@ def _descend(evidence: Evidence, noise: Noise, space: Space, x: FloatArray, max_
     far = np.full(len(x), 1e6)  # no robust limit for the rows of the prior
     robust = np.concatenate([noise.policy.robust * root, far])
     found = descend(residual, jacobian, x, space.low, space.high, robust=robust, prior=1e-9,
-                    rounds=max_iterations, reach=space.max_step, kept=kept, first=None
+                    max_iterations=max_iterations, max_step=space.max_step,
+                    jacobian_tolerance=jacobian_tolerance, initial_jacobian=None
                     if first is None else weight_rows(first))
     n = len(root)
     return Point(noise, space, found.x, found.residual[:n] / root, weight,

@@ -12,7 +12,7 @@ import numpy as np
 from dart_hal.core.process.jobs import each
 from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.effects import apply, catalogue, remove_effects, with_nulls
+from dart_hal.vehicle.effects import add_null_effects, apply, catalogue, remove_effects
 from dart_hal.vehicle.parameters import Vehicle
 
 from ..evidence.ages import START_AGES, age_sensitivity
@@ -348,7 +348,7 @@ class ForwardSearch:
         """
         s = self._settings
         fixed = () if s.refit else list_fixed_effects(self.base, s.known)
-        return Space(with_nulls(self.base, vehicle.effects), s.free, s.known,
+        return Space(add_null_effects(self.base, vehicle.effects), s.free, s.known,
                      self._evidence.message_age, s.policy.prior, self._freed, fixed)
 
     def _prune(self, point: Point, noise: Noise, previous: list[AcceptedEffect], new: AcceptedEffect

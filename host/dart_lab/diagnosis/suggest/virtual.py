@@ -16,7 +16,7 @@ from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Grid, Messages, Mocap, Recording, Reference
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.vehicle.batch import rollout
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.prediction.actuators import actuated
 from dart_lab.identification.prediction.commands import zero_order_hold
@@ -61,7 +61,7 @@ def record(p: Vehicle, commands: VirtualCommands, reference: Reference, name: st
     s = rollout(p, start, tau[:-1, None], angle[:-1, None], at=range(n))[:, :, 0].T
     rates = np.gradient(s[3:], SAMPLE, axis=1)
     speed, rate, a_x, a_y = sensed(p, driven(p, motion(g.t, s, rates), tau))
-    mocap = _mocap(p, g, s, settled(p).body.l_r)
+    mocap = _mocap(p, g, s, apply_parameter_effects(p).body.l_r)
     distance = np.concatenate([[0.0], np.cumsum(0.5 * np.abs(speed[1:] + speed[:-1]))])
     counted = (distance[samples] - distance[samples - MESSAGE_SAMPLES]) / MESSAGE_SAMPLES
     m = Messages(t=freeze(sent), arrival=freeze(sent), segment=freeze_index(np.zeros(len(sent))),

@@ -16,7 +16,7 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.vehicle.fitting.covariance import RECORDINGS
+from dart_hal.vehicle.fitting.covariance import MIN_RECORDING_BLOCKS
 from dart_lab.identification.prediction.rollout import stretches
 from dart_lab.identification.prediction.windows import HORIZONS
 
@@ -56,7 +56,7 @@ def blocks(cases: Sequence[Case], stretch: float | None = None) -> tuple[IntArra
     """(block (windows,), what a block is). stretch [s]; None picks recordings where possible."""
     length = STRETCH if stretch is None else stretch
     recording, block = stretches(parts(cases), length)
-    if stretch is None and len(cases) >= RECORDINGS:
+    if stretch is None and len(cases) >= MIN_RECORDING_BLOCKS:
         return recording, "recordings"
     return block, f"stretches of {length:g} s"
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording, Reference
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.prediction.rollout import Progress
 from dart_lab.identification.prediction.windows import HORIZONS
@@ -64,7 +64,7 @@ def evaluate(p: Vehicle, recordings: Sequence[Recording], *, reference: Referenc
     fitted_to: SHA-256 of the files that the model was fitted to. Other
     options and errors as for ``prepare``; progress(share) is called as it goes.
     """
-    p = settled(p)  # an effect may move the centre of mass
+    p = apply_parameter_effects(p)  # an effect may move the centre of mass
     prepared = prepare(recordings, l_r=p.body.l_r, reference=reference, named=named,
                        skipped=skipped)
     cases = prepared.cases

@@ -11,7 +11,7 @@ import numpy as np
 
 from dart_hal.calibration.curves import Curve
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.fitting.covariance import plain_covariance, undetermined
+from dart_hal.vehicle.fitting.covariance import find_undetermined, plain_covariance
 from dart_hal.vehicle.fitting.least_squares import Solution, fit_curve
 from dart_lab.identification.fit import Estimate, Fit
 
@@ -117,7 +117,7 @@ def as_fit(p: CurveProblem, s: Solution, cpu_s: float) -> Fit:
     A parameter on which the residuals do not depend, alone or together with
     others, has an infinite error, and the fit counts as not converged.
     """
-    covariance, lost_ones = plain_covariance(s), undetermined(s)
+    covariance, lost_ones = plain_covariance(s), find_undetermined(s)
     std = np.sqrt(np.diag(covariance))
     edge = tuple(n for n, stopped in zip(p.names, s.at_bound, strict=True) if stopped)
     parameters = {

@@ -15,7 +15,7 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Grid
 from dart_hal.vehicle import channels
-from dart_hal.vehicle.compose import settled, signals
+from dart_hal.vehicle.compose import apply_parameter_effects, signals
 from dart_hal.vehicle.delay import Sampled as Sampled
 from dart_hal.vehicle.delay import delay_series, first_order_lag
 from dart_hal.vehicle.effect import Now, Stateful
@@ -55,7 +55,7 @@ def behind_actuator(p: Vehicle, channel: str, command: FloatArray, t: FloatArray
     the means over it instead. Errors: UsageError for an effect that wants to know
     the motion: it is not known before the rollout.
     """
-    p = settled(p)
+    p = apply_parameter_effects(p)
     delay, lag = (getattr(p.delay, f"{channel}{part}") for part in ("_s", "_lag_s"))
     lagged = first_order_lag(delay_command(command, delay, smooth), lag, sampled)
     return behind_lag(p, channel, lagged, t, sampled)
@@ -93,7 +93,7 @@ def _through(p: Vehicle, channel: str, series: FloatArray, t: FloatArray,
         t = (t[:, None] + np.arange(parts) * SAMPLE / parts).ravel()
     # a hook that looks at the motion gets NaN, which nobody can overlook
     unmoved = Now(t, *[math.nan] * (len(Now._fields) - 1))
-    out = np.asarray(channels.through(p, channel, series, unmoved, SAMPLE / parts))
+    out = np.asarray(channels.transform_signal(p, channel, series, unmoved, SAMPLE / parts))
     out = out.reshape(-1, parts).mean(axis=1) if parts > 1 else out
     if not np.isfinite(out).all():
         named = ", ".join(applied.name for applied, _ in signals(p, channel))

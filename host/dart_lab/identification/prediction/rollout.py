@@ -16,7 +16,7 @@ from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.recording.dart import Grid
 from dart_hal.vehicle.batch import rollout
 from dart_hal.vehicle.delay import Sampled
-from dart_hal.vehicle.fitting.covariance import pooled_blocks
+from dart_hal.vehicle.fitting.covariance import pool_blocks
 from dart_hal.vehicle.parameters import Vehicle
 
 from .actuators import actuated
@@ -47,7 +47,7 @@ def joined(parts: Parts, series: Sequence[FloatArray]) -> tuple[FloatArray, IntA
 
 def stretches(parts: Parts, length: float) -> tuple[IntArray, IntArray]:
     """(recording, stretch of ``length`` [s] of it) in which each window starts, (windows,)."""
-    return pooled_blocks([(first * SAMPLE // length).astype(np.int64) for _, first in parts])
+    return pool_blocks([(first * SAMPLE // length).astype(np.int64) for _, first in parts])
 
 
 def windowed(series: FloatArray, at: IntArray, samples: int) -> FloatArray:

@@ -8,8 +8,8 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.channels import through
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.channels import transform_signal
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.motor import make_drive
 from dart_hal.vehicle.namespace import ARRAY
@@ -33,18 +33,18 @@ def motion(t: FloatArray, states: Any, rates: Any = STILL, way: Any = 0.0) -> No
 
 def driven(p: Vehicle, now: Now, throttle: FloatArray) -> Now:
     """The same with the force at the wheels; throttle -1..1 behind its actuator."""
-    q = settled(p)
+    q = apply_parameter_effects(p)
     return now._replace(drive=make_drive(q.motor, q.friction, ARRAY)(throttle, now.v_x))
 
 
 def sensed(p: Vehicle, now: Now) -> tuple[FloatArray, ...]:
     """What wheel [m/s], gyro [rad/s] and accelerometer (x, y) [m/s2] show."""
-    return (through(p, "wheel", np.array(now.v_x), now, SAMPLE),
-            through(p, "gyro", np.array(now.omega), now, SAMPLE),
-            *through(p, "accel", (now.a_x, now.a_y), now, SAMPLE))
+    return (transform_signal(p, "wheel", np.array(now.v_x), now, SAMPLE),
+            transform_signal(p, "gyro", np.array(now.omega), now, SAMPLE),
+            *transform_signal(p, "accel", (now.a_x, now.a_y), now, SAMPLE))
 
 
 def posed(p: Vehicle, t: FloatArray, states: Any, marker: Any) -> tuple[FloatArray, ...]:
     """Where motion capture sees a marker (x, y, yaw) of a car in motion."""
-    x, y, yaw = through(p, "pose", marker, motion(t, states), SAMPLE)
+    x, y, yaw = transform_signal(p, "pose", marker, motion(t, states), SAMPLE)
     return x, y, yaw

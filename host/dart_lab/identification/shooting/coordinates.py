@@ -14,7 +14,7 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.flat import bounds, setter, value
+from dart_hal.vehicle.flat import bounds, make_setter, value
 from dart_hal.vehicle.parameters import Vehicle
 
 AMOUNT = {"steering.s0": 0.1, "friction.c": 0.3, "delay": 0.1}
@@ -36,7 +36,7 @@ class Coordinates:
     def __init__(self, base: Vehicle, names: tuple[str, ...],
                  known: Mapping[str, float] = MappingProxyType({}),
                  amounts: Mapping[str, float] = MappingProxyType({})) -> None:
-        self.names, self._vehicle = names, setter(base, names)
+        self.names, self._vehicle = names, make_setter(base, names)
         self._start = np.array([value(base, name) for name in names])
         usual_amounts = {**AMOUNT, **amounts}
         amount = [usual_amounts.get(n, usual_amounts.get(n.partition(".")[0])) for n in names]

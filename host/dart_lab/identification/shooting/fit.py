@@ -12,10 +12,14 @@ from dart_hal.core.errors import RecordingError
 from dart_hal.core.timing import PWM_WAIT_STD
 from dart_hal.core.types import BoolArray, FloatArray
 from dart_hal.recording.dart import Grid, Recording, Reference, grid
-from dart_hal.vehicle.fitting.covariance import RECORDINGS, block_covariance, held_covariance
-from dart_hal.vehicle.fitting.least_squares import EDGE, Solution
+from dart_hal.vehicle.fitting.covariance import (
+    MIN_RECORDING_BLOCKS,
+    block_covariance,
+    fixed_value_covariance,
+)
+from dart_hal.vehicle.fitting.least_squares import BOUND_TOLERANCE, Solution
 from dart_hal.vehicle.fitting.levenberg_marquardt import descend
-from dart_hal.vehicle.fitting.profile import quadratic_sides
+from dart_hal.vehicle.fitting.profile import agrees_with_quadratic
 from dart_hal.vehicle.fitting.robust import MAD_TO_SIGMA, soft_l1_weight
 from dart_hal.vehicle.flat import names as flat_names
 from dart_hal.vehicle.flat import unit, value
@@ -107,7 +111,7 @@ def fit_jointly(problem: Problem, base: Vehicle, submodels: Sequence[str] = tupl
         x = data.x
         scale = _typical(work.error(x))
     data = work.two_sided(data, scale)
-    relative = _covariance(data, problem) + held_covariance(
+    relative = _covariance(data, problem) + fixed_value_covariance(
         data, _held_columns(problem, names, data, space, scale), prior=CORRELATED**-2)
     slope = space.slope(x)
     covariance = relative * np.outer(slope, slope)
@@ -195,7 +199,7 @@ class _Work:
     def agrees(self, data: Solution, scale: FloatArray, std: FloatArray) -> BoolArray:
         """Whether the loss at two standard errors (k,) is what the slopes say."""
         space = self._space
-        return quadratic_sides(lambda x: self._residual(x, scale), data, std, space.low,
+        return agrees_with_quadratic(lambda x: self._residual(x, scale), data, std, space.low,
                                space.high, robust=LOSS_SCALE, prior=CORRELATED**-2)
 
     def _residual(self, x: FloatArray, scale: FloatArray) -> FloatArray:
@@ -261,7 +265,7 @@ def _covariance(data: Solution, problem: Problem) -> FloatArray:
     A direction that the data do not see keeps the prior's variance, 1.
     """
     recording, stretch = stretches(problem.parts, BLOCK)
-    block = recording if len(np.unique(recording)) >= RECORDINGS else stretch
+    block = recording if len(np.unique(recording)) >= MIN_RECORDING_BLOCKS else stretch
     repeated = np.broadcast_to(block, (data.residual.size // len(block), len(block))).ravel()
     return block_covariance(data, repeated, prior=CORRELATED**-2, count_parameters=True)
 
@@ -275,7 +279,8 @@ def _submodel(name: str, vehicle: Vehicle, names: tuple[str, ...], covariance: F
         bool(identified[i]) and (name != "delay" or float(std[i]) < TIME_KNOWN)) for i in mine}
     # no delay and no lag are answers, not walls that the fit ran into; their upper ends are
     stopped = tuple(names[i].partition(".")[2] for i in mine
-                    if data.at_bound[i] and (name != "delay" or value(vehicle, names[i]) > EDGE))
+                    if data.at_bound[i] and (
+                        name != "delay" or value(vehicle, names[i]) > BOUND_TOLERANCE))
     return Fit(name, estimates, covariance[np.ix_(mine, mine)], len(data.residual), data.rmse,
                "typical error", data.converged, stopped, cpu,
                (note, "one fit of all: its covariance across the sub-models is in the file"))

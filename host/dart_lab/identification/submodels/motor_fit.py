@@ -16,13 +16,13 @@ import numpy as np
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.fitting.covariance import (
-    blocks_of,
     collinearity,
+    enclosing_covariance,
     leverage_covariance,
     scaled_inverse,
-    wider,
+    split_into_blocks,
 )
-from dart_hal.vehicle.fitting.free_starts import sensitivity, shoot
+from dart_hal.vehicle.fitting.free_starts import fit_free_starts, sensitivity
 from dart_hal.vehicle.fitting.least_squares import Solution
 from dart_hal.vehicle.fitting.robust import scatter
 from dart_lab.identification.submodels.coasting import FRICTION
@@ -65,19 +65,19 @@ def fit_motor(series: Sequence[Speeds], session: IntArray, base: Vehicle, x0: Fl
     group = session[s.series] if "g" in free else None
     count = 0 if group is None else int(group.max()) + 1
     start = np.concatenate([x0[rows], np.full(count, x0[NAMES.index("g")])])
-    solution, starts = shoot(problem_of(series, s, base, x0, shared, mass, group), start,
+    solution, starts = fit_free_starts(problem_of(series, s, base, x0, shared, mass, group), start,
                              first_speeds(s))
     bands = _bands(solution, k, s) if count else None
     mean = np.eye(k) if bands is None else np.block(
         [[np.eye(k), np.zeros((k, count))], [np.zeros((1, k)), bands.share[None]]])
     inner = leverage_covariance(solution, s.block)
     if count > 1:  # the recording of a session with one recording has no error of its own
-        inner = wider(inner, leverage_covariance(solution, _fine(s)))
+        inner = enclosing_covariance(inner, leverage_covariance(solution, _fine(s)))
     own = mean @ inner @ mean.T
     if bands is not None and group is not None:
         own[k, k] += bands.variance
         if count >= MIN_SESSIONS:
-            own = wider(own, _left_out(solution, k, bands, group[s.stretch]))
+            own = enclosing_covariance(own, _left_out(solution, k, bands, group[s.stretch]))
     names = [n for n in (*shared, "g") if n in free]
     x = x0.copy()
     x[[NAMES.index(n) for n in names]] = mean @ solution.x
@@ -120,7 +120,7 @@ def _bands(solution: Solution, k: int, s: Stretches) -> Bands:
 
 def _fine(s: Stretches) -> IntArray:
     """Blocks (n,) of some seconds, also where there are many recordings."""
-    return blocks_of(s.t, s.series[s.stretch], BLOCK)
+    return split_into_blocks(s.t, s.series[s.stretch], BLOCK)
 
 
 def _left_out(solution: Solution, k: int, bands: Bands, session: IntArray) -> FloatArray:

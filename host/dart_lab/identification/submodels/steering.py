@@ -24,7 +24,7 @@ from dart_hal.calibration.steering_map import (
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import Vehicle
-from dart_hal.vehicle.fitting.covariance import collinearity, independent_blocks
+from dart_hal.vehicle.fitting.covariance import collinearity, select_blocks
 from dart_hal.vehicle.fitting.least_squares import Solution
 from dart_lab.identification.fit import Estimate, Fit
 from dart_lab.identification.submodels.report import UNITS, Ledger, not_identified
@@ -55,7 +55,7 @@ def fit_steering(recordings: Sequence[Recording], reference: Reference | None, b
     square = np.concatenate([q for _, _, q in parts])
     owner = np.repeat(np.arange(len(parts)), [len(s) for _, s, _ in parts])
     slip = slip_of(samples, square, owner)
-    fitted = fit_map(samples, block=independent_blocks(owner, samples.block), square=square,
+    fitted = fit_map(samples, block=select_blocks(owner, samples.block), square=square,
                      understeer=slip, robust=True)
     said = _notes(parts, samples, square, fitted.solution, slip)
     return _fit(samples, fitted, said, time.process_time() - begin)

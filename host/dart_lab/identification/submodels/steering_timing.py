@@ -17,12 +17,12 @@ import numpy as np
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle.fitting.covariance import (
     collinearity,
-    independent_blocks,
     leverage_covariance,
-    pooled_blocks,
+    pool_blocks,
+    select_blocks,
 )
 from dart_hal.vehicle.fitting.least_squares import Solution, least_squares
-from dart_hal.vehicle.fitting.robust import ROBUST
+from dart_hal.vehicle.fitting.robust import SOFT_L1_STDS
 from dart_lab.identification.submodels.turning import Turning
 
 LOW, HIGH = (-0.1, 0.0), (0.5, 0.4)  # s, delay and lag
@@ -72,7 +72,7 @@ def steering_timing(series: Sequence[Turning]) -> Timing:
     coarse = [np.concatenate([_left(s, d, 0.0) for s in series]) for d in COARSE]
     start = float(COARSE[int(np.argmin([r @ r for r in coarse]))])
     scale = [max(float(np.std(_left(s, start, 0.0))), 1e-6) for s in series]
-    block = independent_blocks(*pooled_blocks([s.block for s in series]))
+    block = select_blocks(*pool_blocks([s.block for s in series]))
 
     def residual(x: FloatArray) -> FloatArray:
         lag = max(float(x[1]), 0.0) if len(x) > 1 else 0.0
@@ -116,7 +116,8 @@ def _solve(residual: Callable[[FloatArray], FloatArray], start: list[float], blo
         return np.stack(columns, axis=1)
 
     k = len(start)
-    solution = least_squares(residual, start, (LOW[:k], HIGH[:k]), jacobian=slope, robust=ROBUST,
+    solution = least_squares(residual, start, (LOW[:k], HIGH[:k]), jacobian=slope,
+                             robust=SOFT_L1_STDS,
                              tolerance=1e-5)
     return solution, leverage_covariance(solution, block)
 

@@ -19,11 +19,11 @@ from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.vehicle import Vehicle, make_friction, make_motor_gains
 from dart_hal.vehicle.fitting.covariance import (
     collinearity,
+    enclosing_covariance,
     leverage_covariance,
     plain_covariance,
-    wider,
 )
-from dart_hal.vehicle.fitting.free_starts import FreeStarts, shoot
+from dart_hal.vehicle.fitting.free_starts import FreeStarts, fit_free_starts
 from dart_lab.identification.submodels.speeds import Speeds
 from dart_lab.identification.submodels.stretches import Stretches
 
@@ -87,13 +87,14 @@ def solve_straight(series: Sequence[Speeds], s: Stretches, base: Vehicle, x0: Fl
     the errors are no smaller than what leaving out whole sessions changes.
     """
     rows = [NAMES.index(n) for n in free]
-    solution, _ = shoot(problem_of(series, s, base, x0, free, mass), x0[rows], first_speeds(s))
+    solution, _ = fit_free_starts(problem_of(series, s, base, x0, free, mass), x0[rows],
+                                  first_speeds(s))
     x = x0.copy()
     x[rows] = solution.x
     covariance = np.zeros((len(NAMES), len(NAMES)))
-    own = wider(leverage_covariance(solution, s.block), plain_covariance(solution))
+    own = enclosing_covariance(leverage_covariance(solution, s.block), plain_covariance(solution))
     if session is not None:
-        own = wider(own, leverage_covariance(solution, session))
+        own = enclosing_covariance(own, leverage_covariance(solution, session))
     covariance[np.ix_(rows, rows)] = own
     independent = np.ones(len(NAMES))
     independent[rows] = collinearity(solution)

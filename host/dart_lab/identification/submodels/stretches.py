@@ -9,7 +9,7 @@ import numpy as np
 
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray, IntArray
-from dart_hal.vehicle.fitting.covariance import blocks_of, independent_blocks
+from dart_hal.vehicle.fitting.covariance import select_blocks, split_into_blocks
 from dart_lab.identification.submodels.speeds import BLOCK, Kernel, Speeds
 
 LENGTH = 3.0  # s; longer ones add up disturbances, shorter ones only fit their own start
@@ -56,7 +56,7 @@ def cut(series: Sequence[Speeds]) -> Stretches:
     stretch = np.repeat(np.arange(len(pieces)), count)
     recording = np.array([p.series for p in pieces])[stretch]
     t = np.concatenate([p.t for p in pieces])
-    block = independent_blocks(recording, blocks_of(t, recording.astype(np.int64), BLOCK))
+    block = select_blocks(recording, split_into_blocks(t, recording.astype(np.int64), BLOCK))
     node = np.concatenate([p.node for p in pieces])
     return Stretches(
         np.array([p.series for p in pieces]), np.array([p.start for p in pieces]),

@@ -20,7 +20,7 @@ from dart_hal.recording.check.uses import MIN_STEERING_CHANGES as MIN_CHANGES
 from dart_hal.recording.check.uses import MIN_STEERING_SPREAD as MIN_SPREAD
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import AxleTyres, Vehicle
-from dart_hal.vehicle.fitting.covariance import blocks_of
+from dart_hal.vehicle.fitting.covariance import split_into_blocks
 from dart_lab.identification.prediction.commands import Command, steering_of, step_of
 from dart_lab.identification.submodels.report import Ledger
 from dart_lab.identification.submodels.speeds import BLOCK, MOCAP, MOCAP_SLOW, WINDOW, mocap_grid
@@ -96,7 +96,7 @@ def turning_of(recording: Recording, reference: Reference | None, base: Vehicle,
     group = np.concatenate([[0], np.cumsum(np.diff(t[use]) > 0.5)]).astype(np.int64)
     return Turning(recording.name, t[use], yaw_rate[use], speed[use],
                    yaw_lag(base, speed[use]), command, window, first,
-                   blocks_of(t[use], group, BLOCK), source)
+                   split_into_blocks(t[use], group, BLOCK), source)
 
 
 def _too_calm(command: Command, t: FloatArray, use: BoolArray) -> str:

@@ -14,12 +14,12 @@ import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.vehicle.fitting.covariance import (
-    independent_blocks,
     leverage_covariance,
-    pooled_blocks,
+    pool_blocks,
+    select_blocks,
 )
 from dart_hal.vehicle.fitting.least_squares import Solution, least_squares
-from dart_hal.vehicle.fitting.robust import ROBUST, scatter
+from dart_hal.vehicle.fitting.robust import SOFT_L1_STDS, scatter
 from dart_lab.identification.submodels.tyre_forces import TyreForces, usable
 
 REAR_RANGE = 0.12  # rad; 6.9 deg: beyond it the rear is no straight line
@@ -71,7 +71,7 @@ def fit_curves(parts: Sequence[TyreForces], shape: float | None) -> TyreFit:
     masks = [usable(p, REAR_RANGE) for p in parts]
     noise = np.ones(2)
     start = _guess(parts, masks, shape)
-    for robust in (None, ROBUST):
+    for robust in (None, SOFT_L1_STDS):
         problem = _Problem(parts, masks, noise, shape)
         solution = problem.solve(start, robust)
         front, rear = problem.split(solution.residual)
@@ -165,7 +165,7 @@ class _Problem:
 
     def blocks(self) -> IntArray:
         """Recordings where there are 8 and more, else stretches of 2 s; priors with theirs."""
-        block = independent_blocks(*pooled_blocks([part.block for part in self.parts]))
+        block = select_blocks(*pool_blocks([part.block for part in self.parts]))
         mask = np.concatenate(list(self.masks))
         own = block.max() + 1 + np.arange(len(self.parts))
         return np.concatenate([block, block[mask], own, own]).astype(np.int64)

@@ -17,7 +17,7 @@ from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
 from dart_hal.recording.dart import Grid, Recording, Reference, grid, savgol_derivative
 from dart_hal.vehicle import Vehicle, make_slip, make_steering
-from dart_hal.vehicle.fitting.covariance import blocks_of
+from dart_hal.vehicle.fitting.covariance import split_into_blocks
 from dart_hal.vehicle.inverse import make_inverse_dynamics
 from dart_lab.identification.prediction.commands import steering_of
 from dart_lab.identification.submodels.report import Ledger
@@ -83,7 +83,7 @@ def tyre_forces(recording: Recording, reference: Reference | None, car: Vehicle,
     front, rear, lateral = _forces(g, delta, car, kernel, 25 if slow else 15)
     group = np.concatenate([[0], np.cumsum(np.diff(rows) > 5 * EVERY)]).astype(np.int64)
     return TyreForces(recording.name, np.asarray(alpha_f), np.asarray(alpha_r), rows,
-                      front[rows], rear[rows], kernel, blocks_of(g.t[rows], group, BLOCK),
+                      front[rows], rear[rows], kernel, split_into_blocks(g.t[rows], group, BLOCK),
                       lateral[rows])
 
 

@@ -15,9 +15,9 @@ import numpy as np
 from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import Vehicle, make_steering
 from dart_hal.vehicle.compose import signals
-from dart_hal.vehicle.effect import Late, Now, Stateful
+from dart_hal.vehicle.effect import Now, PureDelay, Stateful
 from dart_hal.vehicle.namespace import Value
-from dart_hal.vehicle.step import decay
+from dart_hal.vehicle.step import lag_decay
 from dart_lab.sim.light.config import Sensors, sensor_list
 from dart_lab.sim.light.ops import Ops
 from dart_lab.sim.light.stepper import State8, Stepper
@@ -40,7 +40,7 @@ class Chain:
             key = f"{channel} {a.name}"
             if isinstance(signal, Stateful):
                 self._hooks.append((key, *signal.make(p, ops.f, dt, *a.values)))
-            elif not isinstance(signal, Late):
+            elif not isinstance(signal, PureDelay):
                 self._hooks.append(("", None, signal.make(p, ops.f, *a.values)))
         self.active = bool(self._hooks)
 
@@ -80,7 +80,7 @@ class Acting:
         self._chains = [Chain(p, channel, dt, ops, memory) for channel in COMMANDS]
         self._steering = make_steering(p.steering, ops.f)
         self._motion = motion
-        self._decays = [decay(lag, dt, ops.f)
+        self._decays = [lag_decay(lag, dt, ops.f)
                         for lag in (p.delay.throttle_lag_s, p.delay.steering_lag_s)]
 
     def step(self, state: State8, throttle: Value, steering: Value, now: Now) -> State8:
@@ -117,7 +117,7 @@ class Measured:
 
 def lateness(p: Vehicle, channel: str) -> Value:
     """By how much a channel comes late [s]."""
-    return sum(s.seconds(*a.values) for a, s in signals(p, channel) if isinstance(s, Late))
+    return sum(s.seconds(*a.values) for a, s in signals(p, channel) if isinstance(s, PureDelay))
 
 
 def acts(p: Vehicle) -> bool:
@@ -145,7 +145,7 @@ def without_null(p: Vehicle) -> Vehicle:
 def check(p: Vehicle, sensors: Sensors | None) -> None:
     """Raises UsageError for an effect that would need the future."""
     late = [(a.name, channel) for channel in (*COMMANDS, *SENSORS)
-            for a, s in signals(p, channel) if isinstance(s, Late)]
+            for a, s in signals(p, channel) if isinstance(s, PureDelay)]
     waiting = sorted({name for name, channel in late if channel in COMMANDS})
     if waiting:
         raise UsageError("a command that comes late is a delay of the vehicle",

@@ -14,7 +14,7 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import Vehicle
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.effect import Now
 from dart_hal.vehicle.motor import make_drive
 from dart_hal.vehicle.namespace import Value
@@ -51,7 +51,7 @@ class Plant:
                  make_stepper: MakeStepper, seeds: Sequence[noise.Seed], scalar: bool,
                  nominal: Vehicle) -> None:
         self.config, self.ops, self._scalar = config, ops, scalar
-        self._make_stepper, self._nominal = make_stepper, settled(nominal)
+        self._make_stepper, self._nominal = make_stepper, apply_parameter_effects(nominal)
         self.state: State8 = ()
         self.k: Value = 0
         self._shape = make_shaping(config.actuators, ops)
@@ -82,7 +82,7 @@ class Plant:
         UsageError for an effect that would need the future, or a longer memory
         than that of the first vehicle.
         """
-        c, p = self.config, without_null(settled(vehicle))
+        c, p = self.config, without_null(apply_parameter_effects(vehicle))
         check(p, c.sensors)
         depth, seen = self._room(vehicle)
         if depth > self._depth or seen > self._signals:
@@ -121,7 +121,7 @@ class Plant:
 
     def _room(self, vehicle: Vehicle, growth: float = 1.0) -> tuple[int, int]:
         """(steps, signals) that the history needs when latencies grow by a factor."""
-        c, p = self.config, without_null(settled(vehicle))
+        c, p = self.config, without_null(apply_parameter_effects(vehicle))
         if c.sensors is None or not measures(p):
             return (0 if c.sensors is None else depth_of(c.sensors, c.step)), SIGNALS[0]
         late = [growth * np.maximum(lateness(p, channel), 0.0) for channel in SENSORS]

@@ -27,11 +27,11 @@ from dart_hal.vehicle import (
     make_tyres,
 )
 from dart_hal.vehicle.batch import prepare
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.flat import bind, names, value
 from dart_hal.vehicle.namespace import Value
-from dart_hal.vehicle.native.call import aligned, call
-from dart_hal.vehicle.native.kernel import Kernel
+from dart_hal.vehicle.native.call import align_coefficients, call
+from dart_hal.vehicle.native.kernel import CompiledStep
 
 STABLE = 2.0
 """Largest rate times step that is allowed; RK4 is stable up to 2.78, Euler to 2."""
@@ -55,7 +55,7 @@ def fineness(p: Vehicle, step: float, method: str = "rk4") -> Fineness:
     From the fastest rate of the lateral equations, linear in the slip angle. A
     vehicle that is too stiff at all speeds is divided everywhere (speed inf).
     """
-    p = settled(p)
+    p = apply_parameter_effects(p)
     limit = (STABLE if method == "rk4" else 0.5 * STABLE) / step
     still = p.friction.a * p.friction.b / p.body.mass
     stiff = _stiffness(p) if p.kind == "dynamic" else 0.0 * still
@@ -158,11 +158,11 @@ def _over_arrays(p: Vehicle, step: float, method: str, dtype: str, engine: str,
     return _numpy(p, step, method, dtype, kind) if kernel is None else _native(kernel)
 
 
-def _native(kernel: Kernel) -> Arrays:
+def _native(kernel: CompiledStep) -> Arrays:
     def steps(state: State8, tau: Value, s: Value, times: int, lanes: Any) -> State8:
         h = kernel.h
         if lanes is not None and h.ndim == 2:
-            h = aligned(h[:, lanes], h.dtype)
+            h = align_coefficients(h[:, lanes], h.dtype)
         new: State8 = tuple(call(kernel.run, h, np.asarray(state), tau[None], s[None], [1],
                                  times, None)[0])
         return new

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.core.types import FloatArray
-from dart_hal.vehicle.compose import settled
+from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_lab.sim.light.batch import LightBatch, Named
 from dart_lab.sim.light.config import Checked, LightConfig
 
@@ -77,7 +77,7 @@ class LightWorld(LightBatch):
     def place(self, poses: FloatArray) -> None:
         """All cars at rest with their rear axles at (n, 3) poses."""
         rest = np.zeros((6, self.n))
-        l_r = np.asarray(settled(self.vehicle).body.l_r)
+        l_r = np.asarray(apply_parameter_effects(self.vehicle).body.l_r)
         rest[0] = poses[:, 0] + l_r * np.cos(poses[:, 2])
         rest[1] = poses[:, 1] + l_r * np.sin(poses[:, 2])
         rest[2] = poses[:, 2]
@@ -87,7 +87,7 @@ class LightWorld(LightBatch):
     def poses(self) -> FloatArray:
         """True poses (n, 3) of the rear axles."""
         x, y, yaw = (np.asarray(v, dtype=np.float64) for v in self.state[:3])
-        l_r = np.asarray(settled(self.vehicle).body.l_r)
+        l_r = np.asarray(apply_parameter_effects(self.vehicle).body.l_r)
         return np.stack([x - l_r * np.cos(yaw), y - l_r * np.sin(yaw), yaw], axis=1)
 
     def contacts(self) -> Array:
