@@ -28,7 +28,7 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.frame import Frame
-from dart_hal.wire.ledger import MASK32, T_CK, boot_of
+from dart_hal.wire.ledger import MASK32, T_CK, parse_boot
 from dart_hal.wire.messages import HELLO, STATE
 from dart_lab.sim.failure_kinds import KINDS
 from dart_lab.sim.pwm_output import Pulse
@@ -155,7 +155,7 @@ class Account:
     def _boots(self, frame: Frame) -> bool:
         """The first HELLO of another boot, or STATE: its clock went back."""
         if frame.message is HELLO:
-            known, self._boot = self._boot, boot_of(frame.payload)
+            known, self._boot = self._boot, parse_boot(frame.payload)
             return known != self._boot
         if frame.message is not STATE:
             return False

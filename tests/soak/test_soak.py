@@ -17,7 +17,7 @@ import soak
 from soak import CYCLE, QUIET, Pins, Report, plan
 
 from dart_hal.core.errors import EmulatorMissing
-from dart_hal.wire.ledger import Ledger
+from dart_hal.wire.ledger import SequenceTracker
 from dart_lab.sim.failures import parse
 from dart_lab.sim.world import THROTTLE
 
@@ -65,14 +65,14 @@ def test_one_fault_a_second_with_time_to_arm_in_between():
 
 @pytest.mark.slow
 def test_a_host_that_counts_lost_frames_wrong_is_found(monkeypatch):
-    right = Ledger.note
+    right = SequenceTracker.add_frame
 
     def wrong(self, ident, seq, payload):
         before = self.lost
         right(self, ident, seq, payload)
         self.lost = before + (self.lost - before) // 2
 
-    monkeypatch.setattr(Ledger, "note", wrong)
+    monkeypatch.setattr(SequenceTracker, "add_frame", wrong)
     report = soak.soak(60.0, "mock", seed=2)
     assert "frames lost" in report.broken[0][1]
 

@@ -22,16 +22,16 @@ WARNINGS = ["-std=gnu++11", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversi
 
 
 def test_nothing_drifted():
-    assert emit.drift(ROOT) == []
+    assert emit.list_stale(ROOT) == []
 
 
 def test_drift_is_seen_and_mended(tmp_path):
-    assert sorted(emit.drift(tmp_path)) == sorted(emit.FILES)
+    assert sorted(emit.list_stale(tmp_path)) == sorted(emit.GENERATED_FILES)
     emit.write_all(tmp_path)
-    assert emit.drift(tmp_path) == []
+    assert emit.list_stale(tmp_path) == []
     stale = tmp_path / "docs/reference/wire.md"
     stale.write_text(stale.read_text().replace("STATE", "STATUS", 1))
-    assert emit.drift(tmp_path) == ["docs/reference/wire.md"]
+    assert emit.list_stale(tmp_path) == ["docs/reference/wire.md"]
     assert emit.write_all(tmp_path) == ["docs/reference/wire.md"]
     assert emit.write_all(tmp_path) == []
 

@@ -47,7 +47,7 @@ def test_long_silence_is_counted_by_device_time(length, start):
 
 def test_the_sequence_number_alone_would_not_do(monkeypatch):
     """Negative control."""
-    monkeypatch.setattr(ledger, "LONG", ledger.MASK32)
+    monkeypatch.setattr(ledger, "MAX_EXACT_SILENCE", ledger.MASK32)
     assert lost(DRIVE[:50] + DRIVE[650:]) == 600 % 256
 
 
@@ -65,14 +65,14 @@ def two_states(periods, step):
 def test_a_busy_nano_may_leave_out_some():
     """Slots it skipped have no number; a few of them do not pass for another round."""
     assert two_states(300, 295) == 294
-    assert two_states(200, 200 - ledger.SLACK) == 199 - ledger.SLACK
-    assert two_states(200, 199 - ledger.SLACK) == 198 - ledger.SLACK + 256
+    assert two_states(200, 200 - ledger.MAX_SKIPPED_STATES) == 199 - ledger.MAX_SKIPPED_STATES
+    assert two_states(200, 199 - ledger.MAX_SKIPPED_STATES) == 198 - ledger.MAX_SKIPPED_STATES + 256
 
 
 @pytest.mark.parametrize(("short", "added"), [(-300, 0), (0, 0), (1, 256), (256, 256), (257, 512)])
 def test_rounds(short, added):
-    elapsed = (short + ledger.SLACK + 400) * ledger.STATE_PERIOD
-    assert ledger.rounds(elapsed, 400) == added
+    elapsed = (short + ledger.MAX_SKIPPED_STATES + 400) * ledger.STATE_PERIOD
+    assert ledger.count_wrapped(elapsed, 400) == added
 
 
 def test_what_is_missing_at_the_ends_is_not_claimed():

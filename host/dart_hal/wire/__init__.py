@@ -1,5 +1,5 @@
-"""The protocol between Nano and host: ``messages`` defines it, everything else is derived.
+"""The protocol between Nano and host: ``messages`` defines it, all other code is derived.
 
-``codec``, ``cobs``, ``crc`` and ``decoder`` make bytes of messages and back; ``emit`` generates the
-C++ header, the table and the golden vectors.
+``codec``, ``cobs``, ``crc`` and ``decoder`` convert messages to bytes and back; ``emit`` generates
+the C++ header, the reference page and the golden vectors.
 """

@@ -1,4 +1,4 @@
-"""One block between two delimiters: a frame, two that were joined, or junk."""
+"""Decode the block between two delimiters: a frame, two joined frames, or invalid bytes."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from dart_hal.wire.frame import Frame
 from dart_hal.wire.messages import MAX_BLOCK, Message
 from dart_hal.wire.rules import min_size
 
+# Bytes of a block beyond the payload: COBS code, type, seq, CRC.
 OVERHEAD = 5
-"""Bytes of a block beyond the payload: COBS code, type, seq, CRC."""
 
 
 @dataclass
 class Counters:
-    """What happened since the decoder was made.
+    """Counters of a decoder since its construction.
 
-    ok: frames returned; crc, cobs, length, unknown (type), oversize: damaged
-    blocks by what was found first; implausible: refused by the gates;
-    repaired: frames out of blocks whose delimiter was damaged (also in ok);
-    gaps: frames lost between the first and the last good one, by their
-    sequence number; rebased: times that count began anew.
+    ok: returned frames; crc, cobs, length, unknown (type), oversize: damaged blocks by the first
+    error; implausible: frames rejected by the gates; repaired: frames from blocks with a damaged
+    delimiter (also in ok); gaps: frames lost between the first and the last valid one, by their
+    sequence numbers; rebased: restarts of that count.
     """
 
     ok: int = 0
@@ -38,17 +37,17 @@ class Counters:
 
     @property
     def damaged(self) -> int:
-        """Blocks that gave no frame."""
+        """Number of blocks without a frame."""
         return self.crc + self.cobs + self.length + self.unknown + self.oversize
 
 
 def block_sizes(message: Message) -> range:
-    """Lengths [B] that a block of this message can have."""
+    """Return the possible lengths [B] of a block of this message."""
     return range(min_size(message) + OVERHEAD, message.size + OVERHEAD + 1)
 
 
 class BlockReader:
-    """Opens blocks of the given messages and counts those that fail."""
+    """Decodes blocks of the given messages and counts the damaged ones."""
 
     def __init__(self, messages: Iterable[Message]) -> None:
         self.counters = Counters()
@@ -57,13 +56,13 @@ class BlockReader:
                        for m in self._by_id.values() for size in block_sizes(m)}
 
     def read(self, block: bytes, end: int, frames: list[Frame]) -> None:
-        """Append the frames of a non-empty block; ``end``: offset behind its delimiter."""
-        # The type is never zero, so it stands unchanged behind the first code
-        # byte and tells the length before anything is decoded.
+        """Append the frames of a non-empty block; end: offset after its delimiter."""
+        # The type is never zero, so COBS leaves it unchanged after the first code byte. It
+        # determines the possible lengths before anything is decoded.
         size = len(block)
         spec = self._table.get(size << 8 | block[1]) if size > 1 else None
         if spec is None:
-            self._odd(block, end, frames)
+            self._read_joined(block, end, frames)
             return
         message, seed = spec
         raw = bytearray(block)
@@ -74,39 +73,41 @@ class BlockReader:
         else:
             frames.append(Frame(message, raw[2], bytes(raw[3:-2]), end))
 
-    def _odd(self, block: bytes, end: int, frames: list[Frame]) -> None:
-        at = self._joint(block)
-        if at:
+    def _read_joined(self, block: bytes, end: int, frames: list[Frame]) -> None:
+        """Append the two frames of a block with a damaged delimiter, else count the block."""
+        joint = self._find_joint(block)
+        if joint:
             pair: list[Frame] = []
-            self._attempt(block[:at], end - len(block) + at, pair)
-            self._attempt(block[at + 1:], end, pair)
+            self._try_read(block[:joint], end - len(block) + joint, pair)
+            self._try_read(block[joint + 1:], end, pair)
             if len(pair) == 2:
                 self.counters.repaired += 2
                 frames += pair
                 return
-        self._refuse(block)
+        self._count_damaged(block)
 
-    def _joint(self, block: bytes) -> int:
-        """Where the delimiter of two joined frames must have been; 0 = they are not that.
+    def _find_joint(self, block: bytes) -> int:
+        """Return the offset of the damaged delimiter between two joined frames; 0 = none.
 
-        The block must have exactly the length of both frames and one byte
-        more. The length of a LOG is not known beforehand, so it can only be
-        the second.
+        The block must have exactly the length of both frames plus one byte. The length of a LOG is
+        not known in advance, so only the second frame can be one.
         """
         first = self._by_id.get(block[1]) if 1 < len(block) <= MAX_BLOCK else None
         if first is None or first.variable:
             return 0
-        at = first.size + OVERHEAD
-        rest = len(block) - at - 1
-        return at if rest > 1 and rest << 8 | block[at + 2] in self._table else 0
+        joint = first.size + OVERHEAD
+        rest = len(block) - joint - 1
+        return joint if rest > 1 and rest << 8 | block[joint + 2] in self._table else 0
 
-    def _attempt(self, block: bytes, end: int, frames: list[Frame]) -> None:
+    def _try_read(self, block: bytes, end: int, frames: list[Frame]) -> None:
+        """Read a block without counting its errors."""
         counters = self.counters
         before = counters.cobs, counters.crc
         self.read(block, end, frames)
         counters.cobs, counters.crc = before
 
-    def _refuse(self, block: bytes) -> None:
+    def _count_damaged(self, block: bytes) -> None:
+        """Count a block without a frame by its first error."""
         if len(block) > MAX_BLOCK:
             self.counters.oversize += 1
         elif len(block) <= OVERHEAD or block[1] in self._by_id:
@@ -116,17 +117,18 @@ class BlockReader:
 
 
 def _unstuff(raw: bytearray) -> bool:
-    """Undo COBS in place behind the code byte; False when the chain is broken.
+    """Decode COBS in place after the code byte; return whether the chain of codes is valid.
 
-    Below 254 bytes every code byte but the first stands for one zero. A first
-    code of 1 would mean a type of zero.
+    Below 254 bytes, every code byte except the first replaces one zero. A first code of 1 would
+    mean a type of zero.
     """
     size = len(raw)
-    at = raw[0]
-    if at == 1:
+    position = raw[0]
+    if position == 1:
         return False
-    while at < size:
-        step = raw[at]
-        raw[at] = 0
-        at += step
-    return at == size
+    # Each code byte is the distance to the next one; the chain must end at the end of the block.
+    while position < size:
+        step = raw[position]
+        raw[position] = 0
+        position += step
+    return position == size

@@ -11,11 +11,11 @@ _FULL = 254
 
 
 class CobsError(ValueError):
-    """A block that no encoder produces."""
+    """A block that is no valid COBS encoding."""
 
 
 def encode(raw: bytes) -> bytes:
-    """Encoded block of any length, without the delimiter."""
+    """Encode bytes of any length, without the delimiter."""
     out = bytearray()
     groups = raw.split(b"\0")
     last = len(groups) - 1
@@ -25,8 +25,8 @@ def encode(raw: bytes) -> bytes:
             out.append(_FULL + 1)
             out += group[i * _FULL:(i + 1) * _FULL]
         rest = group[full * _FULL:]
-        # A full block at the very end stands for itself: a further empty
-        # block would decode to the same bytes, but cost one more.
+        # After a full block at the end of the data no further block is necessary: an empty one
+        # would decode to the same bytes, but add one byte.
         if rest or not full or number < last:
             out.append(len(rest) + 1)
             out += rest
@@ -34,9 +34,10 @@ def encode(raw: bytes) -> bytes:
 
 
 def decode(block: bytes) -> bytes:
-    """Bytes of an encoded block without its delimiter. Raises CobsError."""
+    """Decode a block without its delimiter. Raises CobsError."""
     out = bytearray()
-    i, n = 0, len(block)
+    i = 0
+    n = len(block)
     if not n:
         raise CobsError("empty block")
     while i < n:
@@ -48,6 +49,7 @@ def decode(block: bytes) -> bytes:
         if 0 in group:
             raise CobsError("0x00 inside a block")
         out += group
+        # A code below 255 includes the zero after its group, except at the end of the block.
         if code <= _FULL and end < n:
             out.append(0)
         i = end

@@ -1,4 +1,4 @@
-"""From values to the bytes on the line."""
+"""Encode values as the bytes of a frame."""
 
 from __future__ import annotations
 
@@ -11,24 +11,23 @@ from dart_hal.wire import cobs
 from dart_hal.wire.crc import crc16
 from dart_hal.wire.messages import LOG_TEXT_MIN, MESSAGES, Message
 
+# Messages that a host receives.
 UP = tuple(m for m in MESSAGES if m.dir == "up")
-"""What a host accepts."""
 
+# Messages that a Nano receives.
 DOWN = tuple(m for m in MESSAGES if m.dir == "down")
-"""What a Nano accepts."""
 
 Values = Mapping[str, Any] | Sequence[Any]
 
 
 def pack(message: Message, values: Values) -> bytes:
-    """Payload of a message.
+    """Encode the payload of a message.
 
-    ``values``: raw integers by field name (arrays as sequences; every field
-    must be given), or in wire order with arrays flat, as ``Frame.values()``
-    returns them. LOG: ``level`` and ``text`` (str or bytes); a text below 4
-    characters is padded with spaces. Raises UsageError.
+    values: raw integers by field name (arrays as sequences; all fields are required), or in wire
+    order with flat arrays, as from ``Frame.values()``. LOG: ``level`` and ``text`` (str or bytes);
+    a text below 4 characters is padded with spaces. Raises UsageError.
     """
-    flat = _flat(message, values) if isinstance(values, Mapping) else tuple(values)
+    flat = _flatten(message, values) if isinstance(values, Mapping) else tuple(values)
     if message.variable:
         return _pack_log(message, flat)
     try:
@@ -40,20 +39,21 @@ def pack(message: Message, values: Values) -> bytes:
 
 
 def wrap(message: Message, seq: int, payload: bytes) -> bytes:
-    """Frame of a payload: header, CRC, COBS and the trailing 0x00."""
+    """Encode the frame of a payload: header, CRC, COBS and the final 0x00."""
     raw = bytes((message.id, seq & 0xFF)) + payload
     return cobs.encode(raw + crc16(raw, message.seed).to_bytes(2, "little")) + b"\0"
 
 
 def encode(message: Message, seq: int, values: Values) -> bytes:
-    """Bytes on the line of one message; ``seq`` is taken modulo 256.
+    """Encode the frame of a message; ``seq`` is taken modulo 256.
 
     ``values`` as in ``pack``. Raises UsageError.
     """
     return wrap(message, seq, pack(message, values))
 
 
-def _flat(message: Message, values: Mapping[str, Any]) -> tuple[Any, ...]:
+def _flatten(message: Message, values: Mapping[str, Any]) -> tuple[Any, ...]:
+    """Return the values in wire order with flat arrays. Raises UsageError."""
     names = [f.name for f in message.fields]
     if set(names) != set(values):
         wrong = sorted(set(names) ^ set(values))

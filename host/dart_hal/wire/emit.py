@@ -1,4 +1,4 @@
-"""Everything that is generated from ``messages.py``, and whether it is up to date."""
+"""Write the files that are generated from ``messages.py``, and check that they are current."""
 
 from __future__ import annotations
 
@@ -13,43 +13,42 @@ from dart_hal.wire.messages import RETIRED
 from dart_hal.wire.rules import check
 from dart_hal.wire.vectors import render_vectors
 
-__all__ = ["FILES", "drift", "render_header", "render_markdown", "render_vectors",
+__all__ = ["GENERATED_FILES", "list_stale", "render_header", "render_markdown", "render_vectors",
            "write_all"]
 
 VECTORS = "tests/wire/vectors.json"
 
-FILES: dict[str, Callable[[], str]] = {
+# Functions that render the generated files, by path from the root of a checkout.
+GENERATED_FILES: dict[str, Callable[[], str]] = {
     "firmware/src/core/messages.h": render_header,
     "docs/reference/wire.md": render_markdown,
     VECTORS: render_vectors,
 }
-"""Generated files below the root of a checkout."""
 
 
 def write_all(root: Path) -> list[str]:
-    """Write what differs below ``root``; returns those paths.
+    """Write the generated files that differ below ``root``; return their paths.
 
-    Raises UsageError, and writes nothing, when the definitions break a rule
-    (two seeds alike, an id twice, a payload too long, the seed of the version
-    that stands in the checkout).
+    Raises UsageError, and writes nothing, if the definitions violate a rule (two equal seeds, two
+    equal ids, a payload that is too long, the seed of a definition of the checkout's version).
     """
-    check(retired=(*RETIRED, *_previous(root)))
-    stale = drift(root)
+    check(retired=(*RETIRED, *_read_previous(root)))
+    stale = list_stale(root)
     for name in stale:
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(FILES[name](), encoding="utf-8", newline="\n")
+        path.write_text(GENERATED_FILES[name](), encoding="utf-8", newline="\n")
     return stale
 
 
-def drift(root: Path) -> list[str]:
-    """Generated files below ``root`` that are missing or not as their source says."""
-    return [name for name, render in FILES.items() if _text(root / name) != render()]
+def list_stale(root: Path) -> list[str]:
+    """Return the generated files below ``root`` that are missing or not current."""
+    return [name for name, render in GENERATED_FILES.items() if _read(root / name) != render()]
 
 
-def _previous(root: Path) -> list[tuple[str, int]]:
-    """(text, seed) of the definitions that the vectors below ``root`` were made from."""
-    text = _text(root / VECTORS)
+def _read_previous(root: Path) -> list[tuple[str, int]]:
+    """Return (text, seed) of the definitions in the golden vectors below ``root``."""
+    text = _read(root / VECTORS)
     try:
         return [(m["text"], m["seed"]) for m in json.loads(text or "{}").get("messages", ())]
     except (ValueError, KeyError) as error:
@@ -57,5 +56,5 @@ def _previous(root: Path) -> list[tuple[str, int]]:
                          remedy=f"git checkout {VECTORS}") from error
 
 
-def _text(path: Path) -> str | None:
+def _read(path: Path) -> str | None:
     return path.read_text(encoding="utf-8") if path.is_file() else None

@@ -1,4 +1,4 @@
-"""The reference of the wire protocol, generated from the definitions."""
+"""Generate the reference page of the wire protocol from the definitions."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from dart_hal.wire import messages as spec
 from dart_hal.wire.codec import encode
 from dart_hal.wire.emit_cpp import scale_text
-from dart_hal.wire.ledger import LIMIT
+from dart_hal.wire.ledger import MAX_COUNTED_SILENCE
 from dart_hal.wire.messages import HELLO_REQ, STATE, TICKS_PER_SECOND, Message
 from dart_hal.wire.rules import min_size
 
@@ -88,14 +88,14 @@ _REST = """\
 
 
 def render_markdown(messages: Sequence[Message] = spec.MESSAGES) -> str:
-    """Text of ``docs/reference/wire.md``."""
+    """Return the text of ``docs/reference/wire.md``."""
     zeros = {"proto": 1, "schema": 0, "flags": 0}
     head = _FRAME.format(
         proto=spec.PROTO, schema=spec.SCHEMA, extra=HELLO_REQ.wire_size - HELLO_REQ.size,
         forever=spec.SEED_FOREVER, block=spec.MAX_BLOCK, baud=_BAUD, state=STATE.wire_size,
         example=encode(HELLO_REQ, 0, zeros).hex(" "), ms=STATE.wire_size * 10_000 / _BAUD)
     parts = [head, _overview(messages), *(_message(m) for m in messages), _codes(), _parameters(),
-             _REST.format(limit=LIMIT / TICKS_PER_SECOND)]
+             _REST.format(limit=MAX_COUNTED_SILENCE / TICKS_PER_SECOND)]
     return "\n".join(parts)
 
 
@@ -113,35 +113,37 @@ def _overview(messages: Sequence[Message]) -> str:
 
 
 def _sizes(m: Message, extra: int) -> str:
-    low, high = min_size(m) + extra, m.size + extra
+    low = min_size(m) + extra
+    high = m.size + extra
     return str(high) if low == high else f"{low} to {high}"
 
 
 def _message(m: Message) -> str:
-    rows, at = [], 0
+    rows = []
+    offset = 0
     for f in m.fields:
         kind = f.type if f.count == 1 or f.type == "text" else f"{f.type} x {f.count}"
-        rows.append((at, f.name, kind, scale_text(f), f.doc))
-        at += {"u8": 1, "u16": 2, "u32": 4, "i16": 2, "text": 1}[f.type] * f.count
+        rows.append((offset, f.name, kind, scale_text(f), f.doc))
+        offset += {"u8": 1, "u16": 2, "u32": 4, "i16": 2, "text": 1}[f.type] * f.count
     return f"### {m.name}\n\n" + _table(("offset", "field", "type", "unit", "meaning"), rows)
 
 
 def _codes() -> str:
-    def numbered(names: Sequence[str]) -> str:
+    def list_bits(names: Sequence[str]) -> str:
         return ", ".join(f"{i} {name}" for i, name in enumerate(names))
 
-    def named(codes: dict[str, int]) -> str:
+    def list_codes(codes: dict[str, int]) -> str:
         return ", ".join(f"{code} {name}" for name, code in codes.items())
 
     return "## Codes\n\n" + _table(("field", "values"), [
-        ("STATE.flags (bits)", numbered(spec.STATE_FLAGS)),
+        ("STATE.flags (bits)", list_bits(spec.STATE_FLAGS)),
         ("EVENT.code", ", ".join(f"{code} {name}" for code, name in spec.EVENT_CODES.items())),
-        ("HEARTBEAT.mode", named(spec.BEAT_MODES)),
-        ("HEARTBEAT.flags, bits 0-1", named(spec.DIRECTIONS)),
-        ("PARAM_VALUE.status", named(spec.PARAM_STATUS)),
-        ("HELLO.caps (bits)", numbered(spec.CAPS)),
-        ("HELLO.build (bits)", numbered(spec.BUILD_FLAGS)),
-        ("REBOOT.kind", named(spec.REBOOT_KINDS)),
+        ("HEARTBEAT.mode", list_codes(spec.BEAT_MODES)),
+        ("HEARTBEAT.flags, bits 0-1", list_codes(spec.DIRECTIONS)),
+        ("PARAM_VALUE.status", list_codes(spec.PARAM_STATUS)),
+        ("HELLO.caps (bits)", list_bits(spec.CAPS)),
+        ("HELLO.build (bits)", list_bits(spec.BUILD_FLAGS)),
+        ("REBOOT.kind", list_codes(spec.REBOOT_KINDS)),
     ])
 
 

@@ -1,4 +1,4 @@
-"""A received frame, and where each field lies in its values."""
+"""A received frame, and the positions of the fields in its values."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from dart_hal.wire.messages import MESSAGES, Field, Message
 class Frame(NamedTuple):
     """One accepted frame.
 
-    ``seq`` 0..255; ``payload`` raw bytes; ``end`` offset in the stream just
-    behind the frame's delimiter, in bytes since the decoder was made.
+    seq: 0..255; payload: raw bytes; end: offset after the frame's delimiter, in bytes since the
+    construction of the decoder.
     """
 
     message: Message
@@ -23,27 +23,27 @@ class Frame(NamedTuple):
     end: int = 0
 
     def values(self) -> tuple[Any, ...]:
-        """Raw integers in wire order, arrays flat; LOG: (level, text as bytes)."""
+        """Return the raw integers in wire order, arrays flat; LOG: (level, text as bytes)."""
         if self.message.variable:
             return self.payload[0], self.payload[1:]
         return self.message.struct.unpack(self.payload)
 
     def as_dict(self) -> dict[str, Any]:
-        """Raw values by name; arrays as tuples."""
+        """Return the raw values by name; arrays as tuples."""
         values = self.values()
-        return {name: values[at] for name, at in layout(self.message.id).items()}
+        return {name: values[index] for name, index in layout(self.message.id).items()}
 
     def as_si(self) -> dict[str, Any]:
-        """Values by name, multiplied by the scale of their field."""
+        """Return the values by name, multiplied by the scale of their field."""
         raw = self.as_dict()
-        return {f.name: _scaled(f, raw[f.name]) for f in self.message.fields}
+        return {f.name: _to_si(f, raw[f.name]) for f in self.message.fields}
 
     def record(self) -> Any:
-        """Raw values as a frozen dataclass named after the message."""
+        """Return the raw values as a frozen dataclass with the name of the message."""
         return record_type(self.message.id)(**self.as_dict())
 
 
-def _scaled(f: Field, raw: Any) -> Any:
+def _to_si(f: Field, raw: Any) -> Any:
     if f.type == "text" or f.scale == 1.0:
         return raw
     return raw * f.scale if f.count == 1 else tuple(v * f.scale for v in raw)
@@ -51,19 +51,19 @@ def _scaled(f: Field, raw: Any) -> Any:
 
 @cache
 def layout(ident: int) -> Mapping[str, int | slice]:
-    """Index (scalar) or slice (array) of each field in ``Frame.values()``."""
+    """Return the index (scalar) or slice (array) of each field in ``Frame.values()``."""
     places: dict[str, int | slice] = {}
-    at = 0
+    start = 0
     for f in _by_id(ident).fields:
         width = 1 if f.type == "text" else f.count
-        places[f.name] = at if width == 1 else slice(at, at + width)
-        at += width
+        places[f.name] = start if width == 1 else slice(start, start + width)
+        start += width
     return places
 
 
 @cache
 def record_type(ident: int) -> type:
-    """Frozen dataclass of a message, made on first use: ``State``, ``HelloReq``..."""
+    """Return the frozen dataclass of a message: ``State``, ``HelloReq``..."""
     message = _by_id(ident)
     name = "".join(word.capitalize() for word in message.name.split("_"))
     return make_dataclass(name, [f.name for f in message.fields], frozen=True, slots=True)

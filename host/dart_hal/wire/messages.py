@@ -1,12 +1,12 @@
-"""The wire protocol: every message between Nano and host, defined once.
+"""The wire protocol: the definitions of all messages between Nano and host.
 
-This file is the specification. The C++ header of the firmware, the table in
-``docs/reference/wire.md``, the golden vectors and the decoders are generated from or
-driven by the definitions below; a test fails when any of them drifts.
+This file is the specification. The C++ header of the firmware, the tables in
+``docs/reference/wire.md`` and the golden vectors are generated from these definitions, and the
+decoders use them. A test fails if one of them is not current.
 
-A message's CRC is seeded with the hash of its definition, so two programs
-that disagree about a message cannot misread each other: every frame of a
-changed definition fails its check. A changed message gets a new id.
+The initial value of a message's CRC is the hash of its definition. Two programs with different
+definitions of a message therefore cannot misread each other: the CRC of every such frame is wrong.
+A changed message gets a new id.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypedDict
 
+# Version of the wire rules (framing, handshake), sent in HELLO.
 PROTO = 1
-"""Version of the wire rules (framing, handshake); HELLO carries it."""
 
+# CRC seed of HELLO and HELLO_REQ: programs of all versions can identify each other.
 SEED_FOREVER = 0xFFFF
-"""CRC seed of HELLO and HELLO_REQ, so that strangers can always talk."""
 
+# Timer1 of the ATmega328P at 16 MHz / 8: the unit "ck" is 0.5 us.
 TICKS_PER_SECOND = 2_000_000
-"""Timer1 of the ATmega328P at 16 MHz / 8: the unit "ck" is 0.5 us."""
 
 TYPES = {"u8": "B", "u16": "H", "u32": "I", "i16": "h", "text": "s"}
 
@@ -33,7 +33,7 @@ TYPES = {"u8": "B", "u16": "H", "u32": "I", "i16": "h", "text": "s"}
 class Field:
     """One field of a payload, little-endian.
 
-    ``scale`` turns the raw integer into ``unit``; ``count`` > 1 is an array.
+    Value in ``unit`` = ``scale`` x raw integer; ``count`` > 1: an array.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Field:
 
     @property
     def text(self) -> str:
-        """Canonical text that enters the hash (the doc string does not)."""
+        """Canonical text of the field, the input of the hash (without the doc string)."""
         return f"{self.name}:{self.type}:{self.count}:{self.scale!r}:{self.unit}"
 
     @property
@@ -71,7 +71,7 @@ class Message:
 
     @cached_property
     def seed(self) -> int:
-        """Start value of this message's CRC-16 (16-bit hash of its definition)."""
+        """Initial value of this message's CRC-16 (16-bit hash of its definition)."""
         if self.name in ("HELLO", "HELLO_REQ"):
             return SEED_FOREVER
         return crc32(self.text.encode("ascii")) & 0xFFFF
@@ -87,12 +87,12 @@ class Message:
 
     @cached_property
     def variable(self) -> bool:
-        """True for LOG alone, whose length comes from the frame."""
+        """Whether the length is that of the frame: only of LOG."""
         return any(f.type == "text" for f in self.fields)
 
     @property
     def wire_size(self) -> int:
-        """Bytes on the line: type, seq, crc 2, COBS 1, delimiter 1 are added."""
+        """Bytes of the frame: the payload, type 1, seq 1, crc 2, COBS 1 and delimiter 1."""
         return self.size + 6
 
 
@@ -262,28 +262,28 @@ MESSAGES: tuple[Message, ...] = (
 BY_ID = {m.id: m for m in MESSAGES}
 BY_NAME = {m.name: m for m in MESSAGES}
 
+# 32-bit hash of all definitions, in the order of ids. HELLO contains that of the firmware.
 SCHEMA = crc32("\n".join(m.text for m in sorted(MESSAGES, key=lambda m: m.id)).encode("ascii"))
-"""32-bit hash of all definitions, in id order; HELLO carries the firmware's."""
 
+# Names of the bits of STATE.flags.
 STATE_FLAGS = (
     "IMU_VALID", "IMU_STALE", "IMU_STUCK", "IMU_ABSENT", "ENC_REJECT", "ENC_AMBIGUOUS",
     "ENC2_PRESENT", "SLOT_OVERRUN", "TX_DROPPED", "RX_ERROR", "BEAT_OK", "OUTPUT_LIVE",
     "TRIPPED", "PARAM_DEFAULTS", "WATCHDOG_LAST_BOOT", "MOCK",
 )
-"""Bit n of STATE.flags has the n-th name."""
 
 EVENT_CODES = {
     1: "BOOT", 2: "SUPERVISOR", 3: "IMU", 4: "I2C", 5: "REJECT_BURST", 6: "PARAM_WRITTEN",
     7: "LOOP_OVERRUN", 8: "WATCHDOG",
 }
 BEAT_MODES = {"DISARMED": 0, "ARMED": 1, "RAW": 2, "STOP": 3}
+# ASCII "DART".
 REBOOT_MAGIC = 0x44415254
-"""ASCII "DART"."""
 
 
 @dataclass(frozen=True)
 class Param:
-    """A parameter of the firmware, kept in EEPROM as u32."""
+    """A parameter of the firmware, stored in EEPROM as u32."""
 
     name: str
     id: int
@@ -307,32 +307,29 @@ PARAMS: tuple[Param, ...] = (
 )
 PARAM_BY_NAME = {p.name: p for p in PARAMS}
 
+# STATE.imu_age if there is no sample, or one older than 262 ms.
 STATE_IMU_AGE_NONE = 65535
-"""STATE.imu_age: no sample, or older than 262 ms."""
 
 PARAM_STATUS = {"OK": 0, "UNKNOWN_ID": 1, "OUT_OF_RANGE": 2, "EEPROM_BUSY": 3}
+# Names of the bits of HELLO.caps.
 CAPS = ("RING_B", "CAPTURE", "OUTPUT_ENABLE", "MULTIPLEXER", "WATCHDOG_RESET", "GYRO_LOOK")
-"""Bit n of HELLO.caps has the n-th name."""
 
+# Names of the bits of HELLO.build.
 BUILD_FLAGS = ("DIRTY", "EMULATOR_TEST", "MOCK")
-"""Bit n of HELLO.build has the n-th name."""
 
 REBOOT_KINDS = {"APPLICATION": 1, "BOOTLOADER": 2}
+# Bits 0-1 of HEARTBEAT.flags.
 DIRECTIONS = {"UNKNOWN": 0, "FORWARD": 1, "REVERSE": 2}
-"""Bits 0-1 of HEARTBEAT.flags."""
 
+# HELLO.reset_cause: MCUSR bits, and this one if the mark in .noinit was set.
 RESET_WATCHDOG_MARK = 0x10
-"""HELLO.reset_cause: MCUSR bits, and this one when the mark in .noinit stood."""
 
+# Length of the shortest text of LOG; shorter ones are padded with spaces.
 LOG_TEXT_MIN = 4
-"""LOG: shortest text; shorter ones are padded with spaces."""
 
+# Longest COBS block [B] that a receiver stores. Longer ones are counted and dropped.
 MAX_BLOCK = 256
-"""Longest COBS block a receiver keeps; anything longer is counted and dropped."""
 
+# (canonical text, seed) of definitions of former releases. If a definition changes, its old text is
+# added here, and the generator rejects a new definition whose seed an old program would accept.
 RETIRED: tuple[tuple[str, int], ...] = ()
-"""(canonical text, seed) of definitions that a release once carried.
-
-A definition that changes moves its old text here, so that the generator can
-refuse a new one whose seed an old program would accept.
-"""

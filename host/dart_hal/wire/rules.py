@@ -1,7 +1,7 @@
-"""What every set of definitions must fulfil before anything is generated.
+"""Check the rules of a set of definitions before files are generated.
 
-Two definitions with different seeds can never accept each other's frames
-(the CRC is a bijection of its start value), so the seeds must differ.
+Two definitions with different seeds never accept each other's frames, because the CRC is a
+bijection of its initial value. All seeds must therefore differ.
 """
 
 from __future__ import annotations
@@ -19,17 +19,19 @@ from dart_hal.wire.messages import (
 )
 
 FOREVER = ("HELLO", "HELLO_REQ")
-_UP, _DOWN = range(0x01, 0x40), range(0x40, 0x80)
+# Ids of messages from and to the Nano.
+_UP = range(0x01, 0x40)
+_DOWN = range(0x40, 0x80)
 
 
 def min_size(message: Message) -> int:
-    """Smallest payload [B]: the size, except LOG, whose text may be shorter."""
+    """Return the smallest payload [B]: the size, except of LOG, whose text may be shorter."""
     return 1 + LOG_TEXT_MIN if message.variable else message.size
 
 
 def check(messages: Sequence[Message] = MESSAGES,
           retired: Sequence[tuple[str, int]] = RETIRED) -> None:
-    """Raise UsageError when ids, directions, sizes or seeds break a rule."""
+    """Raise UsageError if ids, directions, sizes or seeds violate a rule."""
     _check_ids(messages)
     _check_seeds(messages, retired)
 

@@ -1,8 +1,7 @@
-"""Counters that wrap, made to run on.
+"""Unwrap counters of limited width.
 
-The wire carries the low bits of counters that only ever grow. As long as
-fewer than 2^bits counts pass between two readings, the difference modulo
-2^bits is the true one.
+The wire carries the low bits of counters that never decrease. If the count increases by less than
+2^bits between two readings, the difference modulo 2^bits is the true one.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 
 class Unwrapper:
-    """Follows one counter of ``bits`` bits."""
+    """Unwraps one counter of ``bits`` bits."""
 
     __slots__ = ("_last", "_mask", "value")
 
@@ -23,7 +22,7 @@ class Unwrapper:
         """Unwrapped count; starts at the first raw value."""
 
     def __call__(self, raw: int) -> int:
-        """Unwrapped count at this reading."""
+        """Return the unwrapped count at this reading."""
         if self._last is None:
             self.value = raw
         else:
@@ -32,12 +31,12 @@ class Unwrapper:
         return self.value
 
     def rebase(self, raw: int) -> None:
-        """The counter restarted at ``raw``: keep the value, count on from here."""
+        """Continue from the present value after a restart of the counter at ``raw``."""
         self._last = raw
 
 
 def unwrap(raw: NDArray[np.unsignedinteger], bits: int) -> NDArray[np.int64]:
-    """Unwrapped counts (N,) of successive raw readings (N,), as ``Unwrapper`` gives them."""
+    """Return the unwrapped counts (N,) of successive raw readings (N,), as by ``Unwrapper``."""
     wide = raw.astype(np.int64)
     if wide.size:
         wide[1:] = np.diff(wide) & ((1 << bits) - 1)

@@ -1,7 +1,7 @@
-"""Golden vectors: what every implementation of the wire must reproduce.
+"""Golden vectors: frames that every implementation of the protocol must reproduce.
 
-The same JSON is run by the Python codec, by the native build of the
-firmware's core and by the firmware in the emulator.
+The Python codec, the native build of the firmware's core and the firmware in the emulator are
+tested with the same JSON.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _TEXTS = ("boot", "i2c: no answer from 0x28", "x" * 49)
 
 
 def render_vectors(messages: Sequence[Message] = MESSAGES) -> str:
-    """Text of ``tests/wire/vectors.json``, one vector per line."""
+    """Return the text of ``tests/wire/vectors.json``, one vector per line."""
     sections: dict[str, Any] = {
         "proto": PROTO,
         "schema": SCHEMA,
@@ -54,36 +54,36 @@ def _cobs() -> list[dict[str, str]]:
 
 
 def _frames(m: Message) -> list[dict[str, Any]]:
-    """Zeros, both ends of every range, and a pattern in which no two bytes are alike."""
+    """Return frames with zeros, both ends of every range, and a pattern of different bytes."""
     if m.variable:
         values = [{"level": i, "text": text} for i, text in enumerate(_TEXTS)]
     else:
-        values = [_filled(m, kind) for kind in ("zero", "low", "high", "pattern")]
+        values = [_fill_fields(m, kind) for kind in ("zero", "low", "high", "pattern")]
     return [{"message": m.name, "seq": seq, "values": v, "payload": pack(m, v).hex(),
              "wire": encode(m, seq, v).hex()}
             for seq, v in zip((0, 1, 255, 0x5A), values, strict=False)]
 
 
-def _filled(m: Message, kind: str) -> dict[str, Any]:
-    at = 0
+def _fill_fields(m: Message, kind: str) -> dict[str, Any]:
+    offset = 0
     values: dict[str, Any] = {}
     for f in m.fields:
         elements = []
         for _ in range(f.count):
-            elements.append(_element(f, kind, at))
-            at += len(_bytes(f, at))
+            elements.append(_field_value(f, kind, offset))
+            offset += len(_pattern_bytes(f, offset))
         values[f.name] = elements if f.count > 1 else elements[0]
     return values
 
 
-def _element(f: Field, kind: str, at: int) -> int:
+def _field_value(f: Field, kind: str, offset: int) -> int:
     low, high = _RANGES[f.type]
     if kind == "pattern":
-        return int.from_bytes(_bytes(f, at), "little", signed=low < 0)
+        return int.from_bytes(_pattern_bytes(f, offset), "little", signed=low < 0)
     return {"zero": 0, "low": low, "high": high}[kind]
 
 
-def _bytes(f: Field, at: int) -> bytes:
-    """The bytes at offset ``at`` of the pattern 0x81, 0x82, ..."""
+def _pattern_bytes(f: Field, offset: int) -> bytes:
+    """Return the bytes at ``offset`` of the pattern 0x81, 0x82, ..."""
     width = {"B": 1, "H": 2, "h": 2, "I": 4}[TYPES[f.type]]
-    return bytes(0x81 + at + i for i in range(width))
+    return bytes(0x81 + offset + i for i in range(width))

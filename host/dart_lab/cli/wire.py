@@ -40,7 +40,7 @@ def command(form: str, write: bool, check: bool, as_json: bool) -> int:
     """Print the frame table that Nano and host share."""
     if check:
         root = checkout()
-        stale = emit.drift(root)
+        stale = emit.list_stale(root)
         stale += [name for name, render in PAGES.items() if not (root / name).is_file()
                   or (root / name).read_text(encoding="utf-8") != render()]
         if as_json:
