@@ -37,7 +37,7 @@ from dart_hal.calibration.measured import Measured, write
 from dart_hal.core.config import CarFiles, Quantities, Quantity
 from dart_hal.core.ports import PoseSource
 from dart_hal.core.types import (
-    START,
+    START_FRAME,
     ExternalPose,
     FloatArray,
     MotionEstimate,
@@ -152,7 +152,7 @@ def scored(seed: int, seconds: float, seen: str = SEEN, measured: bool = True,
     params = mocap_of(seen, seed)
     assert params is not None
     late = [k for k, frame in enumerate(frames) if frame.state.t - frames[0].state.t > SETTLED
-            and frame.state.estimate.frame != START]
+            and frame.state.estimate.frame != START_FRAME]
     tracking = np.array([frames[k].state.estimate.tracking is Tracking.TRACKING for k in late])
     off = np.array([away(frames[k].state.estimate.pose, in_room(frames[k].true, params))
                     for k in late])

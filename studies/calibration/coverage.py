@@ -25,7 +25,7 @@ import numpy as np
 
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.process.jobs import each
-from dart_hal.core.types import NINETY
+from dart_hal.core.types import INTERVAL_90
 from studies.calibration.hidden_errors import VERBS, Errors, errors
 from studies.calibration.joint_errors import calibrated, joint_errors
 
@@ -78,7 +78,7 @@ def rows_of(found: list[Errors]) -> list[Row]:
 
 def share_of(z: list[np.ndarray]) -> float:
     """Of intervals that hold the truth, the numbers of one quantity of one car counted as one."""
-    return float(np.mean([np.mean(np.abs(one) < NINETY) for one in z]))
+    return float(np.mean([np.mean(np.abs(one) < INTERVAL_90) for one in z]))
 
 
 def plot(rows: list[Row], path: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from dart_hal.core.config import CarFiles, parse_car
-from dart_hal.core.types import NEUTRAL, Applied, Health, Pose, State
+from dart_hal.core.types import NEUTRAL_APPLIED, Applied, Health, Pose, State
 from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
@@ -62,7 +62,7 @@ class BenchCar:
     x: float = 0.0
     y: float = 0.0
     yaw: float = 0.0
-    applied: Applied = NEUTRAL
+    applied: Applied = NEUTRAL_APPLIED
     push: float = 0.0
     stops: int = 0
     refused: tuple[str, ...] = ()

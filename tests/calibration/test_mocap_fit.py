@@ -10,7 +10,7 @@ import pytest
 from dart_hal.calibration import mocap_fit
 from dart_hal.calibration.mocap_fit import NAMES, Track, fit_marker
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.core.types import NINETY
+from dart_hal.core.types import INTERVAL_90
 
 TRUE = {"marker_x": 0.102, "marker_y": -0.006, "marker_yaw": 0.021, "latency": 0.012}
 SLIP = 0.034
@@ -50,7 +50,7 @@ def test_the_intervals_hold_the_truth(rate):
         errors += [(found[n].value - TRUE[n]) / found[n].std for n in NAMES]
         assert found["marker_x"].std < 1e-3
         assert found["latency"].std < 4e-3
-    assert np.mean(np.abs(errors) < NINETY) >= 0.75
+    assert np.mean(np.abs(errors) < INTERVAL_90) >= 0.75
     assert np.max(np.abs(errors)) < 4.0
 
 

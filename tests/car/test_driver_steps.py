@@ -17,7 +17,7 @@ URL = "sim://?seed=1&nano=mock"
 class Suspended:
     """In the place of ``SuspendDetector``: the computer was suspended just now."""
 
-    def slept(self) -> bool:
+    def was_suspended(self) -> bool:
         return True
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.car.telemetry import Telemetry
-from dart_hal.core.types import START, Tracking
+from dart_hal.core.types import START_FRAME, Tracking
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.mocap import mocap_of
 from dart_lab.sim.truth import truth
@@ -47,7 +47,7 @@ def off(pose, place):
 def test_without_a_source_it_is_dead_reckoning():
     for state, _ in drive(URL, 0.5):
         told = state.estimate
-        assert (told.frame, told.tracking) == (START, Tracking.DEAD_RECKONING)
+        assert (told.frame, told.tracking) == (START_FRAME, Tracking.DEAD_RECKONING)
         assert told.pose is state.pose
         assert (told.t, told.speed, told.yaw_rate) == (state.t, state.speed, state.yaw_rate)
         assert np.sqrt(told.cov[3, 3]) == pytest.approx(state.speed_std)
@@ -80,7 +80,7 @@ def test_a_false_lock_does_not_move_it():
     told = drive(URL, 8.0, f"{SEEN},lock=20")
     fooled = [(s.estimate, place) for s, place in told
               if hypot(s.external.newest.x - place[0], s.external.newest.y - place[1]) > 2.0]
-    in_room = [(e, place) for e, place in fooled if e.frame != START]
+    in_room = [(e, place) for e, place in fooled if e.frame != START_FRAME]
     assert any(e.speed > 0.3 for e, _ in in_room), "no false lock: this would show nothing"
     assert len(in_room) < len(fooled), "not locked from the first"
     assert {e.tracking for e, _ in fooled} <= {Tracking.JUMPED, Tracking.DEAD_RECKONING}

@@ -108,5 +108,5 @@ def test_folder_for_pictures_may_be_new_or_there(tmp_path):
         kind = outputs.PlotFileOrFolder()
         assert kind.convert(str(tmp_path / name), None, None) == tmp_path / name
     assert not (tmp_path / "new").exists()
-    for suffix in figures.FORMATS:
+    for suffix in figures.FIGURE_FORMATS:
         assert outputs.PlotFileOrFolder().convert(str(tmp_path / f"x{suffix}"), None, None)

@@ -12,7 +12,7 @@ from dart_hal.car import Car
 from dart_hal.cli.calibrate import command as calibrate
 from dart_hal.core.config import save_calibration
 from dart_hal.core.config.calibration import Calibration
-from dart_hal.core.config.history import calibration_changes, versions
+from dart_hal.core.config.history import calibration_changes, list_versions
 from dart_hal.core.config.quantity import Quantity
 from dart_lab.pages import report_page
 
@@ -140,7 +140,7 @@ def test_versions_are_counted_from_the_newest(tmp_path):
     for value in (25.0e6, 25.1e6, 25.2e6):
         measured(tmp_path, value)
     folder = tmp_path / "cars" / "sim-3"
-    assert [p.name for p in versions(folder / "calibration.toml")] == [
+    assert [p.name for p in list_versions(folder / "calibration.toml")] == [
         "calibration-0002.toml", "calibration-0001.toml"]
     now = Calibration(car="sim-3").with_quantities({"pwm.oscillator_hz": Quantity(25.2e6, 10.0)})
     (change,) = calibration_changes(now, folder)

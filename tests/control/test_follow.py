@@ -22,7 +22,7 @@ from dart_hal.control.paths import Path
 from dart_hal.control.stopping import REST_SPEED, STUCK_TIME
 from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
-from dart_hal.core.types import START, Pose, Tracking
+from dart_hal.core.types import START_FRAME, Pose, Tracking
 from dart_hal.vehicle.sets import UPSTREAM_2024
 from studies.control.light_follow import light_drive, motion_at, plant_by
 
@@ -166,12 +166,12 @@ def test_no_pose_no_drive():
     """Dead reckoning in a frame of its own is no place in the room."""
     follower = Follower(STRAIGHT, PLANT, 1.0)
     for t in np.arange(0.0, MAX_START_WAIT + 0.3, 0.1):
-        command = follower.answer(motion_at(t, Pose(), 0.0, 0.0, Tracking.LOST, START))
+        command = follower.answer(motion_at(t, Pose(), 0.0, 0.0, Tracking.LOST, START_FRAME))
         assert command == (0.0, 0.0)
     assert follower.phase is Phase.ENDED
     assert "no pose came" in follower.why
     asked = Follower(STRAIGHT, PLANT, 1.0, rules=Rules(odometry=True))
-    assert asked.answer(motion_at(0.0, Pose(), 0.0, 0.0, Tracking.LOST, START)).speed > 0.0
+    assert asked.answer(motion_at(0.0, Pose(), 0.0, 0.0, Tracking.LOST, START_FRAME)).speed > 0.0
 
 
 def test_a_car_that_never_comes_to_the_path_is_stopped():

@@ -7,10 +7,10 @@ from functools import partial
 
 import pytest
 
-from dart_hal.core.process.jobs import ENOUGH, PARTS, each, wanted
+from dart_hal.core.process.jobs import DEFAULT_PARTS, MIN_PARALLEL_SECONDS, choose_processes, each
 
 
-@pytest.mark.parametrize("n", [0, 1, PARTS - 1, PARTS, 3 * PARTS + 1])
+@pytest.mark.parametrize("n", [0, 1, DEFAULT_PARTS - 1, DEFAULT_PARTS, 3 * DEFAULT_PARTS + 1])
 @pytest.mark.parametrize("jobs", [1, 2])
 @pytest.mark.slow_except("1-*", "2-7")
 def test_every_item_is_worked_on_once(n, jobs):
@@ -19,4 +19,5 @@ def test_every_item_is_worked_on_once(n, jobs):
 
 def test_a_short_drive_takes_one_process_and_a_long_one_every_core(monkeypatch):
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0, 1, 2}, raising=False)
-    assert (wanted(0.9 * ENOUGH), wanted(ENOUGH)) == (1, 3)
+    assert choose_processes(0.9 * MIN_PARALLEL_SECONDS) == 1
+    assert choose_processes(MIN_PARALLEL_SECONDS) == 3

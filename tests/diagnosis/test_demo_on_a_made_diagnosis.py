@@ -19,7 +19,7 @@ def test_the_demo_drives_calibrates_and_writes_its_page(tmp_path, monkeypatch, c
         monkeypatch.setattr(f"dart_lab.demo.diagnosis.{name}", 10.0)
     monkeypatch.setattr("dart_lab.demo.diagnosis.diagnose", lambda *_, **__: made.diagnosis())
     # in this process, where what was replaced is replaced
-    monkeypatch.setattr("dart_hal.core.process.jobs.beside",
+    monkeypatch.setattr("dart_hal.core.process.jobs.start_in_background",
                         lambda work, *given: iter([work(*given)]))
     out = tmp_path / "demo"
     with pytest.raises(SystemExit) as ended:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.core.clock_fit import ClockFit, edge_under_middle, lower_hull
+from dart_hal.core.clock_fit import ClockFit, find_middle_edge, lower_hull
 
 
 def p99(values):
@@ -91,5 +91,5 @@ def test_hull_lies_under_every_pair_and_is_convex(points):
                 assert (y - ya) * (xb - xa) >= (yb - ya) * (x - xa)
     slopes = [(b[1] - a[1]) / (b[0] - a[0]) for a, b in pairwise(hull)]
     assert slopes == sorted(slopes)
-    (xa, _), (xb, _) = edge_under_middle(hull)
+    (xa, _), (xb, _) = find_middle_edge(hull)
     assert xa <= 0.5 * (points[0][0] + points[-1][0]) <= xb

@@ -6,7 +6,7 @@ import pytest
 
 from dart_hal.car.replay import open_replay
 from dart_hal.core.errors import EndOfRecording, LinkLost, RecordingError, UsageError
-from dart_hal.core.types import NEUTRAL, Applied
+from dart_hal.core.types import NEUTRAL_APPLIED, Applied
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.run import RunReader, RunWriter
@@ -71,12 +71,12 @@ def test_the_backend_is_the_car_of_the_run_without_a_bus(run_file):
 
 def test_pulses_applied_at_each_frame(run_file):
     link = opened(run_file).link
-    assert link.applied == NEUTRAL
+    assert link.applied == NEUTRAL_APPLIED
     hello = link.read(1.0)
     assert hello is not None
     for k in range(20):
         link.read(1.0)
-        before = NEUTRAL if k == 0 else Applied(
+        before = NEUTRAL_APPLIED if k == 0 else Applied(
             0.01 * ((k - 1) // 5 * 5), 0.25, 1500.0 + (k - 1) // 5 * 5, 1612.5, ("RANGE",))
         after = Applied(0.01 * (k // 5 * 5), 0.25, 1500.0 + k // 5 * 5, 1612.5, ("RANGE",))
         assert link.applied == before

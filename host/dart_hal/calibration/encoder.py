@@ -25,8 +25,8 @@ from dart_hal.car import Car
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.config.quantity import Quantities
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.core.ports.workshop import TAPE
-from dart_hal.core.types import NINETY, State
+from dart_hal.core.ports.workshop import TAPE_STD
+from dart_hal.core.types import INTERVAL_90, State
 from dart_hal.devices.actuation.quantiser import counter_of
 from dart_hal.estimation.ring import RingLearner
 from dart_hal.vehicle.sets import PAPER
@@ -101,7 +101,7 @@ def measure(bench: Bench, distance: float = DISTANCE, runs: int = RUNS) -> Measu
     metres, residual = travel_per_edge(taped)
     table, notes = ring_table(rings, files.config.encoder.edges_per_rev)
     old = files.metres_per_edge.value
-    changed = abs(metres.value - old) > 2.0 * NINETY * metres.std
+    changed = abs(metres.value - old) > 2.0 * INTERVAL_90 * metres.std
     quantities: dict[str, Quantity | Quantities] = {"encoder.metres_per_edge": metres}
     if table is not None:
         quantities["encoder.ring"] = table
@@ -187,7 +187,7 @@ def travel_per_edge(taped: Sequence[Taped]) -> tuple[Quantity, str]:
     metres = np.array([t.distance for t in taped])
     bend = np.array([t.rolled.bend for t in taped])
     value = float(metres.sum() / edges.sum())
-    variance = TAPE**2 + value**2 / 6.0 + bend**2
+    variance = TAPE_STD**2 + value**2 / 6.0 + bend**2
     error = metres - value * edges
     worst = float(np.max(np.abs(error) / np.sqrt(variance)))
     most = 1e3 * float(np.max(np.abs(error)))

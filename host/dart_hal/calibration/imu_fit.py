@@ -24,7 +24,7 @@ from itertools import pairwise
 import numpy as np
 
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.core.ports.workshop import SIGHT
+from dart_hal.core.ports.workshop import SIGHT_STD
 from dart_hal.core.types import Estimate, FloatArray
 from dart_hal.estimation.frames import Mounting
 from dart_hal.estimation.gyro import GYRO_QUANTUM
@@ -88,10 +88,10 @@ def axis_of(turns: Sequence[Turn], still: Still) -> Tilted:
     drift = abs(float(weight @ time)) * still.std
     noise = NOISE * math.sqrt(float(weight**2 @ time))
     std = np.hypot(drift, noise)
-    sight = SIGHT * float(np.linalg.norm(weight)) * scale
+    sight = SIGHT_STD * float(np.linalg.norm(weight)) * scale
     each = np.linalg.norm(seen, axis=1) / np.abs(angle)
     differs = float(np.max(np.abs(each / scale - 1.0)))
-    own = np.hypot(SIGHT, time * float(np.max(still.std))) / np.abs(angle)
+    own = np.hypot(SIGHT_STD, time * float(np.max(still.std))) / np.abs(angle)
     if differs > DISAGREE * float(np.max(own)) or abs(scale - 1.0) > WORST_SCALE:
         raise CalibrationFailed(
             "gyro and measured turns do not agree",

@@ -20,7 +20,7 @@ from dart_hal.core.config import (
     save_calibration,
 )
 from dart_hal.core.config.quantity import Quantities
-from dart_hal.core.types import NINETY
+from dart_hal.core.types import INTERVAL_90
 
 from .result import Result, Summary, indent, number
 
@@ -82,7 +82,7 @@ class Measured:
         for name, q in self.quantities.items():
             if isinstance(q, Quantity):
                 unit = "" if UNITS[name] == "-" else f" {UNITS[name]}"
-                half = NINETY * q.std
+                half = INTERVAL_90 * q.std
                 rows.append((name, f"{q.value:.6g}{unit}", f"{q.std:.2g}{unit}",
                              f"{q.value - half:.6g} to {q.value + half:.6g}"))
             else:
@@ -93,7 +93,7 @@ class Measured:
             if isinstance(other, DriveTable):
                 points = zip(other.speed, other.pulse_us, other.std_us, strict=True)
                 rows += [(f"{name} at {speed:.2f} m/s", f"{pulse:.2f} us", f"{std:.2g} us",
-                          f"{pulse - NINETY * std:.2f} to {pulse + NINETY * std:.2f}")
+                          f"{pulse - INTERVAL_90 * std:.2f} to {pulse + INTERVAL_90 * std:.2f}")
                          for speed, pulse, std in points]
             else:
                 rows.append((name, other.replace("_", " "), "", ""))

@@ -21,7 +21,7 @@ from dart_hal.core.figures import (
     new_figure,
     save_figure,
 )
-from dart_hal.core.types import NINETY, FloatArray
+from dart_hal.core.types import INTERVAL_90, FloatArray
 from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
@@ -53,7 +53,7 @@ def plot_steering(result: SteeringResult, path: str | Path) -> Path:
 
 def _draw_map(axes: Any, result: SteeringResult) -> None:
     _points(axes, result, np.zeros_like, labelled=True)
-    angle, reach = np.degrees(result.angle), np.degrees(NINETY * result.angle_std)
+    angle, reach = np.degrees(result.angle), np.degrees(INTERVAL_90 * result.angle_std)
     axes.plot(result.command, angle, color=INK, lw=2.4, label="this car, middle of the backlash")
     band(axes, result.command, angle, reach, INK, "90 % interval")
     fine = np.linspace(result.command[0], result.command[-1], 201)
@@ -64,7 +64,7 @@ def _draw_map(axes: Any, result: SteeringResult) -> None:
 
 def _draw_residuals(axes: Any, result: SteeringResult) -> None:
     _points(axes, result, lambda s: np.interp(s, result.command, result.angle))
-    reach = np.degrees(NINETY * result.angle_std)
+    reach = np.degrees(INTERVAL_90 * result.angle_std)
     band(axes, result.command, np.zeros_like(reach), reach, INK)
     form = make_steering(Steering(**result.paper_form), np)(result.command)
     same = np.abs(form - result.angle).max() < FORM_IS_MAP
@@ -112,7 +112,7 @@ def plot_throttle(result: Measured, files: CarFiles, path: str | Path) -> Path:
     table = result.others["throttle.drive"]
     assert isinstance(table, DriveTable)
     speed, pulse, reach = (np.array(table.speed), np.array(table.pulse_us),
-                           NINETY * np.array(table.std_us))
+                           INTERVAL_90 * np.array(table.std_us))
     name = files.model.name if files.model else "the paper's car"
     figure = new_figure((7.2, 5.6), path)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])

@@ -19,7 +19,7 @@ from dart_hal.car import Car
 from dart_hal.core.config import CarFiles, DriveTable
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports import Workshop
-from dart_hal.core.types import NINETY, FloatArray, State
+from dart_hal.core.types import INTERVAL_90, FloatArray, State
 from dart_hal.vehicle.parameters import PaperTyres
 from dart_hal.vehicle.sets import PAPER
 
@@ -142,7 +142,7 @@ def measure(bench: Bench, room: float = ROOM) -> Measured:
         files.config.name, bench.source, "throttle", {}, residual,
         next(iter(car.states())).t - start,
         (f"measured with today's battery and on this floor, {where}",
-         f"a pulse's 90 % interval is +- {NINETY * max(table.std_us):.2f} us at most"),
+         f"a pulse's 90 % interval is +- {INTERVAL_90 * max(table.std_us):.2f} us at most"),
         others={"throttle.drive": table})
 
 

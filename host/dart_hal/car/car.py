@@ -41,7 +41,7 @@ from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import EndOfRecording, NoHello
 from dart_hal.core.notebook import card
 from dart_hal.core.ports import ImageSource, PoseSource, ScanSource
-from dart_hal.core.process.forks import ParentsLock, in_child
+from dart_hal.core.process.forks import ForkedCarLock, call_in_children
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import Applied, Contact, State
 from dart_hal.devices.actuation import ArmState, Caution, Event, disarmed
@@ -193,7 +193,7 @@ class Car:
     def _begin(self) -> None:
         engine = self._engine
         if not engine.backend.virtual:
-            in_child(self._release_in_child)
+            call_in_children(self._release_in_child)
         atexit.register(self.close)
         stop_on_signals()
         try:
@@ -234,7 +234,7 @@ class Car:
         """Give up the car in a forked child, where it still belongs to the parent."""
         self._closed = True
         self._recorder.disown()
-        self._engine.lock = ParentsLock()
+        self._engine.lock = ForkedCarLock()
         atexit.unregister(self.close)
 
     def __enter__(self) -> Car:

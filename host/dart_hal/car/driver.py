@@ -183,7 +183,7 @@ class Driver:
             causes.append("CAR_MOVES")
         if self._cut_off(now):
             causes.append("CUT_OFF")
-        if self.suspend is not None and self.suspend.slept():
+        if self.suspend is not None and self.suspend.was_suspended():
             causes.append("SUSPENDED")
         if self.holders:
             causes.append("RUN_STOP")

@@ -14,7 +14,7 @@ from typing import Generic, Protocol, TypeVar
 
 from dart_hal.core.errors import DartHalError, EndOfRecording, RecordingError
 from dart_hal.core.ports import Chunk, Link
-from dart_hal.core.types import NEUTRAL, Applied, ExternalPose
+from dart_hal.core.types import NEUTRAL_APPLIED, Applied, ExternalPose
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend
 from dart_hal.estimation.localisation.source import FRAME
@@ -61,8 +61,8 @@ class ReplayLink(Link):
         hello = missing_hello(recording)
         if hello is not None:
             self._items.appendleft(hello)
-        self.applied: Applied = NEUTRAL
-        self.applied_next: Applied = NEUTRAL
+        self.applied: Applied = NEUTRAL_APPLIED
+        self.applied_next: Applied = NEUTRAL_APPLIED
         self._take_applied()
 
     def read(self, timeout: float) -> Chunk | None:

@@ -24,7 +24,7 @@ from dart_hal.control.plant import Plant
 from dart_hal.control.stopping import REST_SPEED, ROLL_DECELERATION, STOP_DECELERATION, STUCK_TIME
 from dart_hal.control.trackers import TRACKERS
 from dart_hal.core.errors import UsageError
-from dart_hal.core.types import START, FloatArray, MotionEstimate, Pose, Tracking
+from dart_hal.core.types import START_FRAME, FloatArray, MotionEstimate, Pose, Tracking
 
 # Largest distance from the path at which a drive may begin [m].
 MAX_START_DISTANCE = 1.0
@@ -173,7 +173,7 @@ class Follower(Ending):
         return end - self.tracker.s
 
     def _is_located(self, motion: MotionEstimate) -> bool:
-        return self.rules.odometry or (motion.frame != START
+        return self.rules.odometry or (motion.frame != START_FRAME
                                        and motion.tracking is Tracking.TRACKING)
 
     def _begin(self, motion: MotionEstimate) -> None:

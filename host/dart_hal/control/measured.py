@@ -9,7 +9,7 @@ from dataclasses import replace
 from dart_hal.control.drivetrain import Correction, InverseDrive
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.calibration import ThrottleCalibration
-from dart_hal.core.types import NINETY
+from dart_hal.core.types import INTERVAL_90
 from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
@@ -54,7 +54,7 @@ def rest_before_reverse(files: CarFiles) -> float:
     if measured.reverse == "at_once":
         return 0.0
     rest = measured.reverse_rest
-    return rest.value + NINETY * rest.std + COMMAND_DELAY if rest else DEFAULT_REVERSE_REST
+    return rest.value + INTERVAL_90 * rest.std + COMMAND_DELAY if rest else DEFAULT_REVERSE_REST
 
 
 def make_correction(files: CarFiles, model: Callable[[float], float]) -> Correction | None:

@@ -1,7 +1,7 @@
 """Lidars, cameras and sources of poses that other packages add.
 
-An entry point of the group ``dart_hal.sensors`` is a function ``open(url: str)``. Its name says
-for which kind and for which URL scheme: ``lidar.acme`` opens ``--lidar acme://...``.
+An entry point of the group ``dart_hal.sensors`` is a function ``open(url: str)``. Its name is the
+kind and the URL scheme: ``lidar.acme`` opens ``--lidar acme://...``.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from typing import Any
 from dart_hal.core.errors import PluginFailed
 from dart_hal.core.plugins import attribute_errors, describe, list_plugins, load_entry
 
-GROUP = "dart_hal.sensors"
+SENSOR_GROUP = "dart_hal.sensors"
 
 
 def list_schemes(kind: str) -> list[str]:
     """Return the URL schemes that other packages add for ``lidar``, ``camera`` or ``poses``."""
     return [f"{scheme}:" for found, _, scheme in (name.partition(".")
-            for name in list_plugins(GROUP)) if found == kind]
+            for name in list_plugins(SENSOR_GROUP)) if found == kind]
 
 
 def open_added_sensor(kind: str, url: str) -> Any | None:
@@ -26,7 +26,7 @@ def open_added_sensor(kind: str, url: str) -> Any | None:
     kind: ``lidar``, ``camera`` or ``poses``. Raises PluginFailed for an object without ``poll`` and
     ``close``, and for errors of the other package that are none of the catalogue.
     """
-    entry = list_plugins(GROUP).get(f"{kind}.{url.partition(':')[0]}")
+    entry = list_plugins(SENSOR_GROUP).get(f"{kind}.{url.partition(':')[0]}")
     if entry is None:
         return None
     opener = load_entry(entry)

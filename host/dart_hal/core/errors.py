@@ -1,8 +1,8 @@
-"""The error catalogue: every failure a user can meet, with its remedy.
+"""The error catalogue: every error that a user can get, with its remedy.
 
-Each class has a code, the likely cause and the command to type; the raiser
-adds what was found. Classes also inherit the builtin that a caller would
-expect. ``CATALOGUE`` lists them all; the documentation is generated from it.
+Each class has a code, the likely cause and the command to type; the code that raises it adds what
+was found. Each class also inherits the builtin exception that a caller would expect.
+``CATALOGUE`` lists all classes; the documentation is generated from it.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ from typing import ClassVar
 class DartHalError(Exception):
     """Base of all errors of this library.
 
-    ``what``: one sentence with the facts; ``found``: what was there instead;
-    ``expected``; ``likely``: probable cause; ``remedy``: what to type;
-    ``read``: the file that was read.
+    ``what``: one sentence with the facts; ``found``: the actual value; ``expected``: the required
+    value; ``likely``: probable cause; ``remedy``: command to type; ``read``: the file concerned.
     """
 
     code: ClassVar[str] = "D-000"
@@ -41,7 +40,7 @@ class DartHalError(Exception):
         return "\n".join(lines)
 
     def as_json(self) -> dict[str, str]:
-        """The object that every verb prints under "error" with ``--json``."""
+        """Return the object that every verb prints under "error" with ``--json``."""
         return {"code": self.code, "what": self.what, "found": self.found, "try": self.remedy}
 
 
@@ -53,7 +52,7 @@ class UnknownScheme(DartHalError, ValueError):
 
 
 class PortMissing(DartHalError, OSError):
-    """The serial port is not there, or was not there in time."""
+    """The serial port does not exist, or did not appear in time."""
 
     code = "D-LINK-02"
     likely_default = "cable not plugged in, or another name after replugging"
@@ -62,7 +61,7 @@ class PortMissing(DartHalError, OSError):
 
 
 class PortBusy(DartHalError, OSError):
-    """Another process holds the port."""
+    """Another process has opened the port."""
 
     code = "D-LINK-03"
     likely_default = "a second dart-hal, a serial monitor or ModemManager has it open"
@@ -70,7 +69,7 @@ class PortBusy(DartHalError, OSError):
 
 
 class NoHello(DartHalError, TimeoutError):
-    """No identification came at any baud rate."""
+    """No identification was received at any baud rate."""
 
     code = "D-LINK-05"
     likely_default = "no DART firmware on the Nano, another baud rate, or a charge-only USB cable"
@@ -86,16 +85,16 @@ class LinkLost(DartHalError, ConnectionError):
 
 
 class NoScan(DartHalError, TimeoutError):
-    """The port of the lidar is open and no packet of an X4 comes."""
+    """The port of the lidar is open, but no packet of an X4 is received."""
 
     code = "D-LIDAR-01"
-    likely_default = ("its motor stands (5 V of the adapter), its cable to the adapter is off, or "
-                      "it is another device")
+    likely_default = ("its motor does not turn (no 5 V at the adapter), its cable to the adapter "
+                      "is loose, or it is another device")
     remedy_default = "dart-hal find ; serial:///dev/dart-lidar, with ?baud=N for another model"
 
 
 class NoImage(DartHalError, TimeoutError):
-    """A camera that was open gives no images."""
+    """An open camera sends no images."""
 
     code = "D-CAM-01"
     likely_default = ("it was unplugged, its USB hub is without power, or it hangs")
@@ -103,7 +102,7 @@ class NoImage(DartHalError, TimeoutError):
 
 
 class PortDenied(DartHalError, PermissionError):
-    """The user may not open the port."""
+    """The user has no permission to open the port."""
 
     code = "D-LINK-07"
     likely_default = "the user is not in the group that owns the port (dialout)"
@@ -111,7 +110,7 @@ class PortDenied(DartHalError, PermissionError):
 
 
 class BusError(DartHalError, OSError):
-    """An I2C transaction failed. ``part``: what is wrong, as arming names it."""
+    """An I2C transaction failed. ``part``: the failed part, as in the reasons of ``arm()``."""
 
     code = "D-I2C-01"
     part = "write"
@@ -139,7 +138,7 @@ class PcaMissing(BusError):
 
 
 class PcaFault(BusError):
-    """The PCA9685 does not hold what was written."""
+    """The PCA9685 does not store what was written."""
 
     code = "D-I2C-03"
     part = "mode"
@@ -148,7 +147,7 @@ class PcaFault(BusError):
 
 
 class PcaBusy(BusError):
-    """Another program drives this PCA9685, through whichever Nano."""
+    """Another program drives this PCA9685, through this or another Nano."""
 
     code = "D-I2C-04"
     likely_default = "two programs for one car, or two cars' URLs with the same i2c= and address"
@@ -157,32 +156,32 @@ class PcaBusy(BusError):
 
 
 class NotPca(BusError):
-    """What answers at the address is no PCA9685; nothing was written to it."""
+    """The device at the address is no PCA9685; nothing was written to it."""
 
     code = "D-I2C-05"
-    likely_default = "another bus: at 0x40 of some computers' bus 1 sits their power monitor"
+    likely_default = "another bus: some computers have a power monitor at 0x40 of bus 1"
     remedy_default = ("i2c=7 on an Orin Nano, whose header pins 3 and 5 are bus 7; "
-                      "ls /dev/i2c-* ; sudo i2cdetect -y N shows who answers on each")
+                      "ls /dev/i2c-* ; sudo i2cdetect -y N shows the devices of each")
 
 
 class PcaClaimed(BusError):
-    """A driver of the kernel has bound the PCA9685's address; nothing was written."""
+    """A kernel driver uses the PCA9685's address; nothing was written."""
 
     code = "D-I2C-06"
-    likely_default = "the wrong bus, whose 0x40 is a part of the computer, or a device tree overlay"
+    likely_default = "the wrong bus, with a part of the computer at 0x40, or a device tree overlay"
     remedy_default = ("i2c=7 on an Orin Nano, whose header pins 3 and 5 are bus 7; for an overlay "
                       "of a PCA9685: remove it, the kernel must not drive it")
 
 
 class BadCommand(DartHalError, ValueError):
-    """A command that is not a number; the car is tripped to neutral."""
+    """A command is not a finite number; the car is set to neutral."""
 
     code = "D-CMD-01"
     remedy_default = "check the controller's output before drive()"
 
 
 class NotArmed(DartHalError, RuntimeError):
-    """``arm()`` refused; ``reasons`` holds every name that applies."""
+    """``arm()`` failed; ``reasons``: the names of all causes."""
 
     code = "D-ARM-01"
     remedy_default = "dart-hal doctor"
@@ -194,14 +193,14 @@ class NotArmed(DartHalError, RuntimeError):
 
 
 class Disarmed(DartHalError, RuntimeError):
-    """A command to a car that a trip has disarmed since ``arm()``; ``causes`` names what did.
+    """A command to a car that a trip has disarmed; ``causes``: names of the causes.
 
-    Raised by every command until ``arm()`` or ``stop()`` is called.
-    ``Car.open(raise_on_trip=False)`` leaves it to ``Applied.limited``.
+    Raised by every command until ``arm()`` or ``stop()`` is called. With
+    ``Car.open(raise_on_trip=False)``, ``Applied.limited`` states it instead.
     """
 
     code = "D-ARM-02"
-    remedy_default = "car.arm() again, once its cause is gone"
+    remedy_default = "remove the cause, then call car.arm() again"
 
     def __init__(self, what: str, *, causes: tuple[str, ...] = (), remedy: str = "",
                  found: str = "") -> None:
@@ -210,10 +209,10 @@ class Disarmed(DartHalError, RuntimeError):
 
 
 class ConfigError(DartHalError, ValueError):
-    """A file of the car is not valid; the message names file and key."""
+    """A file of the car is invalid; the message names file and key."""
 
     code = "D-FILE-01"
-    remedy_default = "correct the key that is named, or compare with cars/dart-01"
+    remedy_default = "correct the key in the message, or compare with cars/dart-01"
 
 
 class OtherCar(ConfigError):
@@ -232,22 +231,22 @@ class NotMonotone(ConfigError):
 
 
 class FileTrouble(DartHalError, OSError):
-    """A file or folder that cannot be written, read or made."""
+    """A file or folder cannot be written, read or created."""
 
     code = "D-FILE-04"
     likely_default = "no permission, no such folder, or the disk is full"
-    remedy_default = "check the path with ls -ld and the space with df, or name another one"
+    remedy_default = "check the path with ls -ld and the space with df, or use another one"
 
 
 class RecordingError(DartHalError, ValueError):
-    """A recording that cannot be read or used; the message names the file."""
+    """A recording cannot be read or used; the message names the file."""
 
     code = "D-REC-01"
-    remedy_default = "dart-hal record makes one that can be read"
+    remedy_default = "make a new recording with dart-hal record"
 
 
 class EndOfRecording(LinkLost):
-    """A replay has reached the end of its recording; nothing is wrong."""
+    """A replay has reached the end of its recording; this is no fault."""
 
     code = "D-REC-02"
     likely_default = "the whole run was read"
@@ -255,7 +254,7 @@ class EndOfRecording(LinkLost):
 
 
 class LogError(DartHalError, ValueError):
-    """A name or a value that ``Car.log`` does not take; nothing of it was recorded."""
+    """``Car.log`` does not accept a name or a value; nothing of the call was recorded."""
 
     code = "D-REC-04"
     likely_default = "text, None, or rows of unequal length among the numbers"
@@ -263,29 +262,29 @@ class LogError(DartHalError, ValueError):
 
 
 class FetchFailed(DartHalError, ConnectionError):
-    """The published recordings could not be brought here."""
+    """The published recordings could not be downloaded."""
 
     code = "D-REC-03"
-    likely_default = "no network, or a source that has other files"
+    likely_default = "no network, or a source with other files"
     remedy_default = "dart-hal data fetch --from DIR"
 
 
 class CalibrationFailed(DartHalError, RuntimeError):
-    """The measurement did not yield a trustworthy result; nothing was written."""
+    """The measurement has no reliable result; nothing was written."""
 
     code = "D-CAL-01"
-    remedy_default = "read what was found, cure it, then run the same calibration again"
+    remedy_default = "remove the cause that found names, then run the same calibration again"
 
 
 class ExperimentFailed(DartHalError, RuntimeError):
-    """A drive that cannot be planned on this floor, or that the car did not follow."""
+    """A drive cannot be planned on this floor, or the car did not follow it."""
 
     code = "D-EXP-01"
-    remedy_default = "read what was found, cure it, then run the same experiment again"
+    remedy_default = "remove the cause that found names, then run the same experiment again"
 
 
 class EmulatorMissing(DartHalError, RuntimeError):
-    """The emulator of the firmware cannot be used here."""
+    """The emulator of the firmware cannot be used on this computer."""
 
     code = "D-SIM-01"
     likely_default = "simavr or the AVR compiler is not installed, or the bridge was not built"
@@ -300,14 +299,14 @@ class FlashFailed(DartHalError, RuntimeError):
 
 
 class UsageError(DartHalError, ValueError):
-    """An option or argument that makes no sense."""
+    """An option or argument is invalid."""
 
     code = "D-USE-01"
     remedy_default = "dart-hal --help"
 
 
 class UnknownAttribute(DartHalError, AttributeError):
-    """A program sets an attribute of a car that nothing reads."""
+    """A program sets an attribute that a car does not have."""
 
     code = "D-USE-03"
     likely_default = "the program was written for another library, where this moves the car"
@@ -315,33 +314,33 @@ class UnknownAttribute(DartHalError, AttributeError):
 
 
 class ScriptFailed(DartHalError, RuntimeError):
-    """The user's own script raised; the car was stopped."""
+    """The user's script raised an error; the car was stopped."""
 
     code = "D-USE-02"
-    remedy_default = "correct the script at the line that is named"
+    remedy_default = "correct the script at the line in the message"
 
 
 class PluginFailed(DartHalError, RuntimeError):
     """The entry point of another package raised an error; the message names both."""
 
     code = "D-PLUG-01"
-    likely_default = "a mistake or a missing part of that package, not of DART-HAL"
+    likely_default = "an error or a missing part of that package, not of DART-HAL"
     remedy_default = "check the URL and what it connects to; report the rest to that package"
 
 
 class InternalError(DartHalError, RuntimeError):
-    """A mistake of this program."""
+    """An error of this program."""
 
     code = "D-BUG-01"
-    likely_default = "a mistake in DART-HAL, not in what you typed"
+    likely_default = "an error in DART-HAL, not in your input"
     remedy_default = "run it again with DART_HAL_DEBUG=1 and report what it prints"
 
 
-def _all(cls: type[DartHalError]) -> list[type[DartHalError]]:
+def _list_subclasses(cls: type[DartHalError]) -> list[type[DartHalError]]:
     found = []
     for sub in cls.__subclasses__():
-        found += [sub, *_all(sub)]
+        found += [sub, *_list_subclasses(sub)]
     return found
 
 
-CATALOGUE: dict[str, type[DartHalError]] = {c.code: c for c in _all(DartHalError)}
+CATALOGUE: dict[str, type[DartHalError]] = {c.code: c for c in _list_subclasses(DartHalError)}

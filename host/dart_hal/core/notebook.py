@@ -1,4 +1,4 @@
-"""How a value shows itself in a notebook: a title, and a row for each thing worth knowing."""
+"""Format a value for a notebook: a title and a row for each property."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from html import escape
 
 
 def card(title: str, rows: Iterable[tuple[str, str]]) -> str:
-    """An HTML table of plain text; without colours, of which a notebook has its own."""
+    """Return an HTML table of plain text; colours are those of the notebook."""
     body = "".join(f"<tr><th style='text-align:left'>{escape(name)}</th>"
                    f"<td style='text-align:left'>{escape(value)}</td></tr>"
                    for name, value in rows)

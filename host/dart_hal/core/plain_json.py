@@ -1,4 +1,4 @@
-"""Values as JSON has them: arrays as lists, paths as strings, NaN as null."""
+"""Convert values to the types of JSON: arrays to lists, paths to strings, NaN to null."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 
 
 def plain(value: Any) -> Any:
-    """JSON's types only: arrays become lists, paths strings, NaN and inf null."""
+    """Convert a value to the types of JSON; NaN and infinity become null."""
     if isinstance(value, Mapping):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple, set, frozenset)):

@@ -1,4 +1,4 @@
-"""What installed packages offer by entry points: backends, viewers, transports, verbs."""
+"""Load the entry points of installed packages: backends, viewers, transports, verbs."""
 
 from __future__ import annotations
 

@@ -11,14 +11,14 @@ import errno
 import io
 from pathlib import Path
 
+# First bytes and the codec that removes them. UTF-32 precedes UTF-16: its mark is longer.
 BYTE_ORDER_MARKS = ((codecs.BOM_UTF8, "utf-8-sig"), (codecs.BOM_UTF32_LE, "utf-32"),
                     (codecs.BOM_UTF32_BE, "utf-32"), (codecs.BOM_UTF16_LE, "utf-16"),
                     (codecs.BOM_UTF16_BE, "utf-16"))
-"""First bytes and the codec that removes them. UTF-32 precedes UTF-16: its mark is longer."""
+# Largest text file [B]: twice the size of a million rows of poses.
 MAX_TEXT_BYTES = 1 << 28
-"""Bytes of a text file: a million rows of poses have half of them."""
+# Fraction of byte pairs with one zero byte, above which a text is mostly ASCII in UTF-16.
 MIN_ASCII_PAIRS = 0.9
-"""Share of character pairs with one zero byte: text in UTF-16, in which ASCII prevails."""
 
 
 def decode_text(raw: bytes) -> str:

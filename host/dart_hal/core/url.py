@@ -1,4 +1,4 @@
-"""URLs: where a car is and how it is reached, ``scheme://target?key=value``."""
+"""Parse the URL of a car, ``scheme://target?key=value``."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Url:
 
     @classmethod
     def parse(cls, text: str) -> Url:
-        """Split ``text``. A target is taken as it is: a path may contain ``#``, ``%`` and ``[``.
+        """Split ``text``. The target is not decoded: a path may contain ``#``, ``%`` and ``[``.
 
         Raises UnknownScheme, UsageError.
         """
@@ -41,9 +41,10 @@ class Url:
         return cls(text, scheme.lower(), target, options)
 
     def known(self, *names: str, old: tuple[str, ...] = ()) -> None:
-        """Refuse options that the backend does not have; ``old`` names still pass.
+        """Raise UsageError for options that are neither in ``names`` nor in ``old``.
 
-        Raises UsageError."""
+        old: names of obsolete options, which are ignored.
+        """
         unknown = sorted(set(self.options) - {*names, *old})
         if unknown:
             near = get_close_matches(unknown[0], names, n=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.core.clock_fit import edge_under_middle, lower_hull
+from dart_hal.core.clock_fit import find_middle_edge, lower_hull
 from dart_hal.core.types import FloatArray
 
 
@@ -21,5 +21,5 @@ def to_car_time(stamp: FloatArray, arrival: FloatArray) -> tuple[FloatArray, str
         return arrival, ("the pose source restarted its clock: "
                          "arrival times are used instead of its stamps")
     pairs = list(zip(since[ahead].tolist(), arrival[ahead].tolist(), strict=True))
-    (xa, ya), (xb, yb) = edge_under_middle(lower_hull(pairs))
+    (xa, ya), (xb, yb) = find_middle_edge(lower_hull(pairs))
     return ya + (yb - ya) / (xb - xa) * (since - xa), ""

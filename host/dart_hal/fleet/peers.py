@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from dart_hal.core.types import CHANGES, FloatArray, Pose, Tracking
+from dart_hal.core.types import ACCELERATION_STDS, FloatArray, Pose, Tracking
 from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import Decoder, ReceivedFrame
 from dart_hal.fleet.key import RoomKey
@@ -331,12 +331,12 @@ def grow_covariance(var: Sequence[float], cov: Sequence[float], speed: float, ya
     """Covariance (3, 3) of a pose ``age`` s later, if the motion is unknown.
 
     Additional standard deviation: the whole distance at the last speed, and that of a change of it
-    by ``CHANGES``; for the yaw likewise.
+    by ``ACCELERATION_STDS``; for the yaw likewise.
     """
     (xx, yy, tt) = var
     (xy, xt, yt) = cov
-    distance = abs(speed) * age + 0.5 * CHANGES[0] * age**2
-    turn = abs(yaw_rate) * age + 0.5 * CHANGES[1] * age**2
+    distance = abs(speed) * age + 0.5 * ACCELERATION_STDS[0] * age**2
+    turn = abs(yaw_rate) * age + 0.5 * ACCELERATION_STDS[1] * age**2
     out = np.array(((xx + distance**2, xy, xt), (xy, yy + distance**2, yt), (xt, yt, tt + turn**2)))
     out.setflags(write=False)
     return out

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from dart_hal.core.config import ModelFile, Quantity, plain
-from dart_hal.core.config.car import CarConfig, Geometry, Limits
+from dart_hal.core.config.car import CarConfig, CommandLimits, Geometry
 from dart_hal.core.config.model import Parameters
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Body, Steering
@@ -55,7 +55,7 @@ def scale_steering_lock(model: ModelFile, car: CarConfig) -> ModelFile:
     lock = car.limits.max_steering
     values = model.values("steering")
     names = {"k_left", "a_left_rad", "s0", "a_right_rad", "k_right"}
-    if lock == Limits().max_steering or set(values) != names:
+    if lock == CommandLimits().max_steering or set(values) != names:
         return model
     ends = make_steering(Steering(**values), ARRAY)(np.array([1.0, -1.0]))
     factor = lock / float(np.mean(np.abs(ends)))

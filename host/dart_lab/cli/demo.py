@@ -75,7 +75,7 @@ def command(url: str, out: Path, as_json: bool) -> None:
     healthy = remove_hidden_effects(parsed)
     began = time.monotonic()
     result, hello, said = calibrate(healthy, out)
-    beside = jobs.beside(others, demo_real.find_excerpt(), int(number), out)
+    beside = jobs.start_in_background(others, demo_real.find_excerpt(), int(number), out)
     drive = eight(healthy, out)
     told = run_chapter(parsed, int(number), out)
     with progress_bar() as bar:

@@ -110,12 +110,12 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
         sizes = apply_car_sizes(model, file, car, [*recordings[0], *recordings[1]], fitting=False)
         file, vehicle = sizes.model, sizes.vehicle
         inputs = check_inputs(*recordings, vehicle, hashes(file))
-        from dart_hal.core.process.jobs import wanted
+        from dart_hal.core.process.jobs import choose_processes
         from dart_lab.diagnosis import diagnose
 
         d = diagnose(file, vehicle, inputs.train, inputs.test, refit=refit, only=names,
                      false_alarm=false_alarm, max_causes=max_causes,
-                     jobs=jobs or wanted(sum(map(driving_seconds, inputs.train))),
+                     jobs=jobs or choose_processes(sum(map(driving_seconds, inputs.train))),
                      reference=reference, seed=seed, predictor=out_predictor is not None,
                      progress=lambda share, text: bar.update(
                          task, completed=READING_FRACTION + (1.0 - READING_FRACTION) * share,

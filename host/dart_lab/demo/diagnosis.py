@@ -126,7 +126,7 @@ def run_chapter(url: Url, seed: int, out: Path) -> DiagnosisChapter:
     third = files["third_drive"]
     record_drive(remove_hidden_effects(url), cars, files["first_drive"], FIRST_DRIVE_S, 1)
     # The model is fitted in another process during the next two drives.
-    fit = jobs.beside(fit_healthy_model, files["first_drive"], files["healthy_model"])
+    fit = jobs.start_in_background(fit_healthy_model, files["first_drive"], files["healthy_model"])
     record_drive(changed, cars, second, SECOND_DRIVE_S, 2)
     record_drive(changed, cars, third, THIRD_DRIVE_S, 3)
     with progress_bar() as bar:

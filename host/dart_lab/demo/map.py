@@ -21,7 +21,7 @@ from dart_hal.control.paths import Path as Track
 from dart_hal.control.plant import plant_of
 from dart_hal.control.raceline import raceline
 from dart_hal.core.errors import DartHalError
-from dart_hal.core.figures import ABOVE, BLUE, INK, ORANGE, finish, new_figure
+from dart_hal.core.figures import BLUE, INK, LEGEND_ABOVE, ORANGE, finish, new_figure
 from dart_hal.core.types import FloatArray, State
 from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.localisation.field import map_of_grid
@@ -193,4 +193,4 @@ def draw(axes: Any, found: FollowedLap) -> None:
     axes.plot(*found.true[:, :2].T, color=ORANGE, lw=3, alpha=0.5, label="truth")
     axes.plot(*found.estimated[:, :2].T, color=BLUE, lw=1, label="by the lidar in its own map")
     axes.set_aspect("equal")
-    finish(axes, "x [m]", "y [m]", ncols=4, **ABOVE)
+    finish(axes, "x [m]", "y [m]", ncols=4, **LEGEND_ABOVE)

@@ -13,15 +13,15 @@ import numpy as np
 from dart_hal.calibration.result import SteeringResult
 from dart_hal.control.paths import Path as Track
 from dart_hal.core.figures import (
-    ABOVE,
     BLUE,
     INK,
+    LEGEND_ABOVE,
     ORANGE,
     band,
     finish,
     new_figure,
 )
-from dart_hal.core.types import NINETY, FloatArray, State
+from dart_hal.core.types import INTERVAL_90, FloatArray, State
 from dart_lab.report import page
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.page import image
@@ -133,7 +133,7 @@ def _map(axes: Any, result: SteeringResult, known: dict[str, Any]) -> None:
     grid = np.array(known["command"])
     true = np.degrees(known["angle_rad"])
     angle = np.degrees(result.angle)
-    reach = NINETY * np.degrees(result.angle_std)
+    reach = INTERVAL_90 * np.degrees(result.angle_std)
     axes.plot(grid, true, color=ORANGE, lw=4, alpha=0.5, label="hidden truth")
     band(axes, result.command, angle, reach, label="stated 90 % interval")
     axes.plot(result.command, angle, "o-", color=BLUE, ms=4, lw=1, label="measured")
@@ -153,7 +153,7 @@ def _eight(axes: Any, drive: EightDrive) -> None:
     axes.plot(drive.poses[:, 1], drive.poses[:, 0], color=BLUE, lw=1, label="odometry")
     axes.set_aspect("equal")
     axes.invert_xaxis()  # seen from above with x up, left is left
-    finish(axes, "y [m], left", "x [m], forward", ncols=3, **ABOVE)
+    finish(axes, "y [m], left", "x [m], forward", ncols=3, **LEGEND_ABOVE)
 
 
 def _error(axes: Any, drive: EightDrive) -> None:
@@ -162,7 +162,7 @@ def _error(axes: Any, drive: EightDrive) -> None:
     axes.plot(t - t[0], [200 * _sigma(s) for s in drive.states], color=INK, ls="--", lw=1,
               label="two sigma, as stated in every State")
     axes.set_ylim(0, None)
-    finish(axes, "time [s]", "[cm]", **ABOVE)
+    finish(axes, "time [s]", "[cm]", **LEGEND_ABOVE)
 
 
 SIGMA = ("The stated sigma is that of a car with unmeasured wheel travel per edge and gyro scale: "

@@ -17,7 +17,7 @@ import numpy as np
 
 from dart_hal import __version__
 from dart_hal.core.config import ModelFile, Quantity, save_model
-from dart_hal.core.config.model import KNOWN, Covariance, Parameter
+from dart_hal.core.config.model import MODEL_PARAMETERS, Covariance, Parameter
 from dart_hal.core.errors import ConfigError
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.load import vehicle_of
@@ -124,7 +124,7 @@ def write(written: Written, path: Path) -> Path | None:
 
 def _with(model: ModelFile, section: str, fit: Fit) -> ModelFile:
     entries = {key: _entry(e.value, e.std) for key, e in fit.parameters.items()
-               if key in KNOWN[section]}
+               if key in MODEL_PARAMETERS[section]}
     other_form = section == "tyres" and ("rear_D" in model.tyres) != ("rear_D" in entries)
     kept = {} if other_form else dict(getattr(model, section))
     changes: dict[str, Any] = {section: kept | entries}

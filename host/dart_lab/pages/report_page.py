@@ -14,9 +14,9 @@ import numpy as np
 from dart_hal.car.digest import Digest
 from dart_hal.core.config import CarFiles
 from dart_hal.core.config.calibration import QUANTITIES
-from dart_hal.core.config.history import Change
+from dart_hal.core.config.history import ValueChange
 from dart_hal.core.config.quantity import Quantities, Quantity
-from dart_hal.core.types import NINETY
+from dart_hal.core.types import INTERVAL_90
 from dart_lab.report import charts, page
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import significant
@@ -41,8 +41,8 @@ class About:
 
     files: CarFiles
     runs: Sequence[Digest]
-    calibration: Sequence[Change]
-    model: Sequence[Change]
+    calibration: Sequence[ValueChange]
+    model: Sequence[ValueChange]
     now: datetime
 
     def missing(self) -> list[str]:
@@ -141,7 +141,7 @@ def _map(about: About) -> Html:
     found = about.files.calibration.steering.map if about.files.calibration else None
     if found is None:
         return Html()
-    angle, reach = np.degrees(found.angle_rad), NINETY * np.degrees(found.std_rad)
+    angle, reach = np.degrees(found.angle_rad), INTERVAL_90 * np.degrees(found.std_rad)
     return page.figure("Steering map, 90 % interval", charts.lines(
         "steering map", "pulse [us]", "road-wheel angle [deg]",
         [charts.Series(np.array(found.pulse_us), angle, reach, "after")]))
@@ -149,7 +149,7 @@ def _map(about: About) -> Html:
 
 def _interval(q: Quantity | Quantities) -> tuple[str, str]:
     if isinstance(q, Quantity):
-        return significant(q.value, 5), f"+- {significant(NINETY * q.std, 2)}"
+        return significant(q.value, 5), f"+- {significant(INTERVAL_90 * q.std, 2)}"
     return f"{len(q.value)} values", "-"
 
 

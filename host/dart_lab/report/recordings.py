@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 
 from dart_hal.core.figures import (
-    ABOVE,
     BLUE,
     GREEN,
     GREY,
     INK,
+    LEGEND_ABOVE,
     ORANGE,
     finish,
     new_figure,
@@ -97,7 +97,7 @@ def _path(axes: Any, c: RecordingCheck) -> None:
         axes.plot(g.x[g.bad], g.y[g.bad], ".", color=BAD, ms=2.5, label="bad samples")
     axes.plot(g.x[:1], g.y[:1], "o", color=STEER, ms=6, label="start")
     axes.set_aspect("equal")
-    finish(axes, "x [m]", "y [m]", fontsize=7, ncols=3, **ABOVE)
+    finish(axes, "x [m]", "y [m]", fontsize=7, ncols=3, **LEGEND_ABOVE)
 
 
 def _speed(axes: Any, c: RecordingCheck) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dart_hal.core.types import START, FloatArray
+from dart_hal.core.types import START_FRAME, FloatArray
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend
 from dart_hal.estimation.localisation.field import Map, map_of_lines
@@ -27,7 +27,7 @@ def lines_by_frame(text: str) -> dict[str, FloatArray]:
     x, y, yaw = room.start
     c, s = np.cos(yaw), np.sin(yaw)
     ends = (room.lines.reshape(-1, 2) - (x, y)) @ np.array(((c, -s), (s, c)))
-    return {START: ends.reshape(-1, 4), FRAME: room.lines}
+    return {START_FRAME: ends.reshape(-1, 4), FRAME: room.lines}
 
 
 def true_path(backend: Backend, t: FloatArray) -> FloatArray:

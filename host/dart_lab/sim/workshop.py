@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dart_hal.core.ports.workshop import SCALE, SIGHT, TAPE
+from dart_hal.core.ports.workshop import SCALE_STD, SIGHT_STD, TAPE_STD
 from dart_lab.sim.world import Truth, World
 
 PUSH_CAR, PUSH_WHEEL, PUSHES = 4.0, 2.5, 0.3
@@ -39,11 +39,11 @@ class SimWorkshop:
 
     def distance(self) -> float:
         """Path rolled since the mark [m], forward positive."""
-        return self._truth().distance - self._distance + TAPE * float(self._rng.normal())
+        return self._truth().distance - self._distance + TAPE_STD * float(self._rng.normal())
 
     def turns(self) -> float:
         """Yaw since the mark [rad], left positive."""
-        return self._truth().yaw - self._yaw + SIGHT * float(self._rng.normal())
+        return self._truth().yaw - self._yaw + SIGHT_STD * float(self._rng.normal())
 
     def lift(self) -> None:
         """Put the car on a stand."""
@@ -72,17 +72,17 @@ class SimWorkshop:
 
     def mass(self) -> tuple[float, float]:
         """(reading, one sigma) of the scale [kg], the car ready to drive."""
-        return self._weigh(self._world.car.vehicle.body.mass), SCALE
+        return self._weigh(self._world.car.vehicle.body.mass), SCALE_STD
 
     def axle_loads(self) -> tuple[float, float, float]:
         """(front, rear, one sigma) [kg]: one axle on the scale, the other level beside it."""
         body = self._world.car.vehicle.body
         rear = body.mass * body.l_f / body.wheelbase
-        return self._weigh(body.mass - rear), self._weigh(rear), SCALE
+        return self._weigh(body.mass - rear), self._weigh(rear), SCALE_STD
 
     def _truth(self) -> Truth:
         with self._held:
             return self._world.truth()
 
     def _weigh(self, kilograms: float) -> float:
-        return kilograms + SCALE * float(self._scale.normal())
+        return kilograms + SCALE_STD * float(self._scale.normal())

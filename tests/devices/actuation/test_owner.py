@@ -150,5 +150,5 @@ def test_a_device_without_a_driver_and_other_addresses_are_free(tmp_path: Path) 
 
 
 def test_a_program_without_a_number_is_said_to_be_one() -> None:
-    assert "does not tell" in locks.who(0)
-    assert locks.who(2 ** 22 + 1) == f"pid {2 ** 22 + 1}"
+    assert "does not tell" in locks.describe_process(0)
+    assert locks.describe_process(2 ** 22 + 1) == f"pid {2 ** 22 + 1}"

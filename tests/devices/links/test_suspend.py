@@ -34,27 +34,27 @@ def test_a_suspend_is_noticed_once():
     detector = SuspendDetector(clocks.boot, clocks.awake)
     for _ in range(100):
         clocks.t += 0.02
-        assert not detector.slept()
+        assert not detector.was_suspended()
     clocks.sleep(3.0)
-    assert detector.slept()
-    assert not detector.slept()
+    assert detector.was_suspended()
+    assert not detector.was_suspended()
     clocks.sleep(0.3)
-    assert detector.slept()
+    assert detector.was_suspended()
 
 
 def test_a_process_without_the_processor_is_no_suspend():
     clocks = Clocks()
     detector = SuspendDetector(clocks.boot, clocks.awake)
     clocks.reading = 0.5                       # every reading is interrupted for half a second
-    assert not detector.slept()
+    assert not detector.was_suspended()
     clocks.reading = 1e-6
     clocks.t += 10.0                           # it was stopped for 10 s; both clocks went on
-    assert not detector.slept()
+    assert not detector.was_suspended()
     clocks.sleep(2.0)
     clocks.reading = 0.5
-    assert not detector.slept()
+    assert not detector.was_suspended()
     clocks.reading = 1e-6
-    assert detector.slept(), "it is noticed at the next good reading"
+    assert detector.was_suspended(), "it is noticed at the next good reading"
 
 
 def test_ages_go_on_during_a_suspend(monkeypatch):
@@ -79,7 +79,7 @@ def test_a_platform_without_the_clock_falls_back(monkeypatch):
     monkeypatch.setattr(suspend, "_BOOTTIME", None)
     assert elapsed() == pytest.approx(time.monotonic(), abs=1.0)
     assert elapsed_ns() == pytest.approx(time.monotonic_ns(), abs=1e9)
-    assert not SuspendDetector().slept()
+    assert not SuspendDetector().was_suspended()
 
 
 def test_both_units_agree():

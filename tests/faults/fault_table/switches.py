@@ -179,7 +179,7 @@ host("link_stale", "80 ms without a frame trip", "dart_hal.car.driver.Driver._ca
 host("reboot_disarm", "another boot of the Nano disarms", "dart_hal.car.driver.Driver.on_boot",
      nothing)
 host("suspend", "a suspend of the computer is noticed",
-     "dart_hal.core.process.suspend.SuspendDetector.slept", always(False))
+     "dart_hal.core.process.suspend.SuspendDetector.was_suspended", always(False))
 host("own_address", "the PCA9685 answers no address of another chip",
      "dart_hal.devices.actuation.pca9685.ALIASES", 0)
 host("neutral_watch", "a car that speeds up at neutral gets no pulse",

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from dart_hal import Fleet
-from dart_hal.core.types import START
+from dart_hal.core.types import START_FRAME
 from dart_hal.estimation.localisation.source import FRAME
 from dart_lab.cli.view import map_lines
 from dart_lab.live.view.player import Player
@@ -53,10 +53,10 @@ def test_the_room_of_a_simulated_car_is_drawn_where_its_scans_see_it():
                    lines=lines)
     with at:
         (begin,) = map(json.loads, at.desk.open_page("three"))
-        assert set(begin["maps"]) == {START, FRAME}
+        assert set(begin["maps"]) == {START_FRAME, FRAME}
         at.drive(1.0)
         scan = [one for one in at.told if one["type"] == "scan"][-1]["points"]
-        walls = np.array(begin["maps"][START])
+        walls = np.array(begin["maps"][START_FRAME])
         off = [clearance(walls, x, y) for x, y in np.reshape(scan, (-1, 2))[::20]]
         assert np.median(off) < 0.02
         elsewhere = [clearance(np.array(begin["maps"][FRAME]), x, y)
@@ -77,12 +77,12 @@ def test_other_cars_are_told_in_the_frame_of_this_one_alone():
         for _ in fleet.states(duration=1.5):
             pass
         frame = fleet.cars[0]._state.estimate.frame
-        assert frame != START
+        assert frame != START_FRAME
         poses = fleet.members[0].other_poses()
         (other,) = others_message(frame, poses)["poses"]
         assert other["name"] == fleet.names[1]
         assert other["x"] == pytest.approx(2.0, abs=0.2)
-        assert others_message(START, poses)["poses"] == []
+        assert others_message(START_FRAME, poses)["poses"] == []
 
 
 @pytest.mark.realtime

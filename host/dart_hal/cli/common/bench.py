@@ -10,7 +10,7 @@ import click
 
 from dart_hal.cli.common.output import console, show_notices
 from dart_hal.core.errors import CalibrationFailed
-from dart_hal.core.ports.workshop import SCALE
+from dart_hal.core.ports.workshop import SCALE_STD
 
 AskNumber = Callable[[str], float]
 
@@ -87,12 +87,12 @@ class TerminalOperator:
 
     def mass(self) -> tuple[float, float]:
         """[kg]."""
-        return self._ask("the car on the scale, ready to drive [kg]"), SCALE
+        return self._ask("the car on the scale, ready to drive [kg]"), SCALE_STD
 
     def axle_loads(self) -> tuple[float, float, float]:
         """[kg]."""
         front = self._ask("the front axle alone on the scale, the car level [kg]")
-        return front, self._ask("the rear axle alone on the scale, the car level [kg]"), SCALE
+        return front, self._ask("the rear axle alone on the scale, the car level [kg]"), SCALE_STD
 
     def _wait(self, act: str) -> None:
         self._pause()

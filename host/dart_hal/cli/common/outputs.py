@@ -20,7 +20,7 @@ import click
 from dart_hal.cli.common.output import show_notices
 from dart_hal.core.config import check_writable
 from dart_hal.core.errors import FileTrouble, UsageError
-from dart_hal.core.figures import FORMATS
+from dart_hal.core.figures import FIGURE_FORMATS
 from dart_hal.core.process.extras import install_command
 
 
@@ -57,7 +57,7 @@ class PlotFile(OutputFile):
     """Path of a picture to write; needs matplotlib."""
 
     def __init__(self) -> None:
-        super().__init__(*FORMATS)
+        super().__init__(*FIGURE_FORMATS)
 
     def convert(self, value: Any, param: click.Parameter | None,
                 ctx: click.Context | None) -> Path:
@@ -88,12 +88,14 @@ class PlotFileOrFolder(click.Path):
     def convert(self, value: Any, param: click.Parameter | None,
                 ctx: click.Context | None) -> Path:
         path = Path(os.fsdecode(super().convert(value, param, ctx)))
-        if path.suffix.lower() in FORMATS and not path.is_dir():
+        if path.suffix.lower() in FIGURE_FORMATS and not path.is_dir():
             return PlotFile().convert(value, param, ctx)
         if path.is_file() or (path.suffix and not path.is_dir()):
+            suffixes = " or ".join(FIGURE_FORMATS)
             raise UsageError(f"{path} is neither a picture nor a folder", found=path.name,
-                             expected=f"a name that ends in {' or '.join(FORMATS)}, or a folder",
-                             remedy=f"write {path.with_suffix(FORMATS[0])} or {path.parent}/")
+                             expected=f"a name that ends in {suffixes}, or a folder",
+                             remedy=f"write {path.with_suffix(FIGURE_FORMATS[0])} "
+                                    f"or {path.parent}/")
         return PlotFolder().convert(value, param, ctx)
 
 

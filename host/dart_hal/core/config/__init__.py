@@ -1,7 +1,7 @@
 """The files of a car: ``car.toml``, ``calibration.toml``, ``model.toml``.
 
-No number of a particular car lives in code. Each file is read into a frozen
-struct; a refusal names the file that was read, the key, and the remedy.
+No number of a particular car is in the code. Each file is read into a frozen struct. An error
+names the file, the key and the remedy.
 """
 
 from dart_hal.core.config.calibration import (

@@ -1,18 +1,18 @@
-"""``car.toml``: what a human knows about one car, and what it may do."""
+"""``car.toml``: the description of one car by its owner, and the limits of its commands."""
 
 from __future__ import annotations
 
 from typing import Literal
 
-from dart_hal.core.config.parse import PER_EDGE, check_std, parse, require
-from dart_hal.core.config.plausible import CAR, check_name, check_ranges
-from dart_hal.core.config.quantity import Quantity, Table
+from dart_hal.core.config.parse import METRES_PER_EDGE_RANGE, check_std, parse, require
+from dart_hal.core.config.plausible import CAR_RANGES, check_name, check_ranges
+from dart_hal.core.config.quantity import FileTable, Quantity
 from dart_hal.core.config.ranges import check_neutral, check_oscillator
 
-SCHEMA = "dart-hal/car/1"
+CAR_SCHEMA = "dart-hal/car/1"
 
 
-class Geometry(Table, frozen=True, kw_only=True):
+class Geometry(FileTable, frozen=True, kw_only=True):
     """Lengths [m] from the axles, mass [kg], yaw inertia [kg m2].
 
     l_f, l_r: centre of mass to front and rear axle; ``length``, ``width`` of
@@ -31,11 +31,11 @@ class Geometry(Table, frozen=True, kw_only=True):
     lidar_x: float | None = None
 
 
-class Steering(Table, frozen=True, kw_only=True):
+class SteeringConfig(FileTable, frozen=True, kw_only=True):
     """The servo: pulse = center_us + direction x span_us x command, command +1 = full left.
 
-    ``follow_disarmed``: the servo obeys commands while the car is disarmed.
-    ``take_up_backlash``: pulses go half the measured backlash further in the direction in
+    ``follow_disarmed``: the servo follows commands while the car is disarmed.
+    ``take_up_backlash``: half of the measured backlash is added to the pulse in the direction in
     which the wheels have to move.
     """
 
@@ -47,14 +47,14 @@ class Steering(Table, frozen=True, kw_only=True):
     take_up_backlash: bool = False
 
 
-class Throttle(Table, frozen=True, kw_only=True):
-    """The ESC: pulse = neutral_us + span_us x throttle; its behaviour where known.
+class ThrottleConfig(FileTable, frozen=True, kw_only=True):
+    """The ESC: pulse = neutral_us + span_us x throttle; its behaviour, None where unknown.
 
-    arm_neutral [s] of neutral after power-on; stop_ramp [s] from full throttle
-    to neutral on stop (0 = at once); deadband_us, saturation_us either side of
-    neutral; signal_loss [s] until the ESC cuts without pulses; None = unknown.
-    deliberate_neutral_us: says that a neutral near this value is meant, though it is outside of
-    1400 to 1600 us; None = no such neutral is accepted, here or in calibration.toml.
+    arm_neutral [s]: time at neutral after power-on; stop_ramp [s]: time from full throttle to
+    neutral on stop; deadband_us, saturation_us: offsets from neutral in both directions;
+    signal_loss [s]: time without pulses until the ESC cuts the motor.
+    deliberate_neutral_us: accept a neutral near this value outside of 1400 to 1600 us, here and
+    in calibration.toml; None: accept none.
     """
 
     channel: int = 1
@@ -69,13 +69,13 @@ class Throttle(Table, frozen=True, kw_only=True):
     signal_loss: float | None = None
 
 
-class Pwm(Table, frozen=True, kw_only=True):
+class Pwm(FileTable, frozen=True, kw_only=True):
     """The PCA9685: address, I2C bus number, PWM frequency [Hz].
 
-    ``oscillator_hz``: measured by hand with a scope or logic analyser; the
-    value in calibration.toml wins. ``clock_channel``: the spare channel wired
-    to the Nano's D8, which can measure the clock. ``error_feedback``: what a pulse
-    is off by, as counts are whole, is made up for in the next frames.
+    ``oscillator_hz``: measured by hand with a scope or logic analyser; the value in
+    calibration.toml has precedence. ``clock_channel``: the spare channel wired to the Nano's D8,
+    which can measure the clock. ``error_feedback``: the rounding error of a pulse to whole counts
+    is compensated in the next frames.
     """
 
     address: int = 0x40
@@ -86,11 +86,11 @@ class Pwm(Table, frozen=True, kw_only=True):
     error_feedback: bool = True
 
 
-class Encoder(Table, frozen=True, kw_only=True):
+class EncoderConfig(FileTable, frozen=True, kw_only=True):
     """The rings on the main gear: edges per revolution, metres per edge.
 
-    ``metres_per_edge`` is the drawing's value with an honest std; the one in
-    calibration.toml wins.
+    ``metres_per_edge`` is computed from the drawing, with its tolerance as standard error; the
+    value in calibration.toml has precedence.
     """
 
     rings: Literal[1, 2] = 1
@@ -99,11 +99,11 @@ class Encoder(Table, frozen=True, kw_only=True):
     metres_per_edge: Quantity
 
 
-class Imu(Table, frozen=True, kw_only=True):
+class ImuConfig(FileTable, frozen=True, kw_only=True):
     """The BNO055: mounting angles [rad] sensor to body (yaw, then pitch, then roll).
 
     ``required``: arm() refuses while the IMU is absent, stale or stuck.
-    x, y [m]: its place in the body frame, origin at the rear axle.
+    x, y [m]: its position in the body frame, origin at the rear axle.
     """
 
     required: bool = True
@@ -114,12 +114,12 @@ class Imu(Table, frozen=True, kw_only=True):
     y: float = 0.0
 
 
-class Lidar(Table, frozen=True, kw_only=True):
-    """How the lidar sits; geometry.lidar_x is its axis ahead of the rear axle.
+class Lidar(FileTable, frozen=True, kw_only=True):
+    """Mounting of the lidar; geometry.lidar_x is its axis, measured from the rear axle.
 
-    y [m] of the axis; mount_yaw [rad] of its zero against the car; ``inverted``: its angles
-    grow clockwise seen from above, as of an upright YDLidar; ``scale``: true distance over the
-    one that it tells.
+    y [m] of the axis; mount_yaw [rad]: direction of its zero angle; ``inverted``: its angles
+    increase clockwise in a top view, as of an upright YDLidar; ``scale``: true distance /
+    reported distance.
     """
 
     y: float = 0.0
@@ -128,11 +128,10 @@ class Lidar(Table, frozen=True, kw_only=True):
     scale: float = 1.0
 
 
-class Limits(Table, frozen=True, kw_only=True):
-    """What a command may ask for: steering [rad], throttle, speed [m/s], rates [1/s].
+class CommandLimits(FileTable, frozen=True, kw_only=True):
+    """Limits of a command: steering [rad], throttle, speed [m/s], slew rates [1/s].
 
-    A slew limit of None is none. ``encoder_lost_throttle`` caps the throttle
-    while the encoder is lost.
+    None: no slew limit. ``encoder_lost_throttle`` limits the throttle while the encoder is lost.
     """
 
     max_steering: float = 0.4
@@ -144,57 +143,58 @@ class Limits(Table, frozen=True, kw_only=True):
     encoder_lost_throttle: float = 0.0
 
 
-class Priorities(Table, frozen=True, kw_only=True):
-    """Who wins when several sources command at once: the first one listed.
+class Priorities(FileTable, frozen=True, kw_only=True):
+    """Priority of the sources of commands: the first listed one is applied.
 
-    A source that is not listed comes after all of them.
+    A source that is not listed has the lowest priority.
     """
 
     sources: tuple[str, ...] = ("run_stop", "gamepad", "keyboard", "user")
 
 
-class Safety(Table, frozen=True, kw_only=True):
-    """Whether arm() demands a hardware cut-off (Nano parameter safety_out), and its proof.
+class Safety(FileTable, frozen=True, kw_only=True):
+    """Whether arm() requires a hardware cut-off (Nano parameter safety_out), and tests it.
 
-    ``cutoff_test``: the capture wire is fitted, so the cut-off must show at each arm() that
-    it cuts; without it a cut-off that cannot be watched is a warning.
+    ``cutoff_test``: the capture wire is fitted, so each arm() tests that the cut-off works.
+    Without it, an untested cut-off is a warning.
     """
 
     cutoff_required: bool = False
     cutoff_test: bool = False
 
 
-class CarConfig(Table, frozen=True, kw_only=True):
-    """One car, as its owner describes it. Lengths in m, angles in rad."""
+class CarConfig(FileTable, frozen=True, kw_only=True):
+    """The description of one car. Lengths in m, angles in rad."""
 
-    schema: str = SCHEMA
+    schema: str = CAR_SCHEMA
     name: str
     geometry: Geometry
-    encoder: Encoder
-    steering: Steering = Steering()
-    throttle: Throttle = Throttle()
+    encoder: EncoderConfig
+    steering: SteeringConfig = SteeringConfig()
+    throttle: ThrottleConfig = ThrottleConfig()
     pwm: Pwm = Pwm()
-    imu: Imu = Imu()
+    imu: ImuConfig = ImuConfig()
     lidar: Lidar = Lidar()
-    limits: Limits = Limits()
+    limits: CommandLimits = CommandLimits()
     priorities: Priorities = Priorities()
     safety: Safety = Safety()
 
 
 def parse_config(text: str, origin: str, *, recorded: bool = False) -> CarConfig:
-    """Read the text of a car.toml. Raises ConfigError naming ``origin`` and key.
+    """Read the text of a car.toml. Raises ConfigError with ``origin`` and key.
 
-    recorded: the text comes from a recording, which drives nothing: its neutral and oscillator
-    may be out of the ranges of today.
+    recorded: the text comes from a recording, which drives no car: its neutral and oscillator may
+    be outside of the present ranges.
     """
     car = parse(text, CarConfig, origin)
-    check_ranges(car, CAR, origin)
+    check_ranges(car, CAR_RANGES, origin)
     _check_geometry(car, origin)
     _check_actuators(car, origin)
     _check_limits(car, origin)
     encoder = car.encoder
     check_std(encoder.metres_per_edge, "encoder.metres_per_edge", origin, positive=True)
-    require(PER_EDGE[0] <= encoder.metres_per_edge.value <= PER_EDGE[1], origin,
+    low, high = METRES_PER_EDGE_RANGE
+    require(low <= encoder.metres_per_edge.value <= high, origin,
             "encoder.metres_per_edge.value", encoder.metres_per_edge.value,
             "0.0002 to 0.05 m; are these millimetres?")
     for key in ("edges_per_rev", "edges_per_rev_b"):
@@ -219,7 +219,9 @@ def _check_geometry(car: CarConfig, origin: str) -> None:
 
 
 def _check_actuators(car: CarConfig, origin: str) -> None:
-    steer, esc, pwm = car.steering, car.throttle, car.pwm
+    steer = car.steering
+    esc = car.throttle
+    pwm = car.pwm
     for key, channel in (("steering.channel", steer.channel), ("throttle.channel", esc.channel)):
         require(0 <= channel <= 15, origin, key, channel, "0 to 15")
     require(steer.channel != esc.channel, origin, "throttle.channel", esc.channel,

@@ -1,11 +1,13 @@
-"""Where the files of a car are found and written, and which value wins.
+"""Find, read and write the files of a car; the precedence of their values.
 
 ``car.toml`` is searched in this order: the folders given by the caller (``--cars``),
 ``$DART_CARS``, ``./cars``, ``~/.local/share/dart-hal/cars``.
 
-What was measured (``calibration.toml``, ``model.toml``) is read and written in one folder: that
-of the car in a named folder (``--cars``, else ``$DART_CARS``); where none is named, where the car
-has one in ``./cars`` or the home folder, else in ``./cars`` if it exists, else in the home folder.
+Measurements (``calibration.toml``, ``model.toml``) are read and written in one folder:
+
+1. the car's folder in a named folder (``--cars``, else ``$DART_CARS``);
+2. without a named folder: the car's existing folder in ``./cars`` or the home folder;
+3. else a new one in ``./cars`` if that exists, else in the home folder.
 """
 
 from __future__ import annotations
@@ -26,22 +28,22 @@ from dart_hal.core.config.write import save
 from dart_hal.core.errors import ConfigError
 from dart_hal.core.text_file import read_text
 
-EXAMPLE = "dart-01"
-PACKAGED = Path(__file__).resolve().parents[2] / "cars" / EXAMPLE / "car.toml"
-"""The example car inside an installed package (absent in a checkout)."""
+EXAMPLE_CAR = "dart-01"
+# The example car inside an installed package (absent in a checkout).
+PACKAGED_EXAMPLE = Path(__file__).resolve().parents[2] / "cars" / EXAMPLE_CAR / "car.toml"
 
-UNNAMED = 2
-"""Folders at the end of the search that nobody named: ./cars and that of the home folder."""
+# Number of default folders at the end of the search: ./cars and that of the home folder.
+DEFAULT_FOLDERS = 2
 
 Folders = Sequence[str | os.PathLike[str]]
 
 
 @dataclass(frozen=True, slots=True)
 class CarFiles:
-    """The files of one car. ``folder``: where they are, or would be written.
+    """The files of one car. ``folder``: where they are or will be written.
 
-    ``board``: number of the Nano that answers, 8 hex digits; None = the car is not open.
-    The properties say which value counts: the calibration's, else car.toml's.
+    ``board``: number of the connected Nano, 8 hexadecimal digits; None = the car is not open.
+    The properties return the value of the calibration if it has one, else that of car.toml.
     """
 
     config: CarConfig
@@ -53,7 +55,7 @@ class CarFiles:
 
     @property
     def oscillator_hz(self) -> Quantity | None:
-        """Clock of the PCA9685 [Hz]; None = never measured (25 MHz +- 4 %)."""
+        """Clock of the PCA9685 [Hz]; None = not measured (25 MHz +- 4 %)."""
         measured = self.calibration.pwm.oscillator_hz if self.calibration else None
         return measured or self.config.pwm.oscillator_hz
 
@@ -71,35 +73,37 @@ class CarFiles:
 
     @property
     def ring(self) -> tuple[float, ...] | None:
-        """Interval lengths of one revolution, mean 1; None = taken as even."""
+        """Interval lengths (N,) of one revolution, mean 1; None = all intervals are equal."""
         measured = self.calibration.encoder.ring if self.calibration else None
         return tuple(measured.value) if measured else None
 
     @property
     def imu_mount(self) -> tuple[float, float, float]:
         """Mounting angles (yaw, pitch, roll) of the IMU [rad]."""
-        named, table = self.config.imu, self.calibration.imu if self.calibration else None
-        found = [getattr(table, key, None) for key in ("mount_yaw", "mount_pitch", "mount_roll")]
-        given = (named.mount_yaw, named.mount_pitch, named.mount_roll)
-        yaw, pitch, roll = (m.value if m else g for m, g in zip(found, given, strict=True))
+        table = self.calibration.imu if self.calibration else None
+        keys = ("mount_yaw", "mount_pitch", "mount_roll")
+        measured = [getattr(table, key, None) for key in keys]
+        described = [getattr(self.config.imu, key) for key in keys]
+        yaw, pitch, roll = (m.value if m else d for m, d in zip(measured, described, strict=True))
         return yaw, pitch, roll
 
 
 def car_folders(cars_dirs: Folders | None = None) -> list[Path]:
-    """The folders that are searched for ``NAME/car.toml``, in order."""
+    """Return the folders that are searched for ``NAME/car.toml``, in order."""
     given = [Path(folder) for folder in cars_dirs or ()]
     named = [Path(p) for p in os.environ.get("DART_CARS", "").split(os.pathsep) if p]
     return [*given, *named, Path("cars"), _own_folder()]
 
 
 def named_folders(cars_dirs: Folders | None = None) -> list[Path]:
-    """Those that the caller or $DART_CARS names."""
-    return car_folders(cars_dirs)[:-UNNAMED]
+    """Return the folders that the caller or $DART_CARS names."""
+    return car_folders(cars_dirs)[:-DEFAULT_FOLDERS]
 
 
 def cars_home(cars_dirs: Folders | None = None) -> Path:
-    """Where the files of a new car go: the first folder that was named, or exists."""
-    folders, named = car_folders(cars_dirs), named_folders(cars_dirs)
+    """Return the folder for the files of a new car: the first named one, else an existing one."""
+    folders = car_folders(cars_dirs)
+    named = named_folders(cars_dirs)
     return named[0] if named else next((f for f in folders if f.is_dir()), folders[-1])
 
 
@@ -124,14 +128,16 @@ def load_car(name: str, cars_dirs: Folders | None = None) -> CarFiles:
             config = parse_config(_read(folder / "car.toml"), str(folder / "car.toml"))
             return _with_measurements(config, measured_folder(name, cars_dirs),
                                       str(folder / "car.toml"), name)
+    # The example car of an installed package is used if the user has no copy of it.
     home = measured_folder(name, cars_dirs)
-    if name == EXAMPLE and PACKAGED.is_file():
-        return _with_measurements(parse_config(_read(PACKAGED), str(PACKAGED)), home,
-                                  str(PACKAGED), name)
+    if name == EXAMPLE_CAR and PACKAGED_EXAMPLE.is_file():
+        config = parse_config(_read(PACKAGED_EXAMPLE), str(PACKAGED_EXAMPLE))
+        return _with_measurements(config, home, str(PACKAGED_EXAMPLE), name)
     searched = ", ".join(str(folder.parent) for folder in folders)
-    close = get_close_matches(name, _existing_cars(cars_dirs), n=1)
-    example = PACKAGED if PACKAGED.is_file() else Path("cars") / EXAMPLE / "car.toml"
-    raise ConfigError(f"there is no car {name}", found=_existing(cars_dirs),
+    close = get_close_matches(name, _list_existing_cars(cars_dirs), n=1)
+    example = (PACKAGED_EXAMPLE if PACKAGED_EXAMPLE.is_file()
+               else Path("cars") / EXAMPLE_CAR / "car.toml")
+    raise ConfigError(f"there is no car {name}", found=_describe_existing_cars(cars_dirs),
                       expected=f"{name}/car.toml in {searched}",
                       remedy=(f"--car {close[0]}; for a new car: " if close else "")
                       + f"mkdir -p {home} ; cp {example} {home} ; then edit its name and what "
@@ -140,27 +146,29 @@ def load_car(name: str, cars_dirs: Folders | None = None) -> CarFiles:
 
 def parse_run_car(text: str, origin: str, measured: Mapping[str, str],
                   cars_dirs: Folders | None = None) -> CarFiles:
-    """The car of a recorded run: its texts ``measured`` (calibration.toml, model.toml) count.
+    """Return the car of a recorded run.
 
-    Files of that car below ``cars_dirs`` replace them: the run, read by what is known today.
-    Raises as ``load_car``, also for each of the texts alone.
+    measured: recorded texts of calibration.toml and model.toml. Files of that car below
+    ``cars_dirs`` replace them, to read the run with the present calibration.
+    Raises as ``load_car``.
     """
     config = parse_config(text, origin, recorded=True)
     for folder in cars_dirs or ():
         if (Path(folder) / config.name).is_dir():
             return _with_measurements(config, Path(folder) / config.name, origin, config.name)
-    name, cal, model = config.name, measured.get("calibration.toml"), measured.get("model.toml")
+    cal = measured.get("calibration.toml")
+    model = measured.get("model.toml")
     return CarFiles(config,
-                    parse_calibration(cal, f"calibration.toml in {origin}", name, recorded=True)
-                    if cal else None,
+                    parse_calibration(cal, f"calibration.toml in {origin}", config.name,
+                                      recorded=True) if cal else None,
                     parse_model(model, f"model.toml in {origin}") if model else None,
-                    measured_folder(name, cars_dirs), origin)
+                    measured_folder(config.name, cars_dirs), origin)
 
 
 def parse_car(text: str, origin: str, cars_dirs: Folders | None = None) -> CarFiles:
-    """A car whose car.toml comes as ``text`` (a simulated one); ``origin`` names it.
+    """Return the (simulated) car whose car.toml is ``text``; ``origin``: its name in messages.
 
-    Its calibration and model are read from its folder, if there is one.
+    Its calibration and model are read from its folder, if it exists.
     Raises as ``load_car``.
     """
     config = parse_config(text, origin)
@@ -173,7 +181,7 @@ def load_model(path: str | os.PathLike[str]) -> ModelFile:
 
 
 def calibration_in(folder: Path, car: str, config: CarConfig | None = None) -> Calibration:
-    """Read what ``folder`` holds of a car's measurements, to be written again with one more.
+    """Read the calibration.toml of ``folder``; without one, return an empty calibration.
 
     config: as in ``save_calibration``. Raises ConfigError, OtherCar, NotMonotone.
     """
@@ -186,10 +194,10 @@ def calibration_in(folder: Path, car: str, config: CarConfig | None = None) -> C
 
 def save_calibration(calibration: Calibration, folder: Path,
                      config: CarConfig | None = None) -> Path:
-    """Check and write ``folder``/calibration.toml; the old one goes to history/.
+    """Check and write ``folder``/calibration.toml; the previous one is moved to history/.
 
     config: the car.toml that may mark an unusual neutral as deliberate; None = the one in
-    ``folder``, where there is one.
+    ``folder``, if it exists.
     """
     path = folder / "calibration.toml"
     return save(check_calibration(calibration, str(path), folder.name,
@@ -197,10 +205,10 @@ def save_calibration(calibration: Calibration, folder: Path,
 
 
 def bind_board(calibration: Calibration, files: CarFiles) -> Calibration:
-    """Record with which Nano ``calibration`` is measured, where one answers.
+    """Return ``calibration`` with the number of the connected Nano, if one is connected.
 
-    Raises ConfigError for values of another Nano: with one new value among them they would all
-    count as measured with this one.
+    Raises ConfigError for values of another Nano: one new value must not make all of them appear
+    as measured with this one.
     """
     if files.board is None:
         return calibration
@@ -216,9 +224,9 @@ def bind_board(calibration: Calibration, files: CarFiles) -> Calibration:
 
 
 def accept_board(files: CarFiles) -> tuple[str | None, Path]:
-    """Bind the car's calibration.toml to the Nano that answers; (board before, file written).
+    """Bind the car's calibration.toml to the connected Nano; return (previous board, file).
 
-    Raises ConfigError where there is no calibration, or it is no good.
+    Raises ConfigError if there is no calibration or no Nano, and for an invalid calibration.
     """
     path = files.folder / "calibration.toml"
     if not path.is_file() or files.board is None:
@@ -231,7 +239,7 @@ def accept_board(files: CarFiles) -> tuple[str | None, Path]:
 
 
 def _deliberate_neutral(folder: Path, config: CarConfig | None) -> float | None:
-    """Neutral [us] that the car's description marks as deliberate."""
+    """Return the neutral [us] that car.toml marks as deliberate."""
     described = folder / "car.toml"
     if config is None and described.is_file():
         config = parse_config(_read(described), str(described))
@@ -239,15 +247,17 @@ def _deliberate_neutral(folder: Path, config: CarConfig | None) -> float | None:
 
 
 def save_model(model: ModelFile, path: Path) -> Path:
-    """Check and write a model.toml; an older one goes to history/ beside it."""
+    """Check and write a model.toml; the previous one is moved to history/ in its folder."""
     return save(check_model(model, str(path)), path)
 
 
 def _with_measurements(config: CarConfig, folder: Path, origin: str, name: str) -> CarFiles:
+    """Return the car with the calibration and the model of ``folder``."""
     if config.name != name:
         raise ConfigError(f"{origin}: key name is not the folder's name", found=config.name,
                           expected=name, remedy=f'write name = "{name}"', read=origin)
-    cal_path, model_path = folder / "calibration.toml", folder / "model.toml"
+    cal_path = folder / "calibration.toml"
+    model_path = folder / "model.toml"
     calibration = calibration_in(folder, name, config) if cal_path.is_file() else None
     if calibration is not None:
         _check_direction(config, calibration, str(cal_path), origin)
@@ -256,6 +266,7 @@ def _with_measurements(config: CarConfig, folder: Path, origin: str, name: str) 
 
 
 def _check_direction(config: CarConfig, calibration: Calibration, path: str, car: str) -> None:
+    """Raise ConfigError if the measured map and car.toml have different steering directions."""
     table = calibration.steering.map
     if table is None:
         return
@@ -276,12 +287,12 @@ def _read(path: Path) -> str:
                           ) from error
 
 
-def _existing_cars(cars_dirs: Folders | None) -> list[str]:
+def _list_existing_cars(cars_dirs: Folders | None) -> list[str]:
     return sorted({p.parent.name for f in car_folders(cars_dirs) for p in f.glob("*/car.toml")})
 
 
-def _existing(cars_dirs: Folders | None) -> str:
-    names = _existing_cars(cars_dirs)
+def _describe_existing_cars(cars_dirs: Folders | None) -> str:
+    names = _list_existing_cars(cars_dirs)
     return "cars " + ", ".join(names) if names else "no car files"
 
 

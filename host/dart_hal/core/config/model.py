@@ -1,6 +1,6 @@
-"""``model.toml``: identified parameters and effects; this file checks their shape.
+"""``model.toml``: identified parameters and effects; their structure is checked here.
 
-What the parameters mean, and which effects exist, is known to ``vehicle``.
+The meaning of the parameters and the list of effects are defined in ``vehicle``.
 """
 
 from __future__ import annotations
@@ -9,15 +9,16 @@ from typing import Any, Literal
 
 import msgspec
 
-from dart_hal.core.config.parse import parse, require, unknown_key
-from dart_hal.core.config.quantity import Quantity, Table
+from dart_hal.core.config.parse import parse, require, unknown_key_error
+from dart_hal.core.config.quantity import FileTable, Quantity
 from dart_hal.core.errors import ConfigError
 
-SCHEMA = "dart-hal/model/1"
+MODEL_SCHEMA = "dart-hal/model/1"
 Parameter = float | Quantity
 Parameters = dict[str, Parameter]
 
-KNOWN: dict[str, tuple[str, ...]] = {
+# Sections of model.toml and the parameters of each (units: see ``vehicle``).
+MODEL_PARAMETERS: dict[str, tuple[str, ...]] = {
     "body": ("wheelbase", "l_f", "l_r", "mass", "yaw_inertia", "front_share"),
     "friction": ("a", "b", "c", "q"),
     "motor": ("d", "e", "g", "reverse"),
@@ -26,31 +27,30 @@ KNOWN: dict[str, tuple[str, ...]] = {
     "tyres": ("front_D", "front_C", "front_B", "front_E", "rear_cornering_stiffness", "rear_max",
               "rear_D", "rear_C", "rear_B"),
 }
-"""Sections of model.toml and the parameters of each (units: see ``vehicle``)."""
 
 
-class EffectEntry(Table, frozen=True):
+class EffectEntry(FileTable, frozen=True):
     """One effect of the catalogue with its parameters."""
 
     name: str
     parameters: Parameters = msgspec.field(default_factory=dict)
 
 
-class Covariance(Table, frozen=True):
-    """Covariance of parameters that were fitted together; names "section.key"."""
+class Covariance(FileTable, frozen=True):
+    """Covariance (n, n) of parameters of a joint fit; names "section.key"."""
 
     names: tuple[str, ...]
     matrix: tuple[tuple[float, ...], ...]
 
 
-class ModelFile(Table, frozen=True, kw_only=True):
-    """A vehicle model as a file: parameters by section, effects in their order.
+class ModelFile(FileTable, frozen=True, kw_only=True):
+    """A vehicle model as a file: parameters by section, effects in the order of application.
 
-    ``forms`` names variants of the equations: "slip", see ``vehicle.tyres.make_slip``;
-    ``speed_loop`` gains of ``drive_speed``; ``provenance`` data hashes, command.
+    ``forms``: variants of the equations, such as "slip" (``vehicle.tyres.make_slip``);
+    ``speed_loop``: gains of ``drive_speed``; ``provenance``: hashes of the data, command.
     """
 
-    schema: str = SCHEMA
+    schema: str = MODEL_SCHEMA
     name: str
     kind: Literal["kinematic", "dynamic"]
     body: Parameters
@@ -66,26 +66,26 @@ class ModelFile(Table, frozen=True, kw_only=True):
     provenance: dict[str, Any] = msgspec.field(default_factory=dict)
 
     def values(self, section: str) -> dict[str, float]:
-        """The plain numbers of one section, standard errors left out."""
+        """Return the values of one section without standard errors."""
         return {key: plain(entry) for key, entry in getattr(self, section).items()}
 
 
 def plain(entry: Parameter) -> float:
-    """The number of a parameter, whichever way it is written."""
+    """Return the value of a parameter, with or without a standard error."""
     return entry.value if isinstance(entry, Quantity) else float(entry)
 
 
 def parse_model(text: str, origin: str) -> ModelFile:
-    """Read the text of a model.toml. Raises ConfigError naming ``origin`` and key."""
+    """Read the text of a model.toml. Raises ConfigError with ``origin`` and key."""
     return check_model(parse(text, ModelFile, origin), origin)
 
 
 def check_model(model: ModelFile, origin: str) -> ModelFile:
-    """The laws of the file; returns ``model``. Raises ConfigError."""
-    for section, known in KNOWN.items():
+    """Check the keys and numbers of a model and return it. Raises ConfigError."""
+    for section, known in MODEL_PARAMETERS.items():
         for key, entry in getattr(model, section).items():
             if key not in known:
-                raise unknown_key(key, known, origin, section)
+                raise unknown_key_error(key, known, origin, section)
             _check_entry(entry, f"{section}.{key}", origin)
     for effect in model.effects:
         for key, entry in effect.parameters.items():

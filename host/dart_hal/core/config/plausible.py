@@ -1,8 +1,7 @@
-"""Ranges in which every number of ``car.toml`` and ``calibration.toml`` has to be.
+"""Valid ranges of the numbers of ``car.toml`` and ``calibration.toml``.
 
-They are wider than any car on wheels, from 1:43 to 1:1, so a value outside is a typing error, a
-wrong unit or a damaged file. Without them such a number would be met later, as an overflow or a
-division by zero in the middle of a drive.
+They include every car from 1:43 to 1:1, so a value outside is a typing error, a wrong unit or a
+damaged file. Without this check it would cause an overflow or a division by zero during a drive.
 """
 
 from __future__ import annotations
@@ -16,7 +15,8 @@ from dart_hal.core.config.quantity import Quantities, Quantity
 
 Range = tuple[float, float, str]
 
-CAR: Mapping[str, Range] = {
+# Lowest and highest value and unit, by key of car.toml.
+CAR_RANGES: Mapping[str, Range] = {
     "geometry.wheelbase": (0.02, 10.0, "m"),
     "geometry.l_f": (0.001, 10.0, "m"),
     "geometry.l_r": (0.001, 10.0, "m"),
@@ -46,7 +46,8 @@ CAR: Mapping[str, Range] = {
     "limits.throttle_slew": (1e-6, 1e6, "1/s"),
     "limits.encoder_lost_throttle": (0.0, 1.0, ""),
 }
-CALIBRATION: Mapping[str, Range] = {
+# The same of calibration.toml.
+CALIBRATION_RANGES: Mapping[str, Range] = {
     "steering.backlash": (-0.5, 0.5, "rad; are these degrees?"),
     "steering.slew_us_s": (1.0, 1e7, "us/s"),
     "throttle.deadband_forward_us": (-500.0, 2500.0, "us"),
@@ -74,8 +75,8 @@ CALIBRATION: Mapping[str, Range] = {
     "lidar.mount_y": (-10.0, 10.0, "m"),
     "lidar.mount_yaw": (-tau, tau, "rad; are these degrees?"),
 }
-NOT_IN_NAMES = "<>[]{}\\\"`$|;"
-"""Characters that terminals, browsers or shells would take for something else."""
+# Characters with a special meaning in terminals, browsers or shells.
+FORBIDDEN_CHARACTERS = "<>[]{}\\\"`$|;"
 
 
 def check_ranges(thing: Any, ranges: Mapping[str, Range], origin: str) -> None:
@@ -89,9 +90,9 @@ def check_ranges(thing: Any, ranges: Mapping[str, Range], origin: str) -> None:
 
 
 def check_name(name: str, origin: str) -> None:
-    """Raise ConfigError for a name that is no folder, or that shows as something else."""
+    """Raise ConfigError for a name that is not usable as a folder or not safe to print."""
     usable = (bool(name.strip()) and name.isprintable() and len(name) <= 64 and "/" not in name
-              and name not in (".", "..") and not set(name) & set(NOT_IN_NAMES))
+              and name not in (".", "..") and not set(name) & set(FORBIDDEN_CHARACTERS))
     require(usable, origin, "name", repr(name[:80]),
             "a folder name of at most 64 characters: letters, digits, blanks, . - _")
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import msgspec
 
 
-class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Base of every table: strict about its keys."""
+class FileTable(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base class of every table of a file; unknown keys are errors."""
 
 
-class Quantity(Table, frozen=True):
-    """A measured value with one standard error, in the unit its key names.
+class Quantity(FileTable, frozen=True):
+    """A measured value and its standard error, in the unit of its key.
 
-    ``method`` says in a few words how it was obtained.
+    ``method``: how it was measured, in a few words.
     """
 
     value: float
@@ -20,8 +20,8 @@ class Quantity(Table, frozen=True):
     method: str | None = None
 
 
-class Quantities(Table, frozen=True):
-    """Several values that belong together; ``std`` one for all, or one each."""
+class Quantities(FileTable, frozen=True):
+    """Several values of one quantity (n,); ``std``: one for all, or one for each."""
 
     value: tuple[float, ...]
     std: float | tuple[float, ...]

@@ -1,8 +1,8 @@
-"""Ranges of the two numbers that decide whether a neutral pulse is neutral.
+"""Valid ranges of the two numbers that define the neutral pulse.
 
 Every layer that stops the car by a neutral pulse computes it from the neutral [us] and the
-oscillator [Hz] of the car's files. One mistyped digit in either of them would make each of
-these layers drive the car, so a value outside of these ranges is refused when it is read.
+oscillator [Hz] of the car's files. One wrong digit in either of them would make each of these
+layers drive the car. A value outside of these ranges is therefore an error when it is read.
 """
 
 from __future__ import annotations
@@ -10,19 +10,19 @@ from __future__ import annotations
 from dart_hal.core.config.parse import require
 from dart_hal.core.config.quantity import Quantity
 
+# Hz. The data sheet gives 25 MHz; boards between 23 and 27 MHz were reported.
 OSCILLATOR_HZ = (22e6, 28e6)
-"""Hz. The data sheet gives 25 MHz; boards between 23 and 27 MHz were reported."""
+# Relative standard error of a measured oscillator: 7.5 us of a pulse of 1500 us.
 MAX_CLOCK_STD = 0.005
-"""Relative standard error of a measured oscillator: 7.5 us of a pulse of 1500 us."""
+# us. ESCs are built for 1500 us; trimming moves that by some 10 us.
 NEUTRAL_US = (1400.0, 1600.0)
-"""us. ESCs are built for 1500 us; trimming moves that by some 10 us."""
+# us by which a measured neutral may differ from the one that car.toml marks as deliberate: the dead
+# band of an ESC is about 25 us to either side.
 DELIBERATE_WITHIN_US = 30.0
-"""us by which a measured neutral may differ from the one that car.toml marks as deliberate:
-the dead band of an ESC is about 25 us to either side."""
 
 
 def check_oscillator(clock: Quantity | None, origin: str) -> None:
-    """Raise ConfigError unless the oscillator is in range and known well enough."""
+    """Raise ConfigError unless the oscillator is in range and its standard error small enough."""
     if clock is None:
         return
     low, high = OSCILLATOR_HZ

@@ -1,4 +1,4 @@
-"""Which entry of a file msgspec's message is about, and what may stand there."""
+"""Find the entry of a file that a message of msgspec refers to, and its permitted values."""
 
 from __future__ import annotations
 
@@ -8,22 +8,22 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 import msgspec
 
-TYPES: dict[str, type] = {"str": str, "bool": bool, "int": int, "float": float, "array": list,
-                          "object": dict}
-WORDS = {"float": "a number", "int": "a whole number", "str": "text in quotes",
-         "bool": "true or false", "array": "a list", "object": "a table"}
-QUANTITY = "a number, or { value = ..., std = ... }"
+PYTHON_TYPES: dict[str, type] = {"str": str, "bool": bool, "int": int, "float": float,
+                                 "array": list, "object": dict}
+TYPE_DESCRIPTIONS = {"float": "a number", "int": "a whole number", "str": "text in quotes",
+                     "bool": "true or false", "array": "a list", "object": "a table"}
+QUANTITY_DESCRIPTION = "a number, or { value = ..., std = ... }"
 _GOT = re.compile(r"got `(\w+)`")
 
 
-def locate(data: Any, path: str, what: str, lacks: str = "") -> tuple[str, Any]:
-    """(key, value) that a message ``what`` at ``path`` is about; lacks: the key missing there.
+def find_entry(data: Any, path: str, what: str, lacks: str = "") -> tuple[str, Any]:
+    """Return (key, value) of the entry that a message ``what`` at ``path`` refers to.
 
-    msgspec writes ``[...]`` for a key of a free table or a row of a list: the
-    first entry to which the message applies is meant.
+    lacks: the key that is missing there. msgspec writes ``[...]`` for a key of a free table or a
+    row of a list: the result is the first entry to which the message applies.
     """
     got = _GOT.search(what)
-    kind = TYPES.get(got[1]) if got else None
+    kind = PYTHON_TYPES.get(got[1]) if got else None
 
     def fits(value: Any) -> bool:
         if lacks:
@@ -36,11 +36,12 @@ def locate(data: Any, path: str, what: str, lacks: str = "") -> tuple[str, Any]:
 
 def _entries(data: Any, parts: list[str], fits: Callable[[Any], bool],
              path: str) -> Iterator[tuple[str, Any]]:
+    """Iterate over the entries of a path that fit; ``...`` is any key or row."""
     if not parts:
         if fits(data):
             yield path, data
         return
-    first, rest = parts[0], parts[1:]
+    first, *rest = parts
     if isinstance(data, Mapping):
         for key in data if first == "..." else [first]:
             yield from _entries(data.get(key), rest, fits, f"{path}.{key}" if path else str(key))
@@ -50,19 +51,19 @@ def _entries(data: Any, parts: list[str], fits: Callable[[Any], bool],
                 yield from _entries(data[i], rest, fits, f"{path}[{i}]")
 
 
-def wanted(what: str) -> str:
-    """The types of "Expected `a | b`, got ..." in words; "" for another message."""
+def describe_expected(what: str) -> str:
+    """Describe the types of "Expected `a | b`, got ..." in words; "" for another message."""
     named = re.match(r"Expected `([^`]+)`", what)
     if not named:
         return ""
     kinds = [k for k in named[1].split(" | ") if k != "null"]
     if kinds == ["float", "object"]:
-        return QUANTITY
-    return " or ".join(WORDS.get(k, k) for k in kinds)
+        return QUANTITY_DESCRIPTION
+    return " or ".join(TYPE_DESCRIPTIONS.get(k, k) for k in kinds)
 
 
-def choices(cls: type[msgspec.Struct], path: str) -> tuple[str, ...]:
-    """What a key with a fixed set of values may be; () for another key."""
+def list_choices(cls: type[msgspec.Struct], path: str) -> tuple[str, ...]:
+    """Return the permitted values of a key with a fixed set of them; () for another key."""
     hint: Any = cls
     for part in re.findall(r"[^.\[\]]+", path):
         tables = [h for h in (hint, *get_args(hint)) if hasattr(h, "__struct_fields__")]

@@ -1,8 +1,8 @@
-"""Writing the files of a car: comments stay, the old version is kept, no half file.
+"""Write the files of a car: comments are preserved, previous versions archived.
 
-The new text is written beside the file and moved over it, so that a reader or
-a power cut sees the old file or the new one. The previous version goes to
-``history/NAME-0001.toml``, ``-0002`` and so on.
+The new text is written to a temporary file in the same folder, which then replaces the file. A
+reader, also after a power cut, has either the old file or the new one, never a part of it. The
+previous version is copied to ``history/NAME-0001.toml``, ``-0002`` and so on.
 """
 
 from __future__ import annotations
@@ -28,46 +28,47 @@ Document = tomlkit.TOMLDocument | AbstractTable | InlineTable
 Plain = Mapping[str, Any]
 
 
-def as_plain(thing: msgspec.Struct) -> dict[str, Any]:
-    """The tables of a file as builtin types; what is not known is left out."""
-    data = _known(msgspec.to_builtins(thing, builtin_types=(datetime, date, time)))
+def to_tables(thing: msgspec.Struct) -> dict[str, Any]:
+    """Convert a file to tables of builtin types, without unknown values and empty tables."""
+    data = _drop_unknown(msgspec.to_builtins(thing, builtin_types=(datetime, date, time)))
     return {key: value for key, value in data.items() if value != []}
 
 
-def _known(data: Any) -> Any:
+def _drop_unknown(data: Any) -> Any:
+    """Return the data without None and empty tables."""
     if isinstance(data, Mapping):
-        inner = {key: _known(value) for key, value in data.items()}
+        inner = {key: _drop_unknown(value) for key, value in data.items()}
         return {key: value for key, value in inner.items() if value is not None and value != {}}
-    return [_known(value) for value in data] if isinstance(data, list | tuple) else data
+    return [_drop_unknown(value) for value in data] if isinstance(data, list | tuple) else data
 
 
 def dump(thing: msgspec.Struct) -> str:
-    """TOML text of a car, calibration or model."""
-    return _merged(tomlkit.document(), as_plain(thing), {})
+    """Return the TOML text of a car, calibration or model."""
+    return _render_merged(tomlkit.document(), to_tables(thing), {})
 
 
 def merge(text: str, thing: msgspec.Struct) -> str:
-    """``text`` with the values of ``thing``: comments and order stay where keys do.
+    """Return ``text`` with the values of ``thing``; comments and the order of keys remain.
 
-    A key that the text leaves at its default is not written out.
+    A key that is absent from the text and has its default value is not added.
     """
     try:
-        before = as_plain(msgspec.toml.decode(text, type=type(thing)))
+        previous = to_tables(msgspec.toml.decode(text, type=type(thing)))
         document = tomlkit.parse(text)
     except (ValueError, TOMLKitError, RecursionError):
-        return dump(thing)                  # a broken file has nothing worth keeping in place
-    return _merged(document, as_plain(thing), before)
+        return dump(thing)  # of an invalid file nothing can be preserved
+    return _render_merged(document, to_tables(thing), previous)
 
 
 def save(thing: msgspec.Struct, path: Path) -> Path:
-    """Write ``thing`` to ``path`` (folders are made); the old file goes to history/."""
+    """Write ``thing`` to ``path``, with its folders; the old file is copied to history/."""
     path.parent.mkdir(parents=True, exist_ok=True)
     old = read_text(path) if path.exists() else None
     text = dump(thing) if old is None else merge(old, thing)
     if old == text:
         return path
     if old is not None:
-        keep(path)
+        archive_version(path)
     replace(path, text)
     return path
 
@@ -90,51 +91,56 @@ def check_writable(folder: Path) -> None:
                           remedy="name another folder, or change its permissions") from error
 
 
-def keep(path: Path) -> Path:
-    """Copy a file to the next free number in history/ beside it."""
+def archive_version(path: Path) -> Path:
+    """Copy a file to the next free number in history/ of its folder; return the copy."""
     folder = path.parent / "history"
     folder.mkdir(exist_ok=True)
-    free = 1 + max((number(p) for p in folder.glob(f"{path.stem}-*{path.suffix}")), default=0)
+    versions = folder.glob(f"{path.stem}-*{path.suffix}")
+    free = 1 + max(map(version_number, versions), default=0)
     return Path(shutil.copy2(path, folder / f"{path.stem}-{free:04d}{path.suffix}"))
 
 
 def replace(path: Path, text: str) -> None:
-    """Write a file in one step: never half of it, not even after a power cut."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}")
-    with beside.open("w", encoding="utf-8", newline="\n") as file:
+    """Replace a file atomically: it is complete even after a power cut."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    with temporary.open("w", encoding="utf-8", newline="\n") as file:
         file.write(text)
         file.flush()
         os.fsync(file.fileno())
-    os.replace(beside, path)
+    os.replace(temporary, path)
 
 
-def number(path: Path) -> int:
-    """Of a version in history/; 0 for what is none."""
+def version_number(path: Path) -> int:
+    """Return the number of a version in history/; 0 for another file."""
     tail = path.stem.rpartition("-")[2]
     return int(tail) if tail.isdigit() else 0
 
 
-def _merged(document: tomlkit.TOMLDocument, data: Plain, before: Plain) -> str:
-    _merge_into(document, data, before, depth=0)
+def _render_merged(document: tomlkit.TOMLDocument, data: Plain, previous: Plain) -> str:
+    _merge_into(document, data, previous, depth=0)
     return tomlkit.dumps(document)
 
 
-def _merge_into(table: Document, data: Plain, before: Plain, depth: int) -> None:
+def _merge_into(table: Document, data: Plain, previous: Plain, depth: int) -> None:
+    """Change the entries of ``table`` that differ from ``data``; the others keep their comments.
+
+    previous: the data of the old text, with the defaults of absent keys.
+    """
     for key in [k for k in table if k not in data]:
         del table[key]
     for key, value in data.items():
         if key in table and isinstance(value, Mapping) and isinstance(table[key], Mapping):
-            _merge_into(table[key], value, before.get(key, {}), depth + 1)
-        elif (_unwrapped(table[key]) if key in table else before.get(key)) != value:
+            _merge_into(table[key], value, previous.get(key, {}), depth + 1)
+        elif (_unwrap(table[key]) if key in table else previous.get(key)) != value:
             table[key] = _item(value, depth)
 
 
-def _unwrapped(item: Any) -> Any:
+def _unwrap(item: Any) -> Any:
     return item.unwrap() if isinstance(item, Item) else item
 
 
 def _item(value: Any, depth: int) -> Any:
-    """Top tables get a header, tables inside them one line each, effects [[...]]."""
+    """Convert a value: a top table has a header, a table inside it one line, effects [[...]]."""
     if isinstance(value, Mapping) and depth == 0:
         table = tomlkit.table()
         for key, inner in value.items():

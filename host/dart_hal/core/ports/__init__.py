@@ -1,7 +1,7 @@
-"""Shapes of what lies outside: I2C bus, link to a Nano, clock, poses, lidar, camera, the workshop.
+"""Protocols of external devices: I2C bus, link to a Nano, clock, poses, lidar, camera, operator.
 
-Protocols that whoever drives, records or simulates a car may know; what
-implements them stands above.
+Code that drives, records or simulates a car depends on these protocols. The implementations are in
+higher layers.
 """
 
 from dart_hal.core.ports.bus import Bus

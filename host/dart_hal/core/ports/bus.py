@@ -1,6 +1,6 @@
-"""The I2C bus: its shape, and what its errors mean.
+"""The protocol of an I2C bus, and the meaning of its errors.
 
-Every OSError of a transfer leaves the rooms as a BusError that says so.
+Drivers convert every OSError of a transfer to a BusError with cause and remedy.
 """
 
 from __future__ import annotations
@@ -11,20 +11,22 @@ from typing import Protocol, runtime_checkable
 
 from dart_hal.core.errors import BusError
 
+# Error numbers by which drivers report a missing acknowledge.
 NACK = (errno.EREMOTEIO, errno.ENXIO, errno.EIO)
-"""Error numbers with which drivers report a missing acknowledge."""
 
+# (description, likely cause) by error number.
 _MEANING = {
-    errno.EREMOTEIO: ("nobody acknowledged the address or a byte",
+    errno.EREMOTEIO: ("no device acknowledged the address or a byte",
                       "wrong address (decimal 40 for 0x40), wrong bus, loose jumper, no power"),
-    errno.ENXIO: ("nobody acknowledged the address", "wrong address, wrong bus or no power"),
-    errno.EIO: ("the transfer broke off", "loose jumper, or wires too long for the clock"),
-    errno.ETIMEDOUT: ("the bus did not become free", "SDA or SCL held low: a part without power, "
+    errno.ENXIO: ("no device acknowledged the address", "wrong address, wrong bus or no power"),
+    errno.EIO: ("the transfer was interrupted", "loose jumper, or wires too long for the clock"),
+    errno.ETIMEDOUT: ("the bus did not become free", "SDA or SCL stays low: a part without power, "
                       "or a slave stopped in the middle of a byte"),
     errno.EAGAIN: ("arbitration was lost", "a second master, or noise on the wires"),
-    errno.EBUSY: ("a kernel driver owns that address", "unbind the driver from the device tree"),
+    errno.EBUSY: ("a kernel driver uses that address", "unbind the driver from the device tree"),
     errno.ENOENT: ("there is no such bus", "another bus number, or I2C is switched off"),
-    errno.EACCES: ("this user may not open the bus", "the user is not in the group i2c"),
+    errno.EACCES: ("this user has no permission to open the bus",
+                   "the user is not in the group i2c"),
 }
 _REMEDY = {
     errno.ENOENT: "ls /dev/i2c-* ; then set [pwm] bus in car.toml",
@@ -33,7 +35,7 @@ _REMEDY = {
 
 
 def explain(error: OSError, address: int | None, where: str) -> BusError:
-    """An OSError of an I2C transfer as a BusError with cause and remedy."""
+    """Convert an OSError of an I2C transfer to a BusError with cause and remedy."""
     if isinstance(error, BusError):
         return error
     what, likely = _MEANING.get(error.errno or 0, (str(error), ""))
@@ -46,7 +48,7 @@ def explain(error: OSError, address: int | None, where: str) -> BusError:
 
 @runtime_checkable
 class Bus(Protocol):
-    """The shape of ``busio.I2C`` that Adafruit's drivers use."""
+    """The methods of ``busio.I2C`` that Adafruit's drivers use."""
 
     def try_lock(self) -> bool: ...
     def unlock(self) -> None: ...
@@ -61,5 +63,5 @@ class Bus(Protocol):
 
 
 def bus_name(bus: object) -> str:
-    """How a bus is called in messages: its device, or its class."""
+    """Return the name of a bus in messages: its device, else its class."""
     return os.fspath(getattr(bus, "where", type(bus).__name__))

@@ -1,4 +1,4 @@
-"""Images of a camera that sees the car, or sits on it."""
+"""Images of a camera on the car or in its surroundings."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from dart_hal.core.types import Image
 
 
 class ImageSource(Protocol):
-    """A stream of images of one camera. ``name``: what messages call it."""
+    """A stream of images of one camera. ``name``: its name in messages."""
 
     name: str
 
     @property
     def trouble(self) -> DartHalError | None:
-        """Why no images come now, None while they do. Never raised: the car drives on."""
+        """The error while no images are received, else None. Not raised: the car keeps driving."""
 
     def poll(self, now: float) -> Sequence[Image]:
-        """Images that came since the last call, in order; never blocks, and keeps few: of a
-        program that is too slow the oldest are dropped.
+        """Return the images since the last call, in order; never blocks.
 
-        now [s]: the car's clock at this moment, on which their times are told.
+        The buffer is short: if the program is too slow, the oldest images are dropped.
+        now [s]: present time of the car's clock, to which the times of the images refer.
         """
 
     def close(self) -> None:
-        """Let go of the device; idempotent."""
+        """Close the device; idempotent."""

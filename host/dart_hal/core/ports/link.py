@@ -1,4 +1,4 @@
-"""Bytes to and from a Nano, and the time in which they travel."""
+"""Bytes to and from a Nano, and the clock of the link."""
 
 from __future__ import annotations
 
@@ -17,41 +17,41 @@ class Chunk:
 
 
 class Link(Protocol):
-    """A byte stream to a Nano; a base class, too.
+    """A byte stream to a Nano; also a base class.
 
-    read, write and close are a link's own. The rest has an answer already, that
-    of a line without a rate, a port or a past: whoever knows better says so.
+    Implementations define read, write and close. The other members have defaults for a link
+    without line rate, port or recording.
     """
 
     rates: tuple[int, ...] = ()
-    """Line rates [bit/s] at which a Nano may be."""
+    """Line rates [bit/s] that a Nano may use."""
     device: str = ""
     """Name of the port; "" = there is none."""
     applied: Applied | None = None
-    """What the pins carried when the newest chunk arrived; None = it was not recorded."""
+    """Output of the pins at the arrival of the newest chunk; None = not recorded."""
 
     @property
     def baud(self) -> int:
-        """Line rate now [bit/s]; 0 = the line has none of its own."""
+        """Present line rate [bit/s]; 0 = the link has no rate."""
         return 0
 
     def set_baud(self, baud: int) -> None:
-        """Go on at another of ``rates``. Raises LinkLost."""
+        """Change to another of ``rates``. Raises LinkLost."""
         return
 
     def ping_sent(self, ping_id: int) -> float | None:
-        """Host time [s] at which that ping had left; None = it was not recorded."""
+        """Return the host time [s] at which the ping was sent; None = not recorded."""
         return None
 
     def read(self, timeout: float) -> Chunk | None:
-        """Block up to ``timeout`` s of this backend's clock; None = nothing came.
+        """Wait up to ``timeout`` s of this backend's clock for bytes; None = no bytes received.
 
         Returns at the latest at the next frame delimiter in virtual time.
-        Raises LinkLost when the other end is gone.
+        Raises LinkLost if the device is disconnected.
         """
 
     def write(self, data: bytes) -> None:
-        """Queue bytes; they start on the line now. Raises LinkLost."""
+        """Queue bytes and start to send them. Raises LinkLost."""
 
     def close(self) -> None: ...
 
@@ -62,4 +62,4 @@ class Clock(Protocol):
     def now(self) -> float: ...
 
     def sleep(self, seconds: float) -> None:
-        """Let time pass; in virtual time the world advances."""
+        """Wait; in virtual time the simulation advances."""

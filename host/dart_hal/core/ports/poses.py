@@ -1,4 +1,4 @@
-"""Poses of the car that something outside of it measures: motion capture, beacons, a camera."""
+"""External poses of the car: from motion capture, beacons or a camera."""
 
 from __future__ import annotations
 
@@ -9,18 +9,21 @@ from dart_hal.core.types import ExternalPose
 
 
 class PoseSource(Protocol):
-    """A stream of poses of one body. ``name``: what messages call it; ``on_board``: they are of the
-    rear axle and by the car's own clock, for the car makes them itself."""
+    """A stream of poses of one body. ``name``: its name in messages.
+
+    ``on_board``: the car computes the poses itself; they are poses of the rear axle, with stamps
+    of the car's clock.
+    """
 
     name: str
     on_board: bool
 
     def poll(self, now: float) -> Sequence[ExternalPose]:
-        """Poses that have arrived since the last call, in order of arrival; never blocks.
+        """Return the poses since the last call, in the order of arrival; never blocks.
 
-        now [s]: the car's clock at this moment, on which ``arrival`` is told.
-        Bytes that are no pose are counted by the source, not raised.
+        now [s]: present time of the car's clock, to which ``arrival`` refers.
+        The source counts invalid packets; they raise no error.
         """
 
     def close(self) -> None:
-        """Let go of sockets and files; idempotent."""
+        """Close sockets and files; idempotent."""

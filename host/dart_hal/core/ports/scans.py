@@ -1,4 +1,4 @@
-"""Scans of a lidar that sits on the car."""
+"""Scans of a lidar on the car."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from dart_hal.core.types import Scan
 
 
 class ScanSource(Protocol):
-    """A stream of scans of one lidar. ``name``: what messages call it."""
+    """A stream of scans of one lidar. ``name``: its name in messages."""
 
     name: str
 
     @property
     def trouble(self) -> DartHalError | None:
-        """Why no scans come now, None while they do. Never raised: the car drives on."""
+        """The error while no scans are received, else None. Not raised: the car keeps driving."""
 
     def poll(self, now: float) -> Sequence[Scan]:
-        """Scans that became complete since the last call, in order; never blocks.
+        """Return the scans completed since the last call, in order; never blocks.
 
-        now [s]: the car's clock at this moment, on which their times are told.
-        Bytes that are no packet are counted by the source, not raised.
+        now [s]: present time of the car's clock, to which the times of the scans refer.
+        The source counts invalid packets; they raise no error.
         """
 
     def close(self) -> None:
-        """Let go of the port; idempotent."""
+        """Close the port; idempotent."""

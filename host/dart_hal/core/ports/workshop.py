@@ -1,49 +1,49 @@
-"""The person beside the car."""
+"""The operator interface: what a person measures and does during a calibration."""
 
 from __future__ import annotations
 
 from math import radians
 from typing import Protocol
 
-TAPE = 0.002
-"""m, one sigma of a tape along the floor, with what the chalk is wide."""
-SIGHT = radians(0.5)
-"""rad, one sigma of sighting along the car's side."""
-SCALE = 0.002
-"""kg, one sigma of a kitchen scale: its last digit is a gram, and it repeats to two."""
+# m, standard deviation of a tape measure on the floor, including the width of the chalk line.
+TAPE_STD = 0.002
+# rad, standard deviation of sighting along the side of the car.
+SIGHT_STD = radians(0.5)
+# kg, standard deviation of a kitchen scale: its resolution is 1 g, its repeatability 2 g.
+SCALE_STD = 0.002
 
 
 class Workshop(Protocol):
-    """What a person with chalk, a tape, a scale and a stand does; a simulated car brings its own.
+    """Actions of a person with chalk, tape measure, scale and car jack; a simulation has its own.
 
-    ``mark`` chalks the spot and the heading; the others are measured from there.
+    ``mark`` marks position and heading on the floor; distance and yaw are measured from there.
     """
 
     def mark(self) -> None: ...
 
     def distance(self) -> float:
-        """Path rolled since the mark [m], forward positive, +- ``TAPE``."""
+        """Return the distance rolled since the mark [m], forward positive, +- ``TAPE_STD``."""
 
     def turns(self) -> float:
-        """Yaw since the mark [rad], left positive, full turns counted, +- ``SIGHT``."""
+        """Return the yaw since the mark [rad], left positive, unwrapped, +- ``SIGHT_STD``."""
 
     def lift(self) -> None:
-        """Puts the car on a stand, all wheels off the ground and free to spin."""
+        """Lift the car so that all wheels are off the ground and spin freely."""
 
     def set_down(self) -> None:
-        """Puts the car back on the floor."""
+        """Set the car back on the floor."""
 
     def push(self) -> bool:
-        """Turns the wheels by hand, on the floor by pushing the car; whether they turn freely.
+        """Turn the wheels by hand or push the car; return whether the wheels turn freely.
 
-        They may turn for a second after the answer.
+        They may turn for one more second.
         """
 
     def wheels_turned(self) -> int:
-        """Which way the wheels turned when they last did: 1 forward, -1 backward, 0 not at all."""
+        """Return the last direction of the wheels: 1 forward, -1 backward, 0 no motion."""
 
     def mass(self) -> tuple[float, float]:
-        """(reading, one sigma) of a kitchen scale under the car [kg]."""
+        """Return (reading, standard deviation) of a kitchen scale under the car [kg]."""
 
     def axle_loads(self) -> tuple[float, float, float]:
-        """(front, rear, one sigma) [kg]: one axle on the scale at a time, the car level."""
+        """Return (front, rear, standard deviation) [kg]: one axle on the scale, the car level."""

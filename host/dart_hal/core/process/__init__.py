@@ -1,1 +1,1 @@
-"""This process among others: forked children, locks that end with a process, work on all cores."""
+"""Processes: forked children, locks that end with a process, computations on all cores."""

@@ -11,9 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 DISTRIBUTION = "dart-hal"
+# Packages by the name under which they are imported, where the two differ.
 PACKAGES = {"PIL": "pillow", "cv2": "opencv-python-headless", "serial": "pyserial",
             "yaml": "pyyaml", "zenoh": "eclipse-zenoh"}
-"""Packages by the name under which they are imported, where the two differ."""
 
 
 def install_command(*names: str) -> str:

@@ -1,9 +1,9 @@
-"""What a forked child must not keep of a program that drives.
+"""Detach forked children from the files of a process that drives.
 
-A child has every descriptor of its parent: with a worker still alive, the
-guard's pipe would not end when the driver dies, and port and lock would stay
-taken. Worse, a child that ends would flush and close what is not its own. So
-in a child each private file becomes /dev/null, under its old number.
+A child inherits every descriptor of its parent. While it is alive, the guard's pipe would not end
+when the driver dies, and port and lock would stay in use. A child that ends would also flush and
+close the parent's files. In a child, each private file therefore becomes /dev/null under its old
+descriptor.
 """
 
 from __future__ import annotations
@@ -30,29 +30,30 @@ _children: set[WeakMethod[Callable[[], None]]] = set()
 
 
 def private(file: F) -> F:
-    """``file`` is of this process alone from now on, as long as it is open; returns it."""
+    """Detach forked children from ``file`` while it is open; return it."""
     _private.add(file)
     return file
 
 
-def in_child(method: Callable[[], None]) -> None:
-    """Call a bound ``method`` in each forked child, while its object lives."""
+def call_in_children(method: Callable[[], None]) -> None:
+    """Call a bound ``method`` in each forked child while its object exists."""
     _children.add(WeakMethod(method, _children.discard))
 
 
-class ParentsLock(AbstractContextManager[None]):
-    """Stands in a child where the lock of a driving parent was: it cannot be taken."""
+class ForkedCarLock(AbstractContextManager[None]):
+    """Replaces the lock of a driving parent in its children; it cannot be acquired."""
 
     def __enter__(self) -> None:
         raise LinkLost("the car belongs to the process that opened it", found="a forked child",
-                       likely="multiprocessing or os.fork() in the middle of a drive",
-                       remedy="drive in the parent; let workers send it what they have computed")
+                       likely="multiprocessing or os.fork() during a drive",
+                       remedy="drive in the parent process; workers send it their results")
 
     def __exit__(self, *_: object) -> None:
-        """Nothing was taken."""
+        """Nothing was acquired."""
 
 
-def _let_go() -> None:
+def _detach() -> None:
+    """Replace the private files of a new child by /dev/null, then call its methods."""
     null = os.open(os.devnull, os.O_RDWR)
     for file in list(_private):
         with suppress(OSError, ValueError):  # closed, or a port that is not open
@@ -64,4 +65,4 @@ def _let_go() -> None:
             method()
 
 
-os.register_at_fork(after_in_child=_let_go)
+os.register_at_fork(after_in_child=_detach)

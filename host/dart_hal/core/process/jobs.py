@@ -1,8 +1,7 @@
-"""Independent pieces of work on several cores, through joblib alone.
+"""Run independent computations on several cores by joblib.
 
-Whoever outgrows one machine changes one line, ``joblib.parallel_config(
-backend="dask")``: what is fanned out below it runs on that cluster
-(examples/diagnose_on_a_cluster.py), with the same results.
+To use a cluster, call ``joblib.parallel_config(backend="dask")`` first: the computations then run
+on that cluster (examples/diagnose_on_a_cluster.py), with the same results.
 """
 
 from __future__ import annotations
@@ -12,37 +11,39 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
-PARTS = 8  # of the items: what a process needs to know is much more than an item
-ENOUGH = 300.0  # s of driving; below that, starting processes takes longer than they save
+# Packets of items for the processes: the data that a process needs are much larger than an item.
+DEFAULT_PARTS = 8
+# s of driving. Below that, starting processes takes longer than the computation.
+MIN_PARALLEL_SECONDS = 300.0
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def wanted(seconds: float) -> int:
-    """Processes for so many seconds of driving."""
-    return cores() if seconds >= ENOUGH else 1
+def choose_processes(seconds: float) -> int:
+    """Return the number of processes for a recording of so many seconds of driving."""
+    return cores() if seconds >= MIN_PARALLEL_SECONDS else 1
 
 
 def cores() -> int:
-    """Those that this process may run on."""
+    """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
 
 
 def each(work: Callable[[Item], Result], items: Sequence[Item], jobs: int = 1, *,
-         parts: int = PARTS) -> Iterator[Result]:
-    """What work makes of each item, in any order; what it makes must not depend on the others.
+         parts: int = DEFAULT_PARTS) -> Iterator[Result]:
+    """Apply ``work`` to each item; the results are in any order and independent of each other.
 
-    jobs: processes; 1 = none but this one, unless joblib was given a backend.
-    parts: packets into which the items are divided; their results arrive together.
+    jobs: processes; 1 = this process, unless joblib has a backend.
+    parts: packets of items; the results of a packet arrive together.
     """
-    if jobs == 1 and "joblib" not in sys.modules:  # nobody has given it a backend
+    if jobs == 1 and "joblib" not in sys.modules:  # without joblib there is no backend
         yield from map(work, items)
         return
     from joblib import Parallel, delayed, effective_n_jobs
 
-    n_jobs = None if jobs == 1 else jobs  # None: what joblib.parallel_config says, else 1
+    n_jobs = None if jobs == 1 else jobs  # None: that of joblib.parallel_config, else 1
     if len(items) < 2 or effective_n_jobs(n_jobs) == 1:
         yield from map(work, items)
         return
@@ -52,17 +53,17 @@ def each(work: Callable[[Item], Result], items: Sequence[Item], jobs: int = 1, *
         yield from part
 
 
-def beside(work: Callable[..., Result], *given: Any) -> Iterator[Result]:
-    """``work(*given)`` in a process that starts now; ``next`` waits for what it makes."""
+def start_in_background(work: Callable[..., Result], *given: Any) -> Iterator[Result]:
+    """Start ``work(*given)`` in another process; ``next`` waits for its result."""
     from joblib import Parallel, delayed
 
-    # two, for joblib works in this process where there is one
+    # With one job, joblib would work in this process.
     found: Iterator[Result] = Parallel(n_jobs=2, return_as="generator")([delayed(work)(*given)])
     return found
 
 
 def _some(work: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
-    """One packet, in one process: what it fans out itself stays there."""
+    """Compute one packet in one process; nested calls of ``each`` stay in it."""
     from joblib import parallel_config
 
     with parallel_config(backend="sequential"):

@@ -1,7 +1,7 @@
 """Wait until a file descriptor can be read or written.
 
-By poll: select refuses descriptors from 1024 on, which a program has that keeps many files or
-sockets open.
+It uses poll: select fails for descriptors from 1024 on, which occur in a program with many open
+files or sockets.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import select
 def wait_readable(descriptor: int | None, timeout: float) -> bool:
     """Wait at most ``timeout`` s for bytes, for the end of the file or for an error to be read.
 
-    None waits for the time alone. Raises ValueError for a negative descriptor.
+    None: only wait for the time. Raises ValueError for a negative descriptor.
     """
     return _wait(descriptor, select.POLLIN, timeout)
 

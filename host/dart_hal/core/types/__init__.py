@@ -1,7 +1,7 @@
-"""Values that packages pass to each other: frozen, SI units, ISO 8855 axes.
+"""Values that packages exchange: frozen, in SI units, in ISO 8855 axes.
 
-x forward, y left, angles positive to the left. A name carries a suffix only
-when its unit is not SI (``_us``, ``_deg``, ``_ticks``).
+x forward, y left, angles positive to the left. A name has a suffix only if its unit is not SI
+(``_us``, ``_deg``, ``_ticks``).
 """
 
 from __future__ import annotations
@@ -25,13 +25,12 @@ BoolArray = NDArray[np.bool_]
 
 
 class Limit(str, Enum):
-    """Why the pins do not carry what was asked for.
+    """Why the pins do not output the requested command.
 
-    VALIDITY: the command holds for less than its ``valid_for``, 0.5 s or raw 0.2 s.
-    PULSES_OFF: servo and ESC get no pulse at all, since no State shows whether the car moves, or
-    since it sped up at neutral (MOVES_AT_NEUTRAL).
-    A command that lost against a source of higher priority is said as the
-    string ``"OVERRIDDEN(name)"``.
+    VALIDITY: the command is valid for less than its ``valid_for``: 0.5 s, or 0.2 s if raw.
+    PULSES_OFF: servo and ESC have no pulses, because no State shows whether the car moves, or
+    because it accelerated at neutral (MOVES_AT_NEUTRAL).
+    A command that a source of higher priority overrides has the string ``"OVERRIDDEN(name)"``.
     """
 
     RANGE = "RANGE"
@@ -52,18 +51,18 @@ class Limit(str, Enum):
 
 
 class Doubt(str, Enum):
-    """What is known against a number of the State; the prefix names the sensor.
+    """Detected fault of a value of the State; the prefix is the sensor.
 
-    ENCODER_DEAD no edges though the wheels must turn; ENCODER_LOW too few (with
-    both of them motion is felt that no edge tells),
-    ENCODER_HIGH more than throttle or hand explain; ENCODER_NOISY edges that no
-    wheel makes were dropped; ENCODER_SLIPS the wheels turn faster than the car
-    (they spin, or are lifted). IMU_ZERO, IMU_RANGE, IMU_STEP: samples that
-    cannot be; IMU_DISAGREES: a yaw rate that the wheels contradict. CAR_SLIDES:
-    it turns faster than its wheels explain; the gyro is believed. DIRECTION_UNSURE: the wheels
-    turn, and neither command nor acceleration says which way: speed and travel may have the
-    other sign. SAMPLES_JUMPED: samples of the IMU jumped and returned, two within 3 s.
-    A single one was replaced; two in a row are in the yaw, and its covariance covers them.
+    ENCODER_DEAD: no edges although the wheels must turn. ENCODER_LOW: too few edges. In both
+    cases the IMU measures a motion that the edges do not show. ENCODER_HIGH: more edges than
+    throttle or a push by hand explain. ENCODER_NOISY: edges that no wheel can cause were dropped.
+    ENCODER_SLIPS: the wheels turn faster than the car moves (wheel spin, or a lifted car).
+    IMU_ZERO, IMU_RANGE, IMU_STEP: impossible samples. IMU_DISAGREES: a yaw rate that contradicts
+    the wheels. CAR_SLIDES: the yaw rate exceeds that of the wheels, and the gyro is used.
+    DIRECTION_UNSURE: the wheels turn, and neither command nor acceleration determines the
+    direction: speed and distance may have the other sign. SAMPLES_JUMPED: samples of the IMU
+    jumped and returned, twice within 3 s. A single one was replaced; two in a row are in the yaw,
+    and its covariance includes them.
     """
 
     ENCODER_DEAD = "ENCODER_DEAD"
@@ -83,18 +82,17 @@ class Doubt(str, Enum):
         return self.value
 
 
+# Doubts with which no feedback loop may use the speed.
 SPEED_DOUBTS = frozenset({Doubt.ENCODER_DEAD.value, Doubt.ENCODER_LOW.value,
                           Doubt.ENCODER_HIGH.value})
-"""No loop may close over a speed of which one of these is said."""
 
 
 @dataclass(frozen=True, slots=True)
 class Applied:
-    """What the pins carry now, after limits, slew and count quantisation.
+    """Present output of the pins, after limits, slew rate and quantisation to counts.
 
-    steering [rad], throttle [-1..1]; ``*_us`` are true pulse widths by the
-    calibrated PCA9685 clock. Throttle 1.0 is ``car.toml``'s throttle span
-    (450 us) above neutral.
+    steering [rad], throttle [-1..1]; ``*_us``: true pulse widths, by the calibrated PCA9685
+    clock. Throttle 1.0 is the throttle span of ``car.toml`` (450 us) above neutral.
     """
 
     steering: float
@@ -104,7 +102,7 @@ class Applied:
     limited: tuple[str, ...] = ()
 
 
-NEUTRAL = Applied(0.0, 0.0, 1500.0, 1500.0)
+NEUTRAL_APPLIED = Applied(0.0, 0.0, 1500.0, 1500.0)
 
 
 def _zero_cov() -> FloatArray:
@@ -123,23 +121,25 @@ class Pose:
     cov: FloatArray = field(default_factory=_zero_cov)
 
 
-POSE_STD, POSE_YAW_STD = 0.001, 0.002
-"""m and rad, one sigma of a motion capture that states none (docs/reference/poses.md)."""
+# m and rad, standard deviations of a motion capture without own ones (docs/reference/poses.md).
+POSE_STD = 0.001
+POSE_YAW_STD = 0.002
 
 
-MAX_COORDINATE = 1e5  # m; no room is larger, and its squares do not overflow
+# m: larger than any room, and small enough for squares.
+MAX_COORDINATE = 1e5
+# s: largest time of builtin_interfaces/Time. Unix time in ms exceeds it.
 MAX_STAMP = 2.0**31
-"""s; builtin_interfaces/Time ends there, and Unix time in ms is beyond it."""
 
 
 def nanoseconds(t: float) -> int:
-    """The nearest whole ns of t [s], exactly: a product of floats would be off by 100 ns."""
+    """Round t [s] to whole ns, exactly: a product of floats has an error of 100 ns."""
     numerator, denominator = t.as_integer_ratio()
     return (2 * numerator * 10**9 + denominator) // (2 * denominator)
 
 
 def pose_cov(std: float = POSE_STD, yaw_std: float = POSE_YAW_STD) -> FloatArray:
-    """Covariance (3, 3) of x, y, yaw without correlation; read-only."""
+    """Return the covariance (3, 3) of x, y, yaw without correlation; read-only."""
     cov = np.diag([std * std, std * std, yaw_std * yaw_std])
     cov.setflags(write=False)
     return cov
@@ -147,14 +147,14 @@ def pose_cov(std: float = POSE_STD, yaw_std: float = POSE_YAW_STD) -> FloatArray
 
 @dataclass(frozen=True, slots=True)
 class ExternalPose:
-    """Pose of a tracked body, as something outside of the car measured it.
+    """Pose of a tracked body, measured from outside of the car.
 
-    stamp [s] of the measurement on the source's own clock; arrival [s] on the
-    car's clock; x, y [m] and yaw [rad] of the marker frame in the room's frame,
-    z up; cov (3, 3) of them; frame: name of the room's frame. The stamp is kept in
-    whole ns and the yaw, wrapped to +-pi, in whole nrad: as much as a recording
-    keeps, so that a replay sees the very same numbers. Raises ValueError for
-    what is no finite number or beyond ``MAX_COORDINATE``, and for stamps that are no seconds.
+    stamp [s]: time of the measurement on the source's clock; arrival [s]: on the car's clock;
+    x, y [m] and yaw [rad]: marker frame in the room's frame, z up; cov (3, 3): their covariance;
+    frame: name of the room's frame. The stamp is rounded to whole ns and the yaw, wrapped to
+    +-pi, to whole nrad, as in a recording, so that a replay has identical numbers. Raises
+    ValueError for numbers that are not finite or exceed ``MAX_COORDINATE``, and for stamps that
+    are no seconds.
     """
 
     stamp: float
@@ -178,12 +178,11 @@ class ExternalPose:
 
 
 class Tracking(str, Enum):
-    """How well the room knows where the car is.
+    """State of the localisation by external poses.
 
-    TRACKING poses come and are believed; DEAD_RECKONING none came lately, wheels
-    and gyro carry on from the last; JUMPED poses come, but the car cannot have moved so
-    (another body, a false lock): they are not believed; LOST there was never one, or the last is
-    too old to go on from.
+    TRACKING: poses arrive and are accepted. DEAD_RECKONING: no recent pose; the last one is
+    extrapolated by wheels and gyro. JUMPED: poses arrive that the car cannot have reached
+    (another body, a wrong match) and are rejected. LOST: no pose yet, or the last one is too old.
     """
 
     TRACKING = "TRACKING"
@@ -195,22 +194,23 @@ class Tracking(str, Enum):
         return self.value
 
 
-AHEAD = 0.5
-"""s that a motion is predicted at most: longer than any delay that a controller makes up for."""
-CHANGES = (2.0, 5.0)
-"""m/s2 and rad/s2 rms by which a motion that goes on as it did is wrong: the throttle, and a
-steering angle that goes from 0 to 0.3 rad in 0.4 s at 1 m/s."""
+# s: longest prediction of a motion, longer than any delay that a controller compensates.
+MAX_PREDICTION = 0.5
+# m/s2 and rad/s2, standard deviations of the accelerations that a prediction with constant speed
+# and yaw rate neglects: of the throttle, and of a steering angle that changes by 0.3 rad in 0.4 s
+# at 1 m/s.
+ACCELERATION_STDS = (2.0, 5.0)
 
 
 @dataclass(frozen=True, slots=True)
 class MotionEstimate:
-    """Where the rear axle is at ``t`` [s] on the car's clock, and how it moves.
+    """Estimated pose and motion of the rear axle at ``t`` [s] on the car's clock.
 
-    pose: x, y [m], yaw [rad]; speed [m/s] signed; yaw_rate [rad/s]; cov (5, 5) of x, y, yaw,
-    speed, yaw_rate, read-only, its first three the covariance of ``pose``. frame: the room's, by
-    wheels, gyro and external poses in a Kalman filter (``estimation/room.py``); ``START`` where no
-    source has told a pose yet: dead reckoning from where the car was opened. tracking: what the
-    source does.
+    pose: x, y [m], yaw [rad]; speed [m/s], signed; yaw_rate [rad/s]; cov (5, 5): covariance of x,
+    y, yaw, speed, yaw_rate, read-only, its first (3, 3) block that of ``pose``. frame: that of the
+    room, if a Kalman filter combines wheels, gyro and external poses (``estimation/room.py``);
+    ``START_FRAME`` before the first external pose: dead reckoning from the pose at which the car
+    was opened. tracking: state of the source of external poses.
     """
 
     t: float
@@ -222,42 +222,55 @@ class MotionEstimate:
     tracking: Tracking
 
     def at(self, t: float) -> MotionEstimate:
-        """Predicted to t [s], as ``car.now``: it goes on at its speed and yaw rate, for 0.5 s at
-        most, and grows less sure by ``CHANGES``. An earlier t changes nothing."""
-        dt = min(t - self.t, AHEAD)
+        """Predict the motion to t [s], such as ``car.now``, with constant speed and yaw rate.
+
+        The prediction ends after ``MAX_PREDICTION``. The covariance increases by the neglected
+        accelerations (``ACCELERATION_STDS``). An earlier t returns the estimate itself.
+        """
+        dt = min(t - self.t, MAX_PREDICTION)
         if dt <= 0.0:
             return self
-        pose, length, turn = self.pose, self.speed * dt, self.yaw_rate * dt
-        c, s = cos(pose.yaw + 0.5 * turn), sin(pose.yaw + 0.5 * turn)
+        # 1. Move along the chord of the arc, in the mean direction of the motion.
+        pose = self.pose
+        length = self.speed * dt
+        turn = self.yaw_rate * dt
+        c = cos(pose.yaw + 0.5 * turn)
+        s = sin(pose.yaw + 0.5 * turn)
+        # 2. step: Jacobian (5, 5) of the prediction with respect to x, y, yaw, speed, yaw_rate.
         step = np.eye(5)
         step[:2, 2] = -length * s, length * c
         step[:2, 3] = dt * c, dt * s
         step[:2, 4] = -0.5 * dt * length * s, 0.5 * dt * length * c
         step[2, 4] = dt
-        along, turned = (change * dt for change in CHANGES)
-        by = np.zeros((5, 2))  # half of each change acts within dt
-        by[:2, 0], by[3, 0] = 0.5 * dt * along * np.array((c, s)), along
-        by[:3, 1], by[4, 1] = 0.5 * turned * step[:3, 4], turned
-        cov = step @ self.cov @ step.T + by @ by.T
+        # 3. noise (5, 2): effect of one standard deviation of each acceleration. Within dt, the
+        # mean change of speed and yaw rate is half of the final one.
+        speed_std, yaw_rate_std = (change * dt for change in ACCELERATION_STDS)
+        noise = np.zeros((5, 2))
+        noise[:2, 0] = 0.5 * dt * speed_std * np.array((c, s))
+        noise[3, 0] = speed_std
+        noise[:3, 1] = 0.5 * yaw_rate_std * step[:3, 4]
+        noise[4, 1] = yaw_rate_std
+        cov = step @ self.cov @ step.T + noise @ noise.T
         cov.setflags(write=False)
         moved = Pose(pose.x + length * c, pose.y + length * s, pose.yaw + turn, cov[:3, :3])
         return replace(self, t=self.t + dt, pose=moved, cov=cov)
 
 
-START = "start"
-"""Frame of dead reckoning: the pose at which the car was opened."""
-GYRO_STD, NO_GYRO_STD = 0.02, 0.3
-"""rad/s, one sigma of ``State.yaw_rate`` at its time, and of a yaw rate that nobody measures."""
+# Frame of dead reckoning: its origin is the pose at which the car was opened.
+START_FRAME = "start"
+# rad/s, standard deviations of ``State.yaw_rate`` and of a yaw rate that is not measured.
+GYRO_STD = 0.02
+NO_GYRO_STD = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class External:
-    """Where the car is in the room, as a source of external poses and its own wheels tell.
+    """Pose of the car in the room, from a source of external poses and the car's wheels.
 
-    pose: the marker frame at ``State.t``: the last believed pose and the odometry
-    since, with a covariance that grows (None before the first); age [s] of that
-    last one (inf = none); newest: what came last, believed or not; estimate: of the Kalman
-    filter in the room's frame, None until a believed pose has begun it.
+    pose: marker frame at ``State.t``: the last accepted pose plus the odometry since then, with a
+    growing covariance (None before the first pose); age [s]: of that last pose (inf = none);
+    newest: the last received pose, accepted or not; estimate: of the Kalman filter in the room's
+    frame (None until the first accepted pose).
     """
 
     tracking: Tracking
@@ -269,15 +282,14 @@ class External:
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """How far the numbers beside it may be trusted.
+    """Reliability of the values of a State.
 
-    ``flags``: names of ``wire.messages.STATE_FLAGS`` that are set; ``imu_age``
-    s since the IMU renewed the yaw rate (its filter is later by 5 ms), ``beat_age``
-    s (inf = none); ``lost`` frames since open; ``vcc`` in V
-    (None = not measured); ``t_std`` s, one sigma of ``State.t``;
-    ``accel_kind`` "linear" (gravity removed) or "raw"; ``calib`` the
-    BNO055's (sys, gyr, acc, mag) levels 0..3; ``doubts`` names of ``Doubt``;
-    ``jumped`` samples of the IMU since open that jumped and returned at once.
+    ``flags``: names of the ``wire.messages.STATE_FLAGS`` that are set; ``imu_age`` [s]: since the
+    last yaw rate of the IMU (its filter adds 5 ms); ``beat_age`` [s]: since the last heartbeat
+    (inf = none); ``lost``: lost frames since open; ``vcc`` [V] (None = not measured); ``t_std``
+    [s]: standard deviation of ``State.t``; ``accel_kind``: "linear" (without gravity) or "raw";
+    ``calib``: levels 0..3 of the BNO055 (sys, gyr, acc, mag); ``doubts``: names of ``Doubt``;
+    ``jumped``: samples of the IMU since open that jumped and returned at once.
     """
 
     flags: frozenset[str]
@@ -294,30 +306,29 @@ class Health:
 
     @property
     def encoder_lost(self) -> bool:
-        """The wheels must turn and no edge comes: the throttle is capped."""
+        """The wheels must turn, but there are no edges: the throttle is limited."""
         return Doubt.ENCODER_DEAD.value in self.doubts
 
     @property
     def speed_doubted(self) -> bool:
-        """The speed is not what the car does: no speed loop may use it."""
+        """The speed is not that of the car: no speed controller may use it."""
         return not SPEED_DOUBTS.isdisjoint(self.doubts)
 
     @property
     def imu_doubted(self) -> bool:
-        """The IMU's samples are not given out."""
+        """The samples of the IMU are not used."""
         return any(name.startswith("IMU_") for name in self.doubts)
 
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """One telemetry frame of the car, decoded, timed and integrated.
+    """One telemetry frame of the car: decoded, with host time and odometry.
 
-    t [s] device time mapped to the car's clock, monotone; seq frame counter,
-    unwrapped; speed [m/s] signed with one sigma; yaw_rate [rad/s],
-    accel_x, accel_y [m/s2] in body axes (None while the IMU is not valid);
-    ticks encoder edges since boot, unwrapped; external: what a source of
-    external poses knows (None: there is no such source); scan: the lidar's newest
-    whole revolution, image: the camera's newest picture (None: there was none yet).
+    t [s]: device time on the car's clock, monotone; seq: frame counter, unwrapped; speed [m/s],
+    signed, and its standard deviation; yaw_rate [rad/s], accel_x, accel_y [m/s2] in body axes
+    (None while the IMU is not valid); ticks: encoder edges since boot, unwrapped; external: pose
+    by external poses (None: no source); scan: newest complete revolution of the lidar, image:
+    newest image of the camera (None: none yet).
     """
 
     t: float
@@ -337,26 +348,29 @@ class State:
 
     @property
     def estimate(self) -> MotionEstimate:
-        """The best that is known of pose, speed and yaw rate at ``t``, with one covariance.
+        """Best estimate of pose, speed and yaw rate at ``t``, with their joint covariance.
 
-        By the Kalman filter in the room's frame once a source of poses has told one; until then,
-        and without a source, dead reckoning (``pose``) in the frame ``START``. For the present
-        moment: ``state.estimate.at(car.now)``.
+        After the first external pose, it is that of the Kalman filter in the room's frame. Before
+        and without a source, it is dead reckoning (``pose``) in ``START_FRAME``. For the present
+        time: ``state.estimate.at(car.now)``.
         """
-        seen = self.external
-        if seen is not None and seen.estimate is not None:
-            return seen.estimate
+        external = self.external
+        if external is not None and external.estimate is not None:
+            return external.estimate
         cov = np.zeros((5, 5))
         cov[:3, :3] = self.pose.cov
         cov[3, 3] = self.speed_std**2
         cov[4, 4] = (NO_GYRO_STD if self.yaw_rate is None else GYRO_STD)**2
         cov.setflags(write=False)
-        return MotionEstimate(self.t, self.pose, self.speed, self.yaw_rate or 0.0, cov, START,
-                              Tracking.DEAD_RECKONING if seen is None else seen.tracking)
+        tracking = Tracking.DEAD_RECKONING if external is None else external.tracking
+        return MotionEstimate(self.t, self.pose, self.speed, self.yaw_rate or 0.0, cov,
+                              START_FRAME, tracking)
 
     def rows(self) -> Iterator[tuple[str, str]]:
-        """What a person looks for first: (name, value with its unit)."""
-        pose, applied, health = self.pose, self.applied, self.health
+        """Iterate over the main values: (name, value with its unit)."""
+        pose = self.pose
+        applied = self.applied
+        health = self.health
         yield "t", f"{self.t:.3f} s"
         yield "speed", f"{self.speed:.3f} +- {self.speed_std:.3f} m/s"
         yield "yaw rate", "none" if self.yaw_rate is None else f"{self.yaw_rate:.3f} rad/s"
@@ -376,7 +390,7 @@ class State:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """Two emulated cars of one world began to touch at t [s], half way between them at x, y [m]."""
+    """First contact of two emulated cars: at t [s], midway between them at x, y [m]."""
 
     t: float
     cars: tuple[str, str]
@@ -384,13 +398,13 @@ class Contact:
     y: float
 
 
-NINETY = 1.645
-"""Half width of a 90 % interval of the normal distribution, in standard errors."""
+# Half width of the 90 % interval of a normal distribution, in standard deviations.
+INTERVAL_90 = 1.645
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A measured quantity: value, one sigma, unit."""
+    """A measured quantity: value, standard error, unit."""
 
     value: float
     std: float

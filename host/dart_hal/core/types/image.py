@@ -1,4 +1,4 @@
-"""One picture of a camera."""
+"""One image of a camera."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ from dataclasses import dataclass
 from struct import error as StructError  # noqa: N812
 from struct import unpack_from
 
-FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-"""Markers of JPEG behind which the size stands (ITU-T T.81, table B.1)."""
+# Markers of JPEG that precede the size of the image (ITU-T T.81, table B.1).
+START_OF_FRAME = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 @dataclass(frozen=True, slots=True)
 class Image:
-    """arrival [s]: when it was there for the car, t [s]: when it was taken, both on the car's
-    clock; jpeg: its bytes. ``t`` is of whole ns, as a recording keeps it."""
+    """One JPEG image: its times on the car's clock and its bytes.
+
+    arrival [s]: reception; t [s]: exposure, rounded to whole ns as in a recording; jpeg: bytes.
+    """
 
     arrival: float
     t: float
@@ -27,17 +29,18 @@ class Image:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height [px]. Raises ValueError for bytes that are no JPEG."""
-        at = 2
+        """Width and height [px]. Raises ValueError for invalid JPEG data."""
+        # Segments of JPEG: 0xFF, kind, length (2 bytes, included), data. Find the start of frame.
+        offset = 2
         try:
             while self.jpeg[:2] == b"\xff\xd8":
-                mark, kind, length = unpack_from(">BBH", self.jpeg, at)
+                mark, kind, length = unpack_from(">BBH", self.jpeg, offset)
                 if mark != 0xFF:
                     break
-                if kind in FRAMES:
-                    height, width = unpack_from(">HH", self.jpeg, at + 5)
+                if kind in START_OF_FRAME:
+                    height, width = unpack_from(">HH", self.jpeg, offset + 5)
                     return width, height
-                at += 2 + length
+                offset += 2 + length
         except StructError:
             pass
         raise ValueError(f"{len(self.jpeg)} bytes that are no JPEG")

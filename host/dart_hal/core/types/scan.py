@@ -1,4 +1,4 @@
-"""One revolution of a lidar: when each beam was taken, where it pointed, how far it went."""
+"""One revolution of a lidar: time, direction and distance of each beam."""
 
 from __future__ import annotations
 
@@ -11,15 +11,17 @@ from numpy.typing import NDArray
 
 Column = NDArray[np.float32]
 _Array = NDArray[np.float64]
+# Function of times (n,) [s] that returns x, y [m] and yaw [rad] of the rear axle.
 PoseAt = Callable[[_Array], tuple[_Array, _Array, _Array]]
-"""x, y [m] and yaw [rad] of the rear axle at times (n,) [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mount:
-    """How a lidar sits: its axis x, y [m] from the rear axle, its zero at ``yaw`` [rad] of the
-    car. ``inverted``: its angles grow clockwise seen from above, as an upright YDLidar's do.
-    ``scale``: true distance over the one that it tells."""
+    """Mounting of a lidar: its axis x, y [m] from the rear axle, its zero angle at ``yaw`` [rad].
+
+    inverted: its angles increase clockwise in a top view, as of an upright YDLidar;
+    scale: true distance / reported distance.
+    """
 
     x: float = 0.0
     y: float = 0.0
@@ -30,13 +32,13 @@ class Mount:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
-    """One revolution, of n beams in the order in which they were taken.
+    """One revolution of n beams in the order of measurement.
 
-    arrival [s]: when its last byte was there; start [s]: its first beam, both on the car's
-    clock; std [s]: one sigma of ``start``; rate [1/s]: revolutions; after (n,) [s]: of each
-    beam behind ``start``; angle (n,) [rad] and distance (n,) [m, NaN = nothing came back] as
-    the unit tells them; mount: how it sits on the car. The columns are float32, as a
-    recording keeps them. Raises ValueError where their lengths differ.
+    arrival [s]: reception of the last byte; start [s]: time of the first beam, both on the car's
+    clock; std [s]: standard deviation of ``start``; rate [1/s]: revolutions per second;
+    after (n,) [s]: delay of each beam from ``start``; angle (n,) [rad] and distance (n,) [m, NaN =
+    no echo]: as reported by the lidar; mount: its mounting. The columns are float32, as in a
+    recording. Raises ValueError if their lengths differ.
     """
 
     arrival: float
@@ -68,28 +70,30 @@ class Scan:
     def bearing(self) -> _Array:
         """Direction of each beam in the car's axes, left positive, within -pi to pi [rad]."""
         turn = self.angle.astype(np.float64)
-        seen = self.mount.yaw + (-turn if self.mount.inverted else turn)
-        wrapped: _Array = np.mod(seen + pi, tau) - pi
+        bearing = self.mount.yaw + (-turn if self.mount.inverted else turn)
+        wrapped: _Array = np.mod(bearing + pi, tau) - pi
         return wrapped
 
     @property
     def range(self) -> _Array:
-        """Distance from the lidar's axis [m]; NaN: nothing came back."""
+        """Distance from the lidar's axis (n,) [m]; NaN: no echo."""
         return self.distance.astype(np.float64) * self.mount.scale
 
     def in_car(self) -> _Array:
-        """End points (n, 2) [m] from the rear axle, each in the car's axes at its own time."""
-        bearing, reach = self.bearing, self.range
-        return np.column_stack((self.mount.x + reach * np.cos(bearing),
-                                self.mount.y + reach * np.sin(bearing)))
+        """Return the end points (n, 2) [m] in the car's axes at the time of each beam."""
+        bearing = self.bearing
+        distance = self.range
+        return np.column_stack((self.mount.x + distance * np.cos(bearing),
+                                self.mount.y + distance * np.sin(bearing)))
 
     def points(self, pose_at: PoseAt) -> _Array:
-        """End points (n, 2) [m] in the frame of ``pose_at``, each by the pose at its own time."""
+        """Return end points (n, 2) [m] in the frame of ``pose_at``, by the pose of each beam."""
         x, y, yaw = pose_at(self.t)
-        c, s = np.cos(yaw), np.sin(yaw)
+        c = np.cos(yaw)
+        s = np.sin(yaw)
         ahead, left = self.in_car().T
         return np.column_stack((x + c * ahead - s * left, y + s * ahead + c * left))
 
     def mounted(self, mount: Mount) -> Scan:
-        """The same beams, of a unit that sits so."""
+        """Return a copy of the scan with another mounting of the lidar."""
         return replace(self, mount=mount)

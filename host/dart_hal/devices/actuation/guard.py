@@ -179,7 +179,7 @@ def main(arguments: list[str]) -> int:
     _live_longer()
     path = lock_path(spec, address)
     watch(bus, address, channel, counts, beats=0, status=1,
-          taken=lambda: _taken(path, driver), slept=SuspendDetector().slept)
+          taken=lambda: _taken(path, driver), slept=SuspendDetector().was_suspended)
     return 0
 
 

@@ -15,7 +15,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from dart_hal.core.errors import PcaBusy, PcaClaimed
-from dart_hal.core.process.locks import FileLock, holder, who
+from dart_hal.core.process.locks import FileLock, describe_process, holder
 
 FOLDERS = (Path("/run/lock"), Path("/tmp"))
 """The first that is everybody's; both forget at a restart of the computer."""
@@ -35,7 +35,7 @@ def own(spec: str, address: int, sysfs: Path = SYSFS) -> Callable[[], None]:
         return FileLock(path).release
     except BlockingIOError:
         pid = holder(path)
-        name = who(pid) if pid is not None else "a program that has ended by now"
+        name = describe_process(pid) if pid is not None else "a program that has ended by now"
         raise PcaBusy(f"the PCA9685 at {address:#04x} of i2c={spec} is driven already",
                       found=name + (", this one" if pid == os.getpid() else "")) from None
 

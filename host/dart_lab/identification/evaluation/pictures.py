@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from dart_hal.core.errors import UsageError
-from dart_hal.core.figures import BLUE, FORMATS, INK, finish, new_figure, save_figure
+from dart_hal.core.figures import BLUE, FIGURE_FORMATS, INK, finish, new_figure, save_figure
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.batch import rollout
@@ -39,9 +39,9 @@ def check_target(target: str | Path) -> bool:
     new_figure((1.0, 1.0))
     if not target.suffix or target.is_dir():
         return False
-    if target.suffix.lower() not in FORMATS:
+    if target.suffix.lower() not in FIGURE_FORMATS:
         raise UsageError(f"no plot format {target.suffix!r}", found=str(target),
-                         expected=f"a folder, or a file ending in {', '.join(FORMATS)}")
+                         expected=f"a folder, or a file ending in {', '.join(FIGURE_FORMATS)}")
     return True
 
 

@@ -14,7 +14,7 @@ from dart_hal.car import Car
 from dart_hal.car.runs import FRAMES_PER_FINE_MESSAGE, FRAMES_PER_MESSAGE, MASS_NOTE, read_run
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.ports import Workshop
-from dart_hal.core.ports.workshop import SCALE
+from dart_hal.core.ports.workshop import SCALE_STD
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_lab.identification.fit import Estimate, Fit
@@ -66,7 +66,7 @@ def mass_of(files: CarFiles, kilograms: float | None = None, workshop: Workshop 
             ) -> Estimate:
     """The car's mass [kg]: as weighed, else on the workshop's scale, else car.toml's."""
     if kilograms is not None:
-        return Estimate(kilograms, SCALE, "kg")
+        return Estimate(kilograms, SCALE_STD, "kg")
     if workshop is not None:
         value, std = workshop.mass()
         return Estimate(value, std, "kg")

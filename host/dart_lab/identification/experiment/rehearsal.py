@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from dart_hal.core.config import CarFiles
-from dart_hal.core.types import NEUTRAL, Applied, Health, Pose, State
+from dart_hal.core.types import NEUTRAL_APPLIED, Applied, Health, Pose, State
 from dart_hal.vehicle.bicycle import make_acceleration
 from dart_hal.vehicle.load import vehicle_of
 
@@ -35,7 +35,7 @@ class PaperCar:
         self._rates = make_acceleration(vehicle)
         self._l_r = vehicle.body.l_r
         self._per_edge = files.metres_per_edge.value
-        self._applied: Applied = NEUTRAL
+        self._applied: Applied = NEUTRAL_APPLIED
         self._t = self._rolled = 0.0
         self._x = self._y = self._yaw = self._vx = self._vy = self._om = 0.0
 
@@ -47,12 +47,12 @@ class PaperCar:
 
     def drive(self, *, steering: float = 0.0, throttle: float = 0.0, valid_for: float = 0.2,
               source: str = "user") -> Applied:
-        self._applied = replace(NEUTRAL, steering=steering, throttle=throttle)
+        self._applied = replace(NEUTRAL_APPLIED, steering=steering, throttle=throttle)
         return self._applied
 
     def stop(self) -> Applied:
-        self._applied = NEUTRAL
-        return NEUTRAL
+        self._applied = NEUTRAL_APPLIED
+        return NEUTRAL_APPLIED
 
     def _step(self, dt: float) -> None:
         a = self._applied
