@@ -81,6 +81,7 @@ def band(axes: Any, x: FloatArray, middle: FloatArray, reach: FloatArray, color:
 
 def limits(*parts: FloatArray, share: float = 0.002) -> tuple[float, float]:
     """Return the interval of the data without a fraction ``share`` at each end, with a margin."""
+    # Quantiles instead of extremes: a few outliers must not determine the scale of the axes.
     together = np.concatenate(parts)
     low, high = np.quantile(together[np.isfinite(together)], [share, 1.0 - share])
     margin = 0.08 * max(float(high - low), 1e-9)

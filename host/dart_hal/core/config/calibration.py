@@ -260,6 +260,7 @@ def check_calibration(cal: Calibration, origin: str, car: str | None = None, *,
     low, high = METRES_PER_EDGE_RANGE
     require(metres is None or low <= metres.value <= high, origin, "encoder.metres_per_edge.value",
             metres and metres.value, "0.0002 to 0.05 m; are these millimetres?")
+    # The intervals of a ring are relative to their mean, so their sum is their number.
     ring = cal.encoder.ring
     require(ring is None or abs(sum(ring.value) - len(ring.value)) < 1e-3 * len(ring.value),
             origin, "encoder.ring.value", ring and sum(ring.value),
@@ -319,6 +320,7 @@ def _check_monotone(key: str, column: Sequence[float], origin: str, *, falling: 
                     table: str = "steering.map",
                     likely: str = "backlash or a slipping horn during the measurement") -> None:
     """Raise NotMonotone unless a column increases, or decreases if ``falling`` permits it."""
+    # The first and the last value determine the direction; every step must agree with it.
     sign = -1.0 if falling and column[-1] < column[0] else 1.0
     for index in range(len(column) - 1):
         if not sign * (column[index + 1] - column[index]) > 0:

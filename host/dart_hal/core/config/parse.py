@@ -173,6 +173,7 @@ def explain_validation_error(message: str, data: Mapping[str, Any], origin: str,
     what, path = (match["what"], match["path"] or "") if match else (message, "")
     missing = _MISSING.search(what)
     path, value = find_entry(data, path, what, missing["name"] if missing else "")
+    # 1. A missing standard error: either its key, or a plain number in place of a quantity.
     if missing and missing["name"].startswith("std"):
         return missing_std(origin, path, value)
     if missing:
@@ -182,6 +183,7 @@ def explain_validation_error(message: str, data: Mapping[str, Any], origin: str,
                            read=origin)
     if _NOT_A_TABLE.search(what):
         return missing_std(origin, path, value)
+    # 2. A wrong type or value: suggest the most similar permitted value.
     fixed = list_choices(cls, path)
     near = difflib.get_close_matches(shorten(value), fixed, n=1, cutoff=0.5)
     expected = "one of " + ", ".join(fixed) if fixed else describe_expected(what)

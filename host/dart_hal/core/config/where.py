@@ -64,6 +64,7 @@ def describe_expected(what: str) -> str:
 
 def list_choices(cls: type[msgspec.Struct], path: str) -> tuple[str, ...]:
     """Return the permitted values of a key with a fixed set of them; () for another key."""
+    # Follow the path through the type hints; an optional table is a union that contains it.
     hint: Any = cls
     for part in re.findall(r"[^.\[\]]+", path):
         tables = [h for h in (hint, *get_args(hint)) if hasattr(h, "__struct_fields__")]

@@ -126,6 +126,8 @@ def _merge_into(table: Document, data: Plain, previous: Plain, depth: int) -> No
 
     previous: the data of the old text, with the defaults of absent keys.
     """
+    # Keys that are absent from the data are deleted; an unchanged value is not touched, because
+    # a new item would have no comment.
     for key in [k for k in table if k not in data]:
         del table[key]
     for key, value in data.items():

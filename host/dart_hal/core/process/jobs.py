@@ -47,6 +47,7 @@ def each(work: Callable[[Item], Result], items: Sequence[Item], jobs: int = 1, *
     if len(items) < 2 or effective_n_jobs(n_jobs) == 1:
         yield from map(work, items)
         return
+    # Interleaved packets, so that neighbouring items of similar cost are in different ones.
     parts = min(parts, len(items))
     for part in Parallel(n_jobs=n_jobs, return_as="generator")(
             delayed(_some)(work, items[i::parts]) for i in range(parts)):
