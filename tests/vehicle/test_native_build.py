@@ -188,7 +188,7 @@ def test_changed_equations_get_a_kernel_of_their_own(nothing_built, monkeypatch)
     try:
         assert body(trace(form_of(KINEMATIC), "car")) not in library._read_committed()
         found = kernel.find_kernel(form_of(KINEMATIC), "car", "rk4", 64, False)
-        assert found.says == "compiled on demand"
+        assert found.origin == "compiled on demand"
     finally:
         trace.cache_clear()
 

@@ -1,9 +1,8 @@
-"""Many cars at once, and the open-loop rollouts of many windows.
+"""Many cars at once, and open-loop rollouts of many windows.
 
-Arrays have one lane per car. The equations are those of ``step``, over numpy
-or in a kernel compiled from them: ``engine`` "numpy", "native", or "auto" for
-native where there is a kernel. The two agree to 1e-12 in f64, not to the last
-bit. Numbers that are not finite are always numpy's.
+Arrays have one column per car. The equations are those of ``step``, in numpy or in a kernel that is
+compiled from them: ``engine`` "numpy", "native", or "auto" for native if there is a kernel. The
+two agree to 1e-12 in f64, not to the last bit. Inputs that are not finite always use numpy.
 """
 
 from __future__ import annotations
@@ -25,15 +24,14 @@ from dart_hal.vehicle.step import make_car_step, make_motion_step
 
 Array = NDArray[Any]
 Step = Callable[..., tuple[Any, ...]]
-ROLLOUT_SUBSTEPS = 4
-"""RK4 steps between held inputs of an open-loop rollout."""
+ROLLOUT_SUBSTEPS = 4  # RK4 steps per input sample of an open-loop rollout
 ENGINES = ("auto", "numpy", "native")
 
 
 def rollout(p: Vehicle, start: Array, throttle: Array, angle: Array, *,
             at: Sequence[int] | None = None, sample: float = SAMPLE,
             substeps: int = ROLLOUT_SUBSTEPS, method: str = "rk4", engine: str = "auto") -> Array:
-    """States of n cars under held inputs, (len(at), 6, n); at: numbers of samples passed.
+    """Compute states (len(at), 6, n) of n cars with zero-order-hold inputs after ``at`` samples.
 
     start (6, n): x, y [m], yaw [rad], v_x, v_y [m/s], yaw rate [rad/s] of the
     centre of mass; throttle -1..1 behind gate, delay and lag and road-wheel
@@ -42,8 +40,8 @@ def rollout(p: Vehicle, start: Array, throttle: Array, angle: Array, *,
     when shapes do not fit.
     """
     start, throttle, angle = (_to_floats(a) for a in (start, throttle, angle))
-    wanted = list(range(1, len(throttle) + 1)) if at is None else list(at)
-    check_shapes(start, throttle, angle, wanted)
+    samples = list(range(1, len(throttle) + 1)) if at is None else list(at)
+    check_shapes(start, throttle, angle, samples)
     _check_stack_size(p, start.shape[1])
     if not (sample > 0.0 and substeps >= 1):
         raise UsageError("a rollout needs time to pass",
@@ -51,28 +49,28 @@ def rollout(p: Vehicle, start: Array, throttle: Array, angle: Array, *,
                          expected="at least one, in more than 0 s")
     kernel = prepare(p, "motion", sample / substeps, start.dtype, method, engine)
     if kernel and _all_finite(start, throttle, angle):
-        return kernel(start, throttle, angle, wanted, substeps)
+        return kernel(start, throttle, angle, samples, substeps)
     step = make_motion_step(p, ARRAY, sample / substeps, substeps, method)
-    return _rollout_numpy(step, start, throttle, angle, wanted)
+    return _rollout_numpy(step, start, throttle, angle, samples)
 
 
 def car_rollout(p: Vehicle, start: Array, throttle: Array, steering: Array, *,
                 at: Sequence[int] | None = None, dt: float = SAMPLE, method: str = "rk4",
                 engine: str = "auto") -> Array:
-    """The same with the actuators: states (len(at), 8, n) from commands -1..1 (steps, n).
+    """Compute a rollout with the actuators: states (len(at), 8, n) from commands -1..1 (steps, n).
 
     start (8, n) as ``make_car_step`` orders it; dt [s] of one step, for which a
     row of commands is held. Pure delays are the caller's. Raises UsageError
     when shapes do not fit.
     """
     start, throttle, steering = (_to_floats(a) for a in (start, throttle, steering))
-    wanted = list(range(1, len(throttle) + 1)) if at is None else list(at)
-    check_shapes(start, throttle, steering, wanted, states=8)
+    samples = list(range(1, len(throttle) + 1)) if at is None else list(at)
+    check_shapes(start, throttle, steering, samples, states=8)
     _check_stack_size(p, start.shape[1])
     kernel = prepare(p, "car", dt, start.dtype, method, engine)
     if kernel and _all_finite(start, throttle, steering):
-        return kernel(start, throttle, steering, wanted)
-    return _rollout_numpy(make_car_step(p, ARRAY, dt, method), start, throttle, steering, wanted)
+        return kernel(start, throttle, steering, samples)
+    return _rollout_numpy(make_car_step(p, ARRAY, dt, method), start, throttle, steering, samples)
 
 
 def car_step(p: Vehicle, dt: float = SAMPLE, method: str = "rk4", engine: str = "auto") -> Step:
@@ -103,17 +101,17 @@ def prepare(p: Vehicle, kind: str, dt: float, dtype: DTypeLike, method: str,
     return None
 
 
-def check_shapes(start: Array, first: Array, second: Array, at: Sequence[int],
+def check_shapes(start: Array, first: Array, second: Array, samples: Sequence[int],
                  states: int = 6) -> None:
-    """Raises UsageError unless a rollout of these arrays makes sense."""
+    """Raise UsageError unless the shapes of a rollout fit and its samples exist."""
     good = (start.ndim == 2 and start.shape[0] == states and first.shape == second.shape
             and first.ndim == 2 and first.shape[1] == start.shape[1])
     if not good:
         raise UsageError("shapes of a rollout do not fit",
                          found=f"start {start.shape}, inputs {first.shape}, {second.shape}",
                          expected=f"({states}, n), (samples, n), (samples, n)")
-    if any(not 0 <= k <= len(first) or k != int(k) for k in at):
-        raise UsageError("a rollout cannot be read there", found=f"at = {list(at)}",
+    if any(not 0 <= k <= len(first) or k != int(k) for k in samples):
+        raise UsageError("a rollout cannot be read there", found=f"at = {list(samples)}",
                          expected=f"whole numbers of 0 to {len(first)} samples")
 
 
@@ -121,7 +119,7 @@ class Batch:
     """n cars with their actuators: state (8, n) as ``make_car_step`` orders it.
 
     p: one vehicle for all, or ``flat.stack`` of n; dt [s] of one step. Pure
-    delays of the commands are the caller's. ``engine`` says what it runs on.
+    delays of the commands are the caller's. ``engine``: "native" or "numpy".
     Raises UsageError for a stack of another size, or a dtype that is no float.
     """
 
@@ -151,12 +149,12 @@ class Batch:
 
 
 def _rollout_numpy(step: Step, start: Array, first: Array, second: Array,
-             wanted: Sequence[int]) -> Array:
+             samples: Sequence[int]) -> Array:
     """Rollout over numpy, sample by sample."""
-    out = np.empty((len(wanted), *start.shape), dtype=start.dtype)
+    out = np.empty((len(samples), *start.shape), dtype=start.dtype)
     state: tuple[Any, ...] = tuple(start)
-    where = {k: [i for i, w in enumerate(wanted) if w == k] for k in wanted}
-    for k in range(max(wanted, default=0) + 1):
+    where = {k: [i for i, w in enumerate(samples) if w == k] for k in samples}
+    for k in range(max(samples, default=0) + 1):
         if k:
             state = step(*state, first[k - 1], second[k - 1])
         for i in where.get(k, ()):

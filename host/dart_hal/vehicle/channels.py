@@ -24,8 +24,8 @@ from dart_hal.vehicle.flat import PARAMETER_GROUPS
 from dart_hal.vehicle.namespace import ARRAY, SCALAR
 from dart_hal.vehicle.parameters import Vehicle
 
+# Samples that are processed at once; a steering signal reverses after some hundreds.
 PLAY_CHUNK = 1024
-"""Samples that are looked at together, until a signal turns: some hundreds of a steered one."""
 
 
 def transform_signal(p: Vehicle, channel: str, signal: Any, now: Now, dt: float) -> Any:
@@ -55,7 +55,8 @@ def split_final_delay(p: Vehicle, channel: str) -> tuple[Vehicle, float]:
     A reader at times of its own reads that much earlier instead: to shift a
     series twice, by parts of a sample, would smooth it.
     """
-    seconds, kept = 0.0, list(p.effects)
+    seconds = 0.0
+    kept = list(p.effects)
     for a, hook in reversed(signals(p, channel)):
         if not isinstance(hook, PureDelay):
             break
@@ -119,32 +120,42 @@ def _run_on_change(signal: FloatArray, first: Callable[..., Any], step: Callable
     Where neither the signal nor the state moves, nothing will until the signal does. Where the
     state has caught up with the signal, it follows it until that changes by more than ``slack``.
     """
-    out, here, n = signal.astype(np.float64), Now(), len(signal)
+    out = signal.astype(np.float64)
+    here = Now()
+    n = len(signal)
     if not n:
         return out
-    values, change = signal.tolist(), np.abs(np.diff(signal))
+    values = signal.tolist()
+    change = np.abs(np.diff(signal))
     moves, jumps = ([*(np.flatnonzero(change > by) + 1).tolist(), n] for by in (0.0, slack))
-    state, i = list(first(values[0])), 0
+    state = list(first(values[0]))
+    i = 0
     while i < n:
         out[i], *after = step(values[i], here, *state)
-        value, i = values[i], i + 1
+        value = values[i]
+        i += 1
         if after == [value]:
             i = jumps[bisect_left(jumps, i)]
             after = [values[i - 1]]
         elif after == state:
-            begin, i = i, moves[bisect_left(moves, i)]
+            begin = i
+            i = moves[bisect_left(moves, i)]
             out[begin:i] = out[begin - 1]
         state = after
     return out
 
 
 def _run_play(signal: FloatArray, play: float) -> FloatArray:
-    """To the last bit what single steps give, from one turn further than the play to the next.
+    """Compute backlash of half width ``play`` in blocks, bit-identical to single steps.
 
-    Pushed up, the state is the most of all that has pushed it, until the signal has crossed the
-    play; then down, which is the same of -signal.
+    1. Pushed up, the state is the running maximum of signal - play and the state before.
+    2. This ends where signal + play is below the state: the signal has crossed the play.
+    3. From there it is pushed down, which is the same for -signal.
     """
-    out, i, side, n = np.empty(len(signal)), 0, 1.0, len(signal)
+    n = len(signal)
+    out = np.empty(n)
+    i = 0
+    side = 1.0  # 1: the signal pushes the state up, -1: down
     held = float(signal[0]) if n else 0.0
     while i < n:
         part = side * signal[i:i + PLAY_CHUNK]

@@ -1,4 +1,4 @@
-"""How the effects of a vehicle enter its equations."""
+"""How the effects of a vehicle enter its equations: as parameters, forces or signals."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ Hook = Callable[[Forces], Forces]
 
 
 def apply_parameter_effects(p: Vehicle) -> Vehicle:
-    """The vehicle with those effects in its parameters that are a change of parameters.
+    """Apply the effects that are a change of parameters, and drop them from the vehicle.
 
-    The others stay. To do it twice changes nothing more.
+    The other effects remain. The function is idempotent.
     """
     effects = p.effects
     if all(a.effect.vehicle is None and (a.effect.force or a.effect.signals) for a in effects):
@@ -25,24 +25,25 @@ def apply_parameter_effects(p: Vehicle) -> Vehicle:
     for applied in effects:
         if applied.effect.vehicle is not None:
             p = applied.effect.vehicle(p, *applied.values)
-    left = tuple(_without_vehicle_hook(a) for a in effects if a.effect.force or a.effect.signals)
-    return replace(p, effects=left)
+    remaining = tuple(_without_vehicle_hook(a) for a in effects
+                      if a.effect.force or a.effect.signals)
+    return replace(p, effects=remaining)
 
 
 def keep_motion_effects(p: Vehicle) -> Vehicle:
-    """The vehicle as its step knows it: settled, and without effects on signals alone."""
+    """Return the vehicle of the motion step: parameters applied, only effects on forces."""
     q = apply_parameter_effects(p)
     return replace(q, effects=tuple(a for a in q.effects if a.effect.force)) if q.effects else q
 
 
 def force_hooks(p: Vehicle, xp: Any) -> tuple[Hook, ...]:
-    """What the effects of a settled vehicle do to its forces, in their order."""
+    """Return the force hooks of a vehicle whose parameter effects were applied, in order."""
     f = adapt(xp)
     return tuple(a.effect.force(p, f, *a.values) for a in p.effects if a.effect.force)
 
 
 def signals(p: Vehicle, channel: str) -> tuple[tuple[ActiveEffect, Signal], ...]:
-    """The effects that change a signal, in their order."""
+    """Return the effects that change a signal, in order."""
     return tuple((a, a.effect.signals[channel]) for a in p.effects
                  if channel in a.effect.signals)
 
@@ -54,6 +55,6 @@ def _without_vehicle_hook(applied: ActiveEffect) -> ActiveEffect:
 
 
 @cache
-def _drop_vehicle_hook(of: Effect) -> Effect:
-    """The same one every time: a kernel is looked up by it."""
-    return replace(of, vehicle=None)
+def _drop_vehicle_hook(effect: Effect) -> Effect:
+    """Return one cached copy per effect: kernels are looked up by identity."""
+    return replace(effect, vehicle=None)

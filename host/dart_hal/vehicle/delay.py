@@ -71,7 +71,8 @@ class DelayRing:
     def step(self, signal: Any) -> Any:
         """Take the next value and return the delayed one."""
         self._ring.extend([signal] * (1 if self._ring else self._size))
-        here, before = self._ring[1], self._ring[0]
+        here = self._ring[1]
+        before = self._ring[0]
         if isinstance(signal, tuple):
             return tuple(h + self._share * (b - h) for h, b in zip(here, before, strict=True))
         return here + self._share * (before - here)

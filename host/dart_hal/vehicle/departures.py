@@ -18,7 +18,8 @@ from dart_hal.vehicle.effect import Effect, Forces, Parameter, Signal, Static
 from dart_hal.vehicle.namespace import Namespace, Value
 from dart_hal.vehicle.parameters import Vehicle
 
-ANGLE_SCALE, SPEED_SCALE = 0.2, 1.0  # rad, m/s: half of full lock, and a usual speed
+ANGLE_SCALE = 0.2  # rad, half of full lock
+SPEED_SCALE = 1.0  # m/s, a typical speed
 DEPARTURES = ("front", "angle", "speed", "front_side", "rear_side", "moment")
 """e1 to e6."""
 

@@ -21,8 +21,8 @@ road-wheel angle [rad]; speed of the wheels' circumference [m/s]; yaw rate [rad/
 (a_x, a_y) [m/s2] at the IMU; (x, y, yaw) of the mocap marker [m, rad]."""
 
 
+# Share of the interval of a parameter; a fit that ends closer to an end is at that bound.
 BOUND_MARGIN = 1e-3
-"""Of the interval of a parameter; a fit that ends nearer to one of its ends has met that end."""
 
 
 class Forces(NamedTuple):
@@ -97,7 +97,7 @@ class Stateful:
 
 @dataclass(frozen=True, slots=True)
 class PureDelay:
-    """``seconds(*values) -> s``: the signal comes that much later."""
+    """``seconds(*values) -> s``: the signal is delayed by this time."""
 
     seconds: Callable[..., Value]
 
@@ -107,13 +107,13 @@ Signal = Static | Stateful | PureDelay
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One number of an effect: unit, null value, interval, and three sizes to tell it by.
+    """One number of an effect: unit, null value, interval and three typical sizes.
 
     sizes: small, medium and large departure from null, of either sign where the
     interval allows; ``per_recording``: a property of a drive, not of the car;
-    ``alone``: a departure from null is an effect by itself (the phase of one is not);
-    ``tops``: what it explains has several tops along it, as where a tyre lets go in one bend
-    more: sizes are tried so closely that none is between two of them; ``physical``: what a car
+    ``alone``: a departure from null is an effect by itself (a phase is not);
+    ``tops``: the loss may have several local minima along it (a tyre slides in one more curve), so
+    the search uses a dense grid of sizes; ``physical``: what a car
     can have, where that is less than the interval [low, high] in which a fit may move; meaning:
     the physical quantity as a noun phrase, for reports.
     """
@@ -162,8 +162,8 @@ class Effect:
 
     title: completes "the car ..." in a report; signed_titles: the same for a first parameter below
     and above its null, where the two differ; physics: one paragraph; stage: one of STAGES;
-    acts_along: variables of a drive that it depends on, for pictures; confused_with: effects that
-    look alike; experiment: the drive that tells them apart. Hooks: ``vehicle(p, *values) -> p``
+    acts_along: variables of a drive that it depends on, for pictures; confused_with: effects of
+    similar traces; experiment: the drive that separates them. Hooks: ``vehicle(p, *values) -> p``
     changes parameters of the base model, ``force(p, f, *values)`` gives a ``Forces -> Forces``,
     ``signals`` by channel.
     """

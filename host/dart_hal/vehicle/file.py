@@ -69,9 +69,9 @@ def model_of(p: Vehicle, old: ModelFile | None = None) -> ModelFile:
 
 
 def missing_parameters(model: ModelFile, p: Vehicle) -> tuple[str, ...]:
-    """What of the vehicle ``p`` the file does not say: "group.key", "group" for all of it.
+    """List parameters of vehicle ``p`` that the file lacks: "group.key", "group" for all of it.
 
-    Without tyres of a kinematic model, and what is null by default.
+    Tyres of a kinematic model and parameters with a default are not listed.
     """
     out: list[str] = []
     for group in SECTIONS:

@@ -121,7 +121,7 @@ def make_setter(p: Vehicle, names: Sequence[str]) -> Callable[[Sequence[float]],
     if "body" in groups:  # its lengths must suit each other
         return lambda numbers: with_values(p, dict(zip(names, numbers, strict=True)))
 
-    def changed(applied: ActiveEffect, numbers: Sequence[float]) -> ActiveEffect:
+    def change(applied: ActiveEffect, numbers: Sequence[float]) -> ActiveEffect:
         own = list(applied.values)
         for at, i in inside.get(applied.name, ()):
             own[at] = numbers[i]
@@ -130,17 +130,17 @@ def make_setter(p: Vehicle, names: Sequence[str]) -> Callable[[Sequence[float]],
     def vehicle(numbers: Sequence[float]) -> Vehicle:
         changes = {group: _replace_fields(getattr(p, group), {key: numbers[i] for key, i in part})
                    for group, part in groups.items()}
-        effects = tuple(changed(a, numbers) for a in p.effects) if inside else p.effects
+        effects = tuple(change(a, numbers) for a in p.effects) if inside else p.effects
         return _replace_fields(p, {**changes, "effects": effects})
 
     return vehicle
 
 
-def bind(p: Vehicle, of: Callable[[str], Value]) -> Vehicle:
-    """A clone whose parameters are ``of(name)``, unchecked: arrays or symbols."""
-    changed = {group: {key: of(f"{group}.{key}") for key in _parameters(getattr(p, group))}
+def bind(p: Vehicle, lookup: Callable[[str], Value]) -> Vehicle:
+    """Return a copy whose parameters are ``lookup(name)``, unchecked: arrays or symbols."""
+    changed = {group: {key: lookup(f"{group}.{key}") for key in _parameters(getattr(p, group))}
                for group in PARAMETER_GROUPS}
-    effects = tuple(ActiveEffect(a.effect, tuple(of(f"{a.name}.{parameter.name}")
+    effects = tuple(ActiveEffect(a.effect, tuple(lookup(f"{a.name}.{parameter.name}")
                                             for parameter in a.effect.parameters))
                     for a in p.effects)
     return replace(replace_unchecked(p, changed), effects=effects)
@@ -153,9 +153,9 @@ def replace_unchecked(p: Vehicle, changes: Mapping[str, Mapping[str, Value]]) ->
 
 
 def stack(vehicles: Sequence[Vehicle], dtype: DTypeLike = np.float64) -> Vehicle:
-    """One vehicle with arrays (n,) for parameters, a lane for each of n vehicles.
+    """Return one vehicle whose parameters are arrays (n,), one element for each of n vehicles.
 
-    What is equal in all of them stays a float. Raises UsageError for an empty
+    Parameters that are equal in all of them stay floats. Raises UsageError for an empty
     sequence or vehicles of different equations.
     """
     if not vehicles:
@@ -164,18 +164,18 @@ def stack(vehicles: Sequence[Vehicle], dtype: DTypeLike = np.float64) -> Vehicle
     for v in vehicles[1:]:
         if form(v) != form(first):
             raise UsageError("vehicles of different equations do not run in one batch",
-                             found=f"{form(v)} beside {form(first)}",
+                             found=f"{form(v)} and {form(first)}",
                              expected="the same kind, slip angles and tyre form")
 
-    def of(name: str) -> Value:
+    def stacked_value(name: str) -> Value:
         numbers = [value(v, name) for v in vehicles]
         return numbers[0] if len(set(numbers)) == 1 else np.array(numbers, dtype=dtype)
 
-    return bind(first, of)
+    return bind(first, stacked_value)
 
 
 def form(p: Vehicle) -> str:
-    """Which equations a vehicle has, in words: "dynamic, PaperTyres, all_speeds, grip"."""
+    """Describe the equations of a vehicle: "dynamic, PaperTyres, all_speeds, grip"."""
     return ", ".join((p.kind, type(p.tyres).__name__, p.slip, *(a.name for a in p.effects)))
 
 
@@ -190,7 +190,7 @@ def _find_parameter(p: Vehicle, name: str) -> tuple[str, str, ActiveEffect | Non
 
 
 def _replace_fields(old: Group, changed: Mapping[str, Any]) -> Group:
-    """``dataclasses.replace`` without its checks, which cost as much as a short rollout."""
+    """Replace fields without the checks of a dataclass, which cost as much as a short rollout."""
     new = object.__new__(type(old))
     for key in _fields(old):
         object.__setattr__(new, key, changed[key] if key in changed else getattr(old, key))
@@ -207,7 +207,7 @@ def _fields(group: Any) -> tuple[str, ...]:
 
 @cache
 def _field_names(group: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """(fields that are parameters, all fields): asked for thousands of times in a fit."""
+    """Return (fields that are parameters, all fields); cached, a fit needs them often."""
     every = fields(group)
     return (tuple(f.name for f in every if "unit" in f.metadata), tuple(f.name for f in every))
 

@@ -1,6 +1,6 @@
 """The functions that the equations need, for floats, arrays or symbols.
 
-Every factory of this room takes ``xp``: ``math`` or ``SCALAR`` for one car,
+Every factory of this package takes ``xp``: ``math`` or ``SCALAR`` for one car,
 ``numpy`` or ``ARRAY`` for many at once, ``casadi`` for an optimiser. The
 equations themselves are written once and without branches.
 """
@@ -16,14 +16,14 @@ from typing import Any
 import numpy as np
 
 Value = Any
-"""A float, an array of them, or a casadi expression: whatever ``xp`` computes with."""
+"""A float, an array of them, or a casadi expression: a value of ``xp``."""
 
 _ALTERNATIVES = {"atan": "arctan", "atan2": "arctan2", "fmin": "min", "fmax": "max"}
 
 
 @dataclass(frozen=True, slots=True)
 class Namespace:
-    """The twelve functions on which the physics stands."""
+    """The twelve functions that the equations use."""
 
     sin: Callable[..., Any]
     cos: Callable[..., Any]
@@ -42,8 +42,8 @@ class Namespace:
 def adapt(xp: Any) -> Namespace:
     """The namespace of a module (``math``, ``numpy``, ``casadi``) or ``xp`` itself.
 
-    ``math`` has no fmin and fmax, older numpy says arctan: the gaps are filled
-    here, so that no equation needs to know. Raises AttributeError for a module
+    ``math`` has no fmin and fmax, older numpy has arctan: this function fills
+    the gaps. Raises AttributeError for a module
     that lacks one of the functions.
     """
     if isinstance(xp, Namespace):

@@ -17,22 +17,20 @@ from typing import Any
 from dart_hal.core.errors import ConfigError
 from dart_hal.vehicle.effect import ActiveEffect
 
-GRAVITY = 9.81
-"""m/s2, in every figure of this project."""
+GRAVITY = 9.81  # m/s2, in every figure of this project
+# m driven per revolution of the main gear with the encoder marks: 2 pi (11/39) 0.0233 m with the
+# final drive and the wheel radius of DART.
 GEAR_REVOLUTION = 0.0412918
-"""m of way per revolution of the main gear that carries the marks, 2 pi (11/39) 0.0233 m: final
-drive and wheel radius of DART."""
-
-
-REFERENCE_MASS = 1.67
-"""kg, of the car for which bounds of forces are stated."""
-MASS_RANGE = 1000.0
-"""Times; how much lighter or heavier than REFERENCE_MASS a car may be."""
-MIN_DENSITY, MAX_DENSITY = 10.0, 3000.0
-"""kg/m3, mass over the cube of the wheelbase. A 1:43 car has 190, DART 310, a kart 130, a car of
-the road 76, so a factor of 10 is left to both sides; grams for kilograms are a factor of 1000."""
-MIN_SHAPE, MAX_SHAPE = 0.05, 20.0
-"""Yaw inertia over m l_f l_r: 0.5 for most cars, 1 with all mass at the axles."""
+REFERENCE_MASS = 1.67  # kg, of the car for which bounds of forces are stated
+MASS_RANGE = 1000.0  # largest ratio of a car's mass to REFERENCE_MASS, and its inverse
+# kg/m3, mass over the cube of the wheelbase. A 1:43 car has 190, DART 310, a kart 130, a road car
+# 76, so the limits have a factor of about 10 to both sides. Grams for kilograms are a factor of
+# 1000.
+MIN_DENSITY = 10.0
+MAX_DENSITY = 3000.0
+# Yaw inertia over m l_f l_r: 0.5 for most cars, 1 with all mass at the axles.
+MIN_SHAPE = 0.05
+MAX_SHAPE = 20.0
 
 
 def quantity(unit: str, low: float, high: float, **options: Any) -> Any:

@@ -1,9 +1,9 @@
 """The published parameter sets of DART, under the names that ``--model`` takes.
 
 ``paper``: the values of the paper's own code, exact. ``paper-printed``: what
-its table says. ``upstream-2024``: a later set of the same authors. They were
+its table has. ``upstream-2024``: a later set of the same authors. They were
 fitted on different recordings; none of them is the truth of any car. The
-files stand in ``published/`` and say where each number comes from.
+files are in ``published/`` and state the source of each number.
 """
 
 from __future__ import annotations

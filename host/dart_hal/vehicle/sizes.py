@@ -70,9 +70,10 @@ def list_differences(model: ModelFile, size: Geometry) -> list[str]:
     for key, unit in SIZES.items():
         if key not in model.body or (key == "yaw_inertia" and size.yaw_inertia is None):
             continue
-        here, there = plain(model.body[key]), getattr(body, key)
-        if abs(here - there) > MIN_SIZE_DIFFERENCE * abs(there):
-            found.append(f"{key} {here:.4g} {unit} and not {there:.4g}")
+        stored = plain(model.body[key])
+        size_of_car = getattr(body, key)
+        if abs(stored - size_of_car) > MIN_SIZE_DIFFERENCE * abs(size_of_car):
+            found.append(f"{key} {stored:.4g} {unit} and not {size_of_car:.4g}")
     return found
 
 

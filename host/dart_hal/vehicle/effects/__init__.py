@@ -74,9 +74,10 @@ def _added_effects() -> Mapping[str, tuple[Effect, str]]:
     return found
 
 
-def equation_text(of: Effect) -> str:
-    """As the docstring of its file has it, behind the title."""
-    module = f"{__name__}.{of.name}" if of.name in own_effects() else _added_effects()[of.name][1]
+def equation_text(item: Effect) -> str:
+    """Return the equation of an effect: the docstring of its file without the title."""
+    module = (f"{__name__}.{item.name}" if item.name in own_effects()
+              else _added_effects()[item.name][1])
     return "\n".join((inspect.getdoc(sys.modules[module]) or "").splitlines()[2:])
 
 
@@ -90,25 +91,25 @@ def find_effect(name: str) -> Effect:
                      remedy=f"write {' or '.join(near)}" if near else "dart-hal diagnose --help")
 
 
-def activate(of: Effect, values: Mapping[str, Value]) -> ActiveEffect:
-    """An effect with values by parameter, null for what is left out; floats or arrays (n,).
+def activate(item: Effect, values: Mapping[str, Value]) -> ActiveEffect:
+    """Return an effect with values by parameter, null where not given; floats or arrays (n,).
 
     Raises UsageError for an unknown parameter, ConfigError for a value that is
     out of its bounds or no number.
     """
-    names = [q.name for q in of.parameters]
+    names = [q.name for q in item.parameters]
     for key in values:
         if key not in names:
-            raise UsageError(f"the effect {of.name} has no parameter {key!r}", found=key,
+            raise UsageError(f"the effect {item.name} has no parameter {key!r}", found=key,
                              expected=", ".join(names), remedy=f"write {names[0]} for {key}")
-    for q in of.parameters:
+    for q in item.parameters:
         number = np.asarray(values.get(q.name, q.null), dtype=float)
         if not np.all((number >= q.low) & (number <= q.high)):
-            raise ConfigError(f"{of.name}.{q.name} = {values[q.name]!r} is out of range",
+            raise ConfigError(f"{item.name}.{q.name} = {values[q.name]!r} is out of range",
                               found=f"{values[q.name]!r} {q.unit}",
                               expected=f"{q.low} to {q.high} {q.unit}",
                               remedy="check the unit: SI units and radians")
-    return ActiveEffect(of, tuple(values.get(q.name, q.null) for q in of.parameters))
+    return ActiveEffect(item, tuple(values.get(q.name, q.null) for q in item.parameters))
 
 
 def apply(p: Vehicle, name: str, **values: Value) -> Vehicle:
@@ -121,13 +122,13 @@ def apply(p: Vehicle, name: str, **values: Value) -> Vehicle:
 
 
 def add_effects(p: Vehicle, more: Iterable[ActiveEffect]) -> Vehicle:
-    """The vehicle with more effects, all in the order in which they act, see ``order_key``."""
+    """Return the vehicle with more effects, sorted in the order in which they act."""
     every = {a.name: a for a in (*p.effects, *more)}
     return replace(p, effects=tuple(sorted(every.values(), key=lambda a: order_key(a.effect))))
 
 
 def add_null_effects(p: Vehicle, effects: Iterable[ActiveEffect]) -> Vehicle:
-    """The vehicle with those effects that it has not, at their null."""
+    """Return the vehicle with the effects that it lacks, at their null values."""
     has = {a.name for a in p.effects}
     return add_effects(p, [activate(find_effect(a.name), {}) for a in effects if a.name not in has])
 
@@ -142,44 +143,44 @@ def remove_effects(p: Vehicle, names: Collection[str]) -> Vehicle:
     return replace(p, effects=tuple(a for a in p.effects if a.name not in names))
 
 
-def order_key(of: Effect) -> tuple[int, bool, str]:
-    """Sort key: stage by stage from the command to the sensor; what comes late is late last.
+def order_key(item: Effect) -> tuple[int, bool, str]:
+    """Return the sort key of an effect: stage from command to sensor, delays last in a stage.
 
-    So the same effects make the same car, whichever was named first.
+    The order of a vehicle's effects does not depend on the order in which they were given.
     """
-    late = any(isinstance(signal, PureDelay) for signal in of.signals.values())
-    return EFFECT_STAGES.index(of.stage), late, of.name
+    late = any(isinstance(signal, PureDelay) for signal in item.signals.values())
+    return EFFECT_STAGES.index(item.stage), late, item.name
 
 
 def parse_effects(text: str) -> tuple[ActiveEffect, ...]:
     """Effects from ``steering_lag:0.06,encoder_ring:missing=0.05:phase=0.2``.
 
     Values without a name are in the order of the effect's parameters. Raises
-    UsageError for what it does not understand, ConfigError out of bounds.
+    UsageError for text that cannot be read, ConfigError out of bounds.
     """
     return tuple(_parse_effect(part.strip()) for part in text.split(",") if part.strip())
 
 
 def _parse_effect(text: str) -> ActiveEffect:
     name, *given = (part.strip() for part in text.split(":"))
-    of = find_effect(name)
+    item = find_effect(name)
     values: dict[str, Value] = {}
     for i, entry in enumerate(given):
         key, equals, number = entry.rpartition("=")
-        if not equals and i >= len(of.parameters):
-            raise _unreadable_effect(of, text)
-        key = key if equals else of.parameters[i].name
+        if not equals and i >= len(item.parameters):
+            raise _unreadable_effect(item, text)
+        key = key if equals else item.parameters[i].name
         try:
             values[key.strip()] = float(number)
         except ValueError as error:
-            raise _unreadable_effect(of, text) from error
+            raise _unreadable_effect(item, text) from error
     if not values or len(values) < len(given):
-        raise _unreadable_effect(of, text)
-    return activate(of, values)
+        raise _unreadable_effect(item, text)
+    return activate(item, values)
 
 
-def _unreadable_effect(of: Effect, text: str) -> UsageError:
-    form = ":".join(f"{q.name}={q.sizes[1]:g}" for q in of.parameters)
+def _unreadable_effect(item: Effect, text: str) -> UsageError:
+    form = ":".join(f"{q.name}={q.sizes[1]:g}" for q in item.parameters)
     return UsageError(f"an effect that cannot be read: {text!r}", found=text,
-                      expected=f"{of.name}:{form}",
-                      remedy=f"write {of.name}:{of.parameters[0].sizes[1]:g}")
+                      expected=f"{item.name}:{form}",
+                      remedy=f"write {item.name}:{item.parameters[0].sizes[1]:g}")

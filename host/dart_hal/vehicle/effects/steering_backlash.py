@@ -16,8 +16,8 @@ def play(p: Vehicle, f: Namespace, dt: Value, k: Value) -> tuple[
         Callable[[Value], tuple[Value]], Callable[[Value, Now, Value], tuple[Value, Value]]]:
     half = 0.5 * k
 
-    def step(v: Value, now: Now, before: Value) -> tuple[Value, Value]:
-        out = f.fmax(v - half, f.fmin(v + half, before))
+    def step(v: Value, now: Now, last: Value) -> tuple[Value, Value]:
+        out = f.fmax(v - half, f.fmin(v + half, last))
         return out, out
 
     return lambda v: (v,), step

@@ -37,9 +37,9 @@ which costs a third of the speed); the first that the compiler knows."""
 VECTOR_MATH: tuple[tuple[str, ...], ...] = (("-lmvec",), ())
 """glibc's vector sin, tanh and so on, where there are any; -lm is always linked."""
 TIMEOUT_S = 120.0
+# Libraries in the user's cache, each about 30 kB. A diagnosis that finds ten causes needs about
+# 150: one for each effect on forces, combined with the causes found before.
 MAX_CACHED_LIBRARIES = 1000
-"""Libraries in the user's cache; each has some 30 kB. A diagnosis that finds ten causes needs some
-150: every effect on forces beside those that were found before."""
 
 
 class Variant(NamedTuple):
@@ -58,7 +58,7 @@ VARIANTS = tuple(Variant(bits, lanes) for bits in (64, 32) for lanes in (False, 
 
 
 class CannotCompile(RuntimeError):
-    """There is no C compiler, or it failed; says which."""
+    """There is no C compiler, or it failed; the message has the reason."""
 
 
 def compiler() -> list[str] | None:
@@ -82,11 +82,11 @@ def key(source: str, variant: Variant) -> str:
 def processor() -> str:
     """What -march=native depends on: the processor's model and what it can do."""
     listing = Path("/proc/cpuinfo")
-    wanted = ("model name", "flags", "Features", "CPU part", "CPU implementer")
+    fields = ("model name", "flags", "Features", "CPU part", "CPU implementer")
     facts = [platform.system(), platform.machine()]
     if sys.platform == "linux" and listing.is_file():
         first = listing.read_text(encoding="utf-8", errors="replace").split("\n\n", 1)[0]
-        facts += [line for line in first.splitlines() if line.startswith(wanted)]
+        facts += [line for line in first.splitlines() if line.startswith(fields)]
     else:
         facts.append(platform.processor())
     return "\n".join(facts)
@@ -123,7 +123,7 @@ def compile_kernel(source: str, variant: Variant, folder: Path) -> Path:
 
 
 def _delete_oldest(folder: Path) -> None:
-    """Forget what was not used for longest."""
+    """Delete the libraries that were not used for longest."""
     times: dict[Path, float] = {}
     for path in folder.glob("kernel-*.so"):
         with contextlib.suppress(FileNotFoundError):  # swept by another process
@@ -147,8 +147,8 @@ def _build(command: list[str], source: str, variant: Variant, scratch: Path) -> 
 
 
 def _run_first(commands: list[list[str]]) -> None:
-    """Run the first command that succeeds. Raises CannotCompile with what the last one said."""
-    said = ""
+    """Run the first command that succeeds. Raises CannotCompile with the last message."""
+    message = ""
     for command in commands:
         try:
             done = subprocess.run(command, capture_output=True, text=True, check=False,
@@ -157,8 +157,8 @@ def _run_first(commands: list[list[str]]) -> None:
             raise CannotCompile(f"{command[0]}: {why}") from why
         if done.returncode == 0:
             return
-        said = (done.stderr.strip() or f"exit status {done.returncode}").splitlines()[0]
-    raise CannotCompile(f"{commands[-1][0]} failed: {said}")
+        message = (done.stderr.strip() or f"exit status {done.returncode}").splitlines()[0]
+    raise CannotCompile(f"{commands[-1][0]} failed: {message}")
 
 
 def build_committed(folder: Path = BUILT) -> list[Path]:

@@ -1,8 +1,8 @@
-"""Before a kernel is used: does it give what the Python equations give, here and now?
+"""Compare a kernel with the Python equations before its first use.
 
-A wrong compiler flag, a library of another equation, a processor that rounds
-its own way: whatever makes a kernel differ makes it unused, with the reason.
-It takes about a millisecond.
+A wrong compiler flag, a library of another equation or a processor that rounds differently can
+make a kernel differ. It is then not used, and the reason is reported. The check takes about a
+millisecond.
 """
 
 from __future__ import annotations
@@ -22,11 +22,13 @@ from dart_hal.vehicle.native.model import STATE_NAMES, STEP_FACTORIES, Traced, c
 from dart_hal.vehicle.parameters import AxleTyres, Vehicle
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
-CHECK_STEP_S, CHECK_SAMPLES, CHECK_SUBSTEPS = 0.01, 3, 2
+CHECK_STEP_S = 0.01
+CHECK_SAMPLES = 3
+CHECK_SUBSTEPS = 2
+# More cars than a vector holds, and not a multiple of it.
 CHECKED_CARS = 19
-"""More than a vector and not a multiple of it."""
+# Largest difference by number of bits, relative to the value or to 1, whichever is larger.
 TOLERANCE = {64: 1e-12, 32: 1e-4}
-"""Of the scale of a value, at least 1."""
 VALUE_RANGES = {"x": 2.0, "y": 2.0, "eta": 3.0, "vx": 2.0, "vy": 0.3, "om": 3.0, "tau": 0.5,
                 "s": 1.0, "delta": 0.4, "tau_command": 0.5, "s_command": 1.0}
 
@@ -52,7 +54,7 @@ def check(run: Run, traced: Traced, variant: Variant, form: Vehicle, kind: str,
 
 
 def integrate_reference(p: Vehicle, kind: str, method: str, start: Any, inputs: Any) -> Any:
-    """What the equations give over numpy."""
+    """Integrate the equations in numpy."""
     step = STEP_FACTORIES[kind](p, ARRAY, dt=CHECK_STEP_S, method=method)
     state = tuple(start)
     for first, second in zip(*inputs, strict=True):
@@ -61,9 +63,9 @@ def integrate_reference(p: Vehicle, kind: str, method: str, start: Any, inputs: 
     return np.array([np.broadcast_to(q, start.shape[1:]) for q in state])
 
 
-def disagreement(got: Any, wanted: Any) -> float:
+def disagreement(got: Any, reference: Any) -> float:
     """Largest difference, as a share of each value or of 1."""
-    return float(np.max(np.abs(got - wanted) / np.maximum(1.0, np.abs(wanted))))
+    return float(np.max(np.abs(got - reference) / np.maximum(1.0, np.abs(reference))))
 
 
 def make_reference_vehicle(form: Vehicle, lanes: int, draw: np.random.Generator) -> Vehicle:
@@ -71,13 +73,13 @@ def make_reference_vehicle(form: Vehicle, lanes: int, draw: np.random.Generator)
     tyres = UPSTREAM_2024.tyres if isinstance(form.tyres, AxleTyres) else PAPER.tyres
     effects = tuple(ActiveEffect(a.effect, tuple(q.null + q.sizes[0] for q in a.effect.parameters))
                     for a in form.effects)
-    # no number of it is 0 and hides a term
+    # None of its parameters is 0, which would hide a term.
     known = replace(UPSTREAM_2024, tyres=tyres, effects=effects)
 
-    def of(name: str) -> Any:
+    def varied_value(name: str) -> Any:
         if name == "tyres.rear_max":
             return 4.0 * (1.0 + np.arange(lanes) / 8) if lanes else 4.0
         number = value(known, name)
         return number * draw.uniform(0.98, 1.02, lanes) if lanes else number
 
-    return bind(form, of)
+    return bind(form, varied_value)

@@ -11,7 +11,7 @@ from dart_hal.vehicle.native.model import STATE_NAMES, form_of, trace
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
 
 FORMS = (PAPER, UPSTREAM_2024, replace(PAPER, kind="kinematic"))
-"""Built with the package; every other form is compiled when it is first asked for."""
+"""Built with the package; every other form is compiled on its first use."""
 
 
 def text() -> str:

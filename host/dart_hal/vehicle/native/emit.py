@@ -126,9 +126,9 @@ def _rows(pattern: str, nodes: Iterable[int]) -> dict[int, str]:
     return {index: pattern.format(row) for row, index in enumerate(nodes)}
 
 
-def _symbols(traced: Traced, wanted: tuple[str, ...], pattern: str) -> dict[int, str]:
+def _symbols(traced: Traced, targets: tuple[str, ...], pattern: str) -> dict[int, str]:
     where = {node.name: i for i, node in enumerate(traced.graph.nodes) if node.op == "symbol"}
-    return {where[name]: pattern.format(row) for row, name in enumerate(wanted)}
+    return {where[name]: pattern.format(row) for row, name in enumerate(targets)}
 
 
 def _loop(lines: list[str]) -> list[str]:
@@ -143,12 +143,14 @@ class _Lines:
     """Statements for some nodes; what is used once goes into the place where it is used."""
 
     def __init__(self, traced: Traced, given: dict[int, str]) -> None:
-        self._nodes, self._graph, self._given = traced.graph.nodes, traced.graph, given
+        self._nodes = traced.graph.nodes
+        self._graph = traced.graph
+        self._given = given
 
-    def write(self, wanted: tuple[int, ...], target: str) -> list[str]:
-        order = self._order(wanted)
+    def write(self, targets: tuple[int, ...], target: str) -> list[str]:
+        order = self._order(targets)
         uses = Counter(a for i in order if i not in self._given for a in self._nodes[i].args)
-        uses.update(wanted)
+        uses.update(targets)
         text: dict[int, str] = {}
         lines = []
         for i in order:
@@ -159,19 +161,19 @@ class _Lines:
                 lines.append(f"const real {name} = {_bare(expression)};")
                 expression = name
             text[i] = expression
-        lines += [f"{target.format(row)} = {_bare(text[i])};" for row, i in enumerate(wanted)]
+        lines += [f"{target.format(row)} = {_bare(text[i])};" for row, i in enumerate(targets)]
         return lines
 
-    def _order(self, wanted: tuple[int, ...]) -> list[int]:
+    def _order(self, targets: tuple[int, ...]) -> list[int]:
         """Nodes to compute, without what lies behind given ones."""
         found: set[int] = set()
-        todo = list(wanted)
+        todo = list(targets)
         while todo:
             i = todo.pop()
             if i not in found:
                 found.add(i)
                 todo.extend(() if i in self._given else self._nodes[i].args)
-        return [i for i in find_dependencies(self._graph, wanted) if i in found]
+        return [i for i in find_dependencies(self._graph, targets) if i in found]
 
     def _expression(self, index: int, text: dict[int, str]) -> str:
         node = self._nodes[index]

@@ -35,7 +35,8 @@ class CompiledStep:
         if number not in (np.float32, np.float64):
             raise CannotCompile(f"no kernel for numbers of type {number}")
         p = keep_motion_effects(p)
-        form, lanes = form_of(p), count_vehicles(p)
+        form = form_of(p)
+        lanes = count_vehicles(p)
         self._lanes = lanes
         if is_switched_off():
             raise CannotCompile(f"switched off by {NATIVE_SWITCH}=0")
@@ -65,14 +66,16 @@ def make_native_step(p: Vehicle, kind: str = "car", dt: float = SAMPLE,
     """
     kernel = CompiledStep(p, kind, dt, np.float64, method)
     n = 8 if kind == "car" else 6
-    memory, at = (ctypes.c_double * (n + 2))(), ctypes.c_int64(1)
+    memory = (ctypes.c_double * (n + 2))()
+    at = ctypes.c_int64(1)
     state = ctypes.addressof(memory)
     first = state + n * ctypes.sizeof(ctypes.c_double)
     second = first + ctypes.sizeof(ctypes.c_double)
     job = Job(n=1, samples=1, substeps=1, reads=1, ldh=1, lane=0, row=1, at=ctypes.addressof(at),
               h=kernel.h.ctypes.data, u0=first, u1=second, start=state, out=state)
     job.keeps = (kernel, at)
-    run, pointer = kernel.run, ctypes.byref(job)
+    run = kernel.run
+    pointer = ctypes.byref(job)
 
     def step(*values: float) -> tuple[float, ...]:
         memory[:] = values  # type: ignore[call-overload]  # any sequence will do
@@ -86,13 +89,14 @@ class KernelLookup(NamedTuple):
     """A kernel's function and its origin; or None, and why."""
 
     run: Run | None
-    says: str
+    origin: str
 
 
 @lru_cache(maxsize=128)
 def find_kernel(form: Vehicle, kind: str, method: str, bits: int, lanes: bool) -> KernelLookup:
-    """The kernel of a form, once it gave what the Python equations give; asked for once."""
-    traced, variant = trace(form, kind, method), Variant(bits, lanes)
+    """The kernel of a form, once it gave what the Python equations give; cached."""
+    traced = trace(form, kind, method)
+    variant = Variant(bits, lanes)
     try:
         run, origin = load(traced, variant)
         check(run, traced, variant, form, kind, method)

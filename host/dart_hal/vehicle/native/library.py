@@ -35,7 +35,7 @@ Run = Callable[[object], None]
 
 
 def is_switched_off() -> bool:
-    """Whether the user wants numpy."""
+    """Return whether the user has switched kernels off."""
     return os.environ.get(NATIVE_SWITCH, "").strip() == "0"
 
 
@@ -50,7 +50,8 @@ def load(traced: Traced, variant: build.Variant) -> tuple[Run, str]:
                 return _load_function(path, traced.name), "built with the package"
             except build.CannotCompile:
                 pass  # damaged: one compiled on demand does as well
-    whole, folder = source([text]), build.cache_folder()
+    whole = source([text])
+    folder = build.cache_folder()
     path = build.compile_kernel(whole, variant, folder)
     try:
         return _load_function(path, traced.name), "compiled on demand"
@@ -71,5 +72,6 @@ def _load_function(path: object, name: str) -> Run:
         function = getattr(ctypes.CDLL(str(path)), f"run_{name}")
     except (OSError, AttributeError) as why:
         raise build.CannotCompile(f"{path} does not load: {why}") from why
-    function.restype, function.argtypes = None, (ctypes.c_void_p,)
+    function.restype = None
+    function.argtypes = (ctypes.c_void_p,)
     return function  # type: ignore[no-any-return]

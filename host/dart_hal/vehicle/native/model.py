@@ -16,8 +16,8 @@ from dart_hal.vehicle.parameters import PaperTyres, Vehicle
 from dart_hal.vehicle.step import make_car_step, make_motion_step
 
 DT_SYMBOL = "dt"
+# N; replaces the infinite limit of a linear rear tyre, because -ffast-math excludes infinity.
 MAX_FORCE = 1e30
-"""N; stands for a rear tyre without end, because -ffast-math knows no infinity."""
 STATE_NAMES = {"car": ("x", "y", "eta", "vx", "vy", "om", "tau", "s"),
           "motion": ("x", "y", "eta", "vx", "vy", "om")}
 INPUT_NAMES = {"car": ("tau_command", "s_command"), "motion": ("tau", "delta")}
@@ -43,7 +43,7 @@ class Traced:
 
 
 _FORM_CACHE: dict[Hashable, Vehicle] = {}
-"""By what makes equations differ: a fit asks for the same ones thousands of times."""
+"""Vehicles by what makes equations differ: a fit needs the same ones thousands of times."""
 
 
 @lru_cache(maxsize=64)

@@ -1,9 +1,8 @@
-"""Equations as a graph: run them on symbols, and what they compute is written down.
+"""Equations as a graph: run them on symbols and record each operation.
 
-The factories of this room take any namespace of functions. Here it is one whose
-values are nodes of a graph; equal sub-expressions are one node. Nothing but
-arithmetic and the twelve functions can be recorded: an equation that asks
-whether a symbol is true or greater than another has a branch and is refused.
+The factories of this package take any namespace of functions. Here its values are nodes of a graph;
+equal sub-expressions are one node. Only arithmetic and the twelve functions can be recorded. An
+equation that compares a symbol or tests its truth has a branch, which raises TypeError.
 """
 
 from __future__ import annotations
@@ -75,11 +74,11 @@ class Graph:
 
         return Namespace(**{name: record(name) for name in FUNCTIONS})
 
-    def plan(self, wanted: tuple[int, ...], xp: Namespace) -> EvaluationPlan:
+    def plan(self, targets: tuple[int, ...], xp: Namespace) -> EvaluationPlan:
         """How to compute some nodes, made once."""
-        key = wanted, xp
+        key = targets, xp
         if key not in self._plans:
-            nodes = [(i, self.nodes[i]) for i in find_dependencies(self, wanted)]
+            nodes = [(i, self.nodes[i]) for i in find_dependencies(self, targets)]
             self._plans[key] = EvaluationPlan(
                 {i: n.value for i, n in nodes if n.op == "const"},
                 tuple((i, n.name) for i, n in nodes if n.op == "symbol"),
@@ -102,7 +101,8 @@ class Expr:
     """numpy must not take it for an array element."""
 
     def __init__(self, graph: Graph, index: int) -> None:
-        self.graph, self.index = graph, index
+        self.graph = graph
+        self.index = index
 
     def __add__(self, other: Any) -> Expr:
         return self.graph.apply("+", self, other)
@@ -135,7 +135,7 @@ class Expr:
         return self
 
     def __bool__(self) -> bool:
-        raise TypeError("an equation asks whether a symbol is true: it has a branch")
+        raise TypeError("an equation tests the truth of a symbol: it has a branch")
 
     def __lt__(self, other: Any) -> bool:
         raise TypeError("an equation compares symbols: it has a branch")
@@ -143,20 +143,20 @@ class Expr:
     __le__ = __gt__ = __ge__ = __lt__
 
 
-def evaluate(graph: Graph, wanted: tuple[int, ...], symbols: Mapping[str, Any],
+def evaluate(graph: Graph, targets: tuple[int, ...], symbols: Mapping[str, Any],
              xp: Namespace) -> list[Any]:
-    """Values of the nodes ``wanted`` for values of the symbols they depend on."""
-    plan = graph.plan(wanted, xp)
+    """Values of the nodes ``targets`` for values of the symbols they depend on."""
+    plan = graph.plan(targets, xp)
     values: dict[int, Any] = {**plan.constants, **{i: symbols[name] for i, name in plan.symbols}}
     for index, operation, args in plan.steps:
         values[index] = operation(*[values[a] for a in args])
-    return [values[i] for i in wanted]
+    return [values[i] for i in targets]
 
 
-def find_dependencies(graph: Graph, wanted: tuple[int, ...]) -> list[int]:
-    """All nodes that ``wanted`` depend on and themselves, in computable order."""
+def find_dependencies(graph: Graph, targets: tuple[int, ...]) -> list[int]:
+    """All nodes that ``targets`` depend on and themselves, in computable order."""
     found: set[int] = set()
-    todo = list(wanted)
+    todo = list(targets)
     while todo:
         index = todo.pop()
         if index not in found:
