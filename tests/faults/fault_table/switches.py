@@ -166,7 +166,8 @@ host("delimiter", "after damage the next delimiter begins anew",
      "dart_hal.wire.blocks.BlockReader.read", clumsy)
 host("frame_gates", "a STATE must also be possible", "dart_hal.wire.decoder.Gates.passes",
      always(True))
-host("ledger", "sequence numbers tell what was lost", "dart_hal.wire.decoder.Ledger.note", nothing)
+host("ledger", "sequence numbers tell what was lost",
+     "dart_hal.wire.decoder.SequenceTracker.add_frame", nothing)
 host("unwrap", "counters that wrap run on", "dart_hal.estimation.frames.WRAP", 1 << 40)
 host("raw_hold", "pulses of a calibration run out", "dart_hal.devices.actuation.chain.raw_pulses",
      endless)
