@@ -89,7 +89,7 @@ def test_a_refused_plan_moves_nothing(name):
 
 def test_without_a_person_nothing_starts():
     with Car.open("sim://?nano=mock") as car, \
-            pytest.raises(CalibrationFailed, match="this step needs an operator"):
+            pytest.raises(CalibrationFailed, match="this procedure needs an operator"):
         order.load_procedure("encoder")(car)
 
 

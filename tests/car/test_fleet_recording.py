@@ -11,7 +11,7 @@ from dart_hal.car.table import read_table
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.mcap_records import read_mcap
 from dart_hal.recording.run import RunReader
-from dart_hal.recording.run_file import RunFile, of_car
+from dart_hal.recording.run_file import RunFile, select_car
 
 URLS = ["sim://?seed=1&nano=mock", "sim://?seed=2&nano=mock"]
 
@@ -60,7 +60,7 @@ def test_a_replay_sees_the_states_of_the_drive(drive):
 def test_channels_begin_with_the_name_and_share_a_time_base(drive):
     found = read_mcap(drive[0])
     assert {"/sim_1/rx", "/sim_1/odom", "/sim_2/rx", "/sim_2/odom"} <= set(found.topics.values())
-    ends = [of_car(found, name).extent()[2] for name in ("sim-1", "sim-2")]
+    ends = [select_car(found, name).extent()[2] for name in ("sim-1", "sim-2")]
     assert abs(ends[0] - ends[1]) < 0.02e9
     stamps = np.array([m.ns for m in found.messages({"/sim_1/odom", "/sim_2/odom"})])
     assert np.diff(stamps).min() > -0.02e9, "in the order of time, but for a tick"

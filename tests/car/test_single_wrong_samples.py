@@ -58,7 +58,7 @@ class Unfiltered(telemetry.SingleSampleFilter):
     """The layer taken away: every sample is accepted, and no residual is stated."""
 
     def add(self, t, value, stamp):
-        return telemetry.Accepted(value, stamp)
+        return telemetry.AcceptedSample(value, stamp)
 
 
 @pytest.mark.slow

@@ -65,7 +65,7 @@ def test_the_pin_is_at_neutral_soon_after_the_lidar_shows_nothing(fault):
 @pytest.mark.slow
 def test_control_without_patience_and_end_the_pin_drives_on(monkeypatch):
     monkeypatch.setattr(lane_follow, "MAX_POSE_GAP", 1e9)
-    monkeypatch.setattr(lane_follow, "FRONT", -1e9)
+    monkeypatch.setattr(lane_follow, "FRONT_DISTANCE", -1e9)
     _, neutral, pulses, _ = driven("corridor", "silent", until=8.0)
     t, us = pulses.T
     assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() > neutral + 20.0

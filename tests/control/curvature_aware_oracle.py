@@ -87,10 +87,10 @@ class Converged(TwoLayers):
 
     def _path_layer(self):
         law, w, f = self.generator.law, self.generator.weights, adapt(ca)
-        z, u, p = ca.SX.sym("z", 7), ca.SX.sym("u"), ca.SX.sym("p", 1 + curvature.POINTS)
+        z, u, p = ca.SX.sym("z", 7), ca.SX.sym("u"), ca.SX.sym("p", 1 + curvature.GRID_POINTS)
 
         def bend(s):
-            away = ca.fabs(s / (LENGTH * p[0]) - curvature.GRID) / curvature.WIDTH
+            away = ca.fabs(s / (LENGTH * p[0]) - curvature.GRID) / curvature.KERNEL_WIDTH
             return ca.dot(curvature.matern(away, ca.exp), p[1:])
 
         stage = progress.make_stage(progress.make_rates(law, p[0], bend, f), STAGE_PERIOD)
@@ -117,7 +117,7 @@ class Converged(TwoLayers):
             self.limits.lane,
             [-MAX_TURN_RATE],
             [MAX_TURN_RATE],
-            1 + curvature.POINTS,
+            1 + curvature.GRID_POINTS,
         )
 
     def _follow_layer(self):

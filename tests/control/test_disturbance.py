@@ -101,5 +101,5 @@ def rests_beside(speed: float = 1.5) -> float:
 def test_wheels_that_stand_aside_leave_no_offset(monkeypatch):
     """The control: the same where nothing is learnt."""
     assert abs(rests_beside()) < 0.004
-    monkeypatch.setattr(disturbance, "FROM", inf)
+    monkeypatch.setattr(disturbance, "MIN_LEARNING_SPEED", inf)
     assert abs(rests_beside()) > 0.012

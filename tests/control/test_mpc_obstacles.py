@@ -114,7 +114,7 @@ def test_it_is_as_sure_as_it_may_be(monkeypatch):
     """Two cars whose model is 5 % off, 1 s ahead; the control: a stage that adds nothing."""
     found, told = (np.vstack(each) for each in zip(*(errors(k, 2.0) for k in (3, 5)), strict=True))
     assert (np.abs(found[:, 10]) < 2.0 * told[:, 10]).mean() > 0.8
-    monkeypatch.setattr(spread, "TURNED", 0.0)
+    monkeypatch.setattr(spread, "HEADING_STD_PER_SPEED", 0.0)
     found, told = errors(3, 2.0)
     assert (np.abs(found[:, 10]) < 2.0 * told[:, 10]).mean() < 0.7
 

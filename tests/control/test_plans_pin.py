@@ -81,8 +81,8 @@ def test_a_drive_without_plans_ends_at_neutral(name, spoil, why, outcome):
     follower, rows, told = driven(name, spoil)
     assert follower.why == why
     assert follower.tracker.mpcc.outcomes[outcome] == (4 if outcome is PlanOutcome.LATE else 1)
-    assert told[-1] == tracker.OUTCOMES.index(outcome)
-    assert told[0] == tracker.OUTCOMES.index(PlanOutcome.SOLVED)
+    assert told[-1] == tracker.PLAN_OUTCOMES.index(outcome)
+    assert told[0] == tracker.PLAN_OUTCOMES.index(PlanOutcome.SOLVED)
     t, width, speed = rows.T
     driving = width[t < 0.1].max()
     assert driving > NEUTRAL_US + 50.0

@@ -127,7 +127,7 @@ def test_a_source_that_began_anew_is_told_by_its_arrival():
     arrival = np.arange(len(stamp)) * 0.01 + 0.5
     told, notes = to_car_time(stamp, arrival)
     assert np.array_equal(told, arrival)
-    assert "began anew" in notes
+    assert "restarted its clock" in notes
 
 
 def test_the_date_of_a_run_is_that_of_its_source():

@@ -69,7 +69,7 @@ PICKS = (
     Pick("a setpoint that is no number leaves the old command", "engine", CAR + "car.py",
          "                engine.driver.actuator.refuse()\n", ""),
     Pick("a cut-off that nothing shows passes", "facts", CAR + "cutoff_test.py",
-         '("passed" if came else "unwired")', '"passed"'),
+         '"passed" if came else "unwired"', '"passed"'),
     Pick("neutral counts while /OE is off", "facts", CAR + "facts.py",
          'if cutoff != "oe":', "if True:"),
     Pick("closing gives up where the lock is held", "engine", CAR + "engine.py",

@@ -74,7 +74,7 @@ def test_windows_reach_into_gaps_when_gaps_are_not_looked_for(driven, tmp_path, 
     gaps = [(12.0, 12.2), (20.0, 21.0)]
     path = write_table(without(table_of(recording), gaps), tmp_path / "gaps.csv")
     monkeypatch.setattr(marker, "_in_gap", lambda t, stamp: np.zeros(len(t), dtype=bool))
-    monkeypatch.setattr(marker, "GAP", 1e9)
+    monkeypatch.setattr(marker, "MAX_MESSAGE_GAP", 1e9)
     g, windows = windows_of(path, frame)
     with pytest.raises(AssertionError):
         assert_clean(g, windows, gaps)

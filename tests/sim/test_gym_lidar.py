@@ -12,7 +12,7 @@ from dart_hal.control.tracks import TRACKS, track_named
 from dart_hal.core.errors import UsageError
 from dart_hal.estimation.localisation import rays
 from dart_lab.sim.gym import DartCarEnv, DartCarVectorEnv, GymConfig
-from dart_lab.sim.gym.lidar import AXIS_X, BESIDE, BODY, FLAT, MOST, Eyes
+from dart_lab.sim.gym.lidar import BESIDE, BODY, DEFAULT_MOUNT_X, FLAT, MOST, Eyes
 from dart_lab.sim.gym.tasks import OFF_TRACK, Memory
 
 RING = Path([(2.0 * pi, 1.0)], closed=True)
@@ -34,7 +34,7 @@ def test_boards_are_where_they_are():
     eyes, half = Eyes(RING, c), c.half_width + BESIDE
     pose = 0.05, 0.1, 0.3
     seen = eyes.ranges(np.array(pose)[:, None], NOBODY)[:, 0]
-    x, y = pose[0] + AXIS_X * cos(pose[2]), pose[1] + AXIS_X * sin(pose[2])
+    x, y = pose[0] + DEFAULT_MOUNT_X * cos(pose[2]), pose[1] + DEFAULT_MOUNT_X * sin(pose[2])
     for reach, bearing in zip(seen, eyes.bearing, strict=True):
         way = pose[2] + bearing
         true = min(to_ring(x, y, way, 1.0 - half), to_ring(x, y, way, 1.0 + half))
@@ -57,7 +57,7 @@ def test_a_car_ahead_is_seen_and_one_behind_a_board_is_not():
     track = track_named("savoiardo")
     eyes = Eyes(track, GymConfig(track=track, beams=4))
     me, gap = np.array((0.3, 0.0, 0.0))[:, None], 1.0
-    rear = 0.3 + AXIS_X + gap + 0.5 * BODY.length - BODY.ahead
+    rear = 0.3 + DEFAULT_MOUNT_X + gap + 0.5 * BODY.length - BODY.ahead
     ahead = np.array((rear, 0.0, 0.0)).reshape(1, 3, 1)
     alone = eyes.ranges(me, NOBODY)[:, 0]
     seen = eyes.ranges(me, ahead)[:, 0]
@@ -119,7 +119,7 @@ def test_the_picture_shows_them():
 def test_numpy_sees_what_the_kernel_sees(monkeypatch):
     seen = []
     for cast in (rays.fastest_cast(), rays.cast_numpy):
-        monkeypatch.setattr("dart_lab.sim.gym.lidar.best", lambda cast=cast: cast)
+        monkeypatch.setattr("dart_lab.sim.gym.lidar.fastest_cast", lambda cast=cast: cast)
         seen.append(DartCarEnv(beams=24).reset(seed=6)[0])
     assert seen[0] == pytest.approx(seen[1], abs=1e-6)
 

@@ -107,10 +107,10 @@ class Bench:
 
     @property
     def workshop(self) -> Workshop:
-        """The person beside the car. Raises CalibrationFailed if nobody is there."""
+        """The operator at the car. Raises CalibrationFailed without one."""
         if self.person is None:
-            raise CalibrationFailed("nobody is at the car", found="no workshop",
-                                    remedy="give the procedure a workshop")
+            raise CalibrationFailed("this procedure needs an operator", found="no workshop",
+                                    remedy="pass a workshop to the procedure")
         return self.person
 
 

@@ -236,7 +236,7 @@ def test_what_must_be_gained_grows_with_the_disturbance(monkeypatch, push):
     quiet, rough = (drive(seed=9, habits=Habits(push=p)) for p in (0.06, push))
     sizes = fitted(evidence(quiet))[0]
     least = search(quiet, names=SOME)
-    monkeypatch.setattr(searching, "measure", lambda *given, **policy: sizes)
+    monkeypatch.setattr(searching, "estimate_noise", lambda *given, **policy: sizes)
     frozen = search(rough, names=SOME)
     assert names(least) == names(frozen) == []
     assert frozen.ranking[0].gain > 4.0 * least.ranking[0].gain

@@ -151,7 +151,7 @@ def late(age: float) -> messages.Drive:
 class Topics:
     """A middleware without a network: ``publish_to(topic, value)``."""
 
-    closed = False
+    is_closed = False
 
     def __init__(self) -> None:
         self.heard: dict[str, Callable[[float], None]] = {}

@@ -115,7 +115,7 @@ def test_a_go_that_was_there_while_it_armed_moves_nothing():
 
 @pytest.mark.slow
 def test_control_without_that_rule_it_drives_off(monkeypatch):
-    monkeypatch.setattr(Commands, "armed", lambda self: setattr(self, "_armed", True))
+    monkeypatch.setattr(Commands, "require_go", lambda self: setattr(self, "_armed", True))
     with pytest.raises(AssertionError):
         test_a_go_that_was_there_while_it_armed_moves_nothing()
 
