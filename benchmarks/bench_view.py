@@ -153,16 +153,16 @@ def fleet() -> tuple[float, float, float]:
         print(f"one that is killed is red after {red:.2f} s", flush=True)
         pressed = time.monotonic()
         call = station.call_stop("bench")
-        while len(call.answered) < CARS - 1 and time.monotonic() - pressed < 3.0:
+        while len(call.confirmed_cars) < CARS - 1 and time.monotonic() - pressed < 3.0:
             next(news)
         stopped = time.monotonic() - pressed
-        print(f"{len(call.answered)} of {CARS - 1} cars have obeyed STOP ALL after "
+        print(f"{len(call.confirmed_cars)} of {CARS - 1} cars have obeyed STOP ALL after "
               f"{stopped:.2f} s", flush=True)
     end.set()
     for program in programs:
         program.join(5.0)
         program.kill()
-    return found, red, stopped if len(call.answered) == CARS - 1 else inf
+    return found, red, stopped if len(call.confirmed_cars) == CARS - 1 else inf
 
 
 def seen(desk: FleetDesk) -> Iterator[list[dict[str, object]]]:

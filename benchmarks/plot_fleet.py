@@ -74,9 +74,9 @@ def corridor(axis: Axes) -> None:
                 for n, car in enumerate(fleet.cars):
                     car.drive_speed(steering=0.0, speed=0.6 + 0.1 * n)
             members[-1].close()
-        fleet.cars[0].scans()
+        fleet.cars[0].lidar.scans()
         for _ in fleet.states(duration=1.0):
-            if scans := fleet.cars[0].scans():
+            if scans := fleet.cars[0].lidar.scans():
                 break
         truths = [placed((t.x, t.y, t.yaw), start) for t, start in
                   zip((world_of(b).truth() for b in backends), PLACES, strict=True)]

@@ -82,8 +82,8 @@ def drive(seed: int, speed: float = 2.0, tracker: str = "ca-mpcc") -> Passing:
             x, y = room.x + c * true.x - s * true.y, room.y + s * true.x + c * true.y
             yaw, at = room.yaw + true.yaw, path.closest(x, y, layers.s)
             middle = x + AXLE * cos(yaw), y + AXLE * sin(yaw)
-            found.air = min(
-                found.air, clearance(*middle, yaw, layers.mpcc.obstacles[0], path, motion.t)
+            found.clearance = min(
+                found.clearance, clearance(*middle, yaw, layers.mpcc.obstacles[0], path, motion.t)
             )
             found.rows.append((motion.t, at - follower.begun_at, path.offset(x, y, at), true.v_x,
                                *layers._learning.disturbance.value))
@@ -102,8 +102,8 @@ def main() -> None:
     for seed in range(given.first, given.first + given.seeds):
         found = drive(seed, given.speed, given.tracker)
         rows = np.array(found.rows)
-        all_.append((found.air, found.most))
-        print(f"car {seed}: {100 * found.air:5.1f} cm of air, {found.most:.2f} m off at most, "
+        all_.append((found.clearance, found.most))
+        print(f"car {seed}: clearance {100 * found.clearance:5.1f} cm, {found.most:.2f} m off, "
               f"{rows[-1, 1] / (rows[-1, 0] - rows[0, 0]):.2f} m/s; learnt at most "
               + " ".join(f"{v:+.2f}" for v in rows[np.abs(rows[:, 4:]).argmax(axis=0),
                                                    np.arange(4, 7)])

@@ -36,7 +36,7 @@ def test_a_car_of_which_nothing_is_known_passes_and_keeps_its_lane(seed):
     (3) and with plans that no tyres hold (8)."""
     found = uncalibrated(seed)
     assert found.why == "the path is driven"
-    assert found.air > 0.05
+    assert found.clearance > 0.05
     assert found.most < 0.3
     assert np.abs(np.array(found.rows)[:, 4:]).max() < MAX_ERROR
 
