@@ -39,11 +39,11 @@ def test_what_is_measured_is_near_the_truth_and_tunes_the_speed_loop(tmp_path):
     true = true_sensors(url)
     for name, found in result.quantities.items():
         assert abs(found.value - true[name]) < 3.5 * found.std, name
-    assert not make_speed_response(files).known
+    assert not make_speed_response(files).is_lag_known
     write(files, result)
     with Car.open(url, cars=tmp_path) as car:
         answer = make_speed_response(car.files)
-    assert answer.known
+    assert answer.is_lag_known
     assert answer.lag == pytest.approx(0.06, abs=0.004)
     assert answer.delay == pytest.approx(0.02, abs=0.004)
 

@@ -75,7 +75,8 @@ def test_it_goes_on_disarmed_under_another_name(served_by_name):
 def test_another_board_in_its_place_is_not_taken(served_by_name, monkeypatch):
     """The control: what makes it the same car is the number in HELLO, not the name."""
     real = pump.BoardSearch
-    monkeypatch.setattr(pump, "BoardSearch", lambda backend, board, baud: real(backend, board ^ 1, baud))
+    monkeypatch.setattr(pump, "BoardSearch",
+                        lambda backend, board, baud: real(backend, board ^ 1, baud))
     with served_by_name.open() as car:
         served_by_name.process.send_signal(signal.SIGUSR1)
         with pytest.raises(LinkLost, match=r"vanished|take bytes"):

@@ -121,7 +121,7 @@ def endless(*asked: Any) -> limits.Pulses:
 
 def pleased(test: CutoffTest, came: bool, now: float) -> None:
     """Whatever came, the cut-off cuts."""
-    test._asked, test.outcome, test.done = None, "passed", True
+    test._requested_at, test.outcome, test.done = None, "passed", True
 
 
 def deaf(driver: Driver, now: float) -> list[str]:
