@@ -37,7 +37,7 @@ HALF = 0.5 * COURSE.path.length
 
 
 @dataclass
-class Told:
+class PhaseReport:
     """What came of another car's plan."""
 
     age: float
@@ -48,7 +48,7 @@ class Told:
 def told(X, rate=OMEGA, age=0.0):
     spots = [COURSE.point_at(X + rate * PLAN_STEP * k) for k in range(PLAN_POINTS)]
     speed = rate * float(TEAM.curve.rate(np.array(X)))
-    return Told(age, np.array([(p.x, p.y, p.heading, speed) for p in spots]))
+    return PhaseReport(age, np.array([(p.x, p.y, p.heading, speed) for p in spots]))
 
 
 def free(mine, its, v=1.0, its_v=1.0, age=0.05, **options):
@@ -145,7 +145,7 @@ def test_an_old_message_changes_nothing():
     peer.receive(told(2.0), 10.0)
     peer.receive(told(1.0, age=60.0), 10.1)
     assert peer.reported_X == pytest.approx(2.0, abs=1e-3)
-    peer.receive(Told(0.0, np.empty((0, 4))), 10.2)
+    peer.receive(PhaseReport(0.0, np.empty((0, 4))), 10.2)
     assert peer.age(10.2) == pytest.approx(0.2)
 
 

@@ -19,7 +19,7 @@ from dart_lab.report.numbers import with_error
 from tests.pages import foreign, shown
 
 
-class Reader(HTMLParser):
+class PageReader(HTMLParser):
     """Whether every element that is opened is closed."""
 
     def __init__(self, text):
@@ -88,7 +88,7 @@ def test_a_page_is_sound_and_asks_for_nothing_from_outside(tmp_path):
     whole = page.page("of <a test>", "Heading", page.text("lead"), sections)
     written = page.write(tmp_path / "new" / "page.html", whole).read_text(encoding="utf-8")
     assert written == whole
-    assert not Reader(whole).open
+    assert not PageReader(whole).open
     assert not foreign(whole)
     assert not re.search(r"\b(nan|inf|None)\b", shown(whole))
     assert all(f'href="#{key}"' in whole and f'id="{key}"' in whole for key in sections)
