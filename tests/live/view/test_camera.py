@@ -67,7 +67,8 @@ class LostCamera:
 @pytest.mark.realtime
 @pytest.mark.usefixtures("armed_esc")
 def test_one_that_is_gone_is_told_and_the_car_is_stopped_and_driven_as_ever():
-    with Car.open("sim://?nano=mock&pace=1", camera=LostCamera()) as car, car.view(port=0) as page, \
+    with Car.open("sim://?nano=mock&pace=1", camera=LostCamera()) as car, \
+            car.view(port=0) as page, \
             join(page) as one:
         car.arm()
         for _ in car.states(duration=0.3):
