@@ -34,7 +34,7 @@ def size(effect, **values):
     ("load_transfer", 0.4, 0.03, "share of the side force that 1 g moves to the rear axle "
                                  "40.0 +- 3.0 %"),
     ("mocap_offset_x", -0.008, 0.001,
-     "distance of the marker ahead of its stated place -8.0 +- 1.0 mm"),
+     "distance of the marker ahead of its stated position -8.0 +- 1.0 mm"),
     ("road_slope_x", 0.0981, 0.0, "downhill acceleration along x of the room 0.0981 m/s2 "
                                   "(a slope of 1 cm in 1 m)")])
 def test_size_is_stated_with_its_meaning(effect, value, std, text):

@@ -27,9 +27,9 @@ def installed(tmp_path):
 
 def test_the_catalogue_has_the_effect_with_its_equation(installed):
     done = run_with(installed, """
-from dart_hal.vehicle.effects import catalogue, equation, own_effects
+from dart_hal.vehicle.effects import catalogue, equation_text, own_effects
 print(sorted(set(catalogue()) - set(own_effects())))
-print(equation(catalogue()["tail_fin"]).strip())""")
+print(equation_text(catalogue()["tail_fin"]).strip())""")
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines() == [
         "['tail_fin']", "F_yr = F_yr(tyre) - k v_x (v_y - l_r omega)"]

@@ -174,7 +174,7 @@ def test_a_stuck_line_is_a_bus_error_that_explains_itself() -> None:
     world.bus.stuck = "sda"
     with pytest.raises(BusError, match="did not become free") as caught:
         world.actuator().open()
-    assert "held low" in caught.value.likely
+    assert "stays low" in caught.value.likely
 
 
 def test_an_external_clock_is_refused() -> None:

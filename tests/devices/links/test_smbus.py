@@ -67,7 +67,7 @@ def test_a_scan_finds_what_acknowledges(bus: SmbusBus) -> None:
 
 
 @pytest.mark.parametrize(("number", "word"), [
-    (errno.EREMOTEIO, "decimal 40 for 0x40"), (errno.ETIMEDOUT, "held low"),
+    (errno.EREMOTEIO, "decimal 40 for 0x40"), (errno.ETIMEDOUT, "stays low"),
     (errno.EIO, "loose jumper"), (errno.EBUSY, "device tree")])
 def test_an_errno_is_explained(bus: SmbusBus, monkeypatch, number, word) -> None:
     monkeypatch.setattr(Device, "error", number)
