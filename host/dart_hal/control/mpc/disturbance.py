@@ -82,7 +82,7 @@ class SteeringDisturbance:
 
         1. Steady yaw rate r(c) of the model and its slope to the command, by a central difference.
         2. Low-pass r and the regressors slope * (1, max(c, 0), min(c, 0)) with the lag of the yaw
-        rate.
+           rate.
         3. Kalman update; the covariance grows by RANDOM_WALK_STD^2 dt, the noise by the transient.
         """
         if speed < MIN_LEARNING_SPEED:
