@@ -272,7 +272,7 @@ def _check_poses(source: PoseSource, states: list[State]) -> DoctorCheck:
     return _make_check("poses", last.tracking is Tracking.TRACKING,
                        found + (f"; {why}" if why else ""), bad="warn", expected="TRACKING",
                        cause="the car is hidden, or the poses are of another body",
-                       remedy="docs/how_to/poses.md, section What State says")
+                       remedy="docs/how_to/poses.md, section Tracking")
 
 
 def _check_lidar(car: Car) -> DoctorCheck:
