@@ -128,5 +128,5 @@ class DisturbancePrediction(MotionPrediction):
     def compensate(self, angle: float) -> float:
         return self.plant.angle_of(self.disturbance.command(self.plant.command_of(angle)))
 
-    def _learn(self, now: MotionEstimate, step: float) -> None:
+    def _learn_bias(self, now: MotionEstimate, step: float) -> None:
         self.disturbance.update(self._servo, now.speed, now.yaw_rate, step)
