@@ -400,7 +400,7 @@ class ForwardSearch:
 
     def __getstate__(self) -> dict[str, Any]:
         """State for a worker process: without callbacks and sweeps."""
-        return {**self.__dict__, "_progress": None, "_fitted": None, "_before": None}
+        return {**self.__dict__, "_progress": None, "_on_base_fitted": None, "_sweeps": None}
 
 
 def effect_names(vehicle: Vehicle) -> tuple[str, ...]:
