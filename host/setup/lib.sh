@@ -119,6 +119,14 @@ settings() { # --car, --i2c and --with, else what an earlier run wrote, else the
     car=${car:-${old_car:-dart-01}}
     i2c=${i2c:-${old_i2c:-$(header_bus)}}
     extras=${extras:-${old_extras:-view,map}}
+    known=$(sed -n '/^\[project.optional-dependencies\]/,/^\[project.scripts\]/s/^\([a-z]*\) = .*/\1/p' \
+        "$checkout/pyproject.toml" | tr '\n' ' ')
+    for extra in $(printf '%s' "$extras" | tr ',' ' '); do
+        case " $known" in
+            *" $extra "*) ;;
+            *) wrong "--with wants extras of the package ($known), found '$extra'" ;;
+        esac
+    done
 }
 
 finish() {

@@ -132,6 +132,10 @@ def test_other_extras_make_a_new_environment_and_are_remembered(box: Box) -> Non
     assert "nothing to do" in box.run().stdout
     assert (box.home / DATA / "current").resolve() == chosen
     assert box.run("--with", "Camera;rm").returncode == 2
+    unknown = box.run("--with", "view,cameras")
+    assert unknown.returncode == 2
+    assert "'cameras'" in unknown.stdout + unknown.stderr
+    assert "camera " in unknown.stdout + unknown.stderr
 
 
 @pytest.mark.slow
