@@ -54,7 +54,8 @@ def measure(bench: Bench) -> Measured:
     files = bench.files
     chart = bench.chart
     if chart is None:
-        raise UsageError("the lidar is measured in a map", found="none", expected="a chart")
+        raise UsageError("the lidar is measured in a map", found="none", expected="a chart",
+                         remedy="calibrate_lidar(car, chart=MAP), or --map room.yaml")
     if not car.has_lidar:
         raise _no_scans(False)
     states: list[State] = []

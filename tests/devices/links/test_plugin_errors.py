@@ -72,6 +72,17 @@ def test_an_error_of_a_sensor_names_its_package(package, open_sensor, name, mess
     assert "other-car 2.5" in caught.value.what
 
 
+@pytest.mark.parametrize(("kind", "open_sensor", "url"), [
+    ("camera", open_camera, "usb:/dev/no-camera"), ("lidar", open_lidar, "serial://"),
+    ("poses", open_poses, "udp://no-port")])
+def test_no_package_takes_the_place_of_a_sensor_of_ours(package, tmp_path, kind, open_sensor, url):
+    (tmp_path / "other_car-2.5.dist-info" / "entry_points.txt").write_text(
+        f"[dart_hal.sensors]\n{kind}.{scheme(url.partition(':')[0])} = other_car:return_nothing\n")
+    with pytest.raises(DartHalError) as caught:
+        open_sensor(url)
+    assert not isinstance(caught.value, PluginFailed)
+
+
 def test_an_effect_that_cannot_be_imported_names_its_package(package, tmp_path):
     (tmp_path / "other_car-2.5.dist-info" / "entry_points.txt").write_text(
         "[dart_hal.effects]\nfin = other_car:no_such_function\n")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dart_hal.core.added_sensors import open_added_sensor
 from dart_hal.core.ports import ImageSource
 from dart_hal.devices.camera.capture import CvCamera
-from dart_hal.devices.camera.device import device_of
+from dart_hal.devices.camera.device import KINDS, device_of
 
 
 def open_camera(text: str) -> ImageSource:
@@ -14,5 +14,8 @@ def open_camera(text: str) -> ImageSource:
 
     Raises UsageError, PortMissing, PortDenied, PortBusy, PluginFailed.
     """
-    added: ImageSource | None = open_added_sensor("camera", text)
-    return CvCamera(device_of(text)) if added is None else added
+    if text.partition(":")[0] not in KINDS:
+        added: ImageSource | None = open_added_sensor("camera", text)
+        if added is not None:
+            return added
+    return CvCamera(device_of(text))

@@ -14,6 +14,7 @@ from dart_hal.core.process.extras import install_command
 
 EXPECTED = "usb:0, usb:/dev/video0?width=640&height=480&fps=15, csi:0, or top in sim://"
 RANGES = {"width": (16, 4096), "height": (16, 4096), "fps": (1, 120), "quality": (1, 100)}
+KINDS = ("usb", "csi")
 _CSI = ("nvarguscamerasrc sensor-id={number} ! video/x-raw(memory:NVMM),width={width},"
         "height={height},framerate={fps}/1 ! nvvidconv ! video/x-raw,format=BGRx ! videoconvert ! "
         "video/x-raw,format=BGR ! appsink drop=true max-buffers=1")
@@ -99,7 +100,7 @@ def device_of(text: str) -> Device:
     except ValueError as why:
         raise _no_camera(text, str(why)) from why
     place = parts.netloc + parts.path
-    if parts.scheme not in ("usb", "csi"):
+    if parts.scheme not in KINDS:
         raise _no_camera(text, parts.scheme or "neither usb: nor csi:")
     if place.isascii() and place.isdigit():
         place = place if parts.scheme == "csi" else f"/dev/video{place}"

@@ -12,6 +12,7 @@ from dart_hal.devices.lidar.port import SerialLidar
 from dart_hal.devices.links.serial_port import find_port
 
 EXPECTED = "serial:///dev/dart-lidar or hwgrep://10C4:EA60"
+SCHEMES = ("serial", "hwgrep")
 OPTIONS = ("baud",)
 
 
@@ -27,10 +28,11 @@ def open_lidar(text: str) -> ScanSource:
     except ValueError as why:
         raise UsageError(f"{text!r} is no lidar", found=str(why), expected=EXPECTED) from why
     target = parts.netloc + parts.path
-    if parts.scheme not in ("serial", "hwgrep") or not target:
+    if parts.scheme not in SCHEMES:
         added: ScanSource | None = open_added_sensor("lidar", text)
         if added is not None:
             return added
+    if parts.scheme not in SCHEMES or not target:
         raise UsageError(f"{text!r} is no lidar", found=parts.scheme or "no scheme://",
                          expected=", ".join([EXPECTED, *list_schemes("lidar")]))
     pairs = parse_qsl(parts.query, keep_blank_values=True)
