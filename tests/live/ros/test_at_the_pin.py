@@ -97,7 +97,7 @@ def test_what_cannot_be_meant_is_neutral_at_once(each):
 
 @pytest.mark.slow
 def test_control_without_the_check_it_drives_on(monkeypatch):
-    monkeypatch.setattr(Commands, "safety", lambda self, value, now: self._hear(
+    monkeypatch.setattr(Commands, "safety", lambda self, value, now: self._receive(
         "safety_value", self._safety, 1.0, now, True, ""))
     assert drive(bad("safety_value", 0.0)).last_driving() - LAST > NEUTRAL
 
