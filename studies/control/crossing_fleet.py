@@ -100,7 +100,7 @@ class Emulated:
             self._keep(n, mind)
 
     def _keep(self, n, mind) -> None:
-        mind.coordinator.keep = lambda stamp: self.kept.__setitem__(n, stamp)
+        mind.coordinator.store_stamp = lambda stamp: self.kept.__setitem__(n, stamp)
 
     def drive(self, seconds: float, fault=NO_FAULT) -> None:
         """Until all are across or the time is over."""

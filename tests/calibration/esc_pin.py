@@ -49,8 +49,8 @@ class Watched:
         return max((end for end, width in self.pulses if abs(width - 1500.0) > PULLS),
                    default=0.0) - t
 
-    def press(self, when: Callable[[State], bool], procedure: Callable[..., Any], *given: Any
-              ) -> float:
+    def press(self, when: Callable[[State], bool], procedure: Callable[..., Any], *given: Any,
+              **options: Any) -> float:
         """Ctrl-C at the first State of a raw output that is so; the world's time [s] then."""
         pressed: list[float] = []
 
@@ -61,7 +61,7 @@ class Watched:
 
         self.car.on_state(press)
         with pytest.raises(KeyboardInterrupt):
-            procedure(self.car, *given)
+            procedure(self.car, *given, **options)
         self.car._engine.listeners.remove(press)
         for _ in self.car.states(duration=0.5):
             pass

@@ -43,6 +43,10 @@ def told():
                 self.drive.states.append(state)
                 yield state
 
+        @property
+        def lidar(self):
+            return self
+
         def scans(self):
             some = self.car.lidar.scans()
             self.drive.scans.extend(some)
