@@ -187,7 +187,7 @@ def split(seconds: float) -> list[Figure]:
         watch.wrap(engine.driver.actuator, "command", "command chain")
         watch.wrap(engine.transmitter, "send", "frames down")
         for method in ("rx", "tx", "applied", "command"):
-            watch.wrap(car._recorder, method, "recording")
+            watch.wrap(car._recorder._writer, method, "recording")
         engine.listeners[:] = [watch.timed(f, "recording") for f in engine.listeners]
         watch.timed(drive, "loop, link, supervisor")(car, seconds)
     total = sum(watch.spent.values())

@@ -121,8 +121,8 @@ def test_a_recording_begun_midway_has_them_and_one_without_a_camera_has_no_chann
         for _ in car.states(duration=0.3):
             pass
     assert len(list(RunReader(path).images())) == pytest.approx(0.5 / EVERY, abs=1)
-    states, images = drive(URL, 0.3, record=tmp_path / "without.mcap")
-    assert (states[-1].image, images) == (None, [])
+    with Car.open(URL, record=tmp_path / "without.mcap") as car:
+        assert [state.image for state in car.states(duration=0.3)].count(None) > 20
     with (tmp_path / "without.mcap").open("rb") as file:
         assert TOPIC not in {c.topic for c in make_reader(file).get_summary().channels.values()}
 

@@ -42,7 +42,7 @@ def test_exports_say_what_they_leave_out_and_a_bag_has_it(verb, tmp_path):
     run = tmp_path / "run.mcap"
     verb("record", "--url", URL, "--camera", "top", "--duration", 0.3, "--out", run)
     left = verb("export", "csv", run, "--out", tmp_path / "run.csv")
-    assert "images of the camera are left out" in left.err
+    assert "images of the camera are not exported" in left.err
     kept = verb("export", "ros2", run, "--out", tmp_path / "bag")
     assert "left out" not in kept.err
     verb("record", "--url", URL, "--duration", 0.3, "--out", tmp_path / "none.mcap")

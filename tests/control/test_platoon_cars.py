@@ -172,7 +172,7 @@ def test_where_the_boards_end_it_stops():
     drive, truth = cars.straight(1, tracker="lane", hall=short, **on_and_on)
     leader = drive.cars[0]
     assert leader.mode == "STOP"
-    assert re.fullmatch("(no boards are|only the (left|right) board is) seen for 0.5 s", leader.why)
+    assert re.fullmatch("(no boards are|only the (left|right) board is) visible for 0.5 s", leader.why)
     assert driving(truth, 0, 3.0, 4.0), "control: it drove until then"
     assert not driving(truth, 0, 6.5)
     assert not drive.contacts
