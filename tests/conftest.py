@@ -54,7 +54,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     """
     fits: dict[tuple[str, str], bool] = {}
     for item in items:
-        mark, case = item.get_closest_marker("slow_except"), getattr(item, "callspec", None)
+        mark = item.get_closest_marker("slow_except")
+        case = getattr(item, "callspec", None)
         if mark and case:
             test = item.nodeid.partition("[")[0]
             own = {(test, name): fnmatchcase(case.id, name) for name in mark.args}

@@ -16,7 +16,8 @@ def walk(definition, data):
     for part in parts[1:]:
         head, _, body = part.partition("\n")
         types[head.removeprefix("MSG: ")] = body
-    values, at = {}, 4
+    values = {}
+    at = 4
 
     def aligned(size):
         nonlocal at

@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-TUNE, UPGRADES = EXAMPLES / "tune_on_what_was_found.py", EXAMPLES / "what_two_upgrades_bought.py"
+TUNE = EXAMPLES / "tune_on_what_was_found.py"
+UPGRADES = EXAMPLES / "what_two_upgrades_bought.py"
 IN_CONTROL = EXAMPLES / "use_cases" / "diagnosis_in_control.py"
 LAG = "sim://?nano=mock&effect=steering_lag:0.12"
 STEERING = ("steering_lag", "steering_delay", "yaw_inertia")
@@ -33,7 +34,9 @@ def tuned(url, short):
     example = loaded(TUNE)
     example.URL = url
     if short:
-        example.ONLY, example.LOOK_AHEAD, example.PREDICTION = STEERING, (0.2, 0.3), (0.0, 0.04)
+        example.ONLY = STEERING
+        example.LOOK_AHEAD = (0.2, 0.3)
+        example.PREDICTION = (0.0, 0.04)
     return example.main()
 
 
@@ -70,7 +73,8 @@ def test_where_nothing_is_hidden_nothing_is_gained():
 
 
 def check_upgrades(seen):
-    before, after = seen["before"], seen["after"]
+    before = seen["before"]
+    after = seen["after"]
     values = {c.effect: c.parameters["k"].value for c in before[0].causes}
     assert set(values) == {"steering_backlash", "battery_fade"}
     assert values["steering_backlash"] == pytest.approx(0.1, rel=0.1)
@@ -98,7 +102,8 @@ def test_contouring_control_by_what_was_found():
     named = {c.effect: c.parameters["k"].value for c in found.causes}
     assert named == {"steering_lag": pytest.approx(0.12, abs=0.015),
                      "throttle_lag": pytest.approx(0.08, abs=0.015)}
-    without, extended = driven["the car's, without its lags"], driven["extended by diagnose"]
+    without = driven["the car's, without its lags"]
+    extended = driven["extended by diagnose"]
     assert extended[0] < 0.02
     assert extended[0] < 0.2 * without[0]
 

@@ -19,7 +19,8 @@ from dart_lab.sim.mock_nano import MockNano
 
 FILES = Path(__file__).parent / "fixtures_v0_1"
 URLS = (FILES / "urls.txt").read_text().split()
-BOARD, SAFETY_OUT = 0xDA270003, 1
+BOARD = 0xDA270003
+SAFETY_OUT = 1
 """What the firmware had stored in eeprom.bin, with ``cutoff=oe``."""
 
 

@@ -167,7 +167,8 @@ def test_lowest_versions_work_together(uv, wheel, tmp_path, which):
     pythons = [path for version in PYTHONS if (path := find_python(uv, version, tmp_path))]
     if which and len(pythons) == 1:
         pytest.skip("one Python is installed; the other case uses it")
-    python, versions = tmp_path / "env" / "bin" / "python", tmp_path / "versions.txt"
+    python = tmp_path / "env" / "bin" / "python"
+    versions = tmp_path / "versions.txt"
     extras = [word for extra in LOWEST_EXTRAS for word in ("--extra", extra)]
     done(uv, "venv", "--python", pythons[which], tmp_path / "env", cwd=tmp_path)
     done(uv, "pip", "compile", "--python", python, "--resolution", "lowest-direct",

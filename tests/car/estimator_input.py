@@ -13,7 +13,9 @@ from dart_hal.core.types import State
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
-ACCEL_X, ACCEL_Y, GYRO_Z = 6, 7, 11
+ACCEL_X = 6
+ACCEL_Y = 7
+GYRO_Z = 11
 """Places of the words in a STATE frame."""
 WAIVE = ["CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED"]
 

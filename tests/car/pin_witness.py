@@ -5,7 +5,8 @@ from __future__ import annotations
 from bisect import bisect_right
 from dataclasses import dataclass, field
 
-NEUTRAL_US, NEAR_US = 1500.0, 5.0
+NEUTRAL_US = 1500.0
+NEAR_US = 5.0
 WITHIN = 0.040
 """s that a pulse may end after the mode that allowed it."""
 EXPIRY = 0.030 + 0.020

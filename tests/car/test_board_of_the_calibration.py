@@ -16,7 +16,8 @@ from dart_lab.sim.truth import world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=3&nano=mock"
-MINE, OTHER = "da270003", "da270004"
+MINE = "da270003"
+OTHER = "da270004"
 WAIVE = ("PWM_CLOCK_UNCALIBRATED", "CALIBRATION_MISSING")
 
 

@@ -31,7 +31,8 @@ def no_pulse(bus) -> bool:
 
 def driving(tmp_path, record=None):
     backend = open_backend(URL)
-    closed, bus = [], backend.bus
+    closed = []
+    bus = backend.bus
     backend.closers = (lambda: closed.append("bus"),)
     car = Car.over(backend, cars=tmp_path, record=record)
     backend.bus = bus  # a recording notes the bus, and ends with the car
@@ -99,7 +100,8 @@ def test_an_error_in_the_block_passes_through_without_a_pulse(tmp_path):
 
 
 def test_no_pca9685_is_said_and_closes(tmp_path):
-    backend, closed = open_backend(URL), []
+    backend = open_backend(URL)
+    closed = []
     backend.closers = (lambda: closed.append("bus"),)
     backend.bus.nack = 10**9
     with pytest.raises(BusError) as caught:
@@ -109,7 +111,8 @@ def test_no_pca9685_is_said_and_closes(tmp_path):
 
 
 def test_a_nano_that_says_nothing_leaves_no_pulse(tmp_path):
-    backend, closed = open_backend(URL), []
+    backend = open_backend(URL)
+    closed = []
     backend.closers = (lambda: closed.append("bus"),)
     read = backend.link.read
     backend.link.read = lambda timeout: read(timeout) and None
@@ -120,7 +123,8 @@ def test_a_nano_that_says_nothing_leaves_no_pulse(tmp_path):
 
 
 def test_ctrl_c_while_opening_closes(tmp_path):
-    backend, closed = open_backend(URL), []
+    backend = open_backend(URL)
+    closed = []
     backend.closers = (lambda: closed.append("bus"),)
 
     def interrupted(timeout):

@@ -11,7 +11,8 @@ from dart_hal.devices.actuation.states import ENTRY
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
-NEUTRAL_US, NEAR_US = 1500.0, 5.0
+NEUTRAL_US = 1500.0
+NEAR_US = 5.0
 SETTLED = 0.040  # s: the PWM frame under way and the next, as for every command
 VALID = 0.2  # s
 
@@ -20,7 +21,10 @@ def driven_on(again=False):
     """Of a program that drives on: (pulses [us] at the ESC since its command expired, throttles
     that States told since, number of commands refused). again: it arms once more.
     """
-    backend, seen, told, refused = open_backend("sim://?nano=mock"), [], [], 0
+    backend = open_backend("sim://?nano=mock")
+    seen = []
+    told = []
+    refused = 0
     world = world_of(backend)
     world.watchers.append(lambda channel, pulse: seen.append(pulse) if channel == 1 else None)
     with Car.over(backend) as car:

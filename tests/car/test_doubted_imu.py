@@ -18,14 +18,16 @@ GYRO_STD = 0.05
 
 def drive(tmp_path, fault, *, believed: bool = False, seconds: float = 2.0, struck: float = 1.5):
     """(States, truths) from the fault on; a bend at 0.8 m/s. believed: nothing is checked."""
-    backend, rows = open_backend("sim://?nano=mock&seed=5"), []
+    backend = open_backend("sim://?nano=mock&seed=5")
+    rows = []
     with Car.over(backend, cars=tmp_path) as car:
         world = world_of(backend)
         car.arm(waive=["CALIBRATION_MISSING"])
         if believed:
             check = car._engine.telemetry.imu
             check.judge = lambda now, t, gyro, *_: gyro is not None
-        start, done = None, False
+        start = None
+        done = False
         for state in car.states(duration=struck + seconds):
             start = state.t if start is None else start
             if not done and state.t - start >= struck:

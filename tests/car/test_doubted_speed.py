@@ -46,7 +46,8 @@ def off(world) -> None:
 
 def phantom(world) -> None:
     """2610 edges/s from nowhere, on top of nothing."""
-    nano, inner = world.nano, type(world.nano).set_wheel
+    nano = world.nano
+    inner = type(world.nano).set_wheel
     nano.set_wheel = lambda rate: inner(nano, rate + 2610 / 20)
     nano.set_wheel(0.0)
 
@@ -54,13 +55,15 @@ def phantom(world) -> None:
 def drive(tmp_path, fault, *, asked: float, at: float, believed: bool = False,
           seconds: float = 3.0, seed: int = 3) -> Run:
     """``drive_speed(asked)`` with a fault at ``at`` s; believed: nobody doubts the encoder."""
-    backend, run = open_backend(f"sim://?nano=mock&seed={seed}"), Run()
+    backend = open_backend(f"sim://?nano=mock&seed={seed}")
+    run = Run()
     with Car.over(backend, cars=tmp_path) as car:
         world = world_of(backend)
         car.arm(waive=["CALIBRATION_MISSING"])
         if believed:
             car._engine.telemetry.encoder.judge = lambda *_: None
-        start, struck = None, None
+        start = None
+        struck = None
         for state in car.states(duration=at + seconds):
             start = state.t if start is None else start
             if struck is None and state.t - start >= at:
@@ -144,7 +147,8 @@ def test_a_doubt_ends_with_a_stop_and_the_next_drive_is_judged_anew(tmp_path):
 
 def spins(world) -> None:
     """Wheels 60 % quicker than the ground for 0.4 s."""
-    nano, inner = world.nano, world.nano.set_wheel
+    nano = world.nano
+    inner = world.nano.set_wheel
     nano.set_wheel = lambda rate: inner(1.6 * rate)
     world.at(world.t + 0.4, lambda w: setattr(nano, "set_wheel", inner))
 

@@ -67,10 +67,12 @@ def throttle_for(car: Car, speed: float) -> float:
 
 def test_a_throttle_that_must_move_the_car_and_no_edge_is_neutral_after_300_ms(lab):
     """An encoder that came off: 0.3 s after the five edges that it owes, neutral."""
-    car, world = lab.car, world_of(lab.backend)
+    car = lab.car
+    world = world_of(lab.backend)
     car.arm()
     lab.turn_by_hand(0.0)
-    owed, cut = None, None
+    owed = None
+    cut = None
     for state in car.states(duration=1.5):
         neutral = car.drive(throttle=throttle_for(car, 1.2)).throttle == 0.0
         if owed is None and world.distance >= 5 * car.files.metres_per_edge.value:
@@ -135,7 +137,8 @@ def test_one_lost_frame_begins_the_time_of_a_good_link_anew(lab):
 
 def downward(car: Car) -> list[tuple[float, str, dict]]:
     """(time, message, values) of all that goes to the Nano from now on."""
-    decoder, sent = Decoder(DOWN), []
+    decoder = Decoder(DOWN)
+    sent = []
 
     def hook(direction: str, data: bytes, t: float) -> bytes:
         if direction == "tx":
@@ -170,7 +173,8 @@ def test_pulses_and_heartbeat_go_on_without_states(lab):
 def test_a_loop_that_does_not_answer_holds_the_pulses_up_for_4_ms(lab):
     """On a real link; here in steps of the virtual one, taken for real."""
     lab.wait(0.1)
-    sent, arrived = downward(lab.car), []
+    sent = downward(lab.car)
+    arrived = []
     lab.car.on_state(lambda state: arrived.append(lab.backend.clock.now()))
     lab.backend.virtual = False
     while len(arrived) < 40:
@@ -214,7 +218,8 @@ def test_the_last_word_to_the_nano_is_a_heartbeat_that_says_stop(lab):
 def test_a_heartbeat_says_which_way_the_car_is_driven(lab):
     """1 forward, 2 backward, 0 neither: flags of the newest beat after each command."""
     lab.car.arm()
-    sent, said = downward(lab.car), []
+    sent = downward(lab.car)
+    said = []
     for throttle in (0.3, 0.0, -0.3):
         for _ in lab.car.states(duration=0.2):
             lab.car.drive(throttle=throttle)

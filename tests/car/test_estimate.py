@@ -22,7 +22,8 @@ FAR = 16.27
 
 def drive(url, seconds, seen=""):
     """(State, true x, y, yaw of the axle: in the room, or from the start) of each frame."""
-    backend, told = open_backend(f"{url}&mocap={seen}" if seen else url), []
+    backend = open_backend(f"{url}&mocap={seen}" if seen else url)
+    told = []
     room = mocap_of(seen, 3) if seen else None
     with Car.over(backend) as car:
         car.arm()
@@ -30,7 +31,8 @@ def drive(url, seconds, seen=""):
             real = truth(backend, state.t)
             place = real.x, real.y, real.yaw
             if room is not None:
-                c, s = cos(room.yaw), sin(room.yaw)
+                c = cos(room.yaw)
+                s = sin(room.yaw)
                 place = (room.x + c * real.x - s * real.y, room.y + s * real.x + c * real.y,
                          room.yaw + real.yaw)
             told.append((state, place))

@@ -99,7 +99,8 @@ def test_older_runs_become_bags_with_absolute_topics(packed, tmp_path):
 
 
 def test_a_run_that_was_killed_or_damaged_becomes_a_bag_of_what_is_there(run, tmp_path):
-    path, data = tmp_path / "cut.mcap", bytearray(run.read_bytes())
+    path = tmp_path / "cut.mcap"
+    data = bytearray(run.read_bytes())
     data[len(data) // 3] ^= 1
     path.write_bytes(data[:2 * len(data) // 3])
     reader = RunReader(path)

@@ -96,7 +96,8 @@ def test_a_frame_is_the_newest_state_and_the_newest_command_until_then(tables):
     table = tables[0]
     columns, held = episode(table, 50)
     assert held == 0
-    t, t0 = table.columns["t"], table.columns["t"][np.isfinite(table.columns[ACTION_COLUMNS[0]])][0]
+    t = table.columns["t"]
+    t0 = table.columns["t"][np.isfinite(table.columns[ACTION_COLUMNS[0]])][0]
     for k in (0, 7, len(columns["action"]) - 1):
         row = np.flatnonzero(t <= t0 + k / 50 + 1e-9)[-1]
         wanted = [table.columns[name][row] for name in OBSERVATION_COLUMNS]

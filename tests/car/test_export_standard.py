@@ -23,7 +23,8 @@ from dart_lab.sim.truth import world_of
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """2 s of a bend, with lidar and motion capture; the true place (t, x, y, yaw) each State."""
-    path, truth = tmp_path_factory.mktemp("run") / "run.mcap", []
+    path = tmp_path_factory.mktemp("run") / "run.mcap"
+    truth = []
     backend = open_backend("sim://?seed=3&nano=mock&lidar=1&mocap=1")
     with Car.over(backend, record=path) as car:
         car.arm()
@@ -87,7 +88,8 @@ def test_a_scan_has_its_beams_where_the_unit_saw_them(run, bag):
         assert message.time_increment == pytest.approx(-1.0 / scan.rate / n), "an X4 is clockwise"
         angles = message.angle_min + message.angle_increment * np.arange(len(message.ranges))
         seen = np.isfinite(message.ranges)
-        reach, bearing = message.ranges[seen], laser.yaw + angles[seen]
+        reach = message.ranges[seen]
+        bearing = laser.yaw + angles[seen]
         points = np.column_stack((laser.x + reach * np.cos(bearing),
                                   laser.y + reach * np.sin(bearing)))
         true = scan.in_car()[np.isfinite(scan.distance)]
@@ -158,14 +160,16 @@ def test_the_room_says_where_the_car_was(run, tmp_path, monkeypatch, known):
     axle = Planar(true.lx, true.ly, -true.theta).inverse() if known else Planar()
     monkeypatch.setattr(standard, "_marker_of",
                         lambda files: standard._Marker(axle, true.latency if known else 0.0))
-    start, off = Planar(true.x, true.y, true.yaw), []
+    start = Planar(true.x, true.y, true.yaw)
+    off = []
     (path, truth), store = run, store_of(run)
     messages = [(m.topic, m.ns, store.deserialize_cdr(m.data, m.kind))
                 for m in standard.messages(RunReader(path), store) if m.topic == "/tf"]
     for (ns, chain), (t, x, y, yaw) in zip(list(links(messages))[-len(truth):], truth,
                                            strict=True):
         assert ns == pytest.approx(1e9 * t, abs=1e3)
-        here, there = chain["mocap", "odom"] @ chain["odom", "base_link"], start @ Planar(x, y, yaw)
+        here = chain["mocap", "odom"] @ chain["odom", "base_link"]
+        there = start @ Planar(x, y, yaw)
         off.append(np.hypot(here.x - there.x, here.y - there.y))
     assert arm > 0.02
     assert (max(off[-50:]) < 0.02) == known

@@ -20,14 +20,19 @@ URL = "sim://?seed=3&nano=mock&physics=kinematic"
 
 def drive(url, seconds, record=None):
     """(State, true place of the marker in the room) of each frame while it drives."""
-    backend, hidden, told = open_backend(url), hidden_mocap(3), []
+    backend = open_backend(url)
+    hidden = hidden_mocap(3)
+    told = []
     with Car.over(backend, record=record) as car:
         car.arm()
         for state in car.states(duration=seconds):
             real = truth(backend, state.t)
-            c, s = cos(real.yaw), sin(real.yaw)
-            x, y = real.x + hidden.lx * c - hidden.ly * s, real.y + hidden.lx * s + hidden.ly * c
-            c, s = cos(hidden.yaw), sin(hidden.yaw)
+            c = cos(real.yaw)
+            s = sin(real.yaw)
+            x = real.x + hidden.lx * c - hidden.ly * s
+            y = real.y + hidden.lx * s + hidden.ly * c
+            c = cos(hidden.yaw)
+            s = sin(hidden.yaw)
             told.append((state, hidden.x + c * x - s * y, hidden.y + s * x + c * y))
             car.drive(steering=0.2 * sin(state.t), throttle=0.25)
     return told

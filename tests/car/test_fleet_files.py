@@ -33,7 +33,8 @@ class Named:
     """What ``_distinct`` asks of a car."""
 
     def __init__(self, name: str, *, simulated: bool) -> None:
-        self.url, self.simulated = f"serial:///dev/{name}", simulated
+        self.url = f"serial:///dev/{name}"
+        self.simulated = simulated
         self.files = type("F", (), {"config": type("C", (), {"name": name})})
 
 

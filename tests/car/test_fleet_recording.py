@@ -20,7 +20,8 @@ URLS = ["sim://?seed=1&nano=mock", "sim://?seed=2&nano=mock"]
 def drive(tmp_path_factory):
     """(file of both, files of each, States of each) of one drive, recorded in both ways."""
     folder = tmp_path_factory.mktemp("fleet")
-    both, single = folder / "both.mcap", [folder / "a.mcap", folder / "b.mcap"]
+    both = folder / "both.mcap"
+    single = [folder / "a.mcap", folder / "b.mcap"]
     states = [[], []]
     for record in (both, single):
         with Fleet.open(URLS, record=record) as fleet:
@@ -38,12 +39,14 @@ def drive(tmp_path_factory):
 @pytest.mark.parametrize("n", [0, 1])
 def test_each_car_is_read_back_as_from_its_own_file(drive, n):
     both, single, _ = drive
-    one, alone = RunReader(f"{both}?car=sim-{n + 1}"), RunReader(single[n])
+    one = RunReader(f"{both}?car=sim-{n + 1}")
+    alone = RunReader(single[n])
     assert one.meta == alone.meta
     assert one.files == alone.files
     assert one.hello == alone.hello
     for read in ("chunks", "sent", "commands", "applied", "logged", "i2c"):
-        mine, own = list(getattr(one, read)()), list(getattr(alone, read)())
+        mine = list(getattr(one, read)())
+        own = list(getattr(alone, read)())
         assert mine == own
         assert mine or read == "i2c"
 
@@ -92,12 +95,14 @@ def test_clocks_that_began_at_other_times_are_brought_to_one(tmp_path, monkeypat
     monkeypatch.setattr("dart_hal.recording.run_file.elapsed_ns", lambda: 200 * 10**9)
     from dart_hal.recording.run import RunWriter
 
-    shared, t = RunFile(tmp_path / "run.mcap"), 1.0 / 3.0
+    shared = RunFile(tmp_path / "run.mcap")
+    t = 1.0 / 3.0
     for now in (103.5, 100.25):  # the second one's clock began 3.25 s later
         with RunWriter(shared, car="red", start=0.1, now=now) as writer:
             writer.rx(b"x", t)
             if now == 103.5:
-                first, keep = writer, RunWriter(shared, car="keep")
+                first = writer
+                keep = RunWriter(shared, car="keep")
     keep.close()
     assert first.path == tmp_path / "run.mcap"
     found = read_mcap(tmp_path / "run.mcap")

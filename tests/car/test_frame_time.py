@@ -70,7 +70,8 @@ def test_frames_later_than_one_pwm_frame_bring_a_caution(car, delay, cautioned):
     engine = car._engine
     engine._frames = 1000
     for k in range(500):
-        engine._due, engine._due_since = True, 10.0
+        engine._due = True
+        engine._due_since = 10.0
         engine._note_latency(10.0 + MAX_LOOP_ANSWER_TIME + (0.1 if k % 125 == 0 else delay))
     assert engine.driver.observer.loop_latency == pytest.approx(delay)
     names = [caution.name for caution in engine.driver.cautions(engine.now)]

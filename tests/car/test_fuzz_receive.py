@@ -48,7 +48,10 @@ class Liar:
     """A Nano whose frames are well formed: time and edges that can be, all else anything."""
 
     def __init__(self, seed):
-        self.rng, self.seq, self.ticks, self.edges = Random(seed), 0, 0, 0
+        self.rng = Random(seed)
+        self.seq = 0
+        self.ticks = 0
+        self.edges = 0
 
     def frame(self):
         rng = self.rng
@@ -65,7 +68,8 @@ class Liar:
         return encode(STATE, self.seq, values)
 
     def _values(self):
-        flat, at = samples.random_values(STATE, self.rng), 0
+        flat = samples.random_values(STATE, self.rng)
+        at = 0
         for f in STATE.fields:
             yield flat[at] if f.count == 1 else tuple(flat[at:at + f.count])
             at += f.count
@@ -86,7 +90,10 @@ def numbers(value):
 def lied_to(opened, seed, frames):
     """The States of a receiver that is fed by a liar."""
     files, applied = opened
-    ear, liar, t, states = receiver(files), Liar(seed), 0.0, []
+    ear = receiver(files)
+    liar = Liar(seed)
+    t = 0.0
+    states = []
     for _ in range(frames):
         t += liar.rng.choice((0.0, 0.01, 0.01, 3.0))
         states += ear.feed(liar.frame(), t, applied)

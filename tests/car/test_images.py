@@ -22,7 +22,8 @@ TOPIC = "/camera/image/compressed"
 
 def drive(url, seconds=3.0, **options):
     """(States, images) of a circle to the left."""
-    states, images = [], []
+    states = []
+    images = []
     with Car.open(url, **options) as car:
         car.arm()
         car.camera.images()

@@ -133,7 +133,8 @@ class Counting(Link):
 
 
 def test_a_paced_world_is_where_the_wall_clock_is(monkeypatch):
-    wall, world = Wall(), Counting()
+    wall = Wall()
+    world = Counting()
     monkeypatch.setattr("dart_hal.devices.links.paced.time.monotonic", wall)
     paced = PacedLink(world, lambda: world.t, world.pass_time)
     wall.t = 0.1
@@ -143,7 +144,8 @@ def test_a_paced_world_is_where_the_wall_clock_is(monkeypatch):
 
 
 def test_a_world_that_cannot_keep_up_is_not_chased_and_says_so_once(monkeypatch, caplog):
-    wall, world = Wall(), Counting()
+    wall = Wall()
+    world = Counting()
     monkeypatch.setattr("dart_hal.devices.links.paced.time.monotonic", wall)
     paced = PacedLink(world, lambda: world.t, world.pass_time)
     for wall.t in (10.0, 20.0):

@@ -237,7 +237,8 @@ def test_until_the_nano_speaks_there_is_no_pulse(tmp_path, options):
 
 def test_a_nano_that_falls_silent_ends_the_pulses_after_half_a_second(tmp_path):
     bench = Bench(tmp_path, armed=False).run(1.0)
-    link, silent = bench.backend.link, bench.world.t
+    link = bench.backend.link
+    silent = bench.world.t
     for line in (link._up, link._down):
         line.faults = type(line.faults)(silence=[(silent, silent + 2.0)])
     with pytest.raises(Exception, match="no frame"):

@@ -52,7 +52,8 @@ def test_listeners_are_called_without_the_lock(car):
 
 def test_close_does_not_wait_for_whoever_holds_the_lock(car):
     armed(car)
-    held, let_go = threading.Event(), threading.Event()
+    held = threading.Event()
+    let_go = threading.Event()
 
     def hold():
         with car._engine.lock:

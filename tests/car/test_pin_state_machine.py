@@ -46,7 +46,8 @@ class Guarded:
     """A guard process as the driver sees it, without the process."""
 
     def __init__(self) -> None:
-        self.tripped, self.age = False, 0.0
+        self.tripped = False
+        self.age = 0.0
 
     def gate(self):
         return "GUARD_TRIPPED" if self.tripped else "GUARD_SILENT" if self.age is None else None
@@ -62,7 +63,8 @@ class Guarded:
 class PinMachine(RuleBasedStateMachine):
     """One simulated car; every rule lets some time pass."""
 
-    nano, cutoffs = "mock", ("none", "oe", "mux")
+    nano = "mock"
+    cutoffs = ("none", "oe", "mux")
 
     @initialize(data=st.data(),
                 boot=st.sampled_from(["none", "old", "optiboot"]), seed=st.integers(1, 3))
@@ -74,7 +76,8 @@ class PinMachine(RuleBasedStateMachine):
         self.car = Car.over(self.backend, raise_on_trip=False)
         self.driver = self.car._engine.driver
         self.guard = Guarded()
-        self.driver._guard, self.driver.actuator.gate = self.guard, self.guard.gate
+        self.driver._guard = self.guard
+        self.driver.actuator.gate = self.guard.gate
         self.driver.observer.guard_age = lambda: self.guard.age
         self.witness = Witness(self.world)
         self.raw = None
@@ -131,7 +134,8 @@ class PinMachine(RuleBasedStateMachine):
     @precondition(lambda self: self.raw is not None)
     @rule()
     def close_raw(self):
-        block, self.raw = self.raw, None
+        block = self.raw
+        self.raw = None
         block.__exit__(None, None, None)
 
     @rule(wait=WAIT)
@@ -184,7 +188,8 @@ class PinMachine(RuleBasedStateMachine):
 
     @rule(age=st.sampled_from([None, 0.0]), tripped=st.booleans(), wait=WAIT)
     def guard_fails(self, age, tripped, wait):
-        self.guard.age, self.guard.tripped = age, tripped
+        self.guard.age = age
+        self.guard.tripped = tripped
         self._pass(wait)
 
     @rule(on=st.booleans(), wait=WAIT)
@@ -256,7 +261,8 @@ class PinMachine(RuleBasedStateMachine):
 
     def _heal(self):
         self.bus_back(wait=0.0)
-        self.guard.age, self.guard.tripped = 0.0, False
+        self.guard.age = 0.0
+        self.guard.tripped = False
         self.deaf_until = self.mute_until = self.no_hello_until = -math.inf
         self.encoder(on=True, wait=0.0)
         self.imu(fault="ok", wait=0.0)

@@ -24,7 +24,9 @@ class Engine:
 
     def __init__(self, again=None):
         self.lock = threading.RLock()
-        self.now, self.raised, self.again = 0.0, None, again
+        self.now = 0.0
+        self.raised = None
+        self.again = again
         self.lost = self.frames = 0
         self.driver = SimpleNamespace(lost=self._lost, frame=self._frame)
         self.receiver = SimpleNamespace(counters=SimpleNamespace(ok=0))

@@ -36,7 +36,8 @@ class Bench:
         self.car = Car.over(self.backend, cars=tmp_path, **options)
 
     def on_stand(self) -> None:
-        sense, shake = self.world.nano.set_imu, random.Random(1)
+        sense = self.world.nano.set_imu
+        shake = random.Random(1)
         self.world.nano.set_imu = lambda gyro, acc: sense(
             *([shake.gauss(0.0, size) for _ in range(3)] for size in (0.02, 0.3)))
 

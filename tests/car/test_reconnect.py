@@ -27,7 +27,8 @@ class Port:
     def __init__(self) -> None:
         self.master, slave = os.openpty()
         tty.setraw(slave)
-        self.device, self._slave = os.ttyname(slave), slave
+        self.device = os.ttyname(slave)
+        self._slave = slave
         os.set_blocking(self.master, False)
 
     def hello(self, board: int) -> bytes:

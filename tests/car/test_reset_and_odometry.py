@@ -27,7 +27,8 @@ def drive_through_a_reset(nano: str, boot: str, cars):
         for state in car.states(duration=1.5):
             car.drive_speed(steering=0.0, speed=1.0)
             states.append(state)
-        before, at = len(states), world.t
+        before = len(states)
+        at = world.t
         world.nano.reset("brownout")                    # after a watchdog's, ATmegaBOOT never ends
         for _ in range(5):
             try:
@@ -47,7 +48,8 @@ def drive_through_a_reset(nano: str, boot: str, cars):
 def test_no_jump_of_more_than_one_edge(nano, boot, tmp_path):
     before, after, edge, speed = drive_through_a_reset(nano, boot, tmp_path)
     assert speed > 0.7, "the wheel turns at the reset"
-    last, first = before[-1], next(s for s in after if s.t - before[-1].t > 0.015)
+    last = before[-1]
+    first = next(s for s in after if s.t - before[-1].t > 0.015)
     assert abs(first.ticks - last.ticks) <= 1 + round(0.02 * speed / edge)
     jump = hypot(first.pose.x - last.pose.x, first.pose.y - last.pose.y)
     assert jump <= edge + 0.02 * speed

@@ -17,7 +17,9 @@ from dart_hal.core.errors import RecordingError, UsageError
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """0.5 s at 50 Hz: a command and a log in every second row, States beside."""
-    path, states, plan = tmp_path_factory.mktemp("run") / "run.mcap", [], np.arange(4.0)
+    path = tmp_path_factory.mktemp("run") / "run.mcap"
+    states = []
+    plan = np.arange(4.0)
     with Car.open("sim://?seed=3&nano=mock", record=path) as car:
         list(car.states(duration=1.0))
         car.on_state(states.append)
@@ -76,7 +78,8 @@ def test_a_csv_reads_back_exactly(run, tmp_path):
 @pytest.mark.slow
 def test_a_dataframe_has_the_table_and_its_units(run):
     pytest.importorskip("pandas")
-    table, frame = read_table(run[0]), to_dataframe(run[0])
+    table = read_table(run[0])
+    frame = to_dataframe(run[0])
     assert list(frame.columns) == list(table.columns)
     assert frame.attrs["units"] == table.units
     np.testing.assert_array_equal(frame["speed"], table.columns["speed"])

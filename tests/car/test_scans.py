@@ -24,7 +24,8 @@ SEEN = f"{URL}&lidar=noise=0,dropout=0,scale=1,x=0.13,y=0,yaw=0"
 def drive(url, seconds, record=None):
     """(States, scans, room, poses of the truth) of a drive in bends."""
     backend = open_backend(url)
-    states, scans = [], []
+    states = []
+    scans = []
     with Car.over(backend, record=record) as car:
         car.arm()
         car.lidar.scans()
@@ -50,7 +51,8 @@ def test_scans_lie_on_the_walls_of_the_true_room_and_a_replay_has_the_same(tmp_p
     def pose_at(t):
         x0, y0, yaw0 = room.start
         x, y, yaw = poses(t).T
-        c, s = np.cos(yaw0), np.sin(yaw0)
+        c = np.cos(yaw0)
+        s = np.sin(yaw0)
         return x0 + c * x - s * y, y0 + s * x + c * y, yaw0 + yaw
 
     everything = np.vstack((room.lines, room.glass))

@@ -17,7 +17,8 @@ ALL = ("calibrate", "all", "--url", URL, "--json")
 @pytest.fixture
 def by_hand(monkeypatch):
     """Procedures that measure at once; ``broken`` ones fail. Returns (broken, what was run)."""
-    broken, ran = set(), []
+    broken = set()
+    ran = []
 
     def made(verb, keys):
         def run(car, workshop, progress, ask):

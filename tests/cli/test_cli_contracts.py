@@ -181,7 +181,8 @@ def test_calibrate_from_takes_every_path_up_to_the_next_option(verb, tmp_path):
 
 
 def test_record_and_replay(verb, tmp_path):
-    run, table = tmp_path / "runs" / "run.mcap", tmp_path / "run.csv"
+    run = tmp_path / "runs" / "run.mcap"
+    table = tmp_path / "run.csv"
     recorded = verb("record", "--url", MOCK, "--duration", 1, "--out", run, "--json").json
     assert set(recorded) == RUN_FIELDS
     assert recorded["files"]["recording"] == str(run)

@@ -8,7 +8,8 @@ import pytest
 
 from dart_lab.sim.world import THROTTLE, World
 
-NEUTRAL_US, NEAR_US = 1500.0, 5.0
+NEUTRAL_US = 1500.0
+NEAR_US = 5.0
 WITHIN = 0.040
 """s from Ctrl-C to the last pulse that moves the car."""
 
@@ -39,7 +40,8 @@ class Finger:
 def press(verb, monkeypatch, tmp_path):
     """``press(nth)``: the calibration, interrupted at that pulse; (what ran, the finger)."""
     def run(nth):
-        finger, made = Finger(nth), World.__init__
+        finger = Finger(nth)
+        made = World.__init__
 
         def watched(world, *args, **options):
             made(world, *args, **options)

@@ -59,7 +59,8 @@ def test_an_effect_that_no_car_can_have_is_refused_before_anything_is_driven(ver
 
 def test_what_is_not_named_is_not_called_named():
     class Nothing:
-        verdict, causes = "nothing_wrong", ()
+        verdict = "nothing_wrong"
+        causes = ()
 
     hidden = choose_hidden_effects(url("sim://?seed=7"), 7)[1]
     assert not DiagnosisChapter(hidden, Nothing(), {}).found

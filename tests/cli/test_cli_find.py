@@ -45,7 +45,8 @@ class Far:
     def __init__(self, words: bytes) -> None:
         self.master, slave = os.openpty()
         tty.setraw(slave)
-        self.device, self._slave = os.ttyname(slave), slave
+        self.device = os.ttyname(slave)
+        self._slave = slave
         self._words, self._done = words, threading.Event()
         self._thread = threading.Thread(target=self._talk)
         self._thread.start()

@@ -34,7 +34,8 @@ class Driven:
     """
 
     def __init__(self, *, arm, key=None, answers=True):
-        port, station = free_port(), free_port()
+        port = free_port()
+        station = free_port()
         backend = open_backend("sim://?nano=mock&seed=1")
         self.pulses, self.world, self.disarmed = [], world_of(backend), None
         self.world.watchers.append(

@@ -33,7 +33,8 @@ def bend(tmp_path):
 
 @pytest.mark.slow
 def test_a_drive_is_driven_recorded_and_drawn(verb, tmp_path, bend):
-    run, picture = tmp_path / "run.mcap", tmp_path / "run.png"
+    run = tmp_path / "run.mcap"
+    picture = tmp_path / "run.png"
     done = verb("follow", bend, "--speed", 1, "--here", "--url", URL, "--record", run, "--plot",
                 picture, "--json")
     assert done.code == 0, done.err
@@ -89,7 +90,8 @@ def test_what_cannot_be(verb, arguments, says):
 @pytest.mark.slow
 def test_obstacles_are_passed_and_the_air_beside_them_told(verb, tmp_path):
     """The one at 1.8 m leaves a way, the one behind the end nobody meets."""
-    line, run = csv(tmp_path, [(0.3 * k, 0.0) for k in range(15)]), tmp_path / "run.mcap"
+    line = csv(tmp_path, [(0.3 * k, 0.0) for k in range(15)])
+    run = tmp_path / "run.mcap"
     done = verb("follow", line, "--speed", 1, "--here", "--odometry", "--tracker", "mpcc",
                 "--obstacle", "2.4,-0.15,0.15", "--obstacle", "9,0.1,0.1", "--record", run, "--url",
                 "sim://?seed=3&nano=mock", "--plot", tmp_path / "run.png", "--json")
@@ -108,7 +110,8 @@ class Silent:
     def __init__(self, car, room, **options):
         red = OtherPose("red", 60.0, True, Pose(3.5, 0.0, 0.0, pose_cov(0.01, 0.01)), "start", 0.0,
                         0.0, Tracking.TRACKING)
-        self.other_poses, self.plans = lambda: {"red": red}, []
+        self.other_poses = lambda: {"red": red}
+        self.plans = []
 
     def tell_plan(self, points, **of):
         self.plans.append(points)
@@ -124,7 +127,8 @@ class Silent:
 def test_a_neighbour_that_never_answers_is_waited_for_counted_and_recorded(verb, tmp_path,
                                                                            monkeypatch):
     monkeypatch.setattr(verb_module, "join", Silent)
-    line, run = csv(tmp_path, [(0.3 * k, 0.0) for k in range(30)]), tmp_path / "run.mcap"
+    line = csv(tmp_path, [(0.3 * k, 0.0) for k in range(30)])
+    run = tmp_path / "run.mcap"
     done = verb("follow", line, "--speed", 1, "--here", "--odometry", "--tracker", "mpcc", "--room",
                 "local://lab", "--duration", 6, "--record", run, "--url",
                 "sim://?seed=3&nano=mock", "--json")
@@ -139,7 +143,8 @@ def test_a_neighbour_that_never_answers_is_waited_for_counted_and_recorded(verb,
 @pytest.mark.slow
 @pytest.mark.parametrize("weights", ["tuned", "published"])
 def test_the_two_layers_drive_past_an_obstacle(verb, tmp_path, weights):
-    line, run = csv(tmp_path, [(0.3 * k, 0.0) for k in range(15)]), tmp_path / "run.mcap"
+    line = csv(tmp_path, [(0.3 * k, 0.0) for k in range(15)])
+    run = tmp_path / "run.mcap"
     done = verb("follow", line, "--speed", 1, "--here", "--odometry", "--tracker", "ca-mpcc",
                 "--weights", weights, "--obstacle", "2.4,-0.15,0.15", "--record", run, "--url",
                 "sim://?seed=3&nano=mock", "--plot", tmp_path / "run.png", "--json")

@@ -12,7 +12,8 @@ URL = "sim://?seed=3&nano=mock&lidar=1&map=lane-s"
 
 @pytest.mark.slow
 def test_a_lane_is_driven_recorded_and_drawn(verb, tmp_path):
-    run, picture = tmp_path / "run.mcap", tmp_path / "run.png"
+    run = tmp_path / "run.mcap"
+    picture = tmp_path / "run.png"
     done = verb("lane", "--distance", 3, "--url", URL, "--record", run, "--plot", picture, "--json")
     assert done.code == 0, done.err
     told = done.json["summary"]

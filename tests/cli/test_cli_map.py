@@ -14,12 +14,14 @@ from dart_lab.sim.world import THROTTLE, World
 pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=0&nano=mock&lidar=1&map=room"
 WAIVED = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED")
-NEUTRAL_US, NEAR_US = 1500.0, 5.0
+NEUTRAL_US = 1500.0
+NEAR_US = 5.0
 
 
 @pytest.mark.slow
 def test_a_room_is_driven_mapped_drawn_and_the_recording_localised_in_it(verb, tmp_path):
-    out, picture = tmp_path / "room.yaml", tmp_path / "room.png"
+    out = tmp_path / "room.yaml"
+    picture = tmp_path / "room.png"
     done = verb("map", out, "--speed", 1, "--distance", 12, "--url", URL, "--plot", picture,
                 *WAIVED, "--json")
     assert done.code == 0, done.err
@@ -44,7 +46,9 @@ def test_a_room_is_driven_mapped_drawn_and_the_recording_localised_in_it(verb, t
 def interrupted(verb, monkeypatch, tmp_path):
     """(what the verb said, pulses [us] up to and after Ctrl-C), at the 400th that moves the car."""
     def run():
-        before, after, made = [], [], World.__init__
+        before = []
+        after = []
+        made = World.__init__
 
         def watch(channel, pulse):
             if channel != THROTTLE:

@@ -24,7 +24,8 @@ def test_a_recorded_run_keeps_them(verb, poses, tmp_path):
 
 @pytest.mark.slow
 def test_a_driven_run_keeps_them(verb, poses, tmp_path):
-    out, script = tmp_path / "run.mcap", tmp_path / "drive.py"
+    out = tmp_path / "run.mcap"
+    script = tmp_path / "drive.py"
     script.write_text("def control(state):\n    return 0.0, 0.1 * state.external.age\n")
     ran = verb("drive", script, "--url", URL, "--poses", poses, "--duration", 0.3, "--record", out,
                "--waive", "CALIBRATION_MISSING")

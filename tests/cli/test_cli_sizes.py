@@ -48,7 +48,8 @@ def sizes_of(answer: dict) -> dict:
 @pytest.mark.parametrize("how", ["option", "environment", "folder of --out"])
 @pytest.mark.slow_except("option")
 def test_identify_writes_the_sizes_of_the_named_car(verb, own, cars, monkeypatch, how):
-    out, more = cars.parent / "model.toml", []
+    out = cars.parent / "model.toml"
+    more = []
     if how == "option":
         more = ["--car", "long", "--cars", cars]
     elif how == "environment":

@@ -19,7 +19,8 @@ from dart_lab.sim.world import THROTTLE
 
 LONG = Path([(15.0, 0.0)], closed=False)
 pytestmark = pytest.mark.usefixtures("armed_esc")
-LOST_AT, SLOWS = 3.0, 1.0
+LOST_AT = 3.0
+SLOWS = 1.0
 """s of the world at which the last pose comes; s in which a car of 1 m/s has slowed down."""
 
 
@@ -37,7 +38,9 @@ class Until:
     on_board = False
 
     def __init__(self, source, end):
-        self.name, self._source, self._end = source.name, source, end
+        self.name = source.name
+        self._source = source
+        self._end = end
 
     def poll(self, now):
         return [pose for pose in self._source.poll(now) if pose.arrival < self._end]
@@ -52,7 +55,8 @@ def driven(seconds=None, downhill=False, until=60.0, blocked=False, lost_at=LOST
     Raises NeverEnds where it goes on at ``until`` s of the world.
     """
     backend = open_backend("sim://?seed=3&nano=mock&mocap=1")
-    world, pulses = world_of(backend), []
+    world = world_of(backend)
+    pulses = []
     world.at(until, never_ends)
     if blocked:
         world.at(1.0, lambda w: setattr(w, "blocked", True))

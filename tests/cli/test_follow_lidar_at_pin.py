@@ -18,7 +18,9 @@ from dart_lab.sim.world import THROTTLE
 from tests.cli.test_localize_at_pin import WAIVED, Wrong
 
 RING = Path([(2.0 * np.pi * 0.8, 1.0 / 0.8)], closed=True)
-LOST_AT, SLOWS, SCAN = 5.0, 0.8, 0.2
+LOST_AT = 5.0
+SLOWS = 0.8
+SCAN = 0.2
 """s of the world from which on no scan comes, or none that fits; s in which a car of 1 m/s has
 slowed down; s by which the last good pose is older than its arrival, at most."""
 
@@ -28,7 +30,9 @@ pytestmark = pytest.mark.slow
 def driven(silent, until=LOST_AT + 9.0):
     """(follower, ESC's neutral [us], pulses (n, 2): t [s], us) of a drive about a circle."""
     backend = open_backend("sim://?seed=0&nano=mock&lidar=1&map=room")
-    room, world, pulses = room_of_car(backend), world_of(backend), []
+    room = room_of_car(backend)
+    world = world_of(backend)
+    pulses = []
     world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     backend.lidar = Wrong(backend.lidar, LOST_AT, silent=silent)

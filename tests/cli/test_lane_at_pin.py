@@ -19,7 +19,8 @@ from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import THROTTLE
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-LOST_AT, SLOWS = 3.0, 0.8
+LOST_AT = 3.0
+SLOWS = 0.8
 """s of the world from which on the lane is not shown; s in which a car of 1 m/s has slowed down,
 with the scan that was on its way."""
 
@@ -45,7 +46,9 @@ class Changed:
     trouble = None
 
     def __init__(self, source, change):
-        self.name, self._source, self._change = source.name, source, change
+        self.name = source.name
+        self._source = source
+        self._change = change
 
     def poll(self, now):
         scans = [s if s.arrival < LOST_AT else self._change(s) for s in self._source.poll(now)]
@@ -58,7 +61,8 @@ class Changed:
 def driven(fault, until=inf, blocked=False):
     """(follower, ESC's neutral [us], pulses (n, 2): t [s], us)."""
     backend = open_backend("sim://?seed=3&nano=mock&lidar=1&map=lane")
-    world, pulses = world_of(backend), []
+    world = world_of(backend)
+    pulses = []
     world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     if blocked:

@@ -20,7 +20,8 @@ from dart_lab.sim.truth import room_of_car, world_of
 from dart_lab.sim.world import THROTTLE
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-LOST_AT, SLOWS = 2.5, 0.8
+LOST_AT = 2.5
+SLOWS = 0.8
 """s of the world from which on scans fit no map; s in which a car of 1 m/s has slowed down, with
 the scan that was on its way."""
 WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
@@ -32,7 +33,10 @@ class Wrong:
     trouble = None
 
     def __init__(self, source, start, *, silent=False):
-        self.name, self._source, self._start, self._silent = source.name, source, start, silent
+        self.name = source.name
+        self._source = source
+        self._start = start
+        self._silent = silent
 
     def poll(self, now):
         scans = self._source.poll(now)
@@ -46,7 +50,8 @@ class Wrong:
 def driven(start, *, silent=False, duration=inf):
     """(drive, ESC's neutral [us], pulses (n, 2): t [s], us)."""
     backend = open_backend("sim://?seed=0&nano=mock&lidar=1&map=room")
-    world, pulses = world_of(backend), []
+    world = world_of(backend)
+    pulses = []
     world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     source = LidarPoses(map_of_lines(room_of_car(backend).lines))

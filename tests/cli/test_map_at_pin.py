@@ -26,7 +26,9 @@ WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 def driven(room, fault="", until=20.0, distance=inf):
     """(follower, neutral [us], pulses (n, 2): t [s], us; least distance [m] from a wall)."""
     backend = open_backend(f"sim://?seed=0&nano=mock&lidar=1&map={room}")
-    world, pulses, places = world_of(backend), [], []
+    world = world_of(backend)
+    pulses = []
+    places = []
     world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     if fault:
@@ -40,7 +42,8 @@ def driven(room, fault="", until=20.0, distance=inf):
             pass
     found = room_of_car(backend)
     x0, y0, yaw = found.start
-    c, s = np.cos(yaw), np.sin(yaw)
+    c = np.cos(yaw)
+    s = np.sin(yaw)
     near = min(clearance(found.lines, x0 + c * p.x - s * p.y, y0 + s * p.x + c * p.y)
                for p in places[::20])
     return follower, neutral, np.array(pulses), near

@@ -64,7 +64,9 @@ class Served:
             assert line, "the server did not come up"
             text += line
         said = json.loads(text)
-        self.url, self.name, self.port = said["url"], said["car"], said["pty"]
+        self.url = said["url"]
+        self.name = said["car"]
+        self.port = said["pty"]
         file = self.cars / self.name / "car.toml"
         file.write_text(re.sub(r"arm_neutral = .*", f"arm_neutral = {arm_neutral}",
                                file.read_text()))
@@ -98,7 +100,10 @@ class Bench:
     """One car under test: ``car``, what its pins carry, and its kind."""
 
     def __init__(self, kind: str, car: Car, bus, virtual: bool) -> None:
-        self.kind, self.car, self.bus, self.virtual = kind, car, bus, virtual
+        self.kind = kind
+        self.car = car
+        self.bus = bus
+        self.virtual = virtual
 
     def counts(self) -> tuple[int, int]:
         return counts(self.bus)

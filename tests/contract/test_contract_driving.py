@@ -50,7 +50,8 @@ def test_left_circle_gives_positive_yaw_and_y(bench):
     assert state.speed > 0.3
     assert state.yaw_rate > 0.3
     turned = state.pose.yaw - first.pose.yaw
-    dx, dy = state.pose.x - first.pose.x, state.pose.y - first.pose.y
+    dx = state.pose.x - first.pose.x
+    dy = state.pose.y - first.pose.y
     assert turned > 0.3
     assert -math.sin(first.pose.yaw) * dx + math.cos(first.pose.yaw) * dy > 0.05
     assert state.ticks > first.ticks

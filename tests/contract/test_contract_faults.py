@@ -71,7 +71,8 @@ def heard(tmp_path, spoil=None):
         nano.set_wheel = lambda rate: None          # turned by hand
         for first in car.states(duration=1.0):
             pass
-        clean, touched = Clean(first.seq), 0
+        clean = Clean(first.seq)
+        touched = 0
 
         def hook(direction, data, t):
             nonlocal touched
@@ -178,7 +179,8 @@ def test_a_fleet_goes_in_lockstep(tmp_path):
     urls = [f"sim://?nano=mock&seed={n}" for n in (1, 2, 3)]
     with Fleet.open(urls) as fleet:
         fleet.arm()
-        ticks, begin = 0, None
+        ticks = 0
+        begin = None
         for states in fleet.states(duration=1.5):
             ticks += 1
             begin = begin or [s.t for s in states]

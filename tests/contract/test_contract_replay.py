@@ -24,7 +24,8 @@ def control(state):
 
 
 def flat(state):
-    pose, health = state.pose, state.health
+    pose = state.pose
+    health = state.health
     return (state.t, state.seq, state.speed, state.speed_std, state.yaw_rate, state.accel_x,
             state.accel_y, state.ticks, pose.x, pose.y, pose.yaw, pose.cov.tobytes(),
             state.applied, health.flags, health.imu_age, health.beat_age, health.lost,
@@ -35,7 +36,8 @@ class Sliced:
     """A link that is read in slices of ``slice_s`` and keeps what passed."""
 
     def __init__(self, link, slice_s):
-        self._link, self._slice = link, slice_s
+        self._link = link
+        self._slice = slice_s
         self.heard, self.said = hashlib.sha256(), hashlib.sha256()
 
     def __getattr__(self, name):
@@ -120,7 +122,8 @@ def test_the_length_of_a_read_cannot_be_noticed(kind, extra, tmp_path):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.slow
 def test_drive_and_replay_print_the_same_digest(kind, tmp_path):
-    script, run = tmp_path / "wave.py", tmp_path / "run.mcap"
+    script = tmp_path / "wave.py"
+    run = tmp_path / "run.mcap"
     script.write_text(SCRIPT)
 
     def verb(*args):

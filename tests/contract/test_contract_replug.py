@@ -94,7 +94,8 @@ def test_waiting_for_a_cable_is_no_busy_loop(served_by_name):
         with pytest.raises(LinkLost, match=r"vanished|take bytes"):
             list(car.states(duration=PATIENCE, timeout=PATIENCE))
         counters = car._engine.driver.actuator.counters
-        begin, frames = time.monotonic(), counters.frames
+        begin = time.monotonic()
+        frames = counters.frames
         time.sleep(1.0)
         rate = (counters.frames - frames) / (time.monotonic() - begin)
         assert rate <= 1.1 / pump.REFRESH_INTERVAL

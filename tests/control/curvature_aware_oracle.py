@@ -34,10 +34,18 @@ class Shooting:
 
     def __init__(self, stage, cost, ends, apart, half, low, high, parameters):
         """cost, ends(k, z, u, p), apart(k, z, p): distance squared; low, high of the inputs."""
-        nz, nu, n = stage.size1_in(0), len(low), PATH_STAGES
-        z, u, slack = ca.SX.sym("z", nz, n), ca.SX.sym("u", nu, n), ca.SX.sym("slack", n)
-        first, p = ca.SX.sym("first", nz), ca.SX.sym("p", parameters)
-        at, total, gaps, room = first, SLACK_COST * ca.sumsqr(slack), [], []
+        nz = stage.size1_in(0)
+        nu = len(low)
+        n = PATH_STAGES
+        z = ca.SX.sym("z", nz, n)
+        u = ca.SX.sym("u", nu, n)
+        slack = ca.SX.sym("slack", n)
+        first = ca.SX.sym("first", nz)
+        p = ca.SX.sym("p", parameters)
+        at = first
+        total = SLACK_COST * ca.sumsqr(slack)
+        gaps = []
+        room = []
         for k in range(n):
             gaps.append(stage(at, u[:, k], p) - z[:, k])
             total += cost(k, at, z[:, k], u[:, k], p)
@@ -53,7 +61,8 @@ class Shooting:
 
     def solve(self, first, states, inputs, p):
         """(states (n + 1, nz), inputs (nu, n)) from a guess of both."""
-        n, nz = PATH_STAGES, self.nz
+        n = PATH_STAGES
+        nz = self.nz
         x0 = np.concatenate([states[1:].ravel(), inputs.T.ravel(), np.zeros(n)])
         found = self.solver(x0=x0, p=np.concatenate([first, p]), lbx=self.low, ubx=self.high,
                             lbg=np.zeros((nz + 1) * n),
@@ -86,8 +95,12 @@ class Converged(TwoLayers):
         )
 
     def _path_layer(self):
-        law, w, f = self.generator.law, self.generator.weights, adapt(ca)
-        z, u, p = ca.SX.sym("z", 7), ca.SX.sym("u"), ca.SX.sym("p", 1 + curvature.GRID_POINTS)
+        law = self.generator.law
+        w = self.generator.weights
+        f = adapt(ca)
+        z = ca.SX.sym("z", 7)
+        u = ca.SX.sym("u")
+        p = ca.SX.sym("p", 1 + curvature.GRID_POINTS)
 
         def bend(s):
             away = ca.fabs(s / (LENGTH * p[0]) - curvature.GRID) / curvature.KERNEL_WIDTH
@@ -102,7 +115,10 @@ class Converged(TwoLayers):
         def cost(_k, z, _after, u, _p):
             if law is Law.CA:
                 return w.contour * apart(0, z) + w.input * u**2
-            dx, dy, c, d = z[0] - z[4], z[1] - z[5], ca.cos(z[6]), ca.sin(z[6])
+            dx = z[0] - z[4]
+            dy = z[1] - z[5]
+            c = ca.cos(z[6])
+            d = ca.sin(z[6])
             return (w.contour * (d * dx - c * dy) ** 2 + w.lag * (c * dx + d * dy) ** 2
                     + w.input * u**2)
 
@@ -121,8 +137,11 @@ class Converged(TwoLayers):
         )
 
     def _follow_layer(self):
-        w, limits = self.follower.weights, self.limits
-        z, u, p = ca.SX.sym("z", 8), ca.SX.sym("u", 2), ca.SX.sym("p", 1 + 7 * PATH_STAGES)
+        w = self.follower.weights
+        limits = self.limits
+        z = ca.SX.sym("z", 8)
+        u = ca.SX.sym("u", 2)
+        p = ca.SX.sym("p", 1 + 7 * PATH_STAGES)
         after = make_stage(self.vehicle, ca)(*ca.vertsplit(z), *ca.vertsplit(u))
         stage = ca.Function("stage", [z, u, p], [ca.vertcat(*after)])
 
@@ -134,7 +153,8 @@ class Converged(TwoLayers):
             return (z[0] - r[4]) ** 2 + (z[1] - r[5]) ** 2
 
         def cost(k, at, z, u, p):
-            r, last = reference(k, p), k == PATH_STAGES - 1
+            r = reference(k, p)
+            last = k == PATH_STAGES - 1
             place, turn = (w.end_position, w.end_turn) if last else (w.position, w.turn)
             return (
                 w.speed * (z[3] - p[0]) ** 2

@@ -26,22 +26,28 @@ class Converged(Mpcc):
         if self.solver is None:
             self._build()
         aim = PlanRequest(t, state, s, before, lambda: False)
-        n, guess = self.problem.n, self._shift_last_plan(aim) or self._initial_guess(aim)
+        n = self.problem.n
+        guess = self._shift_last_plan(aim) or self._initial_guess(aim)
         v = float(self.speed_of(np.array([s]))[0])
         x0 = np.concatenate([guess.states[1:].ravel(), guess.inputs.T.ravel()])
         found = self.solver(x0=x0, p=np.concatenate([state, [s, *before, v]]), lbx=self._low,
                             ubx=self._high, lbg=self._g_low, ubg=self._g_high)
         assert self.solver.stats()["success"]
         x = np.array(found["x"]).ravel()
-        states, inputs = x[:8 * n].reshape(n, 8), x[8 * n:].reshape(n, 3).T
+        states = x[:8 * n].reshape(n, 8)
+        inputs = x[8 * n:].reshape(n, 3).T
         self.last = MpcPlan(t, np.vstack([state, states]),
                             np.append(s, self.problem.progress(s, inputs[2])), inputs,
                             PlanOutcome.SOLVED, np.zeros((n, 8, 8)))
         return self.last
 
     def _build(self):
-        n, w, limits, path = self.problem.n, self.problem.weights, self.limits, self.reference.path
-        z, u = ca.SX.sym("z", N_STATES), ca.SX.sym("u", 2)
+        n = self.problem.n
+        w = self.problem.weights
+        limits = self.limits
+        path = self.reference.path
+        z = ca.SX.sym("z", N_STATES)
+        u = ca.SX.sym("u", 2)
         after = make_stage(self.vehicle, ca)(*ca.vertsplit(z), *ca.vertsplit(u))
         stage = ca.Function("stage", [z, u], [ca.vertcat(*after)])
         knots = np.arange(-2.0, path.length + 8.0, KNOTS)
@@ -49,14 +55,23 @@ class Converged(Mpcc):
         phi = np.unwrap(phi)
         curves = [ca.interpolant(name, "bspline", [knots], values)
                   for name, values in (("x", x_r), ("y", y_r), ("phi", phi))]
-        states, inputs, p = ca.MX.sym("X", N_STATES, n), ca.MX.sym("U", 3, n), ca.MX.sym("p", 12)
-        cost, gaps, rates, at, s, before = 0.0, [], [], p[:8], p[8], p[9:11]
+        states = ca.MX.sym("X", N_STATES, n)
+        inputs = ca.MX.sym("U", 3, n)
+        p = ca.MX.sym("p", 12)
+        cost = 0.0
+        gaps = []
+        rates = []
+        at = p[:8]
+        s = p[8]
+        before = p[9:11]
         for k in range(n):
             u = inputs[:, k]
             gaps.append(stage(at, u[:2]) - states[:, k])
-            at, s = states[:, k], s + STAGE_PERIOD * u[2]
+            at = states[:, k]
+            s = s + STAGE_PERIOD * u[2]
             x, y, yaw = (curve(s) for curve in curves)
-            dx, dy = at[0] - x, at[1] - y
+            dx = at[0] - x
+            dy = at[1] - y
             across = ca.cos(yaw) * dy - ca.sin(yaw) * dx
             along = ca.cos(yaw) * dx + ca.sin(yaw) * dy
             change = u[:2] - before

@@ -138,7 +138,8 @@ def test_without_acknowledgement_they_touch(monkeypatch):
 class MidPlane:
     """No order: each keeps to its half of the plane amid two plans, stage by stage."""
 
-    AHEAD, WITHIN = 20, 1.5
+    AHEAD = 20
+    WITHIN = 1.5
 
     def __init__(self, cars):
         self.cars = cars
@@ -162,7 +163,8 @@ class MidPlane:
         return 0.0
 
     def holds(self, i, j, own):
-        last, other = self.plans[i], self.plans[j]
+        last = self.plans[i]
+        other = self.plans[j]
         apart = last - other
         size = np.hypot(*apart.T)
         n = apart / np.maximum(size, 1e-9)[:, None]
@@ -207,7 +209,8 @@ def test_the_line_never_falls_and_keeps_the_distance():
     made = layout()
     for a in range(2):
         for b in range(4):
-            path, s = made.routes[a].path, made.routes[a].path.s
+            path = made.routes[a].path
+            s = made.routes[a].path.s
             line = np.array([made.line(a, at, b) for at in s])
             assert np.all(np.diff(line[np.isfinite(line)]) >= 0.0)
             for at, most in zip(s[::20], line[::20], strict=True):
@@ -219,7 +222,9 @@ def test_the_line_never_falls_and_keeps_the_distance():
 
 def test_from_the_safe_speed_a_car_stops_before_the_line():
     """0.3 s late, at 0.8 m/s2; what is left is the margin."""
-    s, v, dt = 0.0, 1.0, 0.001
+    s = 0.0
+    v = 1.0
+    dt = 0.001
     late = [1.0] * 300
     while v > 1e-3 and s < 3.0:
         late.append(float(safe_speed(2.0 - s)))
@@ -252,7 +257,8 @@ def meet(a, b, t=0.0):
 
 def test_messages_out_of_order_twice_or_a_minute_old_are_counted():
     a, b = pair()
-    first, second = b.next_message(), b.next_message()
+    first = b.next_message()
+    second = b.next_message()
     assert a.receive(second, 60.0, age=60.0) is MessageVerdict.TAKEN
     assert a.receive(first, 60.0) is MessageVerdict.OLDER
     assert a.receive(second, 60.0) is MessageVerdict.OLDER

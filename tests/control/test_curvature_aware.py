@@ -40,7 +40,8 @@ from studies.control.curvature_aware_loop import (
 from studies.control.light_follow import LATER, figures, light_drive, plant_by
 from studies.control.mpc_loop import Loop, limits_of
 
-PLAIN, LAGS = CASES["kinematic car, its model"], CASES["later set with lags, kinematic model"]
+PLAIN = CASES["kinematic car, its model"]
+LAGS = CASES["later set with lags, kinematic model"]
 ITS_OWN = CASES["later set with lags, 40 ms late, its model"]
 BOTH = pytest.mark.parametrize("law", Law)
 
@@ -127,7 +128,8 @@ def test_the_iteration_drives_as_the_optimum(law, weights):
     pytest.importorskip("casadi", reason="casadi is absent: pip install 'dart-hal[mpc]'")
     from tests.control.curvature_aware_oracle import Converged
 
-    best, ours = drive(PLAIN, law, weights, 0.5, make=Converged), drive(PLAIN, law, weights, 0.5)
+    best = drive(PLAIN, law, weights, 0.5, make=Converged)
+    ours = drive(PLAIN, law, weights, 0.5)
     print(f"{law}: IPOPT {best}\n{law}: one iteration {ours}")
     assert ours.rms < 1.15 * best.rms
     assert ours.plan_end == pytest.approx(best.plan_end, abs=0.002)
@@ -162,11 +164,15 @@ def test_a_start_outside_the_lane_comes_back():
 def test_a_first_plan_from_anywhere_is_one_or_is_none():
     """Up to 1 m and 90 deg beside the path, at any speed: nothing is raised, no input is beyond the
     stops, and what runs away is named: 1 of 200 when written."""
-    rng, plans = np.random.default_rng(0), []
-    p, limits = ITS_OWN.model, controller(ITS_OWN, Law.CA, TUNED).limits
+    rng = np.random.default_rng(0)
+    plans = []
+    p = ITS_OWN.model
+    limits = controller(ITS_OWN, Law.CA, TUNED).limits
     for k in range(60):
         layers = controller(ITS_OWN, list(Law)[k % 2], (TUNED, PathWeights())[k // 2 % 2])
-        s, beside, turn = rng.uniform(0.0, 22.0), rng.uniform(-1.0, 1.0), rng.uniform(-1.6, 1.6)
+        s = rng.uniform(0.0, 22.0)
+        beside = rng.uniform(-1.0, 1.0)
+        turn = rng.uniform(-1.6, 1.6)
         spot = TRACK.at(s)
         state = np.array((spot.x - beside * np.sin(spot.heading),
                           spot.y + beside * np.cos(spot.heading), spot.heading + turn,
@@ -196,7 +202,8 @@ def test_a_plan_that_is_late_goes_on_with_the_last_one():
     for _ in range(3):
         good = loop.step()
     ticks = iter(np.arange(1000.0))
-    loop.mpc.clock, loop.mpc.budget = lambda: next(ticks), 0.5
+    loop.mpc.clock = lambda: next(ticks)
+    loop.mpc.budget = 0.5
     late = loop.step()
     assert late.outcome is PlanOutcome.LATE
     assert late.inputs[:2, 0] == pytest.approx(good.inputs[:2, 1])
@@ -240,7 +247,8 @@ def test_a_lap_through_the_speed_loop(law):
 @pytest.mark.slow_except("blocked-*")
 def test_a_drive_without_plans_slows_down_and_says_why(spoil, why):
     straight = Path([(9.0, 0.0)], closed=False)
-    follower, spoilt = Follower(straight, plant_by(LATER), 1.0, "ca-mpcc"), []
+    follower = Follower(straight, plant_by(LATER), 1.0, "ca-mpcc")
+    spoilt = []
     ticks = iter(np.arange(1e6))
 
     def each(t, follower, motion):

@@ -25,7 +25,9 @@ COMMANDS = np.tile((0.0, 0.6, 0.0, -0.5), 20)
 def learnt(speed: float, true: np.ndarray = TRUE) -> SteeringDisturbance:
     """After 8 s of bends to both sides by a car that steers as ``true`` says, noise of 0.05 rad/s
     in its yaw rate."""
-    plant, found, rng = known(P), SteeringDisturbance(known(P)), np.random.default_rng(1)
+    plant = known(P)
+    found = SteeringDisturbance(known(P))
+    rng = np.random.default_rng(1)
     for c in COMMANDS:
         acts = c + true @ (1.0, max(c, 0.0), min(c, 0.0))
         turned = speed * plant.steady.curvature(plant.angle_of(acts), speed) + rng.normal(
@@ -59,9 +61,11 @@ def test_wheels_that_turn_teach_nothing_of_where_they_stood(every):
     """A car that does what its model says, steered to and fro, without any slip, is asked about
     each 10 ms or with each plan: there is nothing to learn of it."""
     plant = replace(known(P), delay=SteeringDelay(transport=0.03, yaw_delay=0.0))
-    true, asked = MotionPrediction(plant, learns_bias=False), DisturbancePrediction(plant)
+    true = MotionPrediction(plant, learns_bias=False)
+    asked = DisturbancePrediction(plant)
     for k in range(800):
-        t, angle = 0.01 * k, plant.angle_of(0.0 if k % 40 < 20 else 0.5 if k % 80 < 40 else -0.5)
+        t = 0.01 * k
+        angle = plant.angle_of(0.0 if k % 40 < 20 else 0.5 if k % 80 < 40 else -0.5)
         wheels = true.predict(motion_at(t, ORIGIN, 1.5, 0.0), t).angle
         motion = motion_at(t, ORIGIN, 1.5, 1.5 * plant.steady.curvature(wheels, 1.5))
         if k % every == 0:
@@ -75,11 +79,14 @@ def test_wheels_that_turn_teach_nothing_of_where_they_stood(every):
 def test_a_yaw_rate_that_comes_behind_the_wheels_is_no_loss_of_gain():
     """It settles within 20 ms and the servo is slower than the model's: what is missing as the
     wheels go out, and left over as they come back, must not add up on any side."""
-    plant, behind = replace(known(P), delay=SteeringDelay(transport=0.03)), 0.0
+    plant = replace(known(P), delay=SteeringDelay(transport=0.03))
+    behind = 0.0
     slow = replace(plant, delay=SteeringDelay(transport=0.03, slew=6.0))
-    true, asked = MotionPrediction(slow, learns_bias=False), DisturbancePrediction(plant)
+    true = MotionPrediction(slow, learns_bias=False)
+    asked = DisturbancePrediction(plant)
     for k in range(1600):
-        t, angle = 0.01 * k, plant.angle_of(0.0 if k % 40 < 20 else 0.5 if k % 80 < 40 else -0.5)
+        t = 0.01 * k
+        angle = plant.angle_of(0.0 if k % 40 < 20 else 0.5 if k % 80 < 40 else -0.5)
         wheels = true.predict(motion_at(t, ORIGIN, 1.5, 0.0), t).angle
         behind += 0.4 * (1.5 * plant.steady.curvature(wheels, 1.5) - behind)
         asked.predict(motion_at(t, ORIGIN, 1.5, behind), t)

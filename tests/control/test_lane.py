@@ -21,7 +21,8 @@ RNG = np.random.default_rng(5)
 def points_of(path, pose, noise=0.015, keep=(0, 1)):
     """Points that a lidar 0.13 m before a pose sees of the boards: one each 0.57 deg."""
     both = boards(path)
-    c, s = cos(pose.yaw), sin(pose.yaw)
+    c = cos(pose.yaw)
+    s = sin(pose.yaw)
     axis = np.array((pose.x + 0.13 * c, pose.y + 0.13 * s))
     fine = []
     for side in keep:
@@ -31,7 +32,8 @@ def points_of(path, pose, noise=0.015, keep=(0, 1)):
     if not fine:
         return np.array([(np.nan, np.nan)])
     all_ = np.vstack(fine)
-    reach, turn = np.hypot(*all_.T), np.round(np.arctan2(*all_.T[::-1]) / 0.01).astype(int)
+    reach = np.hypot(*all_.T)
+    turn = np.round(np.arctan2(*all_.T[::-1]) / 0.01).astype(int)
     order = np.argsort(reach)
     first = order[np.unique(turn[order], return_index=True)[1]]
     far = (reach[first] + noise * RNG.normal(size=len(first)))[:, None]
@@ -97,7 +99,9 @@ def test_trim_and_mount_are_learnt_from_lanes_that_do_not_lie_where_they_lay(tri
     """A car that turns by its trim, whose lidar looks to the left by its mount, in a straight lane;
     what it learns is what is there, once it has driven 6 m."""
     p = UPSTREAM_2024
-    model, before, true = LaneReckoning(plant_by(p)), None, np.zeros(3)
+    model = LaneReckoning(plant_by(p))
+    before = None
+    true = np.zeros(3)
     for k in range(600):
         pose = model.advance(0.01 * k, 1.0).pose
         model.record_command(-0.5 * (true[1] + 2.0 * true[2]) - model.trim)
@@ -105,7 +109,8 @@ def test_trim_and_mount_are_learnt_from_lanes_that_do_not_lie_where_they_lay(tri
         true[2] += 0.01 * model._plant.steady.curvature(angle, 1.0)
         true[:2] += 0.01 * cos(true[2]), 0.01 * sin(true[2])
         if k % 13 == 12:
-            left, heading = -true[1] / cos(true[2]), -true[2] - mount + model.mount
+            left = -true[1] / cos(true[2])
+            heading = -true[2] - mount + model.mount
             lane = straight(left, heading).moved(
                 pose.x - left * sin(pose.yaw), pose.y + left * cos(pose.yaw), pose.yaw + heading)
             if before is not None:

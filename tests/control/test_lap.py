@@ -68,7 +68,8 @@ def test_what_the_front_tyres_end_at_bounds_the_bend():
 def test_forces_across_and_along_stay_within_the_circle():
     path = track_named("racetrack_vicon_2")
     profile = speed_profile(path, PLANT, 5.0)
-    v, most = profile.speed, BEND_SPEED_SHARE * PLANT.steady.max_speed(path.curvature, PLANT.lock)
+    v = profile.speed
+    most = BEND_SPEED_SHARE * PLANT.steady.max_speed(path.curvature, PLANT.lock)
     along = np.diff(np.append(v, v[:1]) ** 2) / (2.0 * path.spacing)
     assert (v <= most + 1e-9).all()
     assert np.abs(along).max() <= MAX_LONGITUDINAL + 1e-9
@@ -123,7 +124,8 @@ def test_a_path_that_is_too_tight_says_where():
 def test_a_raceline_stays_in_the_lane_and_is_quicker():
     path = track_named("savoiardo")
     line = raceline(path, 0.2, PLANT, 5.0)
-    s, left = 0.0, []
+    s = 0.0
+    left = []
     for x, y in zip(line.x[::3], line.y[::3], strict=True):
         s = path.closest(x, y, s)
         left.append(path.offset(x, y, s))

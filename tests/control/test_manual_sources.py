@@ -11,7 +11,10 @@ from dart_hal.control.input_age import MAX_REPORT_AGE_S, MAX_UNCHANGED_S, InputA
 from dart_hal.control.keyboard import STEERING_STEP, THROTTLE_STEP, Keyboard
 from dart_hal.core.errors import PortMissing, UsageError
 
-LEFT, RIGHT, UP, DOWN = b"\x1b[D", b"\x1b[C", b"\x1b[A", b"\x1b[B"
+LEFT = b"\x1b[D"
+RIGHT = b"\x1b[C"
+UP = b"\x1b[A"
+DOWN = b"\x1b[B"
 
 
 class Clock:
@@ -79,7 +82,8 @@ def hold(keys, clock, seconds, key=UP, period=0.03):
 
 def wait(keys, clock, seconds):
     """Reads without a key, 100 a second; returns (s since the start, throttle)."""
-    start, found = clock.now, []
+    start = clock.now
+    found = []
     for _ in range(round(seconds * 100)):
         clock.now += 0.01
         found.append((clock.now - start, keys.press(b"")[1]))
@@ -246,7 +250,8 @@ def test_no_gamepad_says_what_to_type(tmp_path):
     assert "--keyboard" in caught.value.remedy
 
 
-BUMPER, STICK = button(GamepadLayout().dead_man), axis(GamepadLayout().throttle, -1.0)
+BUMPER = button(GamepadLayout().dead_man)
+STICK = axis(GamepadLayout().throttle, -1.0)
 RELEASED = button(GamepadLayout().dead_man, down=False)
 OTHER_STICK = axis(2, 0.5)
 ORDERS = {"bumper, stick": [BUMPER, STICK], "stick, bumper": [STICK, BUMPER],
@@ -256,7 +261,8 @@ ORDERS = {"bumper, stick": [BUMPER, STICK], "stick, bumper": [STICK, BUMPER],
 
 def read_for(pad, clock, seconds, each=lambda t: None):
     """Reads, 100 a second; returns (s since the start, throttle)."""
-    start, found = clock.now, []
+    start = clock.now
+    found = []
     for _ in range(round(seconds * 100)):
         clock.now += 0.01
         each(clock.now - start)

@@ -50,7 +50,8 @@ def test_the_feed_forward_is_the_measured_pulse(files):
 
 
 def test_between_and_beyond_the_points_it_keeps_the_models_shape(files):
-    car, model = make_inverse_drive(calibrated(files, drive=TABLE)), InverseDrive(PAPER)
+    car = make_inverse_drive(calibrated(files, drive=TABLE))
+    model = InverseDrive(PAPER)
     more = [car.throttle(v) - model.throttle(v) for v in (0.2, 0.5, 0.75, 1.0, 2.0, 1.5)]
     assert more[0] == pytest.approx(more[1])
     assert more[2] == pytest.approx(0.5 * (more[1] + more[3]))

@@ -24,10 +24,13 @@ from dart_hal.core.errors import UsageError
 from studies.control.monitoring_targets import moving, parts_of
 from studies.control.monitoring_times import TIMES, times
 
-K, DT, STARTS = 0.1, 0.1, 0.5
+K = 0.1
+DT = 0.1
+STARTS = 0.5
 """rad/s, s, rad: K / N, the step, and the noise of a start, as published."""
 FEW = ((5, 2), (3, 1), (4, 2))
-NINE, FIVE = Lissajous(0.8, 1.8, 5, 4), Lissajous(1.5, 1.5, 3, 2)
+NINE = Lissajous(0.8, 1.8, 5, 4)
+FIVE = Lissajous(1.5, 1.5, 3, 2)
 
 
 def converged(n, p, seed, k=K, most=700.0):
@@ -45,7 +48,8 @@ def converged(n, p, seed, k=K, most=700.0):
     (9, 2, False), (25, 3, False), (4, 1, False), (5, 0, False)])
 def test_a_spread_is_stable_exactly_where_the_cosine_is_negative(n, p, comes_back):
     """By the law itself: its Jacobian in the spread, by differences, has no growing mode."""
-    h, at = 1e-6, evenly_spread(n, p)
+    h = 1e-6
+    at = evenly_spread(n, p)
     jacobian = np.array([(rates(at + h * e, 0.0, K) - rates(at - h * e, 0.0, K)) / (2.0 * h)
                          for e in np.eye(n)]).T
     modes = np.sort(np.linalg.eigvalsh(0.5 * (jacobian + jacobian.T)))
@@ -83,7 +87,8 @@ def test_the_figure_of_five_robots_is_that_of_a_quick_start():
     own = evenly_spread(5, 2) + np.random.default_rng(0).uniform(-0.5, 0.5, (100, 5))[0]
     steps = 0
     while disagreement(own, 2) >= 0.01:
-        own, steps = integrate(own, 0.05, K, DT), steps + 1
+        own = integrate(own, 0.05, K, DT)
+        steps = steps + 1
     assert found["largest of differences"][0] == pytest.approx(steps * DT)
 
 
@@ -108,7 +113,8 @@ def test_the_published_curves(curve, n, p, alpha, sensing, least, tightest):
 
 
 def test_the_robots_lie_on_one_ellipse_that_falls_together_twice():
-    team, phi = Formation(NINE, 9, 5, 4), 2.0 * pi / 9 * np.arange(9)
+    team = Formation(NINE, 9, 5, 4)
+    phi = 2.0 * pi / 9 * np.arange(9)
     for X in (0.0, 0.3, pi / 18):
         at = NINE.position(np.sort(np.remainder(team.slots(X), 2.0 * pi)))
         on = np.stack([0.8 * np.cos(phi + 5 * X), -1.8 * np.sin(phi + 5 * X - 9 * X)], axis=-1)
@@ -153,7 +159,9 @@ RATE = 0.01
 def escapes(team, robots_of, n=100, each=10, steps=160, cells=61):
     """How many of n targets (``monitoring_targets``) are not seen within the bound, and the longest
     time over the bound of those that are."""
-    t, rng, times = np.linspace(0.0, team.bound(RATE), steps), np.random.default_rng(5), []
+    t = np.linspace(0.0, team.bound(RATE), steps)
+    rng = np.random.default_rng(5)
+    times = []
     for _ in range(n // each):
         robots = team.curve.position(robots_of(rng.uniform(0.0, 2.0 * pi) + RATE * t))
         parts = parts_of(team.curve, robots, team.sensing_radius, cells)
@@ -200,7 +208,8 @@ def test_not_even_one_that_is_as_fast_as_it_likes(begin):
 @pytest.mark.parametrize("wrong", ["one missing", "not spread", "sees less"])
 def test_without_the_formation_there_is_no_bound(wrong):
     """The controls: one robot missing, an un-synchronised start, 0.9 of the sensing radius."""
-    bound, radius = TEAM.bound(RATE), TEAM.sensing_radius
+    bound = TEAM.bound(RATE)
+    radius = TEAM.sensing_radius
     t = np.linspace(0.0, bound, 80)
     X = beside(TEAM)(RATE * t) if wrong == "not spread" else TEAM.slots(RATE * t)
     if wrong == "one missing":

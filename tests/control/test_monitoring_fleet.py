@@ -11,9 +11,11 @@ from dart_hal.control.monitoring.monitor import MonitorMode
 from dart_lab.sim.truth import world_of
 from studies.control.monitoring_figures import NINE, OMEGA, SLOW, TEAM, driven, nine
 
-NEUTRAL, NEAR = 1.5e-3, 5e-6
+NEUTRAL = 1.5e-3
+NEAR = 5e-6
 """s, s."""
-DIES, LASTS = 5.0, 18.0
+DIES = 5.0
+LASTS = 18.0
 SAFE = 4.5
 """s after which nobody drives on: 3 s of the plan that was told last, and a stop."""
 

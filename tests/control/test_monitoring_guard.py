@@ -91,10 +91,12 @@ def test_who_stands_in_a_crossing_may_leave_it():
 def test_in_the_formation_nobody_has_to_wait():
     """At 1.2 m/s, and with messages up to 0.3 s old: the curve keeps the cars apart, not the
     guard."""
-    rate, curve = 1.2 / 3.76, TEAM.curve
+    rate = 1.2 / 3.76
+    curve = TEAM.curve
     for X in np.linspace(0.0, 2.0 * pi, 24, endpoint=False):
         slots = TEAM.slots(X)
-        s, v = COURSE.arc_length(X), rate * float(curve.rate(np.array(X)))
+        s = COURSE.arc_length(X)
+        v = rate * float(curve.rate(np.array(X)))
         for j in (1, 2):
             then = slots[j] - 0.3 * rate
             at = COURSE.arc_length(then % (2.0 * pi))
@@ -126,7 +128,8 @@ def test_without_the_guard_they_meet():
 
 
 def test_a_phase_is_carried_on_by_the_plan_and_then_nobody_knows():
-    peer, rate = Peer(COURSE), 0.3
+    peer = Peer(COURSE)
+    rate = 0.3
     assert peer.contact(0.0) is Contact.SILENT
     peer.receive(told(1.0, rate, age=0.1), 10.0)
     ends = PLAN_STEP * (PLAN_POINTS - 1)
@@ -164,9 +167,12 @@ def answered(one, t, X, v, messages):
 
 def test_it_says_what_it_does():
     """From the first pose on: alone, spreading, in its slot, without its neighbour, alone."""
-    one, seen, X = robot(), [], 1.7
+    one = robot()
+    seen = []
+    X = 1.7
     for k in range(90):
-        t, others = 0.1 * k, {}
+        t = 0.1 * k
+        others = {}
         if 5 <= k < 50:
             off = 0.3 if k < 15 else 0.0
             others = {"green": told(X + 2 * pi / 3 + off), "blue": told(X + 4 * pi / 3)}

@@ -86,8 +86,10 @@ def test_an_obstacle_is_passed(seed):
 def test_a_stage_is_the_car_of_the_simulation(kind):
     """RK4 of 0.5 ms of the same equations; theta 0.55 in 25 ms is 1 mm and 0.3 deg off."""
     p = replace(P, kind=kind)
-    state, command = np.array(CORNERING), (0.34, 0.2)
-    fine, l_r = make_car_step(p, dt=5e-4), p.body.l_r
+    state = np.array(CORNERING)
+    command = (0.34, 0.2)
+    fine = make_car_step(p, dt=5e-4)
+    l_r = p.body.l_r
     x, y, psi, *rest = state
     true = (x + l_r * np.cos(psi), y + l_r * np.sin(psi), psi, *rest)
     for _ in range(round(STAGE_PERIOD / 5e-4)):
@@ -117,10 +119,12 @@ def test_slopes_of_a_stage(p):
 
 
 def test_errors_beside_a_path_and_their_slopes():
-    reference, s = PathReference(TRACK), np.array([1.0, 2.4, 7.0])
+    reference = PathReference(TRACK)
+    s = np.array([1.0, 2.4, 7.0])
     x, y, phi = reference.poses(s)
     left = np.array([0.1, -0.05, 0.2])
-    x, y = x - left * np.sin(phi), y + left * np.cos(phi)
+    x = x - left * np.sin(phi)
+    y = y + left * np.cos(phi)
     e = reference.errors(x, y, s)
     assert e.across == pytest.approx(left)
     assert e.along == pytest.approx(0.0, abs=1e-9)
@@ -143,7 +147,8 @@ def test_a_plan_that_is_late_goes_on_with_the_last_one():
     for _ in range(3):
         good = loop.step()
     ticks = iter(np.arange(100.0))
-    loop.mpc.clock, loop.mpc.budget = lambda: next(ticks), 0.5
+    loop.mpc.clock = lambda: next(ticks)
+    loop.mpc.budget = 0.5
     late = loop.step()
     assert late.outcome is PlanOutcome.LATE
     assert late.inputs[:, 0] == pytest.approx(good.inputs[:, 1])
@@ -164,7 +169,8 @@ def test_a_plan_of_numbers_that_are_none_is_thrown_away():
 def test_a_drive_whose_plans_are_late_slows_down_and_says_why():
     """Three late plans are the last one, shifted; then the linear-quadratic tracker brakes."""
     straight = Path([(9.0, 0.0)], closed=False)
-    follower, spoilt = Follower(straight, plant_by(LATER), 1.0, "mpcc"), []
+    follower = Follower(straight, plant_by(LATER), 1.0, "mpcc")
+    spoilt = []
     ticks = iter(np.arange(1e6))
 
     def spoil(t, follower, motion):
@@ -221,7 +227,8 @@ def test_a_corridor_beside_an_obstacle():
 
 
 def test_a_side_is_kept_for_an_encounter_and_forgotten_with_its_obstacle():
-    corridor, o = Corridor(0.3), Obstacle(2.0, -0.15, 0.15)
+    corridor = Corridor(0.3)
+    o = Obstacle(2.0, -0.15, 0.15)
     corridor.obstacles = (o,)
     corridor.bounds(np.array([0.0]), np.zeros(1))
     assert corridor._sides == {o: 1.0}

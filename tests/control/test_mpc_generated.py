@@ -24,7 +24,8 @@ pytest.importorskip("casadi", reason="casadi is absent: pip install 'dart-hal[mp
 def programme(seed: int) -> tuple[np.ndarray, np.ndarray, Constraints]:
     """20 variables, 30 rows: held, passed at a price, and without an end to one side."""
     rng = np.random.default_rng(seed)
-    half, c = rng.normal(size=(20, 20)), rng.normal(size=(30, 20))
+    half = rng.normal(size=(20, 20))
+    c = rng.normal(size=(30, 20))
     price = np.where(np.arange(30) < 10, inf, 0.5)
     low = np.where(np.arange(30) % 3 == 0, -inf, -0.4)
     return half @ half.T + np.eye(20), rng.normal(scale=9.0, size=20), Constraints(
@@ -52,7 +53,8 @@ def test_the_splitting_finds_what_osqp_finds():
     from scipy.sparse import csc_matrix
 
     h, g, rows = programme(1)
-    n, m = 20, 30
+    n = 20
+    m = 30
     soft = np.isfinite(rows.price)
     none = np.zeros((m, m))
     big = np.block([[h, np.zeros((n, 2 * m))], [np.zeros((2 * m, n + 2 * m))]])

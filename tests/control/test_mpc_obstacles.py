@@ -74,7 +74,8 @@ def test_it_tells_how_near_it_came():
     disc = Disc(6.0, -0.15, 0.15)
     drive = follower(disc)
     rows = light_drive(drive)
-    o, ahead = disc.locate(STRAIGHT, 0.0), LATER.body.l_r
+    o = disc.locate(STRAIGHT, 0.0)
+    ahead = LATER.body.l_r
     level = min(clearance(x + ahead, y, 0.0, o, STRAIGHT, t) for t, x, y, *_ in rows)
     assert drive.why == "the path is driven"
     assert 0.05 < drive.tracker.air[0] < 0.14

@@ -14,7 +14,8 @@ from dart_hal.control.paths import Path
 from dart_hal.vehicle.sets import PAPER
 from studies.control.mpc_loop import Loop, P, limits_of
 
-LINE, WAITS = 3.0, 8.0
+LINE = 3.0
+WAITS = 8.0
 """m; s until the line is gone."""
 SETS = {"paper": replace(PAPER, delay=P.delay), "later": P, "steep": replace(P, slip="all_speeds")}
 BEND = [(2.0, 0.0), (1.5, 1.0 / 0.75), (4.0, 0.0)]
@@ -22,7 +23,8 @@ BEND = [(2.0, 0.0), (1.5, 1.0 / 0.75), (4.0, 0.0)]
 
 @pytest.mark.parametrize("name", SETS)
 def test_a_slow_car_forgets_a_motion_across_within_a_stage(name):
-    p, onset = SETS[name], -SETS[name].motor.g
+    p = SETS[name]
+    onset = -SETS[name].motor.g
     speeds = np.linspace(-0.02, 0.5, 27)
     states = np.zeros((len(speeds), 8))
     states[:, 3], states[:, 4], states[:, 5], states[:, 6] = speeds, 0.02, 0.04, onset
@@ -42,7 +44,8 @@ def test_it_stops_before_a_line_in_a_bend_and_starts_again(name):
     stood = 0.0
     while loop.s < 6.5 and loop.car.t < 16.0:
         if loop.car.t > WAITS and not stood:
-            stood, mpc.stop_line = loop.s, np.inf
+            stood = loop.s
+            mpc.stop_line = np.inf
         loop.planned()
         sent = loop.sent
         loop.sent = sendable_throttle(sent[0], mpc.limits.tau[0]), sent[1]

@@ -60,7 +60,8 @@ def test_an_open_path_goes_on_straight_and_a_closed_one_again():
 
 def test_the_closest_point_is_found_to_a_tenth_of_a_millimetre():
     path = track_named("racetrack_vicon_2")
-    rng, near = np.random.default_rng(1), 0.0
+    rng = np.random.default_rng(1)
+    near = 0.0
     for s in np.arange(0.0, 30.0, 0.37):
         x, y, heading, _ = path.at(s)
         left = float(rng.uniform(-0.3, 0.3))

@@ -102,12 +102,14 @@ def test_the_closest_point_never_jumps_to_the_other_branch():
 def follow(path, x, y, yaw, speed=0.6, seconds=20.0, delay=0.0):
     """A kinematic car of ours, 100 Hz; offsets of the last third."""
     pursuit = PurePursuit(path, WHEELBASE, delay=delay)
-    offsets, rate = [], 0.0
+    offsets = []
+    rate = 0.0
     for _ in range(int(seconds * 100)):
         angle = pursuit.steer(Pose(x, y, yaw), speed, rate)
         angle = min(max(angle, -0.4), 0.4)
         rate = speed * np.tan(angle) / WHEELBASE
-        x, y = x + speed * 0.01 * cos(yaw), y + speed * 0.01 * sin(yaw)
+        x = x + speed * 0.01 * cos(yaw)
+        y = y + speed * 0.01 * sin(yaw)
         yaw += rate * 0.01
         offsets.append(pursuit.offset)
     return np.array(offsets[len(offsets) * 2 // 3:]), pursuit

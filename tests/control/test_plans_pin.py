@@ -19,8 +19,12 @@ from dart_hal.core.errors import UsageError
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
-NEUTRAL_US, NEAR_US, SETTLED = 1500.0, 5.0, 0.040
-SPOILT, AFTER = 1.5, 2.0  # s from the first motion on, s that are looked at
+NEUTRAL_US = 1500.0
+NEAR_US = 5.0
+SETTLED = 0.040
+# s from the first motion on, s that are looked at
+SPOILT = 1.5
+AFTER = 2.0
 GONE = 0.75  # s: up to five periods of a plan, and 0.25 s at 2 m/s2: it asks for half the speed
 LATE = "no plan within 0.05 s, 4 times in a row"
 
@@ -46,7 +50,10 @@ def driven(name, spoil):
     """(follower, [(t after the plans ceased [s], pulse [us], true speed [m/s])], ranks that were
     told of plans)."""
     backend = open_backend("sim://?nano=mock&mocap=1")
-    world, seen, ceased, told = world_of(backend), [], None, []
+    world = world_of(backend)
+    seen = []
+    ceased = None
+    told = []
     world.watchers.append(lambda channel, pulse: seen.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]), world.truth().v_x)) if channel == 1 else None)
     with Car.over(backend) as car:
@@ -104,13 +111,15 @@ def test_a_tracker_that_forgave_every_late_plan_would_drive_on(name, monkeypatch
 
 def started(beside):
     """(follower or the refusal, [(t, us)]) of a car that stands so many m beside the path."""
-    backend, seen = open_backend("sim://?nano=mock"), []
+    backend = open_backend("sim://?nano=mock")
+    seen = []
     world_of(backend).watchers.append(lambda channel, pulse: seen.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))) if channel == 1 else None)
     with Car.over(backend) as car:
         path = Path([(6.0, 0.0)], closed=False, start=(0.0, beside, 0.0))
-        follower, armed = Follower(path, plant_of(car.files), 1.0, "mpcc",
-                                   Rules(odometry=True)), False
+        follower = Follower(path, plant_of(car.files), 1.0, "mpcc",
+                                   Rules(odometry=True))
+        armed = False
         try:
             for state in car.states(duration=15.0):
                 steering, speed = follower.answer(state.estimate.at(car.now))

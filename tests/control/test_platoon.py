@@ -192,7 +192,8 @@ def test_disturbances_fade_along_the_string_at_delays_up_to_a_fifth_of_a_second(
 
 
 def test_the_peak_is_what_a_wave_does():
-    gains, dt = replace(STABLE, share=0.0), 0.05
+    gains = replace(STABLE, share=0.0)
+    dt = 0.05
     period = 8.0
 
     def swing(gains, delay, **how):
@@ -303,7 +304,8 @@ def test_a_neighbour_that_never_answers_leaves_acc():
 
 
 def test_a_message_of_a_minute_ago_is_as_none():
-    late, silent = PlatoonFollower(), PlatoonFollower()
+    late = PlatoonFollower()
+    silent = PlatoonFollower()
     told = run(late, 1.0, tell=lambda t: PredecessorReport(t - 60.0, 1.4, 1.0))
     assert (told == run(silent, 1.0)).all()
     assert late.hearing.counts["OLD"] == 20

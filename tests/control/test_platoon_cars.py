@@ -16,7 +16,8 @@ from dart_hal.core.errors import UsageError
 from studies.control import platoon_cars as cars
 from studies.control.platoon_cars import example, gaps, lateral
 
-NEUTRAL_US, NEAR_US = 1500.0, 5.0
+NEUTRAL_US = 1500.0
+NEAR_US = 5.0
 SHORT = {"cars": 3, "lasts": 8.0, "brakes": 5.5, "loss": 0.3}
 BRIEF = {**SHORT, "cars": 2, "lasts": 5.5, "brakes": 5.0}
 
@@ -87,7 +88,8 @@ def test_a_liar_ends_in_no_contact_and_as_published_in_one():
 def changed(monkeypatch, number, since, act):
     """Let car ``number`` do otherwise from ``since`` s of its drive on: act(answer, motion, scans,
     ahead), with the answer of every other car. The cars as they are made."""
-    made, begun = [], []
+    made = []
+    begun = []
 
     class Otherwise(PlatoonCar):
         def answer(self, motion, scans=(), ahead=None):
@@ -172,7 +174,8 @@ def test_where_the_boards_end_it_stops():
     drive, truth = cars.straight(1, tracker="lane", hall=short, **on_and_on)
     leader = drive.cars[0]
     assert leader.mode == "STOP"
-    assert re.fullmatch("(no boards are|only the (left|right) board is) visible for 0.5 s", leader.why)
+    assert re.fullmatch("(no boards are|only the (left|right) board is) visible for 0.5 s",
+                        leader.why)
     assert driving(truth, 0, 3.0, 4.0), "control: it drove until then"
     assert not driving(truth, 0, 6.5)
     assert not drive.contacts

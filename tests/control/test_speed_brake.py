@@ -19,7 +19,8 @@ URL = "sim://?seed={}&nano=mock{}"
 
 def modes_of(reference, seconds=4.0, seed=3, more=""):
     """(t, true speed, throttle, mode of the ESC) under drive_speed(reference(t))."""
-    backend, rows = open_backend(URL.format(seed, more)), []
+    backend = open_backend(URL.format(seed, more))
+    rows = []
     with Car.over(backend) as car:
         world = world_of(backend)
         car.arm()

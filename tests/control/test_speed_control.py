@@ -23,7 +23,8 @@ DT = 0.01
 
 def driven(seed, reference, seconds):
     """(t, speed, throttle applied, limits) of a car that is asked for reference(t) [m/s]."""
-    rows, start = [], None
+    rows = []
+    start = None
     with Car.open(URL.format(seed)) as car:
         car.arm()
         for state in car.states(duration=seconds):
@@ -92,7 +93,8 @@ def test_neutral_is_never_filled_and_nothing_drives_forward_unasked(asked):
 
 @given(st.floats(0.0, 3.0), st.floats(0.1, 1.0), st.floats(0.5, 3.0))
 def test_after_forward_the_brake_and_a_rest_come_before_reverse(speed, pull, slows):
-    reversal, seen = Reversal(), []
+    reversal = Reversal()
+    seen = []
     reversal.throttle(0.3, speed, DT)
     for _ in range(300):
         seen.append(reversal.throttle(-pull, speed, DT))
@@ -115,7 +117,8 @@ def test_a_brake_that_turns_out_to_reverse_is_let_go():
 
 
 def test_an_esc_that_braked_instead_is_rested_once_more():
-    reversal, seen = Reversal(), []
+    reversal = Reversal()
+    seen = []
     for _ in range(200):
         seen.append(reversal.throttle(-0.3, 0.5 * REST_SPEED, DT))
     assert seen[0] == -0.3

@@ -97,7 +97,8 @@ def test_the_profile_never_crosses_standstill_and_never_outruns_the_car():
 
 
 def test_gains_come_of_how_late_the_car_is():
-    quick, slow = SpeedResponse(0.0, 0.0), SpeedResponse(0.03, 0.1)
+    quick = SpeedResponse(0.0, 0.0)
+    slow = SpeedResponse(0.03, 0.1)
     theta = quick.to_force(0.01) + 0.010
     k_a, tau_i = quick.gains(0.01, 0.0)
     assert k_a == pytest.approx(1.0 / (2.0 * theta))

@@ -9,7 +9,8 @@ from dart_hal.control.loop import SpeedLoop
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
-NEUTRAL_US, NEAR_US = 1500.0, 5.0
+NEUTRAL_US = 1500.0
+NEAR_US = 5.0
 SETTLED = 0.040  # s: the PWM frame under way and the next, as for every command
 MOVES_AT = 1.0  # s of driving forward
 
@@ -19,7 +20,9 @@ def pulses(then, after=1.2):
 
     ``then(t)``: speed asked for t s after the change, None: it is stopped, which disarms it.
     """
-    backend, seen, changed = open_backend("sim://?nano=mock"), [], None
+    backend = open_backend("sim://?nano=mock")
+    seen = []
+    changed = None
     world = world_of(backend)
     world.watchers.append(lambda channel, pulse: seen.append(pulse) if channel == 1 else None)
     with Car.over(backend) as car:

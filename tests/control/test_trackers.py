@@ -56,7 +56,8 @@ def test_one_metre_a_second(name):
 @BOTH
 def test_without_delay_compensation_it_is_much_worse(name):
     """The control: 0.03 s of transport and 0.13 s of lag are 0.3 m at 2 m/s."""
-    blind, knowing = lap(name, 2.0, without_delay(PLANT))[0], lap(name, 2.0)[0]
+    blind = lap(name, 2.0, without_delay(PLANT))[0]
+    knowing = lap(name, 2.0)[0]
     assert blind > 3.0 * knowing
     assert blind > 0.04
 
@@ -144,7 +145,8 @@ def test_a_command_acts_after_transport_and_lag():
     prediction.record_command(0.0, 0.2)
     assert prediction.predict(still, 0.04).angle == pytest.approx(0.0, abs=1e-9)
     share = 1.0 - np.exp(-0.06 / 0.1)
-    first, last = PLANT.command_of(0.0), PLANT.command_of(0.2)
+    first = PLANT.command_of(0.0)
+    last = PLANT.command_of(0.2)
     assert PLANT.command_of(prediction.predict(still, 0.1).angle) == pytest.approx(
         first + share * (last - first), rel=0.1)
     later = motion_at(0.5, Pose(), 0.0, 0.0)
@@ -162,7 +164,9 @@ def test_a_servo_turns_no_faster_than_it_can():
 
 def test_prediction_is_the_motion_of_the_model():
     """A steady bend, predicted over 0.15 s, against a circle."""
-    prediction, v, k = MotionPrediction(PLANT), 1.5, 0.8
+    prediction = MotionPrediction(PLANT)
+    v = 1.5
+    k = 0.8
     bend = PLANT.steady.turn(k, v)
     start = motion_at(0.0, Pose(0.0, 0.0, -bend.slip), v, k * v)
     prediction._t, prediction._servo = 0.0, PLANT.command_of(bend.angle)

@@ -31,7 +31,8 @@ def at(s, offset, turn=0.0, *, path=TRACK, std=0.0, **of):
     """A car whose middle is there."""
     spot = path.at(s)
     yaw = spot.heading + turn
-    x, y = spot.x - offset * sin(spot.heading), spot.y + offset * cos(spot.heading)
+    x = spot.x - offset * sin(spot.heading)
+    y = spot.y + offset * cos(spot.heading)
     return NearbyCar("red", Pose(x - REAR * cos(yaw), y - REAR * sin(yaw), yaw,
                                  pose_cov(std, std)), **{"speed": 0.0, "age": 0.0, "lost": False,
                                                          **of})
@@ -71,7 +72,8 @@ def test_one_that_was_not_heard_stands_where_it_was_and_is_not_passed():
 
 
 def test_one_that_is_heard_is_where_it_has_driven_since():
-    still, on = judged(at(2.5, 0.0)), judged(at(2.5, 0.0, speed=1.0, age=0.3))
+    still = judged(at(2.5, 0.0))
+    on = judged(at(2.5, 0.0, speed=1.0, age=0.3))
     assert on.room == pytest.approx(still.room + 0.3, abs=0.01)
 
 
@@ -110,7 +112,9 @@ class Drive:
 
     def __init__(self, lead, *, beside=0.0, room="", tracker="mpcc", seconds=9.0, blind=False,
                  cars=None):
-        self.pulses, rows, backends = [], [], []
+        self.pulses = []
+        rows = []
+        backends = []
         for seed, x, y in ((1, 0.0, 0.0), (2, 2.5, beside)):
             backends.append(open_backend(f"sim://?seed={seed}&nano=mock&mocap=1&world=traffic&"
                                          f"at={x},{y},0"))

@@ -26,7 +26,8 @@ def scan(*walls, glass=()):
 
 def clear(way, *walls):
     """Least distance [m] of a way from walls."""
-    lines, off = np.array(walls), []
+    lines = np.array(walls)
+    off = []
     for a, b in zip(lines[:, :2], lines[:, 2:], strict=True):
         u = np.clip((way - a) @ (b - a) / ((b - a) @ (b - a)), 0.0, 1.0)
         off.append(np.hypot(*(way - a - u[:, None] * (b - a)).T).min())
@@ -60,7 +61,8 @@ def test_a_dead_end_is_blocked_before_it_is_touched():
 
 def test_glass_between_walls_is_a_wall(monkeypatch):
     """The negative control: beams that do not come back are nothing."""
-    ahead, sides = (1.4, -1.5, 1.4, 1.5), ((-3.0, -1.5, 1.4, -1.5), (-3.0, 1.5, 1.4, 1.5))
+    ahead = (1.4, -1.5, 1.4, 1.5)
+    sides = ((-3.0, -1.5, 1.4, -1.5), (-3.0, 1.5, 1.4, 1.5))
     points = scan(ahead, *sides, glass=(1.4, -0.8, 1.4, 0.8))
     assert Wall(gap=1.5)(points, Pose()).middle[:, 0].max() < 1.4 - MIN_CLEARANCE
     monkeypatch.setattr(wall_module, "MIN_GLASS_BEAMS", BEAMS)

@@ -48,7 +48,8 @@ def stages():
     evidence = Evidence([prepare_drive(r, PAPER.body.l_r)], PAPER.body.l_r)
     models = (("base: paper", PAPER), ("refitted base", PAPER),
               ("+ steering_lag", apply(PAPER, "steering_lag", k=0.12)), ("+ gyro_scale", HIDDEN))
-    out, ctrv = [], {}
+    out = []
+    ctrv = {}
     for label, p in models:
         result = evaluate(replace(p, name="paper"), [r], limit=False)
         out.append(Stage(label, p, result.model.to_json(), evidence.residuals(p)))

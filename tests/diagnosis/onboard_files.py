@@ -19,7 +19,8 @@ SENSORS = 10  # columns
 def without_mocap(path):
     """The same file as schema A: each message once, sensors and commands alone."""
     head, *lines = Path(path).read_text().splitlines()
-    rows, last = [",".join(head.split(",")[:SENSORS])], None
+    rows = [",".join(head.split(",")[:SENSORS])]
+    last = None
     for line in lines:
         cells = line.split(",")[:SENSORS]
         if float(cells[0]) != 0.0 and cells[0] != last:

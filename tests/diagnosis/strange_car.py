@@ -13,7 +13,8 @@ from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 
 STEP = 0.002  # s
-MASS, INERTIA = PAPER.body.mass, PAPER.body.yaw_inertia
+MASS = PAPER.body.mass
+INERTIA = PAPER.body.yaw_inertia
 
 
 def carpet(newton):

@@ -28,7 +28,8 @@ def filmed(tmp_path_factory):
 def written_anew(run, path, others=(), but=()):
     """The run with channels of others, and without its own topics ``but``."""
     with run.open("rb") as source, path.open("wb") as target:
-        reader, writer = make_reader(source), Writer(target)
+        reader = make_reader(source)
+        writer = Writer(target)
         writer.start("ros2", "another recorder")
         for a in reader.iter_attachments():
             writer.add_attachment(a.create_time, a.log_time, a.name, a.media_type, a.data)

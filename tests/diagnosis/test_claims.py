@@ -170,7 +170,8 @@ def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
             residuals=lambda *model: r, blocks=lambda seconds: (ten, np.zeros(0, dtype=int)),
             motion_drive=np.zeros(200, dtype=int), sensor_drive=np.zeros(0, dtype=int),
             sensor_still=np.zeros(0, dtype=bool)), point, USUAL)
-        out._noise, out._fit_timing = point.noise, lambda *fit: None
+        out._noise = point.noise
+        out._fit_timing = lambda *fit: None
         return out.motion(point)
 
     losses = {frozenset(): unseen(1.5), frozenset({"motor"}): unseen(1.0)}
@@ -190,7 +191,8 @@ def test_how_old_the_commands_of_a_fit_were_costs_nothing_on_other_recordings(fo
         point = SimpleNamespace(vehicle=PAPER, timing=MessageTiming(command_age=age), noise=sizes)
         out = RecordingLosses(evidence, point, USUAL)
         if not fitted:
-            out._noise, out._fit_timing = sizes, lambda *fit: point.timing
+            out._noise = sizes
+            out._fit_timing = lambda *fit: point.timing
         return out.motion(point).sum()
 
     assert lost(0.06, fitted=False) > 2.0 * lost(0.0, fitted=False)

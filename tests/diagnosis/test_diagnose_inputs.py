@@ -184,7 +184,8 @@ def test_a_model_that_turns_much_more_is_doubted_and_its_own_is_not(drive):
 
 def test_without_test_recordings_stretches_are_held_out(drive):
     inputs = check_inputs([drive], [], PAPER)
-    train, test = inputs.train[0], inputs.test[0]
+    train = inputs.train[0]
+    test = inputs.test[0]
     assert any("40 %" in n for n in inputs.notes)
     a, b = (prepare_drive(r, PAPER.body.l_r) for r in (train, test))
     whole = prepare_drive(drive, PAPER.body.l_r)

@@ -30,7 +30,8 @@ def framed(recording, ahead=0.0, std=STD):
 
 
 def test_errors_are_those_of_a_frame_that_all_recordings_share():
-    a, b = drive(seed=3), drive(seed=4)
+    a = drive(seed=3)
+    b = drive(seed=4)
     assert find_frame_errors([framed(a), framed(b)]) == {
         "mocap_offset_x.k": 0.002, "mocap_yaw.k": 0.002, "mocap_offset_y.k": 0.002}
     assert find_frame_errors([framed(a), framed(b, 0.001)]) == {}, "two mountings"
@@ -60,7 +61,8 @@ def test_offset_that_is_free_is_one_coordinate_even_if_it_is_listed_twice():
 def test_error_of_a_frame_is_no_cause(refit):
     """The negative control: the same error of a frame that is said to be known is one."""
     file, p = find_model("paper")
-    train, test = drive(seconds=60.0, seed=3), drive(seconds=40.0, seed=4)
+    train = drive(seconds=60.0, seed=3)
+    test = drive(seconds=40.0, seed=4)
     fitted, known = (diagnose(file, p, [framed(train, OFF, std)], [framed(test, OFF, std)],
                               refit=refit) for std in (STD, None))
     assert not fitted.causes

@@ -28,7 +28,9 @@ from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
 from tests.diagnosis.searched import drive
 
-UNITS, ROWS, DRAWS = 16, 40, 400
+UNITS = 16
+ROWS = 40
+DRAWS = 400
 
 
 def problem(rng, signal, beside=(), pull=1.0):

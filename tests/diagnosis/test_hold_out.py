@@ -45,7 +45,8 @@ def test_stretches_alternate_with_a_guard_between_them(one_sided, share):
 
 def test_both_sides_steer_both_ways(one_sided):
     """The control is the last 40 % of the time: it steers to the right only."""
-    t, steering = one_sided.messages.arrival, one_sided.messages.steering
+    t = one_sided.messages.arrival
+    steering = one_sided.messages.steering
     means = [steering[span_index(r.spans, t) >= 0].mean() for r in split(one_sided, 0.4)]
     assert abs(means[0] - means[1]) < 0.1
     last = steering[t > 0.6 * SECONDS].mean()

@@ -16,7 +16,8 @@ STANDS = 60  # evaluations of a model, a second of five minutes of driving
 
 @pytest.mark.slow
 def test_progress_never_stands_and_never_goes_back(monkeypatch):
-    evaluations, told = [0], []
+    evaluations = [0]
+    told = []
     residuals = Evidence.residuals
 
     def counted(self, *args, **more):

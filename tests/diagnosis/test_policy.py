@@ -78,7 +78,8 @@ def test_a_search_decides_by_the_policy_that_it_is_given():
 
 @pytest.mark.slow
 def test_blocks_and_loss_are_those_of_the_policy():
-    seen, one = evidence(drive()), ("gyro_bias",)
+    seen = evidence(drive())
+    one = ("gyro_bias",)
     found = search(drive(), names=one)
     other = search(drive(), names=one, policy=replace(
         USUAL, noise=replace(USUAL.noise, robust=6.0), blocks=replace(USUAL.blocks, seconds=4.0)))

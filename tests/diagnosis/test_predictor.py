@@ -87,7 +87,8 @@ def test_every_recording_is_left_out_once():
 
 def test_the_interval_of_ratios_holds_the_truth_in_nine_of_ten_draws():
     rng = np.random.default_rng(5)
-    truth, inside = 0.8, 0
+    truth = 0.8
+    inside = 0
     for _ in range(1000):
         ratio = geometric_mean(truth * np.exp(rng.normal(0.0, 0.3, size=6)))
         inside += ratio.low < truth < ratio.high
@@ -95,7 +96,8 @@ def test_the_interval_of_ratios_holds_the_truth_in_nine_of_ten_draws():
 
 
 def test_its_file_is_a_model_with_the_same_numbers(tmp_path):
-    d, train = found(hidden=True), drives(hidden=True)[:4]
+    d = found(hidden=True)
+    train = drives(hidden=True)[:4]
     base, _ = find_model("paper")
     path = write_predictor(d, tmp_path / "predictor.toml", base, train, "command")
     model, vehicle = find_model(path)

@@ -39,7 +39,8 @@ SLACK = apply(PAPER, "steering_backlash", k=0.06)
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory):
     """drive(car, seed): half a minute of it, made once."""
-    folder, made = tmp_path_factory.mktemp("alike"), {}
+    folder = tmp_path_factory.mktemp("alike")
+    made = {}
 
     def of(name, car, seed):
         if (name, seed) not in made:
@@ -59,7 +60,8 @@ def side(recordings):
 def said(train, test, p=PAPER, policy=USUAL):
     """What is said beside a fit that ends at the paper's car."""
     sides = side(train), side(test)
-    seen, space = sides[0].evidence, Space(p, ())
+    seen = sides[0].evidence
+    space = Space(p, ())
     noise = estimate_noise(seen.residuals(p, MessageTiming()), seen.blocks(2.0))
     last = evaluate_point(seen, noise, space, space.point(MessageTiming()))
     return " ".join(list_cautions(last, sides, {}, {}, (), policy))
@@ -132,7 +134,8 @@ def test_noise_of_its_stated_size_is_no_second_floor(seed, n):
 def test_a_parameter_or_a_time_on_its_bound_is_said(drive):
     one = [drive("same", PAPER, 0)]
     sides = side(one), side([drive("same", PAPER, 1)])
-    seen, space = sides[0].evidence, Space(PAPER, ())
+    seen = sides[0].evidence
+    space = Space(PAPER, ())
     noise = estimate_noise(seen.residuals(PAPER, MessageTiming()), seen.blocks(2.0))
     x = space.point(MessageTiming())
     x[1] = MAX_COMMAND_AGE / MESSAGE_AGE_REACH  # of commands, the oldest there is

@@ -74,7 +74,8 @@ def pages() -> list[Path]:
 
 def as_shown(shown: str, printed: str, *, any_numbers: bool = False) -> bool:
     """Whether the text of an output block is in what was printed, its numbers within 10 %."""
-    pattern, numbers = "", []
+    pattern = ""
+    numbers = []
     for line in filter(None, (x.strip() for x in shown.splitlines())):
         if line == "...":
             pattern += r"(?:.*\n)*?"

@@ -44,7 +44,8 @@ def play(page: Path, folder: Path, *, slow: bool) -> list[Block]:
             "PATH": f"{Path(sys.executable).parent}{os.pathsep}{env['PATH']}"}
     if not slow:
         env["DART_HAL_URL"] = "sim://?nano=mock"
-    ran, printed = [], ""
+    ran = []
+    printed = ""
     for block in handbook.blocks(page.read_text(encoding="utf-8")):
         where = f"{page.name}, line {block.line}"
         text = block.text if slow else block.text.replace("sim://?", "sim://?nano=mock&")

@@ -9,8 +9,10 @@ import pytest
 
 pytestmark = pytest.mark.emulator
 
-CONFIG, IMUPLUS = 0x00, 0x08
-GYRO, LINEAR = 0x14, 0x28
+CONFIG = 0x00
+IMUPLUS = 0x08
+GYRO = 0x14
+LINEAR = 0x28
 
 
 @pytest.fixture
@@ -121,7 +123,8 @@ def test_filters_follow_a_step(part):
 
 def test_the_part_has_a_clock_of_its_own(part):
     run_mode(part)
-    last, changes = None, []
+    last = None
+    changes = []
     for k in range(1, 4000):
         part.set_imu((0, 0, 1e-3 * k), (0, 0, 0))
         part.drain(0.7 + k * 1e-3)
@@ -211,7 +214,8 @@ def test_wrong_by_a_factor_or_altogether(part, fault, value, seen):
 def test_a_slow_part_updates_at_its_rate(part):
     run_mode(part)
     part.set_imu_fault("slow", 5.0)
-    start, seen = part.now, set()
+    start = part.now
+    seen = set()
     for k in range(100):
         part.set_imu((0, 0, 1e-2 * k), (0, 0, 0))
         part.drain(start + 0.02 * k)

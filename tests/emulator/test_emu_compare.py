@@ -10,11 +10,17 @@ import pytest
 
 pytestmark = pytest.mark.emulator
 
-PORTB, DDRB, TCCR1A, TCCR1C = 0x25, 0x24, 0x80, 0x82
-OCR1AL, OCR1AH = 0x88, 0x89
+PORTB = 0x25
+DDRB = 0x24
+TCCR1A = 0x80
+TCCR1C = 0x82
+OCR1AL = 0x88
+OCR1AH = 0x89
 MATCH = 11
 """Vector of TIMER1_COMPA."""
-TOGGLE, CLEAR, SET = 0x40, 0x80, 0xC0
+TOGGLE = 0x40
+CLEAR = 0x80
+SET = 0xC0
 FORCE = 0x80
 
 

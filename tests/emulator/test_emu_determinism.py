@@ -19,7 +19,8 @@ def scenario(image, slice_s, seconds=1.0, rate=30.0, **options):
     with EmulatedNano(image, **options) as nano:
         nano.set_ring(0, EVEN)
         nano.set_ring(1, EVEN[::2])
-        data, stamps = bytearray(), []
+        data = bytearray()
+        stamps = []
         per_tick = round(TICK / slice_s)
         for k in range(round(seconds / TICK)):
             nano.set_wheel(rate * math.sin(0.05 * k))

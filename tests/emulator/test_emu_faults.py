@@ -8,7 +8,8 @@ from dart_hal.core.errors import UsageError
 
 pytestmark = pytest.mark.emulator
 
-INT0, INT1 = 1, 2
+INT0 = 1
+INT1 = 2
 
 
 # --- chatter on the encoder wires

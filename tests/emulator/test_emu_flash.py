@@ -47,7 +47,8 @@ def test_avrdude_programs_the_firmware_and_it_says_hello(firmware):
     with EmulatedNano(b"", bootloader=True) as nano, Pty(nano) as pty:
         done = flash(pty.path, firmware.with_suffix(".hex"))
         assert done.returncode == 0, done.stderr
-        decoder, names = Decoder(), []
+        decoder = Decoder()
+        names = []
         with serial.Serial(pty.path, 500_000, timeout=5) as ser:
             while len(names) < 300:
                 data = ser.read(200)

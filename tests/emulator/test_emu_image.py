@@ -32,7 +32,9 @@ END = record(0, b"", 1)
 
 def elf(*segments, machine=83, cut=0):
     """Segments (kind, load address, bytes) as a minimal ELF file."""
-    n, blob, table = len(segments), b"", b""
+    n = len(segments)
+    blob = b""
+    table = b""
     base = 52 + 32 * n
     for kind, load, data in segments:
         table += struct.pack("<8I", kind, base + len(blob), load, load, len(data), len(data), 5, 1)

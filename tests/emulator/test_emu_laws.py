@@ -35,7 +35,10 @@ def test_edges_are_the_marks_that_the_position_has_crossed(probe, rates, marks):
         while nano.run(0.001):
             pass
         nano.set_ring(0, marks)
-        start, position, crossed, unsure = nano.edges(0), 0.0, 0, 0
+        start = nano.edges(0)
+        position = 0.0
+        crossed = 0
+        unsure = 0
         for rate, ticks in rates:
             nano.set_wheel(rate)
             for _ in range(ticks):

@@ -32,7 +32,8 @@ def test_time_and_inputs_go_on_through_a_reset(nano):
     nano.set_ring(0, [i / 20 for i in range(20)])
     nano.set_wheel(50)
     nano.drain(0.1)
-    cycle, edges = nano.cycle, nano.edges(0)
+    cycle = nano.cycle
+    edges = nano.edges(0)
     nano.reset()
     nano.drain(0.2)
     assert nano.cycle - cycle == 1_600_000

@@ -8,8 +8,10 @@ from dart_hal import Car
 
 pytestmark = pytest.mark.emulator
 
-TIFR1, OCR1BH = 0x36, 0x8B
-ICF1, OCF1B = 0x20, 0x04
+TIFR1 = 0x36
+OCR1BH = 0x8B
+ICF1 = 0x20
+OCF1B = 0x04
 
 
 @pytest.fixture

@@ -103,7 +103,8 @@ def test_rate_mismatch_garbles_both_ways(make_nano, rate):
 
 
 def test_clock_error_stretches_the_bytes(make_nano):
-    slow, true = make_nano(clock_error=-0.005), make_nano()
+    slow = make_nano(clock_error=-0.005)
+    true = make_nano()
     assert slow.uart_stats().baud == pytest.approx(500_000 * 0.995)
     for nano in (slow, true):
         nano.drain(1.0)

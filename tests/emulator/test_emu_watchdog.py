@@ -12,7 +12,8 @@ pytestmark = pytest.mark.emulator
 
 PERIOD = 0.016
 """s, 2048 cycles of 128 kHz: the shortest, WDP = 0."""
-WDE, WDIE = 0x08, 0x40
+WDE = 0x08
+WDIE = 0x40
 RESET = b"B\x08\x00"
 """Boot message after a watchdog reset."""
 
@@ -21,7 +22,9 @@ def answer(nano, how, mode, seconds):
     """What the program sends within ``seconds`` once it loops, and when the first came."""
     nano.write(how + bytes([mode]))
     nano.drain(nano.now + 60e-6)  # three bytes at 500 kbaud: now the loop begins
-    start, sent, first = nano.now, b"", None
+    start = nano.now
+    sent = b""
+    first = None
     while nano.now < start + seconds:
         nano.run(min(nano.now + 1e-4, start + seconds))
         for data, t in nano.read():

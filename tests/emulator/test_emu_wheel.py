@@ -91,7 +91,8 @@ def test_jitter_about_a_mark_makes_pairs(nano):
 
 
 def test_phase_is_continuous_over_rate_changes(make_nano):
-    fine, coarse = make_nano(), make_nano()
+    fine = make_nano()
+    coarse = make_nano()
     for nano in (fine, coarse):
         nano.set_ring(0, EVEN)
     rates = [7.0, 91.3, -40.0, 12.5]

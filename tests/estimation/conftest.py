@@ -32,10 +32,13 @@ class Wheel:
 
     def __post_init__(self) -> None:
         ring = Ring(self.metres, self.n, self.fractions)
-        step, k, t = 2e-4, 1, 0.0
+        step = 2e-4
+        k = 1
+        t = 0.0
         target = ring.position(k)
         while t < self.duration:
-            x0, x1 = self.travel(t), self.travel(t + step)
+            x0 = self.travel(t)
+            x1 = self.travel(t + step)
             while target <= x1:
                 at = t + step * (target - x0) / (x1 - x0)
                 self.edges.append(math.floor(at / TICK) * TICK)
@@ -76,7 +79,8 @@ def simulate_speed(speed: Callable[[float], float], travel: Callable[[float], fl
     """Run the estimator over a profile (speed(t), travel(t))."""
     ring = Wheel(metres, n, true_ring, travel, duration)
     estimator = WheelSpeed(metres, n, table)
-    errors, stds = [], []
+    errors = []
+    stds = []
     for k in range(1, int(duration / FRAME)):
         now = k * FRAME
         value, std = estimator.update(*ring.frame(now), 1.0, 1)
@@ -123,7 +127,10 @@ def simulate_clock(disturbed: float, seed: int, *, duration: float = 40.0, jitte
     error = rng.uniform(-0.005, 0.005)
     clock = ClockFit(byte_time=BYTE, latch_delay=LATCH)
     out = ClockRun([], [], [], [], [], 0.0, clock)
-    boot, newest, next_ping, started = 5.0, 0.0, 5.1, 5.0
+    boot = 5.0
+    newest = 0.0
+    next_ping = 5.1
+    started = 5.0
 
     def device(t: float) -> float:
         age = t - boot

@@ -58,7 +58,8 @@ def test_virtual_link_without_jitter_is_exact(clock_run):
 
 
 def test_bytes_behind_a_frame_are_subtracted():
-    together, alone = ClockFit(), ClockFit()
+    together = ClockFit()
+    alone = ClockFit()
     for k in range(400):
         t = 0.01 * k
         alone.add_frame(t, 1.0 + t, 0.0)

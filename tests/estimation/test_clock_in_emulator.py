@@ -33,7 +33,8 @@ def run(tmp_path_factory):
         pytest.skip(f"no emulator: {why.what}")
     scale = 1.0 + hidden_car(SEED).clock_error
     decoder = Decoder(UP)
-    ticks, zeros = [], []
+    ticks = []
+    zeros = []
     for chunk in RunReader(path).chunks():
         for frame in decoder.feed(chunk.data):
             start = chunk.t - frame.message.wire_size * BYTE / scale

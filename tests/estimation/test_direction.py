@@ -66,7 +66,8 @@ def test_without_acceleration_nothing_is_said():
 def rolled(wheel, hint, sign, seconds=1.5, rate=1.2, stood=0.5, believed=True):
     """A car that stands, then is accelerated by ``sign * rate``; the estimator at the end."""
     ring = wheel(0.002, 20, None, lambda t: 0.5 * rate * max(t - stood, 0.0)**2, stood + seconds)
-    estimator, direction = WheelSpeed(0.002, 20), InertialDirection()
+    estimator = WheelSpeed(0.002, 20)
+    direction = InertialDirection()
     for k in range(1, round((stood + seconds) / FRAME)):
         now = k * FRAME
         speed, _ = estimator.update(*ring.frame(now), 1.0, hint)
@@ -116,7 +117,8 @@ def to_and_fro(wheel, believed=True):
     for k in range(1, round(8.0 / 2e-4)):
         at.append(at[-1] + abs(speed(k * 2e-4)) * 2e-4)
     ring = wheel(0.002, 20, None, lambda t: at[min(round(t / 2e-4), len(at) - 1)], 7.9)
-    estimator, direction = WheelSpeed(0.002, 20), InertialDirection()
+    estimator = WheelSpeed(0.002, 20)
+    direction = InertialDirection()
     wrong = silent = 0
     for k in range(1, 780):
         now = k * FRAME

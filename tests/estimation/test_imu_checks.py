@@ -23,7 +23,8 @@ class Stream:
     """Samples one after the other into one check, 100 a second."""
 
     def __init__(self) -> None:
-        self.check, self.n = ImuCheck(WHEELBASE), 0
+        self.check = ImuCheck(WHEELBASE)
+        self.n = 0
 
     def feed(self, gyro, acc=STILL[1], speed=0.0, steering=0.0) -> bool:
         self.n += 1
@@ -77,7 +78,8 @@ def test_the_same_sample_twice_is_no_second_look(stream):
 @pytest.mark.slow
 def test_random_words_are_never_believed():
     """1e5 samples of six random words: none is given out."""
-    stream, rng = Stream(), random.Random(1)
+    stream = Stream()
+    rng = random.Random(1)
     stream.still(10)
     for _ in range(100_000):
         words = [rng.randrange(-32768, 32768) for _ in range(6)]

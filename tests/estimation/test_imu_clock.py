@@ -21,7 +21,9 @@ class Part:
     """
 
     def __init__(self, rate: float, phase: float, lead: float = LOOK_TIME, seed: int = 0) -> None:
-        self._period, self._phase, self._lead = PERIOD * (1.0 - rate), phase * PERIOD, lead
+        self._period = PERIOD * (1.0 - rate)
+        self._phase = phase * PERIOD
+        self._lead = lead
         self._rng = random.Random(seed)
         self._read = 0.0
 
@@ -40,7 +42,9 @@ class Part:
 def followed(rate: float, phase: float, seconds: float = 60.0, lead: float = LOOK_TIME,
              seed: int = 0) -> list[tuple[float, float, float]]:
     """(t, error of the sample's time, stated deviation) of each read that saw a change."""
-    part, clock, found = Part(rate, phase, lead, seed), ImuClock(), []
+    part = Part(rate, phase, lead, seed)
+    clock = ImuClock()
+    found = []
     for slot in range(1, round(seconds / PERIOD)):
         read, look, true = part.read(slot)
         told = clock.sample_time(read, look)
@@ -77,7 +81,8 @@ def test_of_clocks_in_step_the_half_is_known(rate):
 
 def test_stated_deviations_are_honest():
     """30 clocks up to 0.5 % apart, at 2 s and later: 1 when honest, they are the same for long."""
-    rng, scores = random.Random(5), []
+    rng = random.Random(5)
+    scores = []
     for seed in range(30):
         rows = followed(rng.uniform(-5e-3, 5e-3), rng.random(), 12.0, seed=seed)
         scores += [(e / std)**2 for t, e, std in rows if t > 2.0]
@@ -92,7 +97,8 @@ def test_without_looks_nothing_is_told():
 
 
 def test_a_part_that_stops_is_no_longer_followed():
-    clock, part = ImuClock(), Part(2e-3, 0.4)
+    clock = ImuClock()
+    part = Part(2e-3, 0.4)
     for slot in range(1, 1000):
         clock.sample_time(*part.read(slot)[:2])
     assert clock.std < 0.5e-3
@@ -102,10 +108,12 @@ def test_a_part_that_stops_is_no_longer_followed():
 
 
 def test_a_part_that_starts_anew_is_found_again():
-    clock, part = ImuClock(), Part(2e-3, 0.4)
+    clock = ImuClock()
+    part = Part(2e-3, 0.4)
     for slot in range(1, 2000):
         clock.sample_time(*part.read(slot)[:2])
-    part, errors = Part(2e-3, 0.9), []
+    part = Part(2e-3, 0.9)
+    errors = []
     for slot in range(2000, 4000):
         read, look, true = part.read(slot)
         told = clock.sample_time(read, look)
@@ -115,7 +123,9 @@ def test_a_part_that_starts_anew_is_found_again():
 
 def turned_wrong(looks: bool, phase: float, bend: float = 7.0, seconds: float = 60.0) -> float:
     """Yaw error [rad] after a minute of bends that beat with the IMU's clock."""
-    part, clock, odometry = Part(PERIOD / bend, phase), ImuClock(), Odometry()
+    part = Part(PERIOD / bend, phase)
+    clock = ImuClock()
+    odometry = Odometry()
 
     def yaw(t: float) -> float:
         return -0.8 * bend / tau * cos(tau * t / bend)

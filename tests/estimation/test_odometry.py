@@ -30,7 +30,8 @@ def test_a_circle_closes(gyro, sign):
     odometry = Odometry()
     odometry.update(0.0, 0.0, 1.0, sign * 2.0, -AGE, 1.0, sign * 2.0)
     drive(odometry, 1.0, sign * 2.0, 100 * FRAME, gyro=gyro)
-    radius, yaw = 0.5, sign * 2.0
+    radius = 0.5
+    yaw = sign * 2.0
     assert odometry.yaw == pytest.approx(yaw)
     pose = odometry.pose
     assert math.hypot(pose.x, pose.y - sign * radius) == pytest.approx(radius)
@@ -39,7 +40,8 @@ def test_a_circle_closes(gyro, sign):
 
 
 def test_an_arc_is_exact_whatever_the_frame_length():
-    fine, coarse = Odometry(), Odometry()
+    fine = Odometry()
+    coarse = Odometry()
     for odometry, count in ((fine, 1000), (coarse, 10)):
         for k in range(count + 1):
             now = k / count
@@ -51,7 +53,8 @@ def test_an_arc_is_exact_whatever_the_frame_length():
 
 
 def test_left_and_right_are_mirror_images():
-    left, right = Odometry(), Odometry()
+    left = Odometry()
+    right = Odometry()
     drive(left, 1.0, 1.5, 3.0)
     drive(right, 1.0, -1.5, 3.0)
     assert right.x == pytest.approx(left.x)
@@ -91,7 +94,8 @@ def test_restart_keeps_the_pose():
 
 def test_a_known_slip_turns_the_path_outwards():
     """Left circle, radius R: the axle points inwards of its path by the slip angle."""
-    plain, sliding = Odometry(), Odometry(slip_gain=0.03)
+    plain = Odometry()
+    sliding = Odometry(slip_gain=0.03)
     for odometry in (plain, sliding):
         odometry.update(0.0, 0.0, 1.0, 1.0, -AGE)
         drive(odometry, 1.0, 1.0, 0.1)
@@ -127,7 +131,8 @@ def simulate(seed, noise, seconds=20.0, standing=3.0):
     odometry.update(0.0, 0.0, 1.2, gyro_scale * omega(-AGE - LATENCY) + bias, -AGE)
     for k in range(1, round(seconds / FRAME) + 1):
         now = k * FRAME
-        ds, turn = 1.2 * FRAME, 0.5 * (omega(now - FRAME) + omega(now)) * FRAME
+        ds = 1.2 * FRAME
+        turn = 0.5 * (omega(now - FRAME) + omega(now)) * FRAME
         slide = noise.slip * math.sqrt(ds) * rng.standard_normal()
         slide -= slip_gain * 1.2 * omega(now) * ds
         x += ds * math.cos(yaw + turn / 2) - slide * math.sin(yaw)
@@ -240,7 +245,8 @@ def test_without_a_gyro_yaw_grows_unsure_with_the_seconds():
     """A rate that is wrong stays wrong: 0.3 rad/s and more of deviation per second."""
     odometry = Odometry(OdometryNoise())
     for k in range(1, 301):
-        t, speed = 0.01 * k, 0.5
+        t = 0.01 * k
+        speed = 0.5
         gyro = 0.4 if k <= 100 else None
         odometry.update(t, speed * t, speed, gyro, t - 0.005, 1.0, 0.4)
         if k == 100:

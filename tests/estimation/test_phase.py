@@ -47,9 +47,11 @@ def forwards(t):
 
 def crossings(ring, back, way, seconds):
     """Times [s] at which a shaft passes an edge of ``ring``, driving back of ``back``."""
-    times, step = [], 1e-3
+    times = []
+    step = 1e-3
     for k in range(1, round(seconds / step)):
-        before, after = way((k - 1) * step), way(k * step)
+        before = way((k - 1) * step)
+        after = way(k * step)
         edges = ring.edges if after > before else back.edges
         n = len(edges)
         low, high = sorted((before, after))
@@ -64,10 +66,12 @@ def told(ring_b, taught, seconds=9.0, ring_a=EVEN, back_b=None, felt=lambda t: 0
     rng = random.Random(1)
     a, b = ([t + rng.gauss(0.0, 1e-6) for t in crossings(ring, back, way, seconds)]
             for ring, back in ((ring_a, ring_a), (ring_b, back_b or ring_b)))
-    phase, said = RingPhase(), []
+    phase = RingPhase()
+    said = []
     for k in range(1, round(seconds / FRAME)):
         now = k * FRAME
-        n, m = bisect_right(a, now), bisect_right(b, now)
+        n = bisect_right(a, now)
+        m = bisect_right(b, now)
         said.append(phase.add(
             now, a[n - 1] if n else 0.0, a[n - 1] - a[n - 2] if n > 1 else 0.0,
             m, b[m - 1] if m else 0.0, taught(now), felt(now)))
@@ -163,7 +167,8 @@ def pushed_back(url):
     """Driven forwards, then pushed back against the throttle without a rest: frames in which the
     speed's sign is wrong, error of the pose [m]."""
     backend = open_backend(url)
-    world, frames = world_of(backend), 0
+    world = world_of(backend)
+    frames = 0
     with Car.over(backend) as car:
         car.arm()
         start = None

@@ -20,7 +20,8 @@ from dart_hal.estimation.pose_filter import FILTER_HISTORY, PoseFilter, PoseVerd
 from dart_hal.estimation.pose_model import BIAS, GYRO, RATE, SAMPLE_AGE_NOISE, SLIP, SPEED, TRAVEL
 
 FRAME = 0.01
-POSE_EVERY, LATE = 0.05, 0.063
+POSE_EVERY = 0.05
+LATE = 0.063
 POSE_COV = np.diag((0.01**2, 0.01**2, math.radians(0.3)**2))
 RUNS = 40
 STANDS = 2.0  # the ESC wants 2 s of neutral anyway
@@ -62,9 +63,11 @@ class Drive:
     def motions(self):
         """(t, motion) as the odometry reads it of the sensors, and the odometry itself."""
         odometry = Odometry(self.noise)
-        n, speed = self.noise, 1.2
+        n = self.noise
+        speed = 1.2
         for k in range(-round(STANDS / FRAME), self.frames + 1):
-            t, seen = k * FRAME, k * FRAME - 0.014
+            t = k * FRAME
+            seen = k * FRAME - 0.014
             if k >= 0:
                 noisy = math.hypot(n.gyro_noise, SAMPLE_AGE_NOISE * self.omega(seen)
                                    ) / math.sqrt(FRAME) * self.rng.standard_normal()
@@ -78,7 +81,8 @@ class Drive:
     def at(self, t):
         """The true pose, linear between frames."""
         k = min(max(t / FRAME, 0.0), self.frames - 1e-6)
-        a, b = np.array(self.path[int(k)]), np.array(self.path[int(k) + 1])
+        a = np.array(self.path[int(k)])
+        b = np.array(self.path[int(k) + 1])
         return a + (k - int(k)) * (b - a)
 
     def pose(self, t):
@@ -89,12 +93,14 @@ class Drive:
 
 def filtered(drive, *, silent=(), changed=lambda t, pose: pose, late=LATE):
     """Yields (t, filter, verdict or None, odometry); no poses between the times of ``silent``."""
-    pose_filter, due = PoseFilter(drive.noise), 0.0
+    pose_filter = PoseFilter(drive.noise)
+    due = 0.0
     for t, motion, odometry in drive.motions():
         pose_filter.predict(*motion)
         verdict = None
         if t >= due + late:
-            stamp, due = due, due + POSE_EVERY
+            stamp = due
+            due = due + POSE_EVERY
             if not any(start < stamp < end for start, end in silent):
                 verdict = pose_filter.correct(changed(stamp, drive.pose(stamp)), t - stamp)
         yield t, pose_filter, verdict, odometry
@@ -113,7 +119,8 @@ def band(degrees=3, runs=RUNS):
 @cache
 def ends(noise, poses=True):
     """(RUNS, 2) NEES at the end of each drive: of the pose, of the pose and the four errors."""
-    which, values = [0, 1, 2, BIAS, GYRO, TRAVEL, SLIP], []
+    which = [0, 1, 2, BIAS, GYRO, TRAVEL, SLIP]
+    values = []
     for seed in range(RUNS):
         drive = Drive(seed, noise, 6.0)
         for t, pose_filter, _, _ in filtered(drive, silent=() if poses else [(-1.0, 99.0)]):
@@ -148,7 +155,8 @@ def test_a_late_pose_taken_for_a_fresh_one_is_not_honest():
     values = []
     for seed in range(10):
         drive = Drive(seed, seconds=4.0)
-        pose_filter, due = PoseFilter(drive.noise), 0.0
+        pose_filter = PoseFilter(drive.noise)
+        due = 0.0
         for t, motion, _ in drive.motions():
             pose_filter.predict(*motion)
             if t >= due + LATE:
@@ -159,7 +167,8 @@ def test_a_late_pose_taken_for_a_fresh_one_is_not_honest():
 
 
 def test_half_a_second_without_poses_is_survived():
-    drive, worst = Drive(1, seconds=6.0), 0.0
+    drive = Drive(1, seconds=6.0)
+    worst = 0.0
     for t, pose_filter, verdict, _ in filtered(drive, silent=[(4.0, 4.5)]):
         if t > 4.0:
             estimate = pose_filter.estimate()
@@ -172,7 +181,8 @@ def test_outliers_are_gated_and_do_no_harm():
     def changed(t, pose):
         return replace(pose, x=pose.x + 0.5) if round(t / POSE_EVERY) % 4 == 0 else pose
 
-    drive, seen = Drive(2, seconds=6.0), {}
+    drive = Drive(2, seconds=6.0)
+    seen = {}
     for t, pose_filter, verdict, _ in filtered(drive, changed=changed):
         if verdict is not None:
             seen.setdefault(round((t - LATE) / POSE_EVERY) % 4 == 0, []).append(verdict)
@@ -191,8 +201,10 @@ def test_without_the_gate_outliers_do_harm(monkeypatch):
 @pytest.mark.parametrize("age", [0.0, 0.03, 0.0437, 0.2])
 def test_a_late_pose_is_as_good_as_one_in_time(age):
     """Whatever the order: the same estimate as if it had been there when it was measured."""
-    late, there = PoseFilter(), PoseFilter()
-    total, done = 40 * FRAME, False
+    late = PoseFilter()
+    there = PoseFilter()
+    total = 40 * FRAME
+    done = False
     turned = 0.8 * (total - age)
     pose = Pose(math.sin(turned) / 0.8 + 0.01, (1.0 - math.cos(turned)) / 0.8, turned, POSE_COV)
     for k in range(40):
@@ -212,7 +224,8 @@ def test_a_late_pose_is_as_good_as_one_in_time(age):
 
 
 def test_poses_out_of_order_give_what_poses_in_order_give():
-    first, second = Pose(0.1, 0.0, 0.08, POSE_COV), Pose(0.3, 0.02, 0.24, POSE_COV)
+    first = Pose(0.1, 0.0, 0.08, POSE_COV)
+    second = Pose(0.3, 0.02, 0.24, POSE_COV)
     results = []
     for order in ((first, second), (second, first)):
         pose_filter = PoseFilter()
@@ -268,7 +281,8 @@ def test_ahead_is_where_the_car_will_be_if_it_goes_on():
     pose_filter = PoseFilter()
     for _ in range(50):
         pose_filter.predict(FRAME, 1.0, 1.0)
-    ahead, state = pose_filter.estimate(0.04), pose_filter.estimate()
+    ahead = pose_filter.estimate(0.04)
+    state = pose_filter.estimate()
     for _ in range(4):
         pose_filter.predict(FRAME, 1.0, 1.0)
     then = pose_filter.estimate()

@@ -24,13 +24,18 @@ def odometry(t, speed=1.0, rate=0.8):
 
 def in_room(t, speed=1.0):
     """The same in a room that lies 2 rad to it."""
-    p, c, s = odometry(t, speed), cos(2.0), sin(2.0)
+    p = odometry(t, speed)
+    c = cos(2.0)
+    s = sin(2.0)
     return 3.0 + c * p.x - s * p.y, -1.0 + s * p.x + c * p.y, p.yaw + 2.0
 
 
 def run(seconds, see=lambda t, pose: pose, speed=lambda t: 1.0, latency=0.004):
     """(t, External) of each frame; ``see`` changes what the source tells, None = nothing."""
-    tracker, out, travelled, waiting = PoseTracker(), [], 0.0, []
+    tracker = PoseTracker()
+    out = []
+    travelled = 0.0
+    waiting = []
     for k in range(round(100 * seconds)):
         t = 0.01 * k
         travelled += 0.01 * speed(t)

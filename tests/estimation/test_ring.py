@@ -74,7 +74,8 @@ def test_a_steady_acceleration_cancels():
 
 def test_an_acceleration_shifts_no_mark_of_an_uneven_ring():
     """Exact times of marks at v = v0 exp(-x / 60 turns); 1.3e-4 off where middles are equal."""
-    truth, n = uneven(20), 20
+    truth = uneven(20)
+    n = 20
     places = np.concatenate([[0.0], np.cumsum(np.tile(truth, 30))]) / n
     learner = RingLearner()
     learner.add(1, (1e6 * np.diff(60.0 * np.exp(places / 60.0))).tolist())
@@ -88,7 +89,8 @@ def test_lost_frames_only_cost_revolutions():
 
 
 def test_standard_error_is_honest():
-    truth, rng = uneven(10), np.random.default_rng(5)
+    truth = uneven(10)
+    rng = np.random.default_rng(5)
     scores = []
     for _ in range(40):
         frames = [(f, [round(i * (1 + 0.01 * rng.standard_normal())) for i in ck])

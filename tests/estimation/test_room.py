@@ -12,8 +12,12 @@ from dart_hal.estimation import ExternalPoseEstimator, Odometry, PoseFilter
 from dart_hal.estimation.pose_model import MarkerModel
 from dart_hal.estimation.room import UNKNOWN_MARKER
 
-FRAME, FIRST = 0.01, 700.0
-LX, LY, THETA, LATE = 0.1, -0.008, 0.02, 0.012
+FRAME = 0.01
+FIRST = 700.0
+LX = 0.1
+LY = -0.008
+THETA = 0.02
+LATE = 0.012
 KNOWN = MarkerModel(LX, LY, THETA, LATE, (2e-4, 2e-4, 2e-4, 1e-3))
 PLACE = 1.0, -2.0, 2.5
 """Of the room, where the car's start is."""
@@ -31,14 +35,16 @@ def speed(t):
 
 def in_room(pose):
     x, y, yaw = pose
-    c, s = cos(PLACE[2]), sin(PLACE[2])
+    c = cos(PLACE[2])
+    s = sin(PLACE[2])
     return PLACE[0] + c * x - s * y, PLACE[1] + s * x + c * y, yaw + PLACE[2]
 
 
 def seen(t, rng, std=0.005):
     """The marker as it is measured at t [s], told LATE after it."""
     x, y, yaw = in_room(true(t))
-    c, s = cos(yaw), sin(yaw)
+    c = cos(yaw)
+    s = sin(yaw)
     noise = std * rng.standard_normal(3)
     return ExternalPose(FIRST + t, t + LATE, x + LX * c - LY * s + noise[0],
                         y + LX * s + LY * c + noise[1], yaw - THETA + noise[2],
@@ -47,8 +53,12 @@ def seen(t, rng, std=0.005):
 
 def drive(marker, seconds, seed=1, told=lambda t, pose: pose, every=10, std=0.005):
     """(t, External) of each frame; ``told`` changes a pose, None = nothing comes."""
-    rng, odometry, travel, out = np.random.default_rng(seed), Odometry(), 0.0, []
-    room, waiting = ExternalPoseEstimator(odometry, marker), []
+    rng = np.random.default_rng(seed)
+    odometry = Odometry()
+    travel = 0.0
+    out = []
+    room = ExternalPoseEstimator(odometry, marker)
+    waiting = []
     for k in range(round(seconds / FRAME)):
         t = k * FRAME
         travel += speed(t - FRAME / 2) * FRAME
@@ -120,10 +130,13 @@ def test_a_lock_while_it_drives_is_undone(monkeypatch):
 def astray(accel):
     """Largest error [m] on a straight at 2 m/s, whose wheels turn 60 % too quick from 2.0 to 2.4 s;
     a pose each 0.5 s. accel: whether what is felt is told."""
-    odometry, travel, worst = Odometry(), 0.0, 0.0
+    odometry = Odometry()
+    travel = 0.0
+    worst = 0.0
     room = ExternalPoseEstimator(odometry, MarkerModel(std=(1e-3,) * 4), own_clock=True)
     for k in range(300):
-        t, spins = k * FRAME, 2.0 < k * FRAME <= 2.4
+        t = k * FRAME
+        spins = 2.0 < k * FRAME <= 2.4
         wheels = 3.2 if spins else 2.0
         travel += wheels * FRAME
         motion = odometry.update(t, travel, wheels, 0.0, t - 4e-3)

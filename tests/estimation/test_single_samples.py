@@ -112,7 +112,8 @@ def test_sample_before_a_pause_is_motion():
 
 
 def test_noise_alone_is_never_rejected_and_sets_the_threshold():
-    quiet, loud = SingleSampleFilter(MIN_RATE_JUMP), SingleSampleFilter(MIN_RATE_JUMP)
+    quiet = SingleSampleFilter(MIN_RATE_JUMP)
+    loud = SingleSampleFilter(MIN_RATE_JUMP)
     rng = random.Random(3)
     for k in range(3000):
         quiet.add(k * PERIOD, rng.gauss(0.0, NOISE), k * PERIOD)

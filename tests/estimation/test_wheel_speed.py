@@ -91,7 +91,8 @@ def test_stated_deviation_covers_the_error(speed_run, uneven, profile):
 
 def test_rate_of_the_device_clock_scales_speed_not_travel(wheel):
     ring = wheel(0.002, 20, None, lambda t: 1.0 * t, 2.0)
-    plain, slow = WheelSpeed(0.002, 20), WheelSpeed(0.002, 20)
+    plain = WheelSpeed(0.002, 20)
+    slow = WheelSpeed(0.002, 20)
     for k in range(1, 200):
         frame = ring.frame(k * 0.01)
         plain.update(*frame, 1.0, 1)
@@ -187,7 +188,8 @@ def test_a_burst_of_noise_does_not_become_speed_or_travel(wheel):
         count, t_edge, dt, _ = ring.frame(now)
         if 150 < k <= 155:
             extra += 100
-            t_edge, dt = now - 1e-5, 1e-4
+            t_edge = now - 1e-5
+            dt = 1e-4
         speed, std = estimator.update(count + extra, t_edge, dt, now, 1.0, 1)
         if k > 3:
             assert abs(speed - 1.0) <= max(0.05, std)

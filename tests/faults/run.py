@@ -73,7 +73,8 @@ def main() -> int:
     how = How(removed=options.without, hil=options.hil, controls=not options.no_controls,
               full=not options.fast)
     header(how)
-    begin, verdicts = time.monotonic(), list[tuple[Row, Verdict]]()
+    begin = time.monotonic()
+    verdicts = list[tuple[Row, Verdict]]()
     for row, case in chosen(options):
         verdict = judge(case, how)
         verdicts.append((row, verdict))

@@ -149,7 +149,9 @@ def test_children_are_told_what_is_gone():
 
 
 def test_what_breaks_down_is_neither_green_nor_a_proof():
-    good, bad, nan = Measured(1.0), Measured(3.0), Measured(math.nan)
+    good = Measured(1.0)
+    bad = Measured(3.0)
+    nan = Measured(math.nan)
     case = Case("wire", "", lambda bench: good, 2.0, "s", ("crc",))
     assert Verdict(case, good, bad, 0.0).green
     assert not Verdict(case, good, good, 0.0).green

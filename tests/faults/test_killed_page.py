@@ -27,7 +27,8 @@ class Hand:
     """A page that holds the stick as long as its socket lives; ``arms``: and arms the car."""
 
     def __init__(self, port, token, arms):
-        self.mode, self.sent = "", 0
+        self.mode = ""
+        self.sent = 0
         self._open = ExitStack()
         self._socket = self._open.enter_context(
             connect(f"ws://localhost:{port}/socket", compression=None))
@@ -99,7 +100,8 @@ def killed(folder):
             os.kill(program.pid, signal.SIGKILL)
             time.sleep(AFTER)
             last = stand.last_wrong(at)
-            spoilt, drove = stand.stalled(at - 0.05, at + 0.3), stand.drove(at)
+            spoilt = stand.stalled(at - 0.05, at + 0.3)
+            drove = stand.drove(at)
         yield last, drove and not spoilt, drove, stand
 
 

@@ -6,10 +6,21 @@ import ctypes as c
 from typing import NamedTuple
 
 MS = 2000
-BUSY, DONE, ADDRESS_NACK, DATA_NACK, ARBITRATION = 0, 1, 2, 3, 4
+BUSY = 0
+DONE = 1
+ADDRESS_NACK = 2
+DATA_NACK = 3
+ARBITRATION = 4
 (PROBE, SETUP, RUN, SAVE, RESET, RESET_WAIT, AFTER_RESET, POWER_OFF, BACKOFF) = range(9)
-CHIP_ID, LIA, GYR, CALIB, SYS_STATUS, UNIT, MODE, TRIGGER, OFFSETS = (
-    0x00, 0x28, 0x14, 0x35, 0x39, 0x3B, 0x3D, 0x3F, 0x55)
+CHIP_ID = 0x00
+LIA = 0x28
+GYR = 0x14
+CALIB = 0x35
+SYS_STATUS = 0x39
+UNIT = 0x3B
+MODE = 0x3D
+TRIGGER = 0x3F
+OFFSETS = 0x55
 LEG_LIMIT = 6 * MS
 
 _START = c.CFUNCTYPE(c.c_int32, c.c_int32, c.c_int32, c.c_int32, c.POINTER(c.c_uint8), c.c_int32)
@@ -47,8 +58,13 @@ class Part:
 
     def __init__(self, core: c.CDLL, plan: int = 0, stretch: int = 360, start: int = 0,
                  address: int = 0x28) -> None:
-        self.core, self.now, self.stretch, self.address = core, start, stretch, address
-        self.edges, self.quiet, self.level = 0, False, 0
+        self.core = core
+        self.now = start
+        self.stretch = stretch
+        self.address = address
+        self.edges = 0
+        self.quiet = False
+        self.level = 0
         self.fault = "ok"  # ok, nack, hang, sda, scl
         self.frozen = False
         self.updates: tuple[int, ...] = (0,)  # ticks into the slot, multiples of 0.5 ms

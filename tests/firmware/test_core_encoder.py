@@ -30,7 +30,8 @@ def run(core: c.CDLL, edges: list[int], updates: list[int], start: int) -> list[
        st.integers(0, U32 - 1), st.integers(1000, 59_000))
 def test_counts_times_and_intervals_are_exact(core: c.CDLL, gaps: list[int], start: int,
                                               step: int) -> None:
-    edges, t = [], 0
+    edges = []
+    t = 0
     for gap in gaps:
         t += gap
         edges.append(t)
@@ -66,7 +67,12 @@ def test_the_glitch_rule_keeps_exactly_the_edges_far_from_the_last(
         core: c.CDLL, minimum: int, gaps: list[int], start: int) -> None:
     core.counter_new(0, minimum)
     out = (c.c_uint16 * 10)()
-    t, refreshed, level, accepted, kept, last_level = 0, 0, 0, None, 0, 0
+    t = 0
+    refreshed = 0
+    level = 0
+    accepted = None
+    kept = 0
+    last_level = 0
     for gap in gaps:
         t += gap
         while refreshed + 7000 < t:  # the slot interrupt, 3.5 ms apart
@@ -76,7 +82,9 @@ def test_the_glitch_rule_keeps_exactly_the_edges_far_from_the_last(
         core.counter_edge((start + t) & 0xFFFF, level)
         far = accepted is None or t - accepted >= minimum  # 32-bit law
         if far and level != last_level:
-            accepted, last_level, kept = t, level, kept + 1
+            accepted = t
+            last_level = level
+            kept = kept + 1
     core.counter_get(out)
     assert (out[0], out[1]) == (kept, len(gaps) - kept)
 
@@ -106,7 +114,8 @@ def test_edges_frames_hold_eight_successive_intervals(core: c.CDLL) -> None:
     core.edge_log_new()
     core.edge_log_request(2)
     payload = (c.c_uint8 * 24)()
-    frames, t = [], 5000
+    frames = []
+    t = 5000
     for count in range(1, 40):
         t += 1000 + count if count != 12 else 70_000
         if core.edge_log_add(count, t):

@@ -35,7 +35,8 @@ def parse(core: c.CDLL, data: bytes, chunk: int = 4096) -> tuple[list[tuple[int,
         part = data[at:at + chunk]
         n = core.parser_feed(part, len(part), room, len(room), counts)
         assert n >= 0
-        raw, i = bytes(room[:n]), 0
+        raw = bytes(room[:n])
+        i = 0
         while i < n:
             size = raw[i + 2]
             found.append((raw[i], raw[i + 1], raw[i + 3:i + 3 + size]))
@@ -73,7 +74,8 @@ def test_every_message_gives_the_same_bytes(core: c.CDLL, message: messages.Mess
 
 
 def codec_values(message: messages.Message, payload: bytes) -> dict[str, object]:
-    flat, values = list(message.struct.unpack(payload)), {}
+    flat = list(message.struct.unpack(payload))
+    values = {}
     for f in message.fields:
         part = [flat.pop(0) for _ in range(f.count)]
         values[f.name] = part[0] if f.count == 1 else tuple(part)

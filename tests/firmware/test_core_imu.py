@@ -138,7 +138,8 @@ def test_one_refused_read_clears_valid_and_keeps_the_sample(core: c.CDLL) -> Non
 
 def test_the_sample_expires_before_its_age_does(core: c.CDLL) -> None:
     part = running(core)
-    part.fault, part.deaf_to_power = "hang", True
+    part.fault = "hang"
+    part.deaf_to_power = True
     assert part.slots(25).has_sample
     assert not part.slots(4).has_sample
 
@@ -227,7 +228,8 @@ def test_no_sample_of_zeros_is_ever_valid(core: c.CDLL) -> None:
 def test_a_part_that_stands_still_may_read_zeros(core: c.CDLL) -> None:
     """One sample of zeros is no fault; the one before it stays. Two are no data."""
     part = running(core)
-    before, resets = part.view(), part.view().reinit
+    before = part.view()
+    resets = part.view().reinit
     part.frozen = True
     for base in (LIA, GYR):
         part.reg[base:base + 6] = bytes(6)
@@ -241,12 +243,14 @@ def test_a_part_that_stands_still_may_read_zeros(core: c.CDLL) -> None:
 
 def test_absent_is_said_within_6_s_and_never_final(core: c.CDLL) -> None:
     part = Part(core)
-    part.deaf_to_power, part.fault = True, "nack"
+    part.deaf_to_power = True
+    part.fault = "nack"
     assert not part.slots(100).absent
     assert part.until(BACKOFF, 4000) <= 4000
     assert part.view().absent
     assert not part.view().valid
-    part.deaf_to_power, part.fault = False, "ok"
+    part.deaf_to_power = False
+    part.fault = "ok"
     part.until(RUN, 5000 + 1500)
     assert not part.slots(2).absent
 
@@ -331,7 +335,8 @@ def test_it_always_comes_back_and_never_blocks(
         else:
             part.stretch = 4000
         part.slots(slots)
-        part.fault, part.stretch = "ok", 360
+        part.fault = "ok"
+        part.stretch = 360
         part.reg[0] = 0xA0
         part.slots(after)
     part.slots(125)  # with registers that froze CONFIG is seen by the 1 s poll, not before
@@ -347,6 +352,7 @@ def test_it_always_comes_back_and_never_blocks(
 
 def test_negative_control_a_dead_part_is_never_valid(core: c.CDLL) -> None:
     part = Part(core)
-    part.fault, part.deaf_to_power = "hang", True
+    part.fault = "hang"
+    part.deaf_to_power = True
     assert all(not part.slots(10).valid for _ in range(60))
     assert part.view().state in (PROBE, POWER_OFF, BACKOFF)

@@ -41,7 +41,8 @@ def test_a_lost_event_leaves_a_gap_in_the_count(core: c.CDLL) -> None:
 def test_capture_sums_what_it_saw(core: c.CDLL, highs: list[int], start: int) -> None:
     core.capture_begin(len(highs))
     out = (c.c_uint8 * 18)()
-    running, t = 1, start
+    running = 1
+    t = start
     core.capture_edge(c.c_uint32(t - 500), 0, out)  # the end of a pulse that began before
     for high in highs:
         assert core.capture_edge(c.c_uint32(t), 1, out)

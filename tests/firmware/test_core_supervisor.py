@@ -29,7 +29,8 @@ class Sut:
     """A supervisor and its clock [ms]; beats are 20 ms apart unless said."""
 
     def __init__(self, core: c.CDLL, now: float = 0.0) -> None:
-        self.core, self.now = core, now
+        self.core = core
+        self.now = now
         core.supervisor_new(c.c_uint32(LIMIT * MS))
 
     @property
@@ -242,7 +243,8 @@ def test_a_beat_that_came_before_the_look_that_tripped_does_not_erase_the_trip(s
         assert sut.beats(20, ARMED) == LIVE, trip
         sut.now += LIMIT + 1
         assert sut.step() in (TRIPPED, LOCKED)
-        looked, sut.now = sut.now, sut.now - 5
+        looked = sut.now
+        sut.now = sut.now - 5
         sut.beat(ARMED)
         sut.now = looked
         if trip < 2:

@@ -22,7 +22,8 @@ import pytest
 from firmware_rig import FIRMWARE, Rig, missing
 
 ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr")
-FLASH, RAM = 28_672, 1152
+FLASH = 28_672
+RAM = 1152
 """Bytes: two pages below the 30 720 B beside the bootloader; RAM as in the budgets."""
 NEEDS_DECIMAL_DIG = "-DDECIMAL_DIG=__DECIMAL_DIG__"
 """Debian's core does not compile with Debian's own compiler without it (WString.cpp). Given to
@@ -57,7 +58,8 @@ def arduino_ide(board: str = "nano", cpu: str = "atmega328") -> Builder:
     p = properties(ARDUINO / "platform.txt", ARDUINO / "boards.txt")
     for prefix in (f"{board}.", f"{board}.menu.cpu.{cpu}."):
         p |= {k.removeprefix(prefix): v for k, v in p.items() if k.startswith(prefix)}
-    core, variant = ARDUINO / "cores" / p["build.core"], ARDUINO / "variants" / p["build.variant"]
+    core = ARDUINO / "cores" / p["build.core"]
+    variant = ARDUINO / "variants" / p["build.variant"]
     p |= {"build.arch": "AVR", "runtime.ide.version": "10819", "archive_file": "core.a",
           "build.project_name": "firmware.ino", "includes": f"-I{core} -I{variant}",
           "compiler.warning_flags": p["compiler.warning_flags.all"]}

@@ -62,7 +62,8 @@ def test_a_hang_without_watchdog_waits_for_the_beat_counter(nano: Make, elf: Pat
                                                             tmp_path: Path) -> None:
     whole = nano(eeprom=eeprom_image(safety_out=1))
     lame = nano(patched(tmp_path, *NO_WATCHDOG), eeprom=eeprom_image(safety_out=1))
-    with_watchdog, without = cut_after(whole, hang=True), cut_after(lame, hang=True)
+    with_watchdog = cut_after(whole, hang=True)
+    without = cut_after(lame, hang=True)
     assert with_watchdog is not None
     assert without is not None
     assert with_watchdog <= 0.08 < without <= 0.13

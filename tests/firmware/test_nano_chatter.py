@@ -16,9 +16,11 @@ from firmware_rig import FLAG, Rig, eeprom_image, patched
 pytestmark = pytest.mark.emulator
 Make = Callable[..., Rig]
 NONE, ENABLE, MUX = range(3)
-DISARMED, ARMED = 0, 1
+DISARMED = 0
+ARMED = 1
 BURST = 5
-EIMSK, INT0 = 0x3D, 1
+EIMSK = 0x3D
+INT0 = 1
 """Register that masks the interrupts of the rings, and vector of the first of them."""
 NO_WATCHDOG = ("src/main.cpp", "watchdog_start(settings.safety_out != 0,",
                "watchdog_start(false,")
@@ -89,7 +91,8 @@ def test_the_link_and_the_cutoff_live_on(nano: Make, rate: float, rings: tuple[i
     for ring in rings:
         rig.nano.set_chatter(ring, 0)
     rig.run(0.1)  # and it counts again
-    before, edges = rig.state(), (rig.nano.edges(0), rig.nano.edges(1))
+    before = rig.state()
+    edges = (rig.nano.edges(0), rig.nano.edges(1))
     rig.nano.set_wheel(20)
     rig.run(0.5)
     rig.nano.set_wheel(0)

@@ -22,7 +22,8 @@ GAPS_US = (25, 60, 90, 110, 150, 400, 3_000, 12_000, 32_768, 33_000, 65_540, 98_
 def test_both_take_and_refuse_the_same_edges(core: c.CDLL, nano: Make, seed: int,
                                              edge_min_us: int) -> None:
     draw = random.Random(seed)
-    times, t = [], 0.001
+    times = []
+    t = 0.001
     for _ in range(120):  # one turn of a ring whose marks are as far apart as the gaps
         times.append(t)
         t += draw.choice(GAPS_US) * 1e-6

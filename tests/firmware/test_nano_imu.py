@@ -66,7 +66,8 @@ def test_looks_tell_the_clock_of_the_part(nano: Make, clock: float) -> None:
     rig = nano()
     rig.nano.set_imu_errors(clock=clock)
     alive(rig, 4.5)
-    follower, sampled = ImuClock(), []
+    follower = ImuClock()
+    sampled = []
     for state in rig.states(0.6):
         read = state["t_ck"] * 0.5e-6 - state["imu_age"] * 4e-6
         sampled.append(follower.sample_time(read, state["calib"] & 3))

@@ -17,8 +17,13 @@ from firmware_rig import Rig, eeprom_image, patched
 
 pytestmark = pytest.mark.emulator
 Make = Callable[..., Rig]
-MUX, DISARMED, ARMED, STOP = 2, 0, 1, 3
-PERIOD, OWN, LOOK = 0.02, 1.5e-3, 3e-6
+MUX = 2
+DISARMED = 0
+ARMED = 1
+STOP = 3
+PERIOD = 0.02
+OWN = 1.5e-3
+LOOK = 3e-6
 PHASES = 20
 BLIND = ("src/board/outputs.cpp", "return (PINB & kCapture) != 0;", "return false;")
 ANY_TIME = ("src/board/outputs.cpp", "    pass_wanted = output.pass;\n",
@@ -29,7 +34,10 @@ class Board:
     """Pulses of the PCA9685 and the multiplexer: what stands at the ESC and at D8."""
 
     def __init__(self, rig: Rig, phase: float, width: float, wired: bool = True) -> None:
-        self.rig, self.phase, self.width, self.wired = rig, phase, width, wired
+        self.rig = rig
+        self.phase = phase
+        self.width = width
+        self.wired = wired
         self.select: list[tuple[float, int]] = [(0.0, 0)]
         self.own: list[tuple[float, int]] = [(0.0, 0)]
 
@@ -176,7 +184,8 @@ def test_a_switch_that_does_not_look_cuts(nano: Make, elf: Path, tmp_path: Path,
                                           change: tuple[str, str, str], joins: bool) -> None:
     """The control: the same phases, the same measure."""
     image = patched(tmp_path, change)
-    cuts, joined = [], []
+    cuts = []
+    joined = []
     for n in range(PHASES):
         rig = nano(image, eeprom=eeprom_image(safety_out=MUX))
         board, armed, _ = drive(rig, n * PERIOD / PHASES, 1.72e-3)

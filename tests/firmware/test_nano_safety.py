@@ -17,8 +17,13 @@ pytestmark = pytest.mark.emulator
 Make = Callable[..., Rig]
 NONE, ENABLE, MUX = range(3)
 DISARMED, ARMED, RAW, STOP = range(4)
-LIVE, TRIPPED, BEAT_OK = FLAG["OUTPUT_LIVE"], FLAG["TRIPPED"], FLAG["BEAT_OK"]
-SAFETY_OUT, WDT_RESET, BAUD, EDGES_A = 7, 8, 9, 1
+LIVE = FLAG["OUTPUT_LIVE"]
+TRIPPED = FLAG["TRIPPED"]
+BEAT_OK = FLAG["BEAT_OK"]
+SAFETY_OUT = 7
+WDT_RESET = 8
+BAUD = 9
+EDGES_A = 1
 WDTCSR = 0x60
 MUTE = ("  uint8_t const tail = tx_tail;\n",
         "  uint8_t const tail = tx_tail;\n  if (slots_begun() >= 150) {\n"

@@ -204,7 +204,8 @@ def test_pong_says_when_its_first_byte_left(nano: Make) -> None:
     rig.run(0.5)
     offset = clock_offset(rig)
     rig.nano.set_wheel(77)  # interrupts in between
-    errors, waits = [], []
+    errors = []
+    waits = []
     for n in range(60):
         rig.run(0.0137)
         sent = rig.now

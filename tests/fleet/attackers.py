@@ -34,11 +34,16 @@ class FakeCar:
         self.rule = StopRule(WITHIN)
         self.peers.on_beat = lambda who, since: self.rule.beat(since)
         self.peers.on_stop = self.stop
-        self.key, self.mode, self.hears, self.now, self.stops = key, mode, True, 0.0, 0
+        self.key = key
+        self.mode = mode
+        self.hears = True
+        self.now = 0.0
+        self.stops = 0
 
     def stop(self, number, who, why):
         self.rule.stop(number, who, why, self.now)
-        self.mode, self.stops = "TRIPPED", self.stops + 1
+        self.mode = "TRIPPED"
+        self.stops = self.stops + 1
         self.outbox.send_heard(self.now)
         self.outbox.send(m.STOPPED, (number,), self.now)
 
@@ -59,7 +64,9 @@ class Scene:
 
     def __init__(self, key=None, *, cars=1, options=""):
         self.room = f"local://scene{next(_names)}"
-        self.key, self.now, self.count = key, 0.0, 0
+        self.key = key
+        self.now = 0.0
+        self.count = 0
         self.cars = [FakeCar(self.room + options, boot=7 + n, key=key) for n in range(cars)]
         self.attacker = open_local(Url.parse(self.room))
         self.recorded = []
@@ -76,7 +83,9 @@ class Scene:
 
     def run_for(self, seconds, each=lambda: None):
         """Let time pass; the longest time without a reason to hold the first car is returned."""
-        end, drove, since = self.now + seconds, 0.0, self.now
+        end = self.now + seconds
+        drove = 0.0
+        since = self.now
         while self.now < end - 1e-9:
             self.now = round(self.now + STEP, 6)
             self.count += 1

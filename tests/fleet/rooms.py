@@ -10,7 +10,8 @@ from dart_hal.fleet.codec import encode
 from dart_hal.fleet.peers import pose_values
 from dart_lab.sim.truth import world_of
 
-NEUTRAL_US, NEAR_US = 1500.0, 5.0
+NEUTRAL_US = 1500.0
+NEAR_US = 5.0
 
 
 def pose_frame(seq, *, x=0.0, speed=1.0, yaw_rate=0.0, boot=7, sent=0.0, age=0.0, name="red"):
@@ -24,7 +25,8 @@ class Pins:
 
     def __init__(self, room, seeds=(1, 2), beat_within=float("inf")):
         self.pulses = [[] for _ in seeds]
-        self.worlds, cars = [], []
+        self.worlds = []
+        cars = []
         for seed, seen in zip(seeds, self.pulses, strict=True):
             backend = open_backend(f"sim://?nano=mock&seed={seed}")
             self.worlds.append(world_of(backend))

@@ -158,7 +158,8 @@ def test_a_replay_changes_nothing_in_a_room_with_a_key():
         scene.watch(2.0)
         scene.station.stop("lunch")
         scene.run_for(1.0)
-        frames, stops = list(scene.recorded), scene.car.stops
+        frames = list(scene.recorded)
+        stops = scene.car.stops
         assert stops > 10
         scene.run_for(1.5, scene.station.watch)
         frames = list(scene.recorded)
@@ -352,7 +353,8 @@ def test_a_replayed_answer_of_an_earlier_stop_does_not_count(key):
         answers = scene.of_kind(m.STOPPED, "red")
         assert answers
         scene.run_for(0.6)
-        scene.car.hears, scene.car.mode = False, "ARMED"
+        scene.car.hears = False
+        scene.car.mode = "ARMED"
         assert stop_deaf_car(scene, scene.play(answers)).silent == {"red"}
 
 
@@ -370,7 +372,8 @@ def test_a_dead_car_is_not_made_alive_by_copies_of_its_last_frames():
         copies = scene.recorded[-8:]
         scene.cars[0].step = lambda now, count: None
         play = scene.play(copies)
-        scene.count, end = 0, scene.now + 2.0
+        scene.count = 0
+        end = scene.now + 2.0
         while scene.now < end:
             scene.now += STEP
             play()
@@ -391,7 +394,8 @@ def test_after_a_forged_session_the_car_is_found_again():
 @given(st.lists(st.integers(0, 400), max_size=300))
 def test_no_number_is_accepted_twice_in_any_order(numbers):
     """Against a list of all that were accepted, for frames that overtake each other at random."""
-    sender, accepted = Sender(Session("red", 1), 0.0, 0.0, 0.0), set()
+    sender = Sender(Session("red", 1), 0.0, 0.0, 0.0)
+    accepted = set()
     for seq in numbers:
         order = sender.classify(seq)
         newest = max(accepted, default=-1)

@@ -19,7 +19,8 @@ def numbers(f):
         return st.integers(0, int(min(f.high, 255)))
     if f.type == "u32":
         return st.integers(int(max(f.low, 0)), 2**32 - 1)
-    low, high = max(f.low, -1e6), min(f.high, 1e6)
+    low = max(f.low, -1e6)
+    high = min(f.high, 1e6)
     return st.floats(low, high, width=32 if f.type in ("f32", "rows") else 64)
 
 
@@ -69,7 +70,8 @@ def test_junk_is_counted(junk):
 @given(frames, st.data())
 def test_a_damaged_frame_is_refused(frame, data):
     good = encode(*frame)
-    at, bit = data.draw(st.integers(0, len(good) - 1)), data.draw(st.integers(0, 7))
+    at = data.draw(st.integers(0, len(good) - 1))
+    bit = data.draw(st.integers(0, 7))
     bad = bytearray(good)
     bad[at] ^= 1 << bit
     decoder = Decoder()

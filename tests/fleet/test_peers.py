@@ -23,16 +23,19 @@ STEP = 0.05
 class Fed:
     """A line whose datagrams the test hands over, with its own clock."""
 
-    url, trouble = "fed://", ""
+    url = "fed://"
+    trouble = ""
 
     def __init__(self):
-        self.came, self.line = [], 0.0
+        self.came = []
+        self.line = 0.0
 
     def stamp(self, now):
         return self.line
 
     def poll(self, now):
-        came, self.came = self.came, []
+        came = self.came
+        self.came = []
         return came
 
     def answer(self, source):
@@ -87,7 +90,8 @@ def test_a_car_slower_or_quicker_than_its_computer_sees_right_ages(fed, rate):
     """A car's second lasts 1/rate of the computer's; a frame leaves each 0.05 s of the
     computer's, and is taken at the next look, each 0.01 s of the car's."""
     peers = Peers("blue", 1)
-    car, n = 0.0, 0
+    car = 0.0
+    n = 0
     for _ in range(400):
         car += 0.01
         line = car / rate
@@ -95,7 +99,8 @@ def test_a_car_slower_or_quicker_than_its_computer_sees_right_ages(fed, rate):
         while n * STEP <= line:
             frames.append(Datagram(pose_frame(n, sent=n * STEP), line - n * STEP))
             n += 1
-        fed.line, fed.came = line, frames
+        fed.line = line
+        fed.came = frames
         peers.receive(fed, car)
         if n > 1:
             oldest = rate * STEP + 0.0101  # the car's seconds since the newest frame, and a look
@@ -169,8 +174,11 @@ def test_junk_moves_nobody(fed):
                 max_size=40))
 def test_in_any_order_the_newest_frame_of_the_newest_session_counts(told):
     """Frames of two sessions, overtaking each other, again, and damaged."""
-    fed, peers = Fed(), Peers("blue", 1)
-    session, newest, over = None, -1, set()
+    fed = Fed()
+    peers = Peers("blue", 1)
+    session = None
+    newest = -1
+    over = set()
     for k, (seq, boot, good) in enumerate(told):
         data = pose_frame(seq, x=float(seq + 100 * boot), boot=boot)
         seen = hears(peers, fed, 0.01 * k, data if good else data[:-1] + bytes((data[-1] ^ 1,)))
@@ -178,7 +186,8 @@ def test_in_any_order_the_newest_frame_of_the_newest_session_counts(told):
             newest = max(newest, seq)
         elif good and boot not in over:
             over.add(session)
-            session, newest = boot, seq
+            session = boot
+            newest = seq
         assert not seen if session is None else seen["red"].pose.x == newest + 100 * session
     assert peers.decoder.counters.refused == sum(not good for _, _, good in told)
 
@@ -187,7 +196,9 @@ def run(room, seconds=4.0, alive=lambda n: True):
     """Pairs (true age, age told) of a sender at 20 Hz, looked at 100 Hz through ``room``."""
     out = open_local(Url.parse(room))
     into = open_local(Url.parse(room))
-    peers, pairs, sent_at = Peers("blue", 1), [], {}
+    peers = Peers("blue", 1)
+    pairs = []
+    sent_at = {}
     for k in range(round(seconds * 100)):
         now = k * 0.01
         if k % 5 == 0 and alive(k // 5):
@@ -206,7 +217,9 @@ def run(room, seconds=4.0, alive=lambda n: True):
 def test_ages_are_right_through_loss_delay_and_copies(faults):
     (true, told), peers = run(f"local://x?seed=3&{faults}")
     assert true.max() > 0.1
-    true, told = true[100:], told[100:]  # the first second: no quick frame has come yet
+    # the first second: no quick frame has come yet
+    true = true[100:]
+    told = told[100:]
     # what the quickest frame of the last 10 s took, and a look of 10 ms, cannot be seen
     assert np.abs(true - told).max() < 0.035
     assert peers.senders["red"].accepted > 30

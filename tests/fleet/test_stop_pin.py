@@ -200,7 +200,8 @@ def test_a_run_stop_is_a_call_of_the_car():
 def test_a_room_lets_go_of_its_own_stop_alone():
     """The program's is held on while a stop of the room comes and ends; and the other way round."""
     with Pins("local://both", seeds=(1, 2)) as pins:
-        car, member = pins.fleet.cars[0], pins.fleet.members[0]
+        car = pins.fleet.cars[0]
+        member = pins.fleet.members[0]
         car.run_stop(True)
         pins.fleet.members[1].stop_all("room")
         for _ in pins.fleet.states(duration=1.0 + STOP_HOLD_TIME):

@@ -88,7 +88,8 @@ def exchange(a, b, key=None):
 @KEYS
 def test_udp_to_a_list_of_addresses_and_to_who_asks(key):
     """The second is not on the first's list: it is answered because it is heard."""
-    p, q = free_port(), free_port()
+    p = free_port()
+    q = free_port()
     a = open_transport(f"udp://127.0.0.1:{p}?to=127.0.0.1:9")
     b = open_transport(f"udp://127.0.0.1:{q}?to=127.0.0.1:{p}")
     try:
@@ -104,7 +105,8 @@ def test_udp_to_a_list_of_addresses_and_to_who_asks(key):
 def test_udp_multicast_on_one_computer(key):
     url = f"udp://239.255.42.99:{free_port()}?via=127.0.0.1"
     try:
-        a, b = open_transport(url), open_transport(url)
+        a = open_transport(url)
+        b = open_transport(url)
     except UsageError as why:
         pytest.skip(f"no multicast on this computer: {why.found}")
     try:
@@ -132,7 +134,8 @@ def test_a_port_that_is_taken_is_said():
 class Gone:
     """A line that cannot be read any more."""
 
-    url, trouble = "gone://", ""
+    url = "gone://"
+    trouble = ""
 
     def stamp(self, now):
         return now

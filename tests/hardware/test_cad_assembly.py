@@ -108,7 +108,8 @@ def slot(body: trimesh.Trimesh, sheet: trimesh.Trimesh) -> float:
 
 
 def test_the_camera_slot_is_the_sheet_and_play():
-    bracket, plate = whole_car()["camera_bracket"][0], whole_car()["upper_plate"][0]
+    bracket = whole_car()["camera_bracket"][0]
+    plate = whole_car()["upper_plate"][0]
     assert slot(bracket, plate) == pytest.approx(3.2, abs=0.01)
     assert P.sheet.thickness + P.sheet.slot_play == pytest.approx(3.2)
     narrow = bracket.copy()
@@ -180,7 +181,8 @@ def test_usb_of_the_nano_is_open_to_the_front():
 
 def balance() -> tuple[float, np.ndarray]:
     """Mass [g] and centre [mm] of the committed meshes with the masses of the table."""
-    total, moment = 0.0, np.zeros(3)
+    total = 0.0
+    moment = np.zeros(3)
     weighed = [(i["mass_g"], whole_car()[i["name"]]) for i in BUILT["items"]]
     weighed += [(BUILT["parts"][q["part"]]["mass_g"], whole_car()[q["name"]])
                 for q in BUILT["placements"]]
@@ -207,7 +209,8 @@ def test_mass_and_centre_of_mass_are_those_of_the_table():
 def mass_faults(mass_g: float, centre_x: float) -> list[str]:
     """Where the assembly is not the example car: mass 10 %, centre 10 mm. Most masses of bought
     parts are assumed and the chassis is what is left, so the mass says little, the centre more."""
-    car, axle = example_car(), BUILT["assembly"]["rear_axle_x_mm"]
+    car = example_car()
+    axle = BUILT["assembly"]["rear_axle_x_mm"]
     found = []
     if not math.isclose(mass_g / 1000, car["mass"], rel_tol=0.10):
         found.append("mass")

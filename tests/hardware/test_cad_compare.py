@@ -29,7 +29,8 @@ def test_committed_files_do_not_differ_from_themselves():
 @pytest.mark.slow
 def test_another_picture_is_seen(tmp_path):
     """A badge more is a difference, a little noise of another renderer is none."""
-    old, new = tmp_path / "old", tmp_path / "new"
+    old = tmp_path / "old"
+    new = tmp_path / "new"
     for folder in (old, new):
         folder.mkdir()
     image = Image.open(HARDWARE / "pictures" / "step_S08.png").convert("RGB")

@@ -144,7 +144,8 @@ def test_cables_keep_clear_of_the_turning_lidar(car):
 
 def lies(shape: dict[str, Any], hub: tuple[float, float, float]) -> list[str]:
     """By what the body of the servo is not the one of the photographs."""
-    low, high = np.array(shape["low"]), np.array(shape["high"])
+    low = np.array(shape["low"])
+    high = np.array(shape["high"])
     found = []
     if high[2] - low[2] > high[1] - low[1]:
         found.append("stands upright")

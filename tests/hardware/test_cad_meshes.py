@@ -59,7 +59,8 @@ def test_there_is_one_mesh_per_part():
 
 def test_broken_meshes_are_found():
     """Controls: a hole moved by 0.2, a triangle gone, a second body, a part off the bed."""
-    row, good = PARTS["board_holder"], mesh("board_holder")
+    row = PARTS["board_holder"]
+    good = mesh("board_holder")
     moved = {**row, "holes": [{**row["holes"][0], "at": [10.2, 0.0, 1.2]}]}
     assert faults(good, moved) == ["hole at [10.2, 0.0, 1.2]"]
     wider = {**row, "holes": [{**row["holes"][0], "diameter": 3.5}]}

@@ -22,7 +22,8 @@ def module(name: str) -> ModuleType:
     return importlib.import_module(name)
 
 
-parameters, checks = module("parameters"), module("checks")
+parameters = module("parameters")
+checks = module("checks")
 RAW = parameters.read().raw
 
 

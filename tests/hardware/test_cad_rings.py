@@ -116,7 +116,8 @@ def test_magnets_are_equal_and_concentric():
 
 def field(distance: float, magnets: int = 1, remanence: float = 1.2) -> float:
     """Flux density [mT] on the axis of stacked discs of 2 x 1 mm, at a distance [mm]."""
-    r, length = 1.0, float(magnets)
+    r = 1.0
+    length = float(magnets)
     return 500 * remanence * ((distance + length) / math.hypot(r, distance + length)
                               - distance / math.hypot(r, distance))
 
@@ -135,7 +136,8 @@ def test_the_switch_looks_at_the_circle_of_the_magnets():
     place = {q["name"]: np.array(q["matrix"]) for q in BUILT["placements"]}
     shaft = place["striped_ring"][:3, 3]
     item = next(i for i in BUILT["items"] if i["name"] == "hall_sensor")["shapes"][0]
-    low, high = np.array(item["low"]), np.array(item["high"])
+    low = np.array(item["low"])
+    high = np.array(item["high"])
     middle = (low + high) / 2
     ring = np.append(magnets(), np.full((P.rings.magnets, 1), BUILT["parts"]["magnet_ring"]
                                         ["box_mm"][1][2]), axis=1)

@@ -29,7 +29,8 @@ Ends = tuple[str, frozenset[str]]
 def joints(folder: Path) -> tuple[set[frozenset[str]], set[frozenset[str]]]:
     """Groups of joined pins: on the board, in the circuit."""
     data = perfboard.layout(folder)
-    net, at = perfboard.nets(data), perfboard.socket(data, 16)
+    net = perfboard.nets(data)
+    at = perfboard.socket(data, 16)
     drawn = {frozenset(p for p in at if net[at[p]] == net[hole]) for hole in at.values()}
     wired = [{pin, *others} for pin, others in circuit.joined("MUX", folder).items()]
     alone = set(at) - {p for group in wired for p in group}
@@ -39,7 +40,8 @@ def joints(folder: Path) -> tuple[set[frozenset[str]], set[frozenset[str]]]:
 def standing(folder: Path) -> tuple[list[Ends], list[Ends]]:
     """Components by the pins that they join: on the board, in the circuit."""
     data = perfboard.layout(folder)
-    net, at = perfboard.nets(data), perfboard.socket(data, 16)
+    net = perfboard.nets(data)
+    at = perfboard.socket(data, 16)
     name = {net[at[p]]: p for p in at} | {net[at["8"]]: "8"}
     drawn = [(part, frozenset(name.get(net[hole], hole) for hole in ends))
              for part, pairs in data["parts"].items() for ends in pairs]
@@ -51,7 +53,8 @@ def standing(folder: Path) -> tuple[list[Ends], list[Ends]]:
 def misled(folder: Path) -> list[str]:
     """Holes of leads that are not joined to their pin; wires of the harness without a hole."""
     data = perfboard.layout(folder)
-    net, at = perfboard.nets(data), perfboard.socket(data, 16)
+    net = perfboard.nets(data)
+    at = perfboard.socket(data, 16)
     wrong = [hole for hole, (pin, _) in data["leads"].items() if net[hole] != net[at[str(pin)]]]
     told = {(str(pin), far) for pin, far in data["leads"].values()}
     for wire in harness.wires("cutoff_mux", folder):

@@ -29,11 +29,14 @@ GROUND = {"MUX": "8", "L3": "GND"}
 SUPPLY = {"MUX": "16", "L3": "VDD"}
 STEP = {"MUX": "W09", "L3": "W10"}
 DIAGRAM = {"MUX": "cutoff_mux", "L3": "cutoff_oe"}
-HCT_HIGH, WEAKEST = 2.0, 3.3
+HCT_HIGH = 2.0
+WEAKEST = 3.3
 """V that an HCT input takes for a high, and the least that a board gives."""
-PCA_HIGH, USUAL_PULL = 0.7, 10e3
+PCA_HIGH = 0.7
+USUAL_PULL = 10e3
 """Share of VDD that the PCA9685 takes for a high; Ohm by which many boards pull /OE low."""
-CLAMP, NANO = 0.02, 5.0
+CLAMP = 0.02
+NANO = 5.0
 """A that an input's clamp takes, V of the Nano."""
 PAGE = ROOT / "docs" / "explanation" / "safety.md"
 
@@ -69,7 +72,8 @@ def bare(folder: Path, device: str) -> list[str]:
     """Pins of the Nano that meet the chip without 1 kOhm, which keeps a clamp below its limit."""
     wrong = []
     for wire in harness.wires(DIAGRAM[device], folder):
-        pin, here = wire.pin_at("NANO"), wire.pin_at(device)
+        pin = wire.pin_at("NANO")
+        here = wire.pin_at(device)
         if pin is None or here is None or pin.startswith("GND"):
             continue
         at = here.split(" ")[0]
@@ -89,11 +93,13 @@ def without_ground(folder: Path) -> list[str]:
 
 def miscounted(folder: Path, rows: list[bom_table.Row]) -> list[str]:
     """Components of a board that the bill has in another number, with another value or step."""
-    bill, wrong = {r.id: r for r in rows}, []
+    bill = {r.id: r for r in rows}
+    wrong = []
     for device in DIAGRAM:
         found = circuit.components(device, folder)
         for part, value in {(c.part, c.value) for c in found}:
-            row, needed = bill[part], sum(c.part == part for c in found)
+            row = bill[part]
+            needed = sum(c.part == part for c in found)
             if row.quantity != needed or value not in row.part or STEP[device] not in row.used_in:
                 wrong.append(f"{part}: {needed} of {value} in {STEP[device]}, bill {row.quantity} "
                              f"of {row.part} in {', '.join(row.used_in)}")

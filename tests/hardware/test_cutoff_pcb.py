@@ -25,7 +25,9 @@ import perfboard  # noqa: E402
 Point = tuple[float, float]
 Stroke = tuple[Point, Point, float]
 """From, to, width [mm]; a pad is a stroke without length."""
-CLEARANCE, RING, EDGE = 0.3, 0.3, 0.5
+CLEARANCE = 0.3
+RING = 0.3
+EDGE = 0.5
 """mm that any board house makes: between copper, around a hole, to the edge."""
 
 
@@ -35,7 +37,8 @@ def strokes(gerber: str) -> list[Stroke]:
     assert "%FSLAX36Y36*%" in gerber
     widths = {int(n): float(w) for n, w in re.findall(r"%ADD(\d+)C,([\d.]+)\*%", gerber)}
     found: list[Stroke] = []
-    width, at = 0.0, (0.0, 0.0)
+    width = 0.0
+    at = (0.0, 0.0)
     for line in gerber.splitlines():
         if tool := re.fullmatch(r"D(\d+)\*", line):
             width = widths[int(tool[1])]
@@ -50,7 +53,8 @@ def strokes(gerber: str) -> list[Stroke]:
 def holes(excellon: str) -> dict[Point, float]:
     """x, y -> diameter [mm]."""
     sizes = {int(n): float(d) for n, d in re.findall(r"^T(\d+)C([\d.]+)$", excellon, re.MULTILINE)}
-    found, size = {}, 0.0
+    found = {}
+    size = 0.0
     for line in excellon.split("%", 1)[1].splitlines():
         if tool := re.fullmatch(r"T([1-9]\d*)", line):
             size = sizes[int(tool[1])]
@@ -99,7 +103,8 @@ def netlist(files: dict[str, str], folder: Path = WIRING) -> tuple[set[frozenset
 def wanted(folder: Path = WIRING) -> set[frozenset[str]]:
     """The same by the perforated board, whose own test compares it with the circuit."""
     data = perfboard.layout(folder)
-    net, groups = perfboard.nets(data), {}
+    net = perfboard.nets(data)
+    groups = {}
     for hole in pcb.drills(data, folder):
         groups.setdefault(net[hole], set()).add(hole)
     return {frozenset(g) for g in groups.values()}

@@ -97,7 +97,8 @@ WITHOUT = {
                          ids=[row[0] for row in BROKEN])
 def test_a_fault_is_refused_in_every_car_that_has_it(copy, what, file, old, new, car, refusal):
     """Every option, computer and measurement beside it; a control for each rule in each car."""
-    broken, rule = nets.Harness(copy(file, old, new)), refusal.split(":")[0]
+    broken = nets.Harness(copy(file, old, new))
+    rule = refusal.split(":")[0]
     cars = [c for c in broken.cars() if set(car_of(car).options) <= set(c.options)]
     right = [c for c in cars if what in WITHOUT and re.search(WITHOUT[what], str(c))]
     refused = [c for c in cars if any(f.rule == rule for f in electrical.judge(c, broken))]

@@ -89,7 +89,8 @@ def _unknown_verb(words: list[str]) -> str:
         found = node.get_command(click.Context(node), word)
         if found is None:
             return f"no verb {word}" if node is cli else f"no command {word}"
-        node, words = found, words[1:]
+        node = found
+        words = words[1:]
     options = [o for p in node.params if isinstance(p, click.Option)
                for o in (*p.opts, *p.secondary_opts)]
     known = {*options, "--help", "-h", "--version"}

@@ -17,8 +17,10 @@ import see_lidar  # noqa: E402 - found through the line above
 
 def packet(first: bool, begin: float, end: float, ranges: list[float]) -> bytes:
     """As the data sheet has it: angles in deg, ranges in m."""
-    kind, count = int(first), len(ranges)
-    fsa, lsa = int(begin * 64) << 1 | 1, int(end * 64) << 1 | 1
+    kind = int(first)
+    count = len(ranges)
+    fsa = int(begin * 64) << 1 | 1
+    lsa = int(end * 64) << 1 | 1
     samples = [round(r * 4000) for r in ranges]
     check = 0x55AA ^ (kind | count << 8) ^ fsa ^ lsa
     for s in samples:

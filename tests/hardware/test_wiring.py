@@ -113,7 +113,8 @@ def test_every_device_has_supply_and_ground(diagram):
 
 def test_every_plug_is_powered_or_said_to_be_passive():
     data = harness.parts()
-    need, passive = data["metadata"]["supply"], data["metadata"]["passive"]
+    need = data["metadata"]["supply"]
+    passive = data["metadata"]["passive"]
     assert set(need) | set(passive) == set(data["connectors"])
     assert not set(need) & set(passive)
 

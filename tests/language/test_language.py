@@ -49,7 +49,8 @@ def test_plain_code_has_no_private_words():
 @pytest.mark.parametrize("key", ["private_words", "participles", "prepositions",
                                  "tuple_assignments", "comments"])
 def test_control_private_code_exceeds_every_budget(key):
-    plain, private = vars(measure_package([PLAIN])), vars(measure_package(100 * [PRIVATE]))
+    plain = vars(measure_package([PLAIN]))
+    private = vars(measure_package(100 * [PRIVATE]))
     assert exceeds(key, private[key], plain[key])
     for name, budget in read_budgets().items():
         if key in budget and (key != "comments" or budget[key] > 0.0):

@@ -21,7 +21,8 @@ NOT_COPIED = shutil.ignore_patterns(
     ".git", ".venv*", ".hypothesis", ".*_cache", "__pycache__")
 NO_VERDICT = ("tests/firmware/test_nano_budgets.py", "tests/mutation")
 """Sizes, cycles and the committed image: any change at all fails these, which is no verdict."""
-QUICK, SLOWER = "not (slow or long or realtime)", "(slow or realtime) and not long"
+QUICK = "not (slow or long or realtime)"
+SLOWER = "(slow or realtime) and not long"
 """Marks of the tests of `make test`, and of those of `make test-more`."""
 ANY = "not long"
 TEST_LIMIT = {QUICK: 120.0, SLOWER: 300.0}

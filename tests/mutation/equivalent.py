@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from mutant import ROOT, Mutant
 
-SRC, HOST = "firmware/src/", "host/dart_hal/"
+SRC = "firmware/src/"
+HOST = "host/dart_hal/"
 EFFECTS = HOST + "vehicle/effects/"
 
 

@@ -29,7 +29,8 @@ class Mutant:
 
 def changed(file: str, operator: str, old: str, new: str) -> Mutant | None:
     """The mutant that turns the text ``old`` of a file into ``new``; None if nothing differs."""
-    olds, news = old.splitlines(), new.splitlines()
+    olds = old.splitlines()
+    news = new.splitlines()
     for number, (a, b) in enumerate(zip_longest(olds, news, fillvalue=""), 1):
         if a != b:
             return Mutant(file, number, operator, a.strip(), b.strip(), new)

@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 from mutant import ROOT, Mutant, changed
 
-SRC, ACT, CAR = "firmware/src/", "host/dart_hal/devices/actuation/", "host/dart_hal/car/"
+SRC = "firmware/src/"
+ACT = "host/dart_hal/devices/actuation/"
+CAR = "host/dart_hal/car/"
 
 
 @dataclass(frozen=True, slots=True)

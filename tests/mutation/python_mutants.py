@@ -45,7 +45,8 @@ def _without_calls(file: str, source: str) -> Iterator[Mutant]:
     lines = source.splitlines(keepends=True)
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
-            first, last = node.lineno - 1, node.end_lineno
+            first = node.lineno - 1
+            last = node.end_lineno
             indent = lines[first][:node.col_offset]
             text = "".join([*lines[:first], indent + "pass\n", *lines[last:]])
             if made := changed(file, "CallLeftOut", source, text):

@@ -9,10 +9,12 @@ from mutant import Mutant, chosen
 from picked import PICKS
 from python_mutants import python_mutants
 
-HOST, SRC = "host/dart_hal/", "firmware/src/"
+HOST = "host/dart_hal/"
+SRC = "firmware/src/"
 PULSES = "tests/devices/actuation/"
 
-PINS, FAULTS = "tests/faults/test_pin_details.py", "tests/faults/test_fault_table.py"
+PINS = "tests/faults/test_pin_details.py"
+FAULTS = "tests/faults/test_fault_table.py"
 
 WIDE = ("tests/wire", "tests/devices/actuation", "tests/car", "tests/firmware", "tests/emulator",
         "tests/devices/links", "tests/sim", "tests/faults", "tests/soak", "tests/estimation",

@@ -72,8 +72,10 @@ def _edits(node: ast.AST, source: str, place: Place) -> Iterator[Edit]:
         return source[begin:end]
 
     if isinstance(node, ast.BinOp) and type(node.op) in SWAPS:
-        sign, swap = SIGNS[type(node.op)], SWAPS[type(node.op)]
-        begin, end = place(node.left)[1], place(node.right)[0]
+        sign = SIGNS[type(node.op)]
+        swap = SWAPS[type(node.op)]
+        begin = place(node.left)[1]
+        end = place(node.right)[0]
         gap = source[begin:end]
         yield f"{sign} to {swap}", begin, end, gap.replace(sign, swap)
         yield f"right of {sign} left out", *place(node), f"({text(node.left)})"
@@ -89,7 +91,8 @@ def _edits(node: ast.AST, source: str, place: Place) -> Iterator[Edit]:
         yield "next index", *place(node.slice), str((node.slice.value + 1) % 2)
     elif isinstance(node, ast.Compare) and type(node.ops[0]) in (ast.Gt, ast.Lt):
         signs = "><" if isinstance(node.ops[0], ast.Gt) else "<>"
-        begin, end = place(node.left)[1], place(node.comparators[0])[0]
+        begin = place(node.left)[1]
+        end = place(node.comparators[0])[0]
         yield f"{signs[0]} to {signs[1]}", begin, end, source[begin:end].replace(*signs)
     elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Load):
         if other := VARIABLES.get(node.attr):
@@ -98,7 +101,8 @@ def _edits(node: ast.AST, source: str, place: Place) -> Iterator[Edit]:
         yield from _edits_of_call(node, text, place)
     elif isinstance(node, ast.Dict):
         for key, part in zip(node.keys, node.values, strict=True):
-            begin, after = place(key)[0], place(part)[1]
+            begin = place(key)[0]
+            after = place(part)[1]
             comma = source[after:].lstrip().startswith(",")
             end = after + source[after:].index(",") + 1 if comma else after
             yield f"{text(key)} left out", begin, end, ""

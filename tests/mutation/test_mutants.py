@@ -56,7 +56,8 @@ def test_there_are_enough():
 
 def test_the_choice_is_fixed_and_takes_a_line_once():
     made = list(cpp_mutants(SUPERVISOR))
-    first, again = chosen(made, 12), chosen(reversed(made), 12)
+    first = chosen(made, 12)
+    again = chosen(reversed(made), 12)
     assert first == again
     assert len({m.line for m in first}) == 12
 
@@ -91,7 +92,9 @@ class ScriptedCopy(Copy):
     """A copy whose tests fail as ``failures`` say: (marks, broken) to what fails in this order."""
 
     def __init__(self, failures: dict[tuple[str, bool], list[str]]) -> None:
-        self.home, self.failures, self.broken = Path(__file__).parents[2], failures, False
+        self.home = Path(__file__).parents[2]
+        self.failures = failures
+        self.broken = False
         self._built, self._sound, self._excluded = True, set(), []
 
     @contextmanager

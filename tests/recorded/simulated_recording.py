@@ -13,7 +13,9 @@ from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.diagnosis.suggest.virtual import VirtualCommands, record
 
-POSITION_NOISE, YAW_NOISE = 5e-4, 2e-3  # m, rad: of a motion capture
+# m, rad: of a motion capture
+POSITION_NOISE = 5e-4
+YAW_NOISE = 2e-3
 
 
 def random_frame(rng: np.random.Generator) -> Reference:
@@ -26,7 +28,8 @@ def random_commands(rng: np.random.Generator, seconds: float,
                     steering: float = 0.9) -> VirtualCommands:
     """Steering levels of 0.3 to 1.5 s within +-steering, throttle levels of 1.5 to 4 s."""
     n = int(100 * seconds)
-    steps, throttle = np.zeros(n), np.zeros(n)
+    steps = np.zeros(n)
+    throttle = np.zeros(n)
     i = 0
     while i < n:
         length = int(rng.uniform(30, 150))
@@ -62,7 +65,8 @@ def noisy(made: Recording, rng: np.random.Generator) -> Recording:
 
 def table_of(recording: Recording, schema: str = "C") -> dict[str, np.ndarray]:
     """Columns of a recording as a CSV file of schema B or C has them."""
-    pose, m = recording.mocap, recording.messages
+    pose = recording.mocap
+    m = recording.messages
     assert pose is not None
     last = np.maximum(np.searchsorted(m.arrival, pose.t, side="right") - 1, 0)
     yaw = (pose.yaw + np.pi) % (2.0 * np.pi) - np.pi

@@ -43,7 +43,8 @@ def test_other_column_order_gives_the_same_recording(write, table_b):
     rng = np.random.default_rng(5)
     names = list(table)
     shuffled = {n: table[n] for n in rng.permutation(names)}
-    a, b = read(write(table)), read(write(shuffled, "shuffled.csv"))
+    a = read(write(table))
+    b = read(write(shuffled, "shuffled.csv"))
     assert a.messages.speed == pytest.approx(b.messages.speed)
     assert np.array_equal(a.mocap.yaw, b.mocap.yaw)
 
@@ -60,7 +61,8 @@ def test_words_in_a_column_that_is_never_used_cost_nothing(write, table_b):
     head, *rows = path.read_text().splitlines()
     told = [f"lap {i % 3},{row}" for i, row in enumerate(rows)]
     path.write_text("\n".join([f"remark,{head}", *told]))
-    plain, marked = read(write(table_b(), "plain.csv")), read(path)
+    plain = read(write(table_b(), "plain.csv"))
+    marked = read(path)
     assert np.array_equal(marked.messages.speed, plain.messages.speed)
     assert np.array_equal(marked.mocap.yaw, plain.mocap.yaw)
 

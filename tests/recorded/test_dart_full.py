@@ -31,8 +31,10 @@ def held_errors(g) -> list[tuple[float, ...]]:
     for s in range(20, len(g) - 220, 25):
         if g.v_x[s] <= 0.3 or g.bad[s - 8:s + 208].any():
             continue
-        e, turn = s + 100, g.omega[s]
-        a, b = g.yaw[s], g.yaw[s] + turn
+        e = s + 100
+        turn = g.omega[s]
+        a = g.yaw[s]
+        b = g.yaw[s] + turn
         dx = (g.v_x[s] * (np.sin(b) - np.sin(a)) + g.v_y[s] * (np.cos(b) - np.cos(a))) / turn
         dy = (g.v_y[s] * (np.sin(b) - np.sin(a)) - g.v_x[s] * (np.cos(b) - np.cos(a))) / turn
         errors.append((g.v_x[s] - g.v_x[e], g.v_y[s] - g.v_y[e], turn - g.omega[e],

@@ -243,13 +243,15 @@ def test_derived_columns_of_schema_c_are_not_believed(write, table_b):
     without = read(write(plain, "plain.csv"))
     assert not said(without, "derived columns")
     frame = Reference(0.1, 0.0, 0.0, "of this test")
-    a, b = grid(with_them, frame), grid(without, frame)
+    a = grid(with_them, frame)
+    b = grid(without, frame)
     assert np.array_equal(a.v_x, b.v_x)
     assert np.array_equal(a.omega, b.omega)
 
 
 def test_files_are_never_joined(write, table_a, tmp_path):
-    slow, fast = table_a(t0=100.0), table_a(t0=106.0)
+    slow = table_a(t0=100.0)
+    fast = table_a(t0=106.0)
     slow["vel encoder"][:], fast["vel encoder"][:] = 0.5161, 2.0644
     write(slow, "a.csv")
     write(fast, "b.csv")

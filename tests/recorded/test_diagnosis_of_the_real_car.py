@@ -25,7 +25,8 @@ from dart_lab.identification.shooting.fit import FREE, free_names
 pytestmark = pytest.mark.slow  # they share one diagnosis of 15 CPU s
 
 JUDGED = ("vx", "yaw_rate", "position")
-WORSE, SURELY_WORSE = 0.1, 0.05
+WORSE = 0.1
+SURELY_WORSE = 0.05
 """Shares by which an error on other days may grow before it is held against the causes: at all,
 and where its interval lies below 0. A fit that only goes on from where it ended moves flat
 directions of the base by as much as 4 % of an error, without any cause."""

@@ -24,7 +24,8 @@ def weaving(speed: float, rate: float, schema: str = "C", seconds: float = 60.0,
     v = speed * (1.0 + 0.2 * np.sin(2.0 * np.pi * fine / 17.0))
     omega = LATERAL / speed * np.sin(2.0 * np.pi * fine / PERIOD)
     yaw = np.cumsum(omega) * 0.001
-    x, y = np.cumsum(v * np.cos(yaw)) * 0.001, np.cumsum(v * np.sin(yaw)) * 0.001
+    x = np.cumsum(v * np.cos(yaw)) * 0.001
+    y = np.cumsum(v * np.sin(yaw)) * 0.001
     lx, theta = FRAME
     rng = np.random.default_rng(seed)
     x, y, yaw, v, omega = (np.interp(t, fine, s) for s in (

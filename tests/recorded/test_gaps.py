@@ -32,10 +32,12 @@ def windows_of(path, frame):
 def assert_clean(g, starts, gaps, first: float = 0.0) -> None:
     """first [s]: how much of the start of the recording is missing, where its clock begins."""
     for start, end in gaps:
-        low, high = start - first, end - first
+        low = start - first
+        high = end - first
         inside = (g.t > low + EDGE) & (g.t < high - EDGE)
         assert g.bad[inside].all(), "samples of a gap are bad"
-        begin, finish = g.t[starts - BEFORE], g.t[np.minimum(starts + CLEAN, len(g) - 1)]
+        begin = g.t[starts - BEFORE]
+        finish = g.t[np.minimum(starts + CLEAN, len(g) - 1)]
         assert not ((begin < high) & (finish > low)).any(), "no window reaches into a gap"
 
 

@@ -27,7 +27,9 @@ def test_before_the_first_write_its_command_counts():
 @pytest.mark.parametrize("rate", [0.5, 3.0, 8.0])
 def test_the_velocity_of_a_circle_is_that_of_the_circle(rate):
     t = np.arange(200) * SAMPLE
-    x, y = np.sin(rate * t) / rate, -np.cos(rate * t) / rate  # 1 m/s
+    # 1 m/s
+    x = np.sin(rate * t) / rate
+    y = -np.cos(rate * t) / rate
     inner = slice(POINTS, -POINTS)
     speed = np.hypot(savgol_derivative(x, POINTS), savgol_derivative(y, POINTS))[inner]
     kept = turning_share(np.full(len(t), rate), POINTS)[inner]

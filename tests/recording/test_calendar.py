@@ -62,7 +62,8 @@ def test_virtual_time_has_no_calendar(run_file):
 
 
 def test_a_killed_run_keeps_its_calendar(tmp_path, state):
-    path, whole = tmp_path / "killed.mcap", tmp_path / "run.mcap"
+    path = tmp_path / "killed.mcap"
+    whole = tmp_path / "run.mcap"
     writer = written(whole, state, close=False)
     writer._file.flush()
     path.write_bytes(whole.read_bytes())
@@ -76,7 +77,8 @@ def test_a_run_that_lost_its_first_chunk_or_its_facts_keeps_it(tmp_path, state):
     """Each channel has it, in the index too."""
     path = tmp_path / "run.mcap"
     written(path, state)
-    zero, data = RunReader(path).zero_ns, bytearray(path.read_bytes())
+    zero = RunReader(path).zero_ns
+    data = bytearray(path.read_bytes())
     for mark in (b'"proto"', b"/rx"):
         data[data.index(mark)] ^= 1
         path.write_bytes(data)
@@ -89,7 +91,8 @@ def test_a_run_that_lost_its_first_chunk_or_its_facts_keeps_it(tmp_path, state):
 
 
 def test_a_car_in_real_time_is_replayed_to_the_bit(tmp_path, began):
-    path, seen = tmp_path / "run.mcap", []
+    path = tmp_path / "run.mcap"
+    seen = []
     with Car.open("sim://?seed=1&nano=mock&pace=1", record=path) as car:
         car.on_state(seen.append)
         for _ in car.states(duration=0.3):

@@ -160,7 +160,9 @@ def test_a_hole_and_a_missing_end_are_told_apart(run_bytes, tmp_path):
 def test_a_missing_chunk_is_told_though_nothing_is_skipped(run_bytes, tmp_path):
     path = tmp_path / "block.mcap"
     all_chunks = chunks(run_bytes)
-    first, second = all_chunks[5][0], all_chunks[6][0]  # with its indexes
+    # with its indexes
+    first = all_chunks[5][0]
+    second = all_chunks[6][0]
     path.write_bytes(run_bytes[:first] + run_bytes[second:])
     assert re.search(r"damaged before byte \d+, 0 bytes skipped", RunReader(path).notices[0])
 

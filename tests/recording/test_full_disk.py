@@ -57,7 +57,8 @@ def test_the_drive_goes_on_and_the_file_ends_with_its_last_whole_chunk(tmp_path,
 
 
 def test_a_piece_in_half_is_taken_back(tmp_path):
-    path, room = tmp_path / "run.mcap", 9_001
+    path = tmp_path / "run.mcap"
+    room = 9_001
     with RunWriter(path) as writer, room_for(room):
         for k in range(400):
             writer.rx(bytes(20), 0.01 * k)

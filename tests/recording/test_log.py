@@ -92,7 +92,8 @@ def test_a_name_stays_of_one_kind():
 
 
 def test_a_car_logs_in_its_own_clock_and_only_while_it_records(tmp_path):
-    path, logged = tmp_path / "run.mcap", []
+    path = tmp_path / "run.mcap"
+    logged = []
     backend = open_backend(URL)
     with Car.over(backend, record=path) as car:
         for state in car.states(duration=0.5):
@@ -115,7 +116,8 @@ def test_a_mistake_is_told_recording_or_not(tmp_path, recording):
 
 def test_what_was_logged_survives_a_kill_and_its_repair(tmp_path):
     path = tmp_path / "run.mcap"
-    writer, names = RunWriter(path), LogNames()
+    writer = RunWriter(path)
+    names = LogNames()
     for k in range(100):
         writer.rx(bytes(8), 1.0 + 0.01 * k)
         writer.log(1.0 + 0.01 * k, names.take("mpc", {"cost": k, "plan": GRID}))

@@ -24,7 +24,8 @@ PLAN = np.arange(6.0).reshape(2, 3)
 def full_run(tmp_path, writing):
     """A run with something in every kind of channel; its clock showed 0.25 s just now."""
     path = tmp_path / "run.mcap"
-    writer, names = writing(path, close=False, now=0.25), LogNames()
+    writer = writing(path, close=False, now=0.25)
+    names = LogNames()
     for k in range(5):
         t = 0.4 + 0.05 * k
         writer.log(t, names.take("mpc", {"cost": math.nan if k == 3 else 0.5 * k, "plan": PLAN}))
@@ -42,7 +43,8 @@ def counts(path) -> Counter[str]:
 
 
 def test_rosbags_decodes_every_message(full_run, state):
-    found, odom = Counter(), []
+    found = Counter()
+    odom = []
     with AnyReader([full_run]) as reader:
         for connection, stamp, raw in reader.messages():
             message = reader.deserialize(raw, connection.msgtype)
@@ -63,7 +65,8 @@ def test_rosbags_decodes_every_message(full_run, state):
 
 
 def test_the_decoder_of_foxglove_decodes_every_message(full_run):
-    found, commands = Counter(), []
+    found = Counter()
+    commands = []
     with full_run.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         for schema, channel, message, decoded in reader.iter_decoded_messages():

@@ -33,7 +33,8 @@ def strictly_read(path) -> int:
 
 
 def test_a_killed_run_becomes_the_file_that_closing_would_have_made(tmp_path, writing):
-    killed, closed = tmp_path / "killed.mcap", tmp_path / "closed.mcap"
+    killed = tmp_path / "killed.mcap"
+    closed = tmp_path / "closed.mcap"
     writer = writing(closed, close=False)
     writer._file.flush()
     killed.write_bytes(closed.read_bytes())

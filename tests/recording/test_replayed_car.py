@@ -13,7 +13,9 @@ URL = "sim://?seed=3&nano=mock"
 
 
 def flat(state):
-    pose, applied, health = state.pose, state.applied, state.health
+    pose = state.pose
+    applied = state.applied
+    health = state.health
     return (state.t, state.seq, state.speed, state.speed_std, state.yaw_rate, state.accel_x,
             state.accel_y, state.ticks, pose.x, pose.y, pose.yaw, pose.cov.tobytes(), applied,
             health)

@@ -147,7 +147,8 @@ def test_a_program_that_is_killed_keeps_what_it_recorded(tmp_path):
 
 def test_threads_that_write_at_once_do_not_damage_the_run(tmp_path):
     """The link's thread records States while the program's records commands."""
-    written, switch = 2000, sys.getswitchinterval()
+    written = 2000
+    switch = sys.getswitchinterval()
     with RunWriter(tmp_path / "run.mcap") as writer:
         def write(add):
             for k in range(written):
@@ -279,11 +280,13 @@ def test_the_reference_reader_accepts_the_file(run_file):
 
 
 def test_odometry_means_what_its_definition_says(run_file, state):
-    got, s = list(decoded(run_file, "/odom"))[3], state(3)
+    got = list(decoded(run_file, "/odom"))[3]
+    s = state(3)
     assert got["header.stamp.sec"] + got["header.stamp.nanosec"] * 1e-9 == pytest.approx(s.t)
     assert (got["header.frame_id"], got["child_frame_id"]) == ("odom", "base_link")
     assert got["pose.pose.position.x"] == s.pose.x
-    w, z = got["pose.pose.orientation.w"], got["pose.pose.orientation.z"]
+    w = got["pose.pose.orientation.w"]
+    z = got["pose.pose.orientation.z"]
     assert 2 * math.atan2(z, w) == pytest.approx(s.pose.yaw)
     assert got["twist.twist.linear.x"] == s.speed
     assert got["twist.twist.angular.z"] == s.yaw_rate
@@ -303,7 +306,8 @@ def test_covariance_sits_where_ros_expects_it(tmp_path, state):
 
 
 def test_imu_and_drive_mean_what_their_definitions_say(run_file, state):
-    got, s = next(decoded(run_file, "/imu")), state(0)
+    got = next(decoded(run_file, "/imu"))
+    s = state(0)
     assert got["angular_velocity.z"] == s.yaw_rate
     assert (got["linear_acceleration.x"], got["linear_acceleration.y"]) == (-0.25, 0.5)
     assert got["orientation_covariance"][0] == -1.0

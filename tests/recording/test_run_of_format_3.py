@@ -29,7 +29,8 @@ def test_it_is_of_text(run_of_format_3):
 def test_commands_and_pulses_read_to_the_last_bit(run_of_format_3):
     run = RunReader(run_of_format_3)
     assert (run.complete, run.damaged, run.notices) == (True, False, ())
-    commands, applied = list(run.commands()), list(run.applied())
+    commands = list(run.commands())
+    applied = list(run.applied())
     assert (len(commands), len(applied)) == (60, 134)
     assert commands[-1] == Command(3.1403621722071096, 0.003548139349253619, 0.3, "user")
     assert applied[-1].t == 3.130367816357994

@@ -74,7 +74,8 @@ def test_value_and_error_end_at_the_same_place(value, std, text):
 
 def test_a_page_is_sound_and_asks_for_nothing_from_outside(tmp_path):
     pytest.importorskip("matplotlib")
-    x, reach = np.arange(3.0), np.array([0.1, math.nan, 0.2])
+    x = np.arange(3.0)
+    reach = np.array([0.1, math.nan, 0.2])
     figure = figures.new_figure()
     figures.finish(figure.subplots(), "x", "y", "title")
     drawn = [charts.lines("lines", "x", "y", [charts.Series(x, x, reach)], ("a", "b", "c")),
@@ -106,7 +107,8 @@ def points_of(picture, style):
 def test_paths_have_equal_axes(size):
     corner = np.array([[0.0, size[0], size[0]], [0.0, 0.0, size[1]]])
     px = points_of(charts.paths("p", "x", "y", [(corner, "car")], 1), "car")
-    along, up = px[0, 1] - px[0, 0], px[1, 1] - px[1, 2]
+    along = px[0, 1] - px[0, 0]
+    up = px[1, 1] - px[1, 2]
     assert along / size[0] == pytest.approx(up / size[1], rel=0.03)
     assert px.min() >= 0.0
     assert px[0].max() <= 440.0

@@ -34,7 +34,8 @@ from dart_lab.sim.failure_kinds import KINDS
 from dart_lab.sim.pwm_output import Pulse
 from dart_lab.sim.world import THROTTLE
 
-CYCLE, QUIET = 16.0, 9.0
+CYCLE = 16.0
+QUIET = 9.0
 """s: eight faults fall into the last 4.4 s of every 8, so that the ESC's 2 s of neutral, half
 a second of good checks and a drive fit in between."""
 LONGEST = 0.8
@@ -136,7 +137,9 @@ class Account:
     def __init__(self, read: Reader, report: Report) -> None:
         self._read, self._report, self._before = read, report, Decoder(UP)
         self._way: deque[tuple[tuple[int, int, bytes], int, bool]] = deque()
-        self._seq, self._t, self._synced = -1, 0, False
+        self._seq = -1
+        self._t = 0
+        self._synced = False
         self._boot: tuple[int, int] | None = None
         self.untold = 0
 
@@ -155,7 +158,8 @@ class Account:
     def _boots(self, frame: Frame) -> bool:
         """The first HELLO of another boot, or STATE: its clock went back."""
         if frame.message is HELLO:
-            known, self._boot = self._boot, parse_boot(frame.payload)
+            known = self._boot
+            self._boot = parse_boot(frame.payload)
             return known != self._boot
         if frame.message is not STATE:
             return False
@@ -164,12 +168,14 @@ class Account:
 
     def attach(self, decoder: Decoder) -> None:
         """Look at what this decoder takes from now on."""
-        self._feed, self._counters = decoder.feed, decoder.counters
+        self._feed = decoder.feed
+        self._counters = decoder.counters
         decoder.feed = self.feed  # type: ignore[method-assign]
 
     def feed(self, data: bytes) -> list[Frame]:
         """The host's decoder, behind the line; its account must be this one."""
-        told, anew = self._counters.gaps, self._counters.rebased
+        told = self._counters.gaps
+        anew = self._counters.rebased
         frames = self._feed(data)
         missed, boots = map(sum, zip((0, 0), *map(self._take, frames), strict=True))
         if not self._synced or boots or self._counters.rebased != anew:
@@ -188,7 +194,8 @@ class Account:
         passed = boots = 0
         while self._way:
             name, step, anew = self._way.popleft()
-            passed, boots = passed + step, boots + anew
+            passed = passed + step
+            boots = boots + anew
             if name == _name(frame):
                 return passed - 1, boots
         self._report.breaks(f"accepted and never sent: {frame}")
@@ -208,18 +215,22 @@ class Pins:
     """The law of the ESC's pin, looked at with every pulse."""
 
     def __init__(self, car: Car, hold: float, report: Report) -> None:
-        self._car, self._hold, self._report = car, hold, report
+        self._car = car
+        self._hold = hold
+        self._report = report
         throttle = car.files.config.throttle
         self._neutral = throttle.neutral_us
         self.commanded = -1.0
-        self._live, self._mode = -1.0, car.mode
+        self._live = -1.0
+        self._mode = car.mode
 
     def __call__(self, channel: int, pulse: Pulse) -> None:
         if channel != THROTTLE:
             return
         rise, fall = pulse
         self._report.pulses += 1
-        before, self._mode = self._mode, self._car.mode
+        before = self._mode
+        self._mode = self._car.mode
         if self._mode == "ARMED":
             self._live = min(rise, self.commanded + VALID)
         elif before == "ARMED":
@@ -262,9 +273,11 @@ def soak(seconds: float, nano: str = "avr", cutoff: str = "mux", seed: int = 1,
         _settle(car)
         world.nano.read = account.close()
         counters = decoder.counters
-        report.received, report.lost = counters.ok - opened.ok, counters.gaps - opened.gaps
+        report.received = counters.ok - opened.ok
+        report.lost = counters.gaps - opened.gaps
         report.untold = account.untold + account.on_its_way
-        report.rebased, report.damaged = counters.rebased, counters.damaged
+        report.rebased = counters.rebased
+        report.damaged = counters.damaged
         report.seconds = world.t
     report.faults = sum(float(f.split("@")[1].split("+")[0]) < report.seconds for f in failures)
     report.wall = time.monotonic() - begin

@@ -19,7 +19,8 @@ def test_a_ring_gives_what_a_series_gives(seconds):
 
 
 def test_a_tuple_is_delayed_part_by_part():
-    ring, there_and_back = DelayRing(0.015, SAMPLE), (RAMP, -RAMP)
+    ring = DelayRing(0.015, SAMPLE)
+    there_and_back = (RAMP, -RAMP)
     ticks = [ring.step(pair) for pair in zip(*there_and_back, strict=True)]
     assert np.array_equal(np.transpose(ticks), delay_series(there_and_back, 0.015, SAMPLE))
 

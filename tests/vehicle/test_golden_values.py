@@ -81,10 +81,12 @@ SPEEDS = {
 @pytest.mark.parametrize("name", SPEEDS)
 def test_steady_speeds(name):
     vehicle, expected = SPEEDS[name]
-    motor, friction = make_motor(vehicle.motor), make_friction(vehicle.friction)
+    motor = make_motor(vehicle.motor)
+    friction = make_friction(vehicle.friction)
 
     def balance(tau: float) -> float:
-        low, high = 0.1, 6.0
+        low = 0.1
+        high = 6.0
         for _ in range(60):
             middle = 0.5 * (low + high)
             low, high = ((middle, high) if motor(tau, middle) + friction(middle) > 0

@@ -32,7 +32,8 @@ SETS = pytest.mark.parametrize("vehicle", [PAPER, UPSTREAM_2024], ids=lambda v: 
 
 def forces_and_motion(vehicle, vx, vy, om, tau, delta):
     """(F_w, F_yf, F_yr) that act, and (a_x, a_y, omega') that they cause."""
-    cd, sd = math.cos(delta), math.sin(delta)
+    cd = math.cos(delta)
+    sd = math.sin(delta)
     wheels = (make_motor(vehicle.motor)(tau, vx) + make_friction(vehicle.friction)(vx))
     alphas = make_slip(vehicle.body, form=vehicle.slip)(vx, vy, om, cd, sd)
     lateral = [tyre(a) for tyre, a in zip(make_tyres(vehicle.tyres, vehicle.body), alphas,
@@ -67,9 +68,13 @@ def test_inverse_dynamics_gives_back_the_forces_that_made_the_motion(vehicle, vx
 @SETS
 def test_inverse_dynamics_solves_the_published_three_equations(vehicle):
     """Against a general solver, matrix as in the docstring."""
-    body, delta, motion = vehicle.body, 0.31, (0.7, 4.2, -11.0)
-    cf, cr = body.front_share, 1 - body.front_share
-    cd, sd = math.cos(delta), math.sin(delta)
+    body = vehicle.body
+    delta = 0.31
+    motion = (0.7, 4.2, -11.0)
+    cf = body.front_share
+    cr = 1 - body.front_share
+    cd = math.cos(delta)
+    sd = math.sin(delta)
     matrix = [[cf * cd + cr, -sd, 0], [cf * sd, cd, 1],
               [body.l_f * cf * sd, body.l_f * cd, -body.l_r]]
     right = [body.mass * motion[0], body.mass * motion[1], body.yaw_inertia * motion[2]]
@@ -81,8 +86,11 @@ def printed_inversion(vehicle, motion, delta, *, masses_divide=False, sine_of_al
     """The paper's way: F_xf = F_x / 2 (11); optionally its right-hand side (2), grouping (6)."""
     b = vehicle.body
     m, i_z = (1 / b.mass, 1 / b.yaw_inertia) if masses_divide else (b.mass, b.yaw_inertia)
-    f_x, f_y, moment = m * motion[0], m * motion[1], i_z * motion[2]
-    front, rear = (b.l_r * f_y + moment) / b.wheelbase, (b.l_f * f_y - moment) / b.wheelbase
+    f_x = m * motion[0]
+    f_y = m * motion[1]
+    moment = i_z * motion[2]
+    front = (b.l_r * f_y + moment) / b.wheelbase
+    rear = (b.l_f * f_y - moment) / b.wheelbase
     if sine_of_all:
         return math.sin(-delta * f_x / 2 + math.cos(-delta) * front), rear
     return math.sin(-delta) * f_x / 2 + math.cos(-delta) * front, rear
@@ -167,7 +175,8 @@ def test_printed_digits_and_those_of_the_code_are_two_sets():
 def test_position_is_that_of_the_centre_of_mass():
     """Turning without slip the centre of mass moves left with l_r omega; the rear axle does not."""
     rates = make_kinematic(PAPER)
-    td, v = math.tan(0.2), 1.0
+    td = math.tan(0.2)
+    v = 1.0
     dx, dy, om, _ = rates(0.0, v, 0.0, 0.0, 0.0, td)
     assert (dx, om) == pytest.approx((v, v * td / PAPER.body.wheelbase))
     assert dy == pytest.approx(PAPER.body.l_r * om)
@@ -189,6 +198,7 @@ def test_rear_wheel_frame_is_the_body_frame():
     def sideways(delta):
         return make_acceleration(PAPER)(2.0, 0.0, 0.0, 0.0, delta)
 
-    moment, b = sideways(0.2)[2] * PAPER.body.yaw_inertia, PAPER.body
+    moment = sideways(0.2)[2] * PAPER.body.yaw_inertia
+    b = PAPER.body
     lateral = sideways(0.2)[1] * b.mass
     assert moment == pytest.approx(b.l_f * lateral, rel=1e-9)   # v_y = omega = 0: no rear slip

@@ -261,8 +261,10 @@ def hook(monkeypatch, tmp_path):
     (native / "build.py").write_text((build.HERE / "build.py").read_text(encoding="utf-8"),
                                      encoding="utf-8")
     (native / "kernel.c").write_text("int nothing;\n", encoding="utf-8")
-    made, said = module.KernelHook(), []
-    made.root, made.target_name = str(tmp_path), "wheel"
+    made = module.KernelHook()
+    said = []
+    made.root = str(tmp_path)
+    made.target_name = "wheel"
     made.app = types.SimpleNamespace(display_info=said.append, display_warning=said.append)
     return made, said, native / "_built"
 
@@ -307,7 +309,9 @@ def test_a_library_in_use_is_the_last_to_be_forgotten(tmp_path, monkeypatch):
     monkeypatch.setattr(build, "MAX_CACHED_LIBRARIES", 2)
     monkeypatch.setattr(build, "_build", lambda command, text, variant, scratch:
                         (scratch / "kernel.so").write_text(text) and scratch / "kernel.so")
-    used, idle, new = "int a;", "int b;", "int c;"
+    used = "int a;"
+    idle = "int b;"
+    new = "int c;"
     for age, text in ((200, used), (100, idle)):
         path = build.compile_kernel(text, F64, tmp_path)
         os.utime(path, (time.time() - age,) * 2)

@@ -75,13 +75,15 @@ def apart(got, wanted):
 @pytest.mark.parametrize("lanes", [False, True], ids=["shared", "per-car"])
 @pytest.mark.parametrize("n", [1, N])
 def test_one_step_from_random_states(p, lanes, n):
-    state, draw = driving(p, n), np.random.default_rng(2)
+    state = driving(p, n)
+    draw = np.random.default_rng(2)
     commands = draw.uniform(-0.5, 0.5, (1, n)), draw.uniform(-1, 1, (1, n))
     vehicle = varied(p, n) if lanes else p
     native, numpy = (car_rollout(vehicle, state, *commands, engine=e) for e in
                      ("native", "numpy"))
     assert apart(native, numpy) < 1e-12
-    few, wanted = state.astype(np.float32), numpy
+    few = state.astype(np.float32)
+    wanted = numpy
     single = car_rollout(vehicle, few, *(c.astype(np.float32) for c in commands), engine="native")
     assert single.dtype == np.float32
     assert apart(single, wanted) < 1e-5
@@ -96,7 +98,8 @@ def test_two_seconds_of_transients(p, lanes):
     Cars that roll and grip: stiff tyres below 0.3 m/s are beyond a step of 10 ms, and
     what goes on then doubles any difference within some steps.
     """
-    state, t = driving(p, N, seed=3), np.arange(200)[:, None] * 0.01
+    state = driving(p, N, seed=3)
+    t = np.arange(200)[:, None] * 0.01
     phase = np.random.default_rng(4).uniform(0, 6, N)
     state[3], state[4], state[5] = np.abs(state[3]) + 1.0, 0.1 * state[4], 0.2 * state[5]
     throttle = 0.32 + 0.08 * np.sign(np.sin(7 * t + phase))
@@ -107,7 +110,8 @@ def test_two_seconds_of_transients(p, lanes):
                      for e in ("native", "numpy"))
     assert apart(native, numpy) < 1e-12
     if not lanes:
-        step, one = make_car_step(p, math), tuple(state[:, 5])
+        step = make_car_step(p, math)
+        one = tuple(state[:, 5])
         for k in range(200):
             one = step(*one, throttle[k, 5], steering[k, 5])
         assert apart(native[-1, :, 5], np.array(one)) < 1e-12
@@ -118,9 +122,11 @@ def test_two_seconds_of_transients(p, lanes):
 @pytest.mark.slow_except("per-car-PaperTyres-upstream")
 def test_rollouts_of_windows(p, lanes):
     """Held inputs and substeps, read at samples in any order and twice."""
-    state, draw = driving(p, N, seed=5)[:6], np.random.default_rng(6)
+    state = driving(p, N, seed=5)[:6]
+    draw = np.random.default_rng(6)
     state[3] = np.abs(state[3]) + 0.5
-    throttle, angle = draw.uniform(0.1, 0.4, (50, N)), draw.uniform(-0.3, 0.3, (50, N))
+    throttle = draw.uniform(0.1, 0.4, (50, N))
+    angle = draw.uniform(-0.3, 0.3, (50, N))
     vehicle = varied(p, N) if lanes else p
     at = [50, 0, 7, 7, 20]
     native, numpy = (rollout(vehicle, state, throttle, angle, at=at, engine=e)
@@ -189,7 +195,8 @@ def test_what_is_not_finite_is_left_to_numpy():
 
 
 def test_wrong_requests_are_refused():
-    state, held = driving(PAPER, 3)[:6], np.zeros((5, 3))
+    state = driving(PAPER, 3)[:6]
+    held = np.zeros((5, 3))
     with pytest.raises(UsageError, match="no engine"):
         rollout(PAPER, state, held, held, engine="cuda")
     with pytest.raises(UsageError, match="cannot be read there"):
@@ -235,11 +242,13 @@ def test_any_step_can_become_a_kernel(tmp_path):
     traced = record("windy", make, STATE_NAMES["car"], INPUT_NAMES["car"])
     path = compile_kernel(source([body(traced)]), Variant(64, False), tmp_path)
     numbers = {name: value(PAPER, name) for name in names(PAPER)} | {"dt": 0.01, "wind": 0.7}
-    state, held = driving(PAPER, 20), np.full((30, 20), 0.2)
+    state = driving(PAPER, 20)
+    held = np.full((30, 20), 0.2)
     got = call(library._load_function(path, "windy"), evaluate_coefficients(traced, numbers), state,
                held, held,
                [30], 1)[0]
-    step, wanted = make(numbers.__getitem__, ARRAY), tuple(state)
+    step = make(numbers.__getitem__, ARRAY)
+    wanted = tuple(state)
     for _ in range(30):
         wanted = step(*wanted, 0.2, 0.2)
     assert apart(got, np.array(wanted)) < 1e-12

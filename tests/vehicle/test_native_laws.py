@@ -32,7 +32,8 @@ KINEMATIC = replace(PAPER, kind="kinematic")
 
 def settle(p, throttle, delta, engine, seconds=5.0):
     """(v_x, v_y, omega) of n cars after driving with held inputs (n,)."""
-    samples, n = round(seconds * 100), len(delta)
+    samples = round(seconds * 100)
+    n = len(delta)
     start = np.zeros((6, n))
     start[3] = 1.2
     held = (np.repeat(u[None], samples, axis=0) for u in (throttle, delta))
@@ -45,7 +46,8 @@ def settle(p, throttle, delta, engine, seconds=5.0):
 def test_the_kinematic_circle_has_the_radius_of_geometry(engine, seed):
     """R = l / tan(delta) at the rear axle, whatever the speed."""
     draw = np.random.default_rng(seed)
-    delta, body = draw.uniform(0.02, 0.4, 30), KINEMATIC.body
+    delta = draw.uniform(0.02, 0.4, 30)
+    body = KINEMATIC.body
     vx, vy, om = settle(KINEMATIC, draw.uniform(0.2, 0.4, 30), delta, engine, seconds=0.5)
     assert vx / om == pytest.approx(body.wheelbase / np.tan(delta), rel=1e-12)
     assert vy / om == pytest.approx(np.full(30, body.l_r), rel=1e-12)
@@ -62,7 +64,9 @@ def test_the_circle_of_linear_tyres_is_that_of_the_understeer_gradient(engine, f
     """
     p = replace(PAPER, tyres=PaperTyres(front_D=100.0, front_C=0.05, front_B=front_b, front_E=0.0,
                                         rear_cornering_stiffness=55.0))
-    b, c_f, c_r = p.body, 100.0 * 0.05 * front_b, 55.0
+    b = p.body
+    c_f = 100.0 * 0.05 * front_b
+    c_r = 55.0
     gradient = b.mass / b.wheelbase * (b.l_r / c_f - b.l_f / c_r)
     assert math.copysign(1, gradient) == sign
     draw = np.random.default_rng(8)
@@ -90,11 +94,13 @@ LEFT_RIGHT = np.array([1, -1, -1, 1, -1, -1, 1, -1.0])[:, None]
 @pytest.mark.slow_except("*-native")
 def test_a_mirrored_drive_is_the_mirror_image(engine, p, seed):
     draw = np.random.default_rng(seed)
-    n, steps = 5, 60
+    n = 5
+    steps = 60
     start = np.stack([draw.uniform(*ab, n) for ab in
                       ((-1, 1), (-1, 1), (-3, 3), (0.8, 3), (-0.2, 0.2), (-2, 2), (0.2, 0.4),
                        (-0.5, 0.5))])
-    throttle, steering = draw.uniform(0.25, 0.4, (steps, n)), draw.uniform(-0.5, 0.5, (steps, n))
+    throttle = draw.uniform(0.25, 0.4, (steps, n))
+    steering = draw.uniform(-0.5, 0.5, (steps, n))
     there = car_rollout(p, start, throttle, steering, at=[steps], engine=engine)[0]
     mirrored = car_rollout(p, start * LEFT_RIGHT, throttle, -steering, at=[steps],
                            engine=engine)[0]
@@ -120,7 +126,8 @@ def energy(p, states):
 def test_without_throttle_energy_only_falls(engine, p, seed):
     """Forwards, backwards, sliding, with turned wheels."""
     draw = np.random.default_rng(seed)
-    n, samples = 20, 60
+    n = 20
+    samples = 60
     start = np.stack([np.zeros(n), np.zeros(n), draw.uniform(-3, 3, n), draw.uniform(-4, 4, n),
                       draw.uniform(-1, 1, n), draw.uniform(-8, 8, n)])
     held = np.zeros((samples, n)), np.repeat(draw.uniform(-0.4, 0.4, (1, n)), samples, axis=0)
@@ -160,7 +167,8 @@ COMMANDS = (0.35, -0.3)
 def test_casadi_floats_and_arrays_are_one_step(p, vx, vy, om, tau, s):
     casadi = pytest.importorskip("casadi")
     state = (*STATE[:3], vx, vy, om, *STATE[6:])
-    x, u = casadi.SX.sym("x", 8), casadi.SX.sym("u", 2)
+    x = casadi.SX.sym("x", 8)
+    u = casadi.SX.sym("u", 2)
     out = make_car_step(p, casadi, 0.01)(*casadi.vertsplit(x), *casadi.vertsplit(u))
     compiled = casadi.Function("step", [x, u], [casadi.vertcat(*out)])
     got = np.array(compiled(state, (tau, s))).ravel()
@@ -174,12 +182,15 @@ def test_casadi_floats_and_arrays_are_one_step(p, vx, vy, om, tau, s):
 def test_casadi_differentiates_a_step(p):
     """What an optimiser needs: the Jacobian, equal to differences of the float step."""
     casadi = pytest.importorskip("casadi")
-    x, u = casadi.SX.sym("x", 8), casadi.SX.sym("u", 2)
+    x = casadi.SX.sym("x", 8)
+    u = casadi.SX.sym("u", 2)
     out = casadi.vertcat(*make_car_step(p, casadi, 0.01)(*casadi.vertsplit(x),
                                                          *casadi.vertsplit(u)))
     jacobian = casadi.Function("j", [x, u], [casadi.jacobian(out, casadi.vertcat(x, u))])
     got = np.array(jacobian(STATE, COMMANDS))
-    step, base, h = make_car_step(p, math, 0.01), (*STATE, *COMMANDS), 1e-6
+    step = make_car_step(p, math, 0.01)
+    base = (*STATE, *COMMANDS)
+    h = 1e-6
     for i in range(10):
         high, low = ([v + sign * h * (k == i) for k, v in enumerate(base)] for sign in (1, -1))
         column = (np.array(step(*high)) - step(*low)) / (2 * h)

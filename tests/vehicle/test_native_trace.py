@@ -44,7 +44,8 @@ def test_the_graph_computes_the_step(p, kind, method):
 
 def test_equal_expressions_are_one_node():
     graph = Graph()
-    x, f = graph.symbol("x"), graph.namespace()
+    x = graph.symbol("x")
+    f = graph.namespace()
     assert (f.sin(x) * 2.0).index == (f.sin(x) * 2.0).index
     before = len(graph.nodes)
     assert (x + 0.0).index == (1.0 * x).index == (x - 0.0).index == (x / 1.0).index == x.index
@@ -124,6 +125,8 @@ def test_the_two_steps_agree_without_lag():
 @pytest.mark.parametrize("name", ["h", "real", "not a name"])
 def test_names_that_the_text_uses_itself_are_refused(name):
     graph = Graph()
-    x, u, v = graph.symbol(name), graph.symbol("u"), graph.symbol("v")
+    x = graph.symbol(name)
+    u = graph.symbol("u")
+    v = graph.symbol("v")
     with pytest.raises(ValueError, match="cannot be a name"):
         body(split("one", graph, (name,), ("u", "v"), ((x + u * v).index,)))

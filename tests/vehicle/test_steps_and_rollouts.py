@@ -62,7 +62,8 @@ def test_lags_follow_the_exponential_and_none_acts_at_once():
 @CARS
 def test_a_batch_is_many_single_cars(vehicle):
     rng = np.random.default_rng(3)
-    n, steps = 7, 40
+    n = 7
+    steps = 40
     start = np.vstack([rng.uniform(-1, 1, (3, n)), rng.uniform(0.3, 3, (1, n)),
                        rng.uniform(-0.2, 0.2, (2, n)), rng.uniform(0, 0.4, (1, n)),
                        rng.uniform(-1, 1, (1, n))])
@@ -94,7 +95,8 @@ def test_every_lane_may_be_another_vehicle():
 
 def test_rollout_reads_the_samples_asked_for():
     start = np.array([[0.0], [0.0], [0.2], [1.0], [0.0], [0.0]])
-    throttle, angle = np.full((20, 1), 0.3), np.full((20, 1), 0.1)
+    throttle = np.full((20, 1), 0.3)
+    angle = np.full((20, 1), 0.1)
     every = rollout(PAPER, start, throttle, angle)
     some = rollout(PAPER, start, throttle, angle, at=[0, 7, 20])
     np.testing.assert_array_equal(some, [start, every[6], every[19]])
@@ -131,7 +133,8 @@ def test_a_start_of_integers_is_not_cut_off(engine):
     """Integers in, real numbers out: 0.2 m are not 0."""
     start = np.zeros((6, 2), dtype=int)
     start[3] = 1
-    throttle, angle = np.full((20, 2), 0.3), np.full((20, 2), 0.1)
+    throttle = np.full((20, 2), 0.3)
+    angle = np.full((20, 2), 0.1)
     got = rollout(PAPER, start, throttle, angle, at=[20], engine=engine)
     assert got.dtype == np.float64
     np.testing.assert_allclose(got, rollout(PAPER, start.astype(float), throttle, angle, at=[20],
@@ -144,7 +147,8 @@ def test_a_start_of_integers_is_not_cut_off(engine):
     {"at": [1.5]}, {"at": [21]}, {"at": [-1]}])
 @pytest.mark.parametrize("engine", ["numpy", "auto"])
 def test_a_rollout_that_makes_no_sense_is_refused(engine, wrong):
-    start, inputs = np.zeros((6, 2)), np.zeros((20, 2))
+    start = np.zeros((6, 2))
+    inputs = np.zeros((20, 2))
     with pytest.raises(UsageError):
         rollout(PAPER, start, inputs, inputs, engine=engine, **wrong)
 

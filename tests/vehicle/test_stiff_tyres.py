@@ -17,14 +17,17 @@ DT = 2.5e-3
 SPEEDS = (0.05, 0.1, 0.2, 0.35, 0.65, 1.0, 2.0)
 STIFFNESS = (5.0, 20.0, 80.0, 200.0)
 """B of the magic formula [1/rad]: 5 is Zheng's car, 20 a MuSHR, 80 an F1TENTH, 200 the bound."""
-V_Y, OMEGA, PLACE = 4e-3, 0.012, 2e-3
+V_Y = 4e-3
+OMEGA = 0.012
+PLACE = 2e-3
 """m/s, rad/s, m within which a step and an eighth of it agree; a mocap shows 0.02, 0.1, 0.005."""
 
 
 def cars(seed: int = 0):
     """(stack of cars, start (6, n)): all speeds by all stiffnesses, sizes drawn."""
     rng = np.random.default_rng(seed)
-    vehicles, speeds = [], []
+    vehicles = []
+    speeds = []
     for speed in SPEEDS:
         for stiffness in STIFFNESS:
             wheelbase = rng.uniform(0.17, 0.4)

@@ -74,7 +74,8 @@ def test_published_slip_angles_turn_a_standing_car():
 @given(vy=st.floats(-0.5, 0.5), om=st.floats(-3.0, 3.0), delta=ANGLE)
 def test_no_jump_when_the_speed_changes_sign(vy, om, delta):
     acceleration = make_acceleration(PAPER)
-    before, after = acceleration(-1e-9, vy, om, 0.0, delta), acceleration(1e-9, vy, om, 0.0, delta)
+    before = acceleration(-1e-9, vy, om, 0.0, delta)
+    after = acceleration(1e-9, vy, om, 0.0, delta)
     assert after == pytest.approx(before, abs=1e-4)
 
 
@@ -110,7 +111,8 @@ def test_a_rolling_car_loses_energy(vehicle, delta):
 def test_arrays_give_what_floats_give():
     rng = np.random.default_rng(1)
     state = rng.uniform(-2.0, 2.0, (3, 50))
-    tau, delta = rng.uniform(-1, 1, 50), rng.uniform(-0.3, 0.3, 50)
+    tau = rng.uniform(-1, 1, 50)
+    delta = rng.uniform(-0.3, 0.3, 50)
     for vehicle in SETS.values():
         batch = np.array(make_acceleration(vehicle, ARRAY)(*state, tau, delta))
         one = make_acceleration(vehicle)
@@ -180,10 +182,14 @@ def test_gains_and_amplitudes_exchanged_give_the_printed_absurdity():
 
 @pytest.mark.parametrize("v", [1.0, 2.5])
 def test_linearised_it_is_the_a_and_b_of_the_docstring(v):
-    p, h = PAPER, 1e-6
+    p = PAPER
+    h = 1e-6
     accelerate, (front, rear) = make_acceleration(p), make_tyres(p.tyres, p.body)
     c_f, c_r = ((axle(h) - axle(-h)) / (2 * h) for axle in (front, rear))
-    m, i_z, l_f, l_r = p.body.mass, p.body.yaw_inertia, p.body.l_f, p.body.l_r
+    m = p.body.mass
+    i_z = p.body.yaw_inertia
+    l_f = p.body.l_f
+    l_r = p.body.l_r
     a_b = [[-(c_f + c_r) / (m * v), (l_r * c_r - l_f * c_f) / (m * v) - v, c_f / m],
            [(l_r * c_r - l_f * c_f) / (i_z * v), -(l_f**2 * c_f + l_r**2 * c_r) / (i_z * v),
             l_f * c_f / i_z]]

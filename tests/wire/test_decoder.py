@@ -66,7 +66,10 @@ def test_every_message_comes_back(message_values, seq):
 @given(damaged_streams(), st.lists(st.integers(1, 90), min_size=1, max_size=30))
 def test_cutting_the_stream_changes_nothing(stream, cuts):
     frames, counters = whole(stream)
-    decoder, got, at, i = Decoder(), [], 0, 0
+    decoder = Decoder()
+    got = []
+    at = 0
+    i = 0
     while at < len(stream):
         got += decoder.feed(stream[at:at + cuts[i % len(cuts)]])
         at += cuts[i % len(cuts)]
@@ -131,7 +134,8 @@ def test_kinds_of_damage_have_their_counter():
 
 
 def test_only_one_direction_is_accepted():
-    up, down = encode(STATE, 0, ZEROS), encode(BY_NAME["HEARTBEAT"], 0, [0] * 6)
+    up = encode(STATE, 0, ZEROS)
+    down = encode(BY_NAME["HEARTBEAT"], 0, [0] * 6)
     assert [f.message.name for f in Decoder(UP).feed(up + down)] == ["STATE"]
     assert [f.message.name for f in Decoder(DOWN).feed(up + down)] == ["HEARTBEAT"]
 
@@ -144,7 +148,10 @@ def test_another_definition_cannot_be_read(message):
     wire = encode(message, 0, values)
 
     class Other:
-        id, size, variable, struct = message.id, message.size, message.variable, message.struct
+        id = message.id
+        size = message.size
+        variable = message.variable
+        struct = message.struct
         seed = message.seed ^ 1
 
     assert Decoder([Other()]).feed(wire) == []
@@ -168,7 +175,8 @@ def test_changed_delimiter_is_repaired_for_every_pair():
 
 
 def test_repair_takes_both_checks():
-    a, b = encode(STATE, 1, PATTERN), encode(STATE, 2, PATTERN)
+    a = encode(STATE, 1, PATTERN)
+    b = encode(STATE, 2, PATTERN)
     for joined in (a[:-1] + b"\x07" + b[:20] + bytes([b[20] ^ 0x40]) + b[21:],
                    a[:20] + bytes([a[20] ^ 0x40]) + a[21:-1] + b"\x07" + b):
         frames, counters = whole(joined)

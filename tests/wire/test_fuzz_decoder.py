@@ -35,7 +35,9 @@ def hostile(rng, frames):
 
 def fed(stream, cut=None):
     """Frames and counters, in reads of ``cut()`` bytes; the memory is looked at after each."""
-    decoder, frames, at = Decoder(UP, Gates()), [], 0
+    decoder = Decoder(UP, Gates())
+    frames = []
+    at = 0
     while at < len(stream):
         size = cut() if cut else len(stream)
         frames += decoder.feed(stream[at:at + size])

@@ -31,7 +31,8 @@ def state(t, count, gyro=(0, 0, 0)):
 def test_layout_dict_and_record_agree(message):
     values = samples.random_values(message, Random(1))
     frame = Frame(message, 0, pack(message, values))
-    named, record = frame.as_dict(), frame.record()
+    named = frame.as_dict()
+    record = frame.record()
     assert list(named) == [f.name for f in message.fields]
     for name, at in layout(message.id).items():
         assert named[name] == frame.values()[at] == getattr(record, name)

@@ -51,7 +51,8 @@ def drive(seconds: float, seed: int = 0, boot: int = 1) -> list[bytes]:
 
     send(HELLO, PROTO, 0, SCHEMA, 0, 1, 0, 0, 0, 0xC0FFEE, boot, 1, 2, 0x1234, 20, 10, 0,
          TICKS_PER_SECOND, 0x5678)
-    count, rate = 0.0, 0.0
+    count = 0.0
+    rate = 0.0
     for i in range(round(seconds * 100)):
         t = (i + 20) * STATE_PERIOD & _WRAP
         rate = min(max(rate + rng.gauss(0, 30), 0), 1500)

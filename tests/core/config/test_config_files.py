@@ -44,7 +44,8 @@ quantity = st.builds(Quantity, finite, st.floats(0, 1e6), st.text(plain_letters,
 def maps(draw: st.DrawFn) -> SteeringTable:
     n = draw(st.integers(2, 12))
     steps = st.lists(st.floats(1e-3, 0.1), min_size=n, max_size=n)
-    sign, pulses = draw(st.sampled_from((1.0, -1.0))), accumulate(draw(steps), initial=10.0)
+    sign = draw(st.sampled_from((1.0, -1.0)))
+    pulses = accumulate(draw(steps), initial=10.0)
     angles = accumulate(draw(steps), initial=-0.6)
     return SteeringTable(pulse_us=tuple(100 * p for p in pulses),
                          angle_rad=tuple(sign * a for a in angles),

@@ -17,7 +17,8 @@ from dart_lab.diagnosis.evidence.onboard_drive import (
 from dart_lab.diagnosis.policy import USUAL
 from tests.diagnosis.onboard_files import evidence, made
 
-BEFORE, AFTER = (STATE_MESSAGES + 2) * ENCODER_MEAN_S, MESSAGES_AHEAD * ENCODER_MEAN_S
+BEFORE = (STATE_MESSAGES + 2) * ENCODER_MEAN_S
+AFTER = MESSAGES_AHEAD * ENCODER_MEAN_S
 
 
 def starts(drives):

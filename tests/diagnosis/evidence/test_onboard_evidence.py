@@ -15,7 +15,8 @@ from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
 from dart_lab.diagnosis.evidence.space import MessageTiming
 from tests.diagnosis.onboard_files import evidence, recorded
 
-ENCODER, GYRO = slice(0, None, 2), slice(1, None, 2)
+ENCODER = slice(0, None, 2)
+GYRO = slice(1, None, 2)
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,9 @@ import pytest
 from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.residuals import Residuals
 
-WINDOWS, COLUMNS, AGES = 400, 6, 0.025
+WINDOWS = 400
+COLUMNS = 6
+AGES = 0.025
 MOVED = slice(0, 2)
 """Columns that a command moves, in every fourth window."""
 
@@ -58,7 +60,8 @@ def test_where_all_commands_have_one_age_nothing_counts_less(whenever):
 def test_no_sensor_is_known_better_than_it_counts():
     """One without noise is off by half a step at most, in every reading the same."""
     rng = np.random.default_rng(3)
-    blocks, motion = (np.arange(WINDOWS), np.arange(WINDOWS)), np.zeros((0, 1))
+    blocks = (np.arange(WINDOWS), np.arange(WINDOWS))
+    motion = np.zeros((0, 1))
     still = estimate_noise(Residuals(motion, np.full((WINDOWS, 4), 1e-4)),
                            (blocks[0][:0], blocks[1]))
     step = np.array([np.radians(1.0 / 16.0), 0.01, 0.01])

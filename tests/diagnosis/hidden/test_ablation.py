@@ -30,7 +30,8 @@ def test_gate_is_off_inside_and_on_again_after(name):
 
 
 def test_gate_notes_that_it_acted_only_where_it_did():
-    small, large = Candidate(size=0.5), Candidate(size=1.0)
+    small = Candidate(size=0.5)
+    large = Candidate(size=1.0)
     acted = set()
     with ablation.watched(acted):
         assert not explain_failure("fit", large, USUAL)

@@ -35,13 +35,15 @@ def test_a_car_as_it_was_is_left_in_peace(seed, options, silent):
 def test_a_first_drive_that_starts_from_what_was_measured_knows_the_steering(tmp_path):
     """From data sheets its play of 0.0138 rad was taken for a lag of 17 ms."""
     any_car.calibrated("sim://?seed=1143&nano=mock", tmp_path)
-    run, model = tmp_path / "first.mcap", tmp_path / "model.toml"
+    run = tmp_path / "first.mcap"
+    model = tmp_path / "model.toml"
     any_car.drive("sim://?seed=1143&nano=mock", run, 80.0, np.random.default_rng([0, 7]),
                   cars=tmp_path)
     with pytest.raises(SystemExit) as ended:
         main(["diagnose", "--model", "measured", "--train", str(run), "--out", str(model)])
     assert ended.value.code == 0
-    p, true = find_model(model)[1], hidden_car(1143)
+    p = find_model(model)[1]
+    true = hidden_car(1143)
     play = next(e.values[0] for e in p.effects if e.name == "steering_backlash")
     assert play == pytest.approx(true.servo.backlash, abs=0.002)
     for key in ("a_left_rad", "a_right_rad"):

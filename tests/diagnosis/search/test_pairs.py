@@ -93,7 +93,8 @@ def test_a_promise_that_a_fit_does_not_keep_is_none():
 @pytest.mark.slow_except("[0-4]")
 def test_gains_of_two_are_those_of_bounded_least_squares(seed):
     rng = np.random.default_rng(seed)
-    d, r = rng.normal(size=(8, 4)), 2.0 * rng.normal(size=8)
+    d = rng.normal(size=(8, 4))
+    r = 2.0 * rng.normal(size=8)
     alone, both = pair_gains(d.T @ r, d.T @ d, 1.0)
 
     def exact(*some):

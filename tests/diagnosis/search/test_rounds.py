@@ -32,7 +32,8 @@ def point(seen):
 @pytest.fixture
 def rollouts(monkeypatch):
     """Names of what is rolled out."""
-    out, best = [], scanning.EffectScan.best_trial
+    out = []
+    best = scanning.EffectScan.best_trial
     monkeypatch.setattr(scanning.EffectScan, "best_trial", lambda self, name, *known: (
         out.append(name), best(self, name, *known))[1])
     return out
@@ -73,11 +74,13 @@ def test_a_cause_that_another_hid_is_rolled_out_again(rollouts):
 
 def test_a_best_size_that_was_tried_before_needs_no_ladder(seen, point, monkeypatch):
     """No less gain at about that size, from few rollouts; from lines that lie, by the ladder."""
-    tried, residuals = [], type(seen).residuals
+    tried = []
+    residuals = type(seen).residuals
     monkeypatch.setattr(type(seen), "residuals", lambda self, p, *at: (tried.append(p),
                                                                       residuals(self, p, *at))[1])
     first, = scan(seen, point, ["steering_lag"])
-    ladder, lines = len(tried), {"steering_lag": first.sweeps}
+    ladder = len(tried)
+    lines = {"steering_lag": first.sweeps}
     tried.clear()
     again, = scan(seen, point, ["steering_lag"], previous=lines)
     assert 0 < len(tried) < ladder

@@ -48,7 +48,8 @@ def test_a_drive_measures_what_it_was_suggested_for(told):
     assert suggested["motor"].enough
     after = {c.group: c for c in told(suggested["motor"].drive).claims}
     for name, promised in suggested["motor"].after.items():
-        was, found = before["motor"].quantities[name], after["motor"].quantities[name]
+        was = before["motor"].quantities[name]
+        found = after["motor"].quantities[name]
         assert promised < 0.5 * was.std
         assert found.std < 0.7 * was.std
         assert found.std < 2.5 * promised

@@ -62,7 +62,8 @@ def test_a_rival_that_is_the_truth_is_found_at_its_size_and_loses_nothing(questi
     evidence = setting.make_evidence([record(truth, rollouts.commands[0], SEP_24)])
     contest = DriveComparison([RecordingComparison(evidence, setting.noise, PAPER, truth, (), {},
                                                    LOG_TIMING)], PAPER)
-    same, other = contest.fit_confounder("grip"), contest.fit_confounder("quadratic_drag")
+    same = contest.fit_confounder("grip")
+    other = contest.fit_confounder("quadratic_drag")
     assert same.values["k"] == pytest.approx(-0.12, abs=0.005)
     assert same.separation < 0.3
     assert other.separation > 3.0

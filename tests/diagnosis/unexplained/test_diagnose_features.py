@@ -14,7 +14,9 @@ from dart_lab.diagnosis.evidence.drive import RecordedDrive
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS, message_features, window_features
 
-SPEED, RADIUS, N = 0.8, 2.0, 2000
+SPEED = 0.8
+RADIUS = 2.0
+N = 2000
 
 
 def circle(side: float = 1.0, steering: float = 0.4) -> RecordedDrive:
@@ -55,7 +57,8 @@ def test_a_circle_is_described_as_what_it_is(features, side):
 
 
 def test_rows_are_those_of_the_residuals_drive_by_drive():
-    left, right = circle(1.0), circle(-1.0)
+    left = circle(1.0)
+    right = circle(-1.0)
     evidence = Evidence([left, right], PAPER.body.l_r)
     windows, messages = (f(evidence, PAPER) for f in (window_features, message_features))
     residuals = evidence.residuals(PAPER)

@@ -57,7 +57,8 @@ def messages(seed, **how):
 def planted(of, channel, curve, share=0.25):
     """With ``share`` of the variance of a channel from a function of the features."""
     shape = curve(of.features)
-    y, i = of.y.copy(), of.channels.index(channel)
+    y = of.y.copy()
+    i = of.channels.index(channel)
     y[:, i] = (np.sqrt(1.0 - share) * y[:, i]
                + np.sqrt(share) * (shape - shape.mean()) / shape.std())
     return replace(of, y=y)
@@ -197,8 +198,10 @@ def test_same_seed_same_answer_and_too_little_says_nothing():
 
 def test_both_ways_to_turn_signs_say_the_same():
     draw = np.random.default_rng(2)
-    block, signs = np.repeat(np.arange(12), 5), draw.choice([-1.0, 1.0], (40, 12))
-    sums, fold = draw.standard_normal((2, 12, 3)), np.arange(12) % 4
+    block = np.repeat(np.arange(12), 5)
+    signs = draw.choice([-1.0, 1.0], (40, 12))
+    sums = draw.standard_normal((2, 12, 3))
+    fold = np.arange(12) % 4
     columns = draw.standard_normal((len(block), 3))
     grams = [columns[fold[block] == k].T @ columns[fold[block] == k] for k in range(4)]
     folds = [(a, np.linalg.inv(sum(grams) - a + np.eye(3)), fold == k)

@@ -36,7 +36,9 @@ def run(published):
 
 def erring(monkeypatch, seen, error):
     """What it is off, for the right model: ``error`` (n, c) and noise of 5 mm/s and 5 mrad/s."""
-    right, rng, residuals = seen.residuals(PAPER).motion, np.random.default_rng(3), seen.residuals
+    right = seen.residuals(PAPER).motion
+    rng = np.random.default_rng(3)
+    residuals = seen.residuals
     off = error + 0.005 * rng.normal(size=error.shape)
 
     def with_error(p, timing=NO_DELAY):

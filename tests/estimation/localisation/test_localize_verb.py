@@ -51,7 +51,8 @@ def test_a_simulated_car_is_found_and_its_error_told(capsys):
 @pytest.mark.slow
 def test_a_car_in_a_ros_map_and_its_recording(capsys, tmp_path):
     """The simulated room is the grid itself."""
-    chart, run = ros_map(tmp_path, room_of("room", 0).lines), tmp_path / "run.mcap"
+    chart = ros_map(tmp_path, room_of("room", 0).lines)
+    run = tmp_path / "run.mcap"
     url = f"sim://?seed=0&nano=mock&lidar=1&map={chart}"
     code, found = told(capsys, "--url", url, "--map", chart, "--duration", 3.0, "--speed", 1,
                        "--steering", 0.3, "--record", run, *WAIVED)

@@ -14,7 +14,8 @@ from dart_lab.sim.lidar.maps import room_of
 def scan_of(seed):
     """Map, points of a noisy scan with a tenth of them anywhere, and a start 3 cm and 1 deg aside.
     """
-    room, rng = room_of("room", seed), np.random.default_rng(seed)
+    room = room_of("room", seed)
+    rng = np.random.default_rng(seed)
     turn = np.linspace(0.0, 2.0 * np.pi, 606, endpoint=False)
     direction = np.column_stack((np.cos(turn), np.sin(turn)))
     x, y, _ = room.start
@@ -32,7 +33,8 @@ def test_the_kernel_says_what_numpy_says(small):
         pytest.skip("no C compiler")
     for seed in range(8):
         given = scan_of(seed)
-        want, got = matcher.match_numpy(*given, small), by_c(*given, small)
+        want = matcher.match_numpy(*given, small)
+        got = by_c(*given, small)
         assert got.pose == pytest.approx(want.pose, abs=1e-9)
         assert got.info == pytest.approx(want.info, rel=1e-6, abs=1e-3)
         assert np.hypot(*(want.pose[:2] - given[3][:2])) > 0.01

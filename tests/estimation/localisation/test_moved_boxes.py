@@ -73,7 +73,8 @@ def test_the_pose_that_is_judged_is_the_one_that_is_told():
     """The match of these scans explains 95 % of them, at the right place: 0.7 to 0.4 m from what
     the filter makes of it."""
     d = drive(7107, hidden(7107))
-    local, t = _warmed(d, 426), float(d.scans[426].t[-1]) - 0.01
+    local = _warmed(d, 426)
+    t = float(d.scans[426].t[-1]) - 0.01
     local.belief = start_belief(t, d.true(t) + np.array((-0.084, 0.774, 0.439)))
     told = []
     for before, scan in pairwise(d.scans[426:430]):
@@ -100,7 +101,8 @@ def test_a_car_is_found_in_a_room_whose_boxes_have_all_moved():
     found = run(d, localiser=Localiser(d.chart))
     assert found.off.max() < 0.03
     assert 4.0 < found.t[0] - d.t[0] < 6.0
-    d, other = drive(5208, hidden(5208, seconds=31.0)), map_of_lines(room_of("room", 6208).lines)
+    d = drive(5208, hidden(5208, seconds=31.0))
+    other = map_of_lines(room_of("room", 6208).lines)
     beams = _warmed(d, 41)._beams(d.scans[41])
     alike = search(other, beams.points, beams.rays, beams.origin)
     assert alike.fits

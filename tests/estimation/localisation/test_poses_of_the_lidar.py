@@ -37,7 +37,8 @@ def far(a, b):
 def test_a_car_knows_its_place_by_its_lidar_alone(tmp_path):
     """Searched, tracked, fused, recorded; a replay tells the same."""
     backend = open_backend(URL)
-    room, world = room_of_car(backend), world_of(backend)
+    room = room_of_car(backend)
+    world = world_of(backend)
     x0, y0, yaw0 = room.start
     run = tmp_path / "run.mcap"
     source = LidarPoses(map_of_lines(room.lines))
@@ -46,7 +47,8 @@ def test_a_car_knows_its_place_by_its_lidar_alone(tmp_path):
         for state in car.states(duration=2.5):
             car.drive_speed(steering=0.3, speed=1.0)
     x, y, _ = world.poses(np.array([state.t]))[0]
-    c, s = np.cos(yaw0), np.sin(yaw0)
+    c = np.cos(yaw0)
+    s = np.sin(yaw0)
     seen = state.external
     assert seen.tracking is Tracking.TRACKING
     at = seen.estimate.pose
@@ -90,7 +92,8 @@ def test_a_source_that_makes_no_sense_is_refused(text):
 def looked(lines, at=(2.0, 1.5, 0.4)):
     """Points and rays of a standing car without noise."""
     turn = np.linspace(-np.pi, np.pi, 606, endpoint=False)
-    origin, ahead = np.tile(at[:2], (606, 1)), at[2] + turn
+    origin = np.tile(at[:2], (606, 1))
+    ahead = at[2] + turn
     r = fastest_cast()(lines, origin, np.column_stack((np.cos(ahead), np.sin(ahead))))
     points = (r[:, None] * np.column_stack((np.cos(turn), np.sin(turn))))[r < 10.0]
     return points, points, np.zeros_like(points)
@@ -109,14 +112,17 @@ def test_a_bare_rectangle_is_ambiguous_and_a_room_is_not():
 
 def test_three_bad_scans_are_a_loss_and_two_are_none():
     judge = TrackJudge(0.95)
-    good, bad = Agreement(0.9, 0.0), Agreement(0.3, 0.1)
+    good = Agreement(0.9, 0.0)
+    bad = Agreement(0.3, 0.1)
     assert [judge.add(a) for a in (bad, bad, good, bad, bad)] == [Status.TRACKING] * 5
     assert judge.add(bad) is Status.LOST
 
 
 def test_a_known_map_grows_stale_but_a_searched_one_was_another_rooms():
-    told, searched = TrackJudge(0.95), TrackJudge(0.8, Agreement(0.8, 0.0))
-    much, half = Agreement(0.65, 0.0), Agreement(0.5, 0.0)
+    told = TrackJudge(0.95)
+    searched = TrackJudge(0.8, Agreement(0.8, 0.0))
+    much = Agreement(0.65, 0.0)
+    half = Agreement(0.5, 0.0)
     assert {told.add(much) for _ in range(60)} == {Status.TRACKING, Status.MAP_STALE}
     assert told.add(half) is Status.MAP_STALE  # the threshold is lower there
     assert Status.LOST in [searched.add(much) for _ in range(PROBATION_SCANS)]
@@ -142,7 +148,8 @@ def quiet_drive():
 def test_beside_the_loop_of_a_real_car_the_same_poses_come():
     d = drive(2003, hidden(2003, seconds=3.0))
     start = tuple(d.true(float(d.scans[0].t[-1]) - 0.01).tolist())
-    inline, threaded = LidarPoses(d.chart, start), LidarPoses(d.chart, start)
+    inline = LidarPoses(d.chart, start)
+    threaded = LidarPoses(d.chart, start)
     threaded.start_thread()
     for source in (inline, threaded):
         k = 0
@@ -152,7 +159,9 @@ def test_beside_the_loop_of_a_real_car_the_same_poses_come():
                           zip(d.t[k:n], d.told[k:n].tolist(), strict=True)])
             source.add(scan)
             k = n
-    want, got, end = inline.poll(9.0), [], time.monotonic() + 10.0
+    want = inline.poll(9.0)
+    got = []
+    end = time.monotonic() + 10.0
     while len(got) < len(want) and time.monotonic() < end:
         got += threaded.poll(9.0)
         time.sleep(0.01)

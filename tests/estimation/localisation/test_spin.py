@@ -33,8 +33,10 @@ def test_a_slip_of_a_few_tenths_is_felt():
 
 def test_an_imu_off_the_axle_is_no_spin_in_turns():
     """0.1 m at 4 rad/s feels 1.6 m/s2; the control is a turn that is not told."""
-    rate, lever = 4.0 * np.sin(0.02 * np.arange(600)), 0.1
-    spin, blind = SpinDetector(), SpinDetector()
+    rate = 4.0 * np.sin(0.02 * np.arange(600))
+    lever = 0.1
+    spin = SpinDetector()
+    blind = SpinDetector()
     assert not any(spin.update(0.02, 0.01, -lever * w * w, 0.01 * w) for w in rate)
     assert any(blind.update(0.02, 0.01, -lever * w * w) for w in rate)
     assert spin._lever == pytest.approx(lever, abs=0.02)

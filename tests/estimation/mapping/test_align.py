@@ -10,7 +10,8 @@ from dart_hal.estimation.mapping.align import align_points
 
 def test_turn_shift_and_size_are_found():
     true = np.random.default_rng(1).uniform(-3.0, 3.0, (50, 2))
-    c, s = np.cos(0.4), np.sin(0.4)
+    c = np.cos(0.4)
+    s = np.sin(0.4)
     points = (true - (1.0, -2.0)) @ np.array(((c, -s), (s, c)))
     found = align_points(points, true)
     assert (found.turn, found.size) == pytest.approx((0.4, 1.0))

@@ -12,7 +12,8 @@ INFO = np.diag(1.0 / STD**2)
 
 
 def test_between_and_onto_are_inverse():
-    a, step = np.array((1.0, -2.0, 3.0)), np.array((0.3, 0.1, 0.5))
+    a = np.array((1.0, -2.0, 3.0))
+    step = np.array((0.3, 0.1, 0.5))
     assert relative_pose(a, compose_pose(a, step)) == pytest.approx(step)
 
 
@@ -35,9 +36,11 @@ def test_what_a_straight_is_short_of_a_closure_is_shared_by_its_steps():
 
 @pytest.mark.parametrize("lies", [False, True])
 def test_a_loop_is_closed_and_a_closure_that_lies_is_not_believed(lies):
-    rng, turn = np.random.default_rng(3), np.linspace(0.0, 4.0 * np.pi, 200)
+    rng = np.random.default_rng(3)
+    turn = np.linspace(0.0, 4.0 * np.pi, 200)
     true = np.column_stack((3.0 * np.sin(turn), 3.0 - 3.0 * np.cos(turn), turn))
-    poses, edges = [true[0]], []
+    poses = [true[0]]
+    edges = []
     for a in range(199):
         noise = STD * rng.normal(size=3)
         edges.append(Edge(a, a + 1, relative_pose(true[a], true[a + 1]) + noise, INFO))

@@ -36,11 +36,15 @@ def test_a_beam_passes_the_cells_before_its_end_and_not_the_last_ten_centimetres
 @pytest.mark.parametrize("turn", [0.0, 0.5 * np.pi, 0.25 * np.pi, 0.4])
 def test_a_wall_in_noise_is_thinned_to_a_cell_or_two(turn):
     rng = np.random.default_rng(1)
-    along, off = rng.uniform(-0.8, 0.8, 8000), 0.015 * rng.normal(size=8000)
-    c, s = np.cos(turn), np.sin(turn)
-    x, y = c * along - s * off, s * along + c * off
+    along = rng.uniform(-0.8, 0.8, 8000)
+    off = 0.015 * rng.normal(size=8000)
+    c = np.cos(turn)
+    s = np.sin(turn)
+    x = c * along - s * off
+    y = s * along + c * off
     hits, _, _ = np.histogram2d(y, x, bins=100, range=((-1.0, 1.0), (-1.0, 1.0)))
-    thick, thin = hits > 0.0, thin_walls(hits, 0.02)
+    thick = hits > 0.0
+    thin = thin_walls(hits, 0.02)
     j, i = np.nonzero(thin)
     away = np.abs(c * (0.02 * j - 0.99) - s * (0.02 * i - 0.99))
     assert (away < 0.02).mean() > 0.98
@@ -76,7 +80,8 @@ def test_points_on_both_sides_of_a_wall_give_lines_on_it():
     points = np.column_stack((rng.uniform(0.0, 2.0, 4000), 0.5 + 0.015 * rng.normal(size=4000)))
     lines = lines_of_points(points)
     inside = (lines[:, 0] > 0.1) & (lines[:, 2] < 1.9)
-    off, noise = np.abs(lines[inside][:, (1, 3)] - 0.5).mean(), np.abs(points[:, 1] - 0.5).mean()
+    off = np.abs(lines[inside][:, (1, 3)] - 0.5).mean()
+    noise = np.abs(points[:, 1] - 0.5).mean()
     assert off < 0.3 * noise
     d, _, _ = chart_of_points(points).look(np.array((1.0, 1.0)), np.array((0.8, 0.5)))
     assert d == pytest.approx((0.3, 0.0), abs=0.013)  # half a cell of the field

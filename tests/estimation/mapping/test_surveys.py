@@ -26,7 +26,8 @@ def test_a_car_of_hidden_errors_maps_what_it_sees_in_six_seconds():
 def test_a_room_is_mapped_and_the_car_finds_itself_in_the_file():
     d = drive(6000, hidden(6000))
     survey = mapped(d)
-    placed, grid = placed_on(survey, d), written(grid_of(survey))
+    placed = placed_on(survey, d)
+    grid = written(grid_of(survey))
     off, which = walls(grid, placed, d.lines)
     assert np.median(off[outer(d)[which]]) < 0.01
     assert (off > 0.02).mean() < 0.02

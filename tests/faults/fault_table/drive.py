@@ -117,7 +117,8 @@ class Drive:
 
     def run(self, seconds: float, command: Command | None = None) -> list[State]:
         """Live on for so long, also through a lost link; States seen."""
-        end, seen = self.now + seconds, []
+        end = self.now + seconds
+        seen = []
         while self.now < end - 0.005:
             with suppress(LinkLost):
                 for state in self.car.states(duration=end - self.now, timeout=0.05):
@@ -154,7 +155,8 @@ class Drive:
 
     def silence(self, seconds: float = NEVER) -> float:
         """The line carries nothing, either way, from now on."""
-        link, now = self.backend.link, self.now
+        link = self.backend.link
+        now = self.now
         for line in (link._up, link._down):
             line.faults = LineFaults(silence=[(now, now + seconds)])
         return now

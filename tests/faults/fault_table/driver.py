@@ -81,7 +81,9 @@ def main(url: str, name: str, cars: str, how: str) -> None:
 
     with Car.open(url, car=name, cars=cars or None, raise_on_trip=False) as car:
         threading.Thread(target=listen, daemon=True).start()
-        driven, done, told = 0, False, False
+        driven = 0
+        done = False
+        told = False
         deadline = time.monotonic() + PATIENCE
         with suppress(LinkLost):
             for _ in car.states(duration=ESC_STARTS, timeout=20.0):

@@ -26,7 +26,8 @@ LOOK = 10.0
 def stopped(nano: str, loss: float) -> Callable[[Bench], Measured]:
     """Last driving pulse after a STOP through a room that loses frames; the program drives on."""
     def measure(bench: Bench) -> Measured:
-        worst, told = 0.0, 0
+        worst = 0.0
+        told = 0
         for seed in range(12 if bench.full else 2):
             drive = bench.drive(nano=nano)
             room = f"local://fault-{nano}-{loss}-{seed}?loss={loss}&seed={seed}"
@@ -42,7 +43,8 @@ def stopped(nano: str, loss: float) -> Callable[[Bench], Measured]:
                     car.drive(throttle=0.4)
 
                 drive.run(1.0, both)
-                worst, told = max(worst, drive.last_wrong(at)), told + len(call.confirmed_cars)
+                worst = max(worst, drive.last_wrong(at))
+                told = told + len(call.confirmed_cars)
         return Measured(worst, f"{told} answered, then {drive.car.mode}")
     return measure
 
@@ -57,7 +59,8 @@ def unwatched(nano: str) -> Callable[[Bench], Measured]:
             drive.car.on_state(lambda state: station.watch() if alive else None)
             alive = True
             drive.driving()
-            alive, at = False, drive.now
+            alive = False
+            at = drive.now
             drive.run(1.5, forward(0.4))
             return Measured(drive.last_wrong(at), drive.car.mode)
     return measure

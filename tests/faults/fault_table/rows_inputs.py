@@ -42,7 +42,8 @@ def since(drive: Drive, at: float) -> Measured:
 def by_hand(drive: Drive, source: Manual, write: Callable[[bytes], object], feed: Feed) -> float:
     """Drive by ``source`` as the verb does while ``feed`` writes; the time of the last report."""
     drive.armed()
-    start, reports = drive.now, [drive.now]
+    start = drive.now
+    reports = [drive.now]
 
     def each(state: State) -> None:
         data = feed(drive.now - start)
@@ -126,7 +127,8 @@ def page(hold: Callable[[float], messages.Drive | None]) -> Callable[[Bench], Me
         list(desk.open_page("page"))
         drive.armed()
         desk.handle_message("page", messages.Take("right"))
-        start, last = drive.now, drive.now + DRIVES_S
+        start = drive.now
+        last = drive.now + DRIVES_S
 
         def each(state: State) -> None:
             age = drive.now - last
@@ -169,10 +171,12 @@ class Topics:
 def silent_topic(silent: str, resumes: float = SILENT_S) -> Callable[[Bench], Measured]:
     """A publisher of ``silent`` (or all) ends; after ``resumes`` s its messages come again."""
     def measure(bench: Bench) -> Measured:
-        drive, topics = bench.drive(), Topics()
+        drive = bench.drive()
+        topics = Topics()
         bridge = Bridge(drive.car, 1, topics, lambda text: None, lambda: drive.now)
         drive.armed()
-        start, last = drive.now, dict.fromkeys(("safety_value", "throttle_1", "all"), drive.now)
+        start = drive.now
+        last = dict.fromkeys(("safety_value", "throttle_1", "all"), drive.now)
 
         def each(state: State) -> None:
             t = drive.now - start

@@ -134,7 +134,8 @@ def torn(bench: Bench) -> Measured:
     from firmware_rig import FLAG, eeprom_image
 
     whole = eeprom_image(edges_per_rev_a=18)
-    wrong, boots = 0, 0
+    wrong = 0
+    boots = 0
     for at in range(0xA0, 0xA0 + 40, 1 if bench.full else 3):
         image = bytearray(whole)
         image[at] ^= 0x04
@@ -169,7 +170,8 @@ def flood(bench: Bench) -> Measured:
     rig = bench.rig()
     rig.run(0.5)
     noise = bytes((i * 37 + 11) % 255 + 1 for i in range(940)) + b"\0"
-    nonce, oldest = rig.hello()["boot_nonce"], 0
+    nonce = rig.hello()["boot_nonce"]
+    oldest = 0
     for n in range(100):
         rig.send("HEARTBEAT", arm_token=nonce)
         rig.nano.write(noise)

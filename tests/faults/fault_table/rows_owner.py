@@ -35,7 +35,8 @@ def second_port(bench: Bench) -> Measured:
     """Programs that get the port beside the one that has it; the holder is named."""
     with bench.stand() as stand:
         driver = stand.driver()
-        got, told = 0, ""
+        got = 0
+        told = ""
         try:
             Car.open(stand.url, car=stand.name, cars=stand.cars).close()
             got = 1
@@ -51,7 +52,8 @@ def two_drivers(bench: Bench) -> Measured:
     with bench.stand() as one, bench.stand() as other:
         driver = one.driver()
         url = other.url.partition("?")[0] + "?" + one.url.partition("?")[2]
-        got, told = 0, ""
+        got = 0
+        told = ""
         try:
             Car.open(url, car=one.name, cars=one.cars).close()
             got = 1
@@ -142,7 +144,9 @@ def stranger(bench: Bench) -> Measured:
         writeto(address, data)
         readfrom(address, into)
 
-    backend.bus.writeto, backend.bus.readfrom_into = writeto, readfrom  # type: ignore[union-attr]
+    # type: ignore[union-attr]
+    backend.bus.writeto = writeto
+    backend.bus.readfrom_into = readfrom
     backend.bus.writeto_then_readfrom = both  # type: ignore[union-attr]
     told = ""
     try:
@@ -155,7 +159,8 @@ def stranger(bench: Bench) -> Measured:
 def after_crash(bench: Bench) -> Measured:
     """Pulses above neutral after the first word of a new process to a chip left at throttle."""
     drive = bench.drive().driving()
-    bus, clock = drive.backend.bus, drive.backend.clock
+    bus = drive.backend.bus
+    clock = drive.backend.clock
     clock.sleep(0.2)
     drive.pulses.clear()
     at = drive.now
@@ -169,7 +174,8 @@ def after_crash(bench: Bench) -> Measured:
 
 def refused(bench: Bench) -> Measured:
     """Cars that arm although they must not, or do not say the reason."""
-    silent, told = 0, []
+    silent = 0
+    told = []
     for name, spoil in SPOILS.items():
         with Drive(bench.folder, brief=bench.brief) as drive:
             drive.run(drive.settling + 0.3)
@@ -290,7 +296,8 @@ def neighbours(bench: Bench) -> Measured:
     """Two cars, two guards, one driver killed: idle pulses of the other, driving ones of it."""
     for attempt in range(1, TRIES + 1):
         with bench.stand() as one, bench.stand() as other:
-            killed, lives = one.driver(), other.driver()
+            killed = one.driver()
+            lives = other.driver()
             time.sleep(0.3)
             at = time.monotonic()
             killed.process.kill()

@@ -165,7 +165,8 @@ def wild_speeds(bench: Bench) -> Measured:
 def refused(bench: Bench, values: dict[str, Any], command: Callable[[Car, Any], object],
             ) -> Measured:
     """ms until neutral after ``command`` with each of the values; it must raise, but for 1.5."""
-    worst, told = 0.0, []
+    worst = 0.0
+    told = []
     for name, value in values.items():
         with Drive(bench.folder, brief=bench.brief) as drive:
             drive.driving()

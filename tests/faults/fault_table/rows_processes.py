@@ -95,7 +95,8 @@ def watched(do: Do, how: str = "wait", options: str = "", nano: str = "mock",
                 at = do(stand, driver)
                 time.sleep(AFTER)
                 last = stand.last_wrong(at)
-                spoilt, drove = stand.stalled(at - 0.05, at + 0.3), stand.drove(at)
+                spoilt = stand.stalled(at - 0.05, at + 0.3)
+                drove = stand.drove(at)
             if drove and not spoilt:
                 break
         assert drove, "the machine is too busy: the car tripped before the fault"

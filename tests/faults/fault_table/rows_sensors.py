@@ -39,7 +39,9 @@ def believed(nano: str, text: str) -> Callable[[Bench], Measured]:
         start = drive.world.truth(before.t).yaw
         drive.fail(text)
         seen = drive.run(2.0, circle())
-        wrong, worst, valid = 0, 0.0, 0
+        wrong = 0
+        worst = 0.0
+        valid = 0
         for state in seen:
             if state.yaw_rate is None:
                 continue
@@ -59,7 +61,8 @@ def wrong_bit(every: int, run: int) -> Callable[[Bench], Measured]:
     def measure(bench: Bench) -> Measured:
         drive = bench.drive(brief=False).armed()  # the stated deviation shrinks while it is at rest
         frames = drive.car._engine.telemetry._frames
-        read, count = frames.read, 0
+        read = frames.read
+        count = 0
 
         def flipped(values: Sequence[int], t_arrival: float) -> Sample:
             nonlocal count
@@ -248,11 +251,14 @@ def missing_mark(bench: Bench) -> Measured:
 
     fractions = [1.12 if n % 2 else 0.88 for n in range(10)]
     metres = 0.00412918
-    edges, position = [], 0.0
+    edges = []
+    position = 0.0
     for n in range(6000):
         position += metres * fractions[n % 10]
         edges.append(position)
-    estimator, errors, k = WheelSpeed(metres, 10, learnt(fractions)), [], 0
+    estimator = WheelSpeed(metres, 10, learnt(fractions))
+    errors = []
+    k = 0
     for frame in range(1, 1000):
         now = frame * 0.01
         while edges[k] < now:

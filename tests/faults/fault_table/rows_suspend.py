@@ -26,8 +26,11 @@ class StoodStill:
         self.drive = drive
         self.missed = self.woke = 0.0
         backend = drive.backend
-        clock, link = backend.clock, backend.link
-        now, read, self._sleep = clock.now, link.read, clock.sleep
+        clock = backend.clock
+        link = backend.link
+        now = clock.now
+        read = link.read
+        self._sleep = clock.sleep
 
         def read_late(timeout: float) -> Chunk | None:
             chunk = read(timeout)

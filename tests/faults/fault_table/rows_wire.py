@@ -17,7 +17,8 @@ from dart_lab.sim.faults import LineFaults
 from fault_table.bench import Bench
 from fault_table.row import Measured, Row, case
 
-MILLION, SAMPLE = 1_000_000, 12_000
+MILLION = 1_000_000
+SAMPLE = 12_000
 FRAMES = samples.drive(2.0, seed=3)
 SENT = {(f.seq, f.payload) for f in Decoder(UP).feed(b"".join(FRAMES))}
 ONE_BYTE = ("changed", "dropped", "doubled")
@@ -28,7 +29,8 @@ def wrong(names: tuple[str, ...], bench: Bench) -> Measured:
     """Frames accepted that were never sent; each hurt frame between two good ones."""
     trials = MILLION if bench.full else SAMPLE
     states = [f for f in FRAMES if len(f) == STATE.wire_size]
-    rng, count = Random(2), 0
+    rng = Random(2)
+    count = 0
     for trial in range(trials):
         at = rng.randrange(1, len(states) - 1)
         hurt = samples.SMALL_FAULTS[names[trial % len(names)]](states[at], rng)
@@ -42,7 +44,9 @@ def flips(bits: int, gates: bool) -> Callable[[Bench], Measured]:
     def measure(bench: Bench) -> Measured:
         trials = 400_000 if bench.full else SAMPLE
         states = [f for f in FRAMES if len(f) == STATE.wire_size]
-        rng, fault, count = Random(4), samples.flip_bits(bits), 0
+        rng = Random(4)
+        fault = samples.flip_bits(bits)
+        count = 0
         for _ in range(trials):
             at = rng.randrange(1, len(states) - 1)
             decoder = Decoder(UP, Gates() if gates else None)
@@ -54,7 +58,9 @@ def flips(bits: int, gates: bool) -> Callable[[Bench], Measured]:
 
 def lost(names: tuple[str, ...], bench: Bench) -> Measured:
     """Frames lost to one fault, the worst; one more is allowed where a delimiter is gone."""
-    rng, worst, at_delimiter = Random(8), 0, 0
+    rng = Random(8)
+    worst = 0
+    at_delimiter = 0
     for trial in range(60_000 if bench.full else 3_000):
         at = rng.randrange(1, len(FRAMES) - 3)
         hurt = samples.SMALL_FAULTS[names[trial % len(names)]](FRAMES[at], rng)
@@ -68,7 +74,9 @@ def lost(names: tuple[str, ...], bench: Bench) -> Measured:
 
 def counted(bench: Bench) -> Measured:
     """Frames missing but not counted, over a stream with bursts of 8 B and holes of 20 B."""
-    rng, stream, whole = Random(5), b"", 0
+    rng = Random(5)
+    stream = b""
+    whole = 0
     frames = samples.drive(60.0 if bench.full else 20.0, seed=9)
     for frame in frames:
         roll = rng.random()
@@ -87,8 +95,11 @@ def counted(bench: Bench) -> Measured:
 
 def wraps(bench: Bench) -> Measured:
     """Largest glitch over every wrap: device time (35.8 min), edge count, stamp [edges, 10 ms]."""
-    reader, glitch, before = FrameReader(), 0.0, None
-    edges_per_frame, start = 60_000, 2**32 - 10 * TICKS_PER_SECOND
+    reader = FrameReader()
+    glitch = 0.0
+    before = None
+    edges_per_frame = 60_000
+    start = 2**32 - 10 * TICKS_PER_SECOND
     for k in range(4000):
         t = (start + k * TICKS_PER_SECOND // 100) % 2**32
         count = (2**32 - 1_000_000 + k * edges_per_frame) % 2**32

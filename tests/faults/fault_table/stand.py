@@ -25,7 +25,8 @@ from fault_table.row import NEVER
 HERE = Path(__file__).parent
 PATIENCE = 60.0
 """s within which a car drives, on a busy machine, too, where a late frame disarms it again."""
-NEUTRAL_US, SLACK_US = 1500.0, 5.0
+NEUTRAL_US = 1500.0
+SLACK_US = 5.0
 COUNT_US = 122 / 25.0
 FAVOURED = -10
 """Niceness of the car's processes: what else a busy machine does is no fault of theirs."""
@@ -165,7 +166,9 @@ class PtyStand(Stand):
             assert self.process.stderr is not None
             raise AssertionError(self.process.stderr.read()[-400:])
         said = json.loads(told)
-        self.url, self.name, self.port = said["url"], said["car"], said["port"]
+        self.url = said["url"]
+        self.name = said["car"]
+        self.port = said["port"]
         self.cars = str(self.folder / "cars")
 
     def order(self, word: str) -> float:

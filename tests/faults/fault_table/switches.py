@@ -33,14 +33,17 @@ def nothing(*_: Any, **__: Any) -> None:
     """Stands where a layer did something."""
 
 
-_ADVANCE, _READ, _CAUSES = FrameReader._advance, BlockReader.read, Driver._causes
+_ADVANCE = FrameReader._advance
+_READ = BlockReader.read
+_CAUSES = Driver._causes
 _LEFT: WeakKeyDictionary[BlockReader, int] = WeakKeyDictionary()
 
 
 class NoGuard:
     """Looks like a guard that is well, and is not there."""
 
-    age, tripped = 0.0, False
+    age = 0.0
+    tripped = False
 
     def __init__(self, *_: Any) -> None:
         self.ready = self.beat = self.close = nothing
@@ -121,7 +124,9 @@ def endless(*asked: Any) -> limits.Pulses:
 
 def pleased(test: CutoffTest, came: bool, now: float) -> None:
     """Whatever came, the cut-off cuts."""
-    test._requested_at, test.outcome, test.done = None, "passed", True
+    test._requested_at = None
+    test.outcome = "passed"
+    test.done = True
 
 
 def deaf(driver: Driver, now: float) -> list[str]:

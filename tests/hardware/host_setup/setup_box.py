@@ -28,8 +28,11 @@ class Box:
     """
 
     def __init__(self, folder: Path, *, board: str = "NVIDIA Jetson Nano Developer Kit") -> None:
-        self.folder, self.root, self.home = folder, folder / "system", folder / "home"
-        self.checkout, self.state = folder / "checkout", folder / "state"
+        self.folder = folder
+        self.root = folder / "system"
+        self.home = folder / "home"
+        self.checkout = folder / "checkout"
+        self.state = folder / "state"
         self._copy_checkout()
         for path in (self.root / "dev", self.home, self.state):
             path.mkdir(parents=True)

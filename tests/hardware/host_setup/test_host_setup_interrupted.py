@@ -39,7 +39,8 @@ def every(step: int, folder: Path, first: int = 1, broken: Change | None = None)
     if broken:
         box.change(*broken)
     box.run()
-    calls, whole = len(box.calls), box.tree()
+    calls = len(box.calls)
+    whole = box.tree()
     cuts = range(first, calls + 1, step)
     for at in cuts:
         interrupted(folder, whole, at, broken)

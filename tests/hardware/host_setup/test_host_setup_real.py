@@ -44,7 +44,8 @@ def box(tmp_path: Path) -> Box:
 
 @pytest.mark.long
 def test_from_nothing_to_a_doctor_that_is_content(box: Box) -> None:
-    script, uv = ROOT / "host" / "setup" / "setup.sh", real_uv()
+    script = ROOT / "host" / "setup" / "setup.sh"
+    uv = real_uv()
     done = box.run("--uv", uv, "--car", "mine", script=script, timeout=900, **network())
     assert done.returncode == 0, done.stdout + done.stderr
     program = box.root / "usr/local/bin/dart-hal"

@@ -49,7 +49,8 @@ def test_a_driver_that_leaves_owes_a_second_neutral_first_and_then_off() -> None
     watch.see(4711)
     assert not watch.due(0.0), "nothing while somebody drives"
     watch.see(None)
-    written, now = [], 1.0
+    written = []
+    now = 1.0
     while watch.due(now):
         written.append(watch.switches_off)
         watch.wrote(True, now)

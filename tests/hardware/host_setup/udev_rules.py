@@ -57,7 +57,8 @@ def parse(text: str) -> list[list[Word]]:
 
 
 def _rule(line: str) -> list[Word]:
-    words, at = [], 0
+    words = []
+    at = 0
     while at < len(line.rstrip()):
         found = TOKEN.match(line, at)
         if found is None:

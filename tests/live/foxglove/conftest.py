@@ -22,7 +22,9 @@ class Client:
     """What Foxglove does: reads what is advertised, subscribes, publishes."""
 
     def __init__(self, socket):
-        self.socket, self.channels, self.said = socket, {}, []
+        self.socket = socket
+        self.channels = {}
+        self.said = []
         self.info = json.loads(socket.recv(timeout=5))
         self.read_channels()
 
@@ -52,7 +54,8 @@ class Client:
 
     def hear(self, seconds):
         """Data messages that come in so many s, each with when it came."""
-        heard, end = [], time.monotonic() + seconds
+        heard = []
+        end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
             try:
                 data = self.take(self.socket.recv(timeout=left))
@@ -83,7 +86,10 @@ class Driven:
     """A car whose States a thread takes, as a program would; ``late``: the longest gap [s]."""
 
     def __init__(self, car, server):
-        self.car, self.server, self.late, self.count = car, server, 0.0, 0
+        self.car = car
+        self.server = server
+        self.late = 0.0
+        self.count = 0
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -92,7 +98,9 @@ class Driven:
         last = time.monotonic()
         for _ in limit_to_real_time(self.car.states()):
             now = time.monotonic()
-            self.late, last, self.count = max(self.late, now - last), now, self.count + 1
+            self.late = max(self.late, now - last)
+            last = now
+            self.count = self.count + 1
             if self._end.is_set():
                 return
 

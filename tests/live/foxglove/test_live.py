@@ -96,7 +96,8 @@ def junk(rng):
 
 @pytest.mark.slow
 def test_fuzzed_messages_are_answered_and_harm_nobody(shown):
-    rng, count = random.Random(1), 400
+    rng = random.Random(1)
+    count = 400
     with shown.client() as other, shown.client() as client:
         other.subscribe("/odom")
         for _ in range(count):

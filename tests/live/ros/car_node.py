@@ -25,7 +25,9 @@ from dart_lab.sim.truth import world_of
 def main(out, url="sim://?nano=mock&seed=1&mocap=1&pace=1"):
     node = Ros1("dart_hal_1")
     backend = open_backend(url)
-    pulses, said, speeds = [], [], []
+    pulses = []
+    said = []
+    speeds = []
     world = world_of(backend)
     world.watchers.append(lambda channel, pulse: pulses.append(
         (time.time(), (pulse[1] - pulse[0]) * 1e6)) if channel == 1 else None)

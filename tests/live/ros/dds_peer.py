@@ -24,7 +24,8 @@ def main(count):
     readers = {topic: DataReader(domain, Topic(domain, topic, kind), qos=RELIABLE)
                for topic, kind in TOPICS.items()}
     throttle = DataWriter(domain, Topic(domain, HEARD, Float32), qos=RELIABLE)
-    heard, end = {topic: [] for topic in TOPICS}, time.monotonic() + 20.0
+    heard = {topic: [] for topic in TOPICS}
+    end = time.monotonic() + 20.0
     while sum(map(len, heard.values())) < count and time.monotonic() < end:
         throttle.write(Float32(0.25))
         for topic, reader in readers.items():

@@ -19,15 +19,21 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Float32, Float32MultiArray
 from tf2_msgs.msg import TFMessage
 
-SPEED, ANGLE = 1.0, 0.2
-DRIVES, SETTLED, AFTER = 7.0, 4.0, 1.5
+SPEED = 1.0
+ANGLE = 0.2
+DRIVES = 7.0
+SETTLED = 4.0
+AFTER = 1.5
 """s of a drive, of it until its speed is looked at, and of silence."""
 
 
 class Driver:
     def __init__(self, own):
         self.said_go = 0.0
-        self.own, self.samples, self.counts, self.newest = own, [], {}, {}
+        self.own = own
+        self.samples = []
+        self.counts = {}
+        self.newest = {}
         for topic, kind in (("odom_1", Odometry), ("/tf", TFMessage), ("vx_1", Float32),
                             ("arduino_data_1", Float32MultiArray),
                             ("vicon/jetracer1", PoseWithCovarianceStamped)):

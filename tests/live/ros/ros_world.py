@@ -103,7 +103,8 @@ class RosWorld(ExitStack):
         """
         commands = {f"/{name}" for name in ("safety_value", "steering_1", "throttle_1")}
         for _ in range(5):
-            pins, seen = self.folder / "pins.json", self.folder / "seen.json"
+            pins = self.folder / "pins.json"
+            seen = self.folder / "seen.json"
             driver = self.start(HERE / "driver_node.py", mode, seen)
             until(lambda: commands <= self.published_topics(), 30.0)
             assert commands <= self.published_topics(), self.published_topics()

@@ -41,7 +41,8 @@ def keeps(topic, value):
     return each
 
 
-WITHOUT_SAFETY, WITHOUT_THROTTLE = keeps("throttle_1", 0.25), keeps("safety_value", 1.0)
+WITHOUT_SAFETY = keeps("throttle_1", 0.25)
+WITHOUT_THROTTLE = keeps("safety_value", 1.0)
 
 
 @pytest.mark.slow_except("safety")

@@ -92,7 +92,8 @@ def test_topics_of_ros_2_go_to_another_process_and_come_from_it(payloads, monkey
     for topic, sent in payloads.items():
         for data in sent:
             writers[topic].write(TOPICS[topic].deserialize(data))
-    commands, heard = Commands(), []
+    commands = Commands()
+    heard = []
     until(lambda: heard.extend(throttle.take(N=10)) or heard)
     commands.throttle(heard[0].data, 1.0)
     assert commands.upstream_inputs(1.0) == (0.0, 0.25, 0.0)

@@ -20,7 +20,10 @@ class ToyNode:
     """Keeps the bytes of what is published."""
 
     def __init__(self, name, store):
-        self.name, self.store, self.sent, self.heard = name, store, {}, {}
+        self.name = name
+        self.store = store
+        self.sent = {}
+        self.heard = {}
 
     def create_subscription(self, kind, topic, callback, depth):
         self.heard[topic] = (kind, callback, depth)
@@ -34,17 +37,22 @@ class ToyNode:
 @pytest.fixture
 def rclpy(monkeypatch):
     class_of, store = classes_of("ROS2_HUMBLE")
-    rclpy, signals = ModuleType("rclpy"), ModuleType("rclpy.signals")
+    rclpy = ModuleType("rclpy")
+    signals = ModuleType("rclpy.signals")
     signals.SignalHandlerOptions = SimpleNamespace(NO="no")
     state = SimpleNamespace(up=False, options=None)
 
     def init(signal_handler_options):
-        state.up, state.options = True, signal_handler_options
+        state.up = True
+        state.options = signal_handler_options
 
-    rclpy.init, rclpy.ok, rclpy.spin = init, lambda: state.up, lambda node: None
+    rclpy.init = init
+    rclpy.ok = lambda: state.up
+    rclpy.spin = lambda node: None
     rclpy.create_node = lambda name: ToyNode(name, store)
     rclpy.try_shutdown = lambda: setattr(state, "up", False)
-    rclpy.state, rclpy.store = state, store
+    rclpy.state = state
+    rclpy.store = store
     for name, module in (("rclpy", rclpy), ("rclpy.signals", signals)):
         monkeypatch.setitem(sys.modules, name, module)
     for package in ("std_msgs", "geometry_msgs", "nav_msgs", "tf2_msgs", "builtin_interfaces"):
@@ -70,7 +78,8 @@ def test_what_is_published_is_the_cdr_of_ros_2(rclpy):
 
 
 def test_what_is_heard_is_the_number_and_the_end_is_seen(rclpy):
-    node, heard = Ros2("dart_hal_1"), []
+    node = Ros2("dart_hal_1")
+    heard = []
     node.subscribe("throttle_1", heard.append)
     _, callback, depth = node._node.heard["throttle_1"]
     callback(rclpy.store.deserialize_cdr(bytes.fromhex("00010000" "0000803e"),

@@ -69,7 +69,8 @@ def test_every_sample_is_told(driven):
 
 def test_the_simulators_topics_are_the_motion_of_the_centre_of_mass(driven):
     vx, vy, omega = (driven.ros.last(f"{name}_3").fields["data"] for name in ("vx", "vy", "omega"))
-    state, l_r = driven.states[-1], driven.car.files.config.geometry.l_r
+    state = driven.states[-1]
+    l_r = driven.car.files.config.geometry.l_r
     assert (vx, omega) == (state.speed, state.yaw_rate)
     assert vy == pytest.approx(omega * l_r)
     assert vy / vx == pytest.approx(tan(state.applied.steering) * l_r / 0.175, rel=0.3)

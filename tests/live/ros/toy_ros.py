@@ -14,7 +14,10 @@ class ToyRos:
     """``say(topic, value)``: somebody publishes; ``published``: (topic, message)."""
 
     def __init__(self):
-        self.heard, self.advertised, self.published, self.is_closed = {}, {}, [], False
+        self.heard = {}
+        self.advertised = {}
+        self.published = []
+        self.is_closed = False
 
     def subscribe(self, topic, heard):
         self.heard[topic] = heard

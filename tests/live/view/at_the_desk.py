@@ -11,7 +11,8 @@ from dart_lab.live.view.access import Access
 from dart_lab.live.view.desk import Desk
 from dart_lab.sim.truth import world_of
 
-NEUTRAL_US, NEAR_US = 1500.0, 5.0
+NEUTRAL_US = 1500.0
+NEAR_US = 5.0
 TOKEN = "right"
 ON_THE_WAY = 0.03
 """s that the page's newest news is old when its command arrives."""
@@ -29,7 +30,9 @@ class AtTheDesk:
     def __init__(self, seed=1, drives=True, url=None, **options):
         backend = open_backend(url or f"sim://?nano=mock&seed={seed}")
         self.world = world_of(backend)
-        self.pulses, self.modes, self.told = [], [], []
+        self.pulses = []
+        self.modes = []
+        self.told = []
         self.world.watchers.append(
             lambda channel, pulse: self.pulses.append(pulse) if channel == 1 else None)
         self.car = Car.over(backend, raise_on_trip=False)

@@ -12,7 +12,8 @@ from selenium.webdriver.chrome.service import Service  # noqa: E402 - after the 
 
 FLAGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
          "--disable-background-networking", "--disable-component-update", "--disable-sync")
-DESK, PHONE = (1280, 800), (390, 844)
+DESK = (1280, 800)
+PHONE = (390, 844)
 
 
 class Browser:

@@ -19,7 +19,8 @@ class Junk:
 
     def draw(self):
         draw = self._random
-        kind, text = draw.randrange(6), draw.choice(RIGHT)
+        kind = draw.randrange(6)
+        text = draw.choice(RIGHT)
         at = draw.randrange(len(text))
         return (draw.randbytes(draw.randrange(400)), "[" * draw.randrange(900), "x" * 70_000,
                 text[:at] + chr(draw.randrange(32, 500)) + text[at + 1:], text[:at], text)[kind]

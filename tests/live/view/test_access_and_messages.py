@@ -52,7 +52,8 @@ ACTS = ("take", "leave", "release", "drive", "stop", "armed", "wanted")
 def test_whatever_is_said_only_the_driver_is_obeyed_and_not_for_long(steps):
     """A reference that keeps no state but the last command of the page that holds the wheel."""
     one = Operator(Access(1, token="t"))
-    now, last = 10.0, None
+    now = 10.0
+    last = None
     for what, page, old, later in steps:
         now += later
         try:

@@ -56,7 +56,8 @@ def test_a_page_that_hangs_drives_no_longer(browsers):
 
 def test_anybody_stops_it_and_says_so_to_all(browsers):
     with live_page() as (car, page):
-        one, other = browsers(), browsers()
+        one = browsers()
+        other = browsers()
         one.open(page.urls[0])
         other.open(page.urls[0].partition("#")[0], PHONE)
         drives_off(one, page, car, watcher=other)

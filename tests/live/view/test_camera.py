@@ -92,7 +92,8 @@ def test_pages_that_ask_for_images_and_read_none_delay_nobody():
                         % page.access.port)
             stalled.append(one)
         with join(page) as one:
-            rows, begun = 0, time.monotonic()
+            rows = 0
+            begun = time.monotonic()
             while time.monotonic() < begun + 2.0:
                 message = until(one, "rows")
                 rows += len(message["rows"])

@@ -227,7 +227,8 @@ def test_who_drives_leaves_while_it_arms():
 
 
 def test_whatever_another_page_sends_who_drives_drives_on():
-    junk, understood = Junk(3), []
+    junk = Junk(3)
+    understood = []
 
     def each(at):
         at.hold()

@@ -26,7 +26,10 @@ class Watcher(threading.Thread):
 
     def __init__(self):
         super().__init__(daemon=True)
-        self.served, self.page, self.begin, self.pulses = threading.Event(), b"", {}, []
+        self.served = threading.Event()
+        self.page = b""
+        self.begin = {}
+        self.pulses = []
         self.pressed, self.heard, self.news = 0.0, 0.0, threading.Event()
 
     def serve(self, car):
@@ -64,7 +67,8 @@ class Watcher(threading.Thread):
 def stopped(monkeypatch, tmp_path, capsys):
     """(whoever pressed STOP, exit code, what was printed), once the verb has ended."""
     def run(stop=Desk._stop):
-        script, watcher = tmp_path / "bend.py", Watcher()
+        script = tmp_path / "bend.py"
+        watcher = Watcher()
         script.write_text(SCRIPT)
         monkeypatch.setattr(Car, "view", lambda car: watcher.serve(car))
         monkeypatch.setattr(Desk, "_stop", watcher.hears(stop))

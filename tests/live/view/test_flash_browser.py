@@ -174,7 +174,8 @@ def test_a_port_that_is_busy_or_not_chosen(page, kind, relay, present):
 
 def test_another_file_and_one_that_is_none(page, old, monkeypatch, tmp_path):
     with nano_of(*old, monkeypatch) as nano, page(Relay(nano)) as one:
-        bad, other = tmp_path / "bad.hex", tmp_path / "other.hex"
+        bad = tmp_path / "bad.hex"
+        other = tmp_path / "other.hex"
         bad.write_text(PREBUILT.read_text()[:400])
         other.write_text(":02000000FECF31\n:00000001FF\n")
         one["file"].send_keys(str(bad))

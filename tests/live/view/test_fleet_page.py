@@ -28,7 +28,8 @@ class Watched:
         self.pins = Pins(room)
         self.station = Station(room, now=lambda: self.pins.fleet.cars[0].now)
         self.desk = FleetDesk([self.station])
-        self.states, self.said = [], []
+        self.states = []
+        self.said = []
         self.count = 0
 
     def look(self):

@@ -16,7 +16,9 @@ from dart_lab.live.view import messages as m
 from dart_lab.live.view.fleet_desk import FleetDesk
 
 ROOM = "udp://239.255.42.97:7451?via=127.0.0.1"
-FOUND, RED, STOPPED = 5.0, 1.0, 0.3
+FOUND = 5.0
+RED = 1.0
+STOPPED = 0.3
 """s: the figures that are promised."""
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
@@ -27,7 +29,8 @@ class Programs(ExitStack):
     def __init__(self, folder):
         super().__init__()
         self.out = [folder / f"{n}.json" for n in range(2)]
-        self.processes, self.cars = [], {}
+        self.processes = []
+        self.cars = {}
 
     def __enter__(self):
         for n, out in enumerate(self.out):
@@ -90,7 +93,8 @@ def test_stop_all_is_at_the_pins_of_cars_whose_programs_drive_on(programs):
 def test_a_page_that_comes_later_finds_all_and_one_that_is_killed_is_lost(programs):
     programs.all_drive()
     with Station(ROOM) as station:
-        programs.desk, programs.cars = FleetDesk([station]), {}
+        programs.desk = FleetDesk([station])
+        programs.cars = {}
         assert programs.until(lambda cars: len(cars) == 4, 10.0) <= FOUND
         programs.processes[1].kill()
         assert programs.until(lambda cars: "lost" in cars.values(), 5.0) <= RED

@@ -31,7 +31,9 @@ EXTENT = COUNT.replace("let n = 0;", "let n = 0, box = [1e9, -1e9, 1e9, -1e9];")
     "n++;", "{ const x = (i / 4) % c.width, y = Math.floor(i / 4 / c.width);"
     " box = [Math.min(box[0], x), Math.max(box[1], x), Math.min(box[2], y), Math.max(box[3], y)];"
     " n++; }").replace("return n;", "return n ? [box[1] - box[0], box[3] - box[2]] : [0, 0];")
-ORANGE, INK, QUIET = (0xD5, 0x5E, 0x00), (0x1B, 0x22, 0x2C), (0x5B, 0x66, 0x75)
+ORANGE = (0xD5, 0x5E, 0x00)
+INK = (0x1B, 0x22, 0x2C)
+QUIET = (0x5B, 0x66, 0x75)
 URL = "sim://?nano=mock&pace=1&lidar=1&map=room&seed=2"
 
 

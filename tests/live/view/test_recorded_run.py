@@ -20,7 +20,8 @@ import recorded_run  # noqa: E402 - beside the handbook
 
 MOST = 300_000
 """Bytes of the run."""
-LAP, RESTS = 22.92, 2.0
+LAP = 22.92
+RESTS = 2.0
 """m, and of way until it rests."""
 
 

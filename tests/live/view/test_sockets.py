@@ -94,7 +94,9 @@ def test_a_page_that_does_not_read_is_sent_away_and_delays_nobody(monkeypatch, c
     monkeypatch.setattr(server, "MAX_WAITING_BYTES", 2_000)
     with live_page(drives=False) as (_, page), join(page) as stalled, join(page) as other:
         stalled.socket.setsockopt(SOL_SOCKET, SO_RCVBUF, 2048)  # little fits on the way
-        began, gaps, last = time.monotonic(), [], time.monotonic()
+        began = time.monotonic()
+        gaps = []
+        last = time.monotonic()
         while time.monotonic() - began < 15.0 and "does not read" not in caplog.text:
             until(other, "rows")
             gaps.append(time.monotonic() - last)
@@ -147,7 +149,9 @@ def test_whatever_pages_send_nobody_gets_control_and_others_are_served():
     were closed."""
     junk = Junk(7)
     with live_page() as (car, page), join(page) as good, ExitStack() as opened:
-        other, sent, closed = opened.enter_context(join(page)), 0, 0
+        other = opened.enter_context(join(page))
+        sent = 0
+        closed = 0
         ends = time.monotonic() + 30.0
         while (sent < 200 or closed < 3) and time.monotonic() < ends:
             sent += 1
@@ -157,7 +161,8 @@ def test_whatever_pages_send_nobody_gets_control_and_others_are_served():
                     while True:  # a client that reads nothing sees no end either
                         other.recv(timeout=0)
             except ConnectionClosed:
-                other, closed = opened.enter_context(join(page)), closed + 1
+                other = opened.enter_context(join(page))
+                closed = closed + 1
         assert closed >= 3, "who is too loud is sent away"
         until(good, "rows", where=lambda m: m["rows"])
         assert until(good, "status")["driven"] is False

@@ -88,7 +88,8 @@ def not_stopped(browser, count):
 
 def counted(monkeypatch, owner, method):
     """How often a method is called: returns what tells it."""
-    calls, real = [], getattr(owner, method)
+    calls = []
+    real = getattr(owner, method)
 
     def call(*args):
         calls.append(args)

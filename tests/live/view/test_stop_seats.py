@@ -137,7 +137,9 @@ def test_control_a_driver_that_is_no_exception_loses_the_wheel(monkeypatch):
 def test_a_flood_of_sockets_replaces_few_pages_a_second():
     with live_page() as (_, page), ExitStack() as stack:
         strangers(page, stack)
-        began, came, refused = time.monotonic(), 0, 0
+        began = time.monotonic()
+        came = 0
+        refused = 0
         while refused < 60:
             try:
                 stack.enter_context(join(page))

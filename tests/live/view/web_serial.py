@@ -67,8 +67,13 @@ class Relay:
     """
 
     def __init__(self, nano, *, up=bytes, down=bytes, deaf=False, pulled_after=float("inf")):
-        self.nano, self.up, self.down, self.deaf = nano, up, down, deaf
-        self.left, self.dtr, self.speeds = pulled_after, True, []
+        self.nano = nano
+        self.up = up
+        self.down = down
+        self.deaf = deaf
+        self.left = pulled_after
+        self.dtr = True
+        self.speeds = []
         self._one = threading.Lock()
 
     def __call__(self, socket):

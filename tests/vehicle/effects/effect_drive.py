@@ -61,7 +61,8 @@ def sensed(q, states, t):
     delta = make_steering(q.steering, np)(s)
     k0, k1 = make_motor_gains(q.motor, np)(tau)
     rates = make_dynamic(q, np)(eta, vx, vy, om, k0, k1, 0.0, np.cos(delta), np.sin(delta))
-    a_x, a_y = rates[3] - om * vy, rates[4] + om * vx
+    a_x = rates[3] - om * vy
+    a_y = rates[4] + om * vx
     now = Now(t, vx, vy, om, eta, a_x, a_y, rates[5],
               k0 - k1 * vx + make_friction(q.friction, np)(vx), np.cumsum(vx) * DT / PER_TURN)
     true = {"wheel": vx, "gyro": om, "accel": (a_x, a_y), "pose": (x, y, eta)}

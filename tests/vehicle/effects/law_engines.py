@@ -173,7 +173,8 @@ def evaluate_series_in_lanes(of, law):
     heavier = replace(car, body=replace(car.body, mass=car.body.mass + 0.5))
     both = stack([add_effects(car, (activate(of, law.values),)),
                   add_effects(heavier, (activate(of, {}),))])
-    results, changes = {}, [0.0]
+    results = {}
+    changes = [0.0]
     for channel in law.expected:
         series = _series(law, channel)
         out = np.array(transform_signal(both, channel, series, _now(law, _length(series)), DT))

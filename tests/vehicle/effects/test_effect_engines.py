@@ -101,7 +101,8 @@ def test_rollouts_with_actuators_have_them_too():
     commands = np.full((30, 1), 0.3), np.full((30, 1), 0.5)
     got = car_rollout(p, start, *commands, engine="numpy")[-1, :, 0]
     q = replace(PAPER, delay=replace(PAPER.delay, steering_lag_s=0.1))
-    step, state = make_car_step(apply(q, "yaw_damping", k=0.02), math, 0.01), start[:, 0].tolist()
+    step = make_car_step(apply(q, "yaw_damping", k=0.02), math, 0.01)
+    state = start[:, 0].tolist()
     for _ in range(30):
         state = step(*state, 0.3, 0.5)
     assert got == pytest.approx(state, abs=1e-12)
@@ -111,7 +112,8 @@ def test_accelerations_have_effects_of_both_kinds():
     x = (1.5, 0.05, 1.0, 0.3, 0.2)
     p = add_effects(PAPER, [activate(find_effect("yaw_damping"), {"k": 0.02}),
                          activate(find_effect("yaw_inertia"), {"k": 0.5})])
-    bare, got = make_acceleration(PAPER)(*x), make_acceleration(p)(*x)
+    bare = make_acceleration(PAPER)(*x)
+    got = make_acceleration(p)(*x)
     moment = PAPER.body.yaw_inertia * bare[2] - 0.02 * x[2]
     assert got[2] == pytest.approx(moment / (1.5 * PAPER.body.yaw_inertia), rel=1e-12)
 

@@ -133,7 +133,8 @@ def test_at_medium_size_it_shows_in_ten_seconds(name, base_drive):
 def test_all_at_once_is_still_a_car(base_drive):
     one = add_effects(PAPER, (activate(e, medium(e, 0)) for e in catalogue().values()))
     other = add_effects(PAPER, (activate(e, medium(e, 0)) for e in reversed(catalogue().values())))
-    got, same = drive(one), drive(other)
+    got = drive(one)
+    same = drive(other)
     for channel, signal in got.items():
         assert np.isfinite(signal).all()
         assert np.array_equal(signal, same[channel])
@@ -144,7 +145,8 @@ def test_all_at_once_is_still_a_car(base_drive):
 @pytest.mark.parametrize("car", CARS)
 def test_any_two_compose_in_any_order(car):
     """Finite, equal whichever was named first, and equal to the one alone where the other is 0."""
-    x, p = states()[:, :8], CARS[car]
+    x = states()[:, :8]
+    p = CARS[car]
     some = {n: activate(e, medium(e)) for n, e in catalogue().items()}
     for a, b in combinations(NAMES, 2):
         both = add_effects(p, (some[a], some[b]))
@@ -184,7 +186,9 @@ def test_a_car_at_rest_without_commands_stays_at_rest(name):
     """Only a slope, and what shifts the zero of a command, moves it."""
     p = apply(replace(PAPER, steering=replace(PAPER.steering, s0=0.0)), name,
               **medium(find_effect(name), 2))
-    step, state = make_car_step(p, math, 0.0025), (0.0,) * 8    # tyres at rest are stiff
+    # tyres at rest are stiff
+    step = make_car_step(p, math, 0.0025)
+    state = (0.0,) * 8
     for _ in range(200):
         state = step(*state, 0.0, 0.0)
     if name.startswith("road_slope"):
@@ -198,7 +202,8 @@ def test_a_car_at_rest_without_commands_stays_at_rest(name):
 def test_compliance_solves_its_own_equation(k, car):
     """F = front(delta - k F), forwards: against a bisection."""
     p = CARS[car]
-    front, slip = make_tyres(p.tyres, p.body)[0], make_slip(p.body, math, p.slip)
+    front = make_tyres(p.tyres, p.body)[0]
+    slip = make_slip(p.body, math, p.slip)
     share = 0.02 if p.slip == "all_speeds" else 0.05    # upstream's slip is bent up to 1 m/s
     for vx, vy, om, delta in ((1.5, 0.05, 1.0, 0.25), (2.5, -0.1, -2.0, -0.3), (1, 0, 0, 0.01)):
         def excess(turned, vx=vx, vy=vy, om=om, delta=delta):
@@ -220,9 +225,11 @@ def test_compliance_solves_its_own_equation(k, car):
 
 @pytest.mark.parametrize("car", CARS)
 def test_compliance_in_reverse_adds_slip_and_no_more_than_it_says(car):
-    p, draw = CARS[car], np.random.default_rng(6)
+    p = CARS[car]
+    draw = np.random.default_rng(6)
     vx, vy, om, delta = draw.uniform([-3, -1, -6, -0.5], [3, 1, 6, 0.5], (20000, 4)).T
-    cd, sd = np.cos(delta), np.sin(delta)
+    cd = np.cos(delta)
+    sd = np.sin(delta)
     alpha = make_slip(p.body, np, p.slip)(vx, vy, om, cd, sd)[0]
     q = Forces(0.0, vx, vy, om, cd, sd, alpha, alpha, 0.0, 0.0,
                make_tyres(p.tyres, p.body, np)[0](alpha), 0.0, 0.0, 0.0, 0.0)

@@ -110,7 +110,8 @@ def test_without_effects_the_very_same_arrays_come_back():
 @pytest.mark.parametrize("seconds", [0.0, 0.01, 0.03, 0.0125, 0.5, 9.0])
 def test_a_delay_is_one_between_samples_too(seconds):
     t = np.arange(200) * DT
-    line, got = 3.0 * t + 1.0, delay_series(3.0 * t + 1.0, seconds, DT)
+    line = 3.0 * t + 1.0
+    got = delay_series(3.0 * t + 1.0, seconds, DT)
     assert got == pytest.approx(np.maximum(line - 3.0 * seconds, 1.0), abs=1e-12)
     assert seconds or np.array_equal(got, line)
 

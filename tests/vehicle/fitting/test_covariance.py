@@ -16,7 +16,8 @@ def mean_of(y, robust=None):
 
 def test_independent_residuals_give_the_textbook_error_of_a_line():
     """s^2 (X'X)^-1 with n - 2 degrees of freedom: with five samples n would be 40 % less."""
-    t, y = np.arange(5.0), np.array([1.0, 3.5, 4.0, 7.5, 8.0])
+    t = np.arange(5.0)
+    y = np.array([1.0, 3.5, 4.0, 7.5, 8.0])
     s = least_squares(lambda x: x[0] + x[1] * t - y, [0.0, 0.0], ([-99, -99], [99, 99]))
     design = np.stack([np.ones(5), t], axis=1)
     value, rest = np.linalg.lstsq(design, y, rcond=None)[:2]
@@ -28,7 +29,8 @@ def test_independent_residuals_give_the_textbook_error_of_a_line():
 def test_blocks_count_as_one_sample_each():
     """Three blocks of 50 equal samples: the error of a mean of three numbers, not of 150."""
     level = np.array([1.0, 2.0, 6.0])
-    y, block = np.repeat(level, 50), np.repeat(np.arange(3), 50)
+    y = np.repeat(level, 50)
+    block = np.repeat(np.arange(3), 50)
     s = mean_of(y)
     assert block_covariance(s, block)[0, 0] == pytest.approx(level.var(ddof=1) / 3, rel=1e-6)
     assert plain_covariance(s)[0, 0] < 0.05 * block_covariance(s, block)[0, 0]
@@ -37,10 +39,12 @@ def test_blocks_count_as_one_sample_each():
 @pytest.mark.parametrize("far", [1e2, 1e4])
 def test_a_wild_sample_moves_neither_value_nor_error_when_it_is_held_down(far):
     rng = np.random.default_rng(2)
-    y, block = rng.normal(5.0, 0.1, 200), np.arange(200) // 10
+    y = rng.normal(5.0, 0.1, 200)
+    block = np.arange(200) // 10
     wild = y.copy()
     wild[7] = far
-    clean, held = mean_of(y, robust=0.2), mean_of(wild, robust=0.2)
+    clean = mean_of(y, robust=0.2)
+    held = mean_of(wild, robust=0.2)
     assert held.weight[7] < 0.01 < 0.5 < held.weight[:7].min()
     assert abs(held.x[0] - clean.x[0]) < 0.003
     error, usual = (np.sqrt(block_covariance(s, block)[0, 0]) for s in (held, clean))
@@ -63,9 +67,11 @@ def test_a_prior_of_one_parameter_leaves_the_others_to_the_data():
 def test_a_fit_of_many_parameters_counts_them():
     """Of 24 blocks 8 parameters are fitted: B / (B - p) of the scatter, not B / (B - 1)."""
     rng = np.random.default_rng(5)
-    found, plain = [], []
+    found = []
+    plain = []
     for _ in range(40):
-        design, noise = rng.normal(size=(240, 8)), rng.normal(size=240)
+        design = rng.normal(size=(240, 8))
+        noise = rng.normal(size=240)
         x = np.linalg.lstsq(design, noise, rcond=None)[0]
         s = Solution(x, design @ x - noise, design, np.ones(240), True, np.zeros(8, dtype=bool))
         block = np.repeat(np.arange(24), 10)

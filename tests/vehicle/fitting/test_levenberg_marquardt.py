@@ -23,7 +23,8 @@ def test_every_slope_at_the_end_points_out_of_the_box(seed, n, pinned):
     rng = np.random.default_rng(seed)
     a = rng.normal(size=(n + 2, n)) * 10.0**rng.uniform(-2.0, 2.0, n)
     a[:, -1] = a[:, 0] + 1e-3 * rng.normal(size=n + 2)  # two that nearly do the same
-    normal, slope = a.T @ a + 1e-6 * np.eye(n), 10.0 * rng.normal(size=n)
+    normal = a.T @ a + 1e-6 * np.eye(n)
+    slope = 10.0 * rng.normal(size=n)
     low, high = (sign * rng.uniform(size=n) * (rng.random(n) >= pinned) for sign in (-1.0, 1.0))
     move = solve_box_quadratic(normal, slope, low, high)
     assert ((low <= move) & (move <= high)).all()
@@ -34,7 +35,8 @@ def test_every_slope_at_the_end_points_out_of_the_box(seed, n, pinned):
 
 def held(normal, slope, low, high):
     """What is tempting: the free minimum, and whatever leaves the box stays at its edge."""
-    move, free = np.zeros(len(slope)), np.ones(len(slope), dtype=bool)
+    move = np.zeros(len(slope))
+    free = np.ones(len(slope), dtype=bool)
     while free.any():
         rest = slope[free] + normal[np.ix_(free, ~free)] @ move[~free]
         move[free] = -np.linalg.solve(normal[np.ix_(free, free)], rest)
@@ -55,7 +57,8 @@ def test_to_hold_whatever_leaves_the_box_ends_above_the_beginning():
 
 
 def test_without_a_bound_it_is_the_newton_step():
-    normal, slope = np.array([[2.0, 0.5], [0.5, 1.0]]), np.array([1.0, -3.0])
+    normal = np.array([[2.0, 0.5], [0.5, 1.0]])
+    slope = np.array([1.0, -3.0])
     far = np.full(2, 1e9)
     newton = -np.linalg.solve(normal, slope)
     assert solve_box_quadratic(normal, slope, -far, far) == pytest.approx(newton)
@@ -73,7 +76,8 @@ def test_no_step_goes_further_than_its_slope_is_believed(reach, ends):
 def test_slopes_are_kept_while_steps_gain_what_they_promise(bend):
     """The same bottom as with slopes of every step, from fewer of them; most where all is flat."""
     rng = np.random.default_rng(4)
-    mix, target = rng.normal(size=(30, 5)), rng.normal(size=5)
+    mix = rng.normal(size=(30, 5))
+    target = rng.normal(size=5)
     asked = {}
 
     def ended(kept):
@@ -91,7 +95,8 @@ def test_slopes_are_kept_while_steps_gain_what_they_promise(bend):
                        robust=3.0, prior=1e-9, cost_tolerance=1e-6,
                        jacobian_tolerance=kept)
 
-    often, seldom = ended(0.0), ended(JACOBIAN_TOLERANCE)
+    often = ended(0.0)
+    seldom = ended(JACOBIAN_TOLERANCE)
     assert seldom.x == pytest.approx(often.x, abs=2e-3)
     assert asked[JACOBIAN_TOLERANCE] < asked[0.0]
     assert bend > 0.1 or asked[JACOBIAN_TOLERANCE] == 1

@@ -10,7 +10,8 @@ from dart_hal.vehicle.fitting.least_squares import Solution
 from dart_hal.vehicle.fitting.profile import agrees_with_quadratic
 
 DESIGN = np.column_stack([np.ones(40), np.linspace(-1.0, 1.0, 40)])
-LOW, HIGH = np.full(2, -10.0), np.full(2, 10.0)
+LOW = np.full(2, -10.0)
+HIGH = np.full(2, 10.0)
 
 
 def solved(residual, x, h=1e-4):
