@@ -21,7 +21,7 @@ from dart_hal.car.guarding import own_actuator
 from dart_hal.core.config import CarFiles, load_car, parse_car
 from dart_hal.core.errors import DartHalError, LinkLost, UsageError
 from dart_hal.devices.actuation.pca9685 import Pca9685
-from dart_hal.devices.actuation.quantiser import STEPS
+from dart_hal.devices.actuation.quantiser import COUNTS_PER_FRAME
 from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.wire.codec import encode
 from dart_hal.wire.decoder import Decoder
@@ -128,7 +128,7 @@ def measure(url: str) -> tuple[float, float]:
         pca.all_off()
     finally:
         backend.close()
-    hertz = STEPS * (pca.prescale + 1) / (period * slope)
+    hertz = COUNTS_PER_FRAME * (pca.prescale + 1) / (period * slope)
     return hertz, hertz * max(error, 20e-6)
 
 

@@ -104,7 +104,8 @@ def test_an_invalid_command_raises_as_such_first():
 
 def test_every_cause_that_the_code_names_has_its_words():
     """Arguments of the calls that trip, read from the sources of actuator, driver and guard."""
-    calls = re.compile(r'(?:_trip|_trips\.append|causes\.append|_lost)\((?:error, )?"([A-Z_]+)"')
+    calls = re.compile(r'(?:_trip|_trips\.append|causes\.append|_note_bus_error)\((?:error, )?'
+                       r'"([A-Z_]+)"')
     guard = re.compile(r'"(GUARD_[A-Z]+)"')
     sources = [inspect.getsource(m) for m in (chain, driver, guarding, guarded)]
     named = {name for text in sources for name in calls.findall(text) + guard.findall(text)}

@@ -326,7 +326,7 @@ def test_the_pin_does_what_the_mode_says_in_many_orders(machine):
 def sticky(planner, output):
     """An output that is set where the car arms and forgotten where it disarms."""
     if output.live:
-        planner.output = output
+        planner.demand = output
 
 
 def told_alone(driver, now, event=Event.STOP):
@@ -363,7 +363,7 @@ def scenario(happens):
 
 
 @pytest.mark.parametrize(("happens", "broken"), [
-    (stopped, [(Planner, "obey", sticky), (Driver, "stop", told_alone)]),
+    (stopped, [(Planner, "set_demand", sticky), (Driver, "stop", told_alone)]),
     (silenced, [(Driver, "overdue", False), (engine, "PWM_FRAME", 0.2)])])
 def test_without_a_layer_the_machine_finds_it(monkeypatch, happens, broken):
     """Negative controls: outputs that a handler forgets; a step that waits for a late frame."""

@@ -12,14 +12,14 @@ from dart_hal.car.driver import Driver
 from dart_hal.car.engine import Engine
 from dart_hal.car.facts import MAX_SWITCH_ON_TIME, Observer
 from dart_hal.car.guarding import GuardPost
-from dart_hal.devices.actuation.arming import GOOD_FOR
+from dart_hal.devices.actuation.arming import MIN_GOOD_TIME
 from dart_lab.sim.faults import LineFaults
 
 ARM_NEUTRAL = 2.0
 """s of neutral that the ESC must receive before the first throttle: car.toml's arm_neutral."""
-MAX_ARM_NEUTRAL = ARM_NEUTRAL + 2 * GOOD_FOR
-"""s after which it must be armed: the margin of ``OUTPUT_ON_AFTER``, ``GOOD_FOR``, and 0.4 s for
-frames, beats and the answers of the Nano."""
+MAX_ARM_NEUTRAL = ARM_NEUTRAL + 2 * MIN_GOOD_TIME
+"""s after which it must be armed: the margin of ``OUTPUT_ON_AFTER``, ``MIN_GOOD_TIME``, and 0.4 s
+for frames, beats and the answers of the Nano."""
 
 
 def let_time_pass(drive: Drive, seconds: float) -> None:

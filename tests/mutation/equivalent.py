@@ -46,7 +46,8 @@ EQUIVALENTS = (
     Equivalent(
         HOST + "devices/actuation/arming.py", "guard_age: float | None = 0.0",
         "guard_age: float | None = -1.0",
-        "the age is compared by > GUARD_ALIVE, <= STALE and is None alone: 0 and -1 give the same"),
+        "the age is compared by > MAX_GUARD_AGE, <= STALE and is None alone: 0 and -1 give the "
+        "same"),
     Equivalent(
         HOST + "devices/actuation/guard.py", "if mode1[0] & ALIASES:", "if mode1[ -1] & ALIASES:",
         "the buffer has one byte"),

@@ -16,7 +16,7 @@ import numpy as np
 from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.config.ranges import MAX_CLOCK_STD, OSCILLATOR_HZ
 from dart_hal.core.errors import CalibrationFailed, UsageError
-from dart_hal.devices.actuation.quantiser import NOMINAL_HZ, STEPS, counter_of
+from dart_hal.devices.actuation.quantiser import COUNTS_PER_FRAME, NOMINAL_HZ, counter_of
 from dart_hal.wire.messages import TICKS_PER_SECOND
 
 from .measured import Measured, map_outdated
@@ -78,7 +78,7 @@ def measure(bench: Bench, frequency: float | None = None, std: float | None = No
     finally:
         car.clock_pulse(False)
     period = float(np.mean(periods)) * rate
-    hertz = STEPS * (counter_of(files)[0] + 1) / period
+    hertz = COUNTS_PER_FRAME * (counter_of(files)[0] + 1) / period
     stamps = STAMP * math.sqrt(2.0 / CAPTURES) / (PERIODS * period)
     relative = math.hypot(rate_std, CRYSTAL, stamps)
     found = Quantity(hertz, hertz * relative,
@@ -93,7 +93,7 @@ def typed_clock(files: CarFiles, frequency: float, std: float, source: str = "")
 
     Errors: CalibrationFailed for what no PCA9685 does.
     """
-    counts = STEPS * (counter_of(files)[0] + 1)
+    counts = COUNTS_PER_FRAME * (counter_of(files)[0] + 1)
     found = Quantity(frequency * counts, std * counts, f"{frequency:.4f} Hz measured, typed")
     return _measured(files, source, found, f"as typed: {frequency:.4f} +- {std:.2g} Hz of PWM", 0.0)
 

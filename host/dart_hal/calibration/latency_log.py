@@ -26,7 +26,7 @@ from dart_hal.car.telemetry import compose_mounting
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import BoolArray, FloatArray, State
-from dart_hal.devices.actuation.quantiser import STEPS, counter_of
+from dart_hal.devices.actuation.quantiser import COUNTS_PER_FRAME, counter_of
 from dart_hal.estimation.frames import FrameReader, Sample
 from dart_hal.estimation.imu_clock import AGE_STD, ImuClock, gyro_read_delay
 from dart_hal.wire.codec import DOWN, UP
@@ -245,7 +245,7 @@ class Grid:
 
 def period_of(files: CarFiles) -> float:
     """One PWM frame [s] by the car's clock."""
-    return STEPS * counter_of(files)[1] * 1e-6
+    return COUNTS_PER_FRAME * counter_of(files)[1] * 1e-6
 
 
 def measured_grid(car: Car, log: TrafficLog, trials: int = TRIALS) -> Grid:

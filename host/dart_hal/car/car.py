@@ -44,9 +44,9 @@ from dart_hal.core.ports import ImageSource, PoseSource, ScanSource
 from dart_hal.core.process.forks import ForkedCarLock, call_in_children
 from dart_hal.core.timing import SAMPLE
 from dart_hal.core.types import Applied, Contact, State
-from dart_hal.devices.actuation import ArmState, Caution, Event, disarmed
+from dart_hal.devices.actuation import ArmState, Caution, Event, disarmed_error
 from dart_hal.devices.actuation.chain import WATCH_PULSE_US
-from dart_hal.devices.actuation.limits import number, validity
+from dart_hal.devices.actuation.limits import limit_validity, to_finite
 from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.wire.messages import BY_NAME
@@ -375,8 +375,8 @@ class Car:
         """
         with self._commanding():
             sender = f"source {source}"
-            target = number("speed", speed, sender)
-            window = validity(valid_for, sender)
+            target = to_finite("speed", speed, sender)
+            window = limit_validity(valid_for, sender)
             armed = self._engine.driver.mode is ArmState.ARMED
             throttle = self._loop.throttle(target, self._state, armed=armed, window=window)
         applied = self.drive(steering=steering, throttle=throttle, valid_for=valid_for,
@@ -430,7 +430,7 @@ class Car:
         with self._engine.lock:
             causes = self._engine.driver.supervisor.ended_by
             if causes and self.raise_on_trip and not self._closed:
-                raise (self._pump and self._pump.error()) or disarmed(
+                raise (self._pump and self._pump.error()) or disarmed_error(
                     causes, self._engine.driver.stop_reason)
 
     def stop(self) -> Applied:

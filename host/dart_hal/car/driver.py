@@ -25,13 +25,13 @@ from dart_hal.devices.actuation import (
     Event,
     Facts,
     Supervisor,
-    not_armed,
+    list_cautions,
+    not_armed_error,
     refusals,
 )
-from dart_hal.devices.actuation import warnings as cautions
 from dart_hal.devices.actuation.arming import WAIVABLE
 from dart_hal.devices.actuation.neutral_watch import NeutralWatch
-from dart_hal.devices.actuation.supervisor import COMES_BY_WAITING
+from dart_hal.devices.actuation.supervisor import TRANSIENT_REFUSALS
 from dart_hal.devices.links.base import Backend
 
 # Cause of a trip during ARMING, and the reason that is reported for the refusal.
@@ -100,7 +100,7 @@ class Driver:
         neutral moves the car.
         """
         self.supervisor.event(Event.OPEN, now)
-        self.supervisor.see(now, blind=True)
+        self.supervisor.set_blind(now, blind=True)
         try:
             self.actuator.open(keep_off=True)
             if self.actuator.found_pulses:
@@ -201,7 +201,7 @@ class Driver:
     @property
     def overdue(self) -> bool:
         """Return whether the state demands neutral and the pins do not carry it yet."""
-        return self.actuator.astray
+        return self.actuator.violates_demand
 
     def frame(self, now: float) -> Applied:
         """Let the supervisor decide, then write one PWM frame.
@@ -212,7 +212,7 @@ class Driver:
         4. Update the supervisor again if the write has failed.
         5. Send the guard its heartbeat.
         """
-        self.supervisor.see(now, self.observer.blind(now))
+        self.supervisor.set_blind(now, self.observer.blind(now))
         arming = self.mode is ArmState.ARMING
         refused = refusals(self.facts(now), self.waived) if arming else ()
         self._step(now, self._causes(now), refused)
@@ -270,11 +270,11 @@ class Driver:
 
     def cautions(self, now: float) -> tuple[Caution, ...]:
         """Return what does not prevent arming but should be known."""
-        return cautions(self.facts(now))
+        return list_cautions(self.facts(now))
 
     def arm_refusals(self, now: float) -> tuple[str, ...]:
         """Return what prevents arming and is not met by waiting."""
-        return tuple(name for name in refusals(self.facts(now)) if name not in COMES_BY_WAITING)
+        return tuple(name for name in refusals(self.facts(now)) if name not in TRANSIENT_REFUSALS)
 
     def raw_refusals(self, now: float, *, lifted: bool = False) -> list[str]:
         """Return why RAW may not be entered now; ``lifted``: the wheels are off the ground.
@@ -311,17 +311,17 @@ class Driver:
     def refusal_error(self) -> NotArmed:
         """Return the error for an arming that ended in DISARMED."""
         names = [REFUSAL_BY_CAUSE.get(name, name) for name in self.supervisor.reasons]
-        return not_armed(dict.fromkeys(names or ["LINK_NOT_GOOD_500MS"]))
+        return not_armed_error(dict.fromkeys(names or ["LINK_NOT_GOOD_500MS"]))
 
     def open_raw(self, now: float, *, lifted: bool = False) -> None:
         """Enter RAW. Raises NotArmed unless link, firmware and bus are good."""
         if held := self.raw_refusals(now, lifted=lifted):
-            raise not_armed(held)
+            raise not_armed_error(held)
         if self.supervisor.silent:
-            raise not_armed(("MOVES_AT_NEUTRAL",))
+            raise not_armed_error(("MOVES_AT_NEUTRAL",))
         self.supervisor.open_raw(now, lifted)
         if self.mode is not ArmState.RAW:
-            raise not_armed(("PCA_ABSENT",))
+            raise not_armed_error(("PCA_ABSENT",))
 
     def raw_pulses(self, steering_us: float, throttle_us: float | None, valid_for: float,
                    now: float) -> Applied:
@@ -331,7 +331,7 @@ class Driver:
             raise BadCommand("pulses() needs raw()", found=f"the car is {self.mode.value}"
                              + (f" since {causes}" if causes else ""),
                              remedy="with car.raw(): car.pulses(...)")
-        self.supervisor.raw_called(now)
+        self.supervisor.note_raw_call(now)
         return self.actuator.pulses(steering_us, throttle_us, now, valid_for)
 
     def event(self, event: Event, now: float) -> None:

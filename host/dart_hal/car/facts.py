@@ -149,7 +149,7 @@ class Observer:
         loss = (self._lost[-1] - self._lost[0]) / len(self._lost) if self._lost else 0.0
         mine = files.calibration is not None or self._backend.car_toml is not None
         board = files.calibration.board if files.calibration else None
-        command = self._actuator.asked(now)
+        command = self._actuator.requested_command(now)
         cutoff = self.cutoff
         return Facts(
             hello=hello is not None and not receiver.hello_stale,

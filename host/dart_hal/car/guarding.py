@@ -13,7 +13,7 @@ from contextlib import suppress
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import BusError
 from dart_hal.devices.actuation import Actuator, Guard
-from dart_hal.devices.actuation.owner import own
+from dart_hal.devices.actuation.owner import lock_chip
 from dart_hal.devices.links.base import Backend
 from dart_hal.devices.links.i2c import open_bus
 
@@ -28,7 +28,7 @@ def own_actuator(backend: Backend, files: CarFiles) -> None:
     """
     spec = backend.url.options.get("i2c")
     if spec is not None and backend.bus is not None and not backend.virtual:
-        backend.closers = (*backend.closers, own(spec, files.config.pwm.address))
+        backend.closers = (*backend.closers, lock_chip(spec, files.config.pwm.address))
 
 
 class GuardPost:

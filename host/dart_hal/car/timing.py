@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.timing import SAMPLE
-from dart_hal.devices.actuation.limits import LONGEST_VALIDITY
+from dart_hal.devices.actuation.limits import MAX_VALIDITY
 
 # Most frames per State of a loop, 25: a command may be valid for 0.5 s, and must outlast one period
 # of the loop that is late.
-MAX_FRAMES_PER_STATE = round(LONGEST_VALIDITY / SAMPLE / 2)
+MAX_FRAMES_PER_STATE = round(MAX_VALIDITY / SAMPLE / 2)
 # Loop periods of the statistics: 10 s at 100 Hz.
 MAX_LOOP_PERIODS = 1000
 # s by which the computation for one State may exceed the period. Beyond, at 100 Hz, one PWM frame
@@ -60,7 +60,7 @@ def check_every(every: int) -> None:
             or not 1 <= every <= MAX_FRAMES_PER_STATE):
         raise UsageError(f"states(every={every!r}) is no part of the stream", found=repr(every),
                          expected=f"1 to {MAX_FRAMES_PER_STATE}: a command holds for at most "
-                         f"{LONGEST_VALIDITY} s, and must outlive a late round",
+                         f"{MAX_VALIDITY} s, and must outlive a late round",
                          remedy="states(every=10) for 10 Hz")
 
 

@@ -15,7 +15,7 @@ from dart_hal.cli.stop import open_throttle, require_real_car
 from dart_hal.core.errors import BusError
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.timing import PWM_FRAME
-from dart_hal.devices.actuation.standby import LOOK_EVERY, Throttle, Watchman
+from dart_hal.devices.actuation.standby import POLL_INTERVAL, Throttle, Watchman
 from dart_hal.devices.links.holder import holder, port_of
 from dart_hal.devices.links.notify import notify
 
@@ -42,7 +42,7 @@ def command(url: str | None, car_name: str, cars: Path | None, duration: float |
         port = port_of(address)
         post.step(holder(port) if port else None, now)
         notify("WATCHDOG=1")
-        time.sleep(PWM_FRAME if post.watch.owed and post.error is None else LOOK_EVERY)
+        time.sleep(PWM_FRAME if post.watch.owed and post.error is None else POLL_INTERVAL)
     if as_json:
         print_json({"url": address.text, "departures": post.departures})
 
@@ -63,7 +63,7 @@ class StandbyService:
     def step(self, driver: int | None, now: float) -> None:
         """Enter the pid of the program that drives [or None], and write neutral if it is due."""
         previous = self.watch.driver
-        self.watch.see(driver)
+        self.watch.note_driver(driver)
         if previous is not None and driver is None:
             self.departures += 1
             self._report(f"pid {previous} no longer drives: neutral")
@@ -84,7 +84,7 @@ class StandbyService:
         except BusError as error:
             self.error = f"{error.what}; tried again"
             self._report(self.error)
-        self.watch.wrote(self.error is None, now)
+        self.watch.note_write(self.error is None, now)
 
     def _report(self, line: str) -> None:
         """Report a line to systemd and the journal, if it is not the last one."""

@@ -14,15 +14,15 @@ from hypothesis import strategies as st
 
 from dart_hal.core.config import CarFiles
 from dart_hal.core.errors import BadCommand, PcaFault
-from dart_hal.devices.actuation import LIVE, RAW, Actuator, Output
+from dart_hal.devices.actuation import LIVE_DEMAND, RAW_DEMAND, Actuator, PinDemand
 from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES
 from tests.devices.actuation.pwm_world import World, car_files
 
 NEUTRAL = pytest.approx(1500.0, abs=5.0)
-HELD = Output("neutral", "held", ("NOT_ARMED",))
+HELD = PinDemand("neutral", "held", ("NOT_ARMED",))
 
 
-def opened(files: CarFiles | None = None, output: Output = LIVE,
+def opened(files: CarFiles | None = None, output: PinDemand = LIVE_DEMAND,
            **options: object) -> tuple[World, Actuator]:
     world = World()
     actuator = world.actuator(files, **options)
@@ -49,7 +49,7 @@ def test_a_command_reaches_the_pins_as_angle_and_throttle() -> None:
 
 
 def test_disarmed_nothing_moves_whatever_is_commanded() -> None:
-    world, actuator = opened(output=Output())
+    world, actuator = opened(output=PinDemand())
     applied = actuator.command(0.3, 1.0, 0.2, "user", world.t)
     assert "NOT_ARMED" in applied.limited
     drive(world, actuator, 0.3, 1.0, frames=20)
@@ -66,9 +66,9 @@ def test_command_returns_what_the_next_frame_applies() -> None:
 
 
 def test_what_was_wanted_while_disarmed_does_not_jump_in_when_armed() -> None:
-    world, actuator = opened(output=Output())
+    world, actuator = opened(output=PinDemand())
     actuator.command(0.0, 1.0, 0.5, "user", world.t)
-    actuator.demand = lambda: LIVE
+    actuator.demand = lambda: LIVE_DEMAND
     world.run(actuator, 3)
     assert actuator.applied.throttle_us == NEUTRAL
 
@@ -127,7 +127,7 @@ def test_a_command_that_is_not_a_number_is_neutral_in_the_same_call(bad, place) 
     assert actuator.applied.throttle_us == NEUTRAL
     actuator.demand = lambda: HELD
     world.run(actuator, 1)
-    actuator.demand = lambda: LIVE
+    actuator.demand = lambda: LIVE_DEMAND
     drive(world, actuator, 0.1, 0.5, frames=5)
     assert actuator.applied.throttle == pytest.approx(0.5, abs=0.02)
 
@@ -225,11 +225,11 @@ def raw_pulses(world: World, actuator: Actuator, throttle_us: float, frames: int
 
 
 def test_raw_pulses_act_in_raw_mode_alone_and_within_1000_to_2000_us() -> None:
-    world, actuator = opened(output=Output())
+    world, actuator = opened(output=PinDemand())
     actuator.pulses(1300.0, 1700.0, world.t)
     world.run(actuator, 3)
     assert actuator.applied.throttle_us == NEUTRAL
-    actuator.demand = lambda: RAW
+    actuator.demand = lambda: RAW_DEMAND
     world.run(actuator, 3)
     assert actuator.applied.throttle_us == NEUTRAL, "a pulse from before raw() must not act"
     raw_pulses(world, actuator, 1700.0, frames=3)
@@ -242,7 +242,7 @@ def test_raw_pulses_act_in_raw_mode_alone_and_within_1000_to_2000_us() -> None:
 
 
 def test_raw_pulses_hold_for_a_fifth_of_a_second_and_running_out_trips() -> None:
-    world, actuator = opened(output=RAW)
+    world, actuator = opened(output=RAW_DEMAND)
     said = actuator.pulses(1300.0, 1700.0, world.t, valid_for=60.0).limited
     assert "VALIDITY" in said
     world.run(actuator, 11)
@@ -256,14 +256,14 @@ def test_raw_pulses_hold_for_a_fifth_of_a_second_and_running_out_trips() -> None
 
 
 def test_raw_pulses_that_run_out_at_neutral_are_no_trip() -> None:
-    world, actuator = opened(output=RAW)
+    world, actuator = opened(output=RAW_DEMAND)
     raw_pulses(world, actuator, 1500.0)
     world.run(actuator, 20)
     assert actuator.trips() == ()
 
 
 def test_raw_obeys_the_limits_of_the_car_and_the_cap_of_a_lost_encoder() -> None:
-    world, actuator = opened(car_files(max_throttle=0.2, min_throttle=0.0), output=RAW)
+    world, actuator = opened(car_files(max_throttle=0.2, min_throttle=0.0), output=RAW_DEMAND)
     raw_pulses(world, actuator, 1900.0, frames=3)
     assert actuator.applied.throttle_us == pytest.approx(1500 + 0.2 * 450, abs=4.9)
     assert "RANGE" in actuator.applied.limited
@@ -278,7 +278,8 @@ def test_raw_obeys_the_limits_of_the_car_and_the_cap_of_a_lost_encoder() -> None
 
 
 def test_wheels_off_the_ground_have_the_full_range() -> None:
-    world, actuator = opened(car_files(max_throttle=0.2), output=replace(RAW, full_range=True))
+    world, actuator = opened(car_files(max_throttle=0.2),
+                             output=replace(RAW_DEMAND, full_range=True))
     raw_pulses(world, actuator, 2000.0, frames=3, steering_us=1000.0)
     assert actuator.applied.throttle_us == pytest.approx(2000, abs=4.9)
     assert actuator.applied.steering_us == pytest.approx(1000, abs=4.9)
@@ -302,7 +303,7 @@ def test_wild_numbers_are_refused_at_neutral(wild, place) -> None:
 def test_a_wrong_neutral_is_bounded_to_the_range_of_servokit(neutral_us, pulse_us) -> None:
     _, actuator = opened()
     actuator._planner._neutral_us = neutral_us
-    assert actuator._planner.neutral(0.0, ()).throttle_us == pulse_us
+    assert actuator._planner.plan_neutral(0.0, ()).throttle_us == pulse_us
 
 
 def test_a_long_text_as_a_command_is_cut_in_the_message() -> None:
@@ -434,7 +435,7 @@ def test_closing_is_neutral_for_some_frames_and_then_no_pulse_on_a_chip_awake() 
 def test_without_a_bus_commands_are_reported_as_not_sent() -> None:
     actuator = Actuator(car_files(), None, lambda s: None)
     actuator.open()
-    actuator.demand = lambda: LIVE
+    actuator.demand = lambda: LIVE_DEMAND
     actuator.command(0.1, 0.3, 0.2, "user", 1.0)
     applied = actuator.frame(1.0)
     assert applied.throttle == pytest.approx(0.3, abs=0.02)

@@ -24,15 +24,14 @@ from dart_hal.core.errors import BusError
 from dart_hal.core.process.waiting import wait_readable
 from dart_hal.devices.actuation.guard import (
     ALL_OFF,
-    GIVE_UP,
-    LAST_WORDS,
-    SILENCE,
-    Watch,
+    BEAT_TIMEOUT,
+    MAX_RETRY_TIME,
+    GuardLogic,
     watch,
 )
 from dart_hal.devices.actuation.guarded import Guard
-from dart_hal.devices.actuation.owner import own
-from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES
+from dart_hal.devices.actuation.owner import lock_chip
+from dart_hal.devices.actuation.pca9685 import FINAL_WRITES, NEUTRAL_FRAMES
 from dart_hal.devices.links.i2c import REQUEST, open_bus, receive
 
 NEUTRAL = bytes([0x0A, 0, 0, 307 & 0xFF, 307 >> 8])
@@ -40,58 +39,58 @@ PATIENCE = 20.0
 
 
 def test_silence_counts_from_the_first_beat_and_trips_after_100_ms() -> None:
-    watch = Watch()
+    watch = GuardLogic()
     assert not watch.due(5.0)
-    watch.heard(b"b", 5.0)
+    watch.note_bytes(b"b", 5.0)
     assert not watch.due(5.099)
     assert watch.due(5.101)
-    watch.heard(b"b", 5.102)
+    watch.note_bytes(b"b", 5.102)
     assert watch.due(5.102), "a beat does not undo a trip"
-    watch.heard(b"a", 5.110)
+    watch.note_bytes(b"a", 5.110)
     assert not watch.due(5.2)
     assert watch.due(5.22)
 
 
 def test_an_orderly_end_writes_nothing() -> None:
-    watch = Watch()
-    watch.heard(b"bq", 1.0)
-    watch.heard(b"", 1.001)
+    watch = GuardLogic()
+    watch.note_bytes(b"bq", 1.0)
+    watch.note_bytes(b"", 1.001)
     assert not watch.due(2.0)
     assert watch.done
 
 
 def test_end_of_file_trips_at_once_and_ends_after_a_second_of_good_writes() -> None:
-    watch = Watch()
-    watch.heard(b"b", 1.0)
-    watch.heard(b"", 1.001)
-    for k in range(LAST_WORDS):
+    watch = GuardLogic()
+    watch.note_bytes(b"b", 1.0)
+    watch.note_bytes(b"", 1.001)
+    for k in range(FINAL_WRITES):
         assert watch.due(1.001 + 0.02 * k)
-        watch.wrote(False)                                    # failed writes do not count
-        watch.wrote(True)
+        watch.note_write(False)                                    # failed writes do not count
+        watch.note_write(True)
     assert watch.done
 
 
 def test_pulses_that_the_driver_has_ended_stay_off() -> None:
     """Its neutral drove the car; the guard's would do so again."""
-    watch = Watch()
-    watch.heard(b"bbo", 5.0)
-    watch.heard(b"", 5.01)
+    watch = GuardLogic()
+    watch.note_bytes(b"bbo", 5.0)
+    watch.note_bytes(b"", 5.01)
     assert watch.due(5.01)
     assert watch.switches_off
-    watch = Watch()
-    watch.heard(b"ob", 5.0)
-    watch.heard(b"", 5.01)
+    watch = GuardLogic()
+    watch.note_bytes(b"ob", 5.0)
+    watch.note_bytes(b"", 5.01)
     assert not watch.switches_off, "neutral first: the pulses had come back"
 
 
 def test_pulses_end_after_ten_frames_of_neutral_that_reached_the_chip() -> None:
-    watch = Watch()
-    watch.heard(b"b", 5.0)
-    watch.heard(b"", 5.01)
+    watch = GuardLogic()
+    watch.note_bytes(b"b", 5.0)
+    watch.note_bytes(b"", 5.01)
     for _ in range(NEUTRAL_FRAMES):
         assert not watch.switches_off
-        watch.wrote(False)
-        watch.wrote(True)
+        watch.note_write(False)
+        watch.note_write(True)
     assert watch.switches_off
 
 
@@ -117,23 +116,23 @@ def test_a_guard_is_ready_by_its_first_byte_alone(answer: bytes, starts: bool) -
 
 
 def test_a_suspend_trips_although_beats_come_again() -> None:
-    watch = Watch()
-    watch.woke()
+    watch = GuardLogic()
+    watch.note_suspend()
     assert not watch.due(5.0), "nobody drives yet"
-    watch.heard(b"b", 5.0)
-    watch.heard(b"b", 8.0)                                    # the first beat after it
+    watch.note_bytes(b"b", 5.0)
+    watch.note_bytes(b"b", 8.0)                                    # the first beat after it
     assert not watch.due(8.0)
-    watch.woke()
+    watch.note_suspend()
     assert watch.due(8.0)
-    watch.heard(b"a", 8.1)
+    watch.note_bytes(b"a", 8.1)
     assert not watch.due(8.1)
 
 
 def test_a_bus_that_never_comes_back_is_given_up_in_the_end() -> None:
-    watch = Watch()
-    watch.heard(b"", 1.0)
+    watch = GuardLogic()
+    watch.note_bytes(b"", 1.0)
     assert watch.due(30.9)
-    watch.wrote(False)
+    watch.note_write(False)
     assert not watch.due(31.1)
     assert watch.done
 
@@ -237,7 +236,7 @@ def test_a_killed_driver_leaves_neutral_and_then_no_pulse_on_the_bus(bench: Benc
 
 def assert_last_words(bench: Bench) -> None:
     """After the first neutral: some more, then all channels off for the rest of a second."""
-    for word in range(1, LAST_WORDS):
+    for word in range(1, FINAL_WRITES):
         assert bench.writes.get(timeout=PATIENCE) == (NEUTRAL if word < NEUTRAL_FRAMES else ALL_OFF)
 
 
@@ -319,7 +318,7 @@ def test_of_two_cars_the_other_one_drives_on(tmp_path: Path) -> None:
     first.kill()
     first.wait()
     wait_for_neutral(benches[0])
-    for _ in range(LAST_WORDS):                               # as long as the first guard speaks
+    for _ in range(FINAL_WRITES):                               # as long as the first guard speaks
         assert benches[1].writes.get(timeout=PATIENCE) != NEUTRAL
     second.kill()
     second.wait()
@@ -341,14 +340,14 @@ def test_a_guard_left_on_a_dead_bus_stands_back_for_the_next_owner(
     deadline = time.monotonic() + PATIENCE
     while not bench.refused and time.monotonic() < deadline:
         time.sleep(0.01)
-    release = own(bench.spec, 0x40) if owned else None
+    release = lock_chip(bench.spec, 0x40) if owned else None
     time.sleep(0.1)                                           # a write that was under way
     bench.dead = False
     time.sleep(0.3)
     assert bench.writes.empty() == owned
     if release is not None:
         release()
-    for word in range(LAST_WORDS):
+    for word in range(FINAL_WRITES):
         assert bench.writes.get(timeout=PATIENCE) == (NEUTRAL if word < NEUTRAL_FRAMES else ALL_OFF)
     guard._process.wait(PATIENCE)
 
@@ -370,8 +369,8 @@ def test_a_guard_on_a_bus_that_stays_dead_ends() -> None:
     os.close(beats[1])
     watch(bus, 0x40, 1, 307, beats=beats[0], status=status[1],  # type: ignore[arg-type]
           clock=lambda: float(next(now)))
-    assert 0 < bus.tries <= GIVE_UP + 1
-    assert next(now) > GIVE_UP
+    assert 0 < bus.tries <= MAX_RETRY_TIME + 1
+    assert next(now) > MAX_RETRY_TIME
     for fd in (beats[0], *status):
         os.close(fd)
 
@@ -400,7 +399,7 @@ def test_a_stopped_driver_gets_neutral_and_writes_no_stale_throttle_when_it_goes
     driver.kill()
     driver.wait()
     driver.stdout.close()
-    for _ in range(LAST_WORDS - NEUTRAL_FRAMES):              # until the guard is done, too
+    for _ in range(FINAL_WRITES - NEUTRAL_FRAMES):              # until the guard is done, too
         while bench.writes.get(timeout=PATIENCE) != ALL_OFF:
             pass
 
@@ -446,7 +445,7 @@ def test_a_guard_that_hangs_does_not_hold_up_the_driver(bench: Bench) -> None:
         beats.join(60.0)
         assert not beats.is_alive()
         guard.gate()                                          # hears what it said before it hung
-        time.sleep(2 * SILENCE)
+        time.sleep(2 * BEAT_TIMEOUT)
         assert guard.gate() == "GUARD_SILENT"
     finally:
         os.kill(guard.pid, signal.SIGCONT)

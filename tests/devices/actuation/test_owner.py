@@ -13,14 +13,14 @@ import pytest
 from dart_hal.core.errors import PcaBusy, PcaClaimed
 from dart_hal.core.process import locks
 from dart_hal.devices.actuation import owner
-from dart_hal.devices.actuation.owner import lock_path, own, refuse_claimed
+from dart_hal.devices.actuation.owner import lock_chip, lock_path, refuse_claimed
 
 OWNER = """
 import sys, time
 from pathlib import Path
 from dart_hal.devices.actuation import owner
 owner.FOLDERS = (Path(sys.argv[2]),)
-release = owner.own(sys.argv[1], 0x40)
+release = owner.lock_chip(sys.argv[1], 0x40)
 print("owner", flush=True)
 time.sleep(60)
 """
@@ -33,17 +33,17 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_second_owner_is_refused_in_the_same_process_and_from_a_thread() -> None:
-    release = own("1", 0x40)
+    release = lock_chip("1", 0x40)
     with pytest.raises(PcaBusy, match=r"0x40 of i2c=1 is driven already") as caught:
-        own("1", 0x40)
+        lock_chip("1", 0x40)
     assert f"pid {os.getpid()}" in caught.value.found
-    assert "this one" in caught.value.found
+    assert "this process" in caught.value.found
     assert "dart-hal stop" in caught.value.remedy
     refused = []
 
     def other() -> None:
         try:
-            own("1", 0x40)
+            lock_chip("1", 0x40)
         except PcaBusy as error:
             refused.append(error)
 
@@ -53,12 +53,12 @@ def test_a_second_owner_is_refused_in_the_same_process_and_from_a_thread() -> No
     assert len(refused) == 1
     release()
     release()
-    own("1", 0x40)()
+    lock_chip("1", 0x40)()
 
 
 def test_another_address_and_another_bus_are_other_chips(folder: Path) -> None:
-    held = [own("1", 0x40), own("1", 0x41), own("7", 0x40), own(f"unix:{folder}/a", 0x40),
-            own(f"unix:{folder}/b", 0x40)]
+    held = [lock_chip("1", 0x40), lock_chip("1", 0x41), lock_chip("7", 0x40),
+            lock_chip(f"unix:{folder}/a", 0x40), lock_chip(f"unix:{folder}/b", 0x40)]
     for release in held:
         release()
 
@@ -75,17 +75,17 @@ def test_the_holder_is_named_and_a_killed_one_has_let_go(folder: Path) -> None:
     assert program.stdout is not None
     assert program.stdout.readline() == "owner\n"
     with pytest.raises(PcaBusy) as caught:
-        own("1", 0x40)
+        lock_chip("1", 0x40)
     assert f"pid {program.pid} ({os.path.basename(sys.executable)}" in \
         caught.value.found.replace(os.path.dirname(sys.executable) + "/", "")
     program.kill()
     program.wait()
     program.stdout.close()
-    own("1", 0x40)()
+    lock_chip("1", 0x40)()
 
 
 def test_a_child_of_the_owner_does_not_keep_the_chip() -> None:
-    release = own("1", 0x40)
+    release = lock_chip("1", 0x40)
     ready, done = os.pipe(), os.pipe()
     child = os.fork()
     if child == 0:
@@ -94,9 +94,9 @@ def test_a_child_of_the_owner_does_not_keep_the_chip() -> None:
         os._exit(0)
     os.read(ready[0], 1)
     with pytest.raises(PcaBusy):
-        own("1", 0x40)                                  # the fork has not unlocked it either
+        lock_chip("1", 0x40)                                  # the fork has not unlocked it either
     release()
-    again = own("1", 0x40)                              # and the child does not hold it
+    again = lock_chip("1", 0x40)                              # and the child does not hold it
     again()
     os.write(done[1], b"x")
     os.waitpid(child, 0)
@@ -108,7 +108,7 @@ def test_what_another_user_left_can_be_locked(folder: Path) -> None:
     path = lock_path("1", 0x40)
     path.touch()
     path.chmod(0o444)
-    own("1", 0x40)()
+    lock_chip("1", 0x40)()
     assert path.exists(), "never removed: a second owner may have it open already"
 
 
@@ -135,7 +135,7 @@ def sysfs(root: Path, *, bound: bool) -> Path:
 
 def test_an_address_of_the_kernel_is_refused(tmp_path: Path) -> None:
     with pytest.raises(PcaClaimed, match="belongs to the kernel") as caught:
-        own("1", 0x40, sysfs(tmp_path / "sys", bound=True))
+        lock_chip("1", 0x40, sysfs(tmp_path / "sys", bound=True))
     assert caught.value.found == "ina3221, driver ina3221"
     assert "i2c=7 on an Orin Nano" in caught.value.remedy
     assert not list(tmp_path.glob("dart-hal-*")), "nothing is locked on the way"

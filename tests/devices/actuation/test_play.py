@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_hal.devices.actuation.play import RESOLVED, Play
+from dart_hal.devices.actuation.play import MIN_TURN, Play
 from dart_hal.devices.actuation.steering_map import SteeringMap, steering_map
 from studies.actuation.steering_figures import angle_error
 from tests.devices.actuation.pwm_world import car_files
@@ -26,7 +26,7 @@ def wheels_after(play, true, angles, slew=3800.0):
             wanted - pulse, -slew * FRAME, slew * FRAME)
         middle = CURVE.angle(pulse)
         true = min(max(true, middle - HALF), middle + HALF)
-        play.passed(wanted, FRAME)
+        play.update(wanted, FRAME)
         out.append(true)
     return np.array(out)
 
@@ -35,7 +35,7 @@ def wheels_after(play, true, angles, slew=3800.0):
 def test_every_level_is_reached_from_either_side(levels):
     play = Play(CURVE, 2.0 * HALF, 3800.0)
     reached = wheels_after(play, 0.0, np.repeat([0.0, -0.1, *levels], 20))[19::20]
-    assert np.abs(reached[1:] - np.array([-0.1, *levels])).max() <= RESOLVED + 1e-6
+    assert np.abs(reached[1:] - np.array([-0.1, *levels])).max() <= MIN_TURN + 1e-6
     assert abs(play.wheels - reached[-1]) < 1e-9
 
 
@@ -50,12 +50,12 @@ def test_noise_does_not_shake_the_servo():
     rng = np.random.default_rng(2)
     play, pulses = Play(CURVE, 2.0 * HALF, 3800.0), []
     for k in range(300):
-        angle = 0.1 + 0.4 * RESOLVED * float(rng.uniform(-1.0, 1.0))
+        angle = 0.1 + 0.4 * MIN_TURN * float(rng.uniform(-1.0, 1.0))
         pulses.append(CURVE.pulse(play.aim(angle if k > 20 else -0.1)))
-        play.passed(pulses[-1], FRAME)
+        play.update(pulses[-1], FRAME)
     held = np.array(pulses[60:])
     assert np.ptp(held) < 12.0      # a slot across would be 40 us
-    assert abs(play.wheels - 0.1) < RESOLVED
+    assert abs(play.wheels - 0.1) < MIN_TURN
 
 
 def test_a_turn_before_the_servo_has_arrived_is_known_by_its_slew():
@@ -63,7 +63,7 @@ def test_a_turn_before_the_servo_has_arrived_is_known_by_its_slew():
     slow = Play(CURVE, 2.0 * HALF, 1000.0)
     for play in (quick, slow):
         for angle in (0.0, 0.25, 0.25):
-            play.passed(CURVE.pulse(play.aim(angle)), FRAME)
+            play.update(CURVE.pulse(play.aim(angle)), FRAME)
     assert quick.wheels == pytest.approx(0.25, abs=1e-6)
     assert slow.wheels < 0.05
 

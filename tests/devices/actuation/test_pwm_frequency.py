@@ -9,10 +9,10 @@ import pytest
 from dart_hal.core.config import CarFiles
 from dart_hal.devices.actuation import Actuator
 from dart_hal.devices.actuation.pca9685 import Pca9685
-from dart_hal.devices.actuation.plan import LIVE
+from dart_hal.devices.actuation.plan import LIVE_DEMAND
 from dart_hal.devices.actuation.quantiser import (
+    COUNTS_PER_FRAME,
     NOMINAL_HZ,
-    STEPS,
     Quantiser,
     count_us,
     counter_of,
@@ -36,7 +36,7 @@ def held(hertz: float, files: CarFiles, throttle: float = 0.3137, frames: int = 
          ) -> tuple[World, Actuator, float]:
     """A world that holds one throttle for some frames, and the pulse [us] that was wanted."""
     world = World(hertz)
-    actuator = world.actuator(files, demand=lambda: LIVE)
+    actuator = world.actuator(files, demand=lambda: LIVE_DEMAND)
     actuator.open()
     for _ in range(frames):
         actuator.command(0.1, throttle, 0.2, "user", world.t)
@@ -56,14 +56,14 @@ def test_the_frequency_is_kept_by_the_measured_clock(hertz):
 @pytest.mark.parametrize("hertz", [24.06e6, 27.0e6])
 def test_control_by_the_nominal_clock_it_is_not(hertz):
     """What 121 for every part would do."""
-    seen = hertz / STEPS / (prescale_for(50.0) + 1)
+    seen = hertz / COUNTS_PER_FRAME / (prescale_for(50.0) + 1)
     assert abs(seen / 50.0 - 1.0) > 0.03
 
 
 @pytest.mark.parametrize("prescale", [3, 30, 117, 121, 127, 200, 255])
 def test_servokit_computes_the_prescale_that_is_meant(prescale):
-    frequency = NOMINAL_HZ / STEPS / (prescale + 1)
-    assert int(NOMINAL_HZ / STEPS / frequency + 0.5) - 1 == prescale
+    frequency = NOMINAL_HZ / COUNTS_PER_FRAME / (prescale + 1)
+    assert int(NOMINAL_HZ / COUNTS_PER_FRAME / frequency + 0.5) - 1 == prescale
     assert prescale_for(frequency) == prescale
 
 

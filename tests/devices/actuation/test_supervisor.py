@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from dart_hal.core.errors import NotArmed
-from dart_hal.devices.actuation import ArmState, Event, Facts, Supervisor, refusals, warnings
+from dart_hal.devices.actuation import ArmState, Event, Facts, Supervisor, list_cautions, refusals
 from dart_hal.devices.actuation.arming import BY_NAME, REFUSALS, WAIVABLE
 from dart_hal.devices.actuation.states import ENTRY, GRID, TABLE, check_table, read_grid
 
@@ -176,7 +176,7 @@ def test_three_trips_in_more_than_a_minute_do_not_lock() -> None:
 def test_raw_ends_ten_seconds_after_the_last_call_or_at_a_trip() -> None:
     s, t = at(ArmState.RAW)
     t = run(s, t, 9.0)
-    s.raw_called(t)
+    s.note_raw_call(t)
     t = run(s, t, 9.9)
     assert s.state is ArmState.RAW
     run(s, t, 0.2)
@@ -271,15 +271,15 @@ def test_an_imu_that_is_not_required_does_not_refuse() -> None:
 def test_a_cut_off_that_cannot_be_watched_is_known_and_refused_where_the_car_demands_it() -> None:
     facts = Facts(cutoff="mux", cutoff_test="unwired")
     assert refusals(facts) == ()
-    assert [w.name for w in warnings(facts)] == ["CUTOFF_UNPROVEN"]
+    assert [w.name for w in list_cautions(facts)] == ["CUTOFF_UNPROVEN"]
     assert refusals(replace(facts, cutoff_test_required=True)) == ("CUTOFF_TEST_FAILED",)
 
 
 def test_warnings_do_not_refuse_and_say_what_to_do() -> None:
     facts = Facts(calibration_old=True, firmware_dirty=True, imu_calibrated=False, loop_late=0.03)
     assert refusals(facts) == ()
-    told = warnings(facts)
+    told = list_cautions(facts)
     assert [w.name for w in told] == ["NO_HARDWARE_CUTOFF", "CALIBRATION_OLD", "IMU_UNCALIBRATED",
                                       "LOOP_LATE", "FIRMWARE_DIRTY"]
     assert all(w.text and w.remedy and str(w).startswith(w.name) for w in told)
-    assert not warnings(Facts(simulated=True)), "a simulated car needs no cut-off"
+    assert not list_cautions(Facts(simulated=True)), "a simulated car needs no cut-off"

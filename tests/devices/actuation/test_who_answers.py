@@ -105,7 +105,7 @@ def test_the_second_writer_is_named() -> None:
     world = World()
     actuator = drive(world)
     world.bus.writeto(0x40, bytes([0x0A, 0, 0, 338 & 0xFF, 338 >> 8]))
-    with pytest.raises(PcaFault, match="somebody else writes") as caught:
+    with pytest.raises(PcaFault, match="another program writes") as caught:
         actuator.pca.check()
     assert "channel 1" in caught.value.found
     assert "1649 us" in caught.value.found
@@ -123,11 +123,11 @@ def test_a_read_back_without_the_pulses_does_not_see_it() -> None:
 
 def test_no_throttle_follows_the_look_that_found_a_stranger() -> None:
     """The frame that finds it was planned with throttle on; that plan must not be written."""
-    from dart_hal.devices.actuation import LIVE
+    from dart_hal.devices.actuation import LIVE_DEMAND
 
     world = World()
     actuator = drive(world)
-    actuator.demand = lambda: LIVE
+    actuator.demand = lambda: LIVE_DEMAND
     while True:
         world.bus.writeto(0x40, bytes([0x06, 0, 0, 0x2C, 0x01]))
         actuator.command(0.0, 0.4, 0.2, "user", world.t)

@@ -59,10 +59,10 @@ class EqualsAll:
 
 
 def eternal(steering: float, throttle: float, valid_for: float, source: str,
-            now: float) -> limits.Command:
+            now: float) -> limits.SourceCommand:
     """A command that never runs out."""
-    command = limits.checked(steering, throttle, valid_for, source, now)
-    return limits.Command(command.steering, command.throttle, math.inf, source)
+    command = limits.parse_command(steering, throttle, valid_for, source, now)
+    return limits.SourceCommand(command.steering, command.throttle, math.inf, source)
 
 
 def in_our_session(*words: Any, **options: Any) -> subprocess.Popen[bytes]:
@@ -117,9 +117,9 @@ class SharedPort(serial.Serial):
     def exclusive(self, wanted: bool) -> None: ...
 
 
-def endless(*asked: Any) -> limits.Pulses:
+def endless(*asked: Any) -> limits.RawPulses:
     """Pulses that never run out."""
-    return replace(limits.raw_pulses(*asked), until=math.inf)
+    return replace(limits.parse_raw_pulses(*asked), until=math.inf)
 
 
 def pleased(test: CutoffTest, came: bool, now: float) -> None:
@@ -174,13 +174,13 @@ host("frame_gates", "a STATE must also be possible", "dart_hal.wire.decoder.Gate
 host("ledger", "sequence numbers tell what was lost",
      "dart_hal.wire.decoder.SequenceTracker.add_frame", nothing)
 host("unwrap", "counters that wrap run on", "dart_hal.estimation.frames.WRAP", 1 << 40)
-host("raw_hold", "pulses of a calibration run out", "dart_hal.devices.actuation.chain.raw_pulses",
-     endless)
+host("raw_hold", "pulses of a calibration run out",
+     "dart_hal.devices.actuation.chain.parse_raw_pulses", endless)
 host("cutoff_test", "a cut-off that does not cut is found at arm()",
      "dart_hal.car.cutoff_test.CutoffTest._judge", pleased)
 host("cut_off", "a Nano that cuts while the host drives is noticed",
      "dart_hal.car.driver.Driver._cut_off", always(False))
-host("expiry", "a command runs out", "dart_hal.devices.actuation.chain.checked", eternal)
+host("expiry", "a command runs out", "dart_hal.devices.actuation.chain.parse_command", eternal)
 host("link_stale", "80 ms without a frame trip", "dart_hal.car.driver.Driver._causes", deaf)
 host("reboot_disarm", "another boot of the Nano disarms", "dart_hal.car.driver.Driver.on_boot",
      nothing)
@@ -229,7 +229,7 @@ host("signature", "who answers at 0x40 is read before any write",
      "dart_hal.devices.actuation.pca9685.Pca9685._recognise", nothing)
 host("open_neutral", "neutral stands in the registers before the chip wakes",
      "dart_hal.devices.actuation.pca9685.Pca9685.open", as_adafruit)
-host("owner", "one owner of a PCA9685", "dart_hal.car.guarding.own", always(nothing))
+host("owner", "one owner of a PCA9685", "dart_hal.car.guarding.lock_chip", always(nothing))
 host("port_lock", "one program on a port",
      "dart_hal.devices.links.serial_port.serial.Serial", SharedPort)
 host("search", "a board that comes back is searched by its number",

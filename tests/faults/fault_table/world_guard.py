@@ -8,7 +8,7 @@ from contextlib import suppress
 
 from dart_hal.car.guarding import GuardPost
 from dart_hal.core.timing import PWM_FRAME
-from dart_hal.devices.actuation.guard import Watch
+from dart_hal.devices.actuation.guard import GuardLogic
 from dart_hal.devices.actuation.guarded import Guard
 from dart_lab.sim.world import World
 from fault_table.drive import ESC, Drive
@@ -31,14 +31,14 @@ class GuardProcess:
 
 
 class WorldGuard:
-    """A guard that the world runs: real `Watch` and `Guard` at the two ends of real pipes.
+    """A guard that the world runs: real `GuardLogic` and `Guard` at the two ends of real pipes.
 
     ``stopped``: it is killed, or its process is stopped.
     """
 
     def __init__(self, drive: Drive) -> None:
         self._drive = drive
-        self._watch = Watch()
+        self._watch = GuardLogic()
         self._written = -math.inf
         self.stopped = False
         self._read, self._beats = os.pipe()
@@ -94,7 +94,7 @@ class WorldGuard:
         if self.stopped or self._watch.done:
             return
         with suppress(BlockingIOError):
-            self._watch.heard(os.read(self._read, 4096), world.t)
+            self._watch.note_bytes(os.read(self._read, 4096), world.t)
         if world.t - self._written < PWM_FRAME:
             return
         self._written = world.t
@@ -102,7 +102,7 @@ class WorldGuard:
             counts = self._neutral
             self._drive.backend.bus.writeto(  # type: ignore[union-attr]
                 0x40, bytes([0x06 + 4 * ESC, 0, 0, counts & 0xFF, counts >> 8]))
-            self._watch.wrote(True)
+            self._watch.note_write(True)
             os.write(self._write, b"t")
         else:
             os.write(self._write, b"b")

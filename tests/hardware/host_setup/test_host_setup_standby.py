@@ -29,8 +29,8 @@ from dart_hal.core.config import load_car
 from dart_hal.core.errors import BusError
 from dart_hal.core.process.locks import holder, parse_locks
 from dart_hal.core.timing import PWM_FRAME
-from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES
-from dart_hal.devices.actuation.standby import WRITES, Throttle, Watchman
+from dart_hal.devices.actuation.pca9685 import FINAL_WRITES, NEUTRAL_FRAMES
+from dart_hal.devices.actuation.standby import Throttle, Watchman
 from dart_hal.devices.links.i2c import REQUEST, receive
 from dart_hal.devices.links.notify import notify
 from dart_lab.sim.bus import VirtualBus
@@ -46,34 +46,34 @@ PATIENCE = 20.0
 
 def test_a_driver_that_leaves_owes_a_second_neutral_first_and_then_off() -> None:
     watch = Watchman()
-    watch.see(4711)
+    watch.note_driver(4711)
     assert not watch.due(0.0), "nothing while somebody drives"
-    watch.see(None)
+    watch.note_driver(None)
     written = []
     now = 1.0
     while watch.due(now):
         written.append(watch.switches_off)
-        watch.wrote(True, now)
+        watch.note_write(True, now)
         now += PWM_FRAME
-    assert written == [False] * NEUTRAL_FRAMES + [True] * (WRITES - NEUTRAL_FRAMES)
-    watch.see(None)
+    assert written == [False] * NEUTRAL_FRAMES + [True] * (FINAL_WRITES - NEUTRAL_FRAMES)
+    watch.note_driver(None)
     assert not watch.due(now + 1.0), "and then the bus is left alone"
 
 
 def test_at_the_start_neutral_is_owed_unless_somebody_drives() -> None:
     watch = Watchman()
-    watch.see(None)
+    watch.note_driver(None)
     assert watch.due(0.0)
-    watch.see(4711)
+    watch.note_driver(4711)
     assert not watch.due(0.1)
 
 
 def test_a_new_driver_ends_the_writing_at_once_and_a_failed_write_does_not_count() -> None:
     watch = Watchman()
-    watch.see(None)
-    watch.wrote(False, 0.0)
-    assert watch.owed == WRITES
-    watch.see(12)
+    watch.note_driver(None)
+    watch.note_write(False, 0.0)
+    assert watch.owed == FINAL_WRITES
+    watch.note_driver(12)
     assert watch.owed == 0
 
 
@@ -173,7 +173,7 @@ def ms_until_neutral(monkeypatch: pytest.MonkeyPatch, delay: float, look_every: 
         bench.chip.output.advance(bench.t)
         pulses.extend(bench.chip.output.take(1))
 
-    monkeypatch.setattr(standby, "LOOK_EVERY", look_every)
+    monkeypatch.setattr(standby, "POLL_INTERVAL", look_every)
     monkeypatch.setattr(standby, "open_throttle", lambda *_: (bench.throttle, None))
     monkeypatch.setattr(standby, "stop_on_signals", lambda: None)
     monkeypatch.setattr(standby, "port_of", lambda _: "port")
@@ -193,7 +193,8 @@ def ms_until_neutral(monkeypatch: pytest.MonkeyPatch, delay: float, look_every: 
 def test_the_car_is_at_neutral_within_200_ms_of_the_end_of_driver_and_guard(
         monkeypatch: pytest.MonkeyPatch, share: float) -> None:
     """Both end this share of the interval after a look of the service."""
-    assert ms_until_neutral(monkeypatch, share * standby.LOOK_EVERY, standby.LOOK_EVERY) <= 200.0
+    interval = standby.POLL_INTERVAL
+    assert ms_until_neutral(monkeypatch, share * interval, interval) <= 200.0
 
 
 def test_a_service_that_looks_each_300_ms_is_too_late(monkeypatch: pytest.MonkeyPatch) -> None:

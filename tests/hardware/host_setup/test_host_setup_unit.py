@@ -12,7 +12,7 @@ from setup_box import SETUP, Box
 from udev_rules import Device, apply, parse
 
 from dart_hal.cli.main import VERBS
-from dart_hal.devices.actuation.standby import LOOK_EVERY
+from dart_hal.devices.actuation.standby import POLL_INTERVAL
 
 TEXT = (SETUP / "dart-hal.service").read_text()
 DATA = "/srv/driver/.local/share/dart-hal"
@@ -46,7 +46,7 @@ def is_sound(text: str) -> None:
     assert service["Type"] == "notify"
     assert service["Restart"] == "on-failure"
     assert unit["Unit"]["StartLimitIntervalSec"] == "0", "it never gives up"
-    assert 5 * LOOK_EVERY < float(service["WatchdogSec"]) <= 5.0
+    assert 5 * POLL_INTERVAL < float(service["WatchdogSec"]) <= 5.0
     assert service["SuccessExitStatus"] == "143"
     nano = device_unit("/dev/" + symlink())
     assert unit["Unit"]["BindsTo"] == unit["Unit"]["After"] == unit["Install"]["WantedBy"] == nano

@@ -1,7 +1,7 @@
-"""Why a car may not arm: every reason has a name, a sentence and a remedy.
+"""Why a car may not arm: every refusal has a name, a sentence and a remedy.
 
-``refusals`` names all that hold, not the first one found. What may be waived
-is waived by name, in the call, and written to the recording.
+``refusals`` returns all that apply, not only the first. A refusal is waived by name, in the call
+of ``arm``, and the waiver is recorded.
 """
 
 from __future__ import annotations
@@ -12,32 +12,32 @@ from dataclasses import dataclass
 
 from dart_hal.core.errors import NotArmed
 
+# ms that a Nano with a cut-off waits for a heartbeat. The ESC is then at neutral within 140 ms.
 BEAT_LIMIT_MS = 110
-"""ms that a Nano with a cut-off waits for a heartbeat: the ESC is at neutral in 140 ms."""
-GUARD_ALIVE = 0.08
-"""s within which the guard process says something: it beats each 20 ms. The next frame (10 ms)
-looks, and a pulse that runs by then ends within 20 ms: neutral within 110 ms of its last word."""
-LATE = 0.02
-"""s, one PWM frame: pulses that come later than this are a loop that does not keep up."""
-GOOD_FOR = 0.5
-"""s for which every check must hold before ARMED."""
+# s since the last byte of the guard process; it writes one each 20 ms. The check runs each frame
+# (10 ms), and a pulse that has begun ends within 20 ms: neutral 80 + 10 + 20 = 110 ms after the
+# guard's last byte.
+MAX_GUARD_AGE = 0.08
+# s, one PWM frame: with a larger delay of its pulses, the loop does not keep up.
+MAX_PULSE_DELAY = 0.02
+# s for which every check must pass before ARMED.
+MIN_GOOD_TIME = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What is known about car, link and process; the defaults are those of a good car.
+    """State of car, link and process as the checks need it; the defaults are those of a good car.
 
-    Times in s. ``wheel_moves``: edges come in at neutral; ``moves_at_neutral``: they came in
+    Times in s. ``wheel_moves``: edges arrive at neutral; ``moves_at_neutral``: they arrived
     faster and faster, the pulses are off, and the wheels have not come to rest since.
-    ``bus_fault``: what the PCA9685 does not do: "absent", "mode", "prescale", "write", None = it
-    obeys. ``cutoff``: the Nano's safety_out; ``cutoff_test``: "pending",
-    "passed", "failed", "unwired" (no pulse came through the capture wire).
-    ``car_moves``: the wheels shall be off the ground, and the IMU does not show a car
-    that stands. ``beat_limit``: the Nano's heartbeat limit [ms], None = not told yet.
-    ``other_board``: the calibration was measured with another Nano; ``calibration_unbound``: it
-    does not say with which.
-    ``guard_age`` None = there is no guard process; a backend in virtual time
-    needs none and passes 0. ``loop_late``: p99 of how late pulses are written.
+    ``bus_fault``: "absent", "mode", "prescale" or "write", None = the PCA9685 works.
+    ``cutoff``: the Nano's safety_out; ``cutoff_test``: "pending", "passed", "failed", "unwired"
+    (no pulse arrived through the capture wire). ``car_moves``: the wheels must be off the ground,
+    and the IMU does not show a car at rest. ``beat_limit``: the Nano's heartbeat limit [ms],
+    None = not received yet. ``other_board``: the calibration was measured with another Nano;
+    ``calibration_unbound``: it does not name one. ``guard_age``: since the guard's last byte,
+    None = there is no guard process; a backend in virtual time needs none and passes 0.
+    ``loop_late``: 99th percentile of the delay with which pulses are written.
     """
 
     hello: bool = True
@@ -85,7 +85,7 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """One reason: holds(facts), what it means, what to do."""
+    """One reason not to arm: whether it applies to facts, what it means, what to do."""
 
     name: str
     group: str
@@ -97,14 +97,14 @@ class Refusal:
 
 _DOCTOR = "dart-hal doctor"
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal("NO_HELLO", "link", "the Nano has not said who it is", _DOCTOR,
+    Refusal("NO_HELLO", "link", "the Nano has not sent HELLO, its identification", _DOCTOR,
             lambda f: not f.hello),
-    Refusal("SCHEMA_MISMATCH", "link", "the firmware speaks other messages", "dart-hal flash",
-            lambda f: not f.schema_ok),
-    Refusal("PROTOCOL_TOO_OLD", "link", "the firmware speaks an older protocol",
+    Refusal("SCHEMA_MISMATCH", "link", "the messages of the firmware have another layout",
+            "dart-hal flash", lambda f: not f.schema_ok),
+    Refusal("PROTOCOL_TOO_OLD", "link", "the firmware uses an older protocol",
             "dart-hal flash", lambda f: not f.protocol_ok),
     Refusal("LINK_NOT_GOOD_500MS", "link", "no gap-free 0.5 s of frames yet",
-            "wait; if it stays: " + _DOCTOR, lambda f: f.link_good_for < GOOD_FOR),
+            "wait; if it stays: " + _DOCTOR, lambda f: f.link_good_for < MIN_GOOD_TIME),
     Refusal("FRAME_LOSS", "link", "more than 2 % of the frames are lost",
             "another USB cable or port", lambda f: f.frame_loss > 0.02),
     Refusal("CLOCK_NOT_SYNCED", "link", "the Nano's clock is not fitted to the host's yet",
@@ -117,7 +117,7 @@ REFUSALS: tuple[Refusal, ...] = (
             lambda f: f.imu_required and f.imu_stale),
     Refusal("IMU_STUCK", "sensors", "the IMU repeats one sample",
             "switch the Nano off and on", lambda f: f.imu_required and f.imu_stuck),
-    Refusal("IMU_DOUBTED", "sensors", "the IMU's numbers cannot be, or the wheels contradict them",
+    Refusal("IMU_DOUBTED", "sensors", "the IMU's values are impossible, or contradict the wheels",
             "check its plug and its mount (car.toml [imu]), then " + _DOCTOR,
             lambda f: f.imu_required and f.imu_doubted),
     Refusal("ENCODER_MOVING", "sensors", "the wheels turn at neutral",
@@ -133,11 +133,12 @@ REFUSALS: tuple[Refusal, ...] = (
     Refusal("ENCODER_NOISY", "sensors", "the encoder counts more edges than the car can make",
             "shade the sensor, shorten its wires", lambda f: f.encoder_noisy),
     Refusal("CAR_MOVES", "sensors",
-            "the IMU does not show a car that stands still with its wheels off the ground",
-            "put it on a stand and hold it still; the IMU must be valid", lambda f: f.car_moves),
+            "the IMU does not show a car at rest with its wheels off the ground",
+            "put the car on blocks and hold it still; the IMU must be valid",
+            lambda f: f.car_moves),
     Refusal("PCA_ABSENT", "actuators", "no PCA9685 answers", _DOCTOR,
             lambda f: f.bus_fault == "absent"),
-    Refusal("PCA_MODE", "actuators", "the PCA9685 sleeps, or somebody else writes to it",
+    Refusal("PCA_MODE", "actuators", "the PCA9685 sleeps, or another program writes to it",
             "check its 3.3 V, end other programs on the bus, then open the car again",
             lambda f: f.bus_fault == "mode"),
     Refusal("PCA_PRESCALE", "actuators", "the PCA9685 runs at another frequency than was set",
@@ -145,26 +146,27 @@ REFUSALS: tuple[Refusal, ...] = (
             lambda f: f.bus_fault == "prescale"),
     Refusal("PCA_WRITE_FAILED", "actuators", "the last write to the PCA9685 failed", _DOCTOR,
             lambda f: f.bus_fault == "write"),
-    Refusal("NEUTRAL_TOO_SHORT", "actuators", "the ESC has not seen neutral long enough",
+    Refusal("NEUTRAL_TOO_SHORT", "actuators", "the ESC has not received neutral for long enough",
             "wait; arm() waits by itself", lambda f: f.neutral_for < f.arm_neutral),
     Refusal("PWM_CLOCK_UNCALIBRATED", "actuators",
             "the PCA9685's clock was never measured: neutral may be 100 us off",
             'enter [pwm] oscillator_hz in car.toml (hardware/README.md, section PWM clock), or '
             'arm(waive=["PWM_CLOCK_UNCALIBRATED"]), in a shell --waive PWM_CLOCK_UNCALIBRATED',
             lambda f: not f.clock_calibrated, waivable=True),
-    Refusal("THROTTLE_NOT_NEUTRAL", "command", "a source asks for throttle",
+    Refusal("THROTTLE_NOT_NEUTRAL", "command", "a source requests throttle",
             "release the throttle, then arm()", lambda f: f.throttle != 0.0),
     Refusal("COMMAND_INVALID", "command", "the last command was not a number",
             "check the controller's output; 0.5 s later arm() again", lambda f: not f.command_ok),
     Refusal("RAW_MODE_OPEN", "command", "raw() is open", "leave the raw() block",
             lambda f: f.raw_open),
-    Refusal("RUN_STOP", "command", "the cars of the room are stopped, or nobody watches it",
-            "wait 0.5 s after the last stop; start who watches: dart-hal fleet watch",
+    Refusal("RUN_STOP", "command", "the cars of the room are stopped, or no program watches it",
+            "wait 0.5 s after the last stop; start the watching program: dart-hal fleet watch",
             lambda f: f.run_stop),
     Refusal("GUARD_MISSING", "process", "no guard process runs",
             "open the car again", lambda f: f.guard_age is None),
-    Refusal("GUARD_SILENT", "process", f"the guard process has not answered for {GUARD_ALIVE:g} s",
-            "open the car again", lambda f: f.guard_age is not None and f.guard_age > GUARD_ALIVE),
+    Refusal("GUARD_SILENT", "process",
+            f"the guard process has not answered for {MAX_GUARD_AGE:g} s", "open the car again",
+            lambda f: f.guard_age is not None and f.guard_age > MAX_GUARD_AGE),
     Refusal("LATCHED", "process", "three trips in 60 s locked the car",
             'car.unlock("reason")', lambda f: f.latched),
     Refusal("CALIBRATION_MISSING", "files", "this car has no calibration.toml",
@@ -175,10 +177,10 @@ REFUSALS: tuple[Refusal, ...] = (
             "calibration.toml was measured with another Nano than the one that answers",
             "same car, new Nano: dart-hal calibrate accept-board; else use the files of this car",
             lambda f: f.other_board),
-    Refusal("CUTOFF_REQUIRED", "hardware", "car.toml demands a hardware cut-off, none is fitted",
+    Refusal("CUTOFF_REQUIRED", "hardware", "car.toml requires a hardware cut-off, none is fitted",
             "fit it (docs), or cutoff_required = false",
             lambda f: f.cutoff_required and f.cutoff == "none"),
-    Refusal("CUTOFF_UNTESTED", "hardware", "the test of the hardware cut-off is not over",
+    Refusal("CUTOFF_UNTESTED", "hardware", "the test of the hardware cut-off is not finished",
             "wait; arm() waits by itself",
             lambda f: f.cutoff != "none" and f.cutoff_test == "pending"),
     Refusal("CUTOFF_TEST_FAILED", "hardware",
@@ -187,14 +189,14 @@ REFUSALS: tuple[Refusal, ...] = (
             "cutoff_test = false",
             lambda f: f.cutoff != "none" and (f.cutoff_test == "failed" or (
                 f.cutoff_test == "unwired" and f.cutoff_test_required))),
-    Refusal("BEAT_LIMIT_UNKNOWN", "hardware", "the Nano has not told its heartbeat limit",
+    Refusal("BEAT_LIMIT_UNKNOWN", "hardware", "the Nano has not reported its heartbeat limit",
             "wait; if it stays: dart-hal flash",
             lambda f: f.cutoff != "none" and f.beat_limit is None),
     Refusal("BEAT_LIMIT_TOO_LONG", "hardware",
             f"the Nano waits longer than {BEAT_LIMIT_MS} ms for a heartbeat before it cuts",
             f"python hardware/set_parameter.py beat_timeout_ms={BEAT_LIMIT_MS}",
             lambda f: f.cutoff != "none" and (f.beat_limit or 0) > BEAT_LIMIT_MS),
-    Refusal("MCU_WATCHDOG_FIRED", "hardware", "the Nano's watchdog fired at its last run",
+    Refusal("MCU_WATCHDOG_FIRED", "hardware", "the Nano's watchdog fired in its last run",
             "power the Nano off and on; report it with the recording",
             lambda f: f.watchdog_fired),
 )
@@ -204,7 +206,7 @@ WAIVABLE = tuple(r.name for r in REFUSALS if r.waivable)
 
 @dataclass(frozen=True, slots=True)
 class Caution:
-    """What does not refuse but should be known: holds(facts), what it means, what to do."""
+    """A warning that does not prevent arming: whether it applies, what it means, what to do."""
 
     name: str
     text: str
@@ -215,7 +217,7 @@ class Caution:
         return f"{self.name}: {self.text}; {self.remedy}"
 
 
-WARNINGS: tuple[Caution, ...] = (
+CAUTIONS: tuple[Caution, ...] = (
     Caution("NO_HARDWARE_CUTOFF", "if the computer dies the car keeps its throttle",
              "fit a cut-off (docs, hardware cut-off)",
              lambda f: f.cutoff == "none" and not f.simulated),
@@ -224,21 +226,21 @@ WARNINGS: tuple[Caution, ...] = (
              lambda f: f.cutoff != "none" and f.cutoff_test == "unwired"),
     Caution("CALIBRATION_OLD", "the car was calibrated more than half a year ago",
              "dart-hal calibrate steering", lambda f: f.calibration_old),
-    Caution("CALIBRATION_UNBOUND", "calibration.toml does not say with which Nano it was measured",
+    Caution("CALIBRATION_UNBOUND", "calibration.toml does not name the Nano it was measured with",
              "dart-hal calibrate accept-board", lambda f: f.calibration_unbound),
     Caution("IMU_UNCALIBRATED", "the gyro has not calibrated itself",
-             "let the car stand still for some seconds", lambda f: not f.imu_calibrated),
+             "keep the car at rest for some seconds", lambda f: not f.imu_calibrated),
     Caution("LOOP_LATE", "pulses are written more than 20 ms late (p99)",
-             "close other programs; nice -n -5", lambda f: f.loop_late > LATE),
+             "close other programs; nice -n -5", lambda f: f.loop_late > MAX_PULSE_DELAY),
     Caution("FIRMWARE_DIRTY", "the firmware was built from sources that were not committed",
              "dart-hal flash", lambda f: f.firmware_dirty),
 )
 
 
 def refusals(facts: Facts, waive: Iterable[str] = ()) -> tuple[str, ...]:
-    """Names of every reason that holds and is not waived.
+    """Return the names of all refusals that apply and are not waived.
 
-    Raises NotArmed for a waiver that does not exist or may not be given.
+    Raises NotArmed for a waiver that does not exist or is not allowed.
     """
     given = set(waive)
     wrong = sorted(given - set(WAIVABLE))
@@ -248,15 +250,15 @@ def refusals(facts: Facts, waive: Iterable[str] = ()) -> tuple[str, ...]:
     return tuple(r.name for r in REFUSALS if r.name not in given and r.holds(facts))
 
 
-def warnings(facts: Facts) -> tuple[Caution, ...]:
-    """What does not refuse but should be known."""
-    return tuple(w for w in WARNINGS if w.holds(facts))
+def list_cautions(facts: Facts) -> tuple[Caution, ...]:
+    """Return the warnings that apply and do not prevent arming."""
+    return tuple(c for c in CAUTIONS if c.holds(facts))
 
 
-def not_armed(names: Iterable[str]) -> NotArmed:
-    """The error that lists every reason with its sentence and remedy."""
-    known = [BY_NAME[name] for name in names]
-    found = "\n".join(f"{r.name}: {r.text}" for r in known)
-    remedy = "\n".join(dict.fromkeys(r.remedy for r in known))
-    return NotArmed("the car does not arm", reasons=tuple(r.name for r in known), found=found,
+def not_armed_error(names: Iterable[str]) -> NotArmed:
+    """Return the error that lists every refusal with its sentence and remedy."""
+    reasons = [BY_NAME[name] for name in names]
+    found = "\n".join(f"{r.name}: {r.text}" for r in reasons)
+    remedy = "\n".join(dict.fromkeys(r.remedy for r in reasons))
+    return NotArmed("the car does not arm", reasons=tuple(r.name for r in reasons), found=found,
                     remedy=remedy)

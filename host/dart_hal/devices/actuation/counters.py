@@ -1,4 +1,4 @@
-"""Counts of what an actuator has written, repeated and refused."""
+"""Counters of an actuator: frames, writes, retries, errors and refused commands."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from dataclasses import dataclass
 
 @dataclass(slots=True)
 class ActuatorCounters:
-    """What happened since the actuator was made."""
+    """Counts since the actuator was created.
+
+    expired: commands that ran out; overridden: commands of a source that had lower priority than
+    another one; reinits: times that a lost PCA9685 was set up again.
+    """
 
     frames: int = 0
     writes: int = 0

@@ -14,22 +14,22 @@ from dart_hal.core.ports import Bus
 from dart_hal.core.process.forks import private
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.process.waiting import wait_readable
-from dart_hal.devices.actuation.arming import GUARD_ALIVE
+from dart_hal.devices.actuation.arming import MAX_GUARD_AGE
 
-START_TIME = 10.0
-"""s that the guard may take to say that it is ready."""
+# s from the start of the guard process until it reports that it is ready.
+MAX_START_TIME = 10.0
 
+# Guards that run on without a car; referenced until they have ended, so that none becomes a zombie.
 _left: list[subprocess.Popen[bytes]] = []
-"""Guards that go on by themselves; kept until they have ended, so that none stays a zombie."""
 
 
 class Guard:
     """A running guard. ``gate`` goes to the actuator, ``beat`` into the frame step.
 
-    Start it when the actuator is open: it writes counts, which mean neutral at
-    the right prescale alone. It watches from the first beat on. ``opener`` opens
-    the bus in the guard's process, where it is found by its name: a function of a
-    module. Raises BusError when the guard cannot reach the bus.
+    Start it when the actuator is open: it writes counts, which are neutral only at the right
+    prescale. It watches from the first beat on. ``opener`` opens the bus in the guard's process,
+    where it is found by its name: a function of a module. Raises BusError when the guard cannot
+    open the bus.
     """
 
     def __init__(self, bus: str, opener: Callable[[str], Bus], *, address: int, channel: int,
@@ -38,60 +38,62 @@ class Guard:
                    f"{opener.__module__}:{opener.__qualname__}", bus, str(address),
                    str(channel), str(neutral_counts)]
         _left[:] = [process for process in _left if process.poll() is None]
-        self._clock, self._heard = clock, -math.inf
+        self._clock = clock
+        self._heard = -math.inf
         self.tripped = self._watched = False
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                                          stderr=subprocess.PIPE, start_new_session=True)
         beats, status, _ = self._pipes()
-        self._beats, self._status = beats.fileno(), status.fileno()
+        self._beats = beats.fileno()
+        self._status = status.fileno()
         os.set_blocking(self._beats, False)
         os.set_blocking(self._status, False)
         self._wait_ready()
 
     @property
     def pid(self) -> int:
-        """Its process id."""
+        """Process id of the guard."""
         return self._process.pid
 
     @property
     def age(self) -> float | None:
-        """s since the guard last spoke; None = it is dead. ``Facts.guard_age``."""
+        """Time [s] since the guard's last byte; None = it has ended. ``Facts.guard_age``."""
         self._listen()
         return None if self._process.poll() is not None else self._clock() - self._heard
 
     def beat(self, *, off: bool = False) -> None:
-        """The driver lives; at 50 Hz or more, from the frame step. ``off``: without pulses."""
+        """Send a beat, at 50 Hz or more, from the frame step. ``off``: the pulses are off."""
         self._watched = True
-        self._tell(b"o" if off else b"b")
+        self._send(b"o" if off else b"b")
 
     def gate(self) -> str | None:
-        """Why no throttle may be written now: GUARD_TRIPPED, GUARD_SILENT, None = go on.
+        """Return why no throttle may be written now: GUARD_TRIPPED, GUARD_SILENT, None = it may.
 
-        After SIGCONT the trip is in the pipe already, before any stale write.
-        Before the first beat nobody watches: GUARD_SILENT.
+        After SIGCONT the trip is already in the pipe, so an old command is not written. Before the
+        first beat the guard does not watch: GUARD_SILENT.
         """
         age = self.age
         if self.tripped:
             return "GUARD_TRIPPED"
-        silent = age is None or age > GUARD_ALIVE or not self._watched
+        silent = age is None or age > MAX_GUARD_AGE or not self._watched
         return "GUARD_SILENT" if silent else None
 
     def acknowledge(self) -> None:
-        """The driver has seen the trip and holds neutral; the guard stops writing."""
+        """Acknowledge the trip, with the throttle at neutral; the guard stops writing."""
         self._listen()
         self.tripped = False
-        self._tell(b"a")
+        self._send(b"a")
 
     def close(self) -> None:
-        """The driver has closed at neutral: the guard ends without a write."""
-        self._tell(b"q")
-        self._process.communicate(timeout=START_TIME)
+        """End the guard without a write: the driver has closed at neutral."""
+        self._send(b"q")
+        self._process.communicate(timeout=MAX_START_TIME)
 
     def leave(self) -> None:
-        """The driver closes and could not write neutral: the guard goes on trying by itself.
+        """Let the guard write neutral without the driver, which could not write it on closing.
 
-        Its pipe ends here, so that it gives up in the end; and it stands back
-        while somebody else owns the chip, this process too.
+        Closing the pipe limits the time for which the guard tries. It writes nothing while another
+        car owns the chip, in this process too.
         """
         for pipe in self._pipes():
             pipe.close()
@@ -105,10 +107,11 @@ class Guard:
         return private(process.stdin), private(process.stdout), private(process.stderr)
 
     def _wait_ready(self) -> None:
-        said = os.read(self._status, 1) if wait_readable(self._status, START_TIME) else b""
-        if said != b"r":
+        """Wait for the first byte of the guard. Raises BusError when it does not start."""
+        first = os.read(self._status, 1) if wait_readable(self._status, MAX_START_TIME) else b""
+        if first != b"r":
             self._process.kill()
-            _, error = self._process.communicate(timeout=START_TIME)
+            _, error = self._process.communicate(timeout=MAX_START_TIME)
             raise BusError("the guard process does not start",
                            found=error.decode("utf-8", "replace").strip() or "no answer",
                            likely="the bus allows one program only, or has gone",
@@ -116,16 +119,17 @@ class Guard:
         self._heard = self._clock()
 
     def _listen(self) -> None:
+        """Read the bytes that the guard has sent: they prove that it runs; t is a trip."""
         try:
-            said = os.read(self._status, 65536)
+            data = os.read(self._status, 65536)
         except BlockingIOError:
             return
-        if said:
+        if data:
             self._heard = self._clock()
-            self.tripped = self.tripped or b"t" in said
+            self.tripped = self.tripped or b"t" in data
 
-    def _tell(self, word: bytes) -> None:
+    def _send(self, word: bytes) -> None:
         try:
             os.write(self._beats, word)
-        except (BrokenPipeError, BlockingIOError):      # seen by age, at the next gate
+        except (BrokenPipeError, BlockingIOError):      # the next ``gate`` finds it by the age
             return

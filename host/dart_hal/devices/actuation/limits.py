@@ -1,4 +1,4 @@
-"""What a command may become before it reaches a pin: expiry, priority, range, slew."""
+"""Checks and limits of a command before it reaches a pin: expiry, priority, range, slew rate."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ import numpy as np
 
 from dart_hal.core.errors import BadCommand
 
-LONGEST_VALIDITY = 0.5
-"""s that one command may hold the car, whatever its sender asks for."""
-LONGEST_RAW = 0.2
-"""s that raw pulses may hold the car: nobody calibrates at less than 10 Hz."""
-RAW_LOW_US, RAW_HIGH_US = 1000.0, 2000.0
-"""What an ESC or a servo may be asked for at all: the range of every RC pulse."""
-WILD = 10.0
-"""rad, and times full throttle: beyond it a controller has diverged or speaks of
-degrees and per cent. Below, what is out of range is clipped and said."""
+# s for which one command may be valid, whatever its sender requests.
+MAX_VALIDITY = 0.5
+# s for which raw pulses may be valid: every calibration sends them at 10 Hz or faster.
+MAX_RAW_VALIDITY = 0.2
+# Range of raw pulses: that of every RC pulse.
+RAW_LOW_US = 1000.0
+RAW_HIGH_US = 2000.0
+# rad, and multiples of full throttle. With a larger value the controller has diverged, or uses
+# degrees or per cent: the command is refused. Smaller values out of range are clipped and reported.
+MAX_PLAUSIBLE = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
-    """What one source wants: steering [rad], throttle [-1..1], until [s] of the car's clock.
+class SourceCommand:
+    """Request of one source: steering [rad], throttle [-1..1], until [s] of the car's clock.
 
-    ``shortened``: its sender wanted it to hold for longer.
+    ``shortened``: its sender requested a longer validity.
     """
 
     steering: float
@@ -36,10 +37,10 @@ class Command:
 
 
 @dataclass(frozen=True, slots=True)
-class Pulses:
-    """Pulses [us] for a calibration, until [s]; ``throttle``: away from neutral [us].
+class RawPulses:
+    """Pulses [us] for a calibration, until [s]; ``throttle``: distance from neutral [us].
 
-    ``throttle_us`` 0.0: none at all, what the ESC of a broken wire gets.
+    ``throttle_us`` 0.0: no pulse, as with a broken wire to the ESC.
     """
 
     steering_us: float
@@ -49,70 +50,70 @@ class Pulses:
     shortened: bool = False
 
 
-def number(name: str, value: object, of: str) -> float:
-    """``value`` as a finite float. Raises BadCommand for all that is none.
+def to_finite(name: str, value: object, owner: str) -> float:
+    """Convert to a finite float; name, owner: for the message.
 
-    True counts as no number: it would be full throttle. So does text, though
+    Raises BadCommand for NaN, infinity, bool (True would be full throttle), and text, although
     float() would read it.
     """
     if isinstance(value, bool | np.bool_ | str | bytes) or not hasattr(value, "__float__"):
-        raise BadCommand(f"{name} of {of} is not a number", found=repr(value)[:80],
+        raise BadCommand(f"{name} of {owner} is not a number", found=repr(value)[:80],
                          expected="a finite number; the car is tripped to neutral")
     try:
-        known = float(value)
+        number = float(value)
     except (OverflowError, TypeError, ValueError) as error:
-        raise BadCommand(f"{name} of {of} is not one finite number", found=str(error),
+        raise BadCommand(f"{name} of {owner} is not one finite number", found=str(error),
                          expected="a finite number; the car is tripped to neutral") from error
-    if not math.isfinite(known):
-        raise BadCommand(f"{name} of {of} is not a number", found=repr(known),
+    if not math.isfinite(number):
+        raise BadCommand(f"{name} of {owner} is not a number", found=repr(number),
                          expected="a finite number; the car is tripped to neutral")
-    return known
+    return number
 
 
-def checked(steering: object, throttle: object, valid_for: object, source: str,
-            now: float) -> Command:
-    """A command of numbers that can be meant, valid for at most 0.5 s. Raises BadCommand."""
-    of = f"source {source}"
-    angle, part = number("steering", steering, of), number("throttle", throttle, of)
+def parse_command(steering: object, throttle: object, valid_for: object, source: str,
+            now: float) -> SourceCommand:
+    """Make a command of plausible numbers, valid for at most 0.5 s. Raises BadCommand."""
+    owner = f"source {source}"
+    angle = to_finite("steering", steering, owner)
+    part = to_finite("throttle", throttle, owner)
     for name, value, unit in (("steering", angle, "rad"), ("throttle", part, "of full throttle")):
-        if abs(value) > WILD:
-            raise BadCommand(f"{name} of {of} cannot be meant", found=f"{value:g} {unit}",
-                             expected=f"at most {WILD:g} {unit}; degrees or per cent?")
-    seconds = validity(valid_for, of)
-    return Command(angle, part, number("now", now, of) + seconds, source,
-                   seconds < number("valid_for", valid_for, of))
+        if abs(value) > MAX_PLAUSIBLE:
+            raise BadCommand(f"{name} of {owner} is implausible", found=f"{value:g} {unit}",
+                             expected=f"at most {MAX_PLAUSIBLE:g} {unit}; degrees or per cent?")
+    seconds = limit_validity(valid_for, owner)
+    return SourceCommand(angle, part, to_finite("now", now, owner) + seconds, source,
+                         seconds < to_finite("valid_for", valid_for, owner))
 
 
-def validity(valid_for: object, of: str, longest: float = LONGEST_VALIDITY) -> float:
-    """s for which a command counts, at most ``longest``. Raises BadCommand."""
-    seconds = number("valid_for", valid_for, of)
+def limit_validity(valid_for: object, owner: str, maximum: float = MAX_VALIDITY) -> float:
+    """Return the validity [s] of a command, at most ``maximum``. Raises BadCommand."""
+    seconds = to_finite("valid_for", valid_for, owner)
     if seconds <= 0:
-        raise BadCommand(f"valid_for of {of} must be positive", found=repr(seconds),
-                         expected=f"above 0, at most {longest} s")
-    return min(seconds, longest)
+        raise BadCommand(f"valid_for of {owner} must be positive", found=repr(seconds),
+                         expected=f"above 0, at most {maximum} s")
+    return min(seconds, maximum)
 
 
-def raw_pulses(steering_us: object, throttle_us: object, neutral_us: float, lifted: bool,
-               now: float, valid_for: float) -> Pulses:
-    """Pulses [us] that servo and ESC can have; ``throttle_us`` None: none for the ESC.
+def parse_raw_pulses(steering_us: object, throttle_us: object, neutral_us: float, lifted: bool,
+                     now: float, valid_for: float) -> RawPulses:
+    """Make raw pulses of numbers in the range of RC pulses [us]. Raises BadCommand.
 
-    Without them an ESC may hold its throttle for a second, so that the wheels must be
-    ``lifted``; the end of the silence trips as that of a throttle does. Raises BadCommand.
+    ``throttle_us`` None: no pulse for the ESC. An ESC may then keep its throttle for a second, so
+    the wheels must be ``lifted``. Its expiry trips as that of a throttle pulse does.
     """
     if throttle_us is None and not lifted:
-        raise BadCommand("the ESC may be left without pulses with lifted wheels alone",
+        raise BadCommand("the ESC may be without pulses only with lifted wheels",
                          found="throttle_us=None", expected="a pulse of 1000 to 2000 us",
                          remedy="with car.raw(lifted=True): car.pulses(...)")
-    asked = RAW_LOW_US if throttle_us is None else throttle_us
-    steering, throttle = number("steering_us", steering_us, "raw"), number("throttle_us", asked,
-                                                                           "raw")
+    steering = to_finite("steering_us", steering_us, "raw")
+    throttle = to_finite("throttle_us", RAW_LOW_US if throttle_us is None else throttle_us, "raw")
     for name, pulse in (("steering_us", steering), ("throttle_us", throttle)):
         if not RAW_LOW_US <= pulse <= RAW_HIGH_US:
             raise BadCommand(f"{name} is not a pulse for this car", found=repr(pulse),
                              expected=f"{RAW_LOW_US:.0f} to {RAW_HIGH_US:.0f} us")
-    seconds = validity(valid_for, "raw", LONGEST_RAW)
-    return Pulses(steering, 0.0 if throttle_us is None else throttle, throttle - neutral_us,
-                  now + seconds, shortened=seconds < valid_for)
+    seconds = limit_validity(valid_for, "raw", MAX_RAW_VALIDITY)
+    return RawPulses(steering, 0.0 if throttle_us is None else throttle, throttle - neutral_us,
+                     now + seconds, shortened=seconds < valid_for)
 
 
 class Arbiter:
@@ -120,49 +121,48 @@ class Arbiter:
 
     def __init__(self, order: Sequence[str]) -> None:
         self._rank = {source: rank for rank, source in enumerate(order)}
-        self._commands: dict[str, Command] = {}
-        self._lapsed: Command | None = None
+        self._commands: dict[str, SourceCommand] = {}
+        self._expired: SourceCommand | None = None
 
-    def put(self, command: Command) -> None:
-        """A source speaks; its former command is gone."""
-        self._commands.pop(command.source, None)        # the newest stands last
+    def put(self, command: SourceCommand) -> None:
+        """Store a command in place of the former one of its source."""
+        self._commands.pop(command.source, None)        # the newest command is the last entry
         self._commands[command.source] = command
-        self._lapsed = None
+        self._expired = None
 
-    def winner(self, now: float) -> Command | None:
-        """The command that counts at ``now``; expired ones are dropped.
+    def winner(self, now: float) -> SourceCommand | None:
+        """Return the valid command of highest priority at ``now``, and drop expired ones.
 
-        Sources that car.toml does not list rank after all that it does; among
-        them the one that spoke last wins.
+        Sources that car.toml does not list rank last; among them the newest command wins.
         """
         for command in list(self._commands.values()):
             if command.until < now:
-                self._lapsed = self._commands.pop(command.source)
-        standing = list(reversed(self._commands.values()))
-        return min(standing, key=self._rank_of, default=None)
+                self._expired = self._commands.pop(command.source)
+        newest_first = list(reversed(self._commands.values()))
+        return min(newest_first, key=self._rank_of, default=None)
 
     @property
-    def lapsed(self) -> Command | None:
-        """The last command that ran out, while no newer one has come."""
-        return self._lapsed if not self._commands else None
+    def last_expired(self) -> SourceCommand | None:
+        """The last command that expired, while no other one is valid; else None."""
+        return self._expired if not self._commands else None
 
     def clear(self) -> None:
-        """Forget every command."""
+        """Drop every command."""
         self._commands.clear()
-        self._lapsed = None
+        self._expired = None
 
-    def _rank_of(self, command: Command) -> int:
+    def _rank_of(self, command: SourceCommand) -> int:
         return self._rank.get(command.source, len(self._rank))
 
 
 def clip(value: float, low: float, high: float) -> float:
-    """``value`` within [low, high]."""
+    """Clip ``value`` to [low, high]."""
     return min(max(value, low), high)
 
 
-def slew(wanted: float, last: float, rate: float | None, dt: float) -> float:
-    """``wanted``, no further than rate x dt from ``last``; rate None = no limit."""
+def limit_slew(target: float, last: float, rate: float | None, dt: float) -> float:
+    """Limit ``target`` to a change of rate x dt from ``last``; rate None = no limit."""
     if rate is None:
-        return wanted
+        return target
     step = rate * max(dt, 0.0)
-    return clip(wanted, last - step, last + step)
+    return clip(target, last - step, last + step)

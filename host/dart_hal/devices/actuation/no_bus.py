@@ -1,4 +1,4 @@
-"""The I2C bus of a replay, which has none."""
+"""Placeholder for the I2C bus of a replay, which has none."""
 
 from __future__ import annotations
 

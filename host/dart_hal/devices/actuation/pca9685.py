@@ -1,9 +1,9 @@
-"""The PCA9685 from a stranger's state to neutral pulses, and held there.
+"""Driver of the PCA9685: from any state to neutral pulses, and the pulses of each frame.
 
-The chip has no timeout: it repeats its last pulse until it is written or loses
-power, and waking it can bring an old pulse back. So registers hold neutral, or
-"all off" while the prescale is wrong, before any write that can wake the
-oscillator; MODE1 and PRE_SCALE are written only where they differ.
+The chip has no time-out: it repeats its last pulse until it is written or loses power, and waking
+it can restart an old pulse. Therefore the registers contain neutral, or "all off" while the
+prescale is wrong, before any write that can wake the oscillator. MODE1 and PRE_SCALE are only
+written where they differ.
 """
 
 from __future__ import annotations
@@ -15,7 +15,12 @@ from typing import Any, TypeVar
 from dart_hal.core.errors import BusError, NotPca, PcaFault, PcaMissing
 from dart_hal.core.ports import Bus
 from dart_hal.core.ports.bus import NACK, bus_name, explain
-from dart_hal.devices.actuation.quantiser import NOMINAL_HZ, STEPS, count_us, prescale_for
+from dart_hal.devices.actuation.quantiser import (
+    COUNTS_PER_FRAME,
+    NOMINAL_HZ,
+    count_us,
+    prescale_for,
+)
 from dart_hal.devices.actuation.servokit import (
     MODE1,
     MODE2,
@@ -28,69 +33,81 @@ from dart_hal.devices.actuation.servokit import (
 
 T = TypeVar("T")
 
-AUTO_INCREMENT, EXTCLK = 0x20, 0x40
+# Bits of MODE1.
+AUTO_INCREMENT = 0x20
+EXTCLK = 0x40
+# Bits of MODE1 by which the chip answers further addresses: SUB1 to SUB3 and all-call, which is on
+# at power-on. With one of them set, data for another chip at 0x70 become pulses of this car.
 ALIASES = 0x0F
-"""Bits of MODE1 by which the chip answers further addresses: SUB1 to SUB3 and all-call, which is on
-at power-on. With one of them set, data for another chip at 0x70 become pulses of this car."""
+# MODE2: totem pole, not inverted, outputs change at STOP, low while /OE is high.
 MODE2_NORMAL = 0x04
-"""Totem pole, not inverted, latched at STOP, low while /OE is high."""
 ALL_LED_OFF_H = 0xFD
 FULL_OFF = 0x10
-TRIES = 3
+# Attempts of a transfer before its error is raised.
+MAX_ATTEMPTS = 3
+# PWM frames of neutral, 0.2 s, before the pulses end: an ESC needs some of them to stop the motor.
+# No more, since the neutral may be wrong. Driver, guard and standby write the same number.
 NEUTRAL_FRAMES = 10
-"""PWM frames of neutral, 0.2 s, before the pulses end: an ESC needs some of them to give up a
-throttle. No more, since the neutral may be wrong. Driver, guard and standby write as many."""
-LOCK_TRIES = 100
-"""Times 0.1 ms: longer than any transaction of ours."""
-SETTLE = 0.005
-"""s that ServoKit grants the oscillator after a new prescale."""
-LED0, SUBADDRESSES = 0x06, range(0x02, 0x06)
+# Successful writes of guard and standby after the driver is gone: one second, neutral and then off.
+FINAL_WRITES = 50
+# Attempts to lock the bus, 0.1 ms apart: longer than any transaction of this package.
+MAX_LOCK_ATTEMPTS = 100
+# s that ServoKit waits for the oscillator after a new prescale.
+PRESCALE_SETTLE_TIME = 0.005
+# Registers: the first of four per channel, and the sub-addresses with the all-call address.
+LED0 = 0x06
+SUBADDRESSES = range(0x02, 0x06)
+# Sub-addresses and all-call address after power-on.
 FURTHER_ADDRESSES = b"\xe2\xe4\xe8\xe0"
-"""Sub-addresses and all-call address of power-on."""
+# Limit of the chip, by its data sheet.
 LOWEST_PRESCALE = 3
-"""The chip's own limit, by its data sheet."""
-TI, TI_ID = 0xFE, b"\x54\x49"
-"""Register and number by which power monitors of Texas Instruments say who they are."""
+# Register and value by which power monitors of Texas Instruments identify themselves.
+TI_ID_REGISTER = 0xFE
+TI_ID = b"\x54\x49"
 
 
 class Pca9685:
     """One PCA9685 that drives a servo and an ESC.
 
-    ``channels`` (steering, throttle); ``sleep`` in the backend's clock. All
-    methods raise BusError after two retries; nothing is swallowed.
+    ``channels`` (steering, throttle); ``sleep``: in the backend's clock. All methods raise BusError
+    after two retries.
     """
 
     def __init__(self, bus: Bus, *, address: int, frequency: float, channels: tuple[int, int],
                  sleep: Callable[[float], None], oscillator_hz: float = NOMINAL_HZ) -> None:
-        self.address, self.channels = address, channels
+        self.address = address
+        self.channels = channels
         self.prescale = prescale_for(frequency, oscillator_hz)
         self.count_us = count_us(self.prescale, oscillator_hz)
-        self.frame = STEPS * self.count_us * 1e-6
+        self.frame = COUNTS_PER_FRAME * self.count_us * 1e-6
         """One PWM frame [s]."""
         self.retries = 0
-        self._bus, self._sleep = bus, sleep
+        self._bus = bus
+        self._sleep = sleep
         self._kit: Any = None
         self._known = False
         self._written: dict[int, bytes] = {}
 
     def open(self, neutral: tuple[int, int]) -> None:
-        """Bring the chip to ``neutral`` counts, whatever state it was left in.
+        """Bring the chip to ``neutral`` counts from any state.
 
-        No pulse longer than neutral leaves it on the way, but for the frame
-        under way at the first write. Before that write it is read who answers.
+        Apart from the frame in progress at the first write, no pulse is longer than neutral.
         Raises PcaMissing, NotPca, PcaFault, BusError.
         """
         self._written.clear()
+        # 1. Check by reading that the device is a PCA9685 with its internal clock.
         mode1, mode2, prescale = self._identify()
         if mode1 & EXTCLK:
             raise PcaFault("the PCA9685 runs on an external clock", found=f"MODE1 {mode1:#04x}",
                            expected="bit 6 clear", remedy="switch the board's power off and on")
+        # 2. Let it answer its own address only, and set the output mode.
         self._register(MODE1, (mode1 & 0x7F & ~ALIASES) | AUTO_INCREMENT)
         for register, address in zip(SUBADDRESSES, FURTHER_ADDRESSES, strict=True):
             if self._read(register) != address:
                 self._register(register, address)
         if mode2 & 0x1F != MODE2_NORMAL:
             self._register(MODE2, MODE2_NORMAL)
+        # 3. Replace the pulses by neutral, without a break if the prescale is right. Read back.
         if prescale == self.prescale:
             self._take_over(mode1, neutral)
         else:
@@ -98,42 +115,42 @@ class Pca9685:
         self.check()
 
     def write(self, counts: tuple[int, int]) -> None:
-        """Pulse widths of (steering, throttle) in counts: one write if they are neighbours."""
+        """Write the pulses of (steering, throttle) in counts, in one transfer if adjacent."""
         first, second = self.channels
         pulses = dict(zip(self.channels, counts, strict=True))
         if abs(first - second) == 1:
             low = min(pulses)
-            self._led(low, _pulse(pulses[low]) + _pulse(pulses[low + 1]))
+            self._write_leds(low, _pulse(pulses[low]) + _pulse(pulses[low + 1]))
         else:
-            self._led(second, _pulse(pulses[second]))
-            self._led(first, _pulse(pulses[first]))
+            self._write_leds(second, _pulse(pulses[second]))
+            self._write_leds(first, _pulse(pulses[first]))
 
     def write_channel(self, channel: int, counts: int | None) -> None:
-        """Pulse on a spare channel (to measure the clock); None = off.
+        """Write a pulse to a spare channel (to measure the clock); None = off.
 
         Raises ValueError for the channels of servo and ESC.
         """
         if channel in self.channels:
             raise ValueError(f"channel {channel} drives the car; use write()")
-        self._led(channel, _OFF if counts is None else _pulse(counts))
+        self._write_leds(channel, _OFF if counts is None else _pulse(counts))
 
     def all_off(self) -> None:
-        """No pulse on any channel: one 2-byte write. The ESC sees signal loss."""
+        """End the pulses of all channels by one 2-byte write. The ESC detects signal loss."""
         self._register(ALL_LED_OFF_H, FULL_OFF)
 
     def is_off(self) -> bool:
-        """Whether neither servo nor ESC gets a pulse; False where the chip does not answer."""
+        """Return whether neither servo nor ESC gets a pulse; False if the chip does not answer."""
         try:
             return all(self._read(LED0 + 4 * channel + 3) & FULL_OFF for channel in self.channels)
         except BusError:
             return False
 
     def rest(self, throttle: int) -> bool:
-        """Throttle to ``throttle`` counts, for one who does not own the chip; nothing is woken.
+        """Write ``throttle`` counts without owning the chip and without waking it.
 
-        Channels without pulses get none. False: the chip is not set up as ours, or does not say
-        so; a count may mean another pulse there, and no channel gets one. Raises NotPca (nothing
-        was written), BusError.
+        Channels without pulses stay off. Returns False if the settings of the chip differ or cannot
+        be read: its counts may have another length, so all channels are switched off. Raises NotPca
+        (nothing was written), BusError.
         """
         try:
             mode1, prescale = self._read(MODE1), self._read(PRE_SCALE)
@@ -142,29 +159,32 @@ class Pca9685:
         except NotPca:
             raise
         except BusError:
-            mode1, prescale = 0, 0
+            mode1 = prescale = 0
         ours = prescale == self.prescale and mode1 & (AUTO_INCREMENT | EXTCLK) == AUTO_INCREMENT
         if mode1 & ALIASES and self._known:
             self._register(MODE1, mode1 & (AUTO_INCREMENT | SLEEP))
         if ours and not self.is_off():
-            self._led(self.channels[1], _pulse(throttle))
+            self._write_leds(self.channels[1], _pulse(throttle))
         else:
             self.all_off()
         return ours
 
     def pulse_counts(self, channel: int) -> int:
-        """Counts for which a channel is high, as its registers say; 0 = off. Raises BusError."""
+        """Return the counts for which a channel is high, by its registers; 0 = off.
+
+        Raises BusError.
+        """
         on_high, low, high = (self._read(LED0 + 4 * channel + k) for k in (1, 2, 3))
         if high & FULL_OFF:
             return 0
-        return STEPS if on_high & FULL_OFF else (high << 8 | low) & 0xFFF
+        return COUNTS_PER_FRAME if on_high & FULL_OFF else (high << 8 | low) & 0xFFF
 
     def check(self, *, pulses: bool = True) -> None:
-        """Read back every register that decides what the chip answers and puts out.
+        """Read back every register that decides the chip's addresses and outputs.
 
-        MODE1, MODE2, the further addresses, PRE_SCALE and the ``pulses`` of servo and ESC.
-        Raises PcaFault where they are not ours; look *before* a write, or it
-        hides what another program has written since the last one.
+        MODE1, MODE2, the further addresses, PRE_SCALE and the ``pulses`` of servo and ESC. Call it
+        *before* a write, which would overwrite what another program has written since the last
+        one. Raises PcaFault if a register differs from what this driver has written.
         """
         mode1, mode2, *addresses = self._read_many(MODE1, 2 + len(SUBADDRESSES))
         prescale = self._read(PRE_SCALE)
@@ -177,7 +197,7 @@ class Pca9685:
                       f"{bytes(addresses).hex(' ')}, PRE_SCALE {prescale:#04x}",
                 expected=f"MODE1 0x20, MODE2 0x04, registers 2 to 5 {FURTHER_ADDRESSES.hex(' ')}, "
                          f"PRE_SCALE {self.prescale:#04x}",
-                likely="a dip of its supply, or another program that writes to it",
+                likely="a voltage dip of its supply, or another program that writes to it",
                 remedy="check the 3.3 V supply of the board; end other programs on the bus; "
                        "dart-hal doctor")
             fault.part = "mode" if prescale == self.prescale else "prescale"
@@ -186,7 +206,7 @@ class Pca9685:
             self._compare(*sorted(self.channels))
 
     def _compare(self, low: int, high: int) -> None:
-        """Both pulses against what was written: one read if they are neighbours."""
+        """Compare both pulses with those that were written, by one read if adjacent."""
         if high - low == 1:
             found = self._read_many(LED0 + 4 * low, 8)
         else:
@@ -195,18 +215,20 @@ class Pca9685:
             ours = self._written[channel]
             if led != ours:
                 raise PcaFault(
-                    f"somebody else writes to the PCA9685 at {self.address:#04x}",
+                    f"another program writes to the PCA9685 at {self.address:#04x}",
                     found=f"channel {channel}: {led.hex(' ')}, {self._length(led)}",
                     expected=f"{ours.hex(' ')}, {self._length(ours)}, as it was written",
-                    likely="a second program that does not ask who owns the chip",
-                    remedy="end it: sudo fuser -v /dev/i2c-* names who has a bus open")
+                    likely="a second program that does not lock the chip",
+                    remedy="end it: sudo fuser -v /dev/i2c-* lists the programs that use a bus")
 
     def _length(self, led: bytes) -> str:
+        """Return the pulse of four LED registers as text."""
         counts = 0 if led[3] & FULL_OFF else (led[3] << 8 | led[2]) & 0xFFF
         return f"{counts * self.count_us:.0f} us"
 
     def _identify(self) -> tuple[int, int, int | None]:
-        """MODE1, MODE2, PRE_SCALE one by one: a burst with AI = 0 reads one register."""
+        """Read MODE1, MODE2, PRE_SCALE; check the device. Raises PcaMissing, NotPca, BusError."""
+        # One by one: without auto-increment, a burst reads one register repeatedly.
         try:
             mode1, mode2 = self._read(MODE1), self._read(MODE2)
         except BusError as error:
@@ -220,13 +242,13 @@ class Pca9685:
         return mode1, mode2, prescale
 
     def _recognise(self, mode1: int, mode2: int, prescale: int | None) -> None:
-        """Whether a PCA9685 answers, whatever its last program has left in it. By reading alone.
+        """Check by reading alone that the device is a PCA9685. Raises NotPca, BusError.
 
-        Its registers have one byte each; a longer read goes on with the next
-        register where auto-increment is on, else it gives the same one again.
-        Parts with 16-bit registers do neither. The four sub-addresses are even
-        (power-on: E2 E4 E8 E0) and not all one, MODE2 has five bits, PRE_SCALE
-        is 3 at least. Raises NotPca, BusError.
+        1. Its registers have one byte each. A longer read continues with the next register if
+           auto-increment is on, and repeats the same register otherwise. Devices with 16-bit
+           registers do neither.
+        2. The four sub-addresses are even (power-on: E2 E4 E8 E0) and not all the same.
+        3. MODE2 has five bits, PRE_SCALE is at least 3.
         """
         single = bytes(self._read(register) for register in SUBADDRESSES)
         burst = self._read_many(SUBADDRESSES[0], len(single))
@@ -234,9 +256,9 @@ class Pca9685:
         even = not any(byte & 1 for byte in single)
         if (burst != expected or not even or len(set(single)) == 1 or mode2 > 0x1F
                 or (prescale is not None and prescale < LOWEST_PRESCALE)):
-            monitor = self._read_many(TI, len(TI_ID)) == TI_ID
+            monitor = self._read_many(TI_ID_REGISTER, len(TI_ID)) == TI_ID
             raise NotPca(
-                f"what answers at {self.address:#04x} on {bus_name(self._bus)} is no PCA9685",
+                f"the device at {self.address:#04x} on {bus_name(self._bus)} is no PCA9685",
                 found=("a power monitor of Texas Instruments" if monitor else
                        f"registers 0 to 5: {bytes([mode1, mode2]).hex(' ')} {single.hex(' ')}")
                 + "; nothing was written to it",
@@ -244,56 +266,59 @@ class Pca9685:
         self._known = True
 
     def _take_over(self, mode1: int, neutral: tuple[int, int]) -> None:
-        """The prescale is right: pulses go on without a cut one, from now on neutral.
-
-        With OCH = 0 the LED write also clears a pending RESTART.
-        """
+        """Replace the pulses by neutral while they run: the prescale is right."""
         self._kit = None
+        # With OCH = 0 this write also clears a pending RESTART.
         self.write(neutral)
         for channel in range(16):
             if channel not in self.channels:
-                self._led(channel, _OFF)
+                self._write_leds(channel, _OFF)
         self._attach(keep=True)
         if mode1 & SLEEP:
             self._register(MODE1, AUTO_INCREMENT)
             self._sleep(WAKE_TIME)
 
     def _set_up(self, prescale: int | None, neutral: tuple[int, int]) -> None:
-        """The prescale is wrong: 307 counts could be 3 ms. Missing pulses, none longer."""
+        """Set a new prescale with all pulses off: at the old one, 307 counts could be 3 ms."""
         self._kit = None
         self.all_off()
-        running = STEPS * count_us(0xFF if prescale is None else prescale, NOMINAL_HZ) * 1e-6
-        self._sleep(1.1 * running)                      # a slow oscillator's frame is longer
+        # Wait for the end of the frame in progress; with a slow oscillator it is longer.
+        old_prescale = 0xFF if prescale is None else prescale
+        self._sleep(1.1 * COUNTS_PER_FRAME * count_us(old_prescale, NOMINAL_HZ) * 1e-6)
         self._attach(keep=False)
-        self._sleep(SETTLE)
+        self._sleep(PRESCALE_SETTLE_TIME)
         self.write(neutral)
 
     def _attach(self, keep: bool) -> None:
+        """Create the ServoKit of this chip; keep: without its writes to MODE1 and PRE_SCALE."""
         shield = Shield(self._bus, self.address, keep, self._sleep)
         try:
             self._kit = make_kit(shield, self.address, self.prescale)
         except OSError as error:
             raise explain(error, self.address, bus_name(self._bus)) from error
-        except ValueError as error:                     # how Adafruit's probe says "no answer"
+        except ValueError as error:                     # Adafruit's probe: no answer
             raise self._missing() from error
-        shield.keep = True                              # nor may anybody's deinit() stop it
+        shield.keep = True                              # a later deinit() must not stop the chip
 
-    def _led(self, channel: int, data: bytes) -> None:
+    def _write_leds(self, channel: int, data: bytes) -> None:
+        """Write the registers of one or two channels from ``channel`` on, four bytes each."""
         self._send(bytes([LED0 + 4 * channel]) + data)
         for k in range(0, len(data), 4):
             self._written[channel + k // 4] = data[k:k + 4]
 
     def _register(self, register: int, value: int) -> None:
-        """Write one register past the shield."""
-        data = bytes([register, value])
-        self._retried(lambda: self._locked(lambda: self._bus.writeto(self.address, data)))
+        """Write one register without ServoKit."""
+        self._write_bytes(bytes([register, value]))
+
+    def _write_bytes(self, data: bytes) -> None:
+        self._retry(lambda: self._transfer_locked(lambda: self._bus.writeto(self.address, data)))
 
     def _send(self, data: bytes) -> None:
-        """Write through ServoKit's device, or past it before there is one."""
+        """Write through ServoKit's device, or without it before it exists."""
         if self._kit is None:
-            self._retried(lambda: self._locked(lambda: self._bus.writeto(self.address, data)))
+            self._write_bytes(data)
         else:
-            self._retried(lambda: self._through_kit(data))
+            self._retry(lambda: self._through_kit(data))
 
     def _through_kit(self, data: bytes) -> None:
         with self._kit._pca.i2c_device as device:
@@ -304,36 +329,39 @@ class Pca9685:
 
     def _read_many(self, register: int, n: int) -> bytes:
         buffer = bytearray(n)
-        self._retried(lambda: self._locked(lambda: self._bus.writeto_then_readfrom(
+        self._retry(lambda: self._transfer_locked(lambda: self._bus.writeto_then_readfrom(
             self.address, bytes([register]), buffer)))
         return bytes(buffer)
 
-    def _locked(self, transfer: Callable[[], T]) -> T:
-        for _ in range(LOCK_TRIES):
+    def _transfer_locked(self, transfer: Callable[[], T]) -> T:
+        """Make a transfer while the bus is locked. Raises BusError if it stays locked."""
+        for _ in range(MAX_LOCK_ATTEMPTS):
             if self._bus.try_lock():
                 break
             self._sleep(1e-4)
         else:
             raise BusError(f"{bus_name(self._bus)} stays locked by another user of the bus",
-                           remedy="end the transaction that holds it")
+                           remedy="end the transaction that locks it")
         try:
             return transfer()
         finally:
             self._bus.unlock()
 
-    def _retried(self, transfer: Callable[[], T]) -> T:
-        for attempt in range(TRIES):
+    def _retry(self, transfer: Callable[[], T]) -> T:
+        """Repeat a transfer that fails, up to MAX_ATTEMPTS in total. Raises BusError."""
+        for attempt in range(MAX_ATTEMPTS):
             try:
                 return transfer()
             except OSError as error:
-                if attempt == TRIES - 1:
+                if attempt == MAX_ATTEMPTS - 1:
                     raise explain(error, self.address, bus_name(self._bus)) from error
                 self.retries += 1
         raise AssertionError("unreachable")
 
     def _missing(self) -> PcaMissing:
+        """Return the error for a chip that does not answer, with the devices that do."""
         try:
-            found = self._locked(self._bus.scan)
+            found = self._transfer_locked(self._bus.scan)
         except OSError:
             found = []
         names = ", ".join(f"{a:#04x}{_GUESS.get(a, '')}" for a in found) or "no device at all"
@@ -347,5 +375,5 @@ _GUESS = {0x28: " (BNO055?)", 0x29: " (BNO055?)", 0x3C: " (display?)",
 
 
 def _pulse(counts: int) -> bytes:
-    """ON at 0, OFF at ``counts`` (1..4095); 0: no pulse."""
+    """Return the registers of a pulse: ON at 0, OFF at ``counts`` (1..4095); 0 = no pulse."""
     return bytes([0, 0, counts & 0xFF, counts >> 8]) if counts else _OFF

@@ -1,6 +1,10 @@
-"""Where one PWM frame wants the pins: pure, nothing here touches a bus.
+"""The pulses of one PWM frame, computed without access to a bus.
 
-Order: expiry and priority, range, slew, steering map inverted, pulse in us.
+1. Drop expired commands and take the one of highest priority.
+2. Clip steering and throttle to the car's limits.
+3. Limit the slew rates.
+4. Invert the steering map, with the play of the steering where it is known.
+5. Clip both pulses [us] to the range of the pins.
 """
 
 from __future__ import annotations
@@ -14,29 +18,30 @@ from dart_hal.devices.actuation.limits import (
     RAW_HIGH_US,
     RAW_LOW_US,
     Arbiter,
-    Command,
-    Pulses,
+    RawPulses,
+    SourceCommand,
     clip,
-    slew,
+    limit_slew,
 )
 from dart_hal.devices.actuation.play import Play
 from dart_hal.devices.actuation.steering_map import SteeringMap, throttle_pulse
 
-PIN_LOW_US, PIN_HIGH_US = 750.0, 2250.0
-"""No pulse outside these leaves the house: ServoKit's own range."""
+# Range of the pulses at the pins: that of ServoKit.
+PIN_LOW_US = 750.0
+PIN_HIGH_US = 2250.0
 
-LONGEST_STEP = 0.1
-"""s of slew that one frame may catch up after a pause."""
+# s of slew that one frame may apply after a pause.
+MAX_SLEW_INTERVAL = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Output:
-    """What the supervisor's state demands of the pins.
+class PinDemand:
+    """Demand of the supervisor's state on the pins.
 
-    throttle: "neutral", "command", "raw", "untouched", "off"; steering: "centre",
-    "held", "command", "raw", "untouched". ``why`` enters ``Applied.limited``.
-    "off" holds for both: an ESC on the steering's channel must get no pulse either.
-    ``full_range``: raw pulses up to 1000 and 2000 us, for wheels off the ground.
+    throttle: "neutral", "command", "raw", "untouched", "off"; steering: "centre", "held",
+    "command", "raw", "untouched". "off" applies to both: an ESC on the steering's channel must get
+    no pulse either. ``why`` is reported in ``Applied.limited``. ``full_range``: raw pulses of
+    1000 to 2000 us, for wheels off the ground.
     """
 
     throttle: str = "neutral"
@@ -50,14 +55,14 @@ class Output:
         return self.throttle in ("command", "raw")
 
 
-LIVE = Output("command", "command", ())
-OFF = Output("off", "held", (Limit.PULSES_OFF.value, Limit.NOT_ARMED.value))
-RAW = Output("raw", "raw", ())
+LIVE_DEMAND = PinDemand("command", "command", ())
+OFF_DEMAND = PinDemand("off", "held", (Limit.PULSES_OFF.value, Limit.NOT_ARMED.value))
+RAW_DEMAND = PinDemand("raw", "raw", ())
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """Pulses [us] before counts; ``moving`` False: the throttle stands at neutral."""
+class FramePlan:
+    """Pulses [us] of a frame; ``moving`` False: the throttle is at neutral."""
 
     steering_us: float
     throttle_us: float
@@ -68,152 +73,162 @@ class Plan:
 
 
 class Planner:
-    """Turns what sources want into what the next frame carries.
+    """Turns the requests of all sources into the pulses of the next frame.
 
-    ``output``: what the state demanded when it was last asked. ``angle``,
-    ``throttle``: where the last frame was, the start of slew limits.
-    ``latched``: tripped; neutral until the state is no longer live.
+    ``demand``: of the supervisor's state; ``angle`` [rad], ``throttle``: of the last frame, from
+    which the slew limits start; ``latched``: tripped, neutral until the state is no longer live.
     """
 
     def __init__(self, car: CarConfig, steering: SteeringMap, neutral_us: float,
                  frame: float, play: Play | None = None) -> None:
-        self.output = Output()
+        self.demand = PinDemand()
         self.arbiter = Arbiter(car.priorities.sources)
-        self.raw: Pulses | None = None
+        self.raw: RawPulses | None = None
         self.throttle_cap: float | None = None
         self.latched = False
-        self.angle, self.throttle = 0.0, 0.0
+        self.angle = self.throttle = 0.0
         self.last = -math.inf
-        self._car, self._map, self._play = car, steering, play
-        self._neutral_us, self._frame = neutral_us, frame
+        self._car = car
+        self._map = steering
+        self._play = play
+        self._neutral_us = neutral_us
+        self._frame = frame
 
-    def wrote(self, plan: Plan, steering_us: float) -> None:
-        """A frame carries ``plan``, the steering with this pulse [us]."""
-        self.angle, self.throttle = plan.angle, plan.throttle
+    def note_written(self, plan: FramePlan, steering_us: float) -> None:
+        """Note that ``plan`` was written, the steering with this pulse [us]."""
+        self.angle = plan.angle
+        self.throttle = plan.throttle
         if self._play is not None:
-            self._play.passed(steering_us, self._frame)
+            self._play.update(steering_us, self._frame)
 
-    def meant(self, steering_us: float) -> float:
-        """Road-wheel angle [rad] of a pulse, with the play of the steering where it is known."""
-        return self._play.meant(steering_us) if self._play else self._map.angle(steering_us)
+    def wheel_angle(self, steering_us: float) -> float:
+        """Return the road-wheel angle [rad] of a pulse, with the play of the steering if known."""
+        return self._play.wheel_angle(steering_us) if self._play else self._map.angle(steering_us)
 
-    def obey(self, output: Output) -> None:
-        """What the state demands now; leaving a mode forgets what it was told."""
-        if output.throttle != self.output.throttle:
-            self.forget()
-        if not output.live:
+    def set_demand(self, demand: PinDemand) -> None:
+        """Set the demand of the state; a change of mode drops all requests."""
+        if demand.throttle != self.demand.throttle:
+            self.clear_requests()
+        if not demand.live:
             self.latched = False
-        self.output = output
+        self.demand = demand
 
     def latch(self) -> None:
-        """Something tripped: every standing command is void."""
-        self.latched = self.output.live
-        self.forget()
+        """Trip: drop all requests, neutral until the state has changed."""
+        self.latched = self.demand.live
+        self.clear_requests()
 
-    def forget(self) -> None:
-        """No source wants anything."""
+    def clear_requests(self) -> None:
+        """Drop the requests of all sources."""
         self.arbiter.clear()
         self.raw = None
 
-    def lapsed(self, now: float) -> Command | Pulses | None:
-        """What moved the car, or held it, until it ran out; None while something stands."""
-        if self.output.throttle == "raw":
+    def expired_request(self, now: float) -> SourceCommand | RawPulses | None:
+        """Return the request that was in effect until it expired; None while one is valid."""
+        if self.demand.throttle == "raw":
             return self.raw if self.raw is not None and self.raw.until < now else None
         self.arbiter.winner(now)
-        return self.arbiter.lapsed if self.output.throttle == "command" else None
+        return self.arbiter.last_expired if self.demand.throttle == "command" else None
 
-    def plan(self, now: float, source: str | None = None) -> Plan:
-        """The frame at ``now``, and why it is not what ``source`` asked for."""
-        why = [*self.output.why]
+    def plan(self, now: float, source: str | None = None) -> FramePlan:
+        """Plan the frame at ``now``; ``limited``: why it differs from the request of ``source``."""
+        why = [*self.demand.why]
         if self.latched:
             why.append(Limit.NOT_ARMED.value)
-            return self.neutral(self.angle, tuple(why))
-        passed = now - self.last if math.isfinite(self.last) else self._frame
-        dt = min(max(passed, self._frame), LONGEST_STEP)
-        if self.lapsed(now) is not None:
+            return self.plan_neutral(self.angle, tuple(why))
+        since_last = now - self.last if math.isfinite(self.last) else self._frame
+        dt = min(max(since_last, self._frame), MAX_SLEW_INTERVAL)
+        if self.expired_request(now) is not None:
             why.append(Limit.EXPIRED.value)
-        if self.output.throttle == "raw":
-            return self._raw_plan(now, dt, why)
+        if self.demand.throttle == "raw":
+            return self._plan_raw(now, dt, why)
         winner = self.arbiter.winner(now)
         if winner and source and winner.source != source:
             why.append(f"OVERRIDDEN({winner.source})")
-        return self._limited(winner, dt, why)
+        return self._plan_limited(winner, dt, why)
 
-    def neutral(self, angle: float, why: tuple[str, ...]) -> Plan:
-        """Throttle neutral, steering at ``angle``, at once."""
-        return self._as_plan(clip(angle, self._map.lowest, self._map.highest), 0.0, why)
+    def plan_neutral(self, angle: float, why: tuple[str, ...]) -> FramePlan:
+        """Plan neutral throttle, and steering at ``angle`` without a slew limit."""
+        return self._to_pulses(clip(angle, self._map.lowest, self._map.highest), 0.0, why)
 
-    def stopped(self, why: tuple[str, ...]) -> Plan:
-        """Throttle to neutral, by car.toml's stop_ramp if it has one; steering held."""
-        return self._as_plan(self.angle, self._ramped(self._frame), why)
+    def plan_stop(self, why: tuple[str, ...]) -> FramePlan:
+        """Plan throttle to neutral, by car.toml's stop_ramp if it has one; steering unchanged."""
+        return self._to_pulses(self.angle, self._ramp_throttle(self._frame), why)
 
-    def _limited(self, winner: Command | None, dt: float, why: list[str]) -> Plan:
-        limits, live = self._car.limits, self.output.throttle == "command"
+    def _plan_limited(self, winner: SourceCommand | None, dt: float, why: list[str]) -> FramePlan:
+        """Apply range and slew limits to the winning command, and note each limit that acts."""
+        limits = self._car.limits
+        live = self.demand.throttle == "command"
         if winner and winner.shortened:
             why.append(Limit.VALIDITY.value)
-        wanted = winner.throttle if winner and live else 0.0
-        throttle = clip(wanted, *self._throttle_range())
-        angle = self._wanted_angle(winner)
+        target = winner.throttle if winner and live else 0.0
+        throttle = clip(target, *self._throttle_range())
+        angle = self._target_angle(winner)
         bounded = clip(angle, max(-limits.max_steering, self._map.lowest),
                        min(limits.max_steering, self._map.highest))
-        turned = slew(bounded, self.angle, limits.steering_slew, dt)
-        driven = (slew(throttle, self.throttle, limits.throttle_slew, dt) if winner and live
-                  else self._ramped(dt))
-        if (throttle, bounded) != (wanted, angle):
+        turned = limit_slew(bounded, self.angle, limits.steering_slew, dt)
+        driven = (limit_slew(throttle, self.throttle, limits.throttle_slew, dt) if winner and live
+                  else self._ramp_throttle(dt))
+        if (throttle, bounded) != (target, angle):
             why.append(Limit.RANGE.value)
         if (turned, driven) != (bounded, throttle):
             why.append(Limit.SLEW.value)
-        return self._as_plan(turned, driven, tuple(why))
+        return self._to_pulses(turned, driven, tuple(why))
 
-    def _wanted_angle(self, winner: Command | None) -> float:
-        mode = self.output.steering
+    def _target_angle(self, winner: SourceCommand | None) -> float:
+        """Return the steering setpoint [rad] of the mode: centre, command, or the last angle."""
+        mode = self.demand.steering
         if mode == "centre":
             return 0.0
         return winner.steering if winner and mode == "command" else self.angle
 
-    def _ramped(self, dt: float) -> float:
+    def _ramp_throttle(self, dt: float) -> float:
+        """Return the throttle on its way to neutral, dt [s] later: at once without a stop_ramp."""
         ramp = self._car.throttle.stop_ramp
-        return slew(0.0, self.throttle, 1.0 / ramp if ramp > 0 else None, dt)
+        return limit_slew(0.0, self.throttle, 1.0 / ramp if ramp > 0 else None, dt)
 
     def _throttle_range(self) -> tuple[float, float]:
-        """Limits of the throttle, and the cap of a lost encoder."""
-        limits, cap = self._car.limits, self.throttle_cap
-        cap = 1.0 if cap is None else cap
+        """Return the limits of the throttle, with the cap of a lost encoder."""
+        limits = self._car.limits
+        cap = 1.0 if self.throttle_cap is None else self.throttle_cap
         return max(limits.min_throttle, -cap), min(limits.max_throttle, cap)
 
     def _raw_range(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Pulses [us] that servo and ESC may get in RAW: the car's limits, as in ARMED."""
-        if self.output.full_range:
+        """Return the ranges [us] of servo and ESC in RAW: the car's limits, as in ARMED."""
+        if self.demand.full_range:
             return (RAW_LOW_US, RAW_HIGH_US), (RAW_LOW_US, RAW_HIGH_US)
-        servo, span = self._car.steering, self._car.throttle.span_us
+        servo = self._car.steering
+        span = self._car.throttle.span_us
         low, high = self._throttle_range()
         return ((servo.center_us - servo.span_us, servo.center_us + servo.span_us),
                 (self._neutral_us + low * span, self._neutral_us + high * span))
 
-    def _raw_plan(self, now: float, dt: float, why: list[str]) -> Plan:
-        """Pulses as they were asked for within the limits; neutral once they ran out."""
+    def _plan_raw(self, now: float, dt: float, why: list[str]) -> FramePlan:
+        """Plan raw pulses within the limits; neutral once they have expired."""
         if self.raw is None or self.raw.until < now:
-            return self.neutral(self.angle, tuple(why))
+            return self.plan_neutral(self.angle, tuple(why))
         if self.raw.shortened:
             why.append(Limit.VALIDITY.value)
         servo, esc = self._raw_range()
+        steering_us = clip(self.raw.steering_us, *servo)
         if self.raw.throttle_us == 0.0:
-            held = clip(self.raw.steering_us, *servo)
-            return Plan(held, 0.0, self._map.angle(held), 0.0, True, tuple(why))
-        steering_us, bounded = clip(self.raw.steering_us, *servo), clip(self.raw.throttle_us, *esc)
+            return FramePlan(steering_us, 0.0, self._map.angle(steering_us), 0.0, True, tuple(why))
+        bounded = clip(self.raw.throttle_us, *esc)
         if (steering_us, bounded) != (self.raw.steering_us, self.raw.throttle_us):
             why.append(Limit.RANGE.value)
         span = self._car.throttle.span_us
-        wanted = (bounded - self._neutral_us) / span
-        throttle = slew(wanted, self.throttle, self._car.limits.throttle_slew, dt)
-        if throttle != wanted:
+        target = (bounded - self._neutral_us) / span
+        throttle = limit_slew(target, self.throttle, self._car.limits.throttle_slew, dt)
+        if throttle != target:
             why.append(Limit.SLEW.value)
             bounded = self._neutral_us + throttle * span
-        return Plan(steering_us, bounded, self._map.angle(steering_us), throttle,
-                    bounded != self._neutral_us, tuple(why))
+        return FramePlan(steering_us, bounded, self._map.angle(steering_us), throttle,
+                         bounded != self._neutral_us, tuple(why))
 
-    def _as_plan(self, angle: float, throttle: float, why: tuple[str, ...]) -> Plan:
+    def _to_pulses(self, angle: float, throttle: float, why: tuple[str, ...]) -> FramePlan:
+        """Convert angle [rad] and throttle to pulses [us] in the range of the pins."""
         pulse = throttle_pulse(throttle, self._neutral_us, self._car.throttle.span_us)
         middle = self._play.aim(angle) if self._play else angle
-        return Plan(clip(self._map.pulse(middle), PIN_LOW_US, PIN_HIGH_US),
-                    clip(pulse, PIN_LOW_US, PIN_HIGH_US), angle, throttle, throttle != 0.0, why)
+        return FramePlan(clip(self._map.pulse(middle), PIN_LOW_US, PIN_HIGH_US),
+                         clip(pulse, PIN_LOW_US, PIN_HIGH_US), angle, throttle,
+                         throttle != 0.0, why)

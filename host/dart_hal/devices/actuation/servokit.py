@@ -1,13 +1,12 @@
-"""Adafruit's ServoKit, unmodified, on our bus.
+"""Adafruit's ServoKit, unmodified, on a bus of this package.
 
-Importing it drags in Blinka (0.2 s) and a ``board`` module that fails on hosts
-that Blinka does not know; so it is imported when a PCA9685 is opened, and gets
-an empty ``board`` only where the real one raises.
+Importing it imports Blinka (0.2 s) and a ``board`` module that fails on computers unknown to
+Blinka. It is therefore imported when a PCA9685 is opened, with an empty ``board`` only where the
+real one raises.
 
-Its constructor puts the chip to sleep and wakes it with RESTART: a pulse is cut
-in the middle, and the pulse of a program that died comes back. The shield
-between ServoKit and the bus drops its writes to MODE1 and PRE_SCALE wherever
-the prescale is right already.
+The constructor of ServoKit puts the chip to sleep and wakes it with RESTART: a pulse is cut in the
+middle, and the pulse of a program that died starts again. The shield between ServoKit and the bus
+drops its writes to MODE1 and PRE_SCALE wherever the prescale is already right.
 """
 
 from __future__ import annotations
@@ -19,37 +18,45 @@ from types import ModuleType
 from typing import Any
 
 from dart_hal.core.ports import Bus
-from dart_hal.devices.actuation.quantiser import NOMINAL_HZ, STEPS
+from dart_hal.devices.actuation.quantiser import COUNTS_PER_FRAME, NOMINAL_HZ
 
-MODE1, MODE2, PRE_SCALE = 0x00, 0x01, 0xFE
+# Registers.
+MODE1 = 0x00
+MODE2 = 0x01
+PRE_SCALE = 0xFE
+# Bit of MODE1.
 SLEEP = 0x10
+# s until the oscillator runs after SLEEP was cleared (data sheet: 500 us).
 WAKE_TIME = 0.0005
-"""s until the oscillator runs after SLEEP was cleared (data sheet: 500 us)."""
+# s that ServoKit waits between waking the chip and RESTART.
 KIT_WAIT = 0.005
-"""s that ServoKit waits between waking the chip and RESTART."""
 
 _IMPORT_FAILURES = (ImportError, NotImplementedError, AttributeError, RuntimeError, OSError)
 
 
 class Shield:
-    """A busio-shaped bus that can keep ServoKit's hands off two registers.
+    """A bus with the methods of busio that can drop ServoKit's writes to two registers.
 
-    ``keep``: writes to MODE1 and PRE_SCALE of ``address`` are dropped. Without
-    it they pass, and ServoKit's wait for the oscillator is repeated in the
-    caller's clock (its own is in wall-clock time).
+    ``keep``: writes to MODE1 and PRE_SCALE of ``address`` are dropped. Without it they pass, and
+    ServoKit's wait for the oscillator is repeated in the caller's clock (ServoKit waits in
+    wall-clock time).
     """
 
     def __init__(self, bus: Bus, address: int, keep: bool, sleep: Callable[[float], None]) -> None:
         self.keep = keep
         self.suppressed = 0
-        self._bus, self._address, self._sleep = bus, address, sleep
-        self.try_lock, self.unlock, self.scan = bus.try_lock, bus.unlock, bus.scan
+        self._bus = bus
+        self._address = address
+        self._sleep = sleep
+        self.try_lock = bus.try_lock
+        self.unlock = bus.unlock
+        self.scan = bus.scan
         self.readfrom_into = bus.readfrom_into
         self.writeto_then_readfrom = bus.writeto_then_readfrom
 
     def writeto(self, address: int, buffer: bytes, *, start: int = 0,
                 end: int | None = None) -> None:
-        """Pass a write on, unless it is one of those that are kept away."""
+        """Pass a write to the bus, or drop it if ``keep`` applies to it."""
         data = bytes(buffer[start:end])
         control = address == self._address and data[:1] in (bytes([MODE1]), bytes([PRE_SCALE]))
         if control and self.keep:
@@ -61,7 +68,7 @@ class Shield:
 
 
 def load_servokit() -> Any:
-    """The class ``ServoKit``. Raises ImportError when it is not installed."""
+    """Import and return the class ``ServoKit``. Raises ImportError if it is not installed."""
     stubs = [name for name in ("board", "busio") if not _imports(name)]
     for name in stubs:
         sys.modules[name] = ModuleType(name)
@@ -73,16 +80,17 @@ def load_servokit() -> Any:
 
 
 def make_kit(shield: Shield, address: int, prescale: int) -> Any:
-    """A ServoKit of 16 channels behind ``shield``. Raises BusError, ValueError (no answer).
+    """Make a ServoKit of 16 channels behind ``shield``. Raises BusError, ValueError (no answer).
 
-    It takes the oscillator for the nominal one, and is given the frequency that leads to
-    ``prescale`` by that.
+    ServoKit assumes the nominal oscillator: the frequency passed is the one for which it then
+    computes ``prescale``.
     """
-    frequency = NOMINAL_HZ / STEPS / (prescale + 1)
+    frequency = NOMINAL_HZ / COUNTS_PER_FRAME / (prescale + 1)
     return load_servokit()(channels=16, i2c=shield, address=address, frequency=frequency)
 
 
 def _imports(name: str) -> bool:
+    """Return whether a module that ServoKit needs can be imported."""
     if "adafruit_servokit" in sys.modules:
         return True
     try:

@@ -1,11 +1,10 @@
-"""Neutral by one who does not drive: when the driver is gone, or by order.
+"""Neutral from a process that does not drive: when the driver is gone, or on request.
 
-A driver has a guard of its own. Where both die (memory ends, a service is
-killed as a whole), the PCA9685 repeats the last throttle for ever. ``Watchman``
-sees that nobody holds the port any more and has neutral written for 0.2 s, then
-all channels switched off for the rest of a second: without a Nano nobody sees
-whether the neutral drives the car. A throttle channel that is off stays off.
-It arms nothing, wakes nothing, and leaves a car alone that somebody drives.
+A driver has a guard process. If both die (out of memory, or a service is killed with all its
+processes), the PCA9685 repeats the last throttle for ever. ``Watchman`` then finds that no process
+holds the port, and requests 0.2 s of neutral, then all channels off for the rest of a second:
+without a Nano no sensor shows whether the neutral drives the car. A throttle channel that is off
+stays off. It never arms, never wakes the chip, and writes nothing while another program drives.
 """
 
 from __future__ import annotations
@@ -20,22 +19,21 @@ from dataclasses import dataclass
 from dart_hal.core.config import CarFiles
 from dart_hal.core.ports import Bus
 from dart_hal.core.timing import PWM_FRAME
-from dart_hal.devices.actuation.pca9685 import NEUTRAL_FRAMES, Pca9685
+from dart_hal.devices.actuation.pca9685 import FINAL_WRITES, NEUTRAL_FRAMES, Pca9685
 from dart_hal.devices.actuation.quantiser import NOMINAL_HZ, Quantiser
 
-LOOK_EVERY = 0.1
-"""s between two looks at who drives."""
-WRITES = 50
-"""Writes that must succeed: one second, as the guard's last words."""
-GRACE = 1.0
-"""s that a driver gets to leave at neutral by itself: two PWM frames and a join."""
+# s between two checks of which program drives.
+POLL_INTERVAL = 0.1
+# s for a driver to end at neutral by itself: two PWM frames and the join of a thread.
+DRIVER_EXIT_TIME = 1.0
 
 
 class Throttle:
     """The throttle channel of a car, and its neutral."""
 
     def __init__(self, files: CarFiles, bus: Bus, sleep: Callable[[float], None]) -> None:
-        car, clock = files.config, files.oscillator_hz
+        car = files.config
+        clock = files.oscillator_hz
         self._channel = car.throttle.channel
         self._pca = Pca9685(bus, address=car.pwm.address, frequency=car.pwm.frequency,
                             channels=(car.steering.channel, car.throttle.channel), sleep=sleep,
@@ -45,18 +43,18 @@ class Throttle:
 
     @property
     def pulse_us(self) -> float:
-        """The pulse that the registers hold [us]; 0 = off. Raises BusError."""
+        """Pulse [us] in the registers; 0 = off. Raises BusError."""
         return self._pca.pulse_counts(self._channel) * self._pca.count_us
 
     @property
     def is_off(self) -> bool:
-        """Whether neither ESC nor servo gets a pulse, as the registers say."""
+        """Whether neither ESC nor servo gets a pulse, by the registers."""
         return self._pca.is_off()
 
     def rest(self) -> bool:
         """Write neutral; channels that are off stay off. Raises BusError.
 
-        False: the chip is not set up as ours, all is off.
+        Returns False if the chip is not set up for this car: then all channels are off.
         """
         return self._pca.rest(self.neutral)
 
@@ -66,42 +64,44 @@ class Throttle:
 
 
 class Watchman:
-    """When to write neutral, free of I/O: who drives and the time are arguments."""
+    """When to write neutral, without I/O: the driver's process id and the time are arguments."""
 
     def __init__(self) -> None:
-        self.owed = WRITES
-        """Writes still to be made: also at the start, when nobody drives."""
+        self.owed = FINAL_WRITES
+        """Writes to be made; also at the start, when no program drives."""
         self.driver: int | None = None
         self._next = -math.inf
 
-    def see(self, driver: int | None) -> None:
-        """Who holds the port now; one who drives owes nothing, one who left owes a second."""
+    def note_driver(self, driver: int | None) -> None:
+        """Enter the process that holds the port now [None = none]; its end requests the writes."""
         if driver is not None:
             self.owed = 0
         elif self.driver is not None:
-            self.owed = WRITES
+            self.owed = FINAL_WRITES
         self.driver = driver
 
     @property
     def switches_off(self) -> bool:
-        """Whether the next write switches all channels off; else it is neutral."""
-        return self.owed <= WRITES - NEUTRAL_FRAMES
+        """Whether the next write switches all channels off; otherwise it is neutral."""
+        return self.owed <= FINAL_WRITES - NEUTRAL_FRAMES
 
     def due(self, now: float) -> bool:
-        """Whether something must be written now."""
+        """Return whether a write is due now."""
         return self.owed > 0 and now >= self._next
 
-    def wrote(self, ok: bool, now: float) -> None:
-        """The outcome of a write; one that failed is tried again."""
+    def note_write(self, ok: bool, now: float) -> None:
+        """Enter the outcome of a write; a failed write is repeated."""
         self._next = now + PWM_FRAME
         self.owed -= ok
 
 
 @dataclass(frozen=True, slots=True)
-class Stopped:
-    """What ``stop`` met and left. Pulses in us, 0 = off; ``driver`` still drives, None = none.
+class StopResult:
+    """Result of ``stop``.
 
-    ``at_rest``: neither ESC nor servo gets a pulse.
+    found_us, left_us: throttle pulse before and after it, 0 = off; ended: process that received
+    SIGTERM; driver: process that drives after it, None = none; at_rest: neither ESC nor servo gets
+    a pulse.
     """
 
     found_us: float
@@ -112,31 +112,34 @@ class Stopped:
 
 
 def stop(throttle: Throttle, holder: Callable[[], int | None],
-         sleep: Callable[[float], None]) -> Stopped:
-    """Neutral at once, then end the driver (SIGTERM), then all channels off for a second.
+         sleep: Callable[[float], None]) -> StopResult:
+    """Stop the car from another process. Raises BusError when a write fails.
 
-    Raises BusError when that could not be written.
+    1. Write neutral at once.
+    2. Send SIGTERM to the driver, and repeat neutral until it has ended, for at most
+       DRIVER_EXIT_TIME.
+    3. Write neutral for NEUTRAL_FRAMES, then switch all channels off, FINAL_WRITES in total.
     """
     found = throttle.pulse_us
     throttle.rest()
     ended = holder()
     if ended:
-        with suppress(ProcessLookupError, PermissionError):    # told by ``driver`` below
+        with suppress(ProcessLookupError, PermissionError):    # reported as ``driver`` below
             os.kill(ended, signal.SIGTERM)
-        _while_driven(throttle, holder, sleep)
-    for write in range(WRITES):
+        _wait_for_exit(throttle, holder, sleep)
+    for write in range(FINAL_WRITES):
         if write < NEUTRAL_FRAMES:
             throttle.rest()
         else:
             throttle.switch_off()
         sleep(PWM_FRAME)
-    return Stopped(found, throttle.pulse_us, ended, holder(), throttle.is_off)
+    return StopResult(found, throttle.pulse_us, ended, holder(), throttle.is_off)
 
 
-def _while_driven(throttle: Throttle, holder: Callable[[], int | None],
-                  sleep: Callable[[float], None]) -> None:
-    """Wait for the driver to leave, neutral all the while."""
-    for _ in range(round(GRACE / PWM_FRAME)):
+def _wait_for_exit(throttle: Throttle, holder: Callable[[], int | None],
+                   sleep: Callable[[float], None]) -> None:
+    """Wait for the driver to end, and write neutral meanwhile."""
+    for _ in range(round(DRIVER_EXIT_TIME / PWM_FRAME)):
         if holder() is None:
             return
         throttle.rest()

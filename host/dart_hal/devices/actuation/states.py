@@ -1,7 +1,7 @@
-"""States and events of the host side, and the table that connects them.
+"""States and events of the host's supervisor, and the table of its transitions.
 
-Every cell of the table is written down: a state to go to, or "." for an event
-that this state ignores. Missing or misspelt cells fail when it is imported.
+Every cell of the table is written down: the next state, or "." for an event that this state
+ignores. Missing or misspelt cells raise on import.
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from dart_hal.devices.actuation.plan import LIVE, RAW, Output
+from dart_hal.devices.actuation.plan import LIVE_DEMAND, RAW_DEMAND, PinDemand
 
 
 class ArmState(str, Enum):
-    """States of the host side."""
+    """States of the host's supervisor."""
 
     CLOSED = "CLOSED"
     OPENING = "OPENING"
@@ -27,7 +27,7 @@ class ArmState(str, Enum):
 
 
 class Event(str, Enum):
-    """What can happen to the host side."""
+    """Inputs of the host's supervisor."""
 
     OPEN = "OPEN"
     OPENED = "OPENED"
@@ -76,34 +76,35 @@ BUS_BACK      .        .         .        .        .        .        .        . 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """What a state means: the pins, and the mode of the heartbeat to the Nano."""
+    """Outputs of a state: the demand on the pins, and the mode of the heartbeat to the Nano."""
 
-    output: Output
+    output: PinDemand
     beat: str
 
 
+# OPENING leaves the pins untouched by frames: ``Actuator.open`` writes its own sequence.
 ENTRY: dict[ArmState, Entry] = {
-    ArmState.CLOSED: Entry(Output("untouched", "untouched"), "STOP"),
-    ArmState.OPENING: Entry(Output("untouched", "untouched"), "DISARMED"),
-    ArmState.DISARMED: Entry(Output("neutral", "centre"), "DISARMED"),
-    ArmState.ARMING: Entry(Output("neutral", "centre"), "DISARMED"),
-    ArmState.ARMED: Entry(LIVE, "ARMED"),
-    ArmState.TRIPPED: Entry(Output("neutral", "held"), "DISARMED"),
-    ArmState.LOCKED: Entry(Output("neutral", "held"), "STOP"),
-    ArmState.RAW: Entry(RAW, "RAW"),
-    ArmState.FAULT: Entry(Output("neutral", "held"), "STOP"),
+    ArmState.CLOSED: Entry(PinDemand("untouched", "untouched"), "STOP"),
+    ArmState.OPENING: Entry(PinDemand("untouched", "untouched"), "DISARMED"),
+    ArmState.DISARMED: Entry(PinDemand("neutral", "centre"), "DISARMED"),
+    ArmState.ARMING: Entry(PinDemand("neutral", "centre"), "DISARMED"),
+    ArmState.ARMED: Entry(LIVE_DEMAND, "ARMED"),
+    ArmState.TRIPPED: Entry(PinDemand("neutral", "held"), "DISARMED"),
+    ArmState.LOCKED: Entry(PinDemand("neutral", "held"), "STOP"),
+    ArmState.RAW: Entry(RAW_DEMAND, "RAW"),
+    ArmState.FAULT: Entry(PinDemand("neutral", "held"), "STOP"),
 }
-"""OPENING is untouched by frames: ``Actuator.open`` writes its own sequence."""
 
 
 def read_grid(grid: str) -> dict[ArmState, dict[Event, ArmState]]:
-    """The table of a grid; an ignored event leads back to its own state.
+    """Parse the table: by state and event, the next state; an ignored event keeps the state.
 
-    Raises AssertionError unless every state and every event is there, each
-    once, with a cell for every pair.
+    Raises AssertionError unless every state and every event is there, each once, with a cell for
+    every pair.
     """
     head, *rows = [line.split() for line in grid.strip().splitlines()]
-    columns, names = [ArmState(name) for name in head], [row[0] for row in rows]
+    columns = [ArmState(name) for name in head]
+    names = [row[0] for row in rows]
     if sorted(columns) != sorted(ArmState) or sorted(names) != sorted(Event):
         raise AssertionError("the grid does not name every state and every event once")
     if any(len(row) != len(columns) + 1 for row in rows):
@@ -113,20 +114,18 @@ def read_grid(grid: str) -> dict[ArmState, dict[Event, ArmState]]:
 
 
 def check_table(table: dict[ArmState, dict[Event, ArmState]]) -> None:
-    """The laws of the table. Raises AssertionError.
-
-    The throttle obeys commands in ARMED alone, ARMED is entered through CHECKED
-    alone, every state can be closed, and where the bus is lost the state says so:
-    without it nobody knows what the pins carry.
-    """
+    """Check the safety rules of the table. Raises AssertionError."""
+    # 1. A lost bus always leads to FAULT: without the bus the pulses at the pins are unknown.
     lost = {s for s, row in table.items() if row[Event.BUS_LOST] is ArmState.FAULT}
     if lost != set(ArmState) - {ArmState.CLOSED}:
         raise AssertionError("a state hides that the bus is lost")
+    # 2. Only ARMED lets commands set the throttle, and only ARMING with CHECKED leads there.
     live = {s for s, e in ENTRY.items() if e.output.throttle == "command"}
-    into = {(s, e) for s, row in table.items() for e, to in row.items()
-            if to is ArmState.ARMED and s is not ArmState.ARMED}
+    into = {(s, e) for s, row in table.items() for e, target in row.items()
+            if target is ArmState.ARMED and s is not ArmState.ARMED}
     if live != {ArmState.ARMED} or into != {(ArmState.ARMING, Event.CHECKED)}:
         raise AssertionError("the throttle is live elsewhere than in ARMED, after CHECKED")
+    # 3. Every state can be closed.
     if {row[Event.CLOSE] for row in table.values()} != {ArmState.CLOSED}:
         raise AssertionError("a state cannot be closed")
     if set(ENTRY) != set(ArmState):

@@ -1,7 +1,7 @@
-"""Road-wheel angle to servo pulse and back, by this car's own measurement.
+"""Road-wheel angle to servo pulse and back, by the steering calibration of the car.
 
-Without one the paper's map of the paper's car is used, and every command says
-UNCALIBRATED: two maps of the same platform lie up to 3 deg apart.
+Without a calibration the map of the paper's car is used, and every command reports UNCALIBRATED:
+the maps of two cars of the same platform differ by up to 3 deg.
 """
 
 from __future__ import annotations
@@ -11,49 +11,50 @@ from dart_hal.devices.actuation.pchip import Pchip
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
 
+# Samples of the paper's curve; the PCHIP through them is accurate to 1e-7 rad.
 PAPER_POINTS = 201
-"""Points by which the paper's curve is entered: its PCHIP is then exact to 1e-7 rad."""
 
 
 class SteeringMap:
     """Monotone map between pulse [us], command [-1..1] and angle [rad].
 
-    ``calibrated`` False: the paper's map stands in. Arguments beyond the ends
-    of the map count as the ends.
+    ``calibrated`` False: it is the paper's map. Arguments beyond the ends of the map are clipped.
     """
 
     def __init__(self, curve: Pchip, center_us: float, span_us: float, *,
                  calibrated: bool) -> None:
         self.calibrated = calibrated
         self._curve = curve
-        self._center_us, self._span_us = center_us, span_us
+        self._center_us = center_us
+        self._span_us = span_us
         self.lowest, self.highest = sorted((curve.y[0], curve.y[-1]))
         """Ends of the map [rad]: full right, full left."""
 
     def angle(self, pulse_us: float) -> float:
-        """Road-wheel angle [rad] of a pulse."""
+        """Return the road-wheel angle [rad] of a pulse."""
         return self._curve(pulse_us)
 
     def pulse(self, angle: float) -> float:
-        """Pulse [us] for an angle [rad]."""
+        """Return the pulse [us] for an angle [rad]."""
         return self._curve.inverse(angle)
 
     def command(self, pulse_us: float) -> float:
-        """Command -1..1 (+1 full left) that car.toml gives this pulse."""
+        """Return the command -1..1 (+1 full left) of a pulse, by car.toml."""
         return (pulse_us - self._center_us) / self._span_us
 
     def command_of(self, angle: float) -> float:
-        """Command for an angle [rad]."""
+        """Return the command for an angle [rad]."""
         return self.command(self.pulse(angle))
 
     def angle_of(self, command: float) -> float:
-        """Angle [rad] of a command."""
+        """Return the angle [rad] of a command."""
         return self.angle(self._center_us + self._span_us * command)
 
 
 def steering_map(car: CarConfig, table: SteeringTable | None) -> SteeringMap:
-    """The map of a calibration, or the paper's in its place. Raises NotMonotone."""
-    center, span = car.steering.center_us, car.steering.direction * car.steering.span_us
+    """Return the map of a calibration, or the paper's without one. Raises NotMonotone."""
+    center = car.steering.center_us
+    span = car.steering.direction * car.steering.span_us
     if table is not None:
         return SteeringMap(Pchip(table.pulse_us, table.angle_rad), center, span, calibrated=True)
     curve = make_steering(PAPER.steering)
@@ -63,5 +64,5 @@ def steering_map(car: CarConfig, table: SteeringTable | None) -> SteeringMap:
 
 
 def throttle_pulse(throttle: float, neutral_us: float, span_us: float) -> float:
-    """Pulse [us] for a throttle in -1..1: linear, the ESC's dead band included."""
+    """Return the pulse [us] for a throttle in -1..1: linear, the ESC's dead band included."""
     return neutral_us + span_us * throttle
