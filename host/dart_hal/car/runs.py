@@ -18,7 +18,7 @@ import numpy as np
 
 from dart_hal.car import Car
 from dart_hal.car.run_poses import marker_calibration, mocap_from_poses, shift_arrivals
-from dart_hal.core.config import CarFiles
+from dart_hal.core.config import CarFiles, load_car
 from dart_hal.core.config.car import CarConfig
 from dart_hal.core.errors import DartHalError, RecordingError
 from dart_hal.core.timing import SAMPLE
@@ -39,6 +39,7 @@ from dart_hal.recording.dart import (
 from dart_hal.recording.dart.model import freeze, freeze_flags, freeze_index
 from dart_hal.recording.dart.reader import note_false_lock
 from dart_hal.recording.dart.sensors import MAX_MESSAGE_GAP
+from dart_hal.recording.imported import is_imported, read_imported
 from dart_hal.recording.run import RunReader
 
 # Frames of 10 ms of which one message is the mean.
@@ -88,6 +89,8 @@ def read_unframed(path: str | Path, every: int = FRAMES_PER_MESSAGE, *, poses: b
     """
     path = Path(path)
     digest = hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""
+    if path.is_file() and _is_imported(path, digest):
+        return _read_imported(path, digest, every, poses, car)
     run = _replay_run(path, digest, car)
     file_notes = [Note(notice, kind="car_files") for notice in run.notices]
     lost = [Note("frames lost on the line", run.lost)] if run.lost else []
@@ -107,6 +110,18 @@ def read_unframed(path: str | Path, every: int = FRAMES_PER_MESSAGE, *, poses: b
         *_states(path, car)[:2], every)
     return Recording(path, RUN, messages, None, "ok", None, digest, tuple(notes),
                      mass=_read_mass(path), span=every * SAMPLE, car=run.car)
+
+
+@lru_cache(maxsize=MAX_CACHED_RUNS)
+def _is_imported(path: Path, digest: str) -> bool:
+    return is_imported(path)
+
+
+@lru_cache(maxsize=MAX_CACHED_RUNS)
+def _read_imported(path: Path, digest: str, every: int, poses: bool, car: NamedCar) -> Recording:
+    """Read an imported recording once for all uses; digest: of its content."""
+    named = load_car(car.name, [Path(car.cars)] if car.cars else None).config if car.name else None
+    return read_imported(path, digest, every, poses=poses, car=named)
 
 
 @dataclass(frozen=True, slots=True)

@@ -52,6 +52,8 @@ ZERO = "zero_ns"
 # Media types of attachments: facts by name, and the files of the car.
 JSON = "application/json"
 TOML = "application/toml"
+# Attachment by which an imported recording is recognised.
+IMPORT_NOTE = "import"
 
 
 class Damage(NamedTuple):

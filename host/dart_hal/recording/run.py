@@ -33,7 +33,14 @@ from dart_hal.recording.items import I2c as I2c
 from dart_hal.recording.items import Logged as Logged
 from dart_hal.recording.items import Recorded as Recorded
 from dart_hal.recording.log import PREFIX, Value
-from dart_hal.recording.mcap_records import JSON, TOML, McapFile, notices, read_mcap
+from dart_hal.recording.mcap_records import (
+    IMPORT_NOTE,
+    JSON,
+    TOML,
+    McapFile,
+    notices,
+    read_mcap,
+)
 from dart_hal.recording.run_file import RunFile, prefix_topic, select_car, split_car
 from dart_hal.wire.messages import PROTO, SCHEMA
 
@@ -228,6 +235,12 @@ class RunReader:
             raise RecordingError(f"{self.path}: a record is damaged", read=str(self.path),
                                  found=f"no channel /rx, damaged at byte {found.damages[0].at}",
                                  likely="the file was changed or copied badly")
+        if IMPORT_NOTE in found.metadata:
+            raise RecordingError(f"{self.path}: is an imported recording, which has no bytes of a "
+                                 "Nano", read=str(self.path), found="channels "
+                                 + ", ".join(sorted(found.topics.values())),
+                                 expected="a run of dart-hal record",
+                                 remedy="identify, evaluate, diagnose and data check read it")
         if found.topics:
             raise RecordingError(f"{self.path}: is not a run of this library",
                                  read=str(self.path),

@@ -9,8 +9,9 @@ import click
 
 from dart_hal.cli.common.options import json_option
 from dart_hal.cli.common.output import console, print_json, progress_bar
-from dart_hal.cli.common.outputs import PlotFileOrFolder
+from dart_hal.cli.common.outputs import OutputFile, PlotFileOrFolder
 from dart_hal.cli.common.sizes import load_named_car, recorded_car_options
+from dart_hal.core.errors import UsageError
 from dart_hal.recording.check import RecordingCheck, check, folder_of, stem_of, summary
 from dart_hal.recording.fetch import fetch, find
 from dart_hal.recording.repair import repair
@@ -127,3 +128,39 @@ def fetch_command(source: str | None, to: Path | None, as_json: bool) -> int:
     else:
         show_fetch(outcome)
     return 0 if outcome.complete else 1
+
+
+@command.command("import")
+@click.argument("files", nargs=-1, metavar="FILES...", type=click.Path(path_type=Path))
+@click.option("--map", "map_name", default=None, metavar="MAP",
+              help="a map (.toml), or the name of a shipped one: dart, dart-mocap, deep-dynamics, "
+              "donkeycar, f1tenth, mocap, mushr")
+@click.option("--guess", is_flag=True, help="propose a map with its evidence, and import nothing; "
+              "with --out a file of it")
+@click.option("--unchecked", is_flag=True,
+              help="import although signs, units or axes contradict each other")
+@click.option("--out", type=OutputFile(".mcap", ".toml", replaces=False), default=None,
+              help="file to write: the recording (.mcap), or with --guess the map (.toml)")
+@recorded_car_options
+@json_option
+def import_command(files: tuple[Path, ...], map_name: str | None, guess: bool, unchecked: bool,
+                   out: Path | None, car_name: str | None, cars: Path | None, as_json: bool) -> int:
+    """Import recordings of any car: CSV, ROS bags, MCAP, LeRobot data sets.
+
+    The map states which column or topic is which quantity, its unit and sign, and what a command
+    is. The result is one file that identify, evaluate, diagnose and data check read.
+    """
+    from dart_lab.cli.importing import guess_import, run_import
+
+    if not files:
+        raise UsageError("no file to import", found="no FILES",
+                         expected="CSV files, ROS bags, MCAP files or folders of them",
+                         remedy="dart-hal data import LOG.csv --guess")
+    if guess:
+        return guess_import(files, out, as_json)
+    if map_name is None:
+        raise UsageError("no map", found=" ".join(map(str, files)), expected="--map MAP",
+                         remedy=f"dart-hal data import {files[0]} --guess --out map.toml proposes "
+                                "one")
+    car = load_named_car(car_name, cars)
+    return run_import(files, map_name, car, out, unchecked, as_json)

@@ -174,6 +174,8 @@ class Recording:
     about it are those of ``with_marker_frames``. commands: when they were written, where that
     was recorded; None: the messages tell them.
     spans [s]: stretches that may be judged, see ``spans``; empty: all of it.
+    drive: "duty": throttles are -1..1; "speed": they are the commanded speeds [m/s] of a speed
+    loop, also in ``messages`` and ``commands``.
     """
 
     path: Path
@@ -193,6 +195,7 @@ class Recording:
     framed: bool = False
     commands: AppliedCommands | None = None
     spans: tuple[tuple[float, float], ...] = ()
+    drive: str = "duty"
 
     @property
     def name(self) -> str:

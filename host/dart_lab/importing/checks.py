@@ -1,0 +1,323 @@
+"""Compare the streams of a recording with each other: wrong signs, units, axes and clocks.
+
+Every quantity is compared with another source of the same quantity. A contradiction that no car
+can have is an error with the change of the map that removes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from dart_hal.core.types import BoolArray, FloatArray
+from dart_hal.recording.imported import ImportedData, Stream
+
+# s: grid of the comparison, and width of the means that precede a derivative.
+GRID_STEP = 0.02
+SMOOTHING_TIME = 0.2
+# Shares of the 90 % quantile of a speed or yaw rate above which the car drives, or turns.
+DRIVING_SHARE = 0.3
+TURNING_SHARE = 0.3
+# Samples of the grid without which nothing is compared: 2 s.
+MIN_SAMPLES = 100
+# Correlation above which two sources measure the same quantity.
+MIN_CORRELATION = 0.6
+# Ratios within which two sources agree; a scale outside is stated.
+MAX_SCALE_ERROR = 1.25
+# Ratios by which a mistaken unit is recognised, by the compared column, with a tolerance of 20 %.
+UNIT_RATIOS = {
+    "yaw": {57.29578: "deg"},
+    "yaw_rate": {57.29578: "deg/s", 9.549297: "rpm"},
+    "speed": {3.6: "km/h", 100.0: "cm/s", 1000.0: "mm/s"},
+    "accel_y": {0.1019716: "g", 101.9716: "mg"},
+}
+UNIT_TOLERANCE = 1.2
+# s: offsets between two clocks that are tried, and from which on they are reported.
+MAX_CLOCK_OFFSET = 2.0
+MIN_CLOCK_OFFSET = 0.06
+# s by which a car may follow its steering or throttle.
+MAX_RESPONSE_TIME = 0.6
+# Length of the mean direction of an angle (1: all alike), above which it is a constant.
+MIN_CONCENTRATION = 0.8
+# rad: a larger constant angle between yaw and direction of travel is a turned axis.
+MAX_YAW_OFFSET = 0.6
+
+
+Change = tuple[str, str, str, float | str]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Result of one comparison.
+
+    what: the compared stream. text: what was found. remedy: change of the map that removes a
+    contradiction; empty if the sources agree. severe: no car can have it. change: the remedy as
+    (stream, key, attribute, value); attribute "exchange" swaps two keys.
+    """
+
+    what: str
+    text: str
+    remedy: str = ""
+    severe: bool = False
+    change: Change | None = None
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.text}" + (f"; {self.remedy}" if self.remedy else "")
+
+
+@dataclass(frozen=True, slots=True)
+class GridData:
+    """Streams on a common grid of GRID_STEP, (n,) each; NaN where a stream is absent."""
+
+    t: FloatArray
+    values: Mapping[str, FloatArray]
+
+    def __getitem__(self, name: str) -> FloatArray:
+        return self.values.get(name, np.full(len(self.t), np.nan))
+
+    def has(self, *names: str) -> bool:
+        """Return whether all these columns were measured."""
+        return all(name in self.values for name in names)
+
+
+def check_data(data: ImportedData) -> list[Finding]:
+    """Compare the streams with each other; see ``Finding``.
+
+    1. The yaw angle with the direction of travel: axes, sign, unit, offset.
+    2. The gyro with the yaw rate of the poses, the encoder with their speed, the accelerometer
+       with yaw rate times speed: sign, unit, scale, clock.
+    3. The steering with the curvature of the path, the throttle with the speed: sign.
+
+    Poses that contradict themselves are reported alone: nothing can be compared with them.
+    """
+    g = resample(data)
+    findings = _check_yaw(g)
+    if any(f.severe for f in findings):
+        return findings
+    findings += _compare(g, "gyro", "yaw_rate", "pose_yaw_rate", "the yaw rate of the poses")
+    findings += _compare(g, "encoder", "speed", "pose_speed", "the speed of the poses")
+    rate = "pose_yaw_rate" if g.has("pose_yaw_rate") else "yaw_rate"
+    speed = "pose_speed" if g.has("pose_speed") else "speed"
+    if g.has(rate, speed, "accel_y"):
+        lateral = GridData(g.t, {**g.values, "lateral": g[rate] * g[speed]})
+        findings += _compare(lateral, "accelerometer", "accel_y", "lateral",
+                             "yaw rate times speed", key="y")
+    findings += _check_commands(g, rate, speed)
+    return findings
+
+
+def resample(data: ImportedData) -> GridData:
+    """Put all streams on one grid, and differentiate the poses.
+
+    Columns: those of the streams, and pose_speed, pose_yaw_rate and course, the direction of
+    travel [rad] of the poses.
+    """
+    streams = data.streams
+    start = max(float(s.t[0]) for s in streams.values())
+    end = min(float(s.t[-1]) for s in streams.values())
+    t = np.arange(start, end, GRID_STEP)
+    values: dict[str, FloatArray] = {}
+    for name, columns in (("encoder", ("speed",)), ("gyro", ("yaw_rate",)),
+                          ("accelerometer", ("accel_x", "accel_y"))):
+        for k, column in enumerate(columns) if name in streams else ():
+            values[column] = _smooth(np.interp(t, streams[name].t, streams[name].values[:, k]))
+    commands = streams["commands"]
+    row = np.maximum(np.searchsorted(commands.t, t, side="right") - 1, 0)
+    values["steering"], values["throttle"] = commands.values[row].T
+    if "poses" in streams:
+        values |= _differentiate_poses(t, streams["poses"])
+    return GridData(t, values)
+
+
+def _differentiate_poses(t: FloatArray, poses: Stream) -> dict[str, FloatArray]:
+    x, y, yaw = (np.interp(t, poses.t, column) for column in poses.values.T)
+    u, v, rate = (np.gradient(_smooth(column), GRID_STEP) for column in (x, y, yaw))
+    return {"yaw": yaw, "pose_speed": np.hypot(u, v), "pose_yaw_rate": rate,
+            "course": np.unwrap(np.arctan2(v, u))}
+
+
+def _smooth(values: FloatArray) -> FloatArray:
+    """Return the mean (n,) over SMOOTHING_TIME around each sample."""
+    return np.asarray(uniform_filter1d(values, round(SMOOTHING_TIME / GRID_STEP)))
+
+
+def _is_large(values: FloatArray, share: float) -> BoolArray:
+    """Return which samples (n,) exceed a share of the 90 % quantile of the magnitude."""
+    size = np.abs(np.nan_to_num(values))
+    return np.asarray(size > max(share * float(np.quantile(size, 0.9)), 1e-9))
+
+
+def _check_yaw(g: GridData) -> list[Finding]:
+    """Compare yaw and direction of travel of the poses.
+
+    The angle between them is about 0 forwards. A constant other angle is a turned axis. Where only
+    their sum is constant, one of them turns the other way.
+    """
+    if not g.has("pose_speed"):
+        return []
+    use = _is_large(g["pose_speed"], DRIVING_SHARE)
+    if use.sum() < MIN_SAMPLES:
+        return []
+    difference = np.exp(1j * (g["course"] - g["yaw"])[use]).mean()
+    total = np.exp(1j * (g["course"] + g["yaw"])[use]).mean()
+    if abs(difference) >= MIN_CONCENTRATION:
+        angle = float(np.angle(difference))
+        found = f"the car travels {np.rad2deg(angle):+.0f} deg from its yaw"
+        if abs(angle) < MAX_YAW_OFFSET:
+            return [Finding("yaw", found + " on average")]
+        backwards = abs(abs(angle) - np.pi) < MAX_YAW_OFFSET
+        zero = f"yaw needs zero = {-angle:.3f} (in rad; {-np.rad2deg(angle):.1f} in deg)"
+        return [Finding("yaw", found, ("the car drives backwards, or " if backwards else "") + zero,
+                        severe=True, change=("poses", "yaw", "zero", -angle))]
+    spread = float(np.ptp(np.unwrap(g["course"][use])))
+    if abs(total) >= MIN_CONCENTRATION and abs(total) > abs(difference) and spread > 1.0:
+        if abs(abs(float(np.angle(total))) - 0.5 * np.pi) < MAX_YAW_OFFSET:
+            return [Finding("yaw", "the path turns the other way than the yaw, mirrored at the "
+                            "diagonal", "exchange the columns x and y of [poses]", severe=True,
+                            change=("poses", "x", "exchange", "y"))]
+        other = _vote(g)
+        key = "y" if other > 0.0 else "yaw"
+        basis = ("" if other == 0.0 else
+                 ", because gyro and steering agree with the " + ("yaw" if other > 0.0 else "path"))
+        return [Finding("yaw", "the path turns the other way than the yaw",
+                        f"{key} of [poses] needs sign = -1{basis}", severe=True,
+                        change=("poses", key, "sign", -1))]
+    rate = np.gradient(_smooth(g["course"]), GRID_STEP)
+    turning = use & _is_large(rate, TURNING_SHARE)
+    ratio = _slope(g["pose_yaw_rate"][turning], rate[turning])
+    unit = _find_unit("yaw", ratio)
+    if unit:
+        return [Finding("yaw", f"turns {ratio:.1f} times as fast as the path",
+                        f'yaw of [poses] needs unit = "{unit}"', severe=True,
+                        change=("poses", "yaw", "unit", unit))]
+    return [Finding("yaw", "the direction of travel does not follow the yaw", "check x, y, yaw and "
+                    "their units in [poses]", severe=True)]
+
+
+def _vote(g: GridData) -> float:
+    """Return +1 where gyro or steering agree with the sign of the yaw rate, -1 where not, else 0.
+    """
+    for name in ("yaw_rate", "steering"):
+        if g.has(name):
+            found = _correlation(g[name], g["pose_yaw_rate"])
+            if abs(found) >= MIN_CORRELATION:
+                return float(np.sign(found))
+    return 0.0
+
+
+def _compare(g: GridData, table: str, name: str, reference: str, words: str,
+             key: str = "") -> list[Finding]:
+    """Compare a sensor with another source: sign, unit, scale, clock."""
+    if not g.has(name, reference):
+        return []
+    key = key or name
+    measured = g[name]
+    expected = g[reference]
+    if not np.any(measured) or _is_large(expected, TURNING_SHARE).sum() < MIN_SAMPLES:
+        return [Finding(table, "is 0 throughout" if not np.any(measured) else
+                        "the car does not move enough to compare it")]
+    if name == "speed":  # an encoder may or may not have a sign
+        measured = np.abs(measured)
+    offset, found = _best_offset(measured, expected, MAX_CLOCK_OFFSET)
+    if abs(found) < MIN_CORRELATION:
+        return [Finding(table, f"{key} does not follow {words} (correlation {found:.2f})",
+                        f"check {key} of [{table}], its unit and its clock")]
+    if found < 0.0:
+        return [Finding(table, f"{key} has the other sign than {words}",
+                        f"{key} of [{table}] needs sign = -1", severe=True,
+                        change=(table, key, "sign", -1))]
+    moved = np.interp(g.t, g.t - offset, measured)
+    ratio = _slope(moved, expected)
+    findings = []
+    unit = _find_unit(name, ratio)
+    if unit:
+        findings.append(Finding(table, f"{key} is {ratio:.4g} times {words}",
+                                f'{key} of [{table}] needs unit = "{unit}"', severe=True,
+                                change=(table, key, "unit", unit)))
+    elif not 1.0 / MAX_SCALE_ERROR < ratio < MAX_SCALE_ERROR:
+        findings.append(Finding(table, f"{key} is {ratio:.3g} times {words}",
+                                f"{key} of [{table}] needs scale = {1.0 / ratio:.4g}, if it is "
+                                "no tyre that slips"))
+    if abs(offset) >= MIN_CLOCK_OFFSET:
+        findings.append(Finding(table, f"{key} is {abs(offset):.2f} s "
+                                f"{'later' if offset > 0.0 else 'earlier'} than {words}",
+                                f"[{table}] needs delay = {offset:.2f}, if it is the clock"))
+    return findings or [Finding(table, f"{key} is {ratio:.2f} times {words}, "
+                                f"{1e3 * offset:+.0f} ms later (correlation {found:.2f})")]
+
+
+def _check_commands(g: GridData, rate: str, speed: str) -> list[Finding]:
+    """Compare the steering with the curvature, and the throttle with speed and acceleration."""
+    findings = []
+    if g.has(rate, speed):
+        drives = _is_large(g[speed], DRIVING_SHARE)
+        curvature = np.where(drives, g[rate] / np.where(drives, np.abs(g[speed]), 1.0), 0.0)
+        steering = np.where(drives, g["steering"], 0.0)
+        found = _best_response(steering, curvature)
+        findings.append(_judge_command("steering", found, "the curvature of the path"))
+    if g.has(speed):
+        forward = np.abs(g["throttle"]) if np.all(g[speed] >= 0.0) and not g.has("yaw") \
+            else g["throttle"]
+        signed = g[speed] * (np.sign(np.cos(g["course"] - g["yaw"])) if g.has("course")
+                             and speed == "pose_speed" else 1.0)
+        found = _best_response(forward, signed)
+        findings.append(_judge_command("throttle", found, "the speed"))
+    return findings
+
+
+def _judge_command(name: str, found: float, words: str) -> Finding:
+    if found <= -MIN_CORRELATION:
+        return Finding(name, f"has the other sign than {words} (correlation {found:.2f})",
+                       f"value of [{name}] needs sign = -1", severe=True,
+                       change=(name, "value", "sign", -1))
+    if found < MIN_CORRELATION:
+        return Finding(name, f"{words} follows it weakly (correlation {found:.2f})")
+    return Finding(name, f"{words} follows it (correlation {found:.2f})")
+
+
+def _best_response(command: FloatArray, motion: FloatArray) -> float:
+    """Return the correlation, about 0, of largest magnitude within MAX_RESPONSE_TIME."""
+    best = 0.0
+    for shift in range(round(MAX_RESPONSE_TIME / GRID_STEP)):
+        x = command[:len(command) - shift]
+        y = motion[shift:]
+        size = float(np.sqrt((x @ x) * (y @ y)))
+        found = float(x @ y) / size if size > 0.0 else 0.0
+        best = found if abs(found) > abs(best) else best
+    return best
+
+
+def _best_offset(measured: FloatArray, expected: FloatArray, limit: float) -> tuple[float, float]:
+    """Return (time [s] by which ``measured`` is later, correlation there)."""
+    steps = min(round(limit / GRID_STEP), len(measured) // 4)
+    best = (0.0, _correlation(measured, expected))
+    for shift in range(-steps, steps + 1):
+        x = measured[max(shift, 0):len(measured) + min(shift, 0)]
+        y = expected[max(-shift, 0):len(expected) + min(-shift, 0)]
+        found = _correlation(x, y)
+        if abs(found) > abs(best[1]):
+            best = shift * GRID_STEP, found
+    return best
+
+
+def _correlation(x: FloatArray, y: FloatArray) -> float:
+    x = x - x.mean()
+    y = y - y.mean()
+    size = float(np.sqrt((x @ x) * (y @ y)))
+    return float(x @ y) / size if size > 0.0 else 0.0
+
+
+def _slope(y: FloatArray, x: FloatArray) -> float:
+    """Return the median of y / x where x is large."""
+    large = _is_large(x, TURNING_SHARE)
+    return float(np.median(y[large] / x[large])) if large.any() else np.nan
+
+
+def _find_unit(name: str, ratio: float) -> str:
+    """Return the unit of a column that a ratio shows; empty if it shows none."""
+    size = abs(ratio)
+    return next((unit for factor, unit in UNIT_RATIOS[name].items()
+                 if factor / UNIT_TOLERANCE < size < factor * UNIT_TOLERANCE), "")

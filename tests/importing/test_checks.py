@@ -1,0 +1,104 @@
+"""Wrong signs, units, axes and clocks are found, and right ones are not blamed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dart_lab.importing import check_data, convert_tables, guess_map
+from dart_lab.importing.maps import parse_map
+from dart_lab.importing.tables import Table
+from tests.importing.logs import MAP, make_log
+
+
+@pytest.fixture(scope="module")
+def log():
+    return make_log(40.0)
+
+
+def find(columns, text=MAP):
+    return check_data(convert_tables([Table("log", columns)], parse_map(text, "map")))
+
+
+def without_sensors(text=MAP):
+    return text[:text.index("[encoder]")]
+
+
+def shift(values, rows):
+    return np.concatenate([np.full(rows, values[0]), values[:-rows]])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_right_log_has_no_contradiction(seed):
+    findings = find(make_log(40.0, seed))
+    assert {f.what for f in findings} == {"yaw", "gyro", "encoder", "accelerometer", "steering",
+                                          "throttle"}
+    assert not [str(f) for f in findings if f.remedy]
+
+
+@pytest.mark.parametrize(("change", "what", "remedy"), [
+    (lambda c: {"steering": -c["steering"]}, "steering", "[steering] needs sign = -1"),
+    (lambda c: {"throttle": -c["throttle"]}, "throttle", "[throttle] needs sign = -1"),
+    (lambda c: {"yaw": -c["yaw"]}, "yaw", "yaw of [poses] needs sign = -1"),
+    (lambda c: {"y": -c["y"]}, "yaw", "y of [poses] needs sign = -1"),
+    (lambda c: {"x": c["y"], "y": c["x"]}, "yaw", "exchange the columns x and y"),
+    (lambda c: {"yaw": np.rad2deg(np.unwrap(c["yaw"]))}, "yaw", 'needs unit = "deg"'),
+    (lambda c: {"yaw": c["yaw"] + 1.5708}, "yaw", "zero = 1.57"),
+    (lambda c: {"yaw_rate": -c["yaw_rate"]}, "gyro", "[gyro] needs sign = -1"),
+    (lambda c: {"yaw_rate": np.rad2deg(c["yaw_rate"])}, "gyro", 'needs unit = "deg/s"'),
+    (lambda c: {"speed": 3.6 * c["speed"]}, "encoder", 'needs unit = "km/h"'),
+    (lambda c: {"speed": 1.7 * c["speed"]}, "encoder", "needs scale = 0.58"),
+    (lambda c: {"accel_y": -c["accel_y"]}, "accelerometer", "y of [accelerometer] needs sign"),
+    (lambda c: {"accel_y": c["accel_y"] / 9.80665}, "accelerometer", 'needs unit = "g"'),
+    (lambda c: {"yaw_rate": shift(c["yaw_rate"], 40)}, "gyro", "needs delay = 0.4"),
+    (lambda c: {"speed": shift(c["speed"], 70)}, "encoder", "needs delay = 0.7")])
+def test_each_mistake_is_named_with_its_remedy(log, change, what, remedy):
+    found = {f.what: f for f in find({**log, **change(log)}) if f.remedy}
+    assert remedy in found[what].remedy
+    assert list(found) == [what]
+
+
+@pytest.mark.parametrize(("change", "what", "remedy"), [
+    (lambda c: {"y": -c["y"]}, "yaw", "y of [poses] needs sign = -1"),
+    (lambda c: {"yaw": -c["yaw"]}, "yaw", "yaw of [poses] needs sign = -1"),
+    (lambda c: {"steering": -c["steering"]}, "steering", "[steering] needs sign = -1")])
+def test_poses_and_commands_alone_show_their_mistakes(log, change, what, remedy):
+    found = {f.what: f for f in find({**log, **change(log)}, without_sensors()) if f.severe}
+    assert remedy in found[what].remedy
+
+
+def test_the_proposed_map_undoes_what_was_done_to_the_log(log):
+    columns = {"time [ms]": 1e3 * log["t"], "pos_x": log["x"], "pos_y": -log["y"],
+               "heading_deg": np.rad2deg(log["yaw"]), "steer_cmd": -log["steering"],
+               "throttle_cmd": log["throttle"], "wheel_speed": 3.6 * log["speed"],
+               "gyro_z": np.rad2deg(log["yaw_rate"]), "acc_x": log["accel_x"],
+               "acc_y": log["accel_y"] / 9.80665, "battery": np.full(len(log["t"]), 7.4)}
+    guess = guess_map([Table("log", columns)])
+    data = convert_tables([Table("log", columns)], parse_map(guess.text, "guess"))
+    expected = convert_tables([Table("log", log)], parse_map(MAP, "map"))
+    for name, stream in expected.streams.items():
+        got = data.streams[name].values
+        if name == "accelerometer":  # the data show the unit of the second axis alone
+            got, want = got[:, 1], stream.values[:, 1]
+        else:
+            want = stream.values
+        assert data.streams[name].t == pytest.approx(stream.t)
+        assert got == pytest.approx(want, abs=1e-6), name
+
+
+def test_columns_without_names_are_found_by_the_data(log):
+    names = ("t", "speed", "yaw", "x", "yaw_rate", "y")
+    columns = {str(i + 1): log[name] for i, name in enumerate(names)}
+    columns |= {"steering": log["steering"], "throttle": log["throttle"]}
+    m = guess_map([Table("log", columns)]).map
+    assert (m.poses.x.column, m.poses.y.column, m.poses.yaw.column) == ("4", "6", "3")
+    assert m.encoder.speed.column == "2"
+    assert m.gyro.yaw_rate.column == "5"
+
+
+def test_what_no_data_can_tell_is_a_question(log):
+    columns = {**log, "steering_angle": 0.4 * log["steering"]}
+    del columns["steering"]
+    questions = " ".join(guess_map([Table("log", columns)]).questions)
+    assert "largest steering angle" in questions
+    assert "kind speed" in questions
