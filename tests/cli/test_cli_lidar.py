@@ -96,7 +96,7 @@ def babbler():
 @pytest.mark.slow_except("*verb0")
 def test_a_wrong_line_rate_is_named(verb, monkeypatch, babbler, words_of_verb):
     """As fast as it can a virtual car is done before more than a chunk has come."""
-    monkeypatch.setattr(port, "PATIENCE", 0.0)
+    monkeypatch.setattr(port, "MAX_LIDAR_SILENCE", 0.0)
     told = verb(*words_of_verb, "--url", f"{URL}&lidar=1&pace=1", "--lidar",
                 f"serial://{babbler}?baud=115200", "--duration", 0.5, "--json")
     assert "at 115200 baud that are no packets" in told.err

@@ -10,7 +10,7 @@ import pytest
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Mount
-from dart_hal.devices.lidar.packets import Decoder
+from dart_hal.devices.lidar.packets import LidarDecoder
 from dart_lab.sim.lidar.maps import Room, box
 from dart_lab.sim.lidar.params import LidarParams, hidden_lidar, lidar_of
 from dart_lab.sim.lidar.unit import SimLidar, Unit
@@ -131,7 +131,7 @@ def test_another_car_is_seen_where_it_is_when_the_beam_passes():
 def test_bytes_come_at_the_pace_of_the_line_with_right_checks():
     unit = Unit(standing, HALL, replace(EXACT, rate=8.25), 1)
     came = unit.chunks(2.0)
-    decoder = Decoder()
+    decoder = LidarDecoder()
     beams = [len(p.angle) for data, _ in came for p in decoder.feed(data)]
     assert (decoder.broken, decoder.skipped) == (0, 0)
     assert sum(beams) == pytest.approx(2.0 * 5000, abs=650)

@@ -17,7 +17,7 @@ import numpy as np
 
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray, Mount, Scan, State
-from dart_hal.devices.lidar.health import Watch
+from dart_hal.devices.lidar.health import LidarHealthMonitor
 from dart_hal.estimation import pose_check
 from dart_hal.estimation.localisation.beams import Beams, place_beams
 from dart_hal.estimation.localisation.belief import DEFAULT_ERRORS, MEAN_LATENCY
@@ -86,7 +86,7 @@ class Sits:
 
 def sense_of(drive: Drive) -> float | None:
     """How the scans turn over how the car turned: 1 right, -1 mirrored; None: it did not turn."""
-    watch, yaws = Watch(), np.array([s.pose.yaw for s in drive.states])
+    watch, yaws = LidarHealthMonitor(), np.array([s.pose.yaw for s in drive.states])
     times = np.array([s.t for s in drive.states])
     for scan in drive.scans:
         watch.add(scan, float(np.interp(scan.arrival, times, yaws)))

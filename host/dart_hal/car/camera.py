@@ -13,7 +13,7 @@ from dart_hal.core.errors import DartHalError, UsageError
 from dart_hal.core.ports import ImageSource
 from dart_hal.core.types import Image, State
 from dart_hal.devices.camera import open_camera
-from dart_hal.devices.camera.health import CameraHealth, Watch
+from dart_hal.devices.camera.health import CameraHealth, CameraHealthMonitor
 from dart_hal.devices.links.base import Backend
 
 # Images that wait for ``images``, about 1 s; beyond, the oldest are dropped.
@@ -34,7 +34,7 @@ class CarCamera:
         self._lock = lock
         self._newest: Image | None = None
         self._waiting: deque[Image] = deque(maxlen=MAX_QUEUED_IMAGES)
-        self._watch = Watch()
+        self._watch = CameraHealthMonitor()
         self._early: deque[Image] = deque(maxlen=MAX_QUEUED_IMAGES)
 
     def images(self) -> tuple[Image, ...]:

@@ -15,7 +15,7 @@ from dart_hal.core.errors import DartHalError
 from dart_hal.core.ports import ScanSource
 from dart_hal.core.types import Mount, Scan, State
 from dart_hal.devices.lidar import open_lidar
-from dart_hal.devices.lidar.health import LidarHealth, Watch
+from dart_hal.devices.lidar.health import LidarHealth, LidarHealthMonitor
 from dart_hal.devices.links.base import Backend
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class CarLidar:
         self._lock = lock
         self._newest: Scan | None = None
         self._waiting: deque[Scan] = deque(maxlen=MAX_QUEUED_SCANS)
-        self._watch = Watch()
+        self._watch = LidarHealthMonitor()
         self._yaw = 0.0
         self._early: deque[Scan] = deque()
 

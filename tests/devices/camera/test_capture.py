@@ -23,7 +23,7 @@ def cv2(monkeypatch, tmp_path):
     device.touch()
     fake = FakeOpenCV(device)
     monkeypatch.setitem(sys.modules, "cv2", fake)
-    monkeypatch.setattr(capture, "AGAIN", 0.05)
+    monkeypatch.setattr(capture, "CAMERA_RETRY_INTERVAL", 0.05)
     yield fake
     fake.hangs.clear()
 
@@ -57,9 +57,9 @@ def test_what_nobody_takes_is_dropped_and_the_newest_stays(cv2):
     cv2.fps = 200.0
     camera = open_camera(f"usb:{cv2.path}")
     try:
-        until(lambda: cv2.count > 3 * capture.KEPT)
+        until(lambda: cv2.count > 3 * capture.MAX_WAITING_IMAGES)
         images = camera.poll(0.5)
-        assert len(images) <= capture.KEPT
+        assert len(images) <= capture.MAX_WAITING_IMAGES
         assert 0.5 - images[-1].t < 0.1
     finally:
         camera.close()
@@ -87,7 +87,7 @@ def test_one_that_is_unplugged_says_so_and_goes_on_by_itself(cv2):
 
 @pytest.mark.slow
 def test_one_that_hangs_holds_up_neither_the_car_nor_its_end(cv2, monkeypatch):
-    monkeypatch.setattr(capture, "PATIENCE", 0.3)
+    monkeypatch.setattr(capture, "MAX_IMAGE_GAP", 0.3)
     with Car.open("sim://?nano=mock&pace=1", camera=f"usb:{cv2.path}") as car:
         car.arm()
         states = car.states(duration=2.0)

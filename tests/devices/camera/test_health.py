@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.core.types import Image
-from dart_hal.devices.camera.health import Watch
+from dart_hal.devices.camera.health import CameraHealthMonitor
 
 
 def health(times, age=0.05):
-    watch = Watch()
+    watch = CameraHealthMonitor()
     for t in times:
         watch.add(Image(t + age, t, bytes(1000)))
     return watch.health()

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from dart_hal.devices.lidar.packets import Decoder, parallax
+from dart_hal.devices.lidar.packets import LidarDecoder, parallax
 from tests.devices.lidar.x4_bytes import packet, revolution
 
 
@@ -24,7 +24,7 @@ def test_a_packet_computed_by_hand():
     of 1000 and 8000 mm (0x0FA0, 0x7D00) lie atan(-0.11857) = -6.7622 and atan(-0.13765) =
     -7.8374 deg further. CS = 55AA ^ 6FBD ^ 0FA0 ^ 7D00 ^ 0200 ^ 79BD = 330A."""
     raw = bytes.fromhex("AA55 00 02 BD6F BD79 0A33 A00F 007D")
-    (got,) = Decoder().feed(raw)
+    (got,) = LidarDecoder().feed(raw)
     assert (got.starts, got.hertz, got.size, got.behind) == (False, None, 14, 0)
     assert degrees(got.first) == pytest.approx(223.46875, abs=1e-9)
     assert np.degrees(got.angle) == pytest.approx([223.46875 - 6.7622, 243.46875 - 7.8374],
@@ -33,7 +33,7 @@ def test_a_packet_computed_by_hand():
 
 
 def test_the_packet_that_starts_a_revolution_tells_its_frequency():
-    with_rate, without = Decoder().feed(packet(0.5, 0.5, [0.0], starts=True, hertz=7.9)
+    with_rate, without = LidarDecoder().feed(packet(0.5, 0.5, [0.0], starts=True, hertz=7.9)
                                         + packet(0.5, 0.5, [1500.0], starts=True))
     assert (with_rate.starts, with_rate.hertz, without.hertz) == (True, 7.9, None)
     assert np.isnan(with_rate.distance).all()
@@ -41,7 +41,7 @@ def test_the_packet_that_starts_a_revolution_tells_its_frequency():
 
 
 def test_angles_go_on_across_360():
-    (got,) = Decoder().feed(packet(359.0, 1.0, [0.0] * 5))
+    (got,) = LidarDecoder().feed(packet(359.0, 1.0, [0.0] * 5))
     assert np.degrees(got.angle) == pytest.approx([359.0, 359.5, 360.0, 360.5, 361.0])
 
 
@@ -51,7 +51,7 @@ def test_a_point_where_laser_and_axis_cross_is_where_the_unit_points():
 
 
 def test_answers_are_told_apart_from_packets():
-    decoder = Decoder()
+    decoder = LidarDecoder()
     info = bytes.fromhex("A55A 14000000 04") + bytes([6, 5, 1, 3, *range(10), *range(6)])
     health = bytes.fromhex("A55A 03000000 06 00 0000")
     stream = bytes.fromhex("A55A 05000040 81")
@@ -69,7 +69,7 @@ def test_answers_are_told_apart_from_packets():
 @example(b"\xa5\x5a\x00\x00\x00\x00\x99")
 @example(b"\xaa")
 def test_no_bytes_raise_and_each_is_counted_once(data):
-    decoder = Decoder()
+    decoder = LidarDecoder()
     got = decoder.feed(data)
     known = sum(p.size for p in got)
     answers = sum(7 + len(a.content) for a in decoder.answers.values())
@@ -85,7 +85,7 @@ def test_portions_do_not_matter(cuts, seed):
     stream = bytearray(b"".join(revolution(120, hertz=8.0)))
     for _ in range(4):
         stream[rng.integers(len(stream))] ^= 1 << rng.integers(8)
-    whole, parts, at, got = Decoder(), Decoder(), 0, []
+    whole, parts, at, got = LidarDecoder(), LidarDecoder(), 0, []
     expected = whole.feed(bytes(stream))
     for cut in cuts:
         got += parts.feed(bytes(stream[at:at + cut]))
@@ -98,9 +98,9 @@ def test_portions_do_not_matter(cuts, seed):
 @given(st.binary(max_size=200).filter(lambda b: b"\xaa" not in b and b"\xa5" not in b))
 def test_it_finds_the_packets_behind_garbage(garbage):
     clean = revolution(90)
-    decoder = Decoder()
+    decoder = LidarDecoder()
     got = decoder.feed(garbage + b"".join(clean))
-    assert seen(got) == seen(Decoder().feed(b"".join(clean)))
+    assert seen(got) == seen(LidarDecoder().feed(b"".join(clean)))
     assert decoder.skipped == len(garbage)
 
 
@@ -110,7 +110,7 @@ def test_any_flipped_bit_breaks_its_packet_and_no_other(place, bit):
                packet(51.0, 70.0, [902.0] * 40)]
     damaged = bytearray(packets[1])
     damaged[place] ^= 1 << bit
-    decoder = Decoder()
+    decoder = LidarDecoder()
     got = decoder.feed(packets[0] + bytes(damaged) + packets[2])
     assert [p.distance[0] for p in got] == [0.9, 0.902]
     assert decoder.broken >= 1
@@ -119,4 +119,4 @@ def test_any_flipped_bit_breaks_its_packet_and_no_other(place, bit):
 def test_without_the_check_the_damage_would_pass():
     """The negative control: the same bytes with a check made for them are a packet."""
     damaged = packet(31.0, 50.0, [901.0] * 39 + [1901.0])
-    assert len(Decoder().feed(damaged)) == 1
+    assert len(LidarDecoder().feed(damaged)) == 1

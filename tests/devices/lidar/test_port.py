@@ -15,7 +15,7 @@ import serial
 
 from dart_hal.core.errors import LinkLost, NoScan, PortMissing, UsageError
 from dart_hal.devices.lidar import open_lidar, port
-from dart_hal.devices.lidar.packets import START, STOP
+from dart_hal.devices.lidar.packets import START_COMMAND, STOP_COMMAND
 from dart_hal.devices.links.serial_port import SerialLink
 from tests.devices.lidar.x4_bytes import revolution
 
@@ -41,7 +41,7 @@ class Unit:
         while not self._done.wait(0.002):
             with suppress(BlockingIOError):
                 self.heard += os.read(self.master, 64)
-            self._runs = self._runs or START in self.heard
+            self._runs = self._runs or START_COMMAND in self.heard
             while self._packets and self._runs and due < time.monotonic():
                 raw = self._packets[k % len(self._packets)]
                 os.write(self.master, raw)
@@ -99,12 +99,12 @@ def test_scans_come_in_the_time_of_the_car(unit, waits):
     assert np.diff([s.start for s in scans[2:]]) == pytest.approx(606 * 0.2e-3, abs=0.02)
     assert lidar.trouble is None
     lidar.close()
-    wait_for(lambda: far.heard.endswith(STOP))
+    wait_for(lambda: far.heard.endswith(STOP_COMMAND))
     lidar.close()
 
 
 def test_a_cable_that_is_pulled_is_said_and_put_in_again_it_goes_on(unit, tmp_path, monkeypatch):
-    monkeypatch.setattr(port, "AGAIN", 0.05)
+    monkeypatch.setattr(port, "PORT_RETRY_INTERVAL", 0.05)
     first, name = unit(revolution()), tmp_path / "dart-lidar"
     name.symlink_to(first.path)
     lidar = open_lidar(f"serial://{name}")
@@ -123,7 +123,7 @@ def test_a_cable_that_is_pulled_is_said_and_put_in_again_it_goes_on(unit, tmp_pa
 
 
 def test_another_line_rate_is_recognised(unit, monkeypatch):
-    monkeypatch.setattr(port, "PATIENCE", 0.2)
+    monkeypatch.setattr(port, "MAX_LIDAR_SILENCE", 0.2)
     noise = np.random.default_rng(1).integers(0, 256, (40, 90), dtype=np.uint8)
     noise[:, 3] = 40  # the pace that Unit reads there
     lidar = open_lidar(f"serial://{unit([n.tobytes() for n in noise]).path}")
@@ -136,15 +136,15 @@ def test_another_line_rate_is_recognised(unit, monkeypatch):
 
 
 def test_a_unit_that_is_silent_is_told_from_it_and_asked_again(unit, monkeypatch):
-    monkeypatch.setattr(port, "PATIENCE", 0.2)
-    monkeypatch.setattr(port, "AGAIN", 0.1)
+    monkeypatch.setattr(port, "MAX_LIDAR_SILENCE", 0.2)
+    monkeypatch.setattr(port, "PORT_RETRY_INTERVAL", 0.1)
     far = unit([])
     lidar = open_lidar(f"serial://{far.path}")
     try:
         collect(lidar, 0.6)
         assert isinstance(lidar.trouble, NoScan)
         assert "is silent" in str(lidar.trouble)
-        assert far.heard.count(START) >= 2
+        assert far.heard.count(START_COMMAND) >= 2
     finally:
         lidar.close()
 

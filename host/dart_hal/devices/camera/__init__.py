@@ -1,11 +1,11 @@
-"""Cameras of this computer: a thread of OpenCV's, JPEG images with the car's time."""
+"""Cameras of this computer, read through OpenCV: JPEG images with times of the car's clock."""
 
 from __future__ import annotations
 
 from dart_hal.core.added_sensors import open_added_sensor
 from dart_hal.core.ports import ImageSource
 from dart_hal.devices.camera.capture import CvCamera
-from dart_hal.devices.camera.device import KINDS, device_of
+from dart_hal.devices.camera.device import CAMERA_SCHEMES, parse_camera_url
 
 
 def open_camera(text: str) -> ImageSource:
@@ -14,8 +14,8 @@ def open_camera(text: str) -> ImageSource:
 
     Raises UsageError, PortMissing, PortDenied, PortBusy, PluginFailed.
     """
-    if text.partition(":")[0] not in KINDS:
+    if text.partition(":")[0] not in CAMERA_SCHEMES:
         added: ImageSource | None = open_added_sensor("camera", text)
         if added is not None:
             return added
-    return CvCamera(device_of(text))
+    return CvCamera(parse_camera_url(text))

@@ -1,4 +1,4 @@
-"""Which camera a URL names, and whether it is there."""
+"""Camera devices: parsing of camera URLs, checks, and opening through OpenCV."""
 
 from __future__ import annotations
 
@@ -12,19 +12,22 @@ from urllib.parse import parse_qsl, urlsplit
 from dart_hal.core.errors import PortBusy, PortDenied, PortMissing, UsageError
 from dart_hal.core.process.extras import install_command
 
-EXPECTED = "usb:0, usb:/dev/video0?width=640&height=480&fps=15, csi:0, or top in sim://"
-RANGES = {"width": (16, 4096), "height": (16, 4096), "fps": (1, 120), "quality": (1, 100)}
-KINDS = ("usb", "csi")
+CAMERA_URLS = "usb:0, usb:/dev/video0?width=640&height=480&fps=15, csi:0, or top in sim://"
+OPTION_RANGES = {"width": (16, 4096), "height": (16, 4096), "fps": (1, 120), "quality": (1, 100)}
+CAMERA_SCHEMES = ("usb", "csi")
+# GStreamer pipeline of a Jetson's CSI camera; only the newest image is buffered.
 _CSI = ("nvarguscamerasrc sensor-id={number} ! video/x-raw(memory:NVMM),width={width},"
         "height={height},framerate={fps}/1 ! nvvidconv ! video/x-raw,format=BGRx ! videoconvert ! "
         "video/x-raw,format=BGR ! appsink drop=true max-buffers=1")
-"""How a Jetson hands out a camera on its ribbon; the newest picture alone waits."""
 
 
 @dataclass(frozen=True, slots=True)
-class Device:
-    """kind usb or csi; place: /dev/videoN, or the number of the ribbon; width, height [px], fps
-    [1/s]: what is asked for, the camera takes what it has next to it; quality: of JPEG, 1..100."""
+class CameraDevice:
+    """Camera of a URL, and its settings.
+
+    kind: usb or csi; place: /dev/videoN, or the number of the CSI connector; width, height [px],
+    fps [1/s]: requested, the camera uses its nearest mode; quality: of JPEG, 1..100.
+    """
 
     name: str
     kind: str
@@ -35,33 +38,38 @@ class Device:
     quality: int = 80
 
     def capture(self) -> Any:
-        """An open ``cv2.VideoCapture``. Raises UsageError, PortMissing, PortDenied, PortBusy."""
+        """Open and return a ``cv2.VideoCapture``.
+
+        Raises UsageError, PortMissing, PortDenied, PortBusy.
+        """
         cv2 = opencv()
         if self.kind == "csi":
-            return self._opened(cv2, self._ribbon(cv2), cv2.CAP_GSTREAMER)
-        self._look()
-        capture = self._opened(cv2, self.place, cv2.CAP_V4L2)
+            return self._open(cv2, self._csi_pipeline(cv2), cv2.CAP_GSTREAMER)
+        self._check_presence()
+        capture = self._open(cv2, self.place, cv2.CAP_V4L2)
         capture.set(cv2.CAP_PROP_FRAME_WIDTH, self.width)
         capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self.height)
         capture.set(cv2.CAP_PROP_FPS, self.fps)
-        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # what waits is old
+        capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)  # buffered images would be old
         return capture
 
-    def _opened(self, cv2: ModuleType, place: str, api: int) -> Any:
+    def _open(self, cv2: ModuleType, place: str, api: int) -> Any:
         capture = cv2.VideoCapture(place, api)
         if not capture.isOpened():
             capture.release()
-            raise self.busy()
+            raise self.busy_error()
         return capture
 
-    def busy(self) -> PortBusy:
-        """It is there, and gives no picture."""
+    def busy_error(self) -> PortBusy:
+        """Return the error for a camera that is present and gives no picture."""
         return PortBusy(f"{self.name}: the camera gives no picture",
-                        found=f"{self.place} is there" if self.kind == "usb" else "no picture",
-                        likely="another program has it, or it is no camera",
-                        remedy="fuser -v /dev/video* names who has it; v4l2-ctl --list-devices")
+                        found=f"{self.place} exists" if self.kind == "usb" else "no picture",
+                        likely="another program uses it, or it is no camera",
+                        remedy="fuser -v /dev/video* lists programs that use it; "
+                               "v4l2-ctl --list-devices")
 
-    def _look(self) -> None:
+    def _check_presence(self) -> None:
+        """Raise PortMissing or PortDenied if the device file is missing or not permitted."""
         here = sorted(str(p) for p in Path("/dev").glob("video*"))
         if not Path(self.place).exists():
             raise PortMissing(f"{self.name}: there is no camera {self.place}",
@@ -71,19 +79,20 @@ class Device:
             raise PortDenied(f"{self.name}: {self.place} may not be opened", found="no permission",
                              remedy="sudo usermod -aG video $USER ; then log in again")
 
-    def _ribbon(self, cv2: ModuleType) -> str:
-        told = [line for line in cv2.getBuildInformation().splitlines() if "GStreamer" in line]
-        if not any("YES" in line for line in told):
+    def _csi_pipeline(self, cv2: ModuleType) -> str:
+        """Return the GStreamer pipeline. Raises UsageError if this OpenCV has no GStreamer."""
+        lines = [line for line in cv2.getBuildInformation().splitlines() if "GStreamer" in line]
+        if not any("YES" in line for line in lines):
             raise UsageError(f"{self.name}: this OpenCV has no GStreamer",
                              found=f"opencv {cv2.__version__} in {cv2.__file__}",
                              expected="the OpenCV of JetPack, which has it",
                              remedy="pip uninstall opencv-python-headless; a virtual environment "
-                                    "with --system-site-packages sees JetPack's")
+                                    "with --system-site-packages finds JetPack's")
         return _CSI.format(number=self.place, width=self.width, height=self.height, fps=self.fps)
 
 
 def opencv() -> ModuleType:
-    """The module ``cv2``. Raises UsageError where it is not installed."""
+    """Return the module ``cv2``. Raises UsageError if it is not installed."""
     try:
         import cv2
     except ImportError as why:
@@ -93,14 +102,14 @@ def opencv() -> ModuleType:
     return module
 
 
-def device_of(text: str) -> Device:
-    """The device that a URL names; it is not opened. Raises UsageError."""
+def parse_camera_url(text: str) -> CameraDevice:
+    """Return the device of a URL, without opening it. Raises UsageError."""
     try:
         parts = urlsplit(text, allow_fragments=False)
     except ValueError as why:
         raise _no_camera(text, str(why)) from why
     place = parts.netloc + parts.path
-    if parts.scheme not in KINDS:
+    if parts.scheme not in CAMERA_SCHEMES:
         raise _no_camera(text, parts.scheme or "neither usb: nor csi:")
     if place.isascii() and place.isdigit():
         place = place if parts.scheme == "csi" else f"/dev/video{place}"
@@ -109,20 +118,21 @@ def device_of(text: str) -> Device:
     pairs = parse_qsl(parts.query, keep_blank_values=True)
     given: dict[str, int] = {}
     for name, value in pairs:
-        if name not in RANGES or name in given:
-            raise UsageError(f"{text}: options of a camera", expected=", ".join(RANGES),
+        if name not in OPTION_RANGES or name in given:
+            raise UsageError(f"{text}: options of a camera", expected=", ".join(OPTION_RANGES),
                              found=f"{name} twice" if name in given else name)
-        given[name] = _whole(text, name, value)
-    return Device(text, parts.scheme, place, **given)
+        given[name] = _parse_whole(text, name, value)
+    return CameraDevice(text, parts.scheme, place, **given)
 
 
-def _whole(text: str, name: str, value: str) -> int:
-    least, most = RANGES[name]
-    if not (value.isascii() and value.isdigit() and least <= int(value) <= most):
-        raise UsageError(f"{name}={value} makes no sense", found=text,
-                         expected=f"a whole number from {least} to {most}")
+def _parse_whole(text: str, name: str, value: str) -> int:
+    """Return the value of an option as an integer. Raises UsageError outside its range."""
+    minimum, maximum = OPTION_RANGES[name]
+    if not (value.isascii() and value.isdigit() and minimum <= int(value) <= maximum):
+        raise UsageError(f"{name}={value} is not allowed", found=text,
+                         expected=f"a whole number from {minimum} to {maximum}")
     return int(value)
 
 
 def _no_camera(text: str, found: str) -> UsageError:
-    return UsageError(f"{text!r} is no camera", found=found, expected=EXPECTED)
+    return UsageError(f"{text!r} is no camera", found=found, expected=CAMERA_URLS)

@@ -1,4 +1,4 @@
-"""The lidar: bytes of a YDLidar X4 into scans with a time for every beam."""
+"""The lidar: converts the bytes of a YDLidar X4 to scans with a time for every beam."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ from dart_hal.devices.lidar.packets import BAUD
 from dart_hal.devices.lidar.port import SerialLidar
 from dart_hal.devices.links.serial_port import find_port
 
-EXPECTED = "serial:///dev/dart-lidar or hwgrep://10C4:EA60"
-SCHEMES = ("serial", "hwgrep")
-OPTIONS = ("baud",)
+LIDAR_URLS = "serial:///dev/dart-lidar or hwgrep://10C4:EA60"
+LIDAR_SCHEMES = ("serial", "hwgrep")
+LIDAR_OPTIONS = ("baud",)
 
 
 def open_lidar(text: str) -> ScanSource:
-    """Open the lidar of a URL, of another package too (``core.added_sensors``).
+    """Open the lidar of a URL, also one of another package (``core.added_sensors``).
 
     Raises UsageError, PortMissing, PortBusy, PortDenied, PluginFailed.
 
-    Option behind ``?``: ``baud``, the line rate; default 128000, that of an X4.
+    Option after ``?``: ``baud``, the line rate; default 128000, that of an X4.
     """
     try:
         parts = urlsplit(text, allow_fragments=False)
     except ValueError as why:
-        raise UsageError(f"{text!r} is no lidar", found=str(why), expected=EXPECTED) from why
+        raise UsageError(f"{text!r} is no lidar", found=str(why), expected=LIDAR_URLS) from why
     target = parts.netloc + parts.path
-    if parts.scheme not in SCHEMES:
+    if parts.scheme not in LIDAR_SCHEMES:
         added: ScanSource | None = open_added_sensor("lidar", text)
         if added is not None:
             return added
-    if parts.scheme not in SCHEMES or not target:
+    if parts.scheme not in LIDAR_SCHEMES or not target:
         raise UsageError(f"{text!r} is no lidar", found=parts.scheme or "no scheme://",
-                         expected=", ".join([EXPECTED, *list_schemes("lidar")]))
+                         expected=", ".join([LIDAR_URLS, *list_schemes("lidar")]))
     pairs = parse_qsl(parts.query, keep_blank_values=True)
     options = dict(pairs)
-    unknown = sorted(set(options) - set(OPTIONS))
+    unknown = sorted(set(options) - set(LIDAR_OPTIONS))
     if unknown or len(options) < len(pairs):
-        raise UsageError(f"{text}: options of a lidar", expected=", ".join(OPTIONS),
+        raise UsageError(f"{text}: options of a lidar", expected=", ".join(LIDAR_OPTIONS),
                          found=", ".join(unknown) or "one given twice")
     baud = options.get("baud", str(BAUD))
     if not (baud.isascii() and baud.isdigit() and int(baud)):

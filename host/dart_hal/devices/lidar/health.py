@@ -1,4 +1,4 @@
-"""What the last scans say about the lidar itself: pace, lost beams, blind sectors, its sense."""
+"""Health of the lidar from its last scans: rate, lost beams, blind sectors, sense of rotation."""
 
 from __future__ import annotations
 
@@ -12,35 +12,36 @@ import numpy as np
 
 from dart_hal.core.types import BoolArray, FloatArray, Scan
 
-SCANS = 16
-"""Scans that are looked at: 2 s."""
-BINS = 72
-"""Of 5 deg, some 8 beams of each scan: 128 drop-outs in a row are no accident."""
-BLIND = radians(10.0)
-"""rad: narrower ones are a post or a lead."""
-PROFILE = 360
-SHIFTS = np.arange(-40, 41)
-"""deg that are tried between two scans: 0.13 s at 5 rad/s."""
-SEEN = 90
-"""deg of a profile that must be there to be compared."""
-APART = 0.5
-"""Logarithm of two distances that have nothing to do with each other; also where one lacks."""
-TURNS = radians(4.0)
-"""rad between two scans from which on a turn shows in them."""
-ENOUGH = radians(60.0)
-"""rad of turns before anything is said of the sense."""
-FASTEST = 8.25
-"""1/s, from where on upstream saw a gap at the front left."""
+# Scans that are evaluated: 2 s.
+HEALTH_SCANS = 16
+# Bins of 5 deg, each with about 8 beams per scan: 128 drop-outs in a row are not random.
+SECTOR_BINS = 72
+# rad: a narrower sector without returns is a post or a cable.
+MIN_BLIND_WIDTH = radians(10.0)
+# Bins of 1 deg for the comparison of two scans.
+PROFILE_BINS = 360
+# deg: rotations that are tried between two scans; a scan lasts 0.13 s, in which 5 rad/s is 37 deg.
+SHIFTS_DEG = np.arange(-40, 41)
+# Bins with a distance that a profile needs for a comparison.
+MIN_PROFILE_BEAMS = 90
+# Limit of |log(d1 / d2)|: the cost of unrelated distances, and of a bin without a distance.
+MAX_LOG_DIFFERENCE = 0.5
+# rad between two scans; a smaller turn is not used.
+MIN_TURN_STEP = radians(4.0)
+# rad of turns in total before the sense is reported.
+MIN_TOTAL_TURN = radians(60.0)
+# 1/s; above it the original DART software found a gap at the front left.
+MAX_SAFE_RATE = 8.25
 
 
 @dataclass(frozen=True, slots=True)
 class LidarHealth:
-    """Of the last 2 s of scans.
+    """Health over the last 2 s of scans.
 
-    rate [1/s]; beams: of a revolution; lost: share of beams of packets that never came;
-    returned: share of beams that came back; blind: sectors (from, to) [rad, to the left]
-    from which nothing did; sense: how the scans turn over how the car turned, 1 right, -1
-    mirrored, None = it has not turned enough.
+    rate [1/s]; beams: per revolution; lost: share of the beams whose packets were lost; returned:
+    share of the received beams with a distance; blind: sectors (from, to) [rad, to the left]
+    without a return; sense: rotation of the scans divided by that of the car, 1 right, -1 mirrored,
+    None = the car has not turned enough.
     """
 
     rate: float
@@ -51,8 +52,8 @@ class LidarHealth:
     sense: float | None
 
     def sentences(self) -> Iterator[str]:
-        """What a person should look at; nothing = all is well."""
-        if self.rate > FASTEST:
+        """Yield a message for each problem."""
+        if self.rate > MAX_SAFE_RATE:
             yield f"it turns {self.rate:.2f} times a second: above 8.25 a sector may be lost"
         if self.lost > 0.01:
             yield f"{100 * self.lost:.0f} % of the beams are lost on the line"
@@ -64,82 +65,92 @@ class LidarHealth:
                    "the gyro's sign")
 
 
-class Watch:
-    """Looks at scans as they come. yaw [rad]: of the car, unwrapped, at each."""
+class LidarHealthMonitor:
+    """Collects the last scans and compares their rotation with that of the car.
+
+    The sense is the least-squares slope of the scan rotation r over the car's turn t between two
+    scans: sum(r t) / sum(t^2).
+    """
 
     def __init__(self) -> None:
-        self._scans: deque[Scan] = deque(maxlen=SCANS)
+        self._scans: deque[Scan] = deque(maxlen=HEALTH_SCANS)
         self._last: tuple[Scan, float] | None = None
         self._both = self._car = self._sum = 0.0
 
     def add(self, scan: Scan, yaw: float) -> None:
-        """One more scan."""
+        """Add a scan; yaw [rad]: heading of the car at its time, unwrapped."""
         self._scans.append(scan)
-        last, self._last = self._last, (scan, yaw)
-        if last is None or abs(turn := yaw - last[1]) <= TURNS:
+        last = self._last
+        self._last = (scan, yaw)
+        if last is None or abs(turn := yaw - last[1]) <= MIN_TURN_STEP:
             return
-        before, after = _profile(last[0]), _profile(scan)
-        if min(np.isfinite(before).sum(), np.isfinite(after).sum()) >= SEEN:
-            self._both += turn * turned(before, after)
+        previous = _profile(last[0])
+        profile = _profile(scan)
+        if min(np.isfinite(previous).sum(), np.isfinite(profile).sum()) >= MIN_PROFILE_BEAMS:
+            self._both += turn * estimate_turn(previous, profile)
             self._car += turn * turn
             self._sum += abs(turn)
 
     def health(self) -> LidarHealth | None:
-        """None before the first scan."""
+        """Return the health over the last scans; None before the first one."""
         if not self._scans:
             return None
-        came = sum(map(len, self._scans))
-        missing = sum(map(_missing, self._scans))
-        back = np.concatenate([np.isfinite(s.distance) for s in self._scans])
-        where = np.concatenate([s.bearing for s in self._scans])
+        received = sum(map(len, self._scans))
+        missing = sum(map(_count_missing, self._scans))
+        returned = np.concatenate([np.isfinite(s.distance) for s in self._scans])
+        bearings = np.concatenate([s.bearing for s in self._scans])
         return LidarHealth(
-            float(np.mean([s.rate for s in self._scans])), came / len(self._scans),
-            missing / (came + missing), float(back.mean()), tuple(blind(where[back])),
-            self.sense)
+            float(np.mean([s.rate for s in self._scans])), received / len(self._scans),
+            missing / (received + missing), float(returned.mean()),
+            tuple(find_blind_sectors(bearings[returned])), self.sense)
 
     @property
     def sense(self) -> float | None:
         """As ``LidarHealth.sense``."""
-        return self._both / self._car if self._sum > ENOUGH else None
+        return self._both / self._car if self._sum > MIN_TOTAL_TURN else None
 
 
-_ROLLED = (np.arange(PROFILE) - np.array(SHIFTS)[:, None]) % PROFILE
-"""Indices (shifts, PROFILE): each row is a profile turned by one of ``SHIFTS``."""
+# Indices (shifts, PROFILE_BINS): each row rotates a profile by one of SHIFTS_DEG.
+_ROLLED = (np.arange(PROFILE_BINS) - np.array(SHIFTS_DEG)[:, None]) % PROFILE_BINS
 
 
-def turned(before: FloatArray, after: FloatArray) -> float:
-    """Angle [rad] by which the car turned between two profiles, as the scans tell it."""
-    costs = np.fmin(np.abs(after[_ROLLED] - before), APART).mean(axis=1)
-    return radians(float(SHIFTS[int(np.argmin(costs))]))
+def estimate_turn(previous: FloatArray, profile: FloatArray) -> float:
+    """Estimate the angle [rad] by which the car turned between two profiles.
+
+    It is the rotation with the smallest mean |log(d1 / d2)|, limited to MAX_LOG_DIFFERENCE.
+    """
+    costs = np.fmin(np.abs(profile[_ROLLED] - previous), MAX_LOG_DIFFERENCE).mean(axis=1)
+    return radians(float(SHIFTS_DEG[int(np.argmin(costs))]))
 
 
-def _missing(scan: Scan) -> int:
-    """Beams between the first and the last that never came."""
+def _count_missing(scan: Scan) -> int:
+    """Count the lost beams between the first and the last one of a scan, from their times."""
     if len(scan) < 2:
         return 0
     return round(float(scan.after[-1] / np.median(np.diff(scan.after)))) - (len(scan) - 1)
 
 
 def _profile(scan: Scan) -> FloatArray:
-    """Logarithm of the distance at each deg to the left; NaN where nothing came back."""
-    out = np.full(PROFILE, np.nan)
-    seen = np.isfinite(scan.distance)
-    index = np.round(np.degrees(scan.bearing[seen])).astype(int) % PROFILE
-    out[index] = np.log(scan.range[seen])
+    """Return the logarithm of the distance at each deg to the left; NaN without a return."""
+    out = np.full(PROFILE_BINS, np.nan)
+    returned = np.isfinite(scan.distance)
+    index = np.round(np.degrees(scan.bearing[returned])).astype(int) % PROFILE_BINS
+    out[index] = np.log(scan.range[returned])
     return out
 
 
-def blind(bearing: FloatArray) -> Iterator[tuple[float, float]]:
-    """Sectors (from, to) [rad, to the left] without any of these directions, from ``BLIND`` on."""
-    counts = np.bincount((bearing % tau / tau * BINS).astype(int) % BINS, minlength=BINS)
+def find_blind_sectors(bearing: FloatArray) -> Iterator[tuple[float, float]]:
+    """Yield the sectors (from, to) [rad, to the left] of MIN_BLIND_WIDTH without a bearing."""
+    index = (bearing % tau / tau * SECTOR_BINS).astype(int) % SECTOR_BINS
+    counts = np.bincount(index, minlength=SECTOR_BINS)
     dark: BoolArray = counts == 0
     if dark.all():
         yield -tau / 2.0, tau / 2.0
         return
     edges = np.flatnonzero(~dark)
-    for a, b in pairwise([*edges, edges[0] + BINS]):
-        width = (b - a - 1) * tau / BINS
-        if width >= BLIND:
-            start = (a + 1) * tau / BINS
+    for a, b in pairwise([*edges, edges[0] + SECTOR_BINS]):
+        width = (b - a - 1) * tau / SECTOR_BINS
+        if width >= MIN_BLIND_WIDTH:
+            start = (a + 1) * tau / SECTOR_BINS
             start -= tau if start > tau / 2.0 else 0.0
             yield start, start + width

@@ -1,20 +1,19 @@
-"""Bytes of a YDLidar X4: its packets, the answers to commands, the commands. No I/O.
+"""Decoder for the bytes of a YDLidar X4: packets and answers to commands. No I/O.
 
 A packet (X4 development manual; words little-endian):
 
     AA 55 | CT | LSN | FSA FSA | LSA LSA | CS CS | S1 S1 | ... | Sn Sn
     head   type  n     angles, first, last  check   n samples
 
-CT: bit 0 is set in the packet that begins a revolution (one sample, its zero), which
-also tells the revolutions in 0.1 Hz in bits 7 to 1, 0 where the firmware does not. CS
-is the exclusive or of all other words: head, FSA, each sample, CT with LSN, LSA. A
-sample is a quarter of a mm, 0 when nothing came back. An angle is 1/64 deg in bits 15
-to 1, bit 0 is always set; the samples of a packet are equally far apart from FSA to
-LSA, across 360 deg as well. The laser sits beside the receiver, so a point at d mm
-lies atan(21.8 (155.3 - d) / (155.3 d)) further than the unit points.
+CT: bit 0 is set in the packet that begins a revolution (one sample, its zero). Its bits 7 to 1 are
+the revolutions in 0.1 Hz, 0 if the firmware does not measure them. CS is the exclusive or of all
+other words: head, FSA, each sample, CT with LSN, LSA. A sample is in 0.25 mm, 0 = no return. An
+angle is 1/64 deg in bits 15 to 1, bit 0 is always set. The samples of a packet are equally spaced
+from FSA to LSA, also across 360 deg. The laser is mounted 21.8 mm from the receiver, so a point at
+d mm lies at an angle of atan(21.8 (155.3 - d) / (155.3 d)) from the direction of the unit.
 
-The X4 begins to stream at ``START`` and answers it; the X4 Pro streams by itself and
-answers nothing.
+The X4 begins to stream at ``START_COMMAND`` and answers it. The X4 Pro streams by itself and does
+not answer.
 """
 
 from __future__ import annotations
@@ -28,35 +27,39 @@ import numpy as np
 
 from dart_hal.core.types import FloatArray
 
+# bit/s of an X4.
 BAUD = 128_000
-"""bit/s of an X4."""
-PERIOD = 0.2e-3
-"""s between two samples of the X4, by its own clock: 5 kHz."""
-START, STOP, INFO, HEALTH = b"\xa5\x60", b"\xa5\x65", b"\xa5\x90", b"\xa5\x91"
-"""Commands: stream, stop, who are you, how are you."""
+# s between two samples of the X4 by its own clock: 5 kHz.
+SAMPLE_PERIOD = 0.2e-3
+# Commands: start and stop the stream, request device information, request the health status.
+START_COMMAND = b"\xa5\x60"
+STOP_COMMAND = b"\xa5\x65"
+INFO_COMMAND = b"\xa5\x90"
+HEALTH_COMMAND = b"\xa5\x91"
 
-HEAD = 10
-"""Bytes of a packet before its samples."""
-QUARTER = 0.25e-3
-"""m of one count of a sample."""
-UNIT = radians(1.0 / 64.0)
-"""rad of one count of an angle."""
-BASE, CROSSING = 21.8, 155.3
-"""mm: the laser starts that far beside the receiver's axis and meets it that far ahead."""
+# Bytes of a packet before its samples.
+HEADER_SIZE = 10
+# m per count of a sample.
+DISTANCE_UNIT = 0.25e-3
+# rad per count of an angle.
+ANGLE_UNIT = radians(1.0 / 64.0)
+# mm: distance of the laser from the receiver's axis, and distance ahead at which the beam meets it.
+LASER_OFFSET_MM = 21.8
+LASER_CROSSING_MM = 155.3
 _MARK = re.compile(rb"\xaa\x55|\xa5\x5a")
+# Bytes of an answer before its content: A5 5A, 30 bits of length with 2 of mode, type.
 _ANSWER = 7
-"""Bytes of an answer before its content: A5 5A, 30 bits of length with 2 of mode, type."""
+# Bytes of content by type: information, health; 0x81: packets follow.
 _CONTENT = {0x04: 20, 0x06: 3, 0x81: 0}
-"""Bytes of content by type: information, health; 0x81: packets follow."""
 
 
 class Packet(NamedTuple):
-    """Some beams in a row, n of them.
+    """n consecutive beams.
 
-    starts: a revolution begins; hertz: what the unit tells of its revolutions, None =
-    nothing; first, last [rad]: where the unit pointed, 0 to 2 pi; angle (n,) [rad] of the
-    points, as the unit counts; distance (n,) [m, NaN = nothing came back]; size: bytes;
-    behind: bytes that came after it in the same read.
+    starts: a revolution begins; hertz: revolutions per second measured by the unit, None = not
+    sent; first, last [rad]: direction of the unit, 0 to 2 pi; angle (n,) [rad] of the points, in
+    the unit's sense of rotation; distance (n,) [m, NaN = no return]; size: bytes; behind: bytes
+    after it in the same read.
     """
 
     starts: bool
@@ -71,13 +74,13 @@ class Packet(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What the unit says to a command: 0x04 information, 0x06 health, 0x81 it streams."""
+    """Answer of the unit to a command: 0x04 information, 0x06 health, 0x81 it streams."""
 
     kind: int
     content: bytes
 
     def text(self) -> str:
-        """In words."""
+        """Return the answer as text."""
         c = self.content
         if self.kind == 0x04:
             return (f"model {c[0]}, firmware {c[2]}.{c[1]}, hardware {c[3]}, serial number "
@@ -87,11 +90,11 @@ class Answer:
         return "it streams"
 
 
-class Decoder:
-    """Packets and answers out of any bytes, in any portions; raises nothing.
+class LidarDecoder:
+    """Finds packets and answers in bytes that arrive in any portions; raises nothing.
 
-    packets, broken: those that were whole, and heads whose check or form is wrong;
-    skipped: bytes that belong to neither; answers: the newest of each kind.
+    packets: valid ones; broken: heads with a wrong checksum or form; skipped: bytes of neither
+    packet nor answer; answers: the newest of each kind.
     """
 
     def __init__(self) -> None:
@@ -100,67 +103,76 @@ class Decoder:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[Packet]:
-        """The packets that ``data`` completes."""
-        held, at = self._rest + data, 0
+        """Return the packets that ``data`` completes."""
+        buffer = self._rest + data
+        position = 0
         out: list[Packet] = []
-        while (mark := _MARK.search(held, at)) is not None:
-            self.skipped += mark.start() - at
-            at = mark.start()
-            length = _length(held, at)
-            if length is None or (length and at + length > len(held)):
-                self._rest = held[at:]
+        while (mark := _MARK.search(buffer, position)) is not None:
+            # 1. Skip bytes up to the next start of a packet or an answer.
+            self.skipped += mark.start() - position
+            position = mark.start()
+            # 2. Keep an incomplete one for the next call.
+            length = _find_length(buffer, position)
+            if length is None or (length and position + length > len(buffer)):
+                self._rest = buffer[position:]
                 return out
-            if length and held[at] == 0xA5:
-                answer = Answer(held[at + 6], held[at + _ANSWER:at + length])
+            # 3. Decode a valid one; otherwise skip its two bytes of start and search on.
+            if length and buffer[position] == 0xA5:
+                answer = Answer(buffer[position + 6], buffer[position + _ANSWER:position + length])
                 self.answers[answer.kind] = answer
-            elif length and _whole(held[at:at + length]):
+            elif length and _is_valid(buffer[position:position + length]):
                 self.packets += 1
-                out.append(_packet(held[at:at + length], len(held) - at - length))
+                out.append(_decode_packet(buffer[position:position + length],
+                                          len(buffer) - position - length))
             else:
                 self.broken += 1
                 self.skipped += 2
                 length = 2
-            at += length
-        keep = len(held) - (held[-1:] in (b"\xaa", b"\xa5") and at < len(held))
-        self.skipped += keep - at
-        self._rest = held[keep:]
+            position += length
+        # The last byte may be the first one of a start.
+        keep = len(buffer) - (buffer[-1:] in (b"\xaa", b"\xa5") and position < len(buffer))
+        self.skipped += keep - position
+        self._rest = buffer[keep:]
         return out
 
 
-def _length(held: bytes, at: int) -> int | None:
-    """Bytes of what begins at ``at``: 0 = nothing can, None = too few to tell."""
-    if held[at] == 0xAA:
-        if at + 4 > len(held):
+def _find_length(buffer: bytes, start: int) -> int | None:
+    """Return the size [bytes] of what begins at ``start``: 0 = invalid, None = not received yet."""
+    if buffer[start] == 0xAA:
+        if start + 4 > len(buffer):
             return None
-        samples = held[at + 3]
-        return HEAD + 2 * samples if samples else 0
-    if at + _ANSWER > len(held):
+        samples = buffer[start + 3]
+        return HEADER_SIZE + 2 * samples if samples else 0
+    if start + _ANSWER > len(buffer):
         return None
-    content = _CONTENT.get(held[at + 6])
+    content = _CONTENT.get(buffer[start + 6])
     return 0 if content is None else _ANSWER + content
 
 
-def _whole(raw: bytes) -> bool:
-    """The check, without which nothing else counts, and the bits that are always set."""
+def _is_valid(raw: bytes) -> bool:
+    """Return whether a packet has the right checksum and the bits that are always set."""
     words = np.frombuffer(raw, "<u2")
     return bool(np.bitwise_xor.reduce(words) == 0 and words[2] & words[3] & 1)
 
 
-def _packet(raw: bytes, behind: int) -> Packet:
+def _decode_packet(raw: bytes, remaining: int) -> Packet:
+    """Decode a valid packet; remaining: bytes after it in the same read."""
     words = np.frombuffer(raw, "<u2")
-    first, last = float(words[2] >> 1) * UNIT, float(words[3] >> 1) * UNIT
-    counts = words[HEAD // 2:]
+    first = float(words[2] >> 1) * ANGLE_UNIT
+    last = float(words[3] >> 1) * ANGLE_UNIT
+    counts = words[HEADER_SIZE // 2:]
     turn = (last - first) % (2.0 * np.pi)
-    pointed = first + turn * np.arange(len(counts)) / max(len(counts) - 1, 1)
-    distance = np.where(counts == 0, np.nan, counts * QUARTER)
-    told = raw[2] >> 1
+    directions = first + turn * np.arange(len(counts)) / max(len(counts) - 1, 1)
+    distance = np.where(counts == 0, np.nan, counts * DISTANCE_UNIT)
+    decihertz = raw[2] >> 1
     starts = bool(raw[2] & 1)
-    return Packet(starts, told / 10.0 if starts and told else None, first, last,
-                  pointed + parallax(distance), distance, len(raw), behind)
+    return Packet(starts, decihertz / 10.0 if starts and decihertz else None, first, last,
+                  directions + parallax(distance), distance, len(raw), remaining)
 
 
 def parallax(distance: FloatArray) -> FloatArray:
-    """How much further than the unit points a point lies [rad]; 0 where there is none [NaN m]."""
+    """Return the angle [rad] of a point from the unit's direction; 0 without a distance [NaN m]."""
     d = 1e3 * distance
-    seen: FloatArray = np.arctan(BASE * (CROSSING - d) / (CROSSING * d))
-    return np.where(np.isnan(d), 0.0, seen)
+    angle: FloatArray = np.arctan(
+        LASER_OFFSET_MM * (LASER_CROSSING_MM - d) / (LASER_CROSSING_MM * d))
+    return np.where(np.isnan(d), 0.0, angle)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.core.types import Pose, Scan
-from dart_hal.devices.lidar.health import Watch
+from dart_hal.devices.lidar.health import LidarHealthMonitor
 from dart_hal.estimation.localisation.beams import Beams, place_beams
 from dart_hal.estimation.localisation.belief import (
     DEFAULT_ERRORS,
@@ -71,7 +71,7 @@ class Localiser:
         self.belief: Belief | None = None
         self._start = None if start is None else np.array(start)
         self._steps = OdometrySteps()
-        self._watch = Watch()
+        self._watch = LidarHealthMonitor()
         self._yaw = 0.0
         self._judge = TrackJudge(1.0)
         self._proof_scans = 0

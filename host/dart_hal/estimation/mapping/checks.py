@@ -8,7 +8,7 @@ import numpy as np
 
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import FloatArray, Scan
-from dart_hal.devices.lidar.health import Watch, blind
+from dart_hal.devices.lidar.health import LidarHealthMonitor, find_blind_sectors
 from dart_hal.estimation.localisation.localiser import MIN_ROTATION_SENSE
 
 # rad: a sector without any return in the whole drive. A post hides 10 to 20 deg; if the lidar
@@ -26,7 +26,7 @@ class MapChecks:
 
     def __init__(self) -> None:
         self.scans = 0
-        self._watch = Watch()
+        self._watch = LidarHealthMonitor()
         self._bearings = list[FloatArray]()
 
     def add(self, scan: Scan, yaw: float) -> None:
@@ -48,7 +48,7 @@ class MapChecks:
         if not self.scans:
             raise UsageError("there is nothing to map", found="no scan", expected="a lidar",
                              remedy="export DART_HAL_LIDAR=serial:///dev/dart-lidar")
-        for start, end in blind(np.concatenate(self._bearings)):
+        for start, end in find_blind_sectors(np.concatenate(self._bearings)):
             if end - start >= MIN_BLIND_SECTOR:
                 raise UsageError(
                     "a sector of the lidar is blind: it had no return in the whole drive",

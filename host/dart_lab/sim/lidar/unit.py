@@ -22,15 +22,21 @@ import numpy as np
 
 from dart_hal.core.errors import DartHalError
 from dart_hal.core.types import FloatArray, IntArray, Scan
-from dart_hal.devices.lidar.packets import BASE, CROSSING, HEAD, PERIOD, QUARTER
-from dart_hal.devices.lidar.scan import BYTE, Stream
+from dart_hal.devices.lidar.packets import (
+    DISTANCE_UNIT,
+    HEADER_SIZE,
+    LASER_CROSSING_MM,
+    LASER_OFFSET_MM,
+    SAMPLE_PERIOD,
+)
+from dart_hal.devices.lidar.scan import BYTE_TIME, Stream
 from dart_hal.estimation.localisation.rays import NO_HIT, fastest_cast
 from dart_lab.sim.lidar.maps import Room
 from dart_lab.sim.lidar.params import LidarParams
 
 PER_PACKET = 40
 """Samples of a packet of an X4."""
-TILT = atan2(BASE, CROSSING)
+TILT = atan2(LASER_OFFSET_MM, LASER_CROSSING_MM)
 """rad by which the laser points back to the receiver's axis."""
 GAP_AT = pi / 4.0
 """rad to the left: where upstream saw a gap open above 8.25 turns a second."""
@@ -70,7 +76,7 @@ class Unit:
 
     def _times(self, samples: IntArray) -> FloatArray:
         """World times [s] of samples of the unit."""
-        return samples.astype(np.float64) * (PERIOD * (1.0 + self._params.skew))
+        return samples.astype(np.float64) * (SAMPLE_PERIOD * (1.0 + self._params.skew))
 
     def _turned(self, t: FloatArray) -> FloatArray:
         """Angle that the head has turned through since the world began [rad]."""
@@ -81,7 +87,7 @@ class Unit:
     def _next_turn(self) -> IntArray:
         """Samples up to the first of the next revolution, which begins it and is in it."""
         self._turns += 1
-        samples = self._sample + np.arange(int(1.5 / (self._params.rate * PERIOD)))
+        samples = self._sample + np.arange(int(1.5 / (self._params.rate * SAMPLE_PERIOD)))
         t = self._times(samples)
         last = int(np.argmax(self._turned(t) >= tau * self._turns))
         self._sample += last + 1
@@ -92,7 +98,7 @@ class Unit:
         """A batch onto the line: packets of 40, the last sample by itself."""
         p, t = self._params, self._times(samples)
         turned = self._turned(t)
-        counts = np.round(self._measured(t, turned) / QUARTER).astype(int)
+        counts = np.round(self._measured(t, turned) / DISTANCE_UNIT).astype(int)
         angles = np.round(np.degrees(turned) * 64.0).astype(int) % COUNTS
         cuts = [*range(0, len(samples) - 1, PER_PACKET), len(samples) - 1, len(samples)]
         for a, b in pairwise(cuts):
@@ -103,7 +109,7 @@ class Unit:
             lost, place, late = self._line.uniform(size=3).tolist()
             if lost < p.lost:
                 raw[int(place * len(raw))] ^= 0x10
-            self._free = max(float(t[b - 1]) + p.delay, self._free) + len(raw) * BYTE
+            self._free = max(float(t[b - 1]) + p.delay, self._free) + len(raw) * BYTE_TIME
             self._arrived = max(self._free + late * p.jitter, self._arrived)
             self._sent.append((bytes(raw), self._arrived))
 
@@ -114,7 +120,8 @@ class Unit:
         c, s = np.cos(true[:, 2]), np.sin(true[:, 2])
         axis = true[:, :2] + np.column_stack((c * p.x - s * p.y, s * p.x + c * p.y))
         ahead = true[:, 2] + p.yaw + sense * turned
-        laser = axis + sense * 1e-3 * BASE * np.column_stack((-np.sin(ahead), np.cos(ahead)))
+        offset = sense * 1e-3 * LASER_OFFSET_MM
+        laser = axis + offset * np.column_stack((-np.sin(ahead), np.cos(ahead)))
         way = ahead - sense * TILT
         reach, line = self._spotted(t, laser, way), _ahead(way)
         r = np.linalg.norm(laser + reach[:, None] * line - axis, axis=1)
@@ -190,5 +197,5 @@ def encode(starts: bool, told: int, first: int, last: int, counts: IntArray) -> 
                        last << 1 | 1)
     body = counts.astype("<u2").tobytes()
     check = np.bitwise_xor.reduce(np.frombuffer(head + body, "<u2"))
-    assert len(head) + 2 == HEAD
+    assert len(head) + 2 == HEADER_SIZE
     return head + struct.pack("<H", int(check)) + body
