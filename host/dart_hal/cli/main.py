@@ -21,6 +21,7 @@ from dart_hal.core.process.extras import install_command
 VERBS = {
     "find": "list serial ports and I2C buses, and identify the port of the car",
     "doctor": "check port, firmware, stream, I2C, PCA9685, IMU and encoder; suggest the fix",
+    "car": "describe a new car by its sizes; writes car.toml",
     "calibrate": "measure this car and write calibration.toml",
     "drive": "drive with the keyboard, a gamepad or a script",
     "follow": "follow a path: a CSV file, or a track by its name",
@@ -37,7 +38,7 @@ VERBS = {
     "flash": "write the firmware to a Nano and wait for its HELLO",
 }
 VERB_GROUPS = {
-    "start": ("find", "doctor", "flash"),
+    "start": ("find", "doctor", "flash", "car"),
     "measure": ("calibrate", "record"),
     "model": (),
     "drive": ("drive", "follow", "lane", "map", "localize", "stop", "fleet"),

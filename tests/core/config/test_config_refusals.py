@@ -74,6 +74,18 @@ def test_a_value_out_of_range_is_refused_by_its_key(line, key) -> None:
     assert key in str(error)
 
 
+@pytest.mark.parametrize(("std", "key"), [
+    ("mass = 0", "geometry.std.mass"), ("mass = -0.1", "geometry.std.mass"),
+    ("mass = nan", "geometry.std.mass"), ("mass = 20.0", "geometry.std.mass"),
+    ("wheelbase = 2.0", "geometry.std.wheelbase"), ("weight = 0.1", "weight"),
+    ("yaw_inertia = 0.001", "geometry.std.yaw_inertia"),
+    ("l_f = 0.001, l_r = 0.001", "geometry.std.l_r")])
+def test_standard_error_of_a_size_that_cannot_be_is_refused(std, key) -> None:
+    text = CAR.format("").replace("mass = 1.67", f"mass = 1.67, std = {{ {std} }}")
+    assert "std" in text
+    assert key in refused(lambda t: parse_config(t, "file.toml"), text).what
+
+
 def test_axles_that_do_not_add_up_to_the_wheelbase_are_refused() -> None:
     text = CAR.format("").replace("0.0945", "0.0845")
     assert "wheelbase" in refused(lambda t: parse_config(t, "file.toml"), text).what

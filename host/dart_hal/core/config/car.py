@@ -10,13 +10,34 @@ from dart_hal.core.config.quantity import FileTable, Quantity
 from dart_hal.core.config.ranges import check_neutral, check_oscillator
 
 CAR_SCHEMA = "dart-hal/car/1"
+# Standard error of a size over the size: a larger one is no measurement, or has another unit.
+MAX_RELATIVE_STD = 0.5
+
+
+class SizeErrors(FileTable, frozen=True, kw_only=True):
+    """Standard errors of sizes, in the units of ``Geometry``; None: the size is exact.
+
+    Of ``l_f`` and ``l_r`` only one: the other one follows from the wheelbase.
+    """
+
+    wheelbase: float | None = None
+    l_f: float | None = None
+    l_r: float | None = None
+    mass: float | None = None
+    yaw_inertia: float | None = None
+
+    def stated(self) -> dict[str, float]:
+        """Return the errors that are stated, by key."""
+        return {key: getattr(self, key) for key in self.__struct_fields__
+                if getattr(self, key) is not None}
 
 
 class Geometry(FileTable, frozen=True, kw_only=True):
     """Lengths [m] from the axles, mass [kg], yaw inertia [kg m2].
 
     l_f, l_r: centre of mass to front and rear axle; ``length``, ``width`` of
-    the outline; ``lidar_x`` of the lidar ahead of the rear axle.
+    the outline; ``lidar_x`` of the lidar ahead of the rear axle; ``std``: standard errors, within
+    which a joint fit and a diagnosis may move a size.
     """
 
     wheelbase: float
@@ -29,6 +50,7 @@ class Geometry(FileTable, frozen=True, kw_only=True):
     track: float | None = None
     wheel_radius: float | None = None
     lidar_x: float | None = None
+    std: SizeErrors = SizeErrors()
 
 
 class SteeringConfig(FileTable, frozen=True, kw_only=True):
@@ -90,13 +112,14 @@ class EncoderConfig(FileTable, frozen=True, kw_only=True):
     """The rings on the main gear: edges per revolution, metres per edge.
 
     ``metres_per_edge`` is computed from the drawing, with its tolerance as standard error; the
-    value in calibration.toml has precedence.
+    value in calibration.toml has precedence. None: a car that is known by recordings alone, which
+    ``Car.open`` refuses.
     """
 
     rings: Literal[1, 2] = 1
     edges_per_rev: int = 20
     edges_per_rev_b: int = 10
-    metres_per_edge: Quantity
+    metres_per_edge: Quantity | None = None
 
 
 class ImuConfig(FileTable, frozen=True, kw_only=True):
@@ -169,7 +192,7 @@ class CarConfig(FileTable, frozen=True, kw_only=True):
     schema: str = CAR_SCHEMA
     name: str
     geometry: Geometry
-    encoder: EncoderConfig
+    encoder: EncoderConfig = EncoderConfig()
     steering: SteeringConfig = SteeringConfig()
     throttle: ThrottleConfig = ThrottleConfig()
     pwm: Pwm = Pwm()
@@ -194,8 +217,9 @@ def parse_config(text: str, origin: str, *, recorded: bool = False) -> CarConfig
     encoder = car.encoder
     check_std(encoder.metres_per_edge, "encoder.metres_per_edge", origin, positive=True)
     low, high = METRES_PER_EDGE_RANGE
-    require(low <= encoder.metres_per_edge.value <= high, origin,
-            "encoder.metres_per_edge.value", encoder.metres_per_edge.value,
+    metres = encoder.metres_per_edge
+    require(metres is None or low <= metres.value <= high, origin,
+            "encoder.metres_per_edge.value", metres and metres.value,
             "0.0002 to 0.05 m; are these millimetres?")
     for key in ("edges_per_rev", "edges_per_rev_b"):
         require(2 <= getattr(encoder, key) <= 64, origin, f"encoder.{key}", getattr(encoder, key),
@@ -216,6 +240,16 @@ def _check_geometry(car: CarConfig, origin: str) -> None:
     require(abs(body.l_f + body.l_r - body.wheelbase) <= 5e-4, origin, "geometry.wheelbase",
             f"{body.wheelbase} m with l_f + l_r = {body.l_f + body.l_r:.4f} m",
             "l_f + l_r within 0.5 mm")
+    errors = body.std.stated()
+    for key, std in errors.items():
+        size = getattr(body, key)
+        require(size is not None, origin, f"geometry.std.{key}", std, f"geometry.{key} as well",
+                f"add {key} to [geometry]")
+        require(0 < std <= MAX_RELATIVE_STD * size, origin, f"geometry.std.{key}", std,
+                f"above 0 and at most half of {key} = {size}", "check the unit")
+    require(not {"l_f", "l_r"} <= set(errors), origin, "geometry.std.l_r", body.std.l_r,
+            "an error of l_f or of l_r; the other one follows from the wheelbase",
+            "remove one of the two")
 
 
 def _check_actuators(car: CarConfig, origin: str) -> None:

@@ -67,9 +67,16 @@ class CarFiles:
 
     @property
     def metres_per_edge(self) -> Quantity:
-        """Travel per encoder edge [m]."""
+        """Travel per encoder edge [m]. Raises ConfigError for a car that states none."""
         measured = self.calibration.encoder.metres_per_edge if self.calibration else None
-        return measured or self.config.encoder.metres_per_edge
+        found = measured or self.config.encoder.metres_per_edge
+        if found is None:
+            raise ConfigError(
+                f"{self.origin}: encoder.metres_per_edge is missing", read=self.origin,
+                found="a car that is known by recordings alone",
+                expected="[encoder] metres_per_edge = { value = ..., std = ... }, in m",
+                remedy="add it to car.toml: the car cannot drive without the scale of its encoder")
+        return found
 
     @property
     def ring(self) -> tuple[float, ...] | None:
@@ -125,13 +132,13 @@ def load_car(name: str, cars_dirs: Folders | None = None) -> CarFiles:
     folders = [folder / name for folder in car_folders(cars_dirs)]
     for folder in folders:
         if (folder / "car.toml").is_file():
-            config = parse_config(_read(folder / "car.toml"), str(folder / "car.toml"))
+            config = read_config(folder / "car.toml")
             return _with_measurements(config, measured_folder(name, cars_dirs),
                                       str(folder / "car.toml"), name)
     # The example car of an installed package is used if the user has no copy of it.
     home = measured_folder(name, cars_dirs)
     if name == EXAMPLE_CAR and PACKAGED_EXAMPLE.is_file():
-        config = parse_config(_read(PACKAGED_EXAMPLE), str(PACKAGED_EXAMPLE))
+        config = read_config(PACKAGED_EXAMPLE)
         return _with_measurements(config, home, str(PACKAGED_EXAMPLE), name)
     searched = ", ".join(str(folder.parent) for folder in folders)
     close = get_close_matches(name, _list_existing_cars(cars_dirs), n=1)
@@ -173,6 +180,11 @@ def parse_car(text: str, origin: str, cars_dirs: Folders | None = None) -> CarFi
     """
     config = parse_config(text, origin)
     return _with_measurements(config, measured_folder(config.name, cars_dirs), origin, config.name)
+
+
+def read_config(path: Path) -> CarConfig:
+    """Read a car.toml. Raises ConfigError."""
+    return parse_config(_read(path), str(path))
 
 
 def load_model(path: str | os.PathLike[str]) -> ModelFile:

@@ -91,7 +91,8 @@ def _shaft_turn(recording: Recording) -> float | None:
     """Travel [m] per turn of the shaft of the encoder; None where the car is not known."""
     if recording.car is not None:
         encoder = recording.car.encoder
-        return encoder.metres_per_edge.value * encoder.edges_per_rev
+        metres = encoder.metres_per_edge
+        return metres.value * encoder.edges_per_rev if metres is not None else None
     return SHAFT_TURN if recording.published else None
 
 
