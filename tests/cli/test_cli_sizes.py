@@ -133,8 +133,15 @@ def test_values_are_compared_with_the_base_that_was_used(verb, own, tmp_path):
     assert "paper" not in fit
     table = verb("identify", "steering", "--dry-run", "--base", base, own).out
     assert "base" in table.partition("identifiable")[0].splitlines()[-1]
-    paper = verb("identify", "steering", "--json", "--dry-run", own).json["fits"]["steering"]
-    assert paper["paper"]["parameters"]["a_left_rad"] == pytest.approx(0.330138, abs=1e-3)
+    other = verb("identify", "steering", "--json", "--dry-run", own).json["fits"]["steering"]
+    assert other["base"]["parameters"]["a_left_rad"] == pytest.approx(0.330138, abs=1e-3)
+    assert "paper" not in other
+
+
+def test_published_recordings_of_dart_are_compared_with_the_paper(verb):
+    fit = verb("identify", "friction", "--json", "--dry-run", PUBLISHED).json["fits"]["friction"]
+    assert fit["paper"]["parameters"]["a"] == find_model("paper")[1].friction.a
+    assert "base" not in fit
 
 
 def test_yaw_inertia_that_is_not_stated_scales_with_the_car(cars):

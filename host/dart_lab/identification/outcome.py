@@ -34,7 +34,8 @@ have it, and of an inertia: m/12 (length^2 + width^2) of a car is good to a tent
 class Identification:
     """fits by sub-model (as_paper: also rows of its comparison), report by file.
 
-    published: the values of the base that was used (as_paper: the paper's); compared: its name;
+    published: the values of the base that was used (as_paper: the paper's); compared: its name for
+    published recordings of DART, else "base";
     derived: what the data identify
     where single parameters are not identifiable; source: for the file's provenance;
     joint: covariance across sub-models, where they were fitted together;
@@ -170,7 +171,13 @@ def jointly(recordings: list[Recording], skipped: Skipped, names: Sequence[str],
     joint = Covariance(made.names, rounded(made.covariance))
     frames = {file: g.reference for file, (_, g) in used.items()}
     return (Identification(made.fits, files, published, source, joint=joint, frames=frames,
-                           compared=base.name, nuisance=made.nuisance), recordings)
+                           compared=_name_comparison(base.name, recordings),
+                           nuisance=made.nuisance), recordings)
+
+
+def _name_comparison(base: str, recordings: Sequence[Recording]) -> str:
+    """Return what the values are compared with: another car than DART has no published ones."""
+    return base if all(r.published for r in recordings) else "base"
 
 
 def _known(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]:
@@ -228,4 +235,4 @@ def per_recording(recordings: list[Recording], skipped: Skipped, names: Sequence
                     "per recording, robust, errors over blocks")
     published = {name: base_values(base, fit) for name, fit in fits.items()}
     return Identification(fits, files, published, source, mass=mass, frames=frames,
-                          compared=base.name), recordings
+                          compared=_name_comparison(base.name, recordings)), recordings
