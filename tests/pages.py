@@ -8,11 +8,11 @@ EMBEDDED = re.compile(r'base64,[^"]*')
 OUTSIDE = re.compile(r"https?://|@import|url\(|<script|<link|<iframe")
 
 
-def shown(page: str) -> str:
+def strip_data(page: str) -> str:
     """The page without the data that it carries."""
     return EMBEDDED.sub("", page)
 
 
 def foreign(page: str) -> list[str]:
     """Whatever a browser would fetch or run."""
-    return OUTSIDE.findall(shown(page))
+    return OUTSIDE.findall(strip_data(page))

@@ -19,19 +19,19 @@ def walk(definition, data):
     values = {}
     at = 4
 
-    def aligned(size):
+    def align(size):
         nonlocal at
         at += -(at - 4) % size
 
     def take(kind):
         nonlocal at
         if kind == "string":
-            aligned(4)
+            align(4)
             (n,) = struct.unpack_from("<I", data, at)
             text = data[at + 4:at + 3 + n].decode()
             at += 4 + n
             return text
-        aligned(SIZES[kind])
+        align(SIZES[kind])
         code = {"float64": "d", "float32": "f", "int32": "i", "uint32": "I", "uint8": "B"}[kind]
         (value,) = struct.unpack_from("<" + code, data, at)
         at += SIZES[kind]
@@ -58,7 +58,7 @@ def walk(definition, data):
     return values
 
 
-def decoded(path, topic):
+def decode_messages(path, topic):
     with path.open("rb") as file:
         for schema, _, message in make_reader(file).iter_messages(topics=[topic]):
             yield walk(schema.data.decode(), message.data)

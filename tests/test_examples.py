@@ -33,8 +33,8 @@ def test_there_are_examples_of_both_kinds():
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.stem)
 @pytest.mark.slow_except("drive_circle")
 def test_a_program(program, tmp_path):
-    said = run([program], tmp_path, URLS[0])
-    assert any(c.isdigit() for c in said)
+    output = run([program], tmp_path, URLS[0])
+    assert any(c.isdigit() for c in output)
 
 
 @pytest.mark.slow
@@ -49,9 +49,9 @@ def test_a_script_for_drive(script, tmp_path):
 @pytest.mark.emulator
 @pytest.mark.slow
 def test_an_example_on_the_firmware(tmp_path):
-    said = run([EXAMPLES / "drive_circle.py"], tmp_path, "sim://?seed=2")
-    assert "turned" in said
-    assert float(said.rpartition("turned ")[2].split()[0]) > 2.0
+    output = run([EXAMPLES / "drive_circle.py"], tmp_path, "sim://?seed=2")
+    assert "turned" in output
+    assert float(output.rpartition("turned ")[2].split()[0]) > 2.0
 
 
 def test_without_gymnasium_the_example_says_what_to_install(tmp_path):

@@ -23,15 +23,15 @@ STEERING = ("steering_lag", "steering_delay", "yaw_inertia")
 LOSSES = ("steering_backlash", "steering_trim", "battery_fade", "rolling_resistance")
 
 
-def loaded(program):
+def load_program(program):
     spec = importlib.util.spec_from_file_location(program.stem, program)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def tuned(url, short):
-    example = loaded(TUNE)
+def run_tune(url, short):
+    example = load_program(TUNE)
     example.URL = url
     if short:
         example.ONLY = STEERING
@@ -40,8 +40,8 @@ def tuned(url, short):
     return example.main()
 
 
-def upgraded(seconds, only):
-    example = loaded(UPGRADES)
+def run_upgrades(seconds, only):
+    example = load_program(UPGRADES)
     example.CARS = {k: url.replace("nano=avr", "nano=mock") for k, url in example.CARS.items()}
     example.ONLY = only
     return example.main(seconds)
@@ -49,7 +49,7 @@ def upgraded(seconds, only):
 
 @pytest.mark.slow
 def test_the_extended_model_tunes_the_better_controller():
-    found, driven = tuned(LAG, short=True)
+    found, driven = run_tune(LAG, short=True)
     assert [c.effect for c in found.causes] == ["steering_lag"]
     assert found.causes[0].parameters["k"].value == pytest.approx(0.12, rel=0.1)
     assert driven["extended"] < 0.015
@@ -59,7 +59,7 @@ def test_the_extended_model_tunes_the_better_controller():
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_it_does_on_cars_that_differ_in_more_than_that(seed):
-    found, driven = tuned(f"{LAG}&seed={seed}", short=False)
+    found, driven = run_tune(f"{LAG}&seed={seed}", short=False)
     assert "steering_lag" in [c.effect for c in found.causes]
     assert driven["extended"] < 0.02
     assert driven["extended"] < 0.2 * driven["base"]
@@ -67,14 +67,14 @@ def test_it_does_on_cars_that_differ_in_more_than_that(seed):
 
 @pytest.mark.long
 def test_where_nothing_is_hidden_nothing_is_gained():
-    found, driven = tuned("sim://?nano=mock", short=False)
+    found, driven = run_tune("sim://?nano=mock", short=False)
     assert not found.causes
     assert driven["extended"] == driven["base"] < 0.01
 
 
-def check_upgrades(seen):
-    before = seen["before"]
-    after = seen["after"]
+def check_upgrades(results):
+    before = results["before"]
+    after = results["after"]
     values = {c.effect: c.parameters["k"].value for c in before[0].causes}
     assert set(values) == {"steering_backlash", "battery_fade"}
     assert values["steering_backlash"] == pytest.approx(0.1, rel=0.1)
@@ -87,18 +87,18 @@ def check_upgrades(seen):
 
 @pytest.mark.slow
 def test_both_upgrades_are_told_from_a_drive_before_and_after():
-    check_upgrades(upgraded(32.0, LOSSES))
+    check_upgrades(run_upgrades(32.0, LOSSES))
 
 
 @pytest.mark.long
 def test_both_upgrades_are_told_among_all_effects():
-    check_upgrades(upgraded(60.0, ()))
+    check_upgrades(run_upgrades(60.0, ()))
 
 
 @pytest.mark.long
 def test_contouring_control_by_what_was_found():
     """The car's own model without its lags swings; the one that names them does not."""
-    found, driven = loaded(IN_CONTROL).main()
+    found, driven = load_program(IN_CONTROL).main()
     named = {c.effect: c.parameters["k"].value for c in found.causes}
     assert named == {"steering_lag": pytest.approx(0.12, abs=0.015),
                      "throttle_lag": pytest.approx(0.08, abs=0.015)}

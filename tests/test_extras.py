@@ -71,10 +71,10 @@ def test_view_of_a_recording_without_websockets_names_the_command(monkeypatch, c
     run.write_bytes(b"")
     with pytest.raises(SystemExit) as ended:
         main(["view", str(run)])
-    told = capsys.readouterr().err
+    message = capsys.readouterr().err
     assert ended.value.code == 2
-    assert "D-BUG" not in told
-    assert "websockets>=15" in told.replace("\n", " ")
+    assert "D-BUG" not in message
+    assert "websockets>=15" in message.replace("\n", " ")
 
 
 def test_no_message_names_a_package_that_is_on_no_index():

@@ -123,7 +123,7 @@ def test_studies_import_nothing_of_the_tests():
     assert wrong == []
 
 
-def asked_by_name(text: str) -> list[str]:
+def find_attributes_by_name(text: str) -> list[str]:
     """Calls of hasattr and getattr in a file: an object is looked through instead of declared."""
     calls = (node for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Call))
     return [call.func.id for call in calls if isinstance(call.func, ast.Name)
@@ -133,11 +133,11 @@ def asked_by_name(text: str) -> list[str]:
 def test_a_car_asks_no_link_what_it_has():
     """Optional members are declared in ports.Link; the last line is the control."""
     for path in (PACKAGE / "car").glob("*.py"):
-        assert asked_by_name(path.read_text(encoding="utf-8")) == [], path.name
-    assert asked_by_name("baud = getattr(link, 'baud', 0)") == ["getattr"]
+        assert find_attributes_by_name(path.read_text(encoding="utf-8")) == [], path.name
+    assert find_attributes_by_name("baud = getattr(link, 'baud', 0)") == ["getattr"]
 
 
-def loaded(statement: str) -> set[str]:
+def list_loaded(statement: str) -> set[str]:
     """Modules that a fresh interpreter has after ``statement``."""
     code = f"{statement}\nimport sys; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -145,7 +145,7 @@ def loaded(statement: str) -> set[str]:
 
 
 def test_import_dart_hal_is_light():
-    got = loaded("import dart_hal")
+    got = list_loaded("import dart_hal")
     heavy = {"numpy", "scipy", "matplotlib", "serial", "smbus2", "adafruit_servokit", "board",
              "mcap", "click", "rich", "pandas"}
     assert not heavy & got
@@ -159,7 +159,7 @@ def test_import_dart_hal_is_light():
 ])
 @pytest.mark.slow_except("from dart_hal import Car, Fleet")
 def test_what_runs_on_the_car_loads_no_plotting_no_fitting_no_servokit(statement):
-    got = loaded(statement)
+    got = list_loaded(statement)
     assert not {"scipy", "matplotlib", "adafruit_servokit", "board", "busio", "pandas"} & got
     assert not {"dart_lab.sim", "dart_hal.cli", "dart_lab.diagnosis"} & got
 
@@ -167,8 +167,8 @@ def test_what_runs_on_the_car_loads_no_plotting_no_fitting_no_servokit(statement
 @pytest.mark.slow
 def test_a_simulated_car_in_full_loads_no_plotting_either(tmp_path):
     """Opened and driven: only what moves it."""
-    got = loaded("from dart_hal import Car\n"
-                 f"with Car.open('sim://?nano=mock', cars={str(tmp_path)!r}) as car:\n"
-                 "    next(car.states())")
+    got = list_loaded("from dart_hal import Car\n"
+                      f"with Car.open('sim://?nano=mock', cars={str(tmp_path)!r}) as car:\n"
+                      "    next(car.states())")
     assert "dart_lab.sim.world" in got
     assert not {"matplotlib", "pandas", "dart_hal.cli", "dart_lab.sim.truth"} & got

@@ -29,7 +29,7 @@ def tool(name: str, *args: str) -> subprocess.CompletedProcess[str]:
                           cwd=ROOT, check=False)
 
 
-def tracked() -> list[Path]:
+def list_tracked() -> list[Path]:
     """Files of the project: what git knows, else every text file."""
     done = subprocess.run(["git", "ls-files", "-z"], capture_output=True, cwd=ROOT, check=False)
     if done.returncode:
@@ -115,7 +115,7 @@ def leaks(text: str) -> list[str]:
 
 def test_no_registry_and_no_place_of_a_machine_in_the_tree():
     found = {}
-    for path in tracked():
+    for path in list_tracked():
         if path == Path(__file__) or path.stat().st_size > 2_000_000:
             continue
         try:

@@ -81,9 +81,9 @@ def test_names_of_version_0_1_are_found(module):
         warnings.simplefilter("always")
         found = import_module(module)
         assert all(hasattr(found, name) for name in PATHS[module].split())
-    told = [w for w in caught if issubclass(w.category, DeprecationWarning)
-            and module in str(w.message)]
-    assert bool(told) is (moved or module == "dart_hal.recording")
+    deprecations = [w for w in caught if issubclass(w.category, DeprecationWarning)
+                    and module in str(w.message)]
+    assert bool(deprecations) is (moved or module == "dart_hal.recording")
 
 
 @pytest.mark.parametrize("old", MOVED)
@@ -121,9 +121,10 @@ def test_a_path_that_never_was_is_not_found():
 def test_members_of_a_car_are_at_their_new_paths(url):
     with Car.open(url) as car:
         for name, (path, without) in MOVED_MEMBERS.items():
-            with pytest.warns(DeprecationWarning, match=f"car.{name} is car.{path}") as told:
+            with pytest.warns(DeprecationWarning,
+                              match=f"car.{name} is car.{path}") as deprecations:
                 old = getattr(car, name)
-            assert told[0].filename == __file__
+            assert deprecations[0].filename == __file__
             part, _, member = path.partition(".")
             absent = part in ("lidar", "camera") and url == "sim://"
             assert old == (without if absent else getattr(getattr(car, part), member))

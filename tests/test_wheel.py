@@ -120,27 +120,27 @@ def test_the_wheel_is_for_any_python_of_its_platform(wheel):
 
 
 def test_mypy_sees_the_speed_as_a_number(programs, program):
-    told = done(programs / "mypy", "--strict", program, cwd=program.parent)
-    assert 'Revealed type is "builtins.float"' in told or 'Revealed type is "float"' in told
+    output = done(programs / "mypy", "--strict", program, cwd=program.parent)
+    assert 'Revealed type is "builtins.float"' in output or 'Revealed type is "float"' in output
 
 
 def test_pyright_sees_the_speed_as_a_number(programs, program):
     if shutil.which("node") is None:
         pytest.skip("pyright needs node, which is not installed")
-    told = run(programs / "pyright", "--pythonpath", programs / "python", program,
-               cwd=program.parent)
-    if "npm" in told.stderr and "information" not in told.stdout:
-        pytest.skip(f"pyright cannot be fetched: {told.stderr.splitlines()[-1]}")
-    assert 'Type of "state.speed" is "float"' in told.stdout, told.stdout + told.stderr
+    output = run(programs / "pyright", "--pythonpath", programs / "python", program,
+                 cwd=program.parent)
+    if "npm" in output.stderr and "information" not in output.stdout:
+        pytest.skip(f"pyright cannot be fetched: {output.stderr.splitlines()[-1]}")
+    assert 'Type of "state.speed" is "float"' in output.stdout, output.stdout + output.stderr
 
 
 @pytest.mark.parametrize("python", PYTHONS)
 def test_its_needs_can_be_met_for_every_python(uv, wheel, tmp_path, python):
     needs = tmp_path / "needs.in"
     needs.write_text(f"dart-hal @ {wheel.as_uri()}\n", encoding="utf-8")
-    told = done(uv, "pip", "compile", "--python-version", python, "--only-binary", ":all:", needs,
-                cwd=tmp_path)
-    assert "numpy==" in told
+    output = done(uv, "pip", "compile", "--python-version", python, "--only-binary", ":all:", needs,
+                  cwd=tmp_path)
+    assert "numpy==" in output
 
 
 @pytest.mark.parametrize("python", PYTHONS)
@@ -200,8 +200,8 @@ def test_the_demo_runs_in_an_empty_folder(programs, tmp_path, emulator):
     ended = run(programs / "dart-hal", "demo", cwd=folder, NO_COLOR="1", COLUMNS="400",
                 DART_HAL_EMULATOR=str(place))
     assert ended.returncode == 0, ended.stdout + ended.stderr
-    told = " ".join(ended.stderr.split())  # standard output has the answers alone
-    assert ("firmware in the emulator" in told) is emulator
-    assert ("MockNano instead of the firmware" in told) is not emulator
-    assert ("clone the project" in told) is not emulator  # there is no Makefile here
+    output = " ".join(ended.stderr.split())  # standard output has the answers alone
+    assert ("firmware in the emulator" in output) is emulator
+    assert ("MockNano instead of the firmware" in output) is not emulator
+    assert ("clone the project" in output) is not emulator  # there is no Makefile here
     assert list(folder.rglob("*.html"))

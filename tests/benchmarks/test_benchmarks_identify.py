@@ -15,32 +15,32 @@ EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
 
 
 @pytest.fixture(scope="module")
-def made():
+def make_fit():
     return fit_as_paper(EXCERPT, ["motor", "tyres"])
 
 
-def test_adam_stops_where_the_paper_stopped(made):
+def test_adam_stops_where_the_paper_stopped(make_fit):
     """500 steps give the paper's unconverged motor: the comparison is with its own settings."""
-    run = adam.adam(made.problems["motor"], None)
+    run = adam.adam(make_fit.problems["motor"], None)
     assert run.x == pytest.approx([28.866, 5.948, -.1496], rel=1e-3)
     assert run.loss == pytest.approx(.1610, abs=1e-4)
-    assert run.loss > 1.1 * made.fits["motor"].loss
+    assert run.loss > 1.1 * make_fit.fits["motor"].loss
 
 
 @pytest.mark.slow
-def test_more_steps_reach_our_optimum(made, monkeypatch):
+def test_more_steps_reach_our_optimum(make_fit, monkeypatch):
     monkeypatch.setitem(adam.SETTINGS, "motor", adam.Settings(5000, 0.01, (0.95, 0.5, 0.5)))
-    run = adam.adam(made.problems["motor"], None)
+    run = adam.adam(make_fit.problems["motor"], None)
     assert run.x == pytest.approx([21.071, 3.520, -.1214], rel=1e-3)
-    assert run.loss == pytest.approx(made.fits["motor"].loss, rel=1e-4)
+    assert run.loss == pytest.approx(make_fit.fits["motor"].loss, rel=1e-4)
 
 
-def test_torch_takes_the_same_steps(made):
+def test_torch_takes_the_same_steps(make_fit):
     torch = adam.torch_or_none()
     if torch is None:
         pytest.skip("torch is not installed (pip install 'dart-hal[bench]')")
     for name in ("tyres_front", "tyres_rear_offset"):
-        with_tape, by_hand = (adam.adam(made.problems[name], t) for t in (torch, None))
+        with_tape, by_hand = (adam.adam(make_fit.problems[name], t) for t in (torch, None))
         assert with_tape.loss == pytest.approx(by_hand.loss, rel=1e-4)
         assert with_tape.x == pytest.approx(by_hand.x, rel=1e-2)
 

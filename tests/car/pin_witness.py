@@ -42,11 +42,11 @@ class Witness:
             rise, fall = pulse
             self.pulses.append((rise, fall, (fall - rise) * 1e6))
 
-    def says(self, t: float, mode: str) -> None:
+    def record_mode(self, t: float, mode: str) -> None:
         if not self.modes or self.modes[-1][1] != mode:
             self.modes.append((t, mode))
 
-    def commanded(self, t: float, until: float) -> None:
+    def record_command(self, t: float, until: float) -> None:
         self.commands.append((t, until))
 
     def modes_in(self, start: float, end: float) -> set[str]:
@@ -64,22 +64,22 @@ class Witness:
         and the heartbeats too the Nano acts when it misses them.
         """
         allowed = (*LIVE, "FAULT") if cutoff == "none" else LIVE
-        settled = [p for p in self.pulses[self._checked:] if p[1] < self.world.t - GAP]
-        for k, (rise, fall, length) in enumerate(settled, self._checked):
+        complete = [p for p in self.pulses[self._checked:] if p[1] < self.world.t - GAP]
+        for k, (rise, fall, length) in enumerate(complete, self._checked):
             gap = cutoff != "none" and self._at_a_gap(k)
             cut = gap or any(abs(t - fall) < 1e-5 for t in self.resets)
             stub = length < NEUTRAL_US and cut
             if abs(length - NEUTRAL_US) <= NEAR_US or stub:
                 continue
-            said = self.modes_in(fall - WITHIN, fall)
-            if said == {"FAULT"} and any(t <= fall <= t + CUT_WITHIN for t in self.muted):
+            allowed_modes = self.modes_in(fall - WITHIN, fall)
+            if allowed_modes == {"FAULT"} and any(t <= fall <= t + CUT_WITHIN for t in self.muted):
                 continue
-            assert said & set(allowed), (f"{length:.0f} us at t = {rise:.4f} s while {said}",
-                                         self.modes[-6:])
-            if "FAULT" not in said:
+            assert allowed_modes & set(allowed), (
+                f"{length:.0f} us at t = {rise:.4f} s while {allowed_modes}", self.modes[-6:])
+            if "FAULT" not in allowed_modes:
                 assert any(t <= fall and fall <= until + EXPIRY for t, until in
                            self.commands[-200:]), f"{length:.0f} us at {rise:.4f} s by nobody"
-        self._checked += len(settled)
+        self._checked += len(complete)
 
     def _at_a_gap(self, k: int) -> bool:
         rise, fall, _ = self.pulses[k]

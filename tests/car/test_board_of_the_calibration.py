@@ -21,11 +21,11 @@ OTHER = "da270004"
 WAIVE = ("PWM_CLOCK_UNCALIBRATED", "CALIBRATION_MISSING")
 
 
-def measured(name="throttle.neutral_us", value=1503.0):
+def make_measurement(name="throttle.neutral_us", value=1503.0):
     return Measured("sim-3", "test", "esc", {name: Quantity(value, 1.0)}, "", 0.0)
 
 
-def calibrated(tmp_path, board=None):
+def write_calibration(tmp_path, board=None):
     """Folder of the cars, with a calibration of sim-3 that was measured with this board."""
     folder = tmp_path / "sim-3"
     folder.mkdir(exist_ok=True)
@@ -35,36 +35,36 @@ def calibrated(tmp_path, board=None):
     return tmp_path
 
 
-def armed(cars, url=URL):
+def arm_and_list_cautions(cars, url=URL):
     """Cautions of a car that arms."""
     with Car.open(url, cars=cars) as car:
         return {caution.name for caution in car.arm(waive=WAIVE)}
 
 
 def test_every_write_records_the_board(tmp_path):
-    cars = calibrated(tmp_path)
+    cars = write_calibration(tmp_path)
     with Car.open(URL, cars=cars) as car:
         assert car.files.board == MINE
-        write(car.files, measured())
+        write(car.files, make_measurement())
     kept = calibration_in(cars / "sim-3", "sim-3")
     assert (kept.board, kept.throttle.neutral_us.value) == (MINE, 1503.0)
     text = (cars / "sim-3" / "calibration.toml").read_text()
     assert text.index("board") < text.index("[throttle]"), "a key of the top of the file"
-    assert "CALIBRATION_UNBOUND" not in armed(cars)
+    assert "CALIBRATION_UNBOUND" not in arm_and_list_cautions(cars)
 
 
 def test_the_calibration_of_another_board_is_not_armed_with(tmp_path):
     with pytest.raises(NotArmed) as caught:
-        armed(calibrated(tmp_path, OTHER))
+        arm_and_list_cautions(write_calibration(tmp_path, OTHER))
     assert caught.value.reasons == ("CALIBRATION_OTHER_BOARD",)
     assert "calibrate accept-board" in caught.value.remedy
 
 
 def test_nor_is_it_written_into(tmp_path):
     """One new value would make all of them look measured with this board."""
-    cars = calibrated(tmp_path, OTHER)
+    cars = write_calibration(tmp_path, OTHER)
     with Car.open(URL, cars=cars) as car, pytest.raises(ConfigError, match="another Nano"):
-        write(car.files, measured())
+        write(car.files, make_measurement())
     assert calibration_in(cars / "sim-3", "sim-3").board == OTHER
     with Car.open(URL, cars=cars) as car, pytest.raises(NotArmed, match="OTHER_BOARD"), car.raw():
         pass
@@ -72,8 +72,8 @@ def test_nor_is_it_written_into(tmp_path):
 
 def test_a_swapped_nano_is_noticed(tmp_path):
     """The car's files stay, the Nano is another one."""
-    cars = calibrated(tmp_path, MINE)
-    assert "CALIBRATION_UNBOUND" not in armed(cars)
+    cars = write_calibration(tmp_path, MINE)
+    assert "CALIBRATION_UNBOUND" not in arm_and_list_cautions(cars)
     backend = open_backend(URL)
     world_of(backend).nano.board_id = 0x12345678
     with Car.over(backend, cars=cars) as car:
@@ -83,13 +83,13 @@ def test_a_swapped_nano_is_noticed(tmp_path):
 
 
 def test_one_command_accepts_it(tmp_path, capsys):
-    cars = calibrated(tmp_path, OTHER)
+    cars = write_calibration(tmp_path, OTHER)
     with pytest.raises(SystemExit) as left:
         main(["calibrate", "accept-board", "--url", URL, "--cars", str(cars), "--json"])
     assert not left.value.code
-    told = json.loads(capsys.readouterr().out)
-    assert (told["board"], told["before"]) == (MINE, OTHER)
-    assert armed(cars) >= set()
+    result = json.loads(capsys.readouterr().out)
+    assert (result["board"], result["before"]) == (MINE, OTHER)
+    assert arm_and_list_cautions(cars) >= set()
     assert len(list((cars / "sim-3" / "history").iterdir())) == 1
 
 
@@ -101,21 +101,21 @@ def test_without_a_calibration_there_is_nothing_to_accept(tmp_path, capsys):
 
 
 def test_a_file_of_before_warns_and_arms(tmp_path):
-    assert "CALIBRATION_UNBOUND" in armed(calibrated(tmp_path))
+    assert "CALIBRATION_UNBOUND" in arm_and_list_cautions(write_calibration(tmp_path))
 
 
 def test_a_car_without_a_calibration_is_not_asked(tmp_path):
-    assert "CALIBRATION_UNBOUND" not in armed(tmp_path)
+    assert "CALIBRATION_UNBOUND" not in arm_and_list_cautions(tmp_path)
 
 
 @pytest.mark.parametrize("board", ["", "DA270003", "da27", "da2700034"])
 def test_a_board_that_is_no_number_is_refused(tmp_path, board):
     with pytest.raises(ConfigError, match="board"):
-        calibrated(tmp_path, board)
+        write_calibration(tmp_path, board)
 
 
 @pytest.mark.emulator
 @pytest.mark.parametrize("url", ["sim://?seed=3&nano=avr"])
 def test_the_firmware_tells_its_number_too(tmp_path, url):
-    with Car.open(url, cars=calibrated(tmp_path)) as car:
+    with Car.open(url, cars=write_calibration(tmp_path)) as car:
         assert car.files.board == MINE

@@ -66,10 +66,10 @@ def test_the_end_of_the_pulses_is_recorded(tmp_path):
 def test_a_second_ctrl_c_while_closing_skips_nothing(tmp_path):
     backend, car, closed = driving(tmp_path, tmp_path / "run.mcap")
 
-    def interrupted(seconds):
+    def interrupt(seconds):
         raise KeyboardInterrupt
 
-    car._engine.driver.actuator._sleep = interrupted        # between the two neutral frames
+    car._engine.driver.actuator._sleep = interrupt        # between the two neutral frames
     with pytest.raises(KeyboardInterrupt):
         car.close()
     assert no_pulse(backend.bus)
@@ -127,10 +127,10 @@ def test_ctrl_c_while_opening_closes(tmp_path):
     closed = []
     backend.closers = (lambda: closed.append("bus"),)
 
-    def interrupted(timeout):
+    def interrupt(timeout):
         raise KeyboardInterrupt
 
-    backend.link.read = interrupted
+    backend.link.read = interrupt
     with pytest.raises(KeyboardInterrupt):
         Car.over(backend, cars=tmp_path)
     assert closed == ["bus"]

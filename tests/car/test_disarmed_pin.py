@@ -13,7 +13,7 @@ from dart_lab.sim.truth import world_of
 
 NEUTRAL_US = 1500.0
 NEAR_US = 5.0
-SETTLED = 0.040  # s: the PWM frame under way and the next, as for every command
+PULSE_DELAY_S = 0.040  # s: the PWM frame under way and the next, as for every command
 VALID = 0.2  # s
 
 
@@ -22,16 +22,16 @@ def driven_on(again=False):
     that States told since, number of commands refused). again: it arms once more.
     """
     backend = open_backend("sim://?nano=mock")
-    seen = []
-    told = []
+    pulses = []
+    applied = []
     refused = 0
     world = world_of(backend)
-    world.watchers.append(lambda channel, pulse: seen.append(pulse) if channel == 1 else None)
+    world.watchers.append(lambda channel, pulse: pulses.append(pulse) if channel == 1 else None)
     with Car.over(backend) as car:
         car.arm()
-        car.on_state(lambda state: told.append((world.t, state.applied.throttle)))
+        car.on_state(lambda state: applied.append((world.t, state.applied.throttle)))
         car.drive(throttle=0.2, valid_for=VALID)
-        expired = world.t + VALID + SETTLED
+        expired = world.t + VALID + PULSE_DELAY_S
         for _ in car.states(duration=0.4):
             pass
         assert car.causes == ("COMMAND_EXPIRED",)
@@ -43,29 +43,29 @@ def driven_on(again=False):
             except Disarmed:
                 refused += 1
         ends = world.t
-    widths = [(fall - rise) * 1e6 for rise, fall in seen if expired < fall < ends]
-    said = [throttle for t, throttle in told if t > expired]
-    return widths, said, refused
+    widths = [(fall - rise) * 1e6 for rise, fall in pulses if expired < fall < ends]
+    throttles = [throttle for t, throttle in applied if t > expired]
+    return widths, throttles, refused
 
 
-def stays_neutral(widths, said):
+def stays_neutral(widths, throttles):
     assert widths
     assert max(abs(width - NEUTRAL_US) for width in widths) <= NEAR_US
-    assert set(said) == {0.0}
+    assert set(throttles) == {0.0}
 
 
 def test_every_pulse_after_the_trip_is_neutral_and_every_command_refused():
-    widths, said, refused = driven_on()
-    stays_neutral(widths, said)
+    widths, throttles, refused = driven_on()
+    stays_neutral(widths, throttles)
     assert refused >= 55
 
 
 def test_a_program_that_arms_again_drives():
     """Control: the pin is seen."""
-    widths, said, refused = driven_on(again=True)
+    widths, throttles, refused = driven_on(again=True)
     assert refused == 0
     with pytest.raises(AssertionError):
-        stays_neutral(widths, said)
+        stays_neutral(widths, throttles)
 
 
 def test_a_trip_that_leaves_the_throttle_alive_is_seen(monkeypatch):
@@ -73,6 +73,6 @@ def test_a_trip_that_leaves_the_throttle_alive_is_seen(monkeypatch):
     for state in (ArmState.TRIPPED, ArmState.DISARMED):
         monkeypatch.setitem(ENTRY, state, ENTRY[ArmState.ARMED])
     monkeypatch.setattr(Car, "_refuse_if_disarmed", lambda self: None)
-    widths, said, _ = driven_on()
+    widths, throttles, _ = driven_on()
     with pytest.raises(AssertionError):
-        stays_neutral(widths, said)
+        stays_neutral(widths, throttles)

@@ -26,7 +26,7 @@ class Run:
     capped: bool = False
 
     @property
-    def said(self) -> float:
+    def t_first_doubt(self) -> float:
         """When the speed was first doubted; inf = never."""
         return min((t for name, t in self.flagged.items() if name in SPEED_DOUBTS),
                    default=float("inf"))
@@ -52,7 +52,7 @@ def phantom(world) -> None:
     nano.set_wheel(0.0)
 
 
-def drive(tmp_path, fault, *, asked: float, at: float, believed: bool = False,
+def drive(tmp_path, fault, *, target_speed: float, t_fault: float, believed: bool = False,
           seconds: float = 3.0, seed: int = 3) -> Run:
     """``drive_speed(asked)`` with a fault at ``at`` s; believed: nobody doubts the encoder."""
     backend = open_backend(f"sim://?nano=mock&seed={seed}")
@@ -64,9 +64,9 @@ def drive(tmp_path, fault, *, asked: float, at: float, believed: bool = False,
             car._engine.telemetry.encoder.judge = lambda *_: None
         start = None
         struck = None
-        for state in car.states(duration=at + seconds):
+        for state in car.states(duration=t_fault + seconds):
             start = state.t if start is None else start
-            if struck is None and state.t - start >= at:
+            if struck is None and state.t - start >= t_fault:
                 fault(world)
                 struck = state.t
             if struck is not None:
@@ -77,19 +77,19 @@ def drive(tmp_path, fault, *, asked: float, at: float, believed: bool = False,
                 if state.health.speed_doubted:
                     run.uncovered = max(run.uncovered,
                                         abs(truth - abs(state.speed)) / state.speed_std)
-            applied = car.drive_speed(steering=0.0, speed=asked)
+            applied = car.drive_speed(steering=0.0, speed=target_speed)
             if state.health.speed_doubted:
                 run.limited.update(applied.limited)
                 run.capped = run.capped or applied.throttle == 0.0
     return run
 
 
-@pytest.mark.parametrize("at", [0.0, 2.5], ids=["from rest", "while driving"])
+@pytest.mark.parametrize("t_fault", [0.0, 2.5], ids=["from rest", "while driving"])
 @pytest.mark.parametrize("fault", [half, two_marks, off], ids=lambda f: f.__name__)
 @pytest.mark.slow_except("half-while driving")
-def test_missing_edges_are_said_and_do_not_open_the_throttle(tmp_path, fault, at):
-    run = drive(tmp_path, fault, asked=1.0, at=at)
-    assert run.said <= 0.5
+def test_missing_edges_are_said_and_do_not_open_the_throttle(tmp_path, fault, t_fault):
+    run = drive(tmp_path, fault, target_speed=1.0, t_fault=t_fault)
+    assert run.t_first_doubt <= 0.5
     assert run.fastest <= 1.3
     assert run.uncovered <= 3.0
     assert "ENCODER_DOUBTED" in run.limited
@@ -99,26 +99,26 @@ def test_missing_edges_are_said_and_do_not_open_the_throttle(tmp_path, fault, at
 @pytest.mark.parametrize("fault", [half, two_marks, off], ids=lambda f: f.__name__)
 @pytest.mark.slow_except("off")
 def test_control_an_encoder_that_is_believed_runs_away(tmp_path, fault):
-    run = drive(tmp_path, fault, asked=1.0, at=0.0, believed=True)
+    run = drive(tmp_path, fault, target_speed=1.0, t_fault=0.0, believed=True)
     assert run.fastest > 1.3
-    assert run.said > 0.5
+    assert run.t_first_doubt > 0.5
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("fault", "fastest"), [(half, 0.9), (two_marks, 0.6), (off, 0.5)],
                          ids=["half", "two marks", "off"])
 def test_reverse_is_watched_as_well(tmp_path, fault, fastest):
-    run = drive(tmp_path, fault, asked=-0.5, at=0.0)
-    assert run.said < 1.2
+    run = drive(tmp_path, fault, target_speed=-0.5, t_fault=0.0)
+    assert run.t_first_doubt < 1.2
     assert run.fastest <= fastest
     assert run.uncovered <= 3.0
-    blind = drive(tmp_path, fault, asked=-0.5, at=0.0, believed=True)
+    blind = drive(tmp_path, fault, target_speed=-0.5, t_fault=0.0, believed=True)
     assert blind.fastest > run.fastest + 0.2
 
 
 def test_edges_from_nowhere_are_said_and_covered(tmp_path):
-    run = drive(tmp_path, phantom, asked=1.0, at=2.0)
-    assert run.said <= 0.5
+    run = drive(tmp_path, phantom, target_speed=1.0, t_fault=2.0)
+    assert run.t_first_doubt <= 0.5
     assert run.fastest <= 1.35
     assert run.uncovered <= 3.0
 
@@ -156,7 +156,7 @@ def spins(world) -> None:
 @pytest.mark.slow
 def test_a_wheel_that_spins_for_a_moment_is_no_ring_that_lost_its_marks(tmp_path):
     """Said soon, nothing is held against the ring, and the brakes do not turn its sign."""
-    run = drive(tmp_path, spins, asked=2.0, at=1.7, seconds=1.0)
+    run = drive(tmp_path, spins, target_speed=2.0, t_fault=1.7, seconds=1.0)
     assert run.flagged["ENCODER_SLIPS"] < 0.1
     assert "ENCODER_LOW" not in run.flagged
     assert run.fastest < 2.2
@@ -167,4 +167,4 @@ def test_a_wheel_that_spins_for_a_moment_is_no_ring_that_lost_its_marks(tmp_path
 def test_control_wheels_that_turn_round_from_any_speed_run_away(tmp_path, monkeypatch):
     """Quicker against the brakes looks like backwards: the throttle opens."""
     monkeypatch.setattr(speed, "MAX_DRIVEN_REVERSAL_SPEED", 1e9)
-    assert drive(tmp_path, spins, asked=2.0, at=1.7, seconds=1.0).fastest > 2.6
+    assert drive(tmp_path, spins, target_speed=2.0, t_fault=1.7, seconds=1.0).fastest > 2.6

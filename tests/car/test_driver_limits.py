@@ -219,34 +219,34 @@ def test_a_heartbeat_says_which_way_the_car_is_driven(lab):
     """1 forward, 2 backward, 0 neither: flags of the newest beat after each command."""
     lab.car.arm()
     sent = downward(lab.car)
-    said = []
+    flags = []
     for throttle in (0.3, 0.0, -0.3):
         for _ in lab.car.states(duration=0.2):
             lab.car.drive(throttle=throttle)
-        said.append([values["flags"] for _, name, values in sent if name == "HEARTBEAT"][-1])
-    assert said == [1, 0, 2]
+        flags.append([values["flags"] for _, name, values in sent if name == "HEARTBEAT"][-1])
+    assert flags == [1, 0, 2]
 
 
 def applied_behind_a_cut(tmp_path) -> list[tuple[bool, float]]:
     """(pulses pass, throttle applied) of each State; after 50 of them no beat arrives."""
     backend = open_backend(URL + "&cutoff=mux")
-    seen: list[tuple[bool, float]] = []
+    states: list[tuple[bool, float]] = []
     with Car.over(backend, cars=tmp_path, raise_on_trip=False) as car:
         muted = False
         car.on_bytes(lambda way, data, t: b"" if muted and way == "tx" else data)
         car.arm()
-        car.on_state(lambda state: seen.append(
+        car.on_state(lambda state: states.append(
             ("OUTPUT_LIVE" in state.health.flags, state.applied.throttle)))
         with suppress(NotArmed):
             for _ in car.states(duration=1.0):
                 car.drive(throttle=0.3)
-                muted = len(seen) >= 50
-    return seen
+                muted = len(states) >= 50
+    return states
 
 
-def cut_off(seen: list[tuple[bool, float]]) -> set[float]:
-    assert seen[49] == (True, pytest.approx(0.3, abs=0.01))
-    return {throttle for live, throttle in seen[50:] if not live}
+def cut_off(states: list[tuple[bool, float]]) -> set[float]:
+    assert states[49] == (True, pytest.approx(0.3, abs=0.01))
+    return {throttle for live, throttle in states[50:] if not live}
 
 
 def test_what_the_nano_cuts_off_is_not_applied(tmp_path):

@@ -51,12 +51,12 @@ def test_each_heartbeat_reports_in_which_direction_the_throttle_acts(throttle, d
     assert directions[-1] == direction
 
 
-@pytest.mark.parametrize(("good_for", "settled"), [(0.05, False), (0.15, True)])
-def test_a_car_is_settled_after_a_tenth_of_a_second_without_a_gap(good_for, settled):
+@pytest.mark.parametrize(("good_for", "expected"), [(0.05, False), (0.15, True)])
+def test_a_car_is_settled_after_a_tenth_of_a_second_without_a_gap(good_for, expected):
     with Car.open(URL) as car:
         for _ in car.states(duration=0.5):
             pass
         driver = car._engine.driver
         assert driver.is_settled(car.now)
         driver.observer._good_since = car.now - good_for
-        assert driver.is_settled(car.now) == settled
+        assert driver.is_settled(car.now) == expected

@@ -14,17 +14,17 @@ from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.mocap import mocap_of
 from dart_lab.sim.truth import truth
 
-SEEN = "rate=10,noise=0.005,yaw_noise=0.005"
+MOCAP = "rate=10,noise=0.005,yaw_noise=0.005"
 URL = "sim://?seed=3&nano=mock&physics=kinematic"
 FAR = 16.27
 """Normalised error squared (3) of one honest estimate in a thousand."""
 
 
-def drive(url, seconds, seen=""):
+def drive(url, seconds, mocap=""):
     """(State, true x, y, yaw of the axle: in the room, or from the start) of each frame."""
-    backend = open_backend(f"{url}&mocap={seen}" if seen else url)
-    told = []
-    room = mocap_of(seen, 3) if seen else None
+    backend = open_backend(f"{url}&mocap={mocap}" if mocap else url)
+    rows = []
+    room = mocap_of(mocap, 3) if mocap else None
     with Car.over(backend) as car:
         car.arm()
         for state in car.states(duration=seconds):
@@ -35,9 +35,9 @@ def drive(url, seconds, seen=""):
                 s = sin(room.yaw)
                 place = (room.x + c * real.x - s * real.y, room.y + s * real.x + c * real.y,
                          room.yaw + real.yaw)
-            told.append((state, place))
+            rows.append((state, place))
             car.drive(steering=0.2 * sin(state.t), throttle=0.25)
-    return told
+    return rows
 
 
 def off(pose, place):
@@ -48,39 +48,41 @@ def off(pose, place):
 
 def test_without_a_source_it_is_dead_reckoning():
     for state, _ in drive(URL, 0.5):
-        told = state.estimate
-        assert (told.frame, told.tracking) == (START_FRAME, Tracking.DEAD_RECKONING)
-        assert told.pose is state.pose
-        assert (told.t, told.speed, told.yaw_rate) == (state.t, state.speed, state.yaw_rate)
-        assert np.sqrt(told.cov[3, 3]) == pytest.approx(state.speed_std)
+        estimate = state.estimate
+        assert (estimate.frame, estimate.tracking) == (START_FRAME, Tracking.DEAD_RECKONING)
+        assert estimate.pose is state.pose
+        assert (estimate.t, estimate.speed, estimate.yaw_rate) == (state.t, state.speed,
+                                                                   state.yaw_rate)
+        assert np.sqrt(estimate.cov[3, 3]) == pytest.approx(state.speed_std)
 
 
 @pytest.mark.slow
 def test_with_a_source_it_is_the_axle_in_the_room():
-    told = [(state.estimate, place) for state, place in drive(URL, 4.0, SEEN)]
-    assert {e.frame for e, _ in told} == {"mocap"}
-    assert max(off(e.pose, place) for e, place in told) < FAR
-    last, place = told[-1]
+    rows = [(state.estimate, place) for state, place in drive(URL, 4.0, MOCAP)]
+    assert {e.frame for e, _ in rows} == {"mocap"}
+    assert max(off(e.pose, place) for e, place in rows) < FAR
+    last, place = rows[-1]
     assert hypot(last.pose.x - place[0], last.pose.y - place[1]) < 0.05
     assert last.speed > 0.2
 
 
 @pytest.mark.slow
 def test_it_is_less_sure_while_nobody_sees_the_car():
-    told = [(s.estimate, place) for s, place in drive(URL, 6.0, f"{SEEN},occlusion=30")]
-    hidden = [e.tracking is Tracking.DEAD_RECKONING for e, _ in told]
-    sure = [float(np.trace(e.pose.cov[:2, :2])) for e, _ in told]
-    driven = [(a, b) for a, b, h, (e, _) in zip(sure, sure[1:], hidden[1:], told[1:], strict=False)
+    rows = [(s.estimate, place) for s, place in drive(URL, 6.0, f"{MOCAP},occlusion=30")]
+    hidden = [e.tracking is Tracking.DEAD_RECKONING for e, _ in rows]
+    variances = [float(np.trace(e.pose.cov[:2, :2])) for e, _ in rows]
+    driven = [(a, b) for a, b, h,
+              (e, _) in zip(variances, variances[1:], hidden[1:], rows[1:], strict=False)
               if h and e.speed > 0.2]
     assert len(driven) > 20, "never hidden while driving: this shows nothing"
     assert all(b > a for a, b in driven)
-    assert max(off(e.pose, place) for e, place in told) < FAR
+    assert max(off(e.pose, place) for e, place in rows) < FAR
 
 
 @pytest.mark.slow
 def test_a_false_lock_does_not_move_it():
-    told = drive(URL, 8.0, f"{SEEN},lock=20")
-    fooled = [(s.estimate, place) for s, place in told
+    rows = drive(URL, 8.0, f"{MOCAP},lock=20")
+    fooled = [(s.estimate, place) for s, place in rows
               if hypot(s.external.newest.x - place[0], s.external.newest.y - place[1]) > 2.0]
     in_room = [(e, place) for e, place in fooled if e.frame != START_FRAME]
     assert any(e.speed > 0.3 for e, _ in in_room), "no false lock: this would show nothing"
@@ -91,18 +93,18 @@ def test_a_false_lock_does_not_move_it():
 
 @pytest.mark.slow
 def test_a_clock_that_is_set_does_not_move_it():
-    told = [(s.estimate, place) for s, place in drive(URL, 5.0, "noise=0.002,step=60")]
-    assert any(e.tracking is not Tracking.TRACKING for e, _ in told), "it was never set"
-    assert max(off(e.pose, place) for e, place in told) < FAR
+    rows = [(s.estimate, place) for s, place in drive(URL, 5.0, "noise=0.002,step=60")]
+    assert any(e.tracking is not Tracking.TRACKING for e, _ in rows), "it was never set"
+    assert max(off(e.pose, place) for e, place in rows) < FAR
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["enc:off@4", "enc:wrong=0.5@4"])
 def test_dead_reckoning_with_a_doubted_encoder_is_not_sure(fault, monkeypatch):
     def worst():
-        told = drive(f"{URL}&fail={fault}", 4.0)
-        assert any(s.health.doubts for s, _ in told)
-        return max(off(s.estimate.pose, place) for s, place in told
+        rows = drive(f"{URL}&fail={fault}", 4.0)
+        assert any(s.health.doubts for s, _ in rows)
+        return max(off(s.estimate.pose, place) for s, place in rows
                    if s.health.doubts or s.t < 4.0)
 
     assert worst() < FAR

@@ -33,7 +33,7 @@ def run(tmp_path_factory):
     return path
 
 
-def decoded(bag):
+def decode_bag(bag):
     """[(topic, ns, message)] of a bag."""
     with AnyReader([bag]) as reader:
         return [(c.topic, t, reader.deserialize(raw, c.msgtype)) for c, t, raw in reader.messages()]
@@ -65,12 +65,12 @@ def test_every_message_goes_to_ros_1_and_back(run, tmp_path):
     assert counts == [len(messages) + odometry + scans] * 2
     convert([tmp_path / "one.bag"], tmp_path / "back", "mcap", 9, None, "file", None, None,
             (), (), (), ())
-    original = decoded(run)
+    original = decode_bag(run)
     assert Counter(topic for topic, *_ in original) == Counter(m.topic for m in messages)
     assert {"/rx", "/scan", "/log/plan", "/command", "/odom"} <= {t for t, *_ in original}
-    two = decoded(tmp_path / "two")
+    two = decode_bag(tmp_path / "two")
     for bag in ("one.bag", "back"):
-        assert same(two, decoded(tmp_path / bag)), bag
+        assert same(two, decode_bag(tmp_path / bag)), bag
     made = [one for one in two if one[0] not in ("/tf", "/scan")]
     assert same(original, [(t.removesuffix("/raw"), ns, m) for t, ns, m in made])
     other = [(t, ns, m if t != "/log/cost" else None) for t, ns, m in original]
@@ -91,7 +91,7 @@ def test_older_runs_become_bags_with_absolute_topics(packed, tmp_path):
     path = tmp_path / "old.mcap"
     path.write_bytes(gzip.decompress((OLD / packed / "run.mcap.gz").read_bytes()))
     count = write_ros2(RunReader(path), tmp_path / "two")
-    found = decoded(tmp_path / "two")
+    found = decode_bag(tmp_path / "two")
     assert len(found) == count > 500
     assert {"/rx", "/tx", "/i2c", "/command", "/applied", "/odom"} <= {t for t, *_ in found}
     assert {m.__msgtype__ for t, _, m in found if t in ("/command", "/applied")} == {
@@ -106,7 +106,7 @@ def test_a_run_that_was_killed_or_damaged_becomes_a_bag_of_what_is_there(run, tm
     reader = RunReader(path)
     assert reader.damaged
     assert not reader.complete
-    assert write_ros1(reader, tmp_path / "one.bag") == len(decoded(tmp_path / "one.bag")) > 100
+    assert write_ros1(reader, tmp_path / "one.bag") == len(decode_bag(tmp_path / "one.bag")) > 100
 
 
 @pytest.mark.slow
@@ -120,7 +120,7 @@ def test_of_a_fleet_one_car(tmp_path):
     run = RunReader(f"{path}?car=sim-4")
     odometry = sum(m.topic == "/odom" for m in run.messages())
     assert write_ros2(run, tmp_path / "two") == len(run.messages()) + odometry > 30
-    assert "/odom" in {t for t, *_ in decoded(tmp_path / "two")}
+    assert "/odom" in {t for t, *_ in decode_bag(tmp_path / "two")}
 
 
 def test_without_the_library_it_says_what_to_install(run, tmp_path, monkeypatch):

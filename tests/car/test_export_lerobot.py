@@ -30,7 +30,7 @@ EPISODE = {"episode_index", "tasks", "length", "data/chunk_index", "data/file_in
            "meta/episodes/file_index"}
 
 
-def recorded(path, seconds, seed):
+def record_drive(path, seconds, seed):
     with Car.open(f"sim://?seed={seed}&nano=mock", record=path) as car:
         list(car.states(duration=0.3))
         for n, _ in enumerate(car.states(duration=seconds)):
@@ -41,7 +41,7 @@ def recorded(path, seconds, seed):
 @pytest.fixture(scope="module")
 def tables(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
-    return [recorded(folder / "a.mcap", 0.6, 1), recorded(folder / "b.mcap", 0.4, 2)]
+    return [record_drive(folder / "a.mcap", 0.6, 1), record_drive(folder / "b.mcap", 0.4, 2)]
 
 
 @pytest.fixture(scope="module")
@@ -100,11 +100,11 @@ def test_a_frame_is_the_newest_state_and_the_newest_command_until_then(tables):
     t0 = table.columns["t"][np.isfinite(table.columns[ACTION_COLUMNS[0]])][0]
     for k in (0, 7, len(columns["action"]) - 1):
         row = np.flatnonzero(t <= t0 + k / 50 + 1e-9)[-1]
-        wanted = [table.columns[name][row] for name in OBSERVATION_COLUMNS]
+        expected = [table.columns[name][row] for name in OBSERVATION_COLUMNS]
         assert columns["observation.state"][k].tolist() == (
-            np.nan_to_num(np.float32(wanted)).tolist())
-        asked = table.columns[ACTION_COLUMNS[0]][:row + 1]
-        assert columns["action"][k, 0] == np.float32(asked[np.isfinite(asked)][-1])
+            np.nan_to_num(np.float32(expected)).tolist())
+        commands = table.columns[ACTION_COLUMNS[0]][:row + 1]
+        assert columns["action"][k, 0] == np.float32(commands[np.isfinite(commands)][-1])
 
 
 def test_no_number_is_missing(tables):
@@ -155,6 +155,6 @@ def test_the_library_itself_opens_it(data_set):
     """Needs lerobot and torch, some 2 GB: pip install lerobot."""
     pytest.importorskip("lerobot")
     path, made = data_set
-    told = subprocess.run([sys.executable, "-c", LOAD, str(path)], capture_output=True, text=True,
+    done = subprocess.run([sys.executable, "-c", LOAD, str(path)], capture_output=True, text=True,
                           check=True).stdout.split("\n")[-2]
-    assert told == (f"2 {made.frames} torch.Size([3, 9]) torch.Size([2, 2]) drive a bend (2,)")
+    assert done == (f"2 {made.frames} torch.Size([3, 9]) torch.Size([2, 2]) drive a bend (2,)")

@@ -22,7 +22,7 @@ from dart_hal.core.types import Image
 QUANTILES = ("q01", "q10", "q50", "q90", "q99")
 
 
-def recorded(path, camera="&camera=top", seconds=0.5):
+def record_drive(path, camera="&camera=top", seconds=0.5):
     with Car.open(f"sim://?seed=1&nano=mock{camera}", record=path) as car:
         for n, _ in enumerate(car.states(duration=seconds)):
             car.drive(steering=0.001 * n)
@@ -31,7 +31,7 @@ def recorded(path, camera="&camera=top", seconds=0.5):
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory):
-    return recorded(tmp_path_factory.mktemp("runs") / "seen.mcap")
+    return record_drive(tmp_path_factory.mktemp("runs") / "seen.mcap")
 
 
 @pytest.fixture(scope="module")
@@ -77,8 +77,8 @@ def test_a_frame_has_the_newest_image_that_had_come(table):
     images = [Image(image.arrival, image.t, b"%d" % n)
               for n, image in enumerate(table.run.images())]
     columns, held = episode(table, 50, images)
-    asked = table.columns["t"][np.isfinite(table.columns["command_steering"])][0]
-    begin = max(asked, images[0].arrival)
+    t_command = table.columns["t"][np.isfinite(table.columns["command_steering"])][0]
+    begin = max(t_command, images[0].arrival)
     assert held == 0
     for k, shown in enumerate(columns[pictures.IMAGE_FEATURE]):
         come = [image for image in images if image.arrival <= begin + k / 50 + 1e-9]
@@ -99,18 +99,18 @@ def test_statistics_are_those_of_the_pixels():
     pixels = np.concatenate([np.asarray(Picture.open(BytesIO(one)).convert("RGB")).reshape(-1, 3)
                              for one in jpegs]) / 255.0
     assert got["count"] == [2]
-    for name, wanted in {"min": pixels.min(0), "max": pixels.max(0), "mean": pixels.mean(0),
-                         "std": pixels.std(0),
-                         "q90": np.quantile(pixels, 0.9, axis=0, method="inverted_cdf")}.items():
-        np.testing.assert_allclose(np.ravel(got[name]), wanted, atol=1e-6, err_msg=name)
+    for name, expected in {"min": pixels.min(0), "max": pixels.max(0), "mean": pixels.mean(0),
+                           "std": pixels.std(0),
+                           "q90": np.quantile(pixels, 0.9, axis=0, method="inverted_cdf")}.items():
+        np.testing.assert_allclose(np.ravel(got[name]), expected, atol=1e-6, err_msg=name)
 
 
 def test_runs_with_and_without_a_camera_make_no_data_set(table, tmp_path):
-    blind = recorded(tmp_path / "blind.mcap", camera="", seconds=0.2)
+    blind = record_drive(tmp_path / "blind.mcap", camera="", seconds=0.2)
     for tables in ([table, blind], [blind, table]):
-        with pytest.raises(UsageError, match="with and without a camera") as told:
+        with pytest.raises(UsageError, match="with and without a camera") as caught:
             write_lerobot(tables, tmp_path / "set")
-        assert "blind.mcap has no image" in told.value.found
+        assert "blind.mcap has no image" in caught.value.found
     assert not (tmp_path / "set").exists()
     write_lerobot([blind, blind], tmp_path / "set")
     info = json.loads((tmp_path / "set" / "meta" / "info.json").read_text())
@@ -153,7 +153,7 @@ print(data.num_episodes, data.meta.camera_keys, tuple(image.shape), image.dtype,
 def test_the_library_itself_shows_the_images(data_set):
     """Needs lerobot and torch, some 2 GB: pip install lerobot."""
     pytest.importorskip("lerobot")
-    told = subprocess.run([sys.executable, "-c", LOAD, str(data_set[0])], capture_output=True,
+    done = subprocess.run([sys.executable, "-c", LOAD, str(data_set[0])], capture_output=True,
                           text=True, check=True).stdout.split("\n")[-2]
-    assert told == ("2 ['observation.images.camera'] (3, 240, 320) torch.float32 tensor(True) "
+    assert done == ("2 ['observation.images.camera'] (3, 240, 320) torch.float32 tensor(True) "
                     "(3, 1, 1)")

@@ -74,11 +74,11 @@ def test_every_odometry_has_its_transforms(bag):
 @pytest.mark.slow
 def test_a_scan_has_its_beams_where_the_unit_saw_them(run, bag):
     mount = standard.mount_of(standard._files(RunReader(run[0])))
-    told = [scan.mounted(mount) for scan in RunReader(run[0]).scans()]
+    mounted = [scan.mounted(mount) for scan in RunReader(run[0]).scans()]
     scans = [message for topic, _, message in bag if topic == "/scan"]
-    assert len(scans) == len(told) == [topic for topic, _, _ in bag].count("/scan/raw") > 10
+    assert len(scans) == len(mounted) == [topic for topic, _, _ in bag].count("/scan/raw") > 10
     laser = Planar(mount.x, mount.y, mount.yaw)
-    for scan, message in zip(told, scans, strict=True):
+    for scan, message in zip(mounted, scans, strict=True):
         assert message.header.frame_id == "laser"
         assert message.scan_time == pytest.approx(1.0 / scan.rate)
         n = len(message.ranges)
@@ -87,16 +87,16 @@ def test_a_scan_has_its_beams_where_the_unit_saw_them(run, bag):
         assert n == round((message.angle_max - message.angle_min) / message.angle_increment) + 1
         assert message.time_increment == pytest.approx(-1.0 / scan.rate / n), "an X4 is clockwise"
         angles = message.angle_min + message.angle_increment * np.arange(len(message.ranges))
-        seen = np.isfinite(message.ranges)
-        reach = message.ranges[seen]
-        bearing = laser.yaw + angles[seen]
+        finite = np.isfinite(message.ranges)
+        reach = message.ranges[finite]
+        bearing = laser.yaw + angles[finite]
         points = np.column_stack((laser.x + reach * np.cos(bearing),
                                   laser.y + reach * np.sin(bearing)))
         true = scan.in_car()[np.isfinite(scan.distance)]
-        apart = np.min(np.hypot(*(points[:, None] - true[None]).transpose(2, 0, 1)), axis=1)
+        distances = np.min(np.hypot(*(points[:, None] - true[None]).transpose(2, 0, 1)), axis=1)
         half = 0.5 * abs(message.angle_increment)
-        assert np.all(apart <= half * reach + 1e-3)
-        assert seen.sum() > 0.8 * len(true), "few beams share a step"
+        assert np.all(distances <= half * reach + 1e-3)
+        assert finite.sum() > 0.8 * len(true), "few beams share a step"
 
 
 def scan_of(angles, distances, *, inverted=False):

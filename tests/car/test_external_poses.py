@@ -22,7 +22,7 @@ def drive(url, seconds, record=None):
     """(State, true place of the marker in the room) of each frame while it drives."""
     backend = open_backend(url)
     hidden = hidden_mocap(3)
-    told = []
+    rows = []
     with Car.over(backend, record=record) as car:
         car.arm()
         for state in car.states(duration=seconds):
@@ -33,9 +33,9 @@ def drive(url, seconds, record=None):
             y = real.y + hidden.lx * s + hidden.ly * c
             c = cos(hidden.yaw)
             s = sin(hidden.yaw)
-            told.append((state, hidden.x + c * x - s * y, hidden.y + s * x + c * y))
+            rows.append((state, hidden.x + c * x - s * y, hidden.y + s * x + c * y))
             car.drive(steering=0.2 * sin(state.t), throttle=0.25)
-    return told
+    return rows
 
 
 def flat(state):
@@ -43,32 +43,32 @@ def flat(state):
     pose = None if e.pose is None else (e.pose.x, e.pose.y, e.pose.yaw, e.pose.cov.tobytes())
     newest = e.newest and (e.newest.stamp, e.newest.arrival, e.newest.x, e.newest.yaw,
                            e.newest.cov.tobytes())
-    told = state.estimate.at(state.t + 0.02)
-    best = (told.t, told.pose.x, told.pose.y, told.pose.yaw, told.speed, told.yaw_rate,
-            told.cov.tobytes(), told.frame)
+    rows = state.estimate.at(state.t + 0.02)
+    best = (rows.t, rows.pose.x, rows.pose.y, rows.pose.yaw, rows.speed, rows.yaw_rate,
+            rows.cov.tobytes(), rows.frame)
     return state.t, e.tracking, e.age, pose, newest, best
 
 
 def test_states_know_the_place_in_the_room_and_a_replay_knows_the_same(tmp_path):
     path = tmp_path / "run.mcap"
-    told = drive(f"{URL}&mocap=1", 1.5, path)
+    rows = drive(f"{URL}&mocap=1", 1.5, path)
     late = hidden_mocap(3).latency
-    for state, x, y in told:
+    for state, x, y in rows:
         assert state.external.tracking is Tracking.TRACKING
         assert state.estimate.frame == "mocap"
         # the clock of the source is known to its least latency
         assert hypot(state.external.pose.x - x, state.external.pose.y - y) < (
             0.01 + state.speed * (late + 0.001))
-    live = {state.seq: flat(state) for state, _, _ in told}
+    live = {state.seq: flat(state) for state, _, _ in rows}
     with Car.open(f"replay://{path}") as car:
         again = {state.seq: flat(state) for state in car.states()}
-    assert all(again[seq] == seen for seq, seen in live.items())
+    assert all(again[seq] == before for seq, before in live.items())
 
 
 @pytest.mark.slow
 def test_under_a_false_lock_the_car_is_not_where_the_motion_capture_says():
-    told = drive(f"{URL}&mocap=lock=20", 8.0)
-    fooled = [(s, x, y) for s, x, y in told
+    rows = drive(f"{URL}&mocap=lock=20", 8.0)
+    fooled = [(s, x, y) for s, x, y in rows
               if hypot(s.external.newest.x - x, s.external.newest.y - y) > 2.0 and s.speed > 0.3]
     assert fooled, "no false lock while driving: this test would show nothing"
     assert all(s.external.tracking is Tracking.JUMPED for s, _, _ in fooled)
@@ -78,11 +78,11 @@ def test_under_a_false_lock_the_car_is_not_where_the_motion_capture_says():
 @pytest.mark.slow
 def test_a_clock_that_is_set_does_not_move_the_car(tmp_path):
     path = tmp_path / "run.mcap"
-    told = drive(f"{URL}&mocap=step=40", 6.0, path)
+    rows = drive(f"{URL}&mocap=step=40", 6.0, path)
     raw = [p.stamp for p in RunReader(path).poses()]
     assert min(b - a for a, b in pairwise(raw)) < -0.2, "never set back: this shows nothing"
-    assert all(hypot(s.external.pose.x - x, s.external.pose.y - y) < 0.06 for s, x, y in told)
-    assert {s.external.tracking for s, _, _ in told} <= {Tracking.TRACKING, Tracking.DEAD_RECKONING}
+    assert all(hypot(s.external.pose.x - x, s.external.pose.y - y) < 0.06 for s, x, y in rows)
+    assert {s.external.tracking for s, _, _ in rows} <= {Tracking.TRACKING, Tracking.DEAD_RECKONING}
 
 
 def test_a_car_that_nobody_sees_says_so():

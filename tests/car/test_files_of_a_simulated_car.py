@@ -27,11 +27,11 @@ def home(tmp_path, monkeypatch):
 def driven(**options) -> list[tuple[float, float]]:
     with Car.open(URL, **options) as car:
         car.arm()
-        seen = []
+        motion = []
         for state in car.states(duration=1.0):
             car.drive(throttle=0.3)
-            seen.append((state.t, state.speed))
-    return seen
+            motion.append((state.t, state.speed))
+    return motion
 
 
 @pytest.mark.slow

@@ -50,7 +50,7 @@ def test_the_option_reaches_every_car():
         assert [car.raise_on_trip for car in fleet.cars] == [False, False]
 
 
-def told(body, x):
+def encode_pose_line(body, x):
     return f"dart-hal-pose 1 {body} room 5 {x} 0 0\n".encode()
 
 
@@ -68,7 +68,8 @@ def test_one_stream_tells_each_car_its_own_body(spelled):
     with (Fleet.open(URLS, car=names, poses=poses) as fleet,
           socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out):
         port = int(url.rpartition(":")[2].partition("?")[0])
-        out.sendto(told("dart-01", 1.0) + told("dart-02", 2.0), ("127.0.0.1", port))
+        out.sendto(encode_pose_line("dart-01", 1.0) + encode_pose_line("dart-02", 2.0),
+                   ("127.0.0.1", port))
         *_, last = fleet.states(duration=0.1)
     assert [state.external.newest.x for state in last] == [1.0, 2.0]
     socket.socket(socket.AF_INET, socket.SOCK_DGRAM).bind(("127.0.0.1", port))  # let go

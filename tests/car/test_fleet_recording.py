@@ -25,9 +25,9 @@ def drive(tmp_path_factory):
     states = [[], []]
     for record in (both, single):
         with Fleet.open(URLS, record=record) as fleet:
-            for car, seen in zip(fleet.cars, states, strict=True):
-                seen.clear()
-                car.on_state(seen.append)
+            for car, own_states in zip(fleet.cars, states, strict=True):
+                own_states.clear()
+                car.on_state(own_states.append)
             for n, now in enumerate(fleet.states(duration=0.5)):
                 for car, state in zip(fleet.cars, now, strict=True):
                     car.drive(steering=0.1)

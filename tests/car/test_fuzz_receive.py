@@ -31,7 +31,7 @@ class Deaf:
 
 
 @pytest.fixture(scope="module")
-def opened():
+def car_files():
     """Files of a car, and what its PCA9685 carries while it stands."""
     with Car.open("sim://?nano=mock") as car:
         for state in car.states(duration=0.05):
@@ -87,9 +87,9 @@ def numbers(value):
             yield from numbers(getattr(value, name))
 
 
-def lied_to(opened, seed, frames):
+def lied_to(car_files, seed, frames):
     """The States of a receiver that is fed by a liar."""
-    files, applied = opened
+    files, applied = car_files
     ear = receiver(files)
     liar = Liar(seed)
     t = 0.0
@@ -109,19 +109,19 @@ def law(states):
 
 
 @given(st.integers(0, 2**64))
-def test_no_frames_break_the_receiver(opened, seed):
-    law(lied_to(opened, seed, 80))
+def test_no_frames_break_the_receiver(car_files, seed):
+    law(lied_to(car_files, seed, 80))
 
 
-def test_a_liar_is_believed_often_enough_to_mean_something(opened):
+def test_a_liar_is_believed_often_enough_to_mean_something(car_files):
     """The control: many of its frames do become States."""
-    assert len(lied_to(opened, 1, 600)) > 150
+    assert len(lied_to(car_files, 1, 600)) > 150
 
 
 @pytest.mark.long
-def test_a_million_lies(opened):
+def test_a_million_lies(car_files):
     for seed in range(1000):
-        law(lied_to(opened, seed, 1000))
+        law(lied_to(car_files, seed, 1000))
 
 
 answers = st.lists(st.tuples(st.integers(0, 0xFFFF), st.integers(0, 255),
@@ -129,8 +129,8 @@ answers = st.lists(st.tuples(st.integers(0, 0xFFFF), st.integers(0, 255),
 
 
 @given(answers)
-def test_only_an_answer_of_ok_is_a_parameter_and_the_last_counts(opened, answers):
-    files, applied = opened
+def test_only_an_answer_of_ok_is_a_parameter_and_the_last_counts(car_files, answers):
+    files, applied = car_files
     ear = receiver(files)
     for k, (ident, status, value) in enumerate(answers):
         ear.feed(encode(PARAM_VALUE, k & 0xFF, {"id": ident, "status": status, "req_seq": 0,
@@ -139,8 +139,8 @@ def test_only_an_answer_of_ok_is_a_parameter_and_the_last_counts(opened, answers
     assert len(ear.inbox) == min(len(answers), MAX_QUEUED_MESSAGES)
 
 
-def test_parameters_are_those_of_this_boot(opened):
-    files, applied = opened
+def test_parameters_are_those_of_this_boot(car_files):
+    files, applied = car_files
     ear = receiver(files)
     hello = samples.random_values(HELLO, Random(3))
     ear.feed(encode(HELLO, 0, hello), 0.0, applied)

@@ -39,7 +39,7 @@ def pixels(image):
     return np.asarray(PILImage.open(io.BytesIO(image.jpeg)).convert("RGB")).astype(int)
 
 
-def red(image):
+def find_red_body(image):
     """Where the car's body is: middle (x, y) [px]."""
     r, g, b = np.moveaxis(pixels(image), 2, 0)
     rows, columns = np.nonzero((r > 150) & (g < 80) & (b < 100))
@@ -58,9 +58,9 @@ def test_it_sees_the_car_where_it_is_and_a_replay_has_the_same(tmp_path):
         assert image.size == SIZE
     walls = pixels(images[0])[:, :, 2] < 90
     assert walls.sum() > 500, "and its room"
-    way = red(images[-1]) - red(images[0])
-    told = [next(s for s in states if s.t >= image.t).pose for image in (images[0], images[-1])]
-    moved = np.hypot(told[1].x - told[0].x, told[1].y - told[0].y)
+    way = find_red_body(images[-1]) - find_red_body(images[0])
+    poses = [next(s for s in states if s.t >= image.t).pose for image in (images[0], images[-1])]
+    moved = np.hypot(poses[1].x - poses[0].x, poses[1].y - poses[0].y)
     scale = min(np.array(SIZE) / (6.5 + 0.6))  # the hall is 6.5 m square
     assert np.hypot(*way) / scale == pytest.approx(moved, abs=0.08)
     live = {state.seq: state.image for state in states if state.image}

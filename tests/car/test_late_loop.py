@@ -47,10 +47,10 @@ def test_the_first_late_round_is_told_and_every_one_is_counted(caplog):
     rounds(timer, wall, 0.9 * SLOW)
     assert not caplog.messages
     rounds(timer, wall, 2 * SLOW)
-    (told,) = caplog.messages
-    assert "took 40 ms" in told
+    (message,) = caplog.messages
+    assert "took 40 ms" in message
     rounds(timer, wall, 3 * SLOW)
-    assert (caplog.messages, timer.late) == ([told], 2)
+    assert (caplog.messages, timer.late) == ([message], 2)
     assert timer.work() == pytest.approx((2 * SLOW, 3 * SLOW))
 
 
@@ -65,9 +65,10 @@ def test_a_loop_at_a_lower_rate_has_its_own_period_to_work(caplog):
     assert "they come each 100 ms" in caplog.text
 
 
-@pytest.mark.parametrize(("verb", "waits", "said"), [
+@pytest.mark.parametrize(("verb", "waits", "messages"), [
     ("drive", True, True), ("experiment", True, False), ("experiment", False, True)])
-def test_a_verb_says_of_its_own_loop_only_what_a_real_car_would_notice(verb, waits, said, capsys):
+def test_a_verb_says_of_its_own_loop_only_what_a_real_car_would_notice(verb, waits, messages,
+                                                                       capsys):
     wall = Wall()
     timer = LoopTimer(wall)
     with contextlib.suppress(SystemExit):
@@ -76,7 +77,7 @@ def test_a_verb_says_of_its_own_loop_only_what_a_real_car_would_notice(verb, wai
     timer.record_delivery()
     wall.t += 0.1
     timer.record_request(1, armed=True, waits=waits)
-    assert ("the loop took 100 ms" in capsys.readouterr().err) == said
+    assert ("the loop took 100 ms" in capsys.readouterr().err) == messages
 
 
 def test_nobody_is_late_for_a_car_that_is_not_armed(caplog):

@@ -22,7 +22,7 @@ def car():
         yield opened
 
 
-def armed(car: Car) -> Car:
+def arm_and_drive(car: Car) -> Car:
     car.arm()
     for _ in car.states(duration=0.1):
         car.drive(throttle=0.3)
@@ -32,11 +32,11 @@ def armed(car: Car) -> Car:
 
 def test_listeners_are_called_without_the_lock(car):
     """Another thread can stop the car while one of them hangs."""
-    seen = []
+    acquired = []
 
     def listener(state):
         def take():
-            seen.append(car._engine._own_lock.acquire(timeout=5))
+            acquired.append(car._engine._own_lock.acquire(timeout=5))
             car._engine._own_lock.release()
 
         thread = threading.Thread(target=take)
@@ -46,12 +46,12 @@ def test_listeners_are_called_without_the_lock(car):
     car.on_state(listener)
     for _ in car.states(duration=0.05):
         pass
-    assert seen
-    assert all(seen)
+    assert acquired
+    assert all(acquired)
 
 
 def test_close_does_not_wait_for_whoever_holds_the_lock(car):
-    armed(car)
+    arm_and_drive(car)
     held = threading.Event()
     let_go = threading.Event()
 
@@ -72,7 +72,7 @@ def test_close_does_not_wait_for_whoever_holds_the_lock(car):
 
 def test_any_exception_in_a_command_path_trips(car, monkeypatch):
     """Also one of our own: the old command must not run out its time."""
-    armed(car)
+    arm_and_drive(car)
 
     def broken(*_):
         raise RuntimeError("a disk that is full")
@@ -90,7 +90,7 @@ def test_any_exception_in_a_command_path_trips(car, monkeypatch):
 @pytest.mark.slow_except("None", "nan")
 @pytest.mark.parametrize("speed", [None, "1", True, float("nan"), 10**400])
 def test_a_speed_that_is_no_number_trips(car, speed):
-    armed(car)
+    arm_and_drive(car)
     with pytest.raises(BadCommand, match="speed"):
         car.drive_speed(steering=0.0, speed=speed)
     assert car._engine.driver.actuator.applied.throttle == 0.0
@@ -129,10 +129,10 @@ def neutral_after_a_boot(car: Car) -> bool:
 
 
 def test_a_boot_does_not_wait_for_the_next_pwm_frame(car):
-    assert neutral_after_a_boot(armed(car))
+    assert neutral_after_a_boot(arm_and_drive(car))
 
 
 def test_without_looking_at_what_is_overdue_it_would(car, monkeypatch):
     """The negative control: the next PWM frame is up to 30 ms away."""
     monkeypatch.setattr(Driver, "overdue", False)
-    assert not neutral_after_a_boot(armed(car))
+    assert not neutral_after_a_boot(arm_and_drive(car))

@@ -151,10 +151,10 @@ class PinMachine(RuleBasedStateMachine):
         assert lost or self.driver.actuator.applied.throttle == 0.0
         self._pass(wait)
 
-    @rule(cause=st.sampled_from(["brownout", "watchdog", "external"]), told=st.booleans(),
+    @rule(cause=st.sampled_from(["brownout", "watchdog", "external"]), reported=st.booleans(),
           wait=WAIT)
-    def reboot(self, cause, told, wait):
-        if not told:
+    def reboot(self, cause, reported, wait):
+        if not reported:
             self.no_hello_until = self.now + 4.0
         self.witness.resets.append(self.world.t)
         self.world.nano.reset(cause)
@@ -214,7 +214,7 @@ class PinMachine(RuleBasedStateMachine):
     # -- what must hold -----------------------------------------------------------
 
     @invariant()
-    def the_pin_does_what_the_mode_says(self):
+    def pin_follows_the_mode(self):
         if hasattr(self, "witness"):
             self._look()
             self.witness.check(cutoff=self.cutoff)
@@ -229,7 +229,7 @@ class PinMachine(RuleBasedStateMachine):
         self._look()
         end = self.world.t
         self.world.advance(end + 0.5)
-        self.witness.says(end, "CLOSED")
+        self.witness.record_mode(end, "CLOSED")
         self.witness.check(cutoff=self.cutoff)
         self.world.nano.close()
 
@@ -276,7 +276,7 @@ class PinMachine(RuleBasedStateMachine):
     def _command(self, valid_for, call):
         now = self.now
         call()
-        self.witness.commanded(now, now + valid_for)
+        self.witness.record_command(now, now + valid_for)
         self._look()
 
     def _pass(self, seconds):
@@ -291,7 +291,7 @@ class PinMachine(RuleBasedStateMachine):
 
     def _look(self):
         mode = self.car.mode
-        self.witness.says(self.now, mode)
+        self.witness.record_mode(self.now, mode)
         if self.now - self.bus_lost_at > FAULT_WITHIN:
             assert mode in ("FAULT", "CLOSED"), f"the bus is lost and the mode is {mode}"
 
@@ -329,7 +329,7 @@ def sticky(planner, output):
         planner.demand = output
 
 
-def told_alone(driver, now, event=Event.STOP):
+def send_without_stop(driver, now, event=Event.STOP):
     """A stop that changes the state and leaves the pins to somebody else."""
     driver.supervisor.event(event, now)
     return driver.applied
@@ -343,11 +343,11 @@ class NoCutoff:
         return "none"
 
 
-def stopped(machine):
+def stop_and_wait(machine):
     machine.stop(wait=0.3)
 
 
-def silenced(machine):
+def silence_link(machine):
     machine.silence(seconds=0.3, up=True, down=True, wait=0.3)
 
 
@@ -357,14 +357,14 @@ def scenario(happens):
     machine.open(data=NoCutoff, boot="none", seed=1)
     try:
         happens(machine)
-        machine.the_pin_does_what_the_mode_says()
+        machine.pin_follows_the_mode()
     finally:
         machine.world.nano.close()
 
 
 @pytest.mark.parametrize(("happens", "broken"), [
-    (stopped, [(Planner, "set_demand", sticky), (Driver, "stop", told_alone)]),
-    (silenced, [(Driver, "overdue", False), (engine, "PWM_FRAME", 0.2)])])
+    (stop_and_wait, [(Planner, "set_demand", sticky), (Driver, "stop", send_without_stop)]),
+    (silence_link, [(Driver, "overdue", False), (engine, "PWM_FRAME", 0.2)])])
 def test_without_a_layer_the_machine_finds_it(monkeypatch, happens, broken):
     """Negative controls: outputs that a handler forgets; a step that waits for a late frame."""
     scenario(happens)

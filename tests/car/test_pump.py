@@ -28,7 +28,7 @@ class Engine:
         self.raised = None
         self.again = again
         self.lost = self.frames = 0
-        self.driver = SimpleNamespace(lost=self._lost, frame=self._frame)
+        self.driver = SimpleNamespace(lost=self._report_loss, frame=self._frame)
         self.receiver = SimpleNamespace(counters=SimpleNamespace(ok=0))
         self.backend = SimpleNamespace(url=SimpleNamespace(text="test://"))
 
@@ -38,7 +38,7 @@ class Engine:
         time.sleep(0.001)
         return []
 
-    def _lost(self, now):
+    def _report_loss(self, now):
         self.lost += 1
         if self.again is not None:
             raise self.again
@@ -61,11 +61,11 @@ def test_what_a_callback_raises_is_raised_by_next_at_neutral(raised, again):
             pump.next(10.0)
         assert time.monotonic() - begin < 5.0
         assert engine.lost == 1
-        seen = engine.frames
+        frames = engine.frames
         end = time.monotonic() + 5.0
-        while engine.frames < seen + 2 and time.monotonic() < end:
+        while engine.frames < frames + 2 and time.monotonic() < end:
             time.sleep(0.01)
-        assert engine.frames >= seen + 2, "neutral is repeated"
+        assert engine.frames >= frames + 2, "neutral is repeated"
         assert pump._thread.is_alive()
         with pytest.raises(type(raised)):
             pump.next(10.0)

@@ -35,7 +35,7 @@ class Bench:
             (pulse[1], (pulse[1] - pulse[0]) * 1e6)))
         self.car = Car.over(self.backend, cars=tmp_path, **options)
 
-    def on_stand(self) -> None:
+    def lift_wheels(self) -> None:
         sense = self.world.nano.set_imu
         shake = random.Random(1)
         self.world.nano.set_imu = lambda gyro, acc: sense(
@@ -115,7 +115,7 @@ def test_on_the_floor_the_limits_of_the_car_hold(bench):
 def test_wheels_off_the_ground_have_the_full_range_and_it_is_recorded(tmp_path):
     run = tmp_path / "run.mcap"
     bench = Bench(tmp_path, record=run)
-    bench.on_stand()
+    bench.lift_wheels()
     with bench.car.raw(lifted=True):
         bench.spin(1.0, throttle_us=2000.0)
         assert bench.car.mode == "RAW"
@@ -148,7 +148,7 @@ def test_without_the_look_at_the_imu_it_would_drive_off(bench, monkeypatch):
 def spin_without_imu(bench: Bench, seconds: float) -> float:
     """Wheels on a stand, and the IMU sends zeros for so long; s until the last pulse of the 0.6 s
     that follow the first zeros."""
-    bench.on_stand()
+    bench.lift_wheels()
     with suppress(BadCommand), bench.car.raw(lifted=True):
         bench.spin(0.3)
         began = bench.world.t

@@ -38,7 +38,7 @@ class Port:
         os.write(self.master, frame)
         return frame
 
-    def asked(self) -> bool:
+    def has_request(self) -> bool:
         try:
             return bool(os.read(self.master, 4096))
         except BlockingIOError:
@@ -117,9 +117,9 @@ def test_a_silent_port_is_asked_after_its_boot_loader_and_tried_again(ports):
     port, _ = ports
     search = BoardSearch(Plugged([port.device]), OURS, 500_000)
     steps(search, 0.0, BOOT_SILENCE - 0.05)
-    assert not port.asked(), "a byte would restart the boot loader's time-out"
+    assert not port.has_request(), "a byte would restart the boot loader's time-out"
     steps(search, BOOT_SILENCE, BOOT_SILENCE + REQUEST_TIME + 0.2)
-    assert port.asked()
+    assert port.has_request()
     again = BOOT_SILENCE + REQUEST_TIME + RETRY_TIME + 0.4
     steps(search, BOOT_SILENCE + REQUEST_TIME + 0.2, again)
     port.hello(OURS)

@@ -11,11 +11,11 @@ pytestmark = pytest.mark.usefixtures("armed_esc")
 
 
 def drive(car, seconds):
-    seen = []
+    states_of_drive = []
     for state in car.states(duration=seconds):
         car.drive(throttle=0.25, steering=0.1)
-        seen.append((round(state.t, 6), state.ticks))
-    return seen
+        states_of_drive.append((round(state.t, 6), state.ticks))
+    return states_of_drive
 
 
 def test_it_replays_what_passed_meanwhile_and_nothing_else(tmp_path):

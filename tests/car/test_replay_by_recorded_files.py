@@ -27,17 +27,17 @@ def run(tmp_path_factory):
     path = home / "run.mcap"
     with Car.open(URL, cars=home, record=path) as car:
         car.arm()
-        seen = []
+        motion = []
         for state in car.states(duration=1.5):
             car.drive(throttle=0.25, steering=0.1)
-            seen.append((state.speed, state.yaw_rate))
+            motion.append((state.speed, state.yaw_rate))
         for state in car.states(duration=0.3):  # means of 0.1 s reach beyond the fastest moment
             car.drive(throttle=0.25, steering=0.1)
-            seen.append((state.speed, state.yaw_rate))
-    return path, seen, home
+            motion.append((state.speed, state.yaw_rate))
+    return path, motion, home
 
 
-def replayed(path, **options) -> list[tuple[float, float]]:
+def replay_motion(path, **options) -> list[tuple[float, float]]:
     with Car.open(f"replay://{path}", **options) as car:
         return [(s.speed, s.yaw_rate) for s in car.states()]
 
@@ -47,28 +47,28 @@ def top(states: list[tuple[float, float]]) -> float:
 
 
 def test_the_states_are_those_of_the_run(run, tmp_path, monkeypatch):
-    path, seen, _ = run
+    path, motion, _ = run
     monkeypatch.chdir(tmp_path)
-    again = replayed(path)
-    assert again[:len(seen)] == seen or again[-len(seen):] == seen
-    assert top(seen) > 1.0  # by ten times the real travel per edge
+    again = replay_motion(path)
+    assert again[:len(motion)] == motion or again[-len(motion):] == motion
+    assert top(motion) > 1.0  # by ten times the real travel per edge
 
 
 @pytest.mark.slow
 def test_a_calibration_of_today_counts_where_it_is_named_alone(run, tmp_path, monkeypatch):
-    path, seen, _ = run
+    path, motion, _ = run
     (tmp_path / "sim-3").mkdir()
     calibrate(tmp_path / "sim-3", 0.002)
     monkeypatch.setenv("DART_CARS", str(tmp_path))
-    assert top(replayed(path)) == top(seen)
-    assert top(replayed(path, cars=tmp_path)) == pytest.approx(0.1 * top(seen), rel=1e-3)
+    assert top(replay_motion(path)) == top(motion)
+    assert top(replay_motion(path, cars=tmp_path)) == pytest.approx(0.1 * top(motion), rel=1e-3)
 
 
 @pytest.mark.slow
 def test_identification_reads_the_run_by_its_files(run, tmp_path, monkeypatch):
-    path, seen, _ = run
+    path, motion, _ = run
     monkeypatch.chdir(tmp_path)
-    assert read_run(path).messages.speed.max() == pytest.approx(top(seen), rel=0.05)
+    assert read_run(path).messages.speed.max() == pytest.approx(top(motion), rel=0.05)
 
 
 @pytest.mark.slow
@@ -99,11 +99,11 @@ def test_a_car_without_files_has_what_its_run_says(run):
 def test_a_recorded_file_that_cannot_be_read_is_said_and_left_out(run, monkeypatch):
     whole = RunReader.__init__
 
-    def changed(self, *args, **kwargs):
+    def read_with_mass(self, *args, **kwargs):
         whole(self, *args, **kwargs)
         self.files = {**self.files, "model.toml": "[body]\nmass = 2.5\n"}
 
-    monkeypatch.setattr(RunReader, "__init__", changed)
+    monkeypatch.setattr(RunReader, "__init__", read_with_mass)
     with Car.open(f"replay://{run[0]}") as car:
         assert car.files.model is None
         assert car.files.metres_per_edge.value == 0.02

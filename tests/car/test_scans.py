@@ -18,7 +18,7 @@ from dart_lab.sim.lidar.maps import clearance
 from dart_lab.sim.truth import room_of_car, world_of
 
 URL = "sim://?seed=3&nano=mock&physics=kinematic"
-SEEN = f"{URL}&lidar=noise=0,dropout=0,scale=1,x=0.13,y=0,yaw=0"
+EXACT_LIDAR_URL = f"{URL}&lidar=noise=0,dropout=0,scale=1,x=0.13,y=0,yaw=0"
 
 
 def drive(url, seconds, record=None):
@@ -37,14 +37,14 @@ def drive(url, seconds, record=None):
         return states, scans, room_of_car(backend), world_of(backend).poses
 
 
-def told(scan):
+def list_values(scan):
     return (scan.arrival, scan.start, scan.rate, scan.std, scan.after.tobytes(),
             scan.angle.tobytes(), scan.distance.tobytes(), scan.mount)
 
 
 def test_scans_lie_on_the_walls_of_the_true_room_and_a_replay_has_the_same(tmp_path):
     path = tmp_path / "run.mcap"
-    states, scans, room, poses = drive(SEEN, 3.0, path)
+    states, scans, room, poses = drive(EXACT_LIDAR_URL, 3.0, path)
     assert 20 <= len(scans) <= 26
     assert all(s.mount == Mount(x=0.13) for s in scans)
 
@@ -65,21 +65,21 @@ def test_scans_lie_on_the_walls_of_the_true_room_and_a_replay_has_the_same(tmp_p
         assert 0.0 <= b.start - a.t[-1] < 0.5e-3
     for state in states[50:]:  # a revolution takes 0.14 s, and is whole with the next one's first
         assert 0.0 < state.t - state.scan.t[-1] < 0.2
-    live = {state.seq: told(state.scan) for state in states if state.scan}
+    live = {state.seq: list_values(state.scan) for state in states if state.scan}
     with Car.open(f"replay://{path}") as car:
-        again = {state.seq: told(state.scan) for state in car.states() if state.scan}
+        again = {state.seq: list_values(state.scan) for state in car.states() if state.scan}
         assert car.lidar.trouble is None
-    assert all(again[seq] == seen for seq, seen in live.items())
+    assert all(again[seq] == before for seq, before in live.items())
 
 
 @pytest.mark.slow
 def test_a_run_keeps_them_as_the_unit_told_them(tmp_path):
     path = tmp_path / "run.mcap"
-    _, scans, _, _ = drive(SEEN, 1.0, path)
+    _, scans, _, _ = drive(EXACT_LIDAR_URL, 1.0, path)
     kept = {s.start: s for s in RunReader(path).scans()}
     for scan in scans:
         same = kept[scan.start]
-        assert told(same)[:-1] == told(scan)[:-1]
+        assert list_values(same)[:-1] == list_values(scan)[:-1]
         assert same.mount == Mount()
     with path.open("rb") as file:
         names = {c.topic: s.name for s, c, _ in make_reader(file).iter_messages()}

@@ -180,12 +180,12 @@ def test_drive_with_wrong_samples_replays_bit_for_bit(tmp_path):
     imu = world_of(backend).nano.imu
     shown = imu._shown
 
-    def flipped(values, slot):
+    def flip_bit(values, slot):
         words = list(shown(values, slot))
         words[5] ^= (slot % 20 == 0) << 9
         return tuple(words)
 
-    imu._shown = flipped
+    imu._shown = flip_bit
     run = tmp_path / "run.mcap"
     live = []
     with Car.over(backend, cars=tmp_path, record=run) as car:

@@ -33,15 +33,15 @@ def test_a_replay_goes_on_in_the_same_steps_to_its_end(tmp_path):
 
 def applied_between(valid_for, every, rounds=8):
     """What States say of the pins while a loop of every n-th drives."""
-    seen = []
+    applied_commands = []
     with Car.open(URL, raise_on_trip=False) as car:
         car.arm()
         car.drive(throttle=0.3, valid_for=0.5)
         list(car.states(duration=0.3))
-        car.on_state(lambda state: seen.append(state.applied))
+        car.on_state(lambda state: applied_commands.append(state.applied))
         for state, _ in zip(car.states(every=every), range(rounds), strict=False):
             car.drive(throttle=0.3, valid_for=valid_for)
-    return seen[2:rounds * every - every]
+    return applied_commands[2:rounds * every - every]
 
 
 @pytest.mark.parametrize(("every", "valid_for"), [(10, 0.2), (25, 0.5)])
@@ -54,9 +54,9 @@ def test_a_command_holds_until_the_next_round(every, valid_for):
 
 def test_a_command_that_is_too_short_expires_between_two_rounds():
     """Negative control of the above: a slower loop does not stretch what a command says."""
-    seen = applied_between(0.05, 10)
-    assert any(Limit.EXPIRED.value in applied.limited for applied in seen)
-    assert min(applied.throttle for applied in seen) == pytest.approx(0.0, abs=0.01)
+    applied_commands = applied_between(0.05, 10)
+    assert any(Limit.EXPIRED.value in applied.limited for applied in applied_commands)
+    assert min(applied.throttle for applied in applied_commands) == pytest.approx(0.0, abs=0.01)
 
 
 @pytest.mark.parametrize("every", [0, -1, 26, 2.0, True, "10"])

@@ -49,8 +49,8 @@ def verb(capsys, monkeypatch, tmp_path):
         capsys.readouterr()
         with pytest.raises(SystemExit) as left:
             main([str(a) for a in args])
-        said = capsys.readouterr()
-        assert "Traceback" not in said.out + said.err
-        return Ran(int(left.value.code or 0), said.out, said.err)
+        captured = capsys.readouterr()
+        assert "Traceback" not in captured.out + captured.err
+        return Ran(int(left.value.code or 0), captured.out, captured.err)
 
     return run

@@ -20,7 +20,7 @@ def by_hand(monkeypatch):
     broken = set()
     ran = []
 
-    def made(verb, keys):
+    def make_procedure(verb, keys):
         def run(car, workshop, progress, ask):
             cal = car.files.calibration
             ran.append((verb, sorted(cal.provenance) if cal else []))
@@ -30,11 +30,12 @@ def by_hand(monkeypatch):
                             {key: Quantity(VALUES[key], 1e-6) for key in keys}, "well", 2.0)
         return run
 
-    steps = (order.Step("clock", "times", made("clock", ["pwm.oscillator_hz"]),
+    steps = (order.Step("clock", "times", make_procedure("clock", ["pwm.oscillator_hz"]),
                         ("pwm.oscillator_hz",), optional=True),
-             order.Step("encoder", "rolls", made("encoder", ["encoder.metres_per_edge"]),
+             order.Step("encoder", "rolls", make_procedure("encoder", ["encoder.metres_per_edge"]),
                         ("encoder.metres_per_edge",), ("clock",)),
-             order.Step("imu", "turns", made("imu", ["imu.gyro_scale"]), ("imu.gyro_scale",),
+             order.Step("imu", "turns", make_procedure("imu", ["imu.gyro_scale"]),
+                        ("imu.gyro_scale",),
                         ("encoder",)))
     monkeypatch.setattr(order, "steps_of", lambda *_: steps)
     return broken, ran

@@ -28,8 +28,8 @@ def test_typed_answers_become_si_units():
 
 
 def test_without_a_terminal_nothing_starts(monkeypatch, tmp_path):
-    with (tmp_path / "empty").open("w+") as nobody:
-        monkeypatch.setattr("sys.stdin", nobody)
+    with (tmp_path / "empty").open("w+") as no_terminal:
+        monkeypatch.setattr("sys.stdin", no_terminal)
         with pytest.raises(CalibrationFailed, match="no terminal"):
             confirm("This drives.", yes=False)
         with pytest.raises(CalibrationFailed, match="no terminal"):
@@ -59,9 +59,9 @@ def test_encoder_writes_unless_it_is_a_dry_run(verb, tmp_path, dry):
     ("push", "yes", True), ("push", "no", False), ("wheels_turned", "backward", -1),
     ("wheels_turned", "what\nforward", 1), ("lift", "", None)])
 def test_what_eyes_and_hands_find_is_chosen(monkeypatch, capsys, act, typed, meant):
-    said = iter([*typed.split("\n")])
+    answers = iter([*typed.split("\n")])
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-    monkeypatch.setattr("click.termui.visible_prompt_func", lambda prompt: next(said))
+    monkeypatch.setattr("click.termui.visible_prompt_func", lambda prompt: next(answers))
     assert getattr(TerminalOperator(), act)() == meant
     assert ("not one of" in capsys.readouterr().err) == ("what" in typed)
 
@@ -78,9 +78,9 @@ def test_esc_and_throttle_write_unless_it_is_a_dry_run(verb, tmp_path, name, ins
     assert picture.is_file() == (name == "throttle")
     text = (tmp_path / "sim-5" / "calibration.toml").read_text()
     assert f"{inside} = " in text
-    told = parse_calibration(text, "calibration.toml", "sim-5").provenance[name]
-    assert told["source"] == where[3]
-    assert told["duration_s"] > 10
+    source = parse_calibration(text, "calibration.toml", "sim-5").provenance[name]
+    assert source["source"] == where[3]
+    assert source["duration_s"] > 10
     assert f"throttle.{inside}" in result.out
     assert {**dry["quantities"], **dry["others"]}[f"throttle.{inside}"]
 

@@ -11,30 +11,30 @@ pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?nano=mock&physics=kinematic&seed=1"
 
 
-def checked(ran):
+def find_check(ran):
     return next((c for c in ran.json["checks"] if c["id"] == "camera"), None)
 
 
 def test_the_doctor_looks_at_it(verb):
-    good = checked(verb("doctor", "--url", URL, "--camera", "top", "--seconds", 1, "--json"))
+    good = find_check(verb("doctor", "--url", URL, "--camera", "top", "--seconds", 1, "--json"))
     assert good["verdict"] == "ok"
     assert good["found"].startswith("320 x 240, 12.5 per second")
-    assert checked(verb("doctor", "--url", URL, "--seconds", 1, "--json")) is None
+    assert find_check(verb("doctor", "--url", URL, "--seconds", 1, "--json")) is None
 
 
 def test_one_that_is_not_there_is_named_and_the_rest_is_looked_at(verb, monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", ModuleType("cv2"))
-    told = verb("doctor", "--url", f"{URL}&pace=1", "--camera", "usb:/dev/no-camera",
-                "--seconds", 1, "--json")
-    assert checked(told)["verdict"] == "fail"
-    assert "/dev/no-camera" in checked(told)["found"]
-    assert {c["id"]: c["verdict"] for c in told.json["checks"]}["hello"] != "fail"
+    result = verb("doctor", "--url", f"{URL}&pace=1", "--camera", "usb:/dev/no-camera",
+                  "--seconds", 1, "--json")
+    assert find_check(result)["verdict"] == "fail"
+    assert "/dev/no-camera" in find_check(result)["found"]
+    assert {c["id"]: c["verdict"] for c in result.json["checks"]}["hello"] != "fail"
 
 
 @pytest.mark.parametrize(("camera", "words"), [("side", "is no camera"), ("usb:0?fps=x", "fps=x")])
 def test_a_camera_that_cannot_be_is_named(verb, camera, words):
-    told = verb("record", "--url", f"{URL}&pace=1", "--camera", camera, "--json").error
-    assert words in told["what"]
+    result = verb("record", "--url", f"{URL}&pace=1", "--camera", camera, "--json").error
+    assert words in result["what"]
 
 
 @pytest.mark.slow

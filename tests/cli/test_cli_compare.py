@@ -13,8 +13,8 @@ pytestmark = pytest.mark.usefixtures("armed_esc")
 CAR = "sim://?seed=3&nano=mock"
 
 
-ASKED = {"base": (CAR, 0.0), "again": (CAR, 0.0), "turns": (CAR, 0.2),
-         "other": ("sim://?seed=8&nano=mock", 0.0)}
+RUNS = {"base": (CAR, 0.0), "again": (CAR, 0.0), "turns": (CAR, 0.2),
+        "other": ("sim://?seed=8&nano=mock", 0.0)}
 """The car, and what is steered from 0.6 s on [rad]."""
 
 
@@ -36,52 +36,52 @@ def runs(tmp_path_factory):
 
     class Runs(dict):
         def __missing__(self, name):
-            drive(folder / f"{name}.mcap", *ASKED[name])
+            drive(folder / f"{name}.mcap", *RUNS[name])
             return self.setdefault(name, folder / f"{name}.mcap")
 
     return Runs()
 
 
 def test_a_run_that_was_driven_again_does_not_part(verb, runs):
-    told = verb("compare", runs["base"], runs["again"], "--json").json
-    assert set(told) == {"runs", "statistics", "differs", "same_commands_s", "parted", "page"}
-    assert told["differs"] == []
-    assert told["parted"] is None
-    assert told["same_commands_s"] > 1.1
-    one, other = told["statistics"]["speed"]
+    result = verb("compare", runs["base"], runs["again"], "--json").json
+    assert set(result) == {"runs", "statistics", "differs", "same_commands_s", "parted", "page"}
+    assert result["differs"] == []
+    assert result["parted"] is None
+    assert result["same_commands_s"] > 1.1
+    one, other = result["statistics"]["speed"]
     assert one == other
     assert one["max"] > 0.3
-    assert told["statistics"]["log/loop/late"][0]["max"] == 1.0
+    assert result["statistics"]["log/loop/late"][0]["max"] == 1.0
     assert {"path", "duration_s", "frames", "lost", "lost_share", "distance_m", "firmware"} <= set(
-        told["runs"][0])
+        result["runs"][0])
 
 
 @pytest.mark.slow
 def test_another_command_ends_the_time_in_which_they_can_be_compared(verb, runs):
-    told = verb("compare", runs["base"], runs["turns"], "--json").json
-    assert told["same_commands_s"] == pytest.approx(0.6, abs=0.05)
-    assert told["parted"] is None, "what comes of another command is no surprise"
-    assert told["statistics"]["command_steering"][1]["max"] == 0.2
+    result = verb("compare", runs["base"], runs["turns"], "--json").json
+    assert result["same_commands_s"] == pytest.approx(0.6, abs=0.05)
+    assert result["parted"] is None, "what comes of another command is no surprise"
+    assert result["statistics"]["command_steering"][1]["max"] == 0.2
 
 
 @pytest.mark.slow
 def test_another_car_parts_under_the_same_commands(verb, runs):
     """The negative control: same commands, another hidden truth."""
-    told = verb("compare", runs["base"], runs["other"], "--json").json
-    assert told["same_commands_s"] > 1.1
-    assert told["parted"]["channel"] in ("speed", "yaw_rate")
-    assert 0.0 < told["parted"]["t"] < 1.1
-    assert abs(told["parted"]["a"] - told["parted"]["b"]) >= 0.05
-    assert {"car", "url"} <= {d["name"] for d in told["differs"]}
-    said = verb("compare", runs["base"], runs["other"]).out
-    assert "driven by the same commands" in said
-    assert "car: sim-3 -> sim-8" in said
+    result = verb("compare", runs["base"], runs["other"], "--json").json
+    assert result["same_commands_s"] > 1.1
+    assert result["parted"]["channel"] in ("speed", "yaw_rate")
+    assert 0.0 < result["parted"]["t"] < 1.1
+    assert abs(result["parted"]["a"] - result["parted"]["b"]) >= 0.05
+    assert {"car", "url"} <= {d["name"] for d in result["differs"]}
+    output = verb("compare", runs["base"], runs["other"]).out
+    assert "driven by the same commands" in output
+    assert "car: sim-3 -> sim-8" in output
 
 
 def test_the_page_has_both_and_needs_nothing_else(verb, runs, tmp_path):
     page = tmp_path / "page.html"
-    told = verb("compare", runs["base"], runs["other"], "--html", page, "--json").json
-    assert told["page"] == str(page)
+    result = verb("compare", runs["base"], runs["other"], "--html", page, "--json").json
+    assert result["page"] == str(page)
     text = page.read_text(encoding="utf-8")
     assert "base.mcap" in text
     assert "other.mcap" in text
@@ -104,14 +104,14 @@ def test_a_file_of_the_car_that_changed_is_told_key_by_key(verb, runs, tmp_path,
 
     read = RunReader.__init__
 
-    def changed(self, path):
+    def read_with_mass(self, path):
         read(self, path)
         if self.path.name == "again.mcap":
             self.files = {**self.files, "model.toml": "[body]\nmass = 2.5\n"}
 
-    monkeypatch.setattr(RunReader, "__init__", changed)
-    told = verb("compare", runs["base"], runs["again"], "--json").json
-    assert {"name": "model.body.mass", "a": None, "b": 2.5} in told["differs"]
+    monkeypatch.setattr(RunReader, "__init__", read_with_mass)
+    result = verb("compare", runs["base"], runs["again"], "--json").json
+    assert {"name": "model.body.mass", "a": None, "b": 2.5} in result["differs"]
 
 
 def test_what_is_no_run_is_refused_by_name(verb, runs, tmp_path):
@@ -120,9 +120,9 @@ def test_what_is_no_run_is_refused_by_name(verb, runs, tmp_path):
 
 
 def test_a_difference_must_last():
-    apart = np.zeros(50, dtype=bool)
-    apart[10:10 + MIN_DIFFERENT_ROWS - 1] = True
-    assert _first_lasting(apart) is None
-    apart[20:20 + MIN_DIFFERENT_ROWS] = True
-    assert _first_lasting(apart) == 20
-    assert _first_lasting(apart[:2]) is None
+    differs = np.zeros(50, dtype=bool)
+    differs[10:10 + MIN_DIFFERENT_ROWS - 1] = True
+    assert _first_lasting(differs) is None
+    differs[20:20 + MIN_DIFFERENT_ROWS] = True
+    assert _first_lasting(differs) == 20
+    assert _first_lasting(differs[:2]) is None

@@ -40,9 +40,9 @@ def test_linear_algebra_has_one_thread_unless_asked_for(given, kept):
     code = ("import sys, os, dart_hal.cli; assert 'numpy' not in sys.modules; "
             "print(os.environ['OPENBLAS_NUM_THREADS'])")
     left = {k: v for k, v in os.environ.items() if k != "OPENBLAS_NUM_THREADS"}
-    said = subprocess.run([sys.executable, "-c", code], env={**left, **given}, check=True,
-                          capture_output=True, text=True)
-    assert said.stdout.strip() == kept
+    output = subprocess.run([sys.executable, "-c", code], env={**left, **given}, check=True,
+                            capture_output=True, text=True)
+    assert output.stdout.strip() == kept
 
 
 def test_the_list_of_verbs(verb):
@@ -116,25 +116,25 @@ def test_demo(verb, tmp_path, monkeypatch):
     assert done.code == 0, done.err
     result = done.json
     assert set(result) >= RUN_FIELDS
-    said = result["summary"]
-    assert set(said) >= {"steering_rms_deg", "odometry_error_m", "distance_m"}
-    assert 0 < said["steering_rms_deg"] < 0.5
-    assert said["distance_m"] > 15
+    summary = result["summary"]
+    assert set(summary) >= {"steering_rms_deg", "odometry_error_m", "distance_m"}
+    assert 0 < summary["steering_rms_deg"] < 0.5
+    assert summary["distance_m"] > 15
     assert result["frames"] > 3000
     for path in result["files"].values():
         assert (tmp_path / path).stat().st_size > 0
-    told = said["diagnosis"]
-    sizes = {h["effect"]: h["parameters"]["k"]["value"] for h in told["hidden"]}
-    found = {c["effect"]: c for c in told["causes"]}
+    diagnosis = summary["diagnosis"]
+    sizes = {h["effect"]: h["parameters"]["k"]["value"] for h in diagnosis["hidden"]}
+    found = {c["effect"]: c for c in diagnosis["causes"]}
     page = (tmp_path / "demo" / "index.html").read_text()
     assert all(name in page for name in sizes)
     assert "diagnosis.html" in page
-    assert said["real_car"] == {"skipped": said["real_car"]["skipped"]}
+    assert summary["real_car"] == {"skipped": summary["real_car"]["skipped"]}
     assert "diagnosis_real" not in result["files"]
     assert "Skipped:" in page
     for name in ("index.html", "diagnosis.html"):
         assert not foreign((tmp_path / "demo" / name).read_text())
-    assert told["named"] is True
+    assert diagnosis["named"] is True
     assert set(found) == set(sizes)
     for name, size in sizes.items():
         assert found[name]["parameters"]["k"]["value"] == pytest.approx(size, rel=0.3)
@@ -252,7 +252,7 @@ def test_as_a_program(tmp_path):
 def test_a_reader_that_has_enough_is_no_failure(verb, tmp_path):
     """As `| head` closes its end: what is left to do is done, and nothing is complained of."""
     with subprocess.Popen([sys.executable, "-m", "dart_hal.cli.main", *verb], cwd=tmp_path,
-                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as asked:
-        asked.stdout.close()
-        said = asked.stderr.read()
-    assert (asked.returncode, said) == (0, "")
+                          stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        process.stdout.close()
+        output = process.stderr.read()
+    assert (process.returncode, output) == (0, "")

@@ -43,19 +43,19 @@ def press(verb, monkeypatch, tmp_path):
         finger = Finger(nth)
         made = World.__init__
 
-        def watched(world, *args, **options):
+        def make_watched_world(world, *args, **options):
             made(world, *args, **options)
             world.watchers.append(finger)
 
-        monkeypatch.setattr(World, "__init__", watched)
+        monkeypatch.setattr(World, "__init__", make_watched_world)
         before = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
-            done = interrupted()
+            done = run_and_interrupt()
         finally:
             signal.signal(signal.SIGINT, before)
         return done, finger
 
-    def interrupted():
+    def run_and_interrupt():
         """As a terminal runs it; a worker of the tests may ignore Ctrl-C."""
         return verb("calibrate", "steering", "--yes", "--json", "--url",
                     "sim://?nano=mock&physics=kinematic", "--car", "mine", "--cars",

@@ -80,12 +80,12 @@ def test_the_excerpt_is_found_from_the_sources_or_the_folder_it_is_run_in(tmp_pa
 
 @pytest.mark.long
 def test_the_real_car_in_a_process_of_its_own(tmp_path):
-    section, said = next(jobs.start_in_background(demo_real.section, demo_real.find_excerpt(),
+    section, result = next(jobs.start_in_background(demo_real.section, demo_real.find_excerpt(),
                                      tmp_path / demo_real.PAGE))
-    assert said["verdict"] in ("explained", "partly_explained", "unexplained", "parameters_only")
+    assert result["verdict"] in ("explained", "partly_explained", "unexplained", "parameters_only")
     assert (tmp_path / demo_real.PAGE).stat().st_size > 10_000
     assert demo_real.PAGE in section
     assert "<svg" in section
     # later days, so a better model in what matters most
-    assert said["gain"]["vx"]["test_ci95"][0] > 0.0
-    assert said["gain"]["position"]["test_ci95"][0] > 0.0
+    assert result["gain"]["vx"]["test_ci95"][0] > 0.0
+    assert result["gain"]["position"]["test_ci95"][0] > 0.0

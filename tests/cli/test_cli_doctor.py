@@ -32,14 +32,14 @@ def verdicts(done) -> dict[str, str]:
 
 
 @pytest.fixture
-def spoilt(monkeypatch):
+def change_backend(monkeypatch):
     """``spoilt(change)``: every backend that doctor opens is changed first."""
     def install(change):
-        def opened(url):
+        def open_changed(url):
             backend = open_backend(url)
             return change(backend) or backend
 
-        monkeypatch.setattr(checks_module, "open_backend", opened)
+        monkeypatch.setattr(checks_module, "open_backend", open_changed)
 
     return install
 
@@ -60,9 +60,9 @@ def test_the_firmware_is_well(verb):
     assert set(found.values()) == {"ok"}
 
 
-def test_a_car_that_would_not_drive_is_no_success(verb, spoilt):
+def test_a_car_that_would_not_drive_is_no_success(verb, change_backend):
     """Without its bus there is no fault, and nothing to drive."""
-    spoilt(lambda backend: dataclasses.replace(backend, bus=None))
+    change_backend(lambda backend: dataclasses.replace(backend, bus=None))
     shown = verb("doctor", "--url", MOCK, "--seconds", 1)
     assert "fail " not in shown.out
     assert "not ready to drive" in shown.out
@@ -89,19 +89,19 @@ def test_no_port_skips_the_rest(verb):
     assert set(found.values()) == {"skip"}
 
 
-def test_no_imu(verb, spoilt):
-    spoilt(lambda backend: world_of(backend).nano.set_imu_fault("off"))
+def test_no_imu(verb, change_backend):
+    change_backend(lambda backend: world_of(backend).nano.set_imu_fault("off"))
     done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
     assert verdicts(done)["imu"] == "fail"
     assert done.json["verdict"] == "fail"
 
 
 @pytest.mark.slow
-def test_no_pca9685_still_looks_at_the_rest(verb, spoilt):
-    def without(backend):
+def test_no_pca9685_still_looks_at_the_rest(verb, change_backend):
+    def remove_bus(backend):
         backend.bus.nack = 10**9
 
-    spoilt(without)
+    change_backend(remove_bus)
     found = verdicts(verb("doctor", "--url", MOCK, "--json", "--seconds", 1))
     assert found["bus"] == "fail"
     assert found["imu"] == "ok"
@@ -114,8 +114,8 @@ def test_a_bad_line_is_seen_in_the_losses(verb):
     assert found["port"] == "ok"
 
 
-def test_without_a_bus_the_car_is_not_said_to_drive(verb, spoilt):
-    spoilt(lambda backend: dataclasses.replace(backend, bus=None))
+def test_without_a_bus_the_car_is_not_said_to_drive(verb, change_backend):
+    change_backend(lambda backend: dataclasses.replace(backend, bus=None))
     done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
     assert verdicts(done)["bus"] == verdicts(done)["arming"] == "warn"
     plain = verb("doctor", "--url", MOCK, "--seconds", 1)
@@ -127,14 +127,14 @@ def test_a_serial_url_without_a_bus_says_how_to_name_it():
     assert check_missing_bus("serial:///dev/ttyUSB0?baud=115200").remedy.endswith("115200&i2c=1'")
 
 
-def test_what_arm_would_refuse_is_told(verb, spoilt):
+def test_what_arm_would_refuse_is_told(verb, change_backend):
     """A car whose clock nobody measured: the doctor says what arm() would say."""
-    def unmeasured(backend):
+    def remove_oscillator(backend):
         lines = backend.car_toml.splitlines()
         kept = [line for line in lines if not line.startswith("oscillator_hz")]
         return dataclasses.replace(backend, car_toml="\n".join(kept))
 
-    spoilt(unmeasured)
+    change_backend(remove_oscillator)
     done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
     assert verdicts(done)["pwm"] == verdicts(done)["arming"] == "warn"
     arming = next(c for c in done.json["checks"] if c["id"] == "arming")
@@ -142,21 +142,21 @@ def test_what_arm_would_refuse_is_told(verb, spoilt):
     assert "--waive PWM_CLOCK_UNCALIBRATED" in arming["try"]
 
 
-def test_turning_wheels_are_no_fault(verb, spoilt):
-    def turned(backend):
+def test_turning_wheels_are_no_fault(verb, change_backend):
+    def turn_wheel(backend):
         nano = world_of(backend).nano
         nano.set_wheel(5.0)
         nano.set_wheel = lambda rate: None
 
-    spoilt(turned)
+    change_backend(turn_wheel)
     done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
     encoder = next(c for c in done.json["checks"] if c["id"] == "encoder")
     assert encoder["verdict"] == "ok"
     assert not encoder["found"].startswith("0 edges")
 
 
-def test_an_unknown_car_is_a_file_that_is_missing(verb, spoilt):
-    spoilt(lambda backend: dataclasses.replace(backend, car_toml=None, car=None))
+def test_an_unknown_car_is_a_file_that_is_missing(verb, change_backend):
+    change_backend(lambda backend: dataclasses.replace(backend, car_toml=None, car=None))
     done = verb("doctor", "--url", MOCK, "--car", "nobody", "--json", "--seconds", 1)
     assert verdicts(done)["files"] == "fail"
 

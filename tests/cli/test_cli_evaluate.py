@@ -186,8 +186,8 @@ def test_what_a_model_file_leaves_out_is_said(verb, tmp_path):
     """Half a friction curve of one car and half of another's is no model of either."""
     model = tmp_path / "model.toml"
     model.write_text(BODY + "[friction]\na = 0.3\n")
-    said = " ".join(verb("evaluate", "--json", "--model", model, CIRCLE).err.split())
-    assert "does not say friction.b, friction.c, motor, steering, tyres: the paper's" in said
+    text = " ".join(verb("evaluate", "--json", "--model", model, CIRCLE).err.split())
+    assert "does not say friction.b, friction.c, motor, steering, tyres: the paper's" in text
     assert "does not say" not in verb("evaluate", "--json", "--model", "paper", CIRCLE).err
 
 
@@ -236,10 +236,10 @@ def test_what_a_model_was_fitted_to_is_no_test_of_it(verb, tmp_path):
     model = tmp_path / "model.toml"
     digest = hashlib.sha256(one(FREE).read_bytes()).hexdigest()
     model.write_text(f'{BODY}[provenance.files]\n"elsewhere/renamed.csv" = "{digest}"\n')
-    seen = verb("evaluate", "--json", "--model", model, FREE, CIRCLE).json["fitted_to"]
-    assert [name.split("/")[0] for name in seen] == [FREE.name], "by content, whatever its name"
-    said = " ".join(verb("evaluate", "--model", model, FREE, CIRCLE).out.split())
-    assert "caution: 1 of 2 recordings are those that this model was fitted to: 91_" in said
+    fitted = verb("evaluate", "--json", "--model", model, FREE, CIRCLE).json["fitted_to"]
+    assert [name.split("/")[0] for name in fitted] == [FREE.name], "by content, whatever its name"
+    text = " ".join(verb("evaluate", "--model", model, FREE, CIRCLE).out.split())
+    assert "caution: 1 of 2 recordings are those that this model was fitted to: 91_" in text
     other = verb("evaluate", "--model", model, CIRCLE)
     assert "caution" not in other.out
 
@@ -265,8 +265,8 @@ def test_slow_recordings_are_not_asked_for_what_they_have(verb, moved_to):
 
 @pytest.mark.slow
 def test_the_few_files_that_gave_nothing_are_named(verb, moved_to):
-    said = verb("evaluate", one(FREE), moved_to(0.0, rows=160).parent).out
-    assert "/later): " in said
+    text = verb("evaluate", one(FREE), moved_to(0.0, rows=160).parent).out
+    assert "/later): " in text
     assert "skipped 13 file(s): " in verb("evaluate", FREE, STRAIGHT).out
 
 
@@ -274,9 +274,9 @@ def test_the_few_files_that_gave_nothing_are_named(verb, moved_to):
 def test_names_take_the_room_there_is(verb, monkeypatch):
     """And the folder is the one that says what was driven, not "csv"."""
     monkeypatch.setattr(evaluate_table, "results", Console(soft_wrap=True, width=120))
-    said = verb("evaluate", FREE).out
-    assert FREE.name in said
+    text = verb("evaluate", FREE).out
+    assert FREE.name in text
     monkeypatch.setattr(evaluate_table, "results", Console(soft_wrap=True, width=80))
-    said = verb("evaluate", FREE).out
-    assert FREE.name not in said.split("how far")[0]
-    assert max(map(len, said.split("recording (1 s)")[1].split("change of")[0].splitlines())) <= 80
+    text = verb("evaluate", FREE).out
+    assert FREE.name not in text.split("how far")[0]
+    assert max(map(len, text.split("recording (1 s)")[1].split("change of")[0].splitlines())) <= 80

@@ -21,20 +21,20 @@ def test_csv_is_always_there(verb, run, tmp_path, monkeypatch):
     for name in ("pandas", "pyarrow"):
         monkeypatch.setitem(sys.modules, name, None)
     out = tmp_path / "tables" / "run.csv"
-    told = verb("export", "csv", run, "--out", out, "--json").json
-    assert set(told) == {"recording", "table", "rows", "columns"}
-    assert told["columns"]["speed"] == "m/s"
+    result = verb("export", "csv", run, "--out", out, "--json").json
+    assert set(result) == {"recording", "table", "rows", "columns"}
+    assert result["columns"]["speed"] == "m/s"
     rows = list(csv.reader(out.read_text().splitlines()))
-    assert rows[0] == list(told["columns"])
-    assert len(rows) == told["rows"] + 1 > 25
-    assert f"{told['rows']} rows" in verb("export", "csv", run, "--out", out).out
+    assert rows[0] == list(result["columns"])
+    assert len(rows) == result["rows"] + 1 > 25
+    assert f"{result['rows']} rows" in verb("export", "csv", run, "--out", out).out
 
 
 @pytest.mark.slow
 def test_parquet(verb, run, tmp_path):
     pq = pytest.importorskip("pyarrow.parquet")
-    told = verb("export", "parquet", run, "--out", tmp_path / "run.parquet", "--json").json
-    assert pq.read_table(tmp_path / "run.parquet").num_rows == told["rows"]
+    result = verb("export", "parquet", run, "--out", tmp_path / "run.parquet", "--json").json
+    assert pq.read_table(tmp_path / "run.parquet").num_rows == result["rows"]
 
 
 def test_parquet_without_pyarrow_is_refused_and_nothing_is_written(verb, run, tmp_path,
@@ -47,9 +47,9 @@ def test_parquet_without_pyarrow_is_refused_and_nothing_is_written(verb, run, tm
 
 
 def test_bags_are_new_files_of_the_right_name(verb, run, tmp_path):
-    told = verb("export", "ros1", run, "--out", tmp_path / "run.bag", "--json").json
-    assert set(told) == {"recording", "bag", "messages"}
-    assert told["messages"] > 100
+    result = verb("export", "ros1", run, "--out", tmp_path / "run.bag", "--json").json
+    assert set(result) == {"recording", "bag", "messages"}
+    assert result["messages"] > 100
     before = (tmp_path / "run.bag").read_bytes()
     for out, why in (("run.bag", "exists already"), ("run", "must end in .bag")):
         assert why in verb("export", "ros1", run, "--out", tmp_path / out, "--json").error["what"]
@@ -66,12 +66,12 @@ def test_a_bag_of_ros_2_and_a_data_set_of_two_runs(verb, tmp_path):
     script.write_text("def control(state):\n    return 0.1, 0.2\n")
     run = tmp_path / "drive.mcap"
     verb("drive", script, "--url", MOCK, "--duration", 1, "--record", run)
-    told = verb("export", "ros2", run, "--out", tmp_path / "bag", "--json").json
-    assert told["messages"] > 300
+    result = verb("export", "ros2", run, "--out", tmp_path / "bag", "--json").json
+    assert result["messages"] > 300
     assert (tmp_path / "bag" / "metadata.yaml").is_file()
-    told = verb("export", "lerobot", run, run, "--out", tmp_path / "set", "--fps", 25,
-                "--json").json
-    assert (told["episodes"], told["held"]) == (2, 0)
+    result = verb("export", "lerobot", run, run, "--out", tmp_path / "set", "--fps", 25,
+                  "--json").json
+    assert (result["episodes"], result["held"]) == (2, 0)
     assert (tmp_path / "set" / "meta" / "info.json").is_file()
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(".")] == []
 

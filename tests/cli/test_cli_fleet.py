@@ -75,7 +75,7 @@ class Driven:
         self.car.close()
 
 
-def told(capsys, *args):
+def run_verb(capsys, *args):
     with pytest.raises(SystemExit) as status:
         main(list(args))
     return status.value.code, json.loads(capsys.readouterr().out)
@@ -84,9 +84,9 @@ def told(capsys, *args):
 @pytest.mark.realtime
 def test_a_car_is_listed(capsys):
     with Driven(arm=False) as driven:
-        code, said = told(capsys, "fleet", "--room", driven.room, "--json")
+        code, result = run_verb(capsys, "fleet", "--room", driven.room, "--json")
     assert code == 0
-    (car,) = said["cars"]
+    (car,) = result["cars"]
     assert (car["name"], car["state"], car["url"]) == ("red", "DISARMED", driven.room)
     assert car["pose"]["frame"] == "start"
 
@@ -103,37 +103,38 @@ def test_one_command_stops_it_at_the_pin(capsys, tmp_path, key):
         time.sleep(0.5)
         before = driven.world.t
         assert driven.last_driving() > before - 0.1, "control: it drives, and the pin is seen"
-        code, said = told(capsys, "fleet", "stop", "--room", driven.room, *options, "--json")
+        code, result = run_verb(capsys, "fleet", "stop", "--room", driven.room, *options, "--json")
         time.sleep(0.3)
         assert driven.disarmed is not None
         at, why = driven.disarmed
         assert why.causes == ("RUN_STOP",)
         assert driven.last_driving() <= at + 0.05
     assert code == 0
-    assert said == {"stopped": ["red"], "silent": []}
+    assert result == {"stopped": ["red"], "silent": []}
 
 
 @pytest.mark.realtime
 @pytest.mark.slow
 def test_a_watch_ends_by_itself_and_says_who_was_there(capsys):
     with Driven(arm=False) as driven:
-        _, said = told(capsys, "fleet", "watch", "--room", driven.room, "--duration", "0.8",
-                       "--json")
-    assert [car["name"] for car in said["cars"]] == ["red"]
+        _, result = run_verb(capsys, "fleet", "watch", "--room", driven.room, "--duration", "0.8",
+                           "--json")
+    assert [car["name"] for car in result["cars"]] == ["red"]
 
 
 def test_an_empty_room_is_an_answer(capsys, monkeypatch):
     monkeypatch.setattr("dart_hal.cli.fleet.LISTEN_TIME_S", 0.05)
-    code, said = told(capsys, "fleet", "--room", f"udp://:{free_port()}?to=127.0.0.1:9", "--json")
-    assert (code, said) == (1, {"cars": []})
+    code, result = run_verb(capsys, "fleet", "--room", f"udp://:{free_port()}?to=127.0.0.1:9",
+                          "--json")
+    assert (code, result) == (1, {"cars": []})
 
 
 @pytest.mark.skipif(find_spec("zeroconf") is not None, reason="zeroconf is installed")
 def test_without_zeroconf_a_room_must_be_named(capsys, monkeypatch):
     monkeypatch.delenv("DART_HAL_ROOM", raising=False)
-    code, said = told(capsys, "fleet", "--json")
+    code, result = run_verb(capsys, "fleet", "--json")
     assert code == 2
-    assert "zeroconf" in said["error"]["what"]
+    assert "zeroconf" in result["error"]["what"]
 
 
 @pytest.mark.realtime
@@ -164,11 +165,11 @@ def test_without_a_key_it_is_stated_what_others_can_do(capsys, monkeypatch, tmp_
 
 
 def test_a_key_that_is_missing_ends_the_verb(capsys, tmp_path):
-    code, said = told(capsys, "fleet", "--room", "udp://:7447?to=127.0.0.1:9", "--room-key",
-                      str(tmp_path / "missing"), "--json")
+    code, result = run_verb(capsys, "fleet", "--room", "udp://:7447?to=127.0.0.1:9", "--room-key",
+                          str(tmp_path / "missing"), "--json")
     assert code == 2
-    assert said["error"]["code"] == "D-USE-01"
-    assert "missing" in said["error"]["what"]
+    assert result["error"]["code"] == "D-USE-01"
+    assert "missing" in result["error"]["what"]
 
 
 @pytest.mark.realtime
@@ -176,9 +177,9 @@ def test_a_car_with_a_key_is_named_to_a_watcher_without(capsys):
     from dart_hal.fleet.key import RoomKey
 
     with Driven(arm=False, key=RoomKey(KEY.encode()), answers=False) as driven:
-        code, said = told(capsys, "fleet", "--room", driven.room, "--json")
-    assert (code, said["cars"]) == (1, [])
-    assert "signed" in said["ignored"]["red"]
+        code, result = run_verb(capsys, "fleet", "--room", driven.room, "--json")
+    assert (code, result["cars"]) == (1, [])
+    assert "signed" in result["ignored"]["red"]
 
 
 @pytest.mark.parametrize("name", ["[bold red]x", "[/]", "[link=file:///etc]x[/link]"])

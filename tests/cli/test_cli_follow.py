@@ -38,10 +38,10 @@ def test_a_drive_is_driven_recorded_and_drawn(verb, tmp_path, bend):
     done = verb("follow", bend, "--speed", 1, "--here", "--url", URL, "--record", run, "--plot",
                 picture, "--json")
     assert done.code == 0, done.err
-    told = done.json["summary"]
-    assert told["ended"] == "the path is driven"
-    assert told["length_m"] == pytest.approx(3.03, abs=0.02)
-    assert told["offset_max_m"] < 0.3
+    summary = done.json["summary"]
+    assert summary["ended"] == "the path is driven"
+    assert summary["length_m"] == pytest.approx(3.03, abs=0.02)
+    assert summary["offset_max_m"] < 0.3
     assert done.json["files"].keys() == {"recording", "plot"}
     assert picture.stat().st_size > 10_000
     assert "begins at 0.00 m of 3.0" in done.err
@@ -64,7 +64,7 @@ def test_without_a_pose_it_does_not_drive(verb, bend):
     assert "no pose came within 5 s" in done.out
 
 
-@pytest.mark.parametrize(("arguments", "says"), [
+@pytest.mark.parametrize(("arguments", "message"), [
     (("savoyardo", "--speed", 1), "savoiardo;"),
     (("savoiardo",), "one speed is required"),
     (("savoiardo", "--speed", 1, "--profile"), "one speed is required"),
@@ -81,10 +81,10 @@ def test_without_a_pose_it_does_not_drive(verb, bend):
     (("savoiardo", "--speed", 1, "--tracker", "mpcc", "--obstacle", "1,0,-1"), "must be above 0 m"),
 ])
 @pytest.mark.slow_except("arguments[0-46-9]*", "arguments1[0-3]*")
-def test_what_cannot_be(verb, arguments, says):
+def test_what_cannot_be(verb, arguments, message):
     done = verb("follow", *arguments, "--url", URL)
     assert done.code == 2
-    assert says in done.err
+    assert message in done.err
 
 
 @pytest.mark.slow
@@ -96,11 +96,11 @@ def test_obstacles_are_passed_and_the_air_beside_them_told(verb, tmp_path):
                 "--obstacle", "2.4,-0.15,0.15", "--obstacle", "9,0.1,0.1", "--record", run, "--url",
                 "sim://?seed=3&nano=mock", "--plot", tmp_path / "run.png", "--json")
     assert done.code == 0, done.err
-    told = done.json["summary"]
-    near, far = (row["air_m"] for row in told["obstacles"])
+    summary = done.json["summary"]
+    near, far = (row["air_m"] for row in summary["obstacles"])
     assert 0.05 < near < 0.14
     assert far > 3.0
-    assert told["plans"]["SOLVED"] > 30
+    assert summary["plans"]["SOLVED"] > 30
     assert "plan/std" in {row.name for row in RunReader(run).logged()}
 
 
@@ -133,9 +133,9 @@ def test_a_neighbour_that_never_answers_is_waited_for_counted_and_recorded(verb,
                 "local://lab", "--duration", 6, "--record", run, "--url",
                 "sim://?seed=3&nano=mock", "--json")
     assert done.code == 0, done.err
-    told = done.json["summary"]
-    assert told["others"] == ["red"]
-    assert told["waited_s"]["LOST"] > 2.0
+    summary = done.json["summary"]
+    assert summary["others"] == ["red"]
+    assert summary["waited_s"]["LOST"] > 2.0
     rows = {row.name: row for row in RunReader(run).logged()}
     assert {"traffic/room", "traffic/wait", "plan/outcome"} <= rows.keys()
 
@@ -149,9 +149,9 @@ def test_the_two_layers_drive_past_an_obstacle(verb, tmp_path, weights):
                 "--weights", weights, "--obstacle", "2.4,-0.15,0.15", "--record", run, "--url",
                 "sim://?seed=3&nano=mock", "--plot", tmp_path / "run.png", "--json")
     assert done.code == 0, done.err
-    told = done.json["summary"]
-    assert told["obstacles"][0]["air_m"] > 0.05
-    assert told["plans"]["SOLVED"] > 30
+    summary = done.json["summary"]
+    assert summary["obstacles"][0]["air_m"] > 0.05
+    assert summary["plans"]["SOLVED"] > 30
     assert {"plan/std", "plan/x"} <= {row.name for row in RunReader(run).logged()}
 
 

@@ -30,7 +30,7 @@ def test_a_port_in_use_is_refused_before_the_car_is_armed(verb, tmp_path):
 
 
 def test_it_says_where_to_look(verb, tmp_path, free_port):
-    told = verb("record", "--url", MOCK, "--duration", 0.3, "--out", tmp_path / "run.mcap",
-                "--foxglove", "--port", free_port)
-    assert f"ws://localhost:{free_port}" in told.err
-    assert "layout.json" in told.err
+    output = verb("record", "--url", MOCK, "--duration", 0.3, "--out", tmp_path / "run.mcap",
+                  "--foxglove", "--port", free_port)
+    assert f"ws://localhost:{free_port}" in output.err
+    assert "layout.json" in output.err

@@ -16,10 +16,10 @@ def test_a_lane_is_driven_recorded_and_drawn(verb, tmp_path):
     picture = tmp_path / "run.png"
     done = verb("lane", "--distance", 3, "--url", URL, "--record", run, "--plot", picture, "--json")
     assert done.code == 0, done.err
-    told = done.json["summary"]
-    assert told["ended"] == "3 m are driven"
-    assert told["half_width_m"] == pytest.approx(0.4, abs=0.02)
-    assert told["offset_max_m"] < 0.15
+    summary = done.json["summary"]
+    assert summary["ended"] == "3 m are driven"
+    assert summary["half_width_m"] == pytest.approx(0.4, abs=0.02)
+    assert summary["offset_max_m"] < 0.15
     assert done.json["files"].keys() == {"recording", "plot"}
     assert picture.stat().st_size > 10_000
     assert "a lane 8" in done.err or "a lane 7" in done.err
@@ -35,10 +35,10 @@ def test_where_there_is_no_lane_it_does_not_drive(verb):
     assert "no boards are visible within 5 s" in done.out
 
 
-@pytest.mark.parametrize(("url", "says"), [
+@pytest.mark.parametrize(("url", "message"), [
     ("sim://?nano=mock", "has no lidar"),
     ("replay://nothing.mcap", "nothing.mcap")])
-def test_what_cannot_be(verb, url, says):
+def test_what_cannot_be(verb, url, message):
     done = verb("lane", "--url", url)
     assert done.code == 2
-    assert says in done.err
+    assert message in done.err

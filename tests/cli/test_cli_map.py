@@ -43,7 +43,7 @@ def test_a_room_is_driven_mapped_drawn_and_the_recording_localised_in_it(verb, t
 
 
 @pytest.fixture
-def interrupted(verb, monkeypatch, tmp_path):
+def run_and_interrupt(verb, monkeypatch, tmp_path):
     """(what the verb said, pulses [us] up to and after Ctrl-C), at the 400th that moves the car."""
     def run():
         before = []
@@ -61,11 +61,11 @@ def interrupted(verb, monkeypatch, tmp_path):
         def moving():
             return sum(abs(us - NEUTRAL_US) > NEAR_US for us in before)
 
-        def watched(world, *args, **options):
+        def make_watched_world(world, *args, **options):
             made(world, *args, **options)
             world.watchers.append(watch)
 
-        monkeypatch.setattr(World, "__init__", watched)
+        monkeypatch.setattr(World, "__init__", make_watched_world)
         handler = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
             done = verb("map", tmp_path / "room.yaml", "--speed", 0.6, "--url", URL, *WAIVED,
@@ -78,8 +78,8 @@ def interrupted(verb, monkeypatch, tmp_path):
 
 
 @pytest.mark.slow
-def test_ctrl_c_stops_the_car_and_what_was_driven_is_mapped(interrupted, tmp_path):
-    done, before, after = interrupted()
+def test_ctrl_c_stops_the_car_and_what_was_driven_is_mapped(run_and_interrupt, tmp_path):
+    done, before, after = run_and_interrupt()
     assert done.code == 0, done.err
     assert done.json["ended"] == "stopped by Ctrl-C"
     assert read_grid(tmp_path / "room.yaml").occupied.sum() > 500
@@ -89,12 +89,12 @@ def test_ctrl_c_stops_the_car_and_what_was_driven_is_mapped(interrupted, tmp_pat
 
 
 @pytest.mark.slow
-def test_without_neutral_at_the_end_it_drives_on(interrupted, monkeypatch):
+def test_without_neutral_at_the_end_it_drives_on(run_and_interrupt, monkeypatch):
     """Control: a close that leaves the pins as they are."""
     monkeypatch.setattr("dart_hal.car.driver.Driver.close", lambda driver, now: None)
     monkeypatch.setattr("dart_hal.devices.actuation.chain.Actuator.stop",
                         lambda actuator: actuator.applied)
-    _, before, after = interrupted()
+    _, before, after = run_and_interrupt()
     assert abs((before + after)[-1] - NEUTRAL_US) > NEAR_US
 
 
@@ -107,15 +107,15 @@ def test_a_lidar_upside_down_stops_the_drive_and_makes_no_map(verb, tmp_path):
     assert not (tmp_path / "room.yaml").exists()
 
 
-@pytest.mark.parametrize(("args", "says"), [
+@pytest.mark.parametrize(("args", "message"), [
     (("--speed", 1, "--url", "sim://?nano=mock"), "has no lidar"),
     (("--speed", 1, "--keyboard"), "exactly one way to drive the room is required"),
     ((), "exactly one way to drive the room is required"),
     (("--run", "nothing.mcap"), "nothing.mcap")])
-def test_what_cannot_be(verb, tmp_path, args, says):
+def test_what_cannot_be(verb, tmp_path, args, message):
     done = verb("map", tmp_path / "room.yaml", *args)
     assert done.code == 2
-    assert says in done.err
+    assert message in done.err
 
 
 def test_a_map_is_called_yaml(verb, tmp_path):

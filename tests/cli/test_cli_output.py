@@ -26,7 +26,7 @@ def no_constants(name: str) -> None:
     raise AssertionError(f"{name} is no JSON")
 
 
-def printed(value, capsys):
+def print_and_load(value, capsys):
     print_json(value)
     out, err = capsys.readouterr()
     assert err == ""
@@ -36,14 +36,14 @@ def printed(value, capsys):
 @pytest.mark.parametrize("value", NOT_FINITE, ids=repr)
 def test_what_is_no_number_is_null(value, capsys):
     assert plain(value) is None
-    assert printed({"speed": value}, capsys) == {"speed": None}
+    assert print_and_load({"speed": value}, capsys) == {"speed": None}
 
 
 @pytest.mark.parametrize("value", NOT_FINITE, ids=repr)
 def test_so_it_is_however_deep(value, capsys):
     nested = {"a": [1.5, (value, {"b": [value]})], "c": np.array([1.0, np.nan]), "d": {3: value},
               "e": np.array([[np.inf], [2.0]]), "f": frozenset([math.nan])}
-    assert printed(nested, capsys) == {
+    assert print_and_load(nested, capsys) == {
         "a": [1.5, [None, {"b": [None]}]], "c": [1.0, None], "d": {"3": None},
         "e": [[None], [2.0]], "f": [None]}
 
@@ -51,8 +51,8 @@ def test_so_it_is_however_deep(value, capsys):
 def test_what_is_a_number_stays_one(capsys):
     value = {"i": np.int64(3), "f": np.float64(0.1), "b": np.bool_(True), "n": None, "big": 1e300,
              "a": np.arange(3), "p": Path("runs") / "a", 7: -0.5}
-    assert printed(value, capsys) == {"i": 3, "f": 0.1, "b": True, "n": None, "big": 1e300,
-                                      "a": [0, 1, 2], "p": "runs/a", "7": -0.5}
+    assert print_and_load(value, capsys) == {"i": 3, "f": 0.1, "b": True, "n": None, "big": 1e300,
+                                             "a": [0, 1, 2], "p": "runs/a", "7": -0.5}
 
 
 def test_a_name_in_a_table_is_no_markup():

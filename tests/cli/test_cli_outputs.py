@@ -42,13 +42,13 @@ def test_every_output_option_is_checked_by_its_type():
 @pytest.fixture
 def still(monkeypatch):
     """No car is opened: a verb that would drive fails."""
-    def opened(*args, **options):
+    def refuse_to_open(*args, **options):
         raise AssertionError("a car was opened before the outputs were checked")
 
-    monkeypatch.setattr("dart_hal.devices.links.base.open_backend", opened)
+    monkeypatch.setattr("dart_hal.devices.links.base.open_backend", refuse_to_open)
     for name in ("dart_hal.cli.common.session", "dart_hal.cli.common.procedures"):
-        monkeypatch.setattr(f"{name}.open_backend", opened, raising=False)
-    monkeypatch.setattr("dart_hal.car.Car.open", opened)
+        monkeypatch.setattr(f"{name}.open_backend", refuse_to_open, raising=False)
+    monkeypatch.setattr("dart_hal.car.Car.open", refuse_to_open)
 
 
 DRIVES = [("calibrate", "steering", "--yes"), ("calibrate", "throttle", "--yes"),

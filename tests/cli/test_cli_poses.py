@@ -38,20 +38,20 @@ def test_top_shows_where_the_car_is_seen(verb, poses):
     assert "TRACKING" in ran.out + ran.err
 
 
-def checked(ran):
+def find_check(ran):
     return next((c for c in ran.json["checks"] if c["id"] == "poses"), None)
 
 
 @pytest.mark.slow
 def test_the_doctor_looks_at_them(verb, poses):
     ran = ("doctor", "--url", URL, "--seconds", 1, "--json")
-    good = checked(verb(*ran, "--poses", poses))
+    good = find_check(verb(*ran, "--poses", poses))
     assert good["verdict"] == "ok"
     assert "frames, TRACKING, x +1.00 m y +2.00 m" in good["found"]
-    silent = checked(verb(*ran, "--poses", "vrpn://car@127.0.0.1:1"))
+    silent = find_check(verb(*ran, "--poses", "vrpn://car@127.0.0.1:1"))
     assert silent["verdict"] == "warn"
     assert "refused" in silent["found"]
-    missing = checked(verb(*ran, "--poses", "file:///no/such.csv"))
+    missing = find_check(verb(*ran, "--poses", "file:///no/such.csv"))
     assert missing["verdict"] == "fail"
-    assert checked(verb(*ran)) is None
+    assert find_check(verb(*ran)) is None
     assert verb(*ran, "--poses", "ftp://x").error["code"]

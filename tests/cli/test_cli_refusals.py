@@ -336,16 +336,16 @@ fi""")
 
 
 def test_ctrl_c_is_130_and_one_word(capsys, monkeypatch):
-    def interrupted(*args, **kwargs):
+    def interrupt(*args, **kwargs):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("dart_lab.cli.sim.reveal_url", interrupted)
+    monkeypatch.setattr("dart_lab.cli.sim.reveal_url", interrupt)
     with pytest.raises(SystemExit) as left:
         main(["sim", "--reveal", "--url", MOCK])
     assert left.value.code == 130
-    said = capsys.readouterr()
-    assert "stopped" in said.err
-    assert said.out == ""
+    captured = capsys.readouterr()
+    assert "stopped" in captured.err
+    assert captured.out == ""
 
 
 @pytest.mark.parametrize(("text", "code"), [

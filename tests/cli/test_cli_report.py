@@ -41,41 +41,41 @@ def home(driven, tmp_path, monkeypatch):
     return tmp_path
 
 
-def measured(home, value, std=10.0):
+def write_calibration(home, value, std=10.0):
     """calibration.toml with another clock."""
     save_calibration(Calibration(car="sim-3").with_quantities(
         {"pwm.oscillator_hz": Quantity(value, std)}), home / "cars" / "sim-3")
 
 
 def test_runs_are_told_newest_first_and_what_was_never_measured_is_named(home, verb):
-    told = verb("report", "--car", "sim-3", "--json").json
-    assert [r["path"] for r in told["runs"]] == ["drives.mcap", "stands.mcap"]
-    new, old = told["runs"]
+    result = verb("report", "--car", "sim-3", "--json").json
+    assert [r["path"] for r in result["runs"]] == ["drives.mcap", "stands.mcap"]
+    new, old = result["runs"]
     assert new["distance"] > 0.5 > old["distance"] == 0.0
     assert new["duration"] > 1.9
     assert new["period"] == pytest.approx([0.01, 0.01, 0.01], abs=0.002)
     assert new["frames"] > 190
     assert new["lost"] == 0
-    assert "steering.map" in told["missing"]
-    assert not [name for name in told["missing"] if name.startswith("mocap.")]  # few have one
-    assert any("calibrate steering" in line for line in told["to_do"])
+    assert "steering.map" in result["missing"]
+    assert not [name for name in result["missing"] if name.startswith("mocap.")]  # few have one
+    assert any("calibrate steering" in line for line in result["to_do"])
     page = (home / "report.html").read_text(encoding="utf-8")
     assert "drives.mcap" in page
 
 
 def test_each_verb_that_the_page_names_is_there():
-    told = calibrate.commands
-    assert told.keys() >= set(report_page.VERBS.values())
+    result = calibrate.commands
+    assert result.keys() >= set(report_page.VERBS.values())
 
 
 @pytest.mark.slow
 def test_latencies_are_shown_and_asked_for_by_the_verb_that_measures_them(home, verb):
     save_calibration(Calibration(car="sim-3").with_quantities(
         {"latency.pulse_to_wheel": Quantity(0.0213, 1e-3)}), home / "cars" / "sim-3")
-    told = verb("report", "--car", "sim-3", "--json").json
-    assert {"steering.slew_us_s", "latency.pulse_to_yaw"} <= set(told["missing"])
-    assert not {"latency.pulse_to_wheel", "latency.pulse_to_yaw_lag"} & set(told["missing"])
-    (line,) = [line for line in told["to_do"] if "calibrate latency" in line]
+    result = verb("report", "--car", "sim-3", "--json").json
+    assert {"steering.slew_us_s", "latency.pulse_to_yaw"} <= set(result["missing"])
+    assert not {"latency.pulse_to_wheel", "latency.pulse_to_yaw_lag"} & set(result["missing"])
+    (line,) = [line for line in result["to_do"] if "calibrate latency" in line]
     assert "steering.slew_us_s" in line
     assert "latency.pulse_to_wheel" in (home / "report.html").read_text(encoding="utf-8")
 
@@ -84,29 +84,29 @@ def test_latencies_are_shown_and_asked_for_by_the_verb_that_measures_them(home, 
 def test_half_a_motion_capture_is_named(home, verb):
     save_calibration(Calibration(car="sim-3").with_quantities(
         {"mocap.marker_x": Quantity(0.1, 1e-4)}), home / "cars" / "sim-3")
-    told = verb("report", "--car", "sim-3", "--json").json
-    assert "mocap.latency" in told["missing"]
-    assert any("dart-hal calibrate mocap" in line for line in told["to_do"])
+    result = verb("report", "--car", "sim-3", "--json").json
+    assert "mocap.latency" in result["missing"]
+    assert any("dart-hal calibrate mocap" in line for line in result["to_do"])
 
 
 def test_a_number_that_moved_by_more_than_chance_stands_out(home, verb):
-    measured(home, 25.0e6)
-    measured(home, 25.1e6)
-    told = verb("report", "--car", "sim-3", "--json").json
-    (change,) = told["changed"]
+    write_calibration(home, 25.0e6)
+    write_calibration(home, 25.1e6)
+    result = verb("report", "--car", "sim-3", "--json").json
+    (change,) = result["changed"]
     assert change["name"] == "pwm.oscillator_hz"
     assert (change["before"], change["now"]) == (25.0e6, 25.1e6)
     assert change["z"] > 1000.0
-    assert any("pwm.oscillator_hz moved" in line for line in told["to_do"])
+    assert any("pwm.oscillator_hz moved" in line for line in result["to_do"])
 
 
 @pytest.mark.slow
 def test_what_moved_within_its_error_does_not(home, verb):
-    measured(home, 25.0e6, std=1e5)
-    measured(home, 25.1e6, std=1e5)
-    told = verb("report", "--car", "sim-3", "--json").json
-    assert told["changed"][0]["z"] < 1.0
-    assert not any("moved" in line for line in told["to_do"])
+    write_calibration(home, 25.0e6, std=1e5)
+    write_calibration(home, 25.1e6, std=1e5)
+    result = verb("report", "--car", "sim-3", "--json").json
+    assert result["changed"][0]["z"] < 1.0
+    assert not any("moved" in line for line in result["to_do"])
 
 
 @pytest.mark.slow
@@ -116,10 +116,10 @@ def test_a_run_that_lost_frames_stands_out(tmp_path, verb, monkeypatch):
         car.on_bytes(lambda way, data, t: b"" if way == "rx" and 1.0 < t % 2.0 < 1.1 else data)
         for _ in car.states(duration=3.0):
             pass
-    told = verb("report", "--car", "sim-3", "noisy.mcap", "--json").json
-    (run,) = told["runs"]
+    result = verb("report", "--car", "sim-3", "noisy.mcap", "--json").json
+    (run,) = result["runs"]
     assert run["lost"] > 0
-    assert any(line.startswith("noisy.mcap") for line in told["to_do"])
+    assert any(line.startswith("noisy.mcap") for line in result["to_do"])
 
 
 @pytest.mark.slow
@@ -138,7 +138,7 @@ def test_a_car_that_is_nowhere_is_refused(home, verb):
 
 def test_versions_are_counted_from_the_newest(tmp_path):
     for value in (25.0e6, 25.1e6, 25.2e6):
-        measured(tmp_path, value)
+        write_calibration(tmp_path, value)
     folder = tmp_path / "cars" / "sim-3"
     assert [p.name for p in list_versions(folder / "calibration.toml")] == [
         "calibration-0002.toml", "calibration-0001.toml"]
@@ -150,6 +150,6 @@ def test_versions_are_counted_from_the_newest(tmp_path):
 def test_the_example_car_has_a_page(tmp_path, verb, monkeypatch):
     cars = Path(__file__).parents[2] / "cars"
     monkeypatch.chdir(tmp_path)
-    told = verb("report", "--cars", cars, "--out", tmp_path / "x.html", "--json").json
-    assert told["car"] == "dart-01"
+    result = verb("report", "--cars", cars, "--out", tmp_path / "x.html", "--json").json
+    assert result["car"] == "dart-01"
     assert (tmp_path / "x.html").is_file()

@@ -19,8 +19,8 @@ def test_reveal_lists_the_effects(verb):
         {"name": "encoder_ring", "parameters": {
             "missing": {"value": 0.1, "unit": "turn"}, "uneven": {"value": 0.0, "unit": "relative"},
             "phase": {"value": 0.0, "unit": "turn"}}}]
-    said = verb("sim", "--reveal", "--url", f"sim://?effect={EFFECTS}")
-    assert "steering_lag.k" in said.out
+    output = verb("sim", "--reveal", "--url", f"sim://?effect={EFFECTS}")
+    assert "steering_lag.k" in output.out
     assert verb("sim", "--reveal", "--url", "sim://?seed=2", "--json").json["effects"] == []
 
 

@@ -11,7 +11,7 @@ MOCK = "sim://?nano=mock"
 
 
 @pytest.fixture
-def served(monkeypatch):
+def capture_backend(monkeypatch):
     """The backend that `--pty` would serve, instead of serving it."""
     opened = []
     monkeypatch.setattr(sim, "_serve", lambda url, *_: opened.append(sim.open_backend(url.text)))
@@ -20,11 +20,11 @@ def served(monkeypatch):
         backend.close()
 
 
-def test_failures_reach_the_car(verb, served):
+def test_failures_reach_the_car(verb, capture_backend):
     done = verb("sim", "--pty", "--url", MOCK, "--fail", "mcu:brownout@0.2s",
                 "--fail", "power:droop=4.5@0.1s+0.2s")
     assert done.code == 0
-    (backend,) = served
+    (backend,) = capture_backend
     nano = world_of(backend).nano
     backend.clock.sleep(0.15)
     assert (nano.boot_count, nano._vcc) == (1, 4.5)
@@ -33,19 +33,19 @@ def test_failures_reach_the_car(verb, served):
 
 
 @pytest.mark.parametrize("text", ["imu:sulking@3s", "imu:stuck", "enc:wrong=2@1"])
-def test_a_wrong_failure_is_refused_before_anything_starts(verb, served, text):
+def test_a_wrong_failure_is_refused_before_anything_starts(verb, capture_backend, text):
     error = verb("sim", "--pty", "--url", MOCK, "--fail", text, "--json").error
     assert "USE" in error["code"]
-    assert not served
+    assert not capture_backend
 
 
 def test_the_refusal_lists_what_exists(verb):
-    said = verb("sim", "--pty", "--fail", "imu:sulking@3s").err
-    assert "imu:stuck" in said
-    assert "enc:wrong=SHARE" in said
+    message = verb("sim", "--pty", "--fail", "imu:sulking@3s").err
+    assert "imu:stuck" in message
+    assert "enc:wrong=SHARE" in message
 
 
-def test_failures_in_the_url_and_by_option_are_one_too_many(verb, served):
+def test_failures_in_the_url_and_by_option_are_one_too_many(verb, capture_backend):
     error = verb("sim", "--pty", "--url", MOCK + "&fail=imu:off@1", "--fail", "imu:stuck@2",
                  "--json").error
     assert "twice" in error["what"]

@@ -10,7 +10,7 @@ from dart_hal.core.config import load_model
 from dart_hal.core.config.folders import load_car
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.sizes import body_of, set_sizes
-from tests.recorded.simulated_recording import simulated, table_of, write_table
+from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -20,10 +20,10 @@ PUBLISHED = (ROOT / "tests" / "recorded" / "data" / "91_free_driving_16_sept_202
 
 
 @pytest.fixture(scope="module")
-def own(tmp_path_factory) -> Path:
+def own_recording(tmp_path_factory) -> Path:
     """A CSV file of a car that is not DART, turns to both sides."""
     folder = tmp_path_factory.mktemp("own")
-    return write_table(table_of(simulated(1, seconds=30.0)[0]), folder / "own.csv")
+    return write_table(table_of(simulate_recording(1, seconds=30.0)[0]), folder / "own.csv")
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ def sizes_of(answer: dict) -> dict:
 
 @pytest.mark.parametrize("how", ["option", "environment", "folder of --out"])
 @pytest.mark.slow_except("option")
-def test_identify_writes_the_sizes_of_the_named_car(verb, own, cars, monkeypatch, how):
+def test_identify_writes_the_sizes_of_the_named_car(verb, own_recording, cars, monkeypatch, how):
     out = cars.parent / "model.toml"
     more = []
     if how == "option":
@@ -57,7 +57,7 @@ def test_identify_writes_the_sizes_of_the_named_car(verb, own, cars, monkeypatch
         monkeypatch.setenv("DART_CARS", str(cars))
     else:
         out = cars / "long" / "model.toml"
-    ran = verb("identify", "steering", "--json", own, "--out", out, *more)
+    ran = verb("identify", "steering", "--json", own_recording, "--out", out, *more)
     assert sizes_of(ran.json) == LONG
     assert not ran.json["sizes"]["assumed"]
     assert "assumed" not in ran.err
@@ -66,8 +66,9 @@ def test_identify_writes_the_sizes_of_the_named_car(verb, own, cars, monkeypatch
     assert model.provenance["sizes"].startswith("car long")
 
 
-def test_sizes_that_are_assumed_are_the_first_line(verb, own):
-    for words in (["evaluate", own], ["identify", "steering", own, "--dry-run"]):
+def test_sizes_that_are_assumed_are_the_first_line(verb, own_recording):
+    for words in (["evaluate", own_recording],
+                  ["identify", "steering", own_recording, "--dry-run"]):
         first = verb(*words).out.splitlines()[0]
         assert first.startswith("assumed: wheelbase 0.175 m")
         assert "mass 1.67 kg" in first
@@ -75,11 +76,11 @@ def test_sizes_that_are_assumed_are_the_first_line(verb, own):
 
 
 @pytest.mark.slow
-def test_a_model_with_assumed_sizes_goes_on_saying_so(verb, own, tmp_path):
-    verb("identify", "steering", own, "--out", "assumed.toml")
-    ran = verb("evaluate", "--json", "--model", "assumed.toml", own)
+def test_a_model_with_assumed_sizes_goes_on_saying_so(verb, own_recording, tmp_path):
+    verb("identify", "steering", own_recording, "--out", "assumed.toml")
+    ran = verb("evaluate", "--json", "--model", "assumed.toml", own_recording)
     assert ran.json["sizes"]["assumed"]
-    assert verb("evaluate", "--model", "assumed.toml", own).out.startswith("assumed:")
+    assert verb("evaluate", "--model", "assumed.toml", own_recording).out.startswith("assumed:")
 
 
 @pytest.mark.slow
@@ -89,51 +90,53 @@ def test_nothing_is_assumed_of_a_published_recording(verb):
     assert sizes_of(ran.json)["wheelbase"] == 0.175
 
 
-def test_evaluate_and_diagnose_take_the_sizes_of_the_named_car(verb, own, cars):
+def test_evaluate_and_diagnose_take_the_sizes_of_the_named_car(verb, own_recording, cars):
     named = ("--car", "long", "--cars", cars)
-    assert sizes_of(verb("evaluate", "--json", *named, own).json) == LONG
+    assert sizes_of(verb("evaluate", "--json", *named, own_recording).json) == LONG
 
 
 @pytest.mark.slow
-def test_diagnose_takes_the_sizes_of_the_named_car(verb, own, cars):
+def test_diagnose_takes_the_sizes_of_the_named_car(verb, own_recording, cars):
     named = ("--car", "long", "--cars", cars)
-    found = verb("diagnose", "--json", "--train", own, *named, "--max-causes", "0").json
+    found = verb("diagnose", "--json", "--train", own_recording, *named, "--max-causes", "0").json
     assert sizes_of(found) == LONG
 
 
 @pytest.mark.slow
-def test_a_model_file_that_contradicts_the_named_car_is_cautioned(verb, own, cars):
-    verb("identify", "steering", own, "--out", "dart.toml", "--car", "dart-01", "--cars",
+def test_a_model_file_that_contradicts_the_named_car_is_cautioned(verb, own_recording, cars):
+    verb("identify", "steering", own_recording, "--out", "dart.toml", "--car", "dart-01", "--cars",
          ROOT / "cars")
-    ran = verb("evaluate", "--json", "--model", "dart.toml", "--car", "long", "--cars", cars, own)
+    ran = verb("evaluate", "--json", "--model", "dart.toml", "--car", "long", "--cars", cars,
+               own_recording)
     assert "wheelbase 0.175 m and not 0.2" in ran.json["sizes"]["caution"]
     assert "caution: dart.toml states other sizes" in ran.err
     same = verb("evaluate", "--json", "--model", "dart.toml", "--car", "dart-01", "--cars",
-                ROOT / "cars", own)
+                ROOT / "cars", own_recording)
     assert same.json["sizes"]["caution"] is None
 
 
-def test_a_car_that_does_not_exist_is_refused(verb, own):
+def test_a_car_that_does_not_exist_is_refused(verb, own_recording):
     for words in (["evaluate"], ["data", "check"], ["identify", "steering"],
                   ["diagnose", "--train"]):
-        error = verb(*words, "--json" if words[0] != "diagnose" else own, own, "--car",
+        error = verb(*words, "--json" if words[0] != "diagnose" else own_recording, own_recording,
+                     "--car",
                      "nowhere", *(["--json"] if words[0] == "diagnose" else [])).error
         assert "no car nowhere" in error["what"]
 
 
 @pytest.mark.slow
-def test_values_are_compared_with_the_base_that_was_used(verb, own, tmp_path):
+def test_values_are_compared_with_the_base_that_was_used(verb, own_recording, tmp_path):
     base = tmp_path / "base.toml"
     text = (ROOT / "host" / "dart_hal" / "vehicle" / "published" / "paper.toml").read_text()
     base.write_text(text.replace('name = "paper"', 'name = "mine"').replace(
         "a_left_rad = ", "a_left_rad = 0.21 # "))
-    ran = verb("identify", "steering", "--json", "--dry-run", "--base", base, own)
+    ran = verb("identify", "steering", "--json", "--dry-run", "--base", base, own_recording)
     fit = ran.json["fits"]["steering"]
     assert fit["base"]["parameters"]["a_left_rad"] == pytest.approx(0.21)
     assert "paper" not in fit
-    table = verb("identify", "steering", "--dry-run", "--base", base, own).out
+    table = verb("identify", "steering", "--dry-run", "--base", base, own_recording).out
     assert "base" in table.partition("identifiable")[0].splitlines()[-1]
-    other = verb("identify", "steering", "--json", "--dry-run", own).json["fits"]["steering"]
+    other = verb("identify", "steering", "--json", "--dry-run", own_recording).json["fits"]["steering"]
     assert other["base"]["parameters"]["a_left_rad"] == pytest.approx(0.330138, abs=1e-3)
     assert "paper" not in other
 

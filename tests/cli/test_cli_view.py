@@ -12,9 +12,9 @@ MOCK = "sim://?nano=mock&lidar=1&map=room&seed=2"
 
 
 @pytest.fixture
-def served(monkeypatch):
+def capture_options(monkeypatch):
     """What the verb serves, without sockets: the options of ``car.view``."""
-    seen = {}
+    captured = {}
 
     class Page:
         urls = ("http://localhost:1/#token",)
@@ -26,34 +26,35 @@ def served(monkeypatch):
             pass
 
         def run(self, duration):
-            seen["duration"] = duration
+            captured["duration"] = duration
 
     def serve(car, **options):
-        seen.update(options, camera=car.has_camera, url=car.url)
+        captured.update(options, camera=car.has_camera, url=car.url)
         return Page()
 
     monkeypatch.setattr(view.Car, "view", serve)
-    return seen
+    return captured
 
 
-def test_a_simulated_car_comes_with_its_room_and_real_time(verb, served):
-    told = verb("view", "--url", MOCK, "--camera", "top", "--duration", 1, "--json").json
-    assert told == {"urls": ["http://localhost:1/#token"]}
-    assert set(served["lines"]) == {"start", "lidar-map"}
-    assert served["url"].endswith("pace=1")
-    assert served["camera"] is True
-    assert (served["drives"], served["others"], served["duration"]) == (True, None, 1.0)
+def test_a_simulated_car_comes_with_its_room_and_real_time(verb, capture_options):
+    result = verb("view", "--url", MOCK, "--camera", "top", "--duration", 1, "--json").json
+    assert result == {"urls": ["http://localhost:1/#token"]}
+    assert set(capture_options["lines"]) == {"start", "lidar-map"}
+    assert capture_options["url"].endswith("pace=1")
+    assert capture_options["camera"] is True
+    assert (capture_options["drives"], capture_options["others"],
+            capture_options["duration"]) == (True, None, 1.0)
 
 
-def test_the_other_cars_of_a_room_are_asked_for(verb, served):
+def test_the_other_cars_of_a_room_are_asked_for(verb, capture_options):
     verb("view", "--url", "sim://?nano=mock", "--room", "local://seen", "--json")
-    assert served["others"]() == {}
-    assert served["lines"] == {}
+    assert capture_options["others"]() == {}
+    assert capture_options["lines"] == {}
 
 
-def test_phones_get_a_picture_of_the_address(verb, served):
+def test_phones_get_a_picture_of_the_address(verb, capture_options):
     out = verb("view", "--url", "sim://?nano=mock", "--lan", "--duration", 1)
-    assert served["lan"] is True
+    assert capture_options["lan"] is True
     assert re.search("[█▀▄]{4}", out.out + out.err), "a QR code"
     assert "#token" in out.out + out.err
 

@@ -63,10 +63,10 @@ class Served:
             line = self.process.stdout.readline()
             assert line, "the server did not come up"
             text += line
-        said = json.loads(text)
-        self.url = said["url"]
-        self.name = said["car"]
-        self.port = said["pty"]
+        announcement = json.loads(text)
+        self.url = announcement["url"]
+        self.name = announcement["car"]
+        self.port = announcement["pty"]
         file = self.cars / self.name / "car.toml"
         file.write_text(re.sub(r"arm_neutral = .*", f"arm_neutral = {arm_neutral}",
                                file.read_text()))
@@ -131,13 +131,13 @@ class Bench:
 
     def until(self, good, seconds: float = 1.0) -> list:
         """States until ``good(state)``; a real car on a busy machine gets longer."""
-        seen = []
+        states = []
         for state in self.car.states(duration=seconds if self.virtual else PATIENCE,
                                      timeout=PATIENCE):
-            seen.append(state)
+            states.append(state)
             if good(state):
-                return seen
-        raise AssertionError(f"not within {seconds} s; last: {seen[-1]}")
+                return states
+        raise AssertionError(f"not within {seconds} s; last: {states[-1]}")
 
 
 def need_emulator() -> None:
@@ -154,14 +154,14 @@ def bench(request, tmp_path_factory):
     kind = request.param
     folder = tmp_path_factory.mktemp(kind)
     if kind == "pty":
-        served = Served(folder, arm_neutral=0.2)
+        served_car = Served(folder, arm_neutral=0.2)
         try:
-            with served.open() as car:
+            with served_car.open() as car:
                 for _ in car.states(duration=2.5, timeout=PATIENCE):
                     pass  # the ESC wants its 2 s of neutral once; later arming is quick
-                yield Bench(kind, car, open_bus(served.url.partition("i2c=")[2]), False)
+                yield Bench(kind, car, open_bus(served_car.url.partition("i2c=")[2]), False)
         finally:
-            served.close()
+            served_car.close()
         return
     if kind == "avr":
         need_emulator()
@@ -171,7 +171,7 @@ def bench(request, tmp_path_factory):
 
 
 @pytest.fixture
-def served(tmp_path):
+def served_car(tmp_path):
     """A served car whose ESC is taken as ready after 0.2 s: for tests of processes."""
     made = Served(tmp_path, arm_neutral=0.2)
     yield made
@@ -189,10 +189,10 @@ def served_by_name(tmp_path):
 @pytest.fixture
 def arm():
     """``arm(car)``: with the waivers of a car that was never calibrated, and patience."""
-    def armed(car: Car) -> Car:
+    def arm_car(car: Car) -> Car:
         return Bench("", car, None, False).ready()
 
-    return armed
+    return arm_car
 
 
 @pytest.fixture

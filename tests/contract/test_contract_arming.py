@@ -41,7 +41,7 @@ class Rewritten:
         return Chunk(out, chunk.t)
 
 
-def opened(tmp_path, change=None, url=URL, **replaced):
+def open_car(tmp_path, change=None, url=URL, **replaced):
     backend = open_backend(url)
     world = world_of(backend)
     if change is not None:
@@ -63,9 +63,9 @@ def spin(backend):
     nano.set_wheel = lambda rate: None
 
 
-def flagged(*names, without=()):
+def change_flags(*names, removed=()):
     add = sum(1 << STATE_FLAGS.index(n) for n in names)
-    remove = sum(1 << STATE_FLAGS.index(n) for n in without)
+    remove = sum(1 << STATE_FLAGS.index(n) for n in removed)
 
     def change(message, values):
         if message is STATE:
@@ -87,7 +87,7 @@ def reasons(car, **options):
 
 def test_a_good_car_arms(tmp_path):
     """The control of all others."""
-    _, car = opened(tmp_path)
+    _, car = open_car(tmp_path)
     with car:
         car.arm()
         assert car.mode == "ARMED"
@@ -99,7 +99,7 @@ def test_a_good_car_arms(tmp_path):
     (("WATCHDOG_LAST_BOOT",), "MCU_WATCHDOG_FIRED"),
 ])
 def test_what_the_nano_flags_refuses(tmp_path, flags, name):
-    _, car = opened(tmp_path, flagged(*flags))
+    _, car = open_car(tmp_path, change_flags(*flags))
     with car:
         assert name in reasons(car)
 
@@ -107,7 +107,7 @@ def test_what_the_nano_flags_refuses(tmp_path, flags, name):
 @pytest.mark.slow
 def test_an_optional_imu_does_not_refuse(tmp_path):
     text = open_backend(URL).car_toml.replace("required = true", "required = false")
-    _, car = opened(tmp_path, flagged("IMU_ABSENT"), car_toml=text)
+    _, car = open_car(tmp_path, change_flags("IMU_ABSENT"), car_toml=text)
     with car:
         car.arm()
         assert car.mode == "ARMED"
@@ -119,7 +119,7 @@ def test_another_schema_reads_but_does_not_arm(tmp_path):
             values["schema"] ^= 0xBEEF
         return values
 
-    _, car = opened(tmp_path, change)
+    _, car = open_car(tmp_path, change)
     with car:
         states = list(car.states(duration=1.0))
         assert len(states) == 100
@@ -137,20 +137,20 @@ def test_a_much_newer_protocol_does_not_arm(tmp_path):
             values["proto"] += 2
         return values
 
-    _, car = opened(tmp_path, change)
+    _, car = open_car(tmp_path, change)
     with car:
         assert "PROTOCOL_TOO_OLD" in reasons(car)
 
 
 def test_moving_wheels_refuse(tmp_path):
-    backend, car = opened(tmp_path)
+    backend, car = open_car(tmp_path)
     with car:
         spin(backend)
         assert reasons(car) == ("ENCODER_MOVING",)
 
 
 def test_a_bus_that_fails_refuses(tmp_path):
-    backend, car = opened(tmp_path)
+    backend, car = open_car(tmp_path)
     with car:
         next(car.states())
         backend.bus.nack = 10**9
@@ -166,7 +166,7 @@ def test_a_bus_that_fails_refuses(tmp_path):
 
 
 def test_a_throttle_in_force_refuses(tmp_path):
-    _, car = opened(tmp_path)
+    _, car = open_car(tmp_path)
     with car:
         for _ in car.states(duration=1.0):
             pass
@@ -189,7 +189,7 @@ def test_files_refuse_unless_waived(tmp_path):
 
 
 def test_what_may_not_be_waived_says_what_may(tmp_path):
-    _, car = opened(tmp_path)
+    _, car = open_car(tmp_path)
     with car, pytest.raises(NotArmed, match="cannot be waived") as refused:
         car.arm(waive=("IMU_ABSENT",))
     assert "PWM_CLOCK_UNCALIBRATED" in refused.value.remedy
@@ -197,22 +197,22 @@ def test_what_may_not_be_waived_says_what_may(tmp_path):
 
 def test_a_cutoff_that_is_demanded_and_absent_refuses(tmp_path):
     text = open_backend(URL).car_toml + "\n[safety]\ncutoff_required = true\n"
-    _, car = opened(tmp_path, car_toml=text)
+    _, car = open_car(tmp_path, car_toml=text)
     with car:
         assert reasons(car) == ("CUTOFF_REQUIRED",)
-    _, car = opened(tmp_path, url=URL + "&cutoff=oe", car_toml=text)
+    _, car = open_car(tmp_path, url=URL + "&cutoff=oe", car_toml=text)
     with car:
         car.arm()
 
 
 def test_raw_mode_refuses(tmp_path):
-    _, car = opened(tmp_path)
+    _, car = open_car(tmp_path)
     with car, car.raw():
         assert "RAW_MODE_OPEN" in reasons(car)
 
 
 def test_three_trips_lock_until_somebody_says_why(tmp_path):
-    _, car = opened(tmp_path)
+    _, car = open_car(tmp_path)
     with car:
         for _ in range(3):
             car.arm()
@@ -230,7 +230,7 @@ def test_three_trips_lock_until_somebody_says_why(tmp_path):
 
 
 def test_a_reboot_disarms_and_a_new_arm_is_explicit(tmp_path):
-    backend, car = opened(tmp_path)
+    backend, car = open_car(tmp_path)
     with car:
         car.arm()
         backend.world.nano.reset("external")
@@ -245,7 +245,7 @@ def test_a_reboot_disarms_and_a_new_arm_is_explicit(tmp_path):
 
 
 def test_a_reboot_while_arming_is_named(tmp_path):
-    backend, car = opened(tmp_path)
+    backend, car = open_car(tmp_path)
     with car:
         def reset_once(state):
             if car.mode == "ARMING" and not done:
@@ -260,7 +260,7 @@ def test_a_reboot_while_arming_is_named(tmp_path):
 @pytest.mark.slow
 def test_all_reasons_at_once(tmp_path):
     text = open_backend(URL).car_toml + "\n[safety]\ncutoff_required = true\n"
-    backend, car = opened(tmp_path, flagged("IMU_STALE", "IMU_ABSENT"), car_toml=text)
+    backend, car = open_car(tmp_path, change_flags("IMU_STALE", "IMU_ABSENT"), car_toml=text)
     with car:
         next(car.states())
         spin(backend)
@@ -270,7 +270,7 @@ def test_all_reasons_at_once(tmp_path):
 
 
 def test_silence_while_arming_is_a_lost_link(tmp_path):
-    _, car = opened(tmp_path)
+    _, car = open_car(tmp_path)
     with car:
         heard = []
 
@@ -285,7 +285,7 @@ def test_silence_while_arming_is_a_lost_link(tmp_path):
 
 
 def test_ctrl_c_while_arming_leaves_a_disarmed_car(tmp_path):
-    _, car = opened(tmp_path)
+    _, car = open_car(tmp_path)
     with car:
         def interrupt(state):
             if car.mode == "ARMING" and state.t > 1.0:
@@ -298,7 +298,7 @@ def test_ctrl_c_while_arming_leaves_a_disarmed_car(tmp_path):
 
 
 def test_drive_and_pulses_outside_their_modes(tmp_path):
-    _, car = opened(tmp_path)
+    _, car = open_car(tmp_path)
     with car:
         with pytest.raises(ValueError, match="raw"):
             car.pulses(steering_us=1500, throttle_us=1500)

@@ -74,19 +74,19 @@ def test_an_expired_command_is_neutral_and_a_trip(bench):
     car = bench.ready()
     until = {"t": math.inf}
 
-    def expired(state):
+    def is_expired(state):
         if state.applied.throttle > 0.1:
             until["t"] = min(until["t"], state.t)
         return math.isfinite(until["t"]) and state.applied.throttle == 0.0
 
     car.drive(throttle=0.3, valid_for=0.1)
-    seen = bench.until(expired)
+    states = bench.until(is_expired)
     assert bench.counts()[1] in NEUTRAL
     assert "COMMAND_EXPIRED" in car.causes or not bench.virtual
     assert car.mode in ("TRIPPED", "LOCKED", "DISARMED")
     if bench.virtual:
-        assert seen[-1].t - until["t"] <= 0.1 + 0.03
-        assert "EXPIRED" in seen[-1].applied.limited
+        assert states[-1].t - until["t"] <= 0.1 + 0.03
+        assert "EXPIRED" in states[-1].applied.limited
 
 
 @pytest.mark.slow_except("mock")

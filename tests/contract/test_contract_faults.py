@@ -89,12 +89,12 @@ def heard(tmp_path, spoil=None):
 
 
 @pytest.fixture(scope="module")
-def undamaged(tmp_path_factory):
+def undamaged_stream(tmp_path_factory):
     return heard(tmp_path_factory.mktemp("clean"))
 
 
-def test_without_a_fault_nothing_is_lost(undamaged):
-    states, _, timing, touched = undamaged
+def test_without_a_fault_nothing_is_lost(undamaged_stream):
+    states, _, timing, touched = undamaged_stream
     assert len(states) in (799, 800)
     assert (timing.lost, timing.damaged, touched) == (0, 0, 0)
     assert states[-1].pose.x > 0.3
@@ -102,7 +102,7 @@ def test_without_a_fault_nothing_is_lost(undamaged):
 
 @pytest.mark.parametrize("spoil", FAULTS, ids=lambda f: f.__name__)
 @pytest.mark.slow_except("flip")
-def test_damage_is_counted_and_never_a_wrong_number(tmp_path, undamaged, spoil):
+def test_damage_is_counted_and_never_a_wrong_number(tmp_path, undamaged_stream, spoil):
     states, clean, timing, touched = heard(tmp_path, spoil)
     got = {s.seq: s for s in states}
     missing = 0
@@ -119,7 +119,7 @@ def test_damage_is_counted_and_never_a_wrong_number(tmp_path, undamaged, spoil):
     assert 30 < missing <= timing.lost <= 2 * touched    # a torn frame spoils the next one
     assert states[-1].health.lost == timing.lost
     turned = states[-1].pose.x - states[0].pose.x
-    whole = undamaged[0][-1].pose.x - undamaged[0][0].pose.x
+    whole = undamaged_stream[0][-1].pose.x - undamaged_stream[0][0].pose.x
     assert turned == pytest.approx(whole, rel=0.02)
 
 
@@ -143,12 +143,12 @@ def test_commands_that_are_damaged_on_the_way_down_do_no_harm(tmp_path):
 
 def test_a_hook_sees_both_directions(tmp_path):
     with Car.open(URL, cars=tmp_path) as car:
-        seen = []
-        car.on_bytes(lambda direction, data, t: seen.append((direction, t)) or data)
+        chunks = []
+        car.on_bytes(lambda direction, data, t: chunks.append((direction, t)) or data)
         for _ in car.states(duration=0.5):
             pass
-        assert {d for d, _ in seen} == {"rx", "tx"}
-        times = [t for d, t in seen if d == "rx"]
+        assert {d for d, _ in chunks} == {"rx", "tx"}
+        times = [t for d, t in chunks if d == "rx"]
         assert times == sorted(times)
 
 

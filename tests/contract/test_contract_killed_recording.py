@@ -42,19 +42,19 @@ LIMIT = 0.1
 
 @pytest.mark.parametrize("flush", [CHUNK_TIME, 1e9])
 @pytest.mark.slow_except("0.05")
-def test_a_kill_costs_a_recording_less_than_a_tenth_of_a_second(served, tmp_path, flush):
+def test_a_kill_costs_a_recording_less_than_a_tenth_of_a_second(served_car, tmp_path, flush):
     """What the program had seen stands in shared memory, which outlives it. The control flushes
     never: what was recorded since the opening is lost then."""
     (tmp_path / "seen").write_bytes(bytes(16))
-    program = subprocess.Popen([sys.executable, "-c", RECORDER, served.url, served.name,
-                                str(served.cars), str(tmp_path), str(flush)])
-    with (tmp_path / "seen").open("r+b") as file, mmap.mmap(file.fileno(), 16) as seen:
+    program = subprocess.Popen([sys.executable, "-c", RECORDER, served_car.url, served_car.name,
+                                str(served_car.cars), str(tmp_path), str(flush)])
+    with (tmp_path / "seen").open("r+b") as file, mmap.mmap(file.fileno(), 16) as memory:
         deadline = time.monotonic() + 30.0
-        while struct.unpack("<qd", seen[:])[0] < 8000 and time.monotonic() < deadline:
+        while struct.unpack("<qd", memory[:])[0] < 8000 and time.monotonic() < deadline:
             time.sleep(0.005)
         program.kill()
         program.wait()
-        count, last = struct.unpack("<qd", seen[:])
+        count, last = struct.unpack("<qd", memory[:])
     assert count >= 8000, "it has recorded for more than a second"
     run = RunReader(tmp_path / "run.mcap")
     assert not run.complete

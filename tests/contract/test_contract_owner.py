@@ -46,17 +46,17 @@ with Car.open(url, car=name, cars=cars) as car:
 
 
 @pytest.mark.slow
-def test_a_second_nano_on_the_same_bus_is_refused_and_the_first_drives_on(served, tmp_path):
+def test_a_second_nano_on_the_same_bus_is_refused_and_the_first_drives_on(served_car, tmp_path):
     folder = tmp_path / "other"
     folder.mkdir()
-    other = type(served)(folder)                        # a car of its own: its Nano is free
-    url = f"serial://{other.port}?i2c={served.url.partition('i2c=')[2]}"
-    with served.open() as car:
+    other = type(served_car)(folder)                        # a car of its own: its Nano is free
+    url = f"serial://{other.port}?i2c={served_car.url.partition('i2c=')[2]}"
+    with served_car.open() as car:
         with pytest.raises(PcaBusy, match="is driven already") as caught:
-            Car.open(url, car=served.name, cars=served.cars)
+            Car.open(url, car=served_car.name, cars=served_car.cars)
         assert f"pid {os.getpid()}" in caught.value.found
         command = [sys.executable, "-m", "dart_hal.cli.main", "top", "--url", url, "--car",
-                   served.name, "--cars", str(served.cars)]
+                   served_car.name, "--cars", str(served_car.cars)]
         program = subprocess.run(command, capture_output=True, text=True, check=False)
         assert program.returncode != 0
         assert "PCA9685" in program.stderr
@@ -64,16 +64,17 @@ def test_a_second_nano_on_the_same_bus_is_refused_and_the_first_drives_on(served
         for _ in car.states(duration=0.2, timeout=PATIENCE):
             pass
         assert car.causes == ()
-    Car.open(url, car=served.name, cars=served.cars).close()
+    Car.open(url, car=served_car.name, cars=served_car.cars).close()
     other.close()
 
 
 @pytest.mark.parametrize("workers", ["go", "keep"])
 @pytest.mark.slow_except("go")
-def test_forked_workers_of_a_killed_driver_keep_nothing(served, workers):
+def test_forked_workers_of_a_killed_driver_keep_nothing(served_car, workers):
     """The control: with what the hook takes away, port and chip stay taken."""
     program = subprocess.Popen(
-        [sys.executable, "-c", DRIVER, served.url, served.name, str(served.cars), workers],
+        [sys.executable, "-c", DRIVER, served_car.url, served_car.name, str(served_car.cars),
+         workers],
         stdout=subprocess.PIPE, text=True)
     _, *pids = map(int, program.stdout.readline().split())
     program.send_signal(signal.SIGKILL)
@@ -82,17 +83,17 @@ def test_forked_workers_of_a_killed_driver_keep_nothing(served, workers):
     try:
         if workers == "keep":
             with pytest.raises(OSError, match=r"in use|driven already"):
-                served.open()
+                served_car.open()
         else:
-            served.open().close()
+            served_car.open().close()
     finally:
         for pid in pids:
             os.kill(pid, signal.SIGKILL)
-    assert served.is_stopped()
+    assert served_car.is_stopped()
 
 
-def test_a_child_cannot_drive_and_the_parent_does_not_notice_it(served):
-    with served.open() as car:
+def test_a_child_cannot_drive_and_the_parent_does_not_notice_it(served_car):
+    with served_car.open() as car:
         for _ in car.states(duration=0.1, timeout=PATIENCE):
             pass
         answer = os.pipe()
@@ -105,9 +106,9 @@ def test_a_child_cannot_drive_and_the_parent_does_not_notice_it(served):
             car.close()                                 # as the end of the child's with block
             os._exit(0)
         os.waitpid(child, 0)
-        said = os.read(answer[0], 1000).decode()
-        assert "belongs to the process that opened it" in said
-        assert "drive in the parent" in said
+        message = os.read(answer[0], 1000).decode()
+        assert "belongs to the process that opened it" in message
+        assert "drive in the parent" in message
         for _ in car.states(duration=0.3, timeout=PATIENCE):
             pass
         assert car.mode == "DISARMED"
@@ -116,14 +117,14 @@ def test_a_child_cannot_drive_and_the_parent_does_not_notice_it(served):
             os.close(fd)
 
 
-def test_a_power_monitor_behind_the_url_gets_no_write(served, monkeypatch):
+def test_a_power_monitor_behind_the_url_gets_no_write(served_car, monkeypatch):
     """The whole way of an opening: port, lock, look."""
     monitor = PowerMonitor()
     bus = VirtualBus(time.monotonic, [monitor])
     monkeypatch.setattr(i2c.SocketBus, "transfer",
                         lambda self, address, data, n: bus.transfer(address, data, n))
     with pytest.raises(NotPca, match="is no PCA9685"):
-        served.open()
+        served_car.open()
     assert monitor.stored == []
     monkeypatch.undo()
-    served.open().close()
+    served_car.open().close()

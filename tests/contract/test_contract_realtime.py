@@ -59,16 +59,16 @@ def wait_for(condition, seconds=PATIENCE):
     return condition()
 
 
-def driven(served):
+def driven(served_car):
     """Whether the ESC gets a throttle: not the power-on pattern, not neutral."""
-    return served.counts()[1] in range(312, 420)
+    return served_car.counts()[1] in range(312, 420)
 
 
 @pytest.fixture
-def driver(served):
+def driver(served_car):
     """A program that drives, and says so."""
     process = subprocess.Popen(
-        [sys.executable, "-c", DRIVER, served.url, served.name, str(served.cars)],
+        [sys.executable, "-c", DRIVER, served_car.url, served_car.name, str(served_car.cars)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "driving\n", process.stderr.read()
     threading.Thread(target=process.stdout.read, daemon=True).start()
@@ -82,42 +82,43 @@ def driver(served):
     pytest.param(signal.SIGINT, None, marks=pytest.mark.long),
     pytest.param(signal.SIGHUP, 128 + signal.SIGHUP, marks=pytest.mark.long),
 ])
-def test_a_signal_leaves_no_pulse(served, driver, number, code):
-    assert wait_for(lambda: driven(served)), "it drives before the signal"
+def test_a_signal_leaves_no_pulse(served_car, driver, number, code):
+    assert wait_for(lambda: driven(served_car)), "it drives before the signal"
     driver.send_signal(number)
     driver.wait(PATIENCE)
-    assert served.counts()[1] & OFF
+    assert served_car.counts()[1] & OFF
     assert driver.returncode == (code if code is not None else -number)
 
 
 @pytest.mark.parametrize("number", [
     signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.long)])
-def test_the_guard_brings_neutral_when_the_program_cannot(served, driver, number):
+def test_the_guard_brings_neutral_when_the_program_cannot(served_car, driver, number):
     driver.send_signal(number)
-    assert wait_for(served.is_stopped)
-    assert wait_for(lambda: served.counts()[1] & OFF)
+    assert wait_for(served_car.is_stopped)
+    assert wait_for(lambda: served_car.counts()[1] & OFF)
 
 
 @pytest.mark.long       # in real time; tests/cli/test_cli_ctrl_c.py has it in virtual time
-def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(served, tmp_path):
+def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(served_car, tmp_path):
     command = [sys.executable, "-m", "dart_hal.cli.main", "calibrate", "steering", "--yes",
-               "--json", "--url", served.url, "--car", served.name, "--cars", str(served.cars)]
+               "--json", "--url", served_car.url, "--car", served_car.name, "--cars",
+               str(served_car.cars)]
     program = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                text=True, cwd=tmp_path)
     # Not before it drives: Ctrl-C in an import of it is another story.
-    wait_for(lambda: driven(served) or program.poll() is not None, 8 * PATIENCE)
+    wait_for(lambda: driven(served_car) or program.poll() is not None, 8 * PATIENCE)
     program.send_signal(signal.SIGINT)
     out, err = program.communicate(timeout=PATIENCE)
     assert program.returncode == 130, err
     assert out == ""
     assert "Traceback" not in err
-    assert served.counts()[1] & OFF
+    assert served_car.counts()[1] & OFF
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-def test_link_lost_is_said_and_neutral_and_does_not_hang(served, arm):
+def test_link_lost_is_said_and_neutral_and_does_not_hang(served_car, arm):
     """The Nano's cable comes out, the I2C bus stays."""
-    with served.open() as car:
+    with served_car.open() as car:
         arm(car)
         for _ in car.states(duration=0.2, timeout=PATIENCE):
             car.drive(throttle=0.3, valid_for=0.5)
@@ -126,7 +127,7 @@ def test_link_lost_is_said_and_neutral_and_does_not_hang(served, arm):
         os.dup2(os.open("/dev/null", os.O_RDWR), link._port.fd)
         with pytest.raises(LinkLost, match=r"vanished|no frame|take bytes"):
             drive_on(car, 1.0)
-        assert wait_for(served.is_stopped)
+        assert wait_for(served_car.is_stopped)
         with pytest.raises(LinkLost):
             next(car.states(timeout=1.0))
         with pytest.raises(Disarmed):
@@ -135,16 +136,16 @@ def test_link_lost_is_said_and_neutral_and_does_not_hang(served, arm):
 
 
 @pytest.mark.slow
-def test_a_server_that_is_killed_ends_everything_in_order(served, arm):
+def test_a_server_that_is_killed_ends_everything_in_order(served_car, arm):
     threads = threading.active_count()
-    with served.open() as car:
+    with served_car.open() as car:
         arm(car)
         guard = car._engine.driver._guard._guard
-        served.process.kill()
-        served.process.wait()
+        served_car.process.kill()
+        served_car.process.wait()
         with pytest.raises(LinkLost) as lost:
             drive_on(car, 2.0)
-        assert served.port in str(lost.value)
+        assert served_car.port in str(lost.value)
         assert lost.value.remedy
         assert car.mode != "ARMED"
     assert car.mode == "CLOSED"
@@ -153,12 +154,12 @@ def test_a_server_that_is_killed_ends_everything_in_order(served, arm):
     os.waitpid(guard.pid, 0)
     assert wait_for(lambda: threading.active_count() <= threads)
     with pytest.raises((PortMissing, OSError)):
-        served.open()
+        served_car.open()
 
 
 @pytest.mark.slow
-def test_a_slow_loop_gets_the_newest_and_counts_the_others(served):
-    with served.open() as car:
+def test_a_slow_loop_gets_the_newest_and_counts_the_others(served_car):
+    with served_car.open() as car:
         states = []
         for state in car.states(duration=1.2, timeout=PATIENCE):
             states.append(state)
@@ -174,9 +175,9 @@ def test_a_slow_loop_gets_the_newest_and_counts_the_others(served):
 @pytest.mark.parametrize("error", [
     pytest.param(ZeroDivisionError, marks=pytest.mark.slow), SystemExit,
     pytest.param(KeyboardInterrupt, marks=pytest.mark.slow)])
-def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served, arm, error):
+def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served_car, arm, error):
     """The thread that feeds the pins must not end unnoticed."""
-    with served.open() as car:
+    with served_car.open() as car:
         arm(car)
         for _ in car.states(duration=0.2, timeout=PATIENCE):
             car.drive(throttle=0.3, valid_for=0.5)
@@ -187,14 +188,14 @@ def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served, arm, er
         car.on_state(broken)
         with pytest.raises(error, match="listener"):
             drive_on(car, 5.0)
-        assert wait_for(served.is_stopped)
+        assert wait_for(served_car.is_stopped)
         assert car.mode != "ARMED"
 
 
 @pytest.mark.long
-def test_an_error_in_the_block_leaves_no_pulse(served, arm):
+def test_an_error_in_the_block_leaves_no_pulse(served_car, arm):
     def mistaken():
-        with served.open() as car:
+        with served_car.open() as car:
             arm(car)
             for state in car.states(timeout=PATIENCE):
                 car.drive(throttle=0.3, valid_for=0.5)
@@ -203,42 +204,42 @@ def test_an_error_in_the_block_leaves_no_pulse(served, arm):
 
     with pytest.raises(ZeroDivisionError):
         mistaken()
-    assert served.counts()[1] & OFF
+    assert served_car.counts()[1] & OFF
 
 
 @pytest.mark.slow
-def test_a_second_program_is_refused_by_name_and_the_first_goes_on(served):
-    with served.open() as car:
+def test_a_second_program_is_refused_by_name_and_the_first_goes_on(served_car):
+    with served_car.open() as car:
         for _ in car.states(duration=0.1, timeout=PATIENCE):
             pass
         code = ("import sys; from dart_hal.devices.links.serial_port import SerialLink\n"
-                f"SerialLink({served.port!r})")
+                f"SerialLink({served_car.port!r})")
         second = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True,
                                 check=False)
         assert "PortBusy" in second.stderr
         assert f"pid {os.getpid()}" in second.stderr
         with pytest.raises(PortBusy):
-            served.open()
+            served_car.open()
         for _ in car.states(duration=0.2, timeout=PATIENCE):
             pass
         assert car.timing.lost == 0
 
 
 @pytest.mark.slow
-def test_open_and_close_leave_nothing_behind(served):
+def test_open_and_close_leave_nothing_behind(served_car):
     def census():
         return len(os.listdir("/proc/self/fd")), threading.active_count()
 
-    served.open().close()
+    served_car.open().close()
     before = census()
     for _ in range(2):
-        served.open().close()
+        served_car.open().close()
     assert wait_for(lambda: census() <= before)
-    assert served.counts()[1] & OFF
+    assert served_car.counts()[1] & OFF
 
 
 @pytest.mark.slow
-def test_a_hundred_frames_a_second_arrive_under_load(served):
+def test_a_hundred_frames_a_second_arrive_under_load(served_car):
     """Two busy threads beside the loop: frames may be skipped, never lost."""
     done = threading.Event()
 
@@ -247,7 +248,7 @@ def test_a_hundred_frames_a_second_arrive_under_load(served):
             sum(range(2000))
 
     threads = [threading.Thread(target=burn, daemon=True) for _ in range(2)]
-    with served.open() as car:
+    with served_car.open() as car:
         for thread in threads:
             thread.start()
         states = list(car.states(duration=1.5, timeout=PATIENCE))

@@ -38,7 +38,7 @@ class Sliced:
     def __init__(self, link, slice_s):
         self._link = link
         self._slice = slice_s
-        self.heard, self.said = hashlib.sha256(), hashlib.sha256()
+        self.heard, self.sent = hashlib.sha256(), hashlib.sha256()
 
     def __getattr__(self, name):
         return getattr(self._link, name)
@@ -50,7 +50,7 @@ class Sliced:
         return chunk
 
     def write(self, data):
-        self.said.update(data)
+        self.sent.update(data)
         self._link.write(data)
 
 
@@ -65,7 +65,7 @@ def closed_loop(url, cars, record=None, slice_s=None, seconds=2.0):
             yaw = 0.3 * math.sin(2 * state.t) - 0.5 * (state.yaw_rate or 0.0)
             car.drive(steering=0.2 * yaw, throttle=0.3 * (1.0 - state.speed))
             states.append(flat(state))
-    return states, link.heard.hexdigest(), link.said.hexdigest()
+    return states, link.heard.hexdigest(), link.sent.hexdigest()
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -17,12 +17,12 @@ pytestmark = pytest.mark.realtime
 PATIENCE = 30.0
 
 
-def drive_until_lost(car, served):
+def drive_until_lost(car, served_car):
     """Pull the cable of a car that drives."""
     for state in car.states(timeout=PATIENCE):
         car.drive(throttle=0.3, valid_for=0.5)
         if state.applied.throttle > 0.1:
-            served.process.send_signal(signal.SIGUSR1)
+            served_car.process.send_signal(signal.SIGUSR1)
 
 
 def modes_without_throttle(car, answer):

@@ -32,7 +32,7 @@ LENGTH = LOOKAHEAD_FACTOR * PATH_STAGES * STAGE_PERIOD
 class Shooting:
     """min cost, after each stage z = stage(z, u), inside the lane; inputs u and a slack [m]."""
 
-    def __init__(self, stage, cost, ends, apart, half, low, high, parameters):
+    def __init__(self, stage, cost, ends, squared_distance, half, low, high, parameters):
         """cost, ends(k, z, u, p), apart(k, z, p): distance squared; low, high of the inputs."""
         nz = stage.size1_in(0)
         nu = len(low)
@@ -42,16 +42,16 @@ class Shooting:
         slack = ca.SX.sym("slack", n)
         first = ca.SX.sym("first", nz)
         p = ca.SX.sym("p", parameters)
-        at = first
+        motion_index = first
         total = SLACK_COST * ca.sumsqr(slack)
         gaps = []
         room = []
         for k in range(n):
-            gaps.append(stage(at, u[:, k], p) - z[:, k])
-            total += cost(k, at, z[:, k], u[:, k], p)
-            at = z[:, k]
-            room.append((half + 0.5 * slack[k]) ** 2 - apart(k, at, p))
-        total += ends(at, p)
+            gaps.append(stage(motion_index, u[:, k], p) - z[:, k])
+            total += cost(k, motion_index, z[:, k], u[:, k], p)
+            motion_index = z[:, k]
+            room.append((half + 0.5 * slack[k]) ** 2 - squared_distance(k, motion_index, p))
+        total += ends(motion_index, p)
         self.nz, self.nu, free = nz, nu, np.full(nz * n, np.inf)
         self.low = np.concatenate([-free, np.tile(low, n), np.zeros(n)])
         self.high = np.concatenate([free, np.tile(high, n), np.full(n, MAX_SLACK)])
@@ -109,12 +109,12 @@ class Converged(TwoLayers):
         stage = progress.make_stage(progress.make_rates(law, p[0], bend, f), STAGE_PERIOD)
         stage = ca.Function("stage", [z, u, p], [ca.vertcat(*stage(*ca.vertsplit(z), u))])
 
-        def apart(_k, z, _p=None):
+        def squared_distance(_k, z, _p=None):
             return (z[0] - z[4]) ** 2 + (z[1] - z[5]) ** 2
 
         def cost(_k, z, _after, u, _p):
             if law is Law.CA:
-                return w.contour * apart(0, z) + w.input * u**2
+                return w.contour * squared_distance(0, z) + w.input * u**2
             dx = z[0] - z[4]
             dy = z[1] - z[5]
             c = ca.cos(z[6])
@@ -123,13 +123,13 @@ class Converged(TwoLayers):
                     + w.input * u**2)
 
         def ends(z, _p):
-            return w.end_position * apart(0, z) - w.end_turn * ca.cos(z[2] - z[6])
+            return w.end_position * squared_distance(0, z) - w.end_turn * ca.cos(z[2] - z[6])
 
         return Shooting(
             stage,
             cost,
             ends,
-            apart,
+            squared_distance,
             self.limits.lane,
             [-MAX_TURN_RATE],
             [MAX_TURN_RATE],
@@ -148,22 +148,22 @@ class Converged(TwoLayers):
         def reference(k, p):
             return p[1 + 7 * k:8 + 7 * k]
 
-        def apart(k, z, p):
+        def squared_distance(k, z, p):
             r = reference(k, p)
             return (z[0] - r[4]) ** 2 + (z[1] - r[5]) ** 2
 
-        def cost(k, at, z, u, p):
+        def cost(k, motion_index, z, u, p):
             r = reference(k, p)
             last = k == PATH_STAGES - 1
             place, turn = (w.end_position, w.end_turn) if last else (w.position, w.turn)
             return (
                 w.speed * (z[3] - p[0]) ** 2
-                + w.acceleration * ((z[3] - at[3]) / STAGE_PERIOD) ** 2
+                + w.acceleration * ((z[3] - motion_index[3]) / STAGE_PERIOD) ** 2
                 + place * ((z[0] - r[0]) ** 2 + (z[1] - r[1]) ** 2)
                 + turn * (z[2] - r[2]) ** 2
                 + w.input * ca.sumsqr(u)
             )
 
-        return Shooting(stage, cost, lambda z, p: 0.0, apart, limits.lane,
+        return Shooting(stage, cost, lambda z, p: 0.0, squared_distance, limits.lane,
                         [limits.tau[0], limits.st[0]], [limits.tau[1], limits.st[1]],
                         1 + 7 * PATH_STAGES)

@@ -22,15 +22,15 @@ class Converged(Mpcc):
 
     solver = None
 
-    def plan(self, t, state, s, before):
+    def plan(self, t, state, s, last_plan):
         if self.solver is None:
             self._build()
-        aim = PlanRequest(t, state, s, before, lambda: False)
+        aim = PlanRequest(t, state, s, last_plan, lambda: False)
         n = self.problem.n
         guess = self._shift_last_plan(aim) or self._initial_guess(aim)
         v = float(self.speed_of(np.array([s]))[0])
         x0 = np.concatenate([guess.states[1:].ravel(), guess.inputs.T.ravel()])
-        found = self.solver(x0=x0, p=np.concatenate([state, [s, *before, v]]), lbx=self._low,
+        found = self.solver(x0=x0, p=np.concatenate([state, [s, *last_plan, v]]), lbx=self._low,
                             ubx=self._high, lbg=self._g_low, ubg=self._g_high)
         assert self.solver.stats()["success"]
         x = np.array(found["x"]).ravel()
@@ -63,7 +63,7 @@ class Converged(Mpcc):
         rates = []
         at = p[:8]
         s = p[8]
-        before = p[9:11]
+        last_plan = p[9:11]
         for k in range(n):
             u = inputs[:, k]
             gaps.append(stage(at, u[:2]) - states[:, k])
@@ -74,12 +74,12 @@ class Converged(Mpcc):
             dy = at[1] - y
             across = ca.cos(yaw) * dy - ca.sin(yaw) * dx
             along = ca.cos(yaw) * dx + ca.sin(yaw) * dy
-            change = u[:2] - before
+            change = u[:2] - last_plan
             cost += (w.contour * (w.ends if k == n - 1 else 1.0) * across**2 + w.lag * along**2
                      + w.progress * (u[2] - p[11])**2 + w.input * (u[0]**2 + u[1]**2)
                      + w.throttle_change * change[0]**2 + w.steering_change * change[1]**2)
             rates.append(change)
-            before = u[:2]
+            last_plan = u[:2]
         most = STAGE_PERIOD * np.array(limits.rates)
         self._g_low = np.concatenate([np.zeros(8 * n), np.tile(-most, n)])
         self._g_high = np.concatenate([np.zeros(8 * n), np.tile(most, n)])

@@ -87,16 +87,16 @@ def test_without_any_message_all_stand_before_the_ground_and_say_who_is_silent()
     assert all(car.events[-1][2] for car in run.cars)
 
 
-@pytest.mark.parametrize("at", [2.4, 3.3, 4.2])
+@pytest.mark.parametrize("place", [2.4, 3.3, 4.2])
 @pytest.mark.slow_except("3.3")
-def test_who_meets_a_dead_car_waits_for_it_by_name(at):
+def test_who_meets_a_dead_car_waits_for_it_by_name(place):
     """Its computer does nothing from there on, and it rolls out: before the ground, on it, behind
     it."""
     alone = [Start("S-N", 1.0), Start("E-W", 0.3, 3), Start("N-S", 0.3, 5), Start("W-E", 0.0, 7)]
     run = light.drive(layout(), alone, Network(np.random.default_rng(3), 4), 9.0,
-                      Faults(dead=(0, at)), ends=False)
+                      Faults(dead=(0, place)), ends=False)
     assert run.least > LEAST
-    if at < 4.0:
+    if place < 4.0:
         stuck = [car for k, car in enumerate(run.cars) if run.across[k] == inf and k]
         assert stuck
         assert {car.events[-1][1:] for car in stuck} & {(CrossingWait.SILENT, "car-0")}
@@ -165,9 +165,9 @@ class MidPlane:
     def holds(self, i, j, own):
         last = self.plans[i]
         other = self.plans[j]
-        apart = last - other
-        size = np.hypot(*apart.T)
-        n = apart / np.maximum(size, 1e-9)[:, None]
+        difference = last - other
+        size = np.hypot(*difference.T)
+        n = difference / np.maximum(size, 1e-9)[:, None]
         beyond = np.sum(n * (own - 0.5 * (last + other)), axis=1)
         return bool(np.all((beyond >= 0.5 * layout().min_distance) | (size > self.WITHIN)))
 
@@ -211,12 +211,12 @@ def test_the_line_never_falls_and_keeps_the_distance():
         for b in range(4):
             path = made.routes[a].path
             s = made.routes[a].path.s
-            line = np.array([made.line(a, at, b) for at in s])
+            line = np.array([made.line(a, place, b) for place in s])
             assert np.all(np.diff(line[np.isfinite(line)]) >= 0.0)
-            for at, most in zip(s[::20], line[::20], strict=True):
+            for place, most in zip(s[::20], line[::20], strict=True):
                 own = made.routes[b].path
                 free = own.s < min(most, own.length) - 1e-9
-                here = np.hypot(own.x[free] - path.at(at).x, own.y[free] - path.at(at).y)
+                here = np.hypot(own.x[free] - path.at(place).x, own.y[free] - path.at(place).y)
                 assert here.min(initial=1.0) >= made.min_distance - 1e-9
 
 
@@ -385,7 +385,7 @@ def test_bytes_that_are_no_message_are_named_and_counted(spoil, fault):
 
 def test_a_message_survives_its_bytes():
     _, b = pair()
-    _, told = order.next_message(b.car)
-    assert decode(encode(told, 7), 7) == told
+    _, message = order.next_message(b.car)
+    assert decode(encode(message, 7), 7) == message
     with pytest.raises(UsageError, match="too many cars"):
-        encode(told._replace(grants=(0,) * 17), 7)
+        encode(message._replace(grants=(0,) * 17), 7)

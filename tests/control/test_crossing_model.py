@@ -44,7 +44,7 @@ class OneSession(Rules):
                             others=tuple(o and o._replace(heard=car.boot) for o in new.others))
 
 
-class AsksAtOnce(Rules):
+class RequestsAtOnce(Rules):
     """A restarted car asks before all have told that they hear its session."""
 
     def want(self, car, clock):
@@ -62,7 +62,7 @@ class AsksAtOnce(Rules):
 class Forgets(Rules):
     """A car that restarts on the ground takes itself for one that wants nothing."""
 
-    def restarted(self, n, car, place, kept):
+    def restart(self, n, car, place, kept):
         phase = CrossingPhase.DONE if place == PAST else CrossingPhase.FREE
         return order.start_session(car.id, n, car.boot + 1, 0, place, phase)
 
@@ -70,26 +70,26 @@ class Forgets(Rules):
 class LosesItsStamp(Rules):
     """The disk is gone as well."""
 
-    def restarted(self, n, car, place, kept):
-        return super().restarted(n, car, place, 0)
+    def restart(self, n, car, place, kept):
+        return super().restart(n, car, place, 0)
 
 
 class PassedOnBeginsASession(Rules):
     """What another car passes on is taken like what came late from its sender."""
 
-    def passed(self, car, m):
+    def pass_message(self, car, m):
         return order.receive(car, m)[0]
 
 
 class PassedOnRevives(PassedOnBeginsASession):
     """And a session may be taken up again that another has followed."""
 
-    def passed(self, car, m):
+    def pass_message(self, car, m):
         other = car.others[m.id]
         if other is not None and other.boot != m.boot:
             others = put(car.others, m.id, other._replace(retired=()))
             car = car._replace(others=others)
-        return super().passed(car, m)
+        return super().pass_message(car, m)
 
 
 @pytest.mark.parametrize(("n", "rounds", "restarts", "room"), [
@@ -132,7 +132,7 @@ def test_with_one_taken_up_again_two_are_on_the_ground():
 
 @pytest.mark.parametrize(("mutant", "size"), [
     (NoAcknowledgement, (2, 1)), (GrantWithoutStamp, (2, 2)), (StampOfTheClockAlone, (2, 1)),
-    (OneSession, (2, 2)), (AsksAtOnce, (2, 1, 1)), (Forgets, (2, 1, 1)),
+    (OneSession, (2, 2)), (RequestsAtOnce, (2, 1, 1)), (Forgets, (2, 1, 1)),
 ], ids=lambda v: v.__name__ if isinstance(v, type) else None)
 @pytest.mark.slow_except("NoAcknowledgement-size0", "GrantWithoutStamp-size1",
                          "StampOfTheClockAlone-size2")

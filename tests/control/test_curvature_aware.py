@@ -171,11 +171,11 @@ def test_a_first_plan_from_anywhere_is_one_or_is_none():
     for k in range(60):
         layers = controller(ITS_OWN, list(Law)[k % 2], (TUNED, PathWeights())[k // 2 % 2])
         s = rng.uniform(0.0, 22.0)
-        beside = rng.uniform(-1.0, 1.0)
+        offset = rng.uniform(-1.0, 1.0)
         turn = rng.uniform(-1.6, 1.6)
         spot = TRACK.at(s)
-        state = np.array((spot.x - beside * np.sin(spot.heading),
-                          spot.y + beside * np.cos(spot.heading), spot.heading + turn,
+        state = np.array((spot.x - offset * np.sin(spot.heading),
+                          spot.y + offset * np.cos(spot.heading), spot.heading + turn,
                           rng.uniform(0.0, 2.2), 0.0, 0.0, -p.motor.g, rng.uniform(-0.5, 0.5)))
         plan = layers.plan(0.0, state, s, (0.0, 0.0))
         plans.append(plan.outcome)
@@ -187,9 +187,9 @@ def test_a_first_plan_from_anywhere_is_one_or_is_none():
 
 def test_a_path_that_the_car_does_not_turn_is_refused():
     tight = Path([(1.0, 0.0), (0.6, 1.0 / 0.35), (1.0, 0.0)], closed=False)
-    with pytest.raises(UsageError, match=r"tighter than the car turns: at 1\.00 m") as told:
+    with pytest.raises(UsageError, match=r"tighter than the car turns: at 1\.00 m") as caught:
         TwoLayers(KINEMATIC, tight, lambda s: np.ones(len(s)))
-    assert told.value.found == "a radius of 0.350 m"
+    assert caught.value.found == "a radius of 0.350 m"
 
 
 def test_a_lane_that_has_no_inside_is_refused():

@@ -62,17 +62,17 @@ def test_wheels_that_turn_teach_nothing_of_where_they_stood(every):
     each 10 ms or with each plan: there is nothing to learn of it."""
     plant = replace(known(P), delay=SteeringDelay(transport=0.03, yaw_delay=0.0))
     true = MotionPrediction(plant, learns_bias=False)
-    asked = DisturbancePrediction(plant)
+    predictor = DisturbancePrediction(plant)
     for k in range(800):
         t = 0.01 * k
         angle = plant.angle_of(0.0 if k % 40 < 20 else 0.5 if k % 80 < 40 else -0.5)
         wheels = true.predict(motion_at(t, ORIGIN, 1.5, 0.0), t).angle
         motion = motion_at(t, ORIGIN, 1.5, 1.5 * plant.steady.curvature(wheels, 1.5))
         if k % every == 0:
-            asked.predict(motion, t)
-        for prediction in (true, asked):
+            predictor.predict(motion, t)
+        for prediction in (true, predictor):
             prediction.record_command(t, angle)
-    assert np.abs(asked.disturbance.value).max() < 0.001
+    assert np.abs(predictor.disturbance.value).max() < 0.001
 
 
 @pytest.mark.slow
@@ -83,19 +83,19 @@ def test_a_yaw_rate_that_comes_behind_the_wheels_is_no_loss_of_gain():
     behind = 0.0
     slow = replace(plant, delay=SteeringDelay(transport=0.03, slew=6.0))
     true = MotionPrediction(slow, learns_bias=False)
-    asked = DisturbancePrediction(plant)
+    predictor = DisturbancePrediction(plant)
     for k in range(1600):
         t = 0.01 * k
         angle = plant.angle_of(0.0 if k % 40 < 20 else 0.5 if k % 80 < 40 else -0.5)
         wheels = true.predict(motion_at(t, ORIGIN, 1.5, 0.0), t).angle
         behind += 0.4 * (1.5 * plant.steady.curvature(wheels, 1.5) - behind)
-        asked.predict(motion_at(t, ORIGIN, 1.5, behind), t)
-        for prediction in (true, asked):
+        predictor.predict(motion_at(t, ORIGIN, 1.5, behind), t)
+        for prediction in (true, predictor):
             prediction.record_command(t, angle)
-    assert np.abs(asked.disturbance.value).max() < 0.06
+    assert np.abs(predictor.disturbance.value).max() < 0.06
 
 
-def rests_beside(speed: float = 1.5) -> float:
+def final_offset(speed: float = 1.5) -> float:
     """m beside a circle of 1 m, in the mean of its second half, by ``follow`` on a car whose wheels
     stand 0.04 rad too far to the left."""
     follower = Follower(track_named("circle"), plant_by(LATER), speed, "mpcc")
@@ -107,6 +107,6 @@ def rests_beside(speed: float = 1.5) -> float:
 @pytest.mark.slow
 def test_wheels_that_stand_aside_leave_no_offset(monkeypatch):
     """The control: the same where nothing is learnt."""
-    assert abs(rests_beside()) < 0.004
+    assert abs(final_offset()) < 0.004
     monkeypatch.setattr(disturbance, "MIN_LEARNING_SPEED", inf)
-    assert abs(rests_beside()) > 0.012
+    assert abs(final_offset()) > 0.012

@@ -39,10 +39,10 @@ def drive(path=STRAIGHT, rules=None, cap=1.0, **options):
     return follower, rows
 
 
-def lost(t, after, tracking=Tracking.LOST):
+def make_tracking_hook(t, t_change, tracking=Tracking.LOST):
     """A hook that says so from ``after`` s on."""
     def each(now, follower, motion):
-        return replace(motion, tracking=tracking) if now > after else motion
+        return replace(motion, tracking=tracking) if now > t_change else motion
     return each
 
 
@@ -64,7 +64,7 @@ def test_laps_are_counted_and_timed():
 
 
 def test_a_lost_pose_stops_the_car():
-    follower, rows = drive(each=lost(0.0, 1.5))
+    follower, rows = drive(each=make_tracking_hook(0.0, 1.5))
     assert not follower.good
     assert "the pose was lost: LOST" in follower.why
     stops = rows[np.argmax(rows[:, 0] > 1.5 + MAX_POSE_GAP + 0.02):, 5]
@@ -88,7 +88,7 @@ def gap(seconds, std=0.0):
     return each
 
 
-def gone(seconds, std=0.0, silent=True):
+def follow_with_gap(seconds, std=0.0, silent=True):
     """The follower of a drive with such a gap."""
     follower = Follower(STRAIGHT, PLANT, 1.0, "lqr")
     follower.silent = lambda: silent
@@ -98,14 +98,14 @@ def gone(seconds, std=0.0, silent=True):
 
 
 def test_a_silent_lidar_is_bridged_for_a_second_and_no_longer():
-    assert gone(0.9 * MAX_BRIDGED_GAP).good
-    assert "the pose was lost" in gone(1.1 * MAX_BRIDGED_GAP).why
+    assert follow_with_gap(0.9 * MAX_BRIDGED_GAP).good
+    assert "the pose was lost" in follow_with_gap(1.1 * MAX_BRIDGED_GAP).why
 
 
 def test_but_not_where_scans_fit_no_map_nor_where_the_place_is_not_known():
     """The controls."""
-    assert "the pose was lost" in gone(0.9 * MAX_BRIDGED_GAP, silent=False).why
-    assert "the pose was lost" in gone(0.9 * MAX_BRIDGED_GAP, std=0.11).why
+    assert "the pose was lost" in follow_with_gap(0.9 * MAX_BRIDGED_GAP, silent=False).why
+    assert "the pose was lost" in follow_with_gap(0.9 * MAX_BRIDGED_GAP, std=0.11).why
 
 
 def test_out_of_the_lane_it_stops():
@@ -170,8 +170,9 @@ def test_no_pose_no_drive():
         assert command == (0.0, 0.0)
     assert follower.phase is Phase.ENDED
     assert "no pose came" in follower.why
-    asked = Follower(STRAIGHT, PLANT, 1.0, rules=Rules(odometry=True))
-    assert asked.answer(motion_at(0.0, Pose(), 0.0, 0.0, Tracking.LOST, START_FRAME)).speed > 0.0
+    by_odometry = Follower(STRAIGHT, PLANT, 1.0, rules=Rules(odometry=True))
+    assert by_odometry.answer(motion_at(0.0, Pose(), 0.0, 0.0, Tracking.LOST,
+                                        START_FRAME)).speed > 0.0
 
 
 def test_a_car_that_never_comes_to_the_path_is_stopped():

@@ -42,13 +42,13 @@ def points_of(path, pose, noise=0.015, keep=(0, 1)):
     return np.vstack([hit, [(np.nan, np.nan)]])
 
 
-def beside(path, s, left=0.0, turned=0.0):
+def pose_off_path(path, s, left=0.0, turned=0.0):
     spot = path.at(s)
     return Pose(spot.x - left * sin(spot.heading), spot.y + left * cos(spot.heading),
                 spot.heading + turned)
 
 
-def seen_at(path, pose, keep=(0, 1)):
+def simulate_boards(path, pose, keep=(0, 1)):
     return find_lane(points_of(path, pose, keep=keep), pose)
 
 
@@ -65,26 +65,26 @@ def off(path, points, s):
 def test_the_middle_is_found_from_anywhere_in_the_lane(name, left, turned):
     path = LANES[name]()
     for s in (0.5, 3.0, 4.5, 7.0, 8.5):
-        seen = seen_at(path, beside(path, s, left, turned))
-        assert seen.half == pytest.approx(HALF, abs=0.01)
-        assert len(seen.middle) * 0.1 > 1.5
-        assert np.abs(off(path, seen.middle[:11], s)).max() < 0.012
+        marks = simulate_boards(path, pose_off_path(path, s, left, turned))
+        assert marks.half == pytest.approx(HALF, abs=0.01)
+        assert len(marks.middle) * 0.1 > 1.5
+        assert np.abs(off(path, marks.middle[:11], s)).max() < 0.012
 
 
 @pytest.mark.parametrize(("keep", "left", "right"), [
     ((0,), True, False), ((1,), False, True), ((), False, False)])
 def test_half_a_lane_is_none(keep, left, right):
     path = LANES["lane"]()
-    seen = seen_at(path, beside(path, 3.0), keep)
-    assert (seen.left, seen.right, seen.is_complete) == (left, right, False)
+    marks = simulate_boards(path, pose_off_path(path, 3.0), keep)
+    assert (marks.left, marks.right, marks.is_complete) == (left, right, False)
 
 
 def test_it_ends_where_the_boards_end():
     path = LANES["lane"]()
     for left in (1.5, 0.8):
-        seen = seen_at(path, beside(path, path.length - left))
-        assert path.length - 0.15 < seen.middle[-1, 0] < path.length + 0.08
-    assert seen_at(path, beside(path, 3.0)).middle[-1, 0] < 3.0 + LOOK_DISTANCE + 0.1
+        marks = simulate_boards(path, pose_off_path(path, path.length - left))
+        assert path.length - 0.15 < marks.middle[-1, 0] < path.length + 0.08
+    assert simulate_boards(path, pose_off_path(path, 3.0)).middle[-1, 0] < 3.0 + LOOK_DISTANCE + 0.1
 
 
 def straight(left, heading):

@@ -9,11 +9,11 @@ from studies.control.lane_figures import driven
 
 FRESH = range(201, 221)
 """None of the cars on which anything was tuned."""
-WANTED = {"lane": 1.0, "lane-curve": 1.5, "lane-s": 1.5}
+MAX_RMS_CM = {"lane": 1.0, "lane-curve": 1.5, "lane-s": 1.5}
 """cm rms after the first 2 m, of the worst car at 1 m/s."""
 
 
-def settled(learns):
+def measure_final_error(learns):
     """Largest error [cm] between 2.2 and 2.8 m of a straight lane."""
     drive = driven(201, 1.0, "lane", learns=learns, distance=2.9)
     assert drive.follower.why == "2.9 m are driven"
@@ -23,21 +23,21 @@ def settled(learns):
 
 @pytest.mark.slow
 def test_a_car_comes_to_the_middle():
-    assert settled(learns=True) < 1.5
+    assert measure_final_error(learns=True) < 1.5
 
 
 @pytest.mark.slow
 def test_without_what_it_learns_it_stays_beside():
     """The control."""
-    assert settled(learns=False) > 1.5
+    assert measure_final_error(learns=False) > 1.5
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name", WANTED)
+@pytest.mark.parametrize("name", MAX_RMS_CM)
 def test_the_true_axle_stays_in_the_middle(name):
     drives = [driven(seed, 1.0, name) for seed in FRESH]
     assert {d.follower.why for d in drives} == {"the lane ends"}
-    assert max(d.figures["rms"] for d in drives) < WANTED[name]
+    assert max(d.figures["rms"] for d in drives) < MAX_RMS_CM[name]
     assert all(0.15 < d.figures["left"] < 0.5 for d in drives)
 
 
@@ -46,7 +46,7 @@ def test_the_true_axle_stays_in_the_middle(name):
 def test_without_what_it_learns_it_does_not(name):
     """The control."""
     rms = [driven(seed, 1.0, name, learns=False).figures["rms"] for seed in FRESH]
-    assert np.sum(np.array(rms) > WANTED[name]) >= len(rms) / 3
+    assert np.sum(np.array(rms) > MAX_RMS_CM[name]) >= len(rms) / 3
 
 
 @pytest.mark.long

@@ -343,9 +343,9 @@ def test_a_pipe_whose_writer_has_ended_is_silent(tmp_path, clock):
 
 
 def test_a_gamepad_that_is_pulled_out_is_said(pad, monkeypatch):
-    def gone(fd, n):
+    def raise_no_device(fd, n):
         raise OSError(19, "No such device")
 
-    monkeypatch.setattr("dart_hal.control.gamepad.os.read", gone)
+    monkeypatch.setattr("dart_hal.control.gamepad.os.read", raise_no_device)
     with pytest.raises(PortMissing, match="gone"):
         pad.read()

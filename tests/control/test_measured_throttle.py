@@ -35,22 +35,23 @@ def files():
         return car.files
 
 
-def calibrated(files, **throttle):
+def add_throttle_table(files, **throttle):
     table = ThrottleCalibration(**throttle)
     return replace(files, calibration=Calibration(car=files.config.name, throttle=table))
 
 
 def test_the_feed_forward_is_the_measured_pulse(files):
     for v, pulse in zip(TABLE.speed, TABLE.pulse_us, strict=True):
-        car = make_inverse_drive(calibrated(files, drive=TABLE))
+        car = make_inverse_drive(add_throttle_table(files, drive=TABLE))
         assert 1500.0 + 450.0 * car.throttle(v) == pytest.approx(pulse, abs=1e-6)
-        other = make_inverse_drive(calibrated(files, drive=TABLE, neutral_us=Quantity(1510.0, 1.0)))
+        other = make_inverse_drive(add_throttle_table(files, drive=TABLE,
+                                                      neutral_us=Quantity(1510.0, 1.0)))
         assert 1510.0 + 450.0 * other.throttle(v) == pytest.approx(pulse, abs=1e-6)
     assert make_inverse_drive(files).throttle(1.0) == InverseDrive(PAPER).throttle(1.0)
 
 
 def test_between_and_beyond_the_points_it_keeps_the_models_shape(files):
-    car = make_inverse_drive(calibrated(files, drive=TABLE))
+    car = make_inverse_drive(add_throttle_table(files, drive=TABLE))
     model = InverseDrive(PAPER)
     more = [car.throttle(v) - model.throttle(v) for v in (0.2, 0.5, 0.75, 1.0, 2.0, 1.5)]
     assert more[0] == pytest.approx(more[1])
@@ -63,7 +64,7 @@ def test_between_and_beyond_the_points_it_keeps_the_models_shape(files):
 
 
 def test_the_dead_band_is_the_papers_until_it_is_measured(files):
-    measured = calibrated(files, deadband_forward_us=Quantity(72.0, 0.1))
+    measured = add_throttle_table(files, deadband_forward_us=Quantity(72.0, 0.1))
     assert vehicle_for(files) == PAPER
     assert vehicle_for(measured).motor == replace(PAPER.motor, g=-72.0 / 450.0)
 
@@ -77,7 +78,8 @@ def test_the_loop_asks_for_no_more_than_the_esc_gives(files):
         return max(loop.throttle(4.9, replace(still, t=0.01 * k), armed=True, window=0.2)
                    for k in range(300))
 
-    assert most(SpeedLoop(calibrated(files, saturation_us=Quantity(360.0, 1.0)))) == pytest.approx(
+    assert most(SpeedLoop(add_throttle_table(files,
+                                             saturation_us=Quantity(360.0, 1.0)))) == pytest.approx(
         0.8)
     assert most(SpeedLoop(files)) == 1.0
 
@@ -86,7 +88,7 @@ def test_the_loop_asks_for_no_more_than_the_esc_gives(files):
     ({}, DEFAULT_REVERSE_REST), ({"reverse": "at_once"}, 0.0),
     ({"reverse_rest": Quantity(0.4, 0.01)}, 0.4 + 1.645 * 0.01 + 0.06)])
 def test_the_rest_before_reverse_is_the_measured_one(files, throttle, rest):
-    assert rest_before_reverse(calibrated(files, **throttle)) == pytest.approx(rest)
+    assert rest_before_reverse(add_throttle_table(files, **throttle)) == pytest.approx(rest)
 
 
 def test_an_esc_without_a_brake_is_not_braked():

@@ -33,7 +33,7 @@ NINE = Lissajous(0.8, 1.8, 5, 4)
 FIVE = Lissajous(1.5, 1.5, 3, 2)
 
 
-def converged(n, p, seed, k=K, most=700.0):
+def time_to_converge(n, p, seed, k=K, most=700.0):
     """s until all differences are within 0.01 rad, inf: they are not by then."""
     theta = evenly_spread(n, p) + np.random.default_rng(seed).uniform(-STARTS, STARTS, n)
     for step in range(round(most / DT)):
@@ -62,8 +62,8 @@ def test_a_spread_is_stable_exactly_where_the_cosine_is_negative(n, p, comes_bac
 @pytest.mark.parametrize(("n", "p"), FEW)
 @pytest.mark.slow_except("3-1")
 def test_it_comes_back_and_one_that_is_not_stable_does_not(n, p):
-    assert converged(n, p, 2) == pytest.approx(TIMES[n, p], rel=0.2)
-    assert converged(5, 1, 2, most=60.0) == np.inf
+    assert time_to_converge(n, p, 2) == pytest.approx(TIMES[n, p], rel=0.2)
+    assert time_to_converge(5, 1, 2, most=60.0) == np.inf
 
 
 @pytest.mark.slow
@@ -72,7 +72,7 @@ def test_how_long_it_takes(n, p):
     """The time that was to be reached, of a start that is not named, lies among those of 20 starts,
     whose median is within 20 % of it; but for five robots, where it is a quick start (below). One
     start (2) is within 20 % for every team."""
-    times = [converged(n, p, seed) for seed in range(20)]
+    times = [time_to_converge(n, p, seed) for seed in range(20)]
     assert min(times) <= TIMES[n, p] <= max(times)
     assert np.median(times) == pytest.approx(TIMES[n, p], rel=0.4 if n == 5 else 0.2)
     assert times[2] == pytest.approx(TIMES[n, p], rel=0.2)
@@ -169,7 +169,7 @@ def escapes(team, robots_of, n=100, each=10, steps=160, cells=61):
     return int(np.sum(np.isinf(times))), max((x for x in times if x < np.inf), default=0.0)
 
 
-def beside(team, seed=3):
+def place_together(team, seed=3):
     """The same robots, not spread: the start of a team that does not know its phases yet."""
     off = np.random.default_rng(seed).uniform(-3.0, 3.0, team.n)
     return lambda X: np.asarray(X)[:, None] + team.alpha * off
@@ -186,12 +186,12 @@ def test_every_target_is_seen_within_the_bound():
 def test_without_the_formation_targets_escape():
     """The control. (Of a team with one robot missing these targets are too clumsy to escape; the
     exact test below shows that a cleverer one does.)"""
-    assert escapes(TEAM, beside(TEAM), n=50)[0] > 0
+    assert escapes(TEAM, place_together(TEAM), n=50)[0] > 0
 
 
 def test_ten_targets_are_seen_and_without_the_formation_they_are_not():
     assert escapes(TEAM, TEAM.slots, n=10, each=5, steps=80, cells=41)[0] == 0
-    assert escapes(TEAM, beside(TEAM), n=10, each=5, steps=80, cells=41)[0] > 0
+    assert escapes(TEAM, place_together(TEAM), n=10, each=5, steps=80, cells=41)[0] > 0
 
 
 @pytest.mark.slow
@@ -211,7 +211,7 @@ def test_without_the_formation_there_is_no_bound(wrong):
     bound = TEAM.bound(RATE)
     radius = TEAM.sensing_radius
     t = np.linspace(0.0, bound, 80)
-    X = beside(TEAM)(RATE * t) if wrong == "not spread" else TEAM.slots(RATE * t)
+    X = place_together(TEAM)(RATE * t) if wrong == "not spread" else TEAM.slots(RATE * t)
     if wrong == "one missing":
         X = X[:, 1:]
     radius *= 0.9 if wrong == "sees less" else 1.0

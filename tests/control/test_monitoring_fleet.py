@@ -30,16 +30,16 @@ class Death:
     def __call__(self, fleet, team) -> None:
         if not self.worlds:
             self.worlds = [world_of(car._engine.backend) for car in fleet.cars[1:]]
-            for world, seen in zip(self.worlds, self.pulses, strict=True):
-                world.watchers.append(lambda channel, pulse, seen=seen:
-                                      seen.append(pulse) if channel == 1 else None)
+            for world, pulses in zip(self.worlds, self.pulses, strict=True):
+                world.watchers.append(lambda channel, pulse, pulses=pulses:
+                                      pulses.append(pulse) if channel == 1 else None)
         if fleet.cars[0].now > DIES and team[0].mode is not MonitorMode.ENDED:
             team[0].follower.stop("it hangs")
             fleet.members[0].close()
 
     def forward(self, since) -> float:
         """s of the last pulse that drives a car on, after ``since`` s of its world."""
-        return max((fall - since for seen in self.pulses for rise, fall in seen
+        return max((fall - since for pulses in self.pulses for rise, fall in pulses
                     if fall > since and fall - rise > NEUTRAL + NEAR), default=0.0)
 
 

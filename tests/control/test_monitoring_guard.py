@@ -45,7 +45,7 @@ class PhaseReport:
     step: float = PLAN_STEP
 
 
-def told(X, rate=OMEGA, age=0.0):
+def make_plan_message(X, rate=OMEGA, age=0.0):
     spots = [COURSE.point_at(X + rate * PLAN_STEP * k) for k in range(PLAN_POINTS)]
     speed = rate * float(TEAM.curve.rate(np.array(X)))
     return PhaseReport(age, np.array([(p.x, p.y, p.heading, speed) for p in spots]))
@@ -59,9 +59,9 @@ def free(mine, its, v=1.0, its_v=1.0, age=0.05, **options):
 
 def test_two_that_come_to_a_crossing_at_once_do_not_both_go_on():
     """The one that gives way stops before it is in the way of the other."""
-    for before in np.arange(0.5, 1.0, 0.1):
-        first = free(CROSSING - before, CROSSING + HALF - before - COURSE.path.length)
-        second = free(CROSSING + HALF - before, CROSSING - before, yields=True)
+    for distance in np.arange(0.5, 1.0, 0.1):
+        first = free(CROSSING - distance, CROSSING + HALF - distance - COURSE.path.length)
+        second = free(CROSSING + HALF - distance, CROSSING - distance, yields=True)
         assert not (first and second)
     assert free(CROSSING - 3.0, CROSSING + HALF - 3.0 - COURSE.path.length)
 
@@ -131,7 +131,7 @@ def test_a_phase_is_carried_on_by_the_plan_and_then_nobody_knows():
     peer = Peer(COURSE)
     rate = 0.3
     assert peer.contact(0.0) is Contact.SILENT
-    peer.receive(told(1.0, rate, age=0.1), 10.0)
+    peer.receive(make_plan_message(1.0, rate, age=0.1), 10.0)
     ends = PLAN_STEP * (PLAN_POINTS - 1)
     for now, touch in (
         (10.0, Contact.IN_TOUCH),
@@ -145,8 +145,8 @@ def test_a_phase_is_carried_on_by_the_plan_and_then_nobody_knows():
 
 def test_an_old_message_changes_nothing():
     peer = Peer(COURSE)
-    peer.receive(told(2.0), 10.0)
-    peer.receive(told(1.0, age=60.0), 10.1)
+    peer.receive(make_plan_message(2.0), 10.0)
+    peer.receive(make_plan_message(1.0, age=60.0), 10.1)
     assert peer.reported_X == pytest.approx(2.0, abs=1e-3)
     peer.receive(PhaseReport(0.0, np.empty((0, 4))), 10.2)
     assert peer.age(10.2) == pytest.approx(0.2)
@@ -159,7 +159,7 @@ def robot(names=NAMES[:3], own="red", omega=OMEGA, team=TEAM, **options):
     return Monitor(team, names, own, PLANT, omega, K, **options)
 
 
-def answered(one, t, X, v, messages):
+def answer_messages(one, t, X, v, messages):
     spot = COURSE.point_at(X)
     return one.answer(motion_at(t, Pose(spot.x, spot.y, spot.heading), v, v * spot.curvature),
                       messages)
@@ -168,19 +168,20 @@ def answered(one, t, X, v, messages):
 def test_it_says_what_it_does():
     """From the first pose on: alone, spreading, in its slot, without its neighbour, alone."""
     one = robot()
-    seen = []
+    modes = []
     X = 1.7
     for k in range(90):
         t = 0.1 * k
         others = {}
         if 5 <= k < 50:
             off = 0.3 if k < 15 else 0.0
-            others = {"green": told(X + 2 * pi / 3 + off), "blue": told(X + 4 * pi / 3)}
-        answered(one, t, X, 0.5, others)
+            others = {"green": make_plan_message(X + 2 * pi / 3 + off),
+                      "blue": make_plan_message(X + 4 * pi / 3)}
+        answer_messages(one, t, X, 0.5, others)
         X += 0.1 * one.rate
-        if k and (not seen or seen[-1] is not one.mode):
-            seen.append(one.mode)
-    assert seen == [
+        if k and (not modes or modes[-1] is not one.mode):
+            modes.append(one.mode)
+    assert modes == [
         MonitorMode.ALONE,
         MonitorMode.SPREADING,
         MonitorMode.MONITORING,
@@ -192,18 +193,18 @@ def test_it_says_what_it_does():
 
 def test_alone_it_stands_and_is_not_given_up():
     one = robot()
-    speeds = [answered(one, 0.1 * k, 0.1, 0.0, {}).speed for k in range(60)]
+    speeds = [answer_messages(one, 0.1 * k, 0.1, 0.0, {}).speed for k in range(60)]
     assert not any(speeds)
     assert one.follower.phase is not Phase.ENDED
 
 
 def test_its_speed_is_that_of_the_phase():
     """|dr/dX| X', faster where the neighbour behind is near, never beyond twice the formation's."""
-    def speed(before):
+    def speed(distance):
         one = robot()
         for k in range(3):
-            answered(one, 0.05 * k, 1.0, 0.5, {"blue": told(1.0 + before),
-                                               "green": told(1.0 + 2 * pi / 3)})
+            answer_messages(one, 0.05 * k, 1.0, 0.5, {"blue": make_plan_message(1.0 + distance),
+                                                      "green": make_plan_message(1.0 + 2 * pi / 3)})
         return one.rate, one.follower.cap
 
     rate, cap = speed(-2 * pi / 3)

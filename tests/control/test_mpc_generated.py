@@ -80,9 +80,9 @@ def test_the_same_plans():
 
 def test_without_casadi_it_says_so(monkeypatch):
     monkeypatch.setitem(sys.modules, "casadi", None)
-    with pytest.raises(UsageError, match="needs casadi") as told:
+    with pytest.raises(UsageError, match="needs casadi") as caught:
         controller(P, TRACK, 1.0, compiled=True)
-    assert "casadi>=" in str(told.value)
+    assert "casadi>=" in str(caught.value)
 
 
 def test_without_a_compiler_it_says_so(monkeypatch, tmp_path):

@@ -53,10 +53,10 @@ def test_air_between_a_body_and_a_disc(x, y, yaw, expected):
 
 
 def test_one_in_the_middle_is_refused_by_its_place():
-    with pytest.raises(UsageError, match="obstacle 1 leaves no passage within the lane") as told:
+    with pytest.raises(UsageError, match="obstacle 1 leaves no passage within the lane") as caught:
         light_drive(follower(Disc(6.0, 0.02, 0.15)))
-    assert "an offset of 0.35 m" in str(told.value)
-    assert "--lane 0.39" in str(told.value)
+    assert "an offset of 0.35 m" in str(caught.value)
+    assert "--lane 0.39" in str(caught.value)
 
 
 def test_with_the_lane_that_it_asks_for_there_is_a_way():
@@ -113,11 +113,12 @@ def test_a_plan_tells_how_sure_it_is_across():
 @pytest.mark.slow
 def test_it_is_as_sure_as_it_may_be(monkeypatch):
     """Two cars whose model is 5 % off, 1 s ahead; the control: a stage that adds nothing."""
-    found, told = (np.vstack(each) for each in zip(*(errors(k, 2.0) for k in (3, 5)), strict=True))
-    assert (np.abs(found[:, 10]) < 2.0 * told[:, 10]).mean() > 0.8
+    found, stated = (np.vstack(each) for each in zip(*(errors(k, 2.0) for k in (3, 5)),
+                                                     strict=True))
+    assert (np.abs(found[:, 10]) < 2.0 * stated[:, 10]).mean() > 0.8
     monkeypatch.setattr(spread, "HEADING_STD_PER_SPEED", 0.0)
-    found, told = errors(3, 2.0)
-    assert (np.abs(found[:, 10]) < 2.0 * told[:, 10]).mean() < 0.7
+    found, stated = errors(3, 2.0)
+    assert (np.abs(found[:, 10]) < 2.0 * stated[:, 10]).mean() < 0.7
 
 
 def test_a_drive_goes_on_behind_a_disc_that_is_far_away():

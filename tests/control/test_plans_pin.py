@@ -21,7 +21,7 @@ from dart_lab.sim.truth import world_of
 
 NEUTRAL_US = 1500.0
 NEAR_US = 5.0
-SETTLED = 0.040
+PULSE_DELAY_S = 0.040
 # s from the first motion on, s that are looked at
 SPOILT = 1.5
 AFTER = 2.0
@@ -35,12 +35,12 @@ def late(mpcc):
     mpcc.clock = lambda: float(next(ticks))
 
 
-def blocked(mpcc):
+def place_disc(mpcc):
     """A disc in the middle, 2.5 m ahead."""
     mpcc.obstacles = (Obstacle(mpcc.last.s[0] + 2.5, 0.0, 0.25),)
 
 
-def diverged(mpcc):
+def return_nan_states(mpcc):
     """States that are no numbers."""
     plan = mpcc.plan
     mpcc.plan = lambda t, state, *rest: plan(t, nan * state, *rest)
@@ -51,10 +51,10 @@ def driven(name, spoil):
     told of plans)."""
     backend = open_backend("sim://?nano=mock&mocap=1")
     world = world_of(backend)
-    seen = []
+    pulses = []
     ceased = None
-    told = []
-    world.watchers.append(lambda channel, pulse: seen.append(
+    outcomes = []
+    world.watchers.append(lambda channel, pulse: pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]), world.truth().v_x)) if channel == 1 else None)
     with Car.over(backend) as car:
         follower = Follower(Path([(12.0, 0.0)], closed=False), plant_of(car.files), 1.0, name,
@@ -63,7 +63,7 @@ def driven(name, spoil):
         moved = None
         for state in car.states(duration=15.0):
             steering, speed = follower.answer(state.estimate.at(car.now))
-            told.extend(follower.tracker.told.get("outcome", ()))
+            outcomes.extend(follower.tracker.told.get("outcome", ()))
             moved = state.t if moved is None and state.speed > 0.1 else moved
             if ceased is None and moved is not None and state.t > moved + SPOILT:
                 ceased = world.t
@@ -74,28 +74,29 @@ def driven(name, spoil):
         car.stop()
         for _ in car.states(duration=0.3):
             pass
-    return follower, np.array([(t - ceased, width, v) for t, width, v in seen if t > ceased]), told
+    return follower, np.array([(t - ceased, width, v) for t, width,
+                               v in pulses if t > ceased]), outcomes
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "spoil", "why", "outcome"), [
     ("mpcc", late, LATE, PlanOutcome.LATE), ("ca-mpcc", late, LATE, PlanOutcome.LATE),
-    ("mpcc", blocked, "obstacles leave no way within the lane", PlanOutcome.BLOCKED),
-    ("mpcc", diverged, "the plan diverged", PlanOutcome.DIVERGED)])
+    ("mpcc", place_disc, "obstacles leave no way within the lane", PlanOutcome.BLOCKED),
+    ("mpcc", return_nan_states, "the plan diverged", PlanOutcome.DIVERGED)])
 def test_a_drive_without_plans_ends_at_neutral(name, spoil, why, outcome):
     """Four late plans are 0.4 s; from there it slows down, and never pulls as it did before. What
     it was is counted, and told for the recording."""
-    follower, rows, told = driven(name, spoil)
+    follower, rows, outcomes = driven(name, spoil)
     assert follower.why == why
     assert follower.tracker.mpcc.outcomes[outcome] == (4 if outcome is PlanOutcome.LATE else 1)
-    assert told[-1] == tracker.PLAN_OUTCOMES.index(outcome)
-    assert told[0] == tracker.PLAN_OUTCOMES.index(PlanOutcome.SOLVED)
+    assert outcomes[-1] == tracker.PLAN_OUTCOMES.index(outcome)
+    assert outcomes[0] == tracker.PLAN_OUTCOMES.index(PlanOutcome.SOLVED)
     t, width, speed = rows.T
     driving = width[t < 0.1].max()
     assert driving > NEUTRAL_US + 50.0
     assert (width[t > GONE] < driving - 20.0).all()
     assert speed[-1] < 0.5
-    assert (np.abs(width[t > t[-1] - 0.3 + SETTLED] - NEUTRAL_US) <= NEAR_US).all()
+    assert (np.abs(width[t > t[-1] - 0.3 + PULSE_DELAY_S] - NEUTRAL_US) <= NEAR_US).all()
 
 
 @pytest.mark.slow
@@ -109,14 +110,14 @@ def test_a_tracker_that_forgave_every_late_plan_would_drive_on(name, monkeypatch
     assert width[(t > GONE) & (t < AFTER)].max() > NEUTRAL_US + 50.0
 
 
-def started(beside):
+def start_off_path(offset):
     """(follower or the refusal, [(t, us)]) of a car that stands so many m beside the path."""
     backend = open_backend("sim://?nano=mock")
-    seen = []
-    world_of(backend).watchers.append(lambda channel, pulse: seen.append(
+    pulses = []
+    world_of(backend).watchers.append(lambda channel, pulse: pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))) if channel == 1 else None)
     with Car.over(backend) as car:
-        path = Path([(6.0, 0.0)], closed=False, start=(0.0, beside, 0.0))
+        path = Path([(6.0, 0.0)], closed=False, start=(0.0, offset, 0.0))
         follower = Follower(path, plant_of(car.files), 1.0, "mpcc",
                                    Rules(odometry=True))
         armed = False
@@ -134,22 +135,22 @@ def started(beside):
         car.stop()
         for _ in car.states(duration=0.3):
             pass
-    return follower, np.array(seen)
+    return follower, np.array(pulses)
 
 
 @pytest.mark.slow
 def test_a_start_outside_the_lane_comes_into_it_and_ends_at_neutral():
-    follower, pulses = started(0.5)
+    follower, pulses = start_off_path(0.5)
     assert follower.why == "the path is driven"
     offset = follower.driven.table[:, 3]
     assert abs(offset[0]) > 0.45
     assert abs(offset[-1]) < 0.03
     t, width = pulses.T
     assert width.max() > NEUTRAL_US + 50.0
-    assert (np.abs(width[t > t[-1] - 0.3 + SETTLED] - NEUTRAL_US) <= NEAR_US).all()
+    assert (np.abs(width[t > t[-1] - 0.3 + PULSE_DELAY_S] - NEUTRAL_US) <= NEAR_US).all()
 
 
 def test_one_that_is_further_away_never_drives():
-    refused, pulses = started(1.2)
+    refused, pulses = start_off_path(1.2)
     assert "1.20 m away from the path" in str(refused)
     assert (np.abs(pulses[:, 1] - NEUTRAL_US) <= NEAR_US).all()

@@ -94,18 +94,18 @@ def test_no_collision_holds_for_small_steps_only():
 # -- the safe rule -----------------------------------------------------------------------------
 
 
-@given(gap=st.floats(0.0, 3.0), speed=st.floats(0.0, 1.4), ahead=st.floats(0.0, 1.4),
+@given(gap=st.floats(0.0, 3.0), speed=st.floats(0.0, 1.4), lead_speed=st.floats(0.0, 1.4),
        dt=st.sampled_from([0.02, 0.05, 0.1]), brake=st.floats(0.5, 3.0), more=st.floats(1.0, 2.0))
-def test_what_the_rule_allows_leaves_a_stop(gap, speed, ahead, dt, brake, more):
+def test_what_the_rule_allows_leaves_a_stop(gap, speed, lead_speed, dt, brake, more):
     margins = SafetyMargins(brake, more * brake, m=0.02)
-    u = safe_acceleration(gap, 0.0, speed, ahead, dt, margins)
+    u = safe_acceleration(gap, 0.0, speed, lead_speed, dt, margins)
     if u == -inf or u < -brake:
         return
     way, w = integrate_motion(speed, u, dt)
-    assert gap - way - w**2 / (2 * brake) + ahead**2 / (2 * more * brake) >= 0.02 - 1e-9
+    assert gap - way - w**2 / (2 * brake) + lead_speed**2 / (2 * more * brake) >= 0.02 - 1e-9
     way, w = integrate_motion(speed, u + 0.5, dt)
     if speed + u >= 0.0:
-        assert gap - way - w**2 / (2 * brake) + ahead**2 / (2 * more * brake) < 0.02, "control"
+        assert gap - way - w**2 / (2 * brake) + lead_speed**2 / (2 * more * brake) < 0.02, "control"
 
 
 def test_the_rule_keeps_the_margin_at_every_delay_and_the_published_law_does_not():
@@ -267,7 +267,7 @@ def test_the_detector_needs_more_than_five_samples_in_a_row():
 
 def test_messages_that_do_not_count_are_counted():
     hearing = ReportFilter()
-    for told, now in (
+    for message, now in (
         (PredecessorReport(10.0, 1.0, 0.0), 10.0),
         (PredecessorReport(10.0, 1.0, 0.0), 10.05),
         (PredecessorReport(9.9, 0.5, 0.0), 10.05),
@@ -277,20 +277,20 @@ def test_messages_that_do_not_count_are_counted():
         (PredecessorReport(109.9, float("nan"), 0.0), 110.0),
         (PredecessorReport(110.0, 101.0, 0.0), 110.0),
     ):
-        hearing.take(told, now)
+        hearing.take(message, now)
     assert dict(hearing.counts) == {"TAKEN": 2, "AGAIN": 1, "OVERTAKEN": 1, "OLD": 1, "EARLY": 1,
                                     "IMPOSSIBLE": 2}
     assert hearing.newest == PredecessorReport(10.1, 1.0, 0.1)
 
 
-def run(follower, seconds, gap=0.6, speed=1.0, tell=lambda t: None):
+def run(follower, seconds, gap=0.6, speed=1.0, report=lambda t: None):
     """Accelerations of a follower with a constant gap and what is told."""
     out = []
     for k in range(round(seconds / follower.dt)):
         t = k * follower.dt
-        told = tell(t)
-        if told is not None:
-            follower.hearing.take(told, t)
+        message = report(t)
+        if message is not None:
+            follower.hearing.take(message, t)
         out.append(follower.answer(t, speed, Gap(t, gap, 0.0) if gap is not None else None))
     return np.array(out)
 
@@ -306,17 +306,17 @@ def test_a_neighbour_that_never_answers_leaves_acc():
 def test_a_message_of_a_minute_ago_is_as_none():
     late = PlatoonFollower()
     silent = PlatoonFollower()
-    told = run(late, 1.0, tell=lambda t: PredecessorReport(t - 60.0, 1.4, 1.0))
-    assert (told == run(silent, 1.0)).all()
+    message = run(late, 1.0, report=lambda t: PredecessorReport(t - 60.0, 1.4, 1.0))
+    assert (message == run(silent, 1.0)).all()
     assert late.hearing.counts["OLD"] == 20
     assert (
-        told != run(PlatoonFollower(), 1.0, tell=lambda t: PredecessorReport(t, 1.4, 1.0))
+        message != run(PlatoonFollower(), 1.0, report=lambda t: PredecessorReport(t, 1.4, 1.0))
     ).any(), "control"
 
 
 def test_without_a_gap_it_brakes_to_rest():
     follower = PlatoonFollower()
-    u = run(follower, 1.0, gap=None, tell=lambda t: PredecessorReport(t, 1.0, 0.5))
+    u = run(follower, 1.0, gap=None, report=lambda t: PredecessorReport(t, 1.0, 0.5))
     assert (u == follower.gains.u_min).all()
     assert follower.mode is PlatoonMode.STOP
 
@@ -347,7 +347,7 @@ def test_in_silence_the_gap_is_the_one_that_a_full_brake_leaves(dt):
 def test_silence_is_taken_for_a_full_brake():
     follower = PlatoonFollower(margins=SafetyMargins(m=0.02))
     u = run(
-        follower, 2.0, gap=0.5, tell=lambda t: PredecessorReport(t, 1.0, 0.0) if t < 0.5 else None
+        follower, 2.0, gap=0.5, report=lambda t: PredecessorReport(t, 1.0, 0.0) if t < 0.5 else None
     )
     assert u[8] > -0.6, "heard: the linear law, which is nearer than it likes"
     assert u[-1] == follower.gains.u_min, "from 1 m/s it needs 0.5 m to rest"

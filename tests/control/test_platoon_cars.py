@@ -85,20 +85,20 @@ def test_a_liar_ends_in_no_contact_and_as_published_in_one():
     assert driving(true, 2, 6.0), "it drives on, 8 cm behind the car ahead"
 
 
-def changed(monkeypatch, number, since, act):
+def replace_answer(monkeypatch, number, since, act):
     """Let car ``number`` do otherwise from ``since`` s of its drive on: act(answer, motion, scans,
     ahead), with the answer of every other car. The cars as they are made."""
     made = []
     begun = []
 
     class Otherwise(PlatoonCar):
-        def answer(self, motion, scans=(), ahead=None):
+        def answer(self, motion, scans=(), predecessor=None):
             if self is not made[number]:
-                return super().answer(motion, scans, ahead)
+                return super().answer(motion, scans, predecessor)
             begun.append(motion.t)
             if motion.t - begun[0] < since:
-                return super().answer(motion, scans, ahead)
-            return act(super().answer, motion, scans, ahead)
+                return super().answer(motion, scans, predecessor)
+            return act(super().answer, motion, scans, predecessor)
 
     def make(*given, **how):
         made.append(Otherwise(*given, **how))
@@ -124,7 +124,7 @@ def test_behind_a_car_that_never_tells_anything_it_follows_by_its_lidar():
 @pytest.mark.slow
 def test_a_leader_whose_esc_is_neutral_at_once_is_not_touched(monkeypatch):
     """It slows down harder than the platoon brakes, and tells another acceleration."""
-    changed(
+    replace_answer(
         monkeypatch, 0, 4.0, lambda answer, *measure_gap: answer(*measure_gap)._replace(speed=0.0)
     )
     drive, truth = cars.straight(5, **{**SHORT, "brakes": 99.0})
@@ -138,7 +138,7 @@ def test_a_leader_whose_esc_is_neutral_at_once_is_not_touched(monkeypatch):
 
 @pytest.mark.slow
 def test_a_car_that_sees_nothing_brakes_to_rest_and_so_does_who_follows(monkeypatch):
-    made = changed(monkeypatch, 1, 4.0, lambda answer, motion, *measure_gap: answer(motion))
+    made = replace_answer(monkeypatch, 1, 4.0, lambda answer, motion, *measure_gap: answer(motion))
     drive, truth = cars.straight(3, **{**SHORT, "brakes": 99.0})
     assert made[1].mode == "STOP"
     assert made[1].why == "no gap is known for 0.5 s"

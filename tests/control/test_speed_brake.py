@@ -28,8 +28,8 @@ def modes_of(reference, seconds=4.0, seed=3, more=""):
         for state in car.states(duration=seconds):
             start = state.t if start is None else start
             t = state.t - start
-            wanted = reference(t)
-            applied = (car.drive_speed(steering=0.1, speed=wanted) if wanted is not None
+            target = reference(t)
+            applied = (car.drive_speed(steering=0.1, speed=target) if target is not None
                        else car.drive(steering=0.1))
             rows.append((t, world.truth().v_x, applied.throttle, world.esc.mode, applied.limited))
     return rows

@@ -40,16 +40,16 @@ def there_and_back(t):
     return 0.8 if t < 2.0 else -0.5 if t < 4.0 else 0.8
 
 
-def first(t, holds, after):
-    return t[holds & (t > after)][0] - after
+def first_time(t, holds, t_start):
+    return t[holds & (t > t_start)][0] - t_start
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(n, marks=pytest.mark.slow)
                                        for n in range(2, 9))])
 def test_forward_reverse_forward(seed):
     t, speed, _, limited = driven(seed, there_and_back, 5.5)
-    assert first(t, speed < -0.45, 2.0) < 1.5
-    assert first(t, speed > 0.72, 4.0) < 1.5
+    assert first_time(t, speed < -0.45, 2.0) < 1.5
+    assert first_time(t, speed > 0.72, 4.0) < 1.5
     steady = (t > 3.3) & (t < 4.0)
     assert np.sqrt(np.mean((speed[steady] + 0.5)**2)) < 0.03
     assert {"REVERSING"} <= {name for names in limited for name in names}
@@ -57,7 +57,7 @@ def test_forward_reverse_forward(seed):
 
 @pytest.mark.slow
 def test_without_the_brake_and_the_rest_the_esc_never_reverses(monkeypatch):
-    monkeypatch.setattr(Reversal, "throttle", lambda self, wanted, speed, dt: wanted)
+    monkeypatch.setattr(Reversal, "throttle", lambda self, target, speed, dt: target)
     t, speed, _, _ = driven(1, there_and_back, 4.0)
     assert speed[t > 2.0].min() > -0.1
 
@@ -71,8 +71,8 @@ def test_a_step_from_rest_settles_and_a_sine_is_followed(seed):
     t, speed, _, _ = driven(seed, reference, 8.0)
     assert speed[t < 3.0].max() < 0.8 * 1.15
     follows = (t > 4.0) & (t < 8.0)
-    wanted = np.array([reference(one) for one in t[follows]])
-    assert np.sqrt(np.mean((speed[follows] - wanted)**2)) < 0.05
+    target = np.array([reference(one) for one in t[follows]])
+    assert np.sqrt(np.mean((speed[follows] - target)**2)) < 0.05
 
 
 def test_a_speed_beyond_the_limit_is_said():
@@ -81,30 +81,30 @@ def test_a_speed_beyond_the_limit_is_said():
 
 
 @given(st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-3.0, 3.0)), max_size=400))
-def test_neutral_is_never_filled_and_nothing_drives_forward_unasked(asked):
+def test_neutral_is_never_filled_and_nothing_drives_forward_unasked(requests):
     reversal = Reversal()
-    for wanted, speed in asked:
-        given_ = reversal.throttle(wanted, speed, DT)
-        if wanted >= 0.0:
-            assert given_ == wanted
+    for target, speed in requests:
+        given_ = reversal.throttle(target, speed, DT)
+        if target >= 0.0:
+            assert given_ == target
         else:
-            assert -max(BRAKE_THROTTLE, -wanted) <= given_ <= 0.0
+            assert -max(BRAKE_THROTTLE, -target) <= given_ <= 0.0
 
 
 @given(st.floats(0.0, 3.0), st.floats(0.1, 1.0), st.floats(0.5, 3.0))
 def test_after_forward_the_brake_and_a_rest_come_before_reverse(speed, pull, slows):
     reversal = Reversal()
-    seen = []
+    throttles = []
     reversal.throttle(0.3, speed, DT)
     for _ in range(300):
-        seen.append(reversal.throttle(-pull, speed, DT))
+        throttles.append(reversal.throttle(-pull, speed, DT))
         speed = max(speed - slows * DT, 0.0)
         if not reversal.holding:
             break
-    rest = np.flatnonzero(np.array(seen) == 0.0)
+    rest = np.flatnonzero(np.array(throttles) == 0.0)
     assert MIN_BRAKE_TIME / DT - 1 <= rest[0] <= MAX_BRAKE_TIME / DT + 1
     assert len(rest) >= DEFAULT_REVERSE_REST / DT - 2
-    assert seen[-1] == -pull
+    assert throttles[-1] == -pull
 
 
 def test_a_brake_that_turns_out_to_reverse_is_let_go():
@@ -118,9 +118,9 @@ def test_a_brake_that_turns_out_to_reverse_is_let_go():
 
 def test_an_esc_that_braked_instead_is_rested_once_more():
     reversal = Reversal()
-    seen = []
+    throttles = []
     for _ in range(200):
-        seen.append(reversal.throttle(-0.3, 0.5 * REST_SPEED, DT))
-    assert seen[0] == -0.3
-    assert 0.0 in seen
-    assert seen[-1] == -0.3
+        throttles.append(reversal.throttle(-0.3, 0.5 * REST_SPEED, DT))
+    assert throttles[0] == -0.3
+    assert 0.0 in throttles
+    assert throttles[-1] == -0.3

@@ -63,10 +63,10 @@ def test_a_sine_is_in_time(seed):
     assert abs(0.01 * shifts[int(np.argmin(errors))]) <= 0.01
 
 
-def run(profile, wanted, ahead=0.0):
+def run(profile, targets, horizon=0.0):
     out = []
-    for one in wanted:
-        profile.advance(one, 0.01, ahead)
+    for one in targets:
+        profile.advance(one, 0.01, horizon)
         out.append((profile.speed, profile.acceleration))
     return np.array(out).T
 
@@ -82,7 +82,7 @@ def test_a_jump_is_a_ramp_that_ends_softly():
 def test_a_wave_is_taken_ahead_of_its_time():
     t = 0.01 * np.arange(300)
     wave = 1.5 - np.cos(np.pi * t)
-    speed, _ = run(Profile(3.0, 0.1), wave, ahead=0.05)
+    speed, _ = run(Profile(3.0, 0.1), wave, horizon=0.05)
     late = 1.5 - np.cos(np.pi * (t + 0.05))
     assert np.abs(speed - late)[60:].max() < 0.03
     assert np.abs(speed - wave)[60:].max() > 0.12
@@ -90,8 +90,8 @@ def test_a_wave_is_taken_ahead_of_its_time():
 
 def test_the_profile_never_crosses_standstill_and_never_outruns_the_car():
     rng = np.random.default_rng(1)
-    wanted = np.abs(np.repeat(rng.normal(0.5, 0.5, 40), 7)) + 0.01
-    speed, acceleration = run(Profile(3.0, 0.05), wanted, ahead=0.1)
+    targets = np.abs(np.repeat(rng.normal(0.5, 0.5, 40), 7)) + 0.01
+    speed, acceleration = run(Profile(3.0, 0.05), targets, horizon=0.1)
     assert speed.min() >= 0.0
     assert np.abs(acceleration).max() <= MAX_FOLLOWED_ACCELERATION + 1e-9
 

@@ -11,39 +11,39 @@ from dart_lab.sim.truth import world_of
 
 NEUTRAL_US = 1500.0
 NEAR_US = 5.0
-SETTLED = 0.040  # s: the PWM frame under way and the next, as for every command
+PULSE_DELAY_S = 0.040  # s: the PWM frame under way and the next, as for every command
 MOVES_AT = 1.0  # s of driving forward
 
 
-def pulses(then, after=1.2):
+def pulses(change, seconds=1.2):
     """(t after the change, width [us]) on the ESC's pin of a car that drove forward.
 
     ``then(t)``: speed asked for t s after the change, None: it is stopped, which disarms it.
     """
     backend = open_backend("sim://?nano=mock")
-    seen = []
+    pulse_log = []
     changed = None
     world = world_of(backend)
-    world.watchers.append(lambda channel, pulse: seen.append(pulse) if channel == 1 else None)
+    world.watchers.append(lambda channel, pulse: pulse_log.append(pulse) if channel == 1 else None)
     with Car.over(backend) as car:
         car.arm()
         start = None
-        for state in car.states(duration=MOVES_AT + after):
+        for state in car.states(duration=MOVES_AT + seconds):
             start = state.t if start is None else start
             t = state.t - start - MOVES_AT
-            wanted = 0.8 if t < 0.0 else then(t)
+            target = 0.8 if t < 0.0 else change(t)
             if t >= 0.0 and changed is None:
                 assert state.speed > 0.5
                 changed = world.t
-            if wanted is None:
+            if target is None:
                 car.stop()
                 break
-            car.drive_speed(steering=0.0, speed=wanted)
+            car.drive_speed(steering=0.0, speed=target)
         for _ in car.states(duration=0.3):
             pass
     ends = world.t
-    return [(fall - changed, (fall - rise) * 1e6) for rise, fall in seen
-            if changed + SETTLED < fall < ends]
+    return [(fall - changed, (fall - rise) * 1e6) for rise, fall in pulse_log
+            if changed + PULSE_DELAY_S < fall < ends]
 
 
 def nothing_drives_forward(widths):
@@ -57,14 +57,14 @@ def test_a_target_of_zero_is_neutral():
     assert min(width for _, width in widths) >= NEUTRAL_US - NEAR_US
 
 
-@pytest.mark.parametrize("at", [0.0, 0.1, pytest.param(0.5, marks=pytest.mark.slow),
-                                pytest.param(0.9, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("t_stop", [0.0, 0.1, pytest.param(0.5, marks=pytest.mark.slow),
+                                    pytest.param(0.9, marks=pytest.mark.slow)])
 @pytest.mark.slow_except("0.0")
-def test_a_stop_while_the_car_reverses_is_neutral(at):
+def test_a_stop_while_the_car_reverses_is_neutral(t_stop):
     """Before, in the brake, at rest and in reverse: never forward, and neutral in the end."""
-    widths = pulses(lambda t: -0.5 if t < at else None)
+    widths = pulses(lambda t: -0.5 if t < t_stop else None)
     nothing_drives_forward(widths)
-    late = [width for t, width in widths if t > at + SETTLED + 0.02]
+    late = [width for t, width in widths if t > t_stop + PULSE_DELAY_S + 0.02]
     assert late
     assert min(late) >= NEUTRAL_US - NEAR_US
 
@@ -72,7 +72,8 @@ def test_a_stop_while_the_car_reverses_is_neutral(at):
 def test_a_target_of_zero_while_the_esc_brakes_is_neutral():
     widths = pulses(lambda t: -0.5 if t < 0.1 else 0.0)
     nothing_drives_forward(widths)
-    assert min(width for t, width in widths if t > 0.1 + SETTLED + 0.02) >= NEUTRAL_US - NEAR_US
+    assert min(width for t,
+               width in widths if t > 0.1 + PULSE_DELAY_S + 0.02) >= NEUTRAL_US - NEAR_US
 
 
 def test_a_loop_that_holds_a_remnant_is_seen(monkeypatch):

@@ -27,7 +27,7 @@ REAR = 0.09
 STRAIGHT = Path([(9.0, 0.0)], closed=False)
 
 
-def at(s, offset, turn=0.0, *, path=TRACK, std=0.0, **of):
+def place_car(s, offset, turn=0.0, *, path=TRACK, std=0.0, **of):
     """A car whose middle is there."""
     spot = path.at(s)
     yaw = spot.heading + turn
@@ -38,7 +38,7 @@ def at(s, offset, turn=0.0, *, path=TRACK, std=0.0, **of):
                                                          **of})
 
 
-def judged(*others, s=1.0, speed=1.0, passes=True, path=TRACK):
+def judge_traffic(*others, s=1.0, speed=1.0, passes=True, path=TRACK):
     found = PathTraffic(path, 0.3, REAR, passes)
     found.judge(0.0, s, speed, others)
     return found
@@ -47,7 +47,7 @@ def judged(*others, s=1.0, speed=1.0, passes=True, path=TRACK):
 @pytest.mark.parametrize("turn", [0.0, pi / 2, pi])
 def test_one_in_the_middle_is_waited_for(turn):
     """Its disc, the own front, and the air between."""
-    found = judged(at(3.0, 0.02, turn))
+    found = judge_traffic(place_car(3.0, 0.02, turn))
     assert (found.wait, found.who, found.obstacles) == (TrafficWait.BEHIND, "red", ())
     assert found.room == pytest.approx(2.0 - REAR - law.BODY_RADIUS - 0.15 - law.STOP_GAP, abs=0.01)
     assert 0.5 < found.speed < 1.5
@@ -55,51 +55,53 @@ def test_one_in_the_middle_is_waited_for(turn):
 
 @pytest.mark.parametrize(("offset", "passed"), [(0.2, True), (-0.3, True), (0.45, False)])
 def test_one_beside_the_middle_is_passed_or_nothing(offset, passed):
-    found = judged(at(3.0, offset, speed=0.5))
+    found = judge_traffic(place_car(3.0, offset, speed=0.5))
     assert (found.wait, found.speed) == (TrafficWait.FREE, inf)
     assert [o.offset for o in found.obstacles] == pytest.approx([offset] * passed, abs=0.01)
     assert [o.speed for o in found.obstacles] == [0.5] * passed
 
 
 def test_a_tracker_that_passes_nobody_waits():
-    assert judged(at(3.0, 0.2), passes=False).wait is TrafficWait.BEHIND
+    assert judge_traffic(place_car(3.0, 0.2), passes=False).wait is TrafficWait.BEHIND
 
 
 def test_one_that_was_not_heard_stands_where_it_was_and_is_not_passed():
-    found = judged(at(3.0, 0.2, speed=2.0, age=60.0, lost=True))
+    found = judge_traffic(place_car(3.0, 0.2, speed=2.0, age=60.0, lost=True))
     assert (found.wait, found.obstacles) == (TrafficWait.LOST, ())
     assert found.room < 2.0
 
 
 def test_one_that_is_heard_is_where_it_has_driven_since():
-    still = judged(at(2.5, 0.0))
-    on = judged(at(2.5, 0.0, speed=1.0, age=0.3))
+    still = judge_traffic(place_car(2.5, 0.0))
+    on = judge_traffic(place_car(2.5, 0.0, speed=1.0, age=0.3))
     assert on.room == pytest.approx(still.room + 0.3, abs=0.01)
 
 
 def test_doubt_of_its_place_takes_room():
-    assert judged(at(3.0, 0.0, std=0.1)).room == pytest.approx(judged(at(3.0, 0.0)).room - 0.2,
-                                                               abs=0.01)
+    exact = judge_traffic(place_car(3.0, 0.0)).room
+    assert judge_traffic(place_car(3.0, 0.0, std=0.1)).room == pytest.approx(exact - 0.2,
+                                                                             abs=0.01)
 
 
 def test_behind_the_car_in_the_next_lane_and_beyond_the_end_is_nobody():
     """x = 3 and x = 4.5 are lanes of the track 1.5 m apart."""
-    assert judged(at(0.6, 0.0)).wait is TrafficWait.FREE
-    assert judged(at(3.0, 1.5)).wait is TrafficWait.FREE
+    assert judge_traffic(place_car(0.6, 0.0)).wait is TrafficWait.FREE
+    assert judge_traffic(place_car(3.0, 1.5)).wait is TrafficWait.FREE
     past = NearbyCar("red", Pose(11.0, 0.0, 0.0), 0.0, 0.0, False)
-    assert judged(past, s=8.5, path=STRAIGHT).wait is TrafficWait.FREE
+    assert judge_traffic(past, s=8.5, path=STRAIGHT).wait is TrafficWait.FREE
 
 
 def test_over_the_start_of_a_lap_it_is_seen():
-    assert judged(at(TRACK.length + 0.5, 0.0), s=TRACK.length - 1.0).wait is TrafficWait.BEHIND
+    assert judge_traffic(place_car(TRACK.length + 0.5, 0.0),
+                         s=TRACK.length - 1.0).wait is TrafficWait.BEHIND
 
 
 def test_it_stands_before_the_room_ends_and_starts_for_more_than_that():
-    found = judged(at(1.6, 0.0))
+    found = judge_traffic(place_car(1.6, 0.0))
     assert found.speed == 0.0
-    found.judge(1.0, 1.0, 0.0, [at(1.75, 0.0)])
+    found.judge(1.0, 1.0, 0.0, [place_car(1.75, 0.0)])
     assert found.speed == 0.0
-    found.judge(2.0, 1.0, 0.0, [at(3.0, 0.0)])
+    found.judge(2.0, 1.0, 0.0, [place_car(3.0, 0.0)])
     assert found.speed > 0.5
     assert found.seconds[TrafficWait.BEHIND] == pytest.approx(2.0)
 
@@ -110,12 +112,12 @@ class Drive:
     the ESC of the own car; times from when the cars are armed. cars: a folder for their
     calibrations."""
 
-    def __init__(self, lead, *, beside=0.0, room="", tracker="mpcc", seconds=9.0, blind=False,
+    def __init__(self, lead, *, offset=0.0, room="", tracker="mpcc", seconds=9.0, blind=False,
                  cars=None):
         self.pulses = []
         rows = []
         backends = []
-        for seed, x, y in ((1, 0.0, 0.0), (2, 2.5, beside)):
+        for seed, x, y in ((1, 0.0, 0.0), (2, 2.5, offset)):
             backends.append(open_backend(f"sim://?seed={seed}&nano=mock&mocap=1&world=traffic&"
                                          f"at={x},{y},0"))
         worlds = [world_of(backend) for backend in backends]
@@ -148,13 +150,13 @@ class Drive:
             self.contacts = fleet.contacts
         self.rows, self.pulses = np.array(rows), np.array(self.pulses) - (begun, 0.0)
 
-    def pulled(self, since, until):
+    def max_pull(self, since, until):
         """Most us above neutral at the ESC between two times [s]."""
         t, width = self.pulses.T
         return float((width[(t > since) & (t < until)] - 1500.0).max())
 
 
-def stands(t):
+def standing_pose(t):
     return 0.0
 
 
@@ -162,20 +164,20 @@ def stands(t):
 @pytest.mark.parametrize("tracker", ["mpcc", "lqr"])
 def test_a_car_that_stands_in_the_lane_is_waited_for(tracker):
     """At rest at neutral, with air; the follower is not stuck, and named is whom it waits for."""
-    drive = Drive(stands, tracker=tracker)
+    drive = Drive(standing_pose, tracker=tracker)
     assert not drive.contacts
     assert drive.follower.why == ""
     assert (drive.others.traffic.wait, drive.others.traffic.who) == (TrafficWait.BEHIND, "red")
     t, own, red = drive.rows.T
     assert 0.40 < red[-1] - own[-1] < 0.85
-    assert drive.pulled(t[-1] - 3.0, t[-1]) < 5.0
-    assert drive.pulled(0.0, 3.0) > 50.0
+    assert drive.max_pull(t[-1] - 3.0, t[-1]) < 5.0
+    assert drive.max_pull(0.0, 3.0) > 50.0
 
 
 @pytest.mark.slow
 def test_who_is_not_told_of_it_drives_into_it():
     """The control."""
-    assert Drive(stands, blind=True, seconds=5.0).contacts
+    assert Drive(standing_pose, blind=True, seconds=5.0).contacts
 
 
 @pytest.mark.slow
@@ -185,12 +187,12 @@ def test_it_starts_again_behind_one_that_goes_on():
     assert not drive.contacts
     assert own[-1] - own[t < 5.0][-1] > 0.8
     assert (red - own).min() > 0.40
-    assert drive.pulled(4.5, 5.0) < 5.0
+    assert drive.max_pull(4.5, 5.0) < 5.0
 
 
 @pytest.mark.slow
 def test_one_beside_the_middle_is_passed(tmp_path):
-    drive = Drive(stands, beside=0.25, cars=tmp_path)
+    drive = Drive(standing_pose, offset=0.25, cars=tmp_path)
     assert not drive.contacts
     assert set(drive.follower.tracker.mpcc.outcomes.elements()) == {PlanOutcome.SOLVED}
     assert drive.rows[-1, 1] > 4.5
@@ -200,7 +202,7 @@ def test_one_beside_the_middle_is_passed(tmp_path):
 @pytest.mark.slow
 def test_but_not_where_nobody_knows_where_its_marker_sits():
     """15 cm, twice, are no way."""
-    drive = Drive(stands, beside=0.25, seconds=5.0)
+    drive = Drive(standing_pose, offset=0.25, seconds=5.0)
     assert not drive.contacts
     assert drive.others.traffic.wait is TrafficWait.BEHIND
 
@@ -212,7 +214,7 @@ def test_one_that_falls_silent_is_waited_for_where_it_was():
     assert drive.others.traffic.wait is TrafficWait.LOST
     t, own, red = drive.rows.T
     assert own[-1] < red[t < 2.0][-1] - 0.3
-    assert drive.pulled(t[-1] - 2.0, t[-1]) < 5.0
+    assert drive.max_pull(t[-1] - 2.0, t[-1]) < 5.0
     assert drive.others.traffic.seconds[TrafficWait.LOST] > 3.0
 
 
@@ -227,9 +229,9 @@ def test_through_loss_and_disorder_nobody_is_touched(room):
 
 
 def test_another_frame_ends_the_drive():
-    told = {"red": SimpleNamespace(frame="start")}
+    reports = {"red": SimpleNamespace(frame="start")}
     follower = Follower(STRAIGHT, plant_by(LATER), 1.0)
-    others = Others(SimpleNamespace(other_poses=lambda: told), follower)
+    others = Others(SimpleNamespace(other_poses=lambda: reports), follower)
 
     def each(t, follower, motion):
         others.update(motion)

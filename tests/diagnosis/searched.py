@@ -64,11 +64,11 @@ def evidence(*recordings):
     return make_evidence(recordings, PAPER.body.l_r)[0]
 
 
-def fitted(seen, p=PAPER, free=(), noise=None):
+def fit_start(of_drive, p=PAPER, free=(), noise=None):
     """(noise, point) of evidence: nothing but timing and ``free`` fitted."""
     space = Space(p, free)
-    noise = noise or estimate_noise(seen.residuals(p, MessageTiming()), seen.blocks(2.0))
-    return noise, refit(seen, noise, space, space.point(MessageTiming()))
+    noise = noise or estimate_noise(of_drive.residuals(p, MessageTiming()), of_drive.blocks(2.0))
+    return noise, refit(of_drive, noise, space, space.point(MessageTiming()))
 
 
 def search(*recordings, p=PAPER, free=(), known=None, names=(), **settings):
@@ -86,6 +86,6 @@ def size_of(found, name):
     return next(a.values[0] for a in found.point.vehicle.effects if a.name == name)
 
 
-def share_explained(change, by):
+def share_explained(change, other):
     """1 - squared error / square, of a change (N,) by another one."""
-    return 1.0 - float(np.sum((change - by)**2) / np.sum(change**2))
+    return 1.0 - float(np.sum((change - other)**2) / np.sum(change**2))

@@ -21,21 +21,21 @@ def carpet(newton):
     """More drag on the half of the room where x > 0."""
     def force(x, y, eta, vx, vy, om, tau, delta):
         return (-newton * np.tanh(vx / 0.1) if x > 0 else 0.0), 0.0, 0.0
-    return pushed(force)
+    return push_car(force)
 
 
 def cogging(newton):
     """Motor force that rises and falls with the speed: a resonance of the drive train."""
     def force(x, y, eta, vx, vy, om, tau, delta):
         return newton * np.exp(-((vx - 1.6) / 0.25)**2), 0.0, 0.0
-    return pushed(force)
+    return push_car(force)
 
 
 def rubs_to_the_left(newton):
     """A wheel that touches the body when it is turned to the left."""
     def force(x, y, eta, vx, vy, om, tau, delta):
         return (-newton * np.tanh(vx / 0.1) if delta > 0.05 else 0.0), 0.0, 0.0
-    return pushed(force)
+    return push_car(force)
 
 
 def wind(newton):
@@ -43,7 +43,7 @@ def wind(newton):
     def force(x, y, eta, vx, vy, om, tau, delta):
         f = newton if y > 0 else 0.0
         return f * np.cos(eta), -f * np.sin(eta), 0.0
-    return pushed(force)
+    return push_car(force)
 
 
 def out_of_round(newton):
@@ -51,39 +51,39 @@ def out_of_round(newton):
     def wrap(step, dt):
         way = [0.0]
 
-        def stranger(*now):
+        def changed_step(*now):
             x, y, eta, vx, vy, om = step(*now)
             way[0] += vx * dt
             return (x, y, eta, vx + newton * np.sin(2.0 * np.pi * way[0]) / MASS * dt, vy, om)
-        return stranger
+        return changed_step
     return wrap
 
 
 def torque_steer(rad):
     """The motor turns the wheels: by ``rad`` at a tenth of full throttle."""
-    return steered(lambda vx, tau, delta: delta + rad * (tau - 0.2) / 0.1)
+    return steer_by(lambda vx, tau, delta: delta + rad * (tau - 0.2) / 0.1)
 
 
 def soft_at_speed(share):
     """Wheels that turn less the faster the car goes."""
-    return steered(lambda vx, tau, delta: delta * (1.0 - share * (vx - 1.5)))
+    return steer_by(lambda vx, tau, delta: delta * (1.0 - share * (vx - 1.5)))
 
 
-def pushed(force):
+def push_car(force):
     def wrap(step, dt):
-        def stranger(*now):
+        def changed_step(*now):
             fx, fy, mz = force(*now)
             x, y, eta, vx, vy, om = step(*now)
             return x, y, eta, vx + fx / MASS * dt, vy + fy / MASS * dt, om + mz / INERTIA * dt
-        return stranger
+        return changed_step
     return wrap
 
 
-def steered(angle):
+def steer_by(angle):
     def wrap(step, dt):
-        def stranger(x, y, eta, vx, vy, om, tau, delta):
+        def changed_step(x, y, eta, vx, vy, om, tau, delta):
             return step(x, y, eta, vx, vy, om, tau, float(angle(vx, tau, delta)))
-        return stranger
+        return changed_step
     return wrap
 
 

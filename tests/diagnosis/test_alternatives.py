@@ -36,23 +36,23 @@ def test_models_that_move_the_car_alike_are_listed_nearest_first():
 
 
 @pytest.fixture(scope="module")
-def fitted():
+def fitted_search():
     """(search, evidence, fit) of a car with yaw damping."""
-    seen = evidence(drive(("yaw_damping", 0.02), seconds=40.0))
-    search = ForwardSearch(seen, PAPER, Settings(free=FREE))
+    of_drive = evidence(drive(("yaw_damping", 0.02), seconds=40.0))
+    search = ForwardSearch(of_drive, PAPER, Settings(free=FREE))
     vehicle = apply(PAPER, "yaw_damping", k=0.01)
     point, _ = search._fit_and_measure_noise(search.make_space(vehicle),
-                                             MessageTiming(seen.message_age))
-    sampling = covariance(point, label_point_rows(seen, point, search._settings.policy).block)
+                                             MessageTiming(of_drive.message_age))
+    sampling = covariance(point, label_point_rows(of_drive, point, search._settings.policy).block)
     stds = point.space.standard_errors(point.x, sampling)
-    return search, seen, FinalFit(point.vehicle, point.timing, point, sampling, stds)
+    return search, of_drive, FinalFit(point.vehicle, point.timing, point, sampling, stds)
 
 
-def test_error_holds_the_number_of_the_other_model(fitted):
-    search, seen, final = fitted
-    wide = include_alternatives(final, (Exchange("yaw_damping"),), search, seen, USUAL.scan)
+def test_error_holds_the_number_of_the_other_model(fitted_search):
+    search, of_drive, final = fitted_search
+    wide = include_alternatives(final, (Exchange("yaw_damping"),), search, of_drive, USUAL.scan)
     other, _ = search._fit_and_measure_noise(search.make_space(PAPER),
-                                             MessageTiming(seen.message_age))
+                                             MessageTiming(of_drive.message_age))
     for name in FREE:
         away = abs(value(other.vehicle, name) - value(final.vehicle, name))
         expected = np.hypot(final.stds[name], away / np.sqrt(2.0))
@@ -62,16 +62,16 @@ def test_error_holds_the_number_of_the_other_model(fitted):
     assert wide.vehicle is final.vehicle
 
 
-def test_model_with_another_effect_is_fitted(fitted):
-    search, seen, final = fitted
-    wide = include_alternatives(final, (Exchange("yaw_damping", "front_grip"),), search, seen,
+def test_model_with_another_effect_is_fitted(fitted_search):
+    search, of_drive, final = fitted_search
+    wide = include_alternatives(final, (Exchange("yaw_damping", "front_grip"),), search, of_drive,
                                 USUAL.scan)
     assert wide.stds["tyres.rear_cornering_stiffness"] > final.stds[
         "tyres.rear_cornering_stiffness"]
 
 
-def test_without_other_models_errors_are_those_of_the_fit(fitted):
-    search, seen, final = fitted
-    assert include_alternatives(final, (), search, seen, USUAL.scan) is final
+def test_without_other_models_errors_are_those_of_the_fit(fitted_search):
+    search, of_drive, final = fitted_search
+    assert include_alternatives(final, (), search, of_drive, USUAL.scan) is final
     missing = (Exchange("grip", "mass"), Exchange(added="yaw_damping"))
-    assert include_alternatives(final, missing, search, seen, USUAL.scan) is final
+    assert include_alternatives(final, missing, search, of_drive, USUAL.scan) is final

@@ -18,14 +18,14 @@ OTHERS = {"/camera/compressed": b"\xff\xd8 no picture \xff\xd9", "/battery": b'{
 
 
 @pytest.fixture(scope="module")
-def filmed(tmp_path_factory):
+def filmed_drive(tmp_path_factory):
     """A second and a half of driving that a motion capture sees as well."""
     path = tmp_path_factory.mktemp("filmed") / "run.mcap"
     any_car.drive("sim://?nano=mock&mocap=1", path, 1.5, np.random.default_rng(5))
     return path
 
 
-def written_anew(run, path, others=(), but=()):
+def rewrite(run, path, others=(), but=()):
     """The run with channels of others, and without its own topics ``but``."""
     with run.open("rb") as source, path.open("wb") as target:
         reader = make_reader(source)
@@ -52,7 +52,7 @@ def written_anew(run, path, others=(), but=()):
     return path
 
 
-def told(recording):
+def list_inputs(recording):
     """All that a diagnosis takes from it, as bytes."""
     parts = [recording.messages, *([recording.mocap] if recording.mocap else [])]
     return [np.asarray(getattr(part, name)).tobytes() for part in parts
@@ -60,26 +60,28 @@ def told(recording):
 
 
 @pytest.mark.slow
-def test_channels_that_nobody_knows_are_ignored(filmed, tmp_path):
-    plain = read_run(written_anew(filmed, tmp_path / "plain.mcap"))
-    more = read_run(written_anew(filmed, tmp_path / "more.mcap", OTHERS))
+def test_channels_that_nobody_knows_are_ignored(filmed_drive, tmp_path):
+    plain = read_run(rewrite(filmed_drive, tmp_path / "plain.mcap"))
+    more = read_run(rewrite(filmed_drive, tmp_path / "more.mcap", OTHERS))
     assert plain.mocap is not None
-    assert told(more) == told(plain) == told(read_run(filmed))
+    assert list_inputs(more) == list_inputs(plain) == list_inputs(read_run(filmed_drive))
 
 
-def test_channels_that_are_asked_for_are_not(filmed, tmp_path):
+def test_channels_that_are_asked_for_are_not(filmed_drive, tmp_path):
     """Control: the same way of writing without poses, and without what the car said."""
-    unseen = read_run(written_anew(filmed, tmp_path / "unseen.mcap", OTHERS, ("/external_pose",)))
-    assert unseen.mocap is None
+    without_poses = read_run(rewrite(filmed_drive, tmp_path / "unseen.mcap", OTHERS,
+                                   ("/external_pose",)))
+    assert without_poses.mocap is None
     with pytest.raises(RecordingError):
-        read_run(written_anew(filmed, tmp_path / "mute.mcap", OTHERS, ("/rx",)))
+        read_run(rewrite(filmed_drive, tmp_path / "mute.mcap", OTHERS, ("/rx",)))
 
 
 @pytest.mark.slow
-def test_a_run_judged_without_its_poses_is_as_if_there_were_none(filmed, tmp_path):
+def test_a_run_judged_without_its_poses_is_as_if_there_were_none(filmed_drive, tmp_path):
     """By the commands as well, which are read more finely than the sensors."""
-    unseen = written_anew(filmed, tmp_path / "unseen.mcap", but=("/external_pose",))
-    with_them, without = (prepare_stretches(read_run(p, poses=False)) for p in (filmed, unseen))
+    without_poses = rewrite(filmed_drive, tmp_path / "unseen.mcap", but=("/external_pose",))
+    with_them, without = (prepare_stretches(read_run(p, poses=False)) for p in (filmed_drive,
+                                                                                without_poses))
     assert len(with_them) == len(without) > 0
     for one, other in zip(with_them, without, strict=True):
         for name in ("throttle", "steering", "v_x", "omega"):

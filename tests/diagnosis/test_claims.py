@@ -132,8 +132,8 @@ def test_a_claim_is_drawn_old_new_and_as_the_car_drives(folder):
     (c,) = found.claims
     front = next(k for k in PICTURES if k.title == "Front tyres")
     points = _measure_curve(front, found)
-    told = np.isfinite(points.error)
-    new, old = (np.abs(front.curve(p, points.x) - points.mean)[told]
+    known = np.isfinite(points.error)
+    new, old = (np.abs(front.curve(p, points.x) - points.mean)[known]
                 for p in (found.extended, found.stages[0].vehicle))
     assert np.median(new) < 0.3 * np.median(old)
     (drawn,) = pictures(c, found)
@@ -163,7 +163,7 @@ def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
     point = SimpleNamespace(noise=Noise(np.eye(2), np.ones(4), np.ones(6)), vehicle=None,
                             timing=None)
 
-    def unseen(factor):
+    def make_residuals(factor):
         r = Residuals(np.where(wild[:, None], 30.0, factor * motion), np.zeros((0, 4)))
         ten = np.repeat(np.arange(20), 10)
         out = RecordingLosses(SimpleNamespace(
@@ -174,7 +174,7 @@ def test_a_spin_that_no_model_follows_does_not_hide_what_a_group_costs():
         out._fit_timing = lambda *fit: None
         return out.motion(point)
 
-    losses = {frozenset(): unseen(1.5), frozenset({"motor"}): unseen(1.0)}
+    losses = {frozenset(): make_residuals(1.5), frozenset({"motor"}): make_residuals(1.0)}
     loss_ratio, low, _ = group_cost(losses.__getitem__, frozenset({"motor"}), "motor")
     assert loss_ratio > USUAL.claims.worth
     assert low > 1.0
@@ -186,7 +186,7 @@ def test_how_old_the_commands_of_a_fit_were_costs_nothing_on_other_recordings(fo
     drive = prepare_drive(recording, PAPER.body.l_r)
     evidence = Evidence([drive], PAPER.body.l_r)
 
-    def lost(age, fitted=True):
+    def measure_loss(age, fitted=True):
         sizes = estimate_noise(evidence.residuals(PAPER, MessageTiming()), evidence.blocks(2.0))
         point = SimpleNamespace(vehicle=PAPER, timing=MessageTiming(command_age=age), noise=sizes)
         out = RecordingLosses(evidence, point, USUAL)
@@ -195,9 +195,9 @@ def test_how_old_the_commands_of_a_fit_were_costs_nothing_on_other_recordings(fo
             out._fit_timing = lambda *fit: point.timing
         return out.motion(point).sum()
 
-    assert lost(0.06, fitted=False) > 2.0 * lost(0.0, fitted=False)
-    assert lost(0.06) == pytest.approx(lost(0.0), rel=0.02)
-    assert lost(0.06) <= 1.02 * lost(0.0, fitted=False)
+    assert measure_loss(0.06, fitted=False) > 2.0 * measure_loss(0.0, fitted=False)
+    assert measure_loss(0.06) == pytest.approx(measure_loss(0.0), rel=0.02)
+    assert measure_loss(0.06) <= 1.02 * measure_loss(0.0, fitted=False)
 
 
 def test_of_two_times_one_is_wrong_and_the_data_do_not_say_which():
@@ -205,12 +205,12 @@ def test_of_two_times_one_is_wrong_and_the_data_do_not_say_which():
         {"steering timing"}, {"throttle timing"}, {"steering timing", "throttle timing"}))
     either = Posterior(tuple(sorted(both)), (steering, throttle), np.array([0.5, 0.5]))
     assert _pair_groups(either, USUAL.claims.unsure) == [both]
-    surely = Posterior(tuple(sorted(both)), (steering, both), np.array([0.5, 0.5]))
-    assert _pair_groups(surely, USUAL.claims.unsure) == []
+    certain = Posterior(tuple(sorted(both)), (steering, both), np.array([0.5, 0.5]))
+    assert _pair_groups(certain, USUAL.claims.unsure) == []
     late = replace(PAPER, delay=replace(PAPER.delay, throttle_s=0.05))
-    before, after = (list_quantities("command timing")["steering later than throttle"][1](p)
+    before, later = (list_quantities("command timing")["steering later than throttle"][1](p)
                      for p in (PAPER, late))
-    assert after == pytest.approx(before - 50.0)
+    assert later == pytest.approx(before - 50.0)
 
 
 def test_no_command_is_younger_than_its_message_to_stand_in_for_a_delay():
@@ -229,12 +229,12 @@ def test_no_command_is_younger_than_its_message_to_stand_in_for_a_delay():
     assert of.rise(of.all_groups) == 0.0
 
 
-@pytest.mark.parametrize(("change", "after", "verdict"), [
+@pytest.mark.parametrize(("change", "later", "verdict"), [
     (0.05, 2.0, "parameters_only"), (0.4, 2.0, "unexplained"), (0.4, 1.02, "parameters_only")])
-def test_a_parameter_whose_size_changes_does_not_explain(change, after, verdict):
+def test_a_parameter_whose_size_changes_does_not_explain(change, later, verdict):
     """As of a motor that grows hot: one number of it is no number of the car. Of what moved by 2 %
     a part is next to nothing."""
-    claimed = Claim("motor", "motor", (), 1.0, {"pull": QuantityChange(1.0, after, 0.01, "N")},
+    claimed = Claim("motor", "motor", (), 1.0, {"pull": QuantityChange(1.0, later, 0.01, "N")},
                     (1.2, 1.1, 1.3), (), "",
                     Constancy(0.001, "time", (), change, (0.01, 0.1)))
     explains = verdict == "parameters_only"

@@ -25,12 +25,12 @@ def test_the_demo_drives_calibrates_and_writes_its_page(tmp_path, monkeypatch, c
     with pytest.raises(SystemExit) as ended:
         main(["demo", "--url", "sim://?seed=7&nano=mock&effect=steering_lag:0.12", "--out",
               str(out), "--json"])
-    said = capsys.readouterr()
-    assert not ended.value.code, said.err
-    told = json.loads(said.out)
-    assert 0 < told["summary"]["steering_rms_deg"] < 0.5
-    assert told["summary"]["diagnosis"]["named"] is True
-    assert all((tmp_path / path).stat().st_size > 0 for path in told["files"].values())
+    captured = capsys.readouterr()
+    assert not ended.value.code, captured.err
+    result = json.loads(captured.out)
+    assert 0 < result["summary"]["steering_rms_deg"] < 0.5
+    assert result["summary"]["diagnosis"]["named"] is True
+    assert all((tmp_path / path).stat().st_size > 0 for path in result["files"].values())
     page = (out / "index.html").read_text(encoding="utf-8")
     assert "steering_lag" in page
     assert "diagnosis.html" in page

@@ -136,7 +136,7 @@ def test_without_json_the_sentences_are_on_standard_output_and_notices_are_not(f
     assert "40 % of each training recording" in err
 
 
-@pytest.mark.parametrize(("words", "says"), [
+@pytest.mark.parametrize(("words", "message"), [
     ([], "no recording to train on"),
     (["--train", "{0}", "--only", "steering_lug"], "steering_lag"),
     (["--train", "{0}", "--only", "grip", "--exclude", "grip"], "no effect is left"),
@@ -152,12 +152,12 @@ def test_without_json_the_sentences_are_on_standard_output_and_notices_are_not(f
     (["{0}"], "follows no option"),
 ])
 @pytest.mark.slow_except("words[0-2]*", "words[5-9]*")
-def test_bad_input_ends_with_2_and_says_what(words, says, files, run):
+def test_bad_input_ends_with_2_and_says_what(words, message, files, run):
     code, answer, err = run(*(w.format(*files) for w in words), "--json")
     assert code == 2
     assert set(answer) == {"error"}
     assert set(answer["error"]) == {"code", "what", "found", "try"}
-    assert says in err
+    assert message in err
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ def other(recording, name="car_1_other.csv"):
     return replace(recording, path=recording.path.with_name(name), sha256="f" * 64)
 
 
-def scaled(tmp_path, recording, column, factor, offset=0.0):
+def scale_column(tmp_path, recording, column, factor, offset=0.0):
     """The recording with one column of its file changed."""
     lines = recording.path.read_text().splitlines()
     at = lines[0].split(",").index(column)
@@ -76,13 +76,13 @@ def test_a_copy_among_the_training_recordings_counts_once(drive, tmp_path):
     ("acc y (IMU)", 1000.0), ("elapsed time sensors", 1000.0)])
 def test_a_wrong_unit_is_refused_by_column(drive, tmp_path, column, factor):
     with pytest.raises(RecordingError) as refused:
-        check_units(read(scaled(tmp_path, drive, column, factor)))
+        check_units(read(scale_column(tmp_path, drive, column, factor)))
     assert column in refused.value.what
     assert "divide the column by" in refused.value.remedy
 
 
 def test_the_factor_is_named(drive, tmp_path):
-    path = scaled(tmp_path, drive, "vel encoder", 0.001)
+    path = scale_column(tmp_path, drive, "vel encoder", 0.001)
     with pytest.raises(RecordingError, match="vel encoder") as refused:
         check_units(read(path))
     assert "divide the column by 0.001" in refused.value.remedy
@@ -90,8 +90,8 @@ def test_the_factor_is_named(drive, tmp_path):
 
 
 def test_positions_in_km_look_like_standstill_and_are_refused(drive, tmp_path):
-    path = scaled(tmp_path, drive, "vicon x", 0.001)
-    path = scaled(tmp_path, replace(drive, path=path), "vicon y", 0.001)
+    path = scale_column(tmp_path, drive, "vicon x", 0.001)
+    path = scale_column(tmp_path, replace(drive, path=path), "vicon y", 0.001)
     with pytest.raises(RecordingError):
         check_inputs([read(path)], [], PAPER)
 
@@ -100,18 +100,18 @@ def test_positions_in_km_look_like_standstill_and_are_refused(drive, tmp_path):
     ("vel encoder", 1.06), ("W (IMU)", 0.9), ("acc y (IMU)", 1.2)])
 @pytest.mark.slow_except("W (IMU)*")
 def test_what_an_effect_may_do_passes(drive, tmp_path, column, factor):
-    check_units(read(scaled(tmp_path, drive, column, factor)))
+    check_units(read(scale_column(tmp_path, drive, column, factor)))
 
 
 def test_a_dead_encoder_is_said_and_not_judged(drive, tmp_path):
-    dead = read(scaled(tmp_path, drive, "vel encoder", 0.0))
+    dead = read(scale_column(tmp_path, drive, "vel encoder", 0.0))
     inputs = check_inputs([dead], [other(drive)], PAPER)
     assert "encoder is dead" in " ".join(inputs.notes)
     assert not np.isfinite(prepare_drive(inputs.train[0], PAPER.body.l_r).readings[:, 0]).any()
 
 
 def test_a_dead_gyro_is_said_and_not_judged(drive, tmp_path):
-    dead = read(scaled(tmp_path, drive, "W (IMU)", 0.0))
+    dead = read(scale_column(tmp_path, drive, "W (IMU)", 0.0))
     inputs = check_inputs([dead], [other(drive)], PAPER)
     assert "gyro is dead" in " ".join(inputs.notes)
     found = prepare_drive(inputs.train[0], PAPER.body.l_r).readings
@@ -148,9 +148,9 @@ def test_a_standing_car_is_refused(drive):
     with pytest.raises(RecordingError, match="does not drive"):
         check_inputs([still], [], PAPER)
     second = replace(other(drive), mocap=still.mocap, messages=still.messages)
-    beside = check_inputs([drive, second], [], PAPER)
-    assert len(beside.train) == 1
-    assert any("at rest" in n for n in beside.notes)
+    cautions = check_inputs([drive, second], [], PAPER)
+    assert len(cautions.train) == 1
+    assert any("at rest" in n for n in cautions.notes)
 
 
 def first_part(drive, share):
@@ -176,9 +176,9 @@ def test_a_model_that_steers_the_other_way_is_another_cars(drive):
 def test_a_model_that_turns_much_more_is_doubted_and_its_own_is_not(drive):
     b = PAPER.body
     long = replace(PAPER, body=replace(b, wheelbase=3 * b.wheelbase, l_f=3 * b.l_f, l_r=3 * b.l_r))
-    said = check_model([drive], long)
-    assert len(said) == 1
-    assert re.search(r"turns (2\.[5-9]|3\.[0-3])\d times", said[0])
+    warnings = check_model([drive], long)
+    assert len(warnings) == 1
+    assert re.search(r"turns (2\.[5-9]|3\.[0-3])\d times", warnings[0])
     assert check_model([drive], PAPER) == []
 
 
@@ -190,8 +190,9 @@ def test_without_test_recordings_stretches_are_held_out(drive):
     a, b = (prepare_drive(r, PAPER.body.l_r) for r in (train, test))
     whole = prepare_drive(drive, PAPER.body.l_r)
     assert set(a.starts) | set(b.starts) <= set(whole.starts)  # the clock has stayed
-    apart = np.abs(a.starts[:, None] - b.starts[None, :]).min()
-    assert apart * 0.01 > 1.0 + GUARD_S  # a window of one side ends before one of the other starts
+    distances = np.abs(a.starts[:, None] - b.starts[None, :]).min()
+    # a window of one side ends before one of the other starts
+    assert distances * 0.01 > 1.0 + GUARD_S
     assert len(a.starts) + len(b.starts) > 0.6 * len(whole.starts)
     np.testing.assert_allclose(b.grid.v_x, whole.grid.v_x)  # commands and motion are whole
     assert driving_seconds(test) == pytest.approx(0.4 * driving_seconds(drive), rel=0.3)

@@ -22,21 +22,21 @@ OFF = 0.004
 """m; two standard errors."""
 
 
-def framed(recording, ahead=0.0, std=STD):
+def add_frame(recording, offset=0.0, std=STD):
     """The recording with a fitted frame, so far from where the markers are."""
     marker = recording.marker
-    return replace(recording, marker=Reference(marker.lx + ahead, marker.theta, marker.ly,
+    return replace(recording, marker=Reference(marker.lx + offset, marker.theta, marker.ly,
                                                "fitted to these recordings", std))
 
 
 def test_errors_are_those_of_a_frame_that_all_recordings_share():
     a = drive(seed=3)
     b = drive(seed=4)
-    assert find_frame_errors([framed(a), framed(b)]) == {
+    assert find_frame_errors([add_frame(a), add_frame(b)]) == {
         "mocap_offset_x.k": 0.002, "mocap_yaw.k": 0.002, "mocap_offset_y.k": 0.002}
-    assert find_frame_errors([framed(a), framed(b, 0.001)]) == {}, "two mountings"
+    assert find_frame_errors([add_frame(a), add_frame(b, 0.001)]) == {}, "two mountings"
     assert find_frame_errors([a, b]) == {}, "known without an error"
-    unknown = framed(a, std=(0.002, 0.002, float("nan")))
+    unknown = add_frame(a, std=(0.002, 0.002, float("nan")))
     assert "mocap_offset_y.k" not in find_frame_errors([unknown])
     assert find_frame_errors([]) == {}
 
@@ -63,7 +63,7 @@ def test_error_of_a_frame_is_no_cause(refit):
     file, p = find_model("paper")
     train = drive(seconds=60.0, seed=3)
     test = drive(seconds=40.0, seed=4)
-    fitted, known = (diagnose(file, p, [framed(train, OFF, std)], [framed(test, OFF, std)],
+    fitted, known = (diagnose(file, p, [add_frame(train, OFF, std)], [add_frame(test, OFF, std)],
                               refit=refit) for std in (STD, None))
     assert not fitted.causes
     assert fitted.verdict in ("nothing_wrong", "parameters_only")

@@ -33,33 +33,33 @@ ROWS = 40
 DRAWS = 400
 
 
-def problem(rng, signal, beside=(), pull=1.0):
+def problem(rng, signal, others=(), pull=1.0):
     """Units of rows with noise of size 1: residuals of a fit whose effect, of so much signal, is
     taken out at step -1; beside: directions that may follow, with a prior of size 1 / pull."""
     effect = rng.normal(size=(UNITS, ROWS))
-    columns = [*(f(effect, rng) for f in beside), effect]
-    z = np.stack(columns, axis=2) * np.array([1.0] * len(beside) + [signal])
+    columns = [*(f(effect, rng) for f in others), effect]
+    z = np.stack(columns, axis=2) * np.array([1.0] * len(others) + [signal])
     noise = rng.normal(size=(UNITS, ROWS))
     flat = z.reshape(-1, z.shape[2])
     noise -= (flat @ np.linalg.lstsq(flat, noise.ravel(), rcond=None)[0]).reshape(noise.shape)
     return BootstrapProblem(np.einsum("uri,urj->uij", z, z), np.einsum("uri,ur->ui", z, noise),
-                   np.array([pull] * len(beside) + [0.0]), np.zeros(z.shape[2]))
+                   np.array([pull] * len(others) + [0.0]), np.zeros(z.shape[2]))
 
 
 def test_what_is_there_is_sure_and_what_is_not_is_not():
     rng = np.random.default_rng(1)
     assert probability(problem(rng, 0.3), -1.0, DRAWS, 0) > 0.97
-    faint = [probability(problem(rng, 0.02), -1.0, DRAWS, i) for i in range(20)]
-    assert np.median(faint) < USUAL.grade.likely
+    weak = [probability(problem(rng, 0.02), -1.0, DRAWS, i) for i in range(20)]
+    assert np.median(weak) < USUAL.grade.likely
 
 
 def test_what_the_family_of_another_explains_is_no_second_cause():
     """The same direction but for a tenth: with the family beside it the name is not sure."""
-    def alike(effect, rng):
+    def same_signal(effect, rng):
         return effect + 0.1 * rng.normal(size=effect.shape)
 
     rng = np.random.default_rng(2)
-    free, held = (probability(problem(rng, 0.3, [alike], pull), -1.0, DRAWS, 0)
+    free, held = (probability(problem(rng, 0.3, [same_signal], pull), -1.0, DRAWS, 0)
                   for pull in (1e-3, 1e6))
     assert free < USUAL.grade.likely
     assert held > 0.95  # the control: without the family it is
@@ -72,7 +72,7 @@ def test_an_effect_that_bags_want_with_the_other_sign_is_not_wanted():
 
 
 @pytest.fixture(scope="module")
-def fitted(tmp_path_factory):
+def secants_of_fits(tmp_path_factory):
     """name -> secants of the fit with one effect, of a drive with another one hidden in it."""
     folder = tmp_path_factory.mktemp("grade")
 
@@ -88,8 +88,8 @@ def fitted(tmp_path_factory):
     return fit
 
 
-def test_a_constant_cause_is_constant_and_of_its_size(fitted):
-    of = fitted("motor_gain", "motor_gain", k=0.08)
+def test_a_constant_cause_is_constant_and_of_its_size(secants_of_fits):
+    of = secants_of_fits("motor_gain", "motor_gain", k=0.08)
     assert assess_constancy(of, "motor_gain", USUAL.grade, 0).constant
     ((size, error),) = estimate_sizes_by_recording(of, "motor_gain")
     assert size == pytest.approx(1.0, abs=0.1)
@@ -97,8 +97,8 @@ def test_a_constant_cause_is_constant_and_of_its_size(fitted):
 
 
 @pytest.mark.slow
-def test_a_battery_that_runs_down_is_no_constant_gain(fitted):
-    fit = fitted("motor_gain", "battery_fade", k=-0.3)
+def test_a_battery_that_runs_down_is_no_constant_gain(secants_of_fits):
+    fit = secants_of_fits("motor_gain", "battery_fade", k=-0.3)
     found = assess_constancy(fit, "motor_gain", USUAL.grade, 0)
     assert not found.constant
     assert "time" in (found.along, *found.others)
@@ -108,8 +108,8 @@ def test_a_battery_that_runs_down_is_no_constant_gain(fitted):
 
 
 @pytest.mark.slow
-def test_what_does_nothing_has_no_size_that_changes(fitted):
-    of = fitted("motor_gain", "motor_gain", k=0.1)
+def test_what_does_nothing_has_no_size_that_changes(secants_of_fits):
+    of = secants_of_fits("motor_gain", "motor_gain", k=0.1)
     still = replace(of, tangent={"motor_gain": np.zeros_like(of.tangent["motor_gain"])})
     assert assess_constancy(still, "motor_gain", USUAL.grade, 0).constant
     assert assess_constancy(still, "motor_gain", USUAL.grade, 0).curve == ()

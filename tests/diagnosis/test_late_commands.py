@@ -36,7 +36,7 @@ AGES = np.linspace(-0.11, 0.11, 45)
 WINDOWS = 300
 
 
-def drawn(true_ages, seed=1):
+def draw_errors(true_ages, seed=1):
     """Errors (k, n, 2) by age of windows of which half see a step at these ages [s]."""
     rng = np.random.default_rng(seed)
     slope = 200.0 * (rng.random(WINDOWS) < 0.5) * rng.normal(size=WINDOWS)
@@ -47,13 +47,13 @@ def drawn(true_ages, seed=1):
 
 def test_commands_within_their_ages_gain_nothing():
     true = np.random.default_rng(2).uniform(0.0, 0.1, size=WINDOWS)
-    assert compare_ages(drawn(true)[0], AGES, -0.01, 0.11)[0] < 3.0
-    assert compare_ages(drawn(np.zeros(WINDOWS))[0], AGES, -0.01, 0.01)[0] < 3.0
+    assert compare_ages(draw_errors(true)[0], AGES, -0.01, 0.11)[0] < 3.0
+    assert compare_ages(draw_errors(np.zeros(WINDOWS))[0], AGES, -0.01, 0.01)[0] < 3.0
 
 
 def test_late_commands_gain_and_their_windows_are_found():
     late = np.random.default_rng(3).random(WINDOWS) < 0.2
-    errors, slope = drawn(np.where(late, -0.08, 0.0))
+    errors, slope = draw_errors(np.where(late, -0.08, 0.0))
     gain, posterior = compare_ages(errors, AGES, -0.01, 0.01)
     assert gain > 10.0 * MIN_GAIN
     probability = posterior[AGES < -0.01].sum(axis=0)
@@ -64,20 +64,20 @@ def test_late_commands_gain_and_their_windows_are_found():
 
 def test_events_that_no_age_explains_gain_nothing():
     """The negative control: errors as large, at as many windows."""
-    errors, _ = drawn(np.zeros(WINDOWS))
+    errors, _ = draw_errors(np.zeros(WINDOWS))
     late = np.random.default_rng(3).random(WINDOWS) < 0.2
     errors[:, late] += 16.0 * np.random.default_rng(4).normal(size=(late.sum(), 2))
     assert compare_ages(errors, AGES, -0.01, 0.01)[0] < MIN_GAIN
 
 
-def simulated(hide=lambda car: None):
+def simulate_minute(hide=lambda car: None):
     """What is found in a minute of a car whose model is right."""
     side, fit = fitted_side(hide)
     return side, fit, find_late_commands((side,), fit.vehicle, (fit.timing,), USUAL.unexplained)
 
 
 def test_lost_commands_are_found_with_their_moments():
-    side, fit, found = simulated(lambda car: lose_commands(car, 0.35, seed=1))
+    side, fit, found = simulate_minute(lambda car: lose_commands(car, 0.35, seed=1))
     assert found.log_likelihood > 2.0 * MIN_GAIN
     assert 0.1 < found.share < 0.6
     assert 0.02 < found.delay < 0.11
@@ -93,7 +93,7 @@ def test_lost_commands_are_found_with_their_moments():
 
 @pytest.mark.parametrize("hide", [lambda car: None, lambda car: add_gusts(car, 2.0, seed=1)])
 def test_a_sound_link_has_none(hide):
-    assert simulated(hide)[2] is None
+    assert simulate_minute(hide)[2] is None
 
 
 @pytest.mark.slow

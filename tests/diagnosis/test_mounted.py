@@ -28,32 +28,32 @@ from tests.diagnosis import made_by_hand as made
 from tests.diagnosis import onboard_files, searched
 
 
-def beside(seen, p=PAPER):
-    noise, point = searched.fitted(seen, p)
-    at = fit_mounting(ForwardSearch(seen, p, Settings()), seen, point, noise)
-    return at, describe_imu_mounting(at, seen, USUAL)
+def fit_mounting_of(of_drive, p=PAPER):
+    noise, point = searched.fit_start(of_drive, p)
+    at = fit_mounting(ForwardSearch(of_drive, p, Settings()), of_drive, point, noise)
+    return at, describe_imu_mounting(at, of_drive, USUAL)
 
 
 @pytest.mark.slow
 def test_a_drive_tells_how_the_accelerometer_sits(tmp_path):
     places = (("imu_yaw", 0.04), ("imu_lever_arm", 0.02), ("imu_offset_y", 0.02))
-    askew = PAPER
+    misaligned = PAPER
     for name, true in places:
-        askew = apply(askew, name, k=true)
-    seen = onboard_files.evidence(onboard_files.recorded(tmp_path, askew))
-    _, told = beside(seen)
+        misaligned = apply(misaligned, name, k=true)
+    of_drive = onboard_files.evidence(onboard_files.recorded(tmp_path, misaligned))
+    _, mounting = fit_mounting_of(of_drive)
     for name, true in places:
-        number = told[name]["k"]
+        number = mounting[name]["k"]
         assert 0.0 < number.std < 0.5 * true
         assert number.value == pytest.approx(true, abs=3.0 * number.std)
-    assert not {"gyro_scale", "gyro_bias"} & told.keys()
+    assert not {"gyro_scale", "gyro_bias"} & mounting.keys()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("knows", [True, False])
 def test_a_model_that_knows_it_names_nothing_and_says_what_it_is_now(tmp_path, knows):
-    askew = apply(PAPER, "imu_yaw", k=0.1)
-    drives = [onboard_files.recorded(tmp_path, askew, seed, 40.0) for seed in (1, 2)]
+    misaligned = apply(PAPER, "imu_yaw", k=0.1)
+    drives = [onboard_files.recorded(tmp_path, misaligned, seed, 40.0) for seed in (1, 2)]
     file, p = find_model("paper")
     p = apply(p, "imu_yaw", k=0.08) if knows else p
     found = diagnose(file, p, drives[:1], drives[1:], only=("imu_yaw",))
@@ -70,30 +70,30 @@ def test_a_model_that_knows_it_names_nothing_and_says_what_it_is_now(tmp_path, k
 
 @pytest.mark.slow
 def test_what_the_model_has_is_not_fitted_twice(tmp_path):
-    seen = onboard_files.evidence(onboard_files.recorded(tmp_path, seconds=15.0))
-    at, told = beside(seen, apply(PAPER, "imu_yaw", k=0.01))
+    of_drive = onboard_files.evidence(onboard_files.recorded(tmp_path, seconds=15.0))
+    at, mounting = fit_mounting_of(of_drive, apply(PAPER, "imu_yaw", k=0.01))
     assert "imu_yaw" not in at.names
-    assert "imu_yaw" not in told
-    assert "imu_lever_arm" in told
+    assert "imu_yaw" not in mounting
+    assert "imu_lever_arm" in mounting
 
 
 def test_beside_motion_capture_nothing_is_taken_for_granted(tmp_path):
     path = hidden_drive.write(tmp_path / "car_1_a.csv", PAPER, 1, hidden_drive.Plan(seconds=15.0))
-    seen = make_evidence([read(path)], PAPER.body.l_r)[0]
-    at, told = beside(seen)
+    of_drive = make_evidence([read(path)], PAPER.body.l_r)[0]
+    at, mounting = fit_mounting_of(of_drive)
     assert at.names == ()
-    assert told == {}
+    assert mounting == {}
 
 
 @pytest.mark.slow
 def test_beside_motion_capture_a_run_tells_how_its_gyro_is_scaled(tmp_path):
     wrong = apply(PAPER, "gyro_scale", k=0.008)  # less than what gets a name
     path = hidden_drive.write(tmp_path / "car_1_a.csv", wrong, 1, hidden_drive.Plan(seconds=30.0))
-    seen = make_evidence([read(path)], PAPER.body.l_r)[0]
-    runs = [replace(d, recording=replace(d.recording, schema=RUN)) for d in seen.drives]
-    at, told = beside(type(seen)(runs, PAPER.body.l_r))
+    of_drive = make_evidence([read(path)], PAPER.body.l_r)[0]
+    runs = [replace(d, recording=replace(d.recording, schema=RUN)) for d in of_drive.drives]
+    at, mounting = fit_mounting_of(type(of_drive)(runs, PAPER.body.l_r))
     assert at.names == ("gyro_scale",)
-    number = told["gyro_scale"]["k"]
+    number = mounting["gyro_scale"]["k"]
     assert 0.0 < number.std < 0.004
     assert number.value == pytest.approx(0.008, abs=3.0 * number.std)
 
@@ -106,15 +106,15 @@ def test_poses_of_a_run_may_be_as_late_as_an_optical_system_tells_them(tmp_path)
     own = type(published)([replace(d, recording=replace(d.recording, schema=RUN))
                            for d in published.drives], PAPER.body.l_r)
 
-    def fitted(seen):
-        space = Space(PAPER, (), message_age=seen.message_age)
-        start = MessageTiming(seen.message_age)
-        noise = estimate_noise(seen.residuals(PAPER, start), seen.blocks(2.0))
-        return refit(seen, noise, space, space.point(start)).timing.message_age
+    def fit_timing(of_drive):
+        space = Space(PAPER, (), message_age=of_drive.message_age)
+        start = MessageTiming(of_drive.message_age)
+        noise = estimate_noise(of_drive.residuals(PAPER, start), of_drive.blocks(2.0))
+        return refit(of_drive, noise, space, space.point(start)).timing.message_age
 
     age = 0.0035  # a message is heard 1 to 6 ms late
-    assert fitted(own) == pytest.approx(age - 0.02, abs=0.001)
-    assert fitted(published) == pytest.approx(MESSAGE_AGE - MESSAGE_AGE_REACH, abs=1e-6)
+    assert fit_timing(own) == pytest.approx(age - 0.02, abs=0.001)
+    assert fit_timing(published) == pytest.approx(MESSAGE_AGE - MESSAGE_AGE_REACH, abs=1e-6)
 
 
 def test_the_extended_model_carries_it_with_its_error():

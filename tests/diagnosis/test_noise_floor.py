@@ -108,7 +108,7 @@ def test_possible_ages_are_those_that_the_log_allows(stamped, age, ends):
     assert np.all(np.diff(ages) < 0.0051)
 
 
-def simulated(hide=lambda car: None):
+def simulate_drive(hide=lambda car: None):
     """Floor and errors of the true model in 40 s of a car whose commands keep step with messages.
     """
     side, fit = fitted_side(hide, 40.0)
@@ -118,12 +118,12 @@ def simulated(hide=lambda car: None):
 
 
 def test_the_true_model_is_at_the_floor_and_gusts_lift_it_above():
-    found, horizons = simulated()
+    found, horizons = simulate_drive()
     rmse = horizons["1.0"]["pooled"]
     assert set(found) == set(CHANNELS)
     assert [found[c] / rmse[c] for c in CHANNELS] == pytest.approx([1.0] * 5, abs=0.15)
     assert find_excesses(horizons, found) == ()
-    gusty, horizons = simulated(lambda car: add_gusts(car, 2.0, seed=1))
+    gusty, horizons = simulate_drive(lambda car: add_gusts(car, 2.0, seed=1))
     assert "vx" in [e.channel for e in find_excesses(horizons, gusty)]
     assert gusty["vx"] < 1.5 * found["vx"]
 

@@ -17,7 +17,7 @@ from tests.diagnosis.onboard_files import recorded
 NEAR = ("quadratic_drag", "rolling_resistance", "motor_deadband", "encoder_scale", "throttle_lag")
 
 
-def diagnosed(folder, p, seed, only=(), seconds=(60.0, 40.0)):
+def diagnose_onboard(folder, p, seed, only=(), seconds=(60.0, 40.0)):
     file, base = find_model("paper")
     train, test = ([recorded(folder, p, seed + 50 * i, s)] for i, s in enumerate(seconds))
     sides = check_inputs(train, test, base)
@@ -26,7 +26,7 @@ def diagnosed(folder, p, seed, only=(), seconds=(60.0, 40.0)):
 
 @pytest.mark.long
 def test_nothing_is_named_where_nothing_is_hidden(tmp_path):
-    found = diagnosed(tmp_path, PAPER, 31)
+    found = diagnose_onboard(tmp_path, PAPER, 31)
     assert found.verdict == "nothing_wrong"
     assert not found.causes
     assert not found.unexplained
@@ -35,7 +35,7 @@ def test_nothing_is_named_where_nothing_is_hidden(tmp_path):
 @pytest.mark.slow
 def test_a_cause_in_the_car_is_named_before_its_like(tmp_path):
     """With the negative control: no other name becomes the right one, at any size."""
-    found = diagnosed(tmp_path, apply(PAPER, "rolling_resistance", k=0.25), 33, NEAR)
+    found = diagnose_onboard(tmp_path, apply(PAPER, "rolling_resistance", k=0.25), 33, NEAR)
     first = found.causes[0]
     assert first.effect == "rolling_resistance"
     assert first.parameters["k"].value == pytest.approx(0.25, rel=0.2)
@@ -46,7 +46,7 @@ def test_a_cause_in_the_car_is_named_before_its_like(tmp_path):
 
 @pytest.mark.slow
 def test_a_cause_in_a_sensor_is_named_though_the_model_starts_from_that_sensor(tmp_path):
-    found = diagnosed(tmp_path, apply(PAPER, "encoder_scale", k=0.04), 33, NEAR)
+    found = diagnose_onboard(tmp_path, apply(PAPER, "encoder_scale", k=0.04), 33, NEAR)
     assert [c.effect for c in found.causes] == ["encoder_scale"]
     # only motor and friction say how fast the car is: 0.032 here, a fifth too low
     assert found.causes[0].parameters["k"].value == pytest.approx(0.04, rel=0.25)

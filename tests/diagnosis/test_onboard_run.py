@@ -46,26 +46,26 @@ def evidence(recording):
 
 @pytest.mark.slow
 def test_the_model_of_the_simulated_car_predicts_its_run(run):
-    seen = evidence(run)
-    windows, _, rest = count_windows(seen.drives)
+    of_run = evidence(run)
+    windows, _, rest = count_windows(of_run.drives)
     assert windows > 30
     assert rest > 20
-    r = seen.residuals(EXACT)
+    r = of_run.residuals(EXACT)
     encoder, gyro = (np.sqrt(np.mean(r.motion[:, k::2]**2)) for k in (0, 1))
     assert encoder < 0.006
     assert gyro < 0.04
-    still = np.concatenate([d.at_rest for d in seen.drives])
+    still = np.concatenate([d.at_rest for d in of_run.drives])
     assert np.abs(r.sensors[still, 1]).mean() < 2e-3
-    wrong = seen.residuals(apply(EXACT, "motor_gain", k=-0.03))
+    wrong = of_run.residuals(apply(EXACT, "motor_gain", k=-0.03))
     assert np.sqrt(np.mean(wrong.motion[:, 0::2]**2)) > 2.0 * encoder
-    late = seen.residuals(apply(EXACT, "steering_delay", k=0.02))
+    late = of_run.residuals(apply(EXACT, "steering_delay", k=0.02))
     assert np.sqrt(np.mean(late.motion[:, 1::2]**2)) > 1.5 * gyro
 
 
 @pytest.mark.slow
 def test_every_residual_of_a_run_has_a_size(run):
-    seen = evidence(run)
-    noise = estimate_noise(seen.residuals(EXACT), seen.blocks(2.0))
+    of_run = evidence(run)
+    noise = estimate_noise(of_run.residuals(EXACT), of_run.blocks(2.0))
     assert np.isfinite(noise.motion).all()
     assert (noise.sensors > 1e-5).all()
     assert (noise.weight > 0.0).all()

@@ -50,9 +50,9 @@ def gains_by_table(d):
 def test_sentence_and_table_state_one_number(turned_marker, capsys):
     d = turned_marker
     assert [c.effect for c in d.causes] == ["mocap_yaw"]
-    said, shown = gains_by_table(d)["mocap_yaw"]
-    assert said == pytest.approx(shown, abs=1e-9)
-    assert said > 0.3
+    sentence, shown = gains_by_table(d)["mocap_yaw"]
+    assert sentence == pytest.approx(shown, abs=1e-9)
+    assert sentence > 0.3
     document = json.loads(json.dumps(d.to_json()))
     by_json = [s["errors"]["1.0"]["pooled"]["vy"] for s in document["stages"]]
     assert document["causes"][0]["gain"]["test"] == pytest.approx(1.0 - by_json[1] / by_json[0])
@@ -62,27 +62,27 @@ def test_sentence_and_table_state_one_number(turned_marker, capsys):
     assert f"lateral velocity error 1 s ahead on the test recordings falls: {before} -> {after}" \
         in text
     assert re.search(rf"lateral velocity \[m/s\] (\S+ )+{re.escape(before)} {re.escape(after)} "
-                     rf"-{percent(said)}", text)
+                     rf"-{percent(sentence)}", text)
     whole = page(d)
     assert f"{before}\u00a0\u2192\u00a0{after} m/s" in whole
-    assert f"-{percent(said)}".replace(" ", "\u00a0") in whole
+    assert f"-{percent(sentence)}".replace(" ", "\u00a0") in whole
 
 
 def test_numbers_of_two_sources_are_told_apart():
     """The control: a diagnosis by hand, whose sentence was written without its table."""
-    said, shown = gains_by_table(made.diagnosis(causes=1))["steering_lag"]
-    assert said != pytest.approx(shown, abs=0.01)
+    sentence, shown = gains_by_table(made.diagnosis(causes=1))["steering_lag"]
+    assert sentence != pytest.approx(shown, abs=0.01)
 
 
 GATE = Considered("steering_lag", 0.12, 161.0, "its gain is below the threshold of chance")
-FAINT = Considered("grip", 0.9, 3.0, "its gain is below the threshold of chance")
+BELOW_CHANCE = Considered("grip", 0.9, 3.0, "its gain is below the threshold of chance")
 POSSIBLE = Possible("mass", "is heavier", 0.9, 40.0, "it does not surely lower errors")
 
 
 @pytest.mark.parametrize("kind", ["unexplained", "nothing_wrong", "partly_explained"])
 @pytest.mark.parametrize(("considered", "possible", "named"), [
-    ((GATE, FAINT), (), "its gain is below the threshold of chance"),
-    ((FAINT,), (POSSIBLE,), "it does not surely lower errors")])
+    ((GATE, BELOW_CHANCE), (), "its gain is below the threshold of chance"),
+    ((BELOW_CHANCE,), (POSSIBLE,), "it does not surely lower errors")])
 def test_page_states_below_the_verdict_which_gate_rejected_a_candidate(kind, considered, possible,
                                                                         named):
     d = made.diagnosis(kind, 1 if kind == "partly_explained" else 0, kind != "nothing_wrong")
@@ -133,8 +133,8 @@ def test_sizes_of_several_recordings_are_stated_with_their_spread():
     text = describe_cause(replace(d, causes=(several,)), 0)["Why"]
     assert "2 of 3 training recordings need it; sizes are 10 % to 120 % of the fitted one" in text
     assert "probability 0.99" in text
-    alike = replace(d.causes[0], sizes={"a": (0.999, 0.05), "b": (1.002, 0.1)})
-    text = describe_cause(replace(d, causes=(alike,)), 0)["Why"]
+    spread = replace(d.causes[0], sizes={"a": (0.999, 0.05), "b": (1.002, 0.1)})
+    text = describe_cause(replace(d, causes=(spread,)), 0)["Why"]
     assert "2 of 2 training recordings need it; sizes are 100 % of the fitted one;" in text
 
 

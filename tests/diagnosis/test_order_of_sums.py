@@ -10,11 +10,11 @@ from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from tests.diagnosis import searched
 
-SURE = 0.9
+MIN_PROBABILITY = 0.9
 HIDDEN = (("steering_lag", 0.06), ("quadratic_drag", 0.1))
 
 
-def reordered(recordings):
+def reverse_order(recordings):
     """The same drives under digests that sort the other way: all sums run backwards."""
     ranks = sorted(range(len(recordings)), key=lambda i: recordings[i].sha256, reverse=True)
     return [replace(r, sha256=f"{ranks.index(i):064x}") for i, r in enumerate(recordings)]
@@ -29,13 +29,14 @@ def answer(train, test):
 def test_two_orders_of_sums_give_the_same_sure_names():
     train = [searched.drive(*HIDDEN, seconds=25.0, seed=seed) for seed in (11, 12, 13)]
     test = [searched.drive(*HIDDEN, seconds=25.0, seed=14)]
-    found = [answer(side, test) for side in (train, reordered(train))]
+    found = [answer(side, test) for side in (train, reverse_order(train))]
     losses = [tuple(d.ranking.values()) for d in found]
     assert losses[0] != losses[1], "the sums ran the same way"
-    sure = [{c.effect: c for c in d.causes if c.probability >= SURE} for d in found]
-    assert sure[0].keys() == sure[1].keys()
-    assert {name for name, _ in HIDDEN} <= sure[0].keys()
-    for name, one in sure[0].items():
+    significant = [{c.effect: c for c in d.causes if c.probability >= MIN_PROBABILITY}
+                   for d in found]
+    assert significant[0].keys() == significant[1].keys()
+    assert {name for name, _ in HIDDEN} <= significant[0].keys()
+    for name, one in significant[0].items():
         for key, number in one.parameters.items():
-            other = sure[1][name].parameters[key]
+            other = significant[1][name].parameters[key]
             assert other.value == pytest.approx(number.value, abs=0.25 * number.std)

@@ -27,7 +27,7 @@ def drive(path, seed, seconds, car):
     return read(hidden_drive.write(path, car, seed, hidden_drive.Plan(seconds=seconds)))
 
 
-def diagnosed(folder, car):
+def diagnose_car(folder, car):
     """Of drives of ``car``, by the other maker's model."""
     sides = check_inputs([drive(folder / "car_1_a.csv", 5, 60.0, car)],
                     [drive(folder / "car_1_b.csv", 6, 40.0, car)], THEIRS)
@@ -37,20 +37,20 @@ def diagnosed(folder, car):
 
 @pytest.mark.slow
 def test_its_numbers_are_wrong_and_nothing_else_is_named(tmp_path):
-    found = diagnosed(tmp_path, PAPER)
+    found = diagnose_car(tmp_path, PAPER)
     assert found.verdict == "parameters_only"
     assert {"front tyre", "rear tyre", "steering timing"} <= {c.group for c in found.claims}
     late = next(c for c in found.claims if c.group == "steering timing")
-    told = late.quantities["delay and lag"]
+    timing = late.quantities["delay and lag"]
     d = PAPER.delay
-    assert told.after == pytest.approx(1000.0 * (d.steering_s + d.steering_lag_s), abs=25.0)
+    assert timing.after == pytest.approx(1000.0 * (d.steering_s + d.steering_lag_s), abs=25.0)
     assert found.gain["position"].low > 0.8
 
 
 @pytest.mark.slow
 def test_what_it_lacks_besides_is_named(tmp_path):
     """Control: so many wrong numbers do not take a missing effect along."""
-    found = diagnosed(tmp_path, apply(PAPER, "steering_backlash", k=0.1))
+    found = diagnose_car(tmp_path, apply(PAPER, "steering_backlash", k=0.1))
     assert [c.effect for c in found.causes] == ["steering_backlash"]
     assert found.causes[0].parameters["k"].value == pytest.approx(0.1, rel=0.3)
     assert {"front tyre", "rear tyre"} <= {c.group for c in found.claims}

@@ -78,14 +78,14 @@ def test_a_search_decides_by_the_policy_that_it_is_given():
 
 @pytest.mark.slow
 def test_blocks_and_loss_are_those_of_the_policy():
-    seen = evidence(drive())
+    of_drive = evidence(drive())
     one = ("gyro_bias",)
     found = search(drive(), names=one)
     other = search(drive(), names=one, policy=replace(
         USUAL, noise=replace(USUAL.noise, robust=6.0), blocks=replace(USUAL.blocks, seconds=4.0)))
     assert other.noise.policy.robust == 6.0
     assert not np.array_equal(other.noise.weight, found.noise.weight)
-    assert seen.blocks(4.0)[0].max() == seen.blocks(2.0)[0].max() // 2
+    assert of_drive.blocks(4.0)[0].max() == of_drive.blocks(2.0)[0].max() // 2
 
 
 def test_a_watched_threshold_decides_as_it_is_and_notes_what_half_and_double_would():
@@ -127,8 +127,8 @@ def test_a_case_is_diagnosed_again_only_where_a_threshold_matters(monkeypatch):
         return {"verdict": str(policy.naming.keeps < 1.0)}  # 0.5 is, and 0.25; 1 is not
 
     monkeypatch.setattr(sensitivity, "ask", ask)
-    monkeypatch.setattr(sensitivity, "run", lambda case, seconds, asked: {
-        "key": case.key, **asked()})
+    monkeypatch.setattr(sensitivity, "run", lambda case, seconds, thresholds: {
+        "key": case.key, **thresholds()})
     cases = [SimpleNamespace(key="a"), SimpleNamespace(key="b")]
     known = {c.key: sensitivity.examine((c, "", 1.0), (1.0, 1.0)) for c in cases}
     noted = known["a"]["noted"]

@@ -40,7 +40,7 @@ def drives(hidden):
 
 
 @lru_cache(maxsize=2)
-def found(hidden):
+def diagnose_hidden(hidden):
     """Diagnosis of four drives, judged by a fifth; causes are not searched."""
     *train, test = drives(hidden)
     model, vehicle = find_model("paper")
@@ -54,7 +54,7 @@ def errors_at_1_s(horizons):
 
 
 def test_a_hidden_effect_is_in_the_predictor_and_predicts_an_unseen_drive():
-    d = found(hidden=True)
+    d = diagnose_hidden(hidden=True)
     b = d.predictor
     assert list(b.effects) == ["cornering_drag"]
     size = b.effects["cornering_drag"]["k"]
@@ -68,7 +68,7 @@ def test_a_hidden_effect_is_in_the_predictor_and_predicts_an_unseen_drive():
 
 
 def test_where_nothing_is_hidden_the_refit_is_the_predictor():
-    d = found(hidden=False)
+    d = diagnose_hidden(hidden=False)
     assert d.predictor.effects == {}
     assert d.predictor.ratio == pytest.approx((1.0, 1.0, 1.0))
     assert errors_at_1_s(d.predictor.horizons) == pytest.approx(
@@ -76,7 +76,7 @@ def test_where_nothing_is_hidden_the_refit_is_the_predictor():
 
 
 def test_every_recording_is_left_out_once():
-    b = found(hidden=True).predictor
+    b = diagnose_hidden(hidden=True).predictor
     assert len(b.left_out) == 4
     for one in b.left_out.values():
         ratios = np.array(one.predictor) / np.array(one.refitted)
@@ -96,7 +96,7 @@ def test_the_interval_of_ratios_holds_the_truth_in_nine_of_ten_draws():
 
 
 def test_its_file_is_a_model_with_the_same_numbers(tmp_path):
-    d = found(hidden=True)
+    d = diagnose_hidden(hidden=True)
     train = drives(hidden=True)[:4]
     base, _ = find_model("paper")
     path = write_predictor(d, tmp_path / "predictor.toml", base, train, "command")
@@ -123,7 +123,7 @@ def test_a_diagnosis_without_one_cannot_write_it():
     (True, "Best predictor: with cornering_drag the errors 1 s ahead in recordings left out are "),
     pytest.param(False, "Best predictor: the refitted parameters alone.", marks=pytest.mark.slow)])
 def test_terminal_page_and_json_say_the_same(hidden, sentence, capsys):
-    d = found(hidden)
+    d = diagnose_hidden(hidden)
     show(d)
     assert sentence in " ".join(capsys.readouterr().out.split())
     text = page(d)
@@ -135,7 +135,7 @@ def test_terminal_page_and_json_say_the_same(hidden, sentence, capsys):
 
 
 def test_a_better_fit_without_effects_is_called_one():
-    b = found(hidden=False).predictor
+    b = diagnose_hidden(hidden=False).predictor
     assert "No effects significantly lower" in predictor(b)
     factors = (0.5, 0.6, 0.5, 0.6)
     left_out = {name: replace(one, predictor=tuple(f * e for e in one.refitted))

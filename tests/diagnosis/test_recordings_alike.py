@@ -42,14 +42,14 @@ def drive(tmp_path_factory):
     folder = tmp_path_factory.mktemp("alike")
     made = {}
 
-    def of(name, car, seed):
+    def record_once(name, car, seed):
         if (name, seed) not in made:
             plan = hidden_drive.Plan(seconds=30.0)
             made[name, seed] = read(hidden_drive.write(folder / f"{name}_{seed}.csv", car,
                                                        seed=seed, plan=plan))
         return made[name, seed]
 
-    return of
+    return record_once
 
 
 def side(recordings):
@@ -57,13 +57,13 @@ def side(recordings):
     return make_recording_set(evidence, recordings, PAPER.body.l_r, None)
 
 
-def said(train, test, p=PAPER, policy=USUAL):
+def list_warnings(train, test, p=PAPER, policy=USUAL):
     """What is said beside a fit that ends at the paper's car."""
     sides = side(train), side(test)
-    seen = sides[0].evidence
+    of_side = sides[0].evidence
     space = Space(p, ())
-    noise = estimate_noise(seen.residuals(p, MessageTiming()), seen.blocks(2.0))
-    last = evaluate_point(seen, noise, space, space.point(MessageTiming()))
+    noise = estimate_noise(of_side.residuals(p, MessageTiming()), of_side.blocks(2.0))
+    last = evaluate_point(of_side, noise, space, space.point(MessageTiming()))
     return " ".join(list_cautions(last, sides, {}, {}, (), policy))
 
 
@@ -74,13 +74,13 @@ def names(recordings):
 @pytest.mark.slow
 def test_one_car_on_one_floor_is_not_two(drive):
     same = [drive("same", PAPER, i) for i in range(4)]
-    assert said(same[:3], same[3:]) == ""
+    assert list_warnings(same[:3], same[3:]) == ""
 
 
 @pytest.mark.slow
 def test_what_the_model_lacks_is_no_other_floor(drive):
     same = [drive("slack", SLACK, i) for i in range(4)]
-    assert said(same[:3], same[3:]) == ""
+    assert list_warnings(same[:3], same[3:]) == ""
 
 
 @pytest.mark.parametrize(("other", "what"), [(SLIPPERY, "grip"), (WEAK, "drive force")])
@@ -88,17 +88,18 @@ def test_what_the_model_lacks_is_no_other_floor(drive):
 def test_two_floors_or_cars_are_told_apart_by_name(drive, other, what):
     ours = [drive("same", PAPER, i) for i in range(2)]
     theirs = [drive(what.partition(" ")[0], other, i) for i in range(3)]
-    told = said([ours[0], theirs[0], ours[1], theirs[1]], theirs[2:])
-    assert what in told
-    assert "two floors or cars" in told
-    assert f"--train {names(theirs[:2])}" in told
-    assert f"--train {names(ours)}" in told
+    warnings = list_warnings([ours[0], theirs[0], ours[1], theirs[1]], theirs[2:])
+    assert what in warnings
+    assert "two floors or cars" in warnings
+    assert f"--train {names(theirs[:2])}" in warnings
+    assert f"--train {names(ours)}" in warnings
 
 
 def test_a_test_set_of_another_floor_is_said_to_be_one(drive):
-    told = said([drive("same", PAPER, i) for i in range(3)], [drive("grip", SLIPPERY, 0)])
-    assert "the test recordings look like another floor or car" in told
-    assert "grip is -0.2" in told
+    warnings = list_warnings([drive("same", PAPER, i) for i in range(3)],
+                             [drive("grip", SLIPPERY, 0)])
+    assert "the test recordings look like another floor or car" in warnings
+    assert "grip is -0.2" in warnings
 
 
 @pytest.mark.slow
@@ -106,7 +107,7 @@ def test_without_the_errors_of_the_sizes_one_floor_would_be_two(drive):
     """Control: what the model lacks makes every drive want a little else."""
     same = [drive("slack", SLACK, i) for i in range(4)]
     blind = replace(USUAL, alike=AlikePolicy(errors=0.0, least=0.0, within=0.0))
-    assert "floor" in said(same[:3], same[3:], policy=blind)
+    assert "floor" in list_warnings(same[:3], same[3:], policy=blind)
 
 
 @pytest.mark.slow
@@ -114,11 +115,11 @@ def test_by_its_own_sensors_a_car_is_told_from_another(tmp_path):
     """No floor then: how much a tyre holds hides in what no sensor sees. Control: one car."""
     ours, theirs = ([recorded(tmp_path, p, seed, 30.0) for seed in seeds] for p, seeds in (
         (PAPER, (1, 2, 3)), (WEAK, (4, 5))))
-    told = said([*ours[:2], theirs[0]], [theirs[1]])
-    assert "two floors or cars" in told
-    assert "drive force" in told
-    assert f"--train {names(theirs[:1])}" in told
-    assert said(ours[:2], ours[2:]) == ""
+    warnings = list_warnings([*ours[:2], theirs[0]], [theirs[1]])
+    assert "two floors or cars" in warnings
+    assert "drive force" in warnings
+    assert f"--train {names(theirs[:1])}" in warnings
+    assert list_warnings(ours[:2], ours[2:]) == ""
 
 
 @given(st.integers(0, 2**32), st.integers(2, 12))
@@ -134,21 +135,21 @@ def test_noise_of_its_stated_size_is_no_second_floor(seed, n):
 def test_a_parameter_or_a_time_on_its_bound_is_said(drive):
     one = [drive("same", PAPER, 0)]
     sides = side(one), side([drive("same", PAPER, 1)])
-    seen = sides[0].evidence
+    of_side = sides[0].evidence
     space = Space(PAPER, ())
-    noise = estimate_noise(seen.residuals(PAPER, MessageTiming()), seen.blocks(2.0))
+    noise = estimate_noise(of_side.residuals(PAPER, MessageTiming()), of_side.blocks(2.0))
     x = space.point(MessageTiming())
     x[1] = MAX_COMMAND_AGE / MESSAGE_AGE_REACH  # of commands, the oldest there is
     moved = {"tyres.front_B": ParameterChange(11.9, 13.8, 0.5, "1/rad", AT_BOUND),
              "motor.d": ParameterChange(28.0, 27.0, 0.1, "N")}
-    point = evaluate_point(seen, noise, space, x)
+    point = evaluate_point(of_side, noise, space, x)
     edges = [n for n in list_cautions(point, sides, moved, {}, (), USUAL) if AT_BOUND in n]
     assert len(edges) == 2
     assert edges[0].startswith("tyres.front_B ended")
     assert "100 ms before its commands" in edges[1]
     x[1] *= 0.9  # control: where there is still room, nothing is said
     free = {name: replace(m, doubt="") for name, m in moved.items()}
-    point = evaluate_point(seen, noise, space, x)
+    point = evaluate_point(of_side, noise, space, x)
     assert not any(AT_BOUND in n for n in list_cautions(point, sides, free, {}, (), USUAL))
 
 

@@ -23,7 +23,7 @@ from dart_lab.diagnosis.result import VERDICTS, ErrorReduction, ParameterEstimat
 from dart_lab.diagnosis.suggest.result import Pair, Suggestion
 from dart_lab.report.numbers import percent, significant
 from tests.diagnosis import made_by_hand as made
-from tests.pages import foreign, shown
+from tests.pages import foreign, strip_data
 
 COMMAND = "dart-hal diagnose --model '<paper>' --train a.csv"
 
@@ -76,7 +76,7 @@ def typeset(words):
     return words.replace(" +- ", " ± ").replace(" -> ", " → ")
 
 
-def embedded(reader):
+def load_embedded(reader):
     link = next(x for x in reader.links if x.startswith("data:application/json"))
     return json.loads(base64.b64decode(link.partition("base64,")[2]))
 
@@ -129,8 +129,8 @@ def test_every_error_of_every_step_and_of_ctrv_is_there(whole):
 @pytest.mark.slow
 def test_the_embedded_json_is_the_answer(whole):
     d, _, reader = whole
-    assert embedded(reader) == json.loads(json.dumps(plain(d.to_json())))
-    assert embedded(read(d, answer={"verdict": math.nan})) == {"verdict": None}
+    assert load_embedded(reader) == json.loads(json.dumps(plain(d.to_json())))
+    assert load_embedded(read(d, answer={"verdict": math.nan})) == {"verdict": None}
 
 
 @pytest.mark.parametrize("causes", [0, 1, 2])
@@ -143,10 +143,10 @@ def test_every_verdict_gives_a_sound_page(verdict, causes):
     assert not reader.open
     assert "section" in reader.names
     assert not foreign(text)
-    assert not re.search(r"\b(nan|NaN|inf|Infinity|None)\b", shown(text))
+    assert not re.search(r"\b(nan|NaN|inf|Infinity|None)\b", strip_data(text))
     inside = [x for x in reader.links if not x.startswith("data:")]
     assert all(x.startswith("#") and x[1:] in reader.ids for x in inside)
-    assert embedded(reader)["verdict"] == verdict
+    assert load_embedded(reader)["verdict"] == verdict
 
 
 def test_names_are_escaped(whole):
@@ -206,8 +206,8 @@ def test_a_gain_that_is_none_is_called_so():
     assert removes(worse).startswith("raises the gyro error by 2 % [1 %, 6 %]")
     perhaps = ErrorReduction("vx", 0.18, 0.01, -0.02, 0.05, "rollout")
     assert removes(perhaps).endswith("which may be chance")
-    sure = ErrorReduction("vx", 0.18, 0.24, 0.13, 0.33, "rollout")
-    assert removes(sure) == "removes 24 % [13 %, 33 %] of the speed error on the test " \
+    reduction = ErrorReduction("vx", 0.18, 0.24, 0.13, 0.33, "rollout")
+    assert removes(reduction) == "removes 24 % [13 %, 33 %] of the speed error on the test " \
                             "recordings"
 
 

@@ -29,17 +29,17 @@ CLOCK = ("the car acts 100 ms before its commands are in the recording, at the e
 LATE = LateCommands(0.21, 0.062, 34.2, ())
 
 
-def claim(before, after, std, **changes):
-    base = Claim("motor", "motor", (), 1.0, {"pull": QuantityChange(before, after, std, "N")},
+def claim(old, new, std, **changes):
+    base = Claim("motor", "motor", (), 1.0, {"pull": QuantityChange(old, new, std, "N")},
                  (1.03, 1.01, 1.05), (), "Drive steps.", made.CONSTANT)
     return replace(base, **changes)
 
 
-@pytest.mark.parametrize(("after", "std", "small"), [
+@pytest.mark.parametrize(("new", "std", "small"), [
     (2.90, 0.02, True), (2.90, 0.001, True), (3.2, 0.3, True), (3.2, 0.02, False)])
-def test_a_change_below_two_standard_errors_or_two_per_cent_is_a_small_correction(after, std,
+def test_a_change_below_two_standard_errors_or_two_per_cent_is_a_small_correction(new, std,
                                                                                   small):
-    c = claim(2.88, after, std)
+    c = claim(2.88, new, std)
     assert is_small(c) == small
     assert ("small correction" in describe_claim(c)["What"]) == small
     assert ("was wrong" in describe_claim(c)["What"]) != small
@@ -162,8 +162,9 @@ def test_a_typical_error_that_grows_is_stated():
     d = made.diagnosis(causes=1)
     assert median_warnings(d) == []
 
-    def stage(of, rmse, median):
-        return replace(of, horizons={"1.0": {"pooled": {"vx": rmse}, "median": {"vx": median}}})
+    def stage(base_stage, rmse, median):
+        return replace(base_stage,
+                       horizons={"1.0": {"pooled": {"vx": rmse}, "median": {"vx": median}}})
 
     first, *middle, last = d.stages
     middle = [stage(one, 0.2, 0.09) for one in middle]
@@ -214,8 +215,8 @@ def test_a_part_of_a_variable_without_rows_interrupts_the_line():
     x = rng.uniform(0.0, 1.0, 2000)
     block = np.arange(2000) // 20
     assert np.isfinite(means_along(x, x, block).x).all()
-    apart = x[(x < 0.3) | (x > 0.7)]
-    means = means_along(apart, apart, block[:len(apart)])
+    with_gap = x[(x < 0.3) | (x > 0.7)]
+    means = means_along(with_gap, with_gap, block[:len(with_gap)])
     assert np.isnan(means.x).sum() == 1
     gap = int(np.flatnonzero(np.isnan(means.x))[0])
     assert means.x[gap - 1] < 0.3

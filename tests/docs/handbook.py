@@ -67,9 +67,10 @@ def blocks(text: str) -> list[Block]:
 def pages() -> list[Path]:
     """Every page that a reader may open: the handbook and the Markdown files beside it."""
     built = DOCS / "build"
-    beside = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "hardware" / "README.md",
-              ROOT / "hardware" / "cad" / "README.md", ROOT / "firmware" / "emulator" / "README.md"]
-    return [p for p in sorted(DOCS.rglob("*.md")) if built not in p.parents] + beside
+    other_pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "hardware" / "README.md",
+                   ROOT / "hardware" / "cad" / "README.md",
+                   ROOT / "firmware" / "emulator" / "README.md"]
+    return [p for p in sorted(DOCS.rglob("*.md")) if built not in p.parents] + other_pages
 
 
 def as_shown(shown: str, printed: str, *, any_numbers: bool = False) -> bool:

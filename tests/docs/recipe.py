@@ -55,7 +55,7 @@ def hunks(changes: str) -> Iterator[tuple[str, str]]:
         yield old, new
 
 
-def changed(text: str, changes: str, where: str = "") -> str:
+def apply_changes(text: str, changes: str, where: str = "") -> str:
     """Apply a block of changes. Raises RecipeFailed unless each place is there exactly once."""
     for old, new in hunks(changes):
         places = [m.start() for m in re.finditer(f"^{re.escape(old)}", text, re.MULTILINE)]
@@ -88,7 +88,7 @@ class Checkout:
                 path.write_text(block.text, encoding="utf-8")
             elif name := edited_file(block):
                 path = self.folder / name
-                path.write_text(changed(path.read_text(encoding="utf-8"), block.text, name),
+                path.write_text(apply_changes(path.read_text(encoding="utf-8"), block.text, name),
                                 encoding="utf-8")
             elif block.kind == "sh" and block.runs:
                 for command in block.commands():

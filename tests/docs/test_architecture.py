@@ -47,18 +47,18 @@ def test_every_package_is_shown(package):
 
 def test_every_folder_of_the_tree_is_shown():
     drawn = {line.split()[0].rstrip("/") for line in drawing("The whole tree")}
-    standing = set()
+    existing = set()
     for top in sorted(p for p in ROOT.iterdir() if p.is_dir() and holds_sources(p)):
         if top.name in LEAF:
-            standing.add(top.name)
+            existing.add(top.name)
         elif top.name in ("host", "firmware", "hardware"):
-            standing |= {f"{top.name}/{p.name}" for p in top.iterdir()
+            existing |= {f"{top.name}/{p.name}" for p in top.iterdir()
                          if p.is_dir() and holds_sources(p)}
-    standing -= MADE
-    standing -= {"firmware/src", "firmware/build"}
-    standing |= {f"firmware/src/{p.name}" for p in (ROOT / "firmware" / "src").iterdir()
+    existing -= MADE
+    existing -= {"firmware/src", "firmware/build"}
+    existing |= {f"firmware/src/{p.name}" for p in (ROOT / "firmware" / "src").iterdir()
                  if p.is_dir()}
-    assert drawn == standing
+    assert drawn == existing
 
 
 def test_a_package_that_is_not_shown_is_found():

@@ -68,7 +68,7 @@ def package(tmp_path):
 
 
 @pytest.fixture
-def served(tmp_path, armed_esc):
+def served_car(tmp_path, armed_esc):
     """A simulated car in real time: (address of its Nano, spec of its bus, name, folder)."""
     backend = open_backend("sim://?nano=mock")
     paced = PacedWorld(backend)
@@ -82,8 +82,8 @@ def served(tmp_path, armed_esc):
         converter.close()
 
 
-def test_the_backend_of_the_page_reads_states(package, served):
-    converter, _, name, cars = served
+def test_the_backend_of_the_page_reads_states(package, served_car):
+    converter, _, name, cars = served_car
     with Car.open(f"tcp://{converter.address}", car=name, cars=cars) as car:
         states = list(car.states(duration=0.2, timeout=10.0))
         assert states[-1].seq > states[0].seq + 10
@@ -92,8 +92,8 @@ def test_the_backend_of_the_page_reads_states(package, served):
 
 @pytest.mark.slow
 @pytest.mark.realtime
-def test_the_backend_of_the_page_drives(package, served):
-    converter, bus, name, cars = served
+def test_the_backend_of_the_page_drives(package, served_car):
+    converter, bus, name, cars = served_car
     with Car.open(f"tcp://{converter.address}?i2c=unix:{bus}", car=name, cars=cars) as car:
         assert car.drives
         list(car.states(duration=0.7, timeout=10.0))
@@ -111,8 +111,8 @@ def read_until(link, deadline: float) -> None:
         link.read(1.0)
 
 
-def test_a_connection_that_ends_is_a_lost_link(package, served):
-    converter = served[0]
+def test_a_connection_that_ends_is_a_lost_link(package, served_car):
+    converter = served_car[0]
     backend = open_backend(f"tcp://{converter.address}")
     deadline = time.monotonic() + 10.0
     while converter._client is None and time.monotonic() < deadline:

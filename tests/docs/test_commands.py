@@ -129,12 +129,12 @@ def test_lines_may_be_left_out():
     assert handbook.as_shown("row 20\n", "row 10\nrow 21\n"), "another line of the same form"
 
 
-@pytest.mark.parametrize(("shown", "printed", "near"), [
+@pytest.mark.parametrize(("shown", "printed", "agree"), [
     ("190 mm", "91 mm", False), ("91 mm", "98 mm", True), ("91 mm", "105 mm", False),
     ("x -0.43 m", "x -0.45 m", True), ("x -0.43 m", "x 0.43 m", False),
     ("x -0.36", "x -0.43", False), ("0 mm", "1 mm", True), ("0 mm", "2 mm", False),
     ("85 %", "77 %", True), ("85 %", "76 %", False),
     ("k 0.0945 +- 0.0048 s", "k 0.0950 +- 0.0049 s", True),
     ("k 0.0945 +- 0.0048 s", "k 0.0945 +- 0.0090 s", False), ("1.00", "nan", False)])
-def test_numbers_may_differ_by_a_tenth(shown, printed, near):
-    assert handbook.as_shown(shown, printed) == near
+def test_numbers_may_differ_by_a_tenth(shown, printed, agree):
+    assert handbook.as_shown(shown, printed) == agree

@@ -24,7 +24,7 @@ def test_a_broken_link_is_seen(link):
     assert handbook.broken_links(DOCS / "index.md", text) == [link]
 
 
-def listed() -> list[str]:
+def list_pages() -> list[str]:
     text = (DOCS / "index.md").read_text(encoding="utf-8")
     return [line for toc in re.findall(r"```\{toctree\}\n(.*?)```", text, re.DOTALL)
             for line in toc.splitlines() if line and not line.startswith(":")]
@@ -34,7 +34,7 @@ def test_every_page_has_its_place_by_kind():
     found = {str(p.relative_to(DOCS).with_suffix("")) for p in handbook.pages()
              if DOCS in p.parents and p != DOCS / "index.md"}
     found |= {f"notebooks/{p.stem}" for p in (DOCS / "notebooks").glob("*.ipynb")}
-    assert found == set(listed())
+    assert found == set(list_pages())
     assert {name.split("/")[0] for name in found} == KINDS
 
 

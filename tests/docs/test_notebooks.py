@@ -17,7 +17,7 @@ from nbclient.exceptions import CellExecutionError  # noqa: E402
 SOURCES = sorted(notebooks.FOLDER.glob("*.py"))
 MOST = 700_000
 """Bytes of one with its pictures."""
-SAYS = {
+OUTPUTS = {
     "calibrate_identify_diagnose": r"steering_lag, k 0\.0[6-9]\d ",
     "exercise_for_a_class": r"diagnose +3 +3 +3 +3 +12",
     "own_controller": r"the paper's +[1-9]\.\d cm rms[^\n]*\nidentified +0\.\d cm rms",
@@ -26,7 +26,7 @@ SAYS = {
 other, and contouring control is within 1 cm by the identified model, but not by the paper's."""
 
 
-def printed(notebook):
+def collect_output(notebook):
     return "\n".join(out.get("text", "") for cell in notebook.cells if cell.cell_type == "code"
                      for out in cell.outputs)
 
@@ -37,7 +37,7 @@ def pictures(notebook):
 
 
 def test_there_is_one_for_each_reader():
-    assert {source.stem for source in SOURCES} == SAYS.keys()
+    assert {source.stem for source in SOURCES} == OUTPUTS.keys()
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda p: p.stem)
@@ -46,7 +46,7 @@ def test_what_is_shown_is_the_text_and_what_came_of_it(source):
     text = notebooks.read(source)
     assert [(c.cell_type, c.source) for c in shown.cells] == [
         (c.cell_type, c.source) for c in text.cells]
-    assert re.search(SAYS[source.stem], printed(shown))
+    assert re.search(OUTPUTS[source.stem], collect_output(shown))
     assert len(pictures(shown)) >= 2
     assert source.with_suffix(".ipynb").stat().st_size <= MOST
     prose = "\n\n".join(c.source for c in text.cells if c.cell_type == "markdown")
@@ -60,7 +60,7 @@ def test_what_is_shown_is_the_text_and_what_came_of_it(source):
     for source in SOURCES])
 def test_it_runs_from_its_first_cell_to_its_last(source, tmp_path):
     notebook = notebooks.executed(source, tmp_path)
-    assert re.search(SAYS[source.stem], printed(notebook)), printed(notebook)
+    assert re.search(OUTPUTS[source.stem], collect_output(notebook)), collect_output(notebook)
     assert len(pictures(notebook)) >= 2
 
 

@@ -19,14 +19,14 @@ def run_with(folder: Path, program: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.fixture
-def installed(tmp_path):
+def example_folder(tmp_path):
     install(tmp_path, {path.name: path.read_text(encoding="utf-8")
                        for path in EXAMPLE.iterdir() if path.is_file()})
     return tmp_path
 
 
-def test_the_catalogue_has_the_effect_with_its_equation(installed):
-    done = run_with(installed, """
+def test_the_catalogue_has_the_effect_with_its_equation(example_folder):
+    done = run_with(example_folder, """
 from dart_hal.vehicle.effects import catalogue, equation_text, own_effects
 print(sorted(set(catalogue()) - set(own_effects())))
 print(equation_text(catalogue()["tail_fin"]).strip())""")
@@ -35,9 +35,9 @@ print(equation_text(catalogue()["tail_fin"]).strip())""")
         "['tail_fin']", "F_yr = F_yr(tyre) - k v_x (v_y - l_r omega)"]
 
 
-def test_a_simulated_car_drives_with_it(installed):
+def test_a_simulated_car_drives_with_it(example_folder):
     """Circles at speed: the rear slides less, so the car turns less."""
-    done = run_with(installed, """
+    done = run_with(example_folder, """
 from dart_hal import PAPER
 from dart_lab import LightCar, apply
 for car in (LightCar(PAPER), LightCar(apply(PAPER, "tail_fin", k=4.0))):
@@ -50,8 +50,8 @@ for car in (LightCar(PAPER), LightCar(apply(PAPER, "tail_fin", k=4.0))):
 
 
 @pytest.mark.slow
-def test_the_diagnosis_names_it(installed):
-    done = run_with(installed, f"""
+def test_the_diagnosis_names_it(example_folder):
+    done = run_with(example_folder, f"""
 sys.path.insert(0, {str(Path(__file__).parents[2])!r})
 import tempfile, pathlib
 from studies.diagnosis import hidden_drive

@@ -15,7 +15,7 @@ from shutil import which
 import pytest
 from handbook import ROOT
 from plugin_package import files_of_page, install, on_path
-from recipe import PAGE, Checkout, RecipeFailed, changed, edited_file, headings, recipe
+from recipe import PAGE, Checkout, RecipeFailed, apply_changes, edited_file, headings, recipe
 from walks import NAME, find_object
 
 from dart_hal.cli.main import main
@@ -51,7 +51,7 @@ def test_every_change_fits_its_place(heading):
     for block in recipe(heading):
         if name := edited_file(block):
             texts.setdefault(name, (ROOT / name).read_text(encoding="utf-8"))
-            texts[name] = changed(texts[name], block.text, name)
+            texts[name] = apply_changes(texts[name], block.text, name)
         elif "/" in block.file and heading not in OF_PACKAGES:
             assert not (ROOT / block.file).exists(), f"{block.file} is no dummy any more"
             assert (ROOT / block.file).parent.is_dir()
@@ -62,12 +62,13 @@ def test_every_change_fits_its_place(heading):
     ("once\n", "in front")])
 def test_a_change_without_a_single_place_is_seen(changes, message):
     with pytest.raises(RecipeFailed, match=message):
-        changed("once\ntwice\ntwice\n", changes)
+        apply_changes("once\ntwice\ntwice\n", changes)
 
 
 def test_a_change_is_applied_in_its_place():
     text = "once\ntwice\ntwice\nlast\n"
-    assert changed(text, "+before\n once\n@@\n-last\n+end\n") == "before\nonce\ntwice\ntwice\nend\n"
+    assert apply_changes(text,
+                         "+before\n once\n@@\n-last\n+end\n") == "before\nonce\ntwice\ntwice\nend\n"
 
 
 @pytest.mark.slow

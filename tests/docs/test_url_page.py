@@ -20,20 +20,20 @@ def options(title: str) -> set[str]:
     return set(re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE))
 
 
-def known(url: str) -> set[str]:
+def list_names(url: str) -> set[str]:
     """Names that a scheme lists when it refuses one that it does not know."""
     with pytest.raises(UsageError, match="has no option colour") as refused:
         open_backend(f"{url}?colour=1")
-    told = str(refused.value.expected)
-    return set() if told == "no options" else set(told.split(", "))
+    expected = str(refused.value.expected)
+    return set() if expected == "no options" else set(expected.split(", "))
 
 
 @pytest.mark.parametrize(("title", "url"), [
     ("sim", "sim://"), ("avr", "avr://default"), ("serial and hwgrep", "serial:///dev/none"),
     ("serial and hwgrep", "hwgrep://1A86:7523"), ("replay", "replay://run.mcap")])
 def test_the_options_of_a_scheme(title, url):
-    assert options(title) == known(url)
+    assert options(title) == list_names(url)
 
 
 def test_an_option_that_is_not_listed_is_seen():
-    assert options("sim") != known("avr://default")
+    assert options("sim") != list_names("avr://default")

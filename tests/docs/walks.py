@@ -48,15 +48,15 @@ def find_object(name: str) -> Any:
 def first_calls(names: Sequence[str], work: Callable[[], object]) -> list[str]:
     """Run ``work()`` and return the functions that it called, in the order of first calls."""
     waiting = {inspect.unwrap(find_object(n)).__code__: n for n in names}
-    seen: list[str] = []
+    calls: list[str] = []
 
     def look(frame: Any, event: str, arg: object) -> None:
         if event == "call" and frame.f_code in waiting:
-            seen.append(waiting.pop(frame.f_code))
+            calls.append(waiting.pop(frame.f_code))
 
     sys.setprofile(look)
     try:
         work()
     finally:
         sys.setprofile(None)
-    return seen
+    return calls

@@ -110,15 +110,15 @@ def test_filters_follow_a_step(part):
     run_mode(part)
     part.set_imu((0, 0, 1.0), (1.0, 0, 0))
     start = part.now
-    seen = []
+    values = []
     for k in range(1, 60):
         part.drain(start + k * 1e-3)
-        seen.append(part.imu_register(GYRO + 4) | part.imu_register(GYRO + 5) << 8)
-    levels = sorted(set(seen))
+        values.append(part.imu_register(GYRO + 4) | part.imu_register(GYRO + 5) << 8)
+    levels = sorted(set(values))
     assert levels[-1] == 900
     first = next(v for v in levels if v > 0)
     assert first < 900 * (1 - math.exp(-2 * math.pi * 32 * 0.011))
-    assert levels == [v for i, v in enumerate(seen) if i == 0 or v != seen[i - 1]]  # monotone
+    assert levels == [v for i, v in enumerate(values) if i == 0 or v != values[i - 1]]  # monotone
 
 
 def test_the_part_has_a_clock_of_its_own(part):
@@ -199,13 +199,13 @@ def test_falling_back_to_config_makes_no_gap(part):
     assert words(part, GYRO) == (0, 0, 900)
 
 
-@pytest.mark.parametrize(("fault", "value", "seen"), [("wrong", 0.5, 450), ("zero", 1.0, 0)])
-def test_wrong_by_a_factor_or_altogether(part, fault, value, seen):
+@pytest.mark.parametrize(("fault", "value", "values"), [("wrong", 0.5, 450), ("zero", 1.0, 0)])
+def test_wrong_by_a_factor_or_altogether(part, fault, value, values):
     part.set_imu((0, 0, 1.0), (0, 0, 0))
     run_mode(part)
     part.set_imu_fault(fault, value)
     part.drain(part.now + 0.05)
-    assert words(part, GYRO) == (0, 0, seen)
+    assert words(part, GYRO) == (0, 0, values)
     part.set_imu_fault("ok")
     part.drain(part.now + 0.05)
     assert words(part, GYRO) == (0, 0, 900)
@@ -215,12 +215,12 @@ def test_a_slow_part_updates_at_its_rate(part):
     run_mode(part)
     part.set_imu_fault("slow", 5.0)
     start = part.now
-    seen = set()
+    values = set()
     for k in range(100):
         part.set_imu((0, 0, 1e-2 * k), (0, 0, 0))
         part.drain(start + 0.02 * k)
-        seen.add(part.imu_register(GYRO + 4) | part.imu_register(GYRO + 5) << 8)
-    assert len(seen) == pytest.approx(2.0 * 5, abs=1)
+        values.add(part.imu_register(GYRO + 4) | part.imu_register(GYRO + 5) << 8)
+    assert len(values) == pytest.approx(2.0 * 5, abs=1)
 
 
 def test_a_delayed_part_shows_the_past(part):

@@ -55,7 +55,7 @@ def test_hex_addresses_extend():
     assert parse_hex(record(0, bytes(4), 3) + record(0, b"\x01") + END) == b"\x01"
 
 
-@pytest.mark.parametrize(("text", "says"), [
+@pytest.mark.parametrize(("text", "message"), [
     ("hello\n", "line 1 is no Intel hex"),
     (record(0, b"\x01")[:-3] + "00\n" + END, "checksum"),
     (record(0, b"\x01"), "end record missing"),
@@ -64,8 +64,8 @@ def test_hex_addresses_extend():
     (record(FLASH_SIZE - 1, b"\x01\x02") + END, "beyond the flash"),
     (record(0, b"\x00\x01", 4) + record(0, b"\x01") + END, "beyond the flash"),
 ])
-def test_bad_hex_is_refused_with_its_place(text, says):
-    with pytest.raises(ImageError, match=says):
+def test_bad_hex_is_refused_with_its_place(text, message):
+    with pytest.raises(ImageError, match=message):
         parse_hex(text)
 
 
@@ -81,15 +81,15 @@ def test_elf_takes_load_addresses_and_leaves_ram_out():
     assert len(flash) == 0x104
 
 
-@pytest.mark.parametrize(("blob", "says"), [
+@pytest.mark.parametrize(("blob", "message"), [
     (b"\x7fELF", "too short"),
     (elf((1, 0, b"x"), machine=62), "no 32-bit AVR"),
     (elf((1, FLASH_SIZE - 2, b"xyz")), "beyond the flash"),
     (elf((1, 0, b"code"), cut=2), "beyond the file"),
     (elf((1, 0x800100, b"ram")), "holds no byte"),
 ])
-def test_bad_elf_is_refused(blob, says):
-    with pytest.raises(ImageError, match=says):
+def test_bad_elf_is_refused(blob, message):
+    with pytest.raises(ImageError, match=message):
         parse_elf(blob)
 
 

@@ -38,7 +38,7 @@ def test_edges_are_the_marks_that_the_position_has_crossed(probe, rates, marks):
         start = nano.edges(0)
         position = 0.0
         crossed = 0
-        unsure = 0
+        uncertain = 0
         for rate, ticks in rates:
             nano.set_wheel(rate)
             for _ in range(ticks):
@@ -47,10 +47,10 @@ def test_edges_are_the_marks_that_the_position_has_crossed(probe, rates, marks):
             crossed += abs(marks_up_to(after, marks) - marks_up_to(position, marks))
             position = after
             # a mark that the segment's end touches may fall to either side
-            unsure += 2 * (marks_up_to(after + 1e-6, marks) != marks_up_to(after - 1e-6, marks))
+            uncertain += 2 * (marks_up_to(after + 1e-6, marks) != marks_up_to(after - 1e-6, marks))
         nano.set_wheel(0.0)
         nano.run(nano.now + 0.001)
-        assert abs(nano.edges(0) - start - crossed) <= unsure
+        assert abs(nano.edges(0) - start - crossed) <= uncertain
 
 
 @pytest.mark.emulator

@@ -22,13 +22,13 @@ def test_compare_output_drives_d9(nano):
 def test_input_capture_stamps_d8_to_half_a_microsecond(nano):
     nano.set_pin("D8", False)
     nano.drain(0.01)
-    seen = []
+    stamps = []
     for k in range(1, 8):
         nano.drain(0.01 + k * 0.01037)
         nano.set_pin("D8", True)
-        seen.append(int.from_bytes(nano.ask(b"i", 0.005), "little"))
+        stamps.append(int.from_bytes(nano.ask(b"i", 0.005), "little"))
         nano.set_pin("D8", False)
-    steps = [(b - a) % 2000 for a, b in pairwise(seen)]
+    steps = [(b - a) % 2000 for a, b in pairwise(stamps)]
     assert steps == pytest.approx([20_740 % 2000] * 6, abs=1)  # 10.37 ms in ticks of 0.5 us
 
 

@@ -24,13 +24,13 @@ def wait_for(condition, seconds=5.0):
 
 
 @pytest.fixture
-def served(probe):
+def served_nano(probe):
     with EmulatedNano(probe) as nano, Pty(nano) as pty:
         yield nano, pty
 
 
-def test_echo_with_plain_pyserial(served):
-    _, pty = served
+def test_echo_with_plain_pyserial(served_nano):
+    _, pty = served_nano
     with serial.Serial(pty.path, 500_000, timeout=5, exclusive=True) as ser:
         assert ser.read(3)[:1] == b"B"
         ser.write(b"hxyz\n\r\x03")
@@ -38,8 +38,8 @@ def test_echo_with_plain_pyserial(served):
     assert pty.dropped == 0
 
 
-def test_each_open_resets(served):
-    _, pty = served
+def test_each_open_resets(served_nano):
+    _, pty = served_nano
     for n in (1, 2, 3):
         with serial.Serial(pty.path, 500_000, timeout=5) as ser:
             boot = ser.read(3)
@@ -61,11 +61,11 @@ class SlowSerial(serial.Serial):
 
 @pytest.mark.parametrize(("hold", "patience", "kept"), [
     (1.0, 0.03, True), (0.0, 5.0, False)])  # the control: without the hold it is lost
-def test_a_slow_open_does_not_lose_the_boot_message(served, monkeypatch, hold, patience, kept):
+def test_a_slow_open_does_not_lose_the_boot_message(served_nano, monkeypatch, hold, patience, kept):
     """Longer than it is and than it must be, so that a busy machine is no third case."""
     monkeypatch.setattr(pty_module, "HOLD", hold)
     monkeypatch.setattr(SlowSerial, "patience", patience)
-    with SlowSerial(served[1].path, 500_000, timeout=5.0 if kept else 0.3) as ser:
+    with SlowSerial(served_nano[1].path, 500_000, timeout=5.0 if kept else 0.3) as ser:
         assert (ser.read(1) == b"B") == kept
 
 
@@ -78,8 +78,8 @@ def test_without_reset_on_open_the_program_runs_on(probe):
             assert ser.read(1) == b"x"
 
 
-def test_time_stands_still_until_somebody_opens(served):
-    nano, _ = served
+def test_time_stands_still_until_somebody_opens(served_nano):
+    nano, _ = served_nano
     cpu = time.process_time()
     time.sleep(0.3)
     assert nano.now == 0.0
@@ -97,8 +97,8 @@ def test_the_tick_sees_every_millisecond(probe):
     assert max(gaps) <= 0.001 + 1e-9
 
 
-def test_the_ports_rate_reaches_the_nano(served):
-    _, pty = served
+def test_the_ports_rate_reaches_the_nano(served_nano):
+    _, pty = served_nano
     with serial.Serial(pty.path, 115_200, timeout=0.3) as ser:
         assert ser.read(3) != b"B\x03\x00"
         ser.baudrate = 500_000

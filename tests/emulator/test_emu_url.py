@@ -55,10 +55,10 @@ def test_each_open_and_each_dtr_edge_resets(probe):
 
 def test_polling_in_waiting_lets_time_pass(probe):
     with port(probe) as ser:
-        seen = 0
+        reads = 0
         while ser.in_waiting < 3:
-            seen += 1
-        assert seen < 10
+            reads += 1
+        assert reads < 10
         assert ser.read(ser.in_waiting) == b"B\x01\x00"
         ser.reset_input_buffer()
         ser.write(b"xxx")

@@ -45,12 +45,12 @@ def test_edges_fall_on_the_cycle_of_the_mark(nano):
     start = nano.cycle
     nano.set_wheel(100.0)  # a revolution in 160000 cycles
     for n, cycle in enumerate([40_000, 80_000, 200_000, 240_000, 16_040_000]):
-        seen = nano.edges(0)
+        edges = nano.edges(0)
         nano.drain((start + cycle - 1) / 16e6)
         before = nano.edges(0)
         nano.drain((start + cycle + 12) / 16e6)  # an instruction or an interrupt entry later
         assert nano.edges(0) == before + 1
-        assert n == 4 or before == seen
+        assert n == 4 or before == edges
 
 
 def test_missing_mark_is_simply_absent(nano):

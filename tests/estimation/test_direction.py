@@ -17,7 +17,7 @@ from dart_lab.sim.truth import world_of
 FRAME = 0.01
 
 
-def felt(speeds, accelerations):
+def run_frames(speeds, accelerations):
     """What is said in each frame of |v| [m/s] and a_x [m/s2]."""
     direction = InertialDirection()
     return [direction.add(FRAME, v, a) for v, a in zip(speeds, accelerations, strict=True)]
@@ -33,37 +33,37 @@ def ramp(rate, seconds, start=0.0):
 def test_the_acceleration_tells_the_sign(sign, rate, tilt):
     rng = random.Random(1)
     speeds = [max(v, 0.0) for v in ramp(rate, 0.8, 0.0 if rate > 0.0 else 2.4)]
-    said = felt(speeds, [sign * rate + tilt + rng.gauss(0.0, 0.3) for _ in speeds])
-    assert -sign not in said
-    assert said[45] == sign
+    directions = run_frames(speeds, [sign * rate + tilt + rng.gauss(0.0, 0.3) for _ in speeds])
+    assert -sign not in directions
+    assert directions[45] == sign
 
 
 @pytest.mark.parametrize("tilt", [0.5, -0.5])
 def test_nothing_is_said_of_a_steady_car(tilt):
     rng = random.Random(2)
-    assert not any(felt([2.0 + rng.gauss(0.0, 0.03) for _ in range(300)], [tilt] * 300))
+    assert not any(run_frames([2.0 + rng.gauss(0.0, 0.03) for _ in range(300)], [tilt] * 300))
 
 
 def test_wheels_that_slip_are_no_witness():
     """They spin up by 10 m/s2 while the car gains 2; they catch again while it still gains."""
-    assert not any(felt(ramp(10.0, 0.4), [2.0] * 40))
-    assert not any(felt(ramp(-6.0, 0.4, 4.0), [2.0] * 40))
+    assert not any(run_frames(ramp(10.0, 0.4), [2.0] * 40))
+    assert not any(run_frames(ramp(-6.0, 0.4, 4.0), [2.0] * 40))
 
 
 def test_a_turn_within_the_window_says_nothing_wrong():
     """1 m/s, -10 m/s2 through zero: forwards until 0.1 s, then backwards."""
     speeds = [1.0] * 50 + [abs(1.0 - 10.0 * k * FRAME) for k in range(60)]
-    said = felt(speeds, [0.0] * 50 + [-10.0] * 60)
-    assert -1 not in said[:60]
-    assert 1 not in said[65:]
-    assert said[-1] == -1
+    directions = run_frames(speeds, [0.0] * 50 + [-10.0] * 60)
+    assert -1 not in directions[:60]
+    assert 1 not in directions[65:]
+    assert directions[-1] == -1
 
 
 def test_without_acceleration_nothing_is_said():
-    assert not any(felt(ramp(3.0, 1.0), [None] * 100))
+    assert not any(run_frames(ramp(3.0, 1.0), [None] * 100))
 
 
-def rolled(wheel, hint, sign, seconds=1.5, rate=1.2, stood=0.5, believed=True):
+def roll_car(wheel, hint, sign, seconds=1.5, rate=1.2, stood=0.5, believed=True):
     """A car that stands, then is accelerated by ``sign * rate``; the estimator at the end."""
     ring = wheel(0.002, 20, None, lambda t: 0.5 * rate * max(t - stood, 0.0)**2, stood + seconds)
     estimator = WheelSpeed(0.002, 20)
@@ -71,29 +71,29 @@ def rolled(wheel, hint, sign, seconds=1.5, rate=1.2, stood=0.5, believed=True):
     for k in range(1, round((stood + seconds) / FRAME)):
         now = k * FRAME
         speed, _ = estimator.update(*ring.frame(now), 1.0, hint)
-        said = direction.add(FRAME, speed, sign * rate if now > stood else 0.0)
+        directions = direction.add(FRAME, speed, sign * rate if now > stood else 0.0)
         if believed:
-            estimator.correct_direction(said)
+            estimator.correct_direction(directions)
     return estimator
 
 
 @pytest.mark.parametrize("hint", [0, 1])
 def test_a_car_that_rolls_backwards_from_a_stand_is_known(wheel, hint):
     """At neutral, or down a slope against a weak throttle: travel goes back to the stand."""
-    estimator = rolled(wheel, hint, -1)
+    estimator = roll_car(wheel, hint, -1)
     assert estimator.speed == pytest.approx(-1.8, abs=0.05)
     assert estimator.distance == pytest.approx(-0.5 * 1.2 * 1.49**2, abs=0.03)
     assert estimator.ambiguous == (hint == 1)
 
 
 def test_control_without_feeling_it_rolls_forwards(wheel):
-    estimator = rolled(wheel, 0, -1, believed=False)
+    estimator = roll_car(wheel, 0, -1, believed=False)
     assert estimator.speed > 1.7
     assert estimator.ambiguous
 
 
 def test_a_push_forwards_becomes_sure(wheel):
-    estimator = rolled(wheel, 0, 1)
+    estimator = roll_car(wheel, 0, 1)
     assert estimator.speed == pytest.approx(1.8, abs=0.05)
     assert not estimator.ambiguous
 
@@ -123,9 +123,9 @@ def to_and_fro(wheel, believed=True):
     for k in range(1, 780):
         now = k * FRAME
         v, _ = estimator.update(*ring.frame(now), 1.0, 0)
-        said = direction.add(FRAME, v, (speed(now) - speed(now - FRAME)) / FRAME)
+        directions = direction.add(FRAME, v, (speed(now) - speed(now - FRAME)) / FRAME)
         if believed:
-            estimator.correct_direction(said)
+            estimator.correct_direction(directions)
         wrong += v * speed(now) < 0.0 and abs(v) > 0.3
         silent += v * speed(now) < 0.0 and abs(v) > 0.3 and not estimator.is_direction_uncertain
     return wrong, silent
@@ -141,9 +141,9 @@ def test_a_hand_that_turns_the_car_round_without_a_rest(wheel):
 
 def test_a_push_too_weak_to_tell_is_unsure(wheel):
     """0.3 m/s2: as much as a tilt that the fusion has not found."""
-    estimator = rolled(wheel, 0, -1, rate=0.3)
+    estimator = roll_car(wheel, 0, -1, rate=0.3)
     assert estimator.is_direction_uncertain
-    assert not rolled(wheel, 0, -1).is_direction_uncertain
+    assert not roll_car(wheel, 0, -1).is_direction_uncertain
 
 
 @pytest.mark.parametrize(("way", "seed"), [

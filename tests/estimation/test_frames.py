@@ -53,13 +53,13 @@ def test_an_old_edge_stamp_does_not_alias_after_35_minutes():
 
 
 @pytest.mark.parametrize("uptime", [10.0, 500.0, 1500.0, 2100.0])
-@pytest.mark.parametrize("told", [True, False])
-def test_restart_rebases_without_a_jump(uptime, told):
+@pytest.mark.parametrize("reported", [True, False])
+def test_restart_rebases_without_a_jump(uptime, reported):
     reader = FrameReader()
     for k in range(150):
         t = int((uptime + k * 0.01) * 2e6)
         before = reader.read(state(t=t, count=5000 + 5 * k, count_b=k, edge=t), 50.0 + k * 0.01)
-    if told:
+    if reported:
         reader.restart()
     after = reader.read(state(t=40_000, count=4, count_b=1, edge=39_000), 53.0)
     assert after.restarted

@@ -92,8 +92,8 @@ def turns(stream: Stream, rate, speed: float, steering: float, seconds: float,
     """Doubts at the end of a bend that the gyro says to be ``rate``; reached in half a second."""
     for k in range(int((seconds + 0.5) / FRAME)):
         w = rate * min(k * FRAME / 0.5, 1.0)
-        felt = speed * (w if aside is None else aside)
-        stream.feed((0.0, 0.0, w), (0.01, felt + 0.001, 0.0), speed, steering)
+        accel = speed * (w if aside is None else aside)
+        stream.feed((0.0, 0.0, w), (0.01, accel + 0.001, 0.0), speed, steering)
     return sorted(stream.check.doubts)
 
 

@@ -39,18 +39,18 @@ class Part:
         return read, before | after << 1, counts[2] * self._period - self._phase
 
 
-def followed(rate: float, phase: float, seconds: float = 60.0, lead: float = LOOK_TIME,
-             seed: int = 0) -> list[tuple[float, float, float]]:
+def follow_reads(rate: float, phase: float, seconds: float = 60.0, lead: float = LOOK_TIME,
+                 seed: int = 0) -> list[tuple[float, float, float]]:
     """(t, error of the sample's time, stated deviation) of each read that saw a change."""
     part = Part(rate, phase, lead, seed)
     clock = ImuClock()
     found = []
     for slot in range(1, round(seconds / PERIOD)):
         read, look, true = part.read(slot)
-        told = clock.sample_time(read, look)
+        times = clock.sample_time(read, look)
         if look != NONE:
-            assert told is not None
-            found.append((read, told - true, clock.std))
+            assert times is not None
+            found.append((read, times - true, clock.std))
     return found
 
 
@@ -63,7 +63,7 @@ def rms(values: list[float]) -> float:
 @pytest.mark.slow_except("50 us--0.003", "50 us-0.0007", "180 us-0.005", "180 us--0.0014")
 def test_the_age_is_known_after_two_beats(rate, lead):
     """Beats of 2 to 14 s. A look that comes elsewhere than thought costs little."""
-    late = [e for t, e, _ in followed(rate, 0.37, lead=lead, seed=3) if t > 30.0]
+    late = [e for t, e, _ in follow_reads(rate, 0.37, lead=lead, seed=3) if t > 30.0]
     assert rms(late) < (0.2e-3 if lead == LOOK_TIME else 0.4e-3)
 
 
@@ -72,9 +72,9 @@ def test_the_age_is_known_after_two_beats(rate, lead):
 def test_of_clocks_in_step_the_half_is_known(rate):
     """The age hardly moves in a minute: within the look's region, and not said to be surer."""
     scores = [(e / std)**2 for phase in range(5)
-              for t, e, std in followed(rate, 0.1 + 0.2 * phase, 20.0) if t > 5.0]
+              for t, e, std in follow_reads(rate, 0.1 + 0.2 * phase, 20.0) if t > 5.0]
     errors = [e for phase in range(5)
-              for t, e, std in followed(rate, 0.1 + 0.2 * phase, 20.0) if t > 5.0]
+              for t, e, std in follow_reads(rate, 0.1 + 0.2 * phase, 20.0) if t > 5.0]
     assert rms(errors) < AGE_STD
     assert sum(scores) / len(scores) < 3.0
 
@@ -84,7 +84,7 @@ def test_stated_deviations_are_honest():
     rng = random.Random(5)
     scores = []
     for seed in range(30):
-        rows = followed(rng.uniform(-5e-3, 5e-3), rng.random(), 12.0, seed=seed)
+        rows = follow_reads(rng.uniform(-5e-3, 5e-3), rng.random(), 12.0, seed=seed)
         scores += [(e / std)**2 for t, e, std in rows if t > 2.0]
     assert 0.1 < sum(scores) / len(scores) < 2.0
 
@@ -102,8 +102,8 @@ def test_a_part_that_stops_is_no_longer_followed():
     for slot in range(1, 1000):
         clock.sample_time(*part.read(slot)[:2])
     assert clock.std < 0.5e-3
-    told = [clock.sample_time((1000 + k) * PERIOD, NONE) for k in range(20)]
-    assert told[-1] is None
+    times = [clock.sample_time((1000 + k) * PERIOD, NONE) for k in range(20)]
+    assert times[-1] is None
     assert clock.std == AGE_STD
 
 
@@ -116,8 +116,8 @@ def test_a_part_that_starts_anew_is_found_again():
     errors = []
     for slot in range(2000, 4000):
         read, look, true = part.read(slot)
-        told = clock.sample_time(read, look)
-        errors.append(told - true if told is not None and look != NONE else 0.0)
+        times = clock.sample_time(read, look)
+        errors.append(times - true if times is not None and look != NONE else 0.0)
     assert rms(errors[1000:]) < 0.3e-3
 
 
@@ -133,8 +133,8 @@ def turned_wrong(looks: bool, phase: float, bend: float = 7.0, seconds: float = 
     for slot in range(1, round(seconds / PERIOD)):
         read, look, true = part.read(slot)
         rate = 0.8 * sin(tau * (true - 0.005) / bend)
-        told = clock.mean_read(read, look if looks else NONE)
-        odometry.update(read + 4e-3, slot * PERIOD, 1.0, rate, told, age_std=clock.std)
+        times = clock.mean_read(read, look if looks else NONE)
+        odometry.update(read + 4e-3, slot * PERIOD, 1.0, rate, times, age_std=clock.std)
     end = read + 4e-3
     return odometry.yaw - yaw(end) + yaw(PERIOD)
 

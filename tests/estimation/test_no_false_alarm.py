@@ -30,7 +30,7 @@ def test_no_style_of_driving_is_doubted_on_ten_cars(style):
     assert [d for seed in range(30, 40) for d in drive((seed, style), 36.0).doubts] == []
 
 
-def told(path: Path) -> dict[str, set[str]]:
+def collect_doubts(path: Path) -> dict[str, set[str]]:
     names: dict[str, set[str]] = {}
     for who, name, _, _ in recorded(path).doubts:
         names.setdefault(who, set()).add(name)
@@ -39,13 +39,13 @@ def told(path: Path) -> dict[str, set[str]]:
 
 def test_a_recorded_dead_encoder_is_found(recordings):
     (path,) = recordings.glob("circles_27_sept_2024/*.csv")
-    assert told(path) == {next(iter(DEAD)): {"ENCODER_DEAD", "ENCODER_LOW"}}
+    assert collect_doubts(path) == {next(iter(DEAD)): {"ENCODER_DEAD", "ENCODER_LOW"}}
 
 
 @pytest.mark.long
 def test_only_recordings_of_a_dead_encoder_and_of_drifting_are_doubted(recordings):
     found: dict[str, set[str]] = {}
     for path in sorted(recordings.rglob("*.csv")):
-        found |= told(path)
+        found |= collect_doubts(path)
     assert set(found) == SLIDES | DEAD
     assert "ENCODER_LOW" in found[next(iter(SLIDES))], "the wheels stand across the way"

@@ -108,7 +108,7 @@ def test_pose_is_read_only():
         Odometry().pose.cov[0, 0] = 1.0
 
 
-def simulate(seed, noise, seconds=20.0, standing=3.0):
+def simulate(seed, noise, seconds=20.0, rest_seconds=3.0):
     """A car with drawn errors drives a bent way; (error, covariance) at the end."""
     rng = np.random.default_rng(seed)
     bias = noise.gyro_bias * rng.standard_normal()
@@ -124,7 +124,7 @@ def simulate(seed, noise, seconds=20.0, standing=3.0):
     def change(t):
         return 0.6 * math.cos(0.5 * t)
 
-    for k in range(-round(standing / FRAME), 1):  # the ESC wants 2 s of neutral anyway
+    for k in range(-round(rest_seconds / FRAME), 1):  # the ESC wants 2 s of neutral anyway
         now = k * FRAME
         noisy = noise.gyro_noise / math.sqrt(FRAME) * rng.standard_normal()
         odometry.update(now, 0.0, 0.0, round((bias + noisy) * 900) / 900, now - AGE)
@@ -180,11 +180,11 @@ def test_covariance_without_the_constant_errors_would_lie():
     assert np.mean(values) > 30
 
 
-def aged(apart, phase, *, omega, turned, seconds):
+def measure_clock_error(clock_offset, phase, *, omega, turned, seconds):
     """Yaw error squared and its variance where the IMU's clock and the Nano's differ by a share
     ``apart``: each frame has the newest sample, 0 to 10 ms before its read."""
     odometry = Odometry(OdometryNoise(gyro_noise=1e-5, gyro_bias=1e-9, gyro_scale=1e-9))
-    period = 0.01 * (1.0 + apart)
+    period = 0.01 * (1.0 + clock_offset)
     for k in range(round(seconds / FRAME) + 1):
         now = k * FRAME
         sampled = (math.floor((now - AGE) / period - phase) + phase) * period
@@ -212,22 +212,23 @@ def test_yaw_is_honest_about_the_age_of_the_gyros_samples(bend):
     """Clocks whose beat meets the bend are among them, as often as they come. A variance by the
     yaw rate instead of its change, (2.5e-3)^2 of it, was too small by a factor of 2.5 in bends of
     5 s and too large by 1.6 in those of 10 s."""
-    squares, variances = zip(*(aged(*clock, seconds=2.0 * bend, **bends(bend))
+    squares, variances = zip(*(measure_clock_error(*clock, seconds=2.0 * bend, **bends(bend))
                                for clock in clocks(3e-3)), strict=True)
     assert 0.75 < np.sum(squares) / np.sum(variances) < 1.33
 
 
 def test_clocks_in_step_leave_less_than_the_yaw_is_unsure_by():
     """Control: what the test above finds comes from the clocks, not from how it samples."""
-    squares, variances = zip(*(aged(0.0, phase, seconds=10.0, **bends(5.0))
+    squares, variances = zip(*(measure_clock_error(0.0, phase, seconds=10.0, **bends(5.0))
                                for phase in (0.1, 0.5, 0.9)), strict=True)
     assert max(squares) < 0.02 * min(variances)
 
 
 def test_the_age_of_a_sample_does_not_matter_in_a_circle():
     """Where the yaw rate stays, an old sample is as good as a new one."""
-    square, variance = aged(2e-3, 0.3, seconds=10.0, omega=lambda t: 1.2, turned=lambda t: 1.2 * t)
-    _, in_bends = aged(2e-3, 0.3, seconds=10.0, **bends(5.0))
+    square, variance = measure_clock_error(2e-3, 0.3, seconds=10.0, omega=lambda t: 1.2,
+                                           turned=lambda t: 1.2 * t)
+    _, in_bends = measure_clock_error(2e-3, 0.3, seconds=10.0, **bends(5.0))
     assert square < 1e-4
     assert variance < 0.01 * in_bends
 
@@ -251,6 +252,6 @@ def test_without_a_gyro_yaw_grows_unsure_with_the_seconds():
         odometry.update(t, speed * t, speed, gyro, t - 0.005, 1.0, 0.4)
         if k == 100:
             known = odometry.pose.cov[2, 2] ** 0.5
-    unsure = odometry.pose.cov[2, 2] ** 0.5
+    yaw_std = odometry.pose.cov[2, 2] ** 0.5
     assert known < 0.05
-    assert 2.0 * 0.3 <= unsure <= 2.0 * 0.6
+    assert 2.0 * 0.3 <= yaw_std <= 2.0 * 0.6

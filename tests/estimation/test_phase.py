@@ -21,7 +21,7 @@ SPEED = 1.0 / 0.041
 """Turns of the shaft per second at 1 m/s."""
 
 
-def glued(share):
+def shift_ring(share):
     """Ring B, ``share`` of an interval of ring A further round."""
     return turned_ring(even_ring(10), share / 20)
 
@@ -61,21 +61,22 @@ def crossings(ring, back, way, seconds):
     return sorted(times)
 
 
-def told(ring_b, taught, seconds=9.0, ring_a=EVEN, back_b=None, felt=lambda t: 0, way=to_and_fro):
+def run_frames(ring_b, taught, seconds=9.0, ring_a=EVEN, back_b=None, inertial=lambda t: 0,
+               way=to_and_fro):
     """What a new RingPhase says in each frame of a shaft that turns by ``way(t)``; stamps 1 us."""
     rng = random.Random(1)
     a, b = ([t + rng.gauss(0.0, 1e-6) for t in crossings(ring, back, way, seconds)]
             for ring, back in ((ring_a, ring_a), (ring_b, back_b or ring_b)))
     phase = RingPhase()
-    said = []
+    directions = []
     for k in range(1, round(seconds / FRAME)):
         now = k * FRAME
         n = bisect_right(a, now)
         m = bisect_right(b, now)
-        said.append(phase.add(
+        directions.append(phase.add(
             now, a[n - 1] if n else 0.0, a[n - 1] - a[n - 2] if n > 1 else 0.0,
-            m, b[m - 1] if m else 0.0, taught(now), felt(now)))
-    return said
+            m, b[m - 1] if m else 0.0, taught(now), inertial(now)))
+    return directions
 
 
 def one_way(t):
@@ -87,44 +88,44 @@ def both_ways(t):
     return one_way(t) or -(2.5 < t < 4.3)
 
 
-def wrong(said, late=0.2):
+def wrong(directions, late=0.2):
     """Frames that say the opposite, ``late`` s after a turn or later."""
-    return [k for k, way in enumerate(said) if way and forwards(k * FRAME) != (way > 0)
+    return [k for k, way in enumerate(directions) if way and forwards(k * FRAME) != (way > 0)
             and forwards(k * FRAME) == forwards(k * FRAME - late)]
 
 
 @pytest.mark.parametrize("share", [0.15, 0.25, 0.4, 0.75, 0.9])
 def test_a_shaft_that_turns_round_contradicts_what_was_learnt(share):
     """Forwards alone is known: it is not said, its opposite is, 0.2 s after the turn."""
-    said = told(glued(share), one_way, 4.3)
-    assert not any(said[:220])
-    assert set(said[240:]) == {-1}
+    directions = run_frames(shift_ring(share), one_way, 4.3)
+    assert not any(directions[:220])
+    assert set(directions[240:]) == {-1}
 
 
 @pytest.mark.parametrize("share", [0.15, 0.25, 0.4, 0.75, 0.9])
 def test_both_directions_are_told_once_both_were_seen(share):
-    said = told(glued(share), both_ways)
-    assert not wrong(said)
-    assert set(said[490:695]) == {1}
-    assert set(said[720:]) == {-1}
+    directions = run_frames(shift_ring(share), both_ways)
+    assert not wrong(directions)
+    assert set(directions[490:695]) == {1}
+    assert set(directions[720:]) == {-1}
 
 
 @pytest.mark.parametrize("shift", [0.1, 0.2, 0.3, 0.5])
 def test_a_switch_that_opens_late_is_no_lie(shift):
     """Backwards the edges of B sit elsewhere, maybe where they sit forwards: then it is silent."""
-    said = told(glued(0.25), both_ways, back_b=glued(0.25 + shift))
-    assert not wrong(said)
-    assert any(said[720:]) == (shift != 0.5)
+    directions = run_frames(shift_ring(0.25), both_ways, back_b=shift_ring(0.25 + shift))
+    assert not wrong(directions)
+    assert any(directions[720:]) == (shift != 0.5)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5])
 def test_rings_that_look_the_same_both_ways_say_nothing(share):
     """An edge of B on one of A, or half way between: its mirror image is the same."""
-    assert not any(told(glued(share), both_ways))
+    assert not any(run_frames(shift_ring(share), both_ways))
 
 
 def test_it_says_nothing_before_it_has_learnt():
-    assert not any(told(glued(0.25), lambda t: t < 0.3, 4.3))
+    assert not any(run_frames(shift_ring(0.25), lambda t: t < 0.3, 4.3))
 
 
 @pytest.mark.slow
@@ -133,33 +134,36 @@ def test_it_says_nothing_before_it_has_learnt():
 def test_uneven_rings_of_hidden_cars_are_never_wrong(cars, least):
     """Flanks 2 % of a pitch off, teeth up to 12 % wider than gaps, glued anyhow: half of them tell.
     """
-    tell = 0
+    informative = 0
     for seed in cars:
         car = hidden_car(seed)
-        said = told(car.ring_b, both_ways, ring_a=car.ring_a)
-        assert not wrong(said), seed
-        tell += sum(map(bool, said[720:])) > 150
-    assert tell >= least
+        directions = run_frames(car.ring_b, both_ways, ring_a=car.ring_a)
+        assert not wrong(directions), seed
+        informative += sum(map(bool, directions[720:])) > 150
+    assert informative >= least
 
 
 def test_what_was_learnt_wrong_is_forgotten():
     """Taught forwards for backwards: a second of acceleration that says the opposite undoes it."""
-    said = told(glued(0.25), lambda t: -both_ways(t) if t < 4.8 else both_ways(t - 4.8), 14.0,
-                felt=lambda t: 0 if t < 4.8 else (1 if forwards(t) else -1))
-    assert wrong(said[:500])
-    assert not [k for k in wrong(said) if k > 650]
-    assert set(said[975:1170]) == {1}
+    directions = run_frames(shift_ring(0.25),
+                            lambda t: -both_ways(t) if t < 4.8 else both_ways(t - 4.8),
+                      14.0,
+                      inertial=lambda t: 0 if t < 4.8 else (1 if forwards(t) else -1))
+    assert wrong(directions[:500])
+    assert not [k for k in wrong(directions) if k > 650]
+    assert set(directions[975:1170]) == {1}
 
 
 def test_a_wheel_that_catches_again_does_not_make_it_forget():
-    said = told(glued(0.25), both_ways, felt=lambda t: -1 if 5.0 < t < 5.1 else 0)
-    assert set(said[720:]) == {-1}
+    directions = run_frames(shift_ring(0.25), both_ways,
+                            inertial=lambda t: -1 if 5.0 < t < 5.1 else 0)
+    assert set(directions[720:]) == {-1}
 
 
 def test_a_stand_makes_it_silent():
-    moving = told(glued(0.25), both_ways, 5.8)
+    moving = run_frames(shift_ring(0.25), both_ways, 5.8)
     assert moving[-1] == 1
-    stops = told(glued(0.25), both_ways, 6.4, way=lambda t: to_and_fro(min(t, 5.8)))
+    stops = run_frames(shift_ring(0.25), both_ways, 6.4, way=lambda t: to_and_fro(min(t, 5.8)))
     assert not any(stops[-20:])
 
 

@@ -17,17 +17,17 @@ def drive(seed: int, weave: bool = False) -> PoseComparison:
     yaw = rng.uniform(-3, 3) + np.cumsum(omega * 0.02)
     pose = np.column_stack([np.cumsum(v * np.cos(yaw) * 0.02), np.cumsum(v * np.sin(yaw) * 0.02),
                             yaw])
-    seen = pose.copy()
-    seen[:, 0] += 0.1 * np.cos(pose[:, 2])
-    seen[:, 1] += 0.1 * np.sin(pose[:, 2])
-    seen += rng.normal(size=seen.shape) * (0.001, 0.001, 0.002)
+    measured = pose.copy()
+    measured[:, 0] += 0.1 * np.cos(pose[:, 2])
+    measured[:, 1] += 0.1 * np.sin(pose[:, 2])
+    measured += rng.normal(size=measured.shape) * (0.001, 0.001, 0.002)
     yaw = np.cumsum(1.02 * np.diff(pose[:, 2], prepend=pose[0, 2])) + rng.normal()
     step = 0.98 * v * 0.02
     car = np.column_stack([np.cumsum(step * np.cos(yaw)), np.cumsum(step * np.sin(yaw)), yaw])
-    return PoseComparison(t, car, seen)
+    return PoseComparison(t, car, measured)
 
 
-def told(d: PoseComparison, how: str) -> PoseComparison:
+def change_poses(d: PoseComparison, how: str) -> PoseComparison:
     x, y, yaw = d.external.T
     rng = np.random.default_rng(99)
     return PoseComparison(d.t, d.car, np.column_stack({
@@ -53,7 +53,7 @@ EXPECTED = {"mm": ("mm", "units=mm"), "cm": ("cm", "units=cm"), "deg": ("degrees
 def test_each_wrong_convention_is_named(how, weave):
     words, option = EXPECTED[how]
     for seed in range(5):
-        wrong = find_fault(told(drive(seed, weave), how))
+        wrong = find_fault(change_poses(drive(seed, weave), how))
         assert wrong is not None
         assert words in wrong.what
         assert wrong.option == option

@@ -24,7 +24,7 @@ POSE_EVERY = 0.05
 LATE = 0.063
 POSE_COV = np.diag((0.01**2, 0.01**2, math.radians(0.3)**2))
 RUNS = 40
-STANDS = 2.0  # the ESC wants 2 s of neutral anyway
+REST_S = 2.0  # the ESC wants 2 s of neutral anyway
 
 
 class Drive:
@@ -65,20 +65,20 @@ class Drive:
         odometry = Odometry(self.noise)
         n = self.noise
         speed = 1.2
-        for k in range(-round(STANDS / FRAME), self.frames + 1):
+        for k in range(-round(REST_S / FRAME), self.frames + 1):
             t = k * FRAME
-            seen = k * FRAME - 0.014
+            t_sample = k * FRAME - 0.014
             if k >= 0:
-                noisy = math.hypot(n.gyro_noise, SAMPLE_AGE_NOISE * self.omega(seen)
+                noisy = math.hypot(n.gyro_noise, SAMPLE_AGE_NOISE * self.omega(t_sample)
                                    ) / math.sqrt(FRAME) * self.rng.standard_normal()
             elif k % CORRELATION_FACTOR == 0:  # at rest: a quarter is independent
                 noisy = math.hypot(n.gyro_noise / math.sqrt(FRAME), GYRO_QUANTUM / math.sqrt(12.0)
                                    ) * self.rng.standard_normal()
-            reading = self.omega(seen) / (1.0 + self.gyro) + self.bias + noisy
+            reading = self.omega(t_sample) / (1.0 + self.gyro) + self.bias + noisy
             yield t, odometry.update(t, self.travelled[max(k, 0)], speed if k > 0 else 0.0,
                                      reading, t - 0.004), odometry
 
-    def at(self, t):
+    def pose_at(self, t):
         """The true pose, linear between frames."""
         k = min(max(t / FRAME, 0.0), self.frames - 1e-6)
         a = np.array(self.path[int(k)])
@@ -87,11 +87,11 @@ class Drive:
 
     def pose(self, t):
         """What the motion capture measures at t [s]."""
-        return Pose(*(self.at(t) + np.sqrt(np.diag(POSE_COV)) * self.rng.standard_normal(3)),
+        return Pose(*(self.pose_at(t) + np.sqrt(np.diag(POSE_COV)) * self.rng.standard_normal(3)),
                     POSE_COV)
 
 
-def filtered(drive, *, silent=(), changed=lambda t, pose: pose, late=LATE):
+def run_filter(drive, *, silent=(), shift_pose=lambda t, pose: pose, late=LATE):
     """Yields (t, filter, verdict or None, odometry); no poses between the times of ``silent``."""
     pose_filter = PoseFilter(drive.noise)
     due = 0.0
@@ -102,7 +102,7 @@ def filtered(drive, *, silent=(), changed=lambda t, pose: pose, late=LATE):
             stamp = due
             due = due + POSE_EVERY
             if not any(start < stamp < end for start, end in silent):
-                verdict = pose_filter.correct(changed(stamp, drive.pose(stamp)), t - stamp)
+                verdict = pose_filter.correct(shift_pose(stamp, drive.pose(stamp)), t - stamp)
         yield t, pose_filter, verdict, odometry
 
 
@@ -123,13 +123,13 @@ def ends(noise, poses=True):
     values = []
     for seed in range(RUNS):
         drive = Drive(seed, noise, 6.0)
-        for t, pose_filter, _, _ in filtered(drive, silent=() if poses else [(-1.0, 99.0)]):
+        for t, pose_filter, _, _ in run_filter(drive, silent=() if poses else [(-1.0, 99.0)]):
             pass
         estimate = pose_filter.estimate()
-        error = estimate.mean[which] - (*drive.at(t), drive.bias, drive.gyro, drive.travel,
+        error = estimate.mean[which] - (*drive.pose_at(t), drive.bias, drive.gyro, drive.travel,
                                         drive.slip)
         whole = float(error @ np.linalg.solve(estimate.cov[np.ix_(which, which)], error))
-        values.append((nees(estimate, drive.at(t)), whole))
+        values.append((nees(estimate, drive.pose_at(t)), whole))
     return np.array(values)
 
 
@@ -162,34 +162,34 @@ def test_a_late_pose_taken_for_a_fresh_one_is_not_honest():
             if t >= due + LATE:
                 pose_filter.correct(drive.pose(due), 0.0)
                 due += POSE_EVERY
-        values.append(nees(pose_filter.estimate(), drive.at(t)))
+        values.append(nees(pose_filter.estimate(), drive.pose_at(t)))
     assert np.mean(values) > 3 * band(runs=10)[1]
 
 
 def test_half_a_second_without_poses_is_survived():
     drive = Drive(1, seconds=6.0)
     worst = 0.0
-    for t, pose_filter, verdict, _ in filtered(drive, silent=[(4.0, 4.5)]):
+    for t, pose_filter, verdict, _ in run_filter(drive, silent=[(4.0, 4.5)]):
         if t > 4.0:
             estimate = pose_filter.estimate()
-            worst = max(worst, math.dist((estimate.pose.x, estimate.pose.y), drive.at(t)[:2]))
+            worst = max(worst, math.dist((estimate.pose.x, estimate.pose.y), drive.pose_at(t)[:2]))
             assert verdict in (None, PoseVerdict.FUSED)
     assert worst < 0.03
 
 
 def test_outliers_are_gated_and_do_no_harm():
-    def changed(t, pose):
+    def shift_pose(t, pose):
         return replace(pose, x=pose.x + 0.5) if round(t / POSE_EVERY) % 4 == 0 else pose
 
     drive = Drive(2, seconds=6.0)
-    seen = {}
-    for t, pose_filter, verdict, _ in filtered(drive, changed=changed):
+    errors = {}
+    for t, pose_filter, verdict, _ in run_filter(drive, shift_pose=shift_pose):
         if verdict is not None:
-            seen.setdefault(round((t - LATE) / POSE_EVERY) % 4 == 0, []).append(verdict)
+            errors.setdefault(round((t - LATE) / POSE_EVERY) % 4 == 0, []).append(verdict)
     pose = pose_filter.estimate().pose
-    assert set(seen[True]) == {PoseVerdict.OUTLIER}
-    assert np.mean([one is PoseVerdict.FUSED for one in seen[False]]) > 0.98
-    assert math.dist((pose.x, pose.y), drive.at(t)[:2]) < 0.03
+    assert set(errors[True]) == {PoseVerdict.OUTLIER}
+    assert np.mean([one is PoseVerdict.FUSED for one in errors[False]]) > 0.98
+    assert math.dist((pose.x, pose.y), drive.pose_at(t)[:2]) < 0.03
 
 
 def test_without_the_gate_outliers_do_harm(monkeypatch):

@@ -44,15 +44,15 @@ def run(seconds, see=lambda t, pose: pose, speed=lambda t: 1.0, latency=0.004):
         if pose is not None:
             waiting.append((t + latency, pose))
         while waiting and waiting[0][0] <= t + 0.001:
-            arrival, seen = waiting.pop(0)
-            tracker.add(ExternalPose(FIRST + arrival - latency, arrival, *seen))
+            arrival, measured = waiting.pop(0)
+            tracker.add(ExternalPose(FIRST + arrival - latency, arrival, *measured))
         out.append((t, tracker.estimate_at(t), in_room(travelled)))
     return out
 
 
-def kinds(told):
+def kinds(results):
     """Trackings in order of appearance, without repetition."""
-    names = [str(e.tracking) for _, e, _ in told]
+    names = [str(e.tracking) for _, e, _ in results]
     return [a for a, b in zip(names, ["", *names], strict=False) if a != b]
 
 
@@ -61,18 +61,18 @@ def error(external, true):
 
 
 def test_poses_that_fit_are_tracked():
-    told = run(4.0)
-    assert kinds(told) == ["LOST", "TRACKING"]
-    assert told[0][1].age == inf
-    assert told[0][1].pose is None
-    assert max(error(e, true) for _, e, true in told[10:]) < 0.01
-    assert max(e.age for _, e, _ in told[10:]) < 0.03
+    results = run(4.0)
+    assert kinds(results) == ["LOST", "TRACKING"]
+    assert results[0][1].age == inf
+    assert results[0][1].pose is None
+    assert max(error(e, true) for _, e, true in results[10:]) < 0.01
+    assert max(e.age for _, e, _ in results[10:]) < 0.03
 
 
 def test_dead_reckoning_goes_on_with_growing_covariance_then_is_lost():
-    told = run(12.0, lambda t, pose: pose if t < 3.0 else None)
-    assert kinds(told) == ["LOST", "TRACKING", "DEAD_RECKONING", "LOST"]
-    blind = [(t, e, true) for t, e, true in told if t > 3.1]
+    results = run(12.0, lambda t, pose: pose if t < 3.0 else None)
+    assert kinds(results) == ["LOST", "TRACKING", "DEAD_RECKONING", "LOST"]
+    blind = [(t, e, true) for t, e, true in results if t > 3.1]
     sizes = [np.trace(e.pose.cov) for _, e, _ in blind]
     assert all(b >= a for a, b in pairwise(sizes))
     assert sizes[-1] > 10 * sizes[0]
@@ -81,25 +81,25 @@ def test_dead_reckoning_goes_on_with_growing_covariance_then_is_lost():
 
 
 def test_it_is_tracked_again_after_an_occlusion():
-    told = run(6.0, lambda t, pose: None if 2.0 <= t < 3.5 else pose)
-    assert kinds(told) == ["LOST", "TRACKING", "DEAD_RECKONING", "TRACKING"]
-    assert told[-1][1].tracking is Tracking.TRACKING
+    results = run(6.0, lambda t, pose: None if 2.0 <= t < 3.5 else pose)
+    assert kinds(results) == ["LOST", "TRACKING", "DEAD_RECKONING", "TRACKING"]
+    assert results[-1][1].tracking is Tracking.TRACKING
 
 
 def test_a_jump_is_not_believed_and_the_return_is():
-    told = run(6.0, lambda t, p: (p[0] + 5.0, p[1], p[2]) if 2.0 <= t < 2.2 else p)
-    assert kinds(told) == ["LOST", "TRACKING", "JUMPED", "TRACKING"]
-    assert all(error(e, true) < 0.02 for t, e, true in told if t > 0.1)
+    results = run(6.0, lambda t, p: (p[0] + 5.0, p[1], p[2]) if 2.0 <= t < 2.2 else p)
+    assert kinds(results) == ["LOST", "TRACKING", "JUMPED", "TRACKING"]
+    assert all(error(e, true) < 0.02 for t, e, true in results if t > 0.1)
 
 
 def test_a_false_lock_that_jitters_is_not_believed_for_as_long_as_it_stays():
     rng = np.random.default_rng(1)
-    told = run(10.0, lambda t, p: (-4.97 + rng.normal(0, 1e-3), -0.79 + rng.normal(0, 1e-3), 0.3)
-               if 2.0 <= t < 6.0 else p)
-    during = {e.tracking for t, e, _ in told if 2.05 < t < 6.0}
+    results = run(10.0, lambda t, p: (-4.97 + rng.normal(0, 1e-3), -0.79 + rng.normal(0, 1e-3), 0.3)
+                  if 2.0 <= t < 6.0 else p)
+    during = {e.tracking for t, e, _ in results if 2.05 < t < 6.0}
     assert during == {Tracking.JUMPED}
-    assert all(error(e, true) < 0.05 for t, e, true in told if t > 0.1)
-    assert told[-1][1].tracking is Tracking.TRACKING
+    assert all(error(e, true) < 0.05 for t, e, true in results if t > 0.1)
+    assert results[-1][1].tracking is Tracking.TRACKING
 
 
 def test_a_pose_that_stops_while_the_wheels_turn_is_not_believed():
@@ -109,26 +109,26 @@ def test_a_pose_that_stops_while_the_wheels_turn_is_not_believed():
         held.append(pose) if t < 2.0 else None
         return held[-1]
 
-    told = run(4.0, freeze)
-    assert told[-1][1].tracking is Tracking.JUMPED
-    assert error(told[-1][1], told[-1][2]) < 0.1
+    results = run(4.0, freeze)
+    assert results[-1][1].tracking is Tracking.JUMPED
+    assert error(results[-1][1], results[-1][2]) < 0.1
 
 
 def test_a_standing_car_may_be_seen_standing():
-    told = run(4.0, speed=lambda t: 1.0 if t < 1.0 else 0.0)
-    assert kinds(told) == ["LOST", "TRACKING"]
+    results = run(4.0, speed=lambda t: 1.0 if t < 1.0 else 0.0)
+    assert kinds(results) == ["LOST", "TRACKING"]
 
 
 def test_a_car_that_was_carried_is_believed_once_it_has_driven():
-    def carried(t, p):
+    def carry_car(t, p):
         return (p[0] + 2.0, p[1] + 1.0, p[2]) if t >= 2.0 else p
 
-    told = run(6.0, carried, speed=lambda t: 0.0 if 1.5 < t < 4.0 else 1.0)
-    assert {e.tracking for t, e, _ in told if 2.1 < t < 4.0} == {Tracking.JUMPED}
-    back = next(t for t, e, _ in told if t > 4.0 and e.tracking is Tracking.TRACKING)
+    results = run(6.0, carry_car, speed=lambda t: 0.0 if 1.5 < t < 4.0 else 1.0)
+    assert {e.tracking for t, e, _ in results if 2.1 < t < 4.0} == {Tracking.JUMPED}
+    back = next(t for t, e, _ in results if t > 4.0 and e.tracking is Tracking.TRACKING)
     assert back - 4.0 < 0.5
-    _, last, true = told[-1]
-    assert error(last, carried(6.0, true)) < 0.02
+    _, last, true = results[-1]
+    assert error(last, carry_car(6.0, true)) < 0.02
 
 
 def test_poses_out_of_order_change_nothing():

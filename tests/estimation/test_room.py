@@ -40,7 +40,7 @@ def in_room(pose):
     return PLACE[0] + c * x - s * y, PLACE[1] + s * x + c * y, yaw + PLACE[2]
 
 
-def seen(t, rng, std=0.005):
+def measure_marker(t, rng, std=0.005):
     """The marker as it is measured at t [s], told LATE after it."""
     x, y, yaw = in_room(true(t))
     c = cos(yaw)
@@ -51,7 +51,7 @@ def seen(t, rng, std=0.005):
                         pose_cov(std, std))
 
 
-def drive(marker, seconds, seed=1, told=lambda t, pose: pose, every=10, std=0.005):
+def drive(marker, seconds, seed=1, reported=lambda t, pose: pose, every=10, std=0.005):
     """(t, External) of each frame; ``told`` changes a pose, None = nothing comes."""
     rng = np.random.default_rng(seed)
     odometry = Odometry()
@@ -65,7 +65,7 @@ def drive(marker, seconds, seed=1, told=lambda t, pose: pose, every=10, std=0.00
         rate = (true(t - 0.009)[2] - true(t - 0.019)[2]) / 0.01
         motion = odometry.update(t, travel, speed(t), rate + 4e-3 * rng.standard_normal(), t - 4e-3)
         room.update(t, odometry.pose, motion)
-        if k % every == 0 and (pose := told(t, seen(t, rng, std))) is not None:
+        if k % every == 0 and (pose := reported(t, measure_marker(t, rng, std))) is not None:
             waiting.append(pose)
         while waiting and waiting[0].arrival <= t:
             room.add(waiting.pop(0))
@@ -88,24 +88,24 @@ def nees(external, t):
 @pytest.mark.slow
 @pytest.mark.parametrize("marker", [KNOWN, UNKNOWN_MARKER], ids=["known", "unknown"])
 def test_it_is_honest_about_the_axle(marker):
-    values = [nees(told, t) for seed in range(8) for t, told in drive(marker, 12.0, seed)
+    values = [nees(reported, t) for seed in range(8) for t, reported in drive(marker, 12.0, seed)
               if t > 4.0]
     assert 1.0 < np.mean(values) < 5.0
 
 
 def test_a_marker_that_is_elsewhere_than_it_is_said_is_not_honest():
     """Control: the same poses, said to be those of the axle."""
-    values = [nees(told, t) for t, told in drive(KNOWN._replace(lx=0.0), 6.0) if t > 4.0]
+    values = [nees(reported, t) for t, reported in drive(KNOWN._replace(lx=0.0), 6.0) if t > 4.0]
     assert np.mean(values) > 30.0
 
 
 def test_half_a_second_without_poses_is_survived():
-    told = drive(KNOWN, 7.0, told=lambda t, pose: None if 5.0 < t < 5.5 else pose)
-    worst = max(hypot(*error(external, t)[:2]) for t, external in told if t > 4.0)
+    reported = drive(KNOWN, 7.0, reported=lambda t, pose: None if 5.0 < t < 5.5 else pose)
+    worst = max(hypot(*error(external, t)[:2]) for t, external in reported if t > 4.0)
     assert worst < 0.02
-    sure = {round(t, 2): np.trace(e.estimate.pose.cov[:2, :2]) for t, e in told if t > 4.0}
-    assert sure[5.5] > sure[5.3] > sure[5.15]
-    assert sure[6.5] < sure[5.5]
+    variance = {round(t, 2): np.trace(e.estimate.pose.cov[:2, :2]) for t, e in reported if t > 4.0}
+    assert variance[5.5] > variance[5.3] > variance[5.15]
+    assert variance[6.5] < variance[5.5]
 
 
 @pytest.mark.slow
@@ -119,8 +119,8 @@ def test_a_lock_while_it_drives_is_undone(monkeypatch):
 
     def worst():
         held.clear()
-        told = drive(KNOWN, 4.6, told=lock, every=1, std=0.03)
-        return max(nees(external, t) for t, external in told if t > 4.4)  # it is known by then
+        reported = drive(KNOWN, 4.6, reported=lock, every=1, std=0.03)
+        return max(nees(external, t) for t, external in reported if t > 4.4)  # it is known by then
 
     assert worst() < 11.3  # one honest estimate in a hundred is beyond
     monkeypatch.setattr(PoseFilter, "forget", lambda self, age: None)
@@ -155,7 +155,7 @@ def test_wheels_that_spin_are_not_believed():
 
 
 def test_before_the_first_pose_it_knows_no_place_in_the_room():
-    assert all(e.estimate is None for _, e in drive(KNOWN, 0.3, told=lambda t, pose: None))
+    assert all(e.estimate is None for _, e in drive(KNOWN, 0.3, reported=lambda t, pose: None))
 
 
 def test_poses_that_stand_from_the_first_are_no_place():
@@ -166,6 +166,6 @@ def test_poses_that_stand_from_the_first_are_no_place():
         first.append(pose)
         return ExternalPose(pose.stamp, pose.arrival, first[0].x, first[0].y, first[0].yaw)
 
-    told = drive(KNOWN, 3.0, told=lock)
-    assert told[150][1].estimate is not None  # at rest nobody can tell
-    assert all(e.estimate is None for t, e in told if t > 2.6)
+    reported = drive(KNOWN, 3.0, reported=lock)
+    assert reported[150][1].estimate is not None  # at rest nobody can tell
+    assert all(e.estimate is None for t, e in reported if t > 2.6)

@@ -113,15 +113,15 @@ def test_sample_before_a_pause_is_motion():
 
 def test_noise_alone_is_never_rejected_and_sets_the_threshold():
     quiet = SingleSampleFilter(MIN_RATE_JUMP)
-    loud = SingleSampleFilter(MIN_RATE_JUMP)
+    sample_filter = SingleSampleFilter(MIN_RATE_JUMP)
     rng = random.Random(3)
     for k in range(3000):
         quiet.add(k * PERIOD, rng.gauss(0.0, NOISE), k * PERIOD)
-        loud.add(k * PERIOD, rng.gauss(0.0, 20 * NOISE), k * PERIOD)
+        sample_filter.add(k * PERIOD, rng.gauss(0.0, 20 * NOISE), k * PERIOD)
     assert quiet.rejected == quiet.pairs == 0
     assert quiet.threshold == MIN_RATE_JUMP
-    assert loud.threshold == pytest.approx(6 * 20 * NOISE, rel=0.2)
-    assert loud.rejected < 0.01 * 3000
+    assert sample_filter.threshold == pytest.approx(6 * 20 * NOISE, rel=0.2)
+    assert sample_filter.rejected < 0.01 * 3000
 
 
 def sum_of_residuals(size: float, run: int) -> tuple[float, SingleSampleFilter]:

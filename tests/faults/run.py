@@ -68,7 +68,7 @@ def main() -> int:
     if options.page:
         page.write()
         return 0
-    if options.hil and not lifted(options.hil):
+    if options.hil and not confirm_lifted(options.hil):
         return 2
     how = How(removed=options.without, hil=options.hil, controls=not options.no_controls,
               full=not options.fast)
@@ -83,10 +83,10 @@ def main() -> int:
     if options.write:
         page.keep(verdicts)
         page.write()
-    return 0 if verdicts and all(verdict.green for _, verdict in verdicts) else 1
+    return 0 if verdicts and all(verdict.is_green for _, verdict in verdicts) else 1
 
 
-def lifted(url: str) -> bool:
+def confirm_lifted(url: str) -> bool:
     """A person says that the wheels are up."""
     print(f"{url}: the wheels will turn at throttle 0.3, and programs will be killed while they do."
           "\nBattery in, car on a stand, all four wheels free, nobody's hand near them.")

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 import pytest
 from fault_table.broken import FIRMWARE
 from fault_table.judge import How, Verdict, judge
-from fault_table.layers import VARIABLE, without
+from fault_table.layers import VARIABLE, remove_layers
 from fault_table.row import Case, Measured, Row
 from fault_table.table import LAYERS, ROWS
 
@@ -59,18 +59,18 @@ def test_a_case_holds_and_its_control_does_not(case):
     check(case, full=False)
 
 
-def named(*patterns):
+def find_cases(*patterns):
     """Names of cases that fit one of the patterns."""
     return [name for name in BY_NAME if any(fnmatchcase(name, p) for p in patterns)]
 
 
 def one_of_every_row():
     """Names of one case of each row that QUICK and REALTIME leave out."""
-    chosen = {number_of(name): name for name in named(*ALONE)}
+    chosen = {number_of(name): name for name in find_cases(*ALONE)}
     for name in BY_NAME:
         if BY_NAME[name].fast:
             chosen.setdefault(number_of(name), name)
-    have = {number_of(name) for name in named(*QUICK, *REALTIME)}
+    have = {number_of(name) for name in find_cases(*QUICK, *REALTIME)}
     return [name for number, name in sorted(chosen.items()) if number not in have]
 
 
@@ -90,16 +90,16 @@ def test_one_case_of_every_other_row_holds(case):
 
 
 @pytest.mark.realtime
-@pytest.mark.parametrize("case", list(alone(named(*REALTIME))))
+@pytest.mark.parametrize("case", list(alone(find_cases(*REALTIME))))
 def test_one_case_of_every_other_row_holds_in_real_time(case):
     check(case, full=False, controls=False)
 
 
 def test_every_row_has_a_case_in_the_quick_run():
     """A row without a fast case has to name one in ALONE or REALTIME."""
-    quick = {number_of(name) for name in (*named(*QUICK, *REALTIME), *one_of_every_row())}
+    quick = {number_of(name) for name in (*find_cases(*QUICK, *REALTIME), *one_of_every_row())}
     assert {row.number for row in ROWS} - quick == set()
-    assert [p for p in (*QUICK, *ALONE, *REALTIME) if not named(p)] == []
+    assert [p for p in (*QUICK, *ALONE, *REALTIME) if not find_cases(p)] == []
 
 
 @pytest.mark.parametrize("case", list(parameters(fast=False)))
@@ -135,7 +135,7 @@ def test_a_layer_comes_back():
     from dart_hal.wire import decoder
 
     before = decoder.Gates.passes
-    with without("frame_gates"):
+    with remove_layers("frame_gates"):
         assert before is not decoder.Gates.passes
     assert before is decoder.Gates.passes
 
@@ -143,7 +143,7 @@ def test_a_layer_comes_back():
 def test_children_are_told_what_is_gone():
     import os
 
-    with without("link_stale"), without("expiry"):
+    with remove_layers("link_stale"), remove_layers("expiry"):
         assert os.environ[VARIABLE] == "link_stale,expiry"
     assert VARIABLE not in os.environ
 
@@ -153,11 +153,11 @@ def test_what_breaks_down_is_neither_green_nor_a_proof():
     bad = Measured(3.0)
     nan = Measured(math.nan)
     case = Case("wire", "", lambda bench: good, 2.0, "s", ("crc",))
-    assert Verdict(case, good, bad, 0.0).green
-    assert not Verdict(case, good, good, 0.0).green
-    assert not Verdict(case, bad, bad, 0.0).green
-    assert not Verdict(case, nan, bad, 0.0).green
-    assert not Verdict(case, good, nan, 0.0).green
+    assert Verdict(case, good, bad, 0.0).is_green
+    assert not Verdict(case, good, good, 0.0).is_green
+    assert not Verdict(case, bad, bad, 0.0).is_green
+    assert not Verdict(case, nan, bad, 0.0).is_green
+    assert not Verdict(case, good, nan, 0.0).is_green
 
 
 def test_a_row_is_printed_with_its_figures(capsys):

@@ -13,9 +13,9 @@ from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
 from fault_table import switches  # noqa: F401 - the layers that may be gone
-from fault_table.layers import without
+from fault_table.layers import remove_layers
 from fault_table.rows_processes import AFTER, TRIES
-from fault_table.stand import HERE, PATIENCE, PtyStand, environment, guard_of, with_signal
+from fault_table.stand import HERE, PATIENCE, PtyRig, environment, guard_of, with_signal
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -32,12 +32,12 @@ class Hand:
         self._open = ExitStack()
         self._socket = self._open.enter_context(
             connect(f"ws://localhost:{port}/socket", compression=None))
-        self._tell(type="take", token=token)
+        self._send(type="take", token=token)
         self._arms = arms
         self._thread = threading.Thread(target=self._hold, daemon=True)
         self._thread.start()
 
-    def _tell(self, **message):
+    def _send(self, **message):
         self._socket.send(json.dumps(message))
 
     def _hold(self):
@@ -49,10 +49,10 @@ class Hand:
                     self.mode = message["mode"]
                     if self._arms and self.mode == "DISARMED" and time.monotonic() > armed + 2.0:
                         armed = time.monotonic()
-                        self._tell(type="release")
-                        self._tell(type="arm")
+                        self._send(type="release")
+                        self._send(type="arm")
                 elif message["type"] == "rows" and (self.mode == "ARMED" or not self._arms):
-                    self._tell(type="drive", steering=0.0, throttle=1.0, heard=message["now"])
+                    self._send(type="drive", steering=0.0, throttle=1.0, heard=message["now"])
                     self.sent += 1
 
     def close(self):
@@ -61,10 +61,10 @@ class Hand:
 
 
 @contextmanager
-def served(stand, arms=True):
+def serve_page(rig, arms=True):
     """(program with a page, the hand at it)."""
     program = subprocess.Popen(
-        [sys.executable, str(HERE / "page_driver.py"), stand.url, stand.name, stand.cars],
+        [sys.executable, str(HERE / "page_driver.py"), rig.url, rig.name, rig.cars],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment(),
         start_new_session=True)
     guard = None
@@ -89,49 +89,49 @@ def until(condition):
         time.sleep(0.02)
 
 
-def killed(folder):
+def kill_page(folder):
     """(ms from kill -9 to the last pulse that drives, 0: none began; whether it drove until then
     and the machine did not stall; whether it drove; the stand)."""
-    with PtyStand(folder) as stand:
-        with served(stand) as (program, _):
-            until(lambda: stand.drove(time.monotonic()))
+    with PtyRig(folder) as rig:
+        with serve_page(rig) as (program, _):
+            until(lambda: rig.drove(time.monotonic()))
             time.sleep(0.5)
             at = time.monotonic()
             os.kill(program.pid, signal.SIGKILL)
             time.sleep(AFTER)
-            last = stand.last_wrong(at)
-            spoilt = stand.stalled(at - 0.05, at + 0.3)
-            drove = stand.drove(at)
-        yield last, drove and not spoilt, drove, stand
+            last = rig.last_wrong(at)
+            spoilt = rig.longest_stall(at - 0.05, at + 0.3)
+            drove = rig.drove(at)
+        yield last, drove and not spoilt, drove, rig
 
 
-def measured(folder):
+def measure_kill(folder):
     for left in reversed(range(TRIES)):
-        one = killed(folder)
-        last, good, drove, stand = next(one)
+        one = kill_page(folder)
+        last, good, drove, rig = next(one)
         if good or not left:
             break
         one.close()
     assert drove, "the machine is too busy: the car tripped before"
-    return last, stand, one
+    return last, rig, one
 
 
 def test_neutral_is_at_the_pin_and_the_next_program_is_armed_by_hand(tmp_path):
-    last, stand, held = measured(tmp_path)
+    last, rig, held = measure_kill(tmp_path)
     assert last <= NEUTRAL_MS
-    with served(stand, arms=False) as (_, hand):
+    with serve_page(rig, arms=False) as (_, hand):
         began = time.monotonic()
         until(lambda: hand.sent > 30)
-        assert stand.last_wrong(began) == 0.0, "a stick that is held moves nothing"
+        assert rig.last_wrong(began) == 0.0, "a stick that is held moves nothing"
         assert hand.mode == "DISARMED"
-    with served(stand) as (_, hand):
-        until(lambda: stand.drove(time.monotonic()))
+    with serve_page(rig) as (_, hand):
+        until(lambda: rig.drove(time.monotonic()))
         assert hand.mode == "ARMED"
     held.close()
 
 
 def test_control_without_the_guard_it_drives_on(tmp_path):
-    with without("guard"):
-        last, _, held = measured(tmp_path)
+    with remove_layers("guard"):
+        last, _, held = measure_kill(tmp_path)
         held.close()
     assert last > NEUTRAL_MS

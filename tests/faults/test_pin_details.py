@@ -150,7 +150,7 @@ def record_writes(drive: Drive) -> list[float]:
 def test_stalled_loop_disarms_in_both_directions(tmp_path, notes, throttle):
     """Control: an expiry that nobody notes ends at neutral, but the car stays armed."""
     with Drive(tmp_path, brief=True) as drive:
-        drive.armed().run(0.3, forward(throttle))
+        drive.arm().run(0.3, forward(throttle))
         start = drive.now
         actuator = drive.car._engine.driver.actuator
         if not notes:
@@ -164,7 +164,7 @@ def test_stalled_loop_disarms_in_both_directions(tmp_path, notes, throttle):
 def test_no_pulse_leaves_the_range_of_an_esc(tmp_path):
     """A neutral far off, as a wrong file would bring it, plus full throttle."""
     with Drive(tmp_path, brief=True) as drive:
-        drive.armed()
+        drive.arm()
         planner = drive.car._engine.driver.actuator._planner
         planner._neutral_us = 2100.0
         drive.run(0.6, forward(1.0))

@@ -57,7 +57,7 @@ def eeprom_image(board_id: int = BOARD_ID, boots: int = 4, **params: int) -> byt
     return bytes(image)
 
 
-def patched(where: Path, *changes: tuple[str, str, str]) -> Path:
+def build_patched(where: Path, *changes: tuple[str, str, str]) -> Path:
     """ELF of a copy of the firmware with (file, old text, new text) replaced. Build `elf` first:
     its objects of the Arduino core are used again."""
     copy = where / "firmware"

@@ -15,7 +15,7 @@ OK, UNKNOWN, RANGE, BUSY = range(4)
 BAUD = messages.PARAM_BY_NAME["baud"].id
 
 
-def allowed(param: messages.Param) -> st.SearchStrategy[int]:
+def draw_allowed(param: messages.Param) -> st.SearchStrategy[int]:
     if param.name == "baud":
         return st.sampled_from([115_200, 500_000])
     return st.integers(param.low, param.high)
@@ -47,7 +47,7 @@ def test_defaults_are_those_of_the_specification(core: c.CDLL, cells: object) ->
 
 
 @given(st.lists(st.sampled_from(messages.PARAMS).flatmap(
-    lambda p: st.tuples(st.just(p.id), allowed(p))), min_size=1, max_size=8))
+    lambda p: st.tuples(st.just(p.id), draw_allowed(p))), min_size=1, max_size=8))
 def test_parameters_survive_a_restart(core: c.CDLL, sets: list[tuple[int, int]]) -> None:
     blank(core)
     core.params_load()
@@ -55,11 +55,11 @@ def test_parameters_survive_a_restart(core: c.CDLL, sets: list[tuple[int, int]])
         assert core.params_set(id, value) == OK
         assert core.params_get(id) == value
         settle(lambda: not core.params_step())
-    wanted = {p.id: p.default for p in messages.PARAMS} | dict(sets)
+    expected = {p.id: p.default for p in messages.PARAMS} | dict(sets)
     crc = core.params_crc()
     assert core.eeprom_illegal() == 0  # no access while a write was under way
     assert core.params_load()
-    assert {p.id: core.params_get(p.id) for p in messages.PARAMS} == wanted
+    assert {p.id: core.params_get(p.id) for p in messages.PARAMS} == expected
     assert core.params_crc() == crc
 
 

@@ -17,11 +17,11 @@ def run(core: c.CDLL, edges: list[int], updates: list[int], start: int) -> list[
     out = (c.c_uint32 * 3)()
     results = []
     for now in updates:
-        seen = [e for e in edges if e <= now]
-        last = seen[-1] if seen else 0
-        before = seen[-2] if len(seen) > 1 else 0
-        core.encoder_update((start + now) % U32, len(seen) & 0xFFFF, (start + last) & 0xFFFF,
-                            (start + before) & 0xFFFF, out)
+        past = [e for e in edges if e <= now]
+        last = past[-1] if past else 0
+        first = past[-2] if len(past) > 1 else 0
+        core.encoder_update((start + now) % U32, len(past) & 0xFFFF, (start + last) & 0xFFFF,
+                            (start + first) & 0xFFFF, out)
         results.append(tuple(out))
     return results
 
@@ -38,13 +38,13 @@ def test_counts_times_and_intervals_are_exact(core: c.CDLL, gaps: list[int], sta
     updates = list(range(step, t + 2 * step, step))
     for now, (count, last, interval) in zip(updates, run(core, edges, updates, start),
                                             strict=True):
-        seen = [e for e in edges if e <= now]
-        assert count == len(seen)
-        if not seen:
+        past = [e for e in edges if e <= now]
+        assert count == len(past)
+        if not past:
             assert (last, interval) == (0, 0)
             continue
-        assert last == (start + seen[-1]) % U32
-        true = seen[-1] - seen[-2] if len(seen) > 1 else 0
+        assert last == (start + past[-1]) % U32
+        true = past[-1] - past[-2] if len(past) > 1 else 0
         assert interval == min(true, 65535)
 
 
@@ -164,7 +164,7 @@ def test_an_unknown_direction_changes_nothing(core: c.CDLL) -> None:
 
 # --- budget and rule ----------------------------------------------------------
 
-def counted(core: c.CDLL) -> tuple[int, int]:
+def read_counter(core: c.CDLL) -> tuple[int, int]:
     out = (c.c_uint16 * 10)()
     core.counter_get(out)
     return out[0], out[1]
@@ -177,7 +177,7 @@ def test_a_phase_takes_its_budget_of_edges(core: c.CDLL, min_ticks: int, budget:
         served = [core.counter_edge(phase * 7000 + n & 0xFFFF, n + 1 & 1) for n in range(budget)]
         assert served == [1] * (budget - 1) + [0]
         core.counter_refresh((phase + 1) * 7000 & 0xFFFF)
-    assert sum(counted(core)) == 3 * budget
+    assert sum(read_counter(core)) == 3 * budget
 
 
 @pytest.mark.parametrize("min_ticks", [0, 200])
@@ -189,13 +189,13 @@ def test_what_the_rule_accepts_never_uses_the_budget_up(core: c.CDLL, min_ticks:
         assert core.counter_edge(n * step & 0xFFFF, n + 1 & 1)
 
 
-@pytest.mark.parametrize("before", [0, 200, 300])
-@pytest.mark.parametrize("after", [0, 200, 300])
-def test_a_new_rule_does_not_swallow_an_edge_that_waits(core: c.CDLL, before: int,
-                                                        after: int) -> None:
-    core.counter_new(0, before)
+@pytest.mark.parametrize("first", [0, 200, 300])
+@pytest.mark.parametrize("second", [0, 200, 300])
+def test_a_new_rule_does_not_swallow_an_edge_that_waits(core: c.CDLL, first: int,
+                                                        second: int) -> None:
+    core.counter_new(0, first)
     core.counter_edge(1000, 1)
-    core.counter_rule(after)  # the pin is low again, its interrupt waits
+    core.counter_rule(second)  # the pin is low again, its interrupt waits
     core.counter_edge(5000, 0)
     core.counter_edge(9000, 1)
-    assert counted(core) == (3, 0)
+    assert read_counter(core) == (3, 0)

@@ -73,13 +73,13 @@ class Sut:
             self.beat(mode, token)
         return self.state
 
-    def linked(self) -> Sut:
+    def link_up(self) -> Sut:
         self.ready().beats(600)
         assert self.state == LINKED
         return self
 
     def live(self) -> Sut:
-        self.linked().beats(20, ARMED)
+        self.link_up().beats(20, ARMED)
         assert self.state == LIVE
         return self
 
@@ -115,17 +115,17 @@ def test_idle_to_linked_after_500_ms_of_beats(sut: Sut) -> None:
 
 @pytest.mark.parametrize("mode", [ARMED, RAW])
 def test_linked_to_live_on_armed_or_raw(sut: Sut, mode: int) -> None:
-    assert sut.linked().beats(20, mode) == LIVE
+    assert sut.link_up().beats(20, mode) == LIVE
     assert outputs(sut.view()) == OUTPUTS[LIVE]
 
 
 def test_linked_to_idle_without_a_beat(sut: Sut) -> None:
-    assert sut.linked().wait(LIMIT) == LINKED
+    assert sut.link_up().wait(LIMIT) == LINKED
     assert sut.wait(1) == IDLE
 
 
 def test_linked_to_idle_on_stop(sut: Sut) -> None:
-    assert sut.linked().beats(20, STOP) == IDLE
+    assert sut.link_up().beats(20, STOP) == IDLE
 
 
 def test_live_to_linked_on_disarmed(sut: Sut) -> None:
@@ -149,7 +149,7 @@ def test_tripped_to_linked_after_500_ms_disarmed(sut: Sut) -> None:
 
 
 def test_third_trip_within_60_s_locks(sut: Sut) -> None:
-    sut.linked()
+    sut.link_up()
     for trip in range(3):
         assert sut.beats(20, ARMED) == LIVE, trip
         sut.wait(200)
@@ -161,7 +161,7 @@ def test_third_trip_within_60_s_locks(sut: Sut) -> None:
 
 @pytest.mark.slow
 def test_three_trips_in_more_than_60_s_do_not_lock(sut: Sut) -> None:
-    sut.linked()
+    sut.link_up()
     for _ in range(4):
         assert sut.beats(20, ARMED) == LIVE
         assert sut.wait(200) == TRIPPED
@@ -170,7 +170,7 @@ def test_three_trips_in_more_than_60_s_do_not_lock(sut: Sut) -> None:
 
 
 def test_an_old_trip_is_forgotten_and_the_newer_ones_are_not(sut: Sut) -> None:
-    sut.linked()
+    sut.link_up()
     for calm in (50_000, 15_000, 5_000):
         assert sut.beats(20, ARMED) == LIVE
         assert sut.wait(200) == TRIPPED
@@ -198,7 +198,7 @@ def test_idle_is_not_left_with_gaps_above_60_ms(sut: Sut) -> None:
 
 
 def test_linked_does_not_arm_with_a_wrong_token(sut: Sut) -> None:
-    assert sut.linked().beats(500, ARMED, token=False) == LINKED
+    assert sut.link_up().beats(500, ARMED, token=False) == LINKED
 
 
 def test_a_wrong_token_takes_the_throttle_away(sut: Sut) -> None:
@@ -238,7 +238,7 @@ def test_a_late_beat_does_not_hide_the_gap(sut: Sut) -> None:
 
 def test_a_beat_that_came_before_the_look_that_tripped_does_not_erase_the_trip(sut: Sut) -> None:
     """Beats are stamped when they arrive, looks when the loop gets there."""
-    sut.linked()
+    sut.link_up()
     for trip in range(3):
         assert sut.beats(20, ARMED) == LIVE, trip
         sut.now += LIMIT + 1
@@ -280,7 +280,7 @@ def test_the_wrap_of_the_clock_changes_nothing(core: c.CDLL, start: float) -> No
 
 def test_silence_for_longer_than_the_clock_wraps(core: c.CDLL) -> None:
     """2^32 ticks of 0.5 us after the last beat its stamp is new again: look each ms there."""
-    sut = Sut(core).linked()
+    sut = Sut(core).link_up()
     for _ in range(2147):
         sut.now += 1000
         sut.step()

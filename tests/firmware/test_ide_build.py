@@ -114,8 +114,8 @@ def compile_all(tool: Builder, sources: Iterable[Path], where: Path, extra: str 
     where.mkdir(parents=True)
     pairs = [(source, where / f"{i}.{source.name}.o") for i, source in enumerate(sources)]
     with ThreadPoolExecutor(2) as pool:
-        said = list(pool.map(lambda pair: call(tool.compile(*pair, extra)), pairs))
-    return [out for _, out in pairs], "".join(said)
+        output = list(pool.map(lambda pair: call(tool.compile(*pair, extra)), pairs))
+    return [out for _, out in pairs], "".join(output)
 
 
 def sketch(where: Path) -> list[Path]:
@@ -128,8 +128,8 @@ def sketch(where: Path) -> list[Path]:
 
 
 def build(tool: Builder, where: Path) -> Path:
-    objects, said = compile_all(tool, sketch(where), where / "sketch")
-    assert "warning" not in said, said
+    objects, output = compile_all(tool, sketch(where), where / "sketch")
+    assert "warning" not in output, output
     core = sorted(f for f in (ARDUINO / "cores/arduino").iterdir()
                   if f.suffix in {".c", ".cpp", ".S"})
     members, _ = compile_all(tool, core, where / "core", f"-w {NEEDS_DECIMAL_DIG}")

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from firmware_rig import Rig, eeprom_image, patched
+from firmware_rig import Rig, build_patched, eeprom_image
 
 pytestmark = [pytest.mark.emulator, pytest.mark.long]
 Make = Callable[..., Rig]
@@ -40,28 +40,29 @@ def cut_after(rig: Rig, hang: bool = False) -> float | None:
 
 
 def test_the_interrupt_alone_cuts(nano: Make, elf: Path, tmp_path: Path) -> None:
-    rig = nano(patched(tmp_path, DEAF_LOOP), eeprom=eeprom_image(safety_out=1))
+    rig = nano(build_patched(tmp_path, DEAF_LOOP), eeprom=eeprom_image(safety_out=1))
     after = cut_after(rig)
     assert after is not None
     assert after <= 0.12
 
 
 def test_the_loop_alone_cuts(nano: Make, elf: Path, tmp_path: Path) -> None:
-    rig = nano(patched(tmp_path, DEAF_INTERRUPT), eeprom=eeprom_image(safety_out=1))
+    rig = nano(build_patched(tmp_path, DEAF_INTERRUPT), eeprom=eeprom_image(safety_out=1))
     after = cut_after(rig)
     assert after is not None
     assert after <= 0.12
 
 
 def test_without_both_nothing_cuts(nano: Make, elf: Path, tmp_path: Path) -> None:
-    rig = nano(patched(tmp_path, DEAF_LOOP, DEAF_INTERRUPT), eeprom=eeprom_image(safety_out=1))
+    rig = nano(build_patched(tmp_path, DEAF_LOOP, DEAF_INTERRUPT),
+               eeprom=eeprom_image(safety_out=1))
     assert cut_after(rig) is None
 
 
 def test_a_hang_without_watchdog_waits_for_the_beat_counter(nano: Make, elf: Path,
                                                             tmp_path: Path) -> None:
     whole = nano(eeprom=eeprom_image(safety_out=1))
-    lame = nano(patched(tmp_path, *NO_WATCHDOG), eeprom=eeprom_image(safety_out=1))
+    lame = nano(build_patched(tmp_path, *NO_WATCHDOG), eeprom=eeprom_image(safety_out=1))
     with_watchdog = cut_after(whole, hang=True)
     without = cut_after(lame, hang=True)
     assert with_watchdog is not None

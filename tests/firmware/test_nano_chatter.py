@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from firmware_rig import FLAG, Rig, eeprom_image, patched
+from firmware_rig import FLAG, Rig, build_patched, eeprom_image
 
 pytestmark = pytest.mark.emulator
 Make = Callable[..., Rig]
@@ -83,8 +83,8 @@ def test_the_link_and_the_cutoff_live_on(nano: Make, rate: float, rings: tuple[i
     assert all(b["t_ck"] - a["t_ck"] < 26_000 for a, b in itertools.pairwise(states))
     assert all(s["flags"] & FLAG["OUTPUT_LIVE"] for s in states)  # beats are heard
     assert all(s["flags"] & FLAG["ENC_REJECT"] for s in states[2:])
-    told = [v["arg"] >> 16 for _, n, v in rig.frames if n == "EVENT" and v["code"] == BURST]
-    assert told[-1] == max(told) == sum(1 << ring for ring in rings)
+    counts = [v["arg"] >> 16 for _, n, v in rig.frames if n == "EVENT" and v["code"] == BURST]
+    assert counts[-1] == max(counts) == sum(1 << ring for ring in rings)
     after = cut(rig)
     assert after is not None
     assert 0.08 <= after <= 0.12
@@ -150,7 +150,8 @@ def test_without_the_budget_the_link_dies_and_only_the_watchdog_is_left(
     """The control: no STATE, no cut by the interrupt; the reset of the watchdog lets go of D6."""
     for name, changes, cuts in (("watchdog", (NO_BUDGET,), True),
                                 ("nothing", (NO_BUDGET, NO_WATCHDOG), False)):
-        rig = live(nano(patched(tmp_path / name, *changes), eeprom=eeprom_image(safety_out=ENABLE)))
+        rig = live(nano(build_patched(tmp_path / name, *changes),
+                        eeprom=eeprom_image(safety_out=ENABLE)))
         rig.nano.set_chatter(0, 1e6)
         begin = rig.now
         assert (cut(rig) is not None) is cuts, name

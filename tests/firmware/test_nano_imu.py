@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from firmware_rig import FLAG, Rig, eeprom_image, patched
+from firmware_rig import FLAG, Rig, build_patched, eeprom_image
 
 from dart_hal.estimation.imu_clock import PERIOD, ImuClock
 
@@ -133,7 +133,7 @@ def test_a_bus_clear_ends_with_a_stop(nano: Make) -> None:
 @pytest.mark.slow
 def test_a_bus_clear_of_clocks_alone_makes_no_stop(nano: Make, elf: Path, tmp_path: Path) -> None:
     """The control."""
-    assert time_of_stop(nano(patched(tmp_path, WITHOUT_STOP))) is None
+    assert time_of_stop(nano(build_patched(tmp_path, WITHOUT_STOP))) is None
 
 
 @pytest.mark.parametrize(("khz", "bit_rate"), [(400, 12), (100, 72)])

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from firmware_rig import Rig, eeprom_image, patched
+from firmware_rig import Rig, build_patched, eeprom_image
 
 pytestmark = pytest.mark.emulator
 Make = Callable[..., Rig]
@@ -162,8 +162,8 @@ def smallest_gap(nano: Make, image: Path | None = None) -> float:
     gaps = []
     for behind in (-6e-6, -2e-6, 2e-6, 6e-6, 20e-6):
         board, armed, _ = drive(make(), (switch + behind) % PERIOD, width)
-        seen = [p for p in board.at_the_esc(armed) if p[1] > LOOK]
-        gaps += [b[0] - a[0] - a[1] for a, b in itertools.pairwise(seen)]
+        pulses = [p for p in board.at_the_esc(armed) if p[1] > LOOK]
+        gaps += [b[0] - a[0] - a[1] for a, b in itertools.pairwise(pulses)]
     return min(gaps)
 
 
@@ -175,7 +175,7 @@ def test_pulses_of_the_two_sources_are_told_apart(nano: Make) -> None:
 def test_a_switch_right_behind_the_own_pulse_is_too_early(nano: Make, elf: Path,
                                                           tmp_path: Path) -> None:
     """The control: the same phases, 40 us behind the pulse."""
-    assert smallest_gap(nano, patched(tmp_path, AT_ONCE)) < FILTER
+    assert smallest_gap(nano, build_patched(tmp_path, AT_ONCE)) < FILTER
 
 
 @pytest.mark.long
@@ -183,7 +183,7 @@ def test_a_switch_right_behind_the_own_pulse_is_too_early(nano: Make, elf: Path,
 def test_a_switch_that_does_not_look_cuts(nano: Make, elf: Path, tmp_path: Path,
                                           change: tuple[str, str, str], joins: bool) -> None:
     """The control: the same phases, the same measure."""
-    image = patched(tmp_path, change)
+    image = build_patched(tmp_path, change)
     cuts = []
     joined = []
     for n in range(PHASES):

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from firmware_rig import BOARD_ID, FLAG, Rig, eeprom_image, patched
+from firmware_rig import BOARD_ID, FLAG, Rig, build_patched, eeprom_image
 
 from dart_hal.core.errors import DartHalError
 from dart_hal.devices.links.boot import BOOTS
@@ -32,7 +32,7 @@ LONGEST_BLOCK = 2 * 12.5e-6
 """s: two interrupts of at most 200 cycles before one is served."""
 
 
-def linked(nano: Make, cutoff: int, **params: int) -> Rig:
+def make_linked(nano: Make, cutoff: int, **params: int) -> Rig:
     rig = nano(eeprom=eeprom_image(safety_out=cutoff, **params))
     rig.run(0.5)
     rig.beat(0.6, DISARMED)
@@ -40,7 +40,7 @@ def linked(nano: Make, cutoff: int, **params: int) -> Rig:
 
 
 def live(nano: Make, cutoff: int, **params: int) -> Rig:
-    rig = linked(nano, cutoff, **params)
+    rig = make_linked(nano, cutoff, **params)
     rig.beat(0.1, ARMED)
     assert rig.state()["flags"] & LIVE
     rig.nano.pin_log()
@@ -48,9 +48,9 @@ def live(nano: Make, cutoff: int, **params: int) -> Rig:
 
 
 def supervisor_events(rig: Rig) -> list[tuple[int, int]]:
-    seen: dict[int, int] = {v["count"]: v["arg"] for _, n, v in rig.frames
-                            if n == "EVENT" and v["code"] == 2}
-    return [(arg >> 8, arg & 0xFF) for arg in seen.values()]
+    events: dict[int, int] = {v["count"]: v["arg"] for _, n, v in rig.frames
+                              if n == "EVENT" and v["code"] == 2}
+    return [(arg >> 8, arg & 0xFF) for arg in events.values()]
 
 
 def test_the_way_to_live_is_told(nano: Make) -> None:
@@ -88,7 +88,7 @@ def test_stop_cuts_at_once(nano: Make, mode: int) -> None:
 
 
 def test_the_multiplexer_switches_only_while_our_pulse_is_low(nano: Make) -> None:
-    rig = linked(nano, MUX)
+    rig = make_linked(nano, MUX)
     rig.nano.set_pin("D8", False)
     rig.beat(0.2, ARMED)
     last = rig.now - 0.02 + 16 * 20e-6
@@ -106,7 +106,7 @@ def test_the_multiplexer_switches_only_while_our_pulse_is_low(nano: Make) -> Non
 
 
 def test_our_pulse_is_1500_us_each_20_ms(nano: Make) -> None:
-    rig = linked(nano, MUX)
+    rig = make_linked(nano, MUX)
     rig.nano.pin_log()
     rig.beat(1.0, DISARMED)
     pulse = [(e.t, e.level) for e in rig.nano.pin_log() if e.pin == "D9"]
@@ -145,7 +145,7 @@ def test_the_token_of_the_last_boot_is_void_after_a_reset(nano: Make) -> None:
 
 
 def test_three_trips_lock_until_a_reset(nano: Make) -> None:
-    rig = linked(nano, ENABLE)
+    rig = make_linked(nano, ENABLE)
     for _ in range(3):
         rig.beat(0.1, ARMED)
         rig.run(0.2)
@@ -162,7 +162,7 @@ def test_three_trips_lock_until_a_reset(nano: Make) -> None:
 
 
 def test_direction_change_while_rolling_is_ambiguous(nano: Make) -> None:
-    rig = linked(nano, NONE)
+    rig = make_linked(nano, NONE)
     rig.nano.set_wheel(10)
     rig.beat(0.3, ARMED, flags=1)
     assert not rig.state()["flags"] & FLAG["ENC_AMBIGUOUS"]
@@ -304,7 +304,7 @@ def test_the_interrupt_cuts_without_loop_and_watchdog(nano: Make) -> None:
 @pytest.mark.slow
 def test_a_dead_transmitter_starves_the_watchdog(nano: Make, elf: Path, tmp_path: Path) -> None:
     """Beats come, the loop runs, nothing is sent any more from 2 s on."""
-    rig = nano(patched(tmp_path, ("src/board/uart.cpp", MUTE[0], MUTE[1])),
+    rig = nano(build_patched(tmp_path, ("src/board/uart.cpp", MUTE[0], MUTE[1])),
                eeprom=eeprom_image(safety_out=ENABLE))
     rig.run(0.5)
     rig.beat(0.6, DISARMED)
@@ -397,13 +397,13 @@ def test_what_was_confirmed_survives_a_reset_at_any_moment(nano: Make, after_ms:
 def test_refused_parameters(nano: Make) -> None:
     rig = nano()
     rig.run(0.5)
-    asked = {}
+    refused = {}
     for id, value in ((EDGES_A, 1), (BAUD, 250_000), (99, 0)):
         seq = rig.seq
         answer = rig.ask("PARAM_SET", "PARAM_VALUE", id=id, value=value)
         assert answer["req_seq"] == seq
-        asked[id] = (answer["status"], answer["value"])
-    assert asked == {EDGES_A: (2, 20), BAUD: (2, 500_000), 99: (1, 0)}
+        refused[id] = (answer["status"], answer["value"])
+    assert refused == {EDGES_A: (2, 20), BAUD: (2, 500_000), 99: (1, 0)}
     first = rig.send("PARAM_SET", id=EDGES_A, value=30)
     rig.send("PARAM_SET", id=EDGES_A, value=31)
     answers = [v for _, n, v in rig.run(0.2) if n == "PARAM_VALUE"]

@@ -67,9 +67,9 @@ def test_edge_counts_are_exact(nano: Make, edge_min_us: int, rate: float) -> Non
     rig.run(3.0)
     rig.nano.set_wheel(0)
     rig.run(0.05)
-    seen = rig.nano.edges(0)
-    assert rig.state()["enc_count"] == seen
-    assert seen - before == pytest.approx(60 * abs(rate),
+    edges = rig.nano.edges(0)
+    assert rig.state()["enc_count"] == edges
+    assert edges - before == pytest.approx(60 * abs(rate),
                                                                                abs=2)
     assert rig.decoder.counters.gaps == 0
 
@@ -232,15 +232,15 @@ def test_boot_frames_equal_the_reference_codec(nano: Make) -> None:
         rig.send("PARAM_GET", id=3)
         rig.send("EDGES_REQ", frames=2)
         rig.run(0.3)
-    seen = set()
+    names = set()
     for block in rig.raw.split(b"\0"):
         if not block:
             continue
         frame = rig.decoder.__class__().feed(block + b"\0")[0]
-        seen.add(frame.message.name)
+        names.add(frame.message.name)
         if not frame.message.variable:
             assert codec.encode(frame.message, frame.seq, frame.as_dict()) == block + b"\0"
-    assert {"HELLO", "STATE", "DIAG", "EVENT", "TIME_PONG", "PARAM_VALUE", "EDGES", "LOG"} <= seen
+    assert {"HELLO", "STATE", "DIAG", "EVENT", "TIME_PONG", "PARAM_VALUE", "EDGES", "LOG"} <= names
 
 
 def test_every_golden_vector_to_the_nano_is_accepted(nano: Make) -> None:

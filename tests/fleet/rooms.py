@@ -27,11 +27,12 @@ class Pins:
         self.pulses = [[] for _ in seeds]
         self.worlds = []
         cars = []
-        for seed, seen in zip(seeds, self.pulses, strict=True):
+        for seed, own_pulses in zip(seeds, self.pulses, strict=True):
             backend = open_backend(f"sim://?nano=mock&seed={seed}")
             self.worlds.append(world_of(backend))
             self.worlds[-1].watchers.append(
-                lambda channel, pulse, seen=seen: seen.append(pulse) if channel == 1 else None)
+                lambda channel, pulse,
+                own_pulses=own_pulses: own_pulses.append(pulse) if channel == 1 else None)
             cars.append(Car.over(backend))
         self.fleet = Fleet(cars)
         self.fleet.members = tuple(join(car, room, name=name, beat_within=beat_within)

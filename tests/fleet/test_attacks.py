@@ -238,7 +238,7 @@ def test_a_room_with_a_key_works_at_loss(loss):
     with Scene(KEY, options=f"?loss={loss}&seed=3") as scene:
         scene.watcher()
         scene.run_for(1.0, scene.station.watch)
-        assert [seen.name for seen in scene.station.cars()] == ["red"]
+        assert [heard.name for heard in scene.station.cars()] == ["red"]
         assert scene.station.stop("x").silent == set()
 
 

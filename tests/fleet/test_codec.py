@@ -46,15 +46,15 @@ frames = st.sampled_from(m.KINDS).flatmap(lambda kind: st.tuples(
 
 @given(frames)
 def test_what_is_told_arrives(frame):
-    kind, boot, seq, sent, told = frame
-    data = encode(kind, boot, seq, sent, told)
+    kind, boot, seq, sent, value = frame
+    data = encode(kind, boot, seq, sent, value)
     assert len(data) <= m.MAX_FRAME_BYTES
     heard = Decoder().decode(data)
-    assert (heard.kind, heard.boot, heard.seq, heard.values) == (kind, boot, seq, told)
+    assert (heard.kind, heard.boot, heard.seq, heard.values) == (kind, boot, seq, value)
     assert heard.sent == pytest.approx(sent, abs=1e-6)
 
 
-def accounted(decoder, tries):
+def are_all_counted(decoder, tries):
     c = decoder.counters
     return c.ok + c.refused == tries
 
@@ -63,7 +63,7 @@ def accounted(decoder, tries):
 def test_junk_is_counted(junk):
     decoder = Decoder()
     assert [decoder.decode(data) for data in junk] == [None] * len(junk)
-    assert accounted(decoder, len(junk))
+    assert are_all_counted(decoder, len(junk))
     assert decoder.counters.ok == 0
 
 
@@ -79,7 +79,7 @@ def test_a_damaged_frame_is_refused(frame, data):
     assert decoder.decode(good[:data.draw(st.integers(0, len(good) - 1))]) is None
     assert decoder.decode(good + b"x") is None
     assert decoder.decode(good) is not None
-    assert accounted(decoder, 4)
+    assert are_all_counted(decoder, 4)
 
 
 @given(st.sampled_from(m.KINDS), st.binary(max_size=200))
@@ -88,7 +88,7 @@ def test_a_body_that_lies_under_a_good_checksum_is_refused_or_possible(kind, bod
     head = m.HEAD.pack(m.MAGIC, m.VERSION, kind.id, 1, 2, 3) + body
     decoder = Decoder()
     heard = decoder.decode(head + crc32(head, kind.seed).to_bytes(4, "little"))
-    assert accounted(decoder, 1)
+    assert are_all_counted(decoder, 1)
     if heard is not None:
         assert heard.name.isprintable()
         for f, v in zip(kind.fields, heard.values, strict=True):
@@ -115,11 +115,11 @@ def test_another_definition_of_a_message_is_refused():
     assert decoder.counters.crc == 1
 
 
-@pytest.mark.parametrize("told", [("red", 0, "why"), ("", 1, "why"), ("r" * 33, 1, ""),
-                                  ("red\n", 1, ""), ("red", 1)])
-def test_what_is_no_value_cannot_be_told(told):
+@pytest.mark.parametrize("value", [("red", 0, "why"), ("", 1, "why"), ("r" * 33, 1, ""),
+                                   ("red\n", 1, ""), ("red", 1)])
+def test_what_is_no_value_cannot_be_told(value):
     with pytest.raises(UsageError, match="STOP"):
-        encode(m.STOP, 1, 1, 0.0, told)
+        encode(m.STOP, 1, 1, 0.0, value)
 
 
 def test_seeds_and_ids_differ():

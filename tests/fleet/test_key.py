@@ -21,12 +21,12 @@ SECRET = "4f7c" * 16
 KEY = RoomKey(SECRET.encode())
 
 
-def signed(seq=1, key=KEY):
+def encode_signed(seq=1, key=KEY):
     return encode(m.BEAT, 7, seq, 1.0, ("red",), key)
 
 
 def test_a_signature_is_hmac_sha_256_over_the_whole_frame():
-    data = signed()
+    data = encode_signed()
     expected = hmac.new(SECRET.encode(), data[:-16], hashlib.sha256).digest()[:16]
     assert data[-16:] == expected
     assert data[2] == m.SIGNED_VERSION
@@ -34,28 +34,28 @@ def test_a_signature_is_hmac_sha_256_over_the_whole_frame():
 
 def test_a_decoder_with_the_key_takes_signed_frames_alone():
     decoder = Decoder(KEY)
-    assert decoder.decode(signed()).name == "red"
+    assert decoder.decode(encode_signed()).name == "red"
     assert decoder.decode(pose_frame(1)) is None
-    assert decoder.decode(signed(key=RoomKey(b"another key of 25 bytes.."))) is None
+    assert decoder.decode(encode_signed(key=RoomKey(b"another key of 25 bytes.."))) is None
     c = decoder.counters
     assert (c.ok, c.unsigned, c.forged, c.refused) == (1, 1, 1, 2)
 
 
 def test_a_frame_whose_version_is_changed_on_the_way_is_refused():
     """A signed frame without its signature, or an unsigned one that claims to have one."""
-    data = bytearray(signed()[:-16])
+    data = bytearray(encode_signed()[:-16])
     data[2] = m.VERSION
     assert Decoder(KEY).decode(bytes(data)) is None
     plain = bytearray(pose_frame(1))
     plain[2] = m.SIGNED_VERSION
     assert Decoder(KEY).decode(bytes(plain)) is None
     assert Decoder(KEY).decode(bytes(plain) + bytes(16)) is None
-    assert Decoder().decode(signed()) is None
+    assert Decoder().decode(encode_signed()) is None
 
 
 @given(st.integers(0, 10**6), st.integers(0, 7))
 def test_no_bit_of_a_signed_frame_can_be_changed(place, bit):
-    data = bytearray(signed())
+    data = bytearray(encode_signed())
     data[place % len(data)] ^= 1 << bit
     assert Decoder(KEY).decode(bytes(data)) is None
 
@@ -63,7 +63,7 @@ def test_no_bit_of_a_signed_frame_can_be_changed(place, bit):
 @given(st.binary(max_size=200))
 def test_junk_is_counted_and_never_raised(junk):
     decoder = Decoder(KEY)
-    for data in (junk, b"DF\x02" + junk, signed()[:len(junk)]):
+    for data in (junk, b"DF\x02" + junk, encode_signed()[:len(junk)]):
         decoder.decode(data)
     assert decoder.counters.ok + decoder.counters.refused == 3
 
@@ -124,7 +124,7 @@ def test_cars_and_stations_take_the_key_of_the_variable(monkeypatch):
         assert station.has_key
         for _ in car.states(duration=0.4):
             station.watch()
-        assert [seen.name for seen in station.cars()] == ["red"]
+        assert [heard.name for heard in station.cars()] == ["red"]
         assert member.ignored == {}
 
 

@@ -15,12 +15,12 @@ def test_a_fleet_brings_its_cars_to_one_time():
     with Fleet.open(URLS, room="local://time") as fleet:
         for _ in fleet.cars[0].states(duration=0.5):
             pass
-        apart = abs(fleet.cars[0].now - fleet.cars[1].now)
+        difference = abs(fleet.cars[0].now - fleet.cars[1].now)
         ages = []
         for _ in fleet.states(duration=0.3):
             ages += [other.age for name in fleet.names
                      for other in fleet.other_poses(name).values()]
-        assert apart > 0.4, "control"
+        assert difference > 0.4, "control"
         assert abs(fleet.cars[0].now - fleet.cars[1].now) <= 1.1 * SAMPLE
         assert len(ages) > 50
         assert max(ages[10:]) < 0.05 + 3 * SAMPLE, "a period, a look, and a tick between the cars"

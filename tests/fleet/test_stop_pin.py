@@ -71,7 +71,7 @@ def test_a_trip_that_is_not_carried_out_is_seen(monkeypatch):
 def test_a_stop_that_is_sent_once_is_not_enough_at_half_loss(monkeypatch):
     """Control: it is the repeating that reaches everybody."""
     monkeypatch.setattr(Member, "_repeat", lambda self, now: None)
-    seen = []
+    pulses = []
 
     def once(self, why=""):
         self.car.stop()
@@ -81,8 +81,8 @@ def test_a_stop_that_is_sent_once_is_not_enough_at_half_loss(monkeypatch):
 
     monkeypatch.setattr(Member, "stop_all", once)
     for seed in range(3):
-        seen.append(stop_one_by_another(HALF.format(seed))[0][1])
-    assert max(seen) > 0.5
+        pulses.append(stop_one_by_another(HALF.format(seed))[0][1])
+    assert max(pulses) > 0.5
 
 
 @pytest.mark.slow
@@ -91,9 +91,9 @@ def test_a_program_may_arm_again_when_the_stop_is_over():
         pins.fleet.arm()
         pins.drive(0.2)
         pins.fleet.stop("lunch")
-        with pytest.raises(NotArmed) as told:
+        with pytest.raises(NotArmed) as caught:
             pins.fleet.arm()
-        assert "RUN_STOP" in told.value.reasons
+        assert "RUN_STOP" in caught.value.reasons
         assert "lunch" in pins.fleet.members[1].held
         for _ in pins.fleet.states(duration=2.0 * STOP_HOLD_TIME + MAX_STOP_TIME):
             pass
@@ -104,7 +104,7 @@ def test_a_program_may_arm_again_when_the_stop_is_over():
         assert all(pins.driving(n, t) for n, t in enumerate(begin)), "control: the pin is seen"
 
 
-def watched(beating, *, hears=True):
+def drive_watched(beating, *, hears=True):
     """Pulses of two cars that may drive only while a station beats; ``beating``(t) says when."""
     pins = Pins("local://watched", beat_within=0.3)
     clock = pins.fleet.cars[0]
@@ -129,7 +129,7 @@ def watched(beating, *, hears=True):
 
 @pytest.mark.slow
 def test_cars_stop_when_nobody_watches_them_any_more():
-    lasts, pins = watched(lambda t: t < 0.5)
+    lasts, pins = drive_watched(lambda t: t < 0.5)
     assert all(0.5 < last <= 0.5 + 0.3 + 0.05 for last in lasts), lasts
     assert "watched" in pins.fleet.members[0].held
 
@@ -137,7 +137,7 @@ def test_cars_stop_when_nobody_watches_them_any_more():
 @pytest.mark.slow
 def test_while_somebody_watches_they_drive():
     """Control: of the silence and of the pin."""
-    lasts, _ = watched(lambda t: True)
+    lasts, _ = drive_watched(lambda t: True)
     assert min(lasts) > 1.1
 
 
@@ -146,28 +146,28 @@ def test_a_rule_that_forgets_the_silence_is_seen(monkeypatch):
     """Control: broken code."""
     held = StopRule.drive_block
     monkeypatch.setattr(StopRule, "drive_block", lambda self, now: held(self, min(now, self._beat)))
-    lasts, _ = watched(lambda t: t < 0.5)
+    lasts, _ = drive_watched(lambda t: t < 0.5)
     assert min(lasts) > 1.1
 
 
 @pytest.mark.slow
 def test_where_nobody_watches_nothing_arms():
     with (Pins("local://alone", beat_within=0.3) as pins,
-          pytest.raises(NotArmed) as told):
+          pytest.raises(NotArmed) as caught):
         pins.fleet.arm()
-    assert "RUN_STOP" in told.value.reasons
+    assert "RUN_STOP" in caught.value.reasons
 
 
 def test_nothing_that_comes_from_the_room_arms_or_drives():
     """Every kind of message, in turn and in every state, at 100 Hz: the ESC sees neutral."""
     with Pins("local://quiet", seeds=(1,)) as pins:
         line = Station("local://quiet").transport
-        told = {m.PLAN: ("red", 0.0, "start", 0.05, ((1.0, 0.0, 0.0, 3.0),) * 9),
-                m.HEALTH: ("red", "ARMED", 0, "", ""), m.BEAT: ("red",),
-                m.STOPPED: ("red", 1), m.STOP: ("red", 1, "")}
+        caught = {m.PLAN: ("red", 0.0, "start", 0.05, ((1.0, 0.0, 0.0, 3.0),) * 9),
+                  m.HEALTH: ("red", "ARMED", 0, "", ""), m.BEAT: ("red",),
+                  m.STOPPED: ("red", 1), m.STOP: ("red", 1, "")}
         for k, _ in enumerate(pins.fleet.states(duration=1.5)):
-            kind = list(told)[k % (5 if k > 100 else 4)]
-            line.send(encode(kind, 9, 2 * k, 0.0, told[kind]), 0.0)
+            kind = list(caught)[k % (5 if k > 100 else 4)]
+            line.send(encode(kind, 9, 2 * k, 0.0, caught[kind]), 0.0)
             line.send(pose_frame(2 * k + 1, boot=9, speed=3.0, name="red"), 0.0)
         assert pins.fleet.cars[0].mode == "DISARMED"
         assert "red" in pins.fleet.members[0].other_poses()
@@ -181,9 +181,9 @@ def test_a_car_whose_loop_goes_on_is_told_by_an_error():
         pins.drive(0.2)
         pins.fleet.members[0].stop_all()
         pins.drive(0.1, only=[])
-        with pytest.raises(Disarmed) as told:
+        with pytest.raises(Disarmed) as caught:
             pins.fleet.cars[1].drive(throttle=0.2)
-        assert told.value.causes == ("RUN_STOP",)
+        assert caught.value.causes == ("RUN_STOP",)
 
 
 def test_a_run_stop_is_a_call_of_the_car():
@@ -208,9 +208,9 @@ def test_a_room_lets_go_of_its_own_stop_alone():
             pass
         assert member.rule.number, "it has heard"
         assert member.held == ""
-        with pytest.raises(NotArmed) as told:
+        with pytest.raises(NotArmed) as caught:
             pins.fleet.arm()
-        assert "RUN_STOP" in told.value.reasons
+        assert "RUN_STOP" in caught.value.reasons
         assert pins.driving(0, 0.0) == []
         car.run_stop(False)
         for _ in pins.fleet.states(duration=2.0 * STOP_HOLD_TIME + MAX_STOP_TIME):

@@ -42,10 +42,10 @@ def test_they_are_entry_points():
 
 @pytest.mark.parametrize("text", ["carrier-pigeon://roof", "room"])
 def test_an_unknown_one_is_told_those_that_are_there(text):
-    with pytest.raises(UsageError) as told:
+    with pytest.raises(UsageError) as caught:
         open_transport(text)
-    assert "local://" in str(told.value)
-    assert "udp://" in str(told.value)
+    assert "local://" in str(caught.value)
+    assert "udp://" in str(caught.value)
 
 
 @pytest.mark.parametrize("text", [
@@ -158,9 +158,9 @@ def test_a_car_lives_on_without_its_network_and_is_stopped_by_the_silence():
         assert len(list(car.states(duration=0.3))) >= 29
         assert "down" in member.transport.trouble
         assert "watched" in member.held
-        with pytest.raises(NotArmed) as told:
+        with pytest.raises(NotArmed) as caught:
             car.arm()
-        assert "RUN_STOP" in told.value.reasons
+        assert "RUN_STOP" in caught.value.reasons
 
 
 def test_a_state_that_comes_after_leaving_reads_nothing():

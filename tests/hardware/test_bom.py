@@ -30,7 +30,7 @@ def wrong_prices(rows: list[bom_table.Row]) -> dict[str, Decimal]:
 
 
 @pytest.fixture
-def spoilt(tmp_path):
+def change_row(tmp_path):
     """``spoilt(id, **cells)``: a copy of the bill with cells of one row changed."""
     def change(row: str, **cells: str) -> Path:
         with (ROOT / "hardware" / "bom.csv").open(encoding="utf-8", newline="") as file:
@@ -52,18 +52,18 @@ def test_the_papers_eight_rows_add_up_to_its_total():
     assert wrong_prices(paper) == {}
 
 
-def test_a_changed_price_is_seen(spoilt):
-    rows = bom_table.load(spoilt("imu", unit_price_eur="41.00"))
+def test_a_changed_price_is_seen(change_row):
+    rows = bom_table.load(change_row("imu", unit_price_eur="41.00"))
     assert wrong_prices(rows) == {"imu": Decimal("41.00")}
 
 
 @pytest.mark.parametrize("cell", bom_table.FILLED)
-def test_a_row_without_a_cell_says_which(spoilt, cell):
+def test_a_row_without_a_cell_says_which(change_row, cell):
     with pytest.raises(bom_table.BomError, match=rf"line \d+ \(.*\): no {cell}$"):
-        bom_table.load(spoilt("cells", **{cell: ""}))
+        bom_table.load(change_row("cells", **{cell: ""}))
 
 
-@pytest.mark.parametrize(("cell", "value", "said"), [
+@pytest.mark.parametrize(("cell", "value", "message"), [
     ("tier", "free", "expected one of paper, needed, optional, computer"),
     ("unit_price_eur", "six", "is 'six', expected EUR as 12.50"),
     ("unit_price_eur", "nan", "is 'nan', expected EUR"),
@@ -79,14 +79,14 @@ def test_a_row_without_a_cell_says_which(spoilt, cell):
     ("custom", "bent", "expected one of printed, cut, bought"),
     ("id", "kit", "kit stands in 2 rows"),
 ])
-def test_a_bad_cell_says_what_was_expected(spoilt, cell, value, said):
-    with pytest.raises(bom_table.BomError, match=said):
-        bom_table.load(spoilt("cells", **{cell: value}))
+def test_a_bad_cell_says_what_was_expected(change_row, cell, value, message):
+    with pytest.raises(bom_table.BomError, match=message):
+        bom_table.load(change_row("cells", **{cell: value}))
 
 
-def test_who_pays_must_be_a_row(spoilt):
+def test_who_pays_must_be_a_row(change_row):
     with pytest.raises(bom_table.BomError, match="'nobody', which is no row"):
-        bom_table.load(spoilt("jetson", source="paid:nobody"))
+        bom_table.load(change_row("jetson", source="paid:nobody"))
 
 
 def test_a_cell_too_many_is_seen(tmp_path):
@@ -116,12 +116,12 @@ def test_every_tool_of_a_row_is_in_the_list_of_tools():
     assert {t for r in bom_table.load() for t in r.tools} <= tools
 
 
-def test_a_row_and_a_tool_that_no_step_uses_are_named(spoilt):
-    rows = bom_table.load(spoilt("heat_shrink", id="heat_gun", used_in="S05;S06"))
+def test_a_row_and_a_tool_that_no_step_uses_are_named(change_row):
+    rows = bom_table.load(change_row("heat_shrink", id="heat_gun", used_in="S05;S06"))
     assert bom.unused(rows, bom_table.load_tools(), guide.steps()) == [
         "heat_gun (bom.csv): no step of the build guide uses it",
         "heat_shrink: step S05, W09 uses it, and bom.csv has no such row"]
-    rows = bom_table.load(spoilt("glue", used_in="S03;S04;S05;S06"))
+    rows = bom_table.load(change_row("glue", used_in="S03;S04;S05;S06"))
     assert bom.unused(rows, bom_table.load_tools(), guide.steps()) == [
         "glue (bom.csv): used_in says S06, which does not name it"]
     steps = [s for s in guide.steps() if "brush" not in s.tools]
@@ -130,15 +130,15 @@ def test_a_row_and_a_tool_that_no_step_uses_are_named(spoilt):
 
 
 @pytest.mark.slow
-def test_nothing_is_written_from_a_bill_with_such_a_row(monkeypatch, spoilt, capsys):
-    path = spoilt("heat_shrink", id="heat_gun")
+def test_nothing_is_written_from_a_bill_with_such_a_row(monkeypatch, change_row, capsys):
+    path = change_row("heat_shrink", id="heat_gun")
     pages = bom.generated()
     monkeypatch.setattr(bom, "load", lambda: bom_table.load(path))
     monkeypatch.setattr(Path, "write_text", lambda *_, **__: pytest.fail("something is written"))
     monkeypatch.setattr(sys, "argv", ["bom.py"])
     assert bom.main() == 2
-    assert "heat_gun (bom.csv): no step" in (said := capsys.readouterr().err)
-    assert said.endswith("nothing was written\n")
+    assert "heat_gun (bom.csv): no step" in (message := capsys.readouterr().err)
+    assert message.endswith("nothing was written\n")
     assert {bom.PAGE, bom.DECK, bom.PRINT} < set(pages)
 
 
@@ -153,8 +153,8 @@ def test_every_route_is_complete_and_priced_once():
     assert not {"buck_5v", "boost_12v"} & {r.id for r in bom_page.complete(rows, "kit")}
 
 
-def test_a_price_of_today_is_shown_with_its_day(spoilt):
-    rows = bom_table.load(spoilt("cells", price_2026_eur="7.25", priced_on="2026-05-31"))
+def test_a_price_of_today_is_shown_with_its_day(change_row):
+    rows = bom_table.load(change_row("cells", price_2026_eur="7.25", priced_on="2026-05-31"))
     text = page(rows, bom_table.load_tools())
     assert "| 24.00 (6.00 each) | 29.00<br>2026-05-31 |" in text
     assert "| 1 of 30 rows |" in text
@@ -195,15 +195,15 @@ def cars_of(text: str) -> list[tuple[str, str, str, str]]:
 
 def test_the_guide_says_what_the_page_says():
     guide = ROOT / "docs" / "build_guide" / "01_parts.md"
-    told = cars_of(guide.read_text(encoding="utf-8"))
+    cars_of_guide = cars_of(guide.read_text(encoding="utf-8"))
     text = page(bom_table.load(), bom_table.load_tools())
     sums = re.findall(r"^\| \**(?:smallest car|car of the paper|full car)[^|]* \| \**([\d.]+)",
                       text, re.MULTILINE)
     parts = re.findall(r"^\| (?:smallest|of the paper, complete|full) \| (\d+) \| (\d+) \| (\d+) ",
                        text, re.MULTILINE)
-    assert told == [(s, *p) for s, p in zip(sums, parts, strict=True)]
-    assert len(told) == 3
-    assert cars_of("| a car | 574.00 | 2, 2 | 0 |")[0] not in told, "the control"
+    assert cars_of_guide == [(s, *p) for s, p in zip(sums, parts, strict=True)]
+    assert len(cars_of_guide) == 3
+    assert cars_of("| a car | 574.00 | 2, 2 | 0 |")[0] not in cars_of_guide, "the control"
 
 
 def test_gpl_stays_in_the_emulator():

@@ -29,7 +29,7 @@ BUILT = json.loads((HARDWARE / "cad" / "built.json").read_text(encoding="utf-8")
 PLACES = {q["name"]: q for q in BUILT["placements"]}
 
 
-def placed(name: str, shift: tuple[float, float, float] = (0, 0, 0)) -> trimesh.Trimesh:
+def place_part(name: str, shift: tuple[float, float, float] = (0, 0, 0)) -> trimesh.Trimesh:
     """A made part in the car, from its committed mesh."""
     body = trimesh.load_mesh(HARDWARE / "stl" / f"{PLACES[name]['part']}.stl")
     body.apply_transform(np.array(PLACES[name]["matrix"]))
@@ -41,7 +41,7 @@ def placed(name: str, shift: tuple[float, float, float] = (0, 0, 0)) -> trimesh.
 def whole_car() -> dict[str, list[trimesh.Trimesh]]:
     """Bodies of each part in the car; loaded by the first test, not while tests are collected."""
     bought = {i["name"]: [shapes.body(s) for s in i["shapes"]] for i in BUILT["items"]}
-    return bought | {name: [placed(name)] for name in PLACES}
+    return bought | {name: [place_part(name)] for name in PLACES}
 
 
 def screws(name: str, use: str) -> np.ndarray:
@@ -53,7 +53,7 @@ def screws(name: str, use: str) -> np.ndarray:
     return np.array(rows) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def apart(a: np.ndarray, b: np.ndarray, axes: tuple[int, int]) -> float:
+def hole_distance(a: np.ndarray, b: np.ndarray, axes: tuple[int, int]) -> float:
     """Largest distance [mm] from a hole of `a` to the nearest of `b`, seen along the screw."""
     near = [np.hypot(*(b[:, axes] - q[list(axes)]).T).min() for q in a]
     return float(max(near))
@@ -79,13 +79,13 @@ JOINTS = [
 
 @pytest.mark.parametrize(("one", "use", "other", "its", "axes"), JOINTS)
 def test_screws_pass_through_both_parts(one, use, other, its, axes):
-    assert apart(screws(one, use), screws(other, its), axes) < 0.05
+    assert hole_distance(screws(one, use), screws(other, its), axes) < 0.05
 
 
 def test_a_plate_laid_upside_down_is_found():
     """The control: base and upper plate share the Jetson's holes only the right way up."""
     flipped = screws("upper_plate", "jetson") * [1, -1, 1]
-    assert apart(screws("base_plate", "jetson"), flipped, (0, 1)) > 0.5
+    assert hole_distance(screws("base_plate", "jetson"), flipped, (0, 1)) > 0.5
 
 
 @pytest.mark.slow
@@ -134,7 +134,7 @@ def test_nothing_overlaps():
     ("nano_imu_mount", (4.0, 0, 0), "standoffs_lower"), ("lidar_mount", (0, 0, 2.0), "lidar"),
 ])
 def test_a_part_out_of_place_is_found(name, shift, into):
-    others = {into: whole_car()[into], name: [placed(name, shift)]}
+    others = {into: whole_car()[into], name: [place_part(name, shift)]}
     if into == "jetson":  # the standoffs between them
         others = {into: whole_car()["standoffs_upper"], name: others[name]}
     assert max(collisions.overlaps(others).values(), default=0.0) > collisions.TOUCH
@@ -147,12 +147,12 @@ def view(car: dict[str, list[trimesh.Trimesh]]) -> dict[str, Any]:
 @pytest.mark.slow
 def test_the_lidar_sees_all_but_the_listed_posts():
     """Behind it stands the Jetson on its posts: known, and nothing else."""
-    seen = view(whole_car())
-    assert seen == BUILT["lidar"]
-    assert set(seen["blocked_deg"]) <= {"jetson", "standoffs_lower"}
-    assert seen["free_left_deg"] >= 115
-    assert seen["free_right_deg"] <= -115
-    low = {**whole_car(), "camera_bracket": [placed("camera_bracket", (0, 0, -20))]}
+    visible = view(whole_car())
+    assert visible == BUILT["lidar"]
+    assert set(visible["blocked_deg"]) <= {"jetson", "standoffs_lower"}
+    assert visible["free_left_deg"] >= 115
+    assert visible["free_right_deg"] <= -115
+    low = {**whole_car(), "camera_bracket": [place_part("camera_bracket", (0, 0, -20))]}
     assert "camera_bracket" in view(low)["blocked_deg"], "the control"
 
 
@@ -169,14 +169,14 @@ def test_the_ports_of_the_jetson_are_reachable():
 
 def test_usb_of_the_nano_is_open_to_the_front():
     """A plug of 11 x 8 x 20 mm before the socket touches nothing."""
-    def touched(x: float) -> list[str]:
+    def find_touched(x: float) -> list[str]:
         plug = trimesh.creation.box(bounds=[[x, -61.25, 4.6], [x + 20, -50.25, 10.6]])
         return [name for name, bodies in whole_car().items()
                 if name != "usb_nano"  # that plug itself
                 and sum(collisions.shared(plug, body) for body in bodies) > collisions.TOUCH]
 
-    assert touched(72.6) == []
-    assert touched(35.0) == ["nano"], "the control"
+    assert find_touched(72.6) == []
+    assert find_touched(35.0) == ["nano"], "the control"
 
 
 def balance() -> tuple[float, np.ndarray]:

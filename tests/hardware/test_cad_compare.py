@@ -46,7 +46,7 @@ def test_another_picture_is_seen(tmp_path):
     assert [r[:2] for r in rows] == [("a.png", "grey tone"), ("b.png", "file")]
 
 
-def moved(report):
+def move_hole(report):
     report["parts"]["base_plate"]["holes"][0]["at"][0] += 0.2
 
 
@@ -58,11 +58,11 @@ def longer(report):
     report["parts"]["sensor_gate"]["box_mm"][1][0] += 0.05
 
 
-def gone(report):
+def remove_part(report):
     del report["parts"]["shock_ring"]
 
 
-def turned(report):
+def turn_part(report):
     report["placements"][0]["matrix"][0][3] = 1.0
 
 
@@ -76,9 +76,9 @@ def thicker(report):
 
 @pytest.mark.parametrize(("change", "name", "what"), [
     (thicker, "lidar", "item"),
-    (moved, "base_plate", "hole 0"), (heavier, "lidar_mount", "volume mm3"),
-    (longer, "sensor_gate", "bounding box mm"), (gone, "shock_ring", "part"),
-    (turned, "base_plate", "placement"), (blind, "assembly", "lidar")])
+    (move_hole, "base_plate", "hole 0"), (heavier, "lidar_mount", "volume mm3"),
+    (longer, "sensor_gate", "bounding box mm"), (remove_part, "shock_ring", "part"),
+    (turn_part, "base_plate", "placement"), (blind, "assembly", "lidar")])
 @pytest.mark.slow_except("turned*", "thicker*", "heavier*", "blind*", "moved*", "longer*")
 def test_changes_of_the_table_are_named(change, name, what):
     new = copy.deepcopy(BUILT)

@@ -63,9 +63,9 @@ def circles(document: Drawing) -> np.ndarray:
                      for e in document.modelspace() if e.dxftype() == "CIRCLE"])
 
 
-def missing(holes: np.ndarray, wanted: list[tuple[float, float]]) -> list[tuple[float, float]]:
+def missing(holes: np.ndarray, expected: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Places of the car at which the drawing has no hole within 0.05 mm."""
-    return [q for q in wanted if np.hypot(*(holes[:, :2] - q).T).min() > 0.05]
+    return [q for q in expected if np.hypot(*(holes[:, :2] - q).T).min() > 0.05]
 
 
 def outer(document: Drawing) -> list[tuple[float, float, float]]:

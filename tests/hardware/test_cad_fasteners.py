@@ -39,9 +39,9 @@ def row(use: str, part: str = "") -> Any:
     return next(r for r in ROWS if any(use == u and part in ("", q) for q, u in r.holes))
 
 
-def said(car: dict[str, list[trimesh.Trimesh]], *rows: Any, without: str = "") -> str:
+def check_rows(car: dict[str, list[trimesh.Trimesh]], *rows: Any, removed: str = "") -> str:
     """What the rules say about some rows alone."""
-    bodies = {n: b for n, b in car.items() if not without or not n.startswith(without)}
+    bodies = {n: b for n, b in car.items() if not removed or not n.startswith(removed)}
     return "\n".join(fit.problems(BUILT, list(rows), bodies))
 
 
@@ -55,7 +55,7 @@ def test_every_screw_of_the_car_goes_in(car):
 def test_the_screws_of_the_lidar_go_in_from_above(car):
     lidar = row("lidar", "lidar_mount")
     assert (lidar.name, lidar.drive, lidar.material) == ("M3 x 25", "down", "steel")
-    assert said(car, lidar) == ""
+    assert check_rows(car, lidar) == ""
     seats = [f.seat for f in fasteners.of_row(BUILT, lidar)]
     assert sorted(s[:2] for s in seats) == [(111.6, -31.0), (111.6, 31.0), (168.6, -25.0),
                                             (168.6, 25.0)]
@@ -66,29 +66,29 @@ def test_the_screws_of_the_lidar_go_in_from_above(car):
 def test_a_screw_from_below_finds_no_thread_in_the_lidar(car):
     old = replace(row("lidar", "lidar_mount"), length=20.0, drive="up", other=0.0, other_at="",
                   end="thread")
-    assert said(car, old).count("0.0 mm of thread in lidar") == 4
+    assert check_rows(car, old).count("0.0 mm of thread in lidar") == 4
 
 
 @pytest.mark.slow
 def test_a_lidar_below_the_upper_plate_is_out_of_reach(car):
     late = replace(row("lidar", "lidar_mount"), step="S13")
-    assert "upper_plate is in the way of the driver" in said(car, late)
+    assert "upper_plate is in the way of the driver" in check_rows(car, late)
 
 
 @pytest.mark.slow
 def test_long_screws_of_the_small_holders_meet(car):
     small = [r for r in ROWS if any(q == "small_board_holder" for q, _ in r.holes)]
     assert [r.name for r in small] == ["M3 x 8", "M3 x 8"]
-    assert said(car, *small) == ""
-    meet = said(car, *(replace(r, length=10.0) for r in small))
+    assert check_rows(car, *small) == ""
+    meet = check_rows(car, *(replace(r, length=10.0) for r in small))
     assert "its shank is in the shank of S12 M3 x 10" in meet
 
 
 def test_no_metal_stands_over_the_live_jetson(car):
     cutoff = row("upper_plate", "cutoff_holder")
     assert cutoff.material == "nylon"
-    assert said(car, cutoff) == ""
-    steel = said(car, replace(cutoff, material="steel", drive="down", head="cap"))
+    assert check_rows(car, cutoff) == ""
+    steel = check_rows(car, replace(cutoff, material="steel", drive="down", head="cap"))
     assert "mm above the live jetson, 8 mm or no metal" in steel
     assert "at (44.4, -27.0, " in steel
 
@@ -96,15 +96,15 @@ def test_no_metal_stands_over_the_live_jetson(car):
 @pytest.mark.slow
 def test_nuts_of_the_imu_do_not_hang_over_the_expansion_board(car):
     imu = row("imu", "nano_imu_mount")
-    assert said(car, imu) == ""
-    over = said(car, replace(imu, drive="down", other_at="head"))
+    assert check_rows(car, imu) == ""
+    over = check_rows(car, replace(imu, drive="down", other_at="head"))
     assert over.count("above the live expansion_board") >= 4
 
 
 @pytest.mark.slow
 def test_a_head_in_a_part_is_named(car):
     thick = replace(row("camera_bracket"), head="cap")
-    assert "its head is in camera" in said(car, thick)
+    assert "its head is in camera" in check_rows(car, thick)
 
 
 @pytest.mark.slow
@@ -122,8 +122,8 @@ def test_a_nut_that_no_spanner_reaches_is_named(car):
 
 @pytest.mark.slow
 def test_a_screw_too_many_is_counted(car):
-    assert "4 in the car, 3 in screws.csv" in said(car, replace(row("lidar", "lidar_mount"),
-                                                                pieces=3))
+    assert "4 in the car, 3 in screws.csv" in check_rows(car, replace(row("lidar", "lidar_mount"),
+                                                                      pieces=3))
 
 
 def test_parts_that_do_not_lie_on_each_other_are_seen():

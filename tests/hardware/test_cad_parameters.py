@@ -95,10 +95,10 @@ def test_entries_that_are_not_entries_are_named():
         assert word in text
 
 
-@pytest.mark.parametrize(("group", "key", "said"), [
+@pytest.mark.parametrize(("group", "key", "message"), [
     ("jetson", "x", "jetson.x: missing"), ("rings", "tip", "rings.tip: missing"),
     ("shock", None, "[shock]: missing")])
-def test_what_is_missing_is_named(group, key, said):
+def test_what_is_missing_is_named(group, key, message):
     raw = copy.deepcopy(RAW)
     if key:
         del raw[group][key]
@@ -106,7 +106,7 @@ def test_what_is_missing_is_named(group, key, said):
         del raw[group]
     with pytest.raises(parameters.ParameterError) as error:
         checks.relations(parameters.parse(raw))
-    assert said in str(error.value)
+    assert message in str(error.value)
 
 
 def test_a_measured_value_within_reason_passes():

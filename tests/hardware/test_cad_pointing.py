@@ -24,7 +24,7 @@ def cube(name: str, x: float, clear: bool = False, y: float = 0.0):
 BEHIND = cube("imu", 0.0)
 
 
-@pytest.mark.parametrize(("target", "others", "said"), [
+@pytest.mark.parametrize(("target", "others", "message"), [
     ((3.0, 0.0, 0.0), (), []),
     ("imu", (), []),
     ((3.0, 0.0, 0.0), (cube("plate", 30.0, clear=True),), []),
@@ -33,9 +33,9 @@ BEHIND = cube("imu", 0.0)
     ("imu", (cube("imu", 0.0, y=40.0), cube("standoff", 30.0)), ["points past imu"]),
     ((3.0, 0.0, 0.0), (cube("standoff", -30.0), cube("standoff", 30.0, y=12.0)), []),
 ])
-def test_what_hides_a_part_is_named_and_what_is_clear_is_passed(target, others, said):
+def test_what_hides_a_part_is_named_and_what_is_clear_is_passed(target, others, message):
     found = list(pointing.astray((("IMU", target),), [BEHIND, *others], VIEW))
-    assert found == [f"number 1 (IMU) {text}" for text in said]
+    assert found == [f"number 1 (IMU) {text}" for text in message]
 
 
 def test_a_name_that_is_not_in_the_picture_says_what_is():

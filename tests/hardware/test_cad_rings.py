@@ -50,18 +50,18 @@ def sectors(loop: list[tuple[float, float, float]]) -> np.ndarray:
     return np.diff(np.append(at, at[0] + 360))
 
 
-def striped() -> list[tuple[float, float, float]]:
+def read_striped_ring() -> list[tuple[float, float, float]]:
     space = ezdxf.readfile(HARDWARE / "dxf" / "striped_ring.dxf").modelspace()
     return next(list(e.get_points("xyb")) for e in space if e.dxftype() == "LWPOLYLINE")
 
 
 def test_teeth_and_gaps_are_equal():
-    assert sectors(striped()) == pytest.approx(18.0, abs=0.05)
+    assert sectors(read_striped_ring()) == pytest.approx(18.0, abs=0.05)
 
 
 def test_a_tooth_of_19_degrees_is_found():
     """The control: one flank turned by 1.3 deg, as in a drawing known to be uneven."""
-    loop = striped()
+    loop = read_striped_ring()
     turn = math.radians(1.3)
     for i in (1, 2):  # both ends of one flank
         x, y, bulge = loop[i]
@@ -95,15 +95,15 @@ def magnets() -> np.ndarray:
 def test_counts_are_those_of_firmware_and_car():
     """Both flanks of each mark count."""
     ring_a, ring_b = edges_of_the_firmware()
-    assert len(flanks(striped())) == ring_a
+    assert len(flanks(read_striped_ring())) == ring_a
     assert 2 * len(magnets()) == ring_b
     for file in sorted((ROOT / "cars").glob("*/car.toml")):
         encoder = tomllib.loads(file.read_text(encoding="utf-8"))["encoder"]
-        assert encoder["edges_per_rev"] == len(flanks(striped())), file.parent.name
+        assert encoder["edges_per_rev"] == len(flanks(read_striped_ring())), file.parent.name
 
 
 def test_a_lost_tooth_is_counted():
-    loop = striped()
+    loop = read_striped_ring()
     assert len(flanks(loop[4:])) == edges_of_the_firmware()[0] - 2
 
 

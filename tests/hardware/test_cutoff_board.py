@@ -37,7 +37,7 @@ def joints(folder: Path) -> tuple[set[frozenset[str]], set[frozenset[str]]]:
     return drawn, {frozenset(g) for g in wired} | {frozenset({p}) for p in alone}
 
 
-def standing(folder: Path) -> tuple[list[Ends], list[Ends]]:
+def list_wires(folder: Path) -> tuple[list[Ends], list[Ends]]:
     """Components by the pins that they join: on the board, in the circuit."""
     data = perfboard.layout(folder)
     net = perfboard.nets(data)
@@ -50,21 +50,21 @@ def standing(folder: Path) -> tuple[list[Ends], list[Ends]]:
     return sorted(drawn, key=str), sorted(wired, key=str)
 
 
-def misled(folder: Path) -> list[str]:
+def find_misled_leads(folder: Path) -> list[str]:
     """Holes of leads that are not joined to their pin; wires of the harness without a hole."""
     data = perfboard.layout(folder)
     net = perfboard.nets(data)
     at = perfboard.socket(data, 16)
     wrong = [hole for hole, (pin, _) in data["leads"].items() if net[hole] != net[at[str(pin)]]]
-    told = {(str(pin), far) for pin, far in data["leads"].values()}
+    declared = {(str(pin), far) for pin, far in data["leads"].values()}
     for wire in harness.wires("cutoff_mux", folder):
         for (a, pin), (far, _) in ((wire.start, wire.end), (wire.end, wire.start)):
-            if a == "MUX" and (pin.split(" ")[0], far) not in told:
+            if a == "MUX" and (pin.split(" ")[0], far) not in declared:
                 wrong.append(f"{far} to {pin}")
     return wrong
 
 
-def crowded(folder: Path) -> list[str]:
+def find_crowded_holes(folder: Path) -> list[str]:
     """Holes that take more than one leg."""
     data = perfboard.layout(folder)
     used = [*perfboard.socket(data, 16).values(), *data["leads"],
@@ -91,11 +91,11 @@ def copy(tmp_path):
 def test_the_board_is_the_circuit():
     drawn, wired = joints(WIRING)
     assert drawn == wired
-    drawn, wired = standing(WIRING)
+    drawn, wired = list_wires(WIRING)
     assert len(drawn) == len(wired) == 5
     assert [(p, sorted(e)) for p, e in drawn] == [(p, sorted(e)) for p, e in wired]
-    assert misled(WIRING) == []
-    assert crowded(WIRING) == []
+    assert find_misled_leads(WIRING) == []
+    assert find_crowded_holes(WIRING) == []
 
 
 def test_it_fits_the_board_that_its_holder_is_printed_for():
@@ -117,20 +117,20 @@ def test_pins_that_are_joined_by_mistake_are_seen(copy):
 
 
 def test_a_resistor_in_another_column_is_seen(copy):
-    drawn, wired = standing(copy("[F4, G4]", "[F9, G9]"))
+    drawn, wired = list_wires(copy("[F4, G4]", "[F9, G9]"))
     assert drawn != wired
 
 
 def test_a_lead_in_another_hole_is_seen(copy):
-    assert misled(copy("E4: [2, NANO]", "E7: [2, NANO]")) == ["E7"]
+    assert find_misled_leads(copy("E4: [2, NANO]", "E7: [2, NANO]")) == ["E7"]
 
 
 def test_a_lead_that_is_missing_is_seen(copy):
-    assert misled(copy("  F11: [8, NANO]\n", "")) == ["NANO to 8 (GND)"]
+    assert find_misled_leads(copy("  F11: [8, NANO]\n", "")) == ["NANO to 8 (GND)"]
 
 
 def test_two_legs_in_one_hole_are_seen(copy):
-    assert crowded(copy("E3: [1, NANO]", "F3: [1, NANO]")) == ["F3"]
+    assert find_crowded_holes(copy("E3: [1, NANO]", "F3: [1, NANO]")) == ["F3"]
 
 
 def test_a_wire_askew_and_one_off_the_board_are_refused(copy):

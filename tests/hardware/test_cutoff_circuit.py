@@ -53,7 +53,7 @@ def ohms(value: str) -> float:
     return float(number) * {"Ohm": 1.0, "kOhm": 1e3, "nF": float("inf")}[unit]
 
 
-def between(folder: Path, device: str, a: str, b: str) -> float:
+def resistance(folder: Path, device: str, a: str, b: str) -> float:
     """Ohm of one component or bare wire from ``a`` to ``b``; infinite if there is none."""
     wired = circuit.joined(device, folder)
     if b in wired.get(a, []) or a in wired.get(b, []):
@@ -65,7 +65,7 @@ def between(folder: Path, device: str, a: str, b: str) -> float:
 def floating(folder: Path, device: str) -> list[str]:
     """Inputs that nothing holds low while every wire is off."""
     return [pin for pin in inputs(device)
-            if between(folder, device, pin, GROUND[device]) > 10e3]
+            if resistance(folder, device, pin, GROUND[device]) > 10e3]
 
 
 def bare(folder: Path, device: str) -> list[str]:
@@ -77,7 +77,7 @@ def bare(folder: Path, device: str) -> list[str]:
         if pin is None or here is None or pin.startswith("GND"):
             continue
         at = here.split(" ")[0]
-        series = between(folder, device, f"lead {at}", at)
+        series = resistance(folder, device, f"lead {at}", at)
         if series == float("inf") or NANO / series > CLAMP:
             wrong.append(pin)
     return wrong
@@ -91,7 +91,7 @@ def without_ground(folder: Path) -> list[str]:
                        for wire in harness.wires(diagram, folder))]
 
 
-def miscounted(folder: Path, rows: list[bom_table.Row]) -> list[str]:
+def find_miscounted(folder: Path, rows: list[bom_table.Row]) -> list[str]:
     """Components of a board that the bill has in another number, with another value or step."""
     bill = {r.id: r for r in rows}
     wrong = []
@@ -106,11 +106,11 @@ def miscounted(folder: Path, rows: list[bom_table.Row]) -> list[str]:
     return wrong
 
 
-def lead(folder: Path, pin: str, said: str) -> str:
+def lead(folder: Path, pin: str, label: str) -> str:
     """What an input of the multiplexer sees of a wire that is high, low, pulse or off."""
-    if said != "off":
-        return said
-    return "low" if between(folder, "MUX", pin, "8") <= 10e3 else "undefined"
+    if label != "off":
+        return label
+    return "low" if resistance(folder, "MUX", pin, "8") <= 10e3 else "undefined"
 
 
 def esc_gets(folder: Path, d5: str, d9: str, channel: str, supply: str) -> str:
@@ -127,11 +127,11 @@ def esc_gets(folder: Path, d5: str, d9: str, channel: str, supply: str) -> str:
 
 def oe(folder: Path, d6: str) -> str:
     """Level of /OE with a board that pulls it low as many do."""
-    if d6 == "off" and between(folder, "L3", "gate", "GND") > 10e3:
+    if d6 == "off" and resistance(folder, "L3", "gate", "GND") > 10e3:
         return "undefined"
     if d6 == "high":
         return "low"
-    share = USUAL_PULL / (USUAL_PULL + between(folder, "L3", "drain", "VDD"))
+    share = USUAL_PULL / (USUAL_PULL + resistance(folder, "L3", "drain", "VDD"))
     return "high" if share >= PCA_HIGH else "undefined"
 
 
@@ -157,15 +157,15 @@ def test_no_input_floats_whatever_wire_is_off(device):
     assert floating(WIRING, device) == []
 
 
-@pytest.mark.parametrize(("device", "old", "new", "seen"), [
+@pytest.mark.parametrize(("device", "old", "new", "finding"), [
     ("MUX", "[1, 8], [2, 8], ", "[1, 8], ", ["2"]),
     ("MUX", "[[1, 8], [2, 8]", "[[2, 8]", ["1"]),
     ("MUX", "[2, 8]", "[2, 16]", ["2"]),
     ("MUX", "joined: {8: [5, 10, 11, 13, 14, 15]}", "joined: {8: [5, 10, 11, 13, 14]}", ["15"]),
     ("L3", "[[gate, GND]]", "[[lead gate, GND]]", ["gate"]),
 ])
-def test_a_missing_pull_down_is_seen(copy, device, old, new, seen):
-    assert floating(copy("parts.yml", old, new), device) == seen
+def test_a_missing_pull_down_is_seen(copy, device, old, new, finding):
+    assert floating(copy("parts.yml", old, new), device) == finding
 
 
 @pytest.mark.parametrize("device", list(DIAGRAM))
@@ -173,29 +173,29 @@ def test_a_resistor_lies_between_every_pin_of_the_nano_and_the_chip(device):
     assert bare(WIRING, device) == []
 
 
-@pytest.mark.parametrize(("device", "old", "new", "seen"), [
+@pytest.mark.parametrize(("device", "old", "new", "finding"), [
     ("MUX", "[lead 1, 1], [lead 2, 2], ", "[lead 1, 1], ", ["D9"]),
     ("MUX", ", [lead 7, 7]", "", ["D8"]),
     ("MUX", "res_1k_mux: {value: 1 kOhm", "res_1k_mux: {value: 100 Ohm", ["D9", "D5", "D8"]),
     ("L3", "[lead gate, gate], ", "", ["D6"]),
 ])
-def test_a_missing_series_resistor_is_seen(copy, device, old, new, seen):
+def test_a_missing_series_resistor_is_seen(copy, device, old, new, finding):
     folder = copy("parts.yml", old, new)
-    assert sorted(bare(folder, device)) == sorted(seen)
+    assert sorted(bare(folder, device)) == sorted(finding)
 
 
 def test_every_cut_off_has_a_ground_wire_of_its_own():
     assert without_ground(WIRING) == []
 
 
-@pytest.mark.parametrize(("file", "old", "new", "seen"), [
+@pytest.mark.parametrize(("file", "old", "new", "finding"), [
     ("cutoff_mux.yml", "[D9, D5, D8, GND ICSP 6]}, {W_NANO: [1, 2, 3, 4]}, {MUX: [2, 1, 7, 8]}",
      "[D9, D5, D8]}, {W_NANO: [1, 2, 3]}, {MUX: [2, 1, 7]}", "MUX"),
     ("cutoff_oe.yml", "[D6, GND ICSP 6]}, {W_GATE: [1, 2]}, {L3: [gate by 1k, GND]}",
      "[D6]}, {W_GATE: [1]}, {L3: [gate by 1k]}", "L3"),
 ])
-def test_a_missing_ground_wire_is_seen(copy, file, old, new, seen):
-    assert without_ground(copy(file, old, new)) == [seen]
+def test_a_missing_ground_wire_is_seen(copy, file, old, new, finding):
+    assert without_ground(copy(file, old, new)) == [finding]
 
 
 def test_a_label_says_by_1k_where_a_resistor_lies_in_the_wire():
@@ -203,17 +203,17 @@ def test_a_label_says_by_1k_where_a_resistor_lies_in_the_wire():
         entry = harness.parts()["connectors"][device]
         labels = dict(zip(map(str, entry["pins"]), entry.get("pinlabels", entry["pins"]),
                           strict=True))
-        said = {pin.split(" by")[0] for pin, label in labels.items() if "by 1k" in str(label)}
-        assert said == {c.ends[1] for c in circuit.components(device)
-                        if c.ends[0].startswith("lead ")}
+        stated = {pin.split(" by")[0] for pin, label in labels.items() if "by 1k" in str(label)}
+        assert stated == {c.ends[1] for c in circuit.components(device)
+                          if c.ends[0].startswith("lead ")}
 
 
 def test_a_high_stays_high_behind_its_resistors():
     """Lead by 1 kOhm against 10 kOhm to ground; the pull-up of /OE against that of the board."""
     for pin in ("1", "2", "3", "6"):
-        series, down = (between(WIRING, "MUX", a, pin) for a in (f"lead {pin}", "8"))
+        series, down = (resistance(WIRING, "MUX", a, pin) for a in (f"lead {pin}", "8"))
         assert WEAKEST * down / (series + down) >= HCT_HIGH
-    assert USUAL_PULL / (USUAL_PULL + between(WIRING, "L3", "drain", "VDD")) >= PCA_HIGH
+    assert USUAL_PULL / (USUAL_PULL + resistance(WIRING, "L3", "drain", "VDD")) >= PCA_HIGH
 
 
 def test_a_pull_up_of_10_kilo_ohm_is_no_high_on_a_board_that_pulls_low(copy):
@@ -222,15 +222,15 @@ def test_a_pull_up_of_10_kilo_ohm_is_no_high_on_a_board_that_pulls_low(copy):
 
 
 def test_the_bill_has_what_the_boards_carry():
-    assert miscounted(WIRING, bom_table.load()) == []
+    assert find_miscounted(WIRING, bom_table.load()) == []
 
 
-@pytest.mark.parametrize(("old", "new", "seen"), [
+@pytest.mark.parametrize(("old", "new", "finding"), [
     (", [6, 8]]", "]", "res_10k_mux"), ("res_10k_oe: {value: 10", "res_10k_oe: {value: 1",
                                         "res_10k_oe")])
-def test_another_number_or_value_in_the_bill_is_seen(copy, old, new, seen):
-    spoilt = miscounted(copy("parts.yml", old, new), bom_table.load())
-    assert [x.split(":")[0] for x in spoilt] == [seen]
+def test_another_number_or_value_in_the_bill_is_seen(copy, old, new, finding):
+    spoilt = find_miscounted(copy("parts.yml", old, new), bom_table.load())
+    assert [x.split(":")[0] for x in spoilt] == [finding]
 
 
 def test_the_capacitor_stands_across_the_supply():
@@ -251,11 +251,11 @@ def test_step_and_hardware_page_show_every_pin_and_component():
 
 def test_the_safety_page_says_what_the_circuit_does():
     text = PAGE.read_text(encoding="utf-8")
-    for what, d5, d9, channel, supply, told in cases(text, L4_HEAD):
-        assert esc_gets(WIRING, d5, d9, channel, supply) == told, what
-    for what, d6, level, told in cases(text, L3_HEAD):
+    for what, d5, d9, channel, supply, outcome in cases(text, L4_HEAD):
+        assert esc_gets(WIRING, d5, d9, channel, supply) == outcome, what
+    for what, d6, level, outcome in cases(text, L3_HEAD):
         assert oe(WIRING, d6) == level, what
-        assert told == {"low": "pulse of the PCA9685", "high": "nothing"}[level], what
+        assert outcome == {"low": "pulse of the PCA9685", "high": "nothing"}[level], what
 
 
 def test_the_safety_page_has_each_wire_low_and_off():

@@ -78,7 +78,7 @@ def gap(one: Stroke, other: Stroke) -> float:
     return ends - (w + v) / 2
 
 
-def joined(copper: list[Stroke]) -> tuple[list[int], float]:
+def join_strokes(copper: list[Stroke]) -> tuple[list[int], float]:
     """Number of the net of each stroke, and the least gap between two nets [mm]."""
     net = list(range(len(copper)))
     gaps = {(i, j): gap(copper[i], copper[j]) for i, j in combinations(net, 2)}
@@ -93,14 +93,14 @@ def netlist(files: dict[str, str], folder: Path = WIRING) -> tuple[set[frozenset
     data = perfboard.layout(folder)
     name = {pcb.place(data, hole): hole for hole in pcb.drills(data, folder)}
     copper = strokes(files["mux_board-B_Cu.gbr"])
-    net, least = joined(copper)
+    net, least = join_strokes(copper)
     groups: dict[int, set[str]] = {}
     for number, (a, b, _) in zip(net, copper, strict=True):
         groups.setdefault(number, set()).update(name[p] for p in (a, b) if p in name)
     return {frozenset(g) for g in groups.values() if g}, least
 
 
-def wanted(folder: Path = WIRING) -> set[frozenset[str]]:
+def list_required_nets(folder: Path = WIRING) -> set[frozenset[str]]:
     """The same by the perforated board, whose own test compares it with the circuit."""
     data = perfboard.layout(folder)
     net = perfboard.nets(data)
@@ -117,7 +117,7 @@ def files() -> dict[str, str]:
 
 def test_the_copper_joins_what_the_circuit_joins(files):
     found, least = netlist(files)
-    assert found == wanted()
+    assert found == list_required_nets()
     assert least >= CLEARANCE
     at = perfboard.socket(perfboard.layout(), 16)
     for pin, others in circuit.joined("MUX").items():
@@ -130,9 +130,9 @@ def test_a_track_too_few_and_one_too_many_are_seen(files):
     lines = text.splitlines()
     last = next(n for n in range(len(lines) - 1, 0, -1) if lines[n].endswith("D01*"))
     cut = "\n".join(lines[:last] + lines[last + 1:])
-    assert netlist({"mux_board-B_Cu.gbr": cut})[0] != wanted()
+    assert netlist({"mux_board-B_Cu.gbr": cut})[0] != list_required_nets()
     short = text.replace("M02*", "X7380000Y10000000D02*\nX9920000Y10000000D01*\nM02*")
-    assert netlist({"mux_board-B_Cu.gbr": short})[0] != wanted()
+    assert netlist({"mux_board-B_Cu.gbr": short})[0] != list_required_nets()
     near = text.replace("M02*", "X1500000Y16050000D02*\nX2300000Y16050000D01*\nM02*")
     assert netlist({"mux_board-B_Cu.gbr": near})[1] < CLEARANCE
 
@@ -143,7 +143,7 @@ def test_a_broken_circuit_is_another_board(tmp_path):
     path = folder / "mux_board.yml"
     path.write_text(path.read_text(encoding="utf-8").replace("  - [A4, B4]\n", ""),
                     encoding="utf-8")
-    assert netlist(pcb.files(folder), folder)[0] != wanted()
+    assert netlist(pcb.files(folder), folder)[0] != list_required_nets()
 
 
 def test_every_hole_has_its_ring_mask_and_place_on_the_board(files):
@@ -170,7 +170,7 @@ LAYERS = {"mux_board-B_Cu.gbr": "bottom copper", "mux_board-B_Mask.gbr": "bottom
           "mux_board.drl": "drill plated"}
 
 
-def seen_by_a_viewer(folder: Path) -> tuple[list[float], set[Point], list[str]]:
+def read_by_gerber_viewer(folder: Path) -> tuple[list[float], set[Point], list[str]]:
     """Size of the board, pads that have both copper and a hole, what covers none: gerbonara."""
     from gerbonara import LayerStack
 
@@ -188,7 +188,7 @@ def seen_by_a_viewer(folder: Path) -> tuple[list[float], set[Point], list[str]]:
 def test_a_viewer_that_is_not_ours_sees_the_same_board(files, tmp_path):
     """Reader and writer above may share a mistake; this reader knows nothing of them."""
     pytest.importorskip("gerbonara")
-    size, pads, alone = seen_by_a_viewer(WIRING / "pcb")
+    size, pads, alone = read_by_gerber_viewer(WIRING / "pcb")
     assert size == pytest.approx([30.1, 20.1]), "30 x 20 and the width of the outline's stroke"
     assert pads == {(round(x, 3), round(y, 3)) for x, y in holes(files["mux_board.drl"])}
     assert alone == []
@@ -196,4 +196,4 @@ def test_a_viewer_that_is_not_ours_sees_the_same_board(files, tmp_path):
     drill = tmp_path / "mux_board.drl"
     drill.write_text(drill.read_text(encoding="utf-8").replace("X7.380Y10.000\n", "", 1),
                      encoding="utf-8")
-    assert seen_by_a_viewer(tmp_path)[2] == ["(7.38, 10.0)"], "the control"
+    assert read_by_gerber_viewer(tmp_path)[2] == ["(7.38, 10.0)"], "the control"

@@ -20,7 +20,7 @@ import harness  # noqa: E402
 import nets  # noqa: E402
 
 
-def documented() -> list[list[str]]:
+def read_table() -> list[list[str]]:
     """(what, file, instead of, stands, car, refusal) of the table on the hardware page."""
     text = (ROOT / "hardware" / "README.md").read_text(encoding="utf-8")
     table = text.split("| what is wrong | file |")[1].split("\n\n")[0].splitlines()[2:]
@@ -28,7 +28,7 @@ def documented() -> list[list[str]]:
             for row in table]
 
 
-BROKEN = documented()
+BROKEN = read_table()
 
 
 def car_of(words: str) -> nets.Car:
@@ -70,14 +70,14 @@ def test_the_state_of_the_supplies_is_part_of_the_case(copy):
     assert [f.case for f in faults] == ["minimal + cutoff_mux; ESC off, board on"]
 
 
-@pytest.mark.parametrize(("old", "new", "said"), [
+@pytest.mark.parametrize(("old", "new", "message"), [
     ("NANO D4: &feed {kind: source", "NANO D4: &feed {kind: sauce",
      r"NANO D4: .*'sauce'.*expected one of ground"),
     ("amps: 0.02}  # measured", "ampere: 0.02}  # measured", "IR VCC: .*'ampere'"),
     ("takes: [4.5, 24]", "takes: [24, 4.5]", r"HALL VCC: .*\[least, most\]"),
 ])
-def test_a_fact_that_cannot_be_meant_says_where(copy, old, new, said):
-    with pytest.raises(harness.WiringError, match=said):
+def test_a_fact_that_cannot_be_meant_says_where(copy, old, new, message):
+    with pytest.raises(harness.WiringError, match=message):
         nets.Harness(copy("electrical.yml", old, new))
 
 

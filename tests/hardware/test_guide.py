@@ -50,7 +50,7 @@ def copy(tmp_path):
     return broken
 
 
-def miscounted(steps: list[guide.Step]) -> dict[str, str]:
+def find_miscounted(steps: list[guide.Step]) -> dict[str, str]:
     """Parts that the guide takes out of the bag more or less often than the bill buys."""
     wrong = {}
     for row in bom_table.load():
@@ -107,7 +107,7 @@ def links(text: str) -> list[str]:
     return [x for x in found if "://" not in x]
 
 
-def undrawn(folder: Path, base: Path = guide.PAGES) -> list[str]:
+def find_missing_pictures(folder: Path, base: Path = guide.PAGES) -> list[str]:
     return [f"{page}: {link}" for page, text in guide.pages(folder).items()
             for link in links(text) if not (base / link).is_file()]
 
@@ -129,12 +129,12 @@ def test_every_part_is_in_the_bill_and_the_reverse():
 
 
 def test_the_guide_uses_up_what_the_bill_buys():
-    assert miscounted(guide.steps()) == {}
+    assert find_miscounted(guide.steps()) == {}
 
 
 def test_a_part_too_many_is_seen(copy):
     folder = copy("05_deck.md", "8 x `standoff_25`", "9 x `standoff_25`")
-    assert miscounted(guide.steps(folder)) == {"standoff_25": "9 in the guide, 8 in the bill"}
+    assert find_miscounted(guide.steps(folder)) == {"standoff_25": "9 in the guide, 8 in the bill"}
 
 
 def test_every_tool_is_in_the_list_and_the_reverse():
@@ -165,12 +165,12 @@ def test_the_table_of_the_weekend_adds_up():
     first = guide.pages()["01_parts.md"]
     hours = {int(n): (float(h), skill) for n, h, skill in re.findall(
         r"^\| \[?(\d+)\. [^|]+\| ([\d.]+) \| (\w+) \|$", first, re.MULTILINE)}
-    for number, (told, skill) in hours.items():
+    for number, (stated, skill) in hours.items():
         steps = [s for s in guide.steps() if s.page.startswith(f"{number:02}") and not s.option]
-        assert abs(sum(s.minutes for s in steps) / 60 - told) <= 0.051, (number, told)
+        assert abs(sum(s.minutes for s in steps) / 60 - stated) <= 0.051, (number, stated)
         assert skill == max((s.skill for s in steps), key=guide.SKILLS.index), number
     assert len(hours) == 10
-    total = f"{sum(told for told, _ in hours.values()):.1f} hours by hand"
+    total = f"{sum(stated for stated, _ in hours.values()):.1f} hours by hand"
     assert total in first
 
 
@@ -220,12 +220,12 @@ def test_the_figures_shown_are_those_of_this_version():
 
 
 def test_links_and_pictures_exist():
-    assert undrawn(guide.PAGES) == []
+    assert find_missing_pictures(guide.PAGES) == []
 
 
 def test_a_missing_picture_is_seen(copy):
     folder = copy("01_parts.md", "pictures/car.png", "pictures/cart.png")
-    assert undrawn(folder) == ["01_parts.md: ../../hardware/pictures/cart.png"]
+    assert find_missing_pictures(folder) == ["01_parts.md: ../../hardware/pictures/cart.png"]
 
 
 PICTURE = re.compile(r"```\{image\} \S+/pictures/(?:step_)?(\w+)\.png\n(?::.*\n)*```\n\n?(.*)")
@@ -234,7 +234,7 @@ PICTURE = re.compile(r"```\{image\} \S+/pictures/(?:step_)?(\w+)\.png\n(?::.*\n)
 LINES = legend_lines.lines()
 
 
-def unexplained(text: str) -> list[str]:
+def find_unexplained(text: str) -> list[str]:
     """Pictures with numbers whose legend does not stand below them."""
     return [name for name, below in PICTURE.findall(text)
             if name in LINES and below != LINES[name]]
@@ -243,12 +243,12 @@ def unexplained(text: str) -> list[str]:
 def test_every_number_of_a_picture_is_explained_below_it():
     shown = [n for t in guide.pages().values() for n, _ in PICTURE.findall(t)]
     assert set(LINES) <= set(shown)
-    assert [x for t in guide.pages().values() for x in unexplained(t)] == []
+    assert [x for t in guide.pages().values() for x in find_unexplained(t)] == []
 
 
 def test_another_legend_is_seen(copy):
     folder = copy("04_sensors.md", "**4** slit, ", "")
-    assert unexplained((folder / "04_sensors.md").read_text(encoding="utf-8")) == ["S04"]
+    assert find_unexplained((folder / "04_sensors.md").read_text(encoding="utf-8")) == ["S04"]
 
 
 def test_every_step_with_the_screwdriver_has_a_picture():
@@ -262,10 +262,10 @@ def test_anchors_exist():
     text = (ROOT / "hardware" / "README.md").read_text(encoding="utf-8")
     heads = {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-")
              for h in re.findall(r"^#+ (.+)$", text, re.MULTILINE)}
-    wanted = {a for t in guide.pages().values()
-              for a in re.findall(r"hardware/README\.md#([\w-]+)", t)}
-    assert wanted
-    assert wanted <= heads
+    required = {a for t in guide.pages().values()
+                for a in re.findall(r"hardware/README\.md#([\w-]+)", t)}
+    assert required
+    assert required <= heads
 
 
 def test_the_weighing_program_gives_the_published_geometry():
@@ -274,22 +274,22 @@ def test_the_weighing_program_gives_the_published_geometry():
     program = re.search(r"```python\n(.*?)```", text, re.DOTALL)[1]
     with contextlib.redirect_stdout(out := io.StringIO()):
         exec(program, {})
-    told = {k: float(v) for k, v in (x.split(" = ") for x in out.getvalue().splitlines())}
-    assert told["l_r"] == pytest.approx(0.093009, abs=2e-6)
-    assert told["l_f"] == pytest.approx(0.080491, abs=2e-6)
-    assert told["mass"] == pytest.approx(1.580)
-    assert told["metres_per_edge"] == pytest.approx(0.0020646, abs=1e-7)
+    stated = {k: float(v) for k, v in (x.split(" = ") for x in out.getvalue().splitlines())}
+    assert stated["l_r"] == pytest.approx(0.093009, abs=2e-6)
+    assert stated["l_f"] == pytest.approx(0.080491, abs=2e-6)
+    assert stated["mass"] == pytest.approx(1.580)
+    assert stated["metres_per_edge"] == pytest.approx(0.0020646, abs=1e-7)
 
 
 def test_the_edges_of_one_turn_of_the_wheels_are_those_of_the_gears():
     """20 edges per turn of the main gear, which turns 39/11 times as often as the wheels."""
     text = guide.pages()["04_sensors.md"]
-    told = int(re.search(r"go up by \*\*(\d+)\*\* \(39/11 turns", text)[1])
+    stated = int(re.search(r"go up by \*\*(\d+)\*\* \(39/11 turns", text)[1])
     per_turn = int(re.search(r"main gear of (\d+) edges each", text)[1])
     teeth = re.search(r"^teeth = \{ value = (\d+)", (ROOT / "hardware" / "cad" / "parameters.toml")
                       .read_text(encoding="utf-8"), re.MULTILINE)
     assert per_turn == 2 * int(teeth[1])
-    assert told == round(per_turn * 39 / 11)
+    assert stated == round(per_turn * 39 / 11)
 
 
 def test_a_step_without_time_says_which(copy):

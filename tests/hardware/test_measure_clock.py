@@ -82,9 +82,9 @@ def test_no_wire_is_said(monkeypatch, capsys):
     monkeypatch.setattr(measure_clock, "PATIENCE", 3.0)
     monkeypatch.setattr(sys, "argv", ["measure_clock.py", "sim://?seed=7&nano=mock"])
     assert measure_clock.main() == 2
-    said = capsys.readouterr().err
-    assert "the Nano timed no pulse" in said
-    assert "check the capture wire" in said
+    message = capsys.readouterr().err
+    assert "the Nano timed no pulse" in message
+    assert "check the capture wire" in message
 
 
 def test_no_bus_is_said(monkeypatch, capsys):

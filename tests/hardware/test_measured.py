@@ -39,7 +39,7 @@ def test_values_are_entered_as_measured_and_nothing_else_changes(file):
     assert parameters.read(file).base_holes.adapter_x == (69.2, 86.1)
 
 
-@pytest.mark.parametrize(("text", "said"), [
+@pytest.mark.parametrize(("text", "message"), [
     ("gear.hub = 8,35", "gear.hub = \\[8.0, 35.0\\]: expected one number"),
     ("gear.hub = 12", "gear.hub"),
     ("rings.tip = 15.5", "rings.tip = 15.5 mm: outside its bounds 8 to 15 mm"),
@@ -48,9 +48,9 @@ def test_values_are_entered_as_measured_and_nothing_else_changes(file):
     ("gear.hub 8.3", "log, line 1: 'gear.hub 8.3'; expected for example gear.hub = 8.35"),
     ("gear.hub = 8.3\ngear.hub = 8.4", "line 2: gear.hub for the second time"),
 ])
-def test_what_cannot_be_entered_is_named_and_the_file_stays(file, text, said):
+def test_what_cannot_be_entered_is_named_and_the_file_stays(file, text, message):
     before = file.read_bytes()
-    with pytest.raises(ValueError, match=said):
+    with pytest.raises(ValueError, match=message):
         measured.enter(measured.parse(text, "log"), file)
     assert file.read_bytes() == before
 

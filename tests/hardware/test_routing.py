@@ -30,7 +30,7 @@ def test_every_cable_has_a_route_that_can_be_laid():
     assert routing.faults() == []
 
 
-@pytest.mark.parametrize(("file", "old", "new", "said"), [
+@pytest.mark.parametrize(("file", "old", "new", "message"), [
     ("cutoff_mux.yml", "half of the board, length: 0.22", "half of the board, length: 0.075",
      "W_IN needs 155 mm, the cable has 75"),
     ("minimal.yml", "plugs at both ends, length: 0.5, wirecount: 4, colors: [RD, WH, GN, BK]}\n"
@@ -50,10 +50,11 @@ def test_every_cable_has_a_route_that_can_be_laid():
     ("routing.yml", "    W_SPARE:", "    # W_SPARE:", "W_SPARE of cutoff_mux.yml has no route"),
 ])
 @pytest.mark.slow_except("routing.yml-servo*", "minimal*")
-def test_a_route_that_cannot_be_laid_is_named(copy, file, old, new, said):
+def test_a_route_that_cannot_be_laid_is_named(copy, file, old, new, message):
     folder = copy(file, old, new)
-    assert any(fault.startswith(said) for fault in routing.faults(folder)), routing.faults(folder)
-    with pytest.raises(harness.WiringError, match=re.escape(said)):
+    assert any(fault.startswith(message)
+               for fault in routing.faults(folder)), routing.faults(folder)
+    with pytest.raises(harness.WiringError, match=re.escape(message)):
         plan.drawing("minimal", folder)
 
 
@@ -65,22 +66,22 @@ def test_an_opening_that_moves_takes_its_cable_along_or_says_so():
     assert imu.passages[0][0][0] == 60.0
     assert any(fault.startswith("W_OUT passes the plate at x 50, y -39.5")
                for fault in routing.faults(p=moved))
-    assert plan.drawing("minimal") != plan.drawing("minimal", p=_shifted())
+    assert plan.drawing("minimal") != plan.drawing("minimal", p=_shift_imu())
 
 
-def _shifted():
+def _shift_imu():
     p = copies.deepcopy(P)
     p.base_holes.imu_x = 38.0
     return p
 
 
-@pytest.mark.parametrize(("old", "new", "said"), [
+@pytest.mark.parametrize(("old", "new", "message"), [
     ('W_NANO: ["@nano right",', 'W_NANO: ["@nano", ',
      "W_NANO: no place '@nano'; there are @infrared"),
     ("W_NANO: [", "W_NANOS: [", "has no cable W_NANOS; it has W_NANO"),
 ])
-def test_a_name_that_is_nowhere_says_what_exists(copy, old, new, said):
-    with pytest.raises(harness.WiringError, match=said):
+def test_a_name_that_is_nowhere_says_what_exists(copy, old, new, message):
+    with pytest.raises(harness.WiringError, match=message):
         routing.faults(copy("routing.yml", old, new))
 
 
@@ -106,7 +107,7 @@ def test_the_plan_shows_the_leads_that_are_solids_in_the_car():
     minimal = [r for r in routing.routes() if r.diagram == "minimal"]
     assert {r.cable for r in minimal} == set(DRAWN)
     assert strays(minimal) == []
-    assert strays(routing.routes(p=_shifted())) == ["W_IMU"], "the control"
+    assert strays(routing.routes(p=_shift_imu())) == ["W_IMU"], "the control"
 
 
 def test_the_picture_is_at_true_scale():

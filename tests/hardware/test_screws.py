@@ -22,7 +22,7 @@ WIDE = {("base_plate", "nano_imu_mount"): 1, ("camera_bracket", "upper_plate"): 
 """Holes that are not one per screw: a spare one, and one screw through two jaws."""
 
 
-def uncovered(rows: list[screws.Screw]) -> list[str]:
+def find_uncovered(rows: list[screws.Screw]) -> list[str]:
     """Screw holes of the CAD without a screw, or with too many."""
     have: dict[tuple[str, str], int] = {}
     for s in rows:
@@ -51,12 +51,12 @@ def test_a_short_screw_is_seen():
 
 
 def test_every_hole_has_its_screw():
-    assert uncovered(screws.load()) == []
+    assert find_uncovered(screws.load()) == []
 
 
 def test_a_forgotten_screw_is_seen():
     rows = [s for s in screws.load() if s.step != "S11"]
-    assert set(uncovered(rows)) == {"base_plate: lidar", "lidar_mount: lidar"}
+    assert set(find_uncovered(rows)) == {"base_plate: lidar", "lidar_mount: lidar"}
 
 
 def test_the_diameter_is_that_of_the_hole():

@@ -28,11 +28,11 @@ def packet(first: bool, begin: float, end: float, ranges: list[float]) -> bytes:
     return see_lidar.HEADER + struct.pack(f"<BBHHH{count}H", kind, count, fsa, lsa, check, *samples)
 
 
-def turn(ahead: float, share: float = 1.0) -> bytes:
+def turn(distance: float, share: float = 1.0) -> bytes:
     """One turn of 360 points, `share` of which see something."""
-    data = packet(True, 0, 0, [ahead])
+    data = packet(True, 0, 0, [distance])
     for k in range(9):
-        ranges = [ahead if share * 100 > (17 * n) % 100 else 0.0 for n in range(40)]
+        ranges = [distance if share * 100 > (17 * n) % 100 else 0.0 for n in range(40)]
         data += packet(False, 40 * k, 40 * k + 39, ranges)
     return data
 
@@ -57,13 +57,13 @@ def test_a_lidar_that_delivers():
                     "straight ahead 0.50 m")
 
 
-@pytest.mark.parametrize(("data", "said"), [
+@pytest.mark.parametrize(("data", "output"), [
     (b"", "nothing readable came"), (b"\x00\xff" * 400, "nothing readable came"),
     (turn(0.5) * 2, "1.0 turns"), (turn(0.5, share=0.1) * 14, "12 % saw something")])
-def test_a_lidar_that_does_not(data, said):
+def test_a_lidar_that_does_not(data, output):
     good, text = see_lidar.verdict(see_lidar.packets(data), 2.0)
     assert not good
-    assert said in text
+    assert output in text
 
 
 def test_a_port_that_is_not_there_says_what_to_type(monkeypatch, capsys):

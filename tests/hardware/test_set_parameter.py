@@ -49,9 +49,9 @@ def test_what_the_firmware_refuses_is_said_at_once(monkeypatch, capsys):
     except EmulatorMissing as error:
         pytest.skip(f"emulator: {error.what}")
     assert run(monkeypatch, "wdt_reset", "1", "avr://default") == 2
-    said = capsys.readouterr().err
-    assert "the Nano refuses wdt_reset = 1" in said
-    assert "it stays 0" in said
+    message = capsys.readouterr().err
+    assert "the Nano refuses wdt_reset = 1" in message
+    assert "it stays 0" in message
 
 
 @pytest.mark.emulator
@@ -70,16 +70,16 @@ def test_what_it_confirms_is_in_the_eeprom(monkeypatch):
     backend.close()
 
 
-@pytest.mark.parametrize(("args", "said"), [
+@pytest.mark.parametrize(("args", "message"), [
     (("safety_out", "3", MOCK), "0 to 2 (none, oe, mux)"),
     (("safety_out", "multiplexer", MOCK), "safety_out cannot be 'multiplexer'"),
     (("ring_c", "1", MOCK), "there is no parameter 'ring_c'"),
     (("ring_b",), "a name and a value are needed"),
 ])
-def test_nothing_is_sent_for_a_wrong_word(monkeypatch, capsys, args, said):
+def test_nothing_is_sent_for_a_wrong_word(monkeypatch, capsys, args, message):
     monkeypatch.setattr(set_parameter, "open_backend", lambda url: pytest.fail("opened"))
     assert run(monkeypatch, *args) == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err
 
 
 def test_a_silent_nano_is_said(monkeypatch, capsys):

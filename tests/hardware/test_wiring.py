@@ -65,7 +65,7 @@ def wrong_pins(folder: Path, text: str | None = None) -> list[str]:
     return wrong
 
 
-def unpowered(folder: Path, diagram: str) -> list[str]:
+def find_unpowered(folder: Path, diagram: str) -> list[str]:
     """Devices of a diagram without supply or ground."""
     used = {end for w in harness.wires(diagram, folder) for end in (w.start, w.end)}
     need = harness.parts(folder)["metadata"]["supply"]
@@ -84,7 +84,7 @@ def twice(folder: Path, *diagrams: str) -> list[str]:
     return sorted({p for p in pins if pins.count(p) > 1 and p not in branches})
 
 
-def undeclared(folder: Path, diagram: str) -> list[str]:
+def find_undeclared(folder: Path, diagram: str) -> list[str]:
     """Cut-off pins of a diagram that does not name the value of safety_out."""
     value = harness.load(diagram, folder)["metadata"]["safety_out"]
     return [p for w in harness.wires(diagram, folder)
@@ -108,7 +108,7 @@ def test_a_pin_moved_in_the_firmware_is_seen():
 
 @pytest.mark.parametrize("diagram", harness.DIAGRAMS)
 def test_every_device_has_supply_and_ground(diagram):
-    assert unpowered(WIRING, diagram) == []
+    assert find_unpowered(WIRING, diagram) == []
 
 
 def test_every_plug_is_powered_or_said_to_be_passive():
@@ -123,7 +123,7 @@ def test_a_missing_ground_is_seen(copy):
     folder = copy("minimal.yml", "[{NANO: [D7, GND by D2, D2]}, {W_IR: [1, 2, 3]}, "
                   "{IR: [VCC, GND, OUT]}]",
                   "[{NANO: [D7, D2]}, {W_IR: [1, 3]}, {IR: [VCC, OUT]}]")
-    assert unpowered(folder, "minimal") == ["IR GND"]
+    assert find_unpowered(folder, "minimal") == ["IR GND"]
 
 
 @pytest.mark.parametrize("cutoff", ["cutoff_oe", "cutoff_mux"])
@@ -144,12 +144,12 @@ def test_a_wire_that_branches_is_said_to(copy):
 @pytest.mark.parametrize("diagram", harness.DIAGRAMS)
 def test_cut_off_pins_only_with_their_parameter(diagram):
     assert harness.load(diagram)["metadata"]["safety_out"] in CUTOFFS
-    assert undeclared(WIRING, diagram) == []
+    assert find_undeclared(WIRING, diagram) == []
 
 
 def test_a_cut_off_without_its_parameter_is_seen(copy):
-    assert undeclared(copy("cutoff_mux.yml", "safety_out: mux", "safety_out: none"),
-                      "cutoff_mux") == ["D9", "D5"]
+    assert find_undeclared(copy("cutoff_mux.yml", "safety_out: mux", "safety_out: none"),
+                           "cutoff_mux") == ["D9", "D5"]
 
 
 def test_the_enum_of_the_firmware_has_the_same_values():
@@ -191,8 +191,8 @@ def test_a_table_without_its_end_is_named():
 
 
 def test_every_diagram_stands_as_a_table_in_the_guide():
-    told = re.findall(r"<!-- wires: (\w+) -->\n\|", build.GUIDE.read_text(encoding="utf-8"))
-    assert set(told) == set(harness.DIAGRAMS) - {"smallest"}, "that one has two wires, and a link"
+    stated = re.findall(r"<!-- wires: (\w+) -->\n\|", build.GUIDE.read_text(encoding="utf-8"))
+    assert set(stated) == set(harness.DIAGRAMS) - {"smallest"}, "that one has two wires, and a link"
 
 
 def test_each_step_of_the_guide_shows_its_wires():
@@ -241,22 +241,22 @@ def test_a_wire_too_few_is_said(copy):
         harness.wires("minimal", copy("minimal.yml", "{W_IR: [1, 2, 3]}", "{W_IR: [1, 2]}"))
 
 
-def said_in_the_guide(text: str) -> set[tuple[str, str]]:
+def pins_in_text(text: str) -> set[tuple[str, str]]:
     """(what, pin) of sentences: "VCC to D7", "red D4", "blue A4"."""
     return set(re.findall(r"\b(VCC|OUT) to ([DA]\d)\b", text)) | set(
         re.findall(r"\b(red|blue|yellow|white) ([DA]\d)\b", text))
 
 
 def test_the_sentences_of_the_guide_name_the_same_pins():
-    told: set[tuple[str, str]] = set()
+    stated: set[tuple[str, str]] = set()
     for page in sorted(build.GUIDE.parent.glob("*.md")):
-        told |= said_in_the_guide(page.read_text(encoding="utf-8"))
+        stated |= pins_in_text(page.read_text(encoding="utf-8"))
     true = {(w.end[1], w.start[1]) for w in harness.wires("minimal") if w.end[0] == "IR"}
     true |= {(harness.WORDS[w.colour], w.start[1]) for w in harness.wires("minimal")
              if w.end[0] == "IMU"}
-    assert told <= true
-    assert {("VCC", "D7"), ("OUT", "D2"), ("red", "D4"), ("blue", "A4"), ("yellow", "A5")} <= told
-    assert not said_in_the_guide("red D4, blue A5") <= true, "the control: a swapped pin"
+    assert stated <= true
+    assert {("VCC", "D7"), ("OUT", "D2"), ("red", "D4"), ("blue", "A4"), ("yellow", "A5")} <= stated
+    assert not pins_in_text("red D4, blue A5") <= true, "the control: a swapped pin"
 
 
 def test_the_table_of_the_hardware_page_names_the_same_pins():

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from mutant import ROOT, Mutant, changed
+from mutant import ROOT, Mutant, make_mutant
 
 SWAPS = {" < ": " <= ", " <= ": " < ", " > ": " >= ", " >= ": " > ", " == ": " != ",
          " != ": " == ", " && ": " || ", " || ": " && ", " + ": " - ", " - ": " + ",
@@ -33,7 +33,7 @@ def cpp_mutants(file: str) -> Iterator[Mutant]:
     source = (ROOT / file).read_text(encoding="utf-8")
     code = OUTSIDE.sub(lambda m: re.sub(r"[^\n]", "\1", m[0]), source)
     for name, start, end, new in _edits(code):
-        if made := changed(file, name, source, source[:start] + new + source[end:]):
+        if made := make_mutant(file, name, source, source[:start] + new + source[end:]):
             yield made
 
 

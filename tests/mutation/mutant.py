@@ -27,7 +27,7 @@ class Mutant:
         return f"{self.file}:{self.line}"
 
 
-def changed(file: str, operator: str, old: str, new: str) -> Mutant | None:
+def make_mutant(file: str, operator: str, old: str, new: str) -> Mutant | None:
     """The mutant that turns the text ``old`` of a file into ``new``; None if nothing differs."""
     olds = old.splitlines()
     news = new.splitlines()
@@ -44,10 +44,10 @@ def chosen(mutants: Iterable[Mutant], count: int) -> list[Mutant]:
     edit elsewhere in the file leaves the choice as it is.
     """
     files: dict[str, list[Mutant]] = {}
-    seen: set[tuple[str, int]] = set()
+    covered: set[tuple[str, int]] = set()
     for mutant in sorted(mutants, key=_order):
-        if (mutant.file, mutant.line) not in seen:
-            seen.add((mutant.file, mutant.line))
+        if (mutant.file, mutant.line) not in covered:
+            covered.add((mutant.file, mutant.line))
             files.setdefault(mutant.file, []).append(mutant)
     rounds = zip_longest(*(files[name] for name in sorted(files)))
     return [mutant for row in rounds for mutant in row if mutant is not None][:count]

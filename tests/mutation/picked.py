@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mutant import ROOT, Mutant, changed
+from mutant import ROOT, Mutant, make_mutant
 
 SRC = "firmware/src/"
 ACT = "host/dart_hal/devices/actuation/"
@@ -27,7 +27,7 @@ class Pick:
         if source.count(self.old) != 1:
             raise ValueError(f"{self.file} has {self.old!r} {source.count(self.old)} times, "
                              f"the pick {self.name!r} wants it once")
-        made = changed(self.file, self.name, source, source.replace(self.old, self.new))
+        made = make_mutant(self.file, self.name, source, source.replace(self.old, self.new))
         if made is None:
             raise ValueError(f"the pick {self.name!r} changes nothing")
         return made

@@ -6,7 +6,7 @@ import ast
 import re
 from collections.abc import Iterator
 
-from mutant import ROOT, Mutant, changed
+from mutant import ROOT, Mutant, make_mutant
 
 BINARY = ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "FloorDiv_Mul", "Mod_Add", "BitOr_BitAnd",
           "BitAnd_BitOr", "BitXor_BitOr", "LShift_RShift", "RShift_LShift")
@@ -33,7 +33,7 @@ def python_mutants(file: str) -> Iterator[Mutant]:
         occurrence = 0
         while (text := mutate_code(source, get_operator(name)(), occurrence)) is not None:
             occurrence += 1
-            made = changed(file, _short(name), source, text)
+            made = make_mutant(file, _short(name), source, text)
             if made and not made.before.startswith("@") and _meaning(text) not in (same, None):
                 yield made
     yield from _without_calls(file, source)
@@ -49,7 +49,7 @@ def _without_calls(file: str, source: str) -> Iterator[Mutant]:
             last = node.end_lineno
             indent = lines[first][:node.col_offset]
             text = "".join([*lines[:first], indent + "pass\n", *lines[last:]])
-            if made := changed(file, "CallLeftOut", source, text):
+            if made := make_mutant(file, "CallLeftOut", source, text):
                 yield made
 
 
@@ -60,7 +60,7 @@ def _without_cells(file: str, source: str) -> Iterator[Mutant]:
             at = row.start() + cell.start()
             closed = ".".ljust(len(cell[0]))
             text = source[:at] + closed + source[at + len(cell[0]):]
-            if made := changed(file, "CellClosed", source, text):
+            if made := make_mutant(file, "CellClosed", source, text):
                 yield made
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterator
 
-from mutant import ROOT, Mutant, changed
+from mutant import ROOT, Mutant, make_mutant
 
 SWAPS = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
@@ -43,7 +43,7 @@ def term_mutants(file: str) -> Iterator[Mutant]:
 
     for node in _nodes_of_equations(ast.parse(source)):
         for name, begin, end, new in _edits(node, source, place):
-            if made := changed(file, name, source, source[:begin] + new + source[end:]):
+            if made := make_mutant(file, name, source, source[:begin] + new + source[end:]):
                 yield made
 
 

@@ -13,7 +13,7 @@ sys.path.append(str(Path(__file__).parent))
 from copy_of_tree import ANY, FAILURE, QUICK, SLOWER, Copy, Verdict
 from cpp_mutants import cpp_mutants
 from equivalent import EQUIVALENTS, equivalence
-from mutant import Mutant, changed, chosen
+from mutant import Mutant, chosen, make_mutant
 from mutation_run import GOAL, report
 from picked import PICKS
 from subjects import SUBJECTS
@@ -63,10 +63,10 @@ def test_the_choice_is_fixed_and_takes_a_line_once():
 
 
 def test_a_line_added_elsewhere_leaves_the_choice():
-    old = [changed("a", "op", f"x\n{k}\n", f"x\n{k} changed\n") for k in range(20)]
-    new = [changed("a", "op", f"x\ny\n{k}\n", f"x\ny\n{k} changed\n") for k in range(20)]
-    apart = {m.line for m in (*old, *new)}
-    assert apart == {2, 3}
+    old = [make_mutant("a", "op", f"x\n{k}\n", f"x\n{k} changed\n") for k in range(20)]
+    new = [make_mutant("a", "op", f"x\ny\n{k}\n", f"x\ny\n{k} changed\n") for k in range(20)]
+    lines = {m.line for m in (*old, *new)}
+    assert lines == {2, 3}
     assert chosen(old, 1)[0].after == chosen(new, 1)[0].after
 
 
@@ -111,7 +111,7 @@ class ScriptedCopy(Copy):
 NOTICED = "tests/wire/test_crc.py::test_x"
 
 
-@pytest.mark.parametrize(("failures", "by"), [
+@pytest.mark.parametrize(("failures", "killers"), [
     ({(QUICK, True): [NOTICED]}, NOTICED),
     ({}, ""),
     ({(QUICK, True): [NOTICED], (ANY, False): [NOTICED]}, ""),
@@ -120,11 +120,12 @@ NOTICED = "tests/wire/test_crc.py::test_x"
     ({(QUICK, True): ["time limit"]}, "time limit"),
     ({(QUICK, True): ["exit status -11"]}, "exit status -11"),
 ], ids=["killed", "survived", "fails anyway", "slower, twice", "slower, once", "hangs", "crashes"])
-def test_a_kill_does_not_fail_without_the_mutant_and_a_slower_one_repeats(failures, by, capsys):
+def test_a_kill_does_not_fail_without_the_mutant_and_a_slower_one_repeats(failures, killers,
+                                                                          capsys):
     copy = ScriptedCopy(failures)
     verdict = copy.judge(SUBJECTS[0], Mutant("f.py", 1, "op", "a", "b", "b\n"))
-    assert verdict.by == by
-    assert copy._excluded == ([] if by or not failures else [NOTICED])
+    assert verdict.by == killers
+    assert copy._excluded == ([] if killers or not failures else [NOTICED])
     assert ("excluded" in capsys.readouterr().out) == bool(copy._excluded)
 
 
@@ -147,7 +148,7 @@ def test_below_the_goal_it_fails_and_what_does_not_compile_is_not_counted(killed
     assert GOAL == 0.90
     mutant = Mutant("f.cpp", 1, "op", "a", "b", "b\n")
     fates = ["test_x"] * killed + [""] * (10 - killed) + ["compiler"] * broken
-    assert report([Verdict(mutant, "guard", by, 1.0) for by in fates], 60.0) == status
-    said = capsys.readouterr().out
-    assert f"10 mutants, {killed} killed" in said
-    assert said.count("SURVIVED") == 10 - killed
+    assert report([Verdict(mutant, "guard", killers, 1.0) for killers in fates], 60.0) == status
+    output = capsys.readouterr().out
+    assert f"10 mutants, {killed} killed" in output
+    assert output.count("SURVIVED") == 10 - killed

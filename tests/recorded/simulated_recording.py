@@ -43,8 +43,9 @@ def random_commands(rng: np.random.Generator, seconds: float,
     return VirtualCommands(throttle, steps)
 
 
-def simulated(seed: int, base: Vehicle = PAPER, seconds: float = 60.0, steering: float = 0.9,
-              frame: Reference | None = None) -> tuple[Recording, Reference]:
+def simulate_recording(seed: int, base: Vehicle = PAPER, seconds: float = 60.0,
+                       steering: float = 0.9,
+                       frame: Reference | None = None) -> tuple[Recording, Reference]:
     """(recording with the noise of a motion capture, its marker frame)."""
     rng = np.random.default_rng(seed)
     frame = frame or random_frame(rng)

@@ -12,7 +12,7 @@ from dart_hal.recording.dart import grid, read, read_all
 from dart_hal.recording.dart.reference import SEP_24
 
 
-def refused(path, *words: str) -> RecordingError:
+def read_refused(path, *words: str) -> RecordingError:
     with pytest.raises(RecordingError) as caught:
         read(path)
     text = str(caught.value)
@@ -28,14 +28,14 @@ def refused(path, *words: str) -> RecordingError:
 def test_missing_column_of_a(write, table_a, name):
     table = table_a()
     del table[name]
-    refused(write(table), repr(name), "schema A")
+    read_refused(write(table), repr(name), "schema A")
 
 
 @pytest.mark.parametrize("name", ["vicon yaw", "vicon time", "vel encoder"])
 def test_missing_column_of_b_is_not_read_as_another_schema(write, table_b, name):
     table = table_b()
     del table[name]
-    refused(write(table), repr(name), "schema B")
+    read_refused(write(table), repr(name), "schema B")
 
 
 def test_other_column_order_gives_the_same_recording(write, table_b):
@@ -59,8 +59,8 @@ def test_columns_that_are_never_used_may_be_absent_or_extra(write, table_a):
 def test_words_in_a_column_that_is_never_used_cost_nothing(write, table_b):
     path = write(table_b())
     head, *rows = path.read_text().splitlines()
-    told = [f"lap {i % 3},{row}" for i, row in enumerate(rows)]
-    path.write_text("\n".join([f"remark,{head}", *told]))
+    lines = [f"lap {i % 3},{row}" for i, row in enumerate(rows)]
+    path.write_text("\n".join([f"remark,{head}", *lines]))
     plain = read(write(table_b(), "plain.csv"))
     marked = read(path)
     assert np.array_equal(marked.messages.speed, plain.messages.speed)
@@ -80,7 +80,7 @@ def test_a_few_nan_cells_cost_their_rows(write, table_a):
 def test_many_nan_cells_are_refused(write, table_a):
     table = table_a()
     table["vel encoder"][::2] = np.nan
-    refused(write(table), "vel encoder", "5%")
+    read_refused(write(table), "vel encoder", "5%")
 
 
 def test_nan_in_an_unused_column_costs_nothing(write, table_a):
@@ -110,7 +110,7 @@ def test_text_in_a_cell_names_line_and_column(write, table_a):
     cells[6] = "fast"
     lines[5] = ",".join(cells)
     path.write_text("\n".join(lines))
-    refused(path, "line 6", "vel encoder", "fast")
+    read_refused(path, "line 6", "vel encoder", "fast")
 
 
 def test_cut_off_last_line_is_dropped_and_said(write, table_a):
@@ -126,7 +126,7 @@ def test_short_line_in_the_middle_is_refused(write, table_a):
     lines = path.read_text().splitlines()
     lines[5] = "1.0,2.0"
     path.write_text("\n".join(lines))
-    refused(path, "line 6", "2 cells")
+    read_refused(path, "line 6", "2 cells")
 
 
 @pytest.mark.parametrize(("content", "words"), [
@@ -142,40 +142,40 @@ def test_short_line_in_the_middle_is_refused(write, table_a):
 def test_other_files_are_refused(tmp_path, content, words):
     path = tmp_path / "odd.csv"
     path.write_bytes(content)
-    refused(path, *words)
+    read_refused(path, *words)
 
 
 def test_header_without_rows_is_refused(write, table_a):
     path = write({k: v[:0] for k, v in table_a().items()})
-    refused(path, "no rows")
+    read_refused(path, "no rows")
 
 
 def test_no_sensor_message_at_all_is_refused(write, table_b):
     table = table_b()
     table["elapsed time sensors"][:] = 0.0
-    refused(write(table), "no sensor message")
+    read_refused(write(table), "no sensor message")
 
 
 def test_commands_in_per_cent_are_refused(write, table_a):
     table = table_a()
     table["throttle"][:] = 25.0
-    refused(write(table), "throttle", "25")
+    read_refused(write(table), "throttle", "25")
 
 
 def test_gate_that_is_no_gate_is_refused(write, table_a):
     table = table_a()
     table["safety_value"][3] = 0.5
-    refused(write(table), "safety_value")
+    read_refused(write(table), "safety_value")
 
 
 def test_column_twice_is_refused(write, table_a):
     path = write(table_a())
     edit(path, lambda text: text.replace("voltage", "throttle"))
-    refused(path, "twice")
+    read_refused(path, "twice")
 
 
 def test_missing_file_is_refused(tmp_path):
-    refused(tmp_path / "absent.csv", "no such file")
+    read_refused(tmp_path / "absent.csv", "no such file")
 
 
 def test_folder_skips_what_it_cannot_use_and_says_so(write, table_a, tmp_path):

@@ -11,7 +11,7 @@ from dart_hal.recording.dart import read, read_all
 DEGREES = 180.0 / np.pi
 
 
-def refused(path, *words: str) -> None:
+def expect_refusal(path, *words: str) -> None:
     with pytest.raises(RecordingError) as caught:
         read(path)
     for word in (path.name, *words):
@@ -30,7 +30,7 @@ def refused(path, *words: str) -> None:
 def test_one_impossible_cell_is_enough(write, table_b, column, value, unit):
     table = table_b()
     table[column][300] = value
-    refused(write(table), repr(column), f"{abs(value):.4g}", unit)
+    expect_refusal(write(table), repr(column), f"{abs(value):.4g}", unit)
 
 
 @pytest.mark.parametrize(("column", "value", "words"), [
@@ -40,7 +40,7 @@ def test_one_impossible_cell_is_enough(write, table_b, column, value, unit):
 def test_one_impossible_step_is_enough(write, table_b, column, value, words):
     table = table_b()
     table[column][300] = value
-    refused(write(table), repr(column), words)
+    expect_refusal(write(table), repr(column), words)
 
 
 @pytest.mark.parametrize(("column", "value"), [
@@ -55,7 +55,7 @@ def test_one_odd_but_possible_cell_is_read(write, table_b, column, value):
 def test_every_thirteenth_speed_is_damaged(write, table_a):
     table = table_a()
     table["vel encoder"][::13] = 1e300
-    refused(write(table), "'vel encoder'", "1e+300", "5 of 60 row(s)", "at most 15 m/s")
+    expect_refusal(write(table), "'vel encoder'", "1e+300", "5 of 60 row(s)", "at most 15 m/s")
 
 
 @pytest.mark.parametrize(("column", "factor", "unit"), [
@@ -65,14 +65,14 @@ def test_every_thirteenth_speed_is_damaged(write, table_a):
 def test_another_unit_in_schema_a(write, table_a, column, factor, unit):
     table = table_a()
     table[column] *= factor
-    refused(write(table), repr(column), f"{unit}")
+    expect_refusal(write(table), repr(column), f"{unit}")
 
 
 def test_yaw_rate_in_degrees_below_the_limit_is_found_against_the_wheels(write, table_a):
     table = table_a()
     table["W (IMU)"] *= DEGREES
     assert table["W (IMU)"].max() < 35.0
-    refused(write(table), "'W (IMU)'", "deg/s?", "28.6479", "0.06 m")
+    expect_refusal(write(table), "'W (IMU)'", "deg/s?", "28.6479", "0.06 m")
 
 
 def test_spinning_on_the_spot_for_a_while_is_no_unit(write, table_a):
@@ -98,7 +98,7 @@ def test_another_unit_in_the_mocap(write, table_b, columns, factor, unit):
     table["vicon y"] *= 0.4
     for column in columns:
         table[column] *= factor
-    refused(write(table), repr(columns[0]), unit)
+    expect_refusal(write(table), repr(columns[0]), unit)
 
 
 def test_in_a_folder_it_is_skipped_and_listed(write, table_a, tmp_path):

@@ -10,7 +10,7 @@ from dart_hal.recording.dart.mocap import outliers, unwrap
 from dart_hal.recording.dart.reference import SEP_24, fit_reference
 
 
-def said(recording, words: str) -> bool:
+def has_note(recording, words: str) -> bool:
     return any(words in str(note) for note in recording.notes)
 
 
@@ -30,7 +30,7 @@ def test_rows_before_the_first_message_are_dropped_first(write, table_b):
     for name in list(table)[:10]:
         table[name][:11] = 0.0
     recording = read(write(table))
-    assert said(recording, "before the first sensor message: 11")
+    assert has_note(recording, "before the first sensor message: 11")
     assert recording.messages.t[0] > 0.0
     assert len(recording.mocap) == 589
     assert recording.mocap.epoch == pytest.approx(table["vicon time"][11])
@@ -64,22 +64,22 @@ def test_false_lock_is_seen_against_the_encoder(write, table_b):
     for name in ("vicon x", "vicon y"):
         table[name][200:400] = -4.97 + 1e-4 * rng.normal(size=200)
     recording = read(write(table))
-    assert said(recording, "false lock")
+    assert has_note(recording, "false lock")
     bad = grid(recording, SEP_24).bad
     assert bad[185:415].all()
     assert not bad[:160].any()
-    standing = table_b()
+    locked = table_b()
     for name in ("vicon x", "vicon y", "vicon yaw"):
-        standing[name][:] = 1.0
-    standing["vel encoder"][:] = 0.0
-    assert not said(read(write(standing, "standing.csv")), "false lock")
+        locked[name][:] = 1.0
+    locked["vel encoder"][:] = 0.0
+    assert not has_note(read(write(locked, "standing.csv")), "false lock")
 
 
 def test_outlier_is_marked_and_does_not_turn_the_yaw(write, table_b):
     table = table_b(speed=1.0)
     table["vicon yaw"][300:302] += 3.5  # beyond pi: a plain unwrap keeps a turn of 2 pi
     recording = read(write(table))
-    assert said(recording, "outliers of 1 to 3 rows, marked: 2")
+    assert has_note(recording, "outliers of 1 to 3 rows, marked: 2")
     assert list(np.flatnonzero(recording.mocap.outlier)) == [300, 301]
     good = ~recording.mocap.outlier
     assert recording.mocap.yaw[good] == pytest.approx(0.01 * np.arange(600)[good], abs=1e-9)
@@ -98,7 +98,7 @@ def test_real_motion_over_a_gap_is_no_outlier():
 def test_inside_a_mocap_gap_nothing_is_used(write, table_b):
     table = {k: np.delete(v, range(300, 308)) for k, v in table_b().items()}
     recording = read(write(table))
-    assert said(recording, "mocap gap(s)")
+    assert has_note(recording, "mocap gap(s)")
     bad = grid(recording, SEP_24).bad
     assert bad[281:326].all()
     assert not bad[:270].any()
@@ -130,7 +130,7 @@ def test_mocap_time_running_backwards_marks_a_gap(write, table_b):
     table = table_b()
     table["vicon time"][300:] -= 100.0
     recording = read(write(table))
-    assert said(recording, "mocap time steps back")
+    assert has_note(recording, "mocap time steps back")
     assert np.all(np.diff(recording.mocap.t) > 0.0)
     assert len(recording.mocap) == 600
     assert grid(recording, SEP_24).bad[310:390].all()
@@ -174,7 +174,7 @@ def test_negative_zero_is_zero(write, table_a):
 
 def test_never_measured_columns_are_dropped_and_said(write, table_a):
     recording = read(write(table_a()))
-    assert said(recording, "current and voltage are zero")
+    assert has_note(recording, "current and voltage are zero")
     assert not hasattr(recording.messages, "voltage")
 
 
@@ -213,7 +213,7 @@ def test_one_constant_circle_does_not_fix_the_reference_point(write, table_b):
 def test_a_single_lost_message_is_said_and_does_not_cut(write, table_a):
     table = {k: np.delete(v, 30) for k, v in table_a().items()}
     recording = read(write(table))
-    assert said(recording, "messages lost")
+    assert has_note(recording, "messages lost")
     assert np.all(recording.messages.segment == 0)
     assert np.diff(recording.messages.t)[29] == pytest.approx(0.2)
 
@@ -239,9 +239,9 @@ def test_derived_columns_of_schema_c_are_not_believed(write, table_b):
     derived = {**plain, "w": noise, "vx body": noise, "unwrapped yaw": noise}
     with_them = read(write(derived, "derived.csv"))
     assert with_them.schema == "C"
-    assert said(with_them, "derived columns")
+    assert has_note(with_them, "derived columns")
     without = read(write(plain, "plain.csv"))
-    assert not said(without, "derived columns")
+    assert not has_note(without, "derived columns")
     frame = Reference(0.1, 0.0, 0.0, "of this test")
     a = grid(with_them, frame)
     b = grid(without, frame)

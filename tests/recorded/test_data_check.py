@@ -29,9 +29,9 @@ def cli(capsys, monkeypatch, tmp_path):
         for more in (("--json",), ()):
             with pytest.raises(SystemExit) as left:
                 main(["data", "check", *(str(a) for a in args), *more])
-            said = capsys.readouterr()
-            assert "Traceback" not in said.out + said.err
-            outputs.append((int(left.value.code or 0), said))
+            captured = capsys.readouterr()
+            assert "Traceback" not in captured.out + captured.err
+            outputs.append((int(left.value.code or 0), captured))
         (code, first), (again, second) = outputs
         assert code == again
         assert (second.out == "") == (code == 2), "an answer or a refusal"
@@ -43,7 +43,7 @@ def kinds(c) -> dict[str, int]:
     return {f.kind: f.rows for f in c.findings}
 
 
-def of(excerpt, part: str):
+def check_part(excerpt, part: str):
     return check(read(next(excerpt.rglob(f"*{part}*.csv.gz"))))
 
 
@@ -61,7 +61,7 @@ def of(excerpt, part: str):
 ])
 @pytest.mark.slow_except("1[24]*", "2025*", "drifting-*", "15*")
 def test_a_real_file_of_each_kind(excerpt, part, good, found):
-    c = of(excerpt, part)
+    c = check_part(excerpt, part)
     assert good <= set(c.good_for)
     assert found <= set(kinds(c))
     if not good:
@@ -69,7 +69,7 @@ def test_a_real_file_of_each_kind(excerpt, part, good, found):
 
 
 def test_rows_of_the_tyre_recording_add_up(excerpt):
-    c = of(excerpt, "17_28_09")
+    c = check_part(excerpt, "17_28_09")
     dropped = [f for f in c.findings if f.effect == "dropped"]
     assert {f.kind for f in dropped} == {"not_started", "held_copies"}
     assert c.facts.rows - sum(f.rows for f in dropped) == c.facts.messages
@@ -78,7 +78,7 @@ def test_rows_of_the_tyre_recording_add_up(excerpt):
 
 @pytest.mark.slow
 def test_false_lock_of_the_race_track_is_29_per_cent(excerpt):
-    c = of(excerpt, "racetrack")
+    c = check_part(excerpt, "racetrack")
     assert c.facts.mocap.false_lock == pytest.approx(0.29, abs=0.005)
     assert c.facts.mocap.windows == 171
     assert c.motion.fitted.lx == pytest.approx(0.0862, abs=0.006)
@@ -123,12 +123,12 @@ def test_tilt_only_at_rest(write, table_a):
 
 
 def test_slip_is_told_from_grip(write, table_b):
-    def made(factor, name):
+    def check_scaled(factor, name):
         table = table_b(speed=0.6)
         table["vel encoder"][:] = factor * 0.6
         return check(read(write(table, name)))
-    assert "slip" not in kinds(made(1.0, "grip.csv"))
-    spun = made(3.0, "spin.csv")
+    assert "slip" not in kinds(check_scaled(1.0, "grip.csv"))
+    spun = check_scaled(3.0, "spin.csv")
     assert next(f for f in spun.findings if f.kind == "slip").serious
     assert not {"friction", "motor", "steering"} & set(spun.good_for)
 
@@ -157,11 +157,11 @@ def test_mixed_schemas_and_what_was_skipped(cli, write, table_a, table_b, tmp_pa
     write(straight, "a.csv")
     write(table_b(), "b.csv")
     (tmp_path / "odd.csv").write_text("hello\n1\n")
-    code, out, said = cli(tmp_path)
+    code, out, errors = cli(tmp_path)
     assert code == 0
     assert out["summary"]["schemas"] == {"A": 1, "B": 1}
     assert [s["path"] for s in out["skipped"]] == [str(tmp_path / "odd.csv")]
-    assert "not a DART recording" in said
+    assert "not a DART recording" in errors
 
 
 def test_json_has_one_shape_for_every_schema(cli, excerpt):
@@ -180,30 +180,30 @@ def test_json_has_one_shape_for_every_schema(cli, excerpt):
 def test_time_backwards_is_cut_and_said(cli, write, table_a):
     table = table_a()
     table["elapsed time sensors"][30:] -= 50.0
-    _, out, said = cli(write(table))
+    _, out, errors = cli(write(table))
     assert "time_back" in [f["kind"] for f in out["files"][0]["findings"]]
-    assert "! sensor time steps back 1 time(s): cut there, not sorted" in said
+    assert "! sensor time steps back 1 time(s): cut there, not sorted" in errors
 
 
 def test_dead_encoder_is_said_and_not_a_speed_of_zero(cli, write, table_b):
     table = table_b(speed=0.6)
     table["vel encoder"][:] = 0.0
-    _, out, said = cli(write(table))
+    _, out, errors = cli(write(table))
     assert out["files"][0]["encoder"]["state"] == "dead"
     assert out["files"][0]["speed_mps"] is None
-    assert "encoder dead" in said
+    assert "encoder dead" in errors
 
 
 def test_nothing_good_is_exit_1_with_the_reason(cli, write, table_a):
-    standing = table_a()
-    standing["vel encoder"][:] = 0.0
-    code, out, said = cli(write(standing))
+    never_moving = table_a()
+    never_moving["vel encoder"][:] = 0.0
+    code, out, errors = cli(write(never_moving))
     assert code == 1
     assert out["files"][0]["good_for"] == []
-    assert "the car never moves" in said
-    code, out, said = cli(write({k: v[:10] for k, v in table_a().items()}, "ten.csv"))
+    assert "the car never moves" in errors
+    code, out, errors = cli(write({k: v[:10] for k, v in table_a().items()}, "ten.csv"))
     assert code == 1
-    assert "too short" in said
+    assert "too short" in errors
 
 
 @pytest.mark.parametrize("name", ["odd.csv", "empty", "absent.csv"])
@@ -211,11 +211,11 @@ def test_unusable_by_itself_is_exit_2(cli, write, table_a, tmp_path, name):
     (tmp_path / "odd.csv").write_text("<html>not found</html>\n")
     (tmp_path / "empty").mkdir()
     good = write(table_a(), "good.csv")
-    code, out, said = cli(good, tmp_path / name)
+    code, out, errors = cli(good, tmp_path / name)
     assert code == 2
     assert name in out["error"]["what"]
     assert out["error"]["try"]
-    assert name in said
+    assert name in errors
 
 
 def test_no_files_and_no_data_folder_says_fetch(cli):
@@ -260,8 +260,8 @@ def test_bad_samples_are_drawn_in_another_colour(excerpt, tmp_path):
     pytest.importorskip("matplotlib")
     from dart_lab.report.recordings import BAD, plot_check
 
-    assert BAD in plot_check(of(excerpt, "racetrack"), tmp_path / "b.svg").read_text()
-    assert BAD not in plot_check(of(excerpt, "drifting"), tmp_path / "d.svg").read_text()
+    assert BAD in plot_check(check_part(excerpt, "racetrack"), tmp_path / "b.svg").read_text()
+    assert BAD not in plot_check(check_part(excerpt, "drifting"), tmp_path / "d.svg").read_text()
 
 
 @pytest.mark.slow
@@ -272,7 +272,8 @@ def test_finite_numbers_only_in_what_is_printed(excerpt):
         if isinstance(value, list):
             return all(map(walk, value))
         return not isinstance(value, float) or np.isfinite(value)
-    assert all(walk(of(excerpt, p).to_json()) for p in ("racetrack", "2025-04-24", "12_06_55"))
+    assert all(walk(check_part(excerpt, p).to_json()) for p in ("racetrack", "2025-04-24",
+                                                                "12_06_55"))
 
 
 # ---- for people
@@ -290,12 +291,12 @@ def test_names_break_between_words(name, width, lines):
 
 @pytest.mark.slow
 def test_what_was_done_is_said_in_sentences(cli, excerpt):
-    said = cli(*(next(excerpt.rglob(f"*{p}*")) for p in (
+    errors = cli(*(next(excerpt.rglob(f"*{p}*")) for p in (
         "15_28_11", "racetrack", "2025-04-24", "17_28_09")))[2]
-    assert "throttle logged behind a closed safety gate is 0 (" in said
-    assert "10 marks" in said
+    assert "throttle logged behind a closed safety gate is 0 (" in errors
+    assert "10 marks" in errors
     for word in ("negative_zero", "held_copies", "changed:", "dropped:", "N = "):
-        assert word not in said
+        assert word not in errors
 
 
 @pytest.mark.slow

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.slow  # they share one diagnosis of 15 CPU s
 
 JUDGED = ("vx", "yaw_rate", "position")
 WORSE = 0.1
-SURELY_WORSE = 0.05
+SIGNIFICANTLY_WORSE = 0.05
 """Shares by which an error on other days may grow before it is held against the causes: at all,
 and where its interval lies below 0. A fit that only goes on from where it ended moves flat
 directions of the base by as much as 4 % of an error, without any cause."""
@@ -40,24 +40,25 @@ LONG = (pytest.mark.long, pytest.mark.recordings)
 
 
 @dataclass(frozen=True)
-class Asked:
+class DiagnosisCase:
     """A diagnosis with the recordings it was judged by."""
 
-    said: Diagnosis
+    diagnosis: Diagnosis
     test: tuple
 
 
-def named(folder, parts):
+def read_named(folder, parts):
     files = [sorted(p for p in folder.rglob("*.csv*") if part in str(p)) for part in parts]
     assert all(len(found) == 1 for found in files), files
     return tuple(read(found) for found, in files)
 
 
 @lru_cache(maxsize=16)
-def asked(folder, train, test, only=(), seed=0, jobs=1):
+def diagnose_named(folder, train, test, only=(), seed=0, jobs=1):
     model, vehicle = find_model("paper")
-    recordings = named(folder, test)
-    return Asked(diagnose(model, vehicle, named(folder, train), recordings, only=only, seed=seed,
+    recordings = read_named(folder, test)
+    return DiagnosisCase(diagnose(model, vehicle, read_named(folder, train), recordings, only=only,
+                          seed=seed,
                           jobs=jobs), recordings)
 
 
@@ -68,7 +69,7 @@ def case(request, excerpt):
         where = (excerpt, ("steer015_ramp", "2024_10_00_45"), TEST[:1], FEW)
     else:
         where = (request.getfixturevalue("recordings"), TRAIN, TEST, ())
-    return where, asked(*where)
+    return where, diagnose_named(*where)
 
 
 def worse(answer):
@@ -76,15 +77,15 @@ def worse(answer):
     _, vehicle = find_model("paper")
     l_r = vehicle.body.l_r
     side = make_recording_set(make_evidence(answer.test, l_r)[0], answer.test, l_r, None)
-    before = next(s for s in answer.said.stages if s.label == "refitted")
-    gains = rollout_gains(before.vehicle, answer.said.stages[-1].vehicle, side, side, 0)
+    before = next(s for s in answer.diagnosis.stages if s.label == "refitted")
+    gains = rollout_gains(before.vehicle, answer.diagnosis.stages[-1].vehicle, side, side, 0)
     return {c: gains[c] for c in JUDGED
-            if gains[c].test < -(SURELY_WORSE if gains[c].high < 0.0 else WORSE)}
+            if gains[c].test < -(SIGNIFICANTLY_WORSE if gains[c].high < 0.0 else WORSE)}
 
 
-def families(said):
+def families(diagnosis):
     """The causes, each with what it cannot be told from."""
-    return [{c.effect, *c.cannot_be_told_from} for c in said.causes]
+    return [{c.effect, *c.cannot_be_told_from} for c in diagnosis.causes]
 
 
 def differences(a, b):
@@ -113,75 +114,77 @@ def test_no_error_on_other_days_grows(case):
     assert worse(case[1]) == {}
 
 
-def settled(recordings, passes, monkeypatch):
+def fit_base(recordings, passes, monkeypatch):
     """The base, fitted to recordings with noise that has been measured so often."""
     monkeypatch.setattr("dart_lab.diagnosis.search.forward.BASE_NOISE_PASSES", passes)
     _, vehicle = find_model("paper")
     free = free_names(vehicle, tuple(FREE))
-    seen = make_evidence(recordings, vehicle.body.l_r)[0]
+    evidence = make_evidence(recordings, vehicle.body.l_r)[0]
     settings = Settings(free=free, max_causes=0, names=("gyro_bias",))
-    return ForwardSearch(seen, vehicle, settings).run().base
+    return ForwardSearch(evidence, vehicle, settings).run().base
 
 
 @DRIFTS
 def test_measuring_the_noise_again_moves_nothing(excerpt, monkeypatch):
     """Else a cause that does not touch the motion changes what the model predicts of it."""
-    train = named(excerpt, ("steer015_ramp", "2024_10_00_45"))
-    few, many = (settled(train, passes, monkeypatch) for passes in (2, 4))
+    train = read_named(excerpt, ("steer015_ramp", "2024_10_00_45"))
+    few, many = (fit_base(train, passes, monkeypatch) for passes in (2, 4))
     block = label_point_rows(make_evidence(train, few.vehicle.body.l_r)[0], many).recording
     std = np.sqrt(np.diag(covariance(many, block)))
     assert (np.abs(many.x - few.x) / std)[:-TIMING_COORDINATES].max() < 0.5
 
 
 def test_every_cause_has_an_interval_around_its_gain_and_evidence(case):
-    said = case[1].said
-    assert said.verdict in VERDICTS
-    assert (said.verdict in ("explained", "partly_explained")) == bool(said.causes)
-    for cause in said.causes:
+    diagnosis = case[1].diagnosis
+    assert diagnosis.verdict in VERDICTS
+    assert (diagnosis.verdict in ("explained", "partly_explained")) == bool(diagnosis.causes)
+    for cause in diagnosis.causes:
         assert cause.gain.low <= cause.gain.test <= cause.gain.high
         assert cause.gain.high - cause.gain.low > 0.0
-        assert cause.p_value <= said.false_alarm
+        assert cause.p_value <= diagnosis.false_alarm
         for n in cause.parameters.values():
             assert n.std > 0.0
             assert math.isfinite(n.std)
         assert len(cause.evidence) >= 3
-    for gain in said.gain.values():
+    for gain in diagnosis.gain.values():
         assert gain.low <= gain.test <= gain.high
-    assert {f["role"] for f in said.files.values()} == {"train", "test"}
+    assert {f["role"] for f in diagnosis.files.values()} == {"train", "test"}
 
 
 def test_what_is_left_is_said(case):
     """No model of a real car is complete: what is left is either named or shown."""
-    said = case[1].said
-    assert said.causes or said.unexplained
-    assert (said.verdict == "explained") == bool(said.causes and not said.unexplained)
+    diagnosis = case[1].diagnosis
+    assert diagnosis.causes or diagnosis.unexplained
+    assert (diagnosis.verdict == "explained") == bool(diagnosis.causes
+                                                      and not diagnosis.unexplained)
 
 
 def test_neither_the_order_of_files_nor_the_number_of_processes_matters(case):
     (folder, train, test, only), answer = case
-    again = asked(folder, train[::-1], test[::-1], only, jobs=2)
-    assert [c.effect for c in again.said.causes] == [c.effect for c in answer.said.causes]
-    assert [s.vehicle for s in again.said.stages] == [s.vehicle for s in answer.said.stages]
+    again = diagnose_named(folder, train[::-1], test[::-1], only, jobs=2)
+    assert [c.effect for c in again.diagnosis.causes] == [c.effect for c in answer.diagnosis.causes]
+    assert [s.vehicle for s in again.diagnosis.stages] == [s.vehicle
+                                                           for s in answer.diagnosis.stages]
 
 
 def test_the_seed_does_not_decide(case):
     (folder, train, test, only), answer = case
     for seed in (7,) if only else (1, 2):
-        again = asked(folder, train, test, only, seed)
-        assert differences(answer.said, again.said) == [], f"seed {seed}"
+        again = diagnose_named(folder, train, test, only, seed)
+        assert differences(answer.diagnosis, again.diagnosis) == [], f"seed {seed}"
 
 
 @pytest.mark.long
 @pytest.mark.recordings
 def test_two_halves_agree_or_say_why_not(recordings):
     """The same verdict, or a cause in common, or both show what differs between recordings."""
-    halves = [asked(recordings, half, TEST).said for half in (TRAIN[:3], TRAIN[3:])]
-    one, other = (set().union(*families(said)) for said in halves)
-    varies = [any({"recording", "time"} & set(u.along) for u in said.unexplained)
-              for said in halves]
+    halves = [diagnose_named(recordings, half, TEST).diagnosis for half in (TRAIN[:3], TRAIN[3:])]
+    one, other = (set().union(*families(diagnosis)) for diagnosis in halves)
+    varies = [any({"recording", "time"} & set(u.along) for u in diagnosis.unexplained)
+              for diagnosis in halves]
     assert halves[0].verdict == halves[1].verdict or one & other or all(varies)
-    for said in halves:
-        if said.verdict == "explained":
+    for diagnosis in halves:
+        if diagnosis.verdict == "explained":
             assert one & other, "two different explanations, each without a doubt"
 
 
@@ -189,20 +192,21 @@ def test_a_model_that_is_worse_on_other_days_would_be_seen(case):
     """The negative control: a motor that pulls a quarter more than what was fitted. (One that pulls
     less would prove nothing: two files of the excerpt do not tell it to a tenth.)"""
     answer = case[1]
-    last = answer.said.stages[-1]
+    last = answer.diagnosis.stages[-1]
     bad = replace(last, vehicle=apply(last.vehicle, "motor_gain", k=0.25))
-    spoilt = replace(answer.said, stages=(*answer.said.stages[:-1], bad))
-    assert "vx" in worse(replace(answer, said=spoilt))
+    spoilt = replace(answer.diagnosis, stages=(*answer.diagnosis.stages[:-1], bad))
+    assert "vx" in worse(replace(answer, diagnosis=spoilt))
 
 
 def test_another_answer_would_be_seen(case):
     """The negative control: one cause less, one a little larger, another verdict."""
-    said = case[1].said
-    if not said.causes:
+    diagnosis = case[1].diagnosis
+    if not diagnosis.causes:
         pytest.skip("nothing is named here")
-    first, *rest = said.causes
-    assert differences(said, replace(said, causes=tuple(rest))) == ["causes"]
+    first, *rest = diagnosis.causes
+    assert differences(diagnosis, replace(diagnosis, causes=tuple(rest))) == ["causes"]
     key, n = next(iter(first.parameters.items()))
     larger = replace(first, parameters={key: replace(n, value=n.value + 0.1 * n.std)})
-    assert differences(said, replace(said, causes=(larger, *rest))) == [f"{first.effect}.{key}"]
-    assert differences(said, replace(said, verdict="nothing_wrong")) == ["verdict"]
+    assert differences(diagnosis,
+                       replace(diagnosis, causes=(larger, *rest))) == [f"{first.effect}.{key}"]
+    assert differences(diagnosis, replace(diagnosis, verdict="nothing_wrong")) == ["verdict"]

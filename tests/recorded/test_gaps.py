@@ -10,12 +10,12 @@ import pytest
 from dart_hal.recording.dart import grid, marker, read
 from dart_hal.recording.dart.sensors import MAX_MESSAGE_GAP
 from dart_lab.identification.prediction.windows import BEFORE, CLEAN, find_windows
-from tests.recorded.simulated_recording import simulated, table_of, write_table
+from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
 
 EDGE = 1e-6  # s
 
 
-def without(table: dict[str, np.ndarray], gaps) -> dict[str, np.ndarray]:
+def cut_gaps(table: dict[str, np.ndarray], gaps) -> dict[str, np.ndarray]:
     """The table without the rows between ``gaps`` (start, end) [s] of its mocap clock."""
     t = table["vicon time"] - table["vicon time"][0]
     keep = np.ones(len(t), dtype=bool)
@@ -43,7 +43,7 @@ def assert_clean(g, starts, gaps, first: float = 0.0) -> None:
 
 @pytest.fixture(scope="module")
 def driven():
-    return simulated(11, seconds=40.0)
+    return simulate_recording(11, seconds=40.0)
 
 
 @pytest.mark.parametrize("schema", ["B", "C"])
@@ -54,7 +54,7 @@ def test_random_gaps_of_the_mocap_are_in_no_window(driven, tmp_path, schema, see
     rng = np.random.default_rng(seed)
     starts = np.sort(rng.uniform(1.0, 38.0, 4))
     gaps = [(s, s + rng.uniform(0.08, 1.5)) for s in starts]
-    g, windows = windows_of(write_table(without(table_of(recording, schema), gaps),
+    g, windows = windows_of(write_table(cut_gaps(table_of(recording, schema), gaps),
                                         tmp_path / "gaps.csv"), frame)
     assert len(windows) > 10
     assert_clean(g, windows, gaps)
@@ -64,7 +64,7 @@ def test_random_gaps_of_the_mocap_are_in_no_window(driven, tmp_path, schema, see
 def test_gaps_at_the_start_and_the_end_are_in_no_window(driven, tmp_path, schema):
     recording, frame = driven
     gaps = [(0.05, 3.0), (36.0, 39.9)]
-    g, windows = windows_of(write_table(without(table_of(recording, schema), gaps),
+    g, windows = windows_of(write_table(cut_gaps(table_of(recording, schema), gaps),
                                         tmp_path / "ends.csv"), frame)
     assert len(windows) > 10
     assert_clean(g, windows, gaps)
@@ -74,7 +74,7 @@ def test_windows_reach_into_gaps_when_gaps_are_not_looked_for(driven, tmp_path, 
     """Negative control: schema C once marked nothing in a gap as bad."""
     recording, frame = driven
     gaps = [(12.0, 12.2), (20.0, 21.0)]
-    path = write_table(without(table_of(recording), gaps), tmp_path / "gaps.csv")
+    path = write_table(cut_gaps(table_of(recording), gaps), tmp_path / "gaps.csv")
     monkeypatch.setattr(marker, "_in_gap", lambda t, stamp: np.zeros(len(t), dtype=bool))
     monkeypatch.setattr(marker, "MAX_MESSAGE_GAP", 1e9)
     g, windows = windows_of(path, frame)

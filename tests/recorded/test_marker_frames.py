@@ -15,14 +15,14 @@ from dart_hal.recording.dart import Reference, fit_reference, grid, read, with_m
 from dart_hal.recording.dart import reference as reference_module
 from dart_hal.recording.dart.reference import SEP_24, Y_2025, difference, tabulated
 from dart_hal.vehicle.sets import PAPER, UPSTREAM_2024
-from tests.recorded.simulated_recording import simulated, table_of, write_table
+from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
 
 FREE = "91_free_driving_16_sept_2024/car_1_Datarecording_09_16_2024_10_01_01.csv.gz"
 ALLOWED = 2.6
 """Standard errors; normal ones exceed it in 1 of 100 cases."""
 
 
-def framed(recording):
+def fit_frame(recording):
     return with_marker_frames([recording])[0]
 
 
@@ -49,7 +49,7 @@ def changed_copy(source: Path, target: Path) -> Path:
 @pytest.mark.parametrize("base", [PAPER, UPSTREAM_2024], ids=lambda p: p.name)
 @pytest.mark.slow_except("paper-0", "upstream-2024-1")
 def test_frame_of_a_simulated_car_is_fitted_within_its_standard_errors(base, seed):
-    recording, true = simulated(seed, base)
+    recording, true = simulate_recording(seed, base)
     fitted = fit_reference([recording])
     assert np.abs(z_scores(fitted, true)).max() < ALLOWED
     assert fitted.std[0] < 0.01, "an error that is too wide would accept anything"
@@ -59,7 +59,8 @@ def test_frame_of_a_simulated_car_is_fitted_within_its_standard_errors(base, see
 @pytest.mark.parametrize("base", [PAPER, UPSTREAM_2024], ids=lambda p: p.name)
 def test_stated_errors_of_the_frame_hold_over_many_drives(base):
     z = np.concatenate([z_scores(fit_reference([r]), true)
-                        for r, true in (simulated(seed, base) for seed in range(100, 130))])
+                        for r,
+                        true in (simulate_recording(seed, base) for seed in range(100, 130))])
     assert (np.abs(z) < ALLOWED).mean() > 0.95
 
 
@@ -67,13 +68,13 @@ def test_fit_without_the_error_of_the_equation_states_too_small_errors(monkeypat
     """Negative control: with the scatter alone the truth lies outside."""
     monkeypatch.setattr(reference_module, "SLIP_ERROR", 0.0)
     z = [abs(z_scores(fit_reference([r]), true)[0])
-         for r, true in (simulated(seed, UPSTREAM_2024) for seed in range(2))]
+         for r, true in (simulate_recording(seed, UPSTREAM_2024) for seed in range(2))]
     assert max(z) > ALLOWED
 
 
 def test_markers_that_are_mounted_backwards_are_found(tmp_path):
     true = Reference(0.12, 3.0, 0.0, "backwards")
-    recording, _ = simulated(5, frame=true)
+    recording, _ = simulate_recording(5, frame=true)
     read_again = read(write_table(table_of(recording), tmp_path / "turned.csv"))
     fitted = fit_reference([read_again])
     assert fitted.theta == pytest.approx(3.0, abs=ALLOWED * fitted.std[1])
@@ -84,8 +85,8 @@ def test_markers_that_are_mounted_backwards_are_found(tmp_path):
 @pytest.mark.slow_except("C")
 def test_date_and_schema_give_no_frame(schema, tmp_path):
     """The files are of September 2024, or of schema C, and of another car than DART's."""
-    recording, true = simulated(1)
-    made = framed(read(write_table(table_of(recording, schema), tmp_path / "own.csv")))
+    recording, true = simulate_recording(1)
+    made = fit_frame(read(write_table(table_of(recording, schema), tmp_path / "own.csv")))
     assert tabulated(made) == (SEP_24 if schema == "B" else Y_2025), "what was assumed before"
     assert not made.published
     assert np.abs(z_scores(made.marker, true)[:2]).max() < ALLOWED
@@ -94,14 +95,14 @@ def test_date_and_schema_give_no_frame(schema, tmp_path):
 
 
 def test_published_file_has_the_frame_of_the_table(excerpt):
-    made = framed(read(excerpt / FREE))
+    made = fit_frame(read(excerpt / FREE))
     assert made.published
     assert made.marker == SEP_24
     assert "marker_differs" not in kinds(made)
 
 
 def test_changed_copy_of_a_published_file_is_fitted_and_agrees_with_the_table(excerpt, tmp_path):
-    made = framed(read(changed_copy(excerpt / FREE, tmp_path / "copy.csv")))
+    made = fit_frame(read(changed_copy(excerpt / FREE, tmp_path / "copy.csv")))
     assert not made.published
     assert made.marker != SEP_24
     assert np.abs(z_scores(made.marker, SEP_24)).max() < ALLOWED
@@ -110,8 +111,8 @@ def test_changed_copy_of_a_published_file_is_fitted_and_agrees_with_the_table(ex
 
 @pytest.mark.parametrize(("steering", "why"), [(0.02, "straight"), (0.0, "straight")])
 def test_drive_with_too_few_turns_is_not_given_a_frame(steering, why, tmp_path):
-    recording, _ = simulated(2, seconds=30.0, steering=steering)
-    made = framed(read(write_table(table_of(recording), tmp_path / f"{why}.csv")))
+    recording, _ = simulate_recording(2, seconds=30.0, steering=steering)
+    made = fit_frame(read(write_table(table_of(recording), tmp_path / f"{why}.csv")))
     assert made.marker is None
     note = next(n for n in made.notes if n.kind == "reference_unknown")
     assert "--reference" in note.why
@@ -122,14 +123,14 @@ def test_drive_with_too_few_turns_is_not_given_a_frame(steering, why, tmp_path):
 
 
 def test_circles_to_one_side_give_no_frame(write, table_b):
-    made = framed(read(write(table_b(n=2000, speed=0.8))))
+    made = fit_frame(read(write(table_b(n=2000, speed=0.8))))
     assert made.marker is None
     assert "reference_unknown" in kinds(made)
 
 
 def test_straight_drive_gets_the_frame_of_the_other_drives_of_its_day():
-    turning, true = simulated(3)
-    straight, _ = simulated(4, seconds=20.0, steering=0.0, frame=true)
+    turning, true = simulate_recording(3)
+    straight, _ = simulate_recording(4, seconds=20.0, steering=0.0, frame=true)
     together = with_marker_frames([turning, straight])
     assert together[0].marker == together[1].marker
     assert "2 recordings" in next(n.why for n in together[1].notes if n.kind == "marker")
@@ -137,8 +138,8 @@ def test_straight_drive_gets_the_frame_of_the_other_drives_of_its_day():
 
 @pytest.mark.slow
 def test_recordings_of_two_mountings_on_one_day_keep_their_own_frames():
-    first, one = simulated(6, UPSTREAM_2024)
-    second, two = simulated(7, UPSTREAM_2024)
+    first, one = simulate_recording(6, UPSTREAM_2024)
+    second, two = simulate_recording(7, UPSTREAM_2024)
     made = with_marker_frames([first, second])
     for recording, true in zip(made, (one, two), strict=True):
         assert np.abs(z_scores(recording.marker, true)[:2]).max() < ALLOWED
@@ -146,7 +147,7 @@ def test_recordings_of_two_mountings_on_one_day_keep_their_own_frames():
 
 
 def test_given_frame_that_contradicts_the_driving_is_cautioned():
-    recording, true = simulated(8, UPSTREAM_2024)
+    recording, true = simulate_recording(8, UPSTREAM_2024)
     wrong = Reference(true.lx - 0.05, true.theta + 0.02, true.ly, "given by --reference")
     cautioned = with_marker_frames([recording], wrong)[0]
     assert cautioned.marker == wrong, "what is given is used"
@@ -159,7 +160,7 @@ def test_given_frame_that_contradicts_the_driving_is_cautioned():
 
 @pytest.mark.slow
 def test_frame_of_the_zheng_car_agrees_with_an_independent_fit(other_cars):
-    made = framed(read(other_cars / "zheng2022" / "day1.csv.gz"))
+    made = fit_frame(read(other_cars / "zheng2022" / "day1.csv.gz"))
     assert made.marker.lx == pytest.approx(0.21, abs=ALLOWED * made.marker.std[0])
     assert made.marker.theta == pytest.approx(-0.0117, abs=ALLOWED * made.marker.std[1])
     assert made.marker.std[0] < 0.01
@@ -168,9 +169,9 @@ def test_frame_of_the_zheng_car_agrees_with_an_independent_fit(other_cars):
 @pytest.mark.slow
 def test_drive_without_turns_gets_no_frame_where_its_day_has_two(tmp_path):
     """It may be of either mounting."""
-    first, _ = simulated(6, UPSTREAM_2024)
-    second, _ = simulated(7, UPSTREAM_2024)
-    straight, _ = simulated(4, seconds=20.0, steering=0.0)
+    first, _ = simulate_recording(6, UPSTREAM_2024)
+    second, _ = simulate_recording(7, UPSTREAM_2024)
+    straight, _ = simulate_recording(4, seconds=20.0, steering=0.0)
     made = with_marker_frames([first, second, straight])
     assert made[2].marker is None
     assert "reference_unknown" in kinds(made[2])

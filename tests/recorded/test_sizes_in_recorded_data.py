@@ -105,7 +105,7 @@ def earlier(values, t, k):
     return np.interp(t + k, t, values)
 
 
-def unlagged(values, t, k):
+def remove_lag(values, t, k):
     """The command whose first-order lag of k [s] is the recorded one."""
     return values + k * np.gradient(values, t)
 
@@ -119,7 +119,7 @@ def steering_larger(r, k):
 
 
 def steering_without_lag(r, k):
-    return with_messages(r, steering=unlagged(r.messages.steering, r.messages.t, k))
+    return with_messages(r, steering=remove_lag(r.messages.steering, r.messages.t, k))
 
 
 def throttle_larger(r, k):

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from dart_hal.car import Car
 from dart_hal.recording.repair import repair
 from dart_hal.recording.run import RunReader, RunWriter
-from tests.ros2msg import decoded
+from tests.ros2msg import decode_messages
 
 THIRD = 100.0 + 1 / 3 + 0.5e-9
 """s: 100_333_333_333.8 ns."""
@@ -48,7 +48,7 @@ def test_the_file_tells_the_hour_and_the_reader_the_clock(tmp_path, state, began
     with path.open("rb") as file:
         stamps = [m.log_time for _, c, m in make_reader(file).iter_messages() if c.topic == "/odom"]
     assert stamps[0] == run.zero_ns + 100_333_333_333
-    for stamp, odom in zip(stamps, decoded(path, "/odom"), strict=True):
+    for stamp, odom in zip(stamps, decode_messages(path, "/odom"), strict=True):
         assert odom["header.stamp.sec"] * 10**9 + odom["header.stamp.nanosec"] == stamp
     day = datetime.fromtimestamp(stamps[0] // 10**9, timezone.utc)
     assert f"{day:%Y-%m-%d %H:%M:%S} UTC" in repr(run)
@@ -92,13 +92,13 @@ def test_a_run_that_lost_its_first_chunk_or_its_facts_keeps_it(tmp_path, state):
 
 def test_a_car_in_real_time_is_replayed_to_the_bit(tmp_path, began):
     path = tmp_path / "run.mcap"
-    seen = []
+    states = []
     with Car.open("sim://?seed=1&nano=mock&pace=1", record=path) as car:
-        car.on_state(seen.append)
+        car.on_state(states.append)
         for _ in car.states(duration=0.3):
             pass
     assert RunReader(path).zero_ns > began - 60 * 10**9
     with Car.open(f"replay://{path}") as car:
         again = list(car.states())
-    assert len(seen) > 25
-    assert {(s.t, s.speed, s.pose.x) for s in seen} <= {(s.t, s.speed, s.pose.x) for s in again}
+    assert len(states) > 25
+    assert {(s.t, s.speed, s.pose.x) for s in states} <= {(s.t, s.speed, s.pose.x) for s in again}

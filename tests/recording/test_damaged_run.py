@@ -32,7 +32,7 @@ def run_bytes(tmp_path_factory, request):
 
 
 @pytest.fixture(scope="module")
-def unchunked(run_bytes):
+def write_without_chunks(run_bytes):
     """The same as a tool that knows no chunks would write it: nothing has a checksum."""
     out = bytearray(MCAP_MAGIC)
     for block in parse_mcap("run", run_bytes).blocks[1:]:  # the first repeats the channels
@@ -59,13 +59,13 @@ def is_part(found, whole) -> bool:
     return all(item in rest for item in found)
 
 
-def damage(data: bytes, at: int, size: int, kind: str, seed: int) -> bytes:
+def damage(data: bytes, offset: int, size: int, kind: str, seed: int) -> bytes:
     rng = random.Random(seed)
     new = {"removed": b"", "zeros": bytes(size), "noise": rng.randbytes(size),
-           "inserted": data[at:at + size] + rng.randbytes(size),
-           "flipped": bytes([data[at] ^ (1 << seed % 8)]) + data[at + 1:at + size],
-           "doubled": data[at:at + size] * 2}[kind]
-    return data[:at] + new + data[at + size:]
+           "inserted": data[offset:offset + size] + rng.randbytes(size),
+           "flipped": bytes([data[offset] ^ (1 << seed % 8)]) + data[offset + 1:offset + size],
+           "doubled": data[offset:offset + size] * 2}[kind]
+    return data[:offset] + new + data[offset + size:]
 
 
 KINDS = st.sampled_from(["removed", "zeros", "noise", "inserted", "flipped", "doubled"])
@@ -88,8 +88,8 @@ def test_the_whole_file_is_chunked_and_undamaged(run_bytes, tmp_path):
 def test_the_strict_reader_of_the_library_refuses_what_ours_reads_around(run_bytes, tmp_path):
     """Its checks are on: a flipped bit in a chunk, an attachment or between is an error there."""
     path = tmp_path / "bit.mcap"
-    for at in (chunks(run_bytes)[4][0] + 200, 200, chunks(run_bytes)[4][1] + 16):
-        path.write_bytes(damage(run_bytes, at, 1, "flipped", 3))
+    for offset in (chunks(run_bytes)[4][0] + 200, 200, chunks(run_bytes)[4][1] + 16):
+        path.write_bytes(damage(run_bytes, offset, 1, "flipped", 3))
         with path.open("rb") as file, pytest.raises(ValueError, match="crc"):
             list(StreamReader(file, validate_crcs=True).records)
         assert RunReader(path).damaged
@@ -105,8 +105,8 @@ def test_no_damage_invents_a_message(run_bytes, tmp_path_factory, places):
     whole = parse_mcap(tmp_path_factory.getbasetemp(), run_bytes)
     data = run_bytes
     for where, size, kind, seed in places:
-        at = len(MCAP_MAGIC) + int(where * (len(data) - len(MCAP_MAGIC) - 1))
-        data = damage(data, at, size, kind, seed)
+        offset = len(MCAP_MAGIC) + int(where * (len(data) - len(MCAP_MAGIC) - 1))
+        data = damage(data, offset, size, kind, seed)
     found = parse_mcap(tmp_path_factory.getbasetemp(), data)
     assert is_part(messages(found), messages(whole))
     assert all(whole.metadata[name] == values for name, values in found.metadata.items())
@@ -119,8 +119,8 @@ def test_a_hole_costs_the_blocks_that_it_hit(run_bytes, tmp_path, size, kind):
     whole = parse_mcap(tmp_path, run_bytes)
     start = chunks(run_bytes)[2][1]
     most = size / 6000 * 24 + 2 * 32  # messages in the hole and in two blocks of 50 ms
-    for at in range(start, chunks(run_bytes)[-1][1] - size - 1000, 997):
-        data = damage(run_bytes, at, size, kind, at)
+    for offset in range(start, chunks(run_bytes)[-1][1] - size - 1000, 997):
+        data = damage(run_bytes, offset, size, kind, offset)
         if data == run_bytes:  # zeros that were zeros
             continue
         found = parse_mcap(tmp_path, data)
@@ -129,7 +129,7 @@ def test_a_hole_costs_the_blocks_that_it_hit(run_bytes, tmp_path, size, kind):
         assert is_part(messages(found), messages(whole))
         assert found.complete
         assert found.damages
-        assert all(d.at <= at + size or not d.skipped for d in found.damages)
+        assert all(d.at <= offset + size or not d.skipped for d in found.damages)
 
 
 def test_the_notice_says_damaged_and_not_that_the_end_is_missing(run_bytes, tmp_path):
@@ -140,10 +140,10 @@ def test_the_notice_says_damaged_and_not_that_the_end_is_missing(run_bytes, tmp_
     assert run.damaged
     assert run.complete
     (notice,) = run.notices
-    at, skipped = map(int, re.search(r"damaged at byte (\d+), (\d+) bytes skipped",
-                                     notice).groups())
+    offset, skipped = map(int, re.search(r"damaged at byte (\d+), (\d+) bytes skipped",
+                                         notice).groups())
     assert str(path) in notice
-    assert at <= middle <= at + skipped
+    assert offset <= middle <= offset + skipped
     whole = tmp_path / "whole.mcap"
     whole.write_bytes(run_bytes)
     assert list(run.chunks())[-1] == list(RunReader(whole).chunks())[-1]
@@ -181,9 +181,9 @@ def test_one_bit_in_the_index_of_a_chunk_is_no_message(run_bytes, tmp_path):
     whole = messages(parse_mcap(tmp_path, run_bytes))
     _, end = chunks(run_bytes)[5]
     assert run_bytes[end] == Opcode.MESSAGE_INDEX
-    for at in range(end, end + 40):
+    for offset in range(end, end + 40):
         for bit in range(8):
-            found = parse_mcap(tmp_path, damage(run_bytes, at, 1, "flipped", bit))
+            found = parse_mcap(tmp_path, damage(run_bytes, offset, 1, "flipped", bit))
             assert messages(found) == whole
             assert found.damages
 
@@ -213,44 +213,48 @@ def test_without_the_check_a_flipped_bit_is_data(run_bytes, tmp_path, monkeypatc
 # -- files without checksums ------------------------------------------------------
 
 
-def test_without_chunks_the_file_still_reads(run_bytes, unchunked, tmp_path):
-    found = parse_mcap(tmp_path, unchunked)
+def test_without_chunks_the_file_still_reads(run_bytes, write_without_chunks, tmp_path):
+    found = parse_mcap(tmp_path, write_without_chunks)
     assert messages(found) == messages(parse_mcap(tmp_path, run_bytes))
     assert not found.damages
 
 
 @pytest.mark.slow_except("100")
 @pytest.mark.parametrize("size", [1, 100, 3000])
-def test_without_checksums_reading_ends_before_a_hole(unchunked, tmp_path, size):
-    whole = messages(parse_mcap(tmp_path, unchunked))
-    for at in range(len(unchunked) // 4, len(unchunked) - size - 1000, 997):
-        found = messages(parse_mcap(tmp_path, unchunked[:at] + unchunked[at + size:]))
+def test_without_checksums_reading_ends_before_a_hole(write_without_chunks, tmp_path, size):
+    whole = messages(parse_mcap(tmp_path, write_without_chunks))
+    for offset in range(len(write_without_chunks) // 4, len(write_without_chunks) - size - 1000,
+                        997):
+        found = messages(parse_mcap(tmp_path, write_without_chunks[:offset]
+                                    + write_without_chunks[offset + size:]))
         # Two records of one size can be stitched by a hole of their distance: no seal, no way.
         assert len(set(found) - set(whole)) <= 1
         assert len(found) < len(whole)
 
 
 @pytest.mark.slow
-def test_without_chunks_a_cut_is_no_damage(unchunked, tmp_path):
-    whole = messages(parse_mcap(tmp_path, unchunked))
-    for size in range(len(unchunked) // 4, len(unchunked), 97):
-        found = parse_mcap(tmp_path, unchunked[:size])
+def test_without_chunks_a_cut_is_no_damage(write_without_chunks, tmp_path):
+    whole = messages(parse_mcap(tmp_path, write_without_chunks))
+    for size in range(len(write_without_chunks) // 4, len(write_without_chunks), 97):
+        found = parse_mcap(tmp_path, write_without_chunks[:size])
         assert messages(found) == whole[:found.count]
         assert not found.damages
         assert not found.complete
 
 
 @given(st.floats(0, 1), st.integers(1, 4000), KINDS, st.integers(0, 999))
-def test_without_checksums_no_damage_is_a_crash(unchunked, tmp_path_factory, where, size, kind,
+def test_without_checksums_no_damage_is_a_crash(write_without_chunks, tmp_path_factory, where,
+                                                size, kind,
                                                 seed):
-    at = len(MCAP_MAGIC) + int(where * (len(unchunked) - len(MCAP_MAGIC) - 1))
-    found = parse_mcap(tmp_path_factory.getbasetemp(), damage(unchunked, at, size, kind, seed))
+    offset = len(MCAP_MAGIC) + int(where * (len(write_without_chunks) - len(MCAP_MAGIC) - 1))
+    found = parse_mcap(tmp_path_factory.getbasetemp(),
+                       damage(write_without_chunks, offset, size, kind, seed))
     assert found.used <= found.length + size
 
 
-def test_a_tail_of_zeros_is_no_message(unchunked, run_bytes, tmp_path):
+def test_a_tail_of_zeros_is_no_message(write_without_chunks, run_bytes, tmp_path):
     """What a power cut leaves on some file systems."""
-    for data in (unchunked, run_bytes):
+    for data in (write_without_chunks, run_bytes):
         whole = messages(parse_mcap(tmp_path, data))
         found = parse_mcap(tmp_path, data[:20_000] + bytes(4096))
         assert is_part(messages(found), whole)

@@ -40,23 +40,23 @@ def digest(path: Path) -> str:
 
 
 @pytest.fixture
-def listed(originals):
+def known_digests(originals):
     return {name: digest(originals / name) for name in NAMES}
 
 
 @pytest.fixture
-def to(tmp_path):
+def destination(tmp_path):
     return tmp_path / "to"
 
 
-def complete(to: Path, listed) -> bool:
-    return all(digest(to / path) == known for path, known in listed.items())
+def complete(destination: Path, known_digests) -> bool:
+    return all(digest(destination / path) == known for path, known in known_digests.items())
 
 
-def leftovers(to: Path) -> list[str]:
+def leftovers(destination: Path) -> list[str]:
     """Files that nobody asked for."""
     known = {Path(n).name for n in NAMES} | {"LICENSE"}
-    return [p.name for p in to.rglob("*") if p.is_file() and p.name not in known]
+    return [p.name for p in destination.rglob("*") if p.is_file() and p.name not in known]
 
 
 # ---- the list itself
@@ -87,10 +87,10 @@ def test_the_excerpt_keeps_its_size_and_its_notice():
 
 
 def test_the_list_names_83_files_once_each_below_the_folder():
-    listed = load()
-    assert len(listed) == len(set(listed.values())) == 83
-    assert all(len(known) == 64 for known in listed.values())
-    assert all(".." not in path and not path.startswith("/") for path in listed)
+    known_digests = load()
+    assert len(known_digests) == len(set(known_digests.values())) == 83
+    assert all(len(known) == 64 for known in known_digests.values())
+    assert all(".." not in path and not path.startswith("/") for path in known_digests)
 
 
 @pytest.mark.recordings
@@ -125,7 +125,7 @@ def test_a_name_is_looked_for_here_before_the_data_folder(monkeypatch, originals
 
 # ---- from a folder
 
-def test_from_a_folder_of_any_layout(originals, listed, to, tmp_path):
+def test_from_a_folder_of_any_layout(originals, known_digests, destination, tmp_path):
     flat = tmp_path / "flat"
     flat.mkdir()
     for i, name in enumerate(NAMES):
@@ -133,62 +133,63 @@ def test_from_a_folder_of_any_layout(originals, listed, to, tmp_path):
     packed = flat / "renamed1.csv"
     (flat / "x.csv.gz").write_bytes(gzip.compress(packed.read_bytes()))
     packed.unlink()
-    outcome = fetch(str(flat), to, registry=listed)
+    outcome = fetch(str(flat), destination, registry=known_digests)
     assert outcome.complete
-    assert complete(to, listed)
-    assert "MIT License" in (to / "LICENSE").read_text()
-    assert leftovers(to) == []
+    assert complete(destination, known_digests)
+    assert "MIT License" in (destination / "LICENSE").read_text()
+    assert leftovers(destination) == []
 
 
-def test_what_is_right_is_left_alone_and_a_stopped_fetch_goes_on(originals, listed, to):
-    fetch(str(originals), to, registry=listed)
-    before = {n: (to / n).stat().st_mtime_ns for n in NAMES}
-    (to / NAMES[1]).unlink()
-    outcome = fetch(str(originals), to, registry=listed)
+def test_what_is_right_is_left_alone_and_a_stopped_fetch_goes_on(originals, known_digests,
+                                                                 destination):
+    fetch(str(originals), destination, registry=known_digests)
+    before = {n: (destination / n).stat().st_mtime_ns for n in NAMES}
+    (destination / NAMES[1]).unlink()
+    outcome = fetch(str(originals), destination, registry=known_digests)
     assert outcome.fetched == [NAMES[1]]
     assert outcome.present == [NAMES[0], NAMES[2]]
-    assert all((to / n).stat().st_mtime_ns == before[n] for n in (NAMES[0], NAMES[2]))
+    assert all((destination / n).stat().st_mtime_ns == before[n] for n in (NAMES[0], NAMES[2]))
 
 
-def test_a_complete_folder_needs_no_source(originals, listed):
-    outcome = fetch("http://127.0.0.1:9/none", originals, registry=listed)
+def test_a_complete_folder_needs_no_source(originals, known_digests):
+    outcome = fetch("http://127.0.0.1:9/none", originals, registry=known_digests)
     assert outcome.complete
     assert outcome.sources == []
     assert not (originals / "LICENSE").exists(), "nothing is written where nothing was missing"
 
 
-def test_one_wrong_byte_is_refused_and_never_kept(originals, listed, to):
+def test_one_wrong_byte_is_refused_and_never_kept(originals, known_digests, destination):
     path = originals / NAMES[0]
     data = bytearray(path.read_bytes())
     data[100] ^= 1
     path.write_bytes(bytes(data))
-    outcome = fetch(str(originals), to, registry=listed)
+    outcome = fetch(str(originals), destination, registry=known_digests)
     assert not outcome.complete
     assert [r.path for r in outcome.refused] == [NAMES[0]]
     assert "SHA-256" in outcome.refused[0].found
-    assert not (to / NAMES[0]).exists()
-    assert leftovers(to) == []
+    assert not (destination / NAMES[0]).exists()
+    assert leftovers(destination) == []
 
 
-def test_another_file_of_that_name_is_set_aside(originals, listed, to):
-    (to / NAMES[0]).parent.mkdir(parents=True)
-    (to / NAMES[0]).write_bytes(b"mine")
-    outcome = fetch(str(originals), to, registry=listed)
+def test_another_file_of_that_name_is_set_aside(originals, known_digests, destination):
+    (destination / NAMES[0]).parent.mkdir(parents=True)
+    (destination / NAMES[0]).write_bytes(b"mine")
+    outcome = fetch(str(originals), destination, registry=known_digests)
     assert outcome.complete
     assert outcome.replaced == [NAMES[0]]
-    assert (to / f"{NAMES[0]}.old").read_bytes() == b"mine"
-    assert complete(to, listed)
+    assert (destination / f"{NAMES[0]}.old").read_bytes() == b"mine"
+    assert complete(destination, known_digests)
 
 
-def test_a_folder_without_any_of_them_is_refused(listed, to, tmp_path):
+def test_a_folder_without_any_of_them_is_refused(known_digests, destination, tmp_path):
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "x.csv").write_text("a\n1\n")
     for source in (tmp_path / "other", tmp_path / "absent"):
         with pytest.raises(FetchFailed) as caught:
-            fetch(str(source), to, registry=listed)
+            fetch(str(source), destination, registry=known_digests)
         assert "git clone" in caught.value.remedy
         assert "$DART_DATA" in caught.value.remedy
-    assert not to.exists()
+    assert not destination.exists()
 
 
 # ---- from an archive
@@ -208,26 +209,27 @@ def as_tar(root: Path, path: Path) -> Path:
 
 
 @pytest.mark.parametrize("pack", [as_zip, as_tar])
-def test_from_an_archive(originals, listed, to, tmp_path, pack):
+def test_from_an_archive(originals, known_digests, destination, tmp_path, pack):
     name = "x.zip" if pack is as_zip else "x.tar.gz"
-    outcome = fetch(str(pack(originals, tmp_path / name)), to, registry=listed)
+    outcome = fetch(str(pack(originals, tmp_path / name)), destination, registry=known_digests)
     assert outcome.complete
-    assert complete(to, listed)
-    assert sorted(p.name for p in to.rglob("*") if p.is_file()) == [
+    assert complete(destination, known_digests)
+    assert sorted(p.name for p in destination.rglob("*") if p.is_file()) == [
         "LICENSE", "a.csv", "b.csv", "c.csv"], "nothing but what is listed is unpacked"
 
 
 @pytest.mark.parametrize("pack", [as_zip, as_tar])
-def test_a_cut_archive_is_refused(originals, listed, to, tmp_path, pack):
+def test_a_cut_archive_is_refused(originals, known_digests, destination, tmp_path, pack):
     path = pack(originals, tmp_path / "x")
     path.write_bytes(path.read_bytes()[:-200])
     with pytest.raises(FetchFailed, match="not a whole archive"):
-        fetch(str(path), to, registry=listed)
-    assert leftovers(to) == []
+        fetch(str(path), destination, registry=known_digests)
+    assert leftovers(destination) == []
 
 
 @pytest.mark.parametrize("change", ["encrypted", "method"])
-def test_an_archive_that_cannot_be_unpacked_is_refused(originals, listed, to, tmp_path, change):
+def test_an_archive_that_cannot_be_unpacked_is_refused(originals, known_digests, destination,
+                                                       tmp_path, change):
     path = as_zip(originals, tmp_path / "x.zip")
     data = bytearray(path.read_bytes())
     for mark, flags, method in ((b"PK\x01\x02", 8, 10), (b"PK\x03\x04", 6, 8)):
@@ -238,8 +240,8 @@ def test_an_archive_that_cannot_be_unpacked_is_refused(originals, listed, to, tm
             at = data.find(mark, at + 4)
     path.write_bytes(bytes(data))
     with pytest.raises(FetchFailed, match="not a whole archive"):
-        fetch(str(path), to, registry=listed)
-    assert leftovers(to) == []
+        fetch(str(path), destination, registry=known_digests)
+    assert leftovers(destination) == []
 
 
 # ---- from a server on this machine
@@ -280,31 +282,32 @@ def answering(change):
     return Handler
 
 
-def test_from_a_base_address_and_its_root_folders(originals, listed, to, serve, tmp_path):
+def test_from_a_base_address_and_its_root_folders(originals, known_digests, destination, serve,
+                                                  tmp_path):
     web = tmp_path / "web" / ROOTS[1]
     web.parent.mkdir(parents=True)
     originals.rename(web)
-    outcome = fetch(serve(quiet(tmp_path / "web")), to, registry=listed)
+    outcome = fetch(serve(quiet(tmp_path / "web")), destination, registry=known_digests)
     assert outcome.complete
-    assert complete(to, listed)
+    assert complete(destination, known_digests)
 
 
-def test_from_the_address_of_an_archive(originals, listed, to, serve, tmp_path):
+def test_from_the_address_of_an_archive(originals, known_digests, destination, serve, tmp_path):
     as_zip(originals, tmp_path / "x.zip")
-    seen = []
-    outcome = fetch(serve(quiet(tmp_path)) + "/x.zip", to, registry=listed,
-                    progress=lambda done, total, name: seen.append((done, total)))
+    reports = []
+    outcome = fetch(serve(quiet(tmp_path)) + "/x.zip", destination, registry=known_digests,
+                    progress=lambda done, total, name: reports.append((done, total)))
     assert outcome.complete
-    assert all(0 <= done <= total for done, total in seen)
+    assert all(0 <= done <= total for done, total in reports)
 
 
 def test_the_repository_is_tried_file_by_file_then_as_an_archive(
-        originals, listed, to, serve, tmp_path, monkeypatch):
+        originals, known_digests, destination, serve, tmp_path, monkeypatch):
     (tmp_path / "empty").mkdir()
     as_zip(originals, tmp_path / "x.zip")
     monkeypatch.setattr(bring, "RAW_URL", serve(quiet(tmp_path / "empty")))
     monkeypatch.setattr(bring, "ARCHIVE_URL", serve(quiet(tmp_path)) + "/x.zip")
-    outcome = fetch(None, to, registry=listed)
+    outcome = fetch(None, destination, registry=known_digests)
     assert outcome.complete
     assert len(outcome.sources) == 2
 
@@ -315,19 +318,20 @@ def test_the_repository_is_tried_file_by_file_then_as_an_archive(
     (lambda data: (200, len(data) + 50, data + b" " * 50), "bytes"),
     (lambda data: (200, 30, b"<!DOCTYPE html><html>no</html>"), "a web page"),
 ], ids=["a byte", "short", "long", "error page"])
-def test_wrong_answers_are_refused(originals, listed, to, serve, change, found):
+def test_wrong_answers_are_refused(originals, known_digests, destination, serve, change, found):
     def answer(path):
         data = (originals / path.lstrip("/")).read_bytes() if path.endswith(".csv") else b""
         return change(data) if path == f"/{NAMES[0]}" else (200, len(data), data)
-    outcome = fetch(serve(answering(answer)), to, registry=listed)
+    outcome = fetch(serve(answering(answer)), destination, registry=known_digests)
     assert [r.path for r in outcome.refused] == [NAMES[0]]
     assert found in outcome.refused[0].found
-    assert not (to / NAMES[0]).exists()
+    assert not (destination / NAMES[0]).exists()
     assert sorted(outcome.fetched) == sorted(NAMES[1:])
-    assert leftovers(to) == []
+    assert leftovers(destination) == []
 
 
-def test_a_line_that_breaks_is_said_and_the_next_fetch_goes_on(originals, listed, to, serve):
+def test_a_line_that_breaks_is_said_and_the_next_fetch_goes_on(originals, known_digests,
+                                                               destination, serve):
     broken = [f"/{NAMES[1]}"]
 
     def answer(path):
@@ -335,19 +339,20 @@ def test_a_line_that_breaks_is_said_and_the_next_fetch_goes_on(originals, listed
         return 200, len(data), data[:-50] if path in broken else data
     base = serve(answering(answer))
     with pytest.raises(FetchFailed) as caught:
-        fetch(base, to, registry=listed)
+        fetch(base, destination, registry=known_digests)
     assert "the same command goes on" in caught.value.remedy
-    assert [p.name for p in to.rglob("*") if p.is_file()] == [Path(NAMES[0]).name]
+    assert [p.name for p in destination.rglob("*") if p.is_file()] == [Path(NAMES[0]).name]
     broken.clear()
-    outcome = fetch(base, to, registry=listed)
+    outcome = fetch(base, destination, registry=known_digests)
     assert (outcome.present, outcome.fetched) == ([NAMES[0]], list(NAMES[1:]))
-    assert complete(to, listed)
+    assert complete(destination, known_digests)
 
 
 @pytest.mark.parametrize("status", [403, 500])
-def test_a_server_that_refuses_is_an_error_with_a_way_out(listed, to, serve, status):
+def test_a_server_that_refuses_is_an_error_with_a_way_out(known_digests, destination, serve,
+                                                          status):
     with pytest.raises(FetchFailed) as caught:
-        fetch(serve(answering(lambda path: (status, 0, b""))), to, registry=listed)
+        fetch(serve(answering(lambda path: (status, 0, b""))), destination, registry=known_digests)
     assert str(status) in caught.value.found
     for way in ("git clone", "--from", "$DART_DATA"):
         assert way in caught.value.remedy
@@ -358,36 +363,37 @@ def test_a_server_that_refuses_is_an_error_with_a_way_out(listed, to, serve, sta
 def run(capsys, *args) -> tuple[int, dict, str]:
     with pytest.raises(SystemExit) as left:
         main(["data", "fetch", *map(str, args)])
-    said = capsys.readouterr()
-    assert "Traceback" not in said.out + said.err
-    return int(left.value.code or 0), json.loads(said.out) if "--json" in args else {}, said.out
+    captured = capsys.readouterr()
+    assert "Traceback" not in captured.out + captured.err
+    return int(left.value.code
+               or 0), json.loads(captured.out) if "--json" in args else {}, captured.out
 
 
 @pytest.mark.slow
-def test_the_verb_brings_what_the_excerpt_has_and_says_what_lacks(capsys, to):
-    code, out, _ = run(capsys, "--from", EXCERPT, "--to", to, "--json")
+def test_the_verb_brings_what_the_excerpt_has_and_says_what_lacks(capsys, destination):
+    code, out, _ = run(capsys, "--from", EXCERPT, "--to", destination, "--json")
     assert code == 1
     assert len(out["fetched"]) == len(list(EXCERPT.rglob("*.csv.gz"))) - 1
     assert len(out["fetched"]) + len(out["missing"]) + len(out["refused"]) == out["files"] == 83
     assert [r["path"] for r in out["refused"]] == [CUT]
-    code, out, said = run(capsys, "--from", EXCERPT, "--to", to)
+    code, out, errors = run(capsys, "--from", EXCERPT, "--to", destination)
     assert (code, out) == (1, {})
-    assert "git clone" in said
-    assert f"refused {CUT}" in said
+    assert "git clone" in errors
+    assert f"refused {CUT}" in errors
 
 
-def test_no_network_is_one_error_with_what_to_do(capsys, to, monkeypatch):
+def test_no_network_is_one_error_with_what_to_do(capsys, destination, monkeypatch):
     monkeypatch.setattr(bring, "RAW_URL", "http://127.0.0.1:9")
-    code, out, _ = run(capsys, "--to", to, "--json")
+    code, out, _ = run(capsys, "--to", destination, "--json")
     assert code == 2
     assert out["error"]["code"] == "D-REC-03"
     for way in ("git clone", "--from", "$DART_DATA"):
         assert way in out["error"]["try"]
-    assert not to.exists() or not any(to.rglob("*.csv"))
+    assert not destination.exists() or not any(destination.rglob("*.csv"))
 
 
-def test_an_archive_that_is_a_web_page_is_refused(capsys, to, tmp_path):
+def test_an_archive_that_is_a_web_page_is_refused(capsys, destination, tmp_path):
     (tmp_path / "x.zip").write_bytes(b"<html>404</html>")
-    code, out, _ = run(capsys, "--from", tmp_path / "x.zip", "--to", to, "--json")
+    code, out, _ = run(capsys, "--from", tmp_path / "x.zip", "--to", destination, "--json")
     assert code == 2
     assert "not a whole archive" in out["error"]["what"]

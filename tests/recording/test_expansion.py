@@ -51,16 +51,16 @@ def content(size):
         yield BLOCK
 
 
-def packed(compressor, size=BOMB, begin=b""):
+def compress(compressor, size=BOMB, begin=b""):
     return b"".join((begin, *map(compressor.compress, content(size)), compressor.flush()))
 
 
 def lz4_bomb():
     compressor = lz4.frame.LZ4FrameCompressor()
-    return packed(compressor, begin=compressor.begin())
+    return compress(compressor, begin=compressor.begin())
 
 
-BOMBS = {"zstd": lambda: packed(zstandard.ZstdCompressor().compressobj()), "lz4": lz4_bomb}
+BOMBS = {"zstd": lambda: compress(zstandard.ZstdCompressor().compressobj()), "lz4": lz4_bomb}
 
 
 def chunk_record(compression, data, size):
@@ -99,7 +99,7 @@ def test_without_the_limit_it_is_in_the_memory(tmp_path, monkeypatch):
 
 def test_chunks_that_are_allowed_one_by_one_are_limited_together(tmp_path):
     size = 8 << 20
-    part = chunk_record("zstd", packed(zstandard.ZstdCompressor().compressobj(), size), size)
+    part = chunk_record("zstd", compress(zstandard.ZstdCompressor().compressobj(), size), size)
     data = mcap_file(*[part] * 20)
     found = []
     assert peak(lambda: found.append(parse_mcap(tmp_path, data))) < MEMORY
@@ -116,7 +116,7 @@ def test_a_chunk_that_states_a_smaller_size_is_no_chunk(tmp_path):
 
 @pytest.fixture(scope="module")
 def gzip_bomb():
-    return packed(zlib.compressobj(6, zlib.DEFLATED, 31))
+    return compress(zlib.compressobj(6, zlib.DEFLATED, 31))
 
 
 def test_a_csv_that_expands_too_far_is_refused_by_name(tmp_path, gzip_bomb):
@@ -159,7 +159,7 @@ class Zeros(io.RawIOBase):
         return BLOCK[:size]
 
 
-def zipped(data, name="a.csv"):
+def make_zip(data, name="a.csv"):
     raw = io.BytesIO()
     with zipfile.ZipFile(raw, "w", zipfile.ZIP_DEFLATED) as archive, \
             archive.open(name, "w") as entry:
@@ -169,8 +169,8 @@ def zipped(data, name="a.csv"):
 
 
 ARCHIVES = {
-    "zip": lambda bomb: zipped(memoryview(BLOCK * 64)),
-    "zip of gz": lambda bomb: zipped(bomb, "a.csv.gz"),
+    "zip": lambda bomb: make_zip(memoryview(BLOCK * 64)),
+    "zip of gz": lambda bomb: make_zip(bomb, "a.csv.gz"),
     "tar.gz": lambda bomb: tar(gzip.open, "a.csv"),
     "tar.bz2": lambda bomb: tar(bz2.open, "a.csv"),
     "tar.xz": lambda bomb: tar(lzma.open, "a.csv"),
@@ -214,8 +214,8 @@ def test_archives_of_every_kind_are_read(tmp_path):
             info = tarfile.TarInfo("folder/a.csv")
             info.size = len(text)
             tape.addfile(info, io.BytesIO(text))
-    (tmp_path / "a.zip").write_bytes(zipped(text, "folder/a.csv"))
-    (tmp_path / "gz.zip").write_bytes(zipped(gzip.compress(text), "folder/a.csv.gz"))
+    (tmp_path / "a.zip").write_bytes(make_zip(text, "folder/a.csv"))
+    (tmp_path / "gz.zip").write_bytes(make_zip(gzip.compress(text), "folder/a.csv.gz"))
     for file in sorted(tmp_path.iterdir()):
         found = Local(file, file.name, {"data/a.csv": "0" * 64})._found
         assert found["a.csv"][1] == text, file.name

@@ -34,16 +34,16 @@ def test_the_drive_goes_on_and_the_file_ends_with_its_last_whole_chunk(tmp_path,
         assert car.recorder.trouble is None
         room = path.stat().st_size + 60_001
         with room_for(room):
-            seen = []
+            states = []
             for state in car.states(duration=1.0):
-                seen.append(state)
+                states.append(state)
                 car.drive(steering=0.1, throttle=0.3)
                 car.log("speed", state.speed)
-                car.note("lap", {"n": str(len(seen))})
+                car.note("lap", {"n": str(len(states))})
         assert isinstance(car.recorder.trouble, FileTrouble)
         assert "large" in car.recorder.trouble.what  # "File too large": what the kernel said
-    assert len(seen) > 95
-    assert seen[-1].speed > 0.3, "it drove until the end"
+    assert len(states) > 95
+    assert states[-1].speed > 0.3, "it drove until the end"
     assert [r.getMessage() for r in caplog.records].count(caplog.records[-1].getMessage()) == 1
     assert "the recording ends here, the drive goes on" in caplog.text
     assert room - 15_000 < path.stat().st_size <= room

@@ -14,7 +14,7 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.repair import repair
 from dart_hal.recording.run import RunReader, RunWriter
-from tests.ros2msg import decoded
+from tests.ros2msg import decode_messages
 
 URL = "sim://?seed=3&nano=mock"
 GRID = np.arange(6.0).reshape(2, 3)
@@ -49,9 +49,9 @@ def test_a_value_reads_back(tmp_path, name):
 def test_other_programs_can_plot_it(tmp_path):
     with RunWriter(tmp_path / "run.mcap") as writer:
         writer.log(1.0, LogNames().take("mpc", {"cost": 1.5, "plan": GRID, "none": []}))
-    (cost,) = decoded(tmp_path / "run.mcap", "/log/mpc/cost")
-    (plan,) = decoded(tmp_path / "run.mcap", "/log/mpc/plan")
-    (none,) = decoded(tmp_path / "run.mcap", "/log/mpc/none")
+    (cost,) = decode_messages(tmp_path / "run.mcap", "/log/mpc/cost")
+    (plan,) = decode_messages(tmp_path / "run.mcap", "/log/mpc/plan")
+    (none,) = decode_messages(tmp_path / "run.mcap", "/log/mpc/none")
     assert cost == {"data": 1.5}
     assert plan["data"] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
     assert none["data"] == []

@@ -13,7 +13,7 @@ from dart_lab.sim.pca9685 import Pca9685
 
 
 @pytest.fixture
-def recorded(tmp_path):
+def recorded_bus(tmp_path):
     writer = RunWriter(tmp_path / "bus.mcap")
     bus = RecordedBus(VirtualBus(lambda: 0.5, [Pca9685()]), lambda: 0.5)
     bus.recorder = writer
@@ -25,12 +25,12 @@ def transactions(writer):
     return [(b.t, b.address, b.wrote, b.read) for b in RunReader(writer.path).i2c()]
 
 
-def test_it_has_the_shape_of_a_bus(recorded):
-    assert isinstance(recorded[0], Bus)
+def test_it_has_the_shape_of_a_bus(recorded_bus):
+    assert isinstance(recorded_bus[0], Bus)
 
 
-def test_transactions_are_noted_as_they_were(recorded):
-    bus, writer = recorded
+def test_transactions_are_noted_as_they_were(recorded_bus):
+    bus, writer = recorded_bus
     assert bus.try_lock()
     bus.writeto(0x40, b"\xff\x00\x21", start=1)
     answer = bytearray(3)
@@ -41,16 +41,16 @@ def test_transactions_are_noted_as_they_were(recorded):
                                     (0.5, 0x40, b"\x00", b"\x21")]
 
 
-def test_what_failed_is_not_noted_and_still_fails(recorded):
-    bus, writer = recorded
+def test_what_failed_is_not_noted_and_still_fails(recorded_bus):
+    bus, writer = recorded_bus
     bus.try_lock()
     with pytest.raises((OSError, BusError)):
         bus.writeto(0x55, b"\x00")
     assert transactions(writer) == []
 
 
-def test_without_a_recorder_it_only_passes_on(recorded):
-    bus, writer = recorded
+def test_without_a_recorder_it_only_passes_on(recorded_bus):
+    bus, writer = recorded_bus
     bus.recorder = None
     bus.try_lock()
     bus.writeto(0x40, b"\x00\x21")

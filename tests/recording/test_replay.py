@@ -15,7 +15,7 @@ from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO
 
 
-def opened(path):
+def open_run(path):
     return open_replay(Url.parse(f"replay://{path}"))
 
 
@@ -32,13 +32,13 @@ def drain(backend, timeout):
 
 @pytest.mark.parametrize("timeout", [0.0001, 0.001, 0.01, 5.0])
 def test_the_recorded_chunks_at_their_own_time(run_file, timeout):
-    got = drain(opened(run_file), timeout)
+    got = drain(open_run(run_file), timeout)
     assert [c for c, _ in got] == list(RunReader(run_file).chunks())
     assert all(now == chunk.t for chunk, now in got)
 
 
 def test_time_passes_only_by_reading_and_sleeping(run_file):
-    backend = opened(run_file)
+    backend = open_run(run_file)
     assert backend.clock.now() == 0.25
     assert backend.link.read(0.01) is None
     assert backend.clock.now() == 0.26
@@ -51,7 +51,7 @@ def test_time_passes_only_by_reading_and_sleeping(run_file):
 
 
 def test_the_end_is_an_end_not_a_silence(run_file):
-    backend = opened(run_file)
+    backend = open_run(run_file)
     drain(backend, 1.0)
     with pytest.raises(EndOfRecording) as error:
         backend.link.read(1.0)
@@ -70,7 +70,7 @@ def test_the_backend_is_the_car_of_the_run_without_a_bus(run_file):
 
 
 def test_pulses_applied_at_each_frame(run_file):
-    link = opened(run_file).link
+    link = open_run(run_file).link
     assert link.applied == NEUTRAL_APPLIED
     hello = link.read(1.0)
     assert hello is not None
@@ -84,7 +84,7 @@ def test_pulses_applied_at_each_frame(run_file):
 
 
 def test_when_the_pings_had_left(run_file):
-    backend = opened(run_file)
+    backend = open_run(run_file)
     for _ in range(8):
         backend.link.read(1.0)
     sent = list(RunReader(run_file).sent())
@@ -103,19 +103,19 @@ def hellos(backend):
 def test_a_run_begun_after_the_opening_still_says_who_answered(tmp_path, writing):
     path = tmp_path / "late.mcap"
     writing(path, hello=False, note_hello=True)
-    assert hellos(opened(path)) == [True, *[False] * 20]
+    assert hellos(open_run(path)) == [True, *[False] * 20]
 
 
 def test_a_hello_in_the_stream_is_not_doubled(tmp_path, writing):
     path = tmp_path / "early.mcap"
     writing(path, hello=True, note_hello=True)
-    assert hellos(opened(path)) == [True, *[False] * 20]
+    assert hellos(open_run(path)) == [True, *[False] * 20]
 
 
 def test_a_cut_off_run_replays_and_says_so(run_file):
     data = run_file.read_bytes()
     run_file.write_bytes(data[:len(data) // 2])
-    backend = opened(run_file)
+    backend = open_run(run_file)
     assert str(run_file) in backend.notices[0]
     assert 0 < len(drain(backend, 1.0)) < 21
 
@@ -124,7 +124,7 @@ def test_a_run_without_bytes_is_refused_by_name(tmp_path):
     path = tmp_path / "empty.mcap"
     RunWriter(path).close()
     with pytest.raises(RecordingError, match="no bytes") as error:
-        opened(path)
+        open_run(path)
     assert str(path) in error.value.what
 
 
@@ -132,6 +132,6 @@ def test_bad_urls(tmp_path):
     with pytest.raises(RecordingError):
         open_replay(Url.parse("replay://"))
     with pytest.raises(RecordingError):
-        opened(tmp_path / "missing.mcap")
+        open_run(tmp_path / "missing.mcap")
     with pytest.raises(UsageError):
         open_replay(Url.parse("replay://run.mcap?speed=2"))

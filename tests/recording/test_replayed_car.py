@@ -32,13 +32,13 @@ def drive_and_record(path):
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory):
+def recorded_run(tmp_path_factory):
     path = tmp_path_factory.mktemp("run") / "run.mcap"
     return path, drive_and_record(path)
 
 
-def test_replayed_states_are_identical(recorded):
-    path, states = recorded
+def test_replayed_states_are_identical(recorded_run):
+    path, states = recorded_run
     with Car.open(f"replay://{path}") as car:
         replayed = {s.seq: flat(s) for s in car.states()}
     assert len(states) > 290
@@ -46,13 +46,13 @@ def test_replayed_states_are_identical(recorded):
     assert states[-1].speed > 0.2
 
 
-def test_replay_without_the_recorded_pulses_would_differ(recorded):
-    _, states = recorded
+def test_replay_without_the_recorded_pulses_would_differ(recorded_run):
+    _, states = recorded_run
     assert len({s.applied for s in states}) > 10
 
 
-def test_the_run_holds_who_and_what(recorded):
-    run = RunReader(recorded[0])
+def test_the_run_holds_who_and_what(recorded_run):
+    run = RunReader(recorded_run[0])
     assert run.complete
     assert run.meta["url"] == URL
     assert "car.toml" in run.files
@@ -62,7 +62,7 @@ def test_the_run_holds_who_and_what(recorded):
 
 
 @pytest.mark.slow
-def test_the_same_run_twice_gives_the_same_file(recorded, tmp_path):
+def test_the_same_run_twice_gives_the_same_file(recorded_run, tmp_path):
     path = tmp_path / "again.mcap"
     drive_and_record(path)
-    assert path.read_bytes() == recorded[0].read_bytes()
+    assert path.read_bytes() == recorded_run[0].read_bytes()

@@ -20,7 +20,7 @@ from dart_hal.core.types import Applied
 from dart_hal.recording import cdr, open_writer, stamp
 from dart_hal.recording.mcap_records import parse_mcap
 from dart_hal.recording.run import RunReader, RunWriter
-from tests.ros2msg import decoded
+from tests.ros2msg import decode_messages
 
 
 @given(st.floats(1e-3, 1e7) | st.just(0.0))
@@ -91,16 +91,16 @@ def test_cut_at_every_byte_reads_up_to_the_last_flush(tmp_path, writing):
     full = parse_mcap(path, data)
     assert full.complete
     whole = list(full.messages())
-    seen = set()
+    counts = set()
     for size in range(8, len(data), 3):
         found = parse_mcap(path, data[:size])
         assert not found.complete
         assert not found.damages
         assert list(found.messages()) == whole[:found.count]
         assert found.used <= size
-        seen.add(found.count)
-    ends = [whole[n - 1].ns for n in sorted(seen - {0})]
-    assert max(seen) == len(whole)
+        counts.add(found.count)
+    ends = [whole[n - 1].ns for n in sorted(counts - {0})]
+    assert max(counts) == len(whole)
     assert max(b - a for a, b in pairwise(ends)) <= 60_000_000
 
 
@@ -280,7 +280,7 @@ def test_the_reference_reader_accepts_the_file(run_file):
 
 
 def test_odometry_means_what_its_definition_says(run_file, state):
-    got = list(decoded(run_file, "/odom"))[3]
+    got = list(decode_messages(run_file, "/odom"))[3]
     s = state(3)
     assert got["header.stamp.sec"] + got["header.stamp.nanosec"] * 1e-9 == pytest.approx(s.t)
     assert (got["header.frame_id"], got["child_frame_id"]) == ("odom", "base_link")
@@ -301,33 +301,34 @@ def test_covariance_sits_where_ros_expects_it(tmp_path, state):
     cov = np.array([[1.0, 2, 3], [2, 4, 5], [3, 5, 6]])
     with RunWriter(tmp_path / "r.mcap") as writer:
         writer.state(state(0, pose=Pose(0, 0, 0, cov)))
-    got = np.array(next(decoded(tmp_path / "r.mcap", "/odom"))["pose.covariance"]).reshape(6, 6)
+    got = np.array(next(decode_messages(tmp_path / "r.mcap",
+                                        "/odom"))["pose.covariance"]).reshape(6, 6)
     assert (got[np.ix_([0, 1, 5], [0, 1, 5])] == cov).all()
 
 
 def test_imu_and_drive_mean_what_their_definitions_say(run_file, state):
-    got = next(decoded(run_file, "/imu"))
+    got = next(decode_messages(run_file, "/imu"))
     s = state(0)
     assert got["angular_velocity.z"] == s.yaw_rate
     assert (got["linear_acceleration.x"], got["linear_acceleration.y"]) == (-0.25, 0.5)
     assert got["orientation_covariance"][0] == -1.0
-    got = next(decoded(run_file, "/drive"))
+    got = next(decode_messages(run_file, "/drive"))
     assert got["drive.steering_angle"] == pytest.approx(0.1)
 
 
 def test_no_imu_no_message(tmp_path, state):
     with RunWriter(tmp_path / "r.mcap") as writer:
         writer.state(state(0, yaw_rate=None, accel_x=None, accel_y=None))
-    assert list(decoded(tmp_path / "r.mcap", "/imu")) == []
-    assert len(list(decoded(tmp_path / "r.mcap", "/odom"))) == 1
+    assert list(decode_messages(tmp_path / "r.mcap", "/imu")) == []
+    assert len(list(decode_messages(tmp_path / "r.mcap", "/odom"))) == 1
 
 
 def test_raw_bytes_commands_and_pulses_follow_their_definitions(run_file, frame_of):
-    got = list(decoded(run_file, "/rx"))[1]
+    got = list(decode_messages(run_file, "/rx"))[1]
     assert bytes(got["data"]) == frame_of(0, 0)
-    assert list(decoded(run_file, "/command"))[1] == {
+    assert list(decode_messages(run_file, "/command"))[1] == {
         "steering": 0.05, "throttle": 0.5, "source": "user"}
-    assert list(decoded(run_file, "/applied"))[1] == {
+    assert list(decode_messages(run_file, "/applied"))[1] == {
         "steering": 0.05, "throttle": 0.25, "steering_us": 1505.0, "throttle_us": 1612.5,
         "limited": ["RANGE"]}
 

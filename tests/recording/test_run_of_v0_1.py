@@ -23,7 +23,7 @@ def run_of_v0_1(tmp_path):
     return path
 
 
-def received(run: RunReader) -> str:
+def hash_received(run: RunReader) -> str:
     return hashlib.sha256(b"".join(c.data for c in run.chunks())).hexdigest()
 
 
@@ -39,7 +39,7 @@ def test_it_reads_whole(run_of_v0_1):
     counts = [len(list(what())) for what in
               (run.chunks, run.sent, run.i2c, run.applied, run.commands)]
     assert counts == [423, 217, 228, 146, 120]
-    assert received(run) == RX
+    assert hash_received(run) == RX
     stamps = [c.t for c in run.chunks()]
     assert (stamps[0], stamps[-1]) == (0.002134435584911528, 3.7400235231540266), "to the last bit"
 

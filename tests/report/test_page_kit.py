@@ -16,7 +16,7 @@ from dart_hal.core import figures
 from dart_lab.report import charts, page, svg
 from dart_lab.report.html import VOID, Html, el, table
 from dart_lab.report.numbers import with_error
-from tests.pages import foreign, shown
+from tests.pages import foreign, strip_data
 
 
 class PageReader(HTMLParser):
@@ -40,9 +40,9 @@ def test_ticks_are_round_and_inside():
         marks = svg.ticks(low, high)
         assert 2 <= len(marks) <= 7
         assert all(low - 1e-12 <= m <= high + 1e-12 for m in marks)
-        shown = [svg.label(m, (low, high)) for m in marks]
-        assert len(set(shown)) == len(shown)
-        np.testing.assert_allclose([float(s) for s in shown], marks, rtol=1e-6, atol=1e-9)
+        strip_data = [svg.label(m, (low, high)) for m in marks]
+        assert len(set(strip_data)) == len(strip_data)
+        np.testing.assert_allclose([float(s) for s in strip_data], marks, rtol=1e-6, atol=1e-9)
 
 
 def test_an_interval_without_any_number_can_still_be_drawn():
@@ -91,7 +91,7 @@ def test_a_page_is_sound_and_asks_for_nothing_from_outside(tmp_path):
     assert written == whole
     assert not PageReader(whole).open
     assert not foreign(whole)
-    assert not re.search(r"\b(nan|inf|None)\b", shown(whole))
+    assert not re.search(r"\b(nan|inf|None)\b", strip_data(whole))
     assert all(f'href="#{key}"' in whole and f'id="{key}"' in whole for key in sections)
     assert "<caption>" not in whole
     assert whole.count("<svg") == 4

@@ -80,7 +80,7 @@ class Report:
     received: int = 0
     lost: int = 0
     rebased: int = 0
-    untold: int = 0
+    unreported: int = 0
     damaged: int = 0
     memory: list[int] = field(default_factory=list)
     handles: list[tuple[int, int, int]] = field(default_factory=list)
@@ -98,7 +98,7 @@ class Report:
             f"{self.faults} faults, {self.arms} times armed, {self.trips} trips, "
             f"{self.driven} frames with throttle, {self.pulses} pulses at the ESC",
             f"frames: {self.sent} numbered = {self.received} received + {self.lost} lost "
-            f"+ {self.untold} around {self.rebased} restarts; {self.damaged} blocks damaged",
+            f"+ {self.unreported} around {self.rebased} restarts; {self.damaged} blocks damaged",
             f"memory kB {self.memory}; threads, processes, descriptors {self.handles}",
             *(f"BROKEN at {t:.3f} s: {what}" for t, what in self.broken)]
         return "\n".join(lines)
@@ -141,18 +141,18 @@ class Account:
         self._t = 0
         self._synced = False
         self._boot: tuple[int, int] | None = None
-        self.untold = 0
+        self.unreported = 0
 
     def read(self) -> list[tuple[bytes, float]]:
         """The Nano's bytes, before the line."""
         chunks = self._read()
         for data, _ in chunks:
             for frame in self._before.feed(data):
-                anew = self._seq < 0 or self._boots(frame)
-                step = 1 if anew else (frame.seq - self._seq - 1 & 0xFF) + 1
+                restarted = self._seq < 0 or self._boots(frame)
+                step = 1 if restarted else (frame.seq - self._seq - 1 & 0xFF) + 1
                 self._seq = frame.seq
                 self._report.sent += step
-                self._way.append((_name(frame), step, anew))
+                self._way.append((_name(frame), step, restarted))
         return chunks
 
     def _boots(self, frame: Frame) -> bool:
@@ -174,14 +174,14 @@ class Account:
 
     def feed(self, data: bytes) -> list[Frame]:
         """The host's decoder, behind the line; its account must be this one."""
-        told = self._counters.gaps
-        anew = self._counters.rebased
+        gaps = self._counters.gaps
+        restarted = self._counters.rebased
         frames = self._feed(data)
         missed, boots = map(sum, zip((0, 0), *map(self._take, frames), strict=True))
-        if not self._synced or boots or self._counters.rebased != anew:
-            self.untold += missed - (self._counters.gaps - told)
-        elif missed != self._counters.gaps - told:
-            self._report.breaks(f"{missed} frames lost, {self._counters.gaps - told} counted")
+        if not self._synced or boots or self._counters.rebased != restarted:
+            self.unreported += missed - (self._counters.gaps - gaps)
+        elif missed != self._counters.gaps - gaps:
+            self._report.breaks(f"{missed} frames lost, {self._counters.gaps - gaps} counted")
         self._synced = self._synced or bool(frames)
         return frames
 
@@ -193,9 +193,9 @@ class Account:
         """Numbers passed over until this frame, which must have been sent, and new boots."""
         passed = boots = 0
         while self._way:
-            name, step, anew = self._way.popleft()
+            name, step, restarted = self._way.popleft()
             passed = passed + step
-            boots = boots + anew
+            boots = boots + restarted
             if name == _name(frame):
                 return passed - 1, boots
         self._report.breaks(f"accepted and never sent: {frame}")
@@ -275,7 +275,7 @@ def soak(seconds: float, nano: str = "avr", cutoff: str = "mux", seed: int = 1,
         counters = decoder.counters
         report.received = counters.ok - opened.ok
         report.lost = counters.gaps - opened.gaps
-        report.untold = account.untold + account.on_its_way
+        report.unreported = account.unreported + account.on_its_way
         report.rebased = counters.rebased
         report.damaged = counters.damaged
         report.seconds = world.t
@@ -320,7 +320,7 @@ def _settle(car: Car) -> None:
 def _judge(report: Report) -> None:
     """Laws of the end: frames add up, nothing has grown."""
     t = report.seconds
-    missing = report.sent - report.received - report.lost - report.untold
+    missing = report.sent - report.received - report.lost - report.unreported
     if missing:
         report.broken.append((t, f"{missing} frames neither received nor lost"))
     if len(report.memory) == 4 and report.memory[3] - report.memory[0] > GROWTH_KB:

@@ -25,10 +25,10 @@ def test_a_tuple_is_delayed_part_by_part():
     assert np.array_equal(np.transpose(ticks), delay_series(there_and_back, 0.015, SAMPLE))
 
 
-@pytest.mark.parametrize(("seconds", "by"), [(0.02, 2), (0.014, 1), (0.016, 2), (-0.03, -3),
-                                             (9.0, 24), (-9.0, -24)])
-def test_a_command_is_delayed_by_whole_samples_and_its_ends_are_held(seconds, by):
-    at = np.clip(np.arange(len(RAMP)) - by, 0, len(RAMP) - 1)
+@pytest.mark.parametrize(("seconds", "samples"), [(0.02, 2), (0.014, 1), (0.016, 2), (-0.03, -3),
+                                                  (9.0, 24), (-9.0, -24)])
+def test_a_command_is_delayed_by_whole_samples_and_its_ends_are_held(seconds, samples):
+    at = np.clip(np.arange(len(RAMP)) - samples, 0, len(RAMP) - 1)
     assert np.array_equal(delay_command(RAMP, seconds), RAMP[at])
 
 

@@ -177,11 +177,11 @@ def test_changed_equations_get_a_kernel_of_their_own(nothing_built, monkeypatch)
     def heavier(p, xp, dt, method):
         step = model.make_car_step(p, xp, dt, method)
 
-        def changed(*values):
+        def change_step(*values):
             out = step(*values)
             return (*out[:3], 0.5 * out[3], *out[4:])
 
-        return changed
+        return change_step
 
     monkeypatch.setitem(model.STEP_FACTORIES, "car", heavier)
     trace.cache_clear()
@@ -262,18 +262,18 @@ def hook(monkeypatch, tmp_path):
                                      encoding="utf-8")
     (native / "kernel.c").write_text("int nothing;\n", encoding="utf-8")
     made = module.KernelHook()
-    said = []
+    messages = []
     made.root = str(tmp_path)
     made.target_name = "wheel"
-    made.app = types.SimpleNamespace(display_info=said.append, display_warning=said.append)
-    return made, said, native / "_built"
+    made.app = types.SimpleNamespace(display_info=messages.append, display_warning=messages.append)
+    return made, messages, native / "_built"
 
 
 @needs_compiler
 @pytest.mark.parametrize(("version", "pure"), [("standard", False), ("editable", True)])
 @pytest.mark.slow_except("editable-True")
 def test_building_the_package_compiles_all_variants(hook, version, pure):
-    made, said, folder = hook
+    made, messages, folder = hook
     folder.mkdir()
     (folder / "kernel-f64-of-yesterday.so").write_bytes(b"")
     data = {"artifacts": [], "pure_python": True}
@@ -281,26 +281,26 @@ def test_building_the_package_compiles_all_variants(hook, version, pure):
     assert len(list(folder.glob("*.so"))) == len(build.VARIANTS)
     assert data["pure_python"] is pure
     assert bool(data["artifacts"]) is not pure
-    assert "4 libraries" in said[0]
+    assert "4 libraries" in messages[0]
     tag = f"py3-none-{sysconfig.get_platform().replace('-', '_').replace('.', '_')}"
     assert data.get("tag") == (None if pure else tag)
 
 
 def test_building_without_a_compiler_succeeds_and_says_so(hook, monkeypatch):
-    made, said, folder = hook
+    made, messages, folder = hook
     monkeypatch.setenv("CC", "no-such-compiler")
     data = {"artifacts": [], "pure_python": True}
     made.initialize("standard", data)
     assert data == {"artifacts": [], "pure_python": True}
-    assert "numpy takes over: no C compiler (no-such-compiler)" in said[0]
+    assert "numpy takes over: no C compiler (no-such-compiler)" in messages[0]
     assert not folder.exists()
 
 
 def test_a_source_archive_holds_no_library(hook):
-    made, said, folder = hook
+    made, messages, folder = hook
     made.target_name = "sdist"
     made.initialize("standard", {})
-    assert said == []
+    assert messages == []
     assert not folder.exists()
 
 

@@ -51,7 +51,7 @@ def driving(p, n, seed=0, dtype=np.float64):
     return state.astype(dtype)
 
 
-def varied(p, n, seed=1):
+def vary_vehicles(p, n, seed=1):
     """n vehicles that differ in every group of parameters."""
     draw = np.random.default_rng(seed)
     mine = {"body.mass": p.body.mass, "friction.a": p.friction.a, "motor.d": p.motor.d,
@@ -62,11 +62,11 @@ def varied(p, n, seed=1):
                   for _ in range(n)])
 
 
-def apart(got, wanted):
+def largest_difference(got, expected):
     """Largest difference as a share of the value or of 1."""
-    assert got.shape == wanted.shape
-    assert np.isfinite(wanted).all()
-    return np.max(np.abs(got - wanted) / np.maximum(1.0, np.abs(wanted)))
+    assert got.shape == expected.shape
+    assert np.isfinite(expected).all()
+    return np.max(np.abs(got - expected) / np.maximum(1.0, np.abs(expected)))
 
 
 @pytest.mark.slow_except("37-per-car-PaperTyres-upstream", "1-shared-AxleTyres-all_speeds",
@@ -78,15 +78,15 @@ def test_one_step_from_random_states(p, lanes, n):
     state = driving(p, n)
     draw = np.random.default_rng(2)
     commands = draw.uniform(-0.5, 0.5, (1, n)), draw.uniform(-1, 1, (1, n))
-    vehicle = varied(p, n) if lanes else p
+    vehicle = vary_vehicles(p, n) if lanes else p
     native, numpy = (car_rollout(vehicle, state, *commands, engine=e) for e in
                      ("native", "numpy"))
-    assert apart(native, numpy) < 1e-12
+    assert largest_difference(native, numpy) < 1e-12
     few = state.astype(np.float32)
-    wanted = numpy
+    expected = numpy
     single = car_rollout(vehicle, few, *(c.astype(np.float32) for c in commands), engine="native")
     assert single.dtype == np.float32
-    assert apart(single, wanted) < 1e-5
+    assert largest_difference(single, expected) < 1e-5
 
 
 @FORM
@@ -104,17 +104,17 @@ def test_two_seconds_of_transients(p, lanes):
     state[3], state[4], state[5] = np.abs(state[3]) + 1.0, 0.1 * state[4], 0.2 * state[5]
     throttle = 0.32 + 0.08 * np.sign(np.sin(7 * t + phase))
     steering = 0.4 * np.sin(5 * t + phase)
-    vehicle = varied(p, N) if lanes else p
+    vehicle = vary_vehicles(p, N) if lanes else p
     at = [1, 50, 200]
     native, numpy = (car_rollout(vehicle, state, throttle, steering, at=at, engine=e)
                      for e in ("native", "numpy"))
-    assert apart(native, numpy) < 1e-12
+    assert largest_difference(native, numpy) < 1e-12
     if not lanes:
         step = make_car_step(p, math)
         one = tuple(state[:, 5])
         for k in range(200):
             one = step(*one, throttle[k, 5], steering[k, 5])
-        assert apart(native[-1, :, 5], np.array(one)) < 1e-12
+        assert largest_difference(native[-1, :, 5], np.array(one)) < 1e-12
 
 
 @FORM
@@ -127,12 +127,12 @@ def test_rollouts_of_windows(p, lanes):
     state[3] = np.abs(state[3]) + 0.5
     throttle = draw.uniform(0.1, 0.4, (50, N))
     angle = draw.uniform(-0.3, 0.3, (50, N))
-    vehicle = varied(p, N) if lanes else p
+    vehicle = vary_vehicles(p, N) if lanes else p
     at = [50, 0, 7, 7, 20]
     native, numpy = (rollout(vehicle, state, throttle, angle, at=at, engine=e)
                      for e in ("native", "numpy"))
     assert np.array_equal(native[1], state)
-    assert apart(native, numpy) < 1e-12
+    assert largest_difference(native, numpy) < 1e-12
 
 
 @given(data=st.data())
@@ -145,7 +145,7 @@ def test_any_car_at_any_place_of_a_batch(data):
     commands = np.full((3, n), 0.3), np.full((3, n), -0.4)
     whole = car_rollout(p, state, *commands, engine="native")
     alone = car_rollout(p, state[:, i:i + 1], *(c[:, :1] for c in commands), engine="numpy")
-    assert apart(whole[:, :, i:i + 1], alone) < 1e-12
+    assert largest_difference(whole[:, :, i:i + 1], alone) < 1e-12
 
 
 def test_a_batch_advances_alike_on_both_engines():
@@ -156,7 +156,7 @@ def test_a_batch_advances_alike_on_both_engines():
         b.state[...] = driving(p, N)
         for tau in (0.3, -0.2):
             b.advance(np.full(N, tau), np.linspace(-1, 1, N), steps=5)
-    assert apart(batches[0].state, batches[1].state) < 1e-12
+    assert largest_difference(batches[0].state, batches[1].state) < 1e-12
 
 
 def test_the_step_of_one_car_takes_and_gives_floats():
@@ -173,8 +173,8 @@ def test_a_rear_tyre_without_end_is_one_without_end():
     held = np.full((10, 1), 0.3)
     free, numpy = (rollout(PAPER, state, held, held, engine=e) for e in ("native", "numpy"))
     capped = rollout(CAPPED, state, held, held, engine="native")
-    assert apart(free, numpy) < 1e-12
-    assert apart(free, capped) > 0.1
+    assert largest_difference(free, numpy) < 1e-12
+    assert largest_difference(free, capped) > 0.1
 
 
 @pytest.mark.slow
@@ -204,7 +204,7 @@ def test_wrong_requests_are_refused():
     with pytest.raises(UsageError, match="no compiled kernel"):
         Batch(PAPER, 3, dtype=np.float16, engine="native")
     with pytest.raises(UsageError, match="a vehicle for each car"):
-        rollout(varied(PAPER, 5), state, held, held, engine="native")
+        rollout(vary_vehicles(PAPER, 5), state, held, held, engine="native")
 
 
 def test_other_types_fall_back_silently():
@@ -248,12 +248,12 @@ def test_any_step_can_become_a_kernel(tmp_path):
                held, held,
                [30], 1)[0]
     step = make(numbers.__getitem__, ARRAY)
-    wanted = tuple(state)
+    expected = tuple(state)
     for _ in range(30):
-        wanted = step(*wanted, 0.2, 0.2)
-    assert apart(got, np.array(wanted)) < 1e-12
+        expected = step(*expected, 0.2, 0.2)
+    assert largest_difference(got, np.array(expected)) < 1e-12
     calm = car_rollout(PAPER, state, held, held, at=[30], engine="native")[0]
-    assert apart(calm, got) > 0.05
+    assert largest_difference(calm, got) > 0.05
 
 
 def test_an_exponential_that_underflows_costs_no_accuracy():
@@ -261,7 +261,7 @@ def test_an_exponential_that_underflows_costs_no_accuracy():
     state = np.array([[0.0, 0, 0, 8.0, 0.1, 2.0, 0.3, 0.2], [0, 0, 0, 0.0, 0, 0, 0.3, 0.2]]).T
     held = np.full((20, 2), 0.3), np.full((20, 2), 0.2)
     native, numpy = (car_rollout(PAPER, state, *held, engine=e) for e in ("native", "numpy"))
-    assert apart(native, numpy) < 1e-12
+    assert largest_difference(native, numpy) < 1e-12
     single = car_rollout(PAPER, state.astype(np.float32),
                          *(u.astype(np.float32) for u in held), engine="native")
-    assert apart(single, numpy) < 2e-5
+    assert largest_difference(single, numpy) < 2e-5

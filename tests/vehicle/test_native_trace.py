@@ -86,7 +86,7 @@ def test_no_parameter_is_lost_on_the_way_to_the_kernel(p):
     p = replace(p, delay=UPSTREAM_2024.delay)
     traced = trace(form_of(p), "car")
     base = list(coefficients(traced, p, 0.01))
-    for name in used(p):
+    for name in list_used(p):
         group, _, key = name.partition(".")
         part = getattr(p, group)
         changed = object.__new__(type(part))
@@ -96,15 +96,15 @@ def test_no_parameter_is_lost_on_the_way_to_the_kernel(p):
         assert list(coefficients(traced, replace(p, **{group: changed}), 0.01)) != base, name
 
 
-def used(p):
+def list_used(p):
     rolling = ("body.wheelbase", "body.l_r", "body.mass", "friction.", "motor.", "steering.",
                "delay.steering_lag_s", "delay.throttle_lag_s")
     slipping = (*rolling, "body.l_f", "body.yaw_inertia", "body.front_share", "tyres.")
-    wanted = rolling if p.kind == "kinematic" else slipping
+    expected = rolling if p.kind == "kinematic" else slipping
     skip = ("tyres.rear_max",)
     if not isinstance(p.tyres, AxleTyres):
-        wanted = tuple(w for w in wanted if w != "body.wheelbase" or p.kind == "kinematic")
-    return [n for n in names(p) if n.startswith(wanted) and n not in skip]
+        expected = tuple(w for w in expected if w != "body.wheelbase" or p.kind == "kinematic")
+    return [n for n in names(p) if n.startswith(expected) and n not in skip]
 
 
 def test_a_kernel_shares_work_between_the_stages():

@@ -33,7 +33,7 @@ any_message = st.sampled_from(MESSAGES).flatmap(lambda m: st.tuples(st.just(m), 
 @st.composite
 def damaged_streams(draw):
     """A mixed stream with bytes changed, dropped, doubled and noise put in."""
-    frames = samples.mixed(draw(st.integers(0, 12)), draw(st.integers(0, 2**32)))
+    frames = samples.mix_frames(draw(st.integers(0, 12)), draw(st.integers(0, 2**32)))
     rng = Random(draw(st.integers(0, 2**32)))
     stream = b"".join(frames)
     for name in draw(st.lists(st.sampled_from([*samples.SMALL_FAULTS, "noise"]), max_size=6)):

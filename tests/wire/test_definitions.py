@@ -24,9 +24,9 @@ def fresh(message: Message, **changes) -> Message:
     return replace(message, **changes)
 
 
-def with_field(message: Message, at: int, **changes) -> Message:
+def with_field(message: Message, index: int, **changes) -> Message:
     fields = list(message.fields)
-    fields[at] = replace(fields[at], **changes)
+    fields[index] = replace(fields[index], **changes)
     return fresh(message, fields=tuple(fields))
 
 
@@ -54,9 +54,9 @@ def test_crc_check_values():
 
 @pytest.mark.parametrize("changes", [
     {"name": "other"}, {"type": "u64"}, {"count": 2}, {"scale": 0.25}, {"unit": "m"}])
-@pytest.mark.parametrize("at", range(len(STATE.fields)))
-def test_seed_follows_every_part_of_the_definition(changes, at):
-    assert with_field(STATE, at, **changes).seed != STATE.seed
+@pytest.mark.parametrize("index", range(len(STATE.fields)))
+def test_seed_follows_every_part_of_the_definition(changes, index):
+    assert with_field(STATE, index, **changes).seed != STATE.seed
 
 
 def test_seed_follows_order_id_and_direction():

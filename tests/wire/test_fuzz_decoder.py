@@ -33,7 +33,7 @@ def hostile(rng, frames):
         yield frame
 
 
-def fed(stream, cut=None):
+def feed_stream(stream, cut=None):
     """Frames and counters, in reads of ``cut()`` bytes; the memory is looked at after each."""
     decoder = Decoder(UP, Gates())
     frames = []
@@ -49,8 +49,8 @@ def fed(stream, cut=None):
 def laws(seed, frames):
     rng = Random(seed)
     stream = b"".join(hostile(rng, frames))
-    got, counters = fed(stream)
-    assert (got, counters) == fed(stream, lambda: rng.randrange(1, 90))
+    got, counters = feed_stream(stream)
+    assert (got, counters) == feed_stream(stream, lambda: rng.randrange(1, 90))
     assert counters.ok == len(got)
     assert [f.end for f in got] == sorted(f.end for f in got)
     assert 0 <= counters.gaps <= MOST * len(got)

@@ -15,7 +15,7 @@ from tests.wire import wire_samples as samples
 DRIVE = samples.drive(40.0, seed=1)
 
 
-def lost(frames):
+def count_lost(frames):
     decoder = Decoder(UP)
     decoder.feed(b"".join(frames))
     return decoder.counters.gaps
@@ -24,7 +24,7 @@ def lost(frames):
 @given(st.sets(st.integers(1, 598)))
 def test_any_frames_may_be_missing(missing):
     frames = [f for i, f in enumerate(DRIVE[:600]) if i not in missing]
-    assert lost(frames) == len(missing)
+    assert count_lost(frames) == len(missing)
 
 
 @given(st.integers(0, 2**32), st.floats(0.0, 0.3))
@@ -42,13 +42,13 @@ def test_damage_counts_as_lost(seed, share):
 @pytest.mark.parametrize("length", [1, 100, 254, 255, 256, 257, 511, 512, 600, 1500, 3000])
 @pytest.mark.parametrize("start", [50, 51, 57, 700])
 def test_long_silence_is_counted_by_device_time(length, start):
-    assert lost(DRIVE[:start] + DRIVE[start + length:]) == length
+    assert count_lost(DRIVE[:start] + DRIVE[start + length:]) == length
 
 
 def test_the_sequence_number_alone_would_not_do(monkeypatch):
     """Negative control."""
     monkeypatch.setattr(ledger, "MAX_EXACT_SILENCE", ledger.MASK32)
-    assert lost(DRIVE[:50] + DRIVE[650:]) == 600 % 256
+    assert count_lost(DRIVE[:50] + DRIVE[650:]) == 600 % 256
 
 
 def two_states(periods, step):
@@ -76,7 +76,7 @@ def test_rounds(short, added):
 
 
 def test_what_is_missing_at_the_ends_is_not_claimed():
-    assert lost(DRIVE[5:100]) == 0
+    assert count_lost(DRIVE[5:100]) == 0
 
 
 def test_another_boot_begins_a_new_account():

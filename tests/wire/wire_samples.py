@@ -34,7 +34,7 @@ def random_values(message: Message, rng: Random) -> tuple[Any, ...]:
     return tuple(rng.randint(*_RANGES[f.type]) for f in message.fields for _ in range(f.count))
 
 
-def mixed(count: int, seed: int) -> list[bytes]:
+def mix_frames(count: int, seed: int) -> list[bytes]:
     """``count`` frames of every message in turn, random values, seq from 0."""
     rng = Random(seed)
     return [encode(m, i, random_values(m, rng))

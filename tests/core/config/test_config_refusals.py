@@ -17,7 +17,7 @@ encoder = {{ metres_per_edge = {{ value = 0.002, std = 1e-5 }} }}
 MAP = 'car = "a"\n[steering.map]\npulse_us = {}\nangle_rad = {}\nstd_rad = [0.1, 0.1, 0.1]'
 
 
-def refused(read, text: str, kind: type[ConfigError] = ConfigError) -> ConfigError:
+def read_refused(read, text: str, kind: type[ConfigError] = ConfigError) -> ConfigError:
     with pytest.raises(kind) as caught:
         read(text)
     assert "file.toml" in caught.value.what
@@ -40,17 +40,17 @@ def test_the_base_text_of_these_tests_is_accepted() -> None:
     calibration(MAP.format("[1001, 1002, 1003]", "[0.3, 0.2, 0.1]"))
 
 
-@pytest.mark.parametrize(("line", "key", "near"), [
+@pytest.mark.parametrize(("line", "key", "suggestion"), [
     ("[pwm]\nadress = 64", "adress", "address"),
     ("[steering]\ncenter = 1500", "center", "center_us"),
     ("[limits]\nmax_steer = 0.3", "max_steer", "max_steering"),
     ("[safty]\ncutoff_required = true", "safty", "safety"),
 ])
-def test_an_unknown_key_is_refused_with_the_nearest_that_exists(line, key, near) -> None:
-    error = refused(car, line)
+def test_an_unknown_key_is_refused_with_the_nearest_that_exists(line, key, suggestion) -> None:
+    error = read_refused(car, line)
     assert error.found == key
-    assert near in error.expected
-    assert near in error.remedy
+    assert suggestion in error.expected
+    assert suggestion in error.remedy
 
 
 @pytest.mark.parametrize(("line", "key"), [
@@ -70,7 +70,7 @@ def test_a_value_out_of_range_is_refused_by_its_key(line, key) -> None:
     text = CAR.format(line)
     if line.startswith("[encoder]"):
         text = text.replace("encoder = {", "#")
-    error = refused(lambda t: parse_config(t, "file.toml"), text)
+    error = read_refused(lambda t: parse_config(t, "file.toml"), text)
     assert key in str(error)
 
 
@@ -88,30 +88,30 @@ def test_standard_error_of_a_size_that_cannot_be_is_refused(std, key) -> None:
 
 def test_axles_that_do_not_add_up_to_the_wheelbase_are_refused() -> None:
     text = CAR.format("").replace("0.0945", "0.0845")
-    assert "wheelbase" in refused(lambda t: parse_config(t, "file.toml"), text).what
+    assert "wheelbase" in read_refused(lambda t: parse_config(t, "file.toml"), text).what
 
 
 @pytest.mark.parametrize("entry", ["25_100_000", "{ value = 25_100_000 }", "{ std = 3 }",
                                    "{ value = 25e6, std = -1 }", "{ value = 25e6, std = nan }"])
 def test_a_measured_value_without_an_honest_std_is_refused(entry) -> None:
-    error = refused(calibration, f'car = "a"\n[pwm]\noscillator_hz = {entry}')
+    error = read_refused(calibration, f'car = "a"\n[pwm]\noscillator_hz = {entry}')
     assert "pwm.oscillator_hz" in error.what
 
 
 def test_a_map_without_stds_is_refused() -> None:
     text = MAP.format("[1, 2, 3]", "[1, 2, 3]").rpartition("\n")[0]
-    assert "standard error" in refused(calibration, text).what
+    assert "standard error" in read_refused(calibration, text).what
 
 
 @pytest.mark.parametrize(("pulse", "angle"), [
     ("[1, 3, 2]", "[1, 2, 3]"), ("[1, 2, 3]", "[1, 3, 2]"), ("[1, 2, 3]", "[3, 1, 2]"),
     ("[1, 2, 3]", "[1, 1, 2]"), ("[3, 2, 1]", "[1, 2, 3]")])
 def test_a_map_that_turns_back_is_refused(pulse, angle) -> None:
-    assert "turns back" in refused(calibration, MAP.format(pulse, angle), NotMonotone).what
+    assert "turns back" in read_refused(calibration, MAP.format(pulse, angle), NotMonotone).what
 
 
 def test_a_map_of_unequal_columns_is_refused() -> None:
-    assert "angle_rad" in refused(calibration, MAP.format("[1, 2, 3]", "[1, 2]")).what
+    assert "angle_rad" in read_refused(calibration, MAP.format("[1, 2, 3]", "[1, 2]")).what
 
 
 @pytest.mark.parametrize(("speed", "pulse", "std", "key"), [
@@ -122,46 +122,46 @@ def test_a_map_of_unequal_columns_is_refused() -> None:
     ("[0.5, 1.0]", "[0.16, 0.17]", "[0.2, 0.2]", "drive.pulse_us")])
 def test_a_drive_table_that_cannot_be_is_refused_by_its_key(speed, pulse, std, key) -> None:
     text = f'car = "a"\n[throttle.drive]\nspeed = {speed}\npulse_us = {pulse}\nstd_us = {std}'
-    assert key in refused(calibration, text).what
+    assert key in read_refused(calibration, text).what
 
 
 def test_a_drive_table_that_turns_back_is_refused() -> None:
     text = ('car = "a"\n[throttle.drive]\nspeed = [0.5, 1.0]\npulse_us = [1610, 1600]\n'
             'std_us = [1, 1]')
-    assert "drive.pulse_us" in refused(calibration, text, NotMonotone).what
+    assert "drive.pulse_us" in read_refused(calibration, text, NotMonotone).what
 
 
 def test_a_neutral_that_is_no_pulse_and_a_behaviour_that_is_none_are_refused() -> None:
     neutral = 'car = "a"\n[throttle]\nneutral_us = { value = 1.5, std = 0.001 }'
-    assert "throttle.neutral_us" in refused(calibration, neutral).what
-    assert "reverse" in refused(calibration, 'car = "a"\n[throttle]\nreverse = "maybe"').what
+    assert "throttle.neutral_us" in read_refused(calibration, neutral).what
+    assert "reverse" in read_refused(calibration, 'car = "a"\n[throttle]\nreverse = "maybe"').what
 
 
 def test_another_cars_calibration_is_refused() -> None:
-    error = refused(calibration, 'car = "b"', OtherCar)
+    error = read_refused(calibration, 'car = "b"', OtherCar)
     assert (error.found, error.expected) == ("b", "a")
 
 
 def test_a_file_of_another_kind_is_refused_before_its_keys_confuse() -> None:
-    error = refused(calibration, 'schema = "dart-hal/model/1"\nname = "x"')
+    error = read_refused(calibration, 'schema = "dart-hal/model/1"\nname = "x"')
     assert "calibration/1" in error.expected
 
 
 def test_a_ring_whose_intervals_do_not_sum_to_their_number_is_refused() -> None:
     text = 'car = "a"\n[encoder]\nring = {{ value = [1.0, {}], std = 0.01 }}'
     calibration(text.format("1.0"))
-    assert "ring" in refused(calibration, text.format("1.1")).what
+    assert "ring" in read_refused(calibration, text.format("1.1")).what
 
 
 def test_a_model_with_an_unknown_parameter_is_refused() -> None:
     text = 'name = "m"\nkind = "dynamic"\n[body]\nwheelbase = 0.2\n[friction]\n{} = 1.0'
     parse_model(text.format("a"), "file.toml")
-    error = refused(lambda t: parse_model(t, "file.toml"), text.format("A"))
+    error = read_refused(lambda t: parse_model(t, "file.toml"), text.format("A"))
     assert "[friction]" in error.what
 
 
 def test_broken_toml_is_refused_with_its_file() -> None:
-    refused(lambda t: parse_config(t, "file.toml"), "[pwm\n")
+    read_refused(lambda t: parse_config(t, "file.toml"), "[pwm\n")
 
 
 def test_an_unknown_car_lists_those_that_exist(tmp_path, monkeypatch) -> None:
@@ -197,7 +197,7 @@ yaw_inertia = 0.0065
     ('"m"', "3", "name", "3", "text")])
 def test_the_entry_of_a_model_that_is_wrong_is_named(old, new, key, found, expected) -> None:
     parse_model(MODEL, "file.toml")
-    error = refused(lambda t: parse_model(t, "file.toml"), MODEL.replace(old, new))
+    error = read_refused(lambda t: parse_model(t, "file.toml"), MODEL.replace(old, new))
     assert f"{key} " in error.what
     assert error.found == found
     assert expected in error.expected
@@ -205,9 +205,9 @@ def test_the_entry_of_a_model_that_is_wrong_is_named(old, new, key, found, expec
 
 
 def test_a_choice_that_was_misspelt_is_spelt_out() -> None:
-    error = refused(lambda t: parse_model(t, "file.toml"), MODEL.replace("dynamic", "dynmic"))
+    error = read_refused(lambda t: parse_model(t, "file.toml"), MODEL.replace("dynamic", "dynmic"))
     assert error.remedy == "write dynamic for dynmic"
-    assert refused(car, "[steering]\ndirection = 2").expected == "one of -1, 1"
+    assert read_refused(car, "[steering]\ndirection = 2").expected == "one of -1, 1"
 
 
 @pytest.mark.parametrize(("old", "new"), [("0.0945", "0.1945"), ("1.67", "-1.0")])

@@ -52,7 +52,7 @@ def with_neutral(us: float, deliberate: float | None = None) -> str:
     return CAR.replace("neutral_us = 1500 ", f"neutral_us = {us}{mark} ")
 
 
-def measured(table: str, key: str, value: float, std: float) -> str:
+def format_measured(table: str, key: str, value: float, std: float) -> str:
     return f'car = "dart-01"\n[{table}]\n{key} = {{ value = {value}, std = {std} }}\n'
 
 
@@ -63,22 +63,22 @@ def test_an_unusual_neutral_is_refused_in_both_files(us):
     assert (str(us) in caught.value.found, caught.value.expected) == (True, "1400 to 1600 us")
     assert "deliberate_neutral_us" in caught.value.remedy
     with pytest.raises(ConfigError, match="neutral_us"):
-        parse_calibration(measured("throttle", "neutral_us", us, 1.0), "here")
+        parse_calibration(format_measured("throttle", "neutral_us", us, 1.0), "here")
 
 
 @pytest.mark.parametrize("us", [1400, 1500, 1600])
 def test_a_usual_neutral_is_accepted_in_both_files(us):
     assert parse_config(with_neutral(us), "car.toml").throttle.neutral_us == us
-    assert parse_calibration(measured("throttle", "neutral_us", us, 1.0), "here")
+    assert parse_calibration(format_measured("throttle", "neutral_us", us, 1.0), "here")
 
 
 def test_a_deliberate_neutral_is_accepted_near_its_mark_alone():
     assert parse_config(with_neutral(1650, 1650), "car.toml").throttle.neutral_us == 1650
-    text = measured("throttle", "neutral_us", 1655, 1.0)
+    text = format_measured("throttle", "neutral_us", 1655, 1.0)
     assert parse_calibration(text, "here", deliberate_us=1650.0)
     for us in (1690, 1900):  # the mark is no licence for another number
         with pytest.raises(ConfigError, match="deliberate_neutral_us"):
-            parse_calibration(measured("throttle", "neutral_us", us, 1.0), "here",
+            parse_calibration(format_measured("throttle", "neutral_us", us, 1.0), "here",
                               deliberate_us=1650.0)
     with pytest.raises(ConfigError, match="deliberate_neutral_us"):
         parse_config(with_neutral(1500, 3000), "car.toml")
@@ -89,7 +89,7 @@ def test_a_deliberate_neutral_is_accepted_near_its_mark_alone():
     (34.9e6, 1e3, "value"), (25e6, 5e6, "std"), (25e6, 0.006 * 25e6, "std")])
 def test_an_oscillator_that_no_board_has_is_refused_in_both_files(hertz, std, key):
     with pytest.raises(ConfigError, match=f"oscillator_hz.{key}"):
-        parse_calibration(measured("pwm", "oscillator_hz", hertz, std), "here")
+        parse_calibration(format_measured("pwm", "oscillator_hz", hertz, std), "here")
     line = f"oscillator_hz = {{ value = {hertz}, std = {std} }}"
     with pytest.raises(ConfigError, match=f"oscillator_hz.{key}"):
         parse_config(CAR.replace("clock_channel = 15", f"clock_channel = 15\n{line}"), "car.toml")
@@ -97,7 +97,7 @@ def test_an_oscillator_that_no_board_has_is_refused_in_both_files(hertz, std, ke
 
 @pytest.mark.parametrize("hertz", [22e6, 24.06e6, 27e6, 28e6])
 def test_an_oscillator_that_boards_have_is_accepted(hertz):
-    assert parse_calibration(measured("pwm", "oscillator_hz", hertz, 0.005 * hertz), "here")
+    assert parse_calibration(format_measured("pwm", "oscillator_hz", hertz, 0.005 * hertz), "here")
 
 
 def test_no_file_of_a_car_can_bring_an_unusual_neutral_to_the_pins(tmp_path):

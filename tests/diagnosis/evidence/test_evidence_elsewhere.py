@@ -19,29 +19,29 @@ def _nothing_came_before(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def seen():
+def evidence():
     return searched.evidence(searched.drive(seconds=8.0))
 
 
-def test_the_second_packet_finds_what_the_first_has_kept(seen):
-    packet = pickle.dumps(seen)
+def test_the_second_packet_finds_what_the_first_has_kept(evidence):
+    packet = pickle.dumps(evidence)
     first = pickle.loads(packet)
-    assert first is not seen
+    assert first is not evidence
     assert not first._parts_cache
     assert not first._residuals_cache
     p = apply(PAPER, "motor_gain", k=0.1)
-    assert np.array_equal(first.residuals(p).motion, seen.residuals(p).motion)
+    assert np.array_equal(first.residuals(p).motion, evidence.residuals(p).motion)
     assert pickle.loads(packet) is first
     assert first._parts_cache
     assert first._residuals_cache
 
 
-def test_another_evidence_of_the_same_recordings_is_another(seen):
+def test_another_evidence_of_the_same_recordings_is_another(evidence):
     other = searched.evidence(searched.drive(seconds=8.0))
-    assert pickle.loads(pickle.dumps(other)) is not pickle.loads(pickle.dumps(seen))
+    assert pickle.loads(pickle.dumps(other)) is not pickle.loads(pickle.dumps(evidence))
 
 
-def test_a_process_keeps_few(seen):
+def test_a_process_keeps_few(evidence):
     for _ in range(residuals.MAX_CACHED_EVIDENCE + 1):
         pickle.loads(pickle.dumps(searched.evidence(searched.drive(seconds=8.0))))
     assert len(residuals.EVIDENCE_CACHE) == residuals.MAX_CACHED_EVIDENCE

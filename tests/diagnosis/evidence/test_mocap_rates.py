@@ -47,7 +47,7 @@ def at_rate(recording, hz, path, jitter=0.0):
     return read(path)
 
 
-def seen(recording):
+def measure_errors(recording):
     """(windows, messages, median size of each error of the paper's car)."""
     evidence = make_evidence([recording], PAPER.body.l_r)[0]
     r = evidence.residuals(PAPER, MessageTiming(evidence.message_age))
@@ -57,8 +57,8 @@ def seen(recording):
 @pytest.mark.parametrize("hz", RATES)
 @pytest.mark.slow_except("20", "200")
 def test_the_same_drive_is_as_much_evidence(drive, tmp_path, hz):
-    windows, messages, size = seen(drive)
-    other = seen(at_rate(drive, hz, tmp_path / "other.csv", 0.001 if hz < 100 else 0.0))
+    windows, messages, size = measure_errors(drive)
+    other = measure_errors(at_rate(drive, hz, tmp_path / "other.csv", 0.001 if hz < 100 else 0.0))
     assert other[0] > 0.9 * windows
     assert other[1] > 0.9 * messages
     assert np.linalg.norm(other[2]) < 1.5 * np.linalg.norm(size)
@@ -98,8 +98,9 @@ def test_a_gap_of_several_poses_is_still_a_gap(drive, tmp_path):
 
 def test_a_car_that_only_stands_is_no_window_of_motion(tmp_path):
     plan = hidden_drive.Plan(series=(np.zeros(1100), np.zeros(1100)))
-    stands = read(hidden_drive.write(tmp_path / "stands.csv", PAPER, 3, plan))
+    recording = read(hidden_drive.write(tmp_path / "stands.csv", PAPER, 3, plan))
     l_r = PAPER.body.l_r
-    r = Evidence([prepare_drive(stands, l_r, REFERENCE)], l_r).residuals(PAPER, MessageTiming(0.0))
+    r = Evidence([prepare_drive(recording, l_r, REFERENCE)], l_r).residuals(PAPER,
+                                                                            MessageTiming(0.0))
     assert len(r.motion) == 0
     assert len(r.sensors) > 80  # ten a second

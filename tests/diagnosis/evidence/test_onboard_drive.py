@@ -80,9 +80,9 @@ def test_rounded_readings_at_rest_have_the_noise_of_their_rounding_and_no_bias()
     rate = np.round(rng.normal(0.0, 1e-4, 200) / step) * step  # all of them 0 ...
     rate[3] = step  # ... but one, which shows the step
     drive, = prepare_stretches(made(200, speed=0.0, yaw_rate=rate, throttle=0.0))
-    told = drive.readings[drive.at_rest, 1]
-    assert abs(told.mean()) < 0.02 * step
-    assert told.std() == pytest.approx(step / np.sqrt(12.0), rel=0.1)
+    readings = drive.readings[drive.at_rest, 1]
+    assert abs(readings.mean()) < 0.02 * step
+    assert readings.std() == pytest.approx(step / np.sqrt(12.0), rel=0.1)
 
 
 def test_standstill_counts_by_how_much_quieter_it_is_and_no_more_than_floors_are_level():

@@ -45,14 +45,14 @@ def test_effects_of_the_mocap_change_nothing_and_all_others_something(plain):
     base = plain.residuals(PAPER)
     noise = estimate_noise(base, plain.blocks(2.0))
     here, _ = noise.stack(base)
-    felt = {}
+    effect_of = {}
     for name, effect in catalogue().items():
         q = effect.parameters[0]
         k = q.null + q.sizes[2] if q.null + q.sizes[2] <= q.high else q.null - q.sizes[2]
         there, _ = noise.stack(plain.residuals(apply(PAPER, name, **{q.name: k})))
-        felt[name] = float(np.sum((there - here)**2))
-    assert {n for n, change in felt.items() if change == 0.0} == set(pose_only_effects())
-    assert min(change for n, change in felt.items() if n not in pose_only_effects()) > 20.0
+        effect_of[name] = float(np.sum((there - here)**2))
+    assert {n for n, change in effect_of.items() if change == 0.0} == set(pose_only_effects())
+    assert min(change for n, change in effect_of.items() if n not in pose_only_effects()) > 20.0
 
 
 @pytest.mark.slow
@@ -69,12 +69,12 @@ def test_a_sensor_that_errs_is_predicted_as_well_once_it_is_known_to(tmp_path, p
 
 def test_standing_still_tells_a_tilt_and_a_bias_at_once(tmp_path):
     tilted = apply(apply(PAPER, "imu_pitch", k=0.05), "gyro_bias", k=0.02)
-    seen = evidence(recorded(tmp_path, tilted, seed=22, seconds=90.0))
-    still = np.concatenate([d.at_rest for d in seen.drives])
+    of_drive = evidence(recorded(tmp_path, tilted, seed=22, seconds=90.0))
+    still = np.concatenate([d.at_rest for d in of_drive.drives])
     assert still.sum() > 10
 
     def mean(p):
-        return seen.residuals(p).sensors[still].mean(axis=0)
+        return of_drive.residuals(p).sensors[still].mean(axis=0)
 
     assert mean(PAPER)[1] == pytest.approx(-0.02, abs=2e-3)
     assert mean(PAPER)[2] == pytest.approx(0.05 * 9.81, abs=0.35)
@@ -98,8 +98,8 @@ def test_sensors_that_are_older_than_their_stamps_are_given_their_age(tmp_path):
     m = recording.messages
     old = replace(recording, messages=replace(
         m, **{k: np.interp(m.t - 0.01, m.t, getattr(m, k)) for k in ("speed", "yaw_rate")}))
-    seen = evidence(old)
-    sizes = {late: size(seen.residuals(PAPER, MessageTiming(late)), GYRO)
+    of_drive = evidence(old)
+    sizes = {late: size(of_drive.residuals(PAPER, MessageTiming(late)), GYRO)
              for late in (-0.01, 0.0, 0.01)}
     assert sizes[0.01] < sizes[0.0] < sizes[-0.01]
 

@@ -26,7 +26,7 @@ def whenever():
     return Residuals(motion, rng.normal(size=(WINDOWS, 4))), older
 
 
-def whitened(residuals, older):
+def whiten_residuals(residuals, older):
     blocks = np.arange(WINDOWS), np.arange(WINDOWS)
     return estimate_noise(residuals, blocks, sensitivity=older).whiten(residuals)[0]
 
@@ -41,10 +41,10 @@ def test_ages_of_commands_are_seen_in_what_they_move(whenever):
 
 def test_what_an_age_moves_is_no_larger_than_the_rest(whenever):
     residuals, older = whenever
-    moved = whitened(residuals, older)[::4, MOVED]
+    moved = whiten_residuals(residuals, older)[::4, MOVED]
     assert np.std(moved) == pytest.approx(1.0, rel=0.25)
-    alike = whitened(residuals, None)[::4, MOVED]
-    assert np.std(alike) > 3.0, "by the sizes of columns alone"
+    whitened = whiten_residuals(residuals, None)[::4, MOVED]
+    assert np.std(whitened) > 3.0, "by the sizes of columns alone"
 
 
 def test_where_all_commands_have_one_age_nothing_counts_less(whenever):
@@ -66,6 +66,6 @@ def test_no_sensor_is_known_better_than_it_counts():
                            (blocks[0][:0], blocks[1]))
     step = np.array([np.radians(1.0 / 16.0), 0.01, 0.01])
     assert still.sensors[1:] == pytest.approx(step / np.sqrt(12.0), rel=0.02)
-    loud = estimate_noise(Residuals(motion, 0.1 * rng.normal(size=(WINDOWS, 4))),
+    noisy = estimate_noise(Residuals(motion, 0.1 * rng.normal(size=(WINDOWS, 4))),
                    (blocks[0][:0], blocks[1]))
-    assert loud.sensors == pytest.approx(0.1, rel=0.2)
+    assert noisy.sensors == pytest.approx(0.1, rel=0.2)

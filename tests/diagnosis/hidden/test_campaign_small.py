@@ -21,14 +21,14 @@ from studies.diagnosis.stranger_causes import CAUSES, EITHER_SIGN, SIZES
 from studies.diagnosis.stranger_files import Habits, record
 
 SECONDS = (60.0, 40.0)
-ASKED = ("large/gyro_bias/0", "large/grip/0", "large/steering_lag/0", "large/mocap_offset_x/0",
+CASES = ("large/gyro_bias/0", "large/grip/0", "large/steering_lag/0", "large/mocap_offset_x/0",
          "null/nothing/0", "pair/motor_gain+mocap_offset_y/0", "far/compass_gyro/0",
          "near/filtered_gyro/0", "near/square_cornering/0")
 NOT_HIDDEN = {"encoder_axle"}
 """Effects without a second implementation yet: the campaign never hides them."""
 
 
-def said(*effects, like=(), flagged=False, size=1.0):
+def make_result(*effects, like=(), flagged=False, size=1.0):
     return {"causes": [{"effect": e, "parameters": {"k": {"value": size, "std": 0.1}},
                         "cannot_be_told_from": list(like)} for e in effects],
             "unexplained": [{}] if flagged else []}
@@ -43,56 +43,57 @@ def case(*hidden, group="medium", size=1.0):
 
 
 @pytest.mark.parametrize(("question", "answer", "outcome"), [
-    (case("grip"), said("grip"), "right"),
-    (case("grip"), said("mass", like=("grip",)), "right"),
-    (case("grip"), said("mass", like=("grip", "a", "b", "c")), "wrong"),
-    (case("grip"), said("mass"), "wrong"),
-    (case("grip"), said(), "missed"),
+    (case("grip"), make_result("grip"), "right"),
+    (case("grip"), make_result("mass", like=("grip",)), "right"),
+    (case("grip"), make_result("mass", like=("grip", "a", "b", "c")), "wrong"),
+    (case("grip"), make_result("mass"), "wrong"),
+    (case("grip"), make_result(), "missed"),
     (case("grip"), {"error": "no window"}, "missed"),
-    (case(group="null"), said(), "right"),
-    (case(group="null"), said("grip"), "wrong"),
-    (case(group="null"), said(flagged=True), "missed"),
+    (case(group="null"), make_result(), "right"),
+    (case(group="null"), make_result("grip"), "wrong"),
+    (case(group="null"), make_result(flagged=True), "missed"),
     (case(group="null"), {"error": "no window"}, "missed"),
-    (case("grip", "mass", group="pair"), said("mass", "grip"), "right"),
-    (case("grip", "mass", group="pair"), said("mass", "grip", "gyro_bias"), "wrong"),
-    (case("grip", "mass", group="pair"), said("grip"), "missed"),
-    (case("grip", "mass", group="pair"), said("grip", like=("mass",)), "missed"),
-    (case("carpet", group="far"), said("grip", flagged=True), "right"),
-    (case("carpet", group="far"), said("grip"), "wrong"),
-    (case("carpet", group="far"), said(), "missed"),
-    (case("cubic_drag", group="near"), said("quadratic_drag"), "right"),
-    (case("cubic_drag", group="near"), said("grip"), "wrong"),
+    (case("grip", "mass", group="pair"), make_result("mass", "grip"), "right"),
+    (case("grip", "mass", group="pair"), make_result("mass", "grip", "gyro_bias"), "wrong"),
+    (case("grip", "mass", group="pair"), make_result("grip"), "missed"),
+    (case("grip", "mass", group="pair"), make_result("grip", like=("mass",)), "missed"),
+    (case("carpet", group="far"), make_result("grip", flagged=True), "right"),
+    (case("carpet", group="far"), make_result("grip"), "wrong"),
+    (case("carpet", group="far"), make_result(), "missed"),
+    (case("cubic_drag", group="near"), make_result("quadratic_drag"), "right"),
+    (case("cubic_drag", group="near"), make_result("grip"), "wrong"),
     (case("friction", group="wrong"), claims("friction"), "right"),
     (case("friction", group="wrong"), claims("drive force"), "right"),
     (case("friction", "motor", group="wrong"), claims("drive force"), "right"),
     (case("friction", group="wrong"), claims("friction", "rear tyre"), "wrong"),
     (case("friction", "rear tyre", group="wrong"), claims("friction"), "missed"),
-    (case("friction", group="wrong"), claims("friction") | said("grip"), "wrong"),
-    (case("friction", "grip", group="wrong and one"), claims("friction") | said("grip"), "right"),
+    (case("friction", group="wrong"), claims("friction") | make_result("grip"), "wrong"),
+    (case("friction", "grip", group="wrong and one"), claims("friction") | make_result("grip"),
+     "right"),
     (case("friction", "grip", group="wrong and one"), claims("friction"), "missed")])
 def test_an_answer_is_judged(question, answer, outcome):
     assert score(question, answer).outcome == outcome
 
 
 def test_interval_of_a_size_holds_the_hidden_one_or_not():
-    assert score(case("grip", size=1.16), said("grip", size=1.0)).held == (True,)
-    assert score(case("grip", size=1.17), said("grip", size=1.0)).held == (False,)
-    assert score(case("grip"), said("mass", like=("grip",))).held == ()
+    assert score(case("grip", size=1.16), make_result("grip", size=1.0)).held == (True,)
+    assert score(case("grip", size=1.17), make_result("grip", size=1.0)).held == (False,)
+    assert score(case("grip"), make_result("mass", like=("grip",))).held == ()
 
 
 def test_the_size_that_was_found_is_held_against_the_hidden_one():
-    assert score(case("grip", size=-0.1), said("grip", size=-0.12)).off == pytest.approx(0.2)
-    assert score(case("grip", size=-0.1), said("grip", size=0.1)).off == pytest.approx(2.0)
-    assert score(case("grip"), said("mass", like=("grip",))).off is None
+    assert score(case("grip", size=-0.1), make_result("grip", size=-0.12)).off == pytest.approx(0.2)
+    assert score(case("grip", size=-0.1), make_result("grip", size=0.1)).off == pytest.approx(2.0)
+    assert score(case("grip"), make_result("mass", like=("grip",))).off is None
 
 
 def test_a_row_counts_and_meets_its_target():
-    of = [(case("grip"), score(case("grip"), said("grip")), 2.0)] * 19
-    row, = rows([*of, (case("mass"), score(case("mass"), said()), 4.0)])
+    of = [(case("grip"), score(case("grip"), make_result("grip")), 2.0)] * 19
+    row, = rows([*of, (case("mass"), score(case("mass"), make_result()), 4.0)])
     assert (row.n, row.shares["right"], row.shares["missed"]) == (20, 0.95, 0.05)
     assert row.seconds == pytest.approx(2.1)
     assert row.ok
-    low, = rows([*of, *[(case("mass"), score(case("mass"), said("grip")), 4.0)] * 2])
+    low, = rows([*of, *[(case("mass"), score(case("mass"), make_result("grip")), 4.0)] * 2])
     assert low.ok is False
     assert confusion(of)["grip"] == {"grip": 19}
 
@@ -168,21 +169,21 @@ def test_without_mocap_the_file_has_ten_columns(tmp_path):
 
 @pytest.mark.slow
 def test_a_run_is_resumed_and_a_crash_is_a_result(tmp_path, monkeypatch, capsys):
-    asked = []
+    ran = []
 
     def ask(model: str, train: Path, test: Path, refit: bool):
-        asked.append(train.name)
-        if len(asked) == 1:
+        ran.append(train.name)
+        if len(ran) == 1:
             raise ValueError("oh")
-        return said()
+        return make_result()
 
     real = campaign.run
-    monkeypatch.setattr(campaign, "run", lambda c, seconds, asked: real(c, seconds, ask))
+    monkeypatch.setattr(campaign, "run", lambda c, seconds, ran: real(c, seconds, ask))
     order = ["--only", "null", "--cases", "2", "--seconds", "4", "4", "--jobs", "1", "--json",
              "--out", str(tmp_path / "r.jsonl")]
     assert campaign.main(order) == 0
     assert campaign.main([*order, "--strict"]) == 1, "a crash does not count as silence"
-    assert len(asked) == 2
+    assert len(ran) == 2
     first, second = map(json.loads, (tmp_path / "r.jsonl").read_text().splitlines())
     assert first["error"] == "ValueError: oh"
     assert second["causes"] == []
@@ -194,20 +195,20 @@ def test_from_files_to_names():
     """Nine cases with the base as it is: whatever is named, nothing where nothing is hidden."""
     by_key = {c.key: c for c in cases()}
     outcomes = {}
-    for key in ASKED:
+    for key in CASES:
         one = replace(by_key[key], base="fixed")
         outcomes[key] = score(one, campaign.run(one, SECONDS)).outcome
     assert outcomes["null/nothing/0"] == "right"
-    assert sum(o == "right" for o in outcomes.values()) >= len(ASKED) - 1, outcomes
+    assert sum(o == "right" for o in outcomes.values()) >= len(CASES) - 1, outcomes
 
 
 def test_names_are_counted_by_their_stated_probability():
-    sure = said("grip", "mass")
-    for cause, p in zip(sure["causes"], (0.99, 0.85), strict=True):
+    result = make_result("grip", "mass")
+    for cause, p in zip(result["causes"], (0.99, 0.85), strict=True):
         cause["probability"] = p
-    assert grades([(case("grip"), sure)]) == [(0.99, True), (0.85, False)]
-    assert grades([(case(group="null"), sure)]) == [(0.99, False), (0.85, False)]
-    assert grades([(case("carpet", group="far"), sure)]) == []
+    assert grades([(case("grip"), result)]) == [(0.99, True), (0.85, False)]
+    assert grades([(case(group="null"), result)]) == [(0.99, False), (0.85, False)]
+    assert grades([(case("carpet", group="far"), result)]) == []
 
 
 @pytest.mark.slow

@@ -47,20 +47,20 @@ def files(folder, name, seed):
     return [read(p) for p in pair(folder, car, Habits(), (60.0, 30.0), seed)]
 
 
-def asked(recordings, only=()):
+def diagnose_recordings(recordings, only=()):
     model, vehicle = find_model("paper")
     train, test = recordings
     return diagnose(model, vehicle, [train], [test], refit=False, only=only)
 
 
-def share_of_right(without, recording, name, other=""):
+def share_of_right(others, recording, name, other=""):
     """What the best other name gains (or the one asked for), over what the right one would."""
-    other = other or max(without.ranking, key=lambda n: without.ranking[n])
-    seen, _ = make_evidence([recording], PAPER.body.l_r)
-    noise = estimate_noise(seen.residuals(PAPER), seen.blocks(2.0))
+    other = other or max(others.ranking, key=lambda n: others.ranking[n])
+    evidence, _ = make_evidence([recording], PAPER.body.l_r)
+    noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
     exact = Space(PAPER, ())
-    point = refit(seen, noise, exact, exact.point(MessageTiming()))
-    gains = {t.effect: t.gain for t in scan(seen, point, [name, other])}
+    point = refit(evidence, noise, exact, exact.point(MessageTiming()))
+    gains = {t.effect: t.gain for t in scan(evidence, point, [name, other])}
     return gains[other] / gains[name]
 
 
@@ -84,12 +84,12 @@ def test_what_nothing_else_is_like_ends_unexplained(tmp_path, name, request):
     if name == "mocap_offset_x":
         request.applymarker(PARTLY)
     recordings = files(tmp_path, name, 7)
-    without = asked(recordings, select_effects((), (name,)))
-    assert without.verdict == "unexplained"
-    assert without.causes == ()
+    others = diagnose_recordings(recordings, select_effects((), (name,)))
+    assert others.verdict == "unexplained"
+    assert others.causes == ()
     channels, variables = SHOWN[name]
-    assert any(u.channel in channels and variables & set(u.along) for u in without.unexplained)
-    assert share_of_right(without, recordings[0], name) < 0.5
+    assert any(u.channel in channels and variables & set(u.along) for u in others.unexplained)
+    assert share_of_right(others, recordings[0], name) < 0.5
 
 
 @pytest.mark.long
@@ -97,9 +97,9 @@ def test_what_nothing_else_is_like_ends_unexplained(tmp_path, name, request):
 def test_what_only_moves_a_level_ends_in_silence(tmp_path, name):
     """A constant is no structure: nothing is named, but nothing is shown either."""
     recordings = files(tmp_path, name, 7)
-    without = asked(recordings, select_effects((), (name,)))
-    assert without.causes == ()
-    assert share_of_right(without, recordings[0], name) < 0.5
+    others = diagnose_recordings(recordings, select_effects((), (name,)))
+    assert others.causes == ()
+    assert share_of_right(others, recordings[0], name) < 0.5
 
 
 @pytest.mark.long
@@ -108,11 +108,11 @@ def test_what_takes_the_place_of_a_cause_is_its_relative_and_explains_less(tmp_p
     """Near relatives are named for each other. Where nothing is said to be left, the first of them
     must be one that is written down as such, and it never gains more than the right one does."""
     recordings = files(tmp_path, name, 7)
-    without = asked(recordings, select_effects((), (name,)))
+    others = diagnose_recordings(recordings, select_effects((), (name,)))
     known = catalogue()
-    for cause in () if without.unexplained else without.causes[:1]:
+    for cause in () if others.unexplained else others.causes[:1]:
         relative = any(other in known[name].confused_with or name in known[other].confused_with
                        or (name, other) in NOT_WRITTEN_DOWN
                        for other in (cause.effect, *cause.cannot_be_told_from))
         assert relative, cause.effect
-        assert share_of_right(without, recordings[0], name, cause.effect) < AS_MUCH
+        assert share_of_right(others, recordings[0], name, cause.effect) < AS_MUCH

@@ -53,12 +53,12 @@ def test_a_diagnosis_is_the_same(cluster):
     ask = example()
     folders = [str(ROOT / f) for f in (ask.TRAIN, ask.TEST)]
 
-    def diagnosed():
+    def diagnose_locally():
         return {**ask.diagnosed(*folders, only=ONLY, max_causes=1).to_json(), "runtime_s": 0.0}
 
-    alone = diagnosed()
+    alone = diagnose_locally()
     with parallel_config(backend="dask"):
-        assert diagnosed() == alone
+        assert diagnose_locally() == alone
     assert alone["causes"]
 
 

@@ -11,7 +11,7 @@ from studies.diagnosis.stranger_causes import SIZES, hide
 from studies.diagnosis.stranger_files import Habits, record
 
 HOW = Habits(style="steps")
-APART = 0.3  # m after 12 s; angles and lags may begin where the last drive left them
+MAX_DISTANCE = 0.3  # m after 12 s; angles and lags may begin where the last drive left them
 
 
 @pytest.mark.slow
@@ -25,4 +25,4 @@ def test_a_second_drive_is_that_of_a_new_car(tmp_path, name):
             record(tmp_path / "before.csv", car, HOW, 12.0, 1)
         m = read(record(tmp_path / f"{before}.csv", car, HOW, 12.0, 2)).mocap
         ways.append(np.stack([m.x, m.y]))
-    assert np.hypot(*(ways[0] - ways[1])).max() < APART
+    assert np.hypot(*(ways[0] - ways[1])).max() < MAX_DISTANCE

@@ -17,15 +17,15 @@ def whenever():
     return next(c for c in cases(["null"]) if c.seed == 62)
 
 
-def seen(case):
+def search_causes(case):
     """Names that the search arrived at, those that no other recording bears out included."""
-    told = run(case)
-    return [c["effect"] for c in (*told["causes"], *told["possible"])]
+    result = run(case)
+    return [c["effect"] for c in (*result["causes"], *result["possible"])]
 
 
 @pytest.mark.slow
 def test_commands_between_messages_are_no_lag(whenever):
-    assert seen(whenever) == []
+    assert search_causes(whenever) == []
 
 
 @pytest.mark.slow
@@ -34,7 +34,7 @@ def test_with_all_commands_of_one_age_there_would_be_a_lag(whenever, monkeypatch
         monkeypatch.setattr(module, "max_age_spread", lambda ahead: 0.0)
     ages_without_spread = tuple((a, 0.0) for a, _ in search.START_AGES)
     monkeypatch.setattr(search, "START_AGES", ages_without_spread)
-    assert "steering_lag" in seen(whenever)
+    assert "steering_lag" in search_causes(whenever)
 
 
 @pytest.mark.slow

@@ -25,22 +25,24 @@ SOME_AGE = MessageTiming(command_age=0.02, age_spread=0.01)
 
 
 @pytest.fixture(scope="module")
-def seen():
+def evidence_of_drive():
     return evidence(drive(("steering_backlash", 0.08), seconds=24.0))
 
 
-def certainty(seen):
-    return ForwardSearch(seen, PAPER, Settings())._measure_training_noise(PAPER, SOME_AGE).age_scale
+def certainty(evidence_of_drive):
+    return ForwardSearch(evidence_of_drive, PAPER,
+                         Settings())._measure_training_noise(PAPER, SOME_AGE).age_scale
 
 
-def test_commands_of_a_published_recording_may_have_any_age(seen):
-    assert not seen.commands_stamped
-    assert np.min(certainty(seen)) < 0.9
+def test_commands_of_a_published_recording_may_have_any_age(evidence_of_drive):
+    assert not evidence_of_drive.commands_stamped
+    assert np.min(certainty(evidence_of_drive)) < 0.9
 
 
-def test_commands_of_a_run_wait_for_a_frame_and_no_longer(seen):
-    runs = [replace(d, recording=replace(d.recording, schema=RUN)) for d in seen.drives]
-    run = type(seen)(runs, PAPER.body.l_r)
+def test_commands_of_a_run_wait_for_a_frame_and_no_longer(evidence_of_drive):
+    runs = [replace(d, recording=replace(d.recording, schema=RUN))
+            for d in evidence_of_drive.drives]
+    run = type(evidence_of_drive)(runs, PAPER.body.l_r)
     assert run.commands_stamped
     r = run.residuals(PAPER, SOME_AGE).motion
     younger = replace(SOME_AGE, command_age=SOME_AGE.command_age - PWM_WAIT_STD)
@@ -49,8 +51,9 @@ def test_commands_of_a_run_wait_for_a_frame_and_no_longer(seen):
     certain = certainty(run)
     assert np.min(certain[moved < 0.01]) > 0.95
     assert np.median(certain[moved > 1.0]) < 0.8
-    assert np.min(certain) > np.min(certainty(seen))  # where ages may be a tenth of a second
-    mixed = type(seen)([*seen.drives, *runs], PAPER.body.l_r)
+    # where ages may be a tenth of a second
+    assert np.min(certain) > np.min(certainty(evidence_of_drive))
+    mixed = type(evidence_of_drive)([*evidence_of_drive.drives, *runs], PAPER.body.l_r)
     assert not mixed.commands_stamped
 
 

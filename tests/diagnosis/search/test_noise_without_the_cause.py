@@ -21,10 +21,10 @@ SIGMA = 2.6
 
 
 def found_and_error(recording, name):
-    seen = evidence(recording)
-    point = ForwardSearch(seen, PAPER, Settings(names=(name,))).run().point
+    of_recording = evidence(recording)
+    point = ForwardSearch(of_recording, PAPER, Settings(names=(name,))).run().point
     errors = point.space.standard_errors(
-        point.x, covariance(point, label_point_rows(seen, point, USUAL).block))
+        point.x, covariance(point, label_point_rows(of_recording, point, USUAL).block))
     return value(point.vehicle, f"{name}.k"), errors[f"{name}.k"]
 
 

@@ -22,11 +22,11 @@ def unit(x):
 
 
 RNG = np.random.default_rng(3)
-BASE, PLAY, APART, ELSE, OTHER = np.linalg.qr(RNG.normal(size=(ROWS, 5)))[0].T
-TRIM = unit(APART - 0.3 * PLAY)
+BASE, PLAY, SEPARATE, ELSE, OTHER = np.linalg.qr(RNG.normal(size=(ROWS, 5)))[0].T
+TRIM = unit(SEPARATE - 0.3 * PLAY)
 """Turns against the play: each takes most of what the other does to the residuals away."""
-GAIN = unit(PLAY + APART + 0.8 * ELSE)
-FURTHEST = 2.0
+GAIN = unit(PLAY + SEPARATE + 0.8 * ELSE)
+MAX_STEP = 2.0
 NAMES = ("steering_backlash", "steering_trim", "steering_gain", "steering_lag")
 TRUE = 20.0 * PLAY + 14.0 * TRIM
 
@@ -38,55 +38,56 @@ def point(residual, jacobian=BASE[:, None]):
                  np.ones(ROWS), jacobian)
 
 
-def trials(at, directions):
+def trials(fit, directions):
     out = []
     for name, d in zip(NAMES, directions, strict=False):
-        k = max(float(-d @ at.residual), 0.0)
-        out.append(Trial(name, {"k": k}, k**2, at.residual + k * d))
+        k = max(float(-d @ fit.residual), 0.0)
+        out.append(Trial(name, {"k": k}, k**2, fit.residual + k * d))
     return sorted(out, key=lambda t: -t.gain)
 
 
-def fitted(at, trial):
+def fit_with_direction(fit, trial):
     """Least squares with one direction more."""
-    columns = np.column_stack([at.jacobian, unit(trial.residual - at.residual)])
-    x = np.linalg.lstsq(columns, at.residual, rcond=None)[0]
-    return point(at.residual - columns @ x, columns)
+    columns = np.column_stack([fit.jacobian, unit(trial.residual - fit.residual)])
+    x = np.linalg.lstsq(columns, fit.residual, rcond=None)[0]
+    return point(fit.residual - columns @ x, columns)
 
 
-def asked(at, directions, limit=LIMIT):
-    of = trials(at, directions)
+def select_pairs(fit, directions, limit=LIMIT):
+    of = trials(fit, directions)
     limits = dict.fromkeys(NAMES, limit)
     passed = [t for t in of if t.gain > limit]
     best = of[0].effect
-    found = find_masked_effect(at, passed, of, limits, {best: fitted(at, of[0])}, fitted, FURTHEST)
+    found = find_masked_effect(fit, passed, of, limits, {best: fit_with_direction(fit, of[0])},
+                               fit_with_direction, MAX_STEP)
     return best, found and found.effect
 
 
 def test_one_of_two_that_hide_each_other_goes_before_their_impostor():
-    best, first = asked(point(TRUE), [-PLAY, -TRIM, -GAIN, -OTHER])
+    best, first = select_pairs(point(TRUE), [-PLAY, -TRIM, -GAIN, -OTHER])
     assert best == "steering_gain"
     assert first == "steering_backlash"
 
 
 def test_two_that_together_are_an_impostor_do_not_go_before_the_cause():
-    best, first = asked(point(20.0 * GAIN + 2.0 * OTHER), [-PLAY, -APART, -GAIN, -OTHER])
+    best, first = select_pairs(point(20.0 * GAIN + 2.0 * OTHER), [-PLAY, -SEPARATE, -GAIN, -OTHER])
     assert (best, first) == ("steering_gain", None)
 
 
 def test_a_cause_that_chance_could_do_better_is_no_reason():
-    at = point(TRUE)
-    with_both = float(at.residual @ at.residual)
-    assert asked(at, [-PLAY, -TRIM, -GAIN, -OTHER], limit=with_both)[1] is None
+    fit = point(TRUE)
+    with_both = float(fit.residual @ fit.residual)
+    assert select_pairs(fit, [-PLAY, -TRIM, -GAIN, -OTHER], limit=with_both)[1] is None
 
 
 def test_a_promise_that_a_fit_does_not_keep_is_none():
-    at = point(TRUE)
-    of = trials(at, [-PLAY, -TRIM, -GAIN, -OTHER])
+    fit = point(TRUE)
+    of = trials(fit, [-PLAY, -TRIM, -GAIN, -OTHER])
     limits = dict.fromkeys(NAMES, LIMIT)
-    alone = fitted(at, of[0])
-    assert find_masking_pairs(at, of, limits, FURTHEST)
-    assert find_masked_effect(at, of, of, limits, {of[0].effect: alone},
-                         lambda near, trial: alone, FURTHEST) is None
+    alone = fit_with_direction(fit, of[0])
+    assert find_masking_pairs(fit, of, limits, MAX_STEP)
+    assert find_masked_effect(fit, of, of, limits, {of[0].effect: alone},
+                         lambda near, trial: alone, MAX_STEP) is None
 
 
 @pytest.mark.parametrize("seed", range(20))

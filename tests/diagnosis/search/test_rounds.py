@@ -13,20 +13,20 @@ from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search import scan as scanning
 from dart_lab.diagnosis.search.fit import change_noise, evaluate_point
 from dart_lab.diagnosis.search.scan import scan
-from tests.diagnosis.searched import ALL_FREE, drive, evidence, fitted
+from tests.diagnosis.searched import ALL_FREE, drive, evidence, fit_start
 
 NAMES = ("grip", "quadratic_drag", "motor_gain", "steering_gain", "gyro_scale", "steering_lag",
          "mass", "road_slope_x")
 
 
 @pytest.fixture(scope="module")
-def seen():
+def evidence_of_drive():
     return evidence(drive(("steering_lag", 0.06), seconds=24.0))
 
 
 @pytest.fixture(scope="module")
-def point(seen):
-    return fitted(seen)[1]
+def point(evidence_of_drive):
+    return fit_start(evidence_of_drive)[1]
 
 
 @pytest.fixture
@@ -44,17 +44,17 @@ def finer(again, first):
     return first - 1e-3 < again < 1.05 * first
 
 
-def test_what_promised_nothing_is_not_rolled_out_again(seen, point, rollouts):
-    first = scan(seen, point, NAMES)
+def test_what_promised_nothing_is_not_rolled_out_again(evidence_of_drive, point, rollouts):
+    first = scan(evidence_of_drive, point, NAMES)
     assert sorted(rollouts) == sorted(NAMES)
     rollouts.clear()
     lines = {t.effect: t.sweeps for t in first}
-    again = scan(seen, point, NAMES, previous=lines)
+    again = scan(evidence_of_drive, point, NAMES, previous=lines)
     gains = {t.effect: t.gain for t in first}
     assert again[0].effect == "steering_lag"
     assert finer(again[0].gain, gains["steering_lag"])
-    faint = {n for n, g in gains.items() if g < USUAL.scan.faint}
-    assert faint
+    without_gain = {n for n, g in gains.items() if g < USUAL.scan.faint}
+    assert without_gain
     assert len(rollouts) < len(NAMES)
     for trial in again:  # what is screened out hides nothing
         assert abs(trial.gain - gains[trial.effect]) < 1.0 or finer(trial.gain, gains[trial.effect])
@@ -63,7 +63,7 @@ def test_what_promised_nothing_is_not_rolled_out_again(seen, point, rollouts):
 def test_a_cause_that_another_hid_is_rolled_out_again(rollouts):
     """In a round before, all that is left of it was nothing; with the other gone it is there."""
     both = evidence(drive(("steering_lag", 0.06), ("gyro_scale", 0.05), seconds=24.0))
-    before = fitted(both)[1]
+    before = fit_start(both)[1]
     first = scan(both, before, NAMES)
     nothing = {t.effect: t.sweeps for t in first}
     rollouts.clear()
@@ -72,60 +72,61 @@ def test_a_cause_that_another_hid_is_rolled_out_again(rollouts):
     assert {t.effect for t in found[:2]} == {"steering_lag", "gyro_scale"}
 
 
-def test_a_best_size_that_was_tried_before_needs_no_ladder(seen, point, monkeypatch):
+def test_a_best_size_that_was_tried_before_needs_no_ladder(evidence_of_drive, point, monkeypatch):
     """No less gain at about that size, from few rollouts; from lines that lie, by the ladder."""
     tried = []
-    residuals = type(seen).residuals
-    monkeypatch.setattr(type(seen), "residuals", lambda self, p, *at: (tried.append(p),
+    residuals = type(evidence_of_drive).residuals
+    monkeypatch.setattr(type(evidence_of_drive), "residuals", lambda self, p, *at: (tried.append(p),
                                                                       residuals(self, p, *at))[1])
-    first, = scan(seen, point, ["steering_lag"])
+    first, = scan(evidence_of_drive, point, ["steering_lag"])
     ladder = len(tried)
     lines = {"steering_lag": first.sweeps}
     tried.clear()
-    again, = scan(seen, point, ["steering_lag"], previous=lines)
+    again, = scan(evidence_of_drive, point, ["steering_lag"], previous=lines)
     assert 0 < len(tried) < ladder
     assert finer(again.gain, first.gain)
     assert again.values["k"] == pytest.approx(first.values["k"], rel=0.2)
-    plain = seen.residuals(point.vehicle, point.timing)
+    plain = evidence_of_drive.residuals(point.vehicle, point.timing)
     all_of_it = np.nan_to_num(-0.9 * np.concatenate(
         [plain.motion.ravel(), plain.sensors.ravel()])).astype(np.float32)
     lying = tuple(replace(line, changes={**line.changes, sorted(line.changes)[1]: all_of_it})
                   for line in first.sweeps)
     tried.clear()
-    found, = scan(seen, point, ["steering_lag"], previous={"steering_lag": lying})
+    found, = scan(evidence_of_drive, point, ["steering_lag"], previous={"steering_lag": lying})
     rungs, _ = scanning.ladder(first.sweeps[0].parameter)
     assert rungs[0] in [a.values[0] for p in tried for a in p.effects]
     assert found.gain == pytest.approx(first.gain, rel=1e-9)
 
 
-def test_a_residual_at_its_limit_hides_nothing_from_the_next_round(seen, point):
+def test_a_residual_at_its_limit_hides_nothing_from_the_next_round(evidence_of_drive, point):
     """A large cause brings residuals to their limit; what the others do is known all the same."""
     quiet = replace(point.noise, motion=1e3 * point.noise.motion)
-    limited = evaluate_point(seen, quiet, point.space, point.x)
+    limited = evaluate_point(evidence_of_drive, quiet, point.space, point.x)
     assert (np.abs(limited.residual) == quiet.policy.wild).mean() > 0.2
-    lines = {t.effect: t.sweeps for t in scan(seen, limited, NAMES)}
-    again, fresh = (scan(seen, point, NAMES, previous=known)[0] for known in (lines, {}))
+    lines = {t.effect: t.sweeps for t in scan(evidence_of_drive, limited, NAMES)}
+    again, fresh = (scan(evidence_of_drive, point, NAMES, previous=known)[0] for known in (lines,
+                                                                                           {}))
     assert again.effect == fresh.effect == "steering_lag"
     assert again.gain == pytest.approx(fresh.gain, rel=0.01)
 
 
-def test_slopes_seen_by_another_noise_are_those_it_whitens_itself(seen, point):
-    other, _ = fitted(seen, noise=None)
-    louder = fitted(seen, p=PAPER, free=("motor.d",))[0]
-    here = evaluate_point(seen, point.noise, point.space, point.x)
-    for noise in (other, louder):
-        carried = change_noise(seen, noise, here).jacobian
-        own = evaluate_point(seen, noise, point.space, point.x).jacobian
+def test_slopes_seen_by_another_noise_are_those_it_whitens_itself(evidence_of_drive, point):
+    other, _ = fit_start(evidence_of_drive, noise=None)
+    other_noise = fit_start(evidence_of_drive, p=PAPER, free=("motor.d",))[0]
+    here = evaluate_point(evidence_of_drive, point.noise, point.space, point.x)
+    for noise in (other, other_noise):
+        carried = change_noise(evidence_of_drive, noise, here).jacobian
+        own = evaluate_point(evidence_of_drive, noise, point.space, point.x).jacobian
         size = np.abs(own).max(axis=0)
         assert np.abs(carried - own).max(axis=0) == pytest.approx(0.0, abs=0.01 * size.max())
 
 
 @pytest.mark.slow
-def test_a_set_near_the_last_fit_has_the_losses_of_its_own_fit(seen):
+def test_a_set_near_the_last_fit_has_the_losses_of_its_own_fit(evidence_of_drive):
     """Without rollouts; further off it is fitted, and there a first order would be wrong."""
-    full = fitted(seen, free=ALL_FREE)[1]
+    full = fit_start(evidence_of_drive, free=ALL_FREE)[1]
     unit = np.arange(len(full.residual)) % 16
-    sets = GroupFits(seen, PAPER, full, unit, {}, USUAL)
+    sets = GroupFits(evidence_of_drive, PAPER, full, unit, {}, USUAL)
     near = [s for s in _subsets(sets.all_groups) if sets.rise(s) < USUAL.claims.near]
     assert len(near) > 3
     quick = {s: sets.losses(s).sum() - sets.losses(sets.all_groups).sum() for s in near}

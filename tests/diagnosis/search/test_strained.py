@@ -22,16 +22,16 @@ KNOWN = {"tyres.front_D": 0.005 * PAPER.tyres.front_D}
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A drive of a car with a worn tyre, as a run of our own."""
-    seen = evidence(recorded(tmp_path_factory.mktemp("worn"), WORN, 23, 40.0))
-    return type(seen)([replace(d, recording=replace(d.recording, schema=RUN))
-                       for d in seen.drives], PAPER.body.l_r)
+    of_drive = evidence(recorded(tmp_path_factory.mktemp("worn"), WORN, 23, 40.0))
+    return type(of_drive)([replace(d, recording=replace(d.recording, schema=RUN))
+                           for d in of_drive.drives], PAPER.body.l_r)
 
 
-def named(seen, *only):
+def find_causes(of_drive, *only):
     """(effects that the data left out support, front_D over that of the model)."""
-    search = ForwardSearch(seen, PAPER, Settings(free=tuple(KNOWN), known=KNOWN, names=only))
+    search = ForwardSearch(of_drive, PAPER, Settings(free=tuple(KNOWN), known=KNOWN, names=only))
     found = search.run()
-    how = Acceptance(search, seen, USUAL, 0, lambda fit, name: "",
+    how = Acceptance(search, of_drive, USUAL, 0, lambda fit, name: "",
                      lambda fit, without: dict.fromkeys(without, (1.1, 1.05, 1.2)))
     accepted = accept_effects(how, found.points, found.point, found.noise,
                               [n.effect for n in found.accepted])
@@ -41,17 +41,17 @@ def named(seen, *only):
 @pytest.mark.slow
 def test_an_impostor_goes_once_the_tyre_may_be_what_it_is(run, monkeypatch):
     """Control: as long as the tyre is held, something else gets the name."""
-    names, tyre = named(run, "steering_gain")
+    names, tyre = find_causes(run, "steering_gain")
     assert names == []
     assert tyre < 0.96  # bound 0.9825; the prior still pulls
     monkeypatch.setattr("dart_lab.diagnosis.evidence.space.Space.names_at_bound", lambda *_: ())
-    assert named(run, "steering_gain")[0] == ["steering_gain"]
+    assert find_causes(run, "steering_gain")[0] == ["steering_gain"]
 
 
 @pytest.mark.slow
 def test_where_nothing_is_named_the_tyre_is_let_go_as_well(run):
     """Else what the bound leaves over would be structure that nobody knows."""
-    names, tyre = named(run, "gyro_bias")
+    names, tyre = find_causes(run, "gyro_bias")
     assert names == []
     assert tyre < 0.96
 
@@ -59,4 +59,4 @@ def test_where_nothing_is_named_the_tyre_is_let_go_as_well(run):
 @pytest.mark.slow
 def test_a_cause_that_takes_the_strain_away_keeps_its_name(run):
     """The tyre is believed to be good to half a per cent, so it is the grip that is less."""
-    assert named(run, "front_grip") == (["front_grip"], pytest.approx(1.0, abs=0.017))
+    assert find_causes(run, "front_grip") == (["front_grip"], pytest.approx(1.0, abs=0.017))

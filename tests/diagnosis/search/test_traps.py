@@ -26,7 +26,7 @@ from tests.diagnosis.searched import (
     ALL_FREE,
     drive,
     evidence,
-    fitted,
+    fit_start,
     names,
     search,
     share_explained,
@@ -124,41 +124,42 @@ def test_a_wrong_clock_of_the_messages_is_named(monkeypatch):
 # 4: the slope of a delay
 
 @pytest.fixture(scope="module", params=["steps", "prbs"])
-def delayed(request):
+def delay_case(request):
     """(evidence, noise, point, change): how residuals change with the delay of the steering."""
-    seen = evidence(drive(seed=8, habits=Habits(style=request.param)))
-    noise, point = fitted(seen, free=("delay.steering_s",))
+    of_drive = evidence(drive(seed=8, habits=Habits(style=request.param)))
+    noise, point = fit_start(of_drive, free=("delay.steering_s",))
     seconds = point.space._inner.width(0)
 
-    def change(by):
+    def change(seconds_later):
         x = point.x.copy()
-        x[0] += by / seconds
-        return noise.stack(seen.residuals(*point.space.split(x)))[0] - point.residual
+        x[0] += seconds_later / seconds
+        return noise.stack(of_drive.residuals(*point.space.split(x)))[0] - point.residual
 
-    return seen, noise, point, change
+    return of_drive, noise, point, change
 
 
 @pytest.mark.slow_except("steps")
-def test_the_slope_of_a_delay_foretells_what_a_delay_does(delayed):
-    _, _, point, change = delayed
+def test_the_slope_of_a_delay_foretells_what_a_delay_does(delay_case):
+    _, _, point, change = delay_case
     (up, down), *_ = point.space.steps(point.x)
     width = point.space._inner.width(0)
     assert up * width == pytest.approx(4e-3)
     assert down == pytest.approx(up)
     slope = point.jacobian[:, 0] / width
     short = change(1e-3) / 1e-3
-    for by in (-0.02, -0.008, 0.008, 0.02):
-        assert share_explained(change(by), by * slope) > 0.85
-        assert share_explained(change(by), by * short) < 0.5, "a short step to one side does not"
+    for seconds_later in (-0.02, -0.008, 0.008, 0.02):
+        assert share_explained(change(seconds_later), seconds_later * slope) > 0.85
+        assert share_explained(change(seconds_later),
+                               seconds_later * short) < 0.5, "a short step to one side does not"
 
 
 @pytest.mark.parametrize("start", [0.10, 0.20])
 @pytest.mark.slow_except("steps-0.1")
-def test_a_delay_is_found_from_either_side(delayed, start):
+def test_a_delay_is_found_from_either_side(delay_case, start):
     """Of delay and age of the commands the difference is known: where a command acts."""
-    seen, noise, point, _ = delayed
+    of_drive, noise, point, _ = delay_case
     p = replace(PAPER, delay=replace(PAPER.delay, steering_s=start))
-    _, from_there = fitted(seen, p, ("delay.steering_s",), noise)
+    _, from_there = fit_start(of_drive, p, ("delay.steering_s",), noise)
     acts = [q.vehicle.delay.steering_s - q.timing.command_age for q in (point, from_there)]
     assert acts[1] == pytest.approx(acts[0], abs=3e-3)
 
@@ -166,14 +167,14 @@ def test_a_delay_is_found_from_either_side(delayed, start):
 # 5: what has no slope where it begins
 
 BENT = [("motor_saturation", 3.3), ("steering_backlash", 0.1), ("steering_rate_limit", 0.25)]
-BESIDE = ("motor_gain", "steering_gain", "steering_delay")
+OTHER_EFFECTS = ("motor_gain", "steering_gain", "steering_delay")
 
 
 @pytest.mark.parametrize(("name", "k"), BENT)
 @pytest.mark.slow_except("steering_backlash-0.1")
 @pytest.mark.slow
 def test_what_has_no_slope_at_its_null_is_found_by_its_size(name, k):
-    found = search(drive((name, k)), names=(name, *BESIDE))
+    found = search(drive((name, k)), names=(name, *OTHER_EFFECTS))
     assert names(found)[:1] == [name]
     # the stranger's play is in the command: where the map bends, less of it arrives at the wheels
     assert size_of(found, name) == pytest.approx(k, rel=0.5)
@@ -183,10 +184,11 @@ def test_what_has_no_slope_at_its_null_is_found_by_its_size(name, k):
 @pytest.mark.parametrize(("name", "k"), [BENT[0], BENT[2]])
 def test_a_look_at_the_null_alone_misses_it(monkeypatch, name, k):
     monkeypatch.setattr(scanning, "next_larger_size", lambda *given: None)
-    seen = evidence(drive((name, k)))
-    trial, = scan(seen, fitted(seen)[1], [name], policy=ScanPolicy(ladder=(0.01, 0.01, 0.01)))
+    of_drive = evidence(drive((name, k)))
+    trial, = scan(of_drive, fit_start(of_drive)[1], [name],
+                  policy=ScanPolicy(ladder=(0.01, 0.01, 0.01)))
     monkeypatch.undo()
-    right, = scan(seen, fitted(seen)[1], [name])
+    right, = scan(of_drive, fit_start(of_drive)[1], [name])
     assert trial.gain < 0.05 * right.gain
 
 
@@ -194,8 +196,8 @@ def test_a_look_at_the_null_alone_misses_it(monkeypatch, name, k):
 @pytest.mark.slow
 def test_a_size_beyond_the_last_rung_is_reached(name, k):
     """Else a relative that gets there gains more, and nothing says that the two are alike."""
-    seen = evidence(drive((name, k)))
-    trial, = scan(seen, fitted(seen)[1], [name])
+    of_drive = evidence(drive((name, k)))
+    trial, = scan(of_drive, fit_start(of_drive)[1], [name])
     assert trial.values["k"] == pytest.approx(k, rel=0.1)
 
 
@@ -234,7 +236,7 @@ steering_lag throttle_delay yaw_inertia
 def test_what_must_be_gained_grows_with_the_disturbance(monkeypatch, push):
     """Sizes of a quiet drive held against a rough one: all gains grow, and nothing is named."""
     quiet, rough = (drive(seed=9, habits=Habits(push=p)) for p in (0.06, push))
-    sizes = fitted(evidence(quiet))[0]
+    sizes = fit_start(evidence(quiet))[0]
     least = search(quiet, names=SOME)
     monkeypatch.setattr(searching, "estimate_noise", lambda *given, **policy: sizes)
     frozen = search(rough, names=SOME)

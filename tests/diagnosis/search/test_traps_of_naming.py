@@ -20,7 +20,7 @@ from dart_lab.diagnosis.search import forward as searching
 from dart_lab.diagnosis.search.scan import Trial, ladder, scan
 from studies.diagnosis.known_frame import read
 from studies.diagnosis.stranger_files import Habits, record
-from tests.diagnosis.searched import car, drive, evidence, fitted, names, search, size_of
+from tests.diagnosis.searched import car, drive, evidence, fit_start, names, search, size_of
 
 TIMING = ("steering_delay", "steering_lag", "steering_rate_limit", "throttle_delay",
           "throttle_lag", "encoder_latency", "gyro_latency", "clock_offset", "mocap_latency",
@@ -47,13 +47,13 @@ def test_two_delays_are_those_two_and_no_third(two):
 def test_a_standing_car_reads_the_same_a_little_later(monkeypatch, name):
     """Messages are no series of samples: to shift them by parts of one averages neighbours, and
     less noise looks like a cause."""
-    standing = evidence(drive()).drives[0]
-    assert standing.at_rest.sum() > 5
+    at_rest = evidence(drive()).drives[0]
+    assert at_rest.at_rest.sum() > 5
     late = apply(PAPER, name, k=0.013)
-    as_it_is = rest_residuals(standing, PAPER, has_mocap=True)
-    assert np.array_equal(rest_residuals(standing, late, has_mocap=True), as_it_is, equal_nan=True)
+    as_it_is = rest_residuals(at_rest, PAPER, has_mocap=True)
+    assert np.array_equal(rest_residuals(at_rest, late, has_mocap=True), as_it_is, equal_nan=True)
     monkeypatch.setattr(readings, "split_final_delay", lambda p, channel: (p, 0.0))
-    assert np.nanmax(np.abs(rest_residuals(standing, late, has_mocap=True) - as_it_is)) > 0.0
+    assert np.nanmax(np.abs(rest_residuals(at_rest, late, has_mocap=True) - as_it_is)) > 0.0
 
 
 @pytest.mark.parametrize(("needed", "left"), [(None, ["steering_lag"]),
@@ -96,11 +96,11 @@ def test_no_size_that_is_tried_is_out_of_bounds(name):
 
 @pytest.mark.slow
 def test_no_rollout_within_the_bounds_runs_away():
-    seen = evidence(drive(seconds=20.0))
+    of_drive = evidence(drive(seconds=20.0))
     for name, of in catalogue().items():
         for q in of.parameters:
             for k in (q.low, q.high):
-                r = seen.residuals(apply(PAPER, name, **{q.name: k})).motion
+                r = of_drive.residuals(apply(PAPER, name, **{q.name: k})).motion
                 assert np.isfinite(r).all(), (name, k)
                 assert np.abs(r).max() < 15.0, (name, k)
 
@@ -109,10 +109,10 @@ def test_no_rollout_within_the_bounds_runs_away():
                                          ("quadratic_drag", -2.0)])
 def test_with_the_other_sign_it_would(name, k):
     """The negative control: what resists, turned round, as large as its bound."""
-    seen = evidence(drive(seconds=20.0))
+    of_drive = evidence(drive(seconds=20.0))
     spun = replace(PAPER, effects=(ActiveEffect(catalogue()[name], (k,)),))
     with np.errstate(all="ignore"):
-        assert not np.isfinite(seen.residuals(spun).motion).all()
+        assert not np.isfinite(of_drive.residuals(spun).motion).all()
 
 
 def push_with_speed(newton):
@@ -126,14 +126,14 @@ def push_with_speed(newton):
 def test_what_pushes_is_no_negative_drag(tmp_path):
     strange = car()
     strange.force.append(push_with_speed(0.15))
-    seen = evidence(read(record(tmp_path / "a.csv", strange, Habits(), 40.0, 3)))
-    noise, point = fitted(seen)
-    trial, = scan(seen, point, ["quadratic_drag"])
+    of_drive = evidence(read(record(tmp_path / "a.csv", strange, Habits(), 40.0, 3)))
+    noise, point = fit_start(of_drive)
+    trial, = scan(of_drive, point, ["quadratic_drag"])
     assert trial.gain == 0.0
-    _, forced = fitted(seen, apply(PAPER, "quadratic_drag"), noise=noise)
+    _, forced = fit_start(of_drive, apply(PAPER, "quadratic_drag"), noise=noise)
     assert forced.vehicle.friction.q == PAPER.friction.q, "the fit stays on its side"
     resisted = evidence(drive(("quadratic_drag", 0.2)))
-    trial, = scan(resisted, fitted(resisted)[1], ["quadratic_drag"])
+    trial, = scan(resisted, fit_start(resisted)[1], ["quadratic_drag"])
     assert trial.gain > 50.0
 
 
@@ -193,7 +193,7 @@ def test_relatives_stay_alike_beside_another_cause(twins):
 LEVELS = (-0.1, -0.03, 0.03, 0.1)
 
 
-def told(train, test, **how):
+def diagnose_drives(train, test, **how):
     model, vehicle = find_model("paper")
     return diagnose(model, vehicle, train, test, refit=False, **how)
 
@@ -202,7 +202,7 @@ def told(train, test, **how):
 def test_levels_that_differ_are_no_friction_and_are_said():
     """Nothing of the car explains them; that they differ from recording to recording does."""
     drives = [drive(("motor_gain", k), seconds=20.0, seed=20 + i) for i, k in enumerate(LEVELS)]
-    d = told(drives, [drive(seconds=20.0, seed=50)])
+    d = diagnose_drives(drives, [drive(seconds=20.0, seed=50)])
     assert d.verdict == "unexplained"
     assert d.causes == ()
     assert ("v_x", "recording") in [(u.channel, u.along[0]) for u in d.unexplained]
@@ -228,33 +228,33 @@ def test_a_battery_that_runs_down_is_that_and_no_drag():
 
 # 12: a standing car tells at once what driving hides
 
-def tilted(k, rest):
+def tilt_imu(k, rest):
     return evidence(drive(*([("imu_pitch", k)] if k else []), seconds=30.0, seed=10,
                           habits=Habits(moving=not rest)))
 
 
-def pitch(seen) -> Trial:
-    trial, = scan(seen, fitted(seen)[1], ["imu_pitch"])
+def pitch(of_drive) -> Trial:
+    trial, = scan(of_drive, fit_start(of_drive)[1], ["imu_pitch"])
     return trial
 
 
 @pytest.mark.slow
 def test_a_tilt_shows_in_two_seconds_of_standstill_and_not_in_thirty_of_driving():
-    standing, driving = (pitch(tilted(0.03, rest)) for rest in (True, False))
-    assert standing.values["k"] == pytest.approx(0.03, rel=0.1)
-    assert standing.gain > 5.0 * max(driving.gain, 1.0)
+    at_rest, driving = (pitch(tilt_imu(0.03, rest)) for rest in (True, False))
+    assert at_rest.values["k"] == pytest.approx(0.03, rel=0.1)
+    assert at_rest.gain > 5.0 * max(driving.gain, 1.0)
     assert names(search(drive(("imu_pitch", 0.03), seconds=30.0, seed=10),
                         names=("imu_pitch", "imu_roll", "road_slope_x"))) == ["imu_pitch"]
 
 
 @pytest.mark.slow
 def test_a_level_imu_has_no_tilt():
-    trial = pitch(tilted(0.0, rest=True))
+    trial = pitch(tilt_imu(0.0, rest=True))
     assert trial.gain < 3.0
     assert abs(trial.values.get("k", 0.0)) < 3e-3
 
 
 @pytest.mark.slow
 def test_only_a_car_that_stands_counts_as_standing():
-    assert tilted(0.0, rest=True).sensor_at_rest.sum() > 10
-    assert not tilted(0.0, rest=False).sensor_at_rest.any()
+    assert tilt_imu(0.0, rest=True).sensor_at_rest.sum() > 10
+    assert not tilt_imu(0.0, rest=False).sensor_at_rest.any()

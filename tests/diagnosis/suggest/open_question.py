@@ -65,7 +65,7 @@ class Case:
         return apply(PAPER, self.truth[0], k=self.truth[1])
 
 
-def recorded(path, case, series, seed, mocap):
+def record_case(path, case, series, seed, mocap):
     """One recording of the hidden car."""
     r = read(write(path, case.car, seed, Plan(series=series)))
     if mocap:

@@ -22,7 +22,7 @@ WRONG = replace(PAPER, motor=replace(PAPER.motor, d=1.15 * PAPER.motor.d),
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def diagnosis_and_plan(tmp_path_factory):
     """Of a car with another motor and other rear tyres: the diagnosis, and how to go on."""
     folder = tmp_path_factory.mktemp("sharper")
     file, p = find_model("paper")
@@ -41,12 +41,12 @@ def told(tmp_path_factory):
 
 
 @pytest.mark.slow
-def test_a_drive_measures_what_it_was_suggested_for(told):
-    before = {c.group: c for c in told().claims}
+def test_a_drive_measures_what_it_was_suggested_for(diagnosis_and_plan):
+    before = {c.group: c for c in diagnosis_and_plan().claims}
     assert set(before) == {"motor", "rear tyre"}
-    suggested = {s.group: s for s in suggest_parameter_drives(told())}
+    suggested = {s.group: s for s in suggest_parameter_drives(diagnosis_and_plan())}
     assert suggested["motor"].enough
-    after = {c.group: c for c in told(suggested["motor"].drive).claims}
+    after = {c.group: c for c in diagnosis_and_plan(suggested["motor"].drive).claims}
     for name, promised in suggested["motor"].after.items():
         was = before["motor"].quantities[name]
         found = after["motor"].quantities[name]
@@ -56,8 +56,8 @@ def test_a_drive_measures_what_it_was_suggested_for(told):
 
 
 @pytest.mark.slow
-def test_a_floor_too_small_for_any_drive_is_said(told):
-    for one in suggest_parameter_drives(told(), floor=Floor(1.0, 1.0)):
+def test_a_floor_too_small_for_any_drive_is_said(diagnosis_and_plan):
+    for one in suggest_parameter_drives(diagnosis_and_plan(), floor=Floor(1.0, 1.0)):
         if not one.drive:
             assert "fits on this floor" in one.sentence()
             assert one.by_hand
@@ -65,5 +65,5 @@ def test_a_floor_too_small_for_any_drive_is_said(told):
 
 
 @pytest.mark.slow
-def test_without_a_claim_there_is_nothing_to_sharpen(told):
-    assert suggest_parameter_drives(replace(told(), claims=())) == ()
+def test_without_a_claim_there_is_nothing_to_sharpen(diagnosis_and_plan):
+    assert suggest_parameter_drives(replace(diagnosis_and_plan(), claims=())) == ()

@@ -23,7 +23,7 @@ from dart_lab.diagnosis.suggest.question import make_question
 from dart_lab.diagnosis.suggest.side import RecordingComparison
 from dart_lab.diagnosis.suggest.virtual import record
 from dart_lab.identification.experiment.floor import Floor
-from tests.diagnosis.suggest.open_question import DRIVES, FLOOR, Case, diagnosis, recorded
+from tests.diagnosis.suggest.open_question import DRIVES, FLOOR, Case, diagnosis, record_case
 
 GYRO = Case("straight", ("gyro_bias", 0.02), "steering_trim")
 
@@ -31,7 +31,7 @@ GYRO = Case("straight", ("gyro_bias", 0.02), "steering_trim")
 @pytest.fixture(scope="module")
 def question(tmp_path_factory):
     folder = tmp_path_factory.mktemp("open")
-    d = diagnosis(GYRO, [recorded(folder / "one.csv", GYRO, DRIVES["straight"], 5, False)])
+    d = diagnosis(GYRO, [record_case(folder / "one.csv", GYRO, DRIVES["straight"], 5, False)])
     return d, make_question(d, d.causes[0])
 
 
@@ -93,7 +93,7 @@ def test_what_no_drive_separates_is_said_and_not_promised(tmp_path, monkeypatch)
     monkeypatch.setattr("dart_lab.diagnosis.suggest.choose.rehearse_choices",
                         lambda floor, model: rehearse_choices(floor, model, still))
     case = Case("slow waves", ("steering_lag", 0.06), "steering_delay")
-    d = diagnosis(case, [recorded(tmp_path / "one.csv", case, DRIVES[case.drive], 5, True)])
+    d = diagnosis(case, [record_case(tmp_path / "one.csv", case, DRIVES[case.drive], 5, True)])
     (s,) = suggest(d)
     assert not s.enough
     assert "none of 1 drives" in s.sentence()
@@ -114,8 +114,8 @@ def test_data_that_should_have_told_them_apart_are_said_to_hold_more_than_is_sim
 @pytest.mark.slow
 def test_a_rival_that_explains_nothing_needs_no_drive(question):
     d, _ = question
-    told = replace(d.causes[0], cannot_be_told_from=("quadratic_drag",))
-    (s,) = suggest(replace(d, causes=(told,)))
+    cause = replace(d.causes[0], cannot_be_told_from=("quadratic_drag",))
+    (s,) = suggest(replace(d, causes=(cause,)))
     assert (s.drive, s.commands, s.pairs) == ("", (), ())
     assert "already distinguish" in s.sentence()
 
@@ -131,8 +131,8 @@ def test_what_is_printed_drives_and_records(question, tmp_path, monkeypatch, cap
         with pytest.raises(SystemExit) as ended:
             main([*words[1:], "--url", "sim://?seed=3&nano=mock", "--json"])
         assert ended.value.code == 0
-        told = json.loads(capsys.readouterr().out)
-        assert (tmp_path / told["recording"]).stat().st_size > 10_000
+        result = json.loads(capsys.readouterr().out)
+        assert (tmp_path / result["recording"]).stat().st_size > 10_000
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 from dart_lab.diagnosis.suggest import suggest
 from dart_lab.diagnosis.suggest.library import CHOICES, rehearse_choices
 from tests.diagnosis.suggest.open_question import DRIVES as AT_HAND
-from tests.diagnosis.suggest.open_question import FLOOR, Case, diagnosis, gains, recorded
+from tests.diagnosis.suggest.open_question import FLOOR, Case, diagnosis, gains, record_case
 
 pytestmark = pytest.mark.slow
 
@@ -33,10 +33,10 @@ def driven(tmp_path_factory):
     """By the name of a case: the promise, and the gains of each draw of what was suggested."""
 
     @cache
-    def of(name):
+    def make_question(name):
         case, mocap = CASES[name]
         folder = tmp_path_factory.mktemp(name)
-        at_hand = recorded(folder / "at_hand.csv", case, AT_HAND[case.drive], 5, mocap)
+        at_hand = record_case(folder / "at_hand.csv", case, AT_HAND[case.drive], 5, mocap)
         before = gains(case, [at_hand])
         assert before[name] - before[case.confounder] < SAME
         (s,) = suggest(diagnosis(case, [at_hand]))
@@ -44,13 +44,13 @@ def driven(tmp_path_factory):
         (drive,) = rehearse_choices(FLOOR, None, choices)
         with_mocap = s.needs == "motion capture"
         if mocap and not with_mocap:
-            at_hand = recorded(folder / "at_hand.csv", case, AT_HAND[case.drive], 5, False)
+            at_hand = record_case(folder / "at_hand.csv", case, AT_HAND[case.drive], 5, False)
         return s, [gains(case, [at_hand, *(
-            recorded(folder / f"{draw}-{i}.csv", case, (c.throttle, c.steering),
-                     80 + 10 * draw + i, with_mocap) for i, c in enumerate(drive.commands))])
+            record_case(folder / f"{draw}-{i}.csv", case, (c.throttle, c.steering),
+                        80 + 10 * draw + i, with_mocap) for i, c in enumerate(drive.commands))])
             for draw in range(DRAWS)]
 
-    return of
+    return make_question
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -18,7 +18,7 @@ GYRO = slice(1, None, 2)
 
 
 @pytest.fixture(scope="module")
-def seen(tmp_path_factory):
+def plain_evidence(tmp_path_factory):
     return evidence(recorded(tmp_path_factory.mktemp("plain"), seed=21))
 
 
@@ -26,16 +26,17 @@ def spread(motion):
     return np.median(np.abs(motion - np.median(motion, axis=0)), axis=0)
 
 
-def test_an_error_that_goes_with_the_turn_is_no_noise_and_noise_is(seen):
+def test_an_error_that_goes_with_the_turn_is_no_noise_and_noise_is(plain_evidence):
     rng = np.random.default_rng(3)
-    n = len(seen.motion_drive)
+    n = len(plain_evidence.motion_drive)
     noise = 0.01 * rng.normal(size=(n, 2 * MESSAGES_AHEAD))
-    r = replace(seen.residuals(PAPER), motion=noise)
-    alone = remove_driven_motion(seen, PAPER, r, USUAL.unexplained).motion
+    r = replace(plain_evidence.residuals(PAPER), motion=noise)
+    alone = remove_driven_motion(plain_evidence, PAPER, r, USUAL.unexplained).motion
     assert np.median(spread(alone) / spread(noise)) == pytest.approx(1.0, abs=0.1)
-    wrong = 0.05 * np.tanh(3.0 * window_features(seen, PAPER, 50)["steering_angle"])
+    wrong = 0.05 * np.tanh(3.0 * window_features(plain_evidence, PAPER, 50)["steering_angle"])
     both = noise.copy()
     both[:, GYRO] += wrong[:, None]
-    left = remove_driven_motion(seen, PAPER, replace(r, motion=both), USUAL.unexplained).motion
+    left = remove_driven_motion(plain_evidence, PAPER, replace(r, motion=both),
+                                USUAL.unexplained).motion
     assert np.median(spread(both)[GYRO]) > 2.0 * np.median(spread(noise)[GYRO])
     assert np.median(spread(left)[GYRO]) < 1.4 * np.median(spread(noise)[GYRO])

@@ -27,12 +27,12 @@ from studies.diagnosis.stranger_files import COMMANDS, Habits, record
 STYLES = ("steps", "waves", "prbs", "gentle", "ramps", "laps")
 
 
-def recorded(car, style, seed):
+def record_car(car, style, seed):
     habits = Habits(style=style, commands=COMMANDS[seed % len(COMMANDS)])
     return read(record(Path(mkdtemp()) / f"car_1_{seed}.csv", car, habits, 60.0, seed))
 
 
-def found(recording):
+def find_long_tails(recording):
     """Channels that a refit of the paper's model leaves with long tails, and their moments."""
     evidence, _ = make_evidence([recording], PAPER.body.l_r)
     search = ForwardSearch(evidence, PAPER, Settings(free=free_names(PAPER, tuple(FREE))))
@@ -44,7 +44,7 @@ def found(recording):
 def test_gusts_are_found_with_their_moments():
     car = Car()
     begins = add_gusts(car, 1.2, seed=1)
-    outliers = found(recorded(car, "steps", seed=4))
+    outliers = find_long_tails(record_car(car, "steps", seed=4))
     assert outliers["v_x"].ratio > 1.5
     moments = outliers["v_x"].moments
     assert 1 <= len(moments) <= 5
@@ -55,14 +55,14 @@ def test_gusts_are_found_with_their_moments():
 
 
 def test_a_sound_car_has_none():
-    assert found(recorded(Car(), "steps", seed=4)) == {}
+    assert find_long_tails(record_car(Car(), "steps", seed=4)) == {}
 
 
 def test_too_few_windows_say_nothing():
     car = Car()
     add_gusts(car, 1.2, seed=1)
     short = read(record(Path(mkdtemp()) / "car_1_4.csv", car, Habits(style="steps"), 15.0, 4))
-    assert found(short) == {}
+    assert find_long_tails(short) == {}
 
 
 @pytest.mark.slow
@@ -70,7 +70,7 @@ def test_gusts_are_not_nothing_wrong():
     car = Car()
     add_gusts(car, 1.2, seed=1)
     model, vehicle = find_model("paper")
-    recordings = [recorded(car, "steps", seed) for seed in (4, 8)]
+    recordings = [record_car(car, "steps", seed) for seed in (4, 8)]
     d = diagnose(model, vehicle, recordings[:1], recordings[1:])
     assert d.verdict in ("unexplained", "partly_explained")
     text = page(d)
@@ -89,11 +89,11 @@ def test_events_are_flagged_and_sound_cars_are_not():
             if seed % 2:
                 car = Car()
                 add_gusts(car, 1.5, seed)
-                flagged["gusts"] += bool(found(recorded(car, style, seed)))
+                flagged["gusts"] += bool(find_long_tails(record_car(car, style, seed)))
                 car = Car()
                 lift_rear_axle(car, 0.5, seed)
-                flagged["lifted"] += bool(found(recorded(car, style, seed)))
-            flagged["sound"] += bool(found(recorded(Car(), style, seed)))
+                flagged["lifted"] += bool(find_long_tails(record_car(car, style, seed)))
+            flagged["sound"] += bool(find_long_tails(record_car(Car(), style, seed)))
     assert flagged["gusts"] >= 11
     assert flagged["lifted"] >= 8
     assert flagged["sound"] <= 1

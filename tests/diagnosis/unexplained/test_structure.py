@@ -54,14 +54,14 @@ def messages(seed, **how):
     return group(SENSORS, 0.1, seed, **how)
 
 
-def planted(of, channel, curve, share=0.25):
+def plant_structure(residuals, channel, curve, share=0.25):
     """With ``share`` of the variance of a channel from a function of the features."""
-    shape = curve(of.features)
-    y = of.y.copy()
-    i = of.channels.index(channel)
+    shape = curve(residuals.features)
+    y = residuals.y.copy()
+    i = residuals.channels.index(channel)
     y[:, i] = (np.sqrt(1.0 - share) * y[:, i]
                + np.sqrt(share) * (shape - shape.mean()) / shape.std())
-    return replace(of, y=y)
+    return replace(residuals, y=y)
 
 
 @pytest.mark.slow
@@ -80,7 +80,7 @@ def test_noise_is_no_structure_in_one_of_a_hundred(memory):
     assert len(fired) <= 6  # 2 expected; more than 6 in one of 200
 
 
-@pytest.mark.parametrize(("make", "channel", "curve", "along"), [
+@pytest.mark.parametrize(("make", "channel", "curve", "feature"), [
     (windows, "v_x", lambda f: f["speed"], {("speed",)}),
     (windows, "v_x", lambda f: np.exp(-((f["speed"] - 0.5) / 0.5)**2), {("speed",)}),
     (windows, "omega", lambda f: f["throttle"] * f["steering_angle"],
@@ -96,10 +96,10 @@ def test_noise_is_no_structure_in_one_of_a_hundred(memory):
     (messages, "gyro", lambda f: np.abs(f["steering_angle"]), {("steering_angle",)}),
 ])
 @pytest.mark.slow_except("windows-v_x-*-along0")
-def test_what_is_planted_is_found_where_it_is(make, channel, curve, along):
-    found = find_group_structure([planted(make(5), channel, curve, 0.4)], 1)
+def test_what_is_planted_is_found_where_it_is(make, channel, curve, feature):
+    found = find_group_structure([plant_structure(make(5), channel, curve, 0.4)], 1)
     assert [u.channel for u in found] == [channel]
-    assert found[0].along in along
+    assert found[0].along in feature
     assert found[0].p_value <= 0.01
     assert 0.15 < found[0].share < 0.5  # what is predicted is a part of what is there
     assert channel in found[0].structure
@@ -111,65 +111,67 @@ def test_what_is_planted_is_found_where_it_is(make, channel, curve, along):
 @pytest.mark.slow
 def test_the_same_structure_with_the_signs_of_stretches_turned_is_noise(curve):
     """The negative control: as large, as smooth, but it follows no function of the features."""
-    of = planted(windows(5), "v_x", curve, 0.6)
-    assert find_group_structure([of])
-    _, stretch = np.unique(of.block, return_inverse=True)
+    residuals = plant_structure(windows(5), "v_x", curve, 0.6)
+    assert find_group_structure([residuals])
+    _, stretch = np.unique(residuals.block, return_inverse=True)
     signs = np.random.default_rng(3).choice([-1.0, 1.0], stretch.max() + 1)
-    assert not find_group_structure([replace(of, y=of.y * signs[stretch][:, None])])
+    assert not find_group_structure([replace(residuals, y=residuals.y * signs[stretch][:, None])])
 
 
 @pytest.mark.slow
 def test_waves_have_their_length_and_size_and_in_each_recording_a_phase_of_its_own():
-    of = windows(6, recordings=3)
-    phase = np.array([0.3, 2.1, 4.0])[of.recording]
-    wave = 0.8 * np.sin(2.0 * np.pi * of.features["way"] / 0.9 + phase)
-    found, = find_group_structure([replace(of, y=of.y + np.outer(wave, [1.0, 0.0, 0.0]))])
+    residuals = windows(6, recordings=3)
+    phase = np.array([0.3, 2.1, 4.0])[residuals.recording]
+    wave = 0.8 * np.sin(2.0 * np.pi * residuals.features["way"] / 0.9 + phase)
+    found, = find_group_structure([replace(residuals,
+                                           y=residuals.y + np.outer(wave, [1.0, 0.0, 0.0]))])
     assert (found.channel, found.along) == ("v_x", ("way",))
     assert found.period == pytest.approx(0.9, rel=0.01)
     assert "every 0.90 m" in found.structure
     size = float(found.structure.split("+-")[1].split()[0])
-    assert size == pytest.approx(0.8 * of.size[0, 0], rel=0.15)
+    assert size == pytest.approx(0.8 * residuals.size[0, 0], rel=0.15)
 
 
 @pytest.mark.slow
 def test_stripes_on_the_floor_have_their_width_and_in_all_recordings_the_same_place():
-    of = windows(6, recordings=3)
-    x = {**of.features, "x": 4.0 * np.sin(0.11 * np.arange(len(of.y)))}
+    residuals = windows(6, recordings=3)
+    x = {**residuals.features, "x": 4.0 * np.sin(0.11 * np.arange(len(residuals.y)))}
     stripes = 0.8 * np.sin(2.0 * np.pi * x["x"] / 1.1)
-    shifted = 0.8 * np.sin(2.0 * np.pi * x["x"] / 1.1 + 2.0 * np.pi / 3.0 * of.recording)
-    striped = of.y + np.outer(stripes, [1.0, 0.0, 0.0])
-    found, = find_group_structure([replace(of, features=x, y=striped)])
+    shifted = 0.8 * np.sin(2.0 * np.pi * x["x"] / 1.1 + 2.0 * np.pi / 3.0 * residuals.recording)
+    striped = residuals.y + np.outer(stripes, [1.0, 0.0, 0.0])
+    found, = find_group_structure([replace(residuals, features=x, y=striped)])
     assert (found.channel, found.along) == ("v_x", ("x",))
     assert found.period == pytest.approx(1.1, rel=0.03)
     assert "m along x of the room" in found.structure
-    elsewhere = find_group_structure([replace(of, features=x, y=of.y + np.outer(shifted, [1.0, 0.0,
-                                                                                          0.0]))])
+    elsewhere = find_group_structure([replace(residuals, features=x,
+                                              y=residuals.y + np.outer(shifted, [1.0, 0.0,
+                                                                                                        0.0]))])
     assert ("x",) not in [u.along for u in elsewhere]
 
 
 @pytest.mark.slow
 def test_a_car_that_hardly_moves_has_no_waves():
-    of = windows(6)
-    standing = {**of.features, "way": 1e-3 * of.features["time"]}
-    assert find_group_structure([replace(of, features=standing)]) == ()
+    residuals = windows(6)
+    hardly_moving = {**residuals.features, "way": 1e-3 * residuals.features["time"]}
+    assert find_group_structure([replace(residuals, features=hardly_moving)]) == ()
 
 
 @pytest.mark.slow
 def test_a_level_of_each_recording_is_called_that():
     level = np.array([1.0, -1.0, 0.3, -0.3])
-    of = windows(7, recordings=4)
-    levels = of.y + np.outer(level[of.recording], [1.0, 0.0, 0.0])
-    found = find_group_structure([replace(of, y=levels)])
+    residuals = windows(7, recordings=4)
+    levels = residuals.y + np.outer(level[residuals.recording], [1.0, 0.0, 0.0])
+    found = find_group_structure([replace(residuals, y=levels)])
     assert [(u.channel, u.along) for u in found] == [("v_x", ("recording",))]
     assert "at recording day/0.csv" in found[0].structure, "by name: the order of files is ours"
 
 
 @pytest.mark.slow
 def test_what_does_not_carry_over_to_another_recording_is_not_found_along_a_variable():
-    of = windows(8, recordings=4)
-    turns = np.array([1.0, -1.0, 1.0, -1.0])[of.recording]
-    carried = planted(of, "v_x", lambda f: f["speed"])
-    not_carried = planted(of, "v_x", lambda f: f["speed"] * turns)
+    residuals = windows(8, recordings=4)
+    turns = np.array([1.0, -1.0, 1.0, -1.0])[residuals.recording]
+    carried = plant_structure(residuals, "v_x", lambda f: f["speed"])
+    not_carried = plant_structure(residuals, "v_x", lambda f: f["speed"] * turns)
     assert ("speed",) in [u.along for u in find_group_structure([carried])]
     assert ("speed",) not in [u.along for u in find_group_structure([not_carried])]
 
@@ -177,8 +179,9 @@ def test_what_does_not_carry_over_to_another_recording_is_not_found_along_a_vari
 @pytest.mark.slow
 def test_share_falls_to_nothing_with_the_cause():
     noise = windows(9)
-    before = explained_shares([planted(noise, "omega", lambda f: f["speed"] * f["steering_angle"],
-                                       0.5)])
+    before = explained_shares([plant_structure(noise, "omega",
+                                               lambda f: f["speed"] * f["steering_angle"],
+                                               0.5)])
     after = explained_shares([noise])
     assert 0.25 < before["omega"] < 0.6
     assert max(after.values()) < 0.06
@@ -187,11 +190,12 @@ def test_share_falls_to_nothing_with_the_cause():
 
 @pytest.mark.slow
 def test_same_seed_same_answer_and_too_little_says_nothing():
-    of = planted(windows(5), "v_x", lambda f: f["speed"], 0.6)
-    assert find_group_structure([of], 4) == find_group_structure([of], 4)
-    short = of.block < np.unique(of.block)[8]
-    few = replace(of, y=of.y[short], block=of.block[short], recording=of.recording[short],
-                  features={k: v[short] for k, v in of.features.items()})
+    residuals = plant_structure(windows(5), "v_x", lambda f: f["speed"], 0.6)
+    assert find_group_structure([residuals], 4) == find_group_structure([residuals], 4)
+    short = residuals.block < np.unique(residuals.block)[8]
+    few = replace(residuals, y=residuals.y[short], block=residuals.block[short],
+                  recording=residuals.recording[short],
+                  features={k: v[short] for k, v in residuals.features.items()})
     assert find_group_structure([few]) == ()
     assert set(explained_shares([few]).values()) == {0.0}
 

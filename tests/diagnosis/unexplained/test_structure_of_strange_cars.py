@@ -45,19 +45,19 @@ def test_the_share_is_large_where_it_is_strange_and_small_elsewhere(tmp_path, mo
 @pytest.mark.slow
 def test_what_the_disturbance_moves_is_no_variable(tmp_path, monkeypatch):
     """A gust that is not in the model accelerates the car: the two go together for no fault."""
-    *seen, noise = looked_at([write(tmp_path / "a.csv", None, 5, PLAN, monkeypatch)])
-    motion, _ = group_residuals(*seen, noise)
+    *found, noise = looked_at([write(tmp_path / "a.csv", None, 5, PLAN, monkeypatch)])
+    motion, _ = group_residuals(*found, noise)
     assert not {"acceleration", "yaw_rate"} & set(motion.features)
     assert find_group_structure([motion]) == ()
 
 
 @pytest.mark.long
 def test_of_many_strange_cars_nearly_all_are_flagged_and_none_of_the_plain(tmp_path, monkeypatch):
-    def flagged(wrap, seed):
+    def is_flagged(wrap, seed):
         file = write(tmp_path / "a.csv", wrap, seed, PLAN, monkeypatch)
         return bool(find_structure(*looked_at([file]), seed))
 
     seeds = range(12)
-    strange = [flagged(wrap, seed) for wrap, *_ in CARS.values() for seed in seeds]
+    strange = [is_flagged(wrap, seed) for wrap, *_ in CARS.values() for seed in seeds]
     assert sum(strange) >= 0.9 * len(strange)
-    assert sum(flagged(None, seed) for seed in seeds) <= 1
+    assert sum(is_flagged(None, seed) for seed in seeds) <= 1

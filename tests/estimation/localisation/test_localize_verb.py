@@ -14,7 +14,7 @@ from dart_lab.sim.lidar.maps import box, room_of
 WAIVED = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED", "--json")
 
 
-def told(capsys, *args):
+def run_verb(capsys, *args):
     """(exit code, JSON) of the verb."""
     with pytest.raises(SystemExit) as done:
         main(["localize", *map(str, args)])
@@ -39,8 +39,8 @@ def ros_map(folder, lines, cell=NODE_SPACING):
 
 @pytest.mark.slow
 def test_a_simulated_car_is_found_and_its_error_told(capsys):
-    code, found = told(capsys, "--url", "sim://?seed=0&nano=mock&lidar=1&map=room",
-                       "--duration", 2.0, "--speed", 1, "--steering", 0.3, *WAIVED)
+    code, found = run_verb(capsys, "--url", "sim://?seed=0&nano=mock&lidar=1&map=room",
+                           "--duration", 2.0, "--speed", 1, "--steering", 0.3, *WAIVED)
     assert code == 0
     assert found["status"] == "TRACKING"
     assert found["error"]["rms_m"] < 0.01
@@ -54,10 +54,10 @@ def test_a_car_in_a_ros_map_and_its_recording(capsys, tmp_path):
     chart = ros_map(tmp_path, room_of("room", 0).lines)
     run = tmp_path / "run.mcap"
     url = f"sim://?seed=0&nano=mock&lidar=1&map={chart}"
-    code, found = told(capsys, "--url", url, "--map", chart, "--duration", 3.0, "--speed", 1,
-                       "--steering", 0.3, "--record", run, *WAIVED)
+    code, found = run_verb(capsys, "--url", url, "--map", chart, "--duration", 3.0, "--speed", 1,
+                           "--steering", 0.3, "--record", run, *WAIVED)
     assert (code, found["status"]) == (0, "TRACKING")
-    code, again = told(capsys, "--url", f"replay://{run}", "--map", chart, "--json")
+    code, again = run_verb(capsys, "--url", f"replay://{run}", "--map", chart, "--json")
     assert code == 0
     assert again["pose"]["x"] == pytest.approx(found["pose"]["x"], abs=0.01)
 
@@ -65,8 +65,8 @@ def test_a_car_in_a_ros_map_and_its_recording(capsys, tmp_path):
 @pytest.mark.slow
 def test_a_bare_rectangle_says_so_and_exits_1(capsys, tmp_path):
     chart = ros_map(tmp_path, box(3.0, 2.5, 0.0, 6.0, 5.0), 0.05)
-    code, found = told(capsys, "--url", f"sim://?seed=0&nano=mock&lidar=1&map={chart}", "--map",
-                       chart, "--duration", 0.6, "--json")
+    code, found = run_verb(capsys, "--url", f"sim://?seed=0&nano=mock&lidar=1&map={chart}", "--map",
+                           chart, "--duration", 0.6, "--json")
     assert code == 1
     assert found["status"] == "AMBIGUOUS"
     assert found["pose"] is None

@@ -43,7 +43,7 @@ def test_a_map_of_cells_has_boxes_too():
     assert np.array_equal(chart.walls, chart.lines[~lone])
 
 
-def seen(there, chart):
+def simulate_scan(there, chart):
     turn = np.linspace(-np.pi, np.pi, 606, endpoint=False)
     ahead = np.column_stack((np.cos(turn), np.sin(turn)))
     origin = np.tile((2.0, 2.5), (606, 1))
@@ -54,16 +54,16 @@ def seen(there, chart):
 def test_through_a_box_that_is_gone_and_through_a_wall():
     """Another box behind it hides the wall, and says nothing; the control is a wall gone."""
     chart = map_of_lines(np.vstack((HALL, STOOL, (2.5, 0.0, 2.5, 1.5))))
-    full = seen(chart.lines, chart)
+    full = simulate_scan(chart.lines, chart)
     assert full.share == full.score == 1.0
-    gone = seen(np.vstack((HALL, chart.lines[-1:])), chart)
+    gone = simulate_scan(np.vstack((HALL, chart.lines[-1:])), chart)
     assert gone.removed_boxes > 0.02
     assert gone.through_walls == 0.0
     assert gone.share + gone.removed_boxes == pytest.approx(1.0)
-    moved = seen(np.vstack((HALL, box(5.3, 2.5, 0.3, 0.5, 0.3), chart.lines[-1:])), chart)
+    moved = simulate_scan(np.vstack((HALL, box(5.3, 2.5, 0.3, 0.5, 0.3), chart.lines[-1:])), chart)
     assert moved.through_walls == 0.0
     assert 0.95 < moved.share + moved.removed_boxes < 1.0
-    torn = seen(np.vstack((HALL, STOOL)), chart)
+    torn = simulate_scan(np.vstack((HALL, STOOL)), chart)
     assert torn.through_walls > 0.03
     assert torn.removed_boxes == 0.0
 
@@ -76,13 +76,13 @@ def test_the_pose_that_is_judged_is_the_one_that_is_told():
     local = _warmed(d, 426)
     t = float(d.scans[426].t[-1]) - 0.01
     local.belief = start_belief(t, d.true(t) + np.array((-0.084, 0.774, 0.439)))
-    told = []
+    results = []
     for before, scan in pairwise(d.scans[426:430]):
         for j in np.flatnonzero((d.t > before.arrival) & (d.t <= scan.arrival)):
             d.tell(local, int(j))
-        told.append(local.add(scan))
-    assert [seen.pose for seen in told] == [None] * 3
-    assert told[-1].status is Status.LOST
+        results.append(local.add(scan))
+    assert [simulate_scan.pose for simulate_scan in results] == [None] * 3
+    assert results[-1].status is Status.LOST
 
 
 @pytest.mark.slow
@@ -104,9 +104,9 @@ def test_a_car_is_found_in_a_room_whose_boxes_have_all_moved():
     d = drive(5208, hidden(5208, seconds=31.0))
     other = map_of_lines(room_of("room", 6208).lines)
     beams = _warmed(d, 41)._beams(d.scans[41])
-    alike = search(other, beams.points, beams.rays, beams.origin)
-    assert alike.fits
-    assert alike.is_unique
-    assert not alike.is_known_room
+    match = search(other, beams.points, beams.rays, beams.origin)
+    assert match.fits
+    assert match.is_unique
+    assert not match.is_known_room
     d = replace(d, scans=d.scans[41:100])
     assert not len(run(d, localiser=Localiser(other)).off)

@@ -50,8 +50,8 @@ def test_one_beam_past_an_edge_is_no_way_through_a_wall():
 
 def test_a_searched_track_in_another_room_is_given_up():
     judge = TrackJudge(0.8, Agreement(0.8, 0.0))
-    told = [judge.add(Agreement(0.8, 0.05)) for _ in range(20)]
-    assert told[-1] is Status.LOST
+    statuses = [judge.add(Agreement(0.8, 0.05)) for _ in range(20)]
+    assert statuses[-1] is Status.LOST
     assert TrackJudge(0.8).add(Agreement(0.8, 0.05)) is Status.TRACKING  # given start
 
 

@@ -49,13 +49,13 @@ def test_a_car_knows_its_place_by_its_lidar_alone(tmp_path):
     x, y, _ = world.poses(np.array([state.t]))[0]
     c = np.cos(yaw0)
     s = np.sin(yaw0)
-    seen = state.external
-    assert seen.tracking is Tracking.TRACKING
-    at = seen.estimate.pose
-    assert far((at.x, at.y), (x0 + c * x - s * y, y0 + s * x + c * y)) < 0.015
+    external = state.external
+    assert external.tracking is Tracking.TRACKING
+    pose = external.estimate.pose
+    assert far((pose.x, pose.y), (x0 + c * x - s * y, y0 + s * x + c * y)) < 0.015
     with Car.open(f"replay://{run}") as again:
         *_, last = again.states()
-    assert last.external.estimate.pose.x == pytest.approx(at.x, abs=1e-9)
+    assert last.external.estimate.pose.x == pytest.approx(pose.x, abs=1e-9)
 
 
 def test_a_map_needs_a_lidar():
@@ -89,11 +89,11 @@ def test_a_source_that_makes_no_sense_is_refused(text):
         open_source(text)
 
 
-def looked(lines, at=(2.0, 1.5, 0.4)):
+def simulate_scan(lines, pose=(2.0, 1.5, 0.4)):
     """Points and rays of a standing car without noise."""
     turn = np.linspace(-np.pi, np.pi, 606, endpoint=False)
-    origin = np.tile(at[:2], (606, 1))
-    ahead = at[2] + turn
+    origin = np.tile(pose[:2], (606, 1))
+    ahead = pose[2] + turn
     r = fastest_cast()(lines, origin, np.column_stack((np.cos(ahead), np.sin(ahead))))
     points = (r[:, None] * np.column_stack((np.cos(turn), np.sin(turn))))[r < 10.0]
     return points, points, np.zeros_like(points)
@@ -101,11 +101,11 @@ def looked(lines, at=(2.0, 1.5, 0.4)):
 
 def test_a_bare_rectangle_is_ambiguous_and_a_room_is_not():
     bare = box(3.0, 2.5, 0.0, 6.0, 5.0)
-    found = search(map_of_lines(bare), *looked(bare))
+    found = search(map_of_lines(bare), *simulate_scan(bare))
     assert found.fits
     assert not found.is_unique
     room = room_of("room", 3)
-    found = search(map_of_lines(room.lines), *looked(room.lines, at=room.start))
+    found = search(map_of_lines(room.lines), *simulate_scan(room.lines, pose=room.start))
     assert found.is_unique
     assert far(found.pose, room.start) < 0.02
 
@@ -119,12 +119,12 @@ def test_three_bad_scans_are_a_loss_and_two_are_none():
 
 
 def test_a_known_map_grows_stale_but_a_searched_one_was_another_rooms():
-    told = TrackJudge(0.95)
+    judge = TrackJudge(0.95)
     searched = TrackJudge(0.8, Agreement(0.8, 0.0))
     much = Agreement(0.65, 0.0)
     half = Agreement(0.5, 0.0)
-    assert {told.add(much) for _ in range(60)} == {Status.TRACKING, Status.MAP_STALE}
-    assert told.add(half) is Status.MAP_STALE  # the threshold is lower there
+    assert {judge.add(much) for _ in range(60)} == {Status.TRACKING, Status.MAP_STALE}
+    assert judge.add(half) is Status.MAP_STALE  # the threshold is lower there
     assert Status.LOST in [searched.add(much) for _ in range(PROBATION_SCANS)]
 
 

@@ -54,17 +54,17 @@ def test_without_an_accelerometer_it_does_and_the_covariance_says_so(spun):
 def test_wheels_are_believed_while_they_do_what_is_felt():
     spin = SpinDetector()
     speed = np.concatenate((np.linspace(0.0, 2.0, 50), np.full(200, 2.0)))
-    felt = np.gradient(speed, 0.01) + 0.3        # a bias
-    assert {spin.update(0.01 * v, 0.01, a) for v, a in zip(speed, felt, strict=True)} == {None}
+    inertial = np.gradient(speed, 0.01) + 0.3        # a bias
+    assert {spin.update(0.01 * v, 0.01, a) for v, a in zip(speed, inertial, strict=True)} == {None}
 
 
 def test_and_not_while_they_do_not_but_no_longer_than_the_integral_counts():
     spin = SpinDetector()
     for _ in range(100):
         assert spin.update(0.01, 0.01, 0.0) is None
-    told = [spin.update(0.016, 0.01, 0.0) for _ in range(150)]
-    parted = [t is not None for t in told]
-    assert 0.98 < told[parted.index(True)] < 1.1
+    speeds = [spin.update(0.016, 0.01, 0.0) for _ in range(150)]
+    parted = [t is not None for t in speeds]
+    assert 0.98 < speeds[parted.index(True)] < 1.1
     assert parted.index(True) <= 3
     assert sum(parted) == pytest.approx(MAX_SPIN_TIME / 0.01, abs=3)
     assert not any(parted[-40:])

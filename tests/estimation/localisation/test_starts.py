@@ -14,7 +14,7 @@ from studies.localisation.world import drive, hidden, run
 def test_a_car_is_found_without_a_start_and_told_only_when_proven():
     d = drive(2005, hidden(2005, seconds=3.0))
     r = run(d, localiser=Localiser(d.chart))
-    assert [seen.pose is None for seen in r.told[:6]] == [True] * 5 + [False]
+    assert [result.pose is None for result in r.told[:6]] == [True] * 5 + [False]
     assert r.off.max() < 0.02
 
 
@@ -22,7 +22,7 @@ def test_a_car_is_found_without_a_start_and_told_only_when_proven():
 def test_a_kidnapped_car_is_lost_and_comes_back():
     d = kidnapped(drive(2005, hidden(2005, seconds=26.0)))
     r = run(d, localiser=Localiser(d.chart))
-    lost = next(seen.t for seen in r.told if seen and seen.t > 14.9 and seen.pose is None)
+    lost = next(result.t for result in r.told if result and result.t > 14.9 and result.pose is None)
     assert lost < 15.5
     assert (r.off[r.t > 17.5] < 0.03).all()
     assert (r.t > 17.5).sum() > 30
@@ -33,7 +33,7 @@ def test_scans_that_turn_against_the_gyro_are_refused():
     """The control is the same drive with the right sense."""
     for sense, good in ((1.0, True), (-1.0, False)):
         d = drive(2003, hidden(2003, seconds=15.0, sense=sense))
-        last = [seen for seen in run(d, localiser=Localiser(d.chart)).told if seen][-1]
+        last = [result for result in run(d, localiser=Localiser(d.chart)).told if result][-1]
         assert (last.status is not Status.LOST) is good
         assert last.mirrored is not good
         assert (last.pose is not None) is good

@@ -50,8 +50,8 @@ def test_the_hidden_errors_are_learnt():
 
 def test_a_wrong_pose_is_told_within_three_scans(quick):
     local = Localiser(quick.chart, (1.0, 1.0, 0.3))
-    told = run(quick, localiser=local).told[:3]
-    assert [seen.status for seen in told if seen][-1] is Status.LOST
+    results = run(quick, localiser=local).told[:3]
+    assert [result.status for result in results if result][-1] is Status.LOST
 
 
 def test_the_field_is_the_distance_to_lines_and_nothing_pulls_outside():

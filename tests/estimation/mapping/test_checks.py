@@ -17,7 +17,7 @@ def right():
     return drive(2003, hidden(2003, seconds=8.0, speed=2.0))
 
 
-def judged(found, change=lambda scan: scan, way=10.0):
+def check_scans(found, change=lambda scan: scan, way=10.0):
     checks = MapChecks()
     for scan in found.scans:
         checks.add(change(scan), float(np.interp(scan.arrival, found.t, found.told[:, 2])))
@@ -29,7 +29,7 @@ def upside_down(scan):
     return replace(scan, angle=(-scan.angle.astype(float)) % (2.0 * np.pi))
 
 
-def without(degrees):
+def drop_sector(degrees):
     def change(scan):
         return replace(scan, distance=np.where(np.abs(scan.bearing - 1.0) < np.radians(
             0.5 * degrees), np.nan, scan.distance))
@@ -37,17 +37,17 @@ def without(degrees):
 
 
 def test_a_drive_as_it_should_be_is_not_refused(right):
-    assert not judged(right).is_sense_unknown
-    judged(right, without(20.0))
+    assert not check_scans(right).is_sense_unknown
+    check_scans(right, drop_sector(20.0))
 
 
-@pytest.mark.parametrize(("change", "way", "says"), [
+@pytest.mark.parametrize(("change", "way", "message"), [
     (upside_down, 10.0, "turn against the gyro"),
-    (without(45.0), 10.0, "a sector of the lidar is blind"),
+    (drop_sector(45.0), 10.0, "a sector of the lidar is blind"),
     (lambda scan: scan, 0.4, "did not move")], ids=["mirrored", "sector", "still"])
-def test_what_is_no_map_is_refused(right, change, way, says):
-    with pytest.raises(UsageError, match=says):
-        judged(right, change, way)
+def test_what_is_no_map_is_refused(right, change, way, message):
+    with pytest.raises(UsageError, match=message):
+        check_scans(right, change, way)
 
 
 def test_no_scan_is_no_map():

@@ -42,10 +42,10 @@ class Bench:
         self._stack.callback(rig.nano.close)
         return rig
 
-    def stand(self, options: str = "", **more: Any) -> Any:
+    def process_rig(self, options: str = "", **more: Any) -> Any:
         """A car for real processes: served over a pty, or the real one."""
-        from fault_table.stand import HilStand, PtyStand
+        from fault_table.stand import HilRig, PtyRig
 
-        made = HilStand(self.hil, self.folder) if self.hil else PtyStand(self.folder, options,
-                                                                         **more)
+        made = HilRig(self.hil, self.folder) if self.hil else PtyRig(self.folder, options,
+                                                                     **more)
         return self._stack.enter_context(made)

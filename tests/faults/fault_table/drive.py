@@ -109,7 +109,7 @@ class Drive:
     def now(self) -> float:
         return self.world.t
 
-    def armed(self) -> Drive:
+    def arm(self) -> Drive:
         """Armed, with an ESC that has seen its 2 s of neutral whatever happened on the way."""
         self.run(self.settling)
         self.car.arm(waive=WAIVE)
@@ -118,18 +118,18 @@ class Drive:
     def run(self, seconds: float, command: Command | None = None) -> list[State]:
         """Live on for so long, also through a lost link; States seen."""
         end = self.now + seconds
-        seen = []
+        states = []
         while self.now < end - 0.005:
             with suppress(LinkLost):
                 for state in self.car.states(duration=end - self.now, timeout=0.05):
-                    seen.append(state)
+                    states.append(state)
                     if command is not None:
                         with suppress(BadCommand):
                             command(self.car, state)
                     if self.now >= end - 0.005:
                         break
-        self.states = seen
-        return seen
+        self.states = states
+        return states
 
     @property
     def settling(self) -> float:
@@ -140,7 +140,7 @@ class Drive:
         """Armed and on its way: at the end the pin carries a throttle."""
         if seconds is None:
             seconds = 0.4 if self._brief else 1.0
-        self.armed().run(seconds, forward(throttle))
+        self.arm().run(seconds, forward(throttle))
         assert self.wrong(self.pulses[-1]), (
             f"it does not drive: {self.car.mode} {self.car.causes} {self.states[-1].applied}")
         return self

@@ -30,7 +30,7 @@ ESC_STARTS = 2.2
 """s of neutral after which every ESC obeys: one that does not looks like a dead encoder."""
 
 
-def say(*words: object) -> None:
+def report(*words: object) -> None:
     print(*words, flush=True)
 
 
@@ -47,7 +47,7 @@ def fork() -> None:
     if worker == 0:
         while True:
             time.sleep(1.0)
-    say("worker", worker)
+    report("worker", worker)
 
 
 def block(car: Car) -> None:
@@ -70,45 +70,45 @@ HOW = {
 
 
 def main(url: str, name: str, cars: str, how: str) -> None:
-    wanted = threading.Event()
+    requested = threading.Event()
     signal.signal(signal.SIGHUP, signal.SIG_DFL)    # a suite under nohup hands down "ignore"
 
     def listen() -> None:
         for order in sys.stdin:
             if order.strip() == "now":
-                wanted.set()
+                requested.set()
         os._exit(0)     # the suite is gone: an orphan would find the next car by its number
 
     with Car.open(url, car=name, cars=cars or None, raise_on_trip=False) as car:
         threading.Thread(target=listen, daemon=True).start()
         driven = 0
         done = False
-        told = False
+        reported = False
         deadline = time.monotonic() + PATIENCE
         with suppress(LinkLost):
             for _ in car.states(duration=ESC_STARTS, timeout=20.0):
                 pass
         while True:
-            if not told and time.monotonic() > deadline:
+            if not reported and time.monotonic() > deadline:
                 sys.exit(f"no throttle within {PATIENCE:.0f} s: {car.mode} {car.causes}")
             with suppress(NotArmed, LinkLost):
-                if not told and car.mode != "ARMED":      # later trips are not healed
+                if not reported and car.mode != "ARMED":      # later trips are not healed
                     driven = 0
                     car.arm(waive=WAIVE)
-            if how == "patient" and told:
+            if how == "patient" and reported:
                 time.sleep(0.5)
             with suppress(LinkLost):
                 for state in car.states(timeout=20.0):
-                    if wanted.is_set() and not done:
+                    if requested.is_set() and not done:
                         done = True
-                        say("at", time.monotonic())
+                        report("at", time.monotonic())
                         HOW[how](car)
                     car.drive(throttle=THROTTLE, valid_for=0.5)
                     driven += state.applied.throttle > 0.2
-                    if driven > 20 and not told:
-                        told = True
-                        say("driving")
-                    if not told and (car.mode != "ARMED" or time.monotonic() > deadline):
+                    if driven > 20 and not reported:
+                        reported = True
+                        report("driving")
+                    if not reported and (car.mode != "ARMED" or time.monotonic() > deadline):
                         break
 
 

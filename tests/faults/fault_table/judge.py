@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fault_table.bench import Bench
-from fault_table.layers import without
+from fault_table.layers import remove_layers
 from fault_table.row import Case, Measured
 
 
@@ -18,7 +18,7 @@ class Verdict:
     """``measured`` with every layer, ``control`` without its layer (None = not run)."""
 
     case: Case
-    measured: Measured
+    measure_case: Measured
     control: Measured | None
     seconds: float
 
@@ -32,7 +32,7 @@ class Verdict:
         return self.control is None or self.control.value > self.case.limit
 
     @property
-    def green(self) -> bool:
+    def is_green(self) -> bool:
         return self.holds and self.proves
 
 
@@ -46,28 +46,28 @@ class How:
     controls: bool = True
 
 
-def measured(case: Case, how: How, *more: str) -> Measured:
+def measure_case(case: Case, how: How, *more: str) -> Measured:
     """The figure; a measurement that breaks down is NEVER, with the reason."""
     full = how.full and not more    # what no layer stops shows in a sample
     with ExitStack() as stack:
         try:
-            stack.enter_context(without(*how.removed, *more))
+            stack.enter_context(remove_layers(*how.removed, *more))
             folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="fault-"))
             bench = stack.enter_context(
                 Bench(Path(folder), full=full, brief=not how.full, hil=how.hil))
             return case.measure(bench)
         except Exception as error:  # noqa: BLE001 - whatever breaks, the row is red and says so
-            told = " ".join(f"{type(error).__name__}: {error}".split())
-            return Measured(float("nan"), told[:300])
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            return Measured(float("nan"), reason[:300])
 
 
 def judge(case: Case, how: How) -> Verdict:
     """The case and its control; layers removed for all make controls meaningless."""
     begin = time.monotonic()
-    found = measured(case, how)
+    found = measure_case(case, how)
     control = None
     if how.controls and not how.removed and not how.hil:
-        control = measured(case, how, *case.control)
+        control = measure_case(case, how, *case.control)
     return Verdict(case, found, control, time.monotonic() - begin)
 
 

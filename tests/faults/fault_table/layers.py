@@ -46,18 +46,18 @@ def firmware(name: str, does: str, *changes: Change) -> None:
     LAYERS[name] = Layer(name, does, changes=changes)
 
 
-def removed() -> list[str]:
+def list_removed() -> list[str]:
     """Names of the layers that are gone."""
     return [name for name in os.environ.get(VARIABLE, "").split(",") if name]
 
 
 @contextmanager
-def without(*names: str) -> Iterator[None]:
+def remove_layers(*names: str) -> Iterator[None]:
     """These layers are gone, here and in processes started meanwhile. Raises KeyError."""
-    told = list(dict.fromkeys([*removed(), *names]))
-    lame = [LAYERS[name] for name in told if LAYERS[name].changes]
+    names_removed = list(dict.fromkeys([*list_removed(), *names]))
+    lame = [LAYERS[name] for name in names_removed if LAYERS[name].changes]
     with ExitStack() as stack:
-        stack.enter_context(patch.dict(os.environ, {VARIABLE: ",".join(told)}))
+        stack.enter_context(patch.dict(os.environ, {VARIABLE: ",".join(names_removed)}))
         if lame:
             made = image("-".join(layer.name for layer in lame),
                          tuple(change for layer in lame for change in layer.changes))
@@ -70,4 +70,4 @@ def without(*names: str) -> Iterator[None]:
 
 def inherit() -> AbstractContextManager[None]:
     """In a process of the suite: remove what its parent has removed."""
-    return without(*removed())
+    return remove_layers(*list_removed())

@@ -23,7 +23,7 @@ def key(row: int, case: Case) -> str:
     return f"{row} {case.world} {case.what}"
 
 
-def kept() -> dict[str, dict[str, Any]]:
+def load_figures() -> dict[str, dict[str, Any]]:
     """Figures of the last full run; null is never."""
     if not FIGURES.is_file():
         return {}
@@ -33,7 +33,7 @@ def kept() -> dict[str, dict[str, Any]]:
 
 def keep(verdicts: list[tuple[Row, Verdict]]) -> None:
     """Put these figures beside those that are kept; cases that are gone are forgotten."""
-    figures = kept()
+    figures = load_figures()
     for row, verdict in verdicts:
         figures[key(row.number, verdict.case)] = {
             "measured": _number(verdict.measured.value),
@@ -49,7 +49,7 @@ def _number(value: float) -> float | str:
     return "never" if math.isinf(value) else round(value, 3)
 
 
-def _said(figures: dict[str, Any], name: str, unit: str) -> str:
+def _format_figure(figures: dict[str, Any], name: str, unit: str) -> str:
     value = figures.get(name)
     if value is None:
         return "-"
@@ -58,7 +58,7 @@ def _said(figures: dict[str, Any], name: str, unit: str) -> str:
 
 def text() -> str:
     """The page."""
-    figures = kept()
+    figures = load_figures()
     lines = ["| # | fault | reaction | world | case | limit | last measured | "
              "without | then |", "|---|---|---|---|---|---|---|---|---|"]
     for row in ROWS:
@@ -67,8 +67,9 @@ def text() -> str:
             head = f"{row.number} | {row.fault} | {row.reaction}" if n == 0 else " | | "
             world = case.world + (", hil" if case.hil else "")
             lines.append(f"| {head} | {world} | {case.what} | {case.limit:.4g} {case.unit} | "
-                         f"{_said(own, 'measured', case.unit)} | {' + '.join(case.control)} | "
-                         f"{_said(own, 'control', case.unit)} |")
+                         f"{_format_figure(own, 'measured', case.unit)} | "
+                         f"{' + '.join(case.control)} | "
+                         f"{_format_figure(own, 'control', case.unit)} |")
     lines += ["", "## Layers and their switches\n",
               "Each is one line of the suite: a name of the product that is replaced, or sources",
               "of the firmware that are changed before an image is built. The product has none.\n",

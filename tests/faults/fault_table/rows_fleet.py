@@ -23,11 +23,11 @@ LOOK = 10.0
 """ms from one State, at which the car looks into its room, to the next."""
 
 
-def stopped(nano: str, loss: float) -> Callable[[Bench], Measured]:
+def stop_by_room(nano: str, loss: float) -> Callable[[Bench], Measured]:
     """Last driving pulse after a STOP through a room that loses frames; the program drives on."""
     def measure(bench: Bench) -> Measured:
         worst = 0.0
-        told = 0
+        confirmed = 0
         for seed in range(12 if bench.full else 2):
             drive = bench.drive(nano=nano)
             room = f"local://fault-{nano}-{loss}-{seed}?loss={loss}&seed={seed}"
@@ -44,12 +44,12 @@ def stopped(nano: str, loss: float) -> Callable[[Bench], Measured]:
 
                 drive.run(1.0, both)
                 worst = max(worst, drive.last_wrong(at))
-                told = told + len(call.confirmed_cars)
-        return Measured(worst, f"{told} answered, then {drive.car.mode}")
+                confirmed = confirmed + len(call.confirmed_cars)
+        return Measured(worst, f"{confirmed} answered, then {drive.car.mode}")
     return measure
 
 
-def unwatched(nano: str) -> Callable[[Bench], Measured]:
+def stop_beats(nano: str) -> Callable[[Bench], Measured]:
     """Last driving pulse after the last beat of who watches the room."""
     def measure(bench: Bench) -> Measured:
         drive = bench.drive(nano=nano)
@@ -104,7 +104,7 @@ class Attacker:
         return tuple(found.items())
 
 
-def attacked(attack: str) -> Callable[[Bench], Measured]:
+def attack_room(attack: str) -> Callable[[Bench], Measured]:
     """Last driving pulse of a watched car of a room with a key after its watcher is gone, while an
     attacker goes on: plays its recording of this session or of an earlier one, or forges."""
     def measure(bench: Bench) -> Measured:
@@ -198,24 +198,25 @@ def answered_for(bench: Bench) -> Measured:
 
 ROWS = (
     Row(47, "all cars of a room are stopped, at 50 % loss", "trip, neutral, answered", (
-        case("mock", "no loss", stopped("mock", 0.0), LOOK + PULSE + 10.0, MS, "run_stop",
+        case("mock", "no loss", stop_by_room("mock", 0.0), LOOK + PULSE + 10.0, MS, "run_stop",
              fast=True),
-        case("mock", "50 % loss", stopped("mock", 0.5), 150.0, MS, "run_stop"),
-        case("elf", "no loss", stopped("avr", 0.0), LOOK + PULSE + 10.0, MS, "run_stop"),
+        case("mock", "50 % loss", stop_by_room("mock", 0.5), 150.0, MS, "run_stop"),
+        case("elf", "no loss", stop_by_room("avr", 0.0), LOOK + PULSE + 10.0, MS, "run_stop"),
     )),
     Row(48, "nobody watches the room any more", "trip, neutral after 0.3 s", (
-        case("mock", "silence", unwatched("mock"), 1e3 * BEAT + 50.0 + LOOK + PULSE, MS,
+        case("mock", "silence", stop_beats("mock"), 1e3 * BEAT + 50.0 + LOOK + PULSE, MS,
              "beat_within", fast=True),
     )),
     Row(49, "messages of the watcher are recorded and played again", "no beat, no stop", (
-        case("mock", "of this session", attacked("session"), 1e3 * BEAT + LOOK + PULSE, MS,
+        case("mock", "of this session", attack_room("session"), 1e3 * BEAT + LOOK + PULSE, MS,
              "echo", "replay_window"),
-        case("mock", "of an earlier session", attacked("yesterday"), 1e3 * BEAT + LOOK + PULSE, MS,
+        case("mock", "of an earlier session", attack_room("yesterday"), 1e3 * BEAT + LOOK + PULSE,
+             MS,
              "echo", fast=True),
         case("mock", "its STOP", stopped_again, 0, "cars", "replay_window"),
     )),
     Row(50, "messages are forged without the key", "no beat, silent car named", (
-        case("mock", "BEAT with the numbers that it overhears", attacked("forged"),
+        case("mock", "BEAT with the numbers that it overhears", attack_room("forged"),
              1e3 * BEAT + LOOK + PULSE, MS, "room_key", fast=True),
         case("mock", "STOPPED in the name of a car", answered_for, 0, "cars", "stop_answers"),
     )),

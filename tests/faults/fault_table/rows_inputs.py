@@ -32,16 +32,17 @@ Feed = Callable[[float], bytes]
 """What the device writes at a time [s] since the car was armed."""
 
 
-def since(drive: Drive, at: float) -> Measured:
+def measure_end(drive: Drive, t_fault: float) -> Measured:
     """ms from ``at`` to the end of the last driving pulse; the car must have driven before."""
-    assert any(drive.wrong(pulse) for pulse in drive.pulses if at - 0.1 < pulse[1] < at), (
+    assert any(drive.wrong(pulse) for pulse in drive.pulses if t_fault
+               - 0.1 < pulse[1] < t_fault), (
         f"it did not drive: {drive.car.mode} {drive.car.causes}")
-    return Measured(drive.last_wrong(at), f"then {drive.car.mode}")
+    return Measured(drive.last_wrong(t_fault), f"then {drive.car.mode}")
 
 
 def by_hand(drive: Drive, source: Manual, write: Callable[[bytes], object], feed: Feed) -> float:
     """Drive by ``source`` as the verb does while ``feed`` writes; the time of the last report."""
-    drive.armed()
+    drive.arm()
     start = drive.now
     reports = [drive.now]
 
@@ -90,7 +91,7 @@ def silent_gamepad(first: bytes, second: bytes) -> Callable[[Bench], Measured]:
     def measure(bench: Bench) -> Measured:
         drive = bench.drive()
         with gamepad(bench, drive) as (pad, write):
-            return since(drive, by_hand(drive, pad, write, feed))
+            return measure_end(drive, by_hand(drive, pad, write, feed))
     return measure
 
 
@@ -114,8 +115,8 @@ def silent_keyboard(backlog: bool) -> Callable[[Bench], Measured]:
             stack.enter_context(patch("sys.stdin", stdin))
             keyboard = Keyboard(clock=lambda: drive.now)
             stack.callback(keyboard.close)
-            at = by_hand(drive, keyboard, lambda data: os.write(master, data), feed)
-            return since(drive, at)
+            t_fault = by_hand(drive, keyboard, lambda data: os.write(master, data), feed)
+            return measure_end(drive, t_fault)
     return measure
 
 
@@ -125,7 +126,7 @@ def page(hold: Callable[[float], messages.Drive | None]) -> Callable[[Bench], Me
         drive = bench.drive()
         desk = Desk(drive.car, Access(8642, token="right"), drives=True, clock=lambda: drive.now)
         list(desk.open_page("page"))
-        drive.armed()
+        drive.arm()
         desk.handle_message("page", messages.Take("right"))
         start = drive.now
         last = drive.now + DRIVES_S
@@ -141,7 +142,7 @@ def page(hold: Callable[[float], messages.Drive | None]) -> Callable[[Bench], Me
         drive.car.on_state(each)
         desk.run(last - start + SILENT_S)
         desk.close()
-        return since(drive, last)
+        return measure_end(drive, last)
     return measure
 
 
@@ -174,7 +175,7 @@ def silent_topic(silent: str, resumes: float = SILENT_S) -> Callable[[Bench], Me
         drive = bench.drive()
         topics = Topics()
         bridge = Bridge(drive.car, 1, topics, lambda text: None, lambda: drive.now)
-        drive.armed()
+        drive.arm()
         start = drive.now
         last = dict.fromkeys(("safety_value", "throttle_1", "all"), drive.now)
 
@@ -191,7 +192,7 @@ def silent_topic(silent: str, resumes: float = SILENT_S) -> Callable[[Bench], Me
 
         drive.car.on_state(each)
         bridge.run(iter(()), drive.car.states(duration=DRIVES_S + SILENT_S))
-        return since(drive, last[silent])
+        return measure_end(drive, last[silent])
     return measure
 
 

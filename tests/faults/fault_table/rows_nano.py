@@ -45,7 +45,7 @@ def steady(rig: Any) -> str:
         f"{missed} edges missed" if missed else "")
 
 
-def judged(rig: Any, value: float, detail: str = "") -> Measured:
+def judge_figure(rig: Any, value: float, detail: str = "") -> Measured:
     """The figure, or NEVER where stream or encoder suffered."""
     wrong = steady(rig)
     return Measured(NEVER if wrong else value, wrong or detail)
@@ -59,22 +59,22 @@ def refused_reads(bench: Bench) -> Measured:
     states = [values for _, values in live(rig, 3.0)]
     old = sum(bool(s["flags"] & VALID) and s["imu_age"] * AGE > FRESH for s in states)
     good = sum(bool(s["flags"] & VALID) for s in states)
-    return judged(rig, old, f"{good} of {len(states)} valid")
+    return judge_figure(rig, old, f"{good} of {len(states)} valid")
 
 
-def held(fault: str, wanted: int, gone: bool, clocks: int = 9) -> Any:
+def hold_line(fault: str, mask: int, gone: bool, clocks: int = 9) -> Any:
     """ms until a flag of STATE tells that a line is held."""
     def measure(bench: Bench) -> Measured:
         rig = bench.rig()
         live(rig, 1.0)
         rig.nano.set_i2c(fault, clocks=clocks)
         at = rig.now
-        told = [t for t, s in live(rig, 0.3) if bool(s["flags"] & wanted) is not gone]
-        return judged(rig, 1e3 * (told[0] - at) if told else NEVER)
+        times = [t for t, s in live(rig, 0.3) if bool(s["flags"] & mask) is not gone]
+        return judge_figure(rig, 1e3 * (times[0] - at) if times else NEVER)
     return measure
 
 
-def freed(bench: Bench) -> Measured:
+def free_line(bench: Bench) -> Measured:
     """ms from the moment that SDA is held to the last clock that frees it."""
     rig = bench.rig()
     live(rig, 1.0)
@@ -84,8 +84,8 @@ def freed(bench: Bench) -> Measured:
     live(rig, 0.3)
     clocks = [e.t for e in rig.nano.pin_log() if e.pin == "SCL" and e.t > at]
     valid = bool(rig.state()["flags"] & VALID)
-    return judged(rig, 1e3 * (clocks[-1] - at) if clocks and valid else NEVER,
-                  f"{len(clocks)} edges of SCL")
+    return judge_figure(rig, 1e3 * (clocks[-1] - at) if clocks and valid else NEVER,
+                        f"{len(clocks)} edges of SCL")
 
 
 def back(fault: str, lasts: float) -> Any:
@@ -102,7 +102,7 @@ def back(fault: str, lasts: float) -> Any:
         at = rig.now
         bad = [t for t, s in live(rig, 4.0) if not s["flags"] & VALID]
         healed = bool(rig.state()["flags"] & VALID)
-        return judged(rig, max(bad, default=at) - at if healed else NEVER)
+        return judge_figure(rig, max(bad, default=at) - at if healed else NEVER)
     return measure
 
 
@@ -112,8 +112,8 @@ def stuck(bench: Bench) -> Measured:
     live(rig, 1.0)
     rig.nano.set_imu_fault("stuck")
     at = rig.now
-    told = [t for t, s in live(rig, 0.5) if s["flags"] & STUCK and not s["flags"] & VALID]
-    return judged(rig, 1e3 * (told[0] - at) if told else NEVER)
+    times = [t for t, s in live(rig, 0.5) if s["flags"] & STUCK and not s["flags"] & VALID]
+    return judge_figure(rig, 1e3 * (times[0] - at) if times else NEVER)
 
 
 def absent(bench: Bench) -> Measured:
@@ -121,12 +121,12 @@ def absent(bench: Bench) -> Measured:
     rig = bench.rig()
     rig.nano.set_imu_fault("off")
     states = live(rig, 7.0)
-    told = [t for t, s in states if s["flags"] & ABSENT]
+    times = [t for t, s in states if s["flags"] & ABSENT]
     wrong = any(s["flags"] & VALID for _, s in states)
-    return judged(rig, told[0] if told and not wrong else NEVER)
+    return judge_figure(rig, times[0] if times and not wrong else NEVER)
 
 
-def torn(bench: Bench) -> Measured:
+def damage_parameters(bench: Bench) -> Measured:
     """Boots with one damaged byte of the parameters that believe something else than a default.
 
     Nor may a torn record be silent: the flag says that defaults are in force.
@@ -141,9 +141,9 @@ def torn(bench: Bench) -> Measured:
         image[at] ^= 0x04
         rig = bench.rig(eeprom=bytes(image))
         rig.run(0.25)
-        said = rig.hello()["edges_per_rev"][0]
+        edges = rig.hello()["edges_per_rev"][0]
         default = bool(rig.state()["flags"] & FLAG["PARAM_DEFAULTS"])
-        wrong += (said, default) not in ((18, False), (20, True))
+        wrong += (edges, default) not in ((18, False), (20, True))
         boots += 1
         rig.nano.close()
     return Measured(wrong, f"{boots} boots")
@@ -186,9 +186,9 @@ ROWS = (
         case("elf", "3 % of bytes", refused_reads, 0, "States", "imu_fail"),
     )),
     Row(12, "SDA held low", "TWI reset, clocks, STOP", (
-        case("elf", "not valid", held("sda", VALID, True, clocks=0), 20, "ms", "imu_fail"),
-        case("elf", "stale", held("scl", STALE, False), 30, "ms", "imu_stale"),
-        case("elf", "freed", freed, 20, "ms", "bus_clear", fast=True),
+        case("elf", "not valid", hold_line("sda", VALID, True, clocks=0), 20, "ms", "imu_fail"),
+        case("elf", "stale", hold_line("scl", STALE, False), 30, "ms", "imu_stale"),
+        case("elf", "freed", free_line, 20, "ms", "bus_clear", fast=True),
     )),
     Row(13, "SCL held low, BNO055 hung", "soft reset, then its supply", (
         case("elf", "after a reset", alone("imu_mode", back("reset", 0.0)), 1.0, "s",
@@ -200,7 +200,7 @@ ROWS = (
         case("elf", "absent", absent, 6.0, "s", "imu_absent"),
     )),
     Row(16, "parameters torn or damaged in the EEPROM", "default with a flag", (
-        case("elf", "each byte", torn, 0, "boots", "slot_crc"),
+        case("elf", "each byte", damage_parameters, 0, "boots", "slot_crc"),
     )),
     Row(20, "interrupt storm", "no byte lost, no slot overrun", (
         case("elf", "traffic and 5 kHz", storm, 0, "bytes", "short_interrupts"),

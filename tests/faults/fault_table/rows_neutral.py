@@ -48,7 +48,7 @@ def driving(drive: Drive) -> list[Pulse]:
             if abs(1e6 * (fall - rise) - neutral) > DRIVES_US]
 
 
-def opened(options: str, *edits: Edit, fail: str = "") -> Callable[[Bench], Measured]:
+def open_idle(options: str, *edits: Edit, fail: str = "") -> Callable[[Bench], Measured]:
     """ms from the first driving pulse to the last one of a car that is opened and left alone."""
     def measure(bench: Bench) -> Measured:
         drive = bench.drive(options, edits=edits, prepare=arm_esc)
@@ -66,10 +66,10 @@ def opened(options: str, *edits: Edit, fail: str = "") -> Callable[[Bench], Meas
     return measure
 
 
-def steered(bench: Bench) -> Measured:
+def steer_alone(bench: Bench) -> Measured:
     """The same of an armed car whose ESC is on the steering's channel; it only steers."""
     drive = bench.drive(edits=(*SWAPPED[:2], (r"center_us = [\d.]+", "center_us = 1500.0")),
-                        prepare=arm_esc).armed()
+                        prepare=arm_esc).arm()
     at = drive.now
     drive.run(2.0, lambda car, state: car.drive(steering=0.3, throttle=0.0))
     pulses = [pulse for pulse in driving(drive) if pulse[0] > at]
@@ -86,7 +86,7 @@ def before_states(bench: Bench) -> Measured:
 
 def left_by_close(bench: Bench) -> Measured:
     """Pulses at the ESC later than 0.1 s after a program closed its car."""
-    drive = bench.drive().armed()
+    drive = bench.drive().arm()
     drive.car.close()
     at = drive.now
     drive.backend.clock.sleep(1.0)
@@ -137,7 +137,7 @@ def left_answering(mode1: int) -> Callable[[Bench], Measured]:
 
 def answering_while_driven(bench: Bench) -> Measured:
     """ms until the chip answers its own address alone again, after another program changed that."""
-    drive = bench.drive().armed()
+    drive = bench.drive().arm()
     at = drive.now
     drive.backend.bus.writeto(0x40, b"\x00\xa1")  # type: ignore[union-attr]
     while drive.world.pca.peek(0) & 0x0F and drive.now < at + 3.0:
@@ -164,13 +164,14 @@ def other_board(bench: Bench) -> Measured:
 ROWS = (
     Row(55, "neutral is none: a wrong number, channels or leads swapped",
         "all pulses end by the wheel speed alone", (
-            case("mock", "27 MHz", opened("", CLOCK), 300.0, MS, "neutral_watch", fast=True),
-            case("mock", "27 MHz, oe", opened("&cutoff=oe", CLOCK), 300.0, MS, "neutral_watch"),
-            case("mock", "neutral 1600", opened("", NEUTRAL), 700.0, MS, "neutral_watch"),
-            case("mock", "leads swapped", opened("", NEUTRAL, fail="esc:wrong"), 700.0, MS,
+            case("mock", "27 MHz", open_idle("", CLOCK), 300.0, MS, "neutral_watch", fast=True),
+            case("mock", "27 MHz, oe", open_idle("&cutoff=oe", CLOCK), 300.0, MS, "neutral_watch"),
+            case("mock", "neutral 1600", open_idle("", NEUTRAL), 700.0, MS, "neutral_watch"),
+            case("mock", "leads swapped", open_idle("", NEUTRAL, fail="esc:wrong"), 700.0, MS,
                  "neutral_watch"),
-            case("mock", "channels swapped", opened("", *SWAPPED), 300.0, MS, "neutral_watch"),
-            case("mock", "channels swapped, armed", steered, 300.0, MS, "neutral_watch", fast=True),
+            case("mock", "channels swapped", open_idle("", *SWAPPED), 300.0, MS, "neutral_watch"),
+            case("mock", "channels swapped, armed", steer_alone, 300.0, MS, "neutral_watch",
+                 fast=True),
         )),
     Row(56, "nobody sees whether neutral drives the car", "no pulse on any channel", (
         case("mock", "the Nano boots", before_states, 0, "pulses", "blind", fast=True),

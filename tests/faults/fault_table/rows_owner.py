@@ -33,53 +33,53 @@ def takes(car: Any) -> None:
 
 def second_port(bench: Bench) -> Measured:
     """Programs that get the port beside the one that has it; the holder is named."""
-    with bench.stand() as stand:
-        driver = stand.driver()
+    with bench.process_rig() as rig:
+        driver = rig.driver()
         got = 0
-        told = ""
+        message = ""
         try:
-            Car.open(stand.url, car=stand.name, cars=stand.cars).close()
+            Car.open(rig.url, car=rig.name, cars=rig.cars).close()
             got = 1
         except DartHalError as error:
-            told = f"{type(error).__name__}: {error.found}"
-        named = str(driver.pid) in told
+            message = f"{type(error).__name__}: {error.found}"
+        named = str(driver.pid) in message
         time.sleep(0.2)
-        return Measured(got + (not named) + (not stand.drove(time.monotonic())), told)
+        return Measured(got + (not named) + (not rig.drove(time.monotonic())), message)
 
 
 def two_drivers(bench: Bench) -> Measured:
     """Cars that are opened on a bus whose PCA9685 is driven, by another Nano's program."""
-    with bench.stand() as one, bench.stand() as other:
+    with bench.process_rig() as one, bench.process_rig() as other:
         driver = one.driver()
         url = other.url.partition("?")[0] + "?" + one.url.partition("?")[2]
         got = 0
-        told = ""
+        message = ""
         try:
             Car.open(url, car=one.name, cars=one.cars).close()
             got = 1
         except DartHalError as error:
-            told = f"{type(error).__name__}: {error.found}"
+            message = f"{type(error).__name__}: {error.found}"
         time.sleep(0.2)
         still = one.drove(time.monotonic())
-        return Measured(got + (not still), f"{told}; pid {driver.pid} drives on: {still}")
+        return Measured(got + (not still), f"{message}; pid {driver.pid} drives on: {still}")
 
 
-def unplugged(bench: Bench) -> Measured:
+def unplug_nano(bench: Bench) -> Measured:
     """The Nano's cable comes out, the bus stays: last driving pulse."""
-    with bench.stand() as stand:
-        stand.driver()
+    with bench.process_rig() as rig:
+        rig.driver()
         time.sleep(0.3)
-        at = stand.order("unplug")
+        at = rig.order("unplug")
         time.sleep(1.5)
-        return Measured(stand.last_wrong(at))
+        return Measured(rig.last_wrong(at))
 
 
 def idle(bench: Bench) -> Measured:
     """Share of a processor that a driver without its Nano takes, over 2 s [%]."""
-    with bench.stand() as stand:
-        driver = stand.driver("patient")
+    with bench.process_rig() as rig:
+        driver = rig.driver("patient")
         time.sleep(0.3)
-        stand.order("unplug")
+        rig.order("unplug")
         time.sleep(1.0)
         before = processor_time(driver.pid)
         time.sleep(2.0)
@@ -95,17 +95,17 @@ def processor_time(pid: int) -> float:
     return (int(words[11]) + int(words[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def replugged(bench: Bench) -> Measured:
+def plug_in_again(bench: Bench) -> Measured:
     """s from plugging in again, as another tty, to States; disarmed, or it is NEVER."""
-    with bench.stand() as stand, Car.open(stand.url, car=stand.name, cars=stand.cars) as car:
+    with bench.process_rig() as rig, Car.open(rig.url, car=rig.name, cars=rig.cars) as car:
         for _ in car.states(duration=0.5, timeout=PATIENCE):
             pass
-        stand.order("unplug")
+        rig.order("unplug")
         with suppress(LinkLost):
             for _ in car.states(timeout=0.5):
                 pass
         time.sleep(0.5)
-        at = stand.order("plug")
+        at = rig.order("plug")
         while time.monotonic() - at < 8.0:
             with suppress(LinkLost):
                 next(car.states(timeout=0.2))
@@ -115,7 +115,7 @@ def replugged(bench: Bench) -> Measured:
         return Measured(NEVER, car.mode)
 
 
-class Stranger:
+class OtherChip:
     """A chip of 16-bit registers at the address of the PCA9685; it keeps what is written."""
 
     def __init__(self) -> None:
@@ -126,9 +126,9 @@ class Stranger:
         return (b"\x54\x49" * n)[:n] if self.pointer == 0xFE else (b"\x39\x9f" * n)[:n]
 
 
-def stranger(bench: Bench) -> Measured:
+def meet_other_chip(bench: Bench) -> Measured:
     """Bytes written to a power monitor that answers at 0x40."""
-    chip = Stranger()
+    chip = OtherChip()
     backend = open_backend("sim://?nano=mock")
 
     def writeto(address: int, data: bytes, **_: Any) -> None:
@@ -148,12 +148,12 @@ def stranger(bench: Bench) -> Measured:
     backend.bus.writeto = writeto
     backend.bus.readfrom_into = readfrom
     backend.bus.writeto_then_readfrom = both  # type: ignore[union-attr]
-    told = ""
+    message = ""
     try:
         Car.over(backend, cars=bench.folder).close()
     except BusError as error:
-        told = type(error).__name__
-    return Measured(sum(len(data) for data in chip.written), told)
+        message = type(error).__name__
+    return Measured(sum(len(data) for data in chip.written), message)
 
 
 def after_crash(bench: Bench) -> Measured:
@@ -172,10 +172,10 @@ def after_crash(bench: Bench) -> Measured:
     return Measured(len(wrong), f"of {len(drive.pulses)} pulses")
 
 
-def refused(bench: Bench) -> Measured:
+def count_armed(bench: Bench) -> Measured:
     """Cars that arm although they must not, or do not say the reason."""
     silent = 0
-    told = []
+    message = []
     for name, spoil in SPOILS.items():
         with Drive(bench.folder, brief=bench.brief) as drive:
             drive.run(drive.settling + 0.3)
@@ -183,12 +183,12 @@ def refused(bench: Bench) -> Measured:
             try:
                 drive.car.arm(waive=WAIVE)
                 silent += 1
-                told.append(f"{name}: armed")
+                message.append(f"{name}: armed")
             except NotArmed as error:
                 if name not in error.reasons:
                     silent += 1
-                    told.append(f"{name}: {', '.join(error.reasons)}")
-    return Measured(silent, "; ".join(told) or f"{len(SPOILS)} reasons")
+                    message.append(f"{name}: {', '.join(error.reasons)}")
+    return Measured(silent, "; ".join(message) or f"{len(SPOILS)} reasons")
 
 
 def _imu_off(drive: Drive) -> None:
@@ -200,7 +200,7 @@ def _throttle(drive: Drive) -> None:
     drive.car.drive(throttle=0.3, valid_for=0.5)
 
 
-def _pushed(drive: Drive) -> None:
+def _push(drive: Drive) -> None:
     nano = drive.world.nano
     nano.set_wheel(1.0)
     nano.set_wheel = lambda rate: None  # type: ignore[method-assign]
@@ -213,7 +213,7 @@ def _nack(drive: Drive) -> None:
 
 
 SPOILS: dict[str, Callable[[Drive], None]] = {
-    "IMU_STALE": _imu_off, "THROTTLE_NOT_NEUTRAL": _throttle, "ENCODER_MOVING": _pushed,
+    "IMU_STALE": _imu_off, "THROTTLE_NOT_NEUTRAL": _throttle, "ENCODER_MOVING": _push,
     "PCA_ABSENT": _nack}
 
 
@@ -227,15 +227,15 @@ def beat_limit(bench: Bench) -> Measured:
     drive.run(0.3)
     drive.fail("mcu:reset")
     drive.run(2.5)
-    told = ""
+    message = ""
     try:
         drive.car.arm(waive=WAIVE)
     except NotArmed as error:
-        told = ", ".join(error.reasons)
-    return Measured(0 if "BEAT" in told else 1, told or "armed")
+        message = ", ".join(error.reasons)
+    return Measured(0 if "BEAT" in message else 1, message or "armed")
 
 
-def welded(cut: str) -> Callable[[Bench], Measured]:
+def weld_cutoff(cut: str) -> Callable[[Bench], Measured]:
     """Cars that arm although the cut-off that the Nano announces is a plain wire."""
     def measure(bench: Bench) -> Measured:
         with patch("dart_lab.sim.world.make_wiring", lambda _, pca: Direct(pca)):
@@ -250,7 +250,7 @@ def welded(cut: str) -> Callable[[Bench], Measured]:
     return measure
 
 
-def unwired(cut: str) -> Callable[[Bench], Measured]:
+def unwire_capture(cut: str) -> Callable[[Bench], Measured]:
     """Cars that arm with cutoff_test = true although no pulse ever reaches the capture input."""
     def measure(bench: Bench) -> Measured:
         wiring = {"oe": OutputEnable, "mux": Multiplexer}[cut]
@@ -295,7 +295,7 @@ def chatter(cut: str) -> Callable[[Bench], Measured]:
 def neighbours(bench: Bench) -> Measured:
     """Two cars, two guards, one driver killed: idle pulses of the other, driving ones of it."""
     for attempt in range(1, TRIES + 1):
-        with bench.stand() as one, bench.stand() as other:
+        with bench.process_rig() as one, bench.process_rig() as other:
             killed = one.driver()
             lives = other.driver()
             time.sleep(0.3)
@@ -304,7 +304,7 @@ def neighbours(bench: Bench) -> Measured:
             time.sleep(1.0)
             after = [width for t, width in other.pulses() if t > at]
             wrong = sum(width < 1510.0 for width in after) + (one.last_wrong(at) > 100.0)
-            calm = one.drove(at) and other.drove(at) and not other.stalled(at, at + 1.0)
+            calm = one.drove(at) and other.drove(at) and not other.longest_stall(at, at + 1.0)
         if calm:
             break
     return Measured(wrong if len(after) > 20 else NEVER,
@@ -313,12 +313,12 @@ def neighbours(bench: Bench) -> Measured:
 
 ROWS = (
     Row(5, "cable of the Nano unplugged", "LinkLost, neutral, no busy loop", (
-        case("pty", "neutral", alone("link_stale", unplugged), 100 + PULSE, MS,
+        case("pty", "neutral", alone("link_stale", unplug_nano), 100 + PULSE, MS,
              "lost"),
         case("pty", "processor", idle, 2.0, "%", "hold_pace"),
     )),
     Row(6, "plugged in again as another tty", "found by its number, disarmed", (
-        case("pty", "States again", replugged, 3.0, "s", "search"),
+        case("pty", "States again", plug_in_again, 3.0, "s", "search"),
     )),
     Row(7, "second process opens the port", "refused, holder's pid named", (
         case("pty", "port", alone("owner", second_port), 0, "programs", "port_lock"),
@@ -327,21 +327,21 @@ ROWS = (
         case("mock", "pulses above neutral", after_crash, 0, "pulses", "open_neutral", fast=True),
     )),
     Row(30, "throttle, moving wheels, IMU or bus fault at arm", "refused, reasons named", (
-        case("mock", "not refused", refused, 0, "cars", "refusals", fast=True),
+        case("mock", "not refused", count_armed, 0, "cars", "refusals", fast=True),
     )),
     Row(40, "two drivers, two Nanos, one bus", "the second is refused, the first drives on", (
         case("pty", "opened", two_drivers, 0, "cars", "owner"),
     )),
     Row(41, "something else answers at 0x40", "read before any write", (
-        case("mock", "power monitor", stranger, 0, "bytes", "signature", fast=True),
+        case("mock", "power monitor", meet_other_chip, 0, "bytes", "signature", fast=True),
     )),
     Row(42, "another heartbeat limit in the Nano", "noticed, refused", (
         case("mock", "1000 ms", beat_limit, 0, "cars", "refusals", fast=True),
     )),
     Row(45, "the cut-off is bridged, or never wired", "found at arm()", (
-        *(case("mock", cut, welded(cut), 0, "cars", "cutoff_test", fast=cut == "mux")
+        *(case("mock", cut, weld_cutoff(cut), 0, "cars", "cutoff_test", fast=cut == "mux")
           for cut in ("oe", "mux")),
-        *(case("mock", f"{cut}, not wired", unwired(cut), 0, "cars", "cutoff_test",
+        *(case("mock", f"{cut}, not wired", unwire_capture(cut), 0, "cars", "cutoff_test",
                fast=cut == "mux") for cut in ("oe", "mux")),
     )),
     Row(46, "the Nano cuts and the host does not know", "noticed, disarmed", (

@@ -10,7 +10,7 @@ from typing import Any
 from dart_hal.car import Car
 from fault_table.bench import Bench
 from fault_table.drive import FULL, Drive, forward
-from fault_table.layers import without
+from fault_table.layers import remove_layers
 from fault_table.row import NEVER, Measured, Row, case
 
 MS = "ms"
@@ -65,10 +65,10 @@ def jump(nano: str) -> Callable[[Bench], Measured]:
         edge = drive.car.files.metres_per_edge.value
         before = drive.states[-1]
         drive.fail("mcu:brownout")
-        seen = [before, *drive.run(1.5)]
-        went = [drive.world.truth(state.t).distance for state in seen]
+        states = [before, *drive.run(1.5)]
+        went = [drive.world.truth(state.t).distance for state in states]
         ahead = [abs(state.pose.x - before.pose.x) - (at - went[0])
-                 for state, at in zip(seen, went, strict=True)]
+                 for state, at in zip(states, went, strict=True)]
         return Measured(max(ahead) / edge, f"{min(ahead) / edge:.0f} edges behind at most")
     return measure
 
@@ -87,7 +87,7 @@ def fault(options: str, text: str, nano: str = "elf", command: float = 0.4,
 def hang(cutoff: str, text: str) -> Callable[[Bench], Measured]:
     """Last driving pulse after the Nano hangs: the worst of 12 phases of slot and PWM frame."""
     def measure(bench: Bench) -> Measured:
-        seen = []
+        states = []
         starts = [0.3 + k * 2 * SLOT / PHASES for k in range(PHASES)] if bench.full else [0.0]
         for opened in starts:
             with Drive(bench.folder, f"&cutoff={cutoff}", nano="avr", opened=opened,
@@ -95,8 +95,9 @@ def hang(cutoff: str, text: str) -> Callable[[Bench], Measured]:
                 drive.driving()
                 at = drive.fail(text, delay=AFTER_FEED if bench.full else 0.0)
                 drive.run(0.5, forward(0.4, 0.5))
-                seen.append(drive.last_wrong(at))
-        return Measured(max(seen), f"{min(seen):.0f} to {max(seen):.0f} ms over {len(seen)} phases")
+                states.append(drive.last_wrong(at))
+        return Measured(max(states),
+                        f"{min(states):.0f} to {max(states):.0f} ms over {len(states)} phases")
     return measure
 
 
@@ -113,7 +114,7 @@ def host_dead(options: str, nano: str) -> Callable[[Bench], Measured]:
 def alone(removed: str, measure: Callable[[Bench], Measured]) -> Callable[[Bench], Measured]:
     """The same with a second fault: a layer that would have answered too is gone."""
     def both(bench: Bench) -> Measured:
-        with without(removed):
+        with remove_layers(removed):
             return measure(bench)
     return both
 
@@ -134,16 +135,16 @@ def brown_out(bench: Bench) -> Measured:
     """ms until the car is no longer ARMED after the PCA9685 lost its registers."""
     drive = bench.drive().driving()
     at = drive.fail("pca:brownout")
-    seen: list[float] = []
+    states: list[float] = []
 
     def look(car, state):  # type: ignore[no-untyped-def]
         car.drive(throttle=0.4)
         if car.mode != "ARMED":
-            seen.append(drive.now)
+            states.append(drive.now)
 
     drive.run(2.5, look)
     again = drive.last_wrong(at)
-    found = 1e3 * (seen[0] - at) if seen else NEVER
+    found = 1e3 * (states[0] - at) if states else NEVER
     return Measured(max(found, again), f"last driving pulse {again:.0f} ms after it")
 
 
@@ -153,20 +154,21 @@ WILD = {"nan": nan, "inf": inf, "1e300": 1e300, "10**400": 10**400, "True": True
 
 def wild(bench: Bench) -> Measured:
     """ms until neutral after each wild throttle, the worst; 1.5 may be limited instead."""
-    return refused(bench, WILD, lambda car, value: car.drive(throttle=value, valid_for=0.5))
+    return refuse_command(bench, WILD, lambda car, value: car.drive(throttle=value, valid_for=0.5))
 
 
 def wild_speeds(bench: Bench) -> Measured:
     """ms until neutral after each setpoint of the speed loop that is not a finite number."""
     speeds = {name: WILD[name] for name in ("nan", "'x'")}
-    return refused(bench, speeds, lambda car, value: car.drive_speed(steering=0.0, speed=value))
+    return refuse_command(bench, speeds, lambda car,
+                          value: car.drive_speed(steering=0.0, speed=value))
 
 
-def refused(bench: Bench, values: dict[str, Any], command: Callable[[Car, Any], object],
-            ) -> Measured:
+def refuse_command(bench: Bench, values: dict[str, Any], command: Callable[[Car, Any], object],
+                   ) -> Measured:
     """ms until neutral after ``command`` with each of the values; it must raise, but for 1.5."""
     worst = 0.0
-    told = []
+    results = []
     for name, value in values.items():
         with Drive(bench.folder, brief=bench.brief) as drive:
             drive.driving()
@@ -180,8 +182,8 @@ def refused(bench: Bench, values: dict[str, Any], command: Callable[[Car, Any], 
             last = drive.last_wrong(at)
             if name != "1.5":
                 worst = max(worst, last if error else NEVER)
-            told.append(f"{name}: {error or 'accepted'} {last:.0f}")
-    return Measured(worst, ", ".join(told))
+            results.append(f"{name}: {error or 'accepted'} {last:.0f}")
+    return Measured(worst, ", ".join(results))
 
 
 def backward(bench: Bench) -> Measured:
@@ -194,7 +196,7 @@ def backward(bench: Bench) -> Measured:
     return Measured(drive.last_wrong(at), drive.car.mode)
 
 
-def stalled(bench: Bench) -> Measured:
+def stall_loop(bench: Bench) -> Measured:
     """A loop that computes: nothing asks any more, the last command was good for 0.5 s."""
     drive = bench.drive().driving()
     drive.car.drive(throttle=0.4, valid_for=60.0)
@@ -287,7 +289,7 @@ ROWS = (
           for cut in ("oe", "mux")),
     )),
     Row(34, "the user's loop stalls", "the command runs out", (
-        case("mock", "valid_for 0.5 s", stalled, 500 + PULSE, MS, "expiry", fast=True),
+        case("mock", "valid_for 0.5 s", stall_loop, 500 + PULSE, MS, "expiry", fast=True),
     )),
     Row(35, "a calibration stalls in RAW", "pulses run out", (
         case("mock", "one pulse of 1700 us", raw_stall, 250.0, MS, "raw_hold", fast=True),

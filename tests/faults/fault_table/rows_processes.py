@@ -10,32 +10,32 @@ from collections.abc import Callable
 from fault_table.bench import Bench
 from fault_table.row import Measured, Row, case
 from fault_table.rows_pins import MS, PULSE, alone
-from fault_table.stand import Driver, Stand, with_signal
+from fault_table.stand import DriverProcess, ProcessRig, with_signal
 
 TRIES = 5
 """A try that the machine spoilt (it gave no processor for 10 ms) is made again."""
 AFTER = 1.2
 """s that pulses are watched for."""
 
-Do = Callable[[Stand, Driver], float]
+Do = Callable[[ProcessRig, DriverProcess], float]
 
 
 def kill(number: int) -> Do:
-    def do(stand: Stand, driver: Driver) -> float:
+    def do(rig: ProcessRig, driver: DriverProcess) -> float:
         at = time.monotonic()
         os.kill(driver.pid, number)
         return at
     return do
 
 
-def kill_group(stand: Stand, driver: Driver) -> float:
+def kill_group(rig: ProcessRig, driver: DriverProcess) -> float:
     at = time.monotonic()
     os.killpg(driver.pid, signal.SIGKILL)
     return at
 
 
 def kill_guard(number: int) -> Do:
-    def do(stand: Stand, driver: Driver) -> float:
+    def do(rig: ProcessRig, driver: DriverProcess) -> float:
         at = time.monotonic()
         if driver.guard is not None:
             os.kill(driver.guard, number)
@@ -43,7 +43,7 @@ def kill_guard(number: int) -> Do:
     return do
 
 
-def kill_both(stand: Stand, driver: Driver) -> float:
+def kill_both(rig: ProcessRig, driver: DriverProcess) -> float:
     at = time.monotonic()
     if driver.guard is not None:
         os.kill(driver.guard, signal.SIGKILL)
@@ -51,7 +51,7 @@ def kill_both(stand: Stand, driver: Driver) -> float:
     return at
 
 
-def stop_and_go(stand: Stand, driver: Driver) -> float:
+def stop_and_go(rig: ProcessRig, driver: DriverProcess) -> float:
     """SIGSTOP, then SIGCONT: what it wrote when it woke up counts as well."""
     at = time.monotonic()
     os.kill(driver.pid, signal.SIGSTOP)
@@ -60,11 +60,11 @@ def stop_and_go(stand: Stand, driver: Driver) -> float:
     return at
 
 
-def itself(stand: Stand, driver: Driver) -> float:
+def itself(rig: ProcessRig, driver: DriverProcess) -> float:
     return driver.fault()
 
 
-def fork_and_kill(stand: Stand, driver: Driver) -> float:
+def fork_and_kill(rig: ProcessRig, driver: DriverProcess) -> float:
     """A forked worker lives on and holds what it inherited."""
     driver.fault()
     worker = int(driver.expect("worker"))
@@ -76,7 +76,7 @@ def fork_and_kill(stand: Stand, driver: Driver) -> float:
     return at
 
 
-def listener_and_term(stand: Stand, driver: Driver) -> float:
+def listener_and_term(rig: ProcessRig, driver: DriverProcess) -> float:
     """A listener that blocks, then SIGTERM; how long the program takes to end is told."""
     driver.fault()
     time.sleep(0.5)
@@ -84,31 +84,31 @@ def listener_and_term(stand: Stand, driver: Driver) -> float:
     return time.monotonic() - 0.5
 
 
-def watched(do: Do, how: str = "wait", options: str = "", nano: str = "mock",
-            ) -> Callable[[Bench], Measured]:
+def watch_pulses(do: Do, how: str = "wait", options: str = "", nano: str = "mock",
+                 ) -> Callable[[Bench], Measured]:
     """The last driving pulse after ``do``."""
     def measure(bench: Bench) -> Measured:
         for attempt in range(1, TRIES + 1):
-            with bench.stand(options, nano=nano) as stand:
-                driver = stand.driver(how)
+            with bench.process_rig(options, nano=nano) as rig:
+                driver = rig.driver(how)
                 time.sleep(0.3)
-                at = do(stand, driver)
+                at = do(rig, driver)
                 time.sleep(AFTER)
-                last = stand.last_wrong(at)
-                spoilt = stand.stalled(at - 0.05, at + 0.3)
-                drove = stand.drove(at)
+                last = rig.last_wrong(at)
+                spoilt = rig.longest_stall(at - 0.05, at + 0.3)
+                drove = rig.drove(at)
             if drove and not spoilt:
                 break
         assert drove, "the machine is too busy: the car tripped before the fault"
-        told = f", the machine stalled {1e3 * spoilt:.0f} ms" if spoilt else ""
-        return Measured(last, f"try {attempt}{told}")
+        remark = f", the machine stalled {1e3 * spoilt:.0f} ms" if spoilt else ""
+        return Measured(last, f"try {attempt}{remark}")
     return measure
 
 
 def ends(bench: Bench) -> Measured:
     """s until a program whose listener blocks ends on SIGTERM."""
-    with bench.stand() as stand:
-        driver = stand.driver("listener")
+    with bench.process_rig() as rig:
+        driver = rig.driver("listener")
         driver.fault()
         time.sleep(0.3)
         begin = time.monotonic()
@@ -122,14 +122,15 @@ def ends(bench: Bench) -> Measured:
 
 def hil(what: str, do: Do, limit: float, *control: str, how: str = "wait"):  # type: ignore[no-untyped-def]
     """A case that a real car can take as well."""
-    return case("pty", what, watched(do, how), limit, MS, *control, hil=True)
+    return case("pty", what, watch_pulses(do, how), limit, MS, *control, hil=True)
 
 
 BOTH = "driver and guard killed, kernel dead, computer without power"
 
 ROWS = (
     Row(25, BOTH, "the Nano cuts", tuple(
-        case("pty", cut, watched(kill_both, options=f"&cutoff={cut}"), 120 + PULSE, MS, "cutoff")
+        case("pty", cut, watch_pulses(kill_both, options=f"&cutoff={cut}"), 120 + PULSE, MS,
+             "cutoff")
         for cut in ("oe", "mux"))),
     Row(34, "the user's loop stalls", "the command runs out", (
         hil("sleeps 3 s", itself, 500 + PULSE, "expiry", how="stall"),)),
@@ -146,7 +147,8 @@ ROWS = (
     )),
     Row(23, "kill -9 of the process group, terminal closed", "the guard survives", (
         hil("kill -9 of the group", kill_group, 50, "guard_session"),
-        case("pty", "SIGHUP, no guard", alone("guard", watched(kill(signal.SIGHUP))), 50 + PULSE,
+        case("pty", "SIGHUP, no guard", alone("guard", watch_pulses(kill(signal.SIGHUP))),
+             50 + PULSE,
              MS, "signals"),
     )),
     Row(24, "guard killed", "the driver disarms", (
@@ -154,7 +156,7 @@ ROWS = (
         hil("SIGSTOP", kill_guard(signal.SIGSTOP), 100 + PULSE, "guard_gate"),
     )),
     Row(36, "an exception in the user's loop", "neutral on the way out", (
-        case("pty", "ZeroDivisionError, no guard", alone("guard", watched(itself, "error")),
+        case("pty", "ZeroDivisionError, no guard", alone("guard", watch_pulses(itself, "error")),
              50 + PULSE, MS, "close_neutral"),
     )),
     Row(37, "a listener blocks, then SIGTERM", "neutral, and the program ends", (

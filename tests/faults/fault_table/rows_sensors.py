@@ -26,23 +26,23 @@ def circle(throttle: float = 0.3) -> Callable[[Car, State], object]:
 
 def turning(bench: Bench, nano: str) -> Drive:
     """On a circle, long enough that nothing settles any more."""
-    drive = bench.drive(nano=nano).armed()
+    drive = bench.drive(nano=nano).arm()
     drive.run(1.5, circle())
     return drive
 
 
-def believed(nano: str, text: str) -> Callable[[Bench], Measured]:
+def count_wrong_samples(nano: str, text: str) -> Callable[[Bench], Measured]:
     """States marked valid whose yaw rate is far off, or whose yaw is off by > 3 stated sigma."""
     def measure(bench: Bench) -> Measured:
         drive = turning(bench, nano)
         before = drive.states[-1]
         start = drive.world.truth(before.t).yaw
         drive.fail(text)
-        seen = drive.run(2.0, circle())
+        states = drive.run(2.0, circle())
         wrong = 0
         worst = 0.0
         valid = 0
-        for state in seen:
+        for state in states:
             if state.yaw_rate is None:
                 continue
             valid += 1
@@ -52,19 +52,19 @@ def believed(nano: str, text: str) -> Callable[[Bench], Measured]:
             off = abs(state.yaw_rate - truth.yaw_rate)
             worst = max(worst, off)
             wrong += off > FAR_OFF or error > 3 * sigma
-        return Measured(wrong, f"{valid} of {len(seen)} valid, worst {worst:.2f} rad/s")
+        return Measured(wrong, f"{valid} of {len(states)} valid, worst {worst:.2f} rad/s")
     return measure
 
 
 def wrong_bit(every: int, run: int) -> Callable[[Bench], Measured]:
     """Error of the yaw in stated deviations: one bit is wrong in ``run`` of ``every`` samples."""
     def measure(bench: Bench) -> Measured:
-        drive = bench.drive(brief=False).armed()  # the stated deviation shrinks while it is at rest
+        drive = bench.drive(brief=False).arm()  # the stated deviation shrinks while it is at rest
         frames = drive.car._engine.telemetry._frames
         read = frames.read
         count = 0
 
-        def flipped(values: Sequence[int], t_arrival: float) -> Sample:
+        def flip_sample(values: Sequence[int], t_arrival: float) -> Sample:
             nonlocal count
             count += 1
             words = list(values)
@@ -74,7 +74,7 @@ def wrong_bit(every: int, run: int) -> Callable[[Bench], Measured]:
         drive.run(0.5, cruise)
         before = drive.states[-1]
         start = drive.world.truth(before.t).yaw
-        frames.read = flipped  # type: ignore[method-assign]
+        frames.read = flip_sample  # type: ignore[method-assign]
         last = drive.run(6.0, cruise)[-1]
         error = last.pose.yaw - before.pose.yaw - (drive.world.truth(last.t).yaw - start)
         sigma = math.sqrt(last.pose.cov[2, 2])
@@ -104,25 +104,25 @@ def zeros(nano: str, moving: bool) -> Callable[[Bench], Measured]:
     return measure
 
 
-def recovered(text: str) -> Callable[[Bench], Measured]:
+def time_to_recover(text: str) -> Callable[[Bench], Measured]:
     """s until samples are valid again, and stay so."""
     def measure(bench: Bench) -> Measured:
         drive = turning(bench, "avr")
         at = drive.fail(text)
-        seen = drive.run(3.5, circle())
-        bad = [state.t for state in seen if state.yaw_rate is None]
-        still = seen[-1].yaw_rate is None
+        states = drive.run(3.5, circle())
+        bad = [state.t for state in states if state.yaw_rate is None]
+        still = states[-1].yaw_rate is None
         return Measured(NEVER if still else max(bad, default=at) - at, f"{len(bad)} not valid")
     return measure
 
 
-def disowned(text: str) -> Callable[[Bench], Measured]:
+def time_to_withhold(text: str) -> Callable[[Bench], Measured]:
     """ms until the yaw rate is no longer given out, on a circle at 0.6 m/s."""
     def measure(bench: Bench) -> Measured:
         def slowly(car: Car, state: State) -> None:
             car.drive_speed(steering=0.15, speed=0.6)
 
-        drive = bench.drive().armed()
+        drive = bench.drive().arm()
         drive.run(3.0, slowly)
         at = drive.fail(text)
         gone = [state.t for state in drive.run(3.0, slowly) if state.yaw_rate is None]
@@ -130,15 +130,15 @@ def disowned(text: str) -> Callable[[Bench], Measured]:
     return measure
 
 
-def doubted(text: str, doubt: str, seconds: float = 3.0) -> Callable[[Bench], Measured]:
+def time_to_doubt(text: str, doubt: str, seconds: float = 3.0) -> Callable[[Bench], Measured]:
     """ms until the State says what is doubted, at 1 m/s held by the built-in loop."""
     def measure(bench: Bench) -> Measured:
         drive = cruising(bench)
         at = drive.fail(text)
-        seen = drive.run(seconds, cruise)
-        told = [state.t for state in seen
+        states = drive.run(seconds, cruise)
+        times = [state.t for state in states
                 if any(name.startswith(doubt) for name in state.health.doubts)]
-        return Measured(1e3 * (told[0] - at) if told else NEVER, _doubts(seen))
+        return Measured(1e3 * (times[0] - at) if times else NEVER, _doubts(states))
     return measure
 
 
@@ -153,13 +153,13 @@ def fastest(text: str, bench: Bench) -> Measured:
         top = max(top, drive.world.truth().v_x)
 
     drive.fail(text)
-    seen = drive.run(4.0, go)
-    return Measured(top, _doubts(seen))
+    states = drive.run(4.0, go)
+    return Measured(top, _doubts(states))
 
 
 def reverse(bench: Bench) -> Measured:
     """Fastest backwards [m/s] when the encoder dies and -0.5 m/s is asked for."""
-    drive = bench.drive().armed()
+    drive = bench.drive().arm()
     top = 0.0
 
     def back(car: Car, state: State) -> None:
@@ -169,8 +169,8 @@ def reverse(bench: Bench) -> Measured:
 
     drive.run(2.0, back)
     drive.fail("enc:off")
-    seen = drive.run(3.0, back)
-    return Measured(top, _doubts(seen))
+    states = drive.run(3.0, back)
+    return Measured(top, _doubts(states))
 
 
 def cruise(car: Car, state: State) -> None:
@@ -178,13 +178,13 @@ def cruise(car: Car, state: State) -> None:
 
 
 def cruising(bench: Bench) -> Drive:
-    drive = bench.drive().armed()
+    drive = bench.drive().arm()
     drive.run(3.0, cruise)
     return drive
 
 
-def _doubts(seen: list[State]) -> str:
-    return ", ".join(sorted(set().union(*(s.health.doubts for s in seen)))) or "no doubt"
+def _doubts(states: list[State]) -> str:
+    return ", ".join(sorted(set().union(*(s.health.doubts for s in states)))) or "no doubt"
 
 
 def dead_encoder(bench: Bench) -> Measured:
@@ -197,7 +197,7 @@ def dead_encoder(bench: Bench) -> Measured:
 
 def dead_backward(bench: Bench) -> Measured:
     """ms until the throttle is capped when the encoder dies while the car is driven backward."""
-    drive = bench.drive().armed()
+    drive = bench.drive().arm()
     drive.run(1.0, forward(-0.3, 0.5))
     assert drive.off(drive.pulses[-1]), "it does not drive"
     start = drive.fail("enc:off")
@@ -207,22 +207,22 @@ def dead_backward(bench: Bench) -> Measured:
 
 def false_alarm(bench: Bench) -> Measured:
     """Doubts of a car that stands in its dead band, and of one that drives well."""
-    drive = bench.drive().armed()
-    seen = drive.run(2.0, forward(0.05)) + drive.run(2.0, cruise)
-    alarms = [name for s in seen for name in s.health.doubts if name.startswith("ENCODER")]
-    return Measured(len(alarms), _doubts(seen))
+    drive = bench.drive().arm()
+    states = drive.run(2.0, forward(0.05)) + drive.run(2.0, cruise)
+    alarms = [name for s in states for name in s.health.doubts if name.startswith("ENCODER")]
+    return Measured(len(alarms), _doubts(states))
 
 
 def noise(bench: Bench) -> Measured:
     """States whose speed is off by > 5 % and by > 3 stated sigma; 50 ms of 10 k edges/s."""
     drive = cruising(bench)
     drive.fail("enc:garbage=10000", 0.05)
-    seen = drive.run(1.0, cruise)
+    states = drive.run(1.0, cruise)
     wrong = 0
-    for state in seen:
+    for state in states:
         true = drive.world.truth(state.t).v_x
         wrong += abs(state.speed - true) > max(0.05 * true, 3 * state.speed_std)
-    return Measured(wrong, _doubts(seen))
+    return Measured(wrong, _doubts(states))
 
 
 def calibrating(bench: Bench) -> Measured:
@@ -236,13 +236,13 @@ def calibrating(bench: Bench) -> Measured:
         runner.hold(3.0, 1700.0, 0.5)
         assert drive.wrong(drive.pulses[-1]), "it does not drive"
         at = drive.fail("enc:off")
-        told = "no error"
+        times = "no error"
         try:
             runner.hold(4.0, 1700.0, 0.5)
         except CalibrationFailed as error:
-            told = error.found
+            times = error.found
     drive.run(0.5)
-    return Measured(drive.last_wrong(at), told)
+    return Measured(drive.last_wrong(at), times)
 
 
 def missing_mark(bench: Bench) -> Measured:
@@ -288,16 +288,19 @@ ROWS = (
         case("elf", "moving, firmware alone", alone("imu_check", zeros("avr", True)), 0, "States",
              "imu_zeros"),
         case("elf", "standing", zeros("avr", False), 0, "States", "imu_zeros", "imu_check"),
-        case("elf", "recovery", recovered("imu:config"), 1.2, "s", "imu_mode", fast=True),
+        case("elf", "recovery", time_to_recover("imu:config"), 1.2, "s", "imu_mode", fast=True),
     )),
     Row(15, "IMU stuck, garbage, wrong, absent", "not valid, encoder only", (
-        *_same("garbage", lambda nano: believed(nano, "imu:garbage"), 0, "States", "imu_check"),
-        case("mock", "gain 3 on a slow circle", disowned("imu:wrong=3"), 600, MS, "imu_check"),
+        *_same("garbage", lambda nano: count_wrong_samples(nano, "imu:garbage"), 0, "States",
+               "imu_check"),
+        case("mock", "gain 3 on a slow circle", time_to_withhold("imu:wrong=3"), 600, MS,
+             "imu_check"),
     )),
     Row(17, "encoder noise, phantom edges", "slots refused, speed held, its std covers it", (
         case("mock", "10 k edges/s for 50 ms", alone("encoder_check", noise), 0, "States",
              "edge_gate"),
-        case("mock", "2600 phantom edges/s told", doubted("enc:garbage=2600", "ENCODER_"), 500, MS,
+        case("mock", "2600 phantom edges/s told", time_to_doubt("enc:garbage=2600", "ENCODER_"),
+             500, MS,
              "encoder_check"),
     )),
     Row(18, "encoder dead while throttle is on", "throttle capped, no false alarm", (
@@ -313,7 +316,8 @@ ROWS = (
     Row(38, "half of the encoder's edges at 1 m/s", "told, the speed loop lets go", (
         case("mock", "true speed", lambda b: fastest("enc:wrong=0.5", b), 1.3, "m/s",
              "encoder_check", fast=True),
-        case("mock", "told", doubted("enc:wrong=0.5", "ENCODER_LOW"), 500, MS, "encoder_check"),
+        case("mock", "told", time_to_doubt("enc:wrong=0.5", "ENCODER_LOW"), 500, MS,
+             "encoder_check"),
     )),
     Row(57, "one bit of the yaw rate wrong in single samples", "left out or covered, counted", (
         case("mock", "1 of 100", wrong_bit(100, 1), 3.0, "sigma", "single_samples", fast=True),

@@ -23,7 +23,7 @@ with inherit():
 """
 
 
-def soaked(nano: str, minutes: float) -> Callable[[Bench], Measured]:
+def run_soak(nano: str, minutes: float) -> Callable[[Bench], Measured]:
     """Laws that the soak found broken: its exit status, 0 = every law held."""
     def measure(bench: Bench) -> Measured:
         words = [str(TESTS / "soak" / "soak.py"), "--nano", nano, "--hours", str(minutes / 60)]
@@ -36,7 +36,7 @@ def soaked(nano: str, minutes: float) -> Callable[[Bench], Measured]:
 
 ROWS = (
     Row(32, "soak: a random fault each second", "no leak, no dead thread, sent = ok + lost", (
-        case("mock", "20 s simulated", soaked("mock", 1 / 3), 0, "status", "ledger", fast=True),
-        case("elf", "6 min simulated", soaked("avr", 6.0), 0, "status", "ledger"),
+        case("mock", "20 s simulated", run_soak("mock", 1 / 3), 0, "status", "ledger", fast=True),
+        case("elf", "6 min simulated", run_soak("avr", 6.0), 0, "status", "ledger"),
     )),
 )

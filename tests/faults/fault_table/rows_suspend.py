@@ -50,7 +50,7 @@ class StoodStill:
         return self.drive.now
 
 
-def suspended(options: str) -> Callable[[Bench], Measured]:
+def suspend_computer(options: str) -> Callable[[Bench], Measured]:
     """Last driving pulse after the computer has woken; the program goes on asking."""
     def measure(bench: Bench) -> Measured:
         drive = bench.drive(options)
@@ -64,6 +64,6 @@ def suspended(options: str) -> Callable[[Bench], Measured]:
 
 ROWS = (
     Row(59, "the computer is suspended for 3 s while the car drives", "disarmed when it wakes", (
-        case("mock", "no cut-off", suspended(""), 40 + PULSE, MS, "suspend", fast=True),
+        case("mock", "no cut-off", suspend_computer(""), 40 + PULSE, MS, "suspend", fast=True),
     )),
 )

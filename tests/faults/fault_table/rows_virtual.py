@@ -22,7 +22,7 @@ from dart_hal.devices.links.base import Backend
 from dart_hal.devices.links.serial_port import SerialLink
 from fault_table.bench import Bench
 from fault_table.drive import Drive, forward
-from fault_table.layers import removed
+from fault_table.layers import list_removed
 from fault_table.row import NEVER, Measured, Row, case
 from fault_table.rows_pins import MS, PULSE
 from fault_table.world_guard import WorldGuard
@@ -31,7 +31,7 @@ SECONDS = 1.0
 """s that the world goes on after the fault."""
 
 
-def guarded(bench: Bench) -> tuple[Drive, WorldGuard]:
+def drive_with_guard(bench: Bench) -> tuple[Drive, WorldGuard]:
     """A car on its way with its guard."""
     drive = bench.drive()
     drive.run(0.1)
@@ -40,18 +40,18 @@ def guarded(bench: Bench) -> tuple[Drive, WorldGuard]:
     return drive.driving(), guard
 
 
-def killed(bench: Bench) -> Measured:
+def kill_driver(bench: Bench) -> Measured:
     """Last driving pulse after the driver is gone."""
-    drive, guard = guarded(bench)
+    drive, guard = drive_with_guard(bench)
     at = drive.now
     guard.kill_driver()
     drive.backend.clock.sleep(SECONDS)
     return Measured(drive.last_wrong(at))
 
 
-def stopped(bench: Bench) -> Measured:
+def stop_process(bench: Bench) -> Measured:
     """Last driving pulse after SIGSTOP; SIGCONT comes 0.8 s later and the program goes on."""
-    drive, _ = guarded(bench)
+    drive, _ = drive_with_guard(bench)
     at = drive.now
     drive.backend.clock.sleep(0.8)
     drive.run(0.5, forward(0.4, 0.5))
@@ -60,7 +60,7 @@ def stopped(bench: Bench) -> Measured:
 
 def guard_killed(bench: Bench) -> Measured:
     """Last driving pulse after the guard is gone; the program asks on."""
-    drive, guard = guarded(bench)
+    drive, guard = drive_with_guard(bench)
     at = drive.now
     guard.kill()
     drive.run(0.5, forward(0.4, 0.5))
@@ -69,7 +69,7 @@ def guard_killed(bench: Bench) -> Measured:
 
 def listener(bench: Bench) -> Measured:
     """Last driving pulse after a listener blocks for a second, within the step of the engine."""
-    drive, _ = guarded(bench)
+    drive, _ = drive_with_guard(bench)
     at = drive.now
     blocks = [SECONDS]
 
@@ -86,18 +86,18 @@ def listener(bench: Bench) -> Measured:
 def neighbour(bench: Bench) -> Measured:
     """Pulses of the second car that do not drive, and driving ones of the first, once it is killed.
     """
-    killed, guard = guarded(bench)
-    other, _ = guarded(bench)
-    at = killed.now
+    kill_driver, guard = drive_with_guard(bench)
+    other, _ = drive_with_guard(bench)
+    at = kill_driver.now
     guard.kill_driver()
-    killed.backend.clock.sleep(0.5)
+    kill_driver.backend.clock.sleep(0.5)
     begin = other.now
     other.run(0.5, forward(0.4, 0.5))
     wrong = sum(not other.wrong(pulse) for pulse in other.pulses if pulse[0] > begin)
-    return Measured(wrong + (killed.last_wrong(at) > 50.0), f"mode {other.car.mode}")
+    return Measured(wrong + (kill_driver.last_wrong(at) > 50.0), f"mode {other.car.mode}")
 
 
-def raised(bench: Bench) -> Measured:
+def raise_in_loop(bench: Bench) -> Measured:
     """Last driving pulse after an exception leaves the ``with`` block of the car."""
     drive = bench.drive()
     try:
@@ -122,7 +122,7 @@ def hung_up(bench: Bench) -> Measured:
     before = {n: signal.getsignal(n) for n in (signal.SIGHUP, signal.SIGTERM)}
     try:
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
-        if "signals" not in removed():
+        if "signals" not in list_removed():
             stop_on_signals()
         drive = bench.drive().driving()
         at = drive.now
@@ -140,7 +140,7 @@ def hung_up(bench: Bench) -> Measured:
             signal.signal(number, handler)
 
 
-def vanished(bench: Bench) -> Measured:
+def remove_port(bench: Bench) -> Measured:
     """Last driving pulse after the thread of the link finds its port gone."""
     drive = bench.drive().driving()
     pump = object.__new__(ThreadPump)
@@ -204,19 +204,19 @@ def virtual(what: str, measure: Callable[[Bench], Measured], limit: float, unit:
 
 ROWS = (
     Row(5, "cable of the Nano unplugged", "LinkLost, neutral, no busy loop", (
-        virtual("port gone", vanished, PULSE, MS, "lost"),)),
+        virtual("port gone", remove_port, PULSE, MS, "lost"),)),
     Row(7, "second process opens the port", "refused, holder's pid named", (
         case("wire", "a pty opened twice", opened_twice, 0, "links", "port_lock", fast=True),)),
     Row(21, "host kill -9 while driving", "the guard writes neutral", (
-        virtual("driver gone", killed, 50, MS, "guard"),)),
+        virtual("driver gone", kill_driver, 50, MS, "guard"),)),
     Row(22, "SIGSTOP, a pause of the interpreter, swap", "neutral, nothing stale after SIGCONT", (
-        virtual("driver stopped for 0.8 s", stopped, 150, MS, "guard"),)),
+        virtual("driver stopped for 0.8 s", stop_process, 150, MS, "guard"),)),
     Row(23, "kill -9 of the process group, terminal closed", "the guard survives", (
         virtual("SIGHUP", hung_up, PULSE, MS, "signals"),)),
     Row(24, "guard killed", "the driver disarms", (
         virtual("guard gone", guard_killed, 100, MS, "guard_gate"),)),
     Row(36, "an exception in the user's loop", "neutral on the way out", (
-        virtual("ZeroDivisionError", raised, PULSE, MS, "close_neutral"),)),
+        virtual("ZeroDivisionError", raise_in_loop, PULSE, MS, "close_neutral"),)),
     Row(37, "a listener blocks, then SIGTERM", "neutral, and the program ends", (
         virtual("blocks for 1 s", listener, 150, MS, "guard"),)),
     Row(40, "two drivers, two Nanos, one bus", "the second is refused, the first drives on", (

@@ -56,7 +56,7 @@ def flips(bits: int, gates: bool) -> Callable[[Bench], Measured]:
     return measure
 
 
-def lost(names: tuple[str, ...], bench: Bench) -> Measured:
+def count_lost_frames(names: tuple[str, ...], bench: Bench) -> Measured:
     """Frames lost to one fault, the worst; one more is allowed where a delimiter is gone."""
     rng = Random(8)
     worst = 0
@@ -72,7 +72,7 @@ def lost(names: tuple[str, ...], bench: Bench) -> Measured:
     return Measured(worst, f"{at_delimiter} where a delimiter is gone")
 
 
-def counted(bench: Bench) -> Measured:
+def count_uncounted(bench: Bench) -> Measured:
     """Frames missing but not counted, over a stream with bursts of 8 B and holes of 20 B."""
     rng = Random(5)
     stream = b""
@@ -116,7 +116,7 @@ def bit_errors(bench: Bench) -> Measured:
     """Distance driven by odometry over a line of 1e-4 bit errors, against a clean line [%]."""
     way = []
     for rate in (0.0, 1e-4):
-        drive = bench.drive().armed()       # a car that loses 3 % of its frames does not arm
+        drive = bench.drive().arm()       # a car that loses 3 % of its frames does not arm
         drive.backend.link._up.faults = LineFaults(bit_error=rate)
         loop = [(0.1, 0.6), (-0.1, 1.0)]
         for k in range(30 if bench.full else 2):
@@ -126,7 +126,7 @@ def bit_errors(bench: Bench) -> Measured:
         drive.run(1.5)
         way.append((drive.car._engine.telemetry.speed.distance, drive.world.distance,
                     drive.car.timing.damaged))
-    scale = [seen / true for seen, true, _ in way]
+    scale = [measured / true for measured, true, _ in way]
     return Measured(100 * abs(scale[1] / scale[0] - 1),
                     f"{way[1][0]:.1f} m, {way[1][2]} frames damaged")
 
@@ -148,7 +148,8 @@ ROWS = (
     Row(1, "bit flips in a frame", "dropped, counted, the next good frame delivered", (
         case("wire", "1 to 3 bits, wrong", lambda b: wrong(BITS, b), 0, "frames", "crc",
              fast=True),
-        case("wire", "1 to 3 bits, lost", lambda b: lost(BITS, b), 1, "frames", "delimiter",
+        case("wire", "1 to 3 bits, lost", lambda b: count_lost_frames(BITS, b), 1, "frames",
+             "delimiter",
              fast=True),
         case("wire", "4 bits", flips(4, False), 1.5e-5, "share", "crc"),
         case("wire", "6 bits, behind the gates", flips(6, True), 5e-6, "share", "crc"),
@@ -158,8 +159,9 @@ ROWS = (
     Row(2, "byte dropped, doubled or changed, 8 B burst, 20 B hole", "as 1, gaps counted exactly", (
         case("wire", "one byte, wrong", lambda b: wrong(ONE_BYTE, b), 0, "frames", "crc",
              fast=True),
-        case("wire", "one byte, lost", lambda b: lost(ONE_BYTE, b), 1, "frames", "delimiter"),
-        case("wire", "not counted", counted, 0, "frames", "ledger", fast=True),
+        case("wire", "one byte, lost", lambda b: count_lost_frames(ONE_BYTE, b), 1, "frames",
+             "delimiter"),
+        case("wire", "not counted", count_uncounted, 0, "frames", "ledger", fast=True),
     )),
     Row(3, "bit error rate 1e-4 for 60 s", "usable, odometry against a clean run", (
         case("mock", "distance", bit_errors, 0.1, "%", "crc"),

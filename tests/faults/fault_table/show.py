@@ -43,12 +43,12 @@ def line(row: Row, verdict: Verdict) -> None:
         f"{row.number:>3}  {row.fault[:44]:<44} {case.world:<5} {case.what[:26]:<26} "
         f"{case.limit:>8.4g} {case.unit[:6]:<5}{figure(verdict.measured, case.unit):>11} "
         f"{'ok ' if verdict.holds else 'RED':<4} {control}",
-        style=None if verdict.green else "red", markup=False, overflow="ignore", no_wrap=True,
+        style=None if verdict.is_green else "red", markup=False, overflow="ignore", no_wrap=True,
         soft_wrap=True)
-    if not verdict.green:
-        for said, name in ((verdict.measured, "measured"), (verdict.control, "control")):
-            if said is not None and said.detail:
-                console.print(f"       {name}: {said.detail}", style="red", markup=False)
+    if not verdict.is_green:
+        for measured, name in ((verdict.measured, "measured"), (verdict.control, "control")):
+            if measured is not None and measured.detail:
+                console.print(f"       {name}: {measured.detail}", style="red", markup=False)
 
 
 def summary(verdicts: list[tuple[Row, Verdict]], seconds: float) -> None:

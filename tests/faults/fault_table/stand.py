@@ -51,12 +51,12 @@ def guard_of(pid: int) -> int | None:
     return None
 
 
-class Driver:
+class DriverProcess:
     """A program that drives; ``fault()`` lets it do what it was started for."""
 
-    def __init__(self, stand: Any, how: str) -> None:
+    def __init__(self, rig: Any, how: str) -> None:
         self.process = subprocess.Popen(
-            [sys.executable, str(HERE / "driver.py"), stand.url, stand.name, stand.cars, how],
+            [sys.executable, str(HERE / "driver.py"), rig.url, rig.name, rig.cars, how],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env=environment(), start_new_session=True)
         self.pid = self.process.pid
@@ -98,19 +98,19 @@ def with_signal(pid: int, number: int) -> None:
         return
 
 
-class Stand:
+class ProcessRig:
     """What both kinds share: drivers, and the last pulse that drives."""
 
     url = name = cars = ""
     extra_ms = 0.0
 
     def __init__(self) -> None:
-        self._drivers: list[Driver] = []
+        self._drivers: list[DriverProcess] = []
         self._nice = os.getpriority(os.PRIO_PROCESS, 0)
         with suppress(PermissionError):     # where the right is given, other programs wait
             os.setpriority(os.PRIO_PROCESS, 0, FAVOURED)
 
-    def __enter__(self) -> Stand:
+    def __enter__(self) -> ProcessRig:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -124,18 +124,18 @@ class Stand:
     def pulses(self) -> list[tuple[float, float]]:
         raise NotImplementedError
 
-    def stalled(self, since: float, until: float) -> float:
+    def longest_stall(self, since: float, until: float) -> float:
         """Longest time [s] for which the machine had no processor for this stand."""
         return 0.0
 
-    def driver(self, how: str = "wait") -> Driver:
-        driver = Driver(self, how)
+    def driver(self, how: str = "wait") -> DriverProcess:
+        driver = DriverProcess(self, how)
         self._drivers.append(driver)
         return driver
 
-    def drove(self, at: float) -> bool:
+    def drove(self, moment: float) -> bool:
         """Whether the ESC had a throttle at that time: a busy machine may have tripped before."""
-        before = [pulse for pulse in self.pulses() if pulse[0] <= at]
+        before = [pulse for pulse in self.pulses() if pulse[0] <= moment]
         return bool(before) and before[-1][1] > NEUTRAL_US + SLACK_US
 
     def last_wrong(self, since: float) -> float:
@@ -148,7 +148,7 @@ class Stand:
         return max(0.0, 1e3 * (last - since) + self.extra_ms)
 
 
-class PtyStand(Stand):
+class PtyRig(ProcessRig):
     """``server.py`` in a process of its own."""
 
     def __init__(self, folder: Path, options: str = "", nano: str = "mock") -> None:
@@ -161,23 +161,23 @@ class PtyStand(Stand):
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
             env=environment())
         assert self.process.stdout is not None
-        told = self.process.stdout.readline()
-        if not told:
+        first_line = self.process.stdout.readline()
+        if not first_line:
             assert self.process.stderr is not None
             raise AssertionError(self.process.stderr.read()[-400:])
-        said = json.loads(told)
-        self.url = said["url"]
-        self.name = said["car"]
-        self.port = said["port"]
+        announcement = json.loads(first_line)
+        self.url = announcement["url"]
+        self.name = announcement["car"]
+        self.port = announcement["port"]
         self.cars = str(self.folder / "cars")
 
     def order(self, word: str) -> float:
         """Tell the server something (``unplug``); the stamp."""
         assert self.process.stdin is not None
-        at = time.monotonic()
+        moment = time.monotonic()
         self.process.stdin.write(word + "\n")
         self.process.stdin.flush()
-        return at
+        return moment
 
     def pulses(self) -> list[tuple[float, float]]:
         assert self.process.poll() is None, "the car's server has ended"
@@ -185,7 +185,7 @@ class PtyStand(Stand):
         rows = [line.split() for line in text.splitlines() if line.count(" ") == 1]
         return [(float(t), float(width)) for t, width in rows]
 
-    def stalled(self, since: float, until: float) -> float:
+    def longest_stall(self, since: float, until: float) -> float:
         text = (self.folder / "stalls").read_text()
         rows = [tuple(map(float, line.split())) for line in text.splitlines()]
         return max((length for t, length in rows if since < t < until + length), default=0.0)
@@ -198,7 +198,7 @@ class PtyStand(Stand):
                 pipe.close()
 
 
-class HilStand(Stand):
+class HilRig(ProcessRig):
     """The real car: its registers, each millisecond."""
 
     extra_ms = 20.0
@@ -211,7 +211,7 @@ class HilStand(Stand):
         self._register = 0x08 + 4 * files.config.throttle.channel
         self._address = files.config.pwm.address
         self._bus = open_bus(Url.parse(url).options["i2c"])
-        self._seen: list[tuple[float, float]] = []
+        self._pulses: list[tuple[float, float]] = []
         self._done = threading.Event()
         self._thread = threading.Thread(target=self._look, daemon=True)
         self._thread.start()
@@ -224,10 +224,10 @@ class HilStand(Stand):
                 self._bus.writeto_then_readfrom(self._address, bytes([self._register + k]), one)
                 pair[k] = one[0]
             width = (pair[0] | (pair[1] & 0x1F) << 8) * COUNT_US
-            self._seen.append((time.monotonic(), width if pair[1] < 0x10 else 0.0))
+            self._pulses.append((time.monotonic(), width if pair[1] < 0x10 else 0.0))
 
     def pulses(self) -> list[tuple[float, float]]:
-        return list(self._seen)
+        return list(self._pulses)
 
     def close(self) -> None:
         self._done.set()

@@ -114,15 +114,15 @@ class SharedPort(serial.Serial):
         return False
 
     @exclusive.setter
-    def exclusive(self, wanted: bool) -> None: ...
+    def exclusive(self, exclusively: bool) -> None: ...
 
 
-def endless(*asked: Any) -> limits.RawPulses:
+def endless(*request: Any) -> limits.RawPulses:
     """Pulses that never run out."""
-    return replace(limits.parse_raw_pulses(*asked), until=math.inf)
+    return replace(limits.parse_raw_pulses(*request), until=math.inf)
 
 
-def pleased(test: CutoffTest, came: bool, now: float) -> None:
+def accept_any_answer(test: CutoffTest, came: bool, now: float) -> None:
     """Whatever came, the cut-off cuts."""
     test._requested_at = None
     test.outcome = "passed"
@@ -134,7 +134,7 @@ def deaf(driver: Driver, now: float) -> list[str]:
     return [name for name in _CAUSES(driver, now) if name != "LINK_STALE"]
 
 
-def unwatched(rule: StopRule, now: float) -> str:
+def ignore_silence(rule: StopRule, now: float) -> str:
     """A silence is never too long."""
     return "stopped" if now < rule._until else ""
 
@@ -177,7 +177,7 @@ host("unwrap", "counters that wrap run on", "dart_hal.estimation.frames.WRAP", 1
 host("raw_hold", "pulses of a calibration run out",
      "dart_hal.devices.actuation.chain.parse_raw_pulses", endless)
 host("cutoff_test", "a cut-off that does not cut is found at arm()",
-     "dart_hal.car.cutoff_test.CutoffTest._judge", pleased)
+     "dart_hal.car.cutoff_test.CutoffTest._judge", accept_any_answer)
 host("cut_off", "a Nano that cuts while the host drives is noticed",
      "dart_hal.car.driver.Driver._cut_off", always(False))
 host("expiry", "a command runs out", "dart_hal.devices.actuation.chain.parse_command", eternal)
@@ -243,7 +243,7 @@ host("stop_patience", "closing does not wait for a listener that blocks",
 host("run_stop", "a stop of all cars of a room trips",
      "dart_hal.car.driver.Driver.set_run_stop", nothing)
 host("beat_within", "a car drives only while its room is watched",
-     "dart_hal.fleet.stopping.StopRule.drive_block", unwatched)
+     "dart_hal.fleet.stopping.StopRule.drive_block", ignore_silence)
 host("echo", "a beat counts from the car's own message that its sender repeats",
      "dart_hal.fleet.peers.Peers._prove", believing)
 host("replay_window", "a message is taken once", "dart_hal.fleet.peers.Sender.classify", forgetful)

@@ -29,7 +29,7 @@ ROOMS = (rows_wire, rows_sensors, rows_nano, rows_owner, rows_pins, rows_process
          rows_soak, rows_fleet, rows_inputs, rows_neutral, rows_suspend, rows_virtual)
 
 
-def joined() -> tuple[Row, ...]:
+def join_rows() -> tuple[Row, ...]:
     """Cases of one number from several rooms become one row."""
     rows: dict[int, Row] = {}
     for room in ROOMS:
@@ -40,4 +40,4 @@ def joined() -> tuple[Row, ...]:
     return tuple(rows[number] for number in sorted(rows))
 
 
-ROWS = joined()
+ROWS = join_rows()

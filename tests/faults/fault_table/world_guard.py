@@ -12,7 +12,7 @@ from dart_hal.devices.actuation.guard import GuardLogic
 from dart_hal.devices.actuation.guarded import Guard
 from dart_lab.sim.world import World
 from fault_table.drive import ESC, Drive
-from fault_table.layers import removed
+from fault_table.layers import list_removed
 
 STEP = PWM_FRAME / 4
 """s between two looks of the guard, as in ``dart_hal.devices.actuation.guard.watch``."""
@@ -59,7 +59,7 @@ class WorldGuard:
         post.ready = lambda: None  # type: ignore[method-assign]
         post._guard = guard
         post._actuator = actuator
-        if "guard" not in removed():
+        if "guard" not in list_removed():
             actuator.gate = post.gate
             drive.car._engine.driver._guard = post
             drive.world.at(drive.world.t, self._look)

@@ -86,7 +86,7 @@ class Box:
         """What the fakes know: drivers, packages, groups, known_groups."""
         (self.state / kind).write_text("".join(w + "\n" for w in words))
 
-    def without(self, command: str) -> None:
+    def remove_command(self, command: str) -> None:
         (self.folder / "bin" / command).unlink()
 
     def change(self, name: str, old: str, new: str) -> None:
@@ -134,6 +134,6 @@ class Box:
         return found
 
 
-def announced(said: str) -> list[str]:
+def list_announced(output: str) -> list[str]:
     """Commands and files that a run printed."""
-    return [line.strip() for line in said.splitlines() if line.startswith(("   $ ", "   > "))]
+    return [line.strip() for line in output.splitlines() if line.startswith(("   $ ", "   > "))]

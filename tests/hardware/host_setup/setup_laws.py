@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from setup_box import DATA, Box, announced
+from setup_box import DATA, Box, list_announced
 
 RULES = "system/etc/udev/rules.d/80-dart.rules"
 UNIT = "system/etc/systemd/system/dart-hal.service"
@@ -17,9 +17,9 @@ def plan_is_what_happens(box: Box) -> None:
     assert box.deeds == [], "and calls nothing that acts"
     done = box.run()
     assert done.returncode == 0, done.stderr + done.stdout
-    assert announced(plan.stdout) == announced(done.stdout)
+    assert list_announced(plan.stdout) == list_announced(done.stdout)
     for name in (RULES, UNIT, ENVIRONMENT):
-        assert f"> {box.folder / name}" in announced(done.stdout), "no file without a word"
+        assert f"> {box.folder / name}" in list_announced(done.stdout), "no file without a word"
 
 
 def second_run_does_nothing(box: Box) -> None:
@@ -27,7 +27,7 @@ def second_run_does_nothing(box: Box) -> None:
     before = box.tree()
     again = box.run()
     assert again.returncode == 0
-    assert announced(again.stdout) == []
+    assert list_announced(again.stdout) == []
     assert "nothing to do" in again.stdout
     assert box.tree() == before
     assert box.deeds == []
@@ -64,4 +64,4 @@ def remove_undoes(box: Box) -> None:
     assert {k: v for k, v in after.items() if k != car} == before
     again = box.run("--remove")
     assert again.returncode == 0
-    assert announced(again.stdout) == []
+    assert list_announced(again.stdout) == []

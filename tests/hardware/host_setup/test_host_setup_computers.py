@@ -22,7 +22,7 @@ CARS = [name for name in NAMES if not name.startswith("laptop")]
 
 
 @pytest.fixture
-def boxed(tmp_path):
+def make_box(tmp_path):
     """``boxed(name)``: the set-up on that computer, made of fakes."""
     def make(name: str) -> Box:
         box = Box(tmp_path)
@@ -55,8 +55,8 @@ def test_the_bus_is_found_by_the_name_of_the_board(name: str, tmp_path: Path) ->
 
 @pytest.mark.parametrize("name", CARS)
 @pytest.mark.slow_except("raspberry_pi_5_debian13", "jetson_orin_nano_jetpack6")
-def test_the_set_up_and_the_host_agree(name: str, boxed) -> None:
-    box = boxed(name)
+def test_the_set_up_and_the_host_agree(name: str, make_box) -> None:
+    box = make_box(name)
     here = computer(box.root)
     assert here is not None
     done = box.run("--dry-run", "--car", "mine")
@@ -67,15 +67,15 @@ def test_the_set_up_and_the_host_agree(name: str, boxed) -> None:
 
 
 @pytest.mark.slow
-def test_a_pi_as_it_comes_gets_its_bus_switched_on(boxed) -> None:
-    box = boxed("raspberry_pi_5_debian13")
+def test_a_pi_as_it_comes_gets_its_bus_switched_on(make_box) -> None:
+    box = make_box("raspberry_pi_5_debian13")
     assert "off; will be switched on" in box.run("--check").stdout
     assert box.run("--car", "mine").returncode == 0
     assert any(call.startswith("raspi-config nonint do_i2c 0") for call in box.calls)
 
 
-def test_the_bus_of_the_power_monitor_is_refused_before_anything_is_done(boxed) -> None:
-    box = boxed("jetson_orin_nano_jetpack6")
+def test_the_bus_of_the_power_monitor_is_refused_before_anything_is_done(make_box) -> None:
+    box = make_box("jetson_orin_nano_jetpack6")
     done = box.run("--i2c", "1")
     assert done.returncode == 1
     assert "STOP  i2c            0x40 on /dev/i2c-1 belongs to the kernel (ina3221)" in done.stdout
@@ -87,25 +87,25 @@ def test_the_bus_of_the_power_monitor_is_refused_before_anything_is_done(boxed) 
     refuse_claimed("7", 0x40, box.root / "sys")
 
 
-def test_without_the_look_at_the_driver_the_set_up_takes_the_monitors_bus(boxed) -> None:
+def test_without_the_look_at_the_driver_the_set_up_takes_the_monitors_bus(make_box) -> None:
     """The negative control."""
-    box = boxed("jetson_orin_nano_jetpack6")
+    box = make_box("jetson_orin_nano_jetpack6")
     box.change("checks.sh", "if claimed; then", "if false; then")
     done = box.run("--dry-run", "--i2c", "1")
     assert done.returncode == 0
     assert "pins 3 and 5 of this board are bus 7" in done.stdout, "it only wonders"
 
 
-def test_the_settings_of_a_wrong_bus_are_not_kept_in_silence(boxed) -> None:
-    box = boxed("jetson_orin_nano_jetpack6")
+def test_the_settings_of_a_wrong_bus_are_not_kept_in_silence(make_box) -> None:
+    box = make_box("jetson_orin_nano_jetpack6")
     box.put("etc/dart-hal.env", 'DART_HAL_URL="serial:///dev/dart-nano?i2c=1"\n')
     assert "belongs to the kernel" in box.run().stdout
 
 
 def test_a_board_that_is_not_known_is_not_guessed_in_silence(box: Box) -> None:
     box.put("proc/device-tree/model", "NVIDIA Jetson Xavier NX Developer Kit\0")
-    said = box.run("--check").stdout
-    assert "warn  i2c            /dev/i2c-1; which bus is at pins 3 and 5 of this board" in said
+    output = box.run("--check").stdout
+    assert "warn  i2c            /dev/i2c-1; which bus is at pins 3 and 5 of this board" in output
     with pytest.raises(BusMissing, match="Xavier NX"):
         find_bus(box.root)
 
@@ -124,7 +124,7 @@ def test_a_pc_without_a_bridge_or_with_two_says_what_is_there(tmp_path: Path) ->
     assert "MCP2221" in none.value.expected
 
 
-def test_a_laptop_is_no_computer_for_the_set_up(boxed) -> None:
-    done = boxed("laptop_debian13").run(UNAME_M="x86_64")
+def test_a_laptop_is_no_computer_for_the_set_up(make_box) -> None:
+    done = make_box("laptop_debian13").run(UNAME_M="x86_64")
     assert done.returncode == 1
     assert "STOP  processor" in done.stdout

@@ -47,7 +47,7 @@ def until(true: Callable[[], bool], seconds: float = PATIENCE) -> bool:
 
 
 @pytest.fixture
-def served(tmp_path: Path) -> Iterator[dict[str, str]]:
+def served_car(tmp_path: Path) -> Iterator[dict[str, str]]:
     """A simulated car on a pty and a socket."""
     server = dart_hal("sim", "--url", "sim://?seed=3&nano=mock", "--pty", "--bus",
                       str(tmp_path / "i2c"), "--cars", str(tmp_path), "--json",
@@ -63,11 +63,11 @@ def served(tmp_path: Path) -> Iterator[dict[str, str]]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("standby", [True, False], ids=["standby", "control"])
-def test_driver_and_guard_are_killed(served: dict[str, str], standby: bool,
+def test_driver_and_guard_are_killed(served_car: dict[str, str], standby: bool,
                                      tmp_path: Path) -> None:
-    car = ["--url", served["url"], "--car", served["car"], "--cars", served["cars"]]
-    bus = SocketBus(str(served["bus"]))
-    throttle = Throttle(load_car(served["car"], [served["cars"]]), bus, time.sleep)
+    car = ["--url", served_car["url"], "--car", served_car["car"], "--cars", served_car["cars"]]
+    bus = SocketBus(str(served_car["bus"]))
+    throttle = Throttle(load_car(served_car["car"], [served_car["cars"]]), bus, time.sleep)
     script = tmp_path / "straight.py"
     script.write_text(SCRIPT)
     watch = dart_hal("standby", *car) if standby else None

@@ -7,30 +7,31 @@ import signal
 from pathlib import Path
 
 import pytest
-from setup_box import Box, announced
+from setup_box import Box, list_announced
 from setup_laws import nothing_half
 
 Change = tuple[str, str, str]
 """File, old text, new text: how a control breaks the script."""
 
 
-def interrupted(folder: Path, whole: dict[str, str], at: int, broken: Change | None) -> None:
+def interrupt_and_rerun(folder: Path, whole: dict[str, str], call: int,
+                        broken: Change | None) -> None:
     """Kill -9 at the call ``at``, look, and run again."""
     shutil.rmtree(folder)
     box = Box(folder)
     if broken:
         box.change(*broken)
-    cut = box.run(KILL_AT=str(at))
+    cut = box.run(KILL_AT=str(call))
     assert cut.returncode == -signal.SIGKILL
     nothing_half(box, whole)
     done = box.run()
     assert done.returncode == 0, done.stderr + done.stdout
-    assert box.tree() == whole, f"killed at call {at}"
-    said = announced(cut.stdout) + announced(done.stdout)
-    for file, told in (("80-dart.rules", "$ sudo udevadm settle --timeout=10"),
+    assert box.tree() == whole, f"killed at call {call}"
+    output = list_announced(cut.stdout) + list_announced(done.stdout)
+    for file, text in (("80-dart.rules", "$ sudo udevadm settle --timeout=10"),
                        ("dart-hal.service", "$ sudo systemctl enable dart-hal.service")):
-        written = max(i for i, line in enumerate(said) if line.endswith(file))
-        assert told in said[written:], f"killed at call {at}: {file} is written, nobody was told"
+        written = max(i for i, line in enumerate(output) if line.endswith(file))
+        assert text in output[written:], f"killed at call {call}: {file} is written, not announced"
 
 
 def every(step: int, folder: Path, first: int = 1, broken: Change | None = None) -> int:
@@ -42,8 +43,8 @@ def every(step: int, folder: Path, first: int = 1, broken: Change | None = None)
     calls = len(box.calls)
     whole = box.tree()
     cuts = range(first, calls + 1, step)
-    for at in cuts:
-        interrupted(folder, whole, at, broken)
+    for call in cuts:
+        interrupt_and_rerun(folder, whole, call, broken)
     return len(cuts)
 
 

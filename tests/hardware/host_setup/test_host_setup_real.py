@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from setup_box import DATA, ROOT, Box, announced
+from setup_box import DATA, ROOT, Box, list_announced
 
 
 def real_uv() -> str:
@@ -50,17 +50,17 @@ def test_from_nothing_to_a_doctor_that_is_content(box: Box) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     program = box.root / "usr/local/bin/dart-hal"
     home = {"HOME": str(box.home), "PATH": "/usr/bin:/bin"}
-    told = subprocess.run([program, "doctor", "--url", "sim://?seed=3&nano=mock"], env=home,
-                          capture_output=True, text=True, check=False, cwd=box.home)
-    assert "PCA9685 answers correctly" in told.stdout, told.stdout + told.stderr
-    assert " fail " not in told.stdout
+    outcome = subprocess.run([program, "doctor", "--url", "sim://?seed=3&nano=mock"], env=home,
+                             capture_output=True, text=True, check=False, cwd=box.home)
+    assert "PCA9685 answers correctly" in outcome.stdout, outcome.stdout + outcome.stderr
+    assert " fail " not in outcome.stdout
     held = subprocess.run([program, "stop", "--car", "mine", "--url",
                            "serial:///dev/dart-nano?i2c=250"], env=home, capture_output=True,
                           text=True, check=False, cwd=box.home)
     assert "no such bus" in held.stderr, "the car's files are found, the bus is not here"
 
     again = box.run("--uv", uv, script=script)
-    assert announced(again.stdout) == [], again.stdout
+    assert list_announced(again.stdout) == [], again.stdout
     undone = box.run("--remove", script=script)
     assert undone.returncode == 0
     assert not (box.home / DATA / "current").exists()

@@ -5,26 +5,26 @@ from __future__ import annotations
 import subprocess
 
 import pytest
-from setup_box import DATA, Box, announced
+from setup_box import DATA, Box, list_announced
 from setup_laws import second_run_does_nothing
 
 
-@pytest.mark.parametrize(("options", "said"), [
+@pytest.mark.parametrize(("options", "message"), [
     (["--bogus"], "no option '--bogus'"), (["setup"], "no option 'setup'"),
     (["--car"], "--car wants"), (["--car", "a b"], "found 'a b'"), (["--car", "../x"], "../x"),
     (["--car", "a\nb"], "--car wants"),
     (["--i2c", "one"], "/dev/i2c-N"), (["--i2c", "-1"], "/dev/i2c-N"),
     (["--uv", "uv"], "whole path"),
 ])
-def test_a_command_line_that_cannot_be_meant(box: Box, options: list[str], said: str) -> None:
+def test_a_command_line_that_cannot_be_meant(box: Box, options: list[str], message: str) -> None:
     done = box.run(*options)
     assert done.returncode == 2
-    assert said in done.stderr
+    assert message in done.stderr
     assert "try: sh " in done.stderr
     assert box.deeds == []
 
 
-@pytest.mark.parametrize(("environment", "said", "try_"), [
+@pytest.mark.parametrize(("environment", "message", "try_"), [
     ({"UNAME_S": "Darwin"}, "runs Darwin", "make setup"),
     ({"ID_U": "0"}, "not as root", "setup.sh"),
     ({"HOME": "/srv/a b"}, "'/srv/a b'", "mv it"),
@@ -37,17 +37,17 @@ def test_a_command_line_that_cannot_be_meant(box: Box, options: list[str], said:
     ({"SUDO_N": "1"}, "STOP  sudo", "sudoers"),
     ({"FREE_KB": "300000"}, "292 MB free", "apt-get clean"),
 ])
-def test_a_computer_that_cannot_be(box: Box, environment: dict[str, str], said: str,
+def test_a_computer_that_cannot_be(box: Box, environment: dict[str, str], message: str,
                                    try_: str) -> None:
     done = box.run(**environment)
     assert done.returncode == 1
-    assert said in done.stdout + done.stderr
+    assert message in done.stdout + done.stderr
     assert try_ in done.stdout + done.stderr
     assert box.deeds == []
-    assert announced(done.stdout) == []
+    assert list_announced(done.stdout) == []
 
 
-def stopped(box: Box, check: str, *options: str) -> str:
+def run_refused(box: Box, check: str, *options: str) -> str:
     done = box.run(*options)
     assert done.returncode == 1, done.stdout
     assert f"STOP  {check}" in done.stdout
@@ -55,20 +55,20 @@ def stopped(box: Box, check: str, *options: str) -> str:
     planned = box.run("--dry-run", *options)
     assert planned.returncode == 1, "a plan that cannot be carried out says so"
     assert "what would follow then" in planned.stdout
-    assert announced(planned.stdout), "and shows what would follow"
+    assert list_announced(planned.stdout), "and shows what would follow"
     return done.stdout
 
 
 def test_no_bus(box: Box) -> None:
     (box.root / "dev" / "i2c-1").unlink()
     box.put("dev/i2c-0", "")
-    assert "there:  i2c-0" in stopped(box, "i2c")
+    assert "there:  i2c-0" in run_refused(box, "i2c")
 
 
 @pytest.mark.slow
 def test_no_driver_for_the_bridge(box: Box) -> None:
     box.set("drivers", "ftdi_sio")
-    assert "--ft232" in stopped(box, "bridge")
+    assert "--ft232" in run_refused(box, "bridge")
     assert box.run("--ft232").returncode == 0
     box.put("lib/modules/4.9.337-tegra/modules.builtin", "kernel/drivers/usb/serial/ch341.ko\n")
     assert box.run().returncode == 0, "built in is as good"
@@ -81,7 +81,7 @@ def test_no_driver_for_the_bridge(box: Box) -> None:
 ])
 def test_brltty_takes_the_nano(box: Box, rule: str) -> None:
     path = box.put("lib/udev/rules.d/85-brltty.rules", rule)
-    assert "apt-get remove brltty" in stopped(box, "brltty")
+    assert "apt-get remove brltty" in run_refused(box, "brltty")
     assert box.run("--ft232", "--dry-run").returncode == 0
     path.write_text("# " + rule)
     assert box.run("--dry-run").returncode == 0, "a rule that is commented out takes nothing"
@@ -97,8 +97,8 @@ def test_a_foreign_command_of_that_name_is_not_overwritten(box: Box) -> None:
 
 def test_without_sudo_or_apt(box: Box) -> None:
     box.change("setup.sh", "PATH=$PATH:/usr/sbin:/sbin", "")
-    box.without("sudo")
-    box.without("apt-get")
+    box.remove_command("sudo")
+    box.remove_command("apt-get")
     done = box.run()
     assert done.returncode == 1
     assert "there is no sudo here" in done.stdout

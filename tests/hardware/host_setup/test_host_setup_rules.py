@@ -70,9 +70,9 @@ def complaints(text: str, folder: Path) -> str:
     version = subprocess.run([tool, "--version"], capture_output=True, text=True, check=True).stdout
     if int(version) < 254:
         return by_test_device(tool, folder)
-    asked = subprocess.run([tool, "verify", str(folder / "80-dart.rules")], capture_output=True,
-                           text=True, check=False)
-    return asked.stdout + asked.stderr if asked.returncode else ""
+    done = subprocess.run([tool, "verify", str(folder / "80-dart.rules")], capture_output=True,
+                          text=True, check=False)
+    return done.stdout + done.stderr if done.returncode else ""
 
 
 def by_test_device(tool: str, folder: Path) -> str:

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from setup_box import DATA, ROOT, SETUP, Box, announced
+from setup_box import DATA, ROOT, SETUP, Box, list_announced
 from setup_laws import (
     ENVIRONMENT,
     RULES,
@@ -61,7 +61,7 @@ def test_remove_on_a_fresh_computer_says_that_there_is_nothing(box: Box) -> None
     done = box.run("--remove")
     assert done.returncode == 0
     assert "nothing to do" in done.stdout
-    assert announced(done.stdout) == []
+    assert list_announced(done.stdout) == []
 
 
 @pytest.mark.slow
@@ -70,7 +70,7 @@ def test_remove_can_be_tried_first(box: Box) -> None:
     before = box.tree()
     plan = box.run("--remove", "--dry-run")
     assert box.tree() == before
-    assert announced(plan.stdout) == announced(box.run("--remove").stdout)
+    assert list_announced(plan.stdout) == list_announced(box.run("--remove").stdout)
 
 
 @pytest.mark.slow
@@ -119,7 +119,7 @@ def test_settings_of_an_earlier_run_stay_until_they_are_changed(box: Box) -> Non
     assert box.tree()[ENVIRONMENT] == before
     assert "i2c=7" in before
     done = box.run("--car", "other")
-    assert f"> {box.root}/etc/dart-hal.env" in announced(done.stdout)
+    assert f"> {box.root}/etc/dart-hal.env" in list_announced(done.stdout)
     assert "daemon-reload" in done.stdout, "the service must read its settings again"
 
 

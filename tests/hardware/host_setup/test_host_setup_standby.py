@@ -376,11 +376,11 @@ def test_stop_ends_the_driver_and_leaves_no_pulse(scene: Scene, capsys: pytest.C
     driver = scene.driver()
     scene.board.drive()
     assert run_stop(scene) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["ended"] == driver.pid
-    assert told["driver"] is None
-    assert told["found_us"] == pytest.approx(1649, abs=5)
-    assert (told["left_us"], told["at_rest"]) == (0.0, True)
+    result = json.loads(capsys.readouterr().out)
+    assert result["ended"] == driver.pid
+    assert result["driver"] is None
+    assert result["found_us"] == pytest.approx(1649, abs=5)
+    assert (result["left_us"], result["at_rest"]) == (0.0, True)
     assert scene.board.throttle & OFF
     assert driver.wait(PATIENCE) == -signal.SIGTERM
 
@@ -389,9 +389,9 @@ def test_stop_ends_the_driver_and_leaves_no_pulse(scene: Scene, capsys: pytest.C
 def test_stop_says_who_goes_on_driving(scene: Scene, capsys: pytest.CaptureFixture[str]) -> None:
     driver = scene.driver("deaf")
     assert run_stop(scene) == 1
-    said = capsys.readouterr()
-    assert json.loads(said.out)["driver"] == driver.pid
-    assert f"kill -9 {driver.pid}" in said.err
+    captured = capsys.readouterr()
+    assert json.loads(captured.out)["driver"] == driver.pid
+    assert f"kill -9 {driver.pid}" in captured.err
 
 
 def run_stop(scene: Scene) -> int:
@@ -401,14 +401,14 @@ def run_stop(scene: Scene) -> int:
 
 
 @pytest.mark.parametrize("name", ["stop", "standby"])
-@pytest.mark.parametrize(("url", "said"), [
+@pytest.mark.parametrize(("url", "message"), [
     ("sim://", "nothing to stop"), ("replay://x", "nothing to stop"), ("nonsense", "not a backend"),
     ("serial:///dev/ttyNONE?i2c=250", "no such bus"), ("serial:///dev/x?i2c=one", "names no bus"),
     ("serial:///dev/x?bus=1", "no option bus"),
 ])
-def test_what_cannot_be_stopped_is_refused(name: str, url: str, said: str,
+def test_what_cannot_be_stopped_is_refused(name: str, url: str, message: str,
                                            capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as left:
         main([name, "--url", url, "--cars", str(CARS)])
     assert left.value.code == 2
-    assert said in capsys.readouterr().err
+    assert message in capsys.readouterr().err

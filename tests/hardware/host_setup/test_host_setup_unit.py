@@ -18,7 +18,7 @@ TEXT = (SETUP / "dart-hal.service").read_text()
 DATA = "/srv/driver/.local/share/dart-hal"
 
 
-def filled(text: str = TEXT, data: str = DATA, user: str = "root") -> str:
+def fill_template(text: str = TEXT, data: str = DATA, user: str = "root") -> str:
     return (text.replace("@USER@", user).replace("@DATA@", data)
             .replace("@CHECKOUT@", "/srv/driver/dart-hal"))
 
@@ -41,7 +41,7 @@ def device_unit(path: str) -> str:
 
 def is_sound(text: str) -> None:
     """What the service must say; each line has a control below."""
-    unit = read(filled(text))
+    unit = read(fill_template(text))
     service = unit["Service"]
     assert service["Type"] == "notify"
     assert service["Restart"] == "on-failure"
@@ -88,8 +88,8 @@ def test_what_the_script_installs_is_this_unit_and_the_settings_that_it_reads(
     assert box.run().returncode == 0
     installed = (box.root / "etc/systemd/system/dart-hal.service").read_text()
     data = str(box.home / ".local/share/dart-hal")
-    assert installed == filled(data=data, user="driver").replace("/srv/driver/dart-hal",
-                                                                 str(box.checkout))
+    assert installed == fill_template(data=data, user="driver").replace("/srv/driver/dart-hal",
+                                                                        str(box.checkout))
     settings = read(installed)["Service"]["EnvironmentFile"]
     assert (box.root / settings.lstrip("/")).is_file()
     shell = subprocess.run(
@@ -98,7 +98,7 @@ def test_what_the_script_installs_is_this_unit_and_the_settings_that_it_reads(
     assert shell.stdout == "serial:///dev/dart-nano?i2c=1 dart-01\n"
 
 
-def verified(text: str, folder: Path) -> str:
+def verify_unit(text: str, folder: Path) -> str:
     """What systemd says about a unit; "" = nothing."""
     if shutil.which("systemd-analyze") is None:
         pytest.skip("no systemd-analyze here: only the checks above have read the unit")
@@ -107,17 +107,17 @@ def verified(text: str, folder: Path) -> str:
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
     path = folder / "dart-hal.service"
-    path.write_text(filled(text, data=str(folder)))
+    path.write_text(fill_template(text, data=str(folder)))
     done = subprocess.run(["systemd-analyze", "verify", "--man=no", str(path)],
                           capture_output=True, text=True, check=False)
     return "\n".join(line for line in (done.stdout + done.stderr).splitlines()
                      if "dart-hal.service" in line)
 
 
-@pytest.mark.parametrize(("old", "new", "said"), [
+@pytest.mark.parametrize(("old", "new", "message"), [
     ("WatchdogSec=2", "WatchdogSec=soon", "soon"), ("Type=notify", "Type=notifies", "notifies"),
     ("current/bin", "current/bon", "bon"), ("[Install]", "[Instal]", "Instal"),
 ])
-def test_systemd_itself_takes_it(old: str, new: str, said: str, tmp_path: Path) -> None:
-    assert verified(TEXT, tmp_path / "good") == ""
-    assert said in verified(TEXT.replace(old, new, 1), tmp_path / "bad"), "the control"
+def test_systemd_itself_takes_it(old: str, new: str, message: str, tmp_path: Path) -> None:
+    assert verify_unit(TEXT, tmp_path / "good") == ""
+    assert message in verify_unit(TEXT.replace(old, new, 1), tmp_path / "bad"), "the control"

@@ -21,7 +21,7 @@ PLATFORMS = ("manylinux2014_aarch64", *(f"manylinux_2_{n}_aarch64" for n in rang
 NAME = re.compile(r"^([a-z0-9][a-z0-9-]*)==(\S+)")
 
 
-def pinned(text: str) -> dict[str, str]:
+def read_pins(text: str) -> dict[str, str]:
     """{name: version} of a list of pins."""
     found = (NAME.match(line) for line in text.splitlines())
     return {m[1]: m[2] for m in found if m}
@@ -32,15 +32,15 @@ def test_every_core_dependency_is_pinned() -> None:
     project = (ROOT / "pyproject.toml").read_text()
     block = re.search(r"^dependencies = \[(.*?)^\]", project, re.DOTALL | re.MULTILINE)
     assert block is not None
-    wanted = {re.split(r"[><=;\s]", d)[0] for d in re.findall(r'"([^"]+)"', block[1])
-              if "python_version <" not in d}
-    pins = set(pinned((SETUP / "constraints.txt").read_text()))
-    assert wanted - pins == set()
-    assert len(wanted) >= 10
-    assert wanted - (pins - {"numpy"}) == {"numpy"}, "the control"
+    required = {re.split(r"[><=;\s]", d)[0] for d in re.findall(r'"([^"]+)"', block[1])
+                if "python_version <" not in d}
+    pins = set(read_pins((SETUP / "constraints.txt").read_text()))
+    assert required - pins == set()
+    assert len(required) >= 10
+    assert required - (pins - {"numpy"}) == {"numpy"}, "the control"
 
 
-def resolved(folder: Path) -> dict[str, str]:
+def resolve_pins(folder: Path) -> dict[str, str]:
     """All that would be installed on the car, transitively, by the pins."""
     out = folder / "resolved.txt"
     done = subprocess.run(
@@ -49,7 +49,7 @@ def resolved(folder: Path) -> dict[str, str]:
          "--python-platform", "aarch64-manylinux_2_28", *TARGET, "-c", SETUP / "constraints.txt",
          "-o", out, ROOT / "pyproject.toml"], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    return pinned(out.read_text())
+    return read_pins(out.read_text())
 
 
 def has_wheel(name: str, version: str, folder: Path) -> bool:
@@ -69,11 +69,11 @@ def test_wheels_for_the_old_c_library(tmp_path: Path) -> None:
                            check=False)
     if probe.returncode:
         pytest.skip("uv is not installed (pip install -e .[dev])")
-    all_of_them = resolved(tmp_path)
+    all_of_them = resolve_pins(tmp_path)
     assert {"numpy", "scipy", "adafruit-blinka", "sysv-ipc"} <= set(all_of_them)
     offenders = [f"{n}=={v}" for n, v in all_of_them.items() if not has_wheel(n, v, tmp_path)]
     assert offenders == [], f"no wheel for aarch64, glibc 2.{GLIBC}: {', '.join(offenders)}"
-    pins = pinned((SETUP / "constraints.txt").read_text())
+    pins = read_pins((SETUP / "constraints.txt").read_text())
     assert all_of_them == {n: v for n, v in pins.items() if n in all_of_them}, "nothing unpinned"
     assert not has_wheel("evdev", "1.9.2", tmp_path), "the control: published as source only"
     assert not has_wheel("eclipse-zenoh", "1.0.0", tmp_path), "and one built for 2.28"

@@ -24,7 +24,7 @@ class Client:
     def __init__(self, socket):
         self.socket = socket
         self.channels = {}
-        self.said = []
+        self.statuses = []
         self.info = json.loads(socket.recv(timeout=5))
         self.read_channels()
 
@@ -41,7 +41,7 @@ class Client:
         if told["op"] == "advertise":
             self.channels |= {c["topic"]: c for c in told["channels"]}
         else:
-            self.said.append(told)
+            self.statuses.append(told)
         return None
 
     def send(self, **message):
@@ -74,12 +74,12 @@ class Client:
         self.send(op="advertise", channels=[
             {"id": number, "topic": topic, "encoding": "json", "schemaName": "x"}])
 
-    def last_said(self, seconds=2.0):
+    def last_status(self, seconds=2.0):
         """The status that comes next."""
         end = time.monotonic() + seconds
-        while not self.said and time.monotonic() < end:
+        while not self.statuses and time.monotonic() < end:
             self.hear(0.05)
-        return self.said.pop(0)["message"] if self.said else None
+        return self.statuses.pop(0)["message"] if self.statuses else None
 
 
 class Driven:
@@ -117,7 +117,7 @@ class Driven:
 
 
 @contextmanager
-def served(**options):
+def serve_car(**options):
     """A car whose world is paced by itself."""
     with (Car.open(URL + "&pace=1", **options) as car, serve(car, port=0) as server):
         driven = Driven(car, server)
@@ -128,12 +128,12 @@ def served(**options):
 
 
 @pytest.fixture(scope="module")
-def shown():
+def shown_car():
     """One for all tests of a file."""
-    with served() as driven:
+    with serve_car() as driven:
         yield driven
 
 
 @pytest.fixture(scope="session")
 def serving():
-    return served
+    return serve_car

@@ -49,8 +49,8 @@ def test_every_path_leads_to_a_number_of_a_run(run):
 
 def test_every_topic_is_one_of_a_run_and_no_panel_publishes(run):
     configs = CONTENT["configById"].values()
-    shown = {config["topicPath"] for config in configs if "topicPath" in config}
-    shown |= {topic for config in configs for topic in config.get("topics", {})}
-    assert shown - {"/external_pose"} <= set(run._mcap.types)
+    shown_car = {config["topicPath"] for config in configs if "topicPath" in config}
+    shown_car |= {topic for config in configs for topic in config.get("topics", {})}
+    assert shown_car - {"/external_pose"} <= set(run._mcap.types)
     assert CONTENT["configById"]["Image!camera"]["imageMode"]["imageTopic"] == IMAGES
     assert [config for config in configs if "publishRate" in config] == []

@@ -21,8 +21,8 @@ from dart_lab.live.foxglove.server import MAX_BACKLOG_BYTES, serve
 pytestmark = pytest.mark.realtime
 
 
-def test_a_client_sees_every_channel_and_decodes_what_it_subscribes_to(shown):
-    with shown.client() as client:
+def test_a_client_sees_every_channel_and_decodes_what_it_subscribes_to(shown_car):
+    with shown_car.client() as client:
         assert client.socket.subprotocol == "foxglove.websocket.v1"
         assert client.info["op"] == "serverInfo"
         assert client.info["capabilities"] == []
@@ -43,19 +43,19 @@ def test_a_client_sees_every_channel_and_decodes_what_it_subscribes_to(shown):
         assert max(b - a for a, b in pairwise(stamps)) < 0.015e9, "all"
 
 
-def test_what_the_program_logs_is_advertised_when_it_comes(shown):
-    with shown.client() as client:
+def test_what_the_program_logs_is_advertised_when_it_comes(shown_car):
+    with shown_car.client() as client:
         assert "/log/gain" not in client.channels
-        shown.car.log("gain", 0.5)
+        shown_car.car.log("gain", 0.5)
         client.hear(0.2)
         client.subscribe("/log/gain")
         client.hear(0.1)
-        shown.car.log("gain", 2.5)
+        shown_car.car.log("gain", 2.5)
         assert struct.unpack("<4sd", client.hear(0.3)[-1][3])[1] == 2.5
 
 
-def test_who_unsubscribes_hears_no_more(shown):
-    with shown.client() as client:
+def test_who_unsubscribes_hears_no_more(shown_car):
+    with shown_car.client() as client:
         client.subscribe("/odom")
         assert client.hear(0.2)
         client.send(op="unsubscribe", subscriptionIds=[0])
@@ -63,22 +63,22 @@ def test_who_unsubscribes_hears_no_more(shown):
         assert client.hear(0.2) == []
 
 
-def test_a_page_of_somebody_else_is_refused(shown):
+def test_a_page_of_somebody_else_is_refused(shown_car):
     for origin in ("https://evil.example", "null", "http://localhost.evil.example"):
-        with pytest.raises(InvalidStatus, match="403"), shown.client(origin=origin):
+        with pytest.raises(InvalidStatus, match="403"), shown_car.client(origin=origin):
             pass
-    with shown.client(origin="https://app.foxglove.dev") as client:
+    with shown_car.client(origin="https://app.foxglove.dev") as client:
         assert client.channels
 
 
-def test_read_only_means_that_nobody_drives(shown):
-    before = shown.car.recorder.trouble, shown.car.mode
-    with shown.client() as client:
+def test_read_only_means_that_nobody_drives(shown_car):
+    before = shown_car.car.recorder.trouble, shown_car.car.mode
+    with shown_car.client() as client:
         client.advertise(1, "/cmd_vel")
-        assert "read-only" in client.last_said()
+        assert "read-only" in client.last_status()
         client.publish(1, {"linear": {"x": 1.0}, "angular": {"z": 0.0}})
-        assert "read-only" in client.last_said()
-    assert (shown.car.recorder.trouble, shown.car.mode) == before
+        assert "read-only" in client.last_status()
+    assert (shown_car.car.recorder.trouble, shown_car.car.mode) == before
 
 
 def junk(rng):
@@ -95,35 +95,35 @@ def junk(rng):
 
 
 @pytest.mark.slow
-def test_fuzzed_messages_are_answered_and_harm_nobody(shown):
+def test_fuzzed_messages_are_answered_and_harm_nobody(shown_car):
     rng = random.Random(1)
     count = 400
-    with shown.client() as other, shown.client() as client:
+    with shown_car.client() as other, shown_car.client() as client:
         other.subscribe("/odom")
         for _ in range(count):
             client.socket.send(junk(rng))
         assert len(other.hear(0.5)) > 30, "who behaves goes on"
         client.hear(1.0)
-        assert len(client.said) > count / 2
-        assert all(told["op"] == "status" for told in client.said)
-        assert all(len(told["message"]) < 400 for told in client.said)
+        assert len(client.statuses) > count / 2
+        assert all(status["op"] == "status" for status in client.statuses)
+        assert all(len(status["message"]) < 400 for status in client.statuses)
         client.subscribe("/odom")
         assert client.hear(0.3), "and it can still subscribe"
 
 
 @pytest.mark.slow
-def test_a_client_that_asks_and_does_not_read_is_let_go(shown, monkeypatch):
+def test_a_client_that_asks_and_does_not_read_is_let_go(shown_car, monkeypatch):
     monkeypatch.setattr("dart_lab.live.foxglove.server.MAX_BACKLOG_BYTES", 20_000)
-    one = Stalled(shown.server.port, [])
+    one = Stalled(shown_car.server.port, [])
     with pytest.raises(OSError, match=r"reset|pipe"):
         one.ask(10**6)
-    with shown.client() as client:
+    with shown_car.client() as client:
         client.subscribe("/odom")
         assert client.hear(0.3), "the others stay"
 
 
-def test_a_huge_message_ends_its_connection_alone(shown):
-    with shown.client() as other, shown.client() as client:
+def test_a_huge_message_ends_its_connection_alone(shown_car):
+    with shown_car.client() as other, shown_car.client() as client:
         client.socket.send("x" * 10**6)
         with pytest.raises(ConnectionClosed, match="1009"):  # message too big
             client.hear(2.0)
@@ -153,29 +153,29 @@ class Stalled:
             self.socket.sendall(struct.pack(">BBI", 0x81, 0x80 | 100, 0) + b"{" * 100)
 
 
-def share_told(client, seconds):
+def share_received(client, seconds):
     """Of the States that there were."""
     stamps = [ns for _, _, ns, _ in client.hear(seconds)]
     return (len(stamps) - 1) / ((stamps[-1] - stamps[0]) / 10e6)
 
 
 @pytest.mark.slow
-def test_a_stalled_client_delays_nobody(shown):
+def test_a_stalled_client_delays_nobody(shown_car):
     """What it does not read is 20 MB."""
-    with shown.client() as client:
-        shown.car.log("bulk", np.zeros(100_000))
+    with shown_car.client() as client:
+        shown_car.car.log("bulk", np.zeros(100_000))
         client.hear(0.2)
         client.subscribe("/odom")
         numbers = [c["id"] for c in client.channels.values()]
-        stalled = [Stalled(shown.server.port, numbers) for _ in range(3)]
+        stalled = [Stalled(shown_car.server.port, numbers) for _ in range(3)]
         behind = []
         for _ in range(25):
-            shown.car.log("bulk", np.zeros(100_000))
+            shown_car.car.log("bulk", np.zeros(100_000))
             client.hear(0.1)
-            behind.append(max(c.behind for c in shown.server._clients))
-        taken = shown.count
-        assert share_told(client, 2.0) > 0.99
-        assert shown.count - taken > 50, "the program's loop goes on"
+            behind.append(max(c.behind for c in shown_car.server._clients))
+        taken = shown_car.count
+        assert share_received(client, 2.0) > 0.99
+        assert shown_car.count - taken > 50, "the program's loop goes on"
         assert max(behind) > 3_000_000, "else none was stalled"
         assert max(behind) <= MAX_BACKLOG_BYTES
         assert any(b < a for a, b in pairwise(behind)), "what it is behind is dropped"
@@ -183,18 +183,18 @@ def test_a_stalled_client_delays_nobody(shown):
             one.socket.close()
 
 
-def test_a_port_in_use_is_refused_with_a_sentence(shown):
+def test_a_port_in_use_is_refused_with_a_sentence(shown_car):
     with pytest.raises(UsageError, match="cannot be served") as refused, serve(
-            shown.car, port=shown.server.port):
+            shown_car.car, port=shown_car.server.port):
         pass
     assert "in use" in refused.value.found
-    assert refused.value.remedy == f"--port {shown.server.port + 1}"
+    assert refused.value.remedy == f"--port {shown_car.server.port + 1}"
 
 
-def test_it_listens_on_this_computer_alone(shown):
+def test_it_listens_on_this_computer_alone(shown_car):
     """127.0.0.77 is this computer, too, and would be served by who listens everywhere."""
     with socket.socket() as probe, pytest.raises(OSError, match="refused"):
-        probe.connect(("127.0.0.77", shown.server.port))
+        probe.connect(("127.0.0.77", shown_car.server.port))
 
 
 def test_a_recorded_car_is_served_too_and_the_end_leaves_no_thread(serving, tmp_path):

@@ -26,7 +26,7 @@ def main(out, url="sim://?nano=mock&seed=1&mocap=1&pace=1"):
     node = Ros1("dart_hal_1")
     backend = open_backend(url)
     pulses = []
-    said = []
+    warnings = []
     speeds = []
     world = world_of(backend)
     world.watchers.append(lambda channel, pulse: pulses.append(
@@ -39,8 +39,8 @@ def main(out, url="sim://?nano=mock&seed=1&mocap=1&pace=1"):
                 speeds.append((time.time(), world.truth().v_x))
                 yield state
 
-        Bridge(car, 1, node, said.append).run(car.arming(), taken_states())
-    Path(out).write_text(json.dumps({"pulses": pulses, "said": said, "speeds": speeds}))
+        Bridge(car, 1, node, warnings.append).run(car.arming(), taken_states())
+    Path(out).write_text(json.dumps({"pulses": pulses, "said": warnings, "speeds": speeds}))
 
 
 if __name__ == "__main__":

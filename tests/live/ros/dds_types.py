@@ -6,33 +6,33 @@ from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.types import array, float32, float64, int32, sequence, uint32
 
 
-def of(name):
+def dds_type(name):
     """What ROS 2 calls a type on the wire."""
     package, kind = name.split("/")
     return f"{package}::msg::dds_::{kind}_"
 
 
 @dataclass
-class Time(IdlStruct, typename=of("builtin_interfaces/Time")):
+class Time(IdlStruct, typename=dds_type("builtin_interfaces/Time")):
     sec: int32
     nanosec: uint32
 
 
 @dataclass
-class Header(IdlStruct, typename=of("std_msgs/Header")):
+class Header(IdlStruct, typename=dds_type("std_msgs/Header")):
     stamp: Time
     frame_id: str
 
 
 @dataclass
-class Vector3(IdlStruct, typename=of("geometry_msgs/Vector3")):
+class Vector3(IdlStruct, typename=dds_type("geometry_msgs/Vector3")):
     x: float64
     y: float64
     z: float64
 
 
 @dataclass
-class Quaternion(IdlStruct, typename=of("geometry_msgs/Quaternion")):
+class Quaternion(IdlStruct, typename=dds_type("geometry_msgs/Quaternion")):
     x: float64
     y: float64
     z: float64
@@ -40,31 +40,31 @@ class Quaternion(IdlStruct, typename=of("geometry_msgs/Quaternion")):
 
 
 @dataclass
-class Pose(IdlStruct, typename=of("geometry_msgs/Pose")):
+class Pose(IdlStruct, typename=dds_type("geometry_msgs/Pose")):
     position: Vector3
     orientation: Quaternion
 
 
 @dataclass
-class PoseWithCovariance(IdlStruct, typename=of("geometry_msgs/PoseWithCovariance")):
+class PoseWithCovariance(IdlStruct, typename=dds_type("geometry_msgs/PoseWithCovariance")):
     pose: Pose
     covariance: array[float64, 36]
 
 
 @dataclass
-class Twist(IdlStruct, typename=of("geometry_msgs/Twist")):
+class Twist(IdlStruct, typename=dds_type("geometry_msgs/Twist")):
     linear: Vector3
     angular: Vector3
 
 
 @dataclass
-class TwistWithCovariance(IdlStruct, typename=of("geometry_msgs/TwistWithCovariance")):
+class TwistWithCovariance(IdlStruct, typename=dds_type("geometry_msgs/TwistWithCovariance")):
     twist: Twist
     covariance: array[float64, 36]
 
 
 @dataclass
-class Odometry(IdlStruct, typename=of("nav_msgs/Odometry")):
+class Odometry(IdlStruct, typename=dds_type("nav_msgs/Odometry")):
     header: Header
     child_frame_id: str
     pose: PoseWithCovariance
@@ -72,7 +72,7 @@ class Odometry(IdlStruct, typename=of("nav_msgs/Odometry")):
 
 
 @dataclass
-class Imu(IdlStruct, typename=of("sensor_msgs/Imu")):
+class Imu(IdlStruct, typename=dds_type("sensor_msgs/Imu")):
     header: Header
     orientation: Quaternion
     orientation_covariance: array[float64, 9]
@@ -83,7 +83,7 @@ class Imu(IdlStruct, typename=of("sensor_msgs/Imu")):
 
 
 @dataclass
-class AckermannDrive(IdlStruct, typename=of("ackermann_msgs/AckermannDrive")):
+class AckermannDrive(IdlStruct, typename=dds_type("ackermann_msgs/AckermannDrive")):
     steering_angle: float32
     steering_angle_velocity: float32
     speed: float32
@@ -92,31 +92,31 @@ class AckermannDrive(IdlStruct, typename=of("ackermann_msgs/AckermannDrive")):
 
 
 @dataclass
-class AckermannDriveStamped(IdlStruct, typename=of("ackermann_msgs/AckermannDriveStamped")):
+class AckermannDriveStamped(IdlStruct, typename=dds_type("ackermann_msgs/AckermannDriveStamped")):
     header: Header
     drive: AckermannDrive
 
 
 @dataclass
-class Float32(IdlStruct, typename=of("std_msgs/Float32")):
+class Float32(IdlStruct, typename=dds_type("std_msgs/Float32")):
     data: float32
 
 
 @dataclass
-class Dimension(IdlStruct, typename=of("std_msgs/MultiArrayDimension")):
+class Dimension(IdlStruct, typename=dds_type("std_msgs/MultiArrayDimension")):
     label: str
     size: uint32
     stride: uint32
 
 
 @dataclass
-class Layout(IdlStruct, typename=of("std_msgs/MultiArrayLayout")):
+class Layout(IdlStruct, typename=dds_type("std_msgs/MultiArrayLayout")):
     dim: sequence[Dimension]
     data_offset: uint32
 
 
 @dataclass
-class Float32MultiArray(IdlStruct, typename=of("std_msgs/Float32MultiArray")):
+class Float32MultiArray(IdlStruct, typename=dds_type("std_msgs/Float32MultiArray")):
     layout: Layout
     data: sequence[float32]
 

@@ -22,14 +22,14 @@ from tf2_msgs.msg import TFMessage
 SPEED = 1.0
 ANGLE = 0.2
 DRIVES = 7.0
-SETTLED = 4.0
+SETTLE_S = 4.0
 AFTER = 1.5
 """s of a drive, of it until its speed is looked at, and of silence."""
 
 
 class Driver:
     def __init__(self, own):
-        self.said_go = 0.0
+        self.t_go = 0.0
         self.own = own
         self.samples = []
         self.counts = {}
@@ -68,17 +68,17 @@ class Driver:
 
     def go(self, reference=SPEED):
         self.out["safety_value"].publish(1.0)
-        self.said_go = time.time()
+        self.t_go = time.time()
         self.control(reference)
 
-    def stand(self):
+    def send_neutral(self):
         self.out["safety_value"].publish(0.0)
 
     def run(self):
         while not self.samples and not rospy.is_shutdown():
             time.sleep(0.1)
         while self.samples[-1][8] != 1.0:  # it arms; a go of before does not count
-            self.until(0.4, self.stand)
+            self.until(0.4, self.send_neutral)
             self.until(0.6, lambda: self.out["safety_value"].publish(1.0)
                        if not self.own else self.go(0.0))
         began = time.time()
@@ -86,19 +86,19 @@ class Driver:
         self.until(0.3, self.go)
         # upstream's controller takes its feed-forward from the reference before
         self.until(DRIVES - 0.3, lambda: self.go(SPEED + 0.001))
-        silent = self.said_go
+        silent = self.t_go
         self.until(AFTER, lambda: self.control(SPEED + 0.001))
-        return self.seen(began, silent)
+        return self.measure_rate(began, silent)
 
-    def seen(self, began, silent):
-        driven = [s for s in self.samples if began + SETTLED <= s[0] < silent]
+    def measure_rate(self, began, silent):
+        driven = [s for s in self.samples if began + SETTLE_S <= s[0] < silent]
         span = driven[-1][0] - driven[0][0]
         odom = self.newest["odom_1"]
-        return {"silent": silent, "rate": (len(driven) - 1) / span, "began": began + SETTLED,
+        return {"silent": silent, "rate": (len(driven) - 1) / span, "began": began + SETTLE_S,
                 "speed": sum(s[7] for s in driven) / len(driven),
                 "yaw_rate": sum(s[6] for s in driven) / len(driven),
                 "gate": [s[8] for s in driven], "after": self.samples[-1][8],
-                "counts": {k: sum(began + SETTLED <= t < silent for t in v) / span
+                "counts": {k: sum(began + SETTLE_S <= t < silent for t in v) / span
                            for k, v in self.counts.items()},
                 "stamp_age": time.time() - odom.header.stamp.to_sec(),
                 "frames": [odom.header.frame_id, odom.child_frame_id,

@@ -21,7 +21,7 @@ MISSING = ("no ROS here: sh firmware/toolchain.sh --apt python3-rosmaster python
            "python3-nav-msgs python3-tf2-msgs")
 
 
-def installed():
+def is_installed():
     """Whether Debian has ROS for the Python that runs this."""
     return shutil.which("rosmaster") is not None and all(
         (Path(DEBIAN) / name).is_dir() or importlib.util.find_spec(name)
@@ -83,10 +83,10 @@ class RosWorld(ExitStack):
         self.callback(self._end, process)
         return process
 
-    def _end(self, process, told=False):
+    def _end(self, process, interrupted=False):
         """told: it ends by itself at the end of its standard input."""
         process.stdin.close()
-        if not told:
+        if not interrupted:
             process.terminate()
         try:
             process.wait(20)
@@ -104,23 +104,23 @@ class RosWorld(ExitStack):
         commands = {f"/{name}" for name in ("safety_value", "steering_1", "throttle_1")}
         for _ in range(5):
             pins = self.folder / "pins.json"
-            seen = self.folder / "seen.json"
-            driver = self.start(HERE / "driver_node.py", mode, seen)
+            report = self.folder / "seen.json"
+            driver = self.start(HERE / "driver_node.py", mode, report)
             until(lambda: commands <= self.published_topics(), 30.0)
             assert commands <= self.published_topics(), self.published_topics()
             car = self.start(HERE / "car_node.py", pins, *url)
             until(partial(one_ended, driver, car), 60.0)
             early = car.poll() is not None
-            self._end(car, told=True)
-            said = (self.folder / "car_node.py.log").read_text()
-            if car.returncode and ("LINK_STALE" in said or "LINK_NOT_GOOD" in said):
+            self._end(car, interrupted=True)
+            car_log = (self.folder / "car_node.py.log").read_text()
+            if car.returncode and ("LINK_STALE" in car_log or "LINK_NOT_GOOD" in car_log):
                 self._end(driver)
                 continue
-            assert not early, said
-            assert car.returncode == 0, said
+            assert not early, car_log
+            assert car.returncode == 0, car_log
             assert driver.poll() == 0, (self.folder / "driver_node.py.log").read_text()
-            return json.loads(seen.read_text()), json.loads(pins.read_text())
-        raise AssertionError(said)
+            return json.loads(report.read_text()), json.loads(pins.read_text())
+        raise AssertionError(car_log)
 
 
 def one_ended(*processes):

@@ -24,8 +24,8 @@ def drive(each, number=1, while_arming=lambda car: None):
     with BridgedCar(number=number) as car:
         def step(t):
             if 0.2 < t < LAST and round(100 * t) % 10 == 0:
-                car.ros.say("safety_value", 1.0)
-                car.ros.say(f"throttle_{number}", 0.25)
+                car.ros.publish_value("safety_value", 1.0)
+                car.ros.publish_value(f"throttle_{number}", 0.25)
             each(car, t)
 
         car.run(LAST + 1.0, step, lambda: while_arming(car))
@@ -37,7 +37,7 @@ def keeps(topic, value):
     """Somebody goes on saying that, behind the last of the other messages."""
     def each(car, t):
         if t >= LAST and round(100 * t) % 10 == 0:
-            car.ros.say(topic, value)
+            car.ros.publish_value(topic, value)
     return each
 
 
@@ -50,7 +50,7 @@ WITHOUT_THROTTLE = keeps("safety_value", 1.0)
 def test_silence_is_neutral_within_half_a_second(each):
     car = drive(each)
     assert 0.2 < car.last_driving() - LAST <= 0.4 < NEUTRAL
-    assert len(car.said) == 1
+    assert len(car.warnings) == 1
 
 
 @pytest.mark.slow
@@ -58,8 +58,8 @@ def test_a_bridge_that_hangs_just_before_the_silence_is_noticed():
     with BridgedCar() as car:
         def step(t):
             if 0.2 < t < LAST:
-                car.ros.say("safety_value", 1.0)
-                car.ros.say("throttle_1", 0.25)
+                car.ros.publish_value("safety_value", 1.0)
+                car.ros.publish_value("throttle_1", 0.25)
             elif t > LAST + 0.28:
                 for _ in car.car.states(duration=0.8):
                     pass
@@ -79,7 +79,7 @@ def bad(topic, value):
         if t < LAST:
             return
         for name, good in (("safety_value", 1.0), ("throttle_1", 0.25), (topic, value)):
-            car.ros.say(name, good)
+            car.ros.publish_value(name, good)
     return each
 
 
@@ -93,7 +93,7 @@ CASES = [("throttle_1", nan), ("throttle_1", 1.5), ("steering_1", nan), ("safety
 def test_what_cannot_be_meant_is_neutral_at_once(each):
     car = drive(each)
     assert car.last_driving() - LAST <= ONE_FRAME
-    assert len(car.said) <= 1
+    assert len(car.warnings) <= 1
 
 
 @pytest.mark.slow
@@ -105,13 +105,13 @@ def test_control_without_the_check_it_drives_on(monkeypatch):
 
 def test_a_go_that_was_there_while_it_armed_moves_nothing():
     def go(car):
-        car.ros.say("safety_value", 1.0)
-        car.ros.say("throttle_1", 0.25)
+        car.ros.publish_value("safety_value", 1.0)
+        car.ros.publish_value("throttle_1", 0.25)
 
     with BridgedCar() as car:
         car.run(0.6, lambda t: go(car), lambda: go(car))
         assert car.driving() == []
-        assert len(car.said) == 1
+        assert len(car.warnings) == 1
 
 
 @pytest.mark.slow

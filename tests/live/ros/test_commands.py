@@ -91,8 +91,8 @@ def test_what_cannot_be_meant_is_neutral_until_it_can(commands, topic, value):
     for _ in range(5):
         getattr(commands, topic)(value, 1.1)
         assert commands.current_command(1.1).throttle == 0.0
-    (said,) = commands.take_reports()
-    assert said == f"{topic} was {value:g}, expected -1 to 1: neutral"
+    (report,) = commands.take_reports()
+    assert report == f"{topic} was {value:g}, expected -1 to 1: neutral"
     getattr(commands, topic)(0.2, 1.2)
     assert commands.current_command(1.2).throttle == (0.2 if topic == "throttle" else 0.25)
 
@@ -143,6 +143,6 @@ def test_the_angle_that_upstreams_helper_asks_for_is_the_one_that_is_steered():
     """Its table inverts the curve of car 1 by a hundred points."""
     command = np.linspace(-1.0, 1.0, 100)
     table = [steering_angle(s) for s in command]
-    for wanted in (-0.3, -0.1, 0.0, 0.07, 0.25):
-        assert steering_angle(float(np.interp(wanted, table, command))) == pytest.approx(
-            wanted, abs=1e-3)
+    for angle in (-0.3, -0.1, 0.0, 0.07, 0.25):
+        assert steering_angle(float(np.interp(angle, table, command))) == pytest.approx(
+            angle, abs=1e-3)

@@ -40,14 +40,14 @@ pytestmark = pytest.mark.slow
 @pytest.fixture(scope="module")
 def payloads(tmp_path_factory):
     """{rt/topic: CDR payloads}: of the recorder, and of the ROS 2 bridge."""
-    path, told, (class_of, store) = (tmp_path_factory.mktemp("run") / "run.mcap",
-                                     TopicWriter(1, 0.08, simulated=False),
-                                     classes_of("ROS2_HUMBLE"))
+    path, published, (class_of, store) = (tmp_path_factory.mktemp("run") / "run.mcap",
+                                          TopicWriter(1, 0.08, simulated=False),
+                                          classes_of("ROS2_HUMBLE"))
     found = {topic: [] for topic in TOPICS}
     with Car.open("sim://?nano=mock&seed=1", record=path) as car:
         for state in car.states(duration=1.0):
             car.drive(steering=0.1)
-            for topic, message in told.messages(state, (1.0, 0.2, 0.1), 1.7e9):
+            for topic, message in published.messages(state, (1.0, 0.2, 0.1), 1.7e9):
                 if f"rt/{topic}" in found:
                     made = build_object(message, class_of)
                     found[f"rt/{topic}"].append(bytes(store.serialize_cdr(made,

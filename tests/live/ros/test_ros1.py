@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from ros_world import MISSING, RosWorld, installed, upstream_nodes
+from ros_world import MISSING, RosWorld, is_installed, upstream_nodes
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
@@ -17,42 +17,43 @@ NEUTRAL = 0.5
 
 @pytest.fixture
 def world(tmp_path):
-    if not installed():
+    if not is_installed():
         pytest.skip(MISSING)
     with RosWorld(tmp_path) as made:
         yield made
 
 
-def check(seen, pins):
+def check(result, pins):
     """Rates, speed, and the pin after the silence of safety_value alone.
 
     On a busy computer the bridge skips States, 100 Hz otherwise; each that it takes is a message.
     """
     driving = [t for t, us in pins["pulses"] if abs(us - 1500.0) > 5.0]
-    speeds = [v for t, v in pins["speeds"] if seen["began"] <= t < seen["silent"]]
-    states = len(speeds) / (seen["silent"] - seen["began"])
-    late = max(driving) - seen["silent"]
-    print(f"sensors {seen['rate']:.1f} Hz of {states:.1f}, speed {seen['speed']:.3f} m/s, truly "
-          f"{sum(speeds) / len(speeds):.3f}, neutral {late:.3f} s behind the last safety_value, "
-          f"stamps {1e3 * seen['stamp_age']:.0f} ms old, {pins['said']}")
+    speeds = [v for t, v in pins["speeds"] if result["began"] <= t < result["silent"]]
+    states = len(speeds) / (result["silent"] - result["began"])
+    late = max(driving) - result["silent"]
+    print(f"sensors {result['rate']:.1f} Hz of {states:.1f}, speed {result['speed']:.3f} m/s, "
+          f"truly {sum(speeds) / len(speeds):.3f}, neutral {late:.3f} s behind the last "
+          f"safety_value, "
+          f"stamps {1e3 * result['stamp_age']:.0f} ms old, {pins['said']}")
     assert states < 102.0
-    assert seen["rate"] == pytest.approx(states, rel=0.02)
-    assert {k: round(v / states, 1) for k, v in seen["counts"].items()} == dict.fromkeys(
+    assert result["rate"] == pytest.approx(states, rel=0.02)
+    assert {k: round(v / states, 1) for k, v in result["counts"].items()} == dict.fromkeys(
         ("odom_1", "/tf", "vx_1", "arduino_data_1", "vicon/jetracer1"), 1.0)
-    assert seen["speed"] == pytest.approx(1.0, rel=0.15)
-    assert set(seen["gate"]) == {1.0}
-    assert any(t > seen["silent"] for t in driving), "it drove until then"
+    assert result["speed"] == pytest.approx(1.0, rel=0.15)
+    assert set(result["gate"]) == {1.0}
+    assert any(t > result["silent"] for t in driving), "it drove until then"
     assert late <= NEUTRAL
-    assert seen["after"] == 0.0
-    assert seen["stamp_age"] < 0.5
-    assert seen["frames"] == ["odom_1", "base_link_1", "base_link_1"]
+    assert result["after"] == 0.0
+    assert result["stamp_age"] < 0.5
+    assert result["frames"] == ["odom_1", "base_link_1", "base_link_1"]
     assert pins["said"][-1].startswith("safety_value has been silent for 0.3 s: neutral")
 
 
 def test_a_node_of_upstreams_interface_drives(world):
-    seen, pins = world.drive("own")
-    check(seen, pins)
-    assert seen["yaw_rate"] > 0.2, "left"
+    result, pins = world.drive("own")
+    check(result, pins)
+    assert result["yaw_rate"] > 0.2, "left"
 
 
 def test_upstreams_own_nodes_drive_unchanged(world):

@@ -25,9 +25,9 @@ def driven():
 
         def each(t):
             if t > 0.1:
-                car.ros.say("safety_value", 1.0)
-                car.ros.say("throttle_3", 0.25)
-                car.ros.say("steering_3", 0.5)
+                car.ros.publish_value("safety_value", 1.0)
+                car.ros.publish_value("throttle_3", 0.25)
+                car.ros.publish_value("steering_3", 0.5)
 
         car.run(1.5, each)
         yield car
@@ -41,8 +41,8 @@ def test_the_topics_are_those_of_upstream(driven):
 
 
 def test_a_real_car_leaves_the_motion_capture_to_others(driven):
-    told = TopicWriter(3, 0.09, simulated=False)
-    names = {topic for topic, _ in told.messages(driven.states[-1], (0.0, 0.0, 0.0), 0.0)}
+    writer = TopicWriter(3, 0.09, simulated=False)
+    names = {topic for topic, _ in writer.messages(driven.states[-1], (0.0, 0.0, 0.0), 0.0)}
     assert names == {"sensors_and_input_3", "arduino_data_3", "odom_3", "/tf"}
 
 
@@ -79,9 +79,9 @@ def test_the_simulators_topics_are_the_motion_of_the_centre_of_mass(driven):
 def test_what_the_imu_cannot_tell_is_no_number():
     with BridgedCar("sim://?nano=mock&seed=1") as car:
         state = next(car.car.states())
-        told = TopicWriter(1, 0.09, simulated=False)
+        writer = TopicWriter(1, 0.09, simulated=False)
         blind = replace(state, accel_x=None, accel_y=None, yaw_rate=None)
-        data = dict(told.messages(blind, (0.0, 0.0, 0.0), 0.0))["arduino_data_1"].fields["data"]
+        data = dict(writer.messages(blind, (0.0, 0.0, 0.0), 0.0))["arduino_data_1"].fields["data"]
     assert [isnan(value) for value in data] == [True, True, True, False]
 
 
@@ -91,8 +91,8 @@ def test_a_recording_is_told_and_not_driven(tmp_path):
     ros = ToyRos()
     with Car.open(f"replay://{tmp_path / 'run.mcap'}") as car:
         Bridge(car, 1, ros, print).run(car.arming(), car.states())
-    told = [m.fields["data"][6] for name, m in ros.published if name == "sensors_and_input_1"]
-    assert len(told) == len(speeds)
+    values = [m.fields["data"][6] for name, m in ros.published if name == "sensors_and_input_1"]
+    assert len(values) == len(speeds)
 
 
 # -- the same messages as bytes, by the classes and the decoder of others --------------------------

@@ -32,7 +32,7 @@ class ToyRos:
     def close(self):
         self.is_closed = True
 
-    def say(self, topic, value):
+    def publish_value(self, topic, value):
         self.heard[topic](value)
 
     def last(self, topic):
@@ -44,11 +44,11 @@ class BridgedCar:
 
     def __init__(self, url="sim://?nano=mock&seed=1", number=1):
         backend = open_backend(url)
-        self.pulses, self.said, self.ros, self.armed_at = [], [], ToyRos(), None
+        self.pulses, self.warnings, self.ros, self.armed_at = [], [], ToyRos(), None
         world_of(backend).watchers.append(
             lambda channel, pulse: self.pulses.append(pulse) if channel == 1 else None)
         self.car = Car.over(backend)
-        self.bridge = Bridge(self.car, number, self.ros, self.said.append, lambda: self.car.now)
+        self.bridge = Bridge(self.car, number, self.ros, self.warnings.append, lambda: self.car.now)
 
     def run(self, seconds, each, while_arming=lambda: None):
         def arming():

@@ -32,7 +32,7 @@ class AtTheDesk:
         self.world = world_of(backend)
         self.pulses = []
         self.modes = []
-        self.told = []
+        self.messages = []
         self.world.watchers.append(
             lambda channel, pulse: self.pulses.append(pulse) if channel == 1 else None)
         self.car = Car.over(backend, raise_on_trip=False)
@@ -52,24 +52,24 @@ class AtTheDesk:
         self._each(self.now())
         self._count += 1
         if self._count % 3 == 0:
-            self.told += map(json.loads, self.desk.batch())
+            self.messages += map(json.loads, self.desk.batch())
 
     def drive(self, seconds, each=lambda t: None):
         self._each = each
         self.desk.run(seconds)
 
-    def say(self, page, message):
+    def send_message(self, page, message):
         return self.desk.handle_message(page, message)
 
     def hold(self, page="one", throttle=1.0, old=ON_THE_WAY, unchanged=0.0):
-        self.say(page, m.Drive(0.0, throttle, self.now() - old, unchanged))
+        self.send_message(page, m.Drive(0.0, throttle, self.now() - old, unchanged))
 
     def take_and_arm(self, page="one"):
-        self.say(page, m.Take(TOKEN))
-        self.say(page, m.Arm())
+        self.send_message(page, m.Take(TOKEN))
+        self.send_message(page, m.Arm())
         self._each = lambda t: None
         self.desk.run(4.0, lambda: self.car.mode == "ARMED")
-        assert self.car.mode == "ARMED", self.told[-1]
+        assert self.car.mode == "ARMED", self.messages[-1]
 
     def driving(self, since):
         return driving(self.pulses, since)
@@ -77,8 +77,8 @@ class AtTheDesk:
     def last_driving(self, since):
         return max((fall - since for _, fall in self.driving(since)), default=0.0)
 
-    def said(self):
-        return [one["text"] for one in self.told if one["type"] == "said"]
+    def list_texts(self):
+        return [one["text"] for one in self.messages if one["type"] == "said"]
 
     def __enter__(self):
         return self

@@ -44,8 +44,8 @@ class Browser:
     def until(self, what, name, within=10.0):
         ends = time.monotonic() + within
         while time.monotonic() < ends:
-            said = self.text(name)
-            if said == what if name == "mode" else what in said:
+            shown = self.text(name)
+            if shown == what if name == "mode" else what in shown:
                 return
             time.sleep(0.05)
         raise AssertionError(f"{name} says {self.text(name)!r}, not {what!r}")

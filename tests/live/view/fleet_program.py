@@ -17,7 +17,7 @@ from dart_hal.car import Fleet
 from dart_lab.sim.truth import world_of
 
 
-def noted(pulses, channel, pulse):
+def note_pulse(pulses, channel, pulse):
     if channel == 1:
         pulses.append((time.monotonic(), (pulse[1] - pulse[0]) * 1e6))
 
@@ -29,7 +29,7 @@ def main(room, seed, out):
     with Fleet.open(urls, room=room, raise_on_trip=False) as fleet:
         pins = {car.files.config.name: [] for car in fleet.cars}
         for car, pulses in zip(fleet.cars, pins.values(), strict=True):
-            world_of(car._engine.backend).watchers.append(partial(noted, pulses))
+            world_of(car._engine.backend).watchers.append(partial(note_pulse, pulses))
         fleet.arm()
         for _ in fleet.states():
             for car in fleet.cars:

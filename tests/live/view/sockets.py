@@ -40,7 +40,7 @@ def join(page, origin=None, host="localhost"):
                    compression=None, close_timeout=0.3)
 
 
-def say(socket, **message):
+def send_message(socket, **message):
     socket.send(json.dumps(message))
 
 

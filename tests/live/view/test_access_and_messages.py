@@ -72,14 +72,14 @@ def test_whatever_is_said_only_the_driver_is_obeyed_and_not_for_long(steps):
                 one.require_release()
         except Refused:
             pass
-        wanted = one.current_command(now)
-        if wanted is not None:
+        command = one.current_command(now)
+        if command is not None:
             assert last is not None
             assert one.page == last[0]
             assert now < last[1] + 0.2
             assert what not in ("stop", "armed")
             assert not (what in ("leave", "release") and page == last[0])
-            assert 0.0 < wanted.remaining_s <= 0.2
+            assert 0.0 < command.remaining_s <= 0.2
 
 
 def test_wrong_tokens_are_counted_and_the_page_sent_away():

@@ -34,10 +34,10 @@ def test_it_drives_while_the_stick_is_held_and_not_longer(browsers, how):
         drives_off(one, page, car)
         ended = car.now
         ENDS[how](one)
-        told = car.now  # the browser has acted by now
+        t_sent = car.now  # the browser has acted by now
         time.sleep(0.8)
         assert driving(page.pulses, ended - 0.1), "it drove until then"
-        assert max(fall for _, fall in driving(page.pulses, 0.0)) - told <= NEUTRAL
+        assert max(fall for _, fall in driving(page.pulses, 0.0)) - t_sent <= NEUTRAL
         assert car.mode != "ARMED"
 
 

@@ -17,7 +17,7 @@ from dart_lab.live.view.messages import Stop
 from dart_lab.live.view.player import Player, run_of
 from tests.live.view.at_the_desk import driving
 from tests.live.view.browser import DESK, PHONE
-from tests.live.view.sockets import join, live_page, say, until
+from tests.live.view.sockets import join, live_page, send_message, until
 
 URL = "sim://?nano=mock&pace=1&camera=top&map=hall"
 SHOWN = "return [picture.naturalWidth, picture.naturalHeight, picture.complete]"
@@ -33,9 +33,9 @@ def test_the_newest_image_is_served_and_no_page_of_another_origin_shows_it():
     with live_page(url=URL) as (car, page):
         with join(page) as one:
             assert until(one, "begin")["camera"] is True
-            told = until(one, "status", where=lambda m: m["camera"]["rate"] is not None)
-            assert told["camera"]["told"] == ""
-            assert 0.0 < told["t"] - told["camera"]["t"] < 0.3
+            status = until(one, "status", where=lambda m: m["camera"]["rate"] is not None)
+            assert status["camera"]["told"] == ""
+            assert 0.0 < status["t"] - status["camera"]["t"] < 0.3
         jpeg, headers = picture(page)
         assert headers["Content-Type"] == "image/jpeg"
         assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
@@ -73,8 +73,8 @@ def test_one_that_is_gone_is_told_and_the_car_is_stopped_and_driven_as_ever():
         car.arm()
         for _ in car.states(duration=0.3):
             car.drive(throttle=0.2)
-        told = until(one, "status", where=lambda m: m["mode"] == "ARMED")
-        assert "the camera is gone" in told["camera"]["told"]
+        status = until(one, "status", where=lambda m: m["mode"] == "ARMED")
+        assert "the camera is gone" in status["camera"]["told"]
         page.desk.handle_message(None, Stop())
         assert car.mode != "ARMED"
 
@@ -102,13 +102,13 @@ def test_pages_that_ask_for_images_and_read_none_delay_nobody():
                 begun = time.monotonic()
                 assert picture(page)[0][:2] == b"\xff\xd8"
                 assert time.monotonic() - begun < 0.3
-            say(one, type="stop")
+            send_message(one, type="stop")
             until(one, "said", where=lambda m: "STOP" in m["text"], within=1.0)
         for one in stalled:
             one.close()
 
 
-def recorded(path, seconds=1.0):
+def record_camera(path, seconds=1.0):
     with Car.open("sim://?nano=mock&camera=top", record=path) as car:
         car.arm()
         for _ in car.states(duration=seconds):
@@ -118,7 +118,7 @@ def recorded(path, seconds=1.0):
 
 def test_a_recorded_run_has_its_images_and_a_long_one_fewer(tmp_path, monkeypatch):
     path = tmp_path / "run.mcap"
-    images = recorded(path, 0.5)
+    images = record_camera(path, 0.5)
     with Car.open(f"replay://{path}") as car:
         run = run_of(car)
     assert b64decode(run["images"][-1][1]) == images[-1].jpeg
@@ -144,9 +144,9 @@ def test_the_page_shows_what_the_camera_sees(browsers, size):
         while one.run(SHOWN) != [320, 240, True] and time.monotonic() < ends:
             time.sleep(0.1)
         assert one.run(SHOWN) == [320, 240, True]
-        asked = "return [Number(picture.src.split('?')[1]), performance.now()]"
-        (first, began), ends = one.run(asked), time.monotonic() + 10.0
-        while (news := one.run(asked))[0] < first + 5 and time.monotonic() < ends:
+        script = "return [Number(picture.src.split('?')[1]), performance.now()]"
+        (first, began), ends = one.run(script), time.monotonic() + 10.0
+        while (news := one.run(script))[0] < first + 5 and time.monotonic() < ends:
             time.sleep(0.1)
         assert 5 <= news[0] - first <= (news[1] - began) / 60.0 + 1.0, "once the last is drawn"
         assert one.run("return document.documentElement.scrollWidth") <= size[0]
@@ -160,7 +160,7 @@ def test_the_page_shows_what_the_camera_sees(browsers, size):
 @pytest.mark.slow
 def test_a_recording_shows_the_image_of_its_time(browsers, tmp_path):
     path = tmp_path / "run.mcap"
-    recorded(path, 2.0)
+    record_camera(path, 2.0)
     with Car.open(f"replay://{path}") as car:
         run = run_of(car)
     with Player(run, 0, lan=False) as played:

@@ -28,15 +28,15 @@ def room_for(size):
 def test_a_recording_that_a_page_begins_is_a_run(tmp_path):
     with AtTheDesk(folder=tmp_path) as at:
         at.take_and_arm()
-        at.say("one", m.Record(True))
+        at.send_message("one", m.Record(True))
         at.drive(1.0, lambda t: at.hold())
-        assert at.told[-1]["type"]
-        status = [one for one in at.told if one["type"] == "status"][-1]
+        assert at.messages[-1]["type"]
+        status = [one for one in at.messages if one["type"] == "status"][-1]
         (path,) = tmp_path.glob("run_*.mcap")
         assert status["recording"] == path.name
-        at.say("one", m.Record(False))
+        at.send_message("one", m.Record(False))
         at.drive(0.3)
-        assert [one for one in at.told if one["type"] == "status"][-1]["recording"] == ""
+        assert [one for one in at.messages if one["type"] == "status"][-1]["recording"] == ""
     with Car.open(f"replay://{path}") as replay:
         assert sum(state.speed > 0.1 for state in replay.states()) > 30
 
@@ -45,26 +45,26 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path):
     (tmp_path / "file").write_text("")
     with AtTheDesk(folder=tmp_path / "file") as at:
         at.take_and_arm()
-        at.say("one", m.Record(True))
+        at.send_message("one", m.Record(True))
         at.drive(0.5, lambda t: at.hold())
-        assert any("no recording" in text for text in at.said())
+        assert any("no recording" in text for text in at.list_texts())
         assert at.driving(at.now() - 0.1), "it drives on"
 
 
 def test_a_disk_that_fills_up_is_said_and_the_car_drives_on(tmp_path):
     with AtTheDesk(folder=tmp_path) as at:
         at.take_and_arm()
-        at.say("one", m.Record(True))
+        at.send_message("one", m.Record(True))
         at.drive(0.2, lambda t: at.hold())
         with room_for(60_000):
             at.drive(1.5, lambda t: at.hold())
-            status = [one for one in at.told if one["type"] == "status"][-1]
+            status = [one for one in at.messages if one["type"] == "status"][-1]
         assert "large" in status["trouble"]  # "File too large": what the kernel said
         assert at.car.mode == "ARMED"
         assert at.driving(at.now() - 0.1), "it drives on"
-        at.say("one", m.Record(False))
+        at.send_message("one", m.Record(False))
         at.drive(0.3, lambda t: at.hold())
-        assert [one for one in at.told if one["type"] == "status"][-1]["trouble"] == ""
+        assert [one for one in at.messages if one["type"] == "status"][-1]["trouble"] == ""
         (path,) = tmp_path.glob("run_*.mcap")
     assert path.stat().st_size <= 60_000
     assert not RunReader(path).damaged, "what fitted can be read"
@@ -76,7 +76,7 @@ def test_numbers_that_the_program_logs_are_told_when_they_change():
         at.car.log("mpc/plan", [1.0, 2.0])
         at.drive(0.2)
         at.drive(0.2)
-        logs = [one["values"] for one in at.told if one["type"] == "log"]
+        logs = [one["values"] for one in at.messages if one["type"] == "log"]
         assert logs == [{"mpc/cost": 3.5}]
 
 
@@ -85,10 +85,10 @@ def test_a_viewer_on_a_dead_link_is_told_and_hears_when_it_is_back():
     with AtTheDesk(url="sim://?nano=mock&seed=1&fail=line:off@6s+2s") as at:
         at.take_and_arm()
         at.drive(6.5 - at.now(), lambda t: at.hold())
-        told = list(at.desk.batch())
+        batch = list(at.desk.batch())
         assert at.now() > 6.4
-        status = [one for one in map(json.loads, told) if one["type"] == "status"][-1]
+        status = [one for one in map(json.loads, batch) if one["type"] == "status"][-1]
         assert "no frame" in status["trouble"]
         assert status["mode"] != "ARMED"
         at.drive(3.0)
-        assert [one for one in at.told if one["type"] == "status"][-1]["trouble"] == ""
+        assert [one for one in at.messages if one["type"] == "status"][-1]["trouble"] == ""

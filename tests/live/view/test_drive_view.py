@@ -14,7 +14,7 @@ from dart_lab.live.view import serve
 from dart_lab.live.view.desk import Desk
 from dart_lab.sim.truth import world_of
 from tests.live.view.at_the_desk import driving
-from tests.live.view.sockets import join, say, until
+from tests.live.view.sockets import join, send_message, until
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
 SCRIPT = "def control(state):\n    return 0.1, 0.3\n"
@@ -59,12 +59,12 @@ class Watcher(threading.Thread):
                 time.sleep(0.02)
             time.sleep(0.5)
             self.pressed = self.car.now
-            say(socket, type="stop")
+            send_message(socket, type="stop")
             assert self.news.wait(15.0)
 
 
 @pytest.fixture
-def stopped(monkeypatch, tmp_path, capsys):
+def stop_from_page(monkeypatch, tmp_path, capsys):
     """(whoever pressed STOP, exit code, what was printed), once the verb has ended."""
     def run(stop=Desk._stop):
         script = tmp_path / "bend.py"
@@ -76,24 +76,24 @@ def stopped(monkeypatch, tmp_path, capsys):
         with pytest.raises(SystemExit) as left:
             main(["drive", str(script), "--view", "--url", "sim://?nano=mock", "--duration", "10"])
         watcher.join(20.0)
-        said = capsys.readouterr()
-        return watcher, int(left.value.code or 0), said.out + said.err
+        captured = capsys.readouterr()
+        return watcher, int(left.value.code or 0), captured.out + captured.err
     return run
 
 
-def test_the_script_drives_and_the_page_stops_it(stopped):
-    watcher, code, told = stopped()
-    assert watcher.live.urls[-1] in told
+def test_the_script_drives_and_the_page_stops_it(stop_from_page):
+    watcher, code, output = stop_from_page()
+    assert watcher.live.urls[-1] in output
     assert b"<title>" in watcher.page
     assert watcher.begin["drives"] is False, "the script has the wheel"
     assert driving(watcher.pulses, watcher.pressed - 0.1), "it drove until then"
     assert max(fall for _, fall in driving(watcher.pulses, 0.0)) - watcher.heard <= AT_ONCE
     assert code != 0
-    assert "RUN_STOP" in told
+    assert "RUN_STOP" in output
 
 
-def test_control_a_stop_that_nobody_obeys_is_seen_at_the_pin(stopped):
-    watcher, _, told = stopped(lambda desk, now: None)
-    assert driving(watcher.pulses, watcher.heard + 0.3), told
+def test_control_a_stop_that_nobody_obeys_is_seen_at_the_pin(stop_from_page):
+    watcher, _, output = stop_from_page(lambda desk, now: None)
+    assert driving(watcher.pulses, watcher.heard + 0.3), output
     # Not the exit code: where the computer stalls in these ten seconds, the car stops by itself.
-    assert "RUN_STOP" not in told
+    assert "RUN_STOP" not in output

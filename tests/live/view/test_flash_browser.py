@@ -74,19 +74,19 @@ def page(browsers):
     one = browsers()
 
     @contextmanager
-    def opened(relay, *, size=DESK, **more):
+    def open_page(relay, *, size=DESK, **more):
         with web_serial(one, relay, **more):
             one.open(f"http://localhost:{server.server_port}/", size)
             one.until("bytes", "chosen")
             yield one
 
-    yield opened
+    yield open_page
     server.shutdown()
     thread.join()
     server.server_close()
 
 
-def programmed(nano):
+def is_programmed(nano):
     image = load_image(PREBUILT)
     return nano.flash[:len(image)] == image
 
@@ -97,7 +97,7 @@ def test_it_flashes_and_the_firmware_answers(page, request, monkeypatch, sold, s
     with nano_of(*request.getfixturevalue(sold), monkeypatch) as nano:
         relay = Relay(nano)
         with page(relay, size=size) as one:
-            assert not programmed(nano)
+            assert not is_programmed(nano)
             one.press("go")
             one.until("the firmware answers", "status", within=60.0)
             assert f"at {speeds[-2]} baud" in one.text("done")
@@ -107,19 +107,19 @@ def test_it_flashes_and_the_firmware_answers(page, request, monkeypatch, sold, s
             names = one.run("return performance.getEntriesByType('resource').map((e) => e.name)")
             assert all(name.startswith(one.run("return location.origin")) for name in names)
             assert [x for x in one.driver.get_log("browser") if x["level"] == "SEVERE"] == []
-        assert programmed(nano)
+        assert is_programmed(nano)
         assert relay.speeds == speeds
 
 
-def one_bit(where, seen):
+def one_bit(where, messages):
     """Flips a bit of the ``where``-th page that is written."""
-    def damaged(message):
+    def damage_message(message):
         if message[:1] != b"\x64":
             return message
-        seen.append(message)
+        messages.append(message)
         return message[:40] + bytes([message[40] ^ 4]) + message[41:] \
-            if len(seen) == where else message
-    return damaged
+            if len(messages) == where else message
+    return damage_message
 
 
 class OtherChip:
@@ -161,7 +161,7 @@ def test_what_is_wrong_at_the_port_is_named(page, old, monkeypatch, kind, wrong)
     with nano_of(*old, monkeypatch) as nano:
         with page(Relay(nano, **wrong)) as one:
             fails(one, kind)
-        assert not programmed(nano)
+        assert not is_programmed(nano)
         assert (nano.flash[:2] == BEFORE) is (kind != "pulled")
 
 

@@ -33,15 +33,16 @@ WHO = {"proto": PROTO, "req_seq": 0, "schema": SCHEMA, "fw_version": (3, 1, 4), 
 def node(script, given, *modules):
     """What ``script`` gives to ``tell``; modules: (names, file)."""
     imports = "".join(f'import {{ {names} }} from "{path.as_uri()}";' for names, path in modules)
-    with TemporaryFile("w+") as asked, TemporaryFile("w+") as told:  # node may not wait at a pipe
-        json.dump(given, asked)
-        asked.seek(0)
+    # node may not wait at a pipe
+    with TemporaryFile("w+") as request, TemporaryFile("w+") as answer:
+        json.dump(given, request)
+        request.seek(0)
         done = subprocess.run(["node", "--input-type=module", "-e", imports + GIVEN + script],
-                              stdin=asked, stdout=told, stderr=subprocess.PIPE, text=True,
+                              stdin=request, stdout=answer, stderr=subprocess.PIPE, text=True,
                               timeout=60, check=False)
         assert done.returncode == 0, done.stderr
-        told.seek(0)
-        return json.load(told)
+        answer.seek(0)
+        return json.load(answer)
 
 
 def record(kind, address, data):
@@ -82,10 +83,10 @@ def test_hex_files_are_read_and_refused_as_python_does():
         try { return Buffer.from(parse(text)).toString("hex"); }
         catch (why) { if (why.kind !== "hex") throw why; return null; } }))"""
     read = node(script, files, ("parse", PAGE / "hex.mjs"))
-    wanted = [by_python(text) for text in files]
-    assert read == wanted
-    assert None not in wanted[:5]
-    assert wanted.count(None) > 40
+    expected = [by_python(text) for text in files]
+    assert read == expected
+    assert None not in expected[:5]
+    assert expected.count(None) > 40
 
 
 def test_hello_is_read_and_nothing_else_is():
@@ -98,15 +99,15 @@ def test_hello_is_read_and_nothing_else_is():
         const single = bytes.map((byte) => slow.feed([byte])).find((hello) => hello) ?? null;
         if (JSON.stringify(whole) !== JSON.stringify(single)) throw new Error("pieces");
         return whole; }) })"""
-    said = node(script, [list(s) for s in streams], ("HELLO_REQ, Listener", PAGE / "hello.mjs"))
-    assert bytes(said["req"]) == encode(HELLO_REQ, 0, {"proto": PROTO, "schema": 0, "flags": 0})
-    wanted = {"schema": SCHEMA, "version": [3, 1, 4], "board": 0x3F0052A1,
-              "boots": 258, "bootloader": 1}
-    assert said["read"][:3] == [wanted] * 3
-    assert said["read"][3:] == [None] * (len(hello) + 2)
+    hellos = node(script, [list(s) for s in streams], ("HELLO_REQ, Listener", PAGE / "hello.mjs"))
+    assert bytes(hellos["req"]) == encode(HELLO_REQ, 0, {"proto": PROTO, "schema": 0, "flags": 0})
+    expected = {"schema": SCHEMA, "version": [3, 1, 4], "board": 0x3F0052A1,
+                "boots": 258, "bootloader": 1}
+    assert hellos["read"][:3] == [expected] * 3
+    assert hellos["read"][3:] == [None] * (len(hello) + 2)
 
 
-def flashed(cases):
+def flash_all(cases):
     """Outcome of a flash of 300 bytes by each Nano, at the same time."""
     script = """
     const image = Uint8Array.from({ length: 300 }, (_, i) => i * 7 + 3 & 0xff);
@@ -126,7 +127,7 @@ def flashed(cases):
 @pytest.mark.realtime
 def test_it_flashes_at_both_speeds_and_names_what_fails():
     hello = list(encode(HELLO, 1, WHO))
-    old, new, chip, worn, mute, pulled, busy = flashed([
+    old, new, chip, worn, mute, pulled, busy = flash_all([
         {"hello": hello, "noisy": True}, {"hello": hello, "speed": 115200},
         {"signature": [0x1E, 0x94, 0x06]},
         {"worn": 0x101}, {"mute": 0x64}, {"pulled": 7}, {"busy": True}])
@@ -145,7 +146,7 @@ def test_it_flashes_at_both_speeds_and_names_what_fails():
 @pytest.mark.slow
 @pytest.mark.realtime
 def test_nobody_answers_or_the_program_is_another():
-    silent, other = flashed([{"speed": 19200}, {}])
+    silent, other = flash_all([{"speed": 19200}, {}])
     assert (silent["kind"], silent["pages"]) == ("silent", 0)
     assert silent["speeds"] == [115200, 57600]
     assert (other["hello"], other["same"], other["open"]) == (None, True, False)

@@ -20,7 +20,7 @@ PREBUILT = Path(__file__).parents[3] / "firmware" / "prebuilt" / "dart_nano.hex"
 
 
 @contextmanager
-def served():
+def served_page():
     with serve_flash_page(PREBUILT) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
@@ -30,7 +30,7 @@ def served():
 
 
 def test_it_serves_its_files_and_no_other_on_this_computer_alone():
-    with served() as url:
+    with served_page() as url:
         for name, body in load_flash_assets(PREBUILT).items():
             with urlopen(url + name) as answer:
                 assert answer.read() == body

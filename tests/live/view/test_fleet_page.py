@@ -29,7 +29,7 @@ class Watched:
         self.station = Station(room, now=lambda: self.pins.fleet.cars[0].now)
         self.desk = FleetDesk([self.station])
         self.states = []
-        self.said = []
+        self.texts = []
         self.count = 0
 
     def look(self):
@@ -40,7 +40,7 @@ class Watched:
             if message["type"] == "cars":
                 self.states.append({car["name"]: car for car in message["cars"]})
             elif message["type"] == "said":
-                self.said.append(message["text"])
+                self.texts.append(message["text"])
 
     def drive(self, seconds, **options):
         self.pins.drive(seconds, each=self.look, **options)
@@ -54,7 +54,7 @@ class Watched:
         self.pins.fleet.close()
 
 
-def stopped(room="local://page"):
+def stop_room(room="local://page"):
     with Watched(room) as watched:
         assert set(watched.drive(0.4, only=[]).values()) == {"link"}
         watched.pins.fleet.arm()
@@ -68,16 +68,16 @@ def stopped(room="local://page"):
 
 
 def test_its_stop_is_at_the_pins_of_all_cars():
-    lasts, states, watched = stopped()
+    lasts, states, watched = stop_room()
     assert max(lasts) <= WITHIN
     assert set(states.values()) == {"refused"}
     assert all("TRIPPED" in car["mode"] for car in watched.states[-1].values())
-    assert watched.said == ["STOP ALL was pressed", "all cars have answered"]
+    assert watched.texts == ["STOP ALL was pressed", "all cars have answered"]
 
 
 def test_control_cars_that_do_not_obey_are_seen(monkeypatch):
     monkeypatch.setattr(StopRule, "drive_block", lambda self, now: "")
-    lasts, states, _ = stopped("local://deaf")
+    lasts, states, _ = stop_room("local://deaf")
     assert max(lasts) > WITHIN
     assert "driving" in states.values()
 
@@ -125,7 +125,7 @@ def test_the_page_names_members_that_it_ignores():
         key = RoomKey(b"key of the laboratory")
         line = open_transport("local://page5")
         line.send(encode(beats.BEAT, 9, 1, 1.0, ("red",), key), 1.0)
-        said = [message["text"] for message in map(json.loads, FleetDesk([station]).batch())
-                if message["type"] == "said"]
+        texts = [message["text"] for message in map(json.loads, FleetDesk([station]).batch())
+                 if message["type"] == "said"]
         line.close()
-    assert any("red is ignored" in text and "key" in text for text in said)
+    assert any("red is ignored" in text and "key" in text for text in texts)

@@ -57,7 +57,7 @@ def test_the_room_of_a_simulated_car_is_drawn_where_its_scans_see_it():
         (begin,) = map(json.loads, at.desk.open_page("three"))
         assert set(begin["maps"]) == {START_FRAME, FRAME}
         at.drive(1.0)
-        scan = [one for one in at.told if one["type"] == "scan"][-1]["points"]
+        scan = [one for one in at.messages if one["type"] == "scan"][-1]["points"]
         walls = np.array(begin["maps"][START_FRAME])
         off = [clearance(walls, x, y) for x, y in np.reshape(scan, (-1, 2))[::20]]
         assert np.median(off) < 0.02

@@ -47,18 +47,18 @@ def test_thinning_keeps_rows_and_scans_together():
 
 
 @pytest.fixture
-def served(tmp_path):
+def served_folder(tmp_path):
     """Address of a folder as the handbook's build leaves it, and what was asked of it."""
     recorded_run.copy(tmp_path / "live")
-    asked = []
+    requests = []
 
     class Quiet(SimpleHTTPRequestHandler):
         def log_message(self, text, *words):
-            asked.append(words)
+            requests.append(words)
 
     server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=str(tmp_path)))
     threading.Thread(target=server.serve_forever).start()
-    yield f"http://127.0.0.1:{server.server_port}/live/index.html", asked
+    yield f"http://127.0.0.1:{server.server_port}/live/index.html", requests
     server.shutdown()
     server.server_close()
 
@@ -66,11 +66,11 @@ def served(tmp_path):
 @pytest.mark.slow
 @pytest.mark.realtime
 @pytest.mark.parametrize("name", ["run.json", "none.json"])
-def test_it_plays_in_a_browser_without_a_program(served, name):
+def test_it_plays_in_a_browser_without_a_program(served_folder, name):
     at_the_page = pytest.importorskip("browser")
     if not at_the_page.shutil.which("chromium"):
         pytest.skip("chromium is not installed")
-    url, asked = served
+    url, requests = served_folder
     one = at_the_page.Browser()
     try:
         one.open(f"{url}?run={name}")
@@ -91,6 +91,6 @@ def test_it_plays_in_a_browser_without_a_program(served, name):
         assert [log for log in one.driver.get_log("browser") if log["level"] == "SEVERE"] == []
         names = one.run("return performance.getEntriesByType('resource').map((e) => e.name)")
         assert all(part.startswith(url.rsplit("/", 1)[0]) for part in names)
-        assert asked
+        assert requests
     finally:
         one.driver.quit()

@@ -20,7 +20,7 @@ import dart_lab.live.view
 from dart_hal.core.errors import UsageError
 from dart_lab.live.view import server
 from tests.live.view.junk import Junk
-from tests.live.view.sockets import join, live_page, say, until
+from tests.live.view.sockets import join, live_page, send_message, until
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("armed_esc")]
 ROOM = Path(dart_lab.live.view.__file__).parent
@@ -81,10 +81,10 @@ def test_every_sample_arrives_at_each_of_five_pages():
         times = [[] for _ in sockets]
         ends = time.monotonic() + 1.0
         while time.monotonic() < ends:
-            for socket, seen in zip(sockets, times, strict=True):
-                seen += [row[0] for row in until(socket, "rows")["rows"]]
-        for seen in times:
-            steps = [round(100 * (b - a)) for a, b in pairwise(seen)]
+            for socket, own_times in zip(sockets, times, strict=True):
+                own_times += [row[0] for row in until(socket, "rows")["rows"]]
+        for own_times in times:
+            steps = [round(100 * (b - a)) for a, b in pairwise(own_times)]
             assert len(steps) > 75
             assert set(steps) == {1}
 
@@ -107,22 +107,22 @@ def test_a_page_that_does_not_read_is_sent_away_and_delays_nobody(monkeypatch, c
 
 def test_a_drive_over_the_socket_and_its_wrong_turns():
     with live_page() as (car, page), join(page) as one, join(page) as two:
-        say(one, type="take", token="wrong")
+        send_message(one, type="take", token="wrong")
         assert "wrong token" in until(one, "said")["text"]
-        say(one, type="take", token=page.access.token)
+        send_message(one, type="take", token=page.access.token)
         until(one, "yours")
         two.send("nonsense")
         assert "invalid message" in until(two, "said")["text"]
-        say(two, type="arm")
+        send_message(two, type="arm")
         assert "does not drive" in until(two, "said")["text"]
-        say(one, type="arm")
+        send_message(one, type="arm")
         until(one, "status", where=lambda s: s["mode"] == "ARMED")
         moving = 0.0
         while moving < 0.3:
             news = until(one, "rows")
             moving = news["rows"][-1][4] if news["rows"] else moving
-            say(one, type="drive", steering=0.2, throttle=0.8, heard=news["now"])
-        say(two, type="stop")
+            send_message(one, type="drive", steering=0.2, throttle=0.8, heard=news["now"])
+        send_message(two, type="stop")
         status = until(two, "status", where=lambda s: s["mode"] == "TRIPPED")
         assert status["trips"]["name"] == "RUN_STOP"
         assert car.mode == "TRIPPED"
@@ -136,7 +136,7 @@ def test_a_page_that_is_too_loud_or_only_guesses_is_closed():
                 read_on(huge)
         with join(page) as guesser:
             for n in range(5):
-                say(guesser, type="take", token=f"guess {n}")
+                send_message(guesser, type="take", token=f"guess {n}")
             with pytest.raises(ConnectionClosed):
                 read_on(guesser)
         with join(page) as good:

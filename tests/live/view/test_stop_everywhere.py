@@ -86,7 +86,7 @@ def not_stopped(browser, count):
     return names, silent
 
 
-def counted(monkeypatch, owner, method):
+def count_calls(monkeypatch, owner, method):
     """How often a method is called: returns what tells it."""
     calls = []
     real = getattr(owner, method)
@@ -105,7 +105,7 @@ def car_page(browsers, monkeypatch):
         one = browsers()
         one.open(page.urls[0])
         one.until("DISARMED", "mode")
-        yield car, page, one, counted(monkeypatch, page.desk, "_stop")
+        yield car, page, one, count_calls(monkeypatch, page.desk, "_stop")
 
 
 def test_space_stops_with_every_focus(car_page):
@@ -121,7 +121,7 @@ def test_space_stops_with_every_focus(car_page):
 def test_control_a_page_that_leaves_space_to_menus_is_seen(browsers, monkeypatch):
     real = server.load_assets
 
-    def patched(page):
+    def change_page(page):
         found = real(page)
         kind, body = found["/stop.js"]
         rule = b"if (isSpace(event)) { event.preventDefault(); event.stopPropagation(); stop(); }"
@@ -130,12 +130,12 @@ def test_control_a_page_that_leaves_space_to_menus_is_seen(browsers, monkeypatch
             rule, rule.replace(b"isSpace(event)", b"isSpace(event) && !event.target.options"))
         return found
 
-    monkeypatch.setattr(server, "load_assets", patched)
+    monkeypatch.setattr(server, "load_assets", change_page)
     with live_page() as (_, page):
         one = browsers()
         one.open(page.urls[0])
         one.until("DISARMED", "mode")
-        _, silent = not_stopped(one, counted(monkeypatch, page.desk, "_stop"))
+        _, silent = not_stopped(one, count_calls(monkeypatch, page.desk, "_stop"))
         assert {name.partition("#")[0].partition(":")[0] for name in silent} == {"SELECT"}
 
 
@@ -147,9 +147,9 @@ def test_space_stops_while_a_menu_is_open_and_keys_drive_after_it(car_page):
     time.sleep(SAME_PRESS)
     assert count() == 1
     item = one.driver.find_elements("css selector", ".list button")[2]
-    wanted = item.text
+    label = item.text
     item.click()
-    assert one.run("return document.getElementById('channel0').value") == wanted
+    assert one.run("return document.getElementById('channel0').value") == label
     press_space(one)
     time.sleep(SAME_PRESS)
     assert count() == 2
@@ -160,7 +160,7 @@ def test_space_stops_while_a_menu_is_open_and_keys_drive_after_it(car_page):
     selenium.ActionChains(one.driver).key_down("w").perform()
     assert one.run("return Stick.read()") == [0, 1], "and while its menu has the focus"
     selenium.ActionChains(one.driver).key_up("w").perform()
-    assert one.run("return document.getElementById('channel0').value") == wanted
+    assert one.run("return document.getElementById('channel0').value") == label
 
 
 def test_space_stops_all_cars_with_every_focus_of_the_page_of_a_fleet(browsers, monkeypatch):
@@ -168,7 +168,7 @@ def test_space_stops_all_cars_with_every_focus_of_the_page_of_a_fleet(browsers, 
     ended = threading.Event()
     with Fleet.open(urls, room="local://focus") as fleet, Station("local://focus") as station, \
             FleetPage([station], 0, lan=False) as page:
-        count = counted(monkeypatch, Station, "call_stop")
+        count = count_calls(monkeypatch, Station, "call_stop")
         loop = threading.Thread(target=lambda: next(
             (None for _ in fleet.states() if ended.is_set()), None))
         loop.start()
@@ -194,7 +194,7 @@ def test_every_layout_shows_stick_stop_and_the_reason_of_a_trip(browsers, size):
         one.press("take")
         one.until("Let go of the wheel", "take")
         check_layout(one, size)
-        stopped(one, car)
+        stop_armed(one, car)
         check_layout(one, size)
         _, top, right, bottom = one.driver.execute_script(BOX, "trouble")
         header = one.driver.find_element("tag name", "header").rect
@@ -205,13 +205,13 @@ def test_every_layout_shows_stick_stop_and_the_reason_of_a_trip(browsers, size):
         assert not {"member.held", "car.arm"} & set(one.text("trouble").split())
 
 
-def stopped(browser, car, tries=4):
+def stop_armed(browser, car, tries=4):
     """STOP an armed car; one that a busy computer has tripped before is armed again."""
     for _ in range(tries):
         if car.mode == "LOCKED":
             car.unlock("test")
         browser.until("DISARMED", "mode")
-        armed(browser)
+        arm_from_page(browser)
         browser.press("stop")
         try:
             browser.until("STOP was pressed at a live page.", "trouble", within=2.0)
@@ -221,7 +221,7 @@ def stopped(browser, car, tries=4):
     raise AssertionError(browser.text("trouble"))
 
 
-def armed(browser, tries=5):
+def arm_from_page(browser, tries=5):
     """A busy computer is refused at times, as frames come late."""
     for _ in range(tries):
         browser.press("arm")

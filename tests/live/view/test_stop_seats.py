@@ -19,7 +19,7 @@ from dart_lab.live.view import server
 from dart_lab.live.view.access import Access
 from dart_lab.live.view.desk import Desk
 from dart_lab.live.view.fleet_desk import FleetDesk, FleetPage
-from tests.live.view.sockets import join, live_page, say, until
+from tests.live.view.sockets import join, live_page, send_message, until
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("armed_esc")]
 HEADER = {"X-Dart-Stop": "1"}
@@ -36,26 +36,26 @@ def few_places(monkeypatch):
 
 def request(page, path="/stop", method="GET", **headers):
     """Status and text of an answer."""
-    asked = urllib.request.Request(f"http://localhost:{page.access.port}{path}", method=method,
-                                   headers={name.replace("_", "-"): value
-                                            for name, value in headers.items()})
+    request_of = urllib.request.Request(f"http://localhost:{page.access.port}{path}", method=method,
+                                        headers={name.replace("_", "-"): value
+                                                 for name, value in headers.items()})
     try:
-        with urllib.request.urlopen(asked, timeout=5.0) as answer:
+        with urllib.request.urlopen(request_of, timeout=5.0) as answer:
             return answer.status, answer.read().decode()
     except urllib.error.HTTPError as refused:
         return refused.code, refused.read().decode()
 
 
-def tripped(car, within=1.0):
+def wait_until_tripped(car, within=1.0):
     ends = time.monotonic() + within
     while car.mode != "TRIPPED" and time.monotonic() < ends:
         time.sleep(0.01)
     return car.mode == "TRIPPED"
 
 
-def strangers(page, stack, beside=0):
+def fill_places(page, stack, extra=0):
     """Pages that take every place, the first of which come at once."""
-    opened = [stack.enter_context(join(page)) for _ in range(server.MAX_PAGES - beside)]
+    opened = [stack.enter_context(join(page)) for _ in range(server.MAX_PAGES - extra)]
     ends = time.monotonic() + 5.0
     while len(page._server._pages) < server.MAX_PAGES and time.monotonic() < ends:
         time.sleep(0.01)
@@ -77,9 +77,9 @@ def read_on(opened):
 
 def arm(page, driver):
     """Take the wheel and arm; a busy computer is refused at times, as frames come late."""
-    say(driver, type="take", token=page.access.token)
+    send_message(driver, type="take", token=page.access.token)
     for _ in range(4):
-        say(driver, type="arm")
+        send_message(driver, type="arm")
         with suppress(TimeoutError):
             until(driver, "status", where=lambda s: s["mode"] == "ARMED")
             return
@@ -95,9 +95,9 @@ def test_stop_needs_no_place_at_a_page_that_is_really_full(monkeypatch):
 def test_stop_needs_no_place_and_takes_none_from_who_drives():
     with live_page() as (car, page), join(page) as driver, ExitStack() as stack:
         arm(page, driver)
-        strangers(page, stack, beside=1)
+        fill_places(page, stack, extra=1)
         assert request(page, **HEADER) == (200, "stopped")
-        assert tripped(car)
+        assert wait_until_tripped(car)
         assert until(driver, "status", where=lambda s: s["mode"] == "TRIPPED")["driven"]
 
 
@@ -115,28 +115,28 @@ def newcomer(page, stack):
 def test_a_newcomer_takes_the_place_of_who_watched_longest_and_never_of_who_drives():
     with live_page() as (car, page), join(page) as driver, ExitStack() as stack:
         arm(page, driver)
-        opened = strangers(page, stack, beside=1)
+        opened = fill_places(page, stack, extra=1)
         for n in range(3):
             new = newcomer(page, stack)
             assert code_of_end(opened[n]) == server.REPLACED
         assert until(driver, "status")["driven"]
         assert car.mode == "ARMED"
-        say(new, type="stop")
-        assert tripped(car)
+        send_message(new, type="stop")
+        assert wait_until_tripped(car)
 
 
 def test_control_a_driver_that_is_no_exception_loses_the_wheel(monkeypatch):
     monkeypatch.setattr(Desk, "is_driver", lambda self, page: False)
     with live_page() as (_, page), join(page) as driver, ExitStack() as stack:
         arm(page, driver)
-        strangers(page, stack, beside=1)
+        fill_places(page, stack, extra=1)
         newcomer(page, stack)
         assert code_of_end(driver) == server.REPLACED
 
 
 def test_a_flood_of_sockets_replaces_few_pages_a_second():
     with live_page() as (_, page), ExitStack() as stack:
-        strangers(page, stack)
+        fill_places(page, stack)
         began = time.monotonic()
         came = 0
         refused = 0
@@ -151,7 +151,7 @@ def test_a_flood_of_sockets_replaces_few_pages_a_second():
 
 def test_a_page_of_another_origin_replaces_nobody():
     with live_page() as (_, page), ExitStack() as stack:
-        strangers(page, stack)
+        fill_places(page, stack)
         for _ in range(3):
             with pytest.raises(InvalidStatus), join(page, origin="http://evil.example"):
                 pass
@@ -164,9 +164,9 @@ def test_control_without_that_request_a_stranger_at_a_full_page_cannot_stop(monk
     monkeypatch.setattr(server, "STOP_PATH", "/none")
     with live_page() as (car, page), join(page) as driver, ExitStack() as stack:
         arm(page, driver)
-        strangers(page, stack, beside=1)
+        fill_places(page, stack, extra=1)
         assert request(page, **HEADER)[0] == 404
-        assert not tripped(car)
+        assert not wait_until_tripped(car)
 
 
 @pytest.mark.parametrize(("headers", "status"), [
@@ -199,7 +199,7 @@ def test_connections_that_request_nothing_do_not_keep_others_out():
             idle.sendall(b"GET /stop HTTP/1.1\r\n")
         assert request(page, **HEADER) == (200, "stopped")
         assert len(page._server._handshakes) <= server.MAX_HANDSHAKES
-        assert tripped(car)
+        assert wait_until_tripped(car)
         until(driver, "status", where=lambda s: s["driven"])
 
 
@@ -221,7 +221,7 @@ def test_the_page_of_a_fleet_stops_without_a_place(monkeypatch):
     monkeypatch.setattr(FleetDesk, "batch", lambda self: ())
     with Station("local://full") as station, FleetPage([station], 0, lan=False) as page, \
             ExitStack() as stack:
-        strangers(page, stack)
+        fill_places(page, stack)
         assert request(page, **HEADER) == (200, "stopped")
         assert calls == ["STOP at the page of the fleet"]
 
@@ -233,9 +233,9 @@ def test_the_token_is_in_no_text_of_an_object_and_in_no_log(caplog):
     for value in (access, [access], read, {"message": read}):
         assert token not in f"{value} {value!r}"
     with caplog.at_level(logging.DEBUG), live_page() as (_, page), join(page) as one:
-        say(one, type="take", token=page.access.token)
+        send_message(one, type="take", token=page.access.token)
         until(one, "yours")
-        say(one, type="take", token=page.access.token, more=1)
+        send_message(one, type="take", token=page.access.token, more=1)
         assert page.access.token not in until(one, "said")["text"]
         assert page.access.token not in f"{page!r} {page.access} {page.desk!r}"
         served = [record for record in caplog.records if record.name != "websockets.client"]
@@ -245,6 +245,6 @@ def test_the_token_is_in_no_text_of_an_object_and_in_no_log(caplog):
 def test_control_the_library_logs_messages_where_it_may(caplog):
     """At DEBUG the client, which is in this process too, writes what it sends."""
     with caplog.at_level(logging.DEBUG), live_page() as (_, page), join(page) as one:
-        say(one, type="take", token=page.access.token)
+        send_message(one, type="take", token=page.access.token)
         until(one, "yours")
         assert page.access.token in caplog.text

@@ -46,16 +46,16 @@ def test_every_name_of_the_page_is_one_of_the_package():
     assert set(words.REFUSAL_WORDS) <= {refusal.name for refusal in REFUSALS}
 
 
-def trip_of(at):
-    return [one["trips"] for one in at.told if one["type"] == "status" and one["trips"]][-1]
+def trip_of(desk):
+    return [one["trips"] for one in desk.messages if one["type"] == "status" and one["trips"]][-1]
 
 
 def test_a_stop_at_a_page_is_told_as_that():
-    with AtTheDesk() as at:
-        at.take_and_arm()
-        at.say("two", m.Stop())
-        at.drive(0.4)
-        trip = trip_of(at)
+    with AtTheDesk() as desk:
+        desk.take_and_arm()
+        desk.send_message("two", m.Stop())
+        desk.drive(0.4)
+        trip = trip_of(desk)
         assert trip["name"] == "RUN_STOP"
         assert trip["text"] == "STOP was pressed at a live page."
         assert trip["remedy"] == "Arm when the way is free."
@@ -63,49 +63,49 @@ def test_a_stop_at_a_page_is_told_as_that():
 
 @pytest.mark.parametrize("stops", [True, False], ids=["stopped", "watcher gone"])
 def test_a_stop_of_the_room_is_told_as_that(stops):
-    with AtTheDesk() as at, join(at.car, f"local://words-{stops}", name="red",
-                                 beat_within=0.3), \
-            Station(f"local://words-{stops}", "base", now=at.now) as station:
+    with AtTheDesk() as desk, join(desk.car, f"local://words-{stops}", name="red",
+                                   beat_within=0.3), \
+            Station(f"local://words-{stops}", "base", now=desk.now) as station:
         watching = [True]
-        leave = at.car.on_state(lambda state: station.watch() if watching[0] else None)
-        at.take_and_arm()
+        leave = desk.car.on_state(lambda state: station.watch() if watching[0] else None)
+        desk.take_and_arm()
         if stops:
             station.call_stop("test")
-            at.drive(0.3, lambda t: station.press())
+            desk.drive(0.3, lambda t: station.press())
         else:
             watching[0] = False
-            at.drive(0.7)
+            desk.drive(0.7)
         expected = "stopped by base" if stops else "the room was not watched for 0.3 s"
-        assert trip_of(at)["text"].startswith(f"Run-stop of the room: {expected}")
+        assert trip_of(desk)["text"].startswith(f"Run-stop of the room: {expected}")
         leave()
 
 
 def test_a_program_that_stops_the_car_is_told():
-    with AtTheDesk() as at:
-        at.take_and_arm()
-        at.car.run_stop(True)
-        at.drive(0.4)
-        assert trip_of(at)["text"] == "The run-stop was pressed by: program."
+    with AtTheDesk() as desk:
+        desk.take_and_arm()
+        desk.car.run_stop(True)
+        desk.drive(0.4)
+        assert trip_of(desk)["text"] == "The run-stop was pressed by: program."
 
 
-def coasting(at):
+def coasting(desk):
     """A car at speed that is stopped, and armed at once."""
-    at.take_and_arm()
-    at.drive(2.0, lambda t: at.hold())
-    at.say("two", m.Stop())
-    at.drive(0.1)
-    at.say("one", m.Release())
-    before = len(at.said())
-    at.say("one", m.Arm())
-    at.drive(3.0)
-    return at.said()[before:]
+    desk.take_and_arm()
+    desk.drive(2.0, lambda t: desk.hold())
+    desk.send_message("two", m.Stop())
+    desk.drive(0.1)
+    desk.send_message("one", m.Release())
+    before = len(desk.list_texts())
+    desk.send_message("one", m.Arm())
+    desk.drive(3.0)
+    return desk.list_texts()[before:]
 
 
 @pytest.mark.slow
 def test_arming_while_the_car_coasts_says_to_wait():
     """It is no fault: the text names no other cause, and the list of the page no trip."""
-    with AtTheDesk(max_throttle=1.0) as at:
-        assert WAIT_FOR_REST in coasting(at)
-        assert not any("Not armed" in text for text in at.said())
-        notes = [one["refusals"] for one in at.told if one["type"] == "status"][-1]
+    with AtTheDesk(max_throttle=1.0) as desk:
+        assert WAIT_FOR_REST in coasting(desk)
+        assert not any("Not armed" in text for text in desk.list_texts())
+        notes = [one["refusals"] for one in desk.messages if one["type"] == "status"][-1]
         assert {note["name"] for note in notes} <= {"ENCODER_MOVING"}

@@ -84,19 +84,19 @@ class Relay:
             start = time.monotonic() - self.nano.now
             try:
                 while self.left > 0:
-                    for message in self._told(socket):
+                    for message in self._receive(socket):
                         self._take(message)
                     if time.monotonic() - start - self.nano.now > LATE:
                         start = time.monotonic() - self.nano.now
                     while self.nano.run(time.monotonic() - start):
                         pass
-                    said = b"".join(data for data, _ in self.nano.read())
-                    if said:
-                        socket.send(self.up(said))
+                    answer = b"".join(data for data, _ in self.nano.read())
+                    if answer:
+                        socket.send(self.up(answer))
             except ConnectionClosed:
                 pass
 
-    def _told(self, socket):
+    def _receive(self, socket):
         wait = PACE
         while True:
             try:

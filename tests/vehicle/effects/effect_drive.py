@@ -52,10 +52,10 @@ def drive(p):
     for command in zip(tau.tolist(), (s + moved / slope).tolist(), strict=True):
         state = step(*state, *command)
         states.append(state)
-    return sensed(q, np.array(states).T, t)
+    return simulate_sensors(q, np.array(states).T, t)
 
 
-def sensed(q, states, t):
+def simulate_sensors(q, states, t):
     """Channels of the sensors for states (8, n)."""
     x, y, eta, vx, vy, om, tau, s = states
     delta = make_steering(q.steering, np)(s)
@@ -72,10 +72,10 @@ def sensed(q, states, t):
             "y": out["pose"][1], "yaw": out["pose"][2], "throttle": tau, "angle": delta}
 
 
-def medium(of, size=1, sign=1.0):
+def medium(effect, size=1, sign=1.0):
     """Values of an effect at one of its sizes, on the side that its bounds allow."""
     return {q.name: q.null + (sign if q.low < q.null - q.sizes[size] else 1.0) * q.sizes[size]
-            for q in of.parameters if q.alone}
+            for q in effect.parameters if q.alone}
 
 
 NAMES = tuple(catalogue())

@@ -71,26 +71,26 @@ def expected_forces(law):
     return replace(law, expected=FORCES | law.state | law.expected)
 
 
-def evaluate_forces(of, law):
-    hook = of.force(CARS[law.car], SCALAR, *activate(of, law.values).values)
+def evaluate_forces(tested, law):
+    hook = tested.force(CARS[law.car], SCALAR, *activate(tested, law.values).values)
     return hook(Forces(**(FORCES | law.state)))._asdict()
 
 
-def evaluate_forces_together(of, laws):
+def evaluate_forces_together(tested, laws):
     """Evaluate the laws of one car as one batch: values and states are arrays (n,)."""
-    cars = stack([add_effects(CARS[law.car], (activate(of, law.values),)) for law in laws])
+    cars = stack([add_effects(CARS[law.car], (activate(tested, law.values),)) for law in laws])
     rows = {k: np.array([(FORCES | law.state)[k] for law in laws]) for k in Forces._fields}
-    hook = of.force(cars, ARRAY, *cars.effects[0].values)
+    hook = tested.force(cars, ARRAY, *cars.effects[0].values)
     out = [np.broadcast_to(v, len(laws)) for v in hook(Forces(**rows))]
     return [dict(zip(Forces._fields, column, strict=True)) for column in zip(*out, strict=True)]
 
 
-def evaluate_forces_of_symbols(of, law):
+def evaluate_forces_of_symbols(tested, law):
     """Evaluate the graph of the equation, in which parameters and state are symbols."""
     graph = Graph()
-    car = add_effects(CARS[law.car], (activate(of, law.values),))
+    car = add_effects(CARS[law.car], (activate(tested, law.values),))
     symbols = bind(car, graph.symbol)
-    hook = of.force(symbols, graph.namespace(), *symbols.effects[0].values)
+    hook = tested.force(symbols, graph.namespace(), *symbols.effects[0].values)
     out = [v if hasattr(v, "index") else graph.constant(v)
            for v in hook(Forces(*map(graph.symbol, Forces._fields)))]
     numbers = {k: min(v, 1e30) for k, v in values(car).items()} | FORCES | law.state
@@ -98,10 +98,10 @@ def evaluate_forces_of_symbols(of, law):
     return dict(zip(Forces._fields, results, strict=True))
 
 
-def evaluate_forces_of_casadi(of, law, casadi):
+def evaluate_forces_of_casadi(tested, law, casadi):
     """Evaluate the equation over casadi's symbols; also return its slope at the state and at 0."""
     x = casadi.SX.sym("x", len(Forces._fields))
-    hook = of.force(CARS[law.car], adapt(casadi), *activate(of, law.values).values)
+    hook = tested.force(CARS[law.car], adapt(casadi), *activate(tested, law.values).values)
     out = casadi.vertcat(*hook(Forces(*casadi.vertsplit(x))))
     state = [(FORCES | law.state)[k] for k in Forces._fields]
     at_rest = [1.0 if k == "cos_d" else 0.0 for k in Forces._fields]
@@ -116,8 +116,9 @@ def evaluate_forces_compiled(effects, laws, folder):
 
     In each lane the effects of other laws are at their null. Returns the fields by name, per lane.
     """
-    cars = [add_effects(CARS[law.car], [activate(of, law.values if of.name == law.effect else {})
-                                     for of in effects]) for law in laws]
+    cars = [add_effects(CARS[law.car],
+                        [activate(tested, law.values if tested.name == law.effect else {})
+                                     for tested in effects]) for law in laws]
 
     def make(symbol, f):
         p = bind(cars[0], symbol)
@@ -158,21 +159,21 @@ def _length(series):
     return len(series[0] if isinstance(series, tuple) else series)
 
 
-def evaluate_series(of, law):
-    p = add_effects(CARS[law.car], (activate(of, law.values),))
+def evaluate_series(tested, law):
+    p = add_effects(CARS[law.car], (activate(tested, law.values),))
     series = {c: _series(law, c) for c in law.expected}
     return {c: transform_signal(p, c, s, _now(law, _length(s)), DT) for c, s in series.items()}
 
 
-def evaluate_series_in_lanes(of, law):
+def evaluate_series_in_lanes(tested, law):
     """Evaluate two cars in one batch; the second is heavier and at the null of the effect.
 
     Returns the series of the first, and the largest change of the second.
     """
     car = CARS[law.car]
     heavier = replace(car, body=replace(car.body, mass=car.body.mass + 0.5))
-    both = stack([add_effects(car, (activate(of, law.values),)),
-                  add_effects(heavier, (activate(of, {}),))])
+    both = stack([add_effects(car, (activate(tested, law.values),)),
+                  add_effects(heavier, (activate(tested, {}),))])
     results = {}
     changes = [0.0]
     for channel in law.expected:
@@ -183,13 +184,13 @@ def evaluate_series_in_lanes(of, law):
     return results, max(changes)
 
 
-def evaluate_step_by_step(of, law):
+def evaluate_step_by_step(tested, law):
     """Evaluate one sample after the other, as a simulator does; {} where it needs the future."""
-    p = add_effects(CARS[law.car], (activate(of, law.values),))
+    p = add_effects(CARS[law.car], (activate(tested, law.values),))
     results = {}
     for channel in law.expected:
-        hook = of.signals[channel]
-        if isinstance(hook, PureDelay) and hook.seconds(*activate(of, law.values).values) < 0.0:
+        hook = tested.signals[channel]
+        if isinstance(hook, PureDelay) and hook.seconds(*activate(tested, law.values).values) < 0.0:
             return {}
         series = _series(law, channel)
         now = _now(law, _length(series))
@@ -218,22 +219,22 @@ def _quantities(p, f, law, convert):
     return {k: QUANTITIES[k](p, f, **state) for k in law.expected}
 
 
-def evaluate_parameters(of, law):
-    p = apply_parameter_effects(add_effects(CARS[law.car], (activate(of, law.values),)))
+def evaluate_parameters(tested, law):
+    p = apply_parameter_effects(add_effects(CARS[law.car], (activate(tested, law.values),)))
     return _quantities(p, SCALAR, law, float)
 
 
-def evaluate_parameters_in_lanes(of, law):
+def evaluate_parameters_in_lanes(tested, law):
     """Evaluate two cars in one batch; the second has the values of the null."""
-    p = apply_parameter_effects(stack([add_effects(CARS[law.car], (activate(of, v),))
+    p = apply_parameter_effects(stack([add_effects(CARS[law.car], (activate(tested, v),))
                                        for v in (law.values, {})]))
     results = _quantities(p, ARRAY, law, np.asarray)
     return {k: np.broadcast_to(v, 2)[0] for k, v in results.items()}
 
 
-def evaluate_parameters_of_symbols(of, law):
+def evaluate_parameters_of_symbols(tested, law):
     graph = Graph()
-    car = add_effects(CARS[law.car], (activate(of, law.values),))
+    car = add_effects(CARS[law.car], (activate(tested, law.values),))
     symbols = apply_parameter_effects(bind(car, graph.symbol))
     results = _quantities(symbols, graph.namespace(), law, graph.constant)
     numbers = {k: min(v, 1e30) for k, v in values(car).items()}
@@ -241,23 +242,24 @@ def evaluate_parameters_of_symbols(of, law):
                                       SCALAR), strict=True))
 
 
-def check_effect(of):
+def check_effect(tested):
     """Return what of the laws of an effect plain floats and series do not satisfy; [] = nothing.
 
     ``of`` may be an effect that is not in the catalogue: a broken one.
     """
     failures = []
-    for law in laws_of(of.name, "force"):
-        failures += find_failures(expected_forces(law), evaluate_forces(of, law), "math")
-    for law in laws_of(of.name, "signals"):
-        failures += find_failures(law, evaluate_series(of, law), "series")
-        steps = evaluate_step_by_step(of, law)
+    for law in laws_of(tested.name, "force"):
+        failures += find_failures(expected_forces(law), evaluate_forces(tested, law), "math")
+    for law in laws_of(tested.name, "signals"):
+        failures += find_failures(law, evaluate_series(tested, law), "series")
+        steps = evaluate_step_by_step(tested, law)
         failures += find_failures(law, steps, "step by step") if steps else []
-    for law in laws_of(of.name, "vehicle"):
-        failures += find_failures(expected_parameters(law), evaluate_parameters(of, law), "math")
+    for law in laws_of(tested.name, "vehicle"):
+        failures += find_failures(expected_parameters(law), evaluate_parameters(tested, law),
+                                  "math")
     return failures
 
 
 def force_effects():
     """Return the effects of the catalogue that change forces."""
-    return [of for of in catalogue().values() if of.force]
+    return [tested for tested in catalogue().values() if tested.force]

@@ -37,7 +37,7 @@ imu_roll imu_lever_arm mocap_latency mocap_offset_x mocap_offset_y mocap_yaw clo
 encoder_axle imu_offset_y imu_yaw steering_dead_zone
 """.split())  # noqa: SIM905
 """Names that files and reports of a user may hold already. A new effect needs no entry."""
-EVERY = pytest.mark.parametrize("of", catalogue().values(), ids=catalogue())
+EVERY = pytest.mark.parametrize("effect", catalogue().values(), ids=catalogue())
 
 
 def test_the_catalogue_is_the_files_of_its_folder():
@@ -51,23 +51,23 @@ def test_no_released_name_is_gone():
 
 
 @EVERY
-def test_an_effect_is_documented(of):
-    module = import_module(f"dart_hal.vehicle.effects.{of.name}")
-    assert module.EFFECT is of, "a file bears the name of its effect"
+def test_an_effect_is_documented(effect):
+    module = import_module(f"dart_hal.vehicle.effects.{effect.name}")
+    assert module.EFFECT is effect, "a file bears the name of its effect"
     assert len(inspect.getdoc(module).splitlines()) >= 3, "the equation is in the docstring"
-    assert of.stage in EFFECT_STAGES
-    assert of.title[0].islower(), "it completes 'the car ...'"
-    assert not of.title.endswith(".")
-    for text in (of.physics, of.experiment):
+    assert effect.stage in EFFECT_STAGES
+    assert effect.title[0].islower(), "it completes 'the car ...'"
+    assert not effect.title.endswith(".")
+    for text in (effect.physics, effect.experiment):
         assert text.endswith(".")
         assert len(text) > 40
-    assert of.confused_with
-    assert set(of.confused_with) <= set(catalogue()) - {of.name}
-    for parameter in of.parameters:
+    assert effect.confused_with
+    assert set(effect.confused_with) <= set(catalogue()) - {effect.name}
+    for parameter in effect.parameters:
         assert parameter.meaning, "a report says what the parameter is"
         assert not parameter.meaning.endswith(".")
-    assert of.vehicle or of.force or of.signals
-    assert set(of.signals) <= set(SIGNAL_CHANNELS)
+    assert effect.vehicle or effect.force or effect.signals
+    assert set(effect.signals) <= set(SIGNAL_CHANNELS)
 
 
 def test_the_page_is_that_of_the_files():
@@ -77,8 +77,8 @@ def test_the_page_is_that_of_the_files():
 
 
 @EVERY
-def test_bounds_hold_the_null_value_and_every_size(of):
-    for q in of.parameters:
+def test_bounds_hold_the_null_value_and_every_size(effect):
+    for q in effect.parameters:
         assert q.low <= q.null <= q.high
         assert q.unit
         assert 0 < q.sizes[0] < q.sizes[1] < q.sizes[2]
@@ -86,14 +86,15 @@ def test_bounds_hold_the_null_value_and_every_size(of):
 
 
 @EVERY
-def test_values_out_of_bounds_are_refused(of):
-    for q in of.parameters:
+def test_values_out_of_bounds_are_refused(effect):
+    for q in effect.parameters:
         for bad in (q.low - 0.01, q.high + 0.01, float("nan")):
-            with pytest.raises(ConfigError, match=of.name):
-                apply(PAPER, of.name, **{q.name: bad})
-        with pytest.raises(ConfigError, match=of.name):
-            apply(PAPER, of.name, **{q.name: np.array([q.null, q.high + 1.0])})
-        assert value(apply(PAPER, of.name, **{q.name: q.high}), f"{of.name}.{q.name}") == q.high
+            with pytest.raises(ConfigError, match=effect.name):
+                apply(PAPER, effect.name, **{q.name: bad})
+        with pytest.raises(ConfigError, match=effect.name):
+            apply(PAPER, effect.name, **{q.name: np.array([q.null, q.high + 1.0])})
+        assert value(apply(PAPER, effect.name, **{q.name: q.high}),
+                     f"{effect.name}.{q.name}") == q.high
 
 
 @pytest.mark.parametrize("name", ["quadratic_drag", "cornering_drag", "differential_drag",

@@ -51,12 +51,12 @@ def test_standard_errors_stay_with_the_numbers_they_belong_to():
         sorted(old.effects, key=lambda e: e.name))
 
 
-@pytest.mark.parametrize(("entry", "says", "helps"), [
+@pytest.mark.parametrize(("entry", "message", "helps"), [
     (EffectEntry("quadratic_drga", {"k": 0.1}), "quadratic_drga", "quadratic_drag"),
     (EffectEntry("quadratic_drag", {"q": 0.1}), "no parameter 'q'", "k"),
     (EffectEntry("quadratic_drag", {"k": -0.1}), "out of range", "unit")])
-def test_what_is_not_in_the_catalogue_is_refused(entry, says, helps):
-    with pytest.raises(ConfigError, match=says) as caught:
+def test_what_is_not_in_the_catalogue_is_refused(entry, message, helps):
+    with pytest.raises(ConfigError, match=message) as caught:
         vehicle_of(msgspec.structs.replace(model_of(PAPER), effects=(entry,)))
     assert helps in caught.value.remedy
 

@@ -27,44 +27,44 @@ from tests.vehicle.effects.law_engines import (
 )
 from tests.vehicle.effects.laws import FORCE_LAWS
 
-EVERY = pytest.mark.parametrize("of", catalogue().values(), ids=catalogue())
-FORCES = pytest.mark.parametrize("of", force_effects(), ids=lambda of: of.name)
+EVERY = pytest.mark.parametrize("effect", catalogue().values(), ids=catalogue())
+FORCES = pytest.mark.parametrize("effect", force_effects(), ids=lambda effect: effect.name)
 
 
 def test_every_hook_of_every_effect_has_a_law():
-    for of in catalogue().values():
-        assert bool(laws_of(of.name, "force")) == (of.force is not None), of.name
-        assert bool(laws_of(of.name, "vehicle")) == (of.vehicle is not None), of.name
-        assert channels_of(of.name) == set(of.signals), of.name
+    for effect in catalogue().values():
+        assert bool(laws_of(effect.name, "force")) == (effect.force is not None), effect.name
+        assert bool(laws_of(effect.name, "vehicle")) == (effect.vehicle is not None), effect.name
+        assert channels_of(effect.name) == set(effect.signals), effect.name
 
 
 @EVERY
-def test_effect_satisfies_its_equation(of):
+def test_effect_satisfies_its_equation(effect):
     """Over floats, arrays with a value for each car, symbols, whole series and single steps."""
-    failures = check_effect(of)
-    for _, same in groupby(laws_of(of.name, "force"), key=lambda law: law.car):
+    failures = check_effect(effect)
+    for _, same in groupby(laws_of(effect.name, "force"), key=lambda law: law.car):
         laws = list(same)
-        for law, together in zip(laws, evaluate_forces_together(of, laws), strict=True):
-            wanted = expected_forces(law)
-            failures += find_failures(wanted, together, "arrays")
-            failures += find_failures(wanted, evaluate_forces_of_symbols(of, law), "symbols")
-    for law in laws_of(of.name, "signals"):
-        series, change = evaluate_series_in_lanes(of, law)
+        for law, together in zip(laws, evaluate_forces_together(effect, laws), strict=True):
+            expected = expected_forces(law)
+            failures += find_failures(expected, together, "arrays")
+            failures += find_failures(expected, evaluate_forces_of_symbols(effect, law), "symbols")
+    for law in laws_of(effect.name, "signals"):
+        series, change = evaluate_series_in_lanes(effect, law)
         failures += find_failures(law, series, "arrays")
         assert change == 0.0, "the car at the null does not change"
-    for law in laws_of(of.name, "vehicle"):
-        wanted = expected_parameters(law)
-        failures += find_failures(wanted, evaluate_parameters_in_lanes(of, law), "arrays")
-        failures += find_failures(wanted, evaluate_parameters_of_symbols(of, law), "symbols")
+    for law in laws_of(effect.name, "vehicle"):
+        expected = expected_parameters(law)
+        failures += find_failures(expected, evaluate_parameters_in_lanes(effect, law), "arrays")
+        failures += find_failures(expected, evaluate_parameters_of_symbols(effect, law), "symbols")
     assert failures == []
 
 
 @FORCES
-def test_casadi_satisfies_the_equation_and_can_differentiate_it(of):
+def test_casadi_satisfies_the_equation_and_can_differentiate_it(effect):
     casadi = pytest.importorskip("casadi")
     failures = []
-    for law in laws_of(of.name, "force"):
-        got, slope = evaluate_forces_of_casadi(of, law, casadi)
+    for law in laws_of(effect.name, "force"):
+        got, slope = evaluate_forces_of_casadi(effect, law, casadi)
         failures += find_failures(expected_forces(law), got, "casadi")
         assert np.isfinite(slope).all(), "an optimiser needs the slope, at rest as well"
     assert failures == []

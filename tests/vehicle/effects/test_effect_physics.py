@@ -121,12 +121,12 @@ def test_at_medium_size_it_shows_in_ten_seconds(name, base_drive):
     of = find_effect(name)
     changed = drive(apply(PAPER, name, **medium(of)))
 
-    def apart(c):
+    def rms_change(c):
         return float(np.sqrt(np.mean((changed[c] - base_drive[c]) ** 2)))
 
-    assert least < apart(channel) < 6.0 * least
+    assert least < rms_change(channel) < 6.0 * least
     if of.stage == "measurement":
-        assert all(apart(c) == 0.0 for c in ("v_x", "v_y", "omega")), "sensors move no car"
+        assert all(rms_change(c) == 0.0 for c in ("v_x", "v_y", "omega")), "sensors move no car"
 
 
 @pytest.mark.slow

@@ -31,7 +31,7 @@ TWO = {c: ",".join(f"{n}:{catalogue()[n].parameters[0].sizes[1]}" for n, of in W
 """All effects of a channel at once, as text."""
 
 
-def stepped(p, channel, signal, now):
+def step_series(p, channel, signal, now):
     """The series again, one tick after the other."""
     stepper = Stepper(p, channel, DT)
     rows = list(zip(*signal, strict=True)) if isinstance(signal, tuple) else signal.tolist()
@@ -49,7 +49,7 @@ def test_tick_by_tick_gives_the_series_where_the_signal_stands_still(name):
     signal = np.repeat([0.0, 0.3, 0.3, -0.2, -0.21, 0.4], [5, 40, 1, 60, 2, 1])
     now = Now(*[np.zeros(len(signal))] * len(Now._fields))
     got = transform_signal(p, channel, signal, now, DT)
-    assert (got == stepped(p, channel, signal, now)).all()
+    assert (got == step_series(p, channel, signal, now)).all()
     assert len(np.unique(got)) > 4
 
 
@@ -63,7 +63,7 @@ def test_a_rate_limit_that_has_caught_up_follows_what_is_slow(k, lag):
     p = apply(PAPER, "steering_rate_limit", k=k)
     now = Now(*[np.zeros(len(signal))] * len(Now._fields))
     got = transform_signal(p, "steering", signal, now, DT)
-    assert (got == stepped(p, "steering", signal, now)).all()
+    assert (got == step_series(p, "steering", signal, now)).all()
     assert (np.abs(got - signal).max() > 0.1) == (k > 0.0)
 
 
@@ -72,7 +72,7 @@ def test_tick_by_tick_gives_the_series_through_all_of_them(channel):
     p = add_effects(PAPER, parse_effects(TWO[channel]))
     signal, now = noise(channel)
     expected = np.array(transform_signal(p, channel, signal, now, DT))
-    assert np.abs(stepped(p, channel, signal, now) - expected).max() < 1e-12
+    assert np.abs(step_series(p, channel, signal, now) - expected).max() < 1e-12
     assert np.abs(expected - np.array(signal)).max() > 1e-3
 
 
@@ -129,12 +129,12 @@ def test_early_is_for_recordings_alone():
 def test_play_is_a_loop_of_its_width():
     u = 0.2 * np.sin(np.linspace(0.0, 6.0 * math.pi, 3001))
     got = transform_signal(apply(PAPER, "steering_backlash", k=0.06), "angle", u, Now(), DT)
-    settled = slice(1000, None)
-    assert np.abs(got - u)[settled].max() == pytest.approx(0.03, abs=1e-12)
+    steady = slice(1000, None)
+    assert np.abs(got - u)[steady].max() == pytest.approx(0.03, abs=1e-12)
     up = np.diff(u, prepend=u[0]) > 0
     crossing = np.abs(u) < 0.01
-    assert (got - u)[settled][(up & crossing)[settled]] == pytest.approx(-0.03, abs=1e-9)
-    assert (got - u)[settled][(~up & crossing)[settled]] == pytest.approx(0.03, abs=1e-9)
+    assert (got - u)[steady][(up & crossing)[steady]] == pytest.approx(-0.03, abs=1e-9)
+    assert (got - u)[steady][(~up & crossing)[steady]] == pytest.approx(0.03, abs=1e-9)
 
 
 def test_a_rate_limit_takes_its_time_per_unit_of_command():
@@ -217,26 +217,26 @@ def test_slip_goes_with_the_force_over_the_mass():
     ("imu_yaw:0.2", ((math.cos(0.2), math.sin(0.2), 0.0), (-math.sin(0.2), math.cos(0.2), 0.0)))])
 def test_a_turned_imu_sees_force_along_its_own_axes(text, axes):
     """Specific force of the car (a_x, a_y, g) on axes rotated about y, x and z of the body."""
-    felt = np.array([1.3, -0.7, 9.81])
+    force = np.array([1.3, -0.7, 9.81])
     got = transform_signal(add_effects(PAPER, parse_effects(text)), "accel",
-                           (felt[:1], felt[1:2]), Now(), DT)
-    assert [float(v[0]) for v in got] == pytest.approx([float(felt @ np.array(a)) for a in axes])
+                           (force[:1], force[1:2]), Now(), DT)
+    assert [float(v[0]) for v in got] == pytest.approx([float(force @ np.array(a)) for a in axes])
 
 
-@pytest.mark.parametrize(("name", "ahead", "left"), [
+@pytest.mark.parametrize(("name", "x", "y"), [
     ("imu_lever_arm", 0.1, 0.0), ("imu_offset_y", 0.0, 0.1)])
-def test_an_imu_feels_the_motion_of_its_own_place(name, ahead, left):
+def test_an_imu_feels_the_motion_of_its_own_place(name, x, y):
     """Acceleration of a point on a turning car, by differences of its path."""
     t = np.arange(0.0, 1.0, 1e-4)
     yaw = 0.8 * t + 0.6 * np.sin(2.0 * t)
-    path = np.stack([ahead * np.cos(yaw) - left * np.sin(yaw),
-                     ahead * np.sin(yaw) + left * np.cos(yaw)])
+    path = np.stack([x * np.cos(yaw) - y * np.sin(yaw),
+                     x * np.sin(yaw) + y * np.cos(yaw)])
     world = np.gradient(np.gradient(path, t, axis=1), t, axis=1)
     body = np.stack([np.cos(yaw) * world[0] + np.sin(yaw) * world[1],
                      np.cos(yaw) * world[1] - np.sin(yaw) * world[0]])
     omega = 0.8 + 1.2 * np.cos(2.0 * t)
     still = np.zeros(len(t))
-    got = transform_signal(apply(PAPER, name, k=ahead + left), "accel", (still, still),
+    got = transform_signal(apply(PAPER, name, k=x + y), "accel", (still, still),
                   Now(omega=omega, omega_dot=-2.4 * np.sin(2.0 * t)), DT)
     assert np.abs(np.array(got) - body)[:, 5:-5].max() < 1e-5
 
@@ -250,7 +250,7 @@ def test_a_marker_turns_with_the_car():
 
 # commands of a recording
 
-def shaped(throttle, steering, p):
+def shape_commands(throttle, steering, p):
     """Commands of a recording as the actuators of the vehicle have them."""
     n = len(throttle)
     unknown = np.full(n, np.nan)
@@ -260,18 +260,18 @@ def shaped(throttle, steering, p):
 
 def test_rollouts_of_recordings_see_the_effects_on_commands():
     t, throttle, steering = commands()
-    tau, angle = shaped(throttle, steering, PAPER)
-    same = shaped(throttle, steering, apply(PAPER, "gyro_bias", k=0.1))
+    tau, angle = shape_commands(throttle, steering, PAPER)
+    same = shape_commands(throttle, steering, apply(PAPER, "gyro_bias", k=0.1))
     assert np.array_equal(same[0], tau)
     assert np.array_equal(same[1], angle)
     effects = parse_effects("battery_fade:-0.1,steering_trim:0.02")
-    got = shaped(throttle, steering, add_effects(PAPER, effects))
+    got = shape_commands(throttle, steering, add_effects(PAPER, effects))
     assert got[1] == pytest.approx(angle + 0.02, abs=1e-15)
     assert np.abs(got[0] - tau).max() == pytest.approx(0.1 * 0.1 * np.max((tau - 0.15) * t / 10.0),
                                                        rel=0.02)
-    late = shaped(throttle, steering, apply(PAPER, "steering_delay", k=0.05))[1]
+    late = shape_commands(throttle, steering, apply(PAPER, "steering_delay", k=0.05))[1]
     assert np.array_equal(late[5:], angle[:-5])
-    limited = shaped(throttle, steering, apply(PAPER, "steering_rate_limit", k=0.5))[1]
+    limited = shape_commands(throttle, steering, apply(PAPER, "steering_rate_limit", k=0.5))[1]
     slope = make_steering(PAPER.steering)(0.01) - make_steering(PAPER.steering)(0.0)
     assert np.abs(np.diff(limited)).max() < 2.5 * slope * (DT / 0.5) / 0.01
 

@@ -33,7 +33,7 @@ def test_every_slope_at_the_end_points_out_of_the_box(seed, n, pinned):
     assert (g[move < high] > -1e-5).all()
 
 
-def held(normal, slope, low, high):
+def step_in_box(normal, slope, low, high):
     """What is tempting: the free minimum, and whatever leaves the box stays at its edge."""
     move = np.zeros(len(slope))
     free = np.ones(len(slope), dtype=bool)
@@ -52,7 +52,7 @@ def test_to_hold_whatever_leaves_the_box_ends_above_the_beginning():
     a = np.array([[0.5, -0.9, 0.7], [1.7, 1.4, 1.7], [-1.1, -1.1, -1.0], [1.9, 2.3, 2.0]])
     box = np.array([-0.2, -0.7, 0.0]), np.array([0.6, 1.0, 0.9])
     of = a.T @ a + 0.01 * np.eye(3), np.array([0.9, 0.6, 0.4])
-    assert quadratic(*of, held(*of, *box)) > 12.0
+    assert quadratic(*of, step_in_box(*of, *box)) > 12.0
     assert quadratic(*of, solve_box_quadratic(*of, *box)) < 0.0
 
 
@@ -78,25 +78,25 @@ def test_slopes_are_kept_while_steps_gain_what_they_promise(bend):
     rng = np.random.default_rng(4)
     mix = rng.normal(size=(30, 5))
     target = rng.normal(size=5)
-    asked = {}
+    counts = {}
 
-    def ended(kept):
-        asked[kept] = 0
+    def count_calls(kept):
+        counts[kept] = 0
 
         def residual(x):
             z = x - target
             return mix @ (z + bend * z**2) + 0.3
 
         def jacobian(x, r):
-            asked[kept] += 1
+            counts[kept] += 1
             return mix * (1.0 + 2.0 * bend * (x - target))
 
         return descend(residual, jacobian, np.zeros(5), np.full(5, -9.0), np.full(5, 9.0),
                        robust=3.0, prior=1e-9, cost_tolerance=1e-6,
                        jacobian_tolerance=kept)
 
-    often = ended(0.0)
-    seldom = ended(JACOBIAN_TOLERANCE)
+    often = count_calls(0.0)
+    seldom = count_calls(JACOBIAN_TOLERANCE)
     assert seldom.x == pytest.approx(often.x, abs=2e-3)
-    assert asked[JACOBIAN_TOLERANCE] < asked[0.0]
-    assert bend > 0.1 or asked[JACOBIAN_TOLERANCE] == 1
+    assert counts[JACOBIAN_TOLERANCE] < counts[0.0]
+    assert bend > 0.1 or counts[JACOBIAN_TOLERANCE] == 1
