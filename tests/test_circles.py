@@ -74,7 +74,7 @@ def test_no_c_file_of_the_emulator_needs_itself():
     assert circle(includes(EMULATOR)) == []
 
 
-def test_a_circle_of_scripts_would_be_seen(tmp_path):
+def test_a_circle_of_scripts_would_be_detected(tmp_path):
     (tmp_path / "rows.py").write_text("def page():\n    from pages import head\n    return head\n")
     (tmp_path / "pages.py").write_text("import shapes\nhead = ''\n")
     (tmp_path / "shapes.py").write_text("")
@@ -84,7 +84,7 @@ def test_a_circle_of_scripts_would_be_seen(tmp_path):
 
 
 @pytest.mark.parametrize("use", ["pins_show(0);", "notify = pins_show;"])
-def test_a_circle_of_c_files_would_be_seen(tmp_path, use):
+def test_a_circle_of_c_files_would_be_detected(tmp_path, use):
     (tmp_path / "pins.c").write_text("void pins_show(int bit)\n{\n\tlevel(bit);\n}\n")
     (tmp_path / "timer.c").write_text('int level(int bit)\n{\n\t/* pins_show() */ f("pins_show");'
                                       "\n\treturn bit;\n}\n")

@@ -54,7 +54,7 @@ def test_an_example_on_the_firmware(tmp_path):
     assert float(output.rpartition("turned ")[2].split()[0]) > 2.0
 
 
-def test_without_gymnasium_the_example_says_what_to_install(tmp_path):
+def test_without_gymnasium_the_example_names_what_to_install(tmp_path):
     (tmp_path / "gymnasium.py").write_text("raise ImportError('not installed')\n")
     done = subprocess.run([sys.executable, str(EXAMPLES / "learn_to_follow.py")], cwd=tmp_path,
                           capture_output=True, text=True, check=False,

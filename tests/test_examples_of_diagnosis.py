@@ -86,12 +86,12 @@ def check_upgrades(results):
 
 
 @pytest.mark.slow
-def test_both_upgrades_are_told_from_a_drive_before_and_after():
+def test_both_upgrades_are_found_by_a_drive_before_and_after():
     check_upgrades(run_upgrades(32.0, LOSSES))
 
 
 @pytest.mark.long
-def test_both_upgrades_are_told_among_all_effects():
+def test_both_upgrades_are_found_among_all_effects():
     check_upgrades(run_upgrades(60.0, ()))
 
 
@@ -111,7 +111,7 @@ def test_contouring_control_by_what_was_found():
 @pytest.mark.long
 @pytest.mark.emulator
 @pytest.mark.parametrize("program", [TUNE, UPGRADES], ids=lambda p: p.stem)
-def test_it_runs_as_it_stands(program, tmp_path):
+def test_it_runs_unchanged(program, tmp_path):
     env = {k: v for k, v in os.environ.items() if k not in ("DART_HAL_URL", "DART_NANO")}
     done = subprocess.run([sys.executable, str(program)], capture_output=True, text=True,
                           cwd=tmp_path, env=env, check=False)

@@ -68,7 +68,7 @@ def add_import(folder: Path, package: str, other: str) -> None:
     ("dart_lab.diagnosis", "dart_lab.live"),
 ])
 @pytest.mark.slow_except("dart_hal.core-dart_hal.cli")
-def test_an_import_up_or_sideways_would_be_seen(empty_packages, package, other):
+def test_an_import_up_or_sideways_would_be_detected(empty_packages, package, other):
     """The negative control."""
     add_import(empty_packages, package, other)
     done = lint(empty_packages)
@@ -85,7 +85,7 @@ def test_an_import_down_is_free(empty_packages):
 
 
 @pytest.mark.slow
-def test_a_package_without_a_layer_would_be_seen(empty_packages):
+def test_a_package_without_a_layer_would_be_detected(empty_packages):
     (empty_packages / "host" / "dart_hal" / "attic.py").touch()
     assert lint(empty_packages).returncode != 0
 
@@ -130,7 +130,7 @@ def find_attributes_by_name(text: str) -> list[str]:
             and call.func.id in ("hasattr", "getattr")]
 
 
-def test_a_car_asks_no_link_what_it_has():
+def test_a_car_queries_no_link_by_attribute_names():
     """Optional members are declared in ports.Link; the last line is the control."""
     for path in (PACKAGE / "car").glob("*.py"):
         assert find_attributes_by_name(path.read_text(encoding="utf-8")) == [], path.name

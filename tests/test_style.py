@@ -55,7 +55,7 @@ def test_only_the_cli_prints(package, found):
     assert ("T201" in done.stdout) is found, done.stdout + done.stderr
 
 
-def test_no_bare_except_and_blind_ones_say_why():
+def test_no_bare_except_and_blind_ones_name_the_reason():
     bad = []
     for path in SOURCES:
         source = path.read_text(encoding="utf-8")
@@ -127,7 +127,7 @@ def test_no_registry_and_no_place_of_a_machine_in_the_tree():
     assert found == {}
 
 
-def test_a_leak_would_be_seen():
+def test_a_leak_would_be_detected():
     """The negative control."""
     assert leaks("pip install -i https://pypi.example.org/simple x")
     assert leaks("open('/work/main/x')")

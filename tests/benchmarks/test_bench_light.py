@@ -16,7 +16,7 @@ def test_rows():
     assert all(math.isfinite(f.value) and f.value > 0.0 for f in rows)
 
 
-def test_without_gymnasium_it_says_so(monkeypatch):
+def test_missing_gymnasium_is_reported(monkeypatch):
     import sys
 
     for name in [m for m in sys.modules if m.startswith("dart_lab.sim.gym")]:

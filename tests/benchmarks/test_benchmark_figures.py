@@ -72,7 +72,7 @@ def test_an_unknown_bench_is_refused(one_bench):
         run.main(["--only", "nothing"])
 
 
-def test_a_missing_emulator_is_said_and_not_a_success(monkeypatch, capsys):
+def test_a_missing_emulator_is_reported_and_not_a_success(monkeypatch, capsys):
     def missing(scale):
         raise run.EmulatorMissing("not built")
 

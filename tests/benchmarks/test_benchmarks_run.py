@@ -44,7 +44,7 @@ def test_encoder():
 
 
 @pytest.mark.emulator
-def test_counts_tell_when_edges_are_missed():
+def test_counts_show_when_edges_are_missed():
     """With the glitch rule on, 40 k edges/s must not come through."""
     given, counted = bench_encoder.count([40e3], 0.05, (20, 0), {})
     assert given[0] > 1900
@@ -53,7 +53,7 @@ def test_counts_tell_when_edges_are_missed():
 
 @pytest.mark.slow
 @pytest.mark.emulator
-def test_speed_error_tells_a_wrong_ring(monkeypatch):
+def test_speed_error_shows_a_wrong_ring(monkeypatch):
     monkeypatch.setattr(bench_encoder, "GEAR_REVOLUTION", 1.002 * GEAR_REVOLUTION)
     assert bench_encoder.speed_error(1.0, 0.5).ok is False
 
@@ -96,7 +96,7 @@ def test_clock():
 
 @pytest.mark.emulator
 @pytest.mark.slow
-def test_clock_errors_are_seen():
+def test_clock_errors_are_detected():
     """A zero that is 1 ms off shows as 1 ms of error."""
     zero = bench_clock.tick_zero()
     right, _ = bench_clock.errors_of("none", zero, 3.0, 0.5)

@@ -104,7 +104,7 @@ def test_a_file_of_before_warns_and_arms(tmp_path):
     assert "CALIBRATION_UNBOUND" in arm_and_list_cautions(write_calibration(tmp_path))
 
 
-def test_a_car_without_a_calibration_is_not_asked(tmp_path):
+def test_a_car_without_a_calibration_is_not_queried(tmp_path):
     assert "CALIBRATION_UNBOUND" not in arm_and_list_cautions(tmp_path)
 
 
@@ -116,6 +116,6 @@ def test_a_board_that_is_no_number_is_refused(tmp_path, board):
 
 @pytest.mark.emulator
 @pytest.mark.parametrize("url", ["sim://?seed=3&nano=avr"])
-def test_the_firmware_tells_its_number_too(tmp_path, url):
+def test_the_firmware_reports_its_number_too(tmp_path, url):
     with Car.open(url, cars=write_calibration(tmp_path)) as car:
         assert car.files.board == MINE

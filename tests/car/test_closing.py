@@ -99,7 +99,7 @@ def test_an_error_in_the_block_passes_through_without_a_pulse(tmp_path):
     assert no_pulse(backend.bus)
 
 
-def test_no_pca9685_is_said_and_closes(tmp_path):
+def test_no_pca9685_is_reported_and_closes(tmp_path):
     backend = open_backend(URL)
     closed = []
     backend.closers = (lambda: closed.append("bus"),)
@@ -110,7 +110,7 @@ def test_no_pca9685_is_said_and_closes(tmp_path):
     assert closed == ["bus"]
 
 
-def test_a_nano_that_says_nothing_leaves_no_pulse(tmp_path):
+def test_a_silent_nano_leaves_no_pulse(tmp_path):
     backend = open_backend(URL)
     closed = []
     backend.closers = (lambda: closed.append("bus"),)

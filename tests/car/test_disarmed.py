@@ -82,7 +82,7 @@ def test_a_stop_answers_a_trip():
         assert "NOT_ARMED" in car.drive(throttle=0.1).limited
 
 
-def test_a_reboot_of_the_nano_is_told_too():
+def test_a_reboot_of_the_nano_is_reported_too():
     with Car.open(MOCK + "&fail=mcu:reset@4") as car:
         car.arm()
         with pytest.raises(Disarmed) as caught:

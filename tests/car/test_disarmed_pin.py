@@ -68,7 +68,7 @@ def test_a_program_that_arms_again_drives():
         stays_neutral(widths, throttles)
 
 
-def test_a_trip_that_leaves_the_throttle_alive_is_seen(monkeypatch):
+def test_a_trip_that_leaves_the_throttle_alive_is_detected(monkeypatch):
     """Control: broken code."""
     for state in (ArmState.TRIPPED, ArmState.DISARMED):
         monkeypatch.setitem(ENTRY, state, ENTRY[ArmState.ARMED])

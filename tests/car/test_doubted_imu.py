@@ -64,7 +64,7 @@ def yaw_sigmas(rows) -> float:
                for s, t in rest)
 
 
-def test_garbage_is_never_given_out_and_the_pose_says_what_it_does_not_know(tmp_path):
+def test_garbage_is_never_given_out_and_the_pose_states_its_deviation(tmp_path):
     rows = drive(tmp_path, garbage)
     assert max(wrong(rows), default=0.0) <= 3.0 * GYRO_STD
     assert yaw_sigmas(rows) <= 3.0

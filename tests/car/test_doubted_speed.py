@@ -87,7 +87,7 @@ def drive(tmp_path, fault, *, target_speed: float, t_fault: float, believed: boo
 @pytest.mark.parametrize("t_fault", [0.0, 2.5], ids=["from rest", "while driving"])
 @pytest.mark.parametrize("fault", [half, two_marks, off], ids=lambda f: f.__name__)
 @pytest.mark.slow_except("half-while driving")
-def test_missing_edges_are_said_and_do_not_open_the_throttle(tmp_path, fault, t_fault):
+def test_missing_edges_are_reported_and_do_not_open_the_throttle(tmp_path, fault, t_fault):
     run = drive(tmp_path, fault, target_speed=1.0, t_fault=t_fault)
     assert run.t_first_doubt <= 0.5
     assert run.fastest <= 1.3
@@ -116,7 +116,7 @@ def test_reverse_is_watched_as_well(tmp_path, fault, fastest):
     assert blind.fastest > run.fastest + 0.2
 
 
-def test_edges_from_nowhere_are_said_and_covered(tmp_path):
+def test_edges_from_nowhere_are_reported_and_covered(tmp_path):
     run = drive(tmp_path, phantom, target_speed=1.0, t_fault=2.0)
     assert run.t_first_doubt <= 0.5
     assert run.fastest <= 1.35
@@ -124,7 +124,7 @@ def test_edges_from_nowhere_are_said_and_covered(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_doubt_ends_with_a_stop_and_the_next_drive_is_judged_anew(tmp_path):
+def test_a_doubt_ends_with_a_stop_and_the_next_drive_is_judged_again(tmp_path):
     backend = open_backend("sim://?nano=mock&seed=3")
     with Car.over(backend, cars=tmp_path) as car:
         world = world_of(backend)

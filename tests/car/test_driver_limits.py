@@ -93,7 +93,7 @@ def test_a_throttle_that_must_move_the_car_and_no_edge_is_neutral_after_300_ms(l
     car.arm()
 
 
-def test_a_throttle_just_above_the_dead_band_may_stand(lab):
+def test_a_throttle_just_above_the_dead_band_is_accepted(lab):
     car = lab.car
     car.arm()
     lab.hold()
@@ -127,7 +127,7 @@ def test_frames_lost_in_the_last_five_seconds_refuse(lab):
     lab.car.arm()
 
 
-def test_one_lost_frame_begins_the_time_of_a_good_link_anew(lab):
+def test_one_lost_frame_restarts_the_time_of_a_good_link(lab):
     lab.wait(1.0)
     assert lab.facts().link_good_for >= 0.9
     lab.lose = 1
@@ -200,7 +200,7 @@ def test_pings_are_many_at_first_and_then_two_a_second(tmp_path):
     assert max(b - a for a, b in pairwise(late)) < 0.55
 
 
-def test_the_last_word_to_the_nano_is_a_heartbeat_that_says_stop(lab):
+def test_the_last_message_to_the_nano_is_a_heartbeat_with_stop(lab):
     sent = downward(lab.car)
     lab.car.arm()
     for _ in lab.car.states(duration=0.3):
@@ -215,7 +215,7 @@ def test_the_last_word_to_the_nano_is_a_heartbeat_that_says_stop(lab):
     assert values["throttle"] == 0  # no pulse
 
 
-def test_a_heartbeat_says_which_way_the_car_is_driven(lab):
+def test_a_heartbeat_has_the_direction_of_driving(lab):
     """1 forward, 2 backward, 0 neither: flags of the newest beat after each command."""
     lab.car.arm()
     sent = downward(lab.car)

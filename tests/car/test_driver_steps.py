@@ -52,7 +52,7 @@ def test_each_heartbeat_reports_in_which_direction_the_throttle_acts(throttle, d
 
 
 @pytest.mark.parametrize(("good_for", "expected"), [(0.05, False), (0.15, True)])
-def test_a_car_is_settled_after_a_tenth_of_a_second_without_a_gap(good_for, expected):
+def test_the_link_is_stable_after_a_tenth_of_a_second_without_a_gap(good_for, expected):
     with Car.open(URL) as car:
         for _ in car.states(duration=0.5):
             pass

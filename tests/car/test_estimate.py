@@ -67,7 +67,7 @@ def test_with_a_source_it_is_the_axle_in_the_room():
 
 
 @pytest.mark.slow
-def test_it_is_less_sure_while_nobody_sees_the_car():
+def test_its_covariance_grows_while_no_pose_arrives():
     rows = [(s.estimate, place) for s, place in drive(URL, 6.0, f"{MOCAP},occlusion=30")]
     hidden = [e.tracking is Tracking.DEAD_RECKONING for e, _ in rows]
     variances = [float(np.trace(e.pose.cov[:2, :2])) for e, _ in rows]
@@ -100,7 +100,7 @@ def test_a_clock_that_is_set_does_not_move_it():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["enc:off@4", "enc:wrong=0.5@4"])
-def test_dead_reckoning_with_a_doubted_encoder_is_not_sure(fault, monkeypatch):
+def test_dead_reckoning_with_a_doubted_encoder_has_a_large_covariance(fault, monkeypatch):
     def worst():
         rows = drive(f"{URL}&fail={fault}", 4.0)
         assert any(s.health.doubts for s, _ in rows)

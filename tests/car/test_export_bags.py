@@ -123,7 +123,7 @@ def test_of_a_fleet_one_car(tmp_path):
     assert "/odom" in {t for t, *_ in decode_bag(tmp_path / "two")}
 
 
-def test_without_the_library_it_says_what_to_install(run, tmp_path, monkeypatch):
+def test_without_the_library_it_names_what_to_install(run, tmp_path, monkeypatch):
     for name in [n for n in sys.modules if n.partition(".")[0] == "rosbags"]:
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(UsageError) as refused:

@@ -50,7 +50,7 @@ def data_set(tables, tmp_path_factory):
     return path, write_lerobot(tables, path, fps=50, task="drive a bend")
 
 
-def test_it_holds_what_the_format_asks_for(data_set):
+def test_it_has_what_the_format_requires(data_set):
     path, made = data_set
     info = json.loads((path / "meta" / "info.json").read_text())
     assert info["codebase_version"] == "v3.0"
@@ -82,7 +82,7 @@ def test_it_holds_what_the_format_asks_for(data_set):
         assert len(rows[0][f"stats/{name}/mean"]) == feature["shape"][0]
 
 
-def test_frames_come_at_the_rate_that_is_told(data_set):
+def test_frames_come_at_the_stated_rate(data_set):
     path, made = data_set
     data = pq.read_table(path / "data" / "chunk-000" / "file-000.parquet").to_pandas()
     assert list(data["index"]) == list(range(made.frames))
@@ -132,7 +132,7 @@ def test_statistics_are_of_each_column():
     assert statistics(np.arange(101))["q90"] == [90.0]
 
 
-def test_a_run_in_which_nobody_drove_is_refused(tmp_path):
+def test_a_run_without_driving_is_refused(tmp_path):
     with Car.open("sim://?seed=1&nano=mock", record=tmp_path / "still.mcap") as car:
         list(car.states(duration=0.1))
     with pytest.raises(UsageError, match="no commands"):

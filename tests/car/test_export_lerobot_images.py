@@ -120,7 +120,7 @@ def test_runs_with_and_without_a_camera_make_no_data_set(table, tmp_path):
 @pytest.mark.parametrize(("images", "why"), [
     ([jpeg([(1, 2, 3)]), jpeg([(1, 2, 3)], (64, 16))], "several sizes"),
     ([b"no picture"], "is damaged")])
-def test_images_that_are_not_alike_or_none_are_refused(table, images, why):
+def test_images_of_several_sizes_or_none_are_refused(table, images, why):
     class Run:
         path = table.run.path
 

@@ -105,7 +105,7 @@ def scan_of(angles, distances, *, inverted=False):
                 mount=Mount(inverted=inverted))
 
 
-def test_a_beam_mirrored_is_seen(run):
+def test_a_beam_mirrored_is_detected(run):
     """Control: the test above would see a unit taken to turn the other way."""
     scan = scan_of([0.0, np.pi / 2, np.pi, 3 * np.pi / 2], [1.0, 2.0, 3.0, 4.0], inverted=True)
     message = standard.laser_scan(scan, 0, store_of(run), 4)
@@ -153,7 +153,7 @@ def test_a_scan_without_a_beam_has_no_reading(run):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("known", [True, False])
-def test_the_room_says_where_the_car_was(run, tmp_path, monkeypatch, known):
+def test_poses_in_the_room_are_where_the_car_was(run, tmp_path, monkeypatch, known):
     """By the marker as it truly is; control: taken to sit on the axle it is off by its arm."""
     true = hidden_mocap(3)
     arm = float(np.hypot(true.lx, true.ly))

@@ -66,7 +66,7 @@ def test_states_know_the_place_in_the_room_and_a_replay_knows_the_same(tmp_path)
 
 
 @pytest.mark.slow
-def test_under_a_false_lock_the_car_is_not_where_the_motion_capture_says():
+def test_under_a_false_lock_the_car_is_not_where_the_motion_capture_reports():
     rows = drive(f"{URL}&mocap=lock=20", 8.0)
     fooled = [(s, x, y) for s, x, y in rows
               if hypot(s.external.newest.x - x, s.external.newest.y - y) > 2.0 and s.speed > 0.3]
@@ -85,7 +85,7 @@ def test_a_clock_that_is_set_does_not_move_the_car(tmp_path):
     assert {s.external.tracking for s, _, _ in rows} <= {Tracking.TRACKING, Tracking.DEAD_RECKONING}
 
 
-def test_a_car_that_nobody_sees_says_so():
+def test_a_car_without_poses_reports_it():
     with Car.open(URL) as car:
         state = next(car.states())
     assert state.external is None

@@ -61,7 +61,7 @@ def free_port():
 
 
 @pytest.mark.parametrize("spelled", [True, False])
-def test_one_stream_tells_each_car_its_own_body(spelled):
+def test_one_stream_gives_each_car_its_own_body(spelled):
     url = f"udp://127.0.0.1:{free_port()}?body="
     names = ["dart-01", "dart-02"]
     poses = url + "{car}" if spelled else [url + name for name in names]

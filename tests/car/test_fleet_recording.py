@@ -69,7 +69,7 @@ def test_channels_begin_with_the_name_and_share_a_time_base(drive):
     assert np.diff(stamps).min() > -0.02e9, "in the order of time, but for a tick"
 
 
-def test_who_names_no_car_or_another_is_told_those_that_are_there(drive):
+def test_naming_no_car_or_another_lists_those_that_are_there(drive):
     both, single, _ = drive
     for name in (both, f"{both}?car=blue"):
         with pytest.raises(RecordingError, match="sim-1, sim-2"):

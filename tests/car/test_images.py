@@ -96,7 +96,7 @@ def test_other_tools_read_them(tmp_path):
 
 
 @pytest.mark.slow
-def test_other_cars_of_its_world_are_seen():
+def test_other_cars_of_its_world_are_in_the_image():
     places = "&camera=top&world=filmed&at="
     with Car.open(f"{URL}{places}0,0,0") as car, Car.open(f"{URL}{places}0.8,0.5,1"):
         for state in car.states(duration=0.5):
@@ -129,7 +129,7 @@ def test_a_recording_begun_midway_has_them_and_one_without_a_camera_has_no_chann
 
 
 @pytest.mark.slow
-def test_a_program_that_never_asks_keeps_the_newest():
+def test_without_reads_the_newest_is_kept():
     with Car.open(URL, camera="top") as car:
         for state in car.states(duration=2.5):
             pass
@@ -152,7 +152,7 @@ def test_a_real_camera_does_not_wait_for_a_program_in_virtual_time(monkeypatch):
         assert car.has_camera
 
 
-def test_without_pillow_it_says_what_to_install(monkeypatch):
+def test_without_pillow_it_names_what_to_install(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "PIL", None)
     with pytest.raises(UsageError, match="needs Pillow") as no:
         Car.open(URL, camera="top")

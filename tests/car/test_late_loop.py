@@ -40,7 +40,7 @@ def rounds(timer: LoopTimer, wall: Wall, work: float, armed: bool = True) -> Non
     timer.record_request(1, armed=armed, waits=False)
 
 
-def test_the_first_late_round_is_told_and_every_one_is_counted(caplog):
+def test_the_first_late_round_is_reported_and_every_one_is_counted(caplog):
     wall = Wall()
     timer = LoopTimer(wall)
     timer.record_request(1, armed=True, waits=False)
@@ -67,7 +67,7 @@ def test_a_loop_at_a_lower_rate_has_its_own_period_to_work(caplog):
 
 @pytest.mark.parametrize(("verb", "waits", "messages"), [
     ("drive", True, True), ("experiment", True, False), ("experiment", False, True)])
-def test_a_verb_says_of_its_own_loop_only_what_a_real_car_would_notice(verb, waits, messages,
+def test_a_verb_warns_of_its_own_loop_only_what_a_real_car_would_notice(verb, waits, messages,
                                                                        capsys):
     wall = Wall()
     timer = LoopTimer(wall)
@@ -80,7 +80,7 @@ def test_a_verb_says_of_its_own_loop_only_what_a_real_car_would_notice(verb, wai
     assert ("the loop took 100 ms" in capsys.readouterr().err) == messages
 
 
-def test_nobody_is_late_for_a_car_that_is_not_armed(caplog):
+def test_no_round_is_late_while_the_car_is_disarmed(caplog):
     wall = Wall()
     timer = LoopTimer(wall)
     rounds(timer, wall, 1.0, armed=False)
@@ -101,7 +101,7 @@ def slow_loop(car: Car, caplog: pytest.LogCaptureFixture) -> list[str]:
     return [text for text in caplog.messages if "the loop took" in text]
 
 
-def test_a_slow_loop_is_told_once_though_virtual_time_waits_for_it(caplog):
+def test_a_slow_loop_is_reported_once_though_virtual_time_waits_for_it(caplog):
     with Car.open(MOCK) as car:
         (text,) = slow_loop(car, caplog)
         assert "pace=1" in text
@@ -144,7 +144,7 @@ def test_a_paced_world_is_where_the_wall_clock_is(monkeypatch):
     assert world.t == pytest.approx(0.1)
 
 
-def test_a_world_that_cannot_keep_up_is_not_chased_and_says_so_once(monkeypatch, caplog):
+def test_a_world_that_cannot_keep_up_is_not_chased_and_reports_it_once(monkeypatch, caplog):
     wall = Wall()
     world = Counting()
     monkeypatch.setattr("dart_hal.devices.links.paced.time.monotonic", wall)

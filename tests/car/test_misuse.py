@@ -71,14 +71,14 @@ def test_a_request_that_the_protocol_does_not_have_is_refused():
     (lambda car: car.drive_speed(steering=0.0, speed=0.3, valid_for=9.0), True),
     (lambda car: car.drive(throttle=0.1, valid_for=0.5), False)])
 @pytest.mark.slow_except("*-True0", "*-False")
-def test_a_command_that_holds_for_less_than_asked_says_so(command, shortened):
+def test_a_command_that_is_valid_for_less_than_requested_is_reported(command, shortened):
     with Car.open(MOCK) as car:
         car.arm()
         next(car.states())
         assert ("VALIDITY" in command(car).limited) is shortened
 
 
-def test_a_speed_beyond_the_limit_says_so():
+def test_a_speed_beyond_the_limit_is_reported():
     with Car.open(MOCK) as car:
         car.arm()
         next(car.states())
@@ -94,7 +94,7 @@ def read_in_a_thread(car, n):
     thread.join()
 
 
-def test_what_a_loop_loses_to_another_thread_is_counted_and_said(caplog):
+def test_what_a_loop_loses_to_another_thread_is_counted_and_reported(caplog):
     with Car.open(MOCK) as car:
         mine = car.states()
         next(mine)

@@ -50,7 +50,7 @@ def test_listeners_are_called_without_the_lock(car):
     assert all(acquired)
 
 
-def test_close_does_not_wait_for_whoever_holds_the_lock(car):
+def test_close_does_not_wait_for_the_holder_of_the_lock(car):
     arm_and_drive(car)
     held = threading.Event()
     let_go = threading.Event()
@@ -105,7 +105,7 @@ def test_warnings_are_returned_and_logged_once(car, monkeypatch, caplog):
     assert [r.getMessage().split(":")[0] for r in caplog.records] == ["FIRMWARE_DIRTY"]
 
 
-def test_the_doctor_says_what_arm_warns_of(monkeypatch):
+def test_the_doctor_reports_what_arm_warns_of(monkeypatch):
     monkeypatch.setattr("dart_hal.car.identity.Hello.dirty", True)
     found = {c.id: c for c in run_checks(URL, "dart-01", None, 1.0)}
     assert found["cautions"].verdict == "warn"

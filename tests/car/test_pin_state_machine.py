@@ -305,20 +305,20 @@ class FirmwareMachine(PinMachine):
 
 
 @pytest.mark.parametrize("examples", [4, pytest.param(25, marks=pytest.mark.slow)])
-def test_the_pin_does_what_the_mode_says(examples):
+def test_the_pin_follows_the_mode(examples):
     run_state_machine_as_test(PinMachine, settings=settings(QUICK, max_examples=examples))
 
 
 @pytest.mark.emulator
 @pytest.mark.parametrize("examples", [2, pytest.param(6, marks=pytest.mark.slow)])
-def test_the_pin_of_the_firmware_does_what_the_mode_says(examples):
+def test_the_pin_of_the_firmware_follows_the_mode(examples):
     run_state_machine_as_test(FirmwareMachine, settings=settings(QUICK, max_examples=examples))
 
 
 @pytest.mark.long
 @pytest.mark.emulator
 @pytest.mark.parametrize("machine", [PinMachine, FirmwareMachine])
-def test_the_pin_does_what_the_mode_says_in_many_orders(machine):
+def test_the_pin_follows_the_mode_in_many_orders(machine):
     run_state_machine_as_test(machine, settings=settings(QUICK, max_examples=200,
                                                          stateful_step_count=40))
 

@@ -87,7 +87,7 @@ class NarrowPump(ThreadPump):
             return
 
 
-def test_a_thread_that_ends_unnoticed_is_seen():
+def test_a_thread_that_ends_unnoticed_is_detected():
     """Control: the pins are not written any more, and the loop waits."""
     engine = Engine()
     pump = NarrowPump(engine)

@@ -56,7 +56,7 @@ def bench(tmp_path):
     made.car.close()
 
 
-def test_pulses_after_a_restart_say_that_it_was_one(bench):
+def test_pulses_after_a_restart_are_marked_as_such(bench):
     with bench.car.raw():
         bench.spin(0.3)
         bench.world.nano.reset("brownout")
@@ -170,7 +170,7 @@ def test_lifted_wheels_are_stopped_without_the_imu(bench):
 
 @pytest.mark.slow_except("moving")
 @pytest.mark.parametrize("fault", ["moving", "no imu"])
-def test_lifted_is_refused_where_the_imu_does_not_show_a_car_that_stands(bench, fault):
+def test_lifted_is_refused_where_the_imu_does_not_show_a_car_at_rest(bench, fault):
     if fault == "moving":
         sense = bench.world.nano.set_imu
         bench.world.nano.set_imu = lambda gyro, acc: sense((0.0, 0.0, 0.6), (0.0, 0.0, 0.0))

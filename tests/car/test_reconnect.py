@@ -113,7 +113,7 @@ def test_another_board_is_let_go_until_it_is_unplugged(ports):
     found.link.close()
 
 
-def test_a_silent_port_is_asked_after_its_boot_loader_and_tried_again(ports):
+def test_a_silent_port_is_tried_again_after_its_boot_loader(ports):
     port, _ = ports
     search = BoardSearch(Plugged([port.device]), OURS, 500_000)
     steps(search, 0.0, BOOT_SILENCE - 0.05)

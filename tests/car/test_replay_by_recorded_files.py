@@ -90,13 +90,13 @@ def test_a_run_of_a_replay_keeps_the_files_that_it_was_read_by(run, tmp_path):
     assert "value = 0.002," in RunReader(tmp_path / "again.mcap").files["calibration.toml"]
 
 
-def test_a_car_without_files_has_what_its_run_says(run):
+def test_a_car_without_files_has_those_of_its_run(run):
     with Car.open(f"replay://{run[0]}") as car:
         assert car.files.metres_per_edge.value == 0.02
     assert load_car("dart-01", ["cars"]).calibration is None
 
 
-def test_a_recorded_file_that_cannot_be_read_is_said_and_left_out(run, monkeypatch):
+def test_a_recorded_file_that_cannot_be_read_is_reported_and_left_out(run, monkeypatch):
     whole = RunReader.__init__
 
     def read_with_mass(self, *args, **kwargs):

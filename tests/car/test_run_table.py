@@ -43,7 +43,7 @@ def test_every_state_is_a_row_and_every_number_is_exact(run):
     assert table.columns["flags"][-1] == "|".join(sorted(states[-1].health.flags))
 
 
-def test_what_was_logged_stands_in_the_row_of_its_state_and_nowhere_else(run):
+def test_what_was_logged_is_in_the_row_of_its_state_alone(run):
     columns = read_table(run[0]).columns
     there = np.isfinite(columns["log/loop/n"])
     assert columns["log/loop/n"][there].tolist() == list(range(25))
@@ -55,7 +55,7 @@ def test_what_was_logged_stands_in_the_row_of_its_state_and_nowhere_else(run):
     assert not there[:10].any(), "nothing is put where nothing was logged"
 
 
-def test_units_are_told_of_every_column(run):
+def test_every_column_has_a_unit(run):
     table = read_table(run[0])
     assert list(table.units) == list(table.columns)
     assert {n: table.units[n] for n in ("t", "speed", "yaw_rate", "steering_us", "log/loop/n")} == {
@@ -98,7 +98,7 @@ def test_parquet_holds_numbers_units_and_the_facts_of_the_run(run, tmp_path):
     np.testing.assert_array_equal(found["log/loop/n"].to_numpy(), table.columns["log/loop/n"])
 
 
-def test_without_pandas_it_is_said_what_to_install(run, monkeypatch, tmp_path):
+def test_without_pandas_it_names_what_to_install(run, monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "pandas", None)
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     table = read_table(run[0])

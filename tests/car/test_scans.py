@@ -73,7 +73,7 @@ def test_scans_lie_on_the_walls_of_the_true_room_and_a_replay_has_the_same(tmp_p
 
 
 @pytest.mark.slow
-def test_a_run_keeps_them_as_the_unit_told_them(tmp_path):
+def test_a_run_keeps_scans_as_the_unit_sent_them(tmp_path):
     path = tmp_path / "run.mcap"
     _, scans, _, _ = drive(EXACT_LIDAR_URL, 1.0, path)
     kept = {s.start: s for s in RunReader(path).scans()}
@@ -86,7 +86,7 @@ def test_a_run_keeps_them_as_the_unit_told_them(tmp_path):
     assert names["/scan"] == "dart_msgs/msg/LidarScan"
 
 
-def test_without_a_lidar_nothing_is_told_or_recorded(tmp_path):
+def test_without_a_lidar_nothing_is_reported_or_recorded(tmp_path):
     path = tmp_path / "run.mcap"
     with Car.open(URL, record=path) as car:
         assert next(car.states()).scan is None
@@ -100,7 +100,7 @@ def test_without_a_lidar_nothing_is_told_or_recorded(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_program_that_never_asks_keeps_the_newest():
+def test_without_reads_the_newest_is_kept():
     with Car.open(f"{URL}&lidar=1") as car:
         for state in car.states(duration=9.5):
             pass

@@ -49,7 +49,7 @@ def state():
         return list(car.states(duration=1.0))[-1]
 
 
-def test_a_state_says_the_numbers_that_it_holds(state):
+def test_a_state_prints_its_numbers(state):
     known = replace(state, t=1.5, speed=0.5, speed_std=0.01, yaw_rate=-0.25)
     rows = Cells(known._repr_html_()).rows
     assert rows["t"] == "1.500 s"
@@ -81,7 +81,7 @@ def test_a_car_shows_itself_at_every_stage_and_moves_nothing():
 
 
 @pytest.mark.parametrize("cut", [None, 30_000])
-def test_a_run_says_how_long_it_is_what_is_in_it_and_whether_it_is_whole(tmp_path, cut):
+def test_a_run_prints_its_length_contents_and_whether_it_is_whole(tmp_path, cut):
     path = tmp_path / "run.mcap"
     path.write_bytes(gzip.decompress(OLD.read_bytes())[:cut])
     run = RunReader(path)

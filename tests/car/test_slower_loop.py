@@ -13,7 +13,7 @@ from dart_hal.core.types import Limit
 URL = "sim://?seed=3&nano=mock"
 
 
-def test_every_tenth_state_comes_10_hz_apart():
+def test_every_tenth_state_comes_at_10_hz():
     with Car.open(URL) as car:
         list(car.states(duration=0.2))
         states = list(car.states(duration=1.0, every=10))

@@ -96,5 +96,5 @@ def test_rows_shown_are_few_and_hold_both_ends(points):
     assert rows == sorted(set(rows))
 
 
-def test_help_says_that_recordings_write_nothing(verb):
+def test_help_states_that_recordings_write_nothing(verb):
     assert "nothing is written" in " ".join(verb("calibrate", "steering", "--help").out.split())

@@ -64,7 +64,7 @@ def test_it_goes_on_where_it_was_left(verb, tmp_path, by_hand):
     assert list(verb(*ALL, "--cars", tmp_path).json["found"]) == ["encoder", "imu"]
 
 
-def test_what_can_be_missed_is_said_and_missed(verb, tmp_path, by_hand):
+def test_what_is_optional_is_reported_and_skipped(verb, tmp_path, by_hand):
     by_hand[0].add("clock")
     done = verb(*ALL, "--cars", tmp_path)
     assert list(done.json["found"]) == ["encoder", "imu"]

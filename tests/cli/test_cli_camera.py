@@ -38,7 +38,7 @@ def test_a_camera_that_cannot_be_is_named(verb, camera, words):
 
 
 @pytest.mark.slow
-def test_exports_say_what_they_leave_out_and_a_bag_has_it(verb, tmp_path):
+def test_exports_name_what_they_omit_and_a_bag_has_it(verb, tmp_path):
     run = tmp_path / "run.mcap"
     verb("record", "--url", URL, "--camera", "top", "--duration", 0.3, "--out", run)
     left = verb("export", "csv", run, "--out", tmp_path / "run.csv")

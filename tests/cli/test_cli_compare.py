@@ -99,7 +99,7 @@ def test_a_run_that_was_not_driven_is_compared_as_far_as_it_goes(verb, runs, tmp
     assert "not driven" in verb("compare", tmp_path / "stands.mcap", runs["base"]).out
 
 
-def test_a_file_of_the_car_that_changed_is_told_key_by_key(verb, runs, tmp_path, monkeypatch):
+def test_a_file_of_the_car_that_changed_is_reported_key_by_key(verb, runs, tmp_path, monkeypatch):
     from dart_hal.recording.run import RunReader
 
     read = RunReader.__init__

@@ -35,7 +35,7 @@ def test_every_verb_explains_itself(verb, name):
 
 
 @pytest.mark.parametrize(("given", "kept"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
-def test_linear_algebra_has_one_thread_unless_asked_for(given, kept):
+def test_linear_algebra_has_one_thread_unless_requested(given, kept):
     """Before numpy is there to read it: the order of sums, and with it an answer, hangs on it."""
     code = ("import sys, os, dart_hal.cli; assert 'numpy' not in sys.modules; "
             "print(os.environ['OPENBLAS_NUM_THREADS'])")

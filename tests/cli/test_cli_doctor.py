@@ -108,13 +108,13 @@ def test_no_pca9685_still_looks_at_the_rest(verb, change_backend):
     assert found["rate"] == "ok"
 
 
-def test_a_bad_line_is_seen_in_the_losses(verb):
+def test_a_bad_line_is_detected_in_the_losses(verb):
     found = verdicts(verb("doctor", "--url", MOCK + "&ber=3e-4", "--json", "--seconds", 1))
     assert found["losses"] in ("warn", "fail")
     assert found["port"] == "ok"
 
 
-def test_without_a_bus_the_car_is_not_said_to_drive(verb, change_backend):
+def test_without_a_bus_the_car_is_not_reported_as_able_to_drive(verb, change_backend):
     change_backend(lambda backend: dataclasses.replace(backend, bus=None))
     done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
     assert verdicts(done)["bus"] == verdicts(done)["arming"] == "warn"
@@ -122,12 +122,12 @@ def test_without_a_bus_the_car_is_not_said_to_drive(verb, change_backend):
     assert "not ready to drive" in plain.out
 
 
-def test_a_serial_url_without_a_bus_says_how_to_name_it():
+def test_a_serial_url_without_a_bus_states_how_to_name_it():
     assert check_missing_bus("serial:///dev/ttyUSB0").remedy.endswith("ttyUSB0?i2c=1'")
     assert check_missing_bus("serial:///dev/ttyUSB0?baud=115200").remedy.endswith("115200&i2c=1'")
 
 
-def test_what_arm_would_refuse_is_told(verb, change_backend):
+def test_what_arm_would_refuse_is_reported(verb, change_backend):
     """A car whose clock nobody measured: the doctor says what arm() would say."""
     def remove_oscillator(backend):
         lines = backend.car_toml.splitlines()

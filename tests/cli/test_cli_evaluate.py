@@ -76,7 +76,7 @@ def test_pooled_is_made_of_its_files(verb):
 
 
 @pytest.mark.slow
-def test_kinematic_is_another_model_beside_the_same_baseline(verb):
+def test_kinematic_is_another_model_with_the_same_baseline(verb):
     dynamic = verb("evaluate", "--json", FREE).json
     rolling = verb("evaluate", "--json", "--kinematic", FREE).json
     assert rolling["kind"] == "kinematic"
@@ -90,7 +90,7 @@ def test_same_input_same_bytes(verb):
     assert verb("evaluate", "--json", CIRCLE).out == verb("evaluate", "--json", CIRCLE).out
 
 
-def test_the_limit_says_what_is_not_supported(verb):
+def test_the_limit_names_what_is_not_supported(verb):
     limit = verb("evaluate", "--json", CIRCLE).json["kinematic_limit"]
     assert limit["holds_to"]["lateral_acceleration"] == {
         "value": None, "ci95": [None, None], "unit": "m/s2", "supported": False}
@@ -129,7 +129,7 @@ def test_bad_arguments_are_refused(verb, arguments):
 
 
 @pytest.mark.slow
-def test_a_file_that_is_not_published_gets_a_fitted_mounting_and_says_so(verb, moved_to):
+def test_a_file_that_is_not_published_gets_a_fitted_mounting_and_reports_it(verb, moved_to):
     path = moved_to(2.0 * 365.25 * 86400.0)
     got = verb("evaluate", "--json", path).json
     (use,) = got["files"].values()
@@ -143,7 +143,7 @@ def test_a_file_that_is_not_published_gets_a_fitted_mounting_and_says_so(verb, m
             known["horizons"]["1.0"]["pooled"][channel], rel=1e-3)
 
 
-def test_a_day_of_no_table_without_turns_asks_for_the_mounting(verb, moved_to):
+def test_an_unpublished_day_without_turns_requests_the_mounting(verb, moved_to):
     path = moved_to(2.0 * 365.25 * 86400.0, rows=900)
     error = verb("evaluate", "--json", path).error
     assert "the marker frame on this car is not known" in error["what"]
@@ -182,7 +182,7 @@ yaw_inertia = 0.0065
 
 
 @pytest.mark.slow
-def test_what_a_model_file_leaves_out_is_said(verb, tmp_path):
+def test_what_a_model_file_omits_is_reported(verb, tmp_path):
     """Half a friction curve of one car and half of another's is no model of either."""
     model = tmp_path / "model.toml"
     model.write_text(BODY + "[friction]\na = 0.3\n")
@@ -244,13 +244,13 @@ def test_what_a_model_was_fitted_to_is_no_test_of_it(verb, tmp_path):
     assert "caution" not in other.out
 
 
-def test_a_model_among_the_recordings_is_told_where_it_belongs(verb):
+def test_a_model_among_the_recordings_is_refused_with_its_option(verb):
     error = verb("evaluate", "--json", "model.toml", CIRCLE).error
     assert "model.toml is a model" in error["what"]
     assert error["try"] == f"dart-hal evaluate --model model.toml {CIRCLE}"
 
 
-def test_slow_recordings_are_not_asked_for_what_they_have(verb, moved_to):
+def test_slow_recordings_are_not_judged_by_missing_speeds(verb, moved_to):
     """It has vicon columns: asking for schema B or C would send the user in a circle."""
     folder = moved_to(0.0, rows=160).parent
     error = verb("evaluate", "--json", folder).error

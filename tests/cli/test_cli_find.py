@@ -71,7 +71,7 @@ def nano():
     far.close()
 
 
-def test_with_nothing_plugged_in_it_says_what_to_do(verb, monkeypatch, tmp_path):
+def test_with_nothing_plugged_in_it_names_what_to_do(verb, monkeypatch, tmp_path):
     monkeypatch.setattr(attached.list_ports, "comports", list)
     monkeypatch.setattr(find, "i2c_buses", lambda: computers.i2c_buses(tmp_path / "none"))
     result = verb("find", "--json").json
@@ -83,7 +83,7 @@ def test_with_nothing_plugged_in_it_says_what_to_do(verb, monkeypatch, tmp_path)
     assert verb("find", "--probe").code == 1
 
 
-def test_ports_are_told_with_their_bridge_and_how_to_know_the_car(verb, plug_in):
+def test_ports_are_listed_with_their_bridge_and_how_to_know_the_car(verb, plug_in):
     plug_in(port("/dev/ttyS0", None, None, "n/a"), port("/dev/ttyUSB1", 0x1234, 0xABCD, "a thing"),
             port("/dev/ttyUSB0"))
     result = verb("find", "--json").json
@@ -101,7 +101,7 @@ def test_ports_are_told_with_their_bridge_and_how_to_know_the_car(verb, plug_in)
     assert "a thing" in shown
 
 
-def test_on_a_known_computer_the_bus_of_its_header_is_told(verb, plug_in, monkeypatch):
+def test_on_a_known_computer_the_bus_of_its_header_is_reported(verb, plug_in, monkeypatch):
     plug_in(port("/dev/ttyUSB0"))
     orin = next(known for known in computers.COMPUTERS if "Orin" in known.name)
     monkeypatch.setattr(find, "computer", lambda: orin)
@@ -120,7 +120,7 @@ def test_without_probe_no_port_is_opened(verb, plug_in, monkeypatch):
     assert verb("find").code == 0
 
 
-def test_a_port_in_use_is_never_asked(verb, plug_in, monkeypatch):
+def test_a_port_in_use_is_never_queried(verb, plug_in, monkeypatch):
     """Root's open would succeed, and restart the Nano under a car that drives."""
     def refuse_to_open(device):
         raise AssertionError(f"{device} was opened")
@@ -162,14 +162,14 @@ def test_another_board_is_not_taken_for_a_car(verb, plug_in):
     assert "no DART firmware" in ran.json["ports"][0]["probe"]["why"]
 
 
-def test_a_port_that_is_gone_is_told_and_the_others_are_still_listed(verb, plug_in):
+def test_a_port_that_is_gone_is_reported_and_the_others_are_still_listed(verb, plug_in):
     plug_in(port("/dev/ttyUSB_gone"))
     ran = verb("find", "--probe", "--json")
     assert ran.code == 1
     assert "ttyUSB_gone" in ran.json["ports"][0]["probe"]["why"]
 
 
-def test_the_names_that_stay_are_told(plug_in, tmp_path):
+def test_the_names_that_stay_are_reported(plug_in, tmp_path):
     device = tmp_path / "ttyUSB0"
     device.touch()
     (tmp_path / "by-id").mkdir()

@@ -115,7 +115,7 @@ def test_one_command_stops_it_at_the_pin(capsys, tmp_path, key):
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_a_watch_ends_by_itself_and_says_who_was_there(capsys):
+def test_a_watch_ends_by_itself_and_names_who_was_there(capsys):
     with Driven(arm=False) as driven:
         _, result = run_verb(capsys, "fleet", "watch", "--room", driven.room, "--duration", "0.8",
                            "--json")

@@ -50,7 +50,7 @@ def test_a_drive_is_driven_recorded_and_drawn(verb, tmp_path, bend):
         row.name for row in RunReader(run).logged()}
 
 
-def test_out_of_time_it_stops_and_says_so(verb, bend):
+def test_out_of_time_it_stops_and_reports_it(verb, bend):
     done = verb("follow", bend, "--speed", 0.5, "--odometry", "--duration", 1,
                 "--url", "sim://?seed=3&nano=mock")
     assert done.code == 0, done.err
@@ -88,7 +88,7 @@ def test_what_cannot_be(verb, arguments, message):
 
 
 @pytest.mark.slow
-def test_obstacles_are_passed_and_the_air_beside_them_told(verb, tmp_path):
+def test_obstacles_are_passed_and_the_distance_to_them_reported(verb, tmp_path):
     """The one at 1.8 m leaves a way, the one behind the end nobody meets."""
     line = csv(tmp_path, [(0.3 * k, 0.0) for k in range(15)])
     run = tmp_path / "run.mcap"
@@ -163,7 +163,7 @@ def test_an_obstacle_without_a_way_past_it_is_refused(verb, tmp_path):
     assert "obstacle 1 leaves no passage within the lane" in done.err
 
 
-def test_a_car_that_stands_elsewhere(verb, tmp_path):
+def test_a_car_that_starts_elsewhere(verb, tmp_path):
     there = csv(tmp_path, [(9.0, 9.0), (10.0, 9.0), (11.0, 9.0)])
     done = verb("follow", there, "--speed", 1, "--url", URL)
     assert done.code == 2

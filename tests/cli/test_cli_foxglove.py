@@ -29,7 +29,7 @@ def test_a_port_in_use_is_refused_before_the_car_is_armed(verb, tmp_path):
     assert "in use" in error["found"]
 
 
-def test_it_says_where_to_look(verb, tmp_path, free_port):
+def test_it_names_where_to_look(verb, tmp_path, free_port):
     output = verb("record", "--url", MOCK, "--duration", 0.3, "--out", tmp_path / "run.mcap",
                   "--foxglove", "--port", free_port)
     assert f"ws://localhost:{free_port}" in output.err

@@ -32,11 +32,11 @@ def test_the_doctor_looks_at_it(verb):
     assert "lidar.md" in blind["try"]
 
 
-def test_a_car_without_one_is_not_asked(verb):
+def test_a_car_without_a_lidar_is_not_queried(verb):
     assert find_check(verb("doctor", "--url", URL, "--seconds", 1, "--json")) is None
 
 
-def test_a_lidar_that_says_nothing_is_a_warning(verb):
+def test_a_lidar_that_reports_nothing_is_a_warning(verb):
     silent = find_check(verb("doctor", "--url", f"{URL}&lidar=lost=0.9", "--seconds", 1, "--json"))
     assert silent["verdict"] == "warn"
 

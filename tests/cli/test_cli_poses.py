@@ -33,7 +33,7 @@ def test_a_driven_run_keeps_them(verb, poses, tmp_path):
     assert len(list(RunReader(out).poses())) > 20
 
 
-def test_top_shows_where_the_car_is_seen(verb, poses):
+def test_top_shows_where_the_car_is(verb, poses):
     ran = verb("top", "--url", URL, "--poses", poses, "--duration", 0.3)
     assert "TRACKING" in ran.out + ran.err
 

@@ -229,7 +229,7 @@ def test_flash_of_what_is_no_image(verb, tmp_path, content):
     assert verb("flash", path, "--port", "/dev/ttyX", "--json").error["code"] == "D-USE-01"
 
 
-def test_flash_of_a_file_that_is_not_what_its_sum_says(verb, image):
+def test_flash_of_a_file_that_differs_from_its_checksum(verb, image):
     image.with_name(image.name + ".sha256").write_text("0" * 64 + "  image.hex\n")
     error = verb("flash", image, "--port", "/dev/ttyX", "--json").error
     assert error["code"] == "D-FLASH-01"

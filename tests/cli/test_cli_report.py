@@ -47,7 +47,7 @@ def write_calibration(home, value, std=10.0):
         {"pwm.oscillator_hz": Quantity(value, std)}), home / "cars" / "sim-3")
 
 
-def test_runs_are_told_newest_first_and_what_was_never_measured_is_named(home, verb):
+def test_runs_are_listed_newest_first_and_what_was_never_measured_is_named(home, verb):
     result = verb("report", "--car", "sim-3", "--json").json
     assert [r["path"] for r in result["runs"]] == ["drives.mcap", "stands.mcap"]
     new, old = result["runs"]
@@ -69,7 +69,7 @@ def test_each_verb_that_the_page_names_is_there():
 
 
 @pytest.mark.slow
-def test_latencies_are_shown_and_asked_for_by_the_verb_that_measures_them(home, verb):
+def test_latencies_are_shown_with_the_verb_that_measures_them(home, verb):
     save_calibration(Calibration(car="sim-3").with_quantities(
         {"latency.pulse_to_wheel": Quantity(0.0213, 1e-3)}), home / "cars" / "sim-3")
     result = verb("report", "--car", "sim-3", "--json").json
@@ -89,7 +89,7 @@ def test_half_a_motion_capture_is_named(home, verb):
     assert any("dart-hal calibrate mocap" in line for line in result["to_do"])
 
 
-def test_a_number_that_moved_by_more_than_chance_stands_out(home, verb):
+def test_a_number_that_moved_by_more_than_chance_is_highlighted(home, verb):
     write_calibration(home, 25.0e6)
     write_calibration(home, 25.1e6)
     result = verb("report", "--car", "sim-3", "--json").json
@@ -110,7 +110,7 @@ def test_what_moved_within_its_error_does_not(home, verb):
 
 
 @pytest.mark.slow
-def test_a_run_that_lost_frames_stands_out(tmp_path, verb, monkeypatch):
+def test_a_run_that_lost_frames_is_highlighted(tmp_path, verb, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with Car.open(CAR, record=tmp_path / "noisy.mcap") as car:
         car.on_bytes(lambda way, data, t: b"" if way == "rx" and 1.0 < t % 2.0 < 1.1 else data)

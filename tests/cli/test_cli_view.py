@@ -46,7 +46,7 @@ def test_a_simulated_car_comes_with_its_room_and_real_time(verb, capture_options
             capture_options["duration"]) == (True, None, 1.0)
 
 
-def test_the_other_cars_of_a_room_are_asked_for(verb, capture_options):
+def test_the_other_cars_of_a_room_are_requested(verb, capture_options):
     verb("view", "--url", "sim://?nano=mock", "--room", "local://seen", "--json")
     assert capture_options["others"]() == {}
     assert capture_options["lines"] == {}

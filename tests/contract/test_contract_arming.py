@@ -188,7 +188,7 @@ def test_files_refuse_unless_waived(tmp_path):
         assert car.mode == "ARMED"
 
 
-def test_what_may_not_be_waived_says_what_may(tmp_path):
+def test_refusing_a_waiver_names_what_may_be_waived(tmp_path):
     _, car = open_car(tmp_path)
     with car, pytest.raises(NotArmed, match="cannot be waived") as refused:
         car.arm(waive=("IMU_ABSENT",))
@@ -211,7 +211,7 @@ def test_raw_mode_refuses(tmp_path):
         assert "RAW_MODE_OPEN" in reasons(car)
 
 
-def test_three_trips_lock_until_somebody_says_why(tmp_path):
+def test_three_trips_lock_until_a_reason_is_given(tmp_path):
     _, car = open_car(tmp_path)
     with car:
         for _ in range(3):

@@ -31,7 +31,7 @@ def test_states_go_forward(bench):
 
 
 @every_car
-def test_disarmed_it_carries_neutral_and_says_so(bench):
+def test_disarmed_it_carries_neutral_and_reports_it(bench):
     bench.car.stop()
     for _ in bench.car.states(duration=0.1, timeout=30.0):
         applied = bench.car.drive(steering=0.2, throttle=0.5)
@@ -171,7 +171,7 @@ def test_a_command_that_is_no_number_trips(bench, bad, monkeypatch):
 
 @pytest.mark.slow
 @every_car
-def test_what_is_out_of_range_is_clipped_and_said(bench):
+def test_what_is_out_of_range_is_clipped_and_reported(bench):
     car = bench.ready()
     limits = car.files.config.limits
     next(car.states(timeout=30.0))

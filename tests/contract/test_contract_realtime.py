@@ -116,7 +116,7 @@ def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(served_car, tmp_pa
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-def test_link_lost_is_said_and_neutral_and_does_not_hang(served_car, arm):
+def test_link_lost_is_reported_and_neutral_and_does_not_hang(served_car, arm):
     """The Nano's cable comes out, the I2C bus stays."""
     with served_car.open() as car:
         arm(car)

@@ -84,7 +84,7 @@ def test_replay_gives_the_states_of_the_run(kind, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_replay_is_not_driven_and_says_so(tmp_path):
+def test_a_replay_is_not_driven_and_reports_it(tmp_path):
     path = tmp_path / "run.mcap"
     closed_loop("sim://?nano=mock", tmp_path, record=path, seconds=0.5)
     with Car.open(f"replay://{path}") as car:
@@ -141,7 +141,7 @@ def test_drive_and_replay_print_the_same_digest(kind, tmp_path):
     assert driven["summary"]["distance_m"] == again["summary"]["distance_m"] > 0.1
 
 
-def test_a_closed_car_says_that_it_is_closed(tmp_path):
+def test_a_closed_car_states_that_it_is_closed(tmp_path):
     car = Car.open("sim://?nano=mock", cars=tmp_path)
     car.close()
     car.close()

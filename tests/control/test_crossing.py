@@ -78,7 +78,7 @@ def test_two_hundred_arrivals(name, loss, within):
 
 # -- silence, death, restart ---------------------------------------------------------------------
 
-def test_without_any_message_all_stand_before_the_ground_and_say_who_is_silent():
+def test_without_any_message_all_wait_before_the_ground_and_name_who_is_silent():
     run = four(loss=1.0, seconds=6.0)
     entry = layout().entry[0]
     assert run.least > LEAST
@@ -173,7 +173,7 @@ class MidPlane:
 
 
 @pytest.mark.slow
-def test_by_mid_planes_alone_four_alike_wait_for_ever():
+def test_by_mid_planes_alone_four_symmetric_cars_wait_for_ever():
     """Without any loss: the order is what lets them cross, not the distance."""
     cars = [light.LightDrive(layout(), Start(route, 0.3)) for route in light.STRAIGHT]
     law = MidPlane(cars)
@@ -196,7 +196,7 @@ def test_lanes_that_are_too_near_to_each_other_are_refused():
     assert "a distance of 0.30 m" in str(e.value)
 
 
-def test_a_start_from_which_nobody_could_stop_is_refused():
+def test_a_start_too_near_to_stop_is_refused():
     entry = layout().entry[0]
     layout().check_start(0, entry - stopping_distance(1.0) - 0.01)
     with pytest.raises(UsageError, match="starts too near"):

@@ -26,7 +26,7 @@ def test_two_emulated_cars_cross_one_after_the_other(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_car_that_is_not_answered_stands_before_the_ground_at_neutral(tmp_path):
+def test_a_car_without_an_answer_waits_before_the_ground_at_neutral(tmp_path):
     with Emulated(LAYOUTS["intersection"](), ROUTES, "local://none?loss=1", str(tmp_path),
                   "none") as cars:
         cars.drive(8.0)

@@ -51,7 +51,7 @@ BOTH = pytest.mark.parametrize("law", Law)
     (0.75, 0.25, 1.0, -0.750, 0.0008), (0.75, 0.25, 2.0, -1.500, 0.0012),
     (0.50, 0.15, 2.0, -1.286, -0.0010), (0.50, 0.25, 1.0, -1.500, 0.0213),
     (0.50, 0.25, 2.0, -3.000, 0.0387)])
-def test_progress_beside_an_arc(radius, inside, speed, plain, aware):
+def test_progress_off_an_arc(radius, inside, speed, plain, aware):
     """The paper's claim as numbers, to the last digit that is printed of them."""
     assert error_on_arc(Law.MPCC, radius, inside, speed) == pytest.approx(plain, abs=5.1e-4)
     assert error_on_arc(Law.CA, radius, inside, speed) == pytest.approx(aware, abs=5.1e-5)
@@ -93,7 +93,7 @@ def test_slopes_of_a_stage(law):
 
 
 @pytest.mark.slow
-def test_the_end_of_a_plan_is_where_it_says_it_is():
+def test_the_end_of_a_plan_is_where_it_is_stated():
     """Behind the first bends, published weights; 4.9 and 1.1 cm when written."""
     plain, aware = (drive(PLAIN, law, PathWeights(), 0.3) for law in Law)
     assert plain.plan_end > 0.03
@@ -143,7 +143,7 @@ def test_an_obstacle_that_moves_in_the_lane_is_passed(law, seed):
 
 
 @pytest.mark.slow
-def test_without_being_told_of_it_the_car_touches_it(monkeypatch):
+def test_without_knowing_the_obstacle_the_car_touches_it(monkeypatch):
     """The control: the same encounter, the obstacle in the figures alone."""
     monkeypatch.setattr(TwoLayers, "_bounds", lambda self, t: lambda s: None)
     assert passed(0)[0] < 0.0
@@ -245,7 +245,7 @@ def test_a_lap_through_the_speed_loop(law):
     ("late", "no plan within 0.05 s, 4 times in a row"),
     ("blocked", "obstacles leave no way within the lane")])
 @pytest.mark.slow_except("blocked-*")
-def test_a_drive_without_plans_slows_down_and_says_why(spoil, why):
+def test_a_drive_without_plans_slows_down_and_names_the_reason(spoil, why):
     straight = Path([(9.0, 0.0)], closed=False)
     follower = Follower(straight, plant_by(LATER), 1.0, "ca-mpcc")
     spoilt = []
@@ -269,7 +269,7 @@ def test_a_drive_without_plans_slows_down_and_says_why(spoil, why):
 
 
 @BOTH
-def test_a_plan_is_slower_where_the_bend_ahead_asks_for_it(law):
+def test_a_plan_is_slower_before_a_bend(law):
     """At the speed of here through a bend whose tyres hold less, no input had a slope: plans stood
     at the stops but for a first one that never changed, and the car went straight on."""
     def speed_of(s):

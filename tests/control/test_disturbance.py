@@ -42,7 +42,7 @@ def test_it_finds_offset_and_both_gains(speed):
     assert learnt(speed).value == pytest.approx(TRUE, abs=0.04)
 
 
-def test_a_standing_car_teaches_nothing():
+def test_a_car_at_rest_teaches_nothing():
     assert (learnt(0.2).value == 0.0).all()
 
 
@@ -105,7 +105,7 @@ def final_offset(speed: float = 1.5) -> float:
 
 
 @pytest.mark.slow
-def test_wheels_that_stand_aside_leave_no_offset(monkeypatch):
+def test_misaligned_wheels_leave_no_offset(monkeypatch):
     """The control: the same where nothing is learnt."""
     assert abs(final_offset()) < 0.004
     monkeypatch.setattr(disturbance, "MIN_LEARNING_SPEED", inf)

@@ -27,7 +27,7 @@ def test_a_car_comes_to_the_middle():
 
 
 @pytest.mark.slow
-def test_without_what_it_learns_it_stays_beside():
+def test_without_what_it_learns_it_stays_off_the_middle():
     """The control."""
     assert measure_final_error(learns=False) > 1.5
 

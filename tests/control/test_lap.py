@@ -110,7 +110,7 @@ def test_a_profile_is_periodic():
     assert profile.speed_at(3.0) == pytest.approx(1.0 + 0.1 * np.sin(1.5), abs=1e-4)
 
 
-def test_a_path_that_is_too_tight_says_where():
+def test_a_path_that_is_too_tight_names_the_place():
     path = Path([(1.0, 0.0), (0.3 * pi, 1 / 0.3), (1.0, 0.0)], closed=False)
     with pytest.raises(UsageError, match=r"tighter than the car turns: at 1\.0") as refused:
         speed_profile(path, PLANT, 1.0)

@@ -45,7 +45,7 @@ def test_twenty_cars_stay_on_the_path(speed, rms):
 
 
 @pytest.mark.long
-def test_a_hundred_laps_with_faults_lose_nobody():
+def test_no_car_is_lost_in_a_hundred_laps_with_faults():
     drives = [driven(seed, 2.0, laps=10, faults=True) for seed in FRESH[:10]]
     assert all(d.good for d in drives)
     assert sum(len(d.follower.driven.lap_times) for d in drives) == 100

@@ -221,7 +221,7 @@ def test_without_the_dead_man_there_is_no_throttle(pad):
     assert pad.read()[1] == 0.0
 
 
-def test_sticks_that_rest_beside_the_centre_are_zero(pad):
+def test_sticks_that_rest_off_the_centre_are_zero(pad):
     pad.send(button(GamepadLayout().dead_man), axis(GamepadLayout().throttle, 0.04), axis(0, -0.04))
     assert pad.read() == (0.0, 0.0, False)
 
@@ -244,7 +244,7 @@ def test_torn_and_unknown_events_do_no_harm(pad):
     assert pad.read()[0] == 1.0
 
 
-def test_no_gamepad_says_what_to_type(tmp_path):
+def test_no_gamepad_names_what_to_type(tmp_path):
     with pytest.raises(PortMissing, match="no gamepad") as caught:
         Gamepad(str(tmp_path / "js7"))
     assert "--keyboard" in caught.value.remedy
@@ -342,7 +342,7 @@ def test_a_pipe_whose_writer_has_ended_is_silent(tmp_path, clock):
     gamepad.close()
 
 
-def test_a_gamepad_that_is_pulled_out_is_said(pad, monkeypatch):
+def test_a_gamepad_that_is_pulled_out_is_reported(pad, monkeypatch):
     def raise_no_device(fd, n):
         raise OSError(19, "No such device")
 

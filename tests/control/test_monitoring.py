@@ -176,7 +176,7 @@ def place_together(team, seed=3):
 
 
 @pytest.mark.slow
-def test_every_target_is_seen_within_the_bound():
+def test_every_target_is_observed_within_the_bound():
     escaped, longest = escapes(TEAM, TEAM.slots)
     assert escaped == 0
     assert 0.2 < longest < 1.0
@@ -189,7 +189,7 @@ def test_without_the_formation_targets_escape():
     assert escapes(TEAM, place_together(TEAM), n=50)[0] > 0
 
 
-def test_ten_targets_are_seen_and_without_the_formation_they_are_not():
+def test_ten_targets_are_observed_and_without_the_formation_they_are_not():
     assert escapes(TEAM, TEAM.slots, n=10, each=5, steps=80, cells=41)[0] == 0
     assert escapes(TEAM, place_together(TEAM), n=10, each=5, steps=80, cells=41)[0] > 0
 
@@ -218,7 +218,7 @@ def test_without_the_formation_there_is_no_bound(wrong):
     assert clearing_time(TEAM.curve, t, TEAM.curve.position(X), radius, 61) == np.inf
 
 
-def test_how_much_is_seen():
+def test_how_much_is_observed():
     """Of one robot in the middle that sees a quarter of the side: pi / 16 of a square."""
     now, ever = coverage(Lissajous(1.0, 1.0, 1, 2), np.zeros((1, 1, 2)), 0.5, cells=200)
     assert now[0] == ever == pytest.approx(pi / 16.0, rel=0.01)

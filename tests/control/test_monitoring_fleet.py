@@ -67,7 +67,7 @@ def test_they_keep_their_places(plant, loss):
 
 
 @pytest.mark.slow
-def test_when_one_falls_silent_the_others_stand_and_touch_nobody():
+def test_when_one_falls_silent_the_others_stop_without_contact():
     death = Death()
     drive = driven(1, "paper", 0.3, LASTS, each=death)
     assert drive.contacts == 0

@@ -81,14 +81,14 @@ def test_what_is_not_heard_makes_the_other_longer_until_it_is_in_the_way():
     assert reachable_section(0.0, 0.5, 5.0, 2.0).end <= 2.0 * 5.1 + stopping_section(0.0, 2.0).end
 
 
-def test_who_stands_in_a_crossing_may_leave_it():
+def test_a_car_in_a_crossing_may_leave_it():
     """Though another one stands before it, nearer than the bodies are wide apart."""
     away = [CurveSection(CROSSING + HALF - d - COURSE.path.length,
                          CROSSING + HALF - d + 0.1 - COURSE.path.length) for d in (0.4, 0.5, 0.6)]
     assert all(GUARD.may_continue(CROSSING + 0.2, 0.0, other, yields=True) for other in away)
 
 
-def test_in_the_formation_nobody_has_to_wait():
+def test_in_the_formation_no_car_has_to_wait():
     """At 1.2 m/s, and with messages up to 0.3 s old: the curve keeps the cars apart, not the
     guard."""
     rate = 1.2 / 3.76
@@ -108,7 +108,7 @@ def test_in_the_formation_nobody_has_to_wait():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "dies"), [(1, False), (2, True)])
-def test_cars_that_begin_anywhere_spread_and_keep_apart(seed, dies):
+def test_cars_that_begin_anywhere_spread_and_keep_their_distance(seed, dies):
     least, modes, error = scenario(seed, 0.3, 18.0, dies=dies)
     assert least > MIN_BODY_DISTANCE
     assert modes[MonitorMode.MONITORING] > 100
@@ -127,7 +127,7 @@ def test_without_the_guard_they_meet():
 # -- what is known of another car ----------------------------------------------------------
 
 
-def test_a_phase_is_carried_on_by_the_plan_and_then_nobody_knows():
+def test_a_phase_is_carried_on_by_the_plan_and_then_unknown():
     peer = Peer(COURSE)
     rate = 0.3
     assert peer.contact(0.0) is Contact.SILENT
@@ -165,7 +165,7 @@ def answer_messages(one, t, X, v, messages):
                       messages)
 
 
-def test_it_says_what_it_does():
+def test_its_mode_is_reported():
     """From the first pose on: alone, spreading, in its slot, without its neighbour, alone."""
     one = robot()
     modes = []
@@ -191,7 +191,7 @@ def test_it_says_what_it_does():
     assert one.why == "green, blue"
 
 
-def test_alone_it_stands_and_is_not_given_up():
+def test_alone_it_waits_and_is_not_given_up():
     one = robot()
     speeds = [answer_messages(one, 0.1 * k, 0.1, 0.0, {}).speed for k in range(60)]
     assert not any(speeds)

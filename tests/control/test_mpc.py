@@ -118,7 +118,7 @@ def test_slopes_of_a_stage(p):
             assert found == pytest.approx(slope, abs=2e-3)
 
 
-def test_errors_beside_a_path_and_their_slopes():
+def test_errors_off_a_path_and_their_slopes():
     reference = PathReference(TRACK)
     s = np.array([1.0, 2.4, 7.0])
     x, y, phi = reference.poses(s)
@@ -166,7 +166,7 @@ def test_a_plan_of_numbers_that_are_none_is_thrown_away():
     assert loop.step().outcome is PlanOutcome.SOLVED
 
 
-def test_a_drive_whose_plans_are_late_slows_down_and_says_why():
+def test_a_drive_whose_plans_are_late_slows_down_and_names_the_reason():
     """Three late plans are the last one, shifted; then the linear-quadratic tracker brakes."""
     straight = Path([(9.0, 0.0)], closed=False)
     follower = Follower(straight, plant_by(LATER), 1.0, "mpcc")
@@ -199,7 +199,7 @@ def test_before_an_obstacle_without_a_way_past_it_the_car_stops():
 
 
 @pytest.mark.slow
-def test_one_beside_the_middle_leaves_a_way():
+def test_an_obstacle_off_the_middle_leaves_a_passage():
     straight = Path([(9.0, 0.0)], closed=False)
     follower = Follower(straight, plant_by(LATER), 1.5, "mpcc")
     follower.tracker.mpcc.obstacles = (Obstacle(6.0, -0.15, 0.15),)
@@ -217,7 +217,7 @@ def test_it_comes_into_the_lane_from_outside(offset, turn):
     assert figures(rows)[1] < 0.03
 
 
-def test_a_corridor_beside_an_obstacle():
+def test_a_corridor_next_to_an_obstacle():
     corridor = Corridor(0.3)
     corridor.obstacles = (Obstacle(2.0, -0.15, 0.15), Obstacle(9.0, 0.15, 0.15))
     low, high = corridor.bounds(np.array([0.0, 2.0, 2.3, 6.0]), np.zeros(4))
@@ -238,7 +238,7 @@ def test_a_side_is_kept_for_an_encounter_and_forgotten_with_its_obstacle():
     assert not corridor._sides
 
 
-def test_what_it_expects_and_how_sure_it_is():
+def test_what_it_expects_and_its_covariance():
     """The plan's own states are what comes; the covariance grows along the path."""
     loop = Loop(controller(P, TRACK, 1.5))
     for _ in range(15):

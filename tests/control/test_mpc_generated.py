@@ -78,14 +78,14 @@ def test_the_same_plans():
     assert ours.states == pytest.approx(theirs.states, abs=1e-4)
 
 
-def test_without_casadi_it_says_so(monkeypatch):
+def test_missing_casadi_is_reported(monkeypatch):
     monkeypatch.setitem(sys.modules, "casadi", None)
     with pytest.raises(UsageError, match="needs casadi") as caught:
         controller(P, TRACK, 1.0, compiled=True)
     assert "casadi>=" in str(caught.value)
 
 
-def test_without_a_compiler_it_says_so(monkeypatch, tmp_path):
+def test_missing_a_compiler_is_reported(monkeypatch, tmp_path):
     monkeypatch.setenv("CC", "/nowhere/gcc")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     with pytest.raises(UsageError, match="needs a compiler"):

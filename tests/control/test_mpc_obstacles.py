@@ -28,7 +28,7 @@ def follower(disc: Disc, speed: float = 1.5, **options) -> Follower:
 
 
 @pytest.mark.parametrize(("x", "y", "offset"), [(4.65, 2.0, -0.15), (2.25, 0.2, 0.2)])
-def test_a_disc_lies_beside_the_nearest_point(x, y, offset):
+def test_a_disc_lies_across_from_the_nearest_point(x, y, offset):
     """The track begins at (2.25, 0) along +x; x = 4.5 is a straight upwards."""
     o = Disc(x, y, 0.1, 0.3).locate(TRACK, 7.0)
     spot = TRACK.at(o.s)
@@ -59,7 +59,7 @@ def test_one_in_the_middle_is_refused_by_its_place():
     assert "--lane 0.39" in str(caught.value)
 
 
-def test_with_the_lane_that_it_asks_for_there_is_a_way():
+def test_with_the_lane_that_it_requests_there_is_a_passage():
     disc = Disc(6.0, 0.02, 0.15)
     begun = follower(
         disc,
@@ -69,7 +69,7 @@ def test_with_the_lane_that_it_asks_for_there_is_a_way():
 
 
 @pytest.mark.slow
-def test_it_tells_how_near_it_came():
+def test_it_reports_how_near_it_came():
     """By the true rows: 12 cm are aimed at."""
     disc = Disc(6.0, -0.15, 0.15)
     drive = follower(disc)
@@ -88,7 +88,7 @@ def test_an_emulated_car_passes_one_with_5_cm_of_air():
     assert passed(1, 2.0, 0.5)[0] >= 0.05
 
 
-def test_without_casadi_it_drives_on_numpy_and_says_so(monkeypatch):
+def test_without_casadi_it_drives_on_numpy_and_reports_it(monkeypatch):
     def none(*_):
         raise UsageError("contouring control in C needs casadi")
 
@@ -98,7 +98,7 @@ def test_without_casadi_it_drives_on_numpy_and_says_so(monkeypatch):
     assert follower(Disc(30.0, 0.0, 0.1)).tracker.compile_error == ""
 
 
-def test_a_plan_tells_how_sure_it_is_across():
+def test_a_plan_states_its_lateral_deviation():
     """It begins at what is known and grows."""
     loop = Loop(controller(P, TRACK, 1.5))
     for _ in range(4):
@@ -111,7 +111,7 @@ def test_a_plan_tells_how_sure_it_is_across():
 
 
 @pytest.mark.slow
-def test_it_is_as_sure_as_it_may_be(monkeypatch):
+def test_its_stated_deviation_is_honest(monkeypatch):
     """Two cars whose model is 5 % off, 1 s ahead; the control: a stage that adds nothing."""
     found, stated = (np.vstack(each) for each in zip(*(errors(k, 2.0) for k in (3, 5)),
                                                      strict=True))

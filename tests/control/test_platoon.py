@@ -115,7 +115,7 @@ def test_the_rule_keeps_the_margin_at_every_delay_and_the_published_law_does_not
         assert worst(**{**how, "rule": True}).min() >= 0.02 - 1e-9
 
 
-def test_a_brake_that_is_weaker_than_told_ends_in_contact():
+def test_a_brake_that_is_weaker_than_reported_ends_in_contact():
     scenario = Scenario(brakes=(12.0, inf), attacks={0: lie})
 
     def least(b_s):
@@ -237,7 +237,7 @@ def test_a_lie_is_found_and_no_wave_is_taken_for_one():
     assert attacked.why == "it does not drive its reported acceleration"
 
 
-def test_a_told_speed_that_the_lidar_does_not_see_is_not_believed():
+def test_a_reported_speed_that_the_lidar_does_not_see_is_not_believed():
     def drives(added, detects=True):
         scenario = Scenario(brakes=(12.0, inf), speeds={1: lambda t: added if t > 10.0 else 0.0})
         return drive(
@@ -353,7 +353,7 @@ def test_silence_is_taken_for_a_full_brake():
     assert u[-1] == follower.gains.u_min, "from 1 m/s it needs 0.5 m to rest"
 
 
-def test_what_is_under_way_is_driven_before_what_is_asked_for():
+def test_what_is_under_way_is_driven_before_what_is_requested():
     underway = PendingCommands(0.1, 0.05)
     underway.send(-1.0)
     assert underway.predict(1.0) == pytest.approx((0.05 + 0.5 * (1.0 + 0.95) * 0.05, 0.95))

@@ -32,7 +32,7 @@ def tail(path, s, width=0.19, n=12):
 @pytest.mark.parametrize(("path", "s", "most"), [
     (Path([(20.0, 0.0)], closed=False), 4.0, 0.002),
     (track_named("racetrack_vicon_2"), 2.2, 0.03)], ids=["straight", "bend"])
-def test_the_gap_by_a_scan_is_to_what_stands_in_the_way(path, s, most):
+def test_the_gap_by_a_scan_is_to_what_is_in_the_lane(path, s, most):
     away = s + 0.6 + FRONT_LENGTH + REAR_LENGTH
     board = np.array([(p.x - 0.35 * np.sin(p.heading), p.y + 0.35 * np.cos(p.heading))
                       for p in map(path.at, np.arange(s, s + 3.0, 0.05))])
@@ -109,7 +109,7 @@ def replace_answer(monkeypatch, number, since, act):
 
 
 @pytest.mark.slow
-def test_behind_a_car_that_never_tells_anything_it_follows_by_its_lidar():
+def test_behind_a_silent_car_it_follows_by_its_lidar():
     drive, truth = cars.straight(4, silent=(1,), **SHORT)
     assert not drive.contacts
     assert gaps(truth).min() > 0.1

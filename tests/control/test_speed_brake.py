@@ -94,7 +94,7 @@ def test_a_doubted_speed_is_neither_fed_back_nor_braked():
 
 
 @pytest.mark.slow
-def test_more_than_there_is_is_said():
+def test_more_than_there_is_is_reported():
     names = {name for row in modes_of(lambda t: 4.9, seconds=1.0) for name in row[4]}
     assert "RANGE" not in names    # a ramp of 3 m/s2 is within the motor's reach
     rows = modes_of(lambda t: 4.9, seconds=4.0)

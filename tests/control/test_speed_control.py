@@ -75,7 +75,7 @@ def test_a_step_from_rest_settles_and_a_sine_is_followed(seed):
     assert np.sqrt(np.mean((speed[follows] - target)**2)) < 0.05
 
 
-def test_a_speed_beyond_the_limit_is_said():
+def test_a_speed_beyond_the_limit_is_reported():
     limited = driven(1, lambda t: 99.0, 0.3)[3]
     assert all("RANGE" in names for names in limited)
 

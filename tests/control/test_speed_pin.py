@@ -76,7 +76,7 @@ def test_a_target_of_zero_while_the_esc_brakes_is_neutral():
                width in widths if t > 0.1 + PULSE_DELAY_S + 0.02) >= NEUTRAL_US - NEAR_US
 
 
-def test_a_loop_that_holds_a_remnant_is_seen(monkeypatch):
+def test_a_loop_that_holds_a_remnant_is_detected(monkeypatch):
     """Control: an integral that is left in force at a target of 0."""
     plain = SpeedLoop.throttle
 

@@ -83,7 +83,7 @@ def test_an_error_of_the_wheels_is_learnt(name):
 @pytest.mark.slow
 @BOTH
 @pytest.mark.parametrize("side", [0.9, -0.9])
-def test_from_far_beside_the_path_it_comes_to_it_without_turning_back(name, side):
+def test_from_far_off_the_path_it_comes_to_it_without_turning_back(name, side):
     """0.9 m beside it and across to it."""
     straight = Path([(8.0, 0.0)], closed=False)
     follower = Follower(straight, PLANT, 0.8, name)
@@ -94,7 +94,7 @@ def test_from_far_beside_the_path_it_comes_to_it_without_turning_back(name, side
     assert -np.sign(side) * rows[:, 2].max() < 0.25
 
 
-def test_on_the_path_pursuit_asks_for_its_bend():
+def test_on_the_path_pursuit_requests_its_bend():
     circle = Path([(2 * pi * 1.2, 1 / 1.2)], closed=True)
     plant = replace(PLANT, delay=SteeringDelay(0.0))
     for v in (0.4, 1.2):
@@ -108,7 +108,7 @@ def test_on_the_path_pursuit_asks_for_its_bend():
 
 
 @pytest.mark.slow
-def test_left_and_right_are_alike():
+def test_left_and_right_are_symmetric():
     """Mirrored path, pose and plant: mirrored angle; differences of 1e-6 are taken to one side."""
     even = replace(LATER.steering, s0=0.0, k_right=LATER.steering.k_left,
                    a_right_rad=LATER.steering.a_left_rad)

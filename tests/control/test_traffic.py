@@ -54,18 +54,18 @@ def test_one_in_the_middle_is_waited_for(turn):
 
 
 @pytest.mark.parametrize(("offset", "passed"), [(0.2, True), (-0.3, True), (0.45, False)])
-def test_one_beside_the_middle_is_passed_or_nothing(offset, passed):
+def test_a_car_off_the_middle_is_passed_or_nothing(offset, passed):
     found = judge_traffic(place_car(3.0, offset, speed=0.5))
     assert (found.wait, found.speed) == (TrafficWait.FREE, inf)
     assert [o.offset for o in found.obstacles] == pytest.approx([offset] * passed, abs=0.01)
     assert [o.speed for o in found.obstacles] == [0.5] * passed
 
 
-def test_a_tracker_that_passes_nobody_waits():
+def test_a_tracker_that_passes_no_car_waits():
     assert judge_traffic(place_car(3.0, 0.2), passes=False).wait is TrafficWait.BEHIND
 
 
-def test_one_that_was_not_heard_stands_where_it_was_and_is_not_passed():
+def test_a_silent_car_stays_where_it_was_and_is_not_passed():
     found = judge_traffic(place_car(3.0, 0.2, speed=2.0, age=60.0, lost=True))
     assert (found.wait, found.obstacles) == (TrafficWait.LOST, ())
     assert found.room < 2.0
@@ -83,7 +83,7 @@ def test_doubt_of_its_place_takes_room():
                                                                              abs=0.01)
 
 
-def test_behind_the_car_in_the_next_lane_and_beyond_the_end_is_nobody():
+def test_cars_behind_in_the_next_lane_and_beyond_the_end_are_ignored():
     """x = 3 and x = 4.5 are lanes of the track 1.5 m apart."""
     assert judge_traffic(place_car(0.6, 0.0)).wait is TrafficWait.FREE
     assert judge_traffic(place_car(3.0, 1.5)).wait is TrafficWait.FREE
@@ -91,12 +91,12 @@ def test_behind_the_car_in_the_next_lane_and_beyond_the_end_is_nobody():
     assert judge_traffic(past, s=8.5, path=STRAIGHT).wait is TrafficWait.FREE
 
 
-def test_over_the_start_of_a_lap_it_is_seen():
+def test_a_car_over_the_start_of_a_lap_counts():
     assert judge_traffic(place_car(TRACK.length + 0.5, 0.0),
                          s=TRACK.length - 1.0).wait is TrafficWait.BEHIND
 
 
-def test_it_stands_before_the_room_ends_and_starts_for_more_than_that():
+def test_it_stops_before_the_room_ends_and_starts_for_more_than_that():
     found = judge_traffic(place_car(1.6, 0.0))
     assert found.speed == 0.0
     found.judge(1.0, 1.0, 0.0, [place_car(1.75, 0.0)])
@@ -162,7 +162,7 @@ def standing_pose(t):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tracker", ["mpcc", "lqr"])
-def test_a_car_that_stands_in_the_lane_is_waited_for(tracker):
+def test_a_car_at_rest_in_the_lane_is_waited_for(tracker):
     """At rest at neutral, with air; the follower is not stuck, and named is whom it waits for."""
     drive = Drive(standing_pose, tracker=tracker)
     assert not drive.contacts
@@ -175,7 +175,7 @@ def test_a_car_that_stands_in_the_lane_is_waited_for(tracker):
 
 
 @pytest.mark.slow
-def test_who_is_not_told_of_it_drives_into_it():
+def test_without_reports_it_drives_into_the_other_car():
     """The control."""
     assert Drive(standing_pose, blind=True, seconds=5.0).contacts
 
@@ -191,7 +191,7 @@ def test_it_starts_again_behind_one_that_goes_on():
 
 
 @pytest.mark.slow
-def test_one_beside_the_middle_is_passed(tmp_path):
+def test_a_car_off_the_middle_is_passed(tmp_path):
     drive = Drive(standing_pose, offset=0.25, cars=tmp_path)
     assert not drive.contacts
     assert set(drive.follower.tracker.mpcc.outcomes.elements()) == {PlanOutcome.SOLVED}
@@ -200,7 +200,7 @@ def test_one_beside_the_middle_is_passed(tmp_path):
 
 
 @pytest.mark.slow
-def test_but_not_where_nobody_knows_where_its_marker_sits():
+def test_it_is_not_passed_where_its_marker_is_unknown():
     """15 cm, twice, are no way."""
     drive = Drive(standing_pose, offset=0.25, seconds=5.0)
     assert not drive.contacts
@@ -220,7 +220,7 @@ def test_one_that_falls_silent_is_waited_for_where_it_was():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("room", ["?loss=0.5&seed=1", "?delay=0.05&jitter=0.1&twice=0.2&seed=1"])
-def test_through_loss_and_disorder_nobody_is_touched(room):
+def test_through_loss_and_disorder_no_car_is_touched(room):
     """Frames that are lost, late, overtaken or come twice."""
     drive = Drive(lambda t: 0.6 if t < 4.0 else 0.0, room=room)
     assert not drive.contacts

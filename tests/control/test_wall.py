@@ -36,7 +36,7 @@ def clear(way, *walls):
 
 @pytest.mark.parametrize("side", [-1, 1])
 @pytest.mark.parametrize("off", [0.35, 0.6, 0.9])
-def test_it_goes_along_the_wall_and_to_the_gap_that_is_asked_for(side, off):
+def test_it_goes_along_the_wall_at_the_requested_gap(side, off):
     way = Wall(side, 0.6)(scan((-4.0, side * off, 4.0, side * off)), Pose()).middle
     assert way[-1, 0] > 1.6
     assert abs(abs(way[-1, 1] - side * off) - 0.6) < 0.05 + 0.3 * abs(off - 0.6)
@@ -69,7 +69,7 @@ def test_glass_between_walls_is_a_wall(monkeypatch):
     assert Wall(gap=1.5)(points, Pose()).middle[:, 0].max() > 1.4
 
 
-def test_nothing_that_is_seen_is_no_way():
+def test_without_measurements_there_is_no_way():
     assert not Wall()(np.full((BEAMS, 2), np.nan), Pose()).is_complete
 
 

@@ -25,7 +25,7 @@ from tests.diagnosis.searched import drive, evidence
 FREE = ("tyres.front_D", "tyres.rear_cornering_stiffness")
 
 
-def test_models_that_move_the_car_alike_are_listed_nearest_first():
+def test_models_that_move_the_car_similarly_are_listed_nearest_first():
     found = list_exchanges({"steering_lag": ("steering_delay", "gyro_latency")}, ["yaw_damping"],
                            ["grip", "gyro_scale"])
     assert found == (Exchange("steering_lag", "steering_delay"), Exchange("yaw_damping"),

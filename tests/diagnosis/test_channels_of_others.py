@@ -60,14 +60,14 @@ def list_inputs(recording):
 
 
 @pytest.mark.slow
-def test_channels_that_nobody_knows_are_ignored(filmed_drive, tmp_path):
+def test_unknown_channels_are_ignored(filmed_drive, tmp_path):
     plain = read_run(rewrite(filmed_drive, tmp_path / "plain.mcap"))
     more = read_run(rewrite(filmed_drive, tmp_path / "more.mcap", OTHERS))
     assert plain.mocap is not None
     assert list_inputs(more) == list_inputs(plain) == list_inputs(read_run(filmed_drive))
 
 
-def test_channels_that_are_asked_for_are_not(filmed_drive, tmp_path):
+def test_requested_channels_are_not_ignored(filmed_drive, tmp_path):
     """Control: the same way of writing without poses, and without what the car said."""
     without_poses = read_run(rewrite(filmed_drive, tmp_path / "unseen.mcap", OTHERS,
                                    ("/external_pose",)))

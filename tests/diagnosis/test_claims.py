@@ -147,7 +147,7 @@ def test_a_delay_is_no_curve():
         assert not any("delay.steering_s".startswith(n) for n in kind.names)
 
 
-def test_a_group_is_claimed_where_its_cost_is_sure():
+def test_a_group_is_claimed_where_its_cost_is_significant():
     policy = USUAL.claims
     assert _raises_errors((1.20, 1.05, 1.40), 0.9, policy)
     assert not _raises_errors((1.20, 0.95, 1.50), 0.9, policy)
@@ -200,7 +200,7 @@ def test_how_old_the_commands_of_a_fit_were_costs_nothing_on_other_recordings(fo
     assert measure_loss(0.06) <= 1.02 * measure_loss(0.0, fitted=False)
 
 
-def test_of_two_times_one_is_wrong_and_the_data_do_not_say_which():
+def test_of_two_times_one_is_wrong_and_the_data_do_not_decide():
     steering, throttle, both = (frozenset(g) for g in (
         {"steering timing"}, {"throttle timing"}, {"steering timing", "throttle timing"}))
     either = Posterior(tuple(sorted(both)), (steering, throttle), np.array([0.5, 0.5]))
@@ -213,7 +213,7 @@ def test_of_two_times_one_is_wrong_and_the_data_do_not_say_which():
     assert later == pytest.approx(before - 50.0)
 
 
-def test_no_command_is_younger_than_its_message_to_stand_in_for_a_delay():
+def test_no_command_is_younger_than_its_message_in_place_of_a_delay():
     """A throttle delay and the age of commands that move the residuals alike."""
     names = ("delay.throttle_s", "age", "late", "gyro")
     slopes = np.array([[1.0, -0.99, 0.0, 0.0], [0.0, 0.14, 0.0, 0.0]])

@@ -90,7 +90,7 @@ def test_the_extended_model_is_a_model_with_its_effects_and_their_errors(whole, 
 
 
 @pytest.mark.slow
-def test_a_model_that_is_diagnosed_again_on_what_it_was_fitted_to_is_told(whole, files, run):
+def test_diagnosing_a_model_on_what_it_was_fitted_to_is_reported(whole, files, run):
     _, _, folder = whole
     code, answer, err = run("--model", folder / "model.toml", "--no-refit", "--train", files[1],
                             "--test", files[0], "--only", "grip", "--max-causes", 0, "--json")
@@ -152,7 +152,7 @@ def test_without_json_the_sentences_are_on_standard_output_and_notices_are_not(f
     (["{0}"], "follows no option"),
 ])
 @pytest.mark.slow_except("words[0-2]*", "words[5-9]*")
-def test_bad_input_ends_with_2_and_says_what(words, message, files, run):
+def test_bad_input_ends_with_2_and_a_reason(words, message, files, run):
     code, answer, err = run(*(w.format(*files) for w in words), "--json")
     assert code == 2
     assert set(answer) == {"error"}

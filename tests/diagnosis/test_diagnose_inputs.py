@@ -103,14 +103,14 @@ def test_what_an_effect_may_do_passes(drive, tmp_path, column, factor):
     check_units(read(scale_column(tmp_path, drive, column, factor)))
 
 
-def test_a_dead_encoder_is_said_and_not_judged(drive, tmp_path):
+def test_a_dead_encoder_is_reported_and_not_judged(drive, tmp_path):
     dead = read(scale_column(tmp_path, drive, "vel encoder", 0.0))
     inputs = check_inputs([dead], [other(drive)], PAPER)
     assert "encoder is dead" in " ".join(inputs.notes)
     assert not np.isfinite(prepare_drive(inputs.train[0], PAPER.body.l_r).readings[:, 0]).any()
 
 
-def test_a_dead_gyro_is_said_and_not_judged(drive, tmp_path):
+def test_a_dead_gyro_is_reported_and_not_judged(drive, tmp_path):
     dead = read(scale_column(tmp_path, drive, "W (IMU)", 0.0))
     inputs = check_inputs([dead], [other(drive)], PAPER)
     assert "gyro is dead" in " ".join(inputs.notes)
@@ -119,7 +119,7 @@ def test_a_dead_gyro_is_said_and_not_judged(drive, tmp_path):
     assert np.isfinite(found[:, 0]).all()
 
 
-def test_without_mocap_it_is_said_what_cannot_be_known(drive):
+def test_without_mocap_it_is_reported_what_cannot_be_known(drive):
     bare = [replace(r, mocap=None, schema="A") for r in (drive, other(drive))]
     inputs = check_inputs(bare[:1], bare[1:], PAPER)
     assert any("no motion capture" in n and "side slip" in n for n in inputs.notes)
@@ -140,7 +140,7 @@ def test_neither_mocap_nor_encoder_is_refused(drive):
         check_inputs([blind], [], PAPER)
 
 
-def test_a_standing_car_is_refused(drive):
+def test_a_car_at_rest_is_refused(drive):
     m = drive.mocap
     still = replace(drive, mocap=replace(m, x=0 * m.x, y=0 * m.y, yaw=0 * m.yaw),
                     messages=replace(drive.messages, speed=0 * drive.messages.speed,
@@ -158,7 +158,7 @@ def first_part(drive, share):
     return replace(drive, spans=((begin, begin + share * (end - begin)),))
 
 
-def test_a_short_drive_is_refused_and_a_meagre_one_is_said(drive):
+def test_a_short_drive_is_refused_and_a_meagre_one_is_reported(drive):
     with pytest.raises(RecordingError, match="too little driving to train on"):
         check_inputs([first_part(drive, 0.1)], [other(drive)], PAPER)
     with pytest.raises(RecordingError, match="too little driving to test"):
@@ -199,7 +199,7 @@ def test_without_test_recordings_stretches_are_held_out(drive):
     assert test.messages is drive.messages
 
 
-def test_a_model_that_has_seen_the_test_recordings_is_said(drive):
+def test_a_model_fitted_to_the_test_recordings_is_reported(drive):
     assert "fitted to 1 of the test recordings" in warn_fitted_before([drive], {drive.sha256})[0]
     assert warn_fitted_before([drive], {"0" * 64}) == []
 

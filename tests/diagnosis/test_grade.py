@@ -46,7 +46,7 @@ def problem(rng, signal, others=(), pull=1.0):
                    np.array([pull] * len(others) + [0.0]), np.zeros(z.shape[2]))
 
 
-def test_what_is_there_is_sure_and_what_is_not_is_not():
+def test_what_is_there_is_certain_and_what_is_not_is_not():
     rng = np.random.default_rng(1)
     assert probability(problem(rng, 0.3), -1.0, DRAWS, 0) > 0.97
     weak = [probability(problem(rng, 0.02), -1.0, DRAWS, i) for i in range(20)]
@@ -65,7 +65,7 @@ def test_what_the_family_of_another_explains_is_no_second_cause():
     assert held > 0.95  # the control: without the family it is
 
 
-def test_an_effect_that_bags_want_with_the_other_sign_is_not_wanted():
+def test_an_effect_with_another_sign_in_the_bootstrap_is_rejected():
     p = problem(np.random.default_rng(3), 0.3)
     turned = replace(p, slope=p.slope + 1.5 * p.normal[:, :, -1])
     assert probability(turned, -1.0, DRAWS, 0) < 0.05

@@ -35,7 +35,7 @@ def fit_mounting_of(of_drive, p=PAPER):
 
 
 @pytest.mark.slow
-def test_a_drive_tells_how_the_accelerometer_sits(tmp_path):
+def test_a_drive_shows_how_the_accelerometer_is_mounted(tmp_path):
     places = (("imu_yaw", 0.04), ("imu_lever_arm", 0.02), ("imu_offset_y", 0.02))
     misaligned = PAPER
     for name, true in places:
@@ -51,7 +51,7 @@ def test_a_drive_tells_how_the_accelerometer_sits(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("knows", [True, False])
-def test_a_model_that_knows_it_names_nothing_and_says_what_it_is_now(tmp_path, knows):
+def test_a_model_with_the_mounting_names_nothing_and_states_the_present_one(tmp_path, knows):
     misaligned = apply(PAPER, "imu_yaw", k=0.1)
     drives = [onboard_files.recorded(tmp_path, misaligned, seed, 40.0) for seed in (1, 2)]
     file, p = find_model("paper")
@@ -77,7 +77,7 @@ def test_what_the_model_has_is_not_fitted_twice(tmp_path):
     assert "imu_lever_arm" in mounting
 
 
-def test_beside_motion_capture_nothing_is_taken_for_granted(tmp_path):
+def test_with_motion_capture_no_mounting_is_assumed(tmp_path):
     path = hidden_drive.write(tmp_path / "car_1_a.csv", PAPER, 1, hidden_drive.Plan(seconds=15.0))
     of_drive = make_evidence([read(path)], PAPER.body.l_r)[0]
     at, mounting = fit_mounting_of(of_drive)
@@ -86,7 +86,7 @@ def test_beside_motion_capture_nothing_is_taken_for_granted(tmp_path):
 
 
 @pytest.mark.slow
-def test_beside_motion_capture_a_run_tells_how_its_gyro_is_scaled(tmp_path):
+def test_with_motion_capture_a_run_shows_how_its_gyro_is_scaled(tmp_path):
     wrong = apply(PAPER, "gyro_scale", k=0.008)  # less than what gets a name
     path = hidden_drive.write(tmp_path / "car_1_a.csv", wrong, 1, hidden_drive.Plan(seconds=30.0))
     of_drive = make_evidence([read(path)], PAPER.body.l_r)[0]
@@ -99,7 +99,7 @@ def test_beside_motion_capture_a_run_tells_how_its_gyro_is_scaled(tmp_path):
 
 
 @pytest.mark.slow
-def test_poses_of_a_run_may_be_as_late_as_an_optical_system_tells_them(tmp_path):
+def test_poses_of_a_run_may_be_as_late_as_those_of_an_optical_system(tmp_path):
     late = apply(PAPER, "mocap_latency", k=0.02)
     path = hidden_drive.write(tmp_path / "car_1_a.csv", late, 1, hidden_drive.Plan(seconds=30.0))
     published = make_evidence([read(path)], PAPER.body.l_r)[0]

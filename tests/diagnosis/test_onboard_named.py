@@ -55,7 +55,7 @@ def test_a_cause_in_a_sensor_is_named_though_the_model_starts_from_that_sensor(t
 
 
 @pytest.mark.slow
-def test_parameters_that_a_drive_does_not_tell_are_not_called_found(tmp_path):
+def test_parameters_that_a_drive_does_not_determine_are_not_called_found(tmp_path):
     """A refit that predicts the other drive worse is no explanation, and that is said."""
     file, base = find_model("paper")
     misled, turning = (recorded(tmp_path, PAPER, seed, 40.0) for seed in (35, 36))

@@ -68,7 +68,7 @@ def test_sentence_and_table_state_one_number(turned_marker, capsys):
     assert f"-{percent(sentence)}".replace(" ", "\u00a0") in whole
 
 
-def test_numbers_of_two_sources_are_told_apart():
+def test_numbers_of_two_sources_are_distinguished():
     """The control: a diagnosis by hand, whose sentence was written without its table."""
     sentence, shown = gains_by_table(made.diagnosis(causes=1))["steering_lag"]
     assert sentence != pytest.approx(shown, abs=0.01)

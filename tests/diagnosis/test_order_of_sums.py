@@ -26,7 +26,7 @@ def answer(train, test):
 
 
 @pytest.mark.slow
-def test_two_orders_of_sums_give_the_same_sure_names():
+def test_two_orders_of_sums_give_the_same_certain_causes():
     train = [searched.drive(*HIDDEN, seconds=25.0, seed=seed) for seed in (11, 12, 13)]
     test = [searched.drive(*HIDDEN, seconds=25.0, seed=14)]
     found = [answer(side, test) for side in (train, reverse_order(train))]

@@ -15,7 +15,7 @@ MAX_EVALUATIONS = 60  # evaluations of a model, a second of five minutes of driv
 
 
 @pytest.mark.slow
-def test_progress_never_stands_and_never_goes_back(monkeypatch):
+def test_progress_never_stalls_and_never_goes_back(monkeypatch):
     evaluations = [0]
     reports = []
     residuals = Evidence.residuals
@@ -50,7 +50,7 @@ def test_a_phase_comes_near_its_end_and_the_next_begins_there():
     assert reports[-1][0] == 0.5
 
 
-def test_without_anybody_to_tell_nothing_is_told():
+def test_without_a_callback_nothing_is_reported():
     pace = ProgressEstimator(None)
     pace.start_phase(1.0, "fit", 10)
     pace.count_evaluation()

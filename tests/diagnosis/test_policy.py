@@ -31,7 +31,7 @@ def bare(text):
     return re.findall(r"^    (\w+): (?:float|int|tuple\[.*\]) = [^#\n]*$", text, flags=re.M)
 
 
-def test_every_threshold_says_what_it_is():
+def test_every_threshold_has_a_description():
     text = Path(module.__file__).read_text(encoding="utf-8")
     assert bare(text) == []
     assert bare("    close: float = 0.7\n") == ["close"]

@@ -53,7 +53,7 @@ def errors_at_1_s(horizons):
     return np.array([pooled[c] for c in ("vx", "yaw_rate", "position", "yaw_deg")])
 
 
-def test_a_hidden_effect_is_in_the_predictor_and_predicts_an_unseen_drive():
+def test_a_hidden_effect_is_in_the_predictor_and_predicts_a_test_drive():
     d = diagnose_hidden(hidden=True)
     b = d.predictor
     assert list(b.effects) == ["cornering_drag"]
@@ -122,7 +122,7 @@ def test_a_diagnosis_without_one_cannot_write_it():
 @pytest.mark.parametrize(("hidden", "sentence"), [
     (True, "Best predictor: with cornering_drag the errors 1 s ahead in recordings left out are "),
     pytest.param(False, "Best predictor: the refitted parameters alone.", marks=pytest.mark.slow)])
-def test_terminal_page_and_json_say_the_same(hidden, sentence, capsys):
+def test_terminal_page_and_json_state_the_same(hidden, sentence, capsys):
     d = diagnose_hidden(hidden)
     show(d)
     assert sentence in " ".join(capsys.readouterr().out.split())

@@ -85,7 +85,7 @@ def test_what_the_model_lacks_is_no_other_floor(drive):
 
 @pytest.mark.parametrize(("other", "what"), [(SLIPPERY, "grip"), (WEAK, "drive force")])
 @pytest.mark.slow_except("other0-grip")
-def test_two_floors_or_cars_are_told_apart_by_name(drive, other, what):
+def test_two_floors_or_cars_are_distinguished_by_name(drive, other, what):
     ours = [drive("same", PAPER, i) for i in range(2)]
     theirs = [drive(what.partition(" ")[0], other, i) for i in range(3)]
     warnings = list_warnings([ours[0], theirs[0], ours[1], theirs[1]], theirs[2:])
@@ -95,7 +95,7 @@ def test_two_floors_or_cars_are_told_apart_by_name(drive, other, what):
     assert f"--train {names(ours)}" in warnings
 
 
-def test_a_test_set_of_another_floor_is_said_to_be_one(drive):
+def test_a_test_set_of_another_floor_is_reported(drive):
     warnings = list_warnings([drive("same", PAPER, i) for i in range(3)],
                              [drive("grip", SLIPPERY, 0)])
     assert "the test recordings look like another floor or car" in warnings
@@ -111,7 +111,7 @@ def test_without_the_errors_of_the_sizes_one_floor_would_be_two(drive):
 
 
 @pytest.mark.slow
-def test_by_its_own_sensors_a_car_is_told_from_another(tmp_path):
+def test_by_its_own_sensors_a_car_is_distinguished_from_another(tmp_path):
     """No floor then: how much a tyre holds hides in what no sensor sees. Control: one car."""
     ours, theirs = ([recorded(tmp_path, p, seed, 30.0) for seed in seeds] for p, seeds in (
         (PAPER, (1, 2, 3)), (WEAK, (4, 5))))
@@ -132,7 +132,7 @@ def test_noise_of_its_stated_size_is_no_second_floor(seed, n):
     assert find_groups(sizes, USUAL.alike) is None
 
 
-def test_a_parameter_or_a_time_on_its_bound_is_said(drive):
+def test_a_parameter_or_a_time_on_its_bound_is_reported(drive):
     one = [drive("same", PAPER, 0)]
     sides = side(one), side([drive("same", PAPER, 1)])
     of_side = sides[0].evidence
@@ -154,7 +154,7 @@ def test_a_parameter_or_a_time_on_its_bound_is_said(drive):
 
 
 @pytest.mark.slow
-def test_a_whole_diagnosis_says_so(drive):
+def test_a_whole_diagnosis_reports_it(drive):
     file, p = find_model("paper")
     train = [drive("same", PAPER, 0), drive("grip", SLIPPERY, 0), drive("same", PAPER, 1)]
     found = diagnose(file, p, train, [drive("grip", SLIPPERY, 1)])

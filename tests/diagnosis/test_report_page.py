@@ -176,7 +176,7 @@ def test_the_same_diagnosis_gives_the_same_page(whole):
     assert page(d, command=COMMAND) == text
 
 
-def test_without_numbers_it_says_so_instead_of_drawing(tmp_path):
+def test_without_numbers_it_states_so_instead_of_drawing(tmp_path):
     d = made.diagnosis("nothing_wrong", 0, False)
     nothing = replace(d, stages=tuple(replace(s, horizons={}) for s in d.stages), ctrv={},
                       considered=(), refitted={}, files={}, paths=())
@@ -188,7 +188,7 @@ def test_without_numbers_it_says_so_instead_of_drawing(tmp_path):
 
 
 @pytest.mark.slow
-def test_suggestions_are_there_when_they_were_asked_for():
+def test_suggestions_are_there_when_they_were_requested():
     d = made.diagnosis()
     drive = Suggestion("steering_lag", ("yaw_inertia",), "steps", "steps at two speeds",
                        ("dart-hal experiment steps --out <a>.mcap",), 40.0, "8", "sensors", True,
@@ -307,7 +307,7 @@ def test_refit_and_causes_have_their_shares_stated_separately(whole):
         " ".join(reader.words).split())
 
 
-def test_without_motion_capture_one_line_says_that_there_is_no_path():
+def test_without_motion_capture_one_line_states_that_there_is_no_path():
     d = replace(made.diagnosis(causes=1), paths=())
     assert "Without motion capture there is no measured path to draw." in read(d).text
     assert "measured path to draw" not in read(made.diagnosis(causes=1)).text

@@ -78,7 +78,7 @@ def test_an_edge_takes_this_walk(car):
     assert found[0].speed > 0.2, "the wheels turn, so there are edges"
 
 
-def test_a_step_that_is_not_taken_is_seen(car):
+def test_a_step_that_is_not_taken_is_detected(car):
     """The negative control: without edges the walk is another one."""
     def work():
         next(car.states())

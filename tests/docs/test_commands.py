@@ -71,7 +71,7 @@ def play(page: Path, folder: Path, *, slow: bool) -> list[Block]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
 @pytest.mark.slow_except("README")
-def test_what_a_page_tells_to_type_works(page, tmp_path):
+def test_the_commands_of_a_page_work(page, tmp_path):
     assert play(page, tmp_path, slow=False)
 
 
@@ -101,7 +101,7 @@ def test_marks_are_known(page):
 
 
 @pytest.mark.slow
-def test_a_command_that_fails_and_an_output_that_differs_are_seen(tmp_path):
+def test_a_command_that_fails_and_an_output_that_differs_are_detected(tmp_path):
     """The controls."""
     page = tmp_path / "page.md"
     page.write_text("```sh\ndart-hal docter\n```\n")

@@ -42,7 +42,7 @@ def test_every_path_exists():
 
 
 @pytest.mark.parametrize("command", ["make tests", "dart-hal wires --write"])
-def test_a_command_that_does_not_exist_is_seen(command):
+def test_a_command_that_does_not_exist_is_detected(command):
     """The negative control."""
     assert unknown_command(command)
 

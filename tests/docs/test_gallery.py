@@ -12,7 +12,7 @@ sys.path.insert(0, str(DOCS))
 import gallery
 
 
-def test_the_page_is_what_the_examples_say():
+def test_the_page_matches_the_examples():
     assert (DOCS / "gallery.md").read_text(encoding="utf-8") == gallery.page()
 
 

@@ -19,7 +19,7 @@ def test_every_link_leads_somewhere(page):
 
 
 @pytest.mark.parametrize("link", ["how_to/nothing.md", "how_to/faq.md#why-not", "#nowhere"])
-def test_a_broken_link_is_seen(link):
+def test_a_broken_link_is_detected(link):
     text = f"# Head\n\nSee [this]({link}) and [that](#head).\n"
     assert handbook.broken_links(DOCS / "index.md", text) == [link]
 
@@ -49,7 +49,7 @@ def test_the_readme_is_short():
 FIGURE = re.compile(r"(?<![\w./-])\d+(?:[.,]\d+)?(?![\w/])")
 
 
-def test_a_result_in_the_readme_stands_beside_its_command():
+def test_a_result_in_the_readme_is_next_to_its_command():
     """Bold figures are results: each card has a command that makes it again."""
     cards = [row for row in readme().splitlines() if row.startswith("| **")]
     assert len(cards) == 5
@@ -58,7 +58,7 @@ def test_a_result_in_the_readme_stands_beside_its_command():
         assert re.search(r"`(?:make|dart-hal|python) [^`]+`", row), row
 
 
-def test_results_say_when_they_were_measured():
+def test_results_state_when_they_were_measured():
     undated = [p.name for p in (DOCS / "results").glob("*.md")
                if not re.search(r"\b20\d\d\b", "\n".join(
                    p.read_text(encoding="utf-8").splitlines()[:40]))]

@@ -21,7 +21,7 @@ def test_there_are_at_most_ten():
     assert 5 <= len(steps(HEADING)) <= MAX_STEPS
 
 
-def test_a_name_that_is_gone_is_seen():
+def test_a_name_that_is_gone_is_detected():
     with pytest.raises(AttributeError):
         find_object("dart_lab.diagnosis.run.diagnosis")
 
@@ -42,7 +42,7 @@ def test_a_diagnosis_calls_them_in_this_order(tmp_path):
     assert [c.effect for c in found[0].causes] == ["gyro_scale"]
 
 
-def test_another_order_is_seen():
+def test_another_order_is_detected():
     def work():
         find_model("paper")
         find_object("dart_hal.vehicle.effects.parse_effects")("gyro_scale:0.1")

@@ -65,7 +65,7 @@ def test_it_runs_from_its_first_cell_to_its_last(source, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_cell_that_fails_is_seen(tmp_path):
+def test_a_cell_that_fails_is_detected(tmp_path):
     """The control, of Python and of the shell."""
     for cell in ("# %%\n1 / 0\n", '# %% language="sh"\n# dart-hal docter\n'):
         (tmp_path / "x.py").write_text(cell)

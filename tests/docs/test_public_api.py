@@ -74,7 +74,7 @@ def test_a_program_for_users_imports_public_names_alone(path):
     assert deeper == []
 
 
-def test_a_deeper_import_would_be_seen():
+def test_a_deeper_import_would_be_detected():
     assert imports_below("from dart_hal.car import Car") == ["dart_hal.car"]
     assert imports_below("def f():\n    import dart_lab.sim.light") == ["dart_lab.sim.light"]
     assert imports_below("from dart_hal import Car") == []

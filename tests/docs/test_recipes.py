@@ -60,7 +60,7 @@ def test_every_change_fits_its_place(heading):
 @pytest.mark.parametrize(("changes", "message"), [
     (" gone\n+new\n", "0 places"), (" twice\n+new\n", "2 places"), ("+new\n", "places"),
     ("once\n", "in front")])
-def test_a_change_without_a_single_place_is_seen(changes, message):
+def test_a_change_without_a_single_place_is_detected(changes, message):
     with pytest.raises(RecipeFailed, match=message):
         apply_changes("once\ntwice\ntwice\n", changes)
 
@@ -93,7 +93,7 @@ def test_a_recipe_passes_its_own_checks(heading, tmp_path):
     ("A calibration", "host/dart_hal/calibration/measured.py"),
     ("A calibration", "host/dart_hal/core/config/calibration.py"),
     ("A calibration", "host/dart_hal/calibration/order.py")])
-def test_a_step_that_is_left_out_is_seen(heading, left_out, tmp_path):
+def test_a_step_that_is_left_out_is_detected(heading, left_out, tmp_path):
     """The negative control: the checks of the recipe find each step that is missing."""
     assert left_out in [edited_file(block) for block in recipe(heading)]
     with pytest.raises(RecipeFailed):
@@ -237,7 +237,7 @@ def programs(heading: str) -> list[str]:
     return [b.text for b in recipe(heading) if b.kind == "python" and b.runs and not b.file]
 
 
-def test_a_package_is_seen_by_a_process_of_its_own(package):
+def test_a_package_is_found_by_a_process_of_its_own(package):
     """As pip installs it, not only in the process of the tests."""
     folder = package("A verb of another package")
     code = ("from dart_hal.core.plugins import list_plugins; "

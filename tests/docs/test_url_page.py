@@ -35,5 +35,5 @@ def test_the_options_of_a_scheme(title, url):
     assert options(title) == list_names(url)
 
 
-def test_an_option_that_is_not_listed_is_seen():
+def test_an_option_that_is_not_listed_is_detected():
     assert options("sim") != list_names("avr://default")

@@ -64,7 +64,7 @@ def test_chatter_faster_than_the_model_is_refused(nano):
 # --- supply
 
 
-def test_without_power_nothing_is_driven_and_nothing_is_said(nano):
+def test_without_power_nothing_is_driven_and_nothing_is_sent(nano):
     nano.ask(b"p", 0.001)
     nano.set_power(False)
     assert set(nano.pins().values()) == {None}
@@ -80,7 +80,7 @@ def test_without_power_nothing_is_driven_and_nothing_is_said(nano):
     assert nano.ask(b"t\x00\x01", 0.01)[1] == 0x18
 
 
-def test_a_droop_is_seen_by_the_adc_and_below_2_7_v_resets(nano):
+def test_a_droop_is_measured_by_the_adc_and_below_2_7_v_resets(nano):
     nano.set_vcc(3.0)
     assert int.from_bytes(nano.ask(b"v"), "little") == pytest.approx(1.1 / 3.0 * 1024, abs=2)
     nano.set_vcc(2.6)

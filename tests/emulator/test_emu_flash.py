@@ -42,7 +42,7 @@ def test_avrdude_programs_a_blank_nano_and_the_program_starts(probe):
 
 @needs_tools
 @pytest.mark.long
-def test_avrdude_programs_the_firmware_and_it_says_hello(firmware):
+def test_avrdude_programs_the_firmware_and_it_sends_hello(firmware):
     """Write, verify, then a clean stream that begins with HELLO."""
     with EmulatedNano(b"", bootloader=True) as nano, Pty(nano) as pty:
         done = flash(pty.path, firmware.with_suffix(".hex"))

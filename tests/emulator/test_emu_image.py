@@ -121,7 +121,7 @@ def test_images_are_searched_in_order(tmp_path, monkeypatch):
     assert find_image() == tmp_path / "prebuilt/dart_nano.hex"
 
 
-def test_missing_bridge_says_how_to_build_it(tmp_path, monkeypatch):
+def test_missing_bridge_states_how_to_build_it(tmp_path, monkeypatch):
     monkeypatch.setenv("DART_HAL_EMULATOR", str(tmp_path / "no.so"))
     with pytest.raises(EmulatorMissing, match="DART_HAL_EMULATOR") as error:
         bridge.load()
@@ -153,7 +153,7 @@ def test_bootloader_and_program_must_not_overlap(tmp_path):
         with_bootloader(b"app", boot)
 
 
-def test_an_untested_simavr_is_refused_unless_asked_for(tmp_path):
+def test_an_untested_simavr_is_refused_unless_requested(tmp_path):
     if shutil.which("make") is None:
         pytest.skip("make is not installed")
     (tmp_path / "sim_core_config.h").write_text('#define CONFIG_SIMAVR_VERSION "9.9"\n')

@@ -42,7 +42,7 @@ def test_watchdog_interrupt_comes_after_16_ms(nano):
 
 
 @pytest.mark.parametrize("volt", [5.0, 4.5])
-def test_bandgap_tells_the_supply(nano, volt):
+def test_bandgap_measures_the_supply(nano, volt):
     nano.set_vcc(volt)
     assert int.from_bytes(nano.ask(b"v"), "little") == pytest.approx(1.1 / volt * 1024, abs=2)
 

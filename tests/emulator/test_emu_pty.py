@@ -78,7 +78,7 @@ def test_without_reset_on_open_the_program_runs_on(probe):
             assert ser.read(1) == b"x"
 
 
-def test_time_stands_still_until_somebody_opens(served_nano):
+def test_time_does_not_pass_until_the_port_is_opened(served_nano):
     nano, _ = served_nano
     cpu = time.process_time()
     time.sleep(0.3)
@@ -119,7 +119,7 @@ def test_a_failure_of_the_thread_is_raised_by_close(probe):
             pty.close()
 
 
-def test_a_pacing_thread_that_dies_is_seen_and_its_failure_raised(nano):
+def test_a_pacing_thread_that_dies_is_detected_and_its_failure_raised(nano):
     def tick(t: float) -> None:
         raise RuntimeError("the world ended")
 
@@ -133,7 +133,7 @@ def test_a_pacing_thread_that_dies_is_seen_and_its_failure_raised(nano):
         port.close()
 
 
-def test_a_served_car_rolls_on_while_nobody_has_the_port_open(probe):
+def test_a_served_car_rolls_on_while_the_port_is_closed(probe):
     with EmulatedNano(probe) as nano, Pty(nano, always=True) as pty:
         assert wait_for(lambda: nano.now > 0.05)
         with serial.Serial(pty.path, 500_000, timeout=5) as ser:

@@ -98,7 +98,7 @@ def test_a_crashed_program_is_silent_until_a_reset(emulator):
         assert not nano.crashed
 
 
-def test_a_closed_nano_says_so(probe):
+def test_a_closed_nano_is_an_error(probe):
     nano = EmulatedNano(probe)
     nano.close()
     nano.close()

@@ -24,7 +24,7 @@ def test_run_stops_at_the_stop_bit_of_a_delimiter(probe, make_nano):
         assert nano.now == 0.01
 
 
-def test_bytes_of_a_burst_are_ten_bits_apart(nano):
+def test_bytes_of_a_burst_are_spaced_by_ten_bits(nano):
     nano.write(b"xyxyxyxy")
     stamps = []
     for k in range(1, 400):

@@ -30,7 +30,7 @@ def ramp(rate, seconds, start=0.0):
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("rate", [1.0, 3.0, -3.0])
 @pytest.mark.parametrize("tilt", [0.3, 0.0, -0.3])
-def test_the_acceleration_tells_the_sign(sign, rate, tilt):
+def test_the_acceleration_decides_the_sign(sign, rate, tilt):
     rng = random.Random(1)
     speeds = [max(v, 0.0) for v in ramp(rate, 0.8, 0.0 if rate > 0.0 else 2.4)]
     directions = run_frames(speeds, [sign * rate + tilt + rng.gauss(0.0, 0.3) for _ in speeds])
@@ -39,7 +39,7 @@ def test_the_acceleration_tells_the_sign(sign, rate, tilt):
 
 
 @pytest.mark.parametrize("tilt", [0.5, -0.5])
-def test_nothing_is_said_of_a_steady_car(tilt):
+def test_no_direction_is_given_for_a_steady_car(tilt):
     rng = random.Random(2)
     assert not any(run_frames([2.0 + rng.gauss(0.0, 0.03) for _ in range(300)], [tilt] * 300))
 
@@ -50,7 +50,7 @@ def test_wheels_that_slip_are_no_witness():
     assert not any(run_frames(ramp(-6.0, 0.4, 4.0), [2.0] * 40))
 
 
-def test_a_turn_within_the_window_says_nothing_wrong():
+def test_a_turn_within_the_window_gives_no_wrong_direction():
     """1 m/s, -10 m/s2 through zero: forwards until 0.1 s, then backwards."""
     speeds = [1.0] * 50 + [abs(1.0 - 10.0 * k * FRAME) for k in range(60)]
     directions = run_frames(speeds, [0.0] * 50 + [-10.0] * 60)
@@ -59,7 +59,7 @@ def test_a_turn_within_the_window_says_nothing_wrong():
     assert directions[-1] == -1
 
 
-def test_without_acceleration_nothing_is_said():
+def test_without_acceleration_no_direction_is_given():
     assert not any(run_frames(ramp(3.0, 1.0), [None] * 100))
 
 
@@ -78,7 +78,7 @@ def roll_car(wheel, hint, sign, seconds=1.5, rate=1.2, stood=0.5, believed=True)
 
 
 @pytest.mark.parametrize("hint", [0, 1])
-def test_a_car_that_rolls_backwards_from_a_stand_is_known(wheel, hint):
+def test_a_car_that_rolls_backwards_from_rest_is_detected(wheel, hint):
     """At neutral, or down a slope against a weak throttle: travel goes back to the stand."""
     estimator = roll_car(wheel, hint, -1)
     assert estimator.speed == pytest.approx(-1.8, abs=0.05)
@@ -92,13 +92,13 @@ def test_control_without_feeling_it_rolls_forwards(wheel):
     assert estimator.ambiguous
 
 
-def test_a_push_forwards_becomes_sure(wheel):
+def test_a_push_forwards_becomes_certain(wheel):
     estimator = roll_car(wheel, 0, 1)
     assert estimator.speed == pytest.approx(1.8, abs=0.05)
     assert not estimator.ambiguous
 
 
-def test_a_sure_direction_is_not_overruled(wheel):
+def test_a_certain_direction_is_not_overruled(wheel):
     """At speed, driven forwards: wheels that catch again look like a car that goes backwards."""
     ring = wheel(0.002, 20, None, lambda t: 2.0 * t, 3.0)
     estimator = WheelSpeed(0.002, 20)
@@ -139,7 +139,7 @@ def test_a_hand_that_turns_the_car_round_without_a_rest(wheel):
     assert to_and_fro(wheel, believed=False)[0] > 300
 
 
-def test_a_push_too_weak_to_tell_is_unsure(wheel):
+def test_a_push_too_weak_to_decide_is_uncertain(wheel):
     """0.3 m/s2: as much as a tilt that the fusion has not found."""
     estimator = roll_car(wheel, 0, -1, rate=0.3)
     assert estimator.is_direction_uncertain

@@ -72,7 +72,7 @@ def test_restart_rebases_without_a_jump(uptime, reported):
     assert later.ticks - after.ticks == 5
 
 
-def test_a_restart_told_after_its_first_frame_counts_once():
+def test_a_restart_reported_after_its_first_frame_counts_once():
     reader = FrameReader()
     for k in range(150):
         reader.read(state(t=2_000_000 + 20_000 * k, count=k), 0.01 * k)

@@ -55,7 +55,7 @@ def test_what_the_nano_does_not_vouch_for_is_not_doubted(stream):
     (STILL[0], (0.0, 60.0, 0.0), "IMU_RANGE"),
     ((0.0, 0.0, 4.0), STILL[1], "IMU_STEP"),
 ])
-def test_an_impossible_sample_is_named_and_some_good_ones_are_wanted_after_it(
+def test_an_impossible_sample_is_named_and_some_good_ones_are_required_after_it(
         stream, gyro, acc, name):
     assert not stream.feed(gyro, acc)
     assert stream.check.doubts == {name}

@@ -89,7 +89,7 @@ def test_stated_deviations_are_honest():
     assert 0.1 < sum(scores) / len(scores) < 2.0
 
 
-def test_without_looks_nothing_is_told():
+def test_without_looks_no_time_is_given():
     clock = ImuClock()
     assert all(clock.sample_time(k * PERIOD, NONE) is None for k in range(100))
     assert all(clock.mean_read(k * PERIOD, NONE) == k * PERIOD for k in range(100, 200))
@@ -107,7 +107,7 @@ def test_a_part_that_stops_is_no_longer_followed():
     assert clock.std == AGE_STD
 
 
-def test_a_part_that_starts_anew_is_found_again():
+def test_a_part_that_restarts_is_found_again():
     clock = ImuClock()
     part = Part(2e-3, 0.4)
     for slot in range(1, 2000):

@@ -39,7 +39,7 @@ def test_a_circle_closes(gyro, sign):
     assert math.hypot(odometry.x, odometry.y) < 0.01
 
 
-def test_an_arc_is_exact_whatever_the_frame_length():
+def test_an_arc_is_exact_for_any_frame_length():
     fine = Odometry()
     coarse = Odometry()
     for odometry, count in ((fine, 1000), (coarse, 10)):
@@ -217,7 +217,7 @@ def test_yaw_is_honest_about_the_age_of_the_gyros_samples(bend):
     assert 0.75 < np.sum(squares) / np.sum(variances) < 1.33
 
 
-def test_clocks_in_step_leave_less_than_the_yaw_is_unsure_by():
+def test_clocks_in_step_leave_less_than_the_yaw_deviation():
     """Control: what the test above finds comes from the clocks, not from how it samples."""
     squares, variances = zip(*(measure_clock_error(0.0, phase, seconds=10.0, **bends(5.0))
                                for phase in (0.1, 0.5, 0.9)), strict=True)
@@ -242,7 +242,7 @@ def test_a_short_loss_of_the_gyro_neither_doubles_nor_drops_the_turn():
     assert odometry.yaw == pytest.approx(2.2, abs=1e-6)
 
 
-def test_without_a_gyro_yaw_grows_unsure_with_the_seconds():
+def test_without_a_gyro_the_yaw_deviation_grows_with_time():
     """A rate that is wrong stays wrong: 0.3 rad/s and more of deviation per second."""
     odometry = Odometry(OdometryNoise())
     for k in range(1, 301):

@@ -103,7 +103,7 @@ def test_a_shaft_that_turns_round_contradicts_what_was_learnt(share):
 
 
 @pytest.mark.parametrize("share", [0.15, 0.25, 0.4, 0.75, 0.9])
-def test_both_directions_are_told_once_both_were_seen(share):
+def test_both_directions_are_given_once_both_were_observed(share):
     directions = run_frames(shift_ring(share), both_ways)
     assert not wrong(directions)
     assert set(directions[490:695]) == {1}
@@ -119,12 +119,12 @@ def test_a_switch_that_opens_late_is_no_lie(shift):
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5])
-def test_rings_that_look_the_same_both_ways_say_nothing(share):
+def test_rings_that_look_the_same_both_ways_give_no_direction(share):
     """An edge of B on one of A, or half way between: its mirror image is the same."""
     assert not any(run_frames(shift_ring(share), both_ways))
 
 
-def test_it_says_nothing_before_it_has_learnt():
+def test_it_gives_no_direction_before_it_has_learnt():
     assert not any(run_frames(shift_ring(0.25), lambda t: t < 0.3, 4.3))
 
 
@@ -160,7 +160,7 @@ def test_a_wheel_that_catches_again_does_not_make_it_forget():
     assert set(directions[720:]) == {-1}
 
 
-def test_a_stand_makes_it_silent():
+def test_rest_makes_it_silent():
     moving = run_frames(shift_ring(0.25), both_ways, 5.8)
     assert moving[-1] == 1
     stops = run_frames(shift_ring(0.25), both_ways, 6.4, way=lambda t: to_and_fro(min(t, 5.8)))

@@ -64,7 +64,7 @@ def test_right_poses_are_not_doubted(weave):
     assert [find_fault(drive(seed, weave)) for seed in range(40)] == [None] * 40
 
 
-def test_a_car_that_hardly_drove_tells_nothing():
+def test_a_car_that_hardly_drove_gives_no_result():
     d = drive(1)
     with pytest.raises(ValueError, match="too little"):
         find_fault(PoseComparison(d.t[:50], d.car[:50], d.external[:50]))

@@ -114,7 +114,7 @@ def test_a_pose_that_stops_while_the_wheels_turn_is_not_believed():
     assert error(results[-1][1], results[-1][2]) < 0.1
 
 
-def test_a_standing_car_may_be_seen_standing():
+def test_a_car_at_rest_may_have_constant_poses():
     results = run(4.0, speed=lambda t: 1.0 if t < 1.0 else 0.0)
     assert kinds(results) == ["LOST", "TRACKING"]
 

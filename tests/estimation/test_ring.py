@@ -58,7 +58,7 @@ def learner_of(frames):
 
 @pytest.mark.parametrize("n", [8, 10, 18, 20])
 @pytest.mark.parametrize("first", [0, 7])
-def test_learns_the_table_where_the_count_says(n, first):
+def test_learns_the_table_at_the_counted_marks(n, first):
     truth = uneven(n)
     learnt = learner_of(edges_frames(truth, 24, first=first)).learn(n)
     assert learnt.fractions.sum() == pytest.approx(n)
@@ -118,6 +118,6 @@ def test_saturated_intervals_split_a_run():
         learner.learn(10)
 
 
-def test_too_little_data_says_so():
+def test_too_little_data_is_reported():
     with pytest.raises(ValueError, match="too few"):
         RingLearner().learn(20)

@@ -93,7 +93,7 @@ def test_it_is_honest_about_the_axle(marker):
     assert 1.0 < np.mean(values) < 5.0
 
 
-def test_a_marker_that_is_elsewhere_than_it_is_said_is_not_honest():
+def test_a_marker_that_is_elsewhere_than_stated_is_not_honest():
     """Control: the same poses, said to be those of the axle."""
     values = [nees(reported, t) for t, reported in drive(KNOWN._replace(lx=0.0), 6.0) if t > 4.0]
     assert np.mean(values) > 30.0
@@ -158,7 +158,7 @@ def test_before_the_first_pose_it_knows_no_place_in_the_room():
     assert all(e.estimate is None for _, e in drive(KNOWN, 0.3, reported=lambda t, pose: None))
 
 
-def test_poses_that_stand_from_the_first_are_no_place():
+def test_poses_that_are_constant_from_the_first_are_no_place():
     """A false lock that was there when the car was opened."""
     first = []
 

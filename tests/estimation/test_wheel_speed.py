@@ -151,7 +151,7 @@ def test_direction_is_held_while_the_wheel_turns(wheel):
     assert estimator.speed == pytest.approx(1.0, rel=0.01)
 
 
-def test_a_quick_reversal_is_seen_when_the_wheel_speeds_up_again(wheel):
+def test_a_quick_reversal_is_detected_when_the_wheel_speeds_up_again(wheel):
     """1 m/s, -10 m/s2 through zero: no silence long enough to call it a stop."""
     def path(t):
         return t if t < 1.0 else t - 5.0 * (t - 1.0) ** 2
@@ -167,7 +167,7 @@ def test_a_quick_reversal_is_seen_when_the_wheel_speeds_up_again(wheel):
     assert estimator.distance == pytest.approx(path(1.49), abs=0.03)
 
 
-def test_a_push_from_standstill_has_no_sure_direction(wheel):
+def test_a_push_from_standstill_has_no_certain_direction(wheel):
     ring = wheel(0.002, 20, None, lambda t: max(t - 1.0, 0.0), 2.0)
     estimator = WheelSpeed(0.002, 20)
     for k in range(1, 190):

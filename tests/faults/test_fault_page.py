@@ -16,7 +16,7 @@ def test_every_row_and_layer_is_on_it():
     assert all(f"| `{name}` |" in text for name in LAYERS)
 
 
-def test_a_row_that_changes_is_seen():
+def test_a_row_that_changes_is_detected():
     """The control of the first."""
     assert page.text().replace("kill -9", "kill -15") != page.PAGE.read_text(encoding="utf-8")
 

@@ -140,7 +140,7 @@ def test_a_layer_comes_back():
     assert before is decoder.Gates.passes
 
 
-def test_children_are_told_what_is_gone():
+def test_children_know_which_layers_are_removed():
     import os
 
     with remove_layers("link_stale"), remove_layers("expiry"):

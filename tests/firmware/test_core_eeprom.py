@@ -114,7 +114,7 @@ def test_a_torn_write_leaves_the_old_or_the_new_record(core: c.CDLL, writes: int
 
 
 @pytest.mark.parametrize("busy", [0, 1, 5])
-def test_stored_is_said_after_the_last_byte_and_not_before(core: c.CDLL, cells: object,
+def test_stored_is_reported_after_the_last_byte_and_not_before(core: c.CDLL, cells: object,
                                                            busy: int) -> None:
     core.params_load()
     core.eeprom_set(-1, busy)

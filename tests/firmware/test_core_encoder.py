@@ -89,7 +89,7 @@ def test_the_glitch_rule_keeps_exactly_the_edges_far_from_the_last(
     assert (out[0], out[1]) == (kept, len(gaps) - kept)
 
 
-def test_edges_a_16_bit_wrap_apart_are_not_glitches(core: c.CDLL) -> None:
+def test_edges_separated_by_a_16_bit_wrap_are_not_glitches(core: c.CDLL) -> None:
     core.counter_new(0, 200)
     out = (c.c_uint16 * 10)()
     for n in range(50):

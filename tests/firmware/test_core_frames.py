@@ -122,7 +122,7 @@ def test_a_good_frame_follows_any_noise(core: c.CDLL, noise: bytes) -> None:
     assert found[-1][:2] == (messages.HELLO_REQ.id, 7)
 
 
-def test_errors_are_told_apart(core: c.CDLL) -> None:
+def test_errors_are_distinguished(core: c.CDLL) -> None:
     good = codec.encode(messages.PARAM_GET, 0, {"id": 3})
     bad_crc = bytes([*good[:3], good[3] ^ 0x40, *good[4:]])
     up = codec.encode(messages.PARAM_VALUE, 1, {"id": 1, "status": 0, "req_seq": 0, "value": 0})

@@ -69,7 +69,7 @@ def test_samples_are_those_of_the_part(core: c.CDLL) -> None:
         assert part.now - view.start == 10 * MS - 7 * MS // 2
 
 
-def test_the_short_plan_reads_what_it_says(core: c.CDLL) -> None:
+def test_the_short_plan_reads_its_registers(core: c.CDLL) -> None:
     view = running(core, plan=1).slots(1)
     assert view.acc[2] == view.gyro[0] == view.gyro[1] == 0
     assert view.acc[1] == view.acc[0] + 10
@@ -78,7 +78,7 @@ def test_the_short_plan_reads_what_it_says(core: c.CDLL) -> None:
 
 @pytest.mark.parametrize(("updates_ms", "changed"), [
     ((0,), 1), ((3,), 2), ((9.5,), 1), ((0, 3), 3), ((), 0)])
-def test_a_look_tells_when_the_data_changed(core: c.CDLL, updates_ms: tuple[float, ...],
+def test_a_look_shows_when_the_data_changed(core: c.CDLL, updates_ms: tuple[float, ...],
                                             changed: int) -> None:
     """The look is over at 2.5 ms, the gyro's bytes of a read are taken at 7.5 ms."""
     part = running(core)
@@ -202,7 +202,7 @@ def test_a_reset_that_does_not_help_switches_the_supply(core: c.CDLL) -> None:
     part.until(RUN, 1300)
 
 
-def test_a_brown_out_is_seen_and_set_up_again(core: c.CDLL) -> None:
+def test_a_brown_out_is_detected_and_set_up_again(core: c.CDLL) -> None:
     part = running(core)
     part.boot(0)  # registers lost, answers at once
     assert part.until(SETUP, 600) <= 20, "zeros have the mode read at once"
@@ -225,7 +225,7 @@ def test_no_sample_of_zeros_is_ever_valid(core: c.CDLL) -> None:
         assert view.state == RUN
 
 
-def test_a_part_that_stands_still_may_read_zeros(core: c.CDLL) -> None:
+def test_a_part_at_rest_may_read_zeros(core: c.CDLL) -> None:
     """One sample of zeros is no fault; the one before it stays. Two are no data."""
     part = running(core)
     before = part.view()
@@ -241,7 +241,7 @@ def test_a_part_that_stands_still_may_read_zeros(core: c.CDLL) -> None:
     assert part.slots(1).valid
 
 
-def test_absent_is_said_within_6_s_and_never_final(core: c.CDLL) -> None:
+def test_absence_is_reported_within_6_s_and_never_final(core: c.CDLL) -> None:
     part = Part(core)
     part.deaf_to_power = True
     part.fault = "nack"

@@ -71,7 +71,7 @@ def test_nothing_is_found_in_a_few_thousand_inputs() -> None:
     ("commands", "core/supervisor.cpp", "kLongEnough = ticks_of_ms(500)",
      "kLongEnough = ticks_of_ms(400)"),
 ], ids=["overflow", "short block", "range", "one slot", "token", "400 ms"])
-def test_each_law_is_seen_to_break(tmp_path: Path, name: str, file: str, old: str,
+def test_each_broken_law_is_detected(tmp_path: Path, name: str, file: str, old: str,
                                    new: str) -> None:
     shutil.copytree(FIRMWARE, tmp_path / "firmware",
                     ignore=shutil.ignore_patterns("build", "emulator", "prebuilt"))

@@ -90,7 +90,7 @@ def test_the_prebuilt_hex_is_a_fresh_build(elf: Path) -> None:
         "make -C firmware prebuilt"
 
 
-def test_the_checksum_beside_the_prebuilt_hex() -> None:
+def test_the_checksum_of_the_prebuilt_hex() -> None:
     line = (FIRMWARE / "prebuilt/dart_nano.hex.sha256").read_text().split()
     assert line[1] == "dart_nano.hex"
     assert line[0] == hashlib.sha256((FIRMWARE / "prebuilt/dart_nano.hex").read_bytes()).hexdigest()

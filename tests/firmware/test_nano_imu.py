@@ -61,7 +61,7 @@ def test_values_and_age(nano: Make) -> None:
 
 @pytest.mark.parametrize("clock", [0.006, -0.006])
 @pytest.mark.slow_except("0.006")
-def test_looks_tell_the_clock_of_the_part(nano: Make, clock: float) -> None:
+def test_looks_measure_the_clock_of_the_part(nano: Make, clock: float) -> None:
     """Its clock against the Nano's, which is true here: phase to 0.5 ms, rate to 3 %."""
     rig = nano()
     rig.nano.set_imu_errors(clock=clock)
@@ -163,7 +163,7 @@ def test_a_dead_bus_never_stops_the_stream_and_heals(nano: Make, fault: str) -> 
     check_stream(rig)
 
 
-def test_an_absent_imu_is_told_within_6_s(nano: Make) -> None:
+def test_an_absent_imu_is_reported_within_6_s(nano: Make) -> None:
     rig = nano()
     rig.nano.set_imu_fault("off")
     flags = alive(rig, 6.0)
@@ -186,7 +186,7 @@ def test_a_reset_of_the_part_is_over_within_1_4_s(nano: Make) -> None:
     check_stream(rig)
 
 
-def test_stuck_is_told_after_200_ms_of_driving(nano: Make) -> None:
+def test_stuck_is_reported_after_200_ms_of_driving(nano: Make) -> None:
     rig = nano()
     alive(rig, 1.0)
     rig.nano.set_imu_fault("stuck")
@@ -206,7 +206,7 @@ def test_a_part_slower_than_the_deadline(nano: Make) -> None:
 
 
 @pytest.mark.slow
-def test_offsets_are_stored_when_standing_and_restored_after_a_reset(nano: Make) -> None:
+def test_offsets_are_stored_at_rest_and_restored_after_a_reset(nano: Make) -> None:
     rig = nano()
     rig.nano.set_imu_errors(calibrated_after=(0.1, 0.1, 0.1))
     rig.nano.set_imu((0.0, 0.01, 0.0), (0.0, 0.0, 0.05))  # zeros would be no sample

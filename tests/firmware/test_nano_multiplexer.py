@@ -167,7 +167,7 @@ def smallest_gap(nano: Make, image: Path | None = None) -> float:
     return min(gaps)
 
 
-def test_pulses_of_the_two_sources_are_told_apart(nano: Make) -> None:
+def test_pulses_of_the_two_sources_are_distinguished(nano: Make) -> None:
     assert smallest_gap(nano) > FILTER
 
 

@@ -53,7 +53,7 @@ def supervisor_events(rig: Rig) -> list[tuple[int, int]]:
     return [(arg >> 8, arg & 0xFF) for arg in events.values()]
 
 
-def test_the_way_to_live_is_told(nano: Make) -> None:
+def test_the_states_up_to_live_are_reported(nano: Make) -> None:
     rig = live(nano, NONE)
     rig.run(0.3)
     assert supervisor_events(rig) == [(0, 1), (1, 2), (2, 3), (3, 4)]
@@ -175,7 +175,7 @@ def test_direction_change_while_rolling_is_ambiguous(nano: Make) -> None:
 
 # --- watchdog and resets -----------------------------------------------------
 
-def test_a_hang_cuts_within_80_ms_and_is_told_after_the_reset(nano: Make) -> None:
+def test_a_hang_cuts_within_80_ms_and_is_reported_after_the_reset(nano: Make) -> None:
     rig = live(nano, ENABLE)
     begin = rig.now
     rig.nano.hang()
@@ -281,7 +281,7 @@ def test_with_the_old_bootloader_a_freeze_ends_in_resets_with_released_pins(nano
     assert {rig.nano.pins()[p] for p in ("D5", "D6", "D9")} == {None}
 
 
-def test_a_loop_hang_with_the_old_bootloader_stands_still_and_does_not_reset(nano: Make) -> None:
+def test_a_loop_hang_with_the_old_bootloader_stays_and_does_not_reset(nano: Make) -> None:
     rig = live(nano, ENABLE)
     rig.nano.hang()
     rig.run(1.0)

@@ -111,14 +111,14 @@ def test_edge_times_and_intervals(nano: Make) -> None:
         assert abs(b["enc_t_ck"] - a["enc_t_ck"] - 10_000 * edges) <= 22
 
 
-def test_a_slow_wheel_says_long_interval(nano: Make) -> None:
+def test_a_slow_wheel_has_the_long_interval_flag(nano: Make) -> None:
     rig = nano()
     rig.nano.set_wheel(1.0)  # 50 ms per edge
     rig.run(1.0)
     assert rig.state()["enc_dt_ck"] == 65535
 
 
-def test_edges_a_stamp_wrap_apart_pass_the_glitch_rule(nano: Make) -> None:
+def test_edges_separated_by_a_stamp_wrap_pass_the_glitch_rule(nano: Make) -> None:
     rig = nano()
     rig.run(0.2)
     rig.nano.set_wheel(1 / 20 / 0.0327745)  # 32.7745 ms: 6.5 us after the 16-bit wrap
@@ -129,7 +129,7 @@ def test_edges_a_stamp_wrap_apart_pass_the_glitch_rule(nano: Make) -> None:
     assert not any(s["flags"] & FLAG["ENC_REJECT"] for s in rig.states())
 
 
-def test_noise_is_refused_and_told(nano: Make) -> None:
+def test_noise_is_refused_and_reported(nano: Make) -> None:
     rig = nano()
     rig.run(0.2)
     rig.nano.set_wheel(1000)  # 20 k edges/s
@@ -199,7 +199,7 @@ def clock_offset(rig: Rig) -> float:
     return (start + 0.025) * 2e6 - rig.state()["enc_t_ck"] + 2.5
 
 
-def test_pong_says_when_its_first_byte_left(nano: Make) -> None:
+def test_pong_has_the_time_of_its_first_byte(nano: Make) -> None:
     rig = nano()
     rig.run(0.5)
     offset = clock_offset(rig)

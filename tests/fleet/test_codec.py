@@ -45,7 +45,7 @@ frames = st.sampled_from(m.KINDS).flatmap(lambda kind: st.tuples(
 
 
 @given(frames)
-def test_what_is_told_arrives(frame):
+def test_what_is_sent_arrives(frame):
     kind, boot, seq, sent, value = frame
     data = encode(kind, boot, seq, sent, value)
     assert len(data) <= m.MAX_FRAME_BYTES
@@ -117,7 +117,7 @@ def test_another_definition_of_a_message_is_refused():
 
 @pytest.mark.parametrize("value", [("red", 0, "why"), ("", 1, "why"), ("r" * 33, 1, ""),
                                    ("red\n", 1, ""), ("red", 1)])
-def test_what_is_no_value_cannot_be_told(value):
+def test_what_is_no_value_cannot_be_sent(value):
     with pytest.raises(UsageError, match="STOP"):
         encode(m.STOP, 1, 1, 0.0, value)
 

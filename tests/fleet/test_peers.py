@@ -138,7 +138,7 @@ def test_a_restarted_car_counts_from_its_new_session(fed_peers):
     assert not peers.namesakes
 
 
-def test_two_programs_of_one_name_are_told(fed_peers):
+def test_two_programs_of_one_name_are_reported(fed_peers):
     peers = Peers("blue", 1)
     for n in range(60):
         hears(peers, fed_peers, STEP * n, pose_frame(n, boot=7), pose_frame(n, boot=8))
@@ -148,7 +148,7 @@ def test_two_programs_of_one_name_are_told(fed_peers):
     assert "blue" in peers.namesakes
 
 
-def test_the_own_frames_that_come_back_are_nobody(fed_peers):
+def test_own_frames_that_come_back_are_no_peer(fed_peers):
     peers = Peers("blue", 7)
     assert hears(peers, fed_peers, 1.0, pose_frame(1, boot=7)) == {}
 
@@ -162,7 +162,7 @@ def test_a_flood_of_names_does_not_fill_the_memory(fed_peers):
     assert f"n{3 * MAX_SESSIONS - 1}" in peers.senders
 
 
-def test_junk_moves_nobody(fed_peers):
+def test_junk_changes_no_peer(fed_peers):
     peers = Peers("blue", 1)
     before = hears(peers, fed_peers, 1.0, pose_frame(1, x=1.0))["red"]
     after = hears(peers, fed_peers, 1.0, b"", b"\0" * 4000, pose_frame(2, x=9.0)[:-3])["red"]
@@ -259,7 +259,7 @@ def test_a_plan_and_a_health_come_with_the_pose(fed_peers):
     assert peer.health.doubts == {"IMU_STEP", "CAR_SLIDES"}
 
 
-def test_a_law_of_several_cars_tells_its_own_bytes(fed_peers):
+def test_a_law_of_several_cars_sends_its_own_bytes(fed_peers):
     """Whatever they are; an overtaken frame does not replace a newer one."""
     peers = Peers("blue", 1)
     for seq, payload in ((1, b"\0\xff"), (3, b"new"), (2, b"old")):

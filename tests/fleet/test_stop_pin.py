@@ -61,7 +61,7 @@ def test_a_car_that_does_not_hear_drives_on(monkeypatch):
 
 
 @pytest.mark.slow
-def test_a_trip_that_is_not_carried_out_is_seen(monkeypatch):
+def test_a_trip_that_is_not_carried_out_is_detected(monkeypatch):
     """Control: the car knows that it is stopped, and the pin does not."""
     monkeypatch.setattr(Driver, "set_run_stop", lambda self, *given: None)
     assert stop_one_by_another("local://stop")[0][1] > 0.5
@@ -128,7 +128,7 @@ def drive_watched(beating, *, hears=True):
 
 
 @pytest.mark.slow
-def test_cars_stop_when_nobody_watches_them_any_more():
+def test_cars_stop_without_a_watcher():
     lasts, pins = drive_watched(lambda t: t < 0.5)
     assert all(0.5 < last <= 0.5 + 0.3 + 0.05 for last in lasts), lasts
     assert "watched" in pins.fleet.members[0].held
@@ -142,7 +142,7 @@ def test_while_somebody_watches_they_drive():
 
 
 @pytest.mark.slow
-def test_a_rule_that_forgets_the_silence_is_seen(monkeypatch):
+def test_a_rule_that_forgets_the_silence_is_detected(monkeypatch):
     """Control: broken code."""
     held = StopRule.drive_block
     monkeypatch.setattr(StopRule, "drive_block", lambda self, now: held(self, min(now, self._beat)))
@@ -151,7 +151,7 @@ def test_a_rule_that_forgets_the_silence_is_seen(monkeypatch):
 
 
 @pytest.mark.slow
-def test_where_nobody_watches_nothing_arms():
+def test_without_a_watcher_no_car_arms():
     with (Pins("local://alone", beat_within=0.3) as pins,
           pytest.raises(NotArmed) as caught):
         pins.fleet.arm()
@@ -175,7 +175,7 @@ def test_nothing_that_comes_from_the_room_arms_or_drives():
 
 
 @pytest.mark.slow
-def test_a_car_whose_loop_goes_on_is_told_by_an_error():
+def test_a_car_whose_loop_goes_on_gets_an_error():
     with Pins("local://told", seeds=(1, 2)) as pins:
         pins.fleet.arm()
         pins.drive(0.2)

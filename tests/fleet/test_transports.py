@@ -41,7 +41,7 @@ def test_they_are_entry_points():
 
 
 @pytest.mark.parametrize("text", ["carrier-pigeon://roof", "room"])
-def test_an_unknown_one_is_told_those_that_are_there(text):
+def test_an_unknown_transport_is_refused_with_the_known_ones(text):
     with pytest.raises(UsageError) as caught:
         open_transport(text)
     assert "local://" in str(caught.value)
@@ -86,7 +86,7 @@ def exchange(a, b, key=None):
 
 
 @KEYS
-def test_udp_to_a_list_of_addresses_and_to_who_asks(key):
+def test_udp_to_a_list_of_addresses_and_to_senders(key):
     """The second is not on the first's list: it is answered because it is heard."""
     p = free_port()
     q = free_port()
@@ -116,14 +116,14 @@ def test_udp_multicast_on_one_computer(key):
         b.close()
 
 
-def test_a_network_that_is_not_there_is_told_and_not_raised():
+def test_a_missing_network_is_reported_and_not_raised():
     line = open_transport(f"udp://127.0.0.1:{free_port()}?to=192.0.2.1:7447")
     line.send(b"x", 0.0)
     assert "192.0.2.1" in line.trouble
     line.close()
 
 
-def test_a_port_that_is_taken_is_said():
+def test_a_port_that_is_taken_is_reported():
     port = free_port()
     first = open_transport(f"udp://127.0.0.1:{port}?to=127.0.0.1:9")
     with pytest.raises(PortBusy):
@@ -190,7 +190,7 @@ def test_zenoh_between_two_sessions(key):
 
 
 @pytest.mark.skipif(find_spec("zenoh") is not None, reason="eclipse-zenoh is installed")
-def test_without_zenoh_it_is_said_what_to_install():
+def test_without_zenoh_it_names_what_to_install():
     with pytest.raises(UsageError, match="eclipse-zenoh"):
         open_transport("zenoh://room")
 

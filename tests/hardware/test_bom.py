@@ -52,13 +52,13 @@ def test_the_papers_eight_rows_add_up_to_its_total():
     assert wrong_prices(paper) == {}
 
 
-def test_a_changed_price_is_seen(change_row):
+def test_a_changed_price_is_detected(change_row):
     rows = bom_table.load(change_row("imu", unit_price_eur="41.00"))
     assert wrong_prices(rows) == {"imu": Decimal("41.00")}
 
 
 @pytest.mark.parametrize("cell", bom_table.FILLED)
-def test_a_row_without_a_cell_says_which(change_row, cell):
+def test_a_row_without_a_cell_names_it(change_row, cell):
     with pytest.raises(bom_table.BomError, match=rf"line \d+ \(.*\): no {cell}$"):
         bom_table.load(change_row("cells", **{cell: ""}))
 
@@ -79,7 +79,7 @@ def test_a_row_without_a_cell_says_which(change_row, cell):
     ("custom", "bent", "expected one of printed, cut, bought"),
     ("id", "kit", "kit stands in 2 rows"),
 ])
-def test_a_bad_cell_says_what_was_expected(change_row, cell, value, message):
+def test_a_bad_cell_names_what_was_expected(change_row, cell, value, message):
     with pytest.raises(bom_table.BomError, match=message):
         bom_table.load(change_row("cells", **{cell: value}))
 
@@ -89,7 +89,7 @@ def test_who_pays_must_be_a_row(change_row):
         bom_table.load(change_row("jetson", source="paid:nobody"))
 
 
-def test_a_cell_too_many_is_seen(tmp_path):
+def test_a_cell_too_many_is_detected(tmp_path):
     text = (ROOT / "hardware" / "bom.csv").read_text(encoding="utf-8")
     path = tmp_path / "bom.csv"
     path.write_text(text.replace(",glue,", ",glue,,", 1), encoding="utf-8")
@@ -107,7 +107,7 @@ def test_the_smallest_car_is_part_of_the_complete_one():
     assert all(r.full and r.tier != "optional" for r in bom_table.load() if r.smallest)
 
 
-def test_what_is_bought_says_what_to_search_for():
+def test_what_is_bought_names_what_to_search_for():
     assert [r.id for r in bom_table.load() if r.price and not r.search_for] == []
 
 
@@ -173,7 +173,7 @@ def test_the_pages_are_generated():
 
 
 @pytest.mark.slow
-def test_an_old_line_below_a_picture_is_seen():
+def test_an_old_line_below_a_picture_is_detected():
     text = bom.generated()[bom.DECK].replace("**3** free", "**3** thick")
     old = text.replace("**1** lidar, its motor forward", "**1** lidar")
     assert bom.with_legends(old) == text != old
@@ -193,7 +193,7 @@ def cars_of(text: str) -> list[tuple[str, str, str, str]]:
     return re.findall(r"\| ([\d.]+) \| (\d+), (\d+) \| (\d+) \|$", text, re.MULTILINE)
 
 
-def test_the_guide_says_what_the_page_says():
+def test_the_guide_matches_the_page():
     guide = ROOT / "docs" / "build_guide" / "01_parts.md"
     cars_of_guide = cars_of(guide.read_text(encoding="utf-8"))
     text = page(bom_table.load(), bom_table.load_tools())

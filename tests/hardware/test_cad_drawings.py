@@ -93,7 +93,7 @@ def test_dirt_is_found():
 
 
 @pytest.mark.parametrize("name", sorted(HOLES))
-def test_holes_are_where_the_car_wants_them(name):
+def test_holes_are_where_the_car_requires_them(name):
     assert missing(circles(drawing(name)), HOLES[name]) == []
 
 
@@ -131,7 +131,7 @@ def test_drawing_and_mesh_have_the_same_holes(name):
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_drawings_are_what_the_parameters_say(name, tmp_path):
+def test_drawings_match_the_parameters(name, tmp_path):
     """The committed file is the one that its source draws."""
     sheet = next(s for s in layout.sheets(P) if s.name == name)
     drawings.write(sheet, tmp_path / "again.dxf")

@@ -84,7 +84,7 @@ def test_long_screws_of_the_small_holders_meet(car):
     assert "its shank is in the shank of S12 M3 x 10" in meet
 
 
-def test_no_metal_stands_over_the_live_jetson(car):
+def test_no_metal_is_over_the_live_jetson(car):
     cutoff = row("upper_plate", "cutoff_holder")
     assert cutoff.material == "nylon"
     assert check_rows(car, cutoff) == ""
@@ -126,7 +126,7 @@ def test_a_screw_too_many_is_counted(car):
                                                                       pieces=3))
 
 
-def test_parts_that_do_not_lie_on_each_other_are_seen():
+def test_parts_that_do_not_lie_on_each_other_are_detected():
     report = copy.deepcopy(BUILT)
     place = next(q for q in report["placements"] if q["name"] == "board_holder_left")
     place["matrix"][2][3] += 1.0

@@ -38,6 +38,6 @@ def test_what_hides_a_part_is_named_and_what_is_clear_is_passed(target, others, 
     assert found == [f"number 1 (IMU) {text}" for text in message]
 
 
-def test_a_name_that_is_not_in_the_picture_says_what_is():
+def test_a_name_that_is_not_in_the_picture_lists_those_that_are():
     with pytest.raises(ValueError, match=r"nothing in the picture is named 'servo'.*'imu'"):
         list(pointing.astray((("servo", "servo"),), [BEHIND], VIEW))

@@ -106,34 +106,34 @@ def test_it_fits_the_board_that_its_holder_is_printed_for():
     assert 2.54 * (ord(row) - ord("A") + 1) <= cutoff["board_width"]["value"]
 
 
-def test_a_missing_and_a_wrong_wire_are_seen(copy):
+def test_a_missing_and_a_wrong_wire_are_detected(copy):
     drawn, wired = joints(copy("  - [A4, B4]\n", ""))
     assert frozenset({"15"}) in drawn - wired
 
 
-def test_pins_that_are_joined_by_mistake_are_seen(copy):
+def test_pins_that_are_joined_by_mistake_are_detected(copy):
     drawn, wired = joints(copy("- [D6, E6]", "- [D6, G6]"))
     assert "4" in max(drawn - wired, key=len)
 
 
-def test_a_resistor_in_another_column_is_seen(copy):
+def test_a_resistor_in_another_column_is_detected(copy):
     drawn, wired = list_wires(copy("[F4, G4]", "[F9, G9]"))
     assert drawn != wired
 
 
-def test_a_lead_in_another_hole_is_seen(copy):
+def test_a_lead_in_another_hole_is_detected(copy):
     assert find_misled_leads(copy("E4: [2, NANO]", "E7: [2, NANO]")) == ["E7"]
 
 
-def test_a_lead_that_is_missing_is_seen(copy):
+def test_a_lead_that_is_missing_is_detected(copy):
     assert find_misled_leads(copy("  F11: [8, NANO]\n", "")) == ["NANO to 8 (GND)"]
 
 
-def test_two_legs_in_one_hole_are_seen(copy):
+def test_two_legs_in_one_hole_are_detected(copy):
     assert find_crowded_holes(copy("E3: [1, NANO]", "F3: [1, NANO]")) == ["F3"]
 
 
-def test_a_wire_askew_and_one_off_the_board_are_refused(copy):
+def test_a_slanted_wire_and_one_off_the_board_are_refused(copy):
     with pytest.raises(harness.WiringError, match="from A4 to B5 lies in no row or column"):
         perfboard.nets(perfboard.layout(copy("[A4, B4]", "[A4, B5]")))
     with pytest.raises(harness.WiringError, match="'B12', which is no hole"):

@@ -153,7 +153,7 @@ def test_the_pins_are_those_of_the_data_sheet():
 
 
 @pytest.mark.parametrize("device", list(DIAGRAM))
-def test_no_input_floats_whatever_wire_is_off(device):
+def test_no_input_floats_with_any_wire_off(device):
     assert floating(WIRING, device) == []
 
 
@@ -164,7 +164,7 @@ def test_no_input_floats_whatever_wire_is_off(device):
     ("MUX", "joined: {8: [5, 10, 11, 13, 14, 15]}", "joined: {8: [5, 10, 11, 13, 14]}", ["15"]),
     ("L3", "[[gate, GND]]", "[[lead gate, GND]]", ["gate"]),
 ])
-def test_a_missing_pull_down_is_seen(copy, device, old, new, finding):
+def test_a_missing_pull_down_is_detected(copy, device, old, new, finding):
     assert floating(copy("parts.yml", old, new), device) == finding
 
 
@@ -179,7 +179,7 @@ def test_a_resistor_lies_between_every_pin_of_the_nano_and_the_chip(device):
     ("MUX", "res_1k_mux: {value: 1 kOhm", "res_1k_mux: {value: 100 Ohm", ["D9", "D5", "D8"]),
     ("L3", "[lead gate, gate], ", "", ["D6"]),
 ])
-def test_a_missing_series_resistor_is_seen(copy, device, old, new, finding):
+def test_a_missing_series_resistor_is_detected(copy, device, old, new, finding):
     folder = copy("parts.yml", old, new)
     assert sorted(bare(folder, device)) == sorted(finding)
 
@@ -194,11 +194,11 @@ def test_every_cut_off_has_a_ground_wire_of_its_own():
     ("cutoff_oe.yml", "[D6, GND ICSP 6]}, {W_GATE: [1, 2]}, {L3: [gate by 1k, GND]}",
      "[D6]}, {W_GATE: [1]}, {L3: [gate by 1k]}", "L3"),
 ])
-def test_a_missing_ground_wire_is_seen(copy, file, old, new, finding):
+def test_a_missing_ground_wire_is_detected(copy, file, old, new, finding):
     assert without_ground(copy(file, old, new)) == [finding]
 
 
-def test_a_label_says_by_1k_where_a_resistor_lies_in_the_wire():
+def test_a_label_states_1k_where_a_resistor_lies_in_the_wire():
     for device in DIAGRAM:
         entry = harness.parts()["connectors"][device]
         labels = dict(zip(map(str, entry["pins"]), entry.get("pinlabels", entry["pins"]),
@@ -228,12 +228,12 @@ def test_the_bill_has_what_the_boards_carry():
 @pytest.mark.parametrize(("old", "new", "finding"), [
     (", [6, 8]]", "]", "res_10k_mux"), ("res_10k_oe: {value: 10", "res_10k_oe: {value: 1",
                                         "res_10k_oe")])
-def test_another_number_or_value_in_the_bill_is_seen(copy, old, new, finding):
+def test_another_number_or_value_in_the_bill_is_detected(copy, old, new, finding):
     spoilt = find_miscounted(copy("parts.yml", old, new), bom_table.load())
     assert [x.split(":")[0] for x in spoilt] == [finding]
 
 
-def test_the_capacitor_stands_across_the_supply():
+def test_the_capacitor_is_across_the_supply():
     for device in ("MUX",):
         assert [set(c.ends) for c in circuit.components(device) if "F" in c.value] == [
             {SUPPLY[device], GROUND[device]}]
@@ -249,7 +249,7 @@ def test_step_and_hardware_page_show_every_pin_and_component():
     assert circuit.pin_table("MUX").count("\n") == 17, "head, rule, and sixteen pins"
 
 
-def test_the_safety_page_says_what_the_circuit_does():
+def test_the_safety_page_matches_the_circuit():
     text = PAGE.read_text(encoding="utf-8")
     for what, d5, d9, channel, supply, outcome in cases(text, L4_HEAD):
         assert esc_gets(WIRING, d5, d9, channel, supply) == outcome, what

@@ -125,7 +125,7 @@ def test_the_copper_joins_what_the_circuit_joins(files):
         assert {at[x] for x in others} <= group
 
 
-def test_a_track_too_few_and_one_too_many_are_seen(files):
+def test_a_track_too_few_and_one_too_many_are_detected(files):
     text = files["mux_board-B_Cu.gbr"]
     lines = text.splitlines()
     last = next(n for n in range(len(lines) - 1, 0, -1) if lines[n].endswith("D01*"))

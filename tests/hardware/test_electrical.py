@@ -76,7 +76,7 @@ def test_the_state_of_the_supplies_is_part_of_the_case(copy):
     ("amps: 0.02}  # measured", "ampere: 0.02}  # measured", "IR VCC: .*'ampere'"),
     ("takes: [4.5, 24]", "takes: [24, 4.5]", r"HALL VCC: .*\[least, most\]"),
 ])
-def test_a_fact_that_cannot_be_meant_says_where(copy, old, new, message):
+def test_an_impossible_fact_names_the_place(copy, old, new, message):
     with pytest.raises(harness.WiringError, match=message):
         nets.Harness(copy("electrical.yml", old, new))
 

@@ -132,7 +132,7 @@ def test_the_guide_uses_up_what_the_bill_buys():
     assert find_miscounted(guide.steps()) == {}
 
 
-def test_a_part_too_many_is_seen(copy):
+def test_a_part_too_many_is_detected(copy):
     folder = copy("05_deck.md", "8 x `standoff_25`", "9 x `standoff_25`")
     assert find_miscounted(guide.steps(folder)) == {"standoff_25": "9 in the guide, 8 in the bill"}
 
@@ -195,11 +195,11 @@ def test_every_command_exists():
     ("make hardwear", "no target hardwear"),
     ("sh host/setup/set-up.sh", "no host/setup/set-up.sh"),
 ])
-def test_a_wrong_command_is_seen(command, why):
+def test_a_wrong_command_is_detected(command, why):
     assert unknown_command(command) == why
 
 
-def test_what_the_doctor_says_is_what_it_says():
+def test_the_quoted_output_of_the_doctor_is_true():
     source = Path(checks.__file__).read_text(encoding="utf-8") + " ".join(BY_NAME)
     shown = [x for text in guide.pages().values()
              for x in DOCTOR.findall(text)]
@@ -223,7 +223,7 @@ def test_links_and_pictures_exist():
     assert find_missing_pictures(guide.PAGES) == []
 
 
-def test_a_missing_picture_is_seen(copy):
+def test_a_missing_picture_is_detected(copy):
     folder = copy("01_parts.md", "pictures/car.png", "pictures/cart.png")
     assert find_missing_pictures(folder) == ["01_parts.md: ../../hardware/pictures/cart.png"]
 
@@ -246,7 +246,7 @@ def test_every_number_of_a_picture_is_explained_below_it():
     assert [x for t in guide.pages().values() for x in find_unexplained(t)] == []
 
 
-def test_another_legend_is_seen(copy):
+def test_another_legend_is_detected(copy):
     folder = copy("04_sensors.md", "**4** slit, ", "")
     assert find_unexplained((folder / "04_sensors.md").read_text(encoding="utf-8")) == ["S04"]
 
@@ -292,13 +292,13 @@ def test_the_edges_of_one_turn_of_the_wheels_are_those_of_the_gears():
     assert stated == round(per_turn * 39 / 11)
 
 
-def test_a_step_without_time_says_which(copy):
+def test_a_step_without_time_names_it(copy):
     folder = copy("03_encoder.md", "- Time: 40 min", "- Time: a while")
     with pytest.raises(guide.GuideError, match=r"03_encoder\.md, S03: 'Time: N min'"):
         guide.steps(folder)
 
 
-def test_a_step_without_tools_says_which(copy):
+def test_a_step_without_tools_names_it(copy):
     folder = copy("03_encoder.md", "- Tools: `screwdrivers`, `hex_keys`\n", "")
     with pytest.raises(guide.GuideError, match=r"03_encoder\.md, S02: '- Tools: \.\.\.' expected"):
         guide.steps(folder)
@@ -326,7 +326,7 @@ def test_every_cell_is_named_by_its_kind():
             if (wrong := ambiguous_cells(text))} == {}
 
 
-def test_cells_of_no_kind_are_seen():
+def test_cells_of_no_kind_are_detected():
     assert ambiguous_cells("Put the four cells into the tester.") == ["Put the four cells"]
     assert ambiguous_cells("Put the four AA cells and the 18650 cells in.") == []
 

@@ -76,7 +76,7 @@ def test_without_comparing_the_clocks_the_resonator_shows(monkeypatch):
     assert abs(measure_clock.measure(url)[0] / truth(url) - 1) > 400e-6
 
 
-def test_no_wire_is_said(monkeypatch, capsys):
+def test_no_wire_is_reported(monkeypatch, capsys):
     monkeypatch.setattr(Pca9685, "write_channel", lambda *_: None)
     monkeypatch.setattr(measure_clock, "PERIODS", 50)
     monkeypatch.setattr(measure_clock, "PATIENCE", 3.0)
@@ -87,7 +87,7 @@ def test_no_wire_is_said(monkeypatch, capsys):
     assert "check the capture wire" in message
 
 
-def test_no_bus_is_said(monkeypatch, capsys):
+def test_no_bus_is_reported(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["measure_clock.py", "avr://default"])
     monkeypatch.setattr(measure_clock, "open_backend", without_bus)
     assert measure_clock.main() == 2

@@ -55,7 +55,7 @@ def test_what_cannot_be_entered_is_named_and_the_file_stays(file, text, message)
     assert file.read_bytes() == before
 
 
-def test_the_page_lists_what_nobody_measured():
+def test_the_page_lists_what_was_not_measured():
     raw = parameters.read().raw
     text = measured.PAGE.read_text(encoding="utf-8")
     assert measured.page(text) == text, "python hardware/measured.py --page"

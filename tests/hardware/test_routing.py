@@ -58,7 +58,7 @@ def test_a_route_that_cannot_be_laid_is_named(copy, file, old, new, message):
         plan.drawing("minimal", folder)
 
 
-def test_an_opening_that_moves_takes_its_cable_along_or_says_so():
+def test_an_opening_that_moves_takes_its_cable_along_or_is_reported():
     """The picture is drawn from the parameter file: a hole that is gone from there is gone here."""
     moved = copies.deepcopy(P)
     moved.base_holes.cable_x = (60.0, 48.0)
@@ -80,7 +80,7 @@ def _shift_imu():
      "W_NANO: no place '@nano'; there are @infrared"),
     ("W_NANO: [", "W_NANOS: [", "has no cable W_NANOS; it has W_NANO"),
 ])
-def test_a_name_that_is_nowhere_says_what_exists(copy, old, new, message):
+def test_an_unknown_name_is_refused_with_the_known_ones(copy, old, new, message):
     with pytest.raises(harness.WiringError, match=message):
         routing.faults(copy("routing.yml", old, new))
 

@@ -44,7 +44,7 @@ def test_no_screw_is_too_short_or_too_long():
     assert screws.wrong(screws.load(), PARTS) == []
 
 
-def test_a_short_screw_is_seen():
+def test_a_short_screw_is_detected():
     rows = [replace(s, length=6) if s.name == "M3 x 10" else s for s in screws.load()]
     short = [s for s in screws.load() if s.name == "M3 x 10"]
     assert len([x for x in screws.wrong(rows, PARTS) if "M3 x 6" in x]) == len(short)
@@ -54,7 +54,7 @@ def test_every_hole_has_its_screw():
     assert find_uncovered(screws.load()) == []
 
 
-def test_a_forgotten_screw_is_seen():
+def test_a_forgotten_screw_is_detected():
     rows = [s for s in screws.load() if s.step != "S11"]
     assert set(find_uncovered(rows)) == {"base_plate: lidar", "lidar_mount: lidar"}
 

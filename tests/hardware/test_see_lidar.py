@@ -66,7 +66,7 @@ def test_a_lidar_that_does_not(data, output):
     assert output in text
 
 
-def test_a_port_that_is_not_there_says_what_to_type(monkeypatch, capsys):
+def test_a_port_that_is_not_there_names_what_to_type(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["see_lidar.py", "/dev/ttyNONE"])
     assert see_lidar.main() == 2
     assert "try ls /dev/ttyUSB*" in capsys.readouterr().err

@@ -42,7 +42,7 @@ def test_the_firmware_confirms(monkeypatch, capsys):
 
 
 @pytest.mark.emulator
-def test_what_the_firmware_refuses_is_said_at_once(monkeypatch, capsys):
+def test_what_the_firmware_refuses_is_reported_at_once(monkeypatch, capsys):
     """There is no Optiboot under this address: its watchdog would reset for ever."""
     try:
         open_backend("avr://default").close()
@@ -82,7 +82,7 @@ def test_nothing_is_sent_for_a_wrong_word(monkeypatch, capsys, args, message):
     assert message in capsys.readouterr().err
 
 
-def test_a_silent_nano_is_said(monkeypatch, capsys):
+def test_a_silent_nano_is_reported(monkeypatch, capsys):
     monkeypatch.setattr(set_parameter, "encode", lambda *_: b"")
     assert run(monkeypatch, "ring_b", "1", MOCK) == 2
     assert "did not confirm ring_b" in capsys.readouterr().err

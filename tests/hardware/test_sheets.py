@@ -38,7 +38,7 @@ def test_a_sheet_is_the_drawing_at_full_size(name):
     assert circles == [pytest.approx((h.x, -h.y, h.diameter / 2)) for h in SHEETS[name].holes]
 
 
-def test_a_scaled_sheet_is_seen():
+def test_a_scaled_sheet_is_detected():
     text = drill_sheets.svg(SHEETS["base_plate"])
     assert off_scale(text.replace('width="210mm"', 'width="200mm"')) == ["not 1 mm per unit"]
     assert off_scale(text.replace("h100.0M", "h98.0M")) == ["no ruler of 100 mm"]

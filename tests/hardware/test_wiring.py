@@ -96,12 +96,12 @@ def test_the_pins_are_those_of_the_firmware():
     assert wrong_pins(WIRING) == []
 
 
-def test_a_swapped_pin_is_seen(copy):
+def test_a_swapped_pin_is_detected(copy):
     folder = copy("minimal.yml", "[D4, GND by VIN, A4, A5]", "[D4, GND by VIN, A5, A4]")
     assert [x.split(":")[0] for x in wrong_pins(folder)] == ["kSda A4", "kScl A5"]
 
 
-def test_a_pin_moved_in_the_firmware_is_seen():
+def test_a_pin_moved_in_the_firmware_is_detected():
     text = PINS_H.read_text(encoding="utf-8").replace("_BV(PD7);", "_BV(PD6);")
     assert any("kIrPower" in x for x in wrong_pins(WIRING, text))
 
@@ -111,7 +111,7 @@ def test_every_device_has_supply_and_ground(diagram):
     assert find_unpowered(WIRING, diagram) == []
 
 
-def test_every_plug_is_powered_or_said_to_be_passive():
+def test_every_plug_is_powered_or_declared_passive():
     data = harness.parts()
     need = data["metadata"]["supply"]
     passive = data["metadata"]["passive"]
@@ -119,7 +119,7 @@ def test_every_plug_is_powered_or_said_to_be_passive():
     assert not set(need) & set(passive)
 
 
-def test_a_missing_ground_is_seen(copy):
+def test_a_missing_ground_is_detected(copy):
     folder = copy("minimal.yml", "[{NANO: [D7, GND by D2, D2]}, {W_IR: [1, 2, 3]}, "
                   "{IR: [VCC, GND, OUT]}]",
                   "[{NANO: [D7, D2]}, {W_IR: [1, 3]}, {IR: [VCC, OUT]}]")
@@ -131,12 +131,12 @@ def test_each_pin_of_the_nano_carries_one_wire(cutoff):
     assert twice(WIRING, "minimal", "second_ring", "capture", "lidar_feed", cutoff) == []
 
 
-def test_a_pin_used_twice_is_seen(copy):
+def test_a_pin_used_twice_is_detected(copy):
     assert twice(copy("second_ring.yml", "GND ICSP 6, D3", "GND by D2, D3"),
                  "minimal", "second_ring") == ["GND by D2"]
 
 
-def test_a_wire_that_branches_is_said_to(copy):
+def test_a_wire_that_branches_is_declared(copy):
     folder = copy("parts.yml", "branches: [GND ICSP 6]", "branches: []")
     assert twice(folder, "second_ring", "cutoff_mux") == ["GND ICSP 6"]
 
@@ -147,7 +147,7 @@ def test_cut_off_pins_only_with_their_parameter(diagram):
     assert find_undeclared(WIRING, diagram) == []
 
 
-def test_a_cut_off_without_its_parameter_is_seen(copy):
+def test_a_cut_off_without_its_parameter_is_detected(copy):
     assert find_undeclared(copy("cutoff_mux.yml", "safety_out: mux", "safety_out: none"),
                            "cutoff_mux") == ["D9", "D5"]
 
@@ -179,7 +179,7 @@ def test_the_committed_diagrams_and_tables_are_those_of_the_sources():
 
 
 @pytest.mark.slow
-def test_an_older_diagram_is_seen(copy):
+def test_an_older_diagram_is_detected(copy):
     """A colour changed in the source alone: its diagram and the pins of the Nano are old."""
     folder = copy("capture.yml", "[GN]}\nconnections", "[YE]}\nconnections")
     assert build.stale(folder) == ["capture.svg", "nano_pins.svg"]
@@ -190,7 +190,7 @@ def test_a_table_without_its_end_is_named():
         build.with_tables("<!-- wires: pi5 -->\n| a |\n<!-- end of pi5 -->\n")
 
 
-def test_every_diagram_stands_as_a_table_in_the_guide():
+def test_every_diagram_is_a_table_in_the_guide():
     stated = re.findall(r"<!-- wires: (\w+) -->\n\|", build.GUIDE.read_text(encoding="utf-8"))
     assert set(stated) == set(harness.DIAGRAMS) - {"smallest"}, "that one has two wires, and a link"
 
@@ -219,24 +219,24 @@ def test_the_pinout_shows_every_wire_of_the_nano():
     assert {"Hall GND", "mux 8", "MOSFET GND"} <= set(re.findall(r"Hall GND|mux 8|MOSFET GND", svg))
 
 
-def test_seen_from_below_left_and_right_change_places():
+def test_from_below_left_and_right_change_places():
     """The USB socket stays above: the same pin is left once and right once."""
     at = [float(x) for x in re.findall(r"<text x='([\d.]+)'[^>]*>D2</text>", pinout.nano())]
     assert len(at) == 2
     assert sum(at) == pytest.approx(drawing.WIDTH)
 
 
-def test_a_typing_error_says_what_exists(copy):
+def test_a_typing_error_is_refused_with_the_known_names(copy):
     with pytest.raises(harness.WiringError, match="no pin 'D77'; it has D7, "):
         harness.wires("minimal", copy("minimal.yml", "[D7,", "[D77,"))
 
 
-def test_a_name_that_is_nowhere_says_what_exists(copy):
+def test_an_unknown_name_is_refused_with_the_known_ones(copy):
     with pytest.raises(harness.WiringError, match=r"'NANNO'.*one of NANO, "):
         harness.wires("minimal", copy("minimal.yml", "{NANO: [D7", "{NANNO: [D7"))
 
 
-def test_a_wire_too_few_is_said(copy):
+def test_a_wire_too_few_is_reported(copy):
     with pytest.raises(harness.WiringError, match="W_IR"):
         harness.wires("minimal", copy("minimal.yml", "{W_IR: [1, 2, 3]}", "{W_IR: [1, 2]}"))
 

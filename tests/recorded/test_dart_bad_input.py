@@ -113,7 +113,7 @@ def test_text_in_a_cell_names_line_and_column(write, table_a):
     read_refused(path, "line 6", "vel encoder", "fast")
 
 
-def test_cut_off_last_line_is_dropped_and_said(write, table_a):
+def test_cut_off_last_line_is_dropped_and_reported(write, table_a):
     path = write(table_a())
     edit(path, lambda text: text.rstrip()[:-40])
     recording = read(path)
@@ -178,7 +178,7 @@ def test_missing_file_is_refused(tmp_path):
     read_refused(tmp_path / "absent.csv", "no such file")
 
 
-def test_folder_skips_what_it_cannot_use_and_says_so(write, table_a, tmp_path):
+def test_folder_skips_what_it_cannot_use_and_reports_it(write, table_a, tmp_path):
     write(table_a(), "good.csv")
     (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
     (tmp_path / "empty.csv").write_bytes(b"")
@@ -188,7 +188,7 @@ def test_folder_skips_what_it_cannot_use_and_says_so(write, table_a, tmp_path):
     assert all(reason and "Traceback" not in reason for _, reason in skipped)
 
 
-def test_file_named_by_itself_is_refused_even_beside_a_good_folder(write, table_a, tmp_path):
+def test_file_named_by_itself_is_refused_even_with_a_good_folder(write, table_a, tmp_path):
     good = write(table_a(), "good.csv")
     bad = tmp_path / "bad.csv"
     bad.write_text("a,b\n1,2\n")

@@ -82,7 +82,7 @@ def test_spinning_on_the_spot_for_a_while_is_no_unit(write, table_a):
     assert read(write(table)).messages.yaw_rate[0] == 15.0
 
 
-def test_a_standing_car_that_is_turned_by_hand_is_no_unit(write, table_a):
+def test_a_car_at_rest_that_is_turned_by_hand_is_no_unit(write, table_a):
     table = table_a()
     table["vel encoder"][:] = 0.0
     table["W (IMU)"][:] = 5.0

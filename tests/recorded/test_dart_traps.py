@@ -58,7 +58,7 @@ def test_a_message_counts_from_its_own_grid_sample_on(write, table_b):
     assert g.encoder[10] == pytest.approx(0.05161 * 11)
 
 
-def test_false_lock_is_seen_against_the_encoder(write, table_b):
+def test_false_lock_is_detected_against_the_encoder(write, table_b):
     table = table_b()
     rng = np.random.default_rng(1)
     for name in ("vicon x", "vicon y"):
@@ -172,7 +172,7 @@ def test_negative_zero_is_zero(write, table_a):
     assert not np.signbit(read(write(table)).messages.steering).any()
 
 
-def test_never_measured_columns_are_dropped_and_said(write, table_a):
+def test_never_measured_columns_are_dropped_and_reported(write, table_a):
     recording = read(write(table_a()))
     assert has_note(recording, "current and voltage are zero")
     assert not hasattr(recording.messages, "voltage")
@@ -210,7 +210,7 @@ def test_one_constant_circle_does_not_fix_the_reference_point(write, table_b):
     assert fit_reference([read(write(table_b(n=1500)))]) is None
 
 
-def test_a_single_lost_message_is_said_and_does_not_cut(write, table_a):
+def test_a_single_lost_message_is_reported_and_does_not_cut(write, table_a):
     table = {k: np.delete(v, 30) for k, v in table_a().items()}
     recording = read(write(table))
     assert has_note(recording, "messages lost")

@@ -122,7 +122,7 @@ def test_tilt_only_at_rest(write, table_a):
     assert "accelerometer_tilt" not in kinds(check(read(write(table, "flat.csv"))))
 
 
-def test_slip_is_told_from_grip(write, table_b):
+def test_slip_is_distinguished_from_grip(write, table_b):
     def check_scaled(factor, name):
         table = table_b(speed=0.6)
         table["vel encoder"][:] = factor * 0.6
@@ -141,7 +141,7 @@ def test_one_circle_has_no_reference_point(write, table_b):
     assert c.motion.fitted is None, "one circle fixes no reference point"
 
 
-def test_one_turning_direction_is_said_of_the_tyres(write, table_b):
+def test_one_turning_direction_is_reported_of_the_tyres(write, table_b):
     circle = read(write(table_b(n=900, speed=1.2)))
     assert not check(circle).uses["tyres"].good, "side slip hangs on a frame that is not known"
     use = check(replace(circle, marker=SEP_24)).uses["tyres"]
@@ -177,7 +177,7 @@ def test_json_has_one_shape_for_every_schema(cli, excerpt):
     assert (a["encoder"]["marks"], b["encoder"]["marks"]) == (8, 10)
 
 
-def test_time_backwards_is_cut_and_said(cli, write, table_a):
+def test_time_backwards_is_cut_and_reported(cli, write, table_a):
     table = table_a()
     table["elapsed time sensors"][30:] -= 50.0
     _, out, errors = cli(write(table))
@@ -185,7 +185,7 @@ def test_time_backwards_is_cut_and_said(cli, write, table_a):
     assert "! sensor time steps back 1 time(s): cut there, not sorted" in errors
 
 
-def test_dead_encoder_is_said_and_not_a_speed_of_zero(cli, write, table_b):
+def test_dead_encoder_is_reported_and_not_a_speed_of_zero(cli, write, table_b):
     table = table_b(speed=0.6)
     table["vel encoder"][:] = 0.0
     _, out, errors = cli(write(table))
@@ -218,7 +218,7 @@ def test_unusable_by_itself_is_exit_2(cli, write, table_a, tmp_path, name):
     assert name in errors
 
 
-def test_no_files_and_no_data_folder_says_fetch(cli):
+def test_no_files_and_no_data_folder_names_fetch(cli):
     code, out, _ = cli()
     assert code == 2
     assert "dart-hal data fetch" in out["error"]["try"]
@@ -290,7 +290,7 @@ def test_names_break_between_words(name, width, lines):
 
 
 @pytest.mark.slow
-def test_what_was_done_is_said_in_sentences(cli, excerpt):
+def test_what_was_done_is_reported_in_sentences(cli, excerpt):
     errors = cli(*(next(excerpt.rglob(f"*{p}*")) for p in (
         "15_28_11", "racetrack", "2025-04-24", "17_28_09")))[2]
     assert "throttle logged behind a closed safety gate is 0 (" in errors

@@ -151,7 +151,7 @@ def test_every_cause_has_an_interval_around_its_gain_and_evidence(case):
     assert {f["role"] for f in diagnosis.files.values()} == {"train", "test"}
 
 
-def test_what_is_left_is_said(case):
+def test_what_is_left_is_reported(case):
     """No model of a real car is complete: what is left is either named or shown."""
     diagnosis = case[1].diagnosis
     assert diagnosis.causes or diagnosis.unexplained
@@ -176,7 +176,7 @@ def test_the_seed_does_not_decide(case):
 
 @pytest.mark.long
 @pytest.mark.recordings
-def test_two_halves_agree_or_say_why_not(recordings):
+def test_two_halves_agree_or_name_the_reason(recordings):
     """The same verdict, or a cause in common, or both show what differs between recordings."""
     halves = [diagnose_named(recordings, half, TEST).diagnosis for half in (TRAIN[:3], TRAIN[3:])]
     one, other = (set().union(*families(diagnosis)) for diagnosis in halves)
@@ -188,7 +188,7 @@ def test_two_halves_agree_or_say_why_not(recordings):
             assert one & other, "two different explanations, each without a doubt"
 
 
-def test_a_model_that_is_worse_on_other_days_would_be_seen(case):
+def test_a_model_that_is_worse_on_other_days_would_be_detected(case):
     """The negative control: a motor that pulls a quarter more than what was fitted. (One that pulls
     less would prove nothing: two files of the excerpt do not tell it to a tenth.)"""
     answer = case[1]
@@ -198,7 +198,7 @@ def test_a_model_that_is_worse_on_other_days_would_be_seen(case):
     assert "vx" in worse(replace(answer, diagnosis=spoilt))
 
 
-def test_another_answer_would_be_seen(case):
+def test_another_answer_would_be_detected(case):
     """The negative control: one cause less, one a little larger, another verdict."""
     diagnosis = case[1].diagnosis
     if not diagnosis.causes:

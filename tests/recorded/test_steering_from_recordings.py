@@ -76,7 +76,7 @@ def test_json_is_the_contract(levels):
     assert any("safety gate" in note for note in data["notes"])
 
 
-def test_slow_recording_says_that_it_is_slow(excerpt):
+def test_slow_recording_states_that_it_is_slow(excerpt):
     found, _ = read_all([excerpt / "30_step_steering_data",
                          excerpt / "steering_identification_25_sept_2024"])
     result = steering_from_recordings(found)
@@ -97,7 +97,7 @@ def test_one_level_is_no_map(excerpt):
         steering_from([excerpt / "29_step_input_data"])
 
 
-def test_standing_car_is_no_map(tmp_path, write, table_a):
+def test_car_at_rest_gives_no_map(tmp_path, write, table_a):
     table = table_a()
     table["vel encoder"][:] = 0.0
     with pytest.raises(CalibrationFailed, match="no recording holds a sample"):

@@ -40,7 +40,7 @@ def check(path):
     return run
 
 
-def test_the_file_tells_the_hour_and_the_reader_the_clock(tmp_path, state, began):
+def test_the_file_has_the_hour_and_the_reader_the_clock(tmp_path, state, began):
     path = tmp_path / "run.mcap"
     written(path, state)
     run = check(path)

@@ -132,7 +132,7 @@ def test_a_hole_costs_the_blocks_that_it_hit(run_bytes, tmp_path, size, kind):
         assert all(d.at <= offset + size or not d.skipped for d in found.damages)
 
 
-def test_the_notice_says_damaged_and_not_that_the_end_is_missing(run_bytes, tmp_path):
+def test_the_notice_states_damage_and_not_that_the_end_is_missing(run_bytes, tmp_path):
     path = tmp_path / "hole.mcap"
     middle = len(run_bytes) // 2
     path.write_bytes(run_bytes[:middle] + run_bytes[middle + 3000:])
@@ -149,7 +149,7 @@ def test_the_notice_says_damaged_and_not_that_the_end_is_missing(run_bytes, tmp_
     assert list(run.chunks())[-1] == list(RunReader(whole).chunks())[-1]
 
 
-def test_a_hole_and_a_missing_end_are_told_apart(run_bytes, tmp_path):
+def test_a_hole_and_a_missing_end_are_distinguished(run_bytes, tmp_path):
     path = tmp_path / "both.mcap"
     path.write_bytes(run_bytes[:20_000] + run_bytes[22_000:-9000])
     first, second = RunReader(path).notices
@@ -157,7 +157,7 @@ def test_a_hole_and_a_missing_end_are_told_apart(run_bytes, tmp_path):
     assert "the end is missing" in second
 
 
-def test_a_missing_chunk_is_told_though_nothing_is_skipped(run_bytes, tmp_path):
+def test_a_missing_chunk_is_reported_though_nothing_is_skipped(run_bytes, tmp_path):
     path = tmp_path / "block.mcap"
     all_chunks = chunks(run_bytes)
     # with its indexes
@@ -167,7 +167,7 @@ def test_a_missing_chunk_is_told_though_nothing_is_skipped(run_bytes, tmp_path):
     assert re.search(r"damaged before byte \d+, 0 bytes skipped", RunReader(path).notices[0])
 
 
-def test_a_chunk_that_one_bit_makes_another_record_is_told(run_bytes, tmp_path):
+def test_a_chunk_that_one_bit_makes_another_record_is_reported(run_bytes, tmp_path):
     """Even where no checksum of the whole is there yet."""
     path = tmp_path / "bit.mcap"
     first, _ = chunks(run_bytes)[5]
@@ -188,7 +188,7 @@ def test_one_bit_in_the_index_of_a_chunk_is_no_message(run_bytes, tmp_path):
             assert found.damages
 
 
-def test_a_damaged_index_is_told(run_bytes, tmp_path):
+def test_a_damaged_index_is_reported(run_bytes, tmp_path):
     whole = messages(parse_mcap(tmp_path, run_bytes))
     found = parse_mcap(tmp_path, damage(run_bytes, len(run_bytes) - 3000, 1, "flipped", 1))
     assert messages(found) == whole

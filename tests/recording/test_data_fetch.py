@@ -330,7 +330,7 @@ def test_wrong_answers_are_refused(originals, known_digests, destination, serve,
     assert leftovers(destination) == []
 
 
-def test_a_line_that_breaks_is_said_and_the_next_fetch_goes_on(originals, known_digests,
+def test_a_line_that_breaks_is_reported_and_the_next_fetch_goes_on(originals, known_digests,
                                                                destination, serve):
     broken = [f"/{NAMES[1]}"]
 
@@ -370,7 +370,7 @@ def run(capsys, *args) -> tuple[int, dict, str]:
 
 
 @pytest.mark.slow
-def test_the_verb_brings_what_the_excerpt_has_and_says_what_lacks(capsys, destination):
+def test_the_verb_brings_what_the_excerpt_has_and_names_what_lacks(capsys, destination):
     code, out, _ = run(capsys, "--from", EXCERPT, "--to", destination, "--json")
     assert code == 1
     assert len(out["fetched"]) == len(list(EXCERPT.rglob("*.csv.gz"))) - 1

@@ -106,7 +106,7 @@ def test_a_car_logs_in_its_own_clock_and_only_while_it_records(tmp_path):
 
 
 @pytest.mark.parametrize("recording", [True, False])
-def test_a_mistake_is_told_recording_or_not(tmp_path, recording):
+def test_a_mistake_is_reported_recording_or_not(tmp_path, recording):
     with Car.open(URL, record=tmp_path / "run.mcap" if recording else None) as car:
         car.log("mpc/cost", 1.0)
         for name, value in (("mpc cost", 1.0), ("mpc/cost", "low"), ("mpc/cost", [1.0])):

@@ -47,7 +47,7 @@ def test_a_killed_run_becomes_the_file_that_closing_would_have_made(tmp_path, wr
 
 
 @pytest.mark.parametrize("size", [20, 500, 4000, 12_000, -1, -50])
-def test_whatever_was_whole_is_there(tmp_path, writing, size):
+def test_everything_that_was_whole_is_there(tmp_path, writing, size):
     path = tmp_path / "run.mcap"
     writing(path)
     data = path.read_bytes()[:size]

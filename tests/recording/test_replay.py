@@ -100,7 +100,7 @@ def hellos(backend):
     return [f.message.id == HELLO.id for f in frames]
 
 
-def test_a_run_begun_after_the_opening_still_says_who_answered(tmp_path, writing):
+def test_a_run_begun_after_the_opening_still_names_who_answered(tmp_path, writing):
     path = tmp_path / "late.mcap"
     writing(path, hello=False, note_hello=True)
     assert hellos(open_run(path)) == [True, *[False] * 20]
@@ -112,7 +112,7 @@ def test_a_hello_in_the_stream_is_not_doubled(tmp_path, writing):
     assert hellos(open_run(path)) == [True, *[False] * 20]
 
 
-def test_a_cut_off_run_replays_and_says_so(run_file):
+def test_a_cut_off_run_replays_and_reports_it(run_file):
     data = run_file.read_bytes()
     run_file.write_bytes(data[:len(data) // 2])
     backend = open_run(run_file)

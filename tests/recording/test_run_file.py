@@ -104,7 +104,7 @@ def test_cut_at_every_byte_reads_up_to_the_last_flush(tmp_path, writing):
     assert max(b - a for a, b in pairwise(ends)) <= 60_000_000
 
 
-def test_a_cut_off_run_opens_and_says_so(tmp_path, writing):
+def test_a_cut_off_run_opens_and_reports_it(tmp_path, writing):
     path = tmp_path / "cut.mcap"
     writing(path, frames=2)
     data = path.read_bytes()
@@ -279,7 +279,7 @@ def test_the_reference_reader_accepts_the_file(run_file):
                 assert length == len(message.data) - 16
 
 
-def test_odometry_means_what_its_definition_says(run_file, state):
+def test_odometry_matches_its_definition(run_file, state):
     got = list(decode_messages(run_file, "/odom"))[3]
     s = state(3)
     assert got["header.stamp.sec"] + got["header.stamp.nanosec"] * 1e-9 == pytest.approx(s.t)
@@ -306,7 +306,7 @@ def test_covariance_sits_where_ros_expects_it(tmp_path, state):
     assert (got[np.ix_([0, 1, 5], [0, 1, 5])] == cov).all()
 
 
-def test_imu_and_drive_mean_what_their_definitions_say(run_file, state):
+def test_imu_and_drive_match_their_definitions(run_file, state):
     got = next(decode_messages(run_file, "/imu"))
     s = state(0)
     assert got["angular_velocity.z"] == s.yaw_rate

@@ -72,7 +72,7 @@ def test_value_and_error_end_at_the_same_place(value, std, text):
     assert with_error(value, std) == text
 
 
-def test_a_page_is_sound_and_asks_for_nothing_from_outside(tmp_path):
+def test_a_page_is_sound_and_requests_nothing_from_outside(tmp_path):
     pytest.importorskip("matplotlib")
     x = np.arange(3.0)
     reach = np.array([0.1, math.nan, 0.2])
@@ -145,7 +145,7 @@ def test_a_line_ends_at_a_point_that_is_not_finite():
 
 @pytest.mark.parametrize("tag", ['<img src="http://a.b/c.png">', "<script>", "<link rel=x>",
                                  "<p style='background: url(x)'>", '<iframe src="x">'])
-def test_what_asks_for_something_from_outside_is_seen(tag):
+def test_what_requests_something_from_outside_is_detected(tag):
     assert foreign(page.page("a", "b", Html(tag), {}))
 
 

@@ -63,7 +63,7 @@ def test_vector_conditions_of_the_text():
 # where there is no compiler, or a bad one
 
 @pytest.mark.parametrize("command", ["no-such-compiler", "false"])
-def test_without_a_compiler_numpy_takes_over_and_says_so(nothing_built, monkeypatch, command):
+def test_without_a_compiler_numpy_takes_over_and_reports_it(nothing_built, monkeypatch, command):
     monkeypatch.setenv("CC", command)
     batch = Batch(PAPER, 3)
     assert batch.engine == "numpy"
@@ -116,7 +116,7 @@ def test_a_folder_that_cannot_be_written(tmp_path):
 
 
 @needs_compiler
-def test_what_the_compiler_said_is_passed_on(tmp_path):
+def test_the_output_of_the_compiler_is_passed_on(tmp_path):
     with pytest.raises(CannotCompile, match=r"failed: .*error"):
         build.compile_kernel("this is no C\n", F64, tmp_path)
     assert list(tmp_path.iterdir()) == []
@@ -149,7 +149,7 @@ def test_a_damaged_library_of_the_package_is_replaced_by_one_on_demand(nothing_b
 
 @pytest.mark.slow
 @needs_compiler
-def test_a_damaged_library_is_compiled_anew(nothing_built):
+def test_a_damaged_library_is_compiled_again(nothing_built):
     text = source([body(trace(form_of(KINEMATIC), "motion"))])
     broken = build.cache_folder() / f"{build.key(text, F64)}.so"
     broken.parent.mkdir(parents=True)
@@ -286,7 +286,7 @@ def test_building_the_package_compiles_all_variants(hook, version, pure):
     assert data.get("tag") == (None if pure else tag)
 
 
-def test_building_without_a_compiler_succeeds_and_says_so(hook, monkeypatch):
+def test_building_without_a_compiler_succeeds_and_reports_it(hook, monkeypatch):
     made, messages, folder = hook
     monkeypatch.setenv("CC", "no-such-compiler")
     data = {"artifacts": [], "pure_python": True}

@@ -148,7 +148,7 @@ def test_any_car_at_any_place_of_a_batch(data):
     assert largest_difference(whole[:, :, i:i + 1], alone) < 1e-12
 
 
-def test_a_batch_advances_alike_on_both_engines():
+def test_a_batch_advances_equally_on_both_engines():
     p = UPSTREAM_2024
     batches = [Batch(p, N, dtype=np.float64, engine=e) for e in ("native", "numpy")]
     assert [b.engine for b in batches] == ["native", "numpy"]

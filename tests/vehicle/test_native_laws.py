@@ -138,7 +138,7 @@ def test_without_throttle_energy_only_falls(engine, p, seed):
     assert (course[-1] < course[0]).all()
 
 
-def test_negative_friction_would_be_seen():
+def test_negative_friction_would_be_detected():
     """The control of the energy law."""
     pushed = replace(PAPER, friction=replace(PAPER.friction, a=0.0, c=-0.5))
     start = np.array([[0.0, 0, 0, 2.0, 0, 0]]).T

@@ -93,7 +93,7 @@ def test_every_lane_may_be_another_vehicle():
         stack([PAPER, UPSTREAM_2024])
 
 
-def test_rollout_reads_the_samples_asked_for():
+def test_rollout_reads_the_requested_samples():
     start = np.array([[0.0], [0.0], [0.2], [1.0], [0.0], [0.0]])
     throttle = np.full((20, 1), 0.3)
     angle = np.full((20, 1), 0.1)

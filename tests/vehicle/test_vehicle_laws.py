@@ -61,11 +61,11 @@ def test_passive_forces_turn_round_with_the_velocity(vehicle, vx, vy, om, delta)
 
 
 @given(delta=ANGLE)
-def test_a_standing_car_stays(delta):
+def test_a_car_at_rest_stays(delta):
     assert make_acceleration(PAPER)(0.0, 0.0, 0.0, 0.0, delta) == pytest.approx((0, 0, 0), abs=1e-9)
 
 
-def test_published_slip_angles_turn_a_standing_car():
+def test_published_slip_angles_turn_a_car_at_rest():
     """Why there is a form of our own: turned wheels alone must not move the car."""
     *_, turn = make_acceleration(PAPER, slip="paper")(0.0, 0.0, 0.0, 0.0, 0.3)
     assert turn > 10.0

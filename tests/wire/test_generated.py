@@ -25,7 +25,7 @@ def test_nothing_drifted():
     assert emit.list_stale(ROOT) == []
 
 
-def test_drift_is_seen_and_mended(tmp_path):
+def test_drift_is_detected_and_repaired(tmp_path):
     assert sorted(emit.list_stale(tmp_path)) == sorted(emit.GENERATED_FILES)
     emit.write_all(tmp_path)
     assert emit.list_stale(tmp_path) == []
@@ -71,7 +71,7 @@ def test_crc_and_cobs_vectors():
         assert cobs.decode(bytes.fromhex(case["block"])).hex() == case["raw"]
 
 
-def test_the_pattern_tells_every_byte_from_every_other():
+def test_the_pattern_distinguishes_every_byte_from_every_other():
     for case in VECTORS["frames"]:
         if case["seq"] == 0x5A:
             payload = bytes.fromhex(case["payload"])

@@ -117,7 +117,7 @@ def test_a_frame_refused_long_ago_is_no_base():
     assert verdicts == [True, False, True, False, True]
 
 
-def test_hello_tells_the_gates_of_a_restart():
+def test_hello_has_the_gates_of_a_restart():
     decoder = Decoder(UP, Gates())
     frames = samples.drive(5.0, 1) + samples.drive(1.0, 2, boot=2)
     assert len(decoder.feed(b"".join(frames))) == len(frames)

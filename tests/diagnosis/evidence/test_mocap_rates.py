@@ -96,7 +96,7 @@ def test_a_gap_of_several_poses_is_still_a_gap(drive, tmp_path):
     assert not grid(slow).bad[at].any()
 
 
-def test_a_car_that_only_stands_is_no_window_of_motion(tmp_path):
+def test_a_car_that_never_moves_gives_no_window_of_motion(tmp_path):
     plan = hidden_drive.Plan(series=(np.zeros(1100), np.zeros(1100)))
     recording = read(hidden_drive.write(tmp_path / "stands.csv", PAPER, 3, plan))
     l_r = PAPER.body.l_r

@@ -59,12 +59,12 @@ def test_a_lost_message_costs_the_windows_around_it_and_no_others():
 @pytest.mark.parametrize(("columns", "why"), [
     ({"speed": 0.1}, "too slow"), ({"throttle": -0.3}, "perhaps backwards"),
     ({"speed": np.nan}, "no encoder"), ({"yaw_rate": np.nan}, "no gyro")])
-def test_no_window_starts_where_the_sensors_do_not_tell_the_motion(columns, why):
+def test_no_window_starts_where_the_sensors_do_not_measure_the_motion(columns, why):
     assert sum(len(d.starts) for d in prepare_stretches(made(**columns))) == 0, why
     assert sum(len(d.starts) for d in prepare_stretches(made())) > 0
 
 
-def test_standing_is_standing_before_and_after_and_not_being_carried():
+def test_rest_is_rest_before_and_after_and_not_being_carried():
     speed = np.where(np.arange(120) < 60, 0.0, 1.0)
     rate = np.where((np.arange(120) >= 10) & (np.arange(120) < 20), 0.9, 0.002)
     drive, = prepare_stretches(made(speed=speed, yaw_rate=rate, throttle=0.0))
@@ -96,7 +96,7 @@ def test_standstill_counts_by_how_much_quieter_it_is_and_no_more_than_floors_are
     assert quiet.noise_scale[0] == pytest.approx(2.0 / USUAL.evidence.level, rel=0.3)
 
 
-def test_what_cannot_be_known_is_said():
+def test_what_cannot_be_known_is_reported():
     rolling = evidence(made())
     assert list_limits(rolling)[:len(NOT_OBSERVABLE)] == NOT_OBSERVABLE
     assert any("at rest for 2 s" in s for s in list_limits(rolling))

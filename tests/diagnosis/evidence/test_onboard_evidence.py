@@ -67,7 +67,7 @@ def test_a_sensor_that_errs_is_predicted_as_well_once_it_is_known_to(tmp_path, p
     assert size(wrong.residuals(PAPER)) > 1.15 * known
 
 
-def test_standing_still_tells_a_tilt_and_a_bias_at_once(tmp_path):
+def test_at_rest_a_tilt_and_a_bias_are_measured_at_once(tmp_path):
     tilted = apply(apply(PAPER, "imu_pitch", k=0.05), "gyro_bias", k=0.02)
     of_drive = evidence(recorded(tmp_path, tilted, seed=22, seconds=90.0))
     still = np.concatenate([d.at_rest for d in of_drive.drives])
@@ -82,7 +82,7 @@ def test_standing_still_tells_a_tilt_and_a_bias_at_once(tmp_path):
     assert abs(mean(tilted)[2]) < 0.35
 
 
-def test_by_how_much_a_standing_car_counts_more_is_known_and_taken_off_again(plain):
+def test_the_extra_weight_of_a_car_at_rest_is_known_and_taken_off_again(plain):
     scale = np.array([7.0, 9.0])
     quieter = type(plain)([replace(d, noise_scale=scale) for d in plain.drives], plain.l_r)
     one, other = (e.residuals(PAPER).sensors for e in (plain, quieter))
@@ -141,7 +141,7 @@ def test_what_is_kept_of_the_servo_is_of_that_servo(plain):
     assert len({motion.tobytes() for motion in kept}) == len(cars)
 
 
-def test_recordings_that_hold_nothing_give_no_rows_and_say_so():
+def test_recordings_without_data_give_no_rows_and_are_reported():
     nothing = evidence()
     r = nothing.residuals(PAPER)
     assert r.motion.shape == (0, 2 * MESSAGES_AHEAD)

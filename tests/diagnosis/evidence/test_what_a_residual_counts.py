@@ -31,7 +31,7 @@ def whiten_residuals(residuals, older):
     return estimate_noise(residuals, blocks, sensitivity=older).whiten(residuals)[0]
 
 
-def test_ages_of_commands_are_seen_in_what_they_move(whenever):
+def test_ages_of_commands_are_measured_by_what_they_move(whenever):
     residuals, older = whenever
     blocks = np.arange(WINDOWS), np.arange(WINDOWS)
     certain = estimate_noise(residuals, blocks, sensitivity=older).age_scale

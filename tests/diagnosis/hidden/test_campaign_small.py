@@ -98,7 +98,7 @@ def test_a_row_counts_and_meets_its_target():
     assert confusion(of)["grip"] == {"grip": 19}
 
 
-def test_every_effect_has_a_stranger_of_the_sizes_that_the_catalogue_states():
+def test_every_effect_has_an_independent_car_of_the_sizes_that_the_catalogue_states():
     for name, sizes in SIZES.items():
         stated = catalogue()[name].parameters[0]
         assert stated.sizes == pytest.approx(sizes), name
@@ -122,7 +122,7 @@ def test_every_case_is_one_of_its_kind():
     assert len(thinned(everything, 3)) == 3 * len(GROUPS)
 
 
-def test_the_paper_of_the_stranger_is_that_of_the_package(tmp_path):
+def test_the_paper_of_the_independent_simulator_is_that_of_the_package(tmp_path):
     path = tmp_path / "stated.toml"
     path.write_text(model_file(0.035))
     _, ours = find_model("paper")
@@ -212,7 +212,7 @@ def test_names_are_counted_by_their_stated_probability():
 
 
 @pytest.mark.slow
-def test_a_claim_says_the_truth_about_itself():
+def test_a_claim_states_the_truth_about_itself():
     """Its cost on a recording five times as long, and its probability by all sets of groups."""
     line = claims_checked.run(cases(["wrong"], (), 2000)[0], sets=True)
     assert all(abs(search - every) < 0.05 for search, every in line["sets"].values())

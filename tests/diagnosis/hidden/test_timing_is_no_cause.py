@@ -39,7 +39,7 @@ def test_with_all_commands_of_one_age_there_would_be_a_lag(whenever, monkeypatch
 
 @pytest.mark.slow
 @pytest.mark.parametrize("aged", [True, False])
-def test_a_lag_beside_a_model_that_may_not_move_gains_at_the_age_of_the_commands(aged, monkeypatch):
+def test_a_lag_with_a_fixed_model_gains_at_the_age_of_the_commands(aged, monkeypatch):
     """Control: with the age of the commands on top of its delays, the lag seems to raise the errors
     of the test recording."""
     if not aged:
@@ -52,7 +52,7 @@ def test_a_lag_beside_a_model_that_may_not_move_gains_at_the_age_of_the_commands
 
 
 @pytest.mark.slow
-def test_a_few_wild_windows_do_not_outweigh_what_a_sure_cause_gains():
+def test_a_few_wild_windows_do_not_outweigh_the_gain_of_a_certain_cause():
     """Steps of random length: a car that slides now and then, and 0.5 degrees of trim. The root
     mean square of the yaw angle says that it may be nothing; the loss of all errors does not."""
     (cause,) = run(next(c for c in cases(["fixed"], ["steering_trim"], 1500)))["causes"]

@@ -110,7 +110,7 @@ def test_a_residual_at_its_limit_hides_nothing_from_the_next_round(evidence_of_d
     assert again.gain == pytest.approx(fresh.gain, rel=0.01)
 
 
-def test_slopes_seen_by_another_noise_are_those_it_whitens_itself(evidence_of_drive, point):
+def test_slopes_weighted_by_another_noise_are_those_it_whitens_itself(evidence_of_drive, point):
     other, _ = fit_start(evidence_of_drive, noise=None)
     other_noise = fit_start(evidence_of_drive, p=PAPER, free=("motor.d",))[0]
     here = evaluate_point(evidence_of_drive, point.noise, point.space, point.x)

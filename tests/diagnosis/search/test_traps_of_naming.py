@@ -44,7 +44,7 @@ def test_two_delays_are_those_two_and_no_third(two):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["clock_offset", "gyro_latency"])
-def test_a_standing_car_reads_the_same_a_little_later(monkeypatch, name):
+def test_a_car_at_rest_reads_the_same_a_little_later(monkeypatch, name):
     """Messages are no series of samples: to shift them by parts of one averages neighbours, and
     less noise looks like a cause."""
     at_rest = evidence(drive()).drives[0]
@@ -76,7 +76,7 @@ def test_what_the_right_name_makes_superfluous_is_dropped(monkeypatch, needed, l
 
 
 @pytest.mark.slow
-def test_what_is_said_of_a_cause_counts_from_the_fit_without_it():
+def test_the_gain_of_a_cause_counts_from_the_fit_without_it():
     """Named second and left alone: its gain, and what it is like, are those of the first round."""
     found = search(drive(("yaw_damping", 0.03), seconds=60.0, seed=14))
     one, = found.accepted
@@ -164,21 +164,21 @@ def twins(monkeypatch):
 
 
 @pytest.mark.slow
-def test_two_names_for_one_thing_are_said_to_be_alike(twins):
+def test_two_names_for_one_thing_are_confounded(twins):
     found = search(drive(("grip", -0.2)), names=("grip", "twin", "motor_gain", "gyro_bias"))
     one, = found.accepted
     assert {one.effect, *one.confounders} == {"grip", "twin"}
 
 
 @pytest.mark.slow
-def test_one_that_explains_much_less_is_not_alike():
+def test_one_that_explains_much_less_is_not_confounded():
     found = search(drive(("grip", -0.2)), names=("grip", "mass", "motor_gain", "gyro_bias"))
     one, = found.accepted
     assert (one.effect, one.confounders) == ("grip", ())
 
 
 @pytest.mark.slow
-def test_relatives_stay_alike_beside_another_cause(twins):
+def test_relatives_stay_confounded_with_another_cause_present(twins):
     found = search(drive(("grip", -0.2), ("gyro_bias", 0.03)),
                    names=("grip", "twin", "gyro_bias", "gyro_scale"))
     like = {n.effect: set(found.add_confounders(n).confounders) for n in found.accepted}
@@ -199,7 +199,7 @@ def diagnose_drives(train, test, **how):
 
 
 @pytest.mark.slow
-def test_levels_that_differ_are_no_friction_and_are_said():
+def test_levels_that_differ_are_no_friction_and_are_reported():
     """Nothing of the car explains them; that they differ from recording to recording does."""
     drives = [drive(("motor_gain", k), seconds=20.0, seed=20 + i) for i, k in enumerate(LEVELS)]
     d = diagnose_drives(drives, [drive(seconds=20.0, seed=50)])
@@ -255,6 +255,6 @@ def test_a_level_imu_has_no_tilt():
 
 
 @pytest.mark.slow
-def test_only_a_car_that_stands_counts_as_standing():
+def test_only_a_car_at_rest_counts_as_resting():
     assert tilt_imu(0.0, rest=True).sensor_at_rest.sum() > 10
     assert not tilt_imu(0.0, rest=False).sensor_at_rest.any()

@@ -56,7 +56,7 @@ def test_a_drive_measures_what_it_was_suggested_for(diagnosis_and_plan):
 
 
 @pytest.mark.slow
-def test_a_floor_too_small_for_any_drive_is_said(diagnosis_and_plan):
+def test_a_floor_too_small_for_any_drive_is_reported(diagnosis_and_plan):
     for one in suggest_parameter_drives(diagnosis_and_plan(), floor=Floor(1.0, 1.0)):
         if not one.drive:
             assert "fits on this floor" in one.sentence()

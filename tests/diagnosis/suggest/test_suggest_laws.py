@@ -88,7 +88,7 @@ def test_a_suggestion_is_the_same_again_and_is_json_without_nan(question):
 
 
 @pytest.mark.slow
-def test_what_no_drive_separates_is_said_and_not_promised(tmp_path, monkeypatch):
+def test_what_no_drive_separates_is_reported_and_not_promised(tmp_path, monkeypatch):
     still = tuple(c for c in CHOICES if c.name == "standstill")
     monkeypatch.setattr("dart_lab.diagnosis.suggest.choose.rehearse_choices",
                         lambda floor, model: rehearse_choices(floor, model, still))
@@ -102,7 +102,7 @@ def test_what_no_drive_separates_is_said_and_not_promised(tmp_path, monkeypatch)
 
 
 @pytest.mark.slow
-def test_data_that_should_have_told_them_apart_are_said_to_hold_more_than_is_simulated(question):
+def test_data_that_should_have_separated_them_contain_more_than_is_simulated(question):
     d, _ = question
     (s,) = suggest(d, floor=Floor(3.0, 3.0))
     assert max(p.before for p in s.pairs if p.effect == s.cause) < 4.0

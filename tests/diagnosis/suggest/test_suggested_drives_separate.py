@@ -54,7 +54,7 @@ def driven(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_suggested_drive_tells_what_could_not_be_told(name, driven):
+def test_the_suggested_drive_separates_what_was_confounded(name, driven):
     s, drawn = driven(name)
     (pair,) = s.pairs
     assert s.enough

@@ -58,7 +58,7 @@ def test_a_sound_car_has_none():
     assert find_long_tails(record_car(Car(), "steps", seed=4)) == {}
 
 
-def test_too_few_windows_say_nothing():
+def test_too_few_windows_give_no_finding():
     car = Car()
     add_gusts(car, 1.2, seed=1)
     short = read(record(Path(mkdtemp()) / "car_1_4.csv", car, Habits(style="steps"), 15.0, 4))

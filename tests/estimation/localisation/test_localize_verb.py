@@ -38,7 +38,7 @@ def ros_map(folder, lines, cell=NODE_SPACING):
 
 
 @pytest.mark.slow
-def test_a_simulated_car_is_found_and_its_error_told(capsys):
+def test_a_simulated_car_is_found_and_its_error_reported(capsys):
     code, found = run_verb(capsys, "--url", "sim://?seed=0&nano=mock&lidar=1&map=room",
                            "--duration", 2.0, "--speed", 1, "--steering", 0.3, *WAIVED)
     assert code == 0
@@ -63,7 +63,7 @@ def test_a_car_in_a_ros_map_and_its_recording(capsys, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_bare_rectangle_says_so_and_exits_1(capsys, tmp_path):
+def test_a_bare_rectangle_is_reported_and_exits_1(capsys, tmp_path):
     chart = ros_map(tmp_path, box(3.0, 2.5, 0.0, 6.0, 5.0), 0.05)
     code, found = run_verb(capsys, "--url", f"sim://?seed=0&nano=mock&lidar=1&map={chart}", "--map",
                            chart, "--duration", 0.6, "--json")

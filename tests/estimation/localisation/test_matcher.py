@@ -27,7 +27,7 @@ def scan_of(seed):
 
 
 @pytest.mark.parametrize("small", [0.0, matcher.STEP_TOLERANCE])
-def test_the_kernel_says_what_numpy_says(small):
+def test_the_kernel_agrees_with_numpy(small):
     by_c = matcher.native_match()
     if by_c is None:
         pytest.skip("no C compiler")
@@ -40,7 +40,7 @@ def test_the_kernel_says_what_numpy_says(small):
         assert np.hypot(*(want.pose[:2] - given[3][:2])) > 0.01
 
 
-def test_one_that_says_otherwise_is_not_used():
+def test_a_kernel_that_disagrees_is_not_used():
     """The control is numpy itself."""
     def wrong(*given):
         found = matcher.match_numpy(*given)

@@ -69,7 +69,7 @@ def test_through_a_box_that_is_gone_and_through_a_wall():
 
 
 @pytest.mark.slow
-def test_the_pose_that_is_judged_is_the_one_that_is_told():
+def test_the_pose_that_is_judged_is_the_one_that_is_reported():
     """The match of these scans explains 95 % of them, at the right place: 0.7 to 0.4 m from what
     the filter makes of it."""
     d = drive(7107, hidden(7107))

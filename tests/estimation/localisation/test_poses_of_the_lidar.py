@@ -145,7 +145,7 @@ def quiet_drive():
     return local, d.scans[5:]
 
 
-def test_beside_the_loop_of_a_real_car_the_same_poses_come():
+def test_next_to_the_loop_of_a_real_car_the_same_poses_come():
     d = drive(2003, hidden(2003, seconds=3.0))
     start = tuple(d.true(float(d.scans[0].t[-1]) - 0.01).tolist())
     inline = LidarPoses(d.chart, start)

@@ -23,7 +23,7 @@ def test_a_wheel_that_spins_costs_neither_place_nor_honesty(spun):
     assert 0.2 < found.nees.mean() < 5.0
 
 
-def test_a_slip_of_a_few_tenths_is_felt():
+def test_a_slip_of_a_few_tenths_is_measured():
     """0.3 m/s, 15 %, which cost 2.1 cm and 10 standard errors when it was not."""
     found = run(drive(2003, hidden(2003, speed=2.0, seconds=7.0, spin=0.15)))
     during = (found.t > 5.0) & (found.t < 5.6)
@@ -43,7 +43,7 @@ def test_an_imu_off_the_axle_is_no_spin_in_turns():
     assert any(spin.update(0.026, 0.01, -lever * 16.0, 0.04) for _ in range(20))
 
 
-def test_without_an_accelerometer_it_does_and_the_covariance_says_so(spun):
+def test_without_an_accelerometer_it_does_and_the_covariance_shows_it(spun):
     """The negative control; errors by standard errors were 25 in the spin, 34 in the mean."""
     blind = run(replace(spun, accel=np.full(len(spun.t), np.nan)))
     during = (blind.t > 5.0) & (blind.t < 5.6)
@@ -51,7 +51,7 @@ def test_without_an_accelerometer_it_does_and_the_covariance_says_so(spun):
     assert np.sqrt(blind.nees[during].mean()) < 15.0
 
 
-def test_wheels_are_believed_while_they_do_what_is_felt():
+def test_wheels_are_believed_while_they_match_the_accelerometer():
     spin = SpinDetector()
     speed = np.concatenate((np.linspace(0.0, 2.0, 50), np.full(200, 2.0)))
     inertial = np.gradient(speed, 0.01) + 0.3        # a bias

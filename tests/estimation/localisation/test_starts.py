@@ -11,7 +11,7 @@ from studies.localisation.figures import kidnapped
 from studies.localisation.world import drive, hidden, run
 
 
-def test_a_car_is_found_without_a_start_and_told_only_when_proven():
+def test_a_car_is_found_without_a_start_and_reported_only_when_proven():
     d = drive(2005, hidden(2005, seconds=3.0))
     r = run(d, localiser=Localiser(d.chart))
     assert [result.pose is None for result in r.told[:6]] == [True] * 5 + [False]

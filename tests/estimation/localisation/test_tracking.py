@@ -48,7 +48,7 @@ def test_the_hidden_errors_are_learnt():
     assert (np.abs(off) < (0.005, 0.004, 0.004, 0.012, 0.003)).all()
 
 
-def test_a_wrong_pose_is_told_within_three_scans(quick):
+def test_a_wrong_pose_is_reported_within_three_scans(quick):
     local = Localiser(quick.chart, (1.0, 1.0, 0.3))
     results = run(quick, localiser=local).told[:3]
     assert [result.status for result in results if result][-1] is Status.LOST

@@ -110,7 +110,7 @@ def test_a_board_that_is_not_known_is_not_guessed_in_silence(box: Box) -> None:
         find_bus(box.root)
 
 
-def test_a_pc_without_a_bridge_or_with_two_says_what_is_there(tmp_path: Path) -> None:
+def test_a_pc_without_a_bridge_or_with_two_names_what_is_there(tmp_path: Path) -> None:
     root = plant("laptop_debian13", tmp_path)
     (root / "sys/class/i2c-dev/i2c-1/name").write_text("CP2112 SMBus Bridge on hidraw3\n")
     with pytest.raises(BusMissing) as two:

@@ -107,7 +107,7 @@ def test_without_sudo_or_apt(box: Box) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("lost", ["packages", "uv", "python", "package"])
-def test_without_a_network_the_step_says_so_and_what_is_done_stays(box: Box, lost: str) -> None:
+def test_without_a_network_the_step_states_so_and_what_is_done_stays(box: Box, lost: str) -> None:
     if lost != "packages":
         box.set("packages", "curl", "i2c-tools", "avrdude", "ca-certificates")
     uv = ["--uv", str(box.folder / "uv")] if lost in ("python", "package") else []

@@ -57,7 +57,7 @@ def test_sleep_that_was_masked_before_stays_masked(box: Box) -> None:
     assert not (link.parent / "suspend.target").is_symlink()
 
 
-def test_remove_on_a_fresh_computer_says_that_there_is_nothing(box: Box) -> None:
+def test_remove_on_a_fresh_computer_states_that_there_is_nothing(box: Box) -> None:
     done = box.run("--remove")
     assert done.returncode == 0
     assert "nothing to do" in done.stdout
@@ -93,7 +93,7 @@ def test_what_a_fresh_computer_gets(box: Box) -> None:
 
 
 @pytest.mark.slow
-def test_every_file_is_told_to_those_who_read_it(box: Box) -> None:
+def test_every_file_is_announced_to_its_readers(box: Box) -> None:
     box.run()
     calls = box.calls
     rules = next(i for i, c in enumerate(calls) if c.startswith("mv -f") and "80-dart" in c)

@@ -151,7 +151,7 @@ def test_a_chip_that_is_not_ours_gets_no_pulse_and_is_not_woken(state: dict[str,
     assert bench.throttle.is_off
 
 
-def test_a_bus_without_the_chip_says_so() -> None:
+def test_a_bus_without_the_chip_is_reported() -> None:
     bus = VirtualBus(lambda: 0.0, [])
     throttle = Throttle(load_car("dart-01", [CARS]), bus, lambda _: None)
     with pytest.raises(BusError, match="0x40"):
@@ -214,7 +214,7 @@ def test_the_kernels_list_of_locks() -> None:
     assert parse_locks("", os.makedev(0, 5), 77) is None
 
 
-def test_a_held_port_is_seen_and_a_missing_one_is_nobodys(tmp_path: Path) -> None:
+def test_a_held_port_is_detected_and_a_missing_one_is_free(tmp_path: Path) -> None:
     port = tmp_path / "port"
     port.touch()
     assert holder(str(port)) is None
@@ -239,7 +239,7 @@ def test_words_reach_the_socket_that_the_environment_names(
         assert manager.recv(100) == b"READY=1\nSTATUS=here"
 
 
-def test_nobody_listens(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
     assert not notify("READY=1")
     monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "gone"))
@@ -386,7 +386,7 @@ def test_stop_ends_the_driver_and_leaves_no_pulse(scene: Scene, capsys: pytest.C
 
 
 @pytest.mark.realtime
-def test_stop_says_who_goes_on_driving(scene: Scene, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stop_names_who_goes_on_driving(scene: Scene, capsys: pytest.CaptureFixture[str]) -> None:
     driver = scene.driver("deaf")
     assert run_stop(scene) == 1
     captured = capsys.readouterr()

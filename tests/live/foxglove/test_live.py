@@ -71,7 +71,7 @@ def test_a_page_of_somebody_else_is_refused(shown_car):
         assert client.channels
 
 
-def test_read_only_means_that_nobody_drives(shown_car):
+def test_read_only_means_that_no_client_drives(shown_car):
     before = shown_car.car.recorder.trouble, shown_car.car.mode
     with shown_car.client() as client:
         client.advertise(1, "/cmd_vel")
@@ -95,7 +95,7 @@ def junk(rng):
 
 
 @pytest.mark.slow
-def test_fuzzed_messages_are_answered_and_harm_nobody(shown_car):
+def test_fuzzed_messages_are_answered_without_harm(shown_car):
     rng = random.Random(1)
     count = 400
     with shown_car.client() as other, shown_car.client() as client:
@@ -112,7 +112,7 @@ def test_fuzzed_messages_are_answered_and_harm_nobody(shown_car):
 
 
 @pytest.mark.slow
-def test_a_client_that_asks_and_does_not_read_is_let_go(shown_car, monkeypatch):
+def test_a_client_that_subscribes_and_does_not_read_is_closed(shown_car, monkeypatch):
     monkeypatch.setattr("dart_lab.live.foxglove.server.MAX_BACKLOG_BYTES", 20_000)
     one = Stalled(shown_car.server.port, [])
     with pytest.raises(OSError, match=r"reset|pipe"):
@@ -160,7 +160,7 @@ def share_received(client, seconds):
 
 
 @pytest.mark.slow
-def test_a_stalled_client_delays_nobody(shown_car):
+def test_a_stalled_client_delays_no_other(shown_car):
     """What it does not read is 20 MB."""
     with shown_car.client() as client:
         shown_car.car.log("bulk", np.zeros(100_000))

@@ -69,7 +69,7 @@ def test_a_bridge_that_hangs_just_before_the_silence_is_noticed():
         assert MAX_MESSAGE_AGE_S < car.last_driving() - LAST <= NEUTRAL
 
 
-def test_control_a_longer_hold_is_seen_at_the_pin(monkeypatch):
+def test_control_a_longer_hold_shows_at_the_pin(monkeypatch):
     monkeypatch.setattr(commands, "MAX_MESSAGE_AGE_S", 0.7)
     assert drive(WITHOUT_SAFETY).last_driving() - LAST > NEUTRAL
 
@@ -129,7 +129,7 @@ def test_a_trip_ends_the_bridge():
 
 
 @pytest.mark.slow
-def test_a_node_that_is_told_to_end_leaves_the_car_stopped():
+def test_a_node_that_is_interrupted_leaves_the_car_stopped():
     def each(car, t):
         if t > LAST:
             car.ros.close()

@@ -29,7 +29,7 @@ def test_go_and_a_throttle_drive(commands):
 
 
 @pytest.mark.parametrize("silent", ["safety_value", "throttle"])
-def test_silence_is_neutral_and_said_once(commands, silent):
+def test_silence_is_neutral_and_reported_once(commands, silent):
     spoken = {"safety_value": lambda t: commands.throttle(0.25, t),
               "throttle": lambda t: commands.safety(1.0, t)}[silent]
     for t in np.arange(1.005, 3.0, 0.01):
@@ -139,7 +139,7 @@ def test_a_go_that_was_there_while_it_armed_moves_nothing():
     assert commands.current_command(2.1).throttle == 0.3
 
 
-def test_the_angle_that_upstreams_helper_asks_for_is_the_one_that_is_steered():
+def test_the_angle_that_upstreams_helper_requests_is_steered():
     """Its table inverts the curve of car 1 by a hundred points."""
     command = np.linspace(-1.0, 1.0, 100)
     table = [steering_angle(s) for s in command]

@@ -71,7 +71,7 @@ def test_another_implementation_reads_the_bytes_and_writes_the_same(payloads, to
         assert same_cdr(data, TOPICS[topic].deserialize(data))
 
 
-def test_control_a_byte_that_is_wrong_is_seen(payloads):
+def test_control_a_byte_that_is_wrong_is_detected(payloads):
     data = bytearray(payloads["rt/odom"][0])
     data[-3] ^= 1
     sample = TOPICS["rt/odom"].deserialize(bytes(payloads["rt/odom"][0]))

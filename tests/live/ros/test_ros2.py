@@ -77,7 +77,7 @@ def test_what_is_published_is_the_cdr_of_ros_2(rclpy):
     assert sent["vicon/jetracer1"] == cdr.encode_external_pose(pose), "to the byte the recorder's"
 
 
-def test_what_is_heard_is_the_number_and_the_end_is_seen(rclpy):
+def test_what_is_received_is_the_number_and_the_end_is_detected(rclpy):
     node = Ros2("dart_hal_1")
     heard = []
     node.subscribe("throttle_1", heard.append)
@@ -93,7 +93,7 @@ def test_what_is_heard_is_the_number_and_the_end_is_seen(rclpy):
 
 
 @pytest.mark.parametrize(("node", "package"), [(Ros1, "rosgraph"), (Ros2, "rclpy")])
-def test_without_ros_it_says_what_to_install(monkeypatch, node, package):
+def test_without_ros_it_names_what_to_install(monkeypatch, node, package):
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(UsageError, match="needs ROS") as why:
         node("dart_hal_1")

@@ -58,7 +58,7 @@ def test_sensors_are_in_upstreams_order(driven):
     assert state.yaw_rate > 0.1, "left is positive"
 
 
-def test_every_sample_is_told(driven):
+def test_every_sample_is_published(driven):
     times = [m.fields["data"][0] for name, m in driven.ros.published
              if name == "sensors_and_input_3"]
     assert len(times) == pytest.approx(100.0 * times[-1], abs=2)
@@ -76,7 +76,7 @@ def test_the_simulators_topics_are_the_motion_of_the_centre_of_mass(driven):
     assert vy / vx == pytest.approx(tan(state.applied.steering) * l_r / 0.175, rel=0.3)
 
 
-def test_what_the_imu_cannot_tell_is_no_number():
+def test_what_the_imu_cannot_measure_is_no_number():
     with BridgedCar("sim://?nano=mock&seed=1") as car:
         state = next(car.car.states())
         writer = TopicWriter(1, 0.09, simulated=False)
@@ -85,7 +85,7 @@ def test_what_the_imu_cannot_tell_is_no_number():
     assert [isnan(value) for value in data] == [True, True, True, False]
 
 
-def test_a_recording_is_told_and_not_driven(tmp_path):
+def test_a_recording_is_published_and_not_driven(tmp_path):
     with Car.open("sim://?nano=mock&seed=1", record=tmp_path / "run.mcap") as car:
         speeds = [state.speed for state in car.states(duration=0.3)]
     ros = ToyRos()

@@ -19,7 +19,7 @@ from dart_lab.live.view.operator import MAX_WRONG_TOKENS, Operator, Refused
 
 @pytest.mark.parametrize("message", [m.Stop(), m.Take("x"), m.Drive(0.5, -1.0, 3.25),
                                      m.Release(), m.Record(True)])
-def test_what_a_page_may_say_is_read_back(message):
+def test_what_a_page_may_send_is_read_back(message):
     assert parse_message(msgspec.json.encode(message)) == message
 
 
@@ -49,7 +49,7 @@ ACTS = ("take", "leave", "release", "drive", "stop", "armed", "wanted")
 
 @given(st.lists(st.tuples(st.sampled_from(ACTS), st.sampled_from("ab"), st.floats(-0.1, 0.4),
                           st.floats(0.0, 0.3)), max_size=60))
-def test_whatever_is_said_only_the_driver_is_obeyed_and_not_for_long(steps):
+def test_only_the_driver_is_obeyed_and_not_for_long(steps):
     """A reference that keeps no state but the last command of the page that holds the wheel."""
     one = Operator(Access(1, token="t"))
     now = 10.0

@@ -54,7 +54,7 @@ def test_a_page_that_hangs_drives_no_longer(browsers):
         assert car.mode != "ARMED"
 
 
-def test_anybody_stops_it_and_says_so_to_all(browsers):
+def test_any_page_stops_it_and_all_are_informed(browsers):
     with live_page() as (car, page):
         one = browsers()
         other = browsers()
@@ -74,7 +74,7 @@ def test_anybody_stops_it_and_says_so_to_all(browsers):
 
 
 @pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
-def test_it_fits_and_asks_nobody_else(browsers, size):
+def test_it_fits_and_requests_nothing_from_elsewhere(browsers, size):
     with live_page(url="sim://?nano=mock&pace=1&lidar=1&map=room") as (_, page):
         one = browsers()
         one.open(page.urls[0], size)

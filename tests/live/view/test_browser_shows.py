@@ -86,7 +86,7 @@ def test_a_lost_car_is_red_within_a_second_and_the_other_is_not(browsers):
             loop.join()
 
 
-def test_what_is_refused_thirty_times_a_second_is_said_once_with_a_count(browsers):
+def test_what_is_refused_thirty_times_a_second_is_shown_once_with_a_count(browsers):
     with live_page() as (_, page):
         one = browsers()
         one.open(page.urls[0])

@@ -66,7 +66,7 @@ class LostCamera:
 
 @pytest.mark.realtime
 @pytest.mark.usefixtures("armed_esc")
-def test_one_that_is_gone_is_told_and_the_car_is_stopped_and_driven_as_ever():
+def test_a_missing_camera_is_reported_and_the_car_is_stopped_and_driven_as_ever():
     with Car.open("sim://?nano=mock&pace=1", camera=LostCamera()) as car, \
             car.view(port=0) as page, \
             join(page) as one:
@@ -81,7 +81,7 @@ def test_one_that_is_gone_is_told_and_the_car_is_stopped_and_driven_as_ever():
 
 @pytest.mark.realtime
 @pytest.mark.slow
-def test_pages_that_ask_for_images_and_read_none_delay_nobody():
+def test_pages_that_request_images_and_read_none_delay_no_other():
     """Forty connections that ask and stall; samples, STOP and another's images go on."""
     with live_page(url=URL) as (_, page):
         stalled = []

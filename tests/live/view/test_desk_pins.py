@@ -41,7 +41,7 @@ ENDS = {"released": lambda seat: seat.send_message("one", m.Release()),
 
 @pytest.mark.parametrize("how", ENDS)
 @pytest.mark.slow_except("released", "gone")
-def test_an_end_that_is_told_is_at_the_pin_at_once(how):
+def test_an_end_that_is_reported_is_at_the_pin_at_once(how):
     last, seat = end_of_hold(ENDS[how])
     assert last <= AT_ONCE
     assert seat.car.mode != "ARMED", "it is armed again by hand"
@@ -54,12 +54,12 @@ def test_a_page_that_falls_silent_leaves_the_car_neutral():
     assert any("silent" in text for text in seat.list_texts())
 
 
-def test_control_a_longer_hold_is_seen_at_the_pin(monkeypatch):
+def test_control_a_longer_hold_shows_at_the_pin(monkeypatch):
     monkeypatch.setattr(operator, "MAX_COMMAND_AGE_S", 0.4)
     assert end_of_hold(lambda seat: None)[0] > NEUTRAL
 
 
-def test_control_a_release_that_nobody_hears_is_seen_at_the_pin(monkeypatch):
+def test_control_a_release_that_is_not_received_shows_at_the_pin(monkeypatch):
     monkeypatch.setattr(Operator, "release", lambda self, page: None)
     assert end_of_hold(ENDS["released"])[0] > AT_ONCE
 
@@ -226,7 +226,7 @@ def test_who_drives_leaves_while_it_arms():
         assert "ARMED" not in [mode for _, mode in seat.modes]
 
 
-def test_whatever_another_page_sends_who_drives_drives_on():
+def test_the_driver_drives_on_under_any_message_of_another_page():
     junk = Junk(3)
     understood = []
 

@@ -41,7 +41,7 @@ def test_a_recording_that_a_page_begins_is_a_run(tmp_path):
         assert sum(state.speed > 0.1 for state in replay.states()) > 30
 
 
-def test_a_folder_that_cannot_be_written_is_said(tmp_path):
+def test_a_folder_that_cannot_be_written_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with AtTheDesk(folder=tmp_path / "file") as at:
         at.take_and_arm()
@@ -51,7 +51,7 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path):
         assert at.driving(at.now() - 0.1), "it drives on"
 
 
-def test_a_disk_that_fills_up_is_said_and_the_car_drives_on(tmp_path):
+def test_a_disk_that_fills_up_is_reported_and_the_car_drives_on(tmp_path):
     with AtTheDesk(folder=tmp_path) as at:
         at.take_and_arm()
         at.send_message("one", m.Record(True))
@@ -70,7 +70,7 @@ def test_a_disk_that_fills_up_is_said_and_the_car_drives_on(tmp_path):
     assert not RunReader(path).damaged, "what fitted can be read"
 
 
-def test_numbers_that_the_program_logs_are_told_when_they_change():
+def test_numbers_that_the_program_logs_are_sent_when_they_change():
     with AtTheDesk(drives=False) as at:
         at.car.log("mpc/cost", 3.5)
         at.car.log("mpc/plan", [1.0, 2.0])
@@ -81,7 +81,7 @@ def test_numbers_that_the_program_logs_are_told_when_they_change():
 
 
 @pytest.mark.slow
-def test_a_viewer_on_a_dead_link_is_told_and_hears_when_it_is_back():
+def test_a_viewer_on_a_dead_link_is_informed_and_again_when_it_is_back():
     with AtTheDesk(url="sim://?nano=mock&seed=1&fail=line:off@6s+2s") as at:
         at.take_and_arm()
         at.drive(6.5 - at.now(), lambda t: at.hold())

@@ -92,7 +92,7 @@ def test_the_script_drives_and_the_page_stops_it(stop_from_page):
     assert "RUN_STOP" in output
 
 
-def test_control_a_stop_that_nobody_obeys_is_seen_at_the_pin(stop_from_page):
+def test_control_a_stop_that_is_not_obeyed_shows_at_the_pin(stop_from_page):
     watcher, _, output = stop_from_page(lambda desk, now: None)
     assert driving(watcher.pulses, watcher.heard + 0.3), output
     # Not the exit code: where the computer stalls in these ten seconds, the car stops by itself.

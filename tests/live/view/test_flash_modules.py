@@ -145,7 +145,7 @@ def test_it_flashes_at_both_speeds_and_names_what_fails():
 
 @pytest.mark.slow
 @pytest.mark.realtime
-def test_nobody_answers_or_the_program_is_another():
+def test_no_answer_or_another_program():
     silent, other = flash_all([{"speed": 19200}, {}])
     assert (silent["kind"], silent["pages"]) == ("silent", 0)
     assert silent["speeds"] == [115200, 57600]

@@ -75,7 +75,7 @@ def test_its_stop_is_at_the_pins_of_all_cars():
     assert watched.texts == ["STOP ALL was pressed", "all cars have answered"]
 
 
-def test_control_cars_that_do_not_obey_are_seen(monkeypatch):
+def test_control_cars_that_do_not_obey_are_detected(monkeypatch):
     monkeypatch.setattr(StopRule, "drive_block", lambda self, now: "")
     lasts, states, _ = stop_room("local://deaf")
     assert max(lasts) > WITHIN
@@ -94,7 +94,7 @@ def test_a_car_that_falls_silent_is_lost_within_a_second():
         assert watched.states[-1][names[1]]["state"] == "lost"
 
 
-def test_it_drives_nobody():
+def test_it_drives_no_car():
     with Station("local://page2") as station:
         desk = FleetDesk([station])
         for message in (m.Take("x"), m.Arm(), m.Drive(0.0, 1.0, 0.0), m.Record(True)):
@@ -114,7 +114,7 @@ def test_it_is_served():
 
 
 @pytest.mark.parametrize("key", [None, RoomKey(b"key of the laboratory")], ids=["no key", "key"])
-def test_the_page_is_told_which_rooms_have_no_key(key):
+def test_the_page_knows_which_rooms_have_no_key(key):
     with Station("local://page4", room_key=key) as station:
         (rooms,) = map(json.loads, FleetDesk([station]).open_page("page"))
     assert rooms["open"] == ([] if key else ["local://page4"])

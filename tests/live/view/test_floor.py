@@ -73,7 +73,7 @@ def test_a_car_without_a_room_has_no_map(url):
 
 
 @pytest.mark.slow
-def test_other_cars_are_told_in_the_frame_of_this_one_alone():
+def test_other_cars_are_given_in_the_frame_of_this_one_alone():
     urls = [f"sim://?nano=mock&mocap=1&world=others&seed={n}&at={n},0,0" for n in (1, 2)]
     with Fleet.open(urls, room="local://others") as fleet:
         for _ in fleet.states(duration=1.5):

@@ -39,7 +39,7 @@ def read_on(socket):
         socket.recv(timeout=5.0)
 
 
-def test_the_page_is_small_and_asks_nobody_else():
+def test_the_page_is_small_and_requests_nothing_from_elsewhere():
     with live_page(drives=False) as (_, page):
         headers, html = fetch(page, "/")
         assert "default-src 'self'" in headers["Content-Security-Policy"]
@@ -90,7 +90,7 @@ def test_every_sample_arrives_at_each_of_five_pages():
 
 
 @pytest.mark.slow  # until the kernel's buffers are full
-def test_a_page_that_does_not_read_is_sent_away_and_delays_nobody(monkeypatch, caplog):
+def test_a_page_that_does_not_read_is_closed_and_delays_no_other(monkeypatch, caplog):
     monkeypatch.setattr(server, "MAX_WAITING_BYTES", 2_000)
     with live_page(drives=False) as (_, page), join(page) as stalled, join(page) as other:
         stalled.socket.setsockopt(SOL_SOCKET, SO_RCVBUF, 2048)  # little fits on the way
@@ -128,7 +128,7 @@ def test_a_drive_over_the_socket_and_its_wrong_turns():
         assert car.mode == "TRIPPED"
 
 
-def test_a_page_that_is_too_loud_or_only_guesses_is_closed():
+def test_a_page_that_sends_too_much_or_only_guesses_is_closed():
     with live_page() as (_, page):
         with join(page) as huge:
             huge.send("x" * 100_000)
@@ -144,7 +144,7 @@ def test_a_page_that_is_too_loud_or_only_guesses_is_closed():
 
 
 @pytest.mark.slow
-def test_whatever_pages_send_nobody_gets_control_and_others_are_served():
+def test_no_message_of_a_page_gains_control_and_others_are_served():
     """Random, huge, malformed and nearly right messages over real sockets, opened again where they
     were closed."""
     junk = Junk(7)
@@ -170,7 +170,7 @@ def test_whatever_pages_send_nobody_gets_control_and_others_are_served():
         assert car.recorder.path is None
 
 
-def test_a_port_in_use_is_said():
+def test_a_port_in_use_is_reported():
     with live_page(drives=False) as (car, page), \
             pytest.raises(UsageError, match="cannot be served"):
         car.view(port=page.access.port)

@@ -77,7 +77,7 @@ def test_a_stick_a_key_and_a_gamepad_that_report_nothing_grow_old(page):
     assert page.run("return ages.at(-1)") > 400
 
 
-def test_a_held_stick_without_a_report_is_neutral_and_says_why(browsers):
+def test_a_held_stick_without_a_report_is_neutral_with_a_reason(browsers):
     with live_page() as (car, page):
         one = browsers()
         one.open(page.urls[0])

@@ -118,7 +118,7 @@ def test_space_stops_with_every_focus(car_page):
     assert silent == []
 
 
-def test_control_a_page_that_leaves_space_to_menus_is_seen(browsers, monkeypatch):
+def test_control_a_page_that_leaves_space_to_menus_is_detected(browsers, monkeypatch):
     real = server.load_assets
 
     def change_page(page):
@@ -282,7 +282,7 @@ def stop_of(browser, car):
     assert car.mode == "TRIPPED"
 
 
-def test_a_stop_that_reaches_nobody_is_told(browsers):
+def test_a_stop_that_reaches_no_car_is_reported(browsers):
     with live_page() as (_, page):
         one = browsers()
         one.open(page.urls[0])

@@ -149,7 +149,7 @@ def test_a_flood_of_sockets_replaces_few_pages_a_second():
         assert came <= 2 + (time.monotonic() - began) / server.MIN_REPLACE_PERIOD_S
 
 
-def test_a_page_of_another_origin_replaces_nobody():
+def test_a_page_of_another_origin_replaces_no_page():
     with live_page() as (_, page), ExitStack() as stack:
         fill_places(page, stack)
         for _ in range(3):
@@ -160,7 +160,7 @@ def test_a_page_of_another_origin_replaces_nobody():
 
 
 @pytest.mark.slow
-def test_control_without_that_request_a_stranger_at_a_full_page_cannot_stop(monkeypatch):
+def test_control_without_that_request_a_newcomer_at_a_full_page_cannot_stop(monkeypatch):
     monkeypatch.setattr(server, "STOP_PATH", "/none")
     with live_page() as (car, page), join(page) as driver, ExitStack() as stack:
         arm(page, driver)

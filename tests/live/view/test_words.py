@@ -50,7 +50,7 @@ def trip_of(desk):
     return [one["trips"] for one in desk.messages if one["type"] == "status" and one["trips"]][-1]
 
 
-def test_a_stop_at_a_page_is_told_as_that():
+def test_a_stop_at_a_page_is_reported_as_that():
     with AtTheDesk() as desk:
         desk.take_and_arm()
         desk.send_message("two", m.Stop())
@@ -62,7 +62,7 @@ def test_a_stop_at_a_page_is_told_as_that():
 
 
 @pytest.mark.parametrize("stops", [True, False], ids=["stopped", "watcher gone"])
-def test_a_stop_of_the_room_is_told_as_that(stops):
+def test_a_stop_of_the_room_is_reported_as_that(stops):
     with AtTheDesk() as desk, join(desk.car, f"local://words-{stops}", name="red",
                                    beat_within=0.3), \
             Station(f"local://words-{stops}", "base", now=desk.now) as station:
@@ -80,7 +80,7 @@ def test_a_stop_of_the_room_is_told_as_that(stops):
         leave()
 
 
-def test_a_program_that_stops_the_car_is_told():
+def test_a_program_that_stops_the_car_is_reported():
     with AtTheDesk() as desk:
         desk.take_and_arm()
         desk.car.run_stop(True)
@@ -102,7 +102,7 @@ def coasting(desk):
 
 
 @pytest.mark.slow
-def test_arming_while_the_car_coasts_says_to_wait():
+def test_arming_while_the_car_coasts_requests_to_wait():
     """It is no fault: the text names no other cause, and the list of the page no trip."""
     with AtTheDesk(max_throttle=1.0) as desk:
         assert WAIT_FOR_REST in coasting(desk)

@@ -148,7 +148,7 @@ def test_text_gives_effects():
 @pytest.mark.parametrize("text", ["steering_lag", "steering_lag:", "steering_lag:fast",
                                   "steering_lag:0.1:0.2", "steering_lag:k=0.1:k=0.2", "lag:0.1",
                                   "steering_lag:T=0.1"])
-def test_text_that_says_nothing_is_refused(text):
+def test_text_without_content_is_refused(text):
     with pytest.raises(UsageError):
         parse_effects(text)
 

@@ -41,7 +41,7 @@ def car_with_all(p, size=0):
 
 
 @pytest.mark.parametrize("car", CARS)
-def test_floats_arrays_and_a_stack_move_a_car_with_all_effects_alike(car):
+def test_floats_arrays_and_a_stack_move_a_car_with_all_effects_equally(car):
     x = states()
     cars = [car_with_all(CARS[car], size) for size in (0, 1)]
     alone = np.array([[make_car_step(p, math, DT)(*column) for column in x.T.tolist()]
@@ -53,7 +53,7 @@ def test_floats_arrays_and_a_stack_move_a_car_with_all_effects_alike(car):
     assert np.abs(alone[0] - alone[1]).max() > 1e-3
 
 
-def test_symbols_move_a_car_with_all_effects_alike():
+def test_symbols_move_a_car_with_all_effects_equally():
     """No branch, no float(): parameters and states are symbols of a graph."""
     p = car_with_all(PAPER)
     x = states(1)[:, 0].tolist()

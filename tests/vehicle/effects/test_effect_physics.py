@@ -224,7 +224,7 @@ def test_compliance_solves_its_own_equation(k, car):
 
 
 @pytest.mark.parametrize("car", CARS)
-def test_compliance_in_reverse_adds_slip_and_no_more_than_it_says(car):
+def test_compliance_in_reverse_adds_slip_and_no_more_than_stated(car):
     p = CARS[car]
     draw = np.random.default_rng(6)
     vx, vy, om, delta = draw.uniform([-3, -1, -6, -0.5], [3, 1, 6, 0.5], (20000, 4)).T

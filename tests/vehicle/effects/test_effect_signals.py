@@ -42,7 +42,7 @@ def step_series(p, channel, signal, now):
 
 
 @pytest.mark.parametrize("name", ["steering_backlash", "steering_rate_limit"])
-def test_tick_by_tick_gives_the_series_where_the_signal_stands_still(name):
+def test_tick_by_tick_gives_the_series_where_the_signal_is_constant(name):
     """It is not asked again until it moves, and not before the state has come to rest."""
     (channel,) = find_effect(name).signals
     p = apply(PAPER, name, **medium(find_effect(name)))
@@ -179,7 +179,7 @@ def ring_of(marks, period, v, seconds=40.0):
 
 
 @pytest.mark.parametrize("v", [0.13, 0.31, 1.7, -0.31])
-def test_a_ring_without_a_mark_reads_as_counting_says(v):
+def test_a_ring_without_a_mark_reads_as_counted(v):
     """200 marks without the first 20: what is counted in 0.1 s, to a count or two."""
     marks = (np.arange(200) + 0.5) / 200.0
     want, turns = ring_of(marks[20:], 200, v)
@@ -225,7 +225,7 @@ def test_a_turned_imu_sees_force_along_its_own_axes(text, axes):
 
 @pytest.mark.parametrize(("name", "x", "y"), [
     ("imu_lever_arm", 0.1, 0.0), ("imu_offset_y", 0.0, 0.1)])
-def test_an_imu_feels_the_motion_of_its_own_place(name, x, y):
+def test_an_imu_measures_the_motion_of_its_own_place(name, x, y):
     """Acceleration of a point on a turning car, by differences of its path."""
     t = np.arange(0.0, 1.0, 1e-4)
     yaw = 0.8 * t + 0.6 * np.sin(2.0 * t)

@@ -39,7 +39,7 @@ def test_it_finds_what_one_fit_of_parameters_and_starts_together_finds(problem):
     assert np.sqrt(np.diag(plain_covariance(found))) == pytest.approx(error, rel=0.15)
 
 
-def test_a_parameter_ends_at_its_bound_and_says_so(problem):
+def test_a_parameter_ends_at_its_bound_and_reports_it(problem):
     from dataclasses import replace
 
     found, _ = fit_free_starts(replace(problem, high=np.array([1.5, 2.0])), np.array([1.0, 0.0]),
@@ -48,7 +48,7 @@ def test_a_parameter_ends_at_its_bound_and_says_so(problem):
     assert found.x[0] == 1.5
 
 
-def test_blocks_of_parts_stay_apart():
+def test_blocks_of_parts_stay_separate():
     owner, block = pool_blocks([np.array([4, 4, 9]), np.array([4, 5])])
     assert owner.tolist() == [0, 0, 0, 1, 1]
     assert block.tolist() == [0, 0, 1, 2, 3]

@@ -48,7 +48,7 @@ def step_in_box(normal, slope, low, high):
     return move
 
 
-def test_to_hold_whatever_leaves_the_box_ends_above_the_beginning():
+def test_holding_all_that_leaves_the_box_ends_above_the_beginning():
     a = np.array([[0.5, -0.9, 0.7], [1.7, 1.4, 1.7], [-1.1, -1.1, -1.0], [1.9, 2.3, 2.0]])
     box = np.array([-0.2, -0.7, 0.0]), np.array([0.6, 1.0, 0.9])
     of = a.T @ a + 0.01 * np.eye(3), np.array([0.9, 0.6, 0.4])
