@@ -39,6 +39,7 @@ from dart_hal.recording.dart.model import (
 from dart_hal.recording.dart.reader import MIN_MOCAP_ROWS, note_false_lock
 from dart_hal.recording.dart.schema import MOCAP_COLUMNS
 from dart_hal.recording.dart.sensors import MAX_MESSAGE_GAP
+from dart_hal.recording.dart.steering_sign import steering_note
 from dart_hal.recording.mcap_records import (
     IMPORT_NOTE,
     JSON,
@@ -215,7 +216,9 @@ def read_imported(path: Path, digest: str, frames: int, *, poses: bool = True,
         commands=None if mocap is None else AppliedCommands(
             freeze(commands.t - zero), freeze(commands.values[:, 1]),
             freeze(commands.values[:, 0])))
-    return note_false_lock(made) if mocap is not None and "encoder" in sensors else made
+    if mocap is not None and "encoder" in sensors:
+        made = note_false_lock(made)
+    return replace(made, notes=(*made.notes, *steering_note(made)))
 
 
 def _read_poses(data: ImportedData) -> tuple[Mocap | None, float | None, list[Note]]:

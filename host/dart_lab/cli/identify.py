@@ -24,6 +24,7 @@ from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.core.figures import new_figure
 from dart_hal.recording.dart import Recording, Reference
+from dart_hal.recording.dart.steering_sign import refuse_reversed_steering
 from dart_hal.recording.fetch import find
 from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
@@ -154,8 +155,10 @@ def _read(files: Sequence[Path], reference: Reference | None, car_name: str | No
           cars: Path | None) -> tuple[list[Recording], list[tuple[str, str]]]:
     with progress_bar() as bar:
         bar.add_task("reading", total=None)
-        return read_any(files, reference=reference,
-                        car=NamedCar(car_name, str(cars) if cars else None))
+        recordings, skipped = read_any(files, reference=reference,
+                                       car=NamedCar(car_name, str(cars) if cars else None))
+    refuse_reversed_steering(recordings)
+    return recordings, skipped
 
 
 def _check(submodel: str, files: Sequence[Path], root: Path | None,

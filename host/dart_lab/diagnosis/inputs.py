@@ -10,6 +10,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from dart_hal.car.runs import read_run
 from dart_hal.compat import load_moved_name
 from dart_hal.core.errors import RecordingError, UsageError
@@ -25,6 +27,10 @@ from .policy import USUAL, InputPolicy
 
 NOT_OBSERVED = ("position, side slip, the mocap's own errors and whatever shows in them "
               "cannot be known")
+
+
+# Channel of ``Messages`` by which a sensor is present.
+SENSOR_CHANNELS = {"encoder": "speed", "gyro": "yaw_rate", "accelerometer": "accel_y"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,9 +146,11 @@ def _select_kind(sets: list[list[Recording]], notes: list[str]) -> list[list[Rec
         if dead:
             notes.append(f"{some(dead)}: the encoder is dead, so the encoder is not judged there. "
                          "Check its plug, ring and distance, and record again")
-        if not any(has_sensors(r) for r in with_mocap[0]):
-            notes.append("no on-board sensors in the training recordings: encoder, gyro and "
-                         "accelerometer cannot be judged")
+        missing = [name for name, channel in SENSOR_CHANNELS.items()
+                   if not any(_measures(r, channel) for r in with_mocap[0])]
+        if missing:
+            notes.append(f"no {' and no '.join(missing)} in the training recordings, so "
+                         "their errors cannot be judged")
         return with_mocap
     onboard = [[_remove_mocap(r) for r in part if has_sensors(r)] for part in sets]
     lost = [r.name for part in sets for r in part if not has_sensors(r)]
@@ -151,11 +159,23 @@ def _select_kind(sets: list[list[Recording]], notes: list[str]) -> list[list[Rec
             "neither motion capture nor a working encoder: the motion of the car is unknown",
             found=some(lost), expected="motion capture, or an encoder that counts",
             read=some(lost), remedy="dart-hal doctor finds a dead encoder; then record again")
+    if not all(_measures(r, "yaw_rate") for part in onboard for r in part):
+        raise RecordingError(
+            "neither motion capture nor a gyro: the turns of the car are unknown",
+            found=some([r.name for part in onboard for r in part
+                        if not _measures(r, "yaw_rate")]),
+            expected="poses, or an encoder and a gyro",
+            remedy="dart-hal identify friction FILES, and motor, need the encoder alone")
     if lost:
         notes.append(f"{some(lost)}: no motion capture and no working encoder, left out")
     where = "" if not with_mocap[0] and not with_mocap[1] else " on both sides"
     notes.append(f"no motion capture{where}: judged by the car's own sensors alone; {NOT_OBSERVED}")
     return onboard
+
+
+def _measures(r: Recording, channel: str) -> bool:
+    """Return whether a channel of the messages has a value."""
+    return r.schema != "C" and bool(np.isfinite(getattr(r.messages, channel)).any())
 
 
 def _remove_mocap(r: Recording) -> Recording:

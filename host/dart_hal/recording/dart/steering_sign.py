@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dart_hal.core.errors import RecordingError
@@ -30,6 +32,22 @@ def steering_note(recording: Recording) -> list[Note]:
     return [Note("caution: the car turns to the other side than the steering command says "
                  f"(correlation {found:.2f}): + is to the left; turn the column over (multiply "
                  "'steering' by -1)", kind="steering_reversed")]
+
+
+def refuse_reversed_steering(recordings: Sequence[Recording]) -> None:
+    """Raise RecordingError if a recording turns to the other side than its commands.
+
+    A fit would find amplitudes at their bounds, and wrong tyres.
+    """
+    reversed_ones = [r.name for r in recordings
+                     if any(note.kind == "steering_reversed" for note in r.notes)]
+    if reversed_ones:
+        raise RecordingError(
+            f"the car turns to the other side than the steering command in {len(reversed_ones)} "
+            f"of {len(recordings)} recordings", found=", ".join(reversed_ones[:5]),
+            read=", ".join(reversed_ones[:5]), expected="a positive command to turn left",
+            remedy="multiply the column 'steering' by -1; in the map of an import: value of "
+                   "[steering] needs sign = -1")
 
 
 def follow(recording: Recording) -> float | None:

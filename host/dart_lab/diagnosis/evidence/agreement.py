@@ -53,7 +53,7 @@ def drop_dead_gyro(r: Recording, notes: list[str], policy: InputPolicy) -> Recor
     """Replace a gyro that never changes while the car turns by NaN, and add a note."""
     rate = r.messages.yaw_rate
     turns = np.nan_to_num(np.abs(motion_at_messages(r).omega)) > policy.turning
-    if (r.mocap is None or turns.sum() < MIN_READINGS
+    if (r.mocap is None or not np.isfinite(rate).any() or turns.sum() < MIN_READINGS
             or not np.nanmax(np.abs(rate), initial=0.0) < policy.dead_gyro):
         return r
     if r.schema != "C":

@@ -1,0 +1,65 @@
+"""Any subset of the sensors is enough for what it determines; the rest is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from dart_hal.car.runs import read_run
+from dart_hal.core.errors import RecordingError
+from dart_hal.recording.imported import write_imported
+from dart_hal.vehicle.sets import PAPER
+from dart_lab.diagnosis.inputs import check_inputs
+from dart_lab.diagnosis.run import make_evidence
+from dart_lab.importing import convert_tables
+from dart_lab.importing.maps import parse_map
+from dart_lab.importing.tables import Table
+from tests.importing.logs import MAP, make_log
+
+STREAMS = ("poses", "encoder", "gyro", "accelerometer")
+
+
+@pytest.fixture(scope="module")
+def log():
+    return make_log(40.0)
+
+
+def record(log, path, streams):
+    """Write an imported recording with these streams, and read it."""
+    parts = MAP.split("[")
+    text = "[".join([parts[0], *(p for p in parts[1:] if p.split("]")[0] in
+                                 ("steering", "throttle", *streams))])
+    write_imported(convert_tables([Table("log", log)], parse_map(text, "map")), path)
+    return read_run(path)
+
+
+@pytest.mark.parametrize("streams", [
+    ("poses",), ("poses", "encoder"), ("poses", "gyro"), ("poses", "accelerometer"),
+    ("poses", "encoder", "gyro"), ("encoder", "gyro"), STREAMS],
+    ids="+".join)
+def test_a_diagnosis_takes_what_there_is_and_names_what_is_missing(log, tmp_path, streams):
+    r = record(log, tmp_path / "run.mcap", streams)
+    inputs = check_inputs([r], [], PAPER)
+    notes = " ".join(inputs.notes)
+    for name in STREAMS[1:]:
+        said = f"no {name}" in notes
+        assert said == ("poses" in streams and name not in streams), notes
+    assert "is dead" not in notes
+    evidence, windows = make_evidence(inputs.train, PAPER.body.l_r)
+    assert sum(windows) > 0
+    found = evidence.residuals(PAPER)
+    assert np.isfinite(found.motion).all()
+    channels = np.isfinite(found.sensors).any(axis=0)
+    if "poses" in streams:
+        assert channels.tolist() == [name in streams for name in
+                                     ("encoder", "gyro", "accelerometer", "accelerometer")]
+
+
+@pytest.mark.parametrize(("streams", "what"), [
+    (("encoder",), "the turns of the car are unknown"),
+    (("encoder", "accelerometer"), "the turns of the car are unknown"),
+    (("gyro", "accelerometer"), "the motion of the car is unknown")], ids=lambda v: str(v)[:20])
+def test_sensors_that_do_not_determine_the_motion_are_refused(log, tmp_path, streams, what):
+    r = record(log, tmp_path / "run.mcap", streams)
+    with pytest.raises(RecordingError, match=what):
+        check_inputs([r], [], PAPER)
