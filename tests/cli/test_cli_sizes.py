@@ -136,7 +136,8 @@ def test_values_are_compared_with_the_base_that_was_used(verb, own_recording, tm
     assert "paper" not in fit
     table = verb("identify", "steering", "--dry-run", "--base", base, own_recording).out
     assert "base" in table.partition("identifiable")[0].splitlines()[-1]
-    other = verb("identify", "steering", "--json", "--dry-run", own_recording).json["fits"]["steering"]
+    other = verb("identify", "steering", "--json", "--dry-run",
+                 own_recording).json["fits"]["steering"]
     assert other["base"]["parameters"]["a_left_rad"] == pytest.approx(0.330138, abs=1e-3)
     assert "paper" not in other
 

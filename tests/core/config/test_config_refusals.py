@@ -83,7 +83,7 @@ def test_a_value_out_of_range_is_refused_by_its_key(line, key) -> None:
 def test_standard_error_of_a_size_that_cannot_be_is_refused(std, key) -> None:
     text = CAR.format("").replace("mass = 1.67", f"mass = 1.67, std = {{ {std} }}")
     assert "std" in text
-    assert key in refused(lambda t: parse_config(t, "file.toml"), text).what
+    assert key in read_refused(lambda t: parse_config(t, "file.toml"), text).what
 
 
 def test_axles_that_do_not_add_up_to_the_wheelbase_are_refused() -> None:
