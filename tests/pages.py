@@ -1,4 +1,4 @@
-"""What a page that a verb writes asks of the network: it must be nothing."""
+"""Requests of a page, written by a verb, to the network: there must be none."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ def strip_data(page: str) -> str:
 
 
 def foreign(page: str) -> list[str]:
-    """Whatever a browser would fetch or run."""
+    """All that a browser would fetch or run."""
     return OUTSIDE.findall(strip_data(page))

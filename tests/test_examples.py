@@ -1,4 +1,4 @@
-"""Every example runs as it stands; the URL alone decides on which car."""
+"""Every example runs unchanged; the URL alone decides on which car."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The examples that diagnose: what was hidden is named, and knowing it is worth something.
+"""The examples that diagnose: what was hidden is named, and knowing it improves the drive.
 
-With fewer effects and controllers to choose from than as they stand; that is
+With fewer effects and controllers to choose from than by default; that is
 among the slow tests.
 """
 

@@ -1,4 +1,4 @@
-"""A checkout in a folder whose name make or the shell take apart: it builds, or says why not."""
+"""A checkout in a folder whose name make or the shell split: it builds, or names the reason."""
 
 from __future__ import annotations
 

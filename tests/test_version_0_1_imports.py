@@ -1,4 +1,4 @@
-"""Programs of version 0.1 import what they did, and are told the new path."""
+"""Programs of version 0.1 import what they did, and get the new path in a warning."""
 
 from __future__ import annotations
 

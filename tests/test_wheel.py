@@ -188,7 +188,7 @@ def test_at_most_ten_packages_are_needed(wheel):
 
 @pytest.mark.parametrize("emulator", [False, True])
 def test_the_demo_runs_in_an_empty_folder(programs, tmp_path, emulator):
-    """On the mock, which it says; from the emulator where one is built."""
+    """On the mock, which is reported; from the emulator where one is built."""
     place = tmp_path / "libdartemu.so"
     if emulator:
         try:

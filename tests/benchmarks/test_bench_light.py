@@ -1,4 +1,4 @@
-"""The bench of the light path runs, with tiny sizes, and names its rows apart."""
+"""The bench of the light path runs, with tiny sizes, and gives each row its own name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's optimiser beside ours: same problems, and it ends where the paper's did."""
+"""The paper's optimiser compared with ours: same problems, and it ends where the paper's did."""
 
 from __future__ import annotations
 

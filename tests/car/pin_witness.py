@@ -1,4 +1,4 @@
-"""Sees every pulse of the ESC pin beside what the car said at that time."""
+"""Record every pulse of the ESC pin with the mode of the car at that time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ LIVE = ("ARMED", "RAW")
 
 @dataclass
 class Witness:
-    """``world`` of a simulated car; call ``says`` at every State and after every call.
+    """``world`` of a simulated car; call ``record_mode`` at every State and after every call.
 
     ``muted``: times from which no heartbeat reached the Nano; ``resets`` of it
     and of the PCA9685.
@@ -57,8 +57,8 @@ class Witness:
     def check(self, *, cutoff: str) -> None:
         """Every new pulse is neutral, or a live mode and a live command allow it.
 
-        Without a ``cutoff`` FAULT may say that nobody knows what the pin
-        carries. /OE acts in the middle of a pulse, and so does a chip that is
+        Without a ``cutoff`` FAULT may mean that the state of the pin is unknown.
+        /OE acts in the middle of a pulse, and so does a chip that is
         reset: they may leave a stub, shorter than neutral, at that moment or
         before or behind the gap that they make. With the bus gone
         and the heartbeats too the Nano acts when it misses them.
@@ -78,7 +78,7 @@ class Witness:
                 f"{length:.0f} us at t = {rise:.4f} s while {allowed_modes}", self.modes[-6:])
             if "FAULT" not in allowed_modes:
                 assert any(t <= fall and fall <= until + EXPIRY for t, until in
-                           self.commands[-200:]), f"{length:.0f} us at {rise:.4f} s by nobody"
+                           self.commands[-200:]), f"{length:.0f} us at {rise:.4f} s, no command"
         self._checked += len(complete)
 
     def _at_a_gap(self, k: int) -> bool:

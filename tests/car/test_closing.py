@@ -1,4 +1,4 @@
-"""Closing is complete whatever goes wrong on the way: neutral first, then everything else."""
+"""Closing is complete under any failure: neutral first, then everything else."""
 
 from __future__ import annotations
 

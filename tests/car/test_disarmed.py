@@ -1,4 +1,4 @@
-"""A trip must not pass unseen by a program that goes on commanding."""
+"""A trip is reported to a program that goes on commanding."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ VALID = 0.2  # s
 
 def driven_on(again=False):
     """Of a program that drives on: (pulses [us] at the ESC since its command expired, throttles
-    that States told since, number of commands refused). again: it arms once more.
+    of States since, number of commands refused). again: it arms once more.
     """
     backend = open_backend("sim://?nano=mock")
     pulses = []
@@ -61,7 +61,7 @@ def test_every_pulse_after_the_trip_is_neutral_and_every_command_refused():
 
 
 def test_a_program_that_arms_again_drives():
-    """Control: the pin is seen."""
+    """Control: the pin is observed."""
     widths, throttles, refused = driven_on(again=True)
     assert refused == 0
     with pytest.raises(AssertionError):

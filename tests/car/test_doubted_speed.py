@@ -1,4 +1,4 @@
-"""Encoders that lie: what ``drive_speed`` makes of them, how soon it is said, what covers it."""
+"""Wrong encoders: what ``drive_speed`` makes of them, how soon it is reported, what covers it."""
 
 from __future__ import annotations
 
@@ -54,7 +54,8 @@ def phantom(world) -> None:
 
 def drive(tmp_path, fault, *, target_speed: float, t_fault: float, believed: bool = False,
           seconds: float = 3.0, seed: int = 3) -> Run:
-    """``drive_speed(asked)`` with a fault at ``at`` s; believed: nobody doubts the encoder."""
+    """``drive_speed(target_speed)`` with a fault at ``t_fault`` s; believed: no check of the
+    encoder."""
     backend = open_backend(f"sim://?nano=mock&seed={seed}")
     run = Run()
     with Car.over(backend, cars=tmp_path) as car:
@@ -155,7 +156,7 @@ def spins(world) -> None:
 
 @pytest.mark.slow
 def test_a_wheel_that_spins_for_a_moment_is_no_ring_that_lost_its_marks(tmp_path):
-    """Said soon, nothing is held against the ring, and the brakes do not turn its sign."""
+    """Reported soon, nothing is held against the ring, and the brakes do not turn its sign."""
     run = drive(tmp_path, spins, target_speed=2.0, t_fault=1.7, seconds=1.0)
     assert run.flagged["ENCODER_SLIPS"] < 0.1
     assert "ENCODER_LOW" not in run.flagged

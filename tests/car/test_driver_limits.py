@@ -43,7 +43,7 @@ class Lab:
         nano.set_wheel = lambda _: None
 
     def hold(self) -> None:
-        """Somebody holds the whole car: it neither rolls nor feels anything."""
+        """The whole car is held: it neither rolls nor measures any motion."""
         world_of(self.backend).motion.step = lambda *_: Felt(0.0, 0.0, 0.0, 0.0, 0.0)
 
     def wait(self, seconds: float) -> None:
@@ -250,7 +250,7 @@ def cut_off(states: list[tuple[bool, float]]) -> set[float]:
 
 
 def test_what_the_nano_cuts_off_is_not_applied(tmp_path):
-    """From the frame that says so the State has no throttle."""
+    """From the frame that reports it the State has no throttle."""
     assert cut_off(applied_behind_a_cut(tmp_path)) == {0.0}
 
 

@@ -1,4 +1,4 @@
-"""``State.estimate``: where the car is and how it moves, and never surely where it is not."""
+"""``State.estimate``: where the car is and how it moves, and never confident of a wrong place."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def test_ahead_it_goes_on_along_its_arc():
 
 
 def test_the_present_moment_is_on_the_clock_of_the_states():
-    """A State is 1 to 2 ms old when it is told; by then the car has gone on."""
+    """A State is 1 to 2 ms old when it arrives; by then the car has gone on."""
     with Car.open("sim://?nano=mock") as car:
         for _ in car.states(duration=0.2):  # what came while it was opened
             pass

@@ -50,7 +50,7 @@ def plain(message):
 
 
 def same(one, other):
-    """Whether two bags hold the same; which of one moment comes first is not said."""
+    """Whether two bags hold the same; the order within one moment is not defined."""
     one, other = ([(topic, t, plain(m)) for topic, t, m in sorted(bag, key=lambda m: (m[1], m[0]))]
                   for bag in (one, other))
     return one == other

@@ -1,4 +1,4 @@
-"""A car that is seen from outside: States say where it is in the room, and replay the same."""
+"""A car with external poses: States have its place in the room, and replay the same."""
 
 from __future__ import annotations
 

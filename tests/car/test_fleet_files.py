@@ -30,7 +30,7 @@ def test_there_is_one_entry_for_each_car(given):
 
 
 class Named:
-    """What ``_distinct`` asks of a car."""
+    """The members of a car that ``_distinct`` uses."""
 
     def __init__(self, name: str, *, simulated: bool) -> None:
         self.url = f"serial:///dev/{name}"

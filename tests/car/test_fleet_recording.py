@@ -79,7 +79,7 @@ def test_naming_no_car_or_another_lists_those_that_are_there(drive):
 
 
 class SetClock:
-    """A computer whose calendar jumps back by an hour each time it was asked."""
+    """A computer whose calendar jumps back by an hour at each reading."""
 
     def __init__(self):
         self.wall = 1_700_000_000 * 10**9
@@ -119,7 +119,7 @@ def test_clocks_that_began_at_other_times_are_brought_to_one(tmp_path, monkeypat
     (5.0, 9.0, [1_699_999_995 * 10**9, 1_699_999_991 * 10**9])])
 def test_the_first_car_decides_whether_a_file_has_a_calendar(tmp_path, monkeypatch, first, second,
                                                              zeros):
-    """Else a virtual car beside a real one would be 50 years away."""
+    """Else a virtual car with a real one would be 50 years away."""
     monkeypatch.setattr("dart_hal.recording.run_file.time", SetClock())
     monkeypatch.setattr("dart_hal.recording.run_file.elapsed_ns", lambda: 200 * 10**9)
     shared = RunFile(tmp_path / "run.mcap")

@@ -1,4 +1,4 @@
-"""Whatever passes the CRC, the receiver takes it: no exception, no number that is none."""
+"""The receiver takes all that passes the CRC: no exception, no number that is none."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NAMES = [f.name for f in STATE.fields]
 
 
 class Deaf:
-    """A link nobody listens to."""
+    """A link without a listener."""
 
     def write(self, data):
         """Nobody."""
@@ -32,7 +32,7 @@ class Deaf:
 
 @pytest.fixture(scope="module")
 def car_files():
-    """Files of a car, and what its PCA9685 carries while it stands."""
+    """Files of a car, and what its PCA9685 carries at rest."""
     with Car.open("sim://?nano=mock") as car:
         for state in car.states(duration=0.05):
             applied = state.applied
@@ -147,7 +147,7 @@ def test_parameters_are_those_of_this_boot(car_files):
     ear.feed(encode(PARAM_VALUE, 1, {"id": 10, "status": OK, "req_seq": 0, "value": 110}),
              0.0, applied)
     ear.feed(encode(HELLO, 2, hello), 0.1, applied)
-    assert ear.params == {10: 110}, "the same boot says hello again"
+    assert ear.params == {10: 110}, "the same boot sends hello again"
     at = next(k for k, f in enumerate(_flat(HELLO)) if f == "boot_count")
     other = [*hello[:at], hello[at] ^ 1, *hello[at + 1:]]
     ear.feed(encode(HELLO, 3, other), 0.2, applied)

@@ -8,7 +8,7 @@ from dart_hal.car import Car
 
 
 class Guard:
-    """In the place of ``GuardPost``: it has seen this program hang, or has not."""
+    """In the place of ``GuardPost``: it has noticed a hang of this program, or has not."""
 
     age = 0.0
 
@@ -28,7 +28,7 @@ class Guard:
 @pytest.mark.parametrize("throttle", [0.0, 0.2])
 @pytest.mark.parametrize("tripped", [True, False])
 def test_a_tripped_guard_disarms_also_at_neutral(tripped, throttle):
-    """At neutral no write asks the gate: the step itself must look. The control: not tripped."""
+    """At neutral no write reads the gate: the step itself must look. The control: not tripped."""
     with Car.open("sim://?nano=mock", raise_on_trip=False) as car:
         car.arm()
         car._engine.driver._guard = Guard(tripped)

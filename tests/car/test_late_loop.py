@@ -1,4 +1,5 @@
-"""A loop that is too slow for a car: counted by the wall clock, said once, in virtual time too."""
+"""A loop that is too slow for a car: counted by the wall clock, reported once, in virtual time
+too."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ MOCK = "sim://?seed=1&nano=mock"
 
 
 class Wall:
-    """A wall clock that goes when it is told."""
+    """A wall clock that advances on request."""
 
     def __init__(self) -> None:
         self.t = 0.0

@@ -1,4 +1,4 @@
-"""What a program may get wrong with an open car: said at once, whether it records or not."""
+"""What a program may get wrong with an open car: reported at once, recording or not."""
 
 from __future__ import annotations
 

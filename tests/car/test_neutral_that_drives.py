@@ -218,7 +218,7 @@ def test_an_armed_car_at_throttle_0_whose_steering_drives_it_is_disarmed(tmp_pat
 
 
 def test_a_program_that_closes_leaves_no_pulse(tmp_path):
-    """Nobody sees a wrong neutral after it."""
+    """A wrong neutral is not detected after it."""
     bench = Bench(tmp_path, clock(27e6), armed=False).run(1.0)
     bench.car.close()
     leds = bytearray(8)

@@ -1,7 +1,7 @@
-"""Whatever happens in whatever order: the ESC pin does what the mode says.
+"""In any order of events the ESC pin follows the mode.
 
 Not ARMED and not RAW: every pulse within 5 us of neutral, or none, 40 ms after
-the mode changed. Where the bus is lost and no cut-off is fitted, FAULT says so.
+the mode changed. Where the bus is lost and no cut-off is fitted, FAULT means that.
 And no pulse away from neutral, ever, without a live command.
 """
 
@@ -35,7 +35,7 @@ from dart_hal.wire.messages import HELLO
 from dart_lab.sim.truth import world_of
 
 FAULT_WITHIN = 0.08
-"""s from a bus that fails to the mode that says so: two PWM frames of tries, and a State."""
+"""s from a bus that fails to its mode: two PWM frames of tries, and a State."""
 
 
 WAIT = st.sampled_from([0.3, 0.05, 0.0])
@@ -93,8 +93,8 @@ class PinMachine(RuleBasedStateMachine):
 
     @rule(throttle=st.sampled_from([0.5, 0.3, -0.4, None]))
     def drive_on(self, throttle):
-        """Everything heals, the car arms, and the user's loop drives on whatever comes then;
-        or it stops commanding (None)."""
+        """Everything heals, the car arms, and the user's loop drives on under any event that
+        follows; or it stops commanding (None)."""
         self._drive_on(throttle)
 
     @precondition(lambda self: self.car.mode != "ARMED")
@@ -147,7 +147,7 @@ class PinMachine(RuleBasedStateMachine):
     def command_that_is_no_number(self, bad, wait):
         with pytest.raises(BadCommand):
             self.car.drive(throttle=bad)
-        lost = self.backend.bus.nack > 0            # then nobody could change the pin
+        lost = self.backend.bus.nack > 0            # then the pin could not be changed
         assert lost or self.driver.actuator.applied.throttle == 0.0
         self._pass(wait)
 

@@ -1,4 +1,5 @@
-"""The thread of a real link: whatever a program's callback raises, neutral first, then told."""
+"""The thread of a real link: any exception of a program's callback gives neutral first, then a
+report."""
 
 from __future__ import annotations
 
@@ -147,7 +148,7 @@ class Port(SerialLink):
 
 @pytest.mark.parametrize("known", [True, False])
 def test_a_lost_board_is_looked_for_by_its_number(monkeypatch, known):
-    """One that never said HELLO has no number: neutral is repeated, and nothing is opened."""
+    """One that never sent HELLO has no number: neutral is repeated, and nothing is opened."""
     lost = Port()
     back = FoundBoard(Port(), b"HELLO")
     searches: list[tuple[int, int]] = []

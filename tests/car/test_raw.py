@@ -1,4 +1,4 @@
-"""RAW on the floor and on a stand: as safe as ARMED, asserted at the ESC pin."""
+"""RAW on the floor and with lifted wheels: as safe as ARMED, asserted at the ESC pin."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ LIMITED = "\n[limits]\nmax_throttle = 0.3\n"
 
 
 class Bench:
-    """A car and the pulses of its ESC pin; ``on_stand``: the IMU sees nothing of the wheels."""
+    """A car and the pulses of its ESC pin; ``lift_wheels``: the IMU measures nothing of the
+    wheels."""
 
     def __init__(self, tmp_path, **options) -> None:
         self.backend = open_backend(URL)
@@ -146,7 +147,7 @@ def test_without_the_look_at_the_imu_it_would_drive_off(bench, monkeypatch):
 
 
 def spin_without_imu(bench: Bench, seconds: float) -> float:
-    """Wheels on a stand, and the IMU sends zeros for so long; s until the last pulse of the 0.6 s
+    """Lifted wheels, and the IMU sends zeros for so long; s until the last pulse of the 0.6 s
     that follow the first zeros."""
     bench.lift_wheels()
     with suppress(BadCommand), bench.car.raw(lifted=True):
@@ -164,7 +165,7 @@ def test_lifted_wheels_turn_on_through_a_few_samples_of_zeros(bench):
 
 
 def test_lifted_wheels_are_stopped_without_the_imu(bench):
-    """The negative control: a gap that may hide a car which leaves its stand."""
+    """The negative control: a gap that may hide a car which comes to the floor."""
     assert spin_without_imu(bench, 0.6) < 0.25
 
 
@@ -183,7 +184,7 @@ def test_lifted_is_refused_where_the_imu_does_not_show_a_car_at_rest(bench, faul
 
 
 def test_no_pulse_at_all_is_for_lifted_wheels(bench):
-    """On the floor it is refused; on the stand a loop that stalls gets its neutral back."""
+    """On the floor it is refused; lifted, a loop that stalls gets its neutral back."""
     with bench.car.raw():
         with pytest.raises(BadCommand, match="lifted wheels"):
             bench.spin(0.1, throttle_us=None)

@@ -88,7 +88,7 @@ def test_all_ports_are_listened_to_at_once_and_the_right_board_is_taken(ports):
     frame = right.hello(OURS)
     when, found = steps(search, 0.04, 1.0)
     assert when <= 0.08, "the silent one is not waited for"
-    assert found.received == frame, "nothing of what it said is lost"
+    assert found.received == frame, "nothing that it sent is lost"
     assert found.link.device == right.device
     found.link.close()
     search.close()
@@ -156,7 +156,7 @@ class Usb:
 
 
 def test_candidates_are_of_the_same_bridge_and_no_other(monkeypatch, tmp_path):
-    """A lidar beside it must not be opened."""
+    """A lidar on another port must not be opened."""
     there = [Usb("/dev/ttyUSB0", 0x1A86, 0x7523), Usb("/dev/ttyUSB1", 0x10C4, 0xEA60)]
     monkeypatch.setattr(serial_port.list_ports, "comports", lambda: list(there))
     present = candidates("/dev/ttyUSB0", None)

@@ -16,7 +16,7 @@ from dart_hal.core.errors import RecordingError, UsageError
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """0.5 s at 50 Hz: a command and a log in every second row, States beside."""
+    """0.5 s at 50 Hz: a command and a log in every second row, and States."""
     path = tmp_path_factory.mktemp("run") / "run.mcap"
     states = []
     plan = np.arange(4.0)

@@ -77,7 +77,7 @@ def test_without_wrong_samples_nothing_changes(drives, monkeypatch):
 
 
 def test_one_wrong_bit_in_a_hundred_samples_leaves_the_yaw_alone(drives, monkeypatch):
-    """Control: without the filter the yaw is far off, and the stated error does not say so."""
+    """Control: without the filter the yaw is far off, and the stated error does not cover it."""
     drive = drives("straight")
     clean = drive.yaw_error(drive.estimate())
     states = drive.estimate(flip(GYRO_Z, 11, 100))

@@ -18,7 +18,7 @@ def test_every_tenth_state_comes_at_10_hz():
         list(car.states(duration=0.2))
         states = list(car.states(duration=1.0, every=10))
     assert [b.t - a.t for a, b in pairwise(states)] == pytest.approx([0.1] * 9, rel=0.01)
-    assert states[-1].health.skipped == 0, "what was not asked for is no loss"
+    assert states[-1].health.skipped == 0, "what was not requested is no loss"
 
 
 @pytest.mark.slow
@@ -32,7 +32,7 @@ def test_a_replay_goes_on_in_the_same_steps_to_its_end(tmp_path):
 
 
 def applied_between(valid_for, every, rounds=8):
-    """What States say of the pins while a loop of every n-th drives."""
+    """What States report of the pins while a loop of every n-th drives."""
     applied_commands = []
     with Car.open(URL, raise_on_trip=False) as car:
         car.arm()
@@ -53,7 +53,7 @@ def test_a_command_holds_until_the_next_round(every, valid_for):
 
 
 def test_a_command_that_is_too_short_expires_between_two_rounds():
-    """Negative control of the above: a slower loop does not stretch what a command says."""
+    """Negative control of the above: a slower loop does not stretch the validity of a command."""
     applied_commands = applied_between(0.05, 10)
     assert any(Limit.EXPIRED.value in applied.limited for applied in applied_commands)
     assert min(applied.throttle for applied in applied_commands) == pytest.approx(0.0, abs=0.01)

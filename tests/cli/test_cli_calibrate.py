@@ -1,4 +1,4 @@
-"""What `calibrate steering` asks and prints for a person."""
+"""The questions and output of `calibrate steering` for a person."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def result():
 
 @pytest.fixture
 def on_a_car(verb, monkeypatch, result, tmp_path):
-    """``on_a_car(*options, stdin=...)``: the verb with a real car's URL, which asks PLAN."""
+    """``on_a_car(*options, stdin=...)``: the verb with a real car's URL, which prompts PLAN."""
     @contextlib.contextmanager
     def over(backend, **kwargs):
         yield SimpleNamespace(notices=(), files=SimpleNamespace(folder=tmp_path))

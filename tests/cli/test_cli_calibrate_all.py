@@ -25,7 +25,7 @@ def by_hand(monkeypatch):
             cal = car.files.calibration
             ran.append((verb, sorted(cal.provenance) if cal else []))
             if verb in broken:
-                raise CalibrationFailed(f"{verb} is broken", remedy="mend it")
+                raise CalibrationFailed(f"{verb} is broken", remedy="repair it")
             return Measured(car.files.config.name, car.url, verb,
                             {key: Quantity(VALUES[key], 1e-6) for key in keys}, "well", 2.0)
         return run
@@ -68,7 +68,7 @@ def test_what_is_optional_is_reported_and_skipped(verb, tmp_path, by_hand):
     by_hand[0].add("clock")
     done = verb(*ALL, "--cars", tmp_path)
     assert list(done.json["found"]) == ["encoder", "imu"]
-    assert "clock not measured: clock is broken; mend it" in done.err
+    assert "clock not measured: clock is broken; repair it" in done.err
 
 
 @pytest.mark.slow

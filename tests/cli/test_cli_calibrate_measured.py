@@ -97,7 +97,7 @@ CLOCK = ("calibrate", "clock", "--frequency", 50.0, "--std", 0.01, "--yes", "--u
 
 
 def test_measurement_is_written_where_cars_names(verb, tmp_path, monkeypatch):
-    """Though the car has a folder elsewhere: it was written there, and nobody found it."""
+    """Though the car has a folder elsewhere: it was written there, and not found."""
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
     home = tmp_path / "share" / "dart-hal" / "cars" / "sim-3" / "calibration.toml"
     assert verb(*CLOCK).code == 0

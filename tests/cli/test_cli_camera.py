@@ -1,4 +1,5 @@
-"""What ``doctor`` says of a camera, verbs of one that --camera names, exports that leave it out."""
+"""What ``doctor`` reports of a camera, verbs of one that --camera names, exports that leave it
+out."""
 
 from __future__ import annotations
 

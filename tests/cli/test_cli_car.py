@@ -32,7 +32,7 @@ def options(changed: dict[str, str | None]) -> list[str]:
 def _own_folder(tmp_path, monkeypatch):
     (tmp_path / "cars").mkdir()
     monkeypatch.delenv("DART_CARS", raising=False)
-    monkeypatch.setattr(sys, "stdin", StringIO())  # a script: nobody answers
+    monkeypatch.setattr(sys, "stdin", StringIO())  # a script: no answer
 
 
 def test_car_is_written_with_its_errors_and_read_again(verb):

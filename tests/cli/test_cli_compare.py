@@ -31,7 +31,7 @@ def drive(path, url, steering):
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """``runs["base"]``: driven when it is first asked for."""
+    """``runs["base"]``: driven at its first use."""
     folder = tmp_path_factory.mktemp("runs")
 
     class Runs(dict):

@@ -128,7 +128,7 @@ def test_a_serial_url_without_a_bus_states_how_to_name_it():
 
 
 def test_what_arm_would_refuse_is_reported(verb, change_backend):
-    """A car whose clock nobody measured: the doctor says what arm() would say."""
+    """A car without a measured clock: the doctor reports what arm() would report."""
     def remove_oscillator(backend):
         lines = backend.car_toml.splitlines()
         kept = [line for line in lines if not line.startswith("oscillator_hz")]

@@ -30,7 +30,7 @@ def one(folder: Path) -> Path:
 
 @pytest.fixture
 def moved_to(tmp_path):
-    """A copy of the free drive whose mocap clock says another day."""
+    """A copy of the free drive whose mocap clock is of another day."""
     def make(seconds: float, rows: int | None = None) -> Path:
         lines = gzip.decompress(one(FREE).read_bytes()).decode().splitlines()
         head = lines[0].split(",")
@@ -237,7 +237,7 @@ def test_what_a_model_was_fitted_to_is_no_test_of_it(verb, tmp_path):
     digest = hashlib.sha256(one(FREE).read_bytes()).hexdigest()
     model.write_text(f'{BODY}[provenance.files]\n"elsewhere/renamed.csv" = "{digest}"\n')
     fitted = verb("evaluate", "--json", "--model", model, FREE, CIRCLE).json["fitted_to"]
-    assert [name.split("/")[0] for name in fitted] == [FREE.name], "by content, whatever its name"
+    assert [name.split("/")[0] for name in fitted] == [FREE.name], "by content, not by name"
     text = " ".join(verb("evaluate", "--model", model, FREE, CIRCLE).out.split())
     assert "caution: 1 of 2 recordings are those that this model was fitted to: 91_" in text
     other = verb("evaluate", "--model", model, CIRCLE)
@@ -272,7 +272,7 @@ def test_the_few_files_that_gave_nothing_are_named(verb, moved_to):
 
 @pytest.mark.slow
 def test_names_take_the_room_there_is(verb, monkeypatch):
-    """And the folder is the one that says what was driven, not "csv"."""
+    """And the folder names what was driven, not "csv"."""
     monkeypatch.setattr(evaluate_table, "results", Console(soft_wrap=True, width=120))
     text = verb("evaluate", FREE).out
     assert FREE.name in text

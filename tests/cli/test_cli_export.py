@@ -1,4 +1,4 @@
-"""``dart-hal export``: what is written, what is said, what is refused."""
+"""``dart-hal export``: what is written, what is reported, what is refused."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_a_bag_of_ros_2_and_a_data_set_of_two_runs(verb, tmp_path):
 
 
 def test_an_export_that_fails_leaves_nothing(verb, run, tmp_path):
-    """Nobody drove: found when the folder is being filled."""
+    """No driving: found when the folder is being filled."""
     error = verb("export", "lerobot", run, "--out", tmp_path / "set", "--json").error
     assert "no commands" in error["what"]
     assert {p.name for p in tmp_path.iterdir()} == {"run.mcap"}

@@ -1,4 +1,4 @@
-"""``dart-hal find``: what is plugged in, told without opening it; and which of it is a car."""
+"""``dart-hal find``: what is plugged in, listed without opening it; and which of it is a car."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def plug_in(monkeypatch, tmp_path):
 
 
 class Far:
-    """The far end of a port, which says ``words`` again and again."""
+    """The far end of a port, which sends ``words`` again and again."""
 
     def __init__(self, words: bytes) -> None:
         self.master, slave = os.openpty()

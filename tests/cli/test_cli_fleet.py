@@ -102,7 +102,7 @@ def test_one_command_stops_it_at_the_pin(capsys, tmp_path, key):
     with Driven(arm=True, key=None if key is None else tmp_path / "room.key") as driven:
         time.sleep(0.5)
         before = driven.world.t
-        assert driven.last_driving() > before - 0.1, "control: it drives, and the pin is seen"
+        assert driven.last_driving() > before - 0.1, "control: it drives, and the pin is observed"
         code, result = run_verb(capsys, "fleet", "stop", "--room", driven.room, *options, "--json")
         time.sleep(0.3)
         assert driven.disarmed is not None

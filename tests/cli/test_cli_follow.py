@@ -89,7 +89,7 @@ def test_what_cannot_be(verb, arguments, message):
 
 @pytest.mark.slow
 def test_obstacles_are_passed_and_the_distance_to_them_reported(verb, tmp_path):
-    """The one at 1.8 m leaves a way, the one behind the end nobody meets."""
+    """The one at 1.8 m leaves a passage, the one behind the end is never met."""
     line = csv(tmp_path, [(0.3 * k, 0.0) for k in range(15)])
     run = tmp_path / "run.mcap"
     done = verb("follow", line, "--speed", 1, "--here", "--odometry", "--tracker", "mpcc",

@@ -1,4 +1,4 @@
-"""What ``doctor`` and ``find`` say of a lidar, and verbs of one that --lidar names."""
+"""What ``doctor`` and ``find`` report of a lidar, and verbs of one that --lidar names."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ def test_a_room_is_driven_mapped_drawn_and_the_recording_localised_in_it(verb, t
 
 @pytest.fixture
 def run_and_interrupt(verb, monkeypatch, tmp_path):
-    """(what the verb said, pulses [us] up to and after Ctrl-C), at the 400th that moves the car."""
+    """(output of the verb, pulses [us] up to and after Ctrl-C), at the 400th that moves the car."""
     def run():
         before = []
         after = []

@@ -1,4 +1,4 @@
-"""``--poses``: verbs that open a car take a source, keep its poses, and say what is wrong."""
+"""``--poses``: verbs that open a car take a source, keep its poses, and report what is wrong."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whose wheelbase and mass the verbs on recordings use: those of the named car, or it is said."""
+"""Whose wheelbase and mass the verbs on recordings use: those of the named car, or a warning."""
 
 from __future__ import annotations
 

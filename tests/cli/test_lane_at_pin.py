@@ -107,7 +107,7 @@ def test_a_car_that_is_held_is_given_up_at_neutral():
 
 @pytest.mark.slow
 def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
-    """And without the second bound, the end of what was seen."""
+    """And without the second bound, the end of what was measured."""
     monkeypatch.setattr(lane_follow, "MAX_POSE_GAP", 1e9)
     monkeypatch.setattr(lane_follow, "FRONT_DISTANCE", -1e9)
     _, neutral, pulses = driven("silent", until=8.0)

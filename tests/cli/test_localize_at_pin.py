@@ -75,7 +75,7 @@ def test_the_pin_slows_down_once_the_car_is_lost_and_stays_at_neutral(silent):
     assert not ended.good
     assert "the pose was lost" in ended.why
     first = t[np.argmax((us > neutral + 5.0) & (t > 0.5))]
-    assert 0.8 < first < LOST_AT - 0.5                   # it stands until five scans were explained
+    assert 0.8 < first < LOST_AT - 0.5                   # it waits until five scans were explained
     late = t > LOST_AT + MAX_POSE_GAP + 0.15
     assert us[late].max() <= us[(t > first) & ~late].max()
     assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() < neutral + 5.0

@@ -1,4 +1,5 @@
-"""What the ESC gets while ``dart-hal map`` drives along walls, and the way ends or is not seen."""
+"""What the ESC gets while ``dart-hal map`` drives along walls, and the free space ends or is not
+measured."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ URLS = {"mock": "sim://?nano=mock", "avr": "sim://?nano=avr"}
 
 
 def counts(bus) -> tuple[int, int]:
-    """Steering and throttle counts that stand in the PCA9685's registers."""
+    """Steering and throttle counts in the PCA9685's registers."""
     found = []
     for register in (0x08, 0x0C):
         pair = bytearray(2)
@@ -158,7 +158,7 @@ def bench(request, tmp_path_factory):
         try:
             with served_car.open() as car:
                 for _ in car.states(duration=2.5, timeout=PATIENCE):
-                    pass  # the ESC wants its 2 s of neutral once; later arming is quick
+                    pass  # the ESC requires its 2 s of neutral once; later arming is quick
                 yield Bench(kind, car, open_bus(served_car.url.partition("i2c=")[2]), False)
         finally:
             served_car.close()

@@ -57,7 +57,7 @@ def drive_on(car):
 
 
 def spin(backend):
-    """Turn the wheels by hand, whatever the motor does."""
+    """Turn the wheels by hand, against any motor."""
     nano = backend.world.nano
     nano.set_wheel(1.0)
     nano.set_wheel = lambda rate: None

@@ -21,14 +21,14 @@ from dart_hal.car import Car
 from dart_hal.recording import run_file
 url, name, cars, folder, flush = sys.argv[1:6]
 run_file.FLUSH = float(flush)
-with open(folder + "/seen", "r+b") as file, \\
+with open(folder + "/received", "r+b") as file, \\
         Car.open(url, car=name, cars=cars, record=folder + "/run.mcap") as car:
-    seen = mmap.mmap(file.fileno(), 16)
+    received = mmap.mmap(file.fileno(), 16)
 
     def note(direction, data, t):
         if direction == "rx":
-            count, _ = struct.unpack("<qd", seen[:])
-            seen[:] = struct.pack("<qd", count + len(data), t)
+            count, _ = struct.unpack("<qd", received[:])
+            received[:] = struct.pack("<qd", count + len(data), t)
         return data
 
     car.on_bytes(note)
@@ -43,12 +43,12 @@ LIMIT = 0.1
 @pytest.mark.parametrize("flush", [CHUNK_TIME, 1e9])
 @pytest.mark.slow_except("0.05")
 def test_a_kill_costs_a_recording_less_than_a_tenth_of_a_second(served_car, tmp_path, flush):
-    """What the program had seen stands in shared memory, which outlives it. The control flushes
+    """What the program had received is in shared memory, which outlives it. The control flushes
     never: what was recorded since the opening is lost then."""
-    (tmp_path / "seen").write_bytes(bytes(16))
+    (tmp_path / "received").write_bytes(bytes(16))
     program = subprocess.Popen([sys.executable, "-c", RECORDER, served_car.url, served_car.name,
                                 str(served_car.cars), str(tmp_path), str(flush)])
-    with (tmp_path / "seen").open("r+b") as file, mmap.mmap(file.fileno(), 16) as memory:
+    with (tmp_path / "received").open("r+b") as file, mmap.mmap(file.fileno(), 16) as memory:
         deadline = time.monotonic() + 30.0
         while struct.unpack("<qd", memory[:])[0] < 8000 and time.monotonic() < deadline:
             time.sleep(0.005)
@@ -62,6 +62,6 @@ def test_a_kill_costs_a_recording_less_than_a_tenth_of_a_second(served_car, tmp_
     kept = max((chunk.t for chunk in run.chunks()), default=float("-inf"))
     if flush == CHUNK_TIME:
         assert last - kept <= LIMIT
-        assert run.notices, "and it is said"
+        assert run.notices, "and it is reported"
     else:
         assert last - kept > LIMIT

@@ -1,4 +1,5 @@
-"""Who else may touch a car that is driven: two Nanos on one bus, forked children, strangers."""
+"""Who else may touch a car that is driven: two Nanos on one bus, forked children, other
+programs."""
 
 from __future__ import annotations
 
@@ -112,7 +113,7 @@ def test_a_child_cannot_drive_and_the_parent_does_not_notice_it(served_car):
         for _ in car.states(duration=0.3, timeout=PATIENCE):
             pass
         assert car.mode == "DISARMED"
-        assert car._engine.driver._guard._guard.age is not None, "the guard was not told to end"
+        assert car._engine.driver._guard._guard.age is not None, "the guard was not ended"
         for fd in answer:
             os.close(fd)
 

@@ -1,7 +1,7 @@
 """Real processes, a real pty, real signals: the ESC is left without a pulse.
 
 What is asserted is what the PCA9685's registers carry in the end and what was
-said, never how fast: this machine does other things as well.
+reported, never how fast: this machine does other things as well.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def driven(served_car):
 
 @pytest.fixture
 def driver(served_car):
-    """A program that drives, and says so."""
+    """A program that drives, and reports it."""
     process = subprocess.Popen(
         [sys.executable, "-c", DRIVER, served_car.url, served_car.name, str(served_car.cars)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -240,7 +240,7 @@ def test_open_and_close_leave_nothing_behind(served_car):
 
 @pytest.mark.slow
 def test_a_hundred_frames_a_second_arrive_under_load(served_car):
-    """Two busy threads beside the loop: frames may be skipped, never lost."""
+    """Two busy threads next to the loop: frames may be skipped, never lost."""
     done = threading.Event()
 
     def burn():

@@ -44,7 +44,7 @@ def test_a_car_that_drives_loses_its_cable_and_can_be_armed_when_it_is_back(serv
         with pytest.raises(LinkLost, match=r"vanished|take bytes"):
             drive_until_lost(car, served_by_name)
         assert car.mode != "ARMED"
-        assert served_by_name.is_stopped(), "neutral before it is told"
+        assert served_by_name.is_stopped(), "neutral before it is reported"
         served_by_name.process.send_signal(signal.SIGUSR2)
         assert modes_without_throttle(car, pytest.raises(Disarmed))[-1] == "DISARMED"
         arm(car)

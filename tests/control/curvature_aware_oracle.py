@@ -33,7 +33,7 @@ class Shooting:
     """min cost, after each stage z = stage(z, u), inside the lane; inputs u and a slack [m]."""
 
     def __init__(self, stage, cost, ends, squared_distance, half, low, high, parameters):
-        """cost, ends(k, z, u, p), apart(k, z, p): distance squared; low, high of the inputs."""
+        """cost, ends(k, z, u, p), squared_distance(k, z, p); low, high of the inputs."""
         nz = stage.size1_in(0)
         nu = len(low)
         n = PATH_STAGES

@@ -1,5 +1,5 @@
 """Cars of a crossing: never nearer than they may be, across in time, and every way to wait has a
-name; what is wrong with a layout or a message is said."""
+name; what is wrong with a layout or a message is reported."""
 
 from __future__ import annotations
 

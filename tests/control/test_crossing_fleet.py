@@ -1,4 +1,4 @@
-"""Emulated cars at an intersection: who waits has neutral at its ESC, and nobody touches."""
+"""Emulated cars at an intersection: who waits has neutral at its ESC, without contact."""
 
 from __future__ import annotations
 

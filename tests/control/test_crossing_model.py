@@ -11,7 +11,7 @@ from studies.control.crossing_model import BEFORE, ON, PAST, Rules, check, put
 
 
 class NoAcknowledgement(Rules):
-    """Goes by what it has heard: whoever is not known to be before it does not count."""
+    """Uses what it has received: a car that is not known to be before it does not count."""
 
     def may_go(self, car, j):
         return order.precedence(car, j) is not Precedence.AFTER or super().may_go(car, j)
@@ -36,7 +36,7 @@ class StampOfTheClockAlone(Rules):
 
 
 class OneSession(Rules):
-    """The second crossing needs nobody to know of it."""
+    """The second crossing needs no other car to know of it."""
 
     def again(self, car):
         new = super().again(car)
@@ -45,7 +45,7 @@ class OneSession(Rules):
 
 
 class RequestsAtOnce(Rules):
-    """A restarted car asks before all have told that they hear its session."""
+    """A restarted car requests before all have confirmed its session."""
 
     def want(self, car, clock):
         others = tuple(o and o._replace(heard=car.boot) for o in car.others)
@@ -60,7 +60,7 @@ class RequestsAtOnce(Rules):
 
 
 class Forgets(Rules):
-    """A car that restarts on the ground takes itself for one that wants nothing."""
+    """A car that restarts on the ground takes itself for one without a request."""
 
     def restart(self, n, car, place, kept):
         phase = CrossingPhase.DONE if place == PAST else CrossingPhase.FREE

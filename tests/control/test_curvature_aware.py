@@ -1,4 +1,4 @@
-"""Curvature-aware contouring control: its parts, MPCC beside CA-MPCC on the light simulation."""
+"""Curvature-aware contouring control: its parts, MPCC and CA-MPCC on the light simulation."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ def test_without_knowing_the_obstacle_the_car_touches_it(monkeypatch):
 
 @pytest.mark.slow
 def test_a_start_outside_the_lane_comes_back():
-    """0.5 m beside it: the slack pays, no outcome but SOLVED."""
+    """0.5 m off it: the slack pays, no outcome but SOLVED."""
     loop = Loop(controller(replace(PLAIN, speed=1.0), Law.CA, TUNED), KINEMATIC, 0.0, (0.5, 0.0),
                 learns=False)
     rows = loop.drive(0.12)
@@ -162,7 +162,7 @@ def test_a_start_outside_the_lane_comes_back():
 
 @pytest.mark.slow
 def test_a_first_plan_from_anywhere_is_one_or_is_none():
-    """Up to 1 m and 90 deg beside the path, at any speed: nothing is raised, no input is beyond the
+    """Up to 1 m and 90 deg off the path, at any speed: nothing is raised, no input is beyond the
     stops, and what runs away is named: 1 of 200 when written."""
     rng = np.random.default_rng(0)
     plans = []

@@ -1,4 +1,4 @@
-"""MPCC beside CA-MPCC on emulated cars: by the lidar's poses, and as the example has it."""
+"""MPCC and CA-MPCC on emulated cars: by the lidar's poses, and as the example has it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ FOLDER = Path(__file__).parents[2] / "examples" / "use_cases"
 
 @pytest.mark.slow
 def test_a_lap_by_the_lidar():
-    """A car that nobody looked at before; localisation is part of the error."""
+    """A car that was not used before; localisation is part of the error."""
     found, follower = drive(4, Law.CA, TUNED, laps=1.0)
     assert follower.why == "the path is driven"
     assert found.rms < 0.03
@@ -32,7 +32,7 @@ def test_a_lap_by_the_lidar():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 8])
 def test_a_car_of_which_nothing_is_known_passes_and_keeps_its_lane(seed):
-    """They were 0.8 and 0.9 m beside their path, with what was learnt of the steering at its end
+    """They were 0.8 and 0.9 m off their path, with what was learnt of the steering at its end
     (3) and with plans that no tyres hold (8)."""
     found = uncalibrated(seed)
     assert found.why == "the path is driven"

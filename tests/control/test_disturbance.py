@@ -1,4 +1,4 @@
-"""What a steering does beside its model is learnt, and what is commanded allows for it."""
+"""The error of the steering model is learnt, and what is commanded allows for it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ COMMANDS = np.tile((0.0, 0.6, 0.0, -0.5), 20)
 
 
 def learnt(speed: float, true: np.ndarray = TRUE) -> SteeringDisturbance:
-    """After 8 s of bends to both sides by a car that steers as ``true`` says, noise of 0.05 rad/s
+    """After 8 s of bends to both sides by a car that steers by ``true``, noise of 0.05 rad/s
     in its yaw rate."""
     plant = known(P)
     found = SteeringDisturbance(known(P))
@@ -58,7 +58,7 @@ def test_a_command_and_what_it_does(command):
 
 @pytest.mark.parametrize("every", [1, 10])
 def test_wheels_that_turn_teach_nothing_of_where_they_stood(every):
-    """A car that does what its model says, steered to and fro, without any slip, is asked about
+    """A car that does what its model says, steered to and fro, without any slip, predicts
     each 10 ms or with each plan: there is nothing to learn of it."""
     plant = replace(known(P), delay=SteeringDelay(transport=0.03, yaw_delay=0.0))
     true = MotionPrediction(plant, learns_bias=False)
@@ -96,8 +96,8 @@ def test_a_yaw_rate_that_comes_behind_the_wheels_is_no_loss_of_gain():
 
 
 def final_offset(speed: float = 1.5) -> float:
-    """m beside a circle of 1 m, in the mean of its second half, by ``follow`` on a car whose wheels
-    stand 0.04 rad too far to the left."""
+    """m off a circle of 1 m, in the mean of its second half, by ``follow`` on a car whose wheels
+    are turned 0.04 rad too far to the left."""
     follower = Follower(track_named("circle"), plant_by(LATER), speed, "mpcc")
     rows = light_drive(follower, bias=0.04)
     assert follower.why == "the path is driven"

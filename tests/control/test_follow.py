@@ -1,4 +1,4 @@
-"""A drive along a path: where it may begin, how it ends, and what is said."""
+"""A drive along a path: where it may begin, how it ends, and its messages."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def drive(path=STRAIGHT, rules=None, cap=1.0, **options):
 
 
 def make_tracking_hook(t, t_change, tracking=Tracking.LOST):
-    """A hook that says so from ``after`` s on."""
+    """A hook that reports ``t`` from ``t_change`` s on."""
     def each(now, follower, motion):
         return replace(motion, tracking=tracking) if now > t_change else motion
     return each
@@ -109,7 +109,7 @@ def test_but_not_where_scans_fit_no_map_nor_where_the_place_is_not_known():
 
 
 def test_out_of_the_lane_it_stops():
-    """It is seen 0.35 m beside where it was."""
+    """It is measured 0.35 m from where it was."""
     def each(t, follower, motion):
         pose = motion.pose
         return replace(motion, pose=Pose(pose.x, pose.y + 0.35, pose.yaw)) if t > 2.0 else motion
@@ -149,7 +149,7 @@ def test_the_speed_may_be_changed_on_the_way():
 
 @pytest.mark.slow
 def test_a_cap_of_nothing_holds_the_car_and_is_no_end():
-    """Longer than a car may stand that is asked to drive."""
+    """Longer than a car may rest when it is commanded to drive."""
     def each(t, follower, motion):
         follower.cap = 0.0 if 2.0 < t < 3.0 + STUCK_TIME + 2.0 else 1.0
         return motion

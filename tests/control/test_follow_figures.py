@@ -44,7 +44,8 @@ def test_without_delay_compensation_it_does_not(seed, tracker):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_papers_tyres_are_known_to_hold_less(seed):
-    """1.4 m/s in turns of 0.75 m: asked for 2, it drives the profile and stays in the lane."""
+    """1.4 m/s in turns of 0.75 m: with a target of 2, it drives the profile and stays in the
+    lane."""
     drive = driven(seed, 2.0, "paper", laps=1.0)
     assert drive.follower.why == "the path is driven"
     assert drive.wanted[drive.settled:].min() < 1.5

@@ -88,7 +88,7 @@ def test_it_ends_where_the_boards_end():
 
 
 def straight(left, heading):
-    """A lane seen from a car: its middle begins ``left`` m beside it."""
+    """A lane in the frame of a car: its middle begins ``left`` m to its left."""
     at = np.linspace(0.0, 2.0, 21)
     return Path.through(np.column_stack((at, left + at * np.tan(heading))), closed=False)
 

@@ -70,7 +70,7 @@ def test_the_dead_band_is_the_papers_until_it_is_measured(files):
 
 
 def test_the_loop_requests_no_more_than_the_esc_gives(files):
-    """A car that stands still while 4.9 m/s are asked for: no throttle is enough."""
+    """A car at rest with a target of 4.9 m/s: no throttle is enough."""
     with Car.open(URL) as car:
         still = next(iter(car.states()))
 

@@ -137,7 +137,7 @@ def test_what_is_no_team_is_refused_with_what_to_type(make, match, remedy):
 
 
 def test_place_and_phase_of_a_course_are_each_others_inverse():
-    """At its crossings too, where the heading tells the branch."""
+    """At its crossings too, where the heading decides the branch."""
     course = Course(Lissajous(3.3, 0.9, 1, 2))
     assert course.path.length == pytest.approx(course.curve.length, rel=1e-5)
     for X in np.linspace(0.0, 2.0 * pi, 24, endpoint=False):
@@ -157,8 +157,8 @@ RATE = 0.01
 
 
 def escapes(team, robots_of, n=100, each=10, steps=160, cells=61):
-    """How many of n targets (``monitoring_targets``) are not seen within the bound, and the longest
-    time over the bound of those that are."""
+    """How many of n targets (``monitoring_targets``) are not observed within the bound, and the
+    longest time over the bound of those that are."""
     t = np.linspace(0.0, team.bound(RATE), steps)
     rng = np.random.default_rng(5)
     times = []
@@ -197,7 +197,7 @@ def test_ten_targets_are_observed_and_without_the_formation_they_are_not():
 @pytest.mark.slow
 @pytest.mark.parametrize("begin", [0.0, 0.35, 0.7])
 def test_not_even_one_that_is_as_fast_as_it_likes(begin):
-    """The bound holds, for whatever a target does: nowhere is left where it could be."""
+    """The bound holds, for any motion of a target: nowhere is left where it could be."""
     bound = TEAM.bound(RATE)
     t = np.linspace(0.0, bound, 100)
     robots = TEAM.curve.position(TEAM.slots(begin * 2.0 * pi / 25 + RATE * t))

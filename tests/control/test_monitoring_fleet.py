@@ -1,5 +1,5 @@
-"""A team of emulated cars in a room that loses messages: spread, apart, and safe when one of them
-falls silent, by the pulses at their ESCs."""
+"""A team of emulated cars in a room that loses messages: spread, at a distance, and safe when one
+of them falls silent, by the pulses at their ESCs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NEAR = 5e-6
 DIES = 5.0
 LASTS = 18.0
 SAFE = 4.5
-"""s after which nobody drives on: 3 s of the plan that was told last, and a stop."""
+"""s after which no car drives on: 3 s of the plan that was sent last, and a stop."""
 
 
 class Death:

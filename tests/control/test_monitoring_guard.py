@@ -1,5 +1,5 @@
 """Cars of a team do not meet: not where the curve crosses itself, not at any loss, not when one
-falls silent; and what each of them says that it does."""
+falls silent; and the mode that each of them reports."""
 
 from __future__ import annotations
 
@@ -82,14 +82,14 @@ def test_what_is_not_heard_makes_the_other_longer_until_it_is_in_the_way():
 
 
 def test_a_car_in_a_crossing_may_leave_it():
-    """Though another one stands before it, nearer than the bodies are wide apart."""
+    """Though another one is before it, nearer than the width of the bodies."""
     away = [CurveSection(CROSSING + HALF - d - COURSE.path.length,
                          CROSSING + HALF - d + 0.1 - COURSE.path.length) for d in (0.4, 0.5, 0.6)]
     assert all(GUARD.may_continue(CROSSING + 0.2, 0.0, other, yields=True) for other in away)
 
 
 def test_in_the_formation_no_car_has_to_wait():
-    """At 1.2 m/s, and with messages up to 0.3 s old: the curve keeps the cars apart, not the
+    """At 1.2 m/s, and with messages up to 0.3 s old: the curve separates the cars, not the
     guard."""
     rate = 1.2 / 3.76
     curve = TEAM.curve

@@ -36,7 +36,7 @@ CORNERING = (0.3, -0.2, 0.4, 1.6, 0.05, 1.2, 0.28, 0.35)
 
 
 def test_a_lap_at_two_metres_a_second():
-    """Half of what is wanted is left for noise; 0.54 / 1.3 cm when written."""
+    """Half of the limit is left for noise; 0.54 / 1.3 cm when written."""
     rms, most, _ = lap(2.0)
     assert rms < 0.008
     assert most < 0.02
@@ -57,7 +57,7 @@ def test_a_delay_that_is_not_predicted_doubles_the_error():
 @pytest.mark.parametrize("seed", [3, 8])
 def test_a_model_that_is_5_percent_off_and_noise(seed):
     """The two worst of ten: their front tyres are 14 % softer, and the lock of neither turns the
-    bends to the left at 2 m/s. What is learnt is worth a factor of two, and half is left."""
+    bends to the left at 2 m/s. What is learnt gains a factor of two, and half is left."""
     assert lap(2.0, true=around(seed), seed=seed)[0] < 0.018
     assert lap(2.0, true=around(seed), seed=seed, learns=False)[0] > 0.035
 

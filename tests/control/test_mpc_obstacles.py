@@ -1,4 +1,4 @@
-"""Discs beside a path: where they lie, whether there is a way past, how near the body comes."""
+"""Discs near a path: where they lie, whether there is a way past, how near the body comes."""
 
 from __future__ import annotations
 

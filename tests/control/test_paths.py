@@ -48,7 +48,7 @@ def test_a_straight_has_no_radius_and_an_end():
 
 @pytest.mark.parametrize("part", [0.001, 0.011, 0.029])
 def test_a_path_of_short_pieces_is_where_it_should_be(part):
-    """Points stand where their arc length says, however the path is cut into pieces."""
+    """Points are where their arc length puts them, however the path is cut into pieces."""
     path = Path([(part, 0.0)] * 100 + [(2.9, 0.0)], closed=False)
     for s in (0.0, part, 1.0, 50 * part + 1.0, 2.9):
         assert path.point(s)[0] == pytest.approx(s, abs=path.spacing)

@@ -25,7 +25,7 @@ PULSE_DELAY_S = 0.040
 # s from the first motion on, s that are looked at
 SPOILT = 1.5
 AFTER = 2.0
-GONE = 0.75  # s: up to five periods of a plan, and 0.25 s at 2 m/s2: it asks for half the speed
+GONE = 0.75  # s: up to five periods of a plan, and 0.25 s at 2 m/s2: it requests half the speed
 LATE = "no plan within 0.05 s, 4 times in a row"
 
 
@@ -48,7 +48,7 @@ def return_nan_states(mpcc):
 
 def driven(name, spoil):
     """(follower, [(t after the plans ceased [s], pulse [us], true speed [m/s])], ranks that were
-    told of plans)."""
+    reported of plans)."""
     backend = open_backend("sim://?nano=mock&mocap=1")
     world = world_of(backend)
     pulses = []
@@ -85,7 +85,7 @@ def driven(name, spoil):
     ("mpcc", return_nan_states, "the plan diverged", PlanOutcome.DIVERGED)])
 def test_a_drive_without_plans_ends_at_neutral(name, spoil, why, outcome):
     """Four late plans are 0.4 s; from there it slows down, and never pulls as it did before. What
-    it was is counted, and told for the recording."""
+    it was is counted, and reported for the recording."""
     follower, rows, outcomes = driven(name, spoil)
     assert follower.why == why
     assert follower.tracker.mpcc.outcomes[outcome] == (4 if outcome is PlanOutcome.LATE else 1)
@@ -111,7 +111,7 @@ def test_a_tracker_that_forgave_every_late_plan_would_drive_on(name, monkeypatch
 
 
 def start_off_path(offset):
-    """(follower or the refusal, [(t, us)]) of a car that stands so many m beside the path."""
+    """(follower or the refusal, [(t, us)]) of a car at rest so many m off the path."""
     backend = open_backend("sim://?nano=mock")
     pulses = []
     world_of(backend).watchers.append(lambda channel, pulse: pulses.append(

@@ -284,7 +284,7 @@ def test_messages_that_do_not_count_are_counted():
 
 
 def run(follower, seconds, gap=0.6, speed=1.0, report=lambda t: None):
-    """Accelerations of a follower with a constant gap and what is told."""
+    """Accelerations of a follower with a constant gap and what is reported."""
     out = []
     for k in range(round(seconds / follower.dt)):
         t = k * follower.dt
@@ -322,7 +322,7 @@ def test_without_a_gap_it_brakes_to_rest():
 
 
 class Held(PlatoonFollower):
-    """The control: the gap goes on by the last told speed, as if silence were no news."""
+    """The control: the gap goes on by the last reported speed, as if silence were no news."""
 
     def _predict_gap(self, t, speed):
         super()._predict_gap(t, speed)
@@ -358,4 +358,4 @@ def test_what_is_under_way_is_driven_before_what_is_requested():
     underway.send(-1.0)
     assert underway.predict(1.0) == pytest.approx((0.05 + 0.5 * (1.0 + 0.95) * 0.05, 0.95))
     underway.send(1.0)
-    assert underway.predict(0.02)[1] == pytest.approx(0.05), "it stands before it starts"
+    assert underway.predict(0.02)[1] == pytest.approx(0.05), "it is at rest before it starts"

@@ -123,7 +123,7 @@ def test_behind_a_silent_car_it_follows_by_its_lidar():
 
 @pytest.mark.slow
 def test_a_leader_whose_esc_is_neutral_at_once_is_not_touched(monkeypatch):
-    """It slows down harder than the platoon brakes, and tells another acceleration."""
+    """It slows down harder than the platoon brakes, and reports another acceleration."""
     replace_answer(
         monkeypatch, 0, 4.0, lambda answer, *measure_gap: answer(*measure_gap)._replace(speed=0.0)
     )

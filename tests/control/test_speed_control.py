@@ -22,7 +22,7 @@ DT = 0.01
 
 
 def driven(seed, reference, seconds):
-    """(t, speed, throttle applied, limits) of a car that is asked for reference(t) [m/s]."""
+    """(t, speed, throttle applied, limits) of a car with the target reference(t) [m/s]."""
     rows = []
     start = None
     with Car.open(URL.format(seed)) as car:

@@ -55,7 +55,7 @@ def test_without_a_model_nothing_is_worse_than_a_softer_loop():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 8])
 def test_a_sine_is_in_time(seed):
-    """Neither late nor early by more than 5 ms: what is asked for is taken ahead."""
+    """Neither late nor early by more than 5 ms: the target is taken ahead."""
     drive = driven(seed, LATE, "model", sine, 4.0, waits=1.0)
     shifts = np.arange(-30, 31)
     kept = slice(150, -50)

@@ -1,4 +1,4 @@
-"""The ESC pin under ``drive_speed``: nothing above neutral where no forward speed is asked for."""
+"""The ESC pin under ``drive_speed``: nothing above neutral where no forward speed is requested."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOVES_AT = 1.0  # s of driving forward
 def pulses(change, seconds=1.2):
     """(t after the change, width [us]) on the ESC's pin of a car that drove forward.
 
-    ``then(t)``: speed asked for t s after the change, None: it is stopped, which disarms it.
+    ``change(t)``: target speed t s after the change, None: it is stopped, which disarms it.
     """
     backend = open_backend("sim://?nano=mock")
     pulse_log = []

@@ -37,7 +37,7 @@ def lap(name, speed, plant=PLANT, lane=1.0, **options):
 @BOTH
 @pytest.mark.slow_except("lqr")
 def test_two_metres_a_second(name):
-    """The figures that are wanted of a whole car, with room for its electronics."""
+    """The figures that are required of a whole car, with room for its electronics."""
     rms, largest = lap(name, 2.0, lane=0.3)
     assert rms < {"lqr": 0.012, "pursuit": 0.015, "mpcc": 0.012, "ca-mpcc": 0.02}[name]
     assert largest < 0.06
@@ -46,7 +46,7 @@ def test_two_metres_a_second(name):
 @pytest.mark.slow
 @BOTH
 def test_one_metre_a_second(name):
-    """The published low level asks for the generated path, whose bends its kernel rounds."""
+    """The published low level follows the generated path, whose bends its kernel rounds."""
     rms, largest = lap(name, 1.0, lane=0.3)
     assert rms < (0.007 if name == "ca-mpcc" else 0.005)
     assert largest < 0.015
@@ -84,7 +84,7 @@ def test_an_error_of_the_wheels_is_learnt(name):
 @BOTH
 @pytest.mark.parametrize("side", [0.9, -0.9])
 def test_from_far_off_the_path_it_comes_to_it_without_turning_back(name, side):
-    """0.9 m beside it and across to it."""
+    """0.9 m off it and across to it."""
     straight = Path([(8.0, 0.0)], closed=False)
     follower = Follower(straight, PLANT, 0.8, name)
     rows = light_drive(follower, start=(0.2, side, -np.sign(side) * 1.2))

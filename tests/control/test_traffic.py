@@ -84,7 +84,7 @@ def test_doubt_of_its_place_takes_room():
 
 
 def test_cars_behind_in_the_next_lane_and_beyond_the_end_are_ignored():
-    """x = 3 and x = 4.5 are lanes of the track 1.5 m apart."""
+    """x = 3 and x = 4.5 are lanes of the track at a distance of 1.5 m."""
     assert judge_traffic(place_car(0.6, 0.0)).wait is TrafficWait.FREE
     assert judge_traffic(place_car(3.0, 1.5)).wait is TrafficWait.FREE
     past = NearbyCar("red", Pose(11.0, 0.0, 0.0), 0.0, 0.0, False)
@@ -209,7 +209,7 @@ def test_it_is_not_passed_where_its_marker_is_unknown():
 
 @pytest.mark.slow
 def test_one_that_falls_silent_is_waited_for_where_it_was():
-    """It drives on, unheard: nobody knows, so the own car stands behind its last place."""
+    """It drives on, unheard: its place is unknown, so the own car waits behind its last place."""
     drive = Drive(lambda t: 0.6 if t < 2.0 else None)
     assert drive.others.traffic.wait is TrafficWait.LOST
     t, own, red = drive.rows.T

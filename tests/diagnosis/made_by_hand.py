@@ -89,7 +89,7 @@ def cause(name, value, std, gain, like=()):
 
 
 def diagnosis(verdict="partly_explained", causes=2, unexplained=True, **changes):
-    """A whole diagnosis with as many of its two causes as asked for."""
+    """A whole diagnosis with the requested number of its two causes."""
     every, evidence, ctrv = stages()
     gain = ErrorReduction("yaw_rate", 0.4312, 0.4123, 0.3571, 0.4719, "rollout, 1 s")
     named = (cause("steering_lag", 0.1187, 0.0043, gain, ("yaw_inertia", "steering_rate_limit")),

@@ -41,7 +41,7 @@ def evidence(*recordings):
 
 
 def made(n=120, speed=1.0, **columns):
-    """A recording by hand: n messages 0.1 s apart, of a car that rolls straight on."""
+    """A recording by hand: n messages, one each 0.1 s, of a car that rolls straight on."""
     t = columns.pop("t", np.arange(n) * 0.1)
     given = {"throttle": 0.2, "steering": 0.0, "speed": speed, "yaw_rate": 0.0, "accel_x": 0.0,
              "accel_y": 0.0} | columns

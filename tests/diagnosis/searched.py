@@ -1,4 +1,4 @@
-"""A stranger's drives, searched: the search alone, without what is told of it afterwards."""
+"""Drives of the independent simulator, searched: the search alone, without its report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run holds more than a diagnosis asks for: what nobody asks for changes nothing."""
+"""A run has more than a diagnosis uses: what is not requested changes nothing."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def test_unknown_channels_are_ignored(filmed_drive, tmp_path):
 
 
 def test_requested_channels_are_not_ignored(filmed_drive, tmp_path):
-    """Control: the same way of writing without poses, and without what the car said."""
+    """Control: the same way of writing without poses, and without what the car sent."""
     without_poses = read_run(rewrite(filmed_drive, tmp_path / "unseen.mcap", OTHERS,
                                    ("/external_pose",)))
     assert without_poses.mocap is None

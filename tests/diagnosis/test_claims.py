@@ -214,7 +214,7 @@ def test_of_two_times_one_is_wrong_and_the_data_do_not_decide():
 
 
 def test_no_command_is_younger_than_its_message_in_place_of_a_delay():
-    """A throttle delay and the age of commands that move the residuals alike."""
+    """A throttle delay and the age of commands that move the residuals equally."""
     names = ("delay.throttle_s", "age", "late", "gyro")
     slopes = np.array([[1.0, -0.99, 0.0, 0.0], [0.0, 0.14, 0.0, 0.0]])
     point = SimpleNamespace(x=np.array([2.0, 0.0, 0.0, 0.0]), normal=slopes.T @ slopes

@@ -1,4 +1,4 @@
-"""Bad input of a diagnosis: refused, or said, in words that name what is wrong."""
+"""Bad input of a diagnosis: refused, or reported, in words that name what is wrong."""
 
 from __future__ import annotations
 

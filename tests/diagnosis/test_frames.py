@@ -59,7 +59,7 @@ def test_offset_that_is_free_is_one_coordinate_even_if_it_is_listed_twice():
 
 @pytest.mark.parametrize("refit", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_error_of_a_frame_is_no_cause(refit):
-    """The negative control: the same error of a frame that is said to be known is one."""
+    """The negative control: the same error of a frame that is stated as known is one."""
     file, p = find_model("paper")
     train = drive(seconds=60.0, seed=3)
     test = drive(seconds=40.0, seed=4)

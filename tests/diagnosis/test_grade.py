@@ -1,4 +1,4 @@
-"""How sure a name is, and whether its size is constant."""
+"""The probability of a cause, and whether its size is constant."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ DRAWS = 400
 
 def problem(rng, signal, others=(), pull=1.0):
     """Units of rows with noise of size 1: residuals of a fit whose effect, of so much signal, is
-    taken out at step -1; beside: directions that may follow, with a prior of size 1 / pull."""
+    taken out at step -1; others: directions that may follow, with a prior of size 1 / pull."""
     effect = rng.normal(size=(UNITS, ROWS))
     columns = [*(f(effect, rng) for f in others), effect]
     z = np.stack(columns, axis=2) * np.array([1.0] * len(others) + [signal])
@@ -54,7 +54,7 @@ def test_what_is_there_is_certain_and_what_is_not_is_not():
 
 
 def test_what_the_family_of_another_explains_is_no_second_cause():
-    """The same direction but for a tenth: with the family beside it the name is not sure."""
+    """The same direction but for a tenth: with its family the cause is not certain."""
     def same_signal(effect, rng):
         return effect + 0.1 * rng.normal(size=effect.shape)
 
@@ -157,7 +157,7 @@ def test_effect_that_lowers_no_error_of_the_test_recordings_is_vetoed(ratio, acc
 
 
 def test_effect_does_not_come_back_against_a_veto(letters):
-    """a was improbable beside c; without c it is probable, and missed or not."""
+    """a was improbable with c; without c it is probable, and missed or not."""
     probabilities = {"abc": (0.7, 0.9, 0.75), "bc": (0.9, 0.6), "b": (0.99,), "ab": (0.98, 0.98)}
     for ratio, names in ((1.1, ("a", "b")), (0.9, ("b",))):
         found = letters(probabilities, "abc", ratios=lambda fit, n, r=ratio: r if n == "a" else 1.1)

@@ -1,4 +1,4 @@
-"""Held-out stretches lie between those that train, apart from them, and each is excited."""
+"""Held-out stretches lie between those that train, separate from them, and each is excited."""
 
 from __future__ import annotations
 

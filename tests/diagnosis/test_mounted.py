@@ -1,4 +1,4 @@
-"""How the accelerometer sits is fitted beside the model and goes into the car's own file."""
+"""The mounting of the accelerometer is fitted with the model and goes into the car's own file."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def test_a_cause_in_the_car_is_named_before_its_like(tmp_path):
 def test_a_cause_in_a_sensor_is_named_though_the_model_starts_from_that_sensor(tmp_path):
     found = diagnose_onboard(tmp_path, apply(PAPER, "encoder_scale", k=0.04), 33, NEAR)
     assert [c.effect for c in found.causes] == ["encoder_scale"]
-    # only motor and friction say how fast the car is: 0.032 here, a fifth too low
+    # only motor and friction determine the speed of the car: 0.032 here, a fifth too low
     assert found.causes[0].parameters["k"].value == pytest.approx(0.04, rel=0.25)
     assert found.causes[0].gain.channel == "encoder"
     assert found.causes[0].gain.low > 0.0
@@ -56,7 +56,7 @@ def test_a_cause_in_a_sensor_is_named_though_the_model_starts_from_that_sensor(t
 
 @pytest.mark.slow
 def test_parameters_that_a_drive_does_not_determine_are_not_called_found(tmp_path):
-    """A refit that predicts the other drive worse is no explanation, and that is said."""
+    """A refit that predicts the other drive worse is no explanation, and that is reported."""
     file, base = find_model("paper")
     misled, turning = (recorded(tmp_path, PAPER, seed, 40.0) for seed in (35, 36))
     m = misled.messages

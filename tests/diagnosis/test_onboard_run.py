@@ -1,4 +1,4 @@
-"""Our own runs, which never have motion capture: driven in the simulator, told from MCAP."""
+"""Our own runs, which never have motion capture: driven in the simulator, read from MCAP."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ HALF_FRAME = 0.01  # s; the mean wait for a PWM frame of 50 Hz
 EXACT = apply(replace(NOMINAL_VEHICLE, delay=replace(NOMINAL_VEHICLE.delay,
                                                      steering_s=HALF_FRAME)),
               "steering_rate_limit", k=UNIT)
-"""The simulated car of no seed, as the equations of the models say it."""
+"""The simulated car of no seed, by the equations of the models."""
 
 
 def drive(path, effect):

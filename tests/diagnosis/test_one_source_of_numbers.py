@@ -1,4 +1,4 @@
-"""A sentence and the table below it say the same, and a verdict hides no dropped candidate."""
+"""A sentence and the table below it state the same, and a verdict hides no dropped candidate."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def turned_marker():
 
 
 def gains_by_table(d):
-    """By cause, what its sentence says and what the errors step by step say."""
+    """By cause, the number of its sentence and that of the errors step by step."""
     out = {}
     for i, cause in enumerate(d.causes):
         before, after = (s.horizons["1.0"]["pooled"] for s in d.stages[i:i + 2])

@@ -1,4 +1,4 @@
-"""Sums in another order end a fit elsewhere by a digit: what is surely named may not hang on it."""
+"""Sums in another order end a fit elsewhere by a digit: certain causes may not depend on it."""
 
 from __future__ import annotations
 

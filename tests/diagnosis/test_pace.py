@@ -1,4 +1,4 @@
-"""Progress: from the first evaluations on, never back, and with no long stand."""
+"""Progress: from the first evaluations on, never back, and without a long stall."""
 
 from __future__ import annotations
 

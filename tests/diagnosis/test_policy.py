@@ -1,4 +1,4 @@
-"""Every threshold of the diagnosis stands in its policy, says what it is, and is used."""
+"""Every threshold of the diagnosis is in its policy, has a description, and is used."""
 
 from __future__ import annotations
 

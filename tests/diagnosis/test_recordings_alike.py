@@ -58,7 +58,7 @@ def side(recordings):
 
 
 def list_warnings(train, test, p=PAPER, policy=USUAL):
-    """What is said beside a fit that ends at the paper's car."""
+    """The warnings with a fit that ends at the paper's car."""
     sides = side(train), side(test)
     of_side = sides[0].evidence
     space = Space(p, ())
@@ -147,7 +147,7 @@ def test_a_parameter_or_a_time_on_its_bound_is_reported(drive):
     assert len(edges) == 2
     assert edges[0].startswith("tyres.front_B ended")
     assert "100 ms before its commands" in edges[1]
-    x[1] *= 0.9  # control: where there is still room, nothing is said
+    x[1] *= 0.9  # control: where there is still room, nothing is reported
     free = {name: replace(m, doubt="") for name, m in moved.items()}
     point = evaluate_point(of_side, noise, space, x)
     assert not any(AT_BOUND in n for n in list_cautions(point, sides, free, {}, (), USUAL))

@@ -1,4 +1,5 @@
-"""The page of a diagnosis: it says all that the JSON says, needs nothing from outside, draws."""
+"""The page of a diagnosis: it states all that the JSON states, needs nothing from outside,
+draws."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Modules beside these tests, and those of other folders that they use."""
+"""Modules of these tests, and those of other folders that they use."""
 
 from __future__ import annotations
 

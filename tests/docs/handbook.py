@@ -1,6 +1,6 @@
 """The handbook as data: its pages, their code blocks, their links.
 
-A fenced block is run as it stands. A comment on the line above says otherwise:
+A fenced block is run unchanged. A comment on the line above states otherwise:
 
     <!-- run: slow -->               among the slow tests
     <!-- run: no, WHY -->            not run; its commands and options must exist
@@ -65,7 +65,7 @@ def blocks(text: str) -> list[Block]:
 
 
 def pages() -> list[Path]:
-    """Every page that a reader may open: the handbook and the Markdown files beside it."""
+    """Every page that a reader may open: the handbook and the other Markdown files."""
     built = DOCS / "build"
     other_pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "hardware" / "README.md",
                    ROOT / "hardware" / "cad" / "README.md",

@@ -78,7 +78,7 @@ class Checkout:
         (folder / ".venv").symlink_to(sys.prefix)
 
     def follow(self, heading: str, skip: Callable[[Block], bool] = lambda block: False) -> None:
-        """Do what a recipe says, but the blocks to ``skip``. Raises RecipeFailed."""
+        """Carry out a recipe, except the blocks to ``skip``. Raises RecipeFailed."""
         for block in recipe(heading):
             if skip(block):
                 continue

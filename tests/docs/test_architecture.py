@@ -13,7 +13,7 @@ HOST = ROOT / "host"
 SOURCES = {".py", ".cpp", ".c", ".h", ".hex", ".sh", ".toml", ".md"}
 LEAF = ("examples", "benchmarks", "studies", "tests", "docs", "cars")
 """Drawn as one; every other top folder is drawn by its folders."""
-MADE = {"hardware/stl", "hardware/dxf", "hardware/pictures"}  # by hardware/cad, said on its line
+MADE = {"hardware/stl", "hardware/dxf", "hardware/pictures"}  # by hardware/cad, stated on its line
 
 
 def drawing(title: str) -> list[str]:

@@ -106,7 +106,7 @@ def test_the_backend_of_the_page_drives(package, served_car):
 
 
 def read_until(link, deadline: float) -> None:
-    """Read whatever still comes."""
+    """Read all that still comes."""
     while time.monotonic() < deadline:
         link.read(1.0)
 

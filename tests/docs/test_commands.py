@@ -1,4 +1,4 @@
-"""What README and tutorials tell the reader to type works, and prints what they show.
+"""The commands of README and tutorials work, and prints what they show.
 
 Each page runs in a folder of its own that looks like a checkout, with a home of
 its own: on MockNano without its long blocks, and as a whole on the firmware.
@@ -22,7 +22,7 @@ from test_guide import unknown_command
 
 PAGES = [ROOT / "README.md", *sorted((DOCS / "tutorials").glob("*.md"))]
 READ = ("examples", "hardware", "host", "studies", "tests")
-"""Of the checkout; whatever a page writes stays in the test's own folder, with a copy of cars/."""
+"""Of the checkout; all that a page writes stays in the test's own folder, with a copy of cars/."""
 
 
 OTHER_ON_MOCK = ("first_controller",)

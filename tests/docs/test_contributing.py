@@ -14,7 +14,7 @@ CODE = re.compile(r"`([^`\n]+)`")
 
 
 def commands(text: str) -> list[str]:
-    """Commands in blocks and in the running text; NAME stands for a folder of tests."""
+    """Commands in blocks and in the running text; NAME is a folder of tests."""
     shown = [c for b in handbook.blocks(text) if b.kind == "sh" for c in b.commands()
              if not c.startswith(("git ", "cd "))]
     return shown + [c.replace("tests/NAME", "tests/wire").removeprefix(".venv/bin/")

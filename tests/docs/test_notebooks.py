@@ -22,8 +22,9 @@ OUTPUTS = {
     "exercise_for_a_class": r"diagnose +3 +3 +3 +3 +12",
     "own_controller": r"the paper's +[1-9]\.\d cm rms[^\n]*\nidentified +0\.\d cm rms",
 }
-"""What each comes to: the lag is found beside the model's own, all hidden faults are named and no
-other, and contouring control is within 1 cm by the identified model, but not by the paper's."""
+"""What each comes to: the lag is found in addition to the model's own, all hidden faults are named
+and no other, and contouring control is within 1 cm by the identified model, but not by the
+paper's."""
 
 
 def collect_output(notebook):

@@ -1,4 +1,4 @@
-"""The recipes for contributors are true: their code does what they say in a copy of the tree.
+"""The recipes for contributors are true: their code does what they state in a copy of the tree.
 
 Recipes of other packages run in this process, from a folder on ``sys.path``. Recipes that change
 the tree run in a copy of it; here, each of their changes still fits its place.

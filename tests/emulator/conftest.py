@@ -23,7 +23,7 @@ class Probe(EmulatedNano):
     """A Nano with the test program, and its vocabulary."""
 
     def drain(self, until: float) -> bytes:
-        """Run to ``until`` [s] whatever delimiters come; the bytes that came."""
+        """Run to ``until`` [s] across all delimiters; the bytes that came."""
         while self.run(until):
             pass
         return b"".join(data for data, _ in self.read())
@@ -57,7 +57,7 @@ def emulator() -> None:
 
 @pytest.fixture(scope="session")
 def probe(emulator: None, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The test program firmware/emulator/test/probe.c as ELF (a .hex lies beside it)."""
+    """The test program firmware/emulator/test/probe.c as ELF (a .hex is in the same folder)."""
     out = tmp_path_factory.mktemp("probe")
     make = ["make", "-s", "-C", str(FIRMWARE_DIR / "emulator"), f"OUT={out}", "probe"]
     try:

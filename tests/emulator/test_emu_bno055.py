@@ -17,7 +17,7 @@ LINEAR = 0x28
 
 @pytest.fixture
 def part(nano):
-    """A Nano whose BNO055 has booted and stands in CONFIG; no stretching."""
+    """A Nano whose BNO055 has booted and is in CONFIG; no stretching."""
     nano.drain(0.5)
     nano.set_i2c("ok", stretch_us=0)
     return nano

@@ -1,4 +1,4 @@
-"""D9 as compare output: what the data sheet says of the port, the mode bits and the latch.
+"""D9 as compare output: what the data sheet states of the port, the mode bits and the latch.
 
 "The general I/O port function is overridden by the Output Compare (OC1x) ... if either of
 the COM1x1:0 bits are set"; "if a system reset occurs, the OC1x Register is reset to zero".

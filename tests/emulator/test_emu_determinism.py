@@ -15,7 +15,7 @@ TICK = 0.01
 
 
 def scenario(image, slice_s, seconds=1.0, rate=30.0, **options):
-    """World told every 10 ms, host asks every 30 ms, runs cut each ``slice_s``."""
+    """The world advances every 10 ms, the host reads every 30 ms, runs cut each ``slice_s``."""
     with EmulatedNano(image, **options) as nano:
         nano.set_ring(0, EVEN)
         nano.set_ring(1, EVEN[::2])

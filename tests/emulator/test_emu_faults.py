@@ -111,7 +111,7 @@ def test_a_supply_that_fails_tears_the_byte_under_way(make_nano):
 
 @pytest.mark.parametrize("cause", ["external", "watchdog"])
 def test_any_other_reset_lets_the_write_end(make_nano, cause):
-    """The control: the data sheet says so while the supply holds."""
+    """The control: the data sheet reports that while the supply holds."""
     nano = make_nano(eeprom=b"\x07")
     write_begun(nano)
     nano.reset(cause)
@@ -138,7 +138,7 @@ def test_a_tear_that_was_called_off(make_nano):
     assert nano.eeprom[0] == 8
 
 
-# --- standing still
+# --- at rest
 
 
 def test_a_freeze_stops_interrupts_as_well_and_heals(nano):

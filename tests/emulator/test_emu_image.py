@@ -1,4 +1,4 @@
-"""Flash images: formats, bounds, and what is said when one is missing."""
+"""Flash images: formats, bounds, and the message when one is missing."""
 
 from __future__ import annotations
 

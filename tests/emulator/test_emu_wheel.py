@@ -14,7 +14,7 @@ EVEN = [i / 20 for i in range(20)]
 
 
 def spin(nano, rate, seconds, tick=0.001):
-    """Turn for ``seconds``, told once per tick as the physics does."""
+    """Turn for ``seconds``, updated once per tick as the physics does."""
     start = nano.now
     for k in range(1, round(seconds / tick) + 1):
         nano.set_wheel(rate)

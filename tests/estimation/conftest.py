@@ -47,7 +47,7 @@ class Wheel:
             t += step
 
     def frame(self, now: float) -> tuple[int, float, float, float]:
-        """(count, t_edge, dt_prev, now) as a STATE frame would tell them."""
+        """(count, t_edge, dt_prev, now) as in a STATE frame."""
         i = bisect_right(self.edges, now)
         t_edge = self.edges[i - 1] if i else 0.0
         dt = t_edge - self.edges[i - 2] if i > 1 else 0.0
@@ -121,7 +121,7 @@ def simulate_clock(disturbed: float, seed: int, *, duration: float = 40.0, jitte
 
     USB adds 0..``jitter`` s, a share ``disturbed`` of the frames an exponential
     tail of 12 ms mean; frames queue behind a late one. ``warm_up``: 40 ppm
-    with 20 s time constant. ``reset_at`` [s]: the device clock begins anew.
+    with 20 s time constant. ``reset_at`` [s]: the device clock restarts.
     """
     rng = random.Random(seed)
     error = rng.uniform(-0.005, 0.005)

@@ -1,4 +1,5 @@
-"""Which way a car rolls that nobody drives: felt by its acceleration, at the emulated car too."""
+"""The direction of a car that rolls without throttle: by its acceleration, at the emulated car
+too."""
 
 from __future__ import annotations
 
@@ -18,7 +19,7 @@ FRAME = 0.01
 
 
 def run_frames(speeds, accelerations):
-    """What is said in each frame of |v| [m/s] and a_x [m/s2]."""
+    """The direction in each frame of |v| [m/s] and a_x [m/s2]."""
     direction = InertialDirection()
     return [direction.add(FRAME, v, a) for v, a in zip(speeds, accelerations, strict=True)]
 
@@ -64,7 +65,7 @@ def test_without_acceleration_no_direction_is_given():
 
 
 def roll_car(wheel, hint, sign, seconds=1.5, rate=1.2, stood=0.5, believed=True):
-    """A car that stands, then is accelerated by ``sign * rate``; the estimator at the end."""
+    """A car at rest, then is accelerated by ``sign * rate``; the estimator at the end."""
     ring = wheel(0.002, 20, None, lambda t: 0.5 * rate * max(t - stood, 0.0)**2, stood + seconds)
     estimator = WheelSpeed(0.002, 20)
     direction = InertialDirection()
@@ -79,7 +80,7 @@ def roll_car(wheel, hint, sign, seconds=1.5, rate=1.2, stood=0.5, believed=True)
 
 @pytest.mark.parametrize("hint", [0, 1])
 def test_a_car_that_rolls_backwards_from_rest_is_detected(wheel, hint):
-    """At neutral, or down a slope against a weak throttle: travel goes back to the stand."""
+    """At neutral, or down a slope against a weak throttle: travel goes back to the rest."""
     estimator = roll_car(wheel, hint, -1)
     assert estimator.speed == pytest.approx(-1.8, abs=0.05)
     assert estimator.distance == pytest.approx(-0.5 * 1.2 * 1.49**2, abs=0.03)
@@ -109,7 +110,7 @@ def test_a_certain_direction_is_not_overruled(wheel):
 
 
 def to_and_fro(wheel, believed=True):
-    """A hand pushes with +-3 m/s2, 1 s each way and no rest: (wrong, wrong and sure), frames."""
+    """A hand pushes with +-3 m/s2, 1 s each way and no rest: (wrong, wrong and certain), frames."""
     def speed(t):
         return 3.0 * abs((t + 0.5) % 2.0 - 1.0) - 1.5
 
@@ -132,7 +133,7 @@ def to_and_fro(wheel, believed=True):
 
 
 def test_a_hand_that_turns_the_car_round_without_a_rest(wheel):
-    """A third of the time at most until it is felt, and that is told."""
+    """A third of the time at most until it is measured, and that is reported."""
     wrong, silent = to_and_fro(wheel)
     assert wrong < 250
     assert silent < 60

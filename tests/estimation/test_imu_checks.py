@@ -89,7 +89,7 @@ def test_random_words_are_never_believed():
 
 def turns(stream: Stream, rate, speed: float, steering: float, seconds: float,
           aside: float | None = None) -> list[str]:
-    """Doubts at the end of a bend that the gyro says to be ``rate``; reached in half a second."""
+    """Doubts at the end of a bend that the gyro measures as ``rate``; reached in half a second."""
     for k in range(int((seconds + 0.5) / FRAME)):
         w = rate * min(k * FRAME / 0.5, 1.0)
         accel = speed * (w if aside is None else aside)
@@ -116,7 +116,7 @@ def test_a_fast_bend_may_understeer_and_a_spin_is_believed(stream, share, doubts
 
 
 def test_in_a_fast_bend_the_lateral_acceleration_decides(stream):
-    """A gyro that turns the other way, while the car is felt to go round as it steers."""
+    """A gyro that turns the other way, while the car is measured to go round as it steers."""
     rate = bend(1.0, 0.25)
     assert turns(stream, -rate, 1.0, 0.25, 1.0, aside=rate) == ["IMU_DISAGREES"]
     assert not stream.check.trusted

@@ -31,7 +31,7 @@ class Part:
         return int((t + self._phase) // self._period)
 
     def read(self, slot: int) -> tuple[float, int, float]:
-        """Time of the read, what the look told, true time of the sample."""
+        """Time of the read, result of the look, true time of the sample."""
         read = slot * PERIOD + self._rng.gauss(0.0, 5e-5)
         counts = [self._updates(t) for t in (self._read, read - self._lead, read)]
         self._read = read
@@ -70,7 +70,7 @@ def test_the_age_is_known_after_two_beats(rate, lead):
 @pytest.mark.parametrize("rate", [1e-4, 1e-5, 0.0, -1e-5, -1e-4])
 @pytest.mark.slow_except("0.0", "-0.0001")
 def test_of_clocks_in_step_the_half_is_known(rate):
-    """The age hardly moves in a minute: within the look's region, and not said to be surer."""
+    """The age hardly moves in a minute: within the look's region, and not stated as more exact."""
     scores = [(e / std)**2 for phase in range(5)
               for t, e, std in follow_reads(rate, 0.1 + 0.2 * phase, 20.0) if t > 5.0]
     errors = [e for phase in range(5)
@@ -80,7 +80,8 @@ def test_of_clocks_in_step_the_half_is_known(rate):
 
 
 def test_stated_deviations_are_honest():
-    """30 clocks up to 0.5 % apart, at 2 s and later: 1 when honest, they are the same for long."""
+    """30 clocks up to 0.5 % different, at 2 s and later: 1 when honest, they are the same for
+    long."""
     rng = random.Random(5)
     scores = []
     for seed in range(30):

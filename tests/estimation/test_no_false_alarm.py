@@ -13,7 +13,7 @@ from bench_doubts import STYLES, drive, recorded
 
 SLIDES = {"81_drifting_tapes_and_tiles/"
           "car_1_Datarecording_09_09_2024_18_13_59drifting_clockwise.csv"}
-"""The car is at full throttle across its way: what the wheels say is not what it does."""
+"""The car is at full throttle across its direction: the wheels do not measure its motion."""
 DEAD = {"circles_27_sept_2024/car_1_Datarecording_09_27_2024_12_06_55.csv"}
 """Motion capture shows up to 0.43 m/s, the encoder stays at zero."""
 
@@ -48,4 +48,4 @@ def test_only_recordings_of_a_dead_encoder_and_of_drifting_are_doubted(recording
     for path in sorted(recordings.rglob("*.csv")):
         found |= collect_doubts(path)
     assert set(found) == SLIDES | DEAD
-    assert "ENCODER_LOW" in found[next(iter(SLIDES))], "the wheels stand across the way"
+    assert "ENCODER_LOW" in found[next(iter(SLIDES))], "the wheels are across the direction"

@@ -124,7 +124,7 @@ def simulate(seed, noise, seconds=20.0, rest_seconds=3.0):
     def change(t):
         return 0.6 * math.cos(0.5 * t)
 
-    for k in range(-round(rest_seconds / FRAME), 1):  # the ESC wants 2 s of neutral anyway
+    for k in range(-round(rest_seconds / FRAME), 1):  # the ESC requires 2 s of neutral anyway
         now = k * FRAME
         noisy = noise.gyro_noise / math.sqrt(FRAME) * rng.standard_normal()
         odometry.update(now, 0.0, 0.0, round((bias + noisy) * 900) / 900, now - AGE)
@@ -168,7 +168,7 @@ def test_covariance_is_honest(noise):
 
 @pytest.mark.slow
 def test_covariance_without_the_constant_errors_would_lie():
-    """Control: a bias of the stated size, a filter told of white noise alone."""
+    """Control: a bias of the stated size, a filter with white noise alone."""
     truth = OdometryNoise()
     values = []
     for seed in range(10):
@@ -182,7 +182,7 @@ def test_covariance_without_the_constant_errors_would_lie():
 
 def measure_clock_error(clock_offset, phase, *, omega, turned, seconds):
     """Yaw error squared and its variance where the IMU's clock and the Nano's differ by a share
-    ``apart``: each frame has the newest sample, 0 to 10 ms before its read."""
+    ``clock_offset``: each frame has the newest sample, 0 to 10 ms before its read."""
     odometry = Odometry(OdometryNoise(gyro_noise=1e-5, gyro_bias=1e-9, gyro_scale=1e-9))
     period = 0.01 * (1.0 + clock_offset)
     for k in range(round(seconds / FRAME) + 1):

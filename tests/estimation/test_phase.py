@@ -1,4 +1,5 @@
-"""Two rings on one shaft tell which way it turns; the emulated car with a pushing hand too."""
+"""Two rings on one shaft give the direction of its turning; the emulated car with a pushing hand
+too."""
 
 from __future__ import annotations
 
@@ -63,7 +64,8 @@ def crossings(ring, back, way, seconds):
 
 def run_frames(ring_b, taught, seconds=9.0, ring_a=EVEN, back_b=None, inertial=lambda t: 0,
                way=to_and_fro):
-    """What a new RingPhase says in each frame of a shaft that turns by ``way(t)``; stamps 1 us."""
+    """The direction by a new RingPhase in each frame of a shaft that turns by ``way(t)``; stamps 1
+    us."""
     rng = random.Random(1)
     a, b = ([t + rng.gauss(0.0, 1e-6) for t in crossings(ring, back, way, seconds)]
             for ring, back in ((ring_a, ring_a), (ring_b, back_b or ring_b)))
@@ -89,14 +91,14 @@ def both_ways(t):
 
 
 def wrong(directions, late=0.2):
-    """Frames that say the opposite, ``late`` s after a turn or later."""
+    """Frames with the opposite, ``late`` s after a turn or later."""
     return [k for k, way in enumerate(directions) if way and forwards(k * FRAME) != (way > 0)
             and forwards(k * FRAME) == forwards(k * FRAME - late)]
 
 
 @pytest.mark.parametrize("share", [0.15, 0.25, 0.4, 0.75, 0.9])
 def test_a_shaft_that_turns_round_contradicts_what_was_learnt(share):
-    """Forwards alone is known: it is not said, its opposite is, 0.2 s after the turn."""
+    """Forwards alone is known: it is not reported, its opposite is, 0.2 s after the turn."""
     directions = run_frames(shift_ring(share), one_way, 4.3)
     assert not any(directions[:220])
     assert set(directions[240:]) == {-1}
@@ -132,7 +134,8 @@ def test_it_gives_no_direction_before_it_has_learnt():
 @pytest.mark.parametrize(("cars", "least"), [
     (range(1, 9), 4), pytest.param(range(1, 101), 50, marks=pytest.mark.slow)])
 def test_uneven_rings_of_hidden_cars_are_never_wrong(cars, least):
-    """Flanks 2 % of a pitch off, teeth up to 12 % wider than gaps, glued anyhow: half of them tell.
+    """Flanks 2 % of a pitch off, teeth up to 12 % wider than gaps, glued anyhow: half of them
+    decide.
     """
     informative = 0
     for seed in cars:
@@ -144,7 +147,8 @@ def test_uneven_rings_of_hidden_cars_are_never_wrong(cars, least):
 
 
 def test_what_was_learnt_wrong_is_forgotten():
-    """Taught forwards for backwards: a second of acceleration that says the opposite undoes it."""
+    """Taught forwards for backwards: a second of acceleration of the opposite direction undoes
+    it."""
     directions = run_frames(shift_ring(0.25),
                             lambda t: -both_ways(t) if t < 4.8 else both_ways(t - 4.8),
                       14.0,

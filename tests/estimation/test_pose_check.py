@@ -1,4 +1,4 @@
-"""Poses that are told in another convention, or are of another body, are named as such."""
+"""Poses in another convention, or are of another body, are named as such."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ POSE_EVERY = 0.05
 LATE = 0.063
 POSE_COV = np.diag((0.01**2, 0.01**2, math.radians(0.3)**2))
 RUNS = 40
-REST_S = 2.0  # the ESC wants 2 s of neutral anyway
+REST_S = 2.0  # the ESC requires 2 s of neutral anyway
 
 
 class Drive:
@@ -151,7 +151,7 @@ def test_without_poses_it_is_as_honest_as_dead_reckoning():
 
 @pytest.mark.slow
 def test_a_late_pose_taken_for_a_fresh_one_is_not_honest():
-    """Control: the same poses, said to be of now."""
+    """Control: the same poses, stated as of now."""
     values = []
     for seed in range(10):
         drive = Drive(seed, seconds=4.0)
@@ -200,7 +200,7 @@ def test_without_the_gate_outliers_do_harm(monkeypatch):
 
 @pytest.mark.parametrize("age", [0.0, 0.03, 0.0437, 0.2])
 def test_a_late_pose_is_as_good_as_one_in_time(age):
-    """Whatever the order: the same estimate as if it had been there when it was measured."""
+    """In any order: the same estimate as if it had been there when it was measured."""
     late = PoseFilter()
     there = PoseFilter()
     total = 40 * FRAME

@@ -1,4 +1,4 @@
-"""Which external poses are believed, and what is said while none is."""
+"""Which external poses are believed, and what is reported while none is."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def in_room(t, speed=1.0):
 
 
 def run(seconds, see=lambda t, pose: pose, speed=lambda t: 1.0, latency=0.004):
-    """(t, External) of each frame; ``see`` changes what the source tells, None = nothing."""
+    """(t, External) of each frame; ``see`` changes what the source sends, None = nothing."""
     tracker = PoseTracker()
     out = []
     travelled = 0.0

@@ -1,4 +1,4 @@
-"""External poses of a marker, fused with the motion: where the axle is, and how sure that is."""
+"""External poses of a marker, fused with the motion: where the axle is, with its covariance."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def in_room(pose):
 
 
 def measure_marker(t, rng, std=0.005):
-    """The marker as it is measured at t [s], told LATE after it."""
+    """The marker as it is measured at t [s], sent LATE after it."""
     x, y, yaw = in_room(true(t))
     c = cos(yaw)
     s = sin(yaw)
@@ -52,7 +52,7 @@ def measure_marker(t, rng, std=0.005):
 
 
 def drive(marker, seconds, seed=1, reported=lambda t, pose: pose, every=10, std=0.005):
-    """(t, External) of each frame; ``told`` changes a pose, None = nothing comes."""
+    """(t, External) of each frame; ``reported`` changes a pose, None = nothing comes."""
     rng = np.random.default_rng(seed)
     odometry = Odometry()
     travel = 0.0
@@ -94,7 +94,7 @@ def test_it_is_honest_about_the_axle(marker):
 
 
 def test_a_marker_that_is_elsewhere_than_stated_is_not_honest():
-    """Control: the same poses, said to be those of the axle."""
+    """Control: the same poses, stated as those of the axle."""
     values = [nees(reported, t) for t, reported in drive(KNOWN._replace(lx=0.0), 6.0) if t > 4.0]
     assert np.mean(values) > 30.0
 
@@ -124,12 +124,12 @@ def test_a_lock_while_it_drives_is_undone(monkeypatch):
 
     assert worst() < 11.3  # one honest estimate in a hundred is beyond
     monkeypatch.setattr(PoseFilter, "forget", lambda self, age: None)
-    assert worst() > 11.3, "what the lock told is not undone, and it makes no difference"
+    assert worst() > 11.3, "what the lock gave is not undone, and it makes no difference"
 
 
 def astray(accel):
     """Largest error [m] on a straight at 2 m/s, whose wheels turn 60 % too quick from 2.0 to 2.4 s;
-    a pose each 0.5 s. accel: whether what is felt is told."""
+    a pose each 0.5 s. accel: whether the acceleration is given."""
     odometry = Odometry()
     travel = 0.0
     worst = 0.0
@@ -149,7 +149,7 @@ def astray(accel):
 
 
 def test_wheels_that_spin_are_not_believed():
-    """The control: who feels no acceleration is half a metre ahead."""
+    """The control: without acceleration it is half a metre ahead."""
     assert astray(accel=True) < 0.1
     assert astray(accel=False) > 0.3
 
@@ -167,5 +167,5 @@ def test_poses_that_are_constant_from_the_first_are_no_place():
         return ExternalPose(pose.stamp, pose.arrival, first[0].x, first[0].y, first[0].yaw)
 
     reported = drive(KNOWN, 3.0, reported=lock)
-    assert reported[150][1].estimate is not None  # at rest nobody can tell
+    assert reported[150][1].estimate is not None  # at rest nothing can show it
     assert all(e.estimate is None for t, e in reported if t > 2.6)

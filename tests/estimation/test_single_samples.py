@@ -72,7 +72,8 @@ def test_motion_is_accepted_sample_by_sample(motion, noise):
 @pytest.mark.parametrize(("motion", "size"), [
     ("step", 0.06), ("step", 0.3), ("slalom", 0.3), ("slalom", -2.2), ("collision", 2.2)])
 def test_single_sample_that_returns_is_rejected(motion, size):
-    """In every place but beside the motion's own jump. Control: the same as a lasting offset."""
+    """In every place except next to the motion's own jump. Control: the same as a lasting
+    offset."""
     clean = MOTIONS[motion]
     places = [k for k in range(3, len(clean) - 2)
               if max(abs(clean[k + n] - clean[k + n - 1]) for n in (-1, 0, 1, 2)) < 0.4 * abs(size)]

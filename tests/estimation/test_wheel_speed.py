@@ -124,7 +124,7 @@ def test_speed_falls_to_zero_after_the_last_edge(wheel):
 
 
 def there_and_back(wheel, hint_of):
-    """1 m/s forwards, stop at t = 1 s for ``stand``, the same way back; frames."""
+    """1 m/s forwards, stop at t = 1 s for ``stand`` s, the same way back; frames."""
     def travel(t):
         return min(t, 1.0) + max(t - 2.0, 0.0)
 

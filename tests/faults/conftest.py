@@ -1,4 +1,4 @@
-"""The fault table is a package beside these tests; ``run.py`` starts it from a terminal."""
+"""The fault table is a package in this folder; ``run.py`` starts it from a terminal."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from fault_table.table import LAYERS, ROWS
 
 
 def chosen(options: argparse.Namespace) -> list[tuple[Row, Case]]:
-    """Cases that were asked for."""
+    """Requested cases."""
     rows = [row for row in ROWS if row.number in options.rows or not options.rows]
     return [(row, case) for row in rows for case in row.cases
             if (not options.world or case.world == options.world)
@@ -87,7 +87,7 @@ def main() -> int:
 
 
 def confirm_lifted(url: str) -> bool:
-    """A person says that the wheels are up."""
+    """A person confirms that the wheels are up."""
     print(f"{url}: the wheels will turn at throttle 0.3, and programs will be killed while they do."
           "\nBattery in, car on a stand, all four wheels free, nobody's hand near them.")
     return input("Type LIFTED to go on: ").strip() == "LIFTED"

@@ -1,4 +1,4 @@
-"""The page in the handbook says what the rows say."""
+"""The page in the handbook matches the rows."""
 
 from __future__ import annotations
 

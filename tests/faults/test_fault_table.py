@@ -36,7 +36,7 @@ ALONE = (
     "3-mock-distance", "8-mock-none, mux", "11-elf*", "13-elf-SCL*", "14-elf-standing",
     "15-elf-stuck", "16-elf*", "17-mock-10 k*", "20-elf*", "27-mock-prescale",
     "29-mock-wild speeds", "31-elf*", "33-elf-mux", "43-elf-mux*", "46-mock*")
-"""Without their controls, where not the first fast case of a row stands for it."""
+"""Without their controls, where another than the first fast case represents a row."""
 REALTIME = ("6-pty*",)
 """Cases with real processes, without their controls."""
 BY_NAME = {f"{row.number}-{case.world}-{case.what}": case for row in ROWS for case in row.cases}

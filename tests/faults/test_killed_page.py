@@ -91,7 +91,7 @@ def until(condition):
 
 def kill_page(folder):
     """(ms from kill -9 to the last pulse that drives, 0: none began; whether it drove until then
-    and the machine did not stall; whether it drove; the stand)."""
+    and the machine did not stall; whether it drove; the rig)."""
     with PtyRig(folder) as rig:
         with serve_page(rig) as (program, _):
             until(lambda: rig.drove(time.monotonic()))

@@ -148,7 +148,7 @@ def record_writes(drive: Drive) -> list[float]:
 @pytest.mark.parametrize("notes", [True, False])
 @pytest.mark.slow_except("True-*", "False--0.4")
 def test_stalled_loop_disarms_in_both_directions(tmp_path, notes, throttle):
-    """Control: an expiry that nobody notes ends at neutral, but the car stays armed."""
+    """Control: an expiry without a reaction ends at neutral, but the car stays armed."""
     with Drive(tmp_path, brief=True) as drive:
         drive.arm().run(0.3, forward(throttle))
         start = drive.now
@@ -178,7 +178,7 @@ def test_no_pulse_leaves_the_range_of_an_esc(tmp_path):
 
 
 class RecordingGuard:
-    """Stands for the guard process; records what it is told."""
+    """In place of the guard process; records its commands."""
 
     def __init__(self) -> None:
         self.tripped = True

@@ -17,7 +17,7 @@ from dart_hal.wire.decoder import Decoder
 
 FIRMWARE = Path(__file__).parents[2] / "firmware"
 BOARD_ID = 0x0DA27001
-MARKS = [(i + 0.5) / 20 for i in range(20)]  # the wheel stands between two
+MARKS = [(i + 0.5) / 20 for i in range(20)]  # the wheel is between two
 
 FLAG = {name: 1 << bit for bit, name in enumerate(messages.STATE_FLAGS)}
 

@@ -12,7 +12,7 @@ U32 = 1 << 32
 
 
 def run(core: c.CDLL, edges: list[int], updates: list[int], start: int) -> list[tuple[int, ...]]:
-    """What the core says at each update time; times are unwrapped ticks after start."""
+    """What the core reports at each update time; times are unwrapped ticks after start."""
     core.encoder_new(start % U32)
     out = (c.c_uint32 * 3)()
     results = []
@@ -75,7 +75,7 @@ def test_the_glitch_rule_keeps_exactly_the_edges_far_from_the_last(
     last_level = 0
     for gap in gaps:
         t += gap
-        while refreshed + 7000 < t:  # the slot interrupt, 3.5 ms apart
+        while refreshed + 7000 < t:  # the slot interrupt, each 3.5 ms
             refreshed += 7000
             core.counter_refresh((start + refreshed) & 0xFFFF)
         level ^= 1
@@ -93,7 +93,7 @@ def test_edges_separated_by_a_16_bit_wrap_are_not_glitches(core: c.CDLL) -> None
     core.counter_new(0, 200)
     out = (c.c_uint16 * 10)()
     for n in range(50):
-        core.counter_edge(1234 + n * 5 & 0xFFFF, (n + 1) & 1)  # 32.77 ms and 2.5 us apart
+        core.counter_edge(1234 + n * 5 & 0xFFFF, (n + 1) & 1)  # separated by 32.77 ms and 2.5 us
         for phase in range(1, 9):
             core.counter_refresh(1234 + phase * 7000 & 0xFFFF)
     core.counter_get(out)

@@ -1,4 +1,4 @@
-"""BNO055 machine: start, samples, recovery; whatever the part does it comes back."""
+"""BNO055 machine: start, samples, recovery; it recovers from anything the part does."""
 
 from __future__ import annotations
 
@@ -339,7 +339,7 @@ def test_it_always_comes_back_and_never_blocks(
         part.stretch = 360
         part.reg[0] = 0xA0
         part.slots(after)
-    part.slots(125)  # with registers that froze CONFIG is seen by the 1 s poll, not before
+    part.slots(125)  # with registers that froze CONFIG is found by the 1 s poll, not before
     for _ in range(850):  # a back-off of 5 s and a start
         view = part.slots(1)
         if view.valid:

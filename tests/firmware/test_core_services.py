@@ -76,7 +76,7 @@ def test_the_line_rate_is_wrong_only_with_errors_and_without_a_frame(core: c.CDL
 @pytest.mark.parametrize(("limit_ms", "slots"), [(50, 5), (105, 11), (110, 11), (1000, 100)])
 def test_the_interrupts_own_limit_in_slots(core: c.CDLL, limit_ms: int, slots: int) -> None:
     core.beats_new()
-    assert core.beats_slot()  # nobody has spoken yet
+    assert core.beats_slot()  # no bytes yet
     core.beats_beat(limit_ms)
     assert [core.beats_slot() for _ in range(slots + 2)] == [0] * slots + [1, 1]
 

@@ -26,7 +26,7 @@ class View(NamedTuple):
 
 
 class Sut:
-    """A supervisor and its clock [ms]; beats are 20 ms apart unless said."""
+    """A supervisor and its clock [ms]; a beat each 20 ms unless stated."""
 
     def __init__(self, core: c.CDLL, now: float = 0.0) -> None:
         self.core = core

@@ -24,7 +24,7 @@ from firmware_rig import FIRMWARE, Rig, missing
 ARDUINO = Path("/usr/share/arduino/hardware/arduino/avr")
 FLASH = 28_672
 RAM = 1152
-"""Bytes: two pages below the 30 720 B beside the bootloader; RAM as in the budgets."""
+"""Bytes: two pages below the 30 720 B that the bootloader leaves; RAM as in the budgets."""
 NEEDS_DECIMAL_DIG = "-DDECIMAL_DIG=__DECIMAL_DIG__"
 """Debian's core does not compile with Debian's own compiler without it (WString.cpp). Given to
 the core's files only, never to ours."""
@@ -102,7 +102,7 @@ def platformio() -> Builder:
 
 
 def call(command: list[str]) -> str:
-    """What the compiler says; AssertionError with it when it fails."""
+    """Output of the compiler; AssertionError with it when it fails."""
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     assert result.returncode == 0, result.stderr
     return result.stderr
@@ -121,7 +121,7 @@ def compile_all(tool: Builder, sources: Iterable[Path], where: Path, extra: str 
 def sketch(where: Path) -> list[Path]:
     """What the IDE compiles: the .ino behind an include of Arduino.h, and src/ below it."""
     ino = FIRMWARE / "firmware.ino"
-    assert ino.stem == FIRMWARE.name, "the IDE wants the sketch named like its directory"
+    assert ino.stem == FIRMWARE.name, "the IDE requires the sketch to be named like its directory"
     cpp = where / "firmware.ino.cpp"
     cpp.write_text(f'#include <Arduino.h>\n#line 1 "{ino}"\n{ino.read_text()}')
     return [cpp, *sorted((FIRMWARE / "src").rglob("*.cpp"))]

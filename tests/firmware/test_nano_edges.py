@@ -24,7 +24,7 @@ def test_both_take_and_refuse_the_same_edges(core: c.CDLL, nano: Make, seed: int
     draw = random.Random(seed)
     times = []
     t = 0.001
-    for _ in range(120):  # one turn of a ring whose marks are as far apart as the gaps
+    for _ in range(120):  # one turn of a ring whose marks have the distance of the gaps
         times.append(t)
         t += draw.choice(GAPS_US) * 1e-6
     rig = nano(eeprom=eeprom_image(edge_min_us=edge_min_us))
@@ -78,7 +78,7 @@ def test_a_storm_of_interrupts_loses_nothing(nano: Make) -> None:
 
 
 def test_a_new_glitch_rule_holds_at_once_on_both_rings(nano: Make) -> None:
-    """Edges 1 ms apart, and then a shortest interval of 1.5 ms: every second one is too early."""
+    """Edges each 1 ms, and then a shortest interval of 1.5 ms: every second one is too early."""
     rig = nano(eeprom=eeprom_image(edge_min_us=0, ring_b=1))
     rig.nano.set_ring(1, [(i + 0.3) / 20 for i in range(20)])
     rig.run(0.5)

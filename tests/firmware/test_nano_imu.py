@@ -1,4 +1,4 @@
-"""The ELF in simavr: whatever the IMU and its bus do, STATE and the encoder go on."""
+"""The ELF in simavr: STATE and the encoder go on under any fault of the IMU and its bus."""
 
 from __future__ import annotations
 

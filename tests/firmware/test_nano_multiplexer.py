@@ -31,7 +31,7 @@ ANY_TIME = ("src/board/outputs.cpp", "    pass_wanted = output.pass;\n",
 
 
 class Board:
-    """Pulses of the PCA9685 and the multiplexer: what stands at the ESC and at D8."""
+    """Pulses of the PCA9685 and the multiplexer: the signal at the ESC and at D8."""
 
     def __init__(self, rig: Rig, phase: float, width: float, wired: bool = True) -> None:
         self.rig = rig
@@ -94,7 +94,7 @@ class Board:
 
 
 def drive(rig: Rig, phase: float, width: float, wired: bool = True) -> tuple[Board, float, float]:
-    """To LIVE and, by STOP, back: the board, and when it was told either."""
+    """To LIVE and, by STOP, back: the board, and when each was commanded."""
     board = Board(rig, phase, width, wired)
     board.rig.run(0.5)
     rig.beat(0.56, DISARMED)

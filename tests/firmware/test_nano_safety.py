@@ -414,7 +414,7 @@ def test_refused_parameters(nano: Make) -> None:
 def test_wdt_reset_is_refused_unless_optiboot_is_there(nano: Make) -> None:
     rig = nano()
     rig.run(0.5)
-    assert rig.hello()["bootloader"] == 1  # ATmegaBOOT, or none: nobody can tell
+    assert rig.hello()["bootloader"] == 1  # ATmegaBOOT, or none: it cannot be known
     assert rig.ask("PARAM_SET", "PARAM_VALUE", id=WDT_RESET, value=1)["status"] == 2
     assert rig.ask("PARAM_SET", "PARAM_VALUE", id=WDT_RESET, value=0)["status"] == 0
     rig = optiboot(nano, NONE)

@@ -43,7 +43,7 @@ def test_hello_comes_three_times_at_boot(nano: Make) -> None:
     assert hello["boot_nonce"] == nonce
     assert hello["clock_hz"] == messages.TICKS_PER_SECOND
     assert hello["build"] == 0
-    assert rig.raw.startswith(b"\0")  # ends whatever the reset has left on the line
+    assert rig.raw.startswith(b"\0")  # ends anything that the reset has left on the line
 
 
 def test_hello_on_request_echoes_the_sequence_and_sends_diag(nano: Make) -> None:

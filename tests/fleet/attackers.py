@@ -1,4 +1,4 @@
-"""A room in virtual time with a stand-in for a car, a watcher, and an attacker on its network."""
+"""A room in virtual time with a substitute for a car, a watcher, and an attacker on its network."""
 
 from __future__ import annotations
 

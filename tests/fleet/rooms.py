@@ -1,4 +1,4 @@
-"""Frames of a car that nobody opened, and the ESC pins of cars that were."""
+"""Frames of a car that is not open, and the ESC pins of cars that were."""
 
 from __future__ import annotations
 

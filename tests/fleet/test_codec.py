@@ -1,4 +1,4 @@
-"""Frames between cars: what is told arrives, and whatever else comes is counted, never raised."""
+"""Frames between cars: what is sent arrives, and all else is counted, never raised."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_a_damaged_frame_is_refused(frame, data):
 
 @given(st.sampled_from(m.KINDS), st.binary(max_size=200))
 def test_a_body_that_lies_under_a_good_checksum_is_refused_or_possible(kind, body):
-    """Whoever can send can also compute the CRC: lengths and numbers are checked all the same."""
+    """Any sender can also compute the CRC: lengths and numbers are checked all the same."""
     head = m.HEAD.pack(m.MAGIC, m.VERSION, kind.id, 1, 2, 3) + body
     decoder = Decoder()
     heard = decoder.decode(head + crc32(head, kind.seed).to_bytes(4, "little"))

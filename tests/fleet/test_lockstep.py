@@ -1,4 +1,4 @@
-"""Emulated cars of a fleet live in one time, whatever each of them did before."""
+"""Emulated cars of a fleet live in one time, after any history of each."""
 
 from __future__ import annotations
 

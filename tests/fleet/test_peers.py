@@ -127,7 +127,7 @@ def test_lost_frames_are_counted(fed_peers):
 
 
 def test_a_restarted_car_counts_from_its_new_session(fed_peers):
-    """Its numbers and its line's clock begin anew; frames of the old session come after it."""
+    """Its numbers and its line's clock restart; frames of the old session come after it."""
     peers = Peers("blue", 1)
     hears(peers, fed_peers, 10.0, pose_frame(5000, x=1.0, boot=7, sent=10.0))
     peer = hears(peers, fed_peers, 12.0, pose_frame(0, x=2.0, boot=8, sent=0.3))["red"]
@@ -194,7 +194,7 @@ def test_in_any_order_the_newest_frame_of_the_newest_session_counts(frames):
 
 
 def run(room, seconds=4.0, alive=lambda n: True):
-    """Pairs (true age, age told) of a sender at 20 Hz, looked at 100 Hz through ``room``."""
+    """Pairs (true age, reported age) of a sender at 20 Hz, looked at 100 Hz through ``room``."""
     out = open_local(Url.parse(room))
     into = open_local(Url.parse(room))
     peers = Peers("blue", 1)
@@ -221,7 +221,7 @@ def test_ages_are_right_through_loss_delay_and_copies(faults):
     # the first second: no quick frame has come yet
     true = true[100:]
     frames = frames[100:]
-    # what the quickest frame of the last 10 s took, and a look of 10 ms, cannot be seen
+    # what the quickest frame of the last 10 s took, and a look of 10 ms, cannot be measured
     assert np.abs(true - frames).max() < 0.035
     assert peers.senders["red"].accepted > 30
 
@@ -260,7 +260,7 @@ def test_a_plan_and_a_health_come_with_the_pose(fed_peers):
 
 
 def test_a_law_of_several_cars_sends_its_own_bytes(fed_peers):
-    """Whatever they are; an overtaken frame does not replace a newer one."""
+    """For any frames; an overtaken frame does not replace a newer one."""
     peers = Peers("blue", 1)
     for seq, payload in ((1, b"\0\xff"), (3, b"new"), (2, b"old")):
         hears(peers, fed_peers, 0.1 * seq,

@@ -17,7 +17,7 @@ HALF = "local://stop?loss=0.5&seed={}"
 WITHIN = 0.15
 """s: ten STOPs in a row are lost one time in a thousand, 100 ms; and as without loss."""
 ALONE = 0.050
-"""s without loss: the States of two cars are up to 10 ms apart, one State, one PWM frame."""
+"""s without loss: the States of two cars differ by up to 10 ms, one State, one PWM frame."""
 
 
 def stop_one_by_another(room):
@@ -36,7 +36,7 @@ def test_all_stop_at_once():
     lasts, call, refused, pins = stop_one_by_another("local://stop")
     assert max(lasts) <= ALONE
     assert call.silent == set()
-    assert refused > 50, "the program that drives on is told"
+    assert refused > 50, "the program that drives on gets errors"
     assert pins.fleet.cars[1].causes == ("RUN_STOP",)
 
 
@@ -101,11 +101,11 @@ def test_a_program_may_arm_again_when_the_stop_is_over():
         pins.fleet.arm()
         begin = pins.now()
         pins.drive(0.3)
-        assert all(pins.driving(n, t) for n, t in enumerate(begin)), "control: the pin is seen"
+        assert all(pins.driving(n, t) for n, t in enumerate(begin)), "control: the pin is observed"
 
 
 def drive_watched(beating, *, hears=True):
-    """Pulses of two cars that may drive only while a station beats; ``beating``(t) says when."""
+    """Pulses of two cars that may drive only while a station beats; at the times ``beating``(t)."""
     pins = Pins("local://watched", beat_within=0.3)
     clock = pins.fleet.cars[0]
     station = Station("local://watched", "base", now=lambda: clock.now)

@@ -54,7 +54,7 @@ def screws(name: str, use: str) -> np.ndarray:
 
 
 def hole_distance(a: np.ndarray, b: np.ndarray, axes: tuple[int, int]) -> float:
-    """Largest distance [mm] from a hole of `a` to the nearest of `b`, seen along the screw."""
+    """Largest distance [mm] from a hole of `a` to the nearest of `b`, along the screw."""
     near = [np.hypot(*(b[:, axes] - q[list(axes)]).T).min() for q in a]
     return float(max(near))
 
@@ -120,7 +120,7 @@ def test_the_camera_slot_is_the_sheet_and_play():
 
 @pytest.mark.slow
 def test_nothing_overlaps():
-    """Every pair of bodies, made and bought, in the committed meshes; as the table says."""
+    """Every pair of bodies, made and bought, in the committed meshes; as in the table."""
     overlaps = collisions.overlaps(whole_car())
     found = {pair: v for pair, v in overlaps.items() if v > collisions.TOUCH}
     assert found == {}
@@ -146,7 +146,7 @@ def view(car: dict[str, list[trimesh.Trimesh]]) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_the_lidar_sees_all_but_the_listed_posts():
-    """Behind it stands the Jetson on its posts: known, and nothing else."""
+    """Behind it is the Jetson on its posts: known, and nothing else."""
     visible = view(whole_car())
     assert visible == BUILT["lidar"]
     assert set(visible["blocked_deg"]) <= {"jetson", "standoffs_lower"}
@@ -157,7 +157,7 @@ def test_the_lidar_sees_all_but_the_listed_posts():
 
 
 def test_the_ports_of_the_jetson_are_reachable():
-    """Seen from behind they lie in the window of the back plate; a post there would hide one."""
+    """From behind they lie in the window of the back plate; a post there would hide one."""
     u0, u1, v0, v1 = P.back.window
     ports = [s for i in BUILT["items"] if i["name"] == "jetson" for s in i["shapes"]
              if s["kind"] == "box" and s["low"][0] == 15]
@@ -208,7 +208,8 @@ def test_mass_and_centre_of_mass_are_those_of_the_table():
 
 def mass_faults(mass_g: float, centre_x: float) -> list[str]:
     """Where the assembly is not the example car: mass 10 %, centre 10 mm. Most masses of bought
-    parts are assumed and the chassis is what is left, so the mass says little, the centre more."""
+    parts are assumed and the chassis is what is left, so the mass proves little, the centre
+    more."""
     car = example_car()
     axle = BUILT["assembly"]["rear_axle_x_mm"]
     found = []

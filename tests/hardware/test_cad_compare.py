@@ -1,4 +1,4 @@
-"""What `make hardware` calls a difference: seen for each kind, and none in the committed files."""
+"""What `make hardware` calls a difference: found for each kind, and none in the committed files."""
 
 from __future__ import annotations
 

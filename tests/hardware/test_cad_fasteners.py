@@ -40,7 +40,7 @@ def row(use: str, part: str = "") -> Any:
 
 
 def check_rows(car: dict[str, list[trimesh.Trimesh]], *rows: Any, removed: str = "") -> str:
-    """What the rules say about some rows alone."""
+    """Findings of the rules for some rows alone."""
     bodies = {n: b for n, b in car.items() if not removed or not n.startswith(removed)}
     return "\n".join(fit.problems(BUILT, list(rows), bodies))
 

@@ -28,7 +28,7 @@ RAW = parameters.read().raw
 
 
 def problems(group: str, key: str, value: object) -> list[str]:
-    """What is said about the committed file with one value changed."""
+    """The message for the committed file with one value changed."""
     raw = copy.deepcopy(RAW)
     raw[group][key]["value"] = value
     try:

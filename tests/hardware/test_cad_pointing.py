@@ -1,4 +1,4 @@
-"""The numbers beside a picture point at what their lines say; each way to miss is named."""
+"""The numbers of a picture point at what their lines name; each way to miss is named."""
 
 from __future__ import annotations
 

@@ -132,7 +132,7 @@ def test_the_field_at_the_gap_switches_the_hall_sensor():
 
 
 def test_the_switch_looks_at_the_circle_of_the_magnets():
-    """Both placed in the car: same distance from the shaft, gap as wanted."""
+    """Both placed in the car: same distance from the shaft, gap as required."""
     place = {q["name"]: np.array(q["matrix"]) for q in BUILT["placements"]}
     shaft = place["striped_ring"][:3, 3]
     item = next(i for i in BUILT["items"] if i["name"] == "hall_sensor")["shapes"][0]

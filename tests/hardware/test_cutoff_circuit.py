@@ -1,4 +1,4 @@
-"""The cut-offs' circuits: safe with each wire low, off, or beside a chip without supply.
+"""The cut-offs' circuits: safe with each wire low, off, or with a chip without supply.
 
 Judged from the harness as data, and wiring, bill, guide and safety page against each other. Each
 checker sees the fault that it is there for.

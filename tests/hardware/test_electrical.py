@@ -21,7 +21,7 @@ import nets  # noqa: E402
 
 
 def read_table() -> list[list[str]]:
-    """(what, file, instead of, stands, car, refusal) of the table on the hardware page."""
+    """(what, file, instead of, value, car, refusal) of the table on the hardware page."""
     text = (ROOT / "hardware" / "README.md").read_text(encoding="utf-8")
     table = text.split("| what is wrong | file |")[1].split("\n\n")[0].splitlines()[2:]
     return [[re.sub(r"^`|`$", "", cell) for cell in re.split(r" ?\| ", row.strip("|").strip(" "))]
@@ -96,7 +96,7 @@ WITHOUT = {
 @pytest.mark.parametrize(("what", "file", "old", "new", "car", "refusal"), BROKEN,
                          ids=[row[0] for row in BROKEN])
 def test_a_fault_is_refused_in_every_car_that_has_it(copy, what, file, old, new, car, refusal):
-    """Every option, computer and measurement beside it; a control for each rule in each car."""
+    """Every option, computer and other measurement; a control for each rule in each car."""
     broken = nets.Harness(copy(file, old, new))
     rule = refusal.split(":")[0]
     cars = [c for c in broken.cars() if set(car_of(car).options) <= set(c.options)]
@@ -108,7 +108,7 @@ def test_a_fault_is_refused_in_every_car_that_has_it(copy, what, file, old, new,
 
 @pytest.mark.slow
 def test_nothing_is_drawn_from_a_harness_with_a_fault(tmp_path):
-    """The whole tree, for the builder writes beside itself and into the pages."""
+    """The whole tree, for the builder writes into its folder and into the pages."""
     shutil.copytree(ROOT / "hardware", tmp_path / "hardware",
                     ignore=shutil.ignore_patterns("__*", "stl", "pictures"))
     shutil.copytree(ROOT / "docs" / "build_guide", tmp_path / "docs" / "build_guide")

@@ -143,7 +143,7 @@ def test_every_tool_is_in_the_list_and_the_reverse():
 
 
 def test_a_step_names_the_tools_of_its_parts():
-    """A tool that a row of the bill asks for is in at least one step that uses the part."""
+    """A tool that a row of the bill requires is in at least one step that uses the part."""
     steps = {s.id: s for s in guide.steps()}
     missing = [f"{r.id}: {tool}" for r in bom_table.load() for tool in r.tools
                if not any(tool in steps[s].tools for s in r.used_in)]
@@ -235,7 +235,7 @@ LINES = legend_lines.lines()
 
 
 def find_unexplained(text: str) -> list[str]:
-    """Pictures with numbers whose legend does not stand below them."""
+    """Pictures with numbers whose legend is not below them."""
     return [name for name, below in PICTURE.findall(text)
             if name in LINES and below != LINES[name]]
 
@@ -311,7 +311,7 @@ KINDS = ("18650", "AA")
 
 
 def ambiguous_cells(text: str) -> list[str]:
-    """Mentions of a cell that do not say which: 18650, AA, or a cell of the LiPo.
+    """Mentions of a cell that do not name which: 18650, AA, or a cell of the LiPo.
 
     A servo tester that was fed with the 18650 cells of the next step gave a servo of 6.8 V 16 V.
     """

@@ -1,4 +1,4 @@
-"""Every script of the hardware folder says what it does, and does nothing else then."""
+"""Every script of the hardware folder describes what it does, and does nothing else then."""
 
 from __future__ import annotations
 

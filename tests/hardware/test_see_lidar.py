@@ -1,4 +1,4 @@
-"""The lidar's bytes: what turns and sees is said so, what does not is not."""
+"""The lidar's bytes: a lidar that turns and measures is reported as such, others are not."""
 
 from __future__ import annotations
 

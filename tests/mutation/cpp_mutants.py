@@ -38,7 +38,7 @@ def cpp_mutants(file: str) -> Iterator[Mutant]:
 
 
 def _edits(code: str) -> Iterator[tuple[str, int, int, str]]:
-    """(operator, start, end, what stands there instead)."""
+    """(operator, start, end, the replacement)."""
     for m in TOKEN.finditer(code):
         yield f"{m[0].strip()} to {SWAPS[m[0]].strip()}", *m.span(), SWAPS[m[0]]
     for m in NOT.finditer(code):

@@ -40,7 +40,7 @@ def make_mutant(file: str, operator: str, old: str, new: str) -> Mutant | None:
 def chosen(mutants: Iterable[Mutant], count: int) -> list[Mutant]:
     """``count`` mutants, spread over the files, at most one of a line, always the same.
 
-    The order is that of a hash of what is changed, not of where it stands: an
+    The order is that of a hash of what is changed, not of its place: an
     edit elsewhere in the file leaves the choice as it is.
     """
     files: dict[str, list[Mutant]] = {}

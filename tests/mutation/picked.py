@@ -13,7 +13,7 @@ CAR = "host/dart_hal/car/"
 
 @dataclass(frozen=True, slots=True)
 class Pick:
-    """``old`` stands once in ``file`` and becomes ``new``."""
+    """``old`` occurs once in ``file`` and becomes ``new``."""
 
     name: str
     subject: str

@@ -89,7 +89,7 @@ def test_a_mutant_of_python_means_something_else():
 
 
 class ScriptedCopy(Copy):
-    """A copy whose tests fail as ``failures`` say: (marks, broken) to what fails in this order."""
+    """A copy whose tests fail by ``failures``: (marks, broken) to what fails in this order."""
 
     def __init__(self, failures: dict[tuple[str, bool], list[str]]) -> None:
         self.home = Path(__file__).parents[2]

@@ -94,7 +94,7 @@ def test_a_car_at_rest_that_is_turned_by_hand_is_no_unit(write, table_a):
     (("vicon yaw",), DEGREES, "degrees")])
 def test_another_unit_in_the_mocap(write, table_b, columns, factor, unit):
     table = table_b(n=1600)
-    table["vicon x"] *= 0.4  # 400 mm: only the speed tells
+    table["vicon x"] *= 0.4  # 400 mm: only the speed shows it
     table["vicon y"] *= 0.4
     for column in columns:
         table[column] *= factor

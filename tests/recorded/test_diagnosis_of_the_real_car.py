@@ -1,4 +1,4 @@
-"""What must hold for any honest diagnosis of a car of which nobody knows the truth."""
+"""What must hold for any honest diagnosis of a car whose truth is unknown."""
 
 from __future__ import annotations
 
@@ -73,7 +73,8 @@ def case(request, excerpt):
 
 
 def worse(answer):
-    """Channels whose error after 1 s on other days surely grew from the refit to the last stage."""
+    """Channels whose error after 1 s on other days grew significantly from the refit to the last
+    stage."""
     _, vehicle = find_model("paper")
     l_r = vehicle.body.l_r
     side = make_recording_set(make_evidence(answer.test, l_r)[0], answer.test, l_r, None)
@@ -84,7 +85,7 @@ def worse(answer):
 
 
 def families(diagnosis):
-    """The causes, each with what it cannot be told from."""
+    """The causes, each with those it is confounded with."""
     return [{c.effect, *c.cannot_be_told_from} for c in diagnosis.causes]
 
 
@@ -190,7 +191,7 @@ def test_two_halves_agree_or_name_the_reason(recordings):
 
 def test_a_model_that_is_worse_on_other_days_would_be_detected(case):
     """The negative control: a motor that pulls a quarter more than what was fitted. (One that pulls
-    less would prove nothing: two files of the excerpt do not tell it to a tenth.)"""
+    less would prove nothing: two files of the excerpt do not determine it to a tenth.)"""
     answer = case[1]
     last = answer.diagnosis.stages[-1]
     bad = replace(last, vehicle=apply(last.vehicle, "motor_gain", k=0.25))

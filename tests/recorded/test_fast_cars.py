@@ -18,7 +18,7 @@ FRAME = (0.8, 0.02)
 
 def weaving(speed: float, rate: float, schema: str = "C", seconds: float = 60.0,
             seed: int = 0) -> dict[str, np.ndarray]:
-    """A car that rolls without slip and weaves: 80 to 120 % of ``speed``, both sides alike."""
+    """A car that rolls without slip and weaves: 80 to 120 % of ``speed``, both sides equally."""
     t = np.arange(0.0, seconds, 1.0 / rate)
     fine = np.arange(0.0, seconds, 0.001)
     v = speed * (1.0 + 0.2 * np.sin(2.0 * np.pi * fine / 17.0))
@@ -86,7 +86,7 @@ def test_recording_with_nearly_all_samples_bad_is_good_for_nothing(write):
     assert made.facts.mocap.bad > 0.9
     assert made.good_for == ()
     assert "marked bad" in made.verdict
-    assert not any(f.kind == "never_moves" for f in made.findings), "it moves; nobody can see how"
+    assert not any(f.kind == "never_moves" for f in made.findings), "it moves; how cannot be known"
 
 
 @pytest.mark.parametrize("factor", [1000.0, 100.0])

@@ -53,7 +53,7 @@ def test_a_refit_predicts_a_held_out_recording_as_well_as_before(held_out, excer
 
 @pytest.mark.slow
 def test_the_best_predictor_is_no_worse_than_the_refit(excerpt):
-    """Four recordings of four kinds show no effect surely, and without that none is taken."""
+    """Four recordings of four kinds show no certain effect, and without that none is taken."""
     name = "steer015_ramp"
     found = diagnosis_without(name, recordings(excerpt), True)
     ratio = np.exp(np.mean(log_ratios(name, found.predictor.horizons)))

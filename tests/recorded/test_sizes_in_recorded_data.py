@@ -1,7 +1,7 @@
 """Sizes of effects hidden in recorded drives, where the rest of the world is real.
 
 A sensor effect changes what was recorded; a command effect changes the commands in the log, so that
-the car did something else with them than the log says. Neither needs a simulator. The model is
+the car did something else with them than what was logged. Neither needs a simulator. The model is
 fitted to the same drive without the effect, so what is found is the difference.
 
 The sensors of a recorded car have effects of their own, and no fit of the motion removes them. Such
@@ -101,7 +101,7 @@ def shifted_marker(forward, left):
 
 
 def earlier(values, t, k):
-    """A command as it would stand in a log of which the car acts k [s] later."""
+    """A command as it would be in a log of which the car acts k [s] later."""
     return np.interp(t + k, t, values)
 
 

@@ -54,7 +54,7 @@ def complete(destination: Path, known_digests) -> bool:
 
 
 def leftovers(destination: Path) -> list[str]:
-    """Files that nobody asked for."""
+    """Files that were not requested."""
     known = {Path(n).name for n in NAMES} | {"LICENSE"}
     return [p.name for p in destination.rglob("*") if p.is_file() and p.name not in known]
 

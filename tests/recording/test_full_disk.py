@@ -1,4 +1,5 @@
-"""A disk that fills up: the recording ends and says so, the drive goes on, the file can be read."""
+"""A disk that fills up: the recording ends and reports it, the drive goes on, the file can be
+read."""
 
 from __future__ import annotations
 
@@ -41,7 +42,7 @@ def test_the_drive_goes_on_and_the_file_ends_with_its_last_whole_chunk(tmp_path,
                 car.log("speed", state.speed)
                 car.note("lap", {"n": str(len(states))})
         assert isinstance(car.recorder.trouble, FileTrouble)
-        assert "large" in car.recorder.trouble.what  # "File too large": what the kernel said
+        assert "large" in car.recorder.trouble.what  # "File too large": the kernel's message
     assert len(states) > 95
     assert states[-1].speed > 0.3, "it drove until the end"
     assert [r.getMessage() for r in caplog.records].count(caplog.records[-1].getMessage()) == 1

@@ -1,4 +1,4 @@
-"""``Car.log``: what goes in comes out, and a bad name or value is told, recording or not."""
+"""``Car.log``: what goes in comes out, and a bad name or value is reported, recording or not."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def test_topics_are_absolute(full_run):
 
 
 def test_a_killed_run_opens_everywhere_once_it_is_repaired(full_run):
-    """Nobody wrote its index; only ours opens it without."""
+    """It has no index; only ours opens it without."""
     full_run.write_bytes(full_run.read_bytes()[:-3000])
     with pytest.raises(AnyReaderError), AnyReader([full_run]):
         pass

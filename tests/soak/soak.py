@@ -47,7 +47,7 @@ VALID = 0.2
 TOLERANCE_US = 5.0
 """From neutral: a pulse of the other clock, and one count of the PCA9685."""
 HOLD = {"oe": 0.140, "mux": 0.140}
-"""s from the last live moment to the last pulse above neutral, whatever failed at once."""
+"""s from the last live moment to the last pulse above neutral, of all failures at once."""
 FINAL = frozenset({("eeprom", "torn")})
 """Not drawn: a torn byte takes the cut-off's setting away for good."""
 NOT_BY_MOCK = frozenset(
@@ -130,8 +130,8 @@ def _can(kind: tuple[str, str], nano: str) -> bool:
 class Account:
     """Every frame on both ends of the line: what the Nano numbered, what the host took.
 
-    ``lost``: numbered between two taken frames of one boot; ``untold``: around a new
-    boot of the Nano, whose HELLO may be lost, and where the host's count began anew.
+    ``lost``: numbered between two taken frames of one boot; ``unreported``: around a new
+    boot of the Nano, whose HELLO may be lost, and where the host's count restarted.
     """
 
     def __init__(self, read: Reader, report: Report) -> None:

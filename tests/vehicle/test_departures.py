@@ -29,7 +29,7 @@ def both(name, departures=AS_WRITTEN):
 
 @pytest.mark.parametrize("name", FORCES)
 def test_what_it_does_to_signals_stays_as_written(name):
-    """A slope is felt by the accelerometer, whatever wheels it is taken to act at."""
+    """A slope is measured by the accelerometer, at any wheels where it is taken to act."""
     now = Now(T, 1.0 + T, 0.1 * T, 0.5 * T, T, 0.3 * T, 0.2 * T, 0.1 * T)
     signal = (0.3 * T, 0.2 * T)
     for channel in catalogue()[name].signals:

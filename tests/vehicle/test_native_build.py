@@ -173,7 +173,7 @@ def test_a_damaged_library_without_a_compiler_is_no_kernel(nothing_built, monkey
 
 @needs_compiler
 def test_changed_equations_get_a_kernel_of_their_own(nothing_built, monkeypatch):
-    """Nobody has to remember to regenerate: the committed text no longer fits and is not used."""
+    """Regenerating cannot be forgotten: the committed text no longer fits and is not used."""
     def heavier(p, xp, dt, method):
         step = model.make_car_step(p, xp, dt, method)
 
@@ -246,7 +246,7 @@ def test_the_functions_are_those_for_whole_vectors(tmp_path):
 
 @pytest.fixture
 def hook(monkeypatch, tmp_path):
-    """``hatch_build.KernelHook`` over a stand-in for hatchling, with what it was told."""
+    """``hatch_build.KernelHook`` over a substitute for hatchling, with its messages."""
     interface = types.ModuleType("hatchling.builders.hooks.plugin.interface")
     interface.BuildHookInterface = object
     for name in ("hatchling", "hatchling.builders", "hatchling.builders.hooks",

@@ -44,7 +44,7 @@ def settle(p, throttle, delta, engine, seconds=5.0):
 @given(seed=st.integers(0, 10**6))
 @settings(max_examples=5)
 def test_the_kinematic_circle_has_the_radius_of_geometry(engine, seed):
-    """R = l / tan(delta) at the rear axle, whatever the speed."""
+    """R = l / tan(delta) at the rear axle, at any speed."""
     draw = np.random.default_rng(seed)
     delta = draw.uniform(0.02, 0.4, 30)
     body = KINEMATIC.body

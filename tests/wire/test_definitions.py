@@ -20,7 +20,7 @@ PAYLOADS = {
 
 
 def fresh(message: Message, **changes) -> Message:
-    """The message with other attributes; seed and text are computed anew."""
+    """The message with other attributes; seed and text are computed again."""
     return replace(message, **changes)
 
 

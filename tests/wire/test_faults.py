@@ -27,7 +27,7 @@ class EqualsAll:
 def wrong(fault, trials, seed, gates=None):
     """Accepted frames that were never sent, in so many damaged STATE frames.
 
-    Each one stands between two undamaged neighbours, so that a fault in the
+    Each one is between two undamaged neighbours, so that a fault in the
     delimiter and its repair take part.
     """
     rng = Random(seed)

@@ -1,4 +1,4 @@
-"""Generated files are as their source says, and reproduce from the vectors."""
+"""Generated files match their source, and reproduce from the vectors."""
 
 import json
 import shutil

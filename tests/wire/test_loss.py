@@ -52,7 +52,7 @@ def test_the_sequence_number_alone_would_not_do(monkeypatch):
 
 
 def two_states(periods, step):
-    """Counters after two STATE frames so many periods and sequence numbers apart."""
+    """Counters after two STATE frames separated by so many periods and sequence numbers."""
     values = list(STATE.struct.unpack(bytes(38)))
     stream = encode(STATE, 9, values)
     values[0] = periods * ledger.STATE_PERIOD

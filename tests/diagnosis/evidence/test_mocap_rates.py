@@ -1,4 +1,4 @@
-"""Recordings whose poses came 20 to 200 times a second: the same drive says the same."""
+"""Recordings whose poses came 20 to 200 times a second: the same drive gives the same result."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_the_same_drive_is_as_much_evidence(drive, tmp_path, hz):
 def test_at_either_end_of_the_rates_what_is_hidden_is_named_and_nothing_else(tmp_path, hz):
     """With its control: the same drives of a car in which nothing is hidden.
 
-    At 20 Hz a command stands in the rows 25 ms late in the mean, and who predicts by them gains
+    At 20 Hz a command is in the rows 25 ms late in the mean, and who predicts by them gains
     nothing from a lag of 0.06 s: that stays among the possible.
     """
     only = ("steering_lag", "steering_delay", "yaw_inertia", "mocap_latency", "grip", "gyro_scale")

@@ -41,7 +41,7 @@ def test_the_car_that_drove_is_predicted_to_its_disturbance(plain):
 
 @pytest.mark.slow
 def test_effects_of_the_mocap_change_nothing_and_all_others_something(plain):
-    """What cannot be told is found from the equations; here it is felt."""
+    """What is confounded is found from the equations; here it is measured."""
     base = plain.residuals(PAPER)
     noise = estimate_noise(base, plain.blocks(2.0))
     here, _ = noise.stack(base)
@@ -128,7 +128,7 @@ def test_residuals_are_the_same_every_time(plain):
 
 @pytest.mark.slow
 def test_what_is_kept_of_the_servo_is_of_that_servo(plain):
-    """Whatever was asked before: the residuals of each vehicle, to the last bit."""
+    """After any other request: the residuals of each vehicle, to the last bit."""
     limited = apply(PAPER, "steering_rate_limit", k=0.2)
     lagging = replace(limited, delay=replace(limited.delay, steering_lag_s=0.03))
     cars = (limited, apply(limited, "steering_trim", k=0.05), apply(PAPER, "steering_trim", k=0.05),

@@ -18,14 +18,15 @@ from studies.diagnosis.any_car import asked
 @pytest.mark.slow
 @pytest.mark.parametrize(("seed", "options", "silent"), [
     (103, "", True), (103, "&effect=motor_gain:-0.15", False),
-    (200, "", True)])  # with an IMU that sits 2.3 deg askew, of which the first drive makes no name
+    (200, "",
+     True)])  # with an IMU that is misaligned by 2.3 deg, of which the first drive makes no name
 def test_a_car_as_it_was_is_left_in_peace(seed, options, silent):
     answer = asked(seed, options)
     gained = max(g.test for g in answer.found.gain.values())
     assert answer.right or not silent
     if silent:
         assert not answer.found.causes
-    else:  # its motor was wrong, as a cause or as a parameter, and that is worth a lot
+    else:  # its motor was wrong, as a cause or as a parameter, and that gains a lot
         named = {c.effect for c in answer.found.causes} | {c.group for c in answer.found.claims}
         assert named & {"motor_gain", "motor", "drive force"}
         assert gained > 0.5

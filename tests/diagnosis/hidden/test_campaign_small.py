@@ -192,7 +192,7 @@ def test_a_run_is_resumed_and_a_crash_is_a_result(tmp_path, monkeypatch, capsys)
 
 @pytest.mark.slow
 def test_from_files_to_names():
-    """Nine cases with the base as it is: whatever is named, nothing where nothing is hidden."""
+    """Nine cases with the base as it is: all that is named, nothing where nothing is hidden."""
     by_key = {c.key: c for c in cases()}
     outcomes = {}
     for key in CASES:

@@ -1,4 +1,4 @@
-"""The right answer taken off the list: no other name may be said with confidence instead."""
+"""The right answer taken off the list: no other cause may be stated with confidence instead."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from studies.diagnosis.stranger_files import Habits, pair
 
 LARGE = 2
 AS_MUCH = 1.05  # times the gain of the right name, both by the scan, which is linear in the base
-SHOWN = {  # what is hidden: (channels, variables) of which one must be said to be unexplained
+SHOWN = {  # what is hidden: (channels, variables) of which one must be reported as unexplained
     "mocap_yaw": ({"v_y"}, {"speed"}),
     "gyro_scale": ({"gyro"}, {"lateral_acceleration", "steering_angle", "direction"}),
     "steering_gain": ({"omega", "v_y"}, {"steering_angle", "direction", "lateral_acceleration"}),
@@ -35,7 +35,7 @@ LEVEL = ("steering_trim", "gyro_bias", "imu_pitch", "imu_roll", "load_transfer",
 BY_DEFAULT = ("mocap_offset_x", "mocap_yaw", "gyro_scale")
 RELATIVES = tuple(n for n in SIZES if n not in SHOWN and n not in LEVEL)
 NOT_WRITTEN_DOWN = {("yaw_inertia", "steering_delay"), ("centre_of_mass", "yaw_damping")}
-"""Pairs that are taken for each other though neither file of an effect says so."""
+"""Pairs that are taken for each other though neither file of an effect states it."""
 WRONG = {"gyro_latency": "a late gyro draws the age of all messages along, and an encoder that is "
                          "then early looks like encoder_slip: a wrong name, and nothing is flagged"}
 """What still gets another name than a relative's."""
@@ -54,7 +54,7 @@ def diagnose_recordings(recordings, only=()):
 
 
 def share_of_right(others, recording, name, other=""):
-    """What the best other name gains (or the one asked for), over what the right one would."""
+    """What the best other name gains (or the requested one), over what the right one would."""
     other = other or max(others.ranking, key=lambda n: others.ranking[n])
     evidence, _ = make_evidence([recording], PAPER.body.l_r)
     noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
@@ -105,8 +105,9 @@ def test_what_only_moves_a_level_ends_in_silence(tmp_path, name):
 @pytest.mark.long
 @pytest.mark.parametrize("name", still_wrong(RELATIVES))
 def test_what_takes_the_place_of_a_cause_is_its_relative_and_explains_less(tmp_path, name):
-    """Near relatives are named for each other. Where nothing is said to be left, the first of them
-    must be one that is written down as such, and it never gains more than the right one does."""
+    """Near relatives are named for each other. Where nothing is reported to remain, the first of
+    them must be one that is written down as such, and it never gains more than the right one
+    does."""
     recordings = files(tmp_path, name, 7)
     others = diagnose_recordings(recordings, select_effects((), (name,)))
     known = catalogue()

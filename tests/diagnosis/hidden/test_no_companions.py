@@ -1,7 +1,7 @@
 """One cause that a car writes a little differently than the catalogue brings no second name along.
 
-The stranger's drag of turned wheels goes with the sine of their angle; the catalogue's goes with
-the angle, and acts along the wheels in part.
+The independent simulator's drag of turned wheels goes with the sine of their angle; the catalogue's
+goes with the angle, and acts along the wheels in part.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Whatever the size of a cause, the scan looks near it: none falls between two that it tries."""
+"""The scan looks near a cause of any size: none falls between two that it tries."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_the_scan_finds_what_the_true_size_gains(tmp_path, name, parameter, k):
 
 @pytest.mark.slow
 def test_a_throttle_that_ends_between_two_rungs_is_found(tmp_path):
-    """At .36, in a drive that asks for up to .42: on either rung beside it nothing is gained."""
+    """At .36, in a drive that commands up to .42: on either rung next to it nothing is gained."""
     found, truth = gains(tmp_path, "motor_saturation", {"k": 1 / 0.36}, top=0.42)
     assert found.gain > SHARE * truth > 100.0
     assert found.values["k"] == pytest.approx(1 / 0.36, rel=0.02)

@@ -1,4 +1,5 @@
-"""A stranger's car that has driven before drives as a new one: filters begin anew."""
+"""A car of the independent simulator that has driven before drives as a new one: its filters
+restart."""
 
 from __future__ import annotations
 

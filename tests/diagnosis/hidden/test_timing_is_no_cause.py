@@ -54,7 +54,8 @@ def test_a_lag_with_a_fixed_model_gains_at_the_age_of_the_commands(aged, monkeyp
 @pytest.mark.slow
 def test_a_few_wild_windows_do_not_outweigh_the_gain_of_a_certain_cause():
     """Steps of random length: a car that slides now and then, and 0.5 degrees of trim. The root
-    mean square of the yaw angle says that it may be nothing; the loss of all errors does not."""
+    mean square of the yaw angle leaves open that it may be nothing; the loss of all errors does
+    not."""
     (cause,) = run(next(c for c in cases(["fixed"], ["steering_trim"], 1500)))["causes"]
     assert cause["effect"] == "steering_trim"
     assert cause["gain"]["test_ci95"][0] < 0.0

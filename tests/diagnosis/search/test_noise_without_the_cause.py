@@ -64,7 +64,7 @@ def test_effects_of_the_base_move_with_a_refit_only(refit):
 @pytest.mark.slow
 @pytest.mark.parametrize("impossible", ["grip", ""])
 def test_cause_that_is_left_out_does_not_shape_the_noise(impossible, monkeypatch):
-    """Beside causes of sensors alone the noise of the motion is that of the base."""
+    """With causes of sensors alone the noise of the motion is that of the base."""
     base = []
     used = []
     select_noise = conclude.select_noise

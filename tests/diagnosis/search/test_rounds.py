@@ -1,4 +1,4 @@
-"""What one round tells the next: the same answer, from fewer rollouts."""
+"""What one round passes to the next: the same answer, from fewer rollouts."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def test_an_impostor_goes_once_the_tyre_may_be_what_it_is(run, monkeypatch):
 
 @pytest.mark.slow
 def test_where_nothing_is_named_the_tyre_is_let_go_as_well(run):
-    """Else what the bound leaves over would be structure that nobody knows."""
+    """Else what the bound leaves over would be unexplained structure."""
     names, tyre = find_causes(run, "gyro_bias")
     assert names == []
     assert tyre < 0.96

@@ -37,7 +37,7 @@ INERT = ("mass", "yaw_inertia")
 QUIET = 30.0  # gain; twice what nothing reaches
 
 
-# 1: noise in what is measured makes whatever divides a force look too large
+# 1: noise in what is measured makes all that divides a force look too large
 
 @pytest.mark.slow
 def test_noise_alone_makes_no_car_lighter():
@@ -99,7 +99,7 @@ def test_a_steering_map_that_is_wrong_is_not_grip():
     assert size_of(found, "steering_gain") == pytest.approx(0.08, abs=0.02)
 
 
-# 3: sampling: nothing is hidden, whatever the recorder does
+# 3: sampling: nothing is hidden, by any recorder
 
 @pytest.mark.parametrize("commands", [
     c if c == "anytime" else pytest.param(c, marks=pytest.mark.long)
@@ -176,7 +176,8 @@ OTHER_EFFECTS = ("motor_gain", "steering_gain", "steering_delay")
 def test_what_has_no_slope_at_its_null_is_found_by_its_size(name, k):
     found = search(drive((name, k)), names=(name, *OTHER_EFFECTS))
     assert names(found)[:1] == [name]
-    # the stranger's play is in the command: where the map bends, less of it arrives at the wheels
+    # the independent simulator's play is in the command: where the map bends, less of it arrives at
+    # the wheels
     assert size_of(found, name) == pytest.approx(k, rel=0.5)
 
 
@@ -195,7 +196,8 @@ def test_a_look_at_the_null_alone_misses_it(monkeypatch, name, k):
 @pytest.mark.parametrize(("name", "k"), [("encoder_scale", 0.04), ("encoder_scale", 0.08)])
 @pytest.mark.slow
 def test_a_size_beyond_the_last_rung_is_reached(name, k):
-    """Else a relative that gets there gains more, and nothing says that the two are alike."""
+    """Else a relative that gets there gains more, and nothing reports that the two are
+    confounded."""
     of_drive = evidence(drive((name, k)))
     trial, = scan(of_drive, fit_start(of_drive)[1], [name])
     assert trial.values["k"] == pytest.approx(k, rel=0.1)

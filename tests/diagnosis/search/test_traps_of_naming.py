@@ -226,7 +226,7 @@ def test_a_battery_that_runs_down_is_that_and_no_drag():
     assert size_of(found, "battery_fade") == pytest.approx(-0.15, rel=0.35)
 
 
-# 12: a standing car tells at once what driving hides
+# 12: a car at rest shows at once what driving hides
 
 def tilt_imu(k, rest):
     return evidence(drive(*([("imu_pitch", k)] if k else []), seconds=30.0, seed=10,

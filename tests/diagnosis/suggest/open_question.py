@@ -53,7 +53,7 @@ DRIVES = {
 
 @dataclass(frozen=True)
 class Case:
-    """truth hidden in a drive of one kind; confounder: what it cannot be told from there."""
+    """truth hidden in a drive of one kind; confounder: what it is confounded with there."""
 
     drive: str
     truth: tuple[str, float]

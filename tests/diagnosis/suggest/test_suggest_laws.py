@@ -1,4 +1,4 @@
-"""Simulated drives, contests of hypotheses on them, and what is said about it."""
+"""Simulated drives, contests of hypotheses on them, and what is reported about it."""
 
 from __future__ import annotations
 

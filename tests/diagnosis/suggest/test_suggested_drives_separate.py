@@ -15,7 +15,7 @@ from tests.diagnosis.suggest.open_question import FLOOR, Case, diagnosis, gains,
 pytestmark = pytest.mark.slow
 
 SAME = 6.0
-"""Robust loss within which two effects are not told apart."""
+"""Robust loss within which two effects are not distinguished."""
 DRAWS = 3
 """Of the noise: the margin of one draw varies by a half."""
 CASES = {

@@ -1,4 +1,5 @@
-"""Pulses wait for their frame, and for a while all alike: that is no structure, all else is."""
+"""Pulses wait for their frame, and for a while all equally long: that is no structure, all else
+is."""
 
 from __future__ import annotations
 
@@ -56,7 +57,7 @@ def delay_pulses(of_drive):
 
 
 def reduce_gyro_by_angle(of_drive):
-    """A gyro that says less the further the wheels are turned."""
+    """A gyro that measures less the further the wheels are turned."""
     error = np.zeros((len(of_drive.motion_drive), 2 * MESSAGES_AHEAD))
     error[:, GYRO] = 0.05 * np.tanh(3.0 * window_features(of_drive, PAPER, 50)["steering_angle"]
                                     )[:, None]

@@ -1,4 +1,4 @@
-"""The matcher: what C says is what numpy says, and who tells otherwise is not used."""
+"""The matcher: C and numpy agree, and a kernel that differs is not used."""
 
 from __future__ import annotations
 

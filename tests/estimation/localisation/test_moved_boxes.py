@@ -1,4 +1,5 @@
-"""Boxes that were carried off: told from walls, and no reason to be lost; and what is judged."""
+"""Boxes that were carried off: distinguished from walls, and no reason to be lost; and what is
+judged."""
 
 from __future__ import annotations
 
@@ -52,7 +53,7 @@ def simulate_scan(there, chart):
 
 
 def test_through_a_box_that_is_gone_and_through_a_wall():
-    """Another box behind it hides the wall, and says nothing; the control is a wall gone."""
+    """Another box behind it hides the wall, and decides nothing; the control is a wall gone."""
     chart = map_of_lines(np.vstack((HALL, STOOL, (2.5, 0.0, 2.5, 1.5))))
     full = simulate_scan(chart.lines, chart)
     assert full.share == full.score == 1.0

@@ -37,7 +37,7 @@ def test_a_few_beams_through_walls_weigh_where_the_room_is_in_question():
 
 
 def test_one_beam_past_an_edge_is_no_way_through_a_wall():
-    """It grazes, or is mixed of both sides; the control is two beside each other."""
+    """It grazes, or is mixed of both sides; the control is two next to each other."""
     chart = map_of_lines(box(0.0, 0.0, 0.0, 4.0, 4.0))
     turn = np.linspace(0.0, 2.0 * np.pi, 603)
     for beams, passed in ((1, 0.0), (2, 2.0 / 201.0)):

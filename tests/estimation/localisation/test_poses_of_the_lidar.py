@@ -35,7 +35,7 @@ def far(a, b):
 
 @pytest.mark.slow
 def test_a_car_knows_its_place_by_its_lidar_alone(tmp_path):
-    """Searched, tracked, fused, recorded; a replay tells the same."""
+    """Searched, tracked, fused, recorded; a replay gives the same."""
     backend = open_backend(URL)
     room = room_of_car(backend)
     world = world_of(backend)
@@ -64,7 +64,7 @@ def test_a_map_needs_a_lidar():
 
 
 def test_poses_made_on_board_need_no_marker(monkeypatch):
-    """By what the source says of itself, whatever its class."""
+    """By the attributes of the source, for any class."""
     class Source:
         name = "another localiser"
 
@@ -90,7 +90,7 @@ def test_a_source_that_makes_no_sense_is_refused(text):
 
 
 def simulate_scan(lines, pose=(2.0, 1.5, 0.4)):
-    """Points and rays of a standing car without noise."""
+    """Points and rays of a car at rest without noise."""
     turn = np.linspace(-np.pi, np.pi, 606, endpoint=False)
     origin = np.tile(pose[:2], (606, 1))
     ahead = pose[2] + turn

@@ -1,4 +1,4 @@
-"""Wheels that are quicker than the car: felt by the accelerometer, known by the covariance."""
+"""Wheels that are quicker than the car: measured by the accelerometer, known by the covariance."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def test_a_slip_of_a_few_tenths_is_measured():
 
 
 def test_an_imu_off_the_axle_is_no_spin_in_turns():
-    """0.1 m at 4 rad/s feels 1.6 m/s2; the control is a turn that is not told."""
+    """0.1 m at 4 rad/s measures 1.6 m/s2; the control is a turn that is not given."""
     rate = 4.0 * np.sin(0.02 * np.arange(600))
     lever = 0.1
     spin = SpinDetector()

@@ -1,4 +1,5 @@
-"""Where the car is when nobody says it: found, kidnapped and found again, refused when mirrored."""
+"""Where the car is without a given start: found, kidnapped and found again, refused when
+mirrored."""
 
 from __future__ import annotations
 

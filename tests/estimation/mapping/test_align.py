@@ -1,4 +1,4 @@
-"""A map laid onto the truth: what was turned and moved is found, what was stretched is told."""
+"""A map laid onto the truth: what was turned and moved is found, what was stretched is reported."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ def test_between_and_onto_are_inverse():
 
 
 def test_two_edges_that_disagree_are_met_by_their_weights():
-    """One says 1 m, one of a third of the information 1.4 m: 1.1 m."""
+    """One measures 1 m, one of a third of the information 1.4 m: 1.1 m."""
     edges = [Edge(0, 1, np.array((1.0, 0.0, 0.0)), 3.0 * INFO),
              Edge(0, 1, np.array((1.4, 0.0, 0.0)), INFO)]
     found = solve(np.array(((0.0, 0.0, 0.0), (0.7, 0.2, 0.4))), edges)
@@ -27,7 +27,7 @@ def test_two_edges_that_disagree_are_met_by_their_weights():
 
 
 def test_what_a_straight_is_short_of_a_closure_is_shared_by_its_steps():
-    """Ten steps of 1 m and a closure of 10.2 m, sure: 0.02 m each."""
+    """Ten steps of 1 m and a closure of 10.2 m, certain: 0.02 m each."""
     edges = [Edge(k, k + 1, np.array((1.0, 0.0, 0.0)), INFO) for k in range(10)]
     edges.append(Edge(0, 10, np.array((10.2, 0.0, 0.0)), 1e6 * INFO))
     found = solve(np.column_stack((np.arange(11.0), np.zeros((11, 2)))), edges)

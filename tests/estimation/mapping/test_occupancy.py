@@ -52,7 +52,7 @@ def test_a_wall_in_noise_is_thinned_to_a_cell_or_two(turn):
 
 
 def test_what_moved_is_gone_and_what_is_fixed_stays(tmp_path):
-    """A wall 2 m ahead, seen ten times; before it somebody, once. Map and file are the same."""
+    """A wall 2 m ahead, measured ten times; before it somebody, once. Map and file are the same."""
     y = np.linspace(-1.0, 1.0, 101)
     wall, person = (np.column_stack((np.full(101, x), y * x / 2.0)) for x in (2.01, 1.01))
     views = [ScanView(float(k), person if k == 4 else wall, wall, np.zeros((101, 2)), np.zeros(3))

@@ -11,7 +11,7 @@ from pathlib import Path
 FIRMWARE = Path(__file__).resolve().parents[3] / "firmware"
 
 Change = tuple[str, str, str]
-"""File below firmware/, what stands there, what takes its place."""
+"""File below firmware/, the text there, the text that replaces it."""
 
 
 def image(name: str, changes: tuple[Change, ...]) -> Path:

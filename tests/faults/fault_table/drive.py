@@ -31,7 +31,7 @@ PERIOD = 0.0205
 """s between two pulses of 50 Hz, a slow oscillator included."""
 FULL = 1.0
 DRIVES = 1.55e-3
-"""s of a pulse that surely drives."""
+"""s of a pulse that certainly drives."""
 
 ESC_IS_ARMED = (r"arm_neutral = 2\.0", "arm_neutral = 0.1")
 """Edit of car.toml: five pulses of neutral are enough."""
@@ -45,7 +45,7 @@ Edit = tuple[str, str]
 
 
 def forward(throttle: float, valid_for: float = 0.2) -> Command:
-    """A loop that asks for this throttle at every State, whatever the mode."""
+    """A loop that requests this throttle at every State, in any mode."""
     return lambda car, state: car.drive(throttle=throttle, valid_for=valid_for)
 
 
@@ -110,13 +110,13 @@ class Drive:
         return self.world.t
 
     def arm(self) -> Drive:
-        """Armed, with an ESC that has seen its 2 s of neutral whatever happened on the way."""
+        """Arm, with an ESC that has received its 2 s of neutral in any case."""
         self.run(self.settling)
         self.car.arm(waive=WAIVE)
         return self
 
     def run(self, seconds: float, command: Command | None = None) -> list[State]:
-        """Live on for so long, also through a lost link; States seen."""
+        """Live on for so long, also through a lost link; return the States."""
         end = self.now + seconds
         states = []
         while self.now < end - 0.005:
@@ -167,7 +167,7 @@ class Drive:
         return fall - rise > self.neutral + SLACK
 
     def off(self, pulse: tuple[float, float]) -> bool:
-        """Whether it differs from neutral either way (a stub that a cut-off leaves apart)."""
+        """Whether it differs from neutral in either direction (but for the stub of a cut-off)."""
         rise, fall = pulse
         return abs(fall - rise - self.neutral) > SLACK and fall - rise > 900e-6
 

@@ -1,4 +1,4 @@
-"""A program that drives, and then does what its name says: the driver of the rows with processes.
+"""A program that drives, and then does what its mode names: the driver of the rows with processes.
 
     python driver.py URL CAR CARS HOW
 

@@ -56,7 +56,7 @@ def measure_case(case: Case, how: How, *more: str) -> Measured:
             bench = stack.enter_context(
                 Bench(Path(folder), full=full, brief=not how.full, hil=how.hil))
             return case.measure(bench)
-        except Exception as error:  # noqa: BLE001 - whatever breaks, the row is red and says so
+        except Exception as error:  # noqa: BLE001 - on any failure the row is red and reports it
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             return Measured(float("nan"), reason[:300])
 

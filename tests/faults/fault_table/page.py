@@ -32,7 +32,7 @@ def load_figures() -> dict[str, dict[str, Any]]:
 
 
 def keep(verdicts: list[tuple[Row, Verdict]]) -> None:
-    """Put these figures beside those that are kept; cases that are gone are forgotten."""
+    """Add these figures to those that are kept; cases that are gone are forgotten."""
     figures = load_figures()
     for row, verdict in verdicts:
         figures[key(row.number, verdict.case)] = {

@@ -21,7 +21,7 @@ NEVER = math.inf
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What a case came to, in the unit of its limit; ``detail``: what else was seen."""
+    """What a case came to, in the unit of its limit; ``detail``: what else was observed."""
 
     value: float
     detail: str = ""

@@ -1,4 +1,4 @@
-"""Rows of a car in a room of cars: it is stopped from there, or nobody watches it any more."""
+"""Rows of a car in a room of cars: it is stopped from there, or its watcher is gone."""
 
 from __future__ import annotations
 
@@ -223,4 +223,4 @@ ROWS = (
 )
 """Limits: a State, the pulse under way, one State more until the Nano's line has carried it (47);
 the silence counts from the car's own message that the last beat has confirmed (48 to 50). At 50 %
-loss ten STOPs, 10 ms apart, are lost one time in a thousand."""
+loss ten STOPs, one each 10 ms, are lost one time in a thousand."""

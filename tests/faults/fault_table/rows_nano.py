@@ -63,7 +63,7 @@ def refused_reads(bench: Bench) -> Measured:
 
 
 def hold_line(fault: str, mask: int, gone: bool, clocks: int = 9) -> Any:
-    """ms until a flag of STATE tells that a line is held."""
+    """ms until a flag of STATE reports that a line is held."""
     def measure(bench: Bench) -> Measured:
         rig = bench.rig()
         live(rig, 1.0)
@@ -107,7 +107,7 @@ def back(fault: str, lasts: float) -> Any:
 
 
 def stuck(bench: Bench) -> Measured:
-    """ms until samples that never change are told and no longer valid."""
+    """ms until samples that never change are reported and no longer valid."""
     rig = bench.rig()
     live(rig, 1.0)
     rig.nano.set_imu_fault("stuck")
@@ -129,7 +129,7 @@ def absent(bench: Bench) -> Measured:
 def damage_parameters(bench: Bench) -> Measured:
     """Boots with one damaged byte of the parameters that believe something else than a default.
 
-    Nor may a torn record be silent: the flag says that defaults are in force.
+    Nor may a torn record be silent: the flag reports that defaults are in force.
     """
     from firmware_rig import FLAG, eeprom_image
 

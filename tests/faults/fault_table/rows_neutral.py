@@ -79,7 +79,7 @@ def steer_alone(bench: Bench) -> Measured:
 
 
 def before_states(bench: Bench) -> Measured:
-    """Driving pulses until the Nano, which boots for 1.3 s, has said something."""
+    """Driving pulses until the Nano, which boots for 1.3 s, has sent something."""
     drive = bench.drive("&boot=old", edits=(CLOCK,), prepare=arm_esc)
     return Measured(len(driving(drive)), f"{len(drive.pulses)} pulses in {drive.now:.1f} s")
 

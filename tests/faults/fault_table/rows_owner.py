@@ -26,13 +26,13 @@ REQUIRE_CUTOFF_TEST = (r"\Z", "\n[safety]\ncutoff_test = true\n")
 
 
 def takes(car: Any) -> None:
-    """A program that loops and asks for throttle, whatever comes."""
+    """A program that requests throttle in a loop, under any exception."""
     for _ in car.states(timeout=1.0):
         car.drive(throttle=0.3, valid_for=0.5)
 
 
 def second_port(bench: Bench) -> Measured:
-    """Programs that get the port beside the one that has it; the holder is named."""
+    """Programs that get the port in addition to its holder; the holder is named."""
     with bench.process_rig() as rig:
         driver = rig.driver()
         got = 0
@@ -173,7 +173,7 @@ def after_crash(bench: Bench) -> Measured:
 
 
 def count_armed(bench: Bench) -> Measured:
-    """Cars that arm although they must not, or do not say the reason."""
+    """Cars that arm although they must not, or do not name the reason."""
     silent = 0
     message = []
     for name, spoil in SPOILS.items():
@@ -267,7 +267,7 @@ def unwire_capture(cut: str) -> Callable[[Bench], Measured]:
 
 
 def cut_alone(bench: Bench) -> Measured:
-    """ms for which the host says ARMED though its Nano, which has restarted, gives neutral."""
+    """ms for which the host reports ARMED though its Nano, which has restarted, gives neutral."""
     drive = bench.drive("&cutoff=mux&boot=none").driving()
     drive.deaf_to_hello = True
     at = drive.fail("mcu:brownout")

@@ -35,7 +35,7 @@ def silence(nano: str) -> Callable[[Bench], Measured]:
 
 
 def reset(nano: str, options: str, hello_lost: bool = False) -> Callable[[Bench], Measured]:
-    """Last driving pulse after a reset at full throttle; the user asks on for 3.5 s."""
+    """Last driving pulse after a reset at full throttle; the user goes on requesting for 3.5 s."""
     def measure(bench: Bench) -> Measured:
         drive = bench.drive(options, nano=nano).driving(FULL)
         drive.deaf_to_hello = hello_lost
@@ -102,7 +102,7 @@ def hang(cutoff: str, text: str) -> Callable[[Bench], Measured]:
 
 
 def host_dead(options: str, nano: str) -> Callable[[Bench], Measured]:
-    """Nobody writes to bus or line any more: driver and guard are gone, or the computer is."""
+    """Bus and line have no writer any more: driver and guard are gone, or the computer is."""
     def measure(bench: Bench) -> Measured:
         drive = bench.drive(options, nano=nano).driving()
         at = drive.now
@@ -120,7 +120,7 @@ def alone(removed: str, measure: Callable[[Bench], Measured]) -> Callable[[Bench
 
 
 def prescale(nano: str) -> Callable[[Bench], Measured]:
-    """Somebody halves the frequency: each pulse is a third longer until it is seen."""
+    """The frequency is halved: each pulse is a third longer until it is detected."""
     def measure(bench: Bench) -> Measured:
         drive = bench.drive(nano=nano).driving()
         at = drive.now
@@ -176,7 +176,7 @@ def refuse_command(bench: Bench, values: dict[str, Any], command: Callable[[Car,
             error = ""
             try:
                 command(drive.car, value)
-            except Exception as raised:  # noqa: BLE001 - whatever it raises is what is judged
+            except Exception as raised:  # noqa: BLE001 - any exception is judged
                 error = type(raised).__name__
             drive.run(0.8)
             last = drive.last_wrong(at)
@@ -197,7 +197,7 @@ def backward(bench: Bench) -> Measured:
 
 
 def stall_loop(bench: Bench) -> Measured:
-    """A loop that computes: nothing asks any more, the last command was good for 0.5 s."""
+    """A loop that computes: without a request; the last command was good for 0.5 s."""
     drive = bench.drive().driving()
     drive.car.drive(throttle=0.4, valid_for=60.0)
     at = drive.now

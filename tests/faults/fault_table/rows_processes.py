@@ -77,7 +77,7 @@ def fork_and_kill(rig: ProcessRig, driver: DriverProcess) -> float:
 
 
 def listener_and_term(rig: ProcessRig, driver: DriverProcess) -> float:
-    """A listener that blocks, then SIGTERM; how long the program takes to end is told."""
+    """A listener that blocks, then SIGTERM; how long the program takes to end is reported."""
     driver.fault()
     time.sleep(0.5)
     driver.process.terminate()

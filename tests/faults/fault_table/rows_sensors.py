@@ -131,7 +131,7 @@ def time_to_withhold(text: str) -> Callable[[Bench], Measured]:
 
 
 def time_to_doubt(text: str, doubt: str, seconds: float = 3.0) -> Callable[[Bench], Measured]:
-    """ms until the State says what is doubted, at 1 m/s held by the built-in loop."""
+    """ms until the State reports the doubt, at 1 m/s held by the built-in loop."""
     def measure(bench: Bench) -> Measured:
         drive = cruising(bench)
         at = drive.fail(text)
@@ -158,7 +158,7 @@ def fastest(text: str, bench: Bench) -> Measured:
 
 
 def reverse(bench: Bench) -> Measured:
-    """Fastest backwards [m/s] when the encoder dies and -0.5 m/s is asked for."""
+    """Fastest backwards [m/s] when the encoder dies and the target is -0.5 m/s."""
     drive = bench.drive().arm()
     top = 0.0
 
@@ -206,7 +206,7 @@ def dead_backward(bench: Bench) -> Measured:
 
 
 def false_alarm(bench: Bench) -> Measured:
-    """Doubts of a car that stands in its dead band, and of one that drives well."""
+    """Doubts of a car at rest in its dead band, and of one that drives well."""
     drive = bench.drive().arm()
     states = drive.run(2.0, forward(0.05)) + drive.run(2.0, cruise)
     alarms = [name for s in states for name in s.health.doubts if name.startswith("ENCODER")]

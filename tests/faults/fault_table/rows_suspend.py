@@ -1,4 +1,4 @@
-"""A suspend of the computer, with CLOCK_MONOTONIC that stands still meanwhile."""
+"""A suspend of the computer, with CLOCK_MONOTONIC that does not advance meanwhile."""
 
 from __future__ import annotations
 

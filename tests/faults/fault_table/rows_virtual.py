@@ -59,7 +59,7 @@ def stop_process(bench: Bench) -> Measured:
 
 
 def guard_killed(bench: Bench) -> Measured:
-    """Last driving pulse after the guard is gone; the program asks on."""
+    """Last driving pulse after the guard is gone; the program goes on requesting."""
     drive, guard = drive_with_guard(bench)
     at = drive.now
     guard.kill()
@@ -174,7 +174,7 @@ def opened_twice(bench: Bench) -> Measured:
 
 
 def owned_twice(bench: Bench) -> Measured:
-    """Programs that become the owner of a PCA9685 beside the one that drives it."""
+    """Programs that become the owner of a PCA9685 in addition to the one that drives it."""
     drive = bench.drive()
 
     def become_owner() -> Backend:

@@ -5,7 +5,7 @@
 ``FOLDER/pulses``: a line "stamp width_us" for every pulse of the ESC, stamped
 when the world has made it, so never too early. ``FOLDER/stalls``: a line
 "stamp seconds" whenever this process did not get the processor for 10 ms; a
-measurement that such a stall touches says nothing about the car.
+measurement that such a stall touches is no measurement of the car.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Log:
 
 
 def watch_for_stalls(log: Log) -> None:
-    """A thread that wants the processor every 2 ms."""
+    """A thread that requires the processor every 2 ms."""
     before = time.monotonic()
     while True:
         time.sleep(0.002)
@@ -67,7 +67,7 @@ def main(url: str, folder: Path) -> None:
     threading.Thread(target=watch_for_stalls, args=(Log(folder / "stalls"),), daemon=True).start()
     signal.signal(signal.SIGTERM, lambda *_: os._exit(0))
     with BusServer(backend, paced, folder / "i2c"), Pty(paced, always=True) as port:
-        name = folder / "port"              # as udev names a port, whatever the kernel calls it
+        name = folder / "port"              # as udev names a port, by any name of the kernel
         name.symlink_to(port.path)
         print(json.dumps({"url": f"serial://{name}?i2c=unix:{folder / 'i2c'}",
                           "port": str(name), "car": backend.car}), flush=True)

@@ -29,7 +29,7 @@ def figure(measured: Measured | None, unit: str) -> str:
 
 def header(how: How) -> None:
     if how.removed:
-        console.print(f"without {', '.join(how.removed)}: red is what must be seen", style="bold")
+        console.print(f"without {', '.join(how.removed)}: red is what must be found", style="bold")
     console.print(_COLUMNS + "       without its layer", style="bold")
 
 

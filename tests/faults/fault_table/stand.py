@@ -1,8 +1,8 @@
-"""Cars for rows with real processes: one served over a pty, or a real one on a stand.
+"""Cars for rows with real processes: one served over a pty, or a real one with lifted wheels.
 
-Both tell what reached the ESC as (CLOCK_MONOTONIC stamp, width in us): the
+Both report what reached the ESC as (CLOCK_MONOTONIC stamp, width in us): the
 served one every pulse of its world, the real one what the registers of its
-PCA9685 said each millisecond, to which a pulse period belongs.
+PCA9685 reported each millisecond, to which a pulse period belongs.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ class ProcessRig:
         raise NotImplementedError
 
     def longest_stall(self, since: float, until: float) -> float:
-        """Longest time [s] for which the machine had no processor for this stand."""
+        """Longest time [s] for which the machine had no processor for this rig."""
         return 0.0
 
     def driver(self, how: str = "wait") -> DriverProcess:
@@ -172,7 +172,7 @@ class PtyRig(ProcessRig):
         self.cars = str(self.folder / "cars")
 
     def order(self, word: str) -> float:
-        """Tell the server something (``unplug``); the stamp."""
+        """Send a command to the server (``unplug``); return the stamp."""
         assert self.process.stdin is not None
         moment = time.monotonic()
         self.process.stdin.write(word + "\n")

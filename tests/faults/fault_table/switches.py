@@ -30,7 +30,7 @@ from fault_table.layers import FOREVER, host
 
 
 def nothing(*_: Any, **__: Any) -> None:
-    """Stands where a layer did something."""
+    """Replaces a function of a layer."""
 
 
 _ADVANCE = FrameReader._advance
@@ -82,13 +82,13 @@ def clumsy(reader: BlockReader, block: bytes, end: int, frames: list[Frame]) -> 
 
 
 def unaware(reader: FrameReader, t_raw: int, t_arrival: float) -> bool:
-    """The device clock goes on, whatever it says."""
+    """The device clock goes on with any reading."""
     _ADVANCE(reader, t_raw, t_arrival)
     return False
 
 
 def trusting(check: ImuCheck, now: float, t_imu: float, gyro: Any, acc: Any, *_: Any) -> bool:
-    """Whatever the Nano vouches for is good."""
+    """All samples that the Nano marks valid are good."""
     check.trusted, check.doubts = gyro is not None, frozenset()
     return check.trusted
 
@@ -101,13 +101,13 @@ class Unfiltered(SingleSampleFilter):
 
 
 def as_adafruit(pca: Pca9685, neutral: tuple[int, int]) -> None:
-    """The constructor of ServoKit, which wakes whatever stands in the registers."""
+    """The constructor of ServoKit, which wakes with the contents of the registers."""
     shield = Shield(pca._bus, pca.address, False, pca._sleep)
     load_servokit()(channels=16, i2c=shield, address=pca.address)
 
 
 class SharedPort(serial.Serial):
-    """A port that anybody may open beside us."""
+    """A port that other programs may open as well."""
 
     @property
     def exclusive(self) -> bool:
@@ -123,7 +123,7 @@ def endless(*request: Any) -> limits.RawPulses:
 
 
 def accept_any_answer(test: CutoffTest, came: bool, now: float) -> None:
-    """Whatever came, the cut-off cuts."""
+    """The cut-off passes its test with any answer."""
     test._requested_at = None
     test.outcome = "passed"
     test.done = True
@@ -140,7 +140,7 @@ def ignore_silence(rule: StopRule, now: float) -> str:
 
 
 def believing(peers: Any, sender: Sender, heard: Any, arrived: float) -> None:
-    """Who sends is alive, whatever it repeats."""
+    """A sender is alive, also with repeated frames."""
     sender.proof = arrived
 
 

@@ -19,7 +19,7 @@ STEP = PWM_FRAME / 4
 
 
 class GuardProcess:
-    """Stands for the process object; ``code``: its exit status, None = it runs."""
+    """In place of the process object; ``code``: its exit status, None = it runs."""
 
     code: int | None = None
 
@@ -89,7 +89,7 @@ class WorldGuard:
         self.process.code = -9
 
     def _look(self, world: World) -> None:
-        """One round of ``watch``: read, decide, write neutral or say that it lives."""
+        """One round of ``watch``: read, decide, write neutral or report that it lives."""
         world.at(world.t + STEP, self._look)
         if self.stopped or self._watch.done:
             return

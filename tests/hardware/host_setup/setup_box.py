@@ -22,7 +22,7 @@ CALM = {"uname", "id", "date", "getconf", "df", "modinfo", "dpkg-query", "getent
 
 
 class Box:
-    """A Jetson Nano with a CH340 plugged in, fresh from its image, unless told otherwise.
+    """A Jetson Nano with a CH340 plugged in, fresh from its image, unless stated otherwise.
 
     ``checkout`` is a copy that a test may break; ``run`` calls its setup.sh.
     """
@@ -100,7 +100,7 @@ class Box:
 
     def run(self, *options: str, script: Path | None = None, timeout: float = 60.0,
             **environment: str) -> subprocess.CompletedProcess[str]:
-        """The script in a process group of its own; the calls are noted anew."""
+        """The script in a process group of its own; the list of calls restarts."""
         (self.folder / "calls").write_text("")
         script = script or self.checkout / "host" / "setup" / "setup.sh"
         return subprocess.run(

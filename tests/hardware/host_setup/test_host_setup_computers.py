@@ -17,7 +17,7 @@ from dart_hal.devices.links.computers import computer, find_bus, settled
 
 BUS = {"jetson_nano_jetpack4": 1, "jetson_orin_nano_jetpack6": 7, "raspberry_pi_5_debian12": 1,
        "raspberry_pi_5_debian13": None, "laptop_debian13": 8}
-"""What the documents say; None: switched off as it comes."""
+"""What the documents state; None: switched off as it comes."""
 CARS = [name for name in NAMES if not name.startswith("laptop")]
 
 

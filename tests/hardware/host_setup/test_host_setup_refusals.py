@@ -1,4 +1,4 @@
-"""What the set-up refuses, and what it says to type."""
+"""What the set-up refuses, and the command that it suggests."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def run_refused(box: Box, check: str, *options: str) -> str:
     assert f"STOP  {check}" in done.stdout
     assert box.deeds == []
     planned = box.run("--dry-run", *options)
-    assert planned.returncode == 1, "a plan that cannot be carried out says so"
+    assert planned.returncode == 1, "a plan that cannot be carried out is reported"
     assert "what would follow then" in planned.stdout
     assert list_announced(planned.stdout), "and shows what would follow"
     return done.stdout

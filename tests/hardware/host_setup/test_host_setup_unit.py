@@ -40,7 +40,7 @@ def device_unit(path: str) -> str:
 
 
 def is_sound(text: str) -> None:
-    """What the service must say; each line has a control below."""
+    """What the service must declare; each line has a control below."""
     unit = read(fill_template(text))
     service = unit["Service"]
     assert service["Type"] == "notify"
@@ -99,7 +99,7 @@ def test_what_the_script_installs_is_this_unit_and_the_settings_that_it_reads(
 
 
 def verify_unit(text: str, folder: Path) -> str:
-    """What systemd says about a unit; "" = nothing."""
+    """Messages of systemd about a unit; "" = nothing."""
     if shutil.which("systemd-analyze") is None:
         pytest.skip("no systemd-analyze here: only the checks above have read the unit")
     program = folder / "current" / "bin" / "dart-hal"

@@ -1,4 +1,4 @@
-"""The shipped layout: its panels stand in it, and its paths lead to numbers that a run holds."""
+"""The shipped layout: its panels are in it, and its paths lead to numbers that a run holds."""
 
 from __future__ import annotations
 

@@ -82,7 +82,7 @@ def test_read_only_means_that_no_client_drives(shown_car):
 
 
 def junk(rng):
-    """Text and bytes that nobody should send."""
+    """Text and bytes that no client should send."""
     op = rng.choice(["subscribe", "unsubscribe", "advertise", "unadvertise", "ping", "", None, 7])
     value = rng.choice([None, [], {}, -1, 2**70, 1e400, "x" * rng.randrange(2000), [[]], [None],
                         [{"id": -1, "channelId": 1}], [{"id": {}, "channelId": []}],
@@ -148,7 +148,7 @@ class Stalled:
         self.socket.sendall(struct.pack(">BBHI", 0x81, 0xFE, len(text), 0) + text)
 
     def ask(self, times):
-        """What is no JSON, and is told so each time."""
+        """Text that is no JSON is answered each time."""
         for _ in range(times):
             self.socket.sendall(struct.pack(">BBI", 0x81, 0x80 | 100, 0) + b"{" * 100)
 

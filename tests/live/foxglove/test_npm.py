@@ -22,7 +22,7 @@ pytestmark = pytest.mark.long
 
 @pytest.fixture(scope="module")
 def node(tmp_path_factory):
-    """Runs a script of this folder beside the packages, and gives what it printed."""
+    """Runs a script of this folder with the packages, and gives what it printed."""
     folder = tmp_path_factory.mktemp("npm")
     if not shutil.which("npm"):
         pytest.skip("npm is absent")

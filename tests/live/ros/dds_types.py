@@ -124,5 +124,5 @@ class Float32MultiArray(IdlStruct, typename=dds_type("std_msgs/Float32MultiArray
 TOPICS = {"rt/odom": Odometry, "rt/imu": Imu, "rt/drive": AckermannDriveStamped,
           "rt/sensors_and_input_1": Float32MultiArray, "rt/odom_1": Odometry,
           "rt/arduino_data_1": Float32MultiArray}
-"""What is told; ROS 2 puts rt/ before a topic."""
+"""Type and topic of a message; ROS 2 puts rt/ before a topic."""
 HEARD = "rt/throttle_1"

@@ -3,7 +3,7 @@
     python driver_node.py own|upstream SEEN.json
 
 own: it sends steering and throttle itself. upstream: DART's own nodes do, of the speed and the
-angle that it asks them for. It needs nothing of this project.
+angle that it requests from them. It needs nothing of this project.
 """
 
 from __future__ import annotations

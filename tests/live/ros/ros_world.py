@@ -66,7 +66,7 @@ class RosWorld(ExitStack):
             return probe.connect_ex(("127.0.0.1", self.port)) == 0
 
     def published_topics(self):
-        """Names of the topics that a node has told the master it publishes."""
+        """Names of the topics that a node has registered at the master."""
         master = ServerProxy(self.ros["ROS_MASTER_URI"])
         _, _, (publishers, _, _) = master.getSystemState("/test")
         return {topic for topic, _ in publishers}
@@ -84,7 +84,7 @@ class RosWorld(ExitStack):
         return process
 
     def _end(self, process, interrupted=False):
-        """told: it ends by itself at the end of its standard input."""
+        """interrupted: it ends by itself at the end of its standard input."""
         process.stdin.close()
         if not interrupted:
             process.terminate()

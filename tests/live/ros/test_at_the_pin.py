@@ -20,7 +20,7 @@ ONE_FRAME = 0.05
 
 
 def drive(each, number=1, while_arming=lambda car: None):
-    """A car that is told to go and to drive at 10 Hz from 0.2 s on; then ``each(car, t)``."""
+    """A car that is commanded to go and to drive at 10 Hz from 0.2 s on; then ``each(car, t)``."""
     with BridgedCar(number=number) as car:
         def step(t):
             if 0.2 < t < LAST and round(100 * t) % 10 == 0:

@@ -13,7 +13,7 @@ from dart_lab.live.ros.commands import MAX_MESSAGE_AGE_S, Commands, RosCommand, 
 
 @pytest.fixture
 def commands():
-    """Armed at 0 s, told to go and to drive at 1 s."""
+    """Armed at 0 s, commanded to go and to drive at 1 s."""
     made = Commands()
     made.require_go()
     made.current_command(0.5)
@@ -101,7 +101,8 @@ def test_what_cannot_be_meant_is_neutral_until_it_can(commands, topic, value):
 def test_nothing_but_one_is_go(commands, value):
     commands.safety(value, 1.1)
     assert commands.current_command(1.1).throttle == 0.0
-    assert commands.upstream_inputs(1.1) == (0.0, 0.25, 0.0), "the throttle is told as it was sent"
+    assert commands.upstream_inputs(1.1) == (0.0, 0.25,
+                                             0.0), "the throttle is published as it was sent"
     assert len(commands.take_reports()) == (value != 0.0)
 
 

@@ -1,6 +1,6 @@
 """The core's CDR on DDS as ROS 2 uses it: topics rt/..., its type names, Cyclone DDS, no ROS.
 
-What rclpy does beside that (its executor, discovery of nodes, quality of service) is not tested.
+What rclpy does in addition (its executor, discovery of nodes, quality of service) is not tested.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ HERE = Path(__file__).parent
 ALONE = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/>" \
         "</Interfaces></General><Discovery><Peers><Peer address='localhost'/></Peers>" \
         "<ParticipantIndex>auto</ParticipantIndex></Discovery></Domain></CycloneDDS>"
-"""This computer's loopback, and a domain that nobody else uses."""
+"""This computer's loopback, and a domain of its own."""
 pytestmark = pytest.mark.slow
 
 
@@ -106,5 +106,5 @@ def test_topics_of_ros_2_go_to_another_process_and_come_from_it(payloads, monkey
 def until(done, seconds=10.0):
     end = time.monotonic() + seconds
     while not done():
-        assert time.monotonic() < end, "nobody was found"
+        assert time.monotonic() < end, "no node was found"
         time.sleep(0.02)

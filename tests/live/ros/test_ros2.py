@@ -89,7 +89,7 @@ def test_what_is_received_is_the_number_and_the_end_is_detected(rclpy):
     assert not node.is_closed
     node.close()
     assert node.is_closed
-    node.publish("nobody hears it", number(0.0))
+    node.publish("without a listener", number(0.0))
 
 
 @pytest.mark.parametrize(("node", "package"), [(Ros1, "rosgraph"), (Ros2, "rclpy")])

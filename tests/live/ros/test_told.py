@@ -1,4 +1,4 @@
-"""What is told of a car: topics, numbers, and bytes that other programs' decoders read."""
+"""What is published of a car: topics, numbers, and bytes that other programs' decoders read."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from dart_lab.live.ros.told import TopicWriter
 
 @pytest.fixture(scope="module")
 def driven():
-    """Car 3 after 1.5 s of a left turn, seen by a motion capture; its States."""
+    """Car 3 after 1.5 s of a left turn, with a motion capture; its States."""
     with BridgedCar("sim://?nano=mock&seed=1&mocap=1", number=3) as car:
         car.states = []
         car.car.on_state(car.states.append)

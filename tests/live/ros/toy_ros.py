@@ -11,7 +11,7 @@ NEAR_US = 5.0
 
 
 class ToyRos:
-    """``say(topic, value)``: somebody publishes; ``published``: (topic, message)."""
+    """``publish_value(topic, value)``: another node publishes; ``published``: (topic, message)."""
 
     def __init__(self):
         self.heard = {}

@@ -48,7 +48,7 @@ class Browser:
             if shown == what if name == "mode" else what in shown:
                 return
             time.sleep(0.05)
-        raise AssertionError(f"{name} says {self.text(name)!r}, not {what!r}")
+        raise AssertionError(f"{name} shows {self.text(name)!r}, not {what!r}")
 
     def run(self, script):
         return self.driver.execute_script(script)

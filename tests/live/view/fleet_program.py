@@ -1,4 +1,4 @@
-"""A program that drives two emulated cars in real time, and tells what their ESCs got.
+"""A program that drives two emulated cars in real time, and reports the pulses of their ESCs.
 
     python fleet_program.py ROOM SEED OUT.json     ends with its standard input
     OUT.json: {car: [[time.monotonic(), us], ...]}

@@ -12,7 +12,7 @@ RIGHT = ('{"type":"drive","steering":0,"throttle":1,"heard":0,"unchanged":0}', '
 
 class Junk:
     """``draw()``: bytes, a right message with one letter changed or cut off, depth, 70 kB, and
-    right ones that it may not say."""
+    right ones that it may not send."""
 
     def __init__(self, seed):
         self._random = random.Random(seed)

@@ -18,7 +18,7 @@ pytestmark = pytest.mark.usefixtures("armed_esc")
 NEUTRAL = 0.250
 """s from the end of a hold to the end of the last driving pulse."""
 AT_ONCE = 0.050
-"""s where the end is told: one State, one PWM frame and a pulse."""
+"""s where the end is reported: one State, one PWM frame and a pulse."""
 
 
 def end_of_hold(how, seed=1):

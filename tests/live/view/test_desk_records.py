@@ -59,7 +59,7 @@ def test_a_disk_that_fills_up_is_reported_and_the_car_drives_on(tmp_path):
         with room_for(60_000):
             at.drive(1.5, lambda t: at.hold())
             status = [one for one in at.messages if one["type"] == "status"][-1]
-        assert "large" in status["trouble"]  # "File too large": what the kernel said
+        assert "large" in status["trouble"]  # "File too large": the kernel's message
         assert at.car.mode == "ARMED"
         assert at.driving(at.now() - 0.1), "it drives on"
         at.send_message("one", m.Record(False))

@@ -41,7 +41,7 @@ class Watcher(threading.Thread):
         return self.live
 
     def hears(self, stop):
-        """A ``Desk._stop`` that tells when it was called."""
+        """A ``Desk._stop`` that records when it was called."""
         def heard(desk, now):
             self.heard = self.car.now
             self.news.set()
@@ -65,7 +65,7 @@ class Watcher(threading.Thread):
 
 @pytest.fixture
 def stop_from_page(monkeypatch, tmp_path, capsys):
-    """(whoever pressed STOP, exit code, what was printed), once the verb has ended."""
+    """(who pressed STOP, exit code, what was printed), once the verb has ended."""
     def run(stop=Desk._stop):
         script = tmp_path / "bend.py"
         watcher = Watcher()

@@ -26,7 +26,7 @@ PREBUILT = Path(__file__).parents[3] / "firmware" / "prebuilt" / "dart_nano.hex"
 OPTIBOOT = BOOTLOADER.parents[1] / "optiboot" / "optiboot.c"
 OPTIBOOT_START = 0x7E00
 BEFORE = b"\xff\xcf"
-"""A program that stands still (rjmp .-2): only a reset leads to the bootloader."""
+"""A program that does nothing (rjmp .-2): only a reset leads to the bootloader."""
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ PAGE = ROOT / "host" / "dart_lab" / "live" / "view" / "flash"
 PREBUILT = ROOT / "firmware" / "prebuilt" / "dart_nano.hex"
 GIVEN = """import { readFileSync } from "node:fs"; import { exit } from "node:process";
 const given = JSON.parse(readFileSync(0));
-const tell = (it) => { console.log(JSON.stringify(it)); exit(0); };
+const finish = (it) => { console.log(JSON.stringify(it)); exit(0); };
 """
 WHO = {"proto": PROTO, "req_seq": 0, "schema": SCHEMA, "fw_version": (3, 1, 4), "build": 4,
        "git": 0x1234, "board_id": 0x3F0052A1, "boot_count": 258, "reset_cause": 2, "bootloader": 1,
@@ -31,7 +31,7 @@ WHO = {"proto": PROTO, "req_seq": 0, "schema": SCHEMA, "fw_version": (3, 1, 4), 
 
 
 def node(script, given, *modules):
-    """What ``script`` gives to ``tell``; modules: (names, file)."""
+    """What ``script`` gives to ``finish``; modules: (names, file)."""
     imports = "".join(f'import {{ {names} }} from "{path.as_uri()}";' for names, path in modules)
     # node may not wait at a pipe
     with TemporaryFile("w+") as request, TemporaryFile("w+") as answer:
@@ -79,7 +79,7 @@ def by_python(text):
 
 def test_hex_files_are_read_and_refused_as_python_does():
     files = hex_files()
-    script = """tell(given.map((text) => {
+    script = """finish(given.map((text) => {
         try { return Buffer.from(parse(text)).toString("hex"); }
         catch (why) { if (why.kind !== "hex") throw why; return null; } }))"""
     read = node(script, files, ("parse", PAGE / "hex.mjs"))
@@ -94,7 +94,7 @@ def test_hello_is_read_and_nothing_else_is():
     streams = [hello, b"\x00noise\x00" + hello, b"x" * 999 + b"\x00" + hello,
                *(hello[:i] + bytes([hello[i] ^ 1]) + hello[i + 1:] for i in range(len(hello))),
                hello[:-1], encode(HELLO_REQ, 0, {"proto": PROTO, "schema": 0, "flags": 0})]
-    script = """tell({ req: HELLO_REQ, read: given.map((bytes) => {
+    script = """finish({ req: HELLO_REQ, read: given.map((bytes) => {
         const whole = new Listener().feed(bytes), slow = new Listener();
         const single = bytes.map((byte) => slow.feed([byte])).find((hello) => hello) ?? null;
         if (JSON.stringify(whole) !== JSON.stringify(single)) throw new Error("pieces");
@@ -119,7 +119,7 @@ def flash_all(cases):
                  pages: nano.asked.filter((command) => command === 0x64).length,
                  same: image.every((byte, i) => nano.flash[i] === byte) };
     };
-    tell(await Promise.all(given.map(one)))"""
+    finish(await Promise.all(given.map(one)))"""
     return node(script, cases, ("flash", PAGE / "flash.mjs"),
                 ("FakeNano", Path(__file__).parent / "fake_nano.mjs"))
 

@@ -1,4 +1,4 @@
-"""The page of a fleet: what it says of each car, and its STOP at the pins of all."""
+"""The page of a fleet: what it shows of each car, and its STOP at the pins of all."""
 
 from __future__ import annotations
 

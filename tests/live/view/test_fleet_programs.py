@@ -1,4 +1,4 @@
-"""The page of a fleet beside programs that drive: found, lost, and STOP ALL at the cars' pins."""
+"""The page of a fleet with programs that drive: found, lost, and STOP ALL at the cars' pins."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ def grows(browser, colour, least, within=8.0):
 
 
 def test_the_room_of_a_simulated_car_is_drawn_where_its_scans_see_it():
-    """In the frame of its start and in that of the room; each is told with its frame."""
+    """In the frame of its start and in that of the room; each is sent with its frame."""
     lines = lines_by_frame("sim://?lidar=1&map=room&seed=2")
     at = AtTheDesk(url="sim://?nano=mock&seed=2&lidar=noise=0,scale=1,x=0.13,y=0,yaw=0&map=room",
                    lines=lines)

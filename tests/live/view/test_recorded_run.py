@@ -48,7 +48,7 @@ def test_thinning_keeps_rows_and_scans_together():
 
 @pytest.fixture
 def served_folder(tmp_path):
-    """Address of a folder as the handbook's build leaves it, and what was asked of it."""
+    """Address of a folder as the handbook's build leaves it, and its requests."""
     recorded_run.copy(tmp_path / "live")
     requests = []
 
@@ -74,7 +74,7 @@ def test_it_plays_in_a_browser_without_a_program(served_folder, name):
     one = at_the_page.Browser()
     try:
         one.open(f"{url}?run={name}")
-        if name == "none.json":  # the control: without the run it says so, and plays nothing
+        if name == "none.json":  # the control: without the run it reports it, and plays nothing
             one.until("none.json cannot be read", "said")
             assert not one["bar"].is_displayed()
             return

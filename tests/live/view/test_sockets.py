@@ -163,7 +163,7 @@ def test_no_message_of_a_page_gains_control_and_others_are_served():
             except ConnectionClosed:
                 other = opened.enter_context(join(page))
                 closed = closed + 1
-        assert closed >= 3, "who is too loud is sent away"
+        assert closed >= 3, "a page that sends too much is closed"
         until(good, "rows", where=lambda m: m["rows"])
         assert until(good, "status")["driven"] is False
         assert car.mode == "DISARMED"

@@ -51,7 +51,7 @@ def test_a_gamepad_drives_while_its_bumper_is_held(page):
     page.run(PAD.format(5, -0.8))
     assert page.run(READ) == pytest.approx([0.5, 0.8])
     page.run(PAD.format(5, -0.04))
-    assert page.run(READ) == pytest.approx([0.5, 0.0]), "a worn stick rests beside its middle"
+    assert page.run(READ) == pytest.approx([0.5, 0.0]), "a worn stick rests off its middle"
     page.run(PAD.format(4, -0.8))
     assert page.run(READ) is None, "control: another button"
 

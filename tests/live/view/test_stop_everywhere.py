@@ -87,7 +87,7 @@ def not_stopped(browser, count):
 
 
 def count_calls(monkeypatch, owner, method):
-    """How often a method is called: returns what tells it."""
+    """Count the calls of a method; return the counter."""
     calls = []
     real = getattr(owner, method)
 

@@ -1,4 +1,4 @@
-"""STOP when strangers have taken every place of the page, and what strangers may request."""
+"""STOP when other pages have taken every place, and what a page of another origin may request."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the page says of a trip or a refusal: in words for who stands there with a phone."""
+"""The page's messages of a trip or a refusal: in words for a person with a phone."""
 
 from __future__ import annotations
 

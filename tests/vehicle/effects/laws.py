@@ -308,7 +308,7 @@ def solve_compliance(k: float, slip: float) -> float:
 
 
 def iterate_compliance(car: str, k: float, slip: float, way: float) -> float:
-    """Approximate the slip angle as the docstring of steering_compliance says.
+    """Approximate the slip angle as in the docstring of steering_compliance.
 
     1. Three times alpha = slip / (1 + k F(alpha) / alpha), in reverse at most twice the slip.
     2. The changes that would follow, as a geometric series whose ratio is that of the last two

@@ -64,7 +64,7 @@ def test_an_effect_is_documented(effect):
     assert effect.confused_with
     assert set(effect.confused_with) <= set(catalogue()) - {effect.name}
     for parameter in effect.parameters:
-        assert parameter.meaning, "a report says what the parameter is"
+        assert parameter.meaning, "a report describes the parameter"
         assert not parameter.meaning.endswith(".")
     assert effect.vehicle or effect.force or effect.signals
     assert set(effect.signals) <= set(SIGNAL_CHANNELS)

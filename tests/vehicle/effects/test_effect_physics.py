@@ -1,4 +1,4 @@
-"""Every effect: nothing at null, something at medium size, finite beside every other one."""
+"""Every effect: nothing at null, something at medium size, finite with every other one."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ N = 40
 
 
 def states(seed=3):
-    """State and commands (10, N) of cars that stand, drive, slide and reverse."""
+    """State and commands (10, N) of cars that rest, drive, slide and reverse."""
     draw = np.random.default_rng(seed)
     low = [-3.0, -3.0, -7.0, -1.5, -0.4, -4.0, -0.6, -0.9, -0.6, -0.9]
     high = [3.0, 3.0, 7.0, 3.5, 0.4, 4.0, 0.6, 0.9, 0.6, 0.9]

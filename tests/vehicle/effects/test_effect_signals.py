@@ -43,7 +43,7 @@ def step_series(p, channel, signal, now):
 
 @pytest.mark.parametrize("name", ["steering_backlash", "steering_rate_limit"])
 def test_tick_by_tick_gives_the_series_where_the_signal_is_constant(name):
-    """It is not asked again until it moves, and not before the state has come to rest."""
+    """It is not called again until it moves, and not before the state has come to rest."""
     (channel,) = find_effect(name).signals
     p = apply(PAPER, name, **medium(find_effect(name)))
     signal = np.repeat([0.0, 0.3, 0.3, -0.2, -0.21, 0.4], [5, 40, 1, 60, 2, 1])
@@ -188,7 +188,7 @@ def test_a_ring_without_a_mark_reads_as_counted(v):
     quantum = PER_TURN / 200.0 / 0.1
     assert np.abs(got - want).max() < 1.01 * quantum
     assert np.mean(got) == pytest.approx(0.9 * v, rel=0.02)
-    assert np.ptp(want) > 1.9 * quantum, "the gap is seen"
+    assert np.ptp(want) > 1.9 * quantum, "the gap shows"
 
 
 def test_marks_off_centre_ripple_with_the_turn():

@@ -53,7 +53,7 @@ def test_a_wild_sample_moves_neither_value_nor_error_when_it_is_held_down(far):
 
 
 def test_a_prior_of_one_parameter_leaves_the_others_to_the_data():
-    """In blocks of one sample: slope by the data, the other, of which they tell nothing, by 1."""
+    """In blocks of one sample: slope by the data, the other, which they do not determine, by 1."""
     rng = np.random.default_rng(8)
     column = rng.normal(0.0, 1.0, 4000)
     s = Solution(np.zeros(2), 0.5 * rng.normal(0.0, 1.0, 4000),

@@ -1,4 +1,4 @@
-"""A step within a box: no lower point is in it, however alike the parameters."""
+"""A step within a box: no lower point is in it, however correlated the parameters."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_every_slope_at_the_end_points_out_of_the_box(seed, n, pinned):
 
 
 def step_in_box(normal, slope, low, high):
-    """What is tempting: the free minimum, and whatever leaves the box stays at its edge."""
+    """What is tempting: the free minimum, and all that leaves the box stays at its edge."""
     move = np.zeros(len(slope))
     free = np.ones(len(slope), dtype=bool)
     while free.any():

@@ -1,4 +1,4 @@
-"""A standard error is believed where the loss at two of it is what the quadratic says."""
+"""A standard error is believed where the loss at two of it agrees with the quadratic."""
 
 from __future__ import annotations
 
