@@ -344,7 +344,7 @@ def test_a_line_with_an_odd_number_is_a_pose_or_refused(number):
         words[place] = number
         data = f"dart-hal-pose 1 car room {' '.join(words)}\n".encode()
         try:
-            poses = [Convention().read(r).at(0.0) for r in line.parse(data)]
+            poses = [Convention().read(r).to_external(0.0) for r in line.parse(data)]
         except ValueError:
             continue
         assert all(abs(pose.x) <= 1e5 and abs(pose.y) <= 1e5 and abs(pose.yaw) <= 4.0
@@ -353,11 +353,11 @@ def test_a_line_with_an_odd_number_is_a_pose_or_refused(number):
 
 @given(*[st.floats()] * 6, st.sampled_from(["m", "mm"]), st.booleans())
 def test_any_pose_is_possible_or_refused(t, x, y, yaw, std, yaw_std, unit, left):
-    from dart_hal.devices.poses.reading import Reading
+    from dart_hal.devices.poses.reading import PoseReading
 
     how = Convention(metres=1e-3 if unit == "mm" else 1.0, left=left)
     try:
-        pose = how.read(Reading("car", "room", t, x, y, yaw, std, yaw_std)).at(1.0)
+        pose = how.read(PoseReading("car", "room", t, x, y, yaw, std, yaw_std)).to_external(1.0)
     except ValueError:
         return
     assert max(abs(pose.x), abs(pose.y)) <= 1e5

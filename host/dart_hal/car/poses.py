@@ -15,7 +15,7 @@ from dart_hal.core.ports import PoseSource
 from dart_hal.core.types import ExternalPose, State
 from dart_hal.devices.links.base import Backend
 from dart_hal.devices.poses import open_poses
-from dart_hal.devices.poses.clock_steps import ClockSteps
+from dart_hal.devices.poses.clock_steps import ClockStepFilter
 from dart_hal.estimation.odometry import Odometry
 from dart_hal.estimation.pose_model import MarkerModel
 from dart_hal.estimation.room import UNKNOWN_MARKER, ExternalPoseEstimator
@@ -31,7 +31,7 @@ class PoseFeed:
         self.source = source
         self.record: Callable[[ExternalPose], None] = lambda pose: None
         self._room = room
-        self._clock = ClockSteps()
+        self._clock = ClockStepFilter()
         self._waiting: deque[ExternalPose] = deque()
 
     def take(self, states: list[State], t: float, now: float) -> list[State]:
@@ -44,7 +44,7 @@ class PoseFeed:
         while self._waiting and self._waiting[0].arrival <= t:
             pose = self._waiting.popleft()
             self.record(pose)
-            corrected = self._clock.through(pose)
+            corrected = self._clock.correct(pose)
             if corrected is not None:
                 self._room.add(corrected)
         if states:

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from dart_hal.core.types import ExternalPose
-from dart_hal.devices.poses.clock_steps import ClockSteps
+from dart_hal.devices.poses.clock_steps import ClockStepFilter
 
 RATE = 100.0
 
 
 def told(stamps, arrivals):
     """(clock, [(time of measurement, error of the offset)] of the poses that were let through)."""
-    clock, out = ClockSteps(), []
+    clock, out = ClockStepFilter(), []
     for t, (stamp, arrival) in enumerate(zip(stamps, arrivals, strict=True)):
-        pose = clock.through(ExternalPose(stamp, arrival, 0.0, 0.0, 0.0))
+        pose = clock.correct(ExternalPose(stamp, arrival, 0.0, 0.0, 0.0))
         if pose is not None:
             out.append((t / RATE, pose.stamp - t / RATE - 50.0))
     return clock, np.array(out)
@@ -42,9 +42,9 @@ def test_a_clock_that_is_set_goes_on(by):
 def test_a_clock_that_is_set_while_the_car_is_hidden_is_held_for_three_seconds():
     _, t, arrivals = drawn(1)
     seen = (t < 8.0) | (t > 10.0)
-    clock, out = ClockSteps(), []
+    clock, out = ClockStepFilter(), []
     for k in np.flatnonzero(seen):
-        pose = clock.through(ExternalPose(50.0 + t[k] - 0.5 * (t[k] > 9.0), arrivals[k], 0, 0, 0))
+        pose = clock.correct(ExternalPose(50.0 + t[k] - 0.5 * (t[k] > 9.0), arrivals[k], 0, 0, 0))
         if pose is not None:
             out.append((t[k], pose.stamp - t[k] - 50.0))
     assert clock.steps == 1

@@ -17,14 +17,14 @@ from dart_hal.core.errors import PortBusy, RecordingError, UsageError
 from dart_hal.core.types import Tracking
 from dart_hal.devices.poses import open_poses, udp
 from dart_hal.devices.poses.line import line, parse
-from dart_hal.devices.poses.reading import Reading
+from dart_hal.devices.poses.reading import PoseReading
 
 number = st.floats(-1e6, 1e6)
 sigma = st.floats(1e-6, 10.0)
 word = st.from_regex(r"[A-Za-z0-9_-]{1,20}", fullmatch=True)
 
 
-@given(st.builds(Reading, word, word, st.floats(0, 2e9), number, number, number, sigma, sigma))
+@given(st.builds(PoseReading, word, word, st.floats(0, 2e9), number, number, number, sigma, sigma))
 def test_a_line_reads_back_exactly(reading):
     assert parse(line(reading)) == [reading]
     assert parse(line(reading) * 3) == [reading] * 3

@@ -23,8 +23,8 @@ def test_every_version_is_read(version):
     kind, payload = natnet.message(built.frame(version, bodies))
     found = natnet.frame(payload, version)
     assert (kind, found.number, found.t, found.exposed) == (7, 7, 12.5, 3 * built.TICKS)
-    assert (found.bodies[0].name, found.bodies[0].place, found.lost) == ("4", (1, 2, 3), ("5",))
-    assert found.bodies[0].turned == pytest.approx(built.level(0.5))
+    assert (found.bodies[0].name, found.bodies[0].position, found.lost) == ("4", (1, 2, 3), ("5",))
+    assert found.bodies[0].quaternion == pytest.approx(built.level(0.5))
     names = {4: "car", 5: "box"}
     assert natnet.models(natnet.message(built.models(version, names))[1], version) == {
         "4": "car", "5": "box"}

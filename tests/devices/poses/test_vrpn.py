@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from dart_hal.core.errors import PortMissing, UsageError
 from dart_hal.devices.poses import open_poses
-from dart_hal.devices.poses.vrpn import COOKIE, POSE, Parser
+from dart_hal.devices.poses.vrpn import COOKIE, POSE_MESSAGE, Parser
 
 COOKIE_OF_SERVER = b"vrpn: ver. 07.33  0".ljust(24, b"\0")
 
@@ -34,13 +34,13 @@ def pose(sender, place, turned=(0, 0, 0, 1), sensor=0):
 
 HELLO = (COOKIE_OF_SERVER + described(-1, 0, "VRPN Control") + described(-1, 1, "car")
          + described(-1, 2, "box") + described(-2, 1, "vrpn_Base ping_message")
-         + described(-2, 2, POSE) + message(1, 1, b""))
+         + described(-2, 2, POSE_MESSAGE) + message(1, 1, b""))
 STREAM = HELLO + pose(2, (9, 9, 9)) + pose(1, (1, 2, 3)) + pose(1, (4, 5, 6), sensor=1)
 
 
 def test_a_stream_is_read_however_it_is_cut():
     whole = Parser().feed(STREAM)
-    assert [(t.body.name, t.body.place, t.t, t.sensor) for t in whole] == [
+    assert [(t.body.name, t.body.position, t.t, t.sensor) for t in whole] == [
         ("box", (9, 9, 9), 5.25, 0), ("car", (1, 2, 3), 5.25, 0), ("car", (4, 5, 6), 5.25, 1)]
     parser = Parser()
     assert [t for k in range(len(STREAM)) for t in parser.feed(STREAM[k:k + 1])] == whole

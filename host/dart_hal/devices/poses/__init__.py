@@ -11,30 +11,31 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.ports import PoseSource
 from dart_hal.devices.poses import line
 from dart_hal.devices.poses.file import open_file
-from dart_hal.devices.poses.natnet_source import COMMANDS, NatNetSource
-from dart_hal.devices.poses.reading import IN_SPACE, OPTIONS, Convention, convention
+from dart_hal.devices.poses.natnet_source import COMMAND_PORT, NatNetSource
+from dart_hal.devices.poses.reading import PLANE_OPTIONS, SPACE_OPTIONS, Convention, convention
 from dart_hal.devices.poses.udp import Datagrams, Port, SharedPort, UdpSource
-from dart_hal.devices.poses.vrpn_source import PORT, VrpnSource
+from dart_hal.devices.poses.vrpn_source import VRPN_PORT, VrpnSource
 
-EXPECTED = "udp://:5005, natnet://HOST?body=car, vrpn://car@HOST, file://poses.csv"
-_OPTIONS = {"udp": OPTIONS, "file": OPTIONS, "natnet": IN_SPACE, "vrpn": (*IN_SPACE, "sensor")}
+POSE_URLS = "udp://:5005, natnet://HOST?body=car, vrpn://car@HOST, file://poses.csv"
+_OPTIONS = {"udp": PLANE_OPTIONS, "file": PLANE_OPTIONS, "natnet": SPACE_OPTIONS,
+            "vrpn": (*SPACE_OPTIONS, "sensor")}
 
 
 def open_poses(text: str) -> PoseSource:
     """Open the source of a URL. Raises UsageError and what the source raises.
 
-    Options behind ``?``: ``units`` m, cm, mm; ``hand`` right, left; ``turn`` deg
-    from the body's x axis to the car's nose; ``body`` name (default: the first
-    that is told). Of lines and files also ``angle`` rad, deg; ``time`` s, ms,
-    us, ns. Of NatNet and VRPN also ``up`` z, y; of VRPN ``sensor``.
+    Options after ``?``: ``units`` m, cm, mm; ``hand`` right, left; ``turn`` deg from the body's x
+    axis to the car's nose; ``body`` name (default: the first one received). Of lines and files also
+    ``angle`` rad, deg; ``time`` s, ms, us, ns. Of NatNet and VRPN also ``up`` z, y; of VRPN
+    ``sensor``.
     """
     return _open(text, {})
 
 
 def open_fleet_poses(texts: Sequence[str]) -> list[PoseSource]:
-    """One source for each URL; those that name one UDP port share it, with a body each.
+    """Open one source for each URL; sources with the same UDP port share it, with a body each.
 
-    Raises what ``open_poses`` raises, with none left open.
+    Raises what ``open_poses`` raises, after closing the sources that were opened.
     """
     shared: dict[tuple[str, int], SharedPort] = {}
     opened: list[PoseSource] = []
@@ -54,15 +55,16 @@ def _open(text: str, shared: dict[tuple[str, int], SharedPort]) -> PoseSource:
         port = parts.port if parts.scheme != "file" else None
     except ValueError as why:
         raise UsageError(f"{text!r} is not a source of poses", found=str(why),
-                         expected=EXPECTED) from why
+                         expected=POSE_URLS) from why
     if parts.scheme not in _OPTIONS:
         added: PoseSource | None = open_added_sensor("poses", text)
         if added is not None:
             return added
         raise UsageError(f"{text!r} is not a source of poses", found=parts.scheme or "no scheme://",
-                         expected=", ".join([EXPECTED, *list_schemes("poses")]))
+                         expected=", ".join([POSE_URLS, *list_schemes("poses")]))
     pairs = parse_qsl(parts.query, keep_blank_values=True)
-    options, known = dict(pairs), _OPTIONS[parts.scheme]
+    options = dict(pairs)
+    known = _OPTIONS[parts.scheme]
     unknown = sorted(set(options) - set(known))
     if unknown or len(options) < len(pairs):
         raise UsageError(f"{text}: options of a source of poses", expected=", ".join(known),
@@ -73,27 +75,27 @@ def _open(text: str, shared: dict[tuple[str, int], SharedPort]) -> PoseSource:
     if parts.scheme == "file":
         return open_file(Path(parts.netloc + parts.path), how)
     if parts.scheme == "natnet":
-        return NatNetSource(_host(text, parts), port or COMMANDS, how, text)
+        return NatNetSource(_host(text, parts), port or COMMAND_PORT, how, text)
     return _udp(text, parts.hostname or "", port, how, shared)
 
 
 def _host(text: str, parts: SplitResult) -> str:
     if not parts.hostname:
-        raise UsageError(f"{text} names no host", found=text, expected=EXPECTED)
+        raise UsageError(f"{text} names no host", found=text, expected=POSE_URLS)
     return parts.hostname
 
 
 def _vrpn(text: str, parts: SplitResult, port: int | None, options: dict[str, str]) -> VrpnSource:
-    """The body stands before the @, as VRPN writes its devices, or in ``body``."""
+    """Open a VRPN source; the body is named before the @, as VRPN names devices, or in ``body``."""
     sensor = options.pop("sensor", "0")
     if not (sensor.isascii() and sensor.isdigit()):
         raise UsageError(f"sensor={sensor!r} of a source of poses", found=sensor,
                          expected="a number from 0")
     if parts.username:
         if "body" in options:
-            raise UsageError(f"{text} names two bodies", found=text, expected=EXPECTED)
+            raise UsageError(f"{text} names two bodies", found=text, expected=POSE_URLS)
         options["body"] = unquote(parts.username)
-    return VrpnSource(_host(text, parts), port or PORT, int(sensor), convention(options), text)
+    return VrpnSource(_host(text, parts), port or VRPN_PORT, int(sensor), convention(options), text)
 
 
 def _udp(text: str, host: str, port: int | None, how: Convention,

@@ -1,4 +1,4 @@
-"""The line protocol: one pose as one line of text, for whoever can send a datagram.
+"""The line protocol: one pose as one line of text in a datagram, from any program.
 
     dart-hal-pose 1 BODY FRAME t x y yaw [std_xy std_yaw]
 
@@ -9,23 +9,24 @@ on any clock that does not jump. std: one sigma of x and y, and of yaw.
 
 from __future__ import annotations
 
-from dart_hal.devices.poses.reading import Reading
+from dart_hal.devices.poses.reading import PoseReading
 
-MAGIC, VERSION = "dart-hal-pose", "1"
-LONGEST = 300
-"""Bytes of a line; a longer one is no pose."""
+MAGIC = "dart-hal-pose"
+VERSION = "1"
+# A longer line is not a pose.
+MAX_LINE_BYTES = 300
 
 
-def parse(data: bytes) -> list[Reading]:
-    """The poses of a datagram, one a line. Raises ValueError, which says what is wrong."""
+def parse(data: bytes) -> list[PoseReading]:
+    """Parse the poses of a datagram, one per line. Raises ValueError with the reason."""
     lines = [line for line in data.split(b"\n") if line.strip()]
     if not lines:
         raise ValueError("an empty datagram")
     return [_line(line) for line in lines]
 
 
-def _line(line: bytes) -> Reading:
-    if len(line) > LONGEST:
+def _line(line: bytes) -> PoseReading:
+    if len(line) > MAX_LINE_BYTES:
         raise ValueError(f"a line of {len(line)} bytes")
     words = line.decode("ascii").split()
     if words[:2] != [MAGIC, VERSION]:
@@ -33,17 +34,18 @@ def _line(line: bytes) -> Reading:
     if len(words) not in (8, 10):
         raise ValueError(f"{len(words)} words instead of 8 or 10")
     body, frame = words[2:4]
-    return Reading(body, frame, *(_number(word) for word in words[4:]))
+    return PoseReading(body, frame, *(_number(word) for word in words[4:]))
 
 
 def _number(word: str) -> float:
-    if word.lower().lstrip("+-")[:1] not in "0123456789.":  # no nan, inf
+    """Parse a decimal number. Raises ValueError, also for nan, inf and Python's 1_000."""
+    if word.lower().lstrip("+-")[:1] not in "0123456789.":
         raise ValueError(f"{word!r} is not a number")
-    return float(word.replace("_", "x"))  # nor Python's 1_000
+    return float(word.replace("_", "x"))
 
 
-def line(reading: Reading) -> bytes:
-    """Inverse of ``parse`` for one pose; ends with a newline."""
+def line(reading: PoseReading) -> bytes:
+    """Format one pose as a line that ``parse`` reads, with a newline."""
     r = reading
     numbers = " ".join(repr(float(v)) for v in (r.t, r.x, r.y, r.yaw, r.std, r.yaw_std))
     return f"{MAGIC} {VERSION} {r.body} {r.frame} {numbers}\n".encode("ascii")

@@ -1,9 +1,9 @@
-"""NatNet, the protocol of OptiTrack Motive, 3.0 to 4.x: bytes in, bodies out; no I/O.
+"""Parser of NatNet, the protocol of OptiTrack Motive, 3.0 to 4.x; no I/O.
 
-Layouts: the depacketisation samples of OptiTrack's NatNet SDK ("PacketClient").
-Written from them and tested on bytes built by them, not with a running Motive.
-Little-endian. A message is id u16, length u16, payload. From 4.1 on each
-section of a frame tells its size in bytes and need not be understood.
+Layouts: the depacketisation samples of OptiTrack's NatNet SDK ("PacketClient"). The parser follows
+them and is tested on bytes built by them, not with a running Motive. Little-endian. A message is
+id u16, length u16, payload. From 4.1 on each section of a frame contains its size in bytes, so
+unknown sections can be skipped.
 """
 
 from __future__ import annotations
@@ -12,11 +12,21 @@ import struct
 from dataclasses import dataclass
 from typing import Any
 
-from dart_hal.devices.poses.rigid import Body
+from dart_hal.devices.poses.rigid import RigidBody
 
-CONNECT, SERVER_INFO, REQUEST_MODELS, MODELS, FRAME, KEEP_ALIVE = 0, 1, 4, 5, 7, 10
-SIZED = (4, 1)
-OLDEST, NEWEST = (3, 0), (5, 0)
+# Ids of messages.
+CONNECT = 0
+SERVER_INFO = 1
+REQUEST_MODELS = 4
+MODELS_MESSAGE = 5
+FRAME_MESSAGE = 7
+KEEP_ALIVE = 10
+# First version whose sections contain their size.
+FIRST_SIZED_VERSION = (4, 1)
+# Versions that are read, without the last one.
+MIN_VERSION = (3, 0)
+END_VERSION = (5, 0)
+# Bit of a body's flags.
 _TRACKED = 1
 _HEAD = struct.Struct("<HH")
 _BODY = struct.Struct("<i3f4ffH")
@@ -30,7 +40,7 @@ Version = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class Server:
-    """Who answered: ``ticks`` per s of its clock (0: not told); ``group``: "" in unicast."""
+    """A server: ``ticks`` per s of its clock (0: unknown); ``group``: multicast, "" = unicast."""
 
     application: str
     version: Version
@@ -40,28 +50,28 @@ class Server:
 
 
 @dataclass(frozen=True, slots=True)
-class Frame:
-    """Bodies that were tracked; ``lost``: ids of those that were not.
+class NatNetFrame:
+    """A frame with the bodies that were tracked, named by ids; ``lost``: ids of the others.
 
-    t [s]: since Motive began; exposed: ticks of its clock at the middle of the
-    exposure, 0 where the cameras do not tell. Bodies are named by their ids.
+    t [s]: since the start of Motive; exposed: ticks of its clock at the middle of the exposure, 0
+    if the cameras do not send it.
     """
 
     number: int
     t: float
     exposed: int
-    bodies: tuple[Body, ...]
+    bodies: tuple[RigidBody, ...]
     lost: tuple[str, ...]
 
 
 def request(kind: int, text: str = "") -> bytes:
-    """A message to the server."""
+    """Make a message to the server."""
     payload = text.encode("ascii") + b"\0" if text else b""
     return _HEAD.pack(kind, len(payload)) + payload
 
 
 def message(data: bytes) -> tuple[int, bytes]:
-    """(id, payload) of a datagram. Raises ValueError."""
+    """Return (id, payload) of a datagram. Raises ValueError."""
     if len(data) < _HEAD.size:
         raise ValueError(f"{len(data)} bytes are no NatNet message")
     kind, size = _HEAD.unpack_from(data)
@@ -71,11 +81,11 @@ def message(data: bytes) -> tuple[int, bytes]:
 
 
 def server(payload: bytes) -> Server:
-    """The answer to CONNECT. Raises ValueError, also for a version that is not read here."""
+    """Parse the answer to CONNECT. Raises ValueError, also for an unsupported version."""
     cursor = _Cursor(payload)
     name, *numbers = cursor.take(_INFO)
     version = (numbers[4], numbers[5])
-    if not OLDEST <= version < NEWEST:
+    if not MIN_VERSION <= version < END_VERSION:
         raise ValueError(f"NatNet {version[0]}.{version[1]}; 3.0 to 4.x are read")
     ticks, port, multicast, group = cursor.take(_CONNECTION)
     return Server(name.partition(b"\0")[0].decode("utf-8", "replace"), version, ticks, port,
@@ -83,15 +93,16 @@ def server(payload: bytes) -> Server:
 
 
 def models(payload: bytes, version: Version) -> dict[str, str]:
-    """id -> name of the rigid bodies. Raises ValueError.
+    """Parse the descriptions: id -> name of the rigid bodies. Raises ValueError.
 
-    Before 4.1 descriptions have no size: what follows the first one that is
-    neither a marker set nor a rigid body is not read (Motive tells bodies first).
+    Before 4.1 descriptions have no size. Parsing then ends at the first one that is neither a
+    marker set nor a rigid body (Motive sends bodies first).
     """
-    cursor, names = _Cursor(payload), {}
+    cursor = _Cursor(payload)
+    names: dict[str, str] = {}
     for _ in range(cursor.count()):
         kind = cursor.integer()
-        end = cursor.size() if version >= SIZED else None
+        end = cursor.size() if version >= FIRST_SIZED_VERSION else None
         if kind == 0:
             cursor.text()
             for _ in range(cursor.count()):
@@ -108,13 +119,14 @@ def models(payload: bytes, version: Version) -> dict[str, str]:
         elif end is None:
             break
         if end is not None:
-            cursor.at = end
+            cursor.position = end
     return names
 
 
-def frame(payload: bytes, version: Version) -> Frame:
-    """A frame of mocap data. Raises ValueError."""
-    cursor, sized = _Cursor(payload), version >= SIZED
+def frame(payload: bytes, version: Version) -> NatNetFrame:
+    """Parse a frame of motion-capture data. Raises ValueError."""
+    cursor = _Cursor(payload)
+    sized = version >= FIRST_SIZED_VERSION
     number = cursor.integer()
     if sized:
         cursor.section()  # marker sets
@@ -124,25 +136,26 @@ def frame(payload: bytes, version: Version) -> Frame:
             cursor.text()
             cursor.skip(12 * cursor.count())
         cursor.skip(12 * cursor.count())
-    bodies, lost = [], []
-    several = cursor.count()
+    bodies: list[RigidBody] = []
+    lost: list[str] = []
+    count = cursor.count()
     end = cursor.size() if sized else None
-    for _ in range(several):
+    for _ in range(count):
         found = cursor.take(_BODY)
         name = str(found[0])
         if found[9] & _TRACKED:
-            bodies.append(Body(name, found[1:4], found[4:8]))
+            bodies.append(RigidBody(name, found[1:4], found[4:8]))
         else:
             lost.append(name)
     if end is not None:
-        cursor.at = end
-    _beyond_bodies(cursor, sized)
+        cursor.position = end
+    _skip_after_bodies(cursor, sized)
     _, _, t, exposed = cursor.take(_SUFFIX)
-    return Frame(number, t, exposed, tuple(bodies), tuple(lost))
+    return NatNetFrame(number, t, exposed, tuple(bodies), tuple(lost))
 
 
-def _beyond_bodies(cursor: _Cursor, sized: bool) -> None:
-    """Skeletons, assets (4.1), labelled markers, force plates, devices."""
+def _skip_after_bodies(cursor: _Cursor, sized: bool) -> None:
+    """Skip skeletons, assets (4.1), labelled markers, force plates and devices."""
     if sized:
         for _ in range(5):
             cursor.section()
@@ -159,49 +172,55 @@ def _beyond_bodies(cursor: _Cursor, sized: bool) -> None:
 
 
 class _Cursor:
-    """Reads on from byte to byte; whatever does not fit raises ValueError."""
+    """Reads values one after the other; raises ValueError beyond the end of the data."""
 
     def __init__(self, data: bytes) -> None:
-        self._data, self.at = data, 0
+        self._data = data
+        self.position = 0
 
     def take(self, layout: struct.Struct) -> tuple[Any, ...]:
-        start = self.at
+        """Read the values of a layout."""
+        start = self.position
         self.skip(layout.size)
         return layout.unpack_from(self._data, start)
 
     def skip(self, n: int) -> None:
-        if not 0 <= n <= len(self._data) - self.at:
-            raise ValueError(f"{n} bytes wanted of {len(self._data) - self.at}")
-        self.at += n
+        """Skip n bytes."""
+        if not 0 <= n <= len(self._data) - self.position:
+            raise ValueError(f"{n} bytes expected, {len(self._data) - self.position} left")
+        self.position += n
 
     def integer(self) -> int:
-        start = self.at
+        """Read an i32."""
+        start = self.position
         self.skip(4)
-        return int.from_bytes(self._data[start:self.at], "little", signed=True)
+        return int.from_bytes(self._data[start:self.position], "little", signed=True)
 
     def count(self) -> int:
-        """A number of things, each of which has a byte at least."""
+        """Read a number of items, each of which has at least one byte."""
         n = self.integer()
         if not 0 <= n <= len(self._data):
             raise ValueError(f"a count of {n} in {len(self._data)} bytes")
         return n
 
     def size(self) -> int:
-        """Where a section whose size in bytes stands here ends."""
+        """Read the size of a section in bytes; return the position of its end."""
         size = self.count()
-        start = self.at
+        start = self.position
         self.skip(size)
-        self.at = start
+        self.position = start
         return start + size
 
     def section(self) -> None:
-        """Over a section of 4.1: count, size, bytes."""
+        """Skip a section of 4.1: count, size, bytes."""
         self.count()
-        self.at = self.size()
+        self.position = self.size()
 
     def text(self) -> str:
-        end = self._data.find(b"\0", self.at)
+        """Read a text that ends with a 0 byte."""
+        end = self._data.find(b"\0", self.position)
         if end < 0:
             raise ValueError("a name without an end")
-        start, self.at = self.at, end + 1
+        start = self.position
+        self.position = end + 1
         return self._data[start:end].decode("utf-8", "replace")

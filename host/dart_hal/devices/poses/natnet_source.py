@@ -1,4 +1,4 @@
-"""Poses from OptiTrack Motive: asks a NatNet server, in unicast or multicast, and never waits."""
+"""Poses from OptiTrack Motive: a client of its NatNet server, unicast or multicast; never waits."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import ExternalPose
 from dart_hal.devices.poses import natnet
 from dart_hal.devices.poses.reading import Convention
-from dart_hal.devices.poses.rigid import reading
+from dart_hal.devices.poses.rigid import project_to_floor
 from dart_hal.devices.poses.udp import Port
 
-COMMANDS = 1510
-AGAIN = 1.0
-"""s between two requests, and two signs of life, without which Motive ends a unicast."""
-SILENT = 2.0
-"""s without a frame after which the server is asked anew who it is."""
+COMMAND_PORT = 1510
+# s between two requests, and between two keep-alive messages, without which Motive ends a unicast.
+REQUEST_INTERVAL = 1.0
+# s without a frame after which the server is requested to identify itself again.
+MAX_FRAME_GAP = 2.0
 
 
 class NatNetSource:
     """Poses of one rigid body.
 
-    ``why``: what keeps poses away, "" while they come; ``refused``: messages
-    that could not be read; ``missed``: frames that never came; ``untracked``:
-    frames in which the body was not seen; ``others``: other bodies' names.
+    ``why``: why no poses arrive, "" while they do; ``refused``: messages that could not be read;
+    ``missed``: lost frames; ``untracked``: frames in which the body was not tracked; ``others``:
+    names of other bodies.
     """
 
     on_board = False
@@ -37,26 +37,28 @@ class NatNetSource:
         self.refused = self.missed = self.untracked = 0
         self.others: set[str] = set()
         self.why = f"{host}:{port} has not answered; does Motive stream by NatNet?"
-        self._address = (address(host, name), port)
-        self._convention, self._clock = convention, clock
+        self._address = (resolve_host(host, name), port)
+        self._convention = convention
+        self._clock = clock
         self._body = convention.body
         self._commands = Port("", 0, name)
         self._data: Port | None = None
         self._server: natnet.Server | None = None
         self._names: dict[str, str] = {}
         self._number: int | None = None
-        self._asked = self._heard = float("-inf")
+        self._requested_at = self._heard = float("-inf")
 
     def poll(self, now: float) -> list[ExternalPose]:
-        """Poses of the frames that have come, as ``PoseSource``."""
-        self._ask()
+        """Return the poses of the frames that have arrived, as ``PoseSource``."""
+        self._send_requests()
         out: list[ExternalPose] = []
         for port in (self._commands, self._data):
             for data, age in port.read() if port is not None else ():
                 try:
                     out += self._message(data, max(now - age, 0.0))
                 except ValueError as why:
-                    self.refused, self.why = self.refused + 1, str(why)
+                    self.refused += 1
+                    self.why = str(why)
         return sorted(out, key=lambda pose: pose.arrival)
 
     def close(self) -> None:
@@ -64,49 +66,53 @@ class NatNetSource:
         if self._data is not None:
             self._data.close()
 
-    def _ask(self) -> None:
-        """Who is there, then which bodies, then that we still listen."""
+    def _send_requests(self) -> None:
+        """Request the server's identification, then its bodies; send keep-alive in unicast."""
         t = self._clock()
-        if t - self._asked < AGAIN:
+        if t - self._requested_at < REQUEST_INTERVAL:
             return
-        self._asked = t
-        if self._server is None or t - self._heard > SILENT:
+        self._requested_at = t
+        if self._server is None or t - self._heard > MAX_FRAME_GAP:
             if self._server is not None and not self.why:
-                self.why = f"no frame for {SILENT:g} s"
+                self.why = f"no frame for {MAX_FRAME_GAP:g} s"
             self._send(natnet.request(natnet.CONNECT, "Ping"))
-        if self._server is not None and not self._named():
+        if self._server is not None and not self._knows_body():
             self._send(natnet.request(natnet.REQUEST_MODELS))
         if self._server is not None and not self._server.group:
             self._send(natnet.request(natnet.KEEP_ALIVE))
 
-    def _named(self) -> bool:
+    def _knows_body(self) -> bool:
+        """Return whether the name of the body is known, or of any body if none was selected."""
         return self._body in (self._names.values() if self._body else self._names)
 
     def _send(self, data: bytes) -> None:
         try:
             self._commands.socket.sendto(data, self._address)
-        except OSError as why:  # no route, a full buffer: asked again in a second
-            self.why = f"cannot be asked: {why}"
+        except OSError as why:  # no route, a full buffer: repeated in a second
+            self.why = f"a request cannot be sent: {why}"
 
     def _message(self, data: bytes, arrival: float) -> list[ExternalPose]:
         kind, payload = natnet.message(data)
         if kind == natnet.SERVER_INFO:
-            self._meet(natnet.server(payload))
-        elif kind == natnet.MODELS and self._server is not None:
+            self._set_server(natnet.server(payload))
+        elif kind == natnet.MODELS_MESSAGE and self._server is not None:
             self._names = natnet.models(payload, self._server.version)
-            if self._body and not self._named():
-                self.why = f"no body {self._body!r}; there are {sorted(self._names.values())}"
-        elif kind == natnet.FRAME and self._server is not None:
+            if self._body and not self._knows_body():
+                self.why = f"no body {self._body!r}; bodies: {sorted(self._names.values())}"
+        elif kind == natnet.FRAME_MESSAGE and self._server is not None:
             self._heard = self._clock()
             return self._frame(natnet.frame(payload, self._server.version), arrival)
         return []
 
-    def _meet(self, found: natnet.Server) -> None:
+    def _set_server(self, found: natnet.Server) -> None:
+        """Store the server that has answered; join its multicast group if it has one."""
         if found == self._server:
             return
-        self._server, self._number = found, None
-        self._asked, self._heard = float("-inf"), self._clock()
-        self.why = f"{found.application} answered, and tells no body yet"
+        self._server = found
+        self._number = None
+        self._requested_at = float("-inf")
+        self._heard = self._clock()
+        self.why = f"{found.application} answered, and has sent no body yet"
         if self._data is not None:
             self._data.close()
             self._data = None
@@ -123,12 +129,12 @@ class NatNetSource:
             self.why = f"cannot join {group}: {why}"
 
     def _local(self) -> bytes:
-        """Our address on the way to the server; connecting a UDP socket sends nothing."""
+        """Return the local address of the route to the server; connecting UDP sends nothing."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
             probe.connect(self._address)
             return socket.inet_aton(probe.getsockname()[0])
 
-    def _frame(self, found: natnet.Frame, arrival: float) -> list[ExternalPose]:
+    def _frame(self, found: natnet.NatNetFrame, arrival: float) -> list[ExternalPose]:
         if self._number is not None and found.number > self._number + 1:
             self.missed += found.number - self._number - 1
         self._number = found.number
@@ -141,15 +147,16 @@ class NatNetSource:
             if name != self._body:
                 self.others.add(name)
                 continue
-            seen = reading(body._replace(name=name), t, "natnet", self._convention.y_up)
-            pose = self._convention.read(seen).at(arrival)
+            reading = project_to_floor(body._replace(name=name), t, "natnet",
+                                       self._convention.y_up)
+            pose = self._convention.read(reading).to_external(arrival)
             self.why = ""
             return [pose]
         return []
 
 
-def address(host: str, name: str) -> str:
-    """The IPv4 address of a host. Raises PortMissing."""
+def resolve_host(host: str, name: str) -> str:
+    """Return the IPv4 address of a host. Raises PortMissing."""
     try:
         return socket.gethostbyname(host)
     except OSError as why:

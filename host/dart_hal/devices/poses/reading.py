@@ -1,4 +1,4 @@
-"""What a parser of poses makes of bytes, and what the options of a source do to it."""
+"""Poses as parsed from the bytes of a source, and their conversion by the options of the source."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from dart_hal.core.types import MAX_COORDINATE, POSE_STD, POSE_YAW_STD, External
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
-    """A pose as it was told: t [s] of the source's clock, x, y, yaw, one sigma of each."""
+class PoseReading:
+    """A pose as received: t by the source's clock, x, y, yaw, one sigma of each; its units."""
 
     body: str
     frame: str
@@ -23,8 +23,8 @@ class Reading:
     std: float = POSE_STD
     yaw_std: float = POSE_YAW_STD
 
-    def at(self, arrival: float) -> ExternalPose:
-        """As a pose that arrived then [s]. Raises ValueError for what is none."""
+    def to_external(self, arrival: float) -> ExternalPose:
+        """Convert to an external pose with this arrival [s]. Raises ValueError if it is invalid."""
         if not (0.0 < self.std <= MAX_COORDINATE and 0.0 < self.yaw_std <= MAX_COORDINATE):
             raise ValueError(f"one sigma that is not above 0, or above {MAX_COORDINATE:g}")
         return ExternalPose(self.t, arrival, self.x, self.y, self.yaw,
@@ -33,12 +33,11 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Convention:
-    """How a source tells poses, where it does not do as we do.
+    """Units and axes of a source.
 
-    metres: of its unit of length; angle: radians of its unit; seconds: of its
-    unit of time; left: its frame is left-handed (y and yaw change sign);
-    y_up: its y points up (poses in space only); turn [rad]: from the body's x
-    axis to the car's nose; body: "" = any one.
+    metres, angle [rad], seconds: one unit of length, angle and time; left: its frame is left-handed
+    (y and yaw change sign); y_up: its y axis points up (poses in space only); turn [rad]: from the
+    body's x axis to the car's nose; body: "" = any body.
     """
 
     metres: float = 1.0
@@ -49,26 +48,27 @@ class Convention:
     body: str = ""
     y_up: bool = False
 
-    def read(self, r: Reading) -> Reading:
-        """A reading in s, m and rad, right-handed, along the car."""
+    def read(self, r: PoseReading) -> PoseReading:
+        """Convert a pose to s, m and rad, right-handed, with the yaw of the car's nose."""
         sign = -1.0 if self.left else 1.0
         return replace(r, t=r.t * self.seconds, x=r.x * self.metres, y=sign * r.y * self.metres,
                        yaw=sign * r.yaw * self.angle + self.turn, std=r.std * self.metres,
                        yaw_std=r.yaw_std * self.angle)
 
 
-OPTIONS = ("units", "angle", "time", "hand", "turn", "body")
-IN_SPACE = ("units", "hand", "up", "turn", "body")
-"""Options of sources that tell a place in space and a quaternion, in s."""
+PLANE_OPTIONS = ("units", "angle", "time", "hand", "turn", "body")
+# Options of sources that send a position in space and a quaternion, with times in s.
+SPACE_OPTIONS = ("units", "hand", "up", "turn", "body")
 _UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 _ANGLES = {"rad": 1.0, "deg": pi / 180.0}
 _TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 def convention(options: Mapping[str, str]) -> Convention:
-    """The options ``units``, ``angle``, ``time``, ``hand``, ``up``, ``turn`` (deg), ``body``.
+    """Return the convention of the options of a URL.
 
-    Raises UsageError for another value.
+    They are ``units``, ``angle``, ``time``, ``hand``, ``up``, ``turn`` (deg) and ``body``.
+    Raises UsageError for a value that is not allowed.
     """
     def one_of(name: str, known: Mapping[str, float]) -> float:
         value = options.get(name, next(iter(known)))

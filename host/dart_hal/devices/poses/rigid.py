@@ -1,40 +1,40 @@
-"""A rigid body in space as the pose of a car on the floor."""
+"""Projection of a rigid body in space to the pose of a car on the floor."""
 
 from __future__ import annotations
 
 from math import atan2, hypot, isfinite, sqrt
 from typing import NamedTuple
 
-from dart_hal.devices.poses.reading import Reading
+from dart_hal.devices.poses.reading import PoseReading
 
-LEVEL = 0.5
-"""Least horizontal part of a body's x axis: beyond 60 deg of pitch nobody means a car."""
-UNIT = 0.1
-"""How far the length of a quaternion may be from 1; float32 is off by 1e-7, other bytes by more."""
+# Horizontal part of a body's unit x axis: with a pitch above 60 deg it is not a car's.
+MIN_HORIZONTAL = 0.5
+# Deviation of the norm of a quaternion from 1: float32 rounding gives 1e-7, wrong bytes much more.
+MAX_NORM_ERROR = 0.1
 
 
-class Body(NamedTuple):
-    """As a server tells it: name or id, place in its unit, unit quaternion x, y, z, w."""
+class RigidBody(NamedTuple):
+    """A body as sent by a server: name or id, position in its unit, unit quaternion x, y, z, w."""
 
     name: str
-    place: tuple[float, ...]
-    turned: tuple[float, ...]
+    position: tuple[float, ...]
+    quaternion: tuple[float, ...]
 
 
-def reading(body: Body, t: float, frame: str, y_up: bool) -> Reading:
-    """The body on the floor; yaw is that of its x axis, in a frame with z up.
+def project_to_floor(body: RigidBody, t: float, frame: str, y_up: bool) -> PoseReading:
+    """Project a body to the floor; yaw is that of its x axis, in a frame with z up.
 
-    y_up: the server's y points up; then its -z is our y. Raises ValueError for
-    a body whose x axis stands on end, and for what is no rotation.
+    y_up: the server's y axis points up; its -z axis then is y here. Raises ValueError for a body
+    whose x axis is near the vertical, and for a quaternion that is not a rotation.
     """
-    x, y, z, w = body.turned
+    x, y, z, w = body.quaternion
     length = sqrt(x * x + y * y + z * z + w * w)
-    if not (isfinite(length) and abs(length - 1.0) < UNIT):
+    if not (isfinite(length) and abs(length - 1.0) < MAX_NORM_ERROR):
         raise ValueError(f"{body.name}: a quaternion of length {length:g}")
     nose = (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w))
     east, north = (nose[0], -nose[2]) if y_up else nose[:2]
-    if hypot(east, north) < LEVEL:
+    if hypot(east, north) < MIN_HORIZONTAL:
         raise ValueError(f"{body.name}: its x axis points up or down; "
-                         f"is up={'z' if y_up else 'y'} meant?")
-    px, py, pz = body.place
-    return Reading(body.name, frame, t, px, -pz if y_up else py, atan2(north, east))
+                         f"try up={'z' if y_up else 'y'}")
+    px, py, pz = body.position
+    return PoseReading(body.name, frame, t, px, -pz if y_up else py, atan2(north, east))

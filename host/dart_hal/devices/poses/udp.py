@@ -1,7 +1,7 @@
-"""Poses that come as datagrams: a socket that never blocks, and a parser of bytes.
+"""Poses in datagrams: a socket that never blocks, and a parser of bytes.
 
-The kernel stamps each datagram (Linux); elsewhere its arrival is the time of
-the poll, up to 10 ms late, which the earliest arrivals make good.
+On Linux the kernel stamps each datagram. Elsewhere its arrival is the time of the poll, up to 10 ms
+late; the pose filter uses the earliest arrivals.
 """
 
 from __future__ import annotations
@@ -18,38 +18,38 @@ from typing import Any, Protocol
 from dart_hal.core.errors import PortBusy, PortDenied, PortMissing
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import ExternalPose
-from dart_hal.devices.poses.reading import Convention, Reading
+from dart_hal.devices.poses.reading import Convention, PoseReading
 
-Parse = Callable[[bytes], list[Reading]]
+Parse = Callable[[bytes], list[PoseReading]]
 
-LARGEST = 65536
-AT_ONCE = 256
-"""Datagrams of one poll; a flood must not hold up the car."""
-KEPT = 4096
-"""Datagrams that wait for a reader who shares a port: 20 s of 200 Hz."""
+MAX_DATAGRAM = 65536
+# Datagrams per poll: more of them must not delay the car.
+MAX_POLL_DATAGRAMS = 256
+# Datagrams that wait for each reader of a shared port: 20 s at 200 Hz.
+MAX_WAITING_DATAGRAMS = 4096
 _SO_TIMESTAMPNS = 35 if sys.platform == "linux" else 0
 _TIMESPEC = struct.Struct("@qq")
+# s; an older stamp means that the clock of the computer was set meanwhile.
 _MAX_AGE = 1.0
-"""s; an older stamp means that the clock of the computer was set meanwhile."""
 
 
 class Datagrams(Protocol):
-    """Where datagrams come from."""
+    """A source of datagrams."""
 
     @property
     def number(self) -> int:
-        """The port that is listened at."""
+        """Number of the UDP port."""
 
     def read(self) -> list[tuple[bytes, float]]:
-        """(bytes, age [s]) of those that have come; never blocks."""
+        """Return (bytes, age [s]) of the datagrams that have arrived; never blocks."""
 
     def close(self) -> None: ...
 
 
 class Port:
-    """A UDP port; with ``shared``, others may listen to the same multicast.
+    """A UDP port; with ``shared``, other programs may receive the same multicast.
 
-    Raises PortDenied, PortBusy, PortMissing, in the name of ``name``.
+    Raises PortDenied, PortBusy, PortMissing, with ``name`` in the message.
     """
 
     def __init__(self, host: str, port: int, name: str, *, shared: bool = False) -> None:
@@ -63,24 +63,25 @@ class Port:
                 self.socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
         except OSError as why:
             self.socket.close()
-            raise _cannot(why, name) from why
+            raise _bind_error(why, name) from why
 
     @property
     def number(self) -> int:
-        """The port that is listened at."""
+        """Number of the UDP port."""
         return int(self.socket.getsockname()[1])
 
     def read(self) -> list[tuple[bytes, float]]:
-        """As ``Datagrams``; at most ``AT_ONCE``."""
+        """Return the next datagrams, as ``Datagrams``, at most ``MAX_POLL_DATAGRAMS``."""
         return [(data, age) for data, age, _ in self.receive()]
 
     def receive(self) -> list[tuple[bytes, float, Any]]:
-        """The same with the address of the sender."""
+        """Return (bytes, age [s], address of the sender) of the next datagrams."""
         out: list[tuple[bytes, float, Any]] = []
-        now = time.time_ns()  # one for all: else the time that reading takes puts them out of order
-        for _ in range(AT_ONCE):
+        # One time for all: otherwise the duration of reading would change their order.
+        now = time.time_ns()
+        for _ in range(MAX_POLL_DATAGRAMS):
             try:
-                data, ancillary, _, address = self.socket.recvmsg(LARGEST, 64)
+                data, ancillary, _, address = self.socket.recvmsg(MAX_DATAGRAM, 64)
             except (BlockingIOError, ConnectionError):
                 break
             out.append((data, _age(ancillary, now), address))
@@ -91,26 +92,27 @@ class Port:
 
 
 class SharedPort:
-    """One port for several readers, each of whom sees every datagram; ``closed`` by the last."""
+    """One port for several readers that all receive every datagram; ``closed`` by the last."""
 
     def __init__(self, port: Port) -> None:
-        self.port, self.closed = port, False
+        self.port = port
+        self.closed = False
         self._readers: list[SharedReader] = []
 
     def reader(self) -> SharedReader:
-        """One more."""
+        """Add a reader."""
         self._readers.append(SharedReader(self))
         return self._readers[-1]
 
     def take(self) -> None:
-        """Hand what has come to every reader."""
+        """Pass the datagrams that have arrived to every reader."""
         received = elapsed()
         for data, age, address in self.port.receive():
             for reader in self._readers:
                 reader.waiting.append((data, received - age, address))
 
     def leave(self, reader: SharedReader) -> None:
-        """The last one closes the port."""
+        """Remove a reader; the last one closes the port."""
         if reader in self._readers:
             self._readers.remove(reader)
             if not self._readers:
@@ -119,37 +121,38 @@ class SharedPort:
 
 
 class SharedReader:
-    """What one reader of a ``SharedPort`` has not seen yet."""
+    """One reader of a ``SharedPort``, with the datagrams that it has not read yet."""
 
     def __init__(self, shared: SharedPort) -> None:
         self._shared = shared
-        self.waiting: deque[tuple[bytes, float, Any]] = deque(maxlen=KEPT)
+        self.waiting: deque[tuple[bytes, float, Any]] = deque(maxlen=MAX_WAITING_DATAGRAMS)
 
     @property
     def number(self) -> int:
-        """As ``Datagrams``."""
+        """Number of the UDP port."""
         return self._shared.port.number
 
     def read(self) -> list[tuple[bytes, float]]:
-        """As ``Datagrams``."""
+        """Return the next datagrams, as ``Datagrams``."""
         return [(data, age) for data, age, _ in self.receive()]
 
     def receive(self) -> list[tuple[bytes, float, Any]]:
-        """As ``Port.receive``."""
+        """Return the next datagrams, as ``Port.receive``."""
         self._shared.take()
-        now, waiting = elapsed(), self.waiting
-        came = [waiting.popleft() for _ in range(min(len(waiting), AT_ONCE))]
-        return [(data, max(now - received, 0.0), address) for data, received, address in came]
+        now = elapsed()
+        count = min(len(self.waiting), MAX_POLL_DATAGRAMS)
+        newest = [self.waiting.popleft() for _ in range(count)]
+        return [(data, max(now - received, 0.0), address) for data, received, address in newest]
 
     def close(self) -> None:
         self._shared.leave(self)
 
 
 class UdpSource:
-    """Poses of one body out of datagrams.
+    """Poses of one body in datagrams.
 
-    ``refused``: datagrams without a usable pose; ``why``: what was wrong with
-    the last one; ``others``: names of other bodies that were told.
+    ``refused``: datagrams without a valid pose; ``why``: reason for the last one; ``others``: names
+    of other bodies that were received.
     """
 
     on_board = False
@@ -157,31 +160,34 @@ class UdpSource:
     def __init__(self, datagrams: Datagrams, parse: Parse, convention: Convention,
                  name: str) -> None:
         self.name = name
-        self.refused, self.why = 0, ""
+        self.refused = 0
+        self.why = ""
         self.others: set[str] = set()
-        self._parse, self._convention = parse, convention
+        self._parse = parse
+        self._convention = convention
         self._body = convention.body
         self._datagrams = datagrams
 
     @property
     def port(self) -> int:
-        """The port that is listened at."""
+        """Number of the UDP port."""
         return self._datagrams.number
 
     def poll(self, now: float) -> list[ExternalPose]:
-        """Poses of the datagrams that have come, as ``PoseSource``."""
+        """Return the poses of the datagrams that have arrived, as ``PoseSource``."""
         out: list[ExternalPose] = []
         for data, age in self._datagrams.read():
             try:
                 arrival = max(now - age, 0.0)
-                out += [self._convention.read(r).at(arrival) for r in self._parse(data)
-                        if self._ours(r)]
+                out += [self._convention.read(r).to_external(arrival) for r in self._parse(data)
+                        if self._is_selected(r)]
             except ValueError as why:
-                self.refused, self.why = self.refused + 1, str(why)
+                self.refused += 1
+                self.why = str(why)
         return sorted(out, key=lambda pose: pose.arrival)
 
-    def _ours(self, reading: Reading) -> bool:
-        """The first body that is told is the car, unless one was named."""
+    def _is_selected(self, reading: PoseReading) -> bool:
+        """Return whether it is the car's body: the selected one, or the first one received."""
         self._body = self._body or reading.body
         if reading.body != self._body:
             self.others.add(reading.body)
@@ -192,7 +198,7 @@ class UdpSource:
 
 
 def _age(ancillary: list[tuple[int, int, bytes]], now: int) -> float:
-    """s from when the kernel received the datagram to ``now`` [ns]; 0 where it does not tell."""
+    """Return the time [s] from the kernel's stamp of a datagram to ``now`` [ns]; 0 without it."""
     for level, kind, data in ancillary:
         if (level, kind) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS) and len(data) >= _TIMESPEC.size:
             seconds, nanoseconds = _TIMESPEC.unpack_from(data)
@@ -201,14 +207,14 @@ def _age(ancillary: list[tuple[int, int, bytes]], now: int) -> float:
     return 0.0
 
 
-def _cannot(why: OSError, name: str) -> Exception:
-    """The OSError of binding as an error of the catalogue."""
+def _bind_error(why: OSError, name: str) -> Exception:
+    """Convert the OSError of binding to an error of the catalogue."""
     if isinstance(why, PermissionError):
-        return PortDenied(f"{name}: this user may not listen there", found=str(why),
+        return PortDenied(f"{name}: this user may not open the port", found=str(why),
                           likely="a port below 1024", remedy="a port from 1024 on")
     if why.errno == errno.EADDRINUSE:
         return PortBusy(f"{name}: the port is in use", found=str(why),
-                        likely="another program listens there", remedy="another port, or end it")
-    return PortMissing(f"{name}: cannot be listened at", found=str(why),
+                        likely="another program uses it", remedy="another port, or end it")
+    return PortMissing(f"{name}: the port cannot be opened", found=str(why),
                        likely="an address that this computer does not have",
-                       remedy="udp://:5005 listens at every address")
+                       remedy="udp://:5005 receives at every address")

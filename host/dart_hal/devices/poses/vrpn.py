@@ -1,10 +1,9 @@
-"""VRPN tracker messages, as servers of Vicon and OptiTrack send: bytes in, bodies out; no I/O.
+"""Parser of VRPN tracker messages, as sent by servers of Vicon and OptiTrack; no I/O.
 
-Layout: vrpn_Connection and vrpn_Tracker of the VRPN library 07.x. Tested on bytes
-built by it, which a client of VRPN 07.38 reads the same; not with a real server.
-Big-endian. Both sides begin with a cookie of 24 bytes; then come messages of a
-header of 24 bytes (length without padding, s, us, sender, type, sequence
-number) and a payload padded to 8.
+Layout: vrpn_Connection and vrpn_Tracker of the VRPN library 07.x. Tested on bytes built by it,
+which a client of VRPN 07.38 reads the same; not with a real server. Big-endian. Both sides begin
+with a cookie of 24 bytes. Messages follow, each with a header of 24 bytes (length without padding,
+s, us, sender, type, sequence number) and a payload padded to a multiple of 8.
 """
 
 from __future__ import annotations
@@ -12,77 +11,81 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from dart_hal.devices.poses.rigid import Body
+from dart_hal.devices.poses.rigid import RigidBody
 
+# The cookie of this version; the 0 requests no logging.
 COOKIE = b"vrpn: ver. 07.35  0".ljust(24, b"\0")
-"""Of this version; the 0 says that nothing is to be logged for us."""
-POSE = "vrpn_Tracker Pos_Quat"
+POSE_MESSAGE = "vrpn_Tracker Pos_Quat"
 _MAGIC = b"vrpn: ver. 07."
-_HEADER = struct.Struct(">IIIiiI")
-_SENDER, _TYPE = -1, -2
-_POSE = struct.Struct(">ii3d4d")
-LONGEST = 65536
-"""Bytes of a message that is believed; poses have 88."""
+_MESSAGE_HEADER = struct.Struct(">IIIiiI")
+# Types of the messages that describe a sender and a type.
+_SENDER = -1
+_TYPE = -2
+_POSE_PAYLOAD = struct.Struct(">ii3d4d")
+# A longer message is invalid; poses have 88 bytes.
+MAX_MESSAGE_BYTES = 65536
 
 
-class Tracked(NamedTuple):
+class TrackedPose(NamedTuple):
     """A pose: t [s] of the server's clock; sensor: which of the tracker's bodies."""
 
-    body: Body
+    body: RigidBody
     t: float
     sensor: int
 
 
 class Parser:
-    """The stream of one connection. ``senders``: names that the server has told."""
+    """Parser for the stream of one connection. ``senders``: names received, by number."""
 
     def __init__(self) -> None:
         self.senders: dict[int, str] = {}
-        self.met = False
+        self.has_cookie = False
         self._types: dict[int, str] = {}
         self._rest = b""
 
-    def feed(self, data: bytes) -> list[Tracked]:
-        """Poses of the messages that are whole now.
+    def feed(self, data: bytes) -> list[TrackedPose]:
+        """Return the poses of the messages that ``data`` completes.
 
-        Raises ValueError for bytes that are not VRPN: the connection is lost.
+        Raises ValueError for bytes that are not VRPN; the connection must then be closed.
         """
         self._rest += data
-        if not self.met:
+        if not self.has_cookie:
             if not self._rest.startswith(_MAGIC[:len(self._rest)]):
                 raise ValueError(f"begins with {self._rest[:16]!r}, not {_MAGIC!r}")
             if len(self._rest) < len(COOKIE):
                 return []
-            self._rest, self.met = self._rest[len(COOKIE):], True
-        out, at = [], 0
-        while len(self._rest) - at >= _HEADER.size:
-            length, s, us, sender, kind, _ = _HEADER.unpack_from(self._rest, at)
-            if not _HEADER.size <= length <= LONGEST:
+            self._rest = self._rest[len(COOKIE):]
+            self.has_cookie = True
+        out = []
+        start = 0
+        while len(self._rest) - start >= _MESSAGE_HEADER.size:
+            length, s, us, sender, kind, _ = _MESSAGE_HEADER.unpack_from(self._rest, start)
+            if not _MESSAGE_HEADER.size <= length <= MAX_MESSAGE_BYTES:
                 raise ValueError(f"a VRPN message of {length} bytes")
-            end = at + -(-length // 8) * 8
+            end = start + -(-length // 8) * 8  # rounded up to a multiple of 8
             if end > len(self._rest):
                 break
-            payload = self._rest[at + _HEADER.size:at + length]
+            payload = self._rest[start + _MESSAGE_HEADER.size:start + length]
             if kind == _SENDER:
-                self.senders[sender] = _name(payload)
+                self.senders[sender] = _parse_name(payload)
             elif kind == _TYPE:
-                self._types[sender] = _name(payload)
-            elif self._types.get(kind) == POSE:
-                out.append(self._pose(sender, s + us * 1e-6, payload))
-            at = end
-        self._rest = self._rest[at:]
+                self._types[sender] = _parse_name(payload)
+            elif self._types.get(kind) == POSE_MESSAGE:
+                out.append(self._parse_pose(sender, s + us * 1e-6, payload))
+            start = end
+        self._rest = self._rest[start:]
         return out
 
-    def _pose(self, sender: int, t: float, payload: bytes) -> Tracked:
-        if len(payload) != _POSE.size:
-            raise ValueError(f"a pose of {len(payload)} bytes instead of {_POSE.size}")
-        sensor, _, *numbers = _POSE.unpack(payload)
+    def _parse_pose(self, sender: int, t: float, payload: bytes) -> TrackedPose:
+        if len(payload) != _POSE_PAYLOAD.size:
+            raise ValueError(f"a pose of {len(payload)} bytes instead of {_POSE_PAYLOAD.size}")
+        sensor, _, *numbers = _POSE_PAYLOAD.unpack(payload)
         name = self.senders.get(sender, str(sender))
-        return Tracked(Body(name, tuple(numbers[:3]), tuple(numbers[3:])), t, sensor)
+        return TrackedPose(RigidBody(name, tuple(numbers[:3]), tuple(numbers[3:])), t, sensor)
 
 
-def _name(payload: bytes) -> str:
-    """Of a description: its length with the final 0, u32, then the characters."""
+def _parse_name(payload: bytes) -> str:
+    """Return the text of a description: its length with the final 0, u32, then the characters."""
     if len(payload) < 5 or int.from_bytes(payload[:4], "big") != len(payload) - 4:
-        raise ValueError("a description whose length is not its own")
+        raise ValueError("a description with a wrong length")
     return payload[4:].partition(b"\0")[0].decode("utf-8", "replace")

@@ -9,22 +9,22 @@ from collections.abc import Callable
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import ExternalPose
 from dart_hal.devices.poses import vrpn
-from dart_hal.devices.poses.natnet_source import address
+from dart_hal.devices.poses.natnet_source import resolve_host
 from dart_hal.devices.poses.reading import Convention
-from dart_hal.devices.poses.rigid import reading
+from dart_hal.devices.poses.rigid import project_to_floor
 
-PORT = 3883
-AGAIN = 1.0
-"""s between two attempts to connect."""
-SILENT = 5.0
-"""s without a byte after which a connection is made anew: its other end may have restarted."""
-AT_ONCE = 1 << 18
-"""Bytes of one poll: 10 ms of 200 bodies of 1 kHz; a flood must not hold up the car."""
+VRPN_PORT = 3883
+# s between two attempts to connect.
+CONNECT_INTERVAL = 1.0
+# s without a byte before the client connects again: the server may have restarted.
+MAX_VRPN_SILENCE = 5.0
+# Bytes per poll: 10 ms of 200 bodies at 1 kHz. More of them must not delay the car.
+MAX_POLL_BYTES = 1 << 18
 
 
 class VrpnSource:
-    """Poses of one tracker. ``why``, ``refused``, ``others`` as those of NatNetSource;
-    ``connections``: how often it was connected."""
+    """Poses of one tracker. ``why``, ``refused``, ``others`` as in NatNetSource;
+    ``connections``: number of connections so far."""
 
     on_board = False
 
@@ -34,8 +34,10 @@ class VrpnSource:
         self.refused = self.connections = 0
         self.others: set[str] = set()
         self.why = "not connected yet"
-        self._address, self._sensor = (address(host, name), port), sensor
-        self._convention, self._clock = convention, clock
+        self._address = (resolve_host(host, name), port)
+        self._sensor = sensor
+        self._convention = convention
+        self._clock = clock
         self._body = convention.body
         self._socket: socket.socket | None = None
         self._parser = vrpn.Parser()
@@ -43,11 +45,11 @@ class VrpnSource:
         self._tried = self._heard = float("-inf")
 
     def poll(self, now: float) -> list[ExternalPose]:
-        """Poses that have come, as ``PoseSource``."""
+        """Return the poses that have arrived, as ``PoseSource``."""
         t = self._clock()
-        if self._socket is not None and t - self._heard > SILENT:
-            self._drop(f"connected, but silent for {SILENT:g} s")
-        if self._socket is None and t - self._tried >= AGAIN:
+        if self._socket is not None and t - self._heard > MAX_VRPN_SILENCE:
+            self._drop(f"connected, but silent for {MAX_VRPN_SILENCE:g} s")
+        if self._socket is None and t - self._tried >= CONNECT_INTERVAL:
             self._connect(t)
         try:
             found = self._read(t)
@@ -63,8 +65,10 @@ class VrpnSource:
             self._socket = None
 
     def _connect(self, t: float) -> None:
+        """Start to connect without waiting."""
         self._tried = self._heard = t
-        self._parser, self._to_send = vrpn.Parser(), vrpn.COOKIE
+        self._parser = vrpn.Parser()
+        self._to_send = vrpn.COOKIE
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -76,18 +80,18 @@ class VrpnSource:
         self.why = why
         self.close()
 
-    def _read(self, t: float) -> list[vrpn.Tracked]:
-        """What has come. Raises OSError, ValueError: the connection is lost."""
+    def _read(self, t: float) -> list[vrpn.TrackedPose]:
+        """Read the poses that have arrived. Raises OSError, ValueError: the connection is lost."""
         if self._socket is None:
             return []
-        out: list[vrpn.Tracked] = []
+        out: list[vrpn.TrackedPose] = []
         try:
-            if self._to_send:  # before the connection stands: BlockingIOError
+            if self._to_send:  # while it is connecting: BlockingIOError
                 sent = self._socket.send(self._to_send)
                 self._to_send = self._to_send[sent:]
                 self.connections += not self._to_send
                 self.why = f"connected; no pose of {self._body or 'any body'} yet"
-            data = self._socket.recv(AT_ONCE)
+            data = self._socket.recv(MAX_POLL_BYTES)
         except BlockingIOError:
             return out
         if not data:
@@ -95,17 +99,19 @@ class VrpnSource:
         self._heard = t
         return self._parser.feed(data)
 
-    def _pose(self, found: vrpn.Tracked, now: float) -> ExternalPose | None:
+    def _pose(self, found: vrpn.TrackedPose, now: float) -> ExternalPose | None:
+        """Convert a tracked pose; None for another body and for an invalid pose."""
         name = found.body.name
         self._body = self._body or name
         if name != self._body or found.sensor != self._sensor:
             self.others.add(name if found.sensor == 0 else f"{name}, sensor {found.sensor}")
             return None
         try:
-            seen = reading(found.body, found.t, "vrpn", self._convention.y_up)
-            pose = self._convention.read(seen).at(now)
+            reading = project_to_floor(found.body, found.t, "vrpn", self._convention.y_up)
+            pose = self._convention.read(reading).to_external(now)
         except ValueError as why:
-            self.refused, self.why = self.refused + 1, str(why)
+            self.refused += 1
+            self.why = str(why)
             return None
         self.why = ""
         return pose
