@@ -1,0 +1,81 @@
+"""``dart-hal study``: from recordings to a diagnosed model, in stages."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+
+import click
+from rich.progress import Progress, TaskID
+
+from dart_hal.car.runs import NamedCar, read_any
+from dart_hal.cli.common.options import REFERENCE, json_option
+from dart_hal.cli.common.output import console, print_json, print_line, progress_bar
+from dart_hal.cli.common.sizes import apply_car_sizes, load_named_car, recorded_car_options
+from dart_hal.core.errors import UsageError
+from dart_hal.recording.dart import Reference
+from dart_hal.recording.fetch import find
+from dart_lab.identification.measured import named_model
+from dart_lab.study import STAGES, Study, load_results, run_stage, write_study_page
+
+
+@click.command("study")
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), default=Path("study"),
+              show_default=True, help="folder of the results; each stage replaces its own")
+@click.option("--stage", type=click.Choice(list(STAGES)), default=None,
+              help="repeat one stage alone, with the results that are in the folder")
+@click.option("--base", default="paper", show_default=True, metavar="MODEL",
+              help="start model: a model.toml, or paper, paper-printed, upstream-2024")
+@click.option("--reference", type=REFERENCE, default=None, metavar="LX,THETA,LY",
+              help="position and yaw of the mocap marker frame: m, rad, m (default: fitted, "
+                   "but known for the published recordings)")
+@click.option("--html", is_flag=True, help="write index.html into the folder")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True,
+              help="seed of the random draws for intervals and significance")
+@recorded_car_options
+@json_option
+def command(files: tuple[Path, ...], out: Path, stage: str | None, base: str,
+            reference: Reference | None, html: bool, seed: int, car_name: str | None,
+            cars: Path | None, as_json: bool) -> int:
+    """Study a car by its recordings: check, identifiability, fit, validation, diagnosis, next.
+
+    FILES: recordings or folders of them, imported ones too (dart-hal data import). The last
+    third of the recordings tests; of a single one, stretches of it. A study stops at the stage
+    whose result is not sound.
+    """
+    if not files:
+        raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
+                         remedy="dart-hal study FOLDER --car NAME --html")
+    recordings, skipped = read_any(find(files), reference=reference,
+                                   car=NamedCar(car_name, str(cars) if cars else None))
+    file, _ = named_model(base, files)
+    sizes = apply_car_sizes(base, file, load_named_car(car_name, cars), recordings, fitting=True)
+    notes = (*sizes.lines, *(f"{path} was skipped: {why}" for path, why in skipped))
+    out.mkdir(parents=True, exist_ok=True)
+    study = Study(out, tuple(recordings), sizes.model, notes, seed)
+    for name in STAGES if stage is None else (stage,):
+        with progress_bar() as bar:
+            result = run_stage(study, name, partial(_report_progress, bar,
+                                                    bar.add_task(name, total=1.0)))
+        if not as_json:
+            print_line(f"{name}: {result.verdict}", "bold" if result.sound else "red")
+            for line in result.lines:
+                print_line(f"  {line}")
+        if not result.sound:
+            break
+    results = load_results(out)
+    page = write_study_page(results, out / "index.html", car_name or sizes.model.name) \
+        if html else None
+    if as_json:
+        print_json({"folder": out, "page": page, "stages": {
+            name: {"verdict": r.verdict, "lines": r.lines, "sound": r.sound, "facts": r.facts}
+            for name, r in results.items()}})
+    elif page is not None:
+        console.print(f"report: {page}", markup=False, highlight=False)
+    return 0 if all(r.sound for r in results.values()) else 1
+
+
+def _report_progress(bar: Progress, task: TaskID, share: float, text: str) -> None:
+    """Show the progress of a stage."""
+    bar.update(task, completed=share, description=text)

@@ -1,0 +1,45 @@
+"""The page of a study: one verdict for each stage, then its table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+from dart_lab.report import page
+from dart_lab.report.html import Html, el, join, table
+
+from .stages import DIAGNOSIS_PAGE, STAGES, StageResult
+
+PAGE = "index.html"
+
+
+# Stages whose table is the result; those of the others open by a click.
+OPEN_TABLES = ("validation",)
+
+
+def _show_table(result: StageResult) -> Html:
+    """Return the table of a stage."""
+    if not result.rows:
+        return Html()
+    shown = table(result.rows[0], result.rows[1:], numbers=0)
+    return shown if result.stage in OPEN_TABLES else page.fold("table", shown)
+
+
+def write_study_page(results: Mapping[str, StageResult], path: Path, car: str) -> Path:
+    """Write the page of all stages that were run. Raises OSError."""
+    sections = {}
+    for stage, question in STAGES.items():
+        result = results.get(stage)
+        if result is None:
+            content = page.soft(f"not run: --stage {stage}")
+        else:
+            content = join((
+                page.card(el("p", result.verdict), good=result.sound,
+                          tone="" if result.sound else "bad"),
+                page.items(result.lines),
+                _show_table(result),
+                el("p", el("a", "the whole report of the diagnosis", href=DIAGNOSIS_PAGE))
+                if stage == "diagnosis" else Html()))
+        sections[stage] = (f"{stage.capitalize()}: {question}", content)
+    verdicts = page.items(f"{stage}: {result.verdict}" for stage, result in results.items())
+    return page.write(path, page.page(f"study of {car}", f"Study of {car}", verdicts, sections))

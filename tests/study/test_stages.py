@@ -1,0 +1,78 @@
+"""A study runs its stages in order, keeps their results, and repeats one alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from dart_hal.car.runs import read_any
+from dart_hal.core.errors import RecordingError, UsageError
+from dart_hal.recording.dart import Reference
+from dart_hal.vehicle.load import find_model
+from dart_lab.study import Study, load_results, run_stage, split_recordings
+from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
+
+FRAME = Reference(0.1, 0.01, 0.0, "of the simulation")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("recordings")
+    for seed in (3, 4):
+        recording, _ = simulate_recording(seed, seconds=30.0, frame=FRAME)
+        write_table(table_of(recording, "C"), path / f"{seed}.csv")
+    return path
+
+
+@pytest.fixture
+def study(folder, tmp_path):
+    recordings, _ = read_any([folder], reference=FRAME)
+    return Study(tmp_path, tuple(recordings), find_model("paper")[0])
+
+
+def test_the_last_third_tests(study):
+    one, two = study.recordings
+    assert split_recordings((one, two)) == ((one,), (two,))
+    train, test = split_recordings((one,))
+    assert train[0].sha256 == test[0].sha256
+    assert train[0].spans
+    assert not set(train[0].spans) & set(test[0].spans)
+
+
+def test_the_check_says_what_each_recording_is_good_for(study):
+    result = run_stage(study, "check")
+    assert result.sound
+    assert "2 of 2" in result.verdict
+    assert load_results(study.folder)["check"].rows == result.rows
+
+
+def test_recordings_without_a_frame_of_their_poses_are_not_used(folder, tmp_path):
+    recordings, _ = read_any([folder])
+    unknown = [replace(r, marker=None) for r in recordings]
+    result = run_stage(Study(tmp_path, tuple(unknown), find_model("paper")[0]), "check")
+    assert not result.sound
+
+
+def test_identifiability_names_what_is_missing_and_what_to_drive(study):
+    result = run_stage(study, "identifiability")
+    determined = {p["name"]: p["determined"] for p in result.facts["parameters"]}
+    assert determined["tyres.rear_cornering_stiffness"]
+    assert not determined["friction.b"]
+    assert any("coast" in line for line in result.lines)
+
+
+def test_a_stage_without_its_model_is_refused(study):
+    for stage in ("validation", "diagnosis", "next"):
+        with pytest.raises(UsageError, match="no fitted model yet"):
+            run_stage(study, stage)
+    with pytest.raises(UsageError, match="no stage"):
+        run_stage(study, "guess")
+
+
+def test_a_damaged_result_names_its_stage(study):
+    run_stage(study, "check").save(study.folder)
+    (study.folder / "1_check.json").write_text("{")
+    with pytest.raises(RecordingError, match="damaged") as error:
+        load_results(study.folder)
+    assert "--stage check" in error.value.remedy
