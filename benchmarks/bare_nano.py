@@ -9,7 +9,7 @@ from dart_hal.devices.links.emulator import EmulatedNano
 from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.frame import Frame
-from dart_lab.sim.eeprom import preset
+from dart_lab.sim.eeprom import make_eeprom
 from dart_lab.sim.ring import GEAR_REVOLUTION, even_ring
 
 BOOTED = 2.0
@@ -24,7 +24,7 @@ class BareNano:
 
     def __init__(self, edges: tuple[int, int] = (20, 0),
                  params: Mapping[str, int] | None = None, clock_error: float = 0.0) -> None:
-        self.nano = EmulatedNano(eeprom=preset(1, params), clock_error=clock_error)
+        self.nano = EmulatedNano(eeprom=make_eeprom(1, params), clock_error=clock_error)
         self.decoder = Decoder(UP)
         self.bytes = 0
         for ring, n in enumerate(edges):

@@ -27,7 +27,7 @@ from dart_hal.core.types import Doubt
 from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.dart import read
 from dart_lab.sim.car_file import typical_car_toml
-from dart_lab.sim.motion import Felt
+from dart_lab.sim.motion import MeanMotion
 from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import World
 
@@ -53,11 +53,11 @@ class Hand:
         self._inner, self._motion, self._dt = world.motion.step, world.motion, tick
         world.motion.step = self._step  # type: ignore[method-assign]
 
-    def _step(self, throttle: float, brake: float, angle: float) -> Felt:
+    def _step(self, throttle: float, brake: float, angle: float) -> MeanMotion:
         felt, motion = self._inner(throttle, brake, angle), self._motion
         if self.held:
             motion.v_x = motion.v_y = motion.omega = 0.0
-            return Felt(0.0, 0.0, 0.0, 0.0, 0.0)
+            return MeanMotion(0.0, 0.0, 0.0, 0.0, 0.0)
         motion.v_x += self.push * self._dt
         return felt._replace(a_x=felt.a_x + self.push)
 

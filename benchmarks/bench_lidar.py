@@ -18,7 +18,7 @@ from dart_hal.estimation.localisation.field import map_of_lines
 from dart_hal.estimation.localisation.rays import Cast, cast_numpy, native_cast
 from dart_lab.sim.lidar.maps import room_of
 from dart_lab.sim.lidar.params import LidarParams
-from dart_lab.sim.lidar.unit import Unit
+from dart_lab.sim.lidar.unit import LidarUnit
 
 BEAMS = 606
 ROUNDS = 20
@@ -95,7 +95,7 @@ def _per_second(seconds: float) -> tuple[float, float]:
     came: list[tuple[bytes, float]] = []
 
     def make() -> None:
-        came[:] = Unit(standing, room_of("room", SEED), LidarParams(), SEED).chunks(seconds)
+        came[:] = LidarUnit(standing, room_of("room", SEED), LidarParams(), SEED).chunks(seconds)
 
     def read() -> None:
         stream = Stream()

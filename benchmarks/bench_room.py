@@ -46,7 +46,7 @@ from dart_hal.core.types import (
     Tracking,
 )
 from dart_hal.devices.links.base import open_backend
-from dart_lab.sim.mocap import MocapParams, mocap_of
+from dart_lab.sim.mocap import MocapParams, parse_mocap
 from dart_lab.sim.truth import reveal_url, world_of
 
 SETTLED, EVERY, GAP = 10.0, 5.0, 0.5  # s
@@ -149,7 +149,7 @@ def scored(seed: int, seconds: float, seen: str = SEEN, measured: bool = True,
            bend: float = 0.0) -> Score:
     """One hidden car; see the head of the file."""
     start, frames = driven(seed, seconds, seen, measured, bend)
-    params = mocap_of(seen, seed)
+    params = parse_mocap(seen, seed)
     assert params is not None
     late = [k for k, frame in enumerate(frames) if frame.state.t - frames[0].state.t > SETTLED
             and frame.state.estimate.frame != START_FRAME]

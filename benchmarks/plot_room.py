@@ -19,7 +19,7 @@ import numpy as np
 from bench_room import SEEN, Drive, driven, in_room, relative
 
 from dart_hal.core.types import FloatArray, Pose, State
-from dart_lab.sim.mocap import mocap_of
+from dart_lab.sim.mocap import parse_mocap
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
@@ -39,7 +39,7 @@ def filtered(state: State) -> Pose:
 
 def main(seed: int, out: Path) -> None:
     """Drive three times, draw, write the PNG."""
-    room = mocap_of(SEEN, seed)
+    room = parse_mocap(SEEN, seed)
     assert room is not None
     plain = driven(seed, 60.0, SEEN, measured=False)
     known = driven(seed, 60.0, SEEN)

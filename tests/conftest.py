@@ -99,8 +99,8 @@ def armed_esc(monkeypatch: pytest.MonkeyPatch) -> None:
     from dart_lab.sim.esc import Esc, EscParams
 
     usual = "arm_neutral = 2.0"
-    assert usual in car_file._TEXT
-    monkeypatch.setattr(car_file, "_TEXT", car_file._TEXT.replace(
+    assert usual in car_file._CAR_TOML
+    monkeypatch.setattr(car_file, "_CAR_TOML", car_file._CAR_TOML.replace(
         usual, f"arm_neutral = {SHORT_NEUTRAL}"))
     start = Esc.__init__
 

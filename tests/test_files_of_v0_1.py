@@ -14,7 +14,7 @@ from dart_hal.core.errors import EmulatorMissing, PortMissing, RecordingError, U
 from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle.file import vehicle_from
 from dart_hal.wire.messages import PARAM_BY_NAME
-from dart_lab.sim.eeprom import stored
+from dart_lab.sim.eeprom import parse_eeprom
 from dart_lab.sim.mock_nano import MockNano
 
 FILES = Path(__file__).parent / "fixtures_v0_1"
@@ -68,7 +68,7 @@ def test_a_model_is_the_same_vehicle():
 
 def test_a_board_keeps_its_name_and_parameters():
     image = (FILES / "eeprom.bin").read_bytes()
-    board, params = stored(image)
+    board, params = parse_eeprom(image)
     assert (board, params[PARAM_BY_NAME["safety_out"].id]) == (BOARD, SAFETY_OUT)
     nano = MockNano(eeprom=image)
     assert (nano.board_id, nano.params) == (board, params)
@@ -92,7 +92,7 @@ def test_the_firmware_starts_from_that_eeprom():
     frames = Decoder().feed(b"".join(data for data, _ in nano.read()))
     hello = next(f.as_dict() for f in frames if f.message is HELLO)
     assert hello["board_id"] == BOARD
-    assert stored(nano.eeprom)[1] == stored(image)[1]
+    assert parse_eeprom(nano.eeprom)[1] == parse_eeprom(image)[1]
     nano.close()
 
 

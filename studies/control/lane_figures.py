@@ -31,7 +31,7 @@ from dart_hal.control.plant import plant_of
 from dart_hal.core.config import Quantity, calibration_in, save_calibration, save_model
 from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.vehicle.file import model_of
-from dart_lab.sim.lidar.lanes import BEHIND, LANES, boards
+from dart_lab.sim.lidar.lanes import LANE_PATHS, START_DISTANCE, lane_boards
 from dart_lab.sim.truth import room_of_car, world_of
 from studies.control.follow_figures import later, write_files
 
@@ -123,7 +123,7 @@ def driven(seed: int, speed: float, name: str, kind: str = "paper", learns: bool
             rows.append((true.t, x0 + c * true.x - s * true.y, y0 + s * true.x + c * true.y,
                          true.v_x, wanted, model.trim, model.mount))
     t, x, y, v, w, trim, mount = np.array(rows).T
-    middle, s, error, ways = LANES[name](), BEHIND, [], []
+    middle, s, error, ways = LANE_PATHS[name](), START_DISTANCE, [], []
     for px, py in zip(x, y, strict=True):
         s = middle.closest(px, py, s)
         error.append(middle.offset(px, py, s))
@@ -140,8 +140,8 @@ def plot(seed: int, speed: float, file: Path) -> None:
 
     figure, (floor, way) = plt.subplots(1, 2, figsize=(11, 4.2), width_ratios=(1.2, 1.0),
                                         layout="constrained")
-    middle = LANES["lane-s"]()
-    for k, board in enumerate(boards(middle)):
+    middle = LANE_PATHS["lane-s"]()
+    for k, board in enumerate(lane_boards(middle)):
         floor.plot(*board.T, color="#22313f", lw=1.6, label="boards" if k == 0 else None)
     floor.plot(middle.x, middle.y, "k--", lw=0.8, label="middle")
     for learns, colour, name in ((False, "#d55e00", "nothing learnt"), (True, "#0072b2", "lane")):
@@ -166,7 +166,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first", type=int, default=101)
     parser.add_argument("--speed", type=float, nargs="*", default=[1.0])
-    parser.add_argument("--map", choices=list(LANES), nargs="*", default=list(LANES))
+    parser.add_argument("--map", choices=list(LANE_PATHS), nargs="*", default=list(LANE_PATHS))
     parser.add_argument("--car", choices=("paper", "later"), default="paper")
     parser.add_argument("--no-trim", action="store_true")
     parser.add_argument("--calibrated", action="store_true")

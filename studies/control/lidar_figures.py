@@ -37,8 +37,8 @@ from dart_hal.core.types import FloatArray, Scan
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.vehicle.file import model_of
-from dart_lab.sim.arena import Place, enter
-from dart_lab.sim.lidar.maps import Room, box, clearance
+from dart_lab.sim.arena import ArenaCar, enter_arena
+from dart_lab.sim.lidar.maps import RoomMap, box, clearance
 from dart_lab.sim.truth import reveal_url, room_of_car, world_of
 from studies.control.follow_figures import later, write_files
 
@@ -59,7 +59,7 @@ class Drive:
     after the first 3 m; contacts with the other car; room: as the map shows it."""
 
     follower: Follower
-    room: Room
+    room: RoomMap
     t: FloatArray
     x: FloatArray
     y: FloatArray
@@ -111,7 +111,7 @@ class Other:
     ``follower``: whose progress it keeps up with; before there is one it stands.
     """
 
-    def __init__(self, place: Place, path: Path) -> None:
+    def __init__(self, place: ArenaCar, path: Path) -> None:
         self.place, self._path, self._t = place, path, 0.0
         self.follower: Follower | None = None
 
@@ -123,7 +123,7 @@ class Other:
             self.place.trail(self._t, *spot[:3])
 
 
-def grid_of(room: Room, folder: File) -> File:
+def grid_of(room: RoomMap, folder: File) -> File:
     """Its walls as map_server keeps them; glass is no wall."""
     low = room.lines.reshape(-1, 2).min(axis=0) - 0.2
     size = np.ceil((room.lines.reshape(-1, 2).max(axis=0) + 0.2 - low) / CELL).astype(int)
@@ -139,7 +139,7 @@ def grid_of(room: Room, folder: File) -> File:
     return folder / "map.yaml"
 
 
-def moved(room: Room, seed: int) -> Room:
+def moved(room: RoomMap, seed: int) -> RoomMap:
     """With two boxes that were not there when the map was made."""
     rng, path = np.random.default_rng([seed, 79]), track_named("racetrack_vicon_2")
     lines, new = room.lines, 0
@@ -201,7 +201,7 @@ def watched(backend: Backend, seed: int, path: Path | None
     unit._room = moved(room, seed)
     if path is not None:
         x, y, yaw, _ = path.at(0.5 * path.length)
-        place = enter(Url.parse(f"sim://?world=hall-{seed}&at={x},{y},{yaw}"), "other")
+        place = enter_arena(Url.parse(f"sim://?world=hall-{seed}&at={x},{y},{yaw}"), "other")
         place._turn, place.start = (1.0, 0.0), (0.0, 0.0, 0.0)  # its trail is told in the hall
         others.append(Other(place, path))
         backend.lidar = Silent(backend.lidar)
@@ -219,7 +219,7 @@ def watched(backend: Backend, seed: int, path: Path | None
     return rows, others
 
 
-def measured(follower: Follower, room: Room, trail: FloatArray, contacts: int) -> Drive:
+def measured(follower: Follower, room: RoomMap, trail: FloatArray, contacts: int) -> Drive:
     """What was truly driven, every 10 ms, until the laps were over."""
     path, s, error, ways = follower.path, follower.begun_at, [], []
     end = follower.driven.table[-1, 0]

@@ -16,7 +16,7 @@ from dart_hal.core.types import FloatArray, Mount, Scan
 from dart_hal.estimation.localisation.field import Map, map_of_lines
 from dart_hal.estimation.localisation.localiser import Localiser, Located
 from dart_hal.estimation.localisation.rays import fastest_cast
-from dart_lab.sim.lidar.maps import Room, box, clearance, room_of
+from dart_lab.sim.lidar.maps import RoomMap, box, clearance, room_of
 
 DT = 0.01
 CAR = (0.4, 0.2)
@@ -61,7 +61,7 @@ class Drive:
     scans with the times that they tell; lines: what stands there, in the map or not."""
 
     chart: Map
-    room: Room
+    room: RoomMap
     t: FloatArray
     truth: FloatArray
     told: FloatArray
@@ -79,7 +79,7 @@ class Drive:
         return np.array([np.interp(t, self.t, column) for column in self.truth.T])
 
 
-def wander(room: Room, speed: float, seconds: float, rng: np.random.Generator) -> FloatArray:
+def wander(room: RoomMap, speed: float, seconds: float, rng: np.random.Generator) -> FloatArray:
     """x, y, course, bend (n, 4) every DT, nowhere nearer than 0.15 m to a wall or the glass."""
     chart = map_of_lines(np.vstack((room.lines, room.glass)), 0.05)
     for _ in range(200):
@@ -126,7 +126,7 @@ def drive(seed: int, hid: Hidden) -> Drive:
     return drive_along(room, wander(room, hid.speed, hid.seconds, rng), hid, rng, seed)
 
 
-def drive_along(room: Room, way: FloatArray, hid: Hidden, rng: np.random.Generator,
+def drive_along(room: RoomMap, way: FloatArray, hid: Hidden, rng: np.random.Generator,
                 seed: int) -> Drive:
     """Along a way as that of ``wander``, from rest; seed: of the accelerometer."""
     n = len(way)
@@ -174,7 +174,7 @@ def _told(t: FloatArray, truth: FloatArray, ahead: FloatArray, hid: Hidden,
     return np.column_stack((np.append(0.0, x), np.append(0.0, y), yaw))
 
 
-def _stale(room: Room, way: FloatArray, hid: Hidden, rng: np.random.Generator) -> FloatArray:
+def _stale(room: RoomMap, way: FloatArray, hid: Hidden, rng: np.random.Generator) -> FloatArray:
     """Boxes beside the way until they are ``stale`` of the walls."""
     length = np.hypot(*(room.lines[:, 2:] - room.lines[:, :2]).T).sum()
     boxes, tries = np.empty((0, 4)), 0

@@ -12,7 +12,7 @@ from dart_hal.calibration.measured import write
 from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.devices.links.base import open_backend
-from dart_lab.sim.pca9685 import Pca9685
+from dart_lab.sim.pca9685 import Pca9685Model
 from dart_lab.sim.truth import reveal, world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
@@ -73,7 +73,7 @@ def test_the_throttle_stays_neutral_and_the_pulse_goes_off(tmp_path):
         world.watchers.append(lambda channel, pulse: widths.append(pulse[1] - pulse[0])
                               if channel == 1 else None)
         calibrate_clock(car)
-        chip: Pca9685 = world.pca
+        chip: Pca9685Model = world.pca
         for _ in car.states(duration=0.1):
             pass
         assert chip.output.high_since(15) is None

@@ -23,7 +23,7 @@ def pulled_after(tmp_path, marks, *, believed: bool = False) -> tuple[float, flo
     last, fastest, failed = DIES, 0.0, False
     with Car.over(backend, cars=tmp_path) as car:
         world = world_of(backend)
-        world.at(DIES, lambda w: w.nano.set_ring(0, marks(w.car.ring_a.edges)))
+        world.schedule(DIES, lambda w: w.nano.set_ring(0, marks(w.car.ring_a.edges)))
 
         def watch(channel, pulse):
             nonlocal last, fastest

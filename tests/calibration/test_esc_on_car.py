@@ -52,7 +52,7 @@ def test_a_hidden_esc_is_found(measured):
     assert result.quantities["throttle.neutral_us"].std < 0.3
     assert result.quantities["throttle.signal_loss"].std < 0.02
     assert result.others == {"throttle.reverse": "after_brake"}
-    assert watched.world.stand is None
+    assert watched.world.lifted is None
     assert watched.pulled_after(watched.car._engine.now) < -0.4
 
 
@@ -288,7 +288,7 @@ def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
         watched.calibrate()
     assert not list(tmp_path.rglob("calibration.toml"))
     assert watched.pulled_after(watched.world.t) < -0.4
-    assert watched.world.stand is None
+    assert watched.world.lifted is None
 
 
 @pytest.mark.slow

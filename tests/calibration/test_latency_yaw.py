@@ -10,7 +10,7 @@ from dart_hal.calibration.latency import SLOWLY, STAIRS
 from dart_hal.calibration.latency_fit import YAW_NOISE, fit_yaw, linkage_of
 from dart_hal.calibration.latency_log import Grid, Seen, Traffic
 from dart_hal.estimation.imu_clock import AGE_STD, DEFAULT_GYRO_READ, MIN_GYRO_READ_TIME, PERIOD
-from dart_lab.sim.servo import HORN_RAD_PER_US, Servo, ServoParams
+from dart_lab.sim.servo import HORN_RAD_PER_US, ServoParams, SteeringServo
 
 DELAY, PLAY, SLEW, EDGE = 0.0137, 0.03, 4200.0, 0.0021
 FRAMES = Grid(0.003, 0.0204, 1e-3, 3e-4, 1e-4, seen=True)
@@ -27,7 +27,7 @@ def driven(files, age, looks, seed=0):
     pulse = center + span * np.array(commands)[
         np.maximum(np.searchsorted(begins, t, side="right") - 1, 0)]
     ends, widths = FRAMES.pulses(t, pulse)
-    servo = Servo(ServoParams(delay=DELAY, backlash=PLAY, rate=SLEW * HORN_RAD_PER_US))
+    servo = SteeringServo(ServoParams(delay=DELAY, backlash=PLAY, rate=SLEW * HORN_RAD_PER_US))
     fine, waiting = np.arange(0.0, t[-1], STEP), list(zip(ends, widths, strict=True))
     angle = np.zeros(len(fine))
     for k, now in enumerate(fine):

@@ -13,7 +13,7 @@ from dart_hal.core.config import load_car
 from dart_hal.core.config.calibration import Calibration
 from dart_hal.core.errors import CalibrationFailed, ConfigError, LinkLost, PluginFailed
 from dart_lab.sim.truth import world_of
-from dart_lab.sim.world import THROTTLE
+from dart_lab.sim.world import THROTTLE_CHANNEL
 
 NAMES = list(order.VERBS)
 
@@ -120,8 +120,8 @@ def test_an_error_of_another_package_names_it_and_the_esc_gets_neutral(package):
     pulses = []
     with Car.open("sim://?nano=mock") as car:
         world_of(car._engine.backend).watchers.append(
-            lambda channel, pulse: pulses.append(1e6 * (pulse[1] - pulse[0])) if channel == THROTTLE
-            else None)
+            lambda channel, pulse: pulses.append(1e6 * (pulse[1] - pulse[0]))
+            if channel == THROTTLE_CHANNEL else None)
         with pytest.raises(PluginFailed, match=r"forgetful = .* of other-car 2.5 failed: Zero"):
             order.load_procedure("forgetful")(car)
         assert max(pulses) > 1550.0, "it drove"

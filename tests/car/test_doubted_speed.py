@@ -151,7 +151,7 @@ def spins(world) -> None:
     nano = world.nano
     inner = world.nano.set_wheel
     nano.set_wheel = lambda rate: inner(1.6 * rate)
-    world.at(world.t + 0.4, lambda w: setattr(nano, "set_wheel", inner))
+    world.schedule(world.t + 0.4, lambda w: setattr(nano, "set_wheel", inner))
 
 
 @pytest.mark.slow

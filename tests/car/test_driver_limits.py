@@ -15,7 +15,7 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.wire.codec import DOWN
 from dart_hal.wire.decoder import Decoder
-from dart_lab.sim.motion import Felt
+from dart_lab.sim.motion import MeanMotion
 from dart_lab.sim.truth import world_of
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
@@ -44,7 +44,7 @@ class Lab:
 
     def hold(self) -> None:
         """The whole car is held: it neither rolls nor measures any motion."""
-        world_of(self.backend).motion.step = lambda *_: Felt(0.0, 0.0, 0.0, 0.0, 0.0)
+        world_of(self.backend).motion.step = lambda *_: MeanMotion(0.0, 0.0, 0.0, 0.0, 0.0)
 
     def wait(self, seconds: float) -> None:
         for _ in self.car.states(duration=seconds):

@@ -11,7 +11,7 @@ from dart_hal.car import Car
 from dart_hal.car.telemetry import Telemetry
 from dart_hal.core.types import START_FRAME, Tracking
 from dart_hal.devices.links.base import open_backend
-from dart_lab.sim.mocap import mocap_of
+from dart_lab.sim.mocap import parse_mocap
 from dart_lab.sim.truth import truth
 
 MOCAP = "rate=10,noise=0.005,yaw_noise=0.005"
@@ -24,7 +24,7 @@ def drive(url, seconds, mocap=""):
     """(State, true x, y, yaw of the axle: in the room, or from the start) of each frame."""
     backend = open_backend(f"{url}&mocap={mocap}" if mocap else url)
     rows = []
-    room = mocap_of(mocap, 3) if mocap else None
+    room = parse_mocap(mocap, 3) if mocap else None
     with Car.over(backend) as car:
         car.arm()
         for state in car.states(duration=seconds):

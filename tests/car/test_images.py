@@ -14,7 +14,7 @@ from PIL import Image as PILImage
 from dart_hal.car import Car
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.run import RunReader
-from dart_lab.sim.camera import EVERY, LATENCY, SIZE
+from dart_lab.sim.camera import IMAGE_LATENCY, IMAGE_PERIOD, IMAGE_SIZE
 
 URL = "sim://?seed=3&nano=mock&physics=kinematic"
 TOPIC = "/camera/image/compressed"
@@ -50,23 +50,23 @@ def find_red_body(image):
 def test_it_sees_the_car_where_it_is_and_a_replay_has_the_same(tmp_path):
     path = tmp_path / "run.mcap"
     states, images = drive(f"{URL}&camera=top&map=hall", record=path)
-    assert len(images) == pytest.approx(3.0 / EVERY, abs=1)
+    assert len(images) == pytest.approx(3.0 / IMAGE_PERIOD, abs=1)
     for a, b in pairwise(images):
-        assert b.t - a.t == pytest.approx(EVERY)
+        assert b.t - a.t == pytest.approx(IMAGE_PERIOD)
     for image in images:
-        assert image.arrival - image.t == pytest.approx(LATENCY)
-        assert image.size == SIZE
+        assert image.arrival - image.t == pytest.approx(IMAGE_LATENCY)
+        assert image.size == IMAGE_SIZE
     walls = pixels(images[0])[:, :, 2] < 90
     assert walls.sum() > 500, "and its room"
     way = find_red_body(images[-1]) - find_red_body(images[0])
     poses = [next(s for s in states if s.t >= image.t).pose for image in (images[0], images[-1])]
     moved = np.hypot(poses[1].x - poses[0].x, poses[1].y - poses[0].y)
-    scale = min(np.array(SIZE) / (6.5 + 0.6))  # the hall is 6.5 m square
+    scale = min(np.array(IMAGE_SIZE) / (6.5 + 0.6))  # the hall is 6.5 m square
     assert np.hypot(*way) / scale == pytest.approx(moved, abs=0.08)
     live = {state.seq: state.image for state in states if state.image}
     with Car.open(f"replay://{path}") as car:
         again = {state.seq: state.image for state in car.states() if state.image}
-        assert car.camera.health.rate == pytest.approx(1.0 / EVERY)
+        assert car.camera.health.rate == pytest.approx(1.0 / IMAGE_PERIOD)
     assert all(again[seq] == image for seq, image in live.items())
 
 
@@ -121,7 +121,7 @@ def test_a_recording_begun_midway_has_them_and_one_without_a_camera_has_no_chann
         car.recorder.end()
         for _ in car.states(duration=0.3):
             pass
-    assert len(list(RunReader(path).images())) == pytest.approx(0.5 / EVERY, abs=1)
+    assert len(list(RunReader(path).images())) == pytest.approx(0.5 / IMAGE_PERIOD, abs=1)
     with Car.open(URL, record=tmp_path / "without.mcap") as car:
         assert [state.image for state in car.states(duration=0.3)].count(None) > 20
     with (tmp_path / "without.mcap").open("rb") as file:

@@ -11,8 +11,8 @@ from dart_hal.car import Car
 from dart_hal.core.errors import Disarmed, NotArmed
 from dart_hal.devices.actuation.neutral_watch import NeutralWatch
 from dart_hal.devices.links.base import open_backend
-from dart_lab.sim.esc import Esc, Mode
-from dart_lab.sim.failures import parse, schedule
+from dart_lab.sim.esc import Esc, EscMode
+from dart_lab.sim.failures import parse_failure, schedule_failures
 from dart_lab.sim.truth import world_of
 
 CLOCK = (r"oscillator_hz = \{[^}]*\}", "oscillator_hz = {{ value = {}, std = 1000 }}")
@@ -44,8 +44,8 @@ class ArmedEsc(Esc):
     """An ESC that an earlier program has armed, and that obeys again after a loss of the signal."""
 
     def pulse(self, pulse):
-        if self.mode is Mode.UNARMED:
-            self.mode = Mode.READY
+        if self.mode is EscMode.UNARMED:
+            self.mode = EscMode.READY
         super().pulse(pulse)
 
 
@@ -61,7 +61,7 @@ class Bench:
         if armed:
             self.world.esc = ArmedEsc(self.world.car.esc)
         if fail:
-            schedule(self.world, [parse(f"{fail}@0")])
+            schedule_failures(self.world, [parse_failure(f"{fail}@0")])
         self.world.watchers.append(
             lambda channel, pulse: self.pulses.append(pulse) if channel == 1 else None)
         self.car = Car.over(backend, cars=tmp_path, raise_on_trip=False)

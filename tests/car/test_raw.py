@@ -154,7 +154,7 @@ def spin_without_imu(bench: Bench, seconds: float) -> float:
         bench.spin(0.3)
         began = bench.world.t
         bench.world.nano.set_imu_fault("zero")
-        bench.world.at(began + seconds, lambda world: world.nano.set_imu_fault())
+        bench.world.schedule(began + seconds, lambda world: world.nano.set_imu_fault())
         bench.spin(0.6)
     return bench.last_above() - began
 

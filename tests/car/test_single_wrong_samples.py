@@ -178,14 +178,14 @@ def test_true_motion_is_never_rejected(drives, name):
 def test_drive_with_wrong_samples_replays_bit_for_bit(tmp_path):
     backend = open_backend("sim://?nano=mock&seed=3")
     imu = world_of(backend).nano.imu
-    shown = imu._shown
+    shown = imu._apply_fault
 
     def flip_bit(values, slot):
         words = list(shown(values, slot))
         words[5] ^= (slot % 20 == 0) << 9
         return tuple(words)
 
-    imu._shown = flip_bit
+    imu._apply_fault = flip_bit
     run = tmp_path / "run.mcap"
     live = []
     with Car.over(backend, cars=tmp_path, record=run) as car:

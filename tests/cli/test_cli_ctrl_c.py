@@ -6,7 +6,7 @@ import signal
 
 import pytest
 
-from dart_lab.sim.world import THROTTLE, World
+from dart_lab.sim.world import THROTTLE_CHANNEL, World
 
 NEUTRAL_US = 1500.0
 NEAR_US = 5.0
@@ -22,7 +22,7 @@ class Finger:
         self.pulses: list[tuple[float, float]] = []
 
     def __call__(self, channel: int, pulse: tuple[float, float]) -> None:
-        if channel != THROTTLE:
+        if channel != THROTTLE_CHANNEL:
             return
         us = (pulse[1] - pulse[0]) * 1e6
         self.pulses.append((pulse[1], us))

@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.estimation.localisation.grid import read_grid
 from dart_lab.sim.lidar.maps import room_of
-from dart_lab.sim.world import THROTTLE, World
+from dart_lab.sim.world import THROTTLE_CHANNEL, World
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 URL = "sim://?seed=0&nano=mock&lidar=1&map=room"
@@ -51,7 +51,7 @@ def run_and_interrupt(verb, monkeypatch, tmp_path):
         made = World.__init__
 
         def watch(channel, pulse):
-            if channel != THROTTLE:
+            if channel != THROTTLE_CHANNEL:
                 return
             us = 1e6 * (pulse[1] - pulse[0])
             (after if moving() >= 400 else before).append(us)

@@ -15,7 +15,7 @@ from dart_hal.core.errors import Disarmed
 from dart_hal.devices.actuation.neutral_watch import NeutralWatch
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
-from dart_lab.sim.world import THROTTLE
+from dart_lab.sim.world import THROTTLE_CHANNEL
 
 LONG = Path([(15.0, 0.0)], closed=False)
 pytestmark = pytest.mark.usefixtures("armed_esc")
@@ -57,12 +57,12 @@ def driven(seconds=None, downhill=False, until=60.0, blocked=False, lost_at=LOST
     backend = open_backend("sim://?seed=3&nano=mock&mocap=1")
     world = world_of(backend)
     pulses = []
-    world.at(until, never_ends)
+    world.schedule(until, never_ends)
     if blocked:
-        world.at(1.0, lambda w: setattr(w, "blocked", True))
+        world.schedule(1.0, lambda w: setattr(w, "blocked", True))
     if downhill:
-        world.at(0.0, roll)
-    world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
+        world.schedule(0.0, roll)
+    world.watchers.append(lambda channel, pulse: channel == THROTTLE_CHANNEL and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     with Car.over(backend, poses=Until(backend.poses, lost_at)) as car:
         follower = make_follower(car, LONG, 1.0, "lqr", Rules(here=True, duration=seconds or 30.0),
@@ -92,7 +92,7 @@ def test_the_pin_slows_down_with_the_pose_and_stays_at_neutral():
 def roll(world):
     if world.distance > 0.2:
         world.motion.v_x = max(world.motion.v_x, ROLLS)
-    world.at(world.t + 0.005, roll)
+    world.schedule(world.t + 0.005, roll)
 
 
 def never_ends(world):

@@ -14,7 +14,7 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.localisation.field import map_of_lines
 from dart_hal.estimation.localisation.source import LidarPoses
 from dart_lab.sim.truth import room_of_car, world_of
-from dart_lab.sim.world import THROTTLE
+from dart_lab.sim.world import THROTTLE_CHANNEL
 from tests.cli.test_localize_at_pin import WAIVED, Wrong
 
 RING = Path([(2.0 * np.pi * 0.8, 1.0 / 0.8)], closed=True)
@@ -33,7 +33,7 @@ def driven(silent, until=LOST_AT + 9.0):
     room = room_of_car(backend)
     world = world_of(backend)
     pulses = []
-    world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
+    world.watchers.append(lambda channel, pulse: channel == THROTTLE_CHANNEL and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     backend.lidar = Wrong(backend.lidar, LOST_AT, silent=silent)
     with Car.over(backend, poses=LidarPoses(map_of_lines(room.lines), room.start)) as car:

@@ -16,7 +16,7 @@ from dart_hal.control.lane_follow import MAX_POSE_GAP
 from dart_hal.control.stopping import STUCK_TIME
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
-from dart_lab.sim.world import THROTTLE
+from dart_lab.sim.world import THROTTLE_CHANNEL
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 LOST_AT = 3.0
@@ -63,10 +63,10 @@ def driven(fault, until=inf, blocked=False):
     backend = open_backend("sim://?seed=3&nano=mock&lidar=1&map=lane")
     world = world_of(backend)
     pulses = []
-    world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
+    world.watchers.append(lambda channel, pulse: channel == THROTTLE_CHANNEL and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     if blocked:
-        world.at(3.0, lambda w: setattr(w, "blocked", True))
+        world.schedule(3.0, lambda w: setattr(w, "blocked", True))
     else:
         backend.lidar = Changed(backend.lidar, FAULTS[fault][0])
     with Car.over(backend) as car:

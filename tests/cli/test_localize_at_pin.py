@@ -17,7 +17,7 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.localisation.field import map_of_lines
 from dart_hal.estimation.localisation.source import LidarPoses
 from dart_lab.sim.truth import room_of_car, world_of
-from dart_lab.sim.world import THROTTLE
+from dart_lab.sim.world import THROTTLE_CHANNEL
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
 LOST_AT = 2.5
@@ -52,7 +52,7 @@ def driven(start, *, silent=False, duration=inf):
     backend = open_backend("sim://?seed=0&nano=mock&lidar=1&map=room")
     world = world_of(backend)
     pulses = []
-    world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
+    world.watchers.append(lambda channel, pulse: channel == THROTTLE_CHANNEL and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     source = LidarPoses(map_of_lines(room_of_car(backend).lines))
     backend.lidar = Wrong(backend.lidar, start, silent=silent)

@@ -17,7 +17,7 @@ from dart_hal.control.wall import Wall
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.lidar.maps import clearance
 from dart_lab.sim.truth import room_of_car, world_of
-from dart_lab.sim.world import THROTTLE
+from dart_lab.sim.world import THROTTLE_CHANNEL
 from tests.cli.test_lane_at_pin import FAULTS, LOST_AT, SLOWS, Changed
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
@@ -30,7 +30,7 @@ def driven(room, fault="", until=20.0, distance=inf):
     world = world_of(backend)
     pulses = []
     places = []
-    world.watchers.append(lambda channel, pulse: channel == THROTTLE and pulses.append(
+    world.watchers.append(lambda channel, pulse: channel == THROTTLE_CHANNEL and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     if fault:
         backend.lidar = Changed(backend.lidar, FAULTS[fault][0])

@@ -12,7 +12,7 @@ from dart_hal.control.lane_model import LaneReckoning
 from dart_hal.control.paths import Path
 from dart_hal.core.types import Pose
 from dart_hal.vehicle.sets import UPSTREAM_2024
-from dart_lab.sim.lidar.lanes import HALF, LANES, boards
+from dart_lab.sim.lidar.lanes import LANE_HALF_WIDTH, LANE_PATHS, lane_boards
 from studies.control.light_follow import plant_by
 
 RNG = np.random.default_rng(5)
@@ -20,7 +20,7 @@ RNG = np.random.default_rng(5)
 
 def points_of(path, pose, noise=0.015, keep=(0, 1)):
     """Points that a lidar 0.13 m before a pose sees of the boards: one each 0.57 deg."""
-    both = boards(path)
+    both = lane_boards(path)
     c = cos(pose.yaw)
     s = sin(pose.yaw)
     axis = np.array((pose.x + 0.13 * c, pose.y + 0.13 * s))
@@ -61,12 +61,12 @@ def off(path, points, s):
 
 
 @pytest.mark.parametrize(("left", "turned"), [(0.0, 0.0), (0.1, -0.3), (-0.2, 0.5)])
-@pytest.mark.parametrize("name", list(LANES))
+@pytest.mark.parametrize("name", list(LANE_PATHS))
 def test_the_middle_is_found_from_anywhere_in_the_lane(name, left, turned):
-    path = LANES[name]()
+    path = LANE_PATHS[name]()
     for s in (0.5, 3.0, 4.5, 7.0, 8.5):
         marks = simulate_boards(path, pose_off_path(path, s, left, turned))
-        assert marks.half == pytest.approx(HALF, abs=0.01)
+        assert marks.half == pytest.approx(LANE_HALF_WIDTH, abs=0.01)
         assert len(marks.middle) * 0.1 > 1.5
         assert np.abs(off(path, marks.middle[:11], s)).max() < 0.012
 
@@ -74,13 +74,13 @@ def test_the_middle_is_found_from_anywhere_in_the_lane(name, left, turned):
 @pytest.mark.parametrize(("keep", "left", "right"), [
     ((0,), True, False), ((1,), False, True), ((), False, False)])
 def test_half_a_lane_is_none(keep, left, right):
-    path = LANES["lane"]()
+    path = LANE_PATHS["lane"]()
     marks = simulate_boards(path, pose_off_path(path, 3.0), keep)
     assert (marks.left, marks.right, marks.is_complete) == (left, right, False)
 
 
 def test_it_ends_where_the_boards_end():
-    path = LANES["lane"]()
+    path = LANE_PATHS["lane"]()
     for left in (1.5, 0.8):
         marks = simulate_boards(path, pose_off_path(path, path.length - left))
         assert path.length - 0.15 < marks.middle[-1, 0] < path.length + 0.08

@@ -9,7 +9,7 @@ from dart_hal.car import Car
 from dart_hal.control import drivetrain
 from dart_hal.control.loop import SpeedLoop
 from dart_hal.devices.links.base import open_backend
-from dart_lab.sim.esc import Mode
+from dart_lab.sim.esc import EscMode
 from dart_lab.sim.truth import world_of
 
 COUNT = 0.011
@@ -40,14 +40,14 @@ def up_and_down(t):
 
 
 def backward(rows):
-    return [row for row in rows if row[3] is Mode.REVERSE or row[1] < -0.02]
+    return [row for row in rows if row[3] is EscMode.REVERSE or row[1] < -0.02]
 
 
 @pytest.mark.parametrize("more", ["", pytest.param("&effect=throttle_lag:0.084",
                                                    marks=pytest.mark.slow)])
 def test_it_brakes_where_rolling_out_is_too_slow_and_never_reverses(more):
     rows = modes_of(up_and_down, more=more)
-    assert any(row[3] is Mode.BRAKING for row in rows)
+    assert any(row[3] is EscMode.BRAKING for row in rows)
     assert not backward(rows)
     slowed = [v for t, v, *_ in rows if 1.5 < t < 1.6]
     assert max(slowed) < 0.9        # rolling out from 2.2 m/s takes 1.1 s
@@ -69,8 +69,8 @@ def let_go_of_the_brake(t):
 @pytest.mark.slow
 def test_after_a_rest_at_speed_the_car_is_pulled_forward_before_it_is_braked():
     rows = modes_of(let_go_of_the_brake, seconds=1.8)
-    assert any(row[3] is Mode.READY for row in rows if 1.2 < row[0] < 1.32)
-    assert any(row[3] is Mode.BRAKING for row in rows if row[0] > 1.4)
+    assert any(row[3] is EscMode.READY for row in rows if 1.2 < row[0] < 1.32)
+    assert any(row[3] is EscMode.BRAKING for row in rows if row[0] > 1.4)
     assert not backward(rows)
 
 

@@ -13,7 +13,7 @@ from dart_hal import Car
 from dart_hal.devices.links.base import open_backend
 from dart_hal.estimation.phase import RingPhase
 from dart_lab.sim.hidden import hidden_car
-from dart_lab.sim.ring import even_ring, turned_ring
+from dart_lab.sim.ring import even_ring, rotate_ring
 from dart_lab.sim.truth import world_of
 
 FRAME = 0.01
@@ -24,7 +24,7 @@ SPEED = 1.0 / 0.041
 
 def shift_ring(share):
     """Ring B, ``share`` of an interval of ring A further round."""
-    return turned_ring(even_ring(10), share / 20)
+    return rotate_ring(even_ring(10), share / 20)
 
 
 def to_and_fro(t):

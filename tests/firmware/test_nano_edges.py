@@ -95,7 +95,7 @@ def test_a_new_glitch_rule_holds_at_once_on_both_rings(nano: Make) -> None:
 
 
 def test_a_preset_of_the_simulator_is_read(nano: Make) -> None:
-    from dart_lab.sim.eeprom import preset
-    rig = nano(eeprom=preset(0x12345678, {}))
+    from dart_lab.sim.eeprom import make_eeprom
+    rig = nano(eeprom=make_eeprom(0x12345678, {}))
     rig.run(0.3)
     assert rig.hello()["board_id"] == 0x12345678

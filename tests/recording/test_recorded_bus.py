@@ -9,13 +9,13 @@ from dart_hal.core.ports import Bus
 from dart_hal.recording.bus import RecordedBus
 from dart_hal.recording.run import RunReader, RunWriter
 from dart_lab.sim.bus import VirtualBus
-from dart_lab.sim.pca9685 import Pca9685
+from dart_lab.sim.pca9685 import Pca9685Model
 
 
 @pytest.fixture
 def recorded_bus(tmp_path):
     writer = RunWriter(tmp_path / "bus.mcap")
-    bus = RecordedBus(VirtualBus(lambda: 0.5, [Pca9685()]), lambda: 0.5)
+    bus = RecordedBus(VirtualBus(lambda: 0.5, [Pca9685Model()]), lambda: 0.5)
     bus.recorder = writer
     return bus, writer
 

@@ -12,7 +12,7 @@ from dart_hal.car import Car, Fleet
 from dart_hal.core.errors import UsageError
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim import arena
-from dart_lab.sim.arena import BODY, overlap
+from dart_lab.sim.arena import CAR_OUTLINE, bodies_overlap
 from dart_lab.sim.truth import room_of_car, truth, world_of
 
 PLAIN = "sim://?nano=mock&seed={}&world={}&at={}"
@@ -34,8 +34,8 @@ def middle(true, at):
     """Of the body of a car that began at ``at``."""
     c, s = cos(at[2]), sin(at[2])
     yaw = at[2] + true.yaw
-    return (at[0] + c * true.x - s * true.y + BODY.ahead * cos(yaw),
-            at[1] + s * true.x + c * true.y + BODY.ahead * sin(yaw), yaw)
+    return (at[0] + c * true.x - s * true.y + CAR_OUTLINE.ahead * cos(yaw),
+            at[1] + s * true.x + c * true.y + CAR_OUTLINE.ahead * sin(yaw), yaw)
 
 
 def off_body(points, place):
@@ -43,8 +43,8 @@ def off_body(points, place):
     x, y, yaw = place
     c, s = cos(yaw), sin(yaw)
     d = points - (x, y)
-    ahead = np.abs(c * d[:, 0] + s * d[:, 1] - BODY.ahead) - 0.5 * BODY.length
-    left = np.abs(c * d[:, 1] - s * d[:, 0]) - 0.5 * BODY.width
+    ahead = np.abs(c * d[:, 0] + s * d[:, 1] - CAR_OUTLINE.ahead) - 0.5 * CAR_OUTLINE.length
+    left = np.abs(c * d[:, 1] - s * d[:, 0]) - 0.5 * CAR_OUTLINE.width
     outside = np.hypot(np.maximum(ahead, 0.0), np.maximum(left, 0.0))
     return np.where((ahead < 0) & (left < 0), -np.maximum(ahead, left), outside)
 
@@ -120,7 +120,7 @@ def test_cars_that_touch_are_told_once(caplog):
         assert fleet.cars[1].contacts == (contact,)
         assert set(contact.cars) == {"sim-1", "sim-2"}
         worlds = [world_of(car._engine.backend) for car in fleet.cars]
-        told = {late: overlap(*(middle(world.truth(contact.t + late), at) for world, at in
+        told = {late: bodies_overlap(*(middle(world.truth(contact.t + late), at) for world, at in
                                 zip(worlds, ((0.0, 0.0, 0.0), (1.0, 0.0, 1.2)), strict=True)))
                 for late in (-0.025, 0.005)}
     assert told == {-0.025: False, 0.005: True}, "when it began, within a look of 20 ms"
@@ -146,8 +146,8 @@ def test_two_bodies(at, touches):
         c, s = cos(turn), sin(turn)
         a, b = (1.0, 2.0, turn), (1.0 + c * at[0] - s * at[1], 2.0 + s * at[0] + c * at[1],
                                   turn + at[2])
-        assert overlap(a, b) is touches
-        assert overlap(b, a) is touches
+        assert bodies_overlap(a, b) is touches
+        assert bodies_overlap(b, a) is touches
     assert hypot(*at[:2]) < 0.5
 
 

@@ -11,9 +11,9 @@ from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle.effects import catalogue
-from dart_lab.sim.drawn import car_of
+from dart_lab.sim.drawn import resolve_car
 from dart_lab.sim.esc import Esc
-from dart_lab.sim.servo import Servo
+from dart_lab.sim.servo import SteeringServo
 from dart_lab.sim.truth import reveal_url, world_of
 
 PLAIN = "sim://?nano=mock"
@@ -49,7 +49,7 @@ def test_a_host_reads_other_numbers(driven, plain, name):
 @pytest.mark.parametrize("name", catalogue())
 def test_at_null_the_car_is_untouched(name):
     nulls = ":".join(f"{q.name}={q.null}" for q in catalogue()[name].parameters)
-    drawn = car_of(Url.parse(f"sim://?seed=3&effect={name}:{nulls}"))
+    drawn = resolve_car(Url.parse(f"sim://?seed=3&effect={name}:{nulls}"))
     assert drawn.true is drawn.base
 
 
@@ -64,7 +64,7 @@ def test_without_an_effect_the_bytes_are_those_of_before(driven, plain):
 def test_a_car_without_effects_has_plain_parts(raw_car):
     """So it costs nothing: no servo, speed controller or chain of another kind."""
     world = raw_car(PLAIN).world
-    assert (type(world.servo), type(world.esc), world._injected) == (Servo, Esc, None)
+    assert (type(world.servo), type(world.esc), world._signal_effects) == (SteeringServo, Esc, None)
 
 
 @pytest.mark.parametrize("name", WITHOUT_MOCAP)

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.vehicle import PAPER, make_steering
-from dart_lab.sim.esc import Esc, EscParams, Mode
-from dart_lab.sim.servo import HORN_RAD_PER_US, Servo, ServoParams
+from dart_lab.sim.esc import Esc, EscMode, EscParams
+from dart_lab.sim.servo import HORN_RAD_PER_US, ServoParams, SteeringServo
 
 FRAME = 0.02
 
@@ -66,7 +66,7 @@ def test_pull_below_neutral_brakes_after_forward():
     stand = Stand().armed()
     stand.hold(1800, 0.5)
     esc = stand.hold(1275, 0.5)
-    assert (esc.mode, esc.throttle, esc.brake) == (Mode.BRAKING, 0.0, pytest.approx(0.5))
+    assert (esc.mode, esc.throttle, esc.brake) == (EscMode.BRAKING, 0.0, pytest.approx(0.5))
 
 
 def test_second_pull_after_a_rest_reverses():
@@ -75,7 +75,7 @@ def test_second_pull_after_a_rest_reverses():
     stand.hold(1275, 0.5)
     stand.hold(1500, 0.2)
     esc = stand.hold(1275, 0.2)
-    assert (esc.mode, esc.throttle, esc.brake) == (Mode.REVERSE, pytest.approx(-0.5), 0.0)
+    assert (esc.mode, esc.throttle, esc.brake) == (EscMode.REVERSE, pytest.approx(-0.5), 0.0)
 
 
 def test_second_pull_without_a_rest_still_brakes():
@@ -83,14 +83,14 @@ def test_second_pull_without_a_rest_still_brakes():
     stand.hold(1800, 0.5)
     stand.hold(1275, 0.5)
     stand.hold(1500, 0.06)
-    assert stand.hold(1275, 0.2).mode is Mode.BRAKING
+    assert stand.hold(1275, 0.2).mode is EscMode.BRAKING
 
 
 def test_forward_again_must_brake_again():
     stand = Stand().armed()
     for width in (1800, 1275, 1500, 1275, 1500, 1800, 1500):
         stand.hold(width, 0.3)
-    assert stand.hold(1275, 0.2).mode is Mode.BRAKING
+    assert stand.hold(1275, 0.2).mode is EscMode.BRAKING
 
 
 def test_signal_loss_coasts_and_wants_neutral_first():
@@ -108,7 +108,7 @@ def test_a_moved_neutral_is_not_neutral():
     assert Stand().armed().hold(1558.5, 0.1).throttle > 0.1
     shifted = Stand(EscParams(neutral_us=1558.5))
     shifted.hold(1558.5, 2.1)
-    assert shifted.hold(1500.0, 0.1).mode is Mode.REVERSE
+    assert shifted.hold(1500.0, 0.1).mode is EscMode.REVERSE
 
 
 def drive(servo, width_us, seconds, t=0.0):
@@ -124,12 +124,12 @@ def drive(servo, width_us, seconds, t=0.0):
 def test_servo_reaches_the_steering_map():
     curve = make_steering(PAPER.steering)
     for s in (-1.0, -0.3, 0.4, 1.0):
-        servo = Servo(ServoParams())
+        servo = SteeringServo(ServoParams())
         assert drive(servo, 1500 + 375 * s, 1.0)[-1] == pytest.approx(curve(s), abs=1e-9)
 
 
 def test_servo_keeps_its_rate():
-    servo = Servo(ServoParams())
+    servo = SteeringServo(ServoParams())
     commands = []
     for k in range(300):
         if k % 20 == 0:
@@ -143,19 +143,19 @@ def test_servo_keeps_its_rate():
 
 
 def test_servo_without_pulses_holds():
-    servo = Servo(ServoParams())
+    servo = SteeringServo(ServoParams())
     held = drive(servo, 1700, 0.5)[-1]
     assert set(drive(servo, None, 2.0, t=0.5)) == {held}
 
 
 def test_servo_ignores_what_is_no_servo_pulse():
-    servo = Servo(ServoParams())
+    servo = SteeringServo(ServoParams())
     held = drive(servo, 1700, 0.5)[-1]
     assert drive(servo, 3144, 0.5, t=0.5)[-1] == held
 
 
 def test_servo_delay_is_pure():
-    early, late = Servo(ServoParams()), Servo(ServoParams(delay=0.03))
+    early, late = SteeringServo(ServoParams()), SteeringServo(ServoParams(delay=0.03))
     a, b = drive(early, 1700, 0.3), drive(late, 1700, 0.3)
     assert b[30:] == pytest.approx(a[:-30], abs=1e-9)
     assert set(b[:30]) == {b[0]}
@@ -164,7 +164,7 @@ def test_servo_delay_is_pure():
 @pytest.mark.parametrize("backlash_deg", [0.3, 1.0, 2.0])
 def test_backlash_loop_is_centred_on_the_map(backlash_deg):
     backlash = math.radians(backlash_deg)
-    servo = Servo(ServoParams(backlash=backlash))
+    servo = SteeringServo(ServoParams(backlash=backlash))
     curve = make_steering(PAPER.steering)
     drive(servo, 1800, 1.0)
     from_left = drive(servo, 1500, 1.0, 1.0)[-1]

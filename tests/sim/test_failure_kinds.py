@@ -8,8 +8,8 @@ import pytest
 
 from dart_hal.core.errors import UsageError
 from dart_hal.wire.messages import STATE_FLAGS
-from dart_lab.sim.failure_kinds import KINDS
-from dart_lab.sim.failures import parse
+from dart_lab.sim.failure_kinds import FAILURE_KINDS
+from dart_lab.sim.failures import parse_failure
 
 START, LASTS = 3.0, 0.6
 """s; the car turns and still gains speed."""
@@ -160,16 +160,16 @@ def test_a_torn_eeprom_byte_leaves_the_parameters_at_old_or_new(raw_car, nth):
 
 def test_every_target_says_what_it_has():
     with pytest.raises(UsageError) as caught:
-        parse("enc:delayed@3")
+        parse_failure("enc:delayed@3")
     assert "enc:wrong=SHARE" in caught.value.expected
-    assert len(KINDS) > 40
+    assert len(FAILURE_KINDS) > 40
 
 
 @pytest.mark.parametrize("text", ["imu:stuck=3@1", "enc:wrong=1.5@1", "power:droop=9@1",
                                   "enc:garbage=1e9@1", "eeprom:torn=0@1", "imu:slow=0@1"])
 def test_a_value_out_of_range_is_refused(text):
     with pytest.raises(UsageError):
-        parse(text)
+        parse_failure(text)
 
 
 @pytest.mark.parametrize("text", ["enc:chatter@0.1", "imu:config@0.1", "eeprom:torn@0.1",

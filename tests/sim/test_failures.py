@@ -9,8 +9,8 @@ import pytest
 
 from dart_hal.core.errors import UsageError
 from dart_hal.wire.messages import STATE_FLAGS
-from dart_lab.sim.failure_kinds import KINDS
-from dart_lab.sim.failures import Failure, parse
+from dart_lab.sim.failure_kinds import FAILURE_KINDS
+from dart_lab.sim.failures import Failure, parse_failure
 
 
 def flags(state):
@@ -24,7 +24,7 @@ def flags(state):
 ])
 def test_words(text, failure):
     target, kind, start, value, duration = failure
-    got = parse(text)
+    got = parse_failure(text)
     assert (got.target, got.kind, got.start, got.duration) == (target, kind, start, duration)
     assert got.value == value or (value is None and math.isnan(got.value))
 
@@ -32,7 +32,7 @@ def test_words(text, failure):
 @pytest.mark.parametrize("text", ["imu", "imu:stuck", "imu:sulking@3", "cat:off@1", "imu:off@-1"])
 def test_nonsense_lists_what_exists(text):
     with pytest.raises(UsageError) as caught:
-        parse(text)
+        parse_failure(text)
     assert "imu:stuck" in caught.value.expected
 
 
@@ -100,7 +100,7 @@ def test_what_the_mock_cannot_do_is_said(raw_car):
 
 
 @pytest.mark.emulator
-@pytest.mark.parametrize("key", sorted(KINDS), ids=":".join)
+@pytest.mark.parametrize("key", sorted(FAILURE_KINDS), ids=":".join)
 @pytest.mark.slow_except("line:off", "mcu:brownout", "pca:off", "mcu:watchdog", "imu:zero")
 def test_every_failure_acts_on_the_emulated_firmware(raw_car, key):
     car = raw_car(f"sim://?nano=avr&fail={key[0]}:{key[1]}@0.6+0.2")

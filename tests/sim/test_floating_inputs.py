@@ -7,9 +7,9 @@ import pytest
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HEARTBEAT
 from dart_lab.sim.cutoff import INPUT_FILTER, EscInput, make_wiring
-from dart_lab.sim.levels import CLAMP_MAX, clamp_current, divided, level
+from dart_lab.sim.levels import CLAMP_MAX, clamp_current, divider_voltage, logic_level
 from dart_lab.sim.mock_capture import MockCapture
-from dart_lab.sim.pca9685 import Pca9685
+from dart_lab.sim.pca9685 import Pca9685Model
 
 AT = 5.5
 """s; the car is at throttle."""
@@ -105,14 +105,14 @@ def test_users_are_offered_the_good_ones(raw_car):
     (1e3, None, True), (1e3, 10e3, True), (10e3, None, True), (10e3, 10e3, None)])
 def test_two_pulls_meet(up, down, seen):
     """10 k against a board's own 10 k: 1.65 V, neither low nor high."""
-    assert level(divided(3.3, up, down)) is seen
+    assert logic_level(divider_voltage(3.3, up, down)) is seen
 
 
 def test_series_resistors_keep_a_chip_without_supply_alive():
     assert clamp_current(5.0, 1e3) < CLAMP_MAX / 4
     assert clamp_current(5.0, 4.7e3) < 1e-3
     assert clamp_current(5.0, 0.0) > CLAMP_MAX  # the control: without them
-    assert level(5.0 * 10e3 / (10e3 + 1e3)) is True  # and the levels still hold
+    assert logic_level(5.0 * 10e3 / (10e3 + 1e3)) is True  # and the levels still hold
 
 
 # --- gaps and stubs
@@ -121,7 +121,7 @@ def test_series_resistors_keep_a_chip_without_supply_alive():
 def pulses(*levels):
     esc = EscInput()
     for t, high in levels:
-        esc.put(t, high)
+        esc.set_level(t, high)
     return esc.take(1.0)
 
 
@@ -142,7 +142,7 @@ def test_a_spike_is_no_pulse():
 
 def test_the_switch_of_the_select_inside_a_board_pulse_joins():
     """D9 falls, 3.3 us later the select takes a board pulse that is under way."""
-    pca = Pca9685()
+    pca = Pca9685Model()
     for data in (b"\x00\x31", b"\xfe\x79", b"\x00\x21", b"\x0a\x00\x00\x33\x01"):
         pca.write(data, [0.001] * len(data), 0.001)
     pca.output.advance(0.1)
@@ -150,7 +150,8 @@ def test_the_switch_of_the_select_inside_a_board_pulse_joins():
     rise, fall = pca.output.take(1)[-1]
     own_fall = rise + 0.5e-3
     pca.output._done[1] = [(rise, fall)]
-    mux.pins([(own_fall - 1.5e-3, "D9", 1), (own_fall, "D9", 0), (own_fall + 3.3e-6, "D5", 1)])
+    mux.apply_pin_edges(
+        [(own_fall - 1.5e-3, "D9", 1), (own_fall, "D9", 0), (own_fall + 3.3e-6, "D5", 1)])
     assert mux.esc_pulses(1, 0.2) == [(own_fall - 1.5e-3, fall)]
 
 

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from dart_hal.core.errors import UsageError
 from dart_hal.devices.links.base import open_backend
-from dart_lab.sim.failure_kinds import KINDS
-from dart_lab.sim.failures import Failure, parse
+from dart_lab.sim.failure_kinds import FAILURE_KINDS
+from dart_lab.sim.failures import Failure, parse_failure
 
-names = st.sampled_from(sorted(KINDS)).map(":".join)
+names = st.sampled_from(sorted(FAILURE_KINDS)).map(":".join)
 digits = st.text("0123456789.eE+-_ \u0663x", max_size=8)
 number = st.one_of(digits, st.floats(allow_nan=True).map(repr), st.just("1e999"),
                    st.integers(0, 10**400).map(str))
@@ -30,11 +30,11 @@ texts = st.one_of(st.text(), well_formed, nearly,
 def law(text):
     """The Failure, or None where the text is refused."""
     try:
-        failure = parse(text)
+        failure = parse_failure(text)
     except UsageError:
         return None
     assert isinstance(failure, Failure)
-    kind = KINDS[failure.target, failure.kind]
+    kind = FAILURE_KINDS[failure.target, failure.kind]
     assert math.isnan(failure.value) or kind.low <= failure.value <= kind.high
     assert 0.0 <= failure.start < math.inf
     assert failure.duration >= 0.0
@@ -53,7 +53,7 @@ def test_parse_gives_a_failure_or_a_usage_error(text):
 @pytest.mark.long
 def test_a_million_damaged_failures():
     """One to three characters changed, doubled or left out."""
-    rng, kinds = Random(9), sorted(KINDS)
+    rng, kinds = Random(9), sorted(FAILURE_KINDS)
     for _ in range(1_000_000):
         text = f"{':'.join(rng.choice(kinds))}={rng.uniform(0, 3):.2f}@{rng.random() * 9:.2f}s+1s"
         for _ in range(rng.randrange(4)):

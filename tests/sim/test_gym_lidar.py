@@ -12,8 +12,15 @@ from dart_hal.control.tracks import TRACKS, track_named
 from dart_hal.core.errors import UsageError
 from dart_hal.estimation.localisation import rays
 from dart_lab.sim.gym import DartCarEnv, DartCarVectorEnv, GymConfig
-from dart_lab.sim.gym.lidar import BESIDE, BODY, DEFAULT_MOUNT_X, FLAT, MOST, Eyes
-from dart_lab.sim.gym.tasks import OFF_TRACK, Memory
+from dart_lab.sim.gym.lidar import (
+    BOARD_OFFSET,
+    CAR_OUTLINE,
+    DEFAULT_MOUNT_X,
+    MAX_CHORD_ERROR,
+    MAX_RANGE,
+    RangeSensor,
+)
+from dart_lab.sim.gym.tasks import OFF_TRACK_REWARD, Memory
 
 RING = Path([(2.0 * pi, 1.0)], closed=True)
 """A circle of 1 m about (0, 1), begun at the origin along x."""
@@ -31,33 +38,33 @@ def to_ring(x, y, way, radius):
 
 def test_boards_are_where_they_are():
     c = GymConfig(track=RING, beams=72)
-    eyes, half = Eyes(RING, c), c.half_width + BESIDE
+    eyes, half = RangeSensor(RING, c), c.half_width + BOARD_OFFSET
     pose = 0.05, 0.1, 0.3
     seen = eyes.ranges(np.array(pose)[:, None], NOBODY)[:, 0]
     x, y = pose[0] + DEFAULT_MOUNT_X * cos(pose[2]), pose[1] + DEFAULT_MOUNT_X * sin(pose[2])
     for reach, bearing in zip(seen, eyes.bearing, strict=True):
         way = pose[2] + bearing
         true = min(to_ring(x, y, way, 1.0 - half), to_ring(x, y, way, 1.0 + half))
-        assert reach == pytest.approx(true, abs=6.0 * FLAT)  # aslant it is further
+        assert reach == pytest.approx(true, abs=6.0 * MAX_CHORD_ERROR)  # aslant it is further
 
 
 @pytest.mark.parametrize("name", TRACKS)
 def test_nothing_is_seen_through_the_boards(name):
     """But at the crossing of the eight, where they end."""
     track = track_named(name)
-    eyes, at = Eyes(track, GymConfig(track=track, beams=36)), np.arange(0, len(track.x), 9)
+    eyes, at = RangeSensor(track, GymConfig(track=track, beams=36)), np.arange(0, len(track.x), 9)
     pose = np.array((track.x[at], track.y[at], track.heading[at]))
     seen = eyes.ranges(pose, np.empty((0, 3, len(at))))
     assert seen.min() > 0.2
-    assert (seen == MOST).mean() <= (0.01 if name == "eight" else 0.0)
+    assert (seen == MAX_RANGE).mean() <= (0.01 if name == "eight" else 0.0)
     assert len(eyes.lines) < 300
 
 
 def test_a_car_ahead_is_seen_and_one_behind_a_board_is_not():
     track = track_named("savoiardo")
-    eyes = Eyes(track, GymConfig(track=track, beams=4))
+    eyes = RangeSensor(track, GymConfig(track=track, beams=4))
     me, gap = np.array((0.3, 0.0, 0.0))[:, None], 1.0
-    rear = 0.3 + DEFAULT_MOUNT_X + gap + 0.5 * BODY.length - BODY.ahead
+    rear = 0.3 + DEFAULT_MOUNT_X + gap + 0.5 * CAR_OUTLINE.length - CAR_OUTLINE.ahead
     ahead = np.array((rear, 0.0, 0.0)).reshape(1, 3, 1)
     alone = eyes.ranges(me, NOBODY)[:, 0]
     seen = eyes.ranges(me, ahead)[:, 0]
@@ -92,7 +99,7 @@ def test_touching_another_car_ends_the_episode():
         env._memory = Memory(s, (0.0, s + gap, 0.0))
         _, reward, terminated, _, info = env.step([0.0, 0.0])
         assert (terminated, bool(info["contact"])) == (touches, touches)
-        assert (reward == OFF_TRACK) is touches
+        assert (reward == OFF_TRACK_REWARD) is touches
 
 
 def test_opponents_drive_on_and_are_caught():

@@ -83,5 +83,5 @@ def test_refusals():
     with pytest.raises(UsageError, match="no track") as refused:
         track_named("ovel")
     assert refused.value.remedy.startswith("oval;")
-    with pytest.raises(UsageError, match="is closed"):
+    with pytest.raises(UsageError, match="must be closed"):
         DartCarEnv(track=Path([(2.0, 0.0)], closed=False))

@@ -8,7 +8,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HEARTBEAT
 from dart_lab.sim.cutoff import Multiplexer, make_wiring
-from dart_lab.sim.pca9685 import Pca9685
+from dart_lab.sim.pca9685 import Pca9685Model
 
 COUNT = 122 / 25e6
 
@@ -101,7 +101,7 @@ def test_silence_before_the_host_is_linked(raw_car):
 
 def test_an_undriven_gate_keeps_the_outputs_off():
     """A Nano in reset, without power or unplugged drives nothing."""
-    pca = Pca9685()
+    pca = Pca9685Model()
     make_wiring("oe", pca)
     for data in (b"\x00\x31", b"\xfe\x79", b"\x00\x21", b"\xfa\x00\x00\x33\x01"):
         pca.write(data, [0.001] * len(data), 0.001)
@@ -113,13 +113,13 @@ def test_an_undriven_gate_keeps_the_outputs_off():
 
 
 def test_a_switch_inside_a_pulse_cuts_it():
-    pca = Pca9685()
+    pca = Pca9685Model()
     mux = make_wiring("mux", pca)
     assert isinstance(mux, Multiplexer)
-    mux.pins([(0.010, "D9", 1), (0.0105, "D5", 1), (0.0115, "D9", 0)])
+    mux.apply_pin_edges([(0.010, "D9", 1), (0.0105, "D5", 1), (0.0115, "D9", 0)])
     assert mux.esc_pulses(1, 0.1) == [(0.010, 0.0105)]
 
 
 def test_unknown_cutoff_is_refused():
     with pytest.raises(UsageError):
-        make_wiring("scissors", Pca9685())
+        make_wiring("scissors", Pca9685Model())

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dart_lab.sim.esc import Mode
+from dart_lab.sim.esc import EscMode
 from dart_lab.sim.hidden import hidden_car
 from dart_lab.sim.imu import Imu, ImuParams, rotation
 from dart_lab.sim.mock_imu import MockImu
@@ -77,7 +77,7 @@ def test_the_world_passes_on_the_yaw_acceleration():
         world = World(car, MockNano())
         world.nano.set_imu = lambda gyro, accel: felt.append(accel[1])
         world.servo.pulse((0.1 - 1.7e-3, 0.1))
-        world.esc.throttle, world.esc.mode = 0.3, Mode.FORWARD
+        world.esc.throttle, world.esc.mode = 0.3, EscMode.FORWARD
         world.esc.check = lambda t: None
         while world.t < 1.5:
             world.advance(1.5)

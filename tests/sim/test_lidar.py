@@ -11,12 +11,12 @@ import pytest
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Mount
 from dart_hal.devices.lidar.packets import LidarDecoder
-from dart_lab.sim.lidar.maps import Room, box
-from dart_lab.sim.lidar.params import LidarParams, hidden_lidar, lidar_of
-from dart_lab.sim.lidar.unit import SimLidar, Unit
+from dart_lab.sim.lidar.maps import RoomMap, box
+from dart_lab.sim.lidar.params import LidarParams, hidden_lidar, parse_lidar
+from dart_lab.sim.lidar.unit import LidarUnit, SimLidar
 
 EXACT = LidarParams(noise=0.0, dropout=0.0, jitter=0.0)
-HALL = Room("hall", box(3.0, 2.0, 0.0, 8.0, 6.0), np.empty((0, 4)), (3.0, 2.0, 0.0))
+HALL = RoomMap("hall", box(3.0, 2.0, 0.0, 8.0, 6.0), np.empty((0, 4)), (3.0, 2.0, 0.0))
 
 
 def standing(t):
@@ -31,7 +31,7 @@ def spinning(rate):
 
 def scans(poses=standing, room=HALL, params=EXACT, seconds=1.0, others=()):
     """Scans as the host makes them, with the true mount."""
-    lidar = SimLidar(Unit(poses, room, params, 1))
+    lidar = SimLidar(LidarUnit(poses, room, params, 1))
     lidar.unit.others += others
     return [s.mounted(params.mount) for s in lidar.poll(seconds)]
 
@@ -74,7 +74,7 @@ def test_a_wrong_mount_is_seen():
 
 def bent(params, rate=3.0, seconds=2.0):
     """rms [m] of a wall 1.5 m beside a car that turns, by each beam's pose, and by one pose."""
-    wall = Room("wall", np.array(((-9.0, 1.5, 9.0, 1.5),)), np.empty((0, 4)), (0.0, 0.0, 0.0))
+    wall = RoomMap("wall", np.array(((-9.0, 1.5, 9.0, 1.5),)), np.empty((0, 4)), (0.0, 0.0, 0.0))
     poses, by_beam, by_scan = spinning(rate), [], []
     for scan in scans(poses, wall, params, seconds)[4:]:
         at = in_room(poses, wall)
@@ -102,15 +102,15 @@ def test_noise_dropouts_and_limits_are_what_is_stated():
     beside = points[np.abs(points[:, 0] - 3.0) < 1.0]
     y = beside[beside[:, 1] > 3.0][:, 1]
     assert y.std() == pytest.approx(0.015, abs=0.001)
-    big = Room("big", box(0.0, 0.0, 0.0, 30.0, 30.0), np.empty((0, 4)), (0.0, 0.0, 0.0))
+    big = RoomMap("big", box(0.0, 0.0, 0.0, 30.0, 30.0), np.empty((0, 4)), (0.0, 0.0, 0.0))
     assert all(np.isnan(s.range).all() for s in scans(room=big))
-    tight = Room("tight", box(0.13, 0.0, 0.0, 0.2, 0.2), np.empty((0, 4)), (0.0, 0.0, 0.0))
+    tight = RoomMap("tight", box(0.13, 0.0, 0.0, 0.2, 0.2), np.empty((0, 4)), (0.0, 0.0, 0.0))
     assert all(np.isnan(s.range[s.range < 0.119]).all() for s in scans(room=tight))
 
 
 def test_glass_gives_nothing_back_and_hides_what_is_behind():
     pane = np.array(((5.0, 1.0, 5.0, 3.0),))
-    scan = scans(room=Room("glass", HALL.lines, pane, HALL.start))[1]
+    scan = scans(room=RoomMap("glass", HALL.lines, pane, HALL.start))[1]
     ahead = np.abs(scan.bearing) < radians(20.0)
     assert np.isnan(scan.range[ahead]).all()
     assert np.isfinite(scan.range[np.abs(scan.bearing) > radians(40.0)]).all()
@@ -129,7 +129,7 @@ def test_another_car_is_seen_where_it_is_when_the_beam_passes():
 
 
 def test_bytes_come_at_the_pace_of_the_line_with_right_checks():
-    unit = Unit(standing, HALL, replace(EXACT, rate=8.25), 1)
+    unit = LidarUnit(standing, HALL, replace(EXACT, rate=8.25), 1)
     came = unit.chunks(2.0)
     decoder = LidarDecoder()
     beams = [len(p.angle) for data, _ in came for p in decoder.feed(data)]
@@ -168,7 +168,7 @@ def test_damaged_bytes_cost_their_packet_alone():
 
 def test_same_seed_same_bytes_and_another_seed_others():
     params = hidden_lidar(4)
-    one, two, other = (b"".join(d for d, _ in Unit(standing, HALL, params, s).chunks(0.5))
+    one, two, other = (b"".join(d for d, _ in LidarUnit(standing, HALL, params, s).chunks(0.5))
                        for s in (4, 4, 5))
     assert one == two != other
 
@@ -176,19 +176,19 @@ def test_same_seed_same_bytes_and_another_seed_others():
 @pytest.mark.parametrize("text", ["2", "colour=1", "rate=x", "rate=8,rate=8", "rate=99", "noise"])
 def test_what_makes_no_sense_is_refused(text):
     with pytest.raises(UsageError):
-        lidar_of(text, 1)
+        parse_lidar(text, 1)
 
 
 def test_what_is_not_stated_is_hidden_in_the_seed():
-    assert lidar_of("0", 1) is None
-    assert lidar_of("1", 7) == hidden_lidar(7) != hidden_lidar(8)
-    assert lidar_of("noise=0", 7) == replace(hidden_lidar(7), noise=0.0)
+    assert parse_lidar("0", 1) is None
+    assert parse_lidar("1", 7) == hidden_lidar(7) != hidden_lidar(8)
+    assert parse_lidar("noise=0", 7) == replace(hidden_lidar(7), noise=0.0)
 
 
 def between(params):
     """Beams that end in front of a wall and behind the board before it, where nothing is."""
     board = np.array(((0.0, 1.0, 1.0, 1.0),))
-    room = Room("board", np.vstack((HALL.lines, board)), HALL.glass, (0.5, 0.0, 0.0))
+    room = RoomMap("board", np.vstack((HALL.lines, board)), HALL.glass, (0.5, 0.0, 0.0))
     ends = np.vstack([scan.points(in_room(standing, room)) for scan in scans(room=room,
                                                                             params=params)])
     inside = (ends[:, 1] > 1.1) & (ends[:, 1] < 4.9) & (ends[:, 0] > -0.9) & (ends[:, 0] < 6.9)

@@ -71,7 +71,8 @@ def test_a_room_is_closed_and_its_start_is_free(name, seed):
     everything = np.vstack((room.lines, room.glass))
     x, y, _ = room.start
     free = {"track": 0.34, "corridor": 0.69, "hall": 0.34, "room": 1.0}
-    assert clearance(everything, x, y) > free.get(name, lanes.HALF - lanes.ASIDE - 0.01)
+    in_lane = lanes.LANE_HALF_WIDTH - lanes.MAX_START_OFFSET - 0.01
+    assert clearance(everything, x, y) > free.get(name, in_lane)
     reach = rays.cast_numpy(everything, np.full((720, 2), (x, y)), directions(720))
     assert reach.max() < 18.0, "a ray leaves the room"
 

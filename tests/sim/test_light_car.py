@@ -21,9 +21,9 @@ from dart_lab.sim.light import (
     LightCar,
     LightConfig,
 )
-from dart_lab.sim.light.chain import make_slew, pieces
+from dart_lab.sim.light.chain import make_slew, split_step
 from dart_lab.sim.light.ops import SCALAR_OPS
-from dart_lab.sim.light.stepper import fineness
+from dart_lab.sim.light.stepper import find_substeps
 
 BARE = LightConfig(sensors=None)
 
@@ -42,7 +42,7 @@ def test_a_step_is_the_step_of_the_equations():
 @pytest.mark.parametrize("steering", [0.0, 0.004, 0.013, 0.025, 0.15])
 def test_pieces_fill_the_step_and_carry_the_delay(throttle, steering):
     """A command given in step 0 acts for one step's length in all, ``delay`` later."""
-    parts = pieces(0.01, throttle, steering)
+    parts = split_step(0.01, throttle, steering)
     assert len(parts) <= 3
     assert sum(p.duration for p in parts) == pytest.approx(0.01, abs=1e-12)
     for name, delay in (("throttle", throttle), ("steering", steering)):
@@ -159,11 +159,11 @@ def test_slow_cars_are_integrated_finely_enough(p):
 
 
 def test_fineness_follows_from_the_vehicle():
-    assert fineness(PAPER, 0.01).parts > 1
-    assert fineness(PAPER, 0.001).parts == 1
-    assert fineness(replace(PAPER, kind="kinematic"), 0.01).parts == 1
+    assert find_substeps(PAPER, 0.01).parts > 1
+    assert find_substeps(PAPER, 0.001).parts == 1
+    assert find_substeps(replace(PAPER, kind="kinematic"), 0.01).parts == 1
     stiff = replace(PAPER, body=replace(PAPER.body, yaw_inertia=PAPER.body.yaw_inertia / 4))
-    assert fineness(stiff, 0.01).parts > fineness(PAPER, 0.01).parts
+    assert find_substeps(stiff, 0.01).parts > find_substeps(PAPER, 0.01).parts
 
 
 def drive(seed, config=None):

@@ -25,7 +25,7 @@ from dart_lab.sim.light import (
     Mocap,
     Sensors,
 )
-from dart_lab.sim.light.effects import COMMANDS
+from dart_lab.sim.light.effects import COMMAND_CHANNELS
 
 STEPS = 150
 WITH_SIGNALS = [name for name, of in catalogue().items() if of.signals]
@@ -186,13 +186,13 @@ def test_parameters_may_change_and_new_sensors_may_not():
     car.advance(0.3, 0.5, 20)
     car.set_vehicle(apply(car.vehicle, "gyro_latency", k=0.05))
     car.drive(0.3, 0.2, 5)
-    with pytest.raises(UsageError, match="look back"):
+    with pytest.raises(UsageError, match="history of the sensors is too short"):
         car.set_vehicle(apply(car.vehicle, "gyro_latency", k=0.09))
-    with pytest.raises(UsageError, match="look back"):
+    with pytest.raises(UsageError, match="history of the sensors is too short"):
         LightCar(UPSTREAM_2024).set_vehicle(apply(UPSTREAM_2024, "gyro_bias", k=0.1))
 
 
 def test_no_command_of_the_catalogue_waits():
     """Else the light simulation would have to refuse it: delays are the vehicle's own."""
-    assert not [n for n, of in catalogue().items() for c in COMMANDS
+    assert not [n for n, of in catalogue().items() for c in COMMAND_CHANNELS
                 if type(of.signals.get(c)).__name__ == "Late"]

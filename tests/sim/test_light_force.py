@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.vehicle import PAPER
 from dart_lab.sim.light import Disturbance, LightBatch, LightConfig
-from dart_lab.sim.light.force import Kicker
+from dart_lab.sim.light.force import RandomForce
 
 CARS = 4000
 SIGMA = 0.05
@@ -57,7 +57,7 @@ def test_noise_without_the_root_of_the_step_would_fail():
 @pytest.mark.parametrize("step", STEPS)
 def test_a_correlated_force_has_its_size_and_its_memory(step):
     rng = np.random.default_rng(3)
-    kick = Kicker(Disturbance(0.12, 0.12, 0.15), 1.5, step)
+    kick = RandomForce(Disturbance(0.12, 0.12, 0.15), 1.5, step)
     kick.force = kick.start(rng.standard_normal((2, CARS)))
     state = tuple(np.zeros((8, CARS)))
     first = kick.force[0].copy()

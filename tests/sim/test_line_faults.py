@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_hal.core.errors import UsageError
-from dart_lab.sim.faults import Latency, Line, LineFaults, jitter
+from dart_lab.sim.faults import Latency, Line, LineFaults, latency_model
 
 
 @given(data=st.lists(st.binary(max_size=60), max_size=20))
@@ -19,7 +19,7 @@ def test_a_perfect_line_changes_nothing(data):
 
 @given(seed=st.integers(0, 1000))
 def test_a_seed_repeats_itself(seed):
-    faults, latency = LineFaults(1e-3, 0.01, 0.01, 0.001), jitter("usb")
+    faults, latency = LineFaults(1e-3, 0.01, 0.01, 0.001), latency_model("usb")
     lines = [Line(faults, latency, (seed,)) for _ in range(2)]
     results = [[line.carry(bytes(range(40)), k * 0.01) for k in range(30)] for line in lines]
     assert results[0] == results[1]
@@ -62,5 +62,5 @@ def test_order_is_never_broken():
 
 def test_unknown_jitter_lists_the_known():
     with pytest.raises(UsageError) as caught:
-        jitter("bluetooth")
+        latency_model("bluetooth")
     assert "usb" in caught.value.expected

@@ -12,7 +12,7 @@ import pytest
 from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
 from dart_lab.sim.backend import open_sim
-from dart_lab.sim.mocap import MocapParams, SimMocap, hidden_mocap, mocap_of
+from dart_lab.sim.mocap import MocapParams, SimMocap, hidden_mocap, parse_mocap
 from dart_lab.sim.truth import reveal_url
 from dart_lab.sim.world import Truth
 
@@ -126,8 +126,8 @@ def test_a_seed_hides_its_marker_and_seed_0_hides_nothing():
 
 
 def test_a_given_number_replaces_the_hidden_one():
-    assert mocap_of("rate=50,lx=-0.1", 3) == replace(hidden_mocap(3), rate=50.0, lx=-0.1)
-    assert mocap_of("0", 3) is None
+    assert parse_mocap("rate=50,lx=-0.1", 3) == replace(hidden_mocap(3), rate=50.0, lx=-0.1)
+    assert parse_mocap("0", 3) is None
 
 
 @pytest.mark.parametrize("text", ["2", "rate", "rate=0", "rate=nan", "noise=-1", "rate=9,rate=9",

@@ -17,7 +17,7 @@ from dart_hal.core.errors import EmulatorMissing
 from dart_hal.wire import messages as m
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
-from dart_lab.sim.eeprom import preset
+from dart_lab.sim.eeprom import make_eeprom
 from dart_lab.sim.mock_nano import MockNano
 from dart_lab.sim.ring import uneven_ring
 
@@ -68,16 +68,17 @@ def both():
     from dart_hal.devices.links.emulator import EmulatedNano
 
     try:
-        nano = EmulatedNano(eeprom=preset(5))
+        nano = EmulatedNano(eeprom=make_eeprom(5))
     except EmulatorMissing as missing:
         pytest.skip(f"no emulator: {missing.what}")
     firmware = scenario(nano)
     nano.close()
     phase = of(firmware, "STATE")[1]["t_ck"] % 20_000
-    raw = {s["enc_count"]: s["enc_t_ck"] for s in of(scenario(MockNano(eeprom=preset(5))), "STATE")}
+    states = of(scenario(MockNano(eeprom=make_eeprom(5))), "STATE")
+    raw = {s["enc_count"]: s["enc_t_ck"] for s in states}
     late = median(raw[s["enc_count"]] - s["enc_t_ck"] for s in of(firmware, "STATE")
                   if s["enc_count"] in raw)
-    mock = scenario(MockNano(eeprom=preset(5), slot_phase=phase, timer_start=late * 0.5e-6))
+    mock = scenario(MockNano(eeprom=make_eeprom(5), slot_phase=phase, timer_start=late * 0.5e-6))
     return firmware, mock
 
 

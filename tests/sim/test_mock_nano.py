@@ -9,8 +9,8 @@ import pytest
 from dart_hal.wire import messages as m
 from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
-from dart_lab.sim.mock_nano import TO_UART, MockNano
-from dart_lab.sim.mock_supervisor import Output, Supervisor
+from dart_lab.sim.mock_nano import LATCH_TO_UART, MockNano
+from dart_lab.sim.mock_supervisor import MockSupervisor, OutputState
 
 
 class Talk:
@@ -74,7 +74,7 @@ def test_frames_take_their_time_on_the_line():
     for frame, end in zip(talk.frames, talk.ends, strict=True):
         if frame.message.name == "STATE":
             latch = frame.as_si()["t_ck"]
-            assert end - latch == pytest.approx(TO_UART + 44 * 20e-6, abs=25e-6)
+            assert end - latch == pytest.approx(LATCH_TO_UART + 44 * 20e-6, abs=25e-6)
 
 
 def test_boot_says_hello_three_times_and_on_request():
@@ -187,20 +187,20 @@ def test_output_goes_live_and_trips_without_beats():
     talk = Talk().run(0.3)
     token = talk.nano.nonce
     talk.run(0.7, beat(token, 0))
-    assert talk.nano.supervisor.state is Output.LINKED
+    assert talk.nano.supervisor.state is OutputState.LINKED
     talk.run(0.1, beat(token, 1))
-    assert talk.nano.supervisor.state is Output.LIVE
+    assert talk.nano.supervisor.state is OutputState.LIVE
     live = 1 << m.STATE_FLAGS.index("OUTPUT_LIVE")
     assert talk.of("STATE")[-1]["flags"] & live
     talk.run(0.13)
-    assert talk.nano.supervisor.state is Output.TRIPPED
+    assert talk.nano.supervisor.state is OutputState.TRIPPED
     assert talk.of("STATE")[-1]["flags"] & (1 << m.STATE_FLAGS.index("TRIPPED"))
 
 
 def test_another_boot_s_token_never_arms():
     talk = Talk().run(0.3)
     talk.run(2.0, beat(talk.nano.nonce ^ 1, 1))
-    assert talk.nano.supervisor.state is Output.IDLE
+    assert talk.nano.supervisor.state is OutputState.IDLE
     assert talk.of("STATE")[-1]["flags"] & (1 << m.STATE_FLAGS.index("BEAT_OK"))
 
 
@@ -212,24 +212,24 @@ def good_beats(s, t, seconds, mode):
 
 
 def test_third_trip_in_a_minute_locks():
-    s, t = Supervisor(7), 0.0
+    s, t = MockSupervisor(7), 0.0
     for _ in range(3):
         t = good_beats(s, t, 0.6, 0)
         t = good_beats(s, t, 0.1, 1)
-        assert s.state is Output.LIVE
+        assert s.state is OutputState.LIVE
         t += 0.2
         s.check(t)
-    assert s.state is Output.LOCKED
+    assert s.state is OutputState.LOCKED
     good_beats(s, t, 2.0, 0)
-    assert s.state is Output.LOCKED
+    assert s.state is OutputState.LOCKED
 
 
 def test_tripped_needs_half_a_second_of_disarmed_beats():
-    s = Supervisor(7)
+    s = MockSupervisor(7)
     t = good_beats(s, 0.0, 0.6, 0)
     t = good_beats(s, t, 0.1, 1) + 0.2
     s.check(t)
     t = good_beats(s, t, 1.0, 1)
-    assert s.state is Output.TRIPPED
+    assert s.state is OutputState.TRIPPED
     good_beats(s, t, 0.6, 0)
-    assert s.state is Output.LINKED
+    assert s.state is OutputState.LINKED

@@ -8,7 +8,7 @@ import pytest
 
 from dart_hal.core.errors import UsageError
 from dart_lab.sim.bus import VirtualBus
-from dart_lab.sim.pca9685 import Pca9685, high_counts
+from dart_lab.sim.pca9685 import Pca9685Model, high_counts
 
 COUNT = 122 / 25e6
 FRAME = 4096 * COUNT
@@ -20,7 +20,7 @@ class Bench:
 
     def __init__(self, **options):
         self.t = 0.0
-        self.pca = Pca9685(**options)
+        self.pca = Pca9685Model(**options)
         self.bus = VirtualBus(lambda: self.t, [self.pca])
 
     def write(self, *data, address=0x40):
@@ -170,7 +170,7 @@ def test_new_count_in_the_running_frame_or_the_next(update):
 
 def test_unknown_update_rule_is_refused():
     with pytest.raises(UsageError):
-        Pca9685(update="never")
+        Pca9685Model(update="never")
 
 
 @pytest.mark.parametrize(("led", "counts"), [

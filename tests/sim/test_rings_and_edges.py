@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dart_lab.sim.mock_encoder import MockEncoder
-from dart_lab.sim.ring import even_ring, twice_round, uneven_ring, worn_ring
+from dart_lab.sim.ring import double_ring, even_ring, uneven_ring, wear_ring
 
 
 def ticks(t):
@@ -114,7 +114,7 @@ def test_rocking_on_a_mark_counts_each_passage():
 @pytest.mark.parametrize(("missing", "uneven"), [(0.1, 0.0), (0.25, 0.2), (-0.1, 0.0), (0.0, 0.5)])
 def test_a_worn_ring_has_the_density_of_the_effect(missing, uneven, phase):
     """Marks passed from the start, against the integral that the effect's signal uses."""
-    worn = worn_ring(even_ring(1000), missing, uneven, phase)
+    worn = wear_ring(even_ring(1000), missing, uneven, phase)
 
     def passed(turn):
         u = turn + phase
@@ -131,8 +131,8 @@ def test_a_worn_ring_has_the_density_of_the_effect(missing, uneven, phase):
 
 
 def test_two_turns_as_one_have_the_same_edges():
-    ring = worn_ring(even_ring(20), 0.05, 0.1, 0.2)
+    ring = wear_ring(even_ring(20), 0.05, 0.1, 0.2)
     assert ring.n == 19
-    double = twice_round(ring)
+    double = double_ring(ring)
     turns = [2.0 * e for e in double.edges]
     assert turns == pytest.approx([*ring.edges, *(e + 1.0 for e in ring.edges)])

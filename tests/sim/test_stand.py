@@ -11,8 +11,8 @@ from dart_hal.car import Car
 from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle.friction import make_friction
 from dart_lab.sim.hidden import hidden_car
-from dart_lab.sim.motion import Drive
-from dart_lab.sim.stand import Stand
+from dart_lab.sim.motion import MotorForce
+from dart_lab.sim.stand import LiftedCar
 from dart_lab.sim.truth import world_of
 
 TICK = 1e-3
@@ -21,7 +21,7 @@ URL = "sim://?nano=mock&seed=3"
 
 def stand(seed=3, tick=TICK, **options):
     car = hidden_car(seed)
-    return car, Stand(car, Drive(car.vehicle), tick, **options)
+    return car, LiftedCar(car, MotorForce(car.vehicle), tick, **options)
 
 
 @pytest.mark.parametrize("throttle", [0.25, 0.6, -0.5])
@@ -29,8 +29,8 @@ def test_at_a_steady_speed_the_pull_is_the_drive_trains_friction(throttle):
     car, wheels = stand()
     for _ in range(5000):
         speed = wheels.step(throttle, 0.0)
-    drive = Drive(car.vehicle)
-    drive.set(throttle)
+    drive = MotorForce(car.vehicle)
+    drive.set_throttle(throttle)
     friction = car.drivetrain * make_friction(car.vehicle.friction)(speed)
     assert drive.k0 - drive.k1 * speed == pytest.approx(-friction, abs=1e-5)
     assert math.copysign(1.0, speed) == math.copysign(1.0, throttle)

@@ -8,11 +8,11 @@ import pytest
 
 from dart_hal.core.ports import Bus
 from dart_lab.sim.bus import VirtualBus
-from dart_lab.sim.pca9685 import Pca9685
+from dart_lab.sim.pca9685 import Pca9685Model
 
 
 def make(now=lambda: 0.0):
-    return VirtualBus(now, [Pca9685()])
+    return VirtualBus(now, [Pca9685Model()])
 
 
 def test_has_the_shape_of_a_bus():

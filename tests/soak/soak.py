@@ -30,9 +30,9 @@ from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.frame import Frame
 from dart_hal.wire.ledger import MASK32, T_CK, parse_boot
 from dart_hal.wire.messages import HELLO, STATE
-from dart_lab.sim.failure_kinds import KINDS
+from dart_lab.sim.failure_kinds import FAILURE_KINDS
 from dart_lab.sim.pwm_output import Pulse
-from dart_lab.sim.world import THROTTLE
+from dart_lab.sim.world import THROTTLE_CHANNEL
 
 CYCLE = 16.0
 QUIET = 9.0
@@ -107,7 +107,7 @@ class Report:
 def plan(seed: int, seconds: float, nano: str) -> list[str]:
     """The faults as ``fail=`` of a simulated car names them."""
     rng = Random(seed)
-    kinds = sorted(k for k in KINDS if _can(k, nano))
+    kinds = sorted(k for k in FAILURE_KINDS if _can(k, nano))
     faults = []
     for cycle in range(1, int(seconds / CYCLE)):
         begin = cycle * CYCLE
@@ -225,7 +225,7 @@ class Pins:
         self._mode = car.mode
 
     def __call__(self, channel: int, pulse: Pulse) -> None:
-        if channel != THROTTLE:
+        if channel != THROTTLE_CHANNEL:
             return
         rise, fall = pulse
         self._report.pulses += 1
@@ -352,7 +352,7 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--until", type=float, help="s: repeat a finding up to here")
     wish = parser.parse_args(arguments)
 
-    dart_lab.sim.world._KEEP = KEPT
+    dart_lab.sim.world._MAX_RECORDS = KEPT
 
     def bar(share: float) -> None:
         full = round(40 * share)

@@ -18,15 +18,15 @@ from soak import CYCLE, QUIET, Pins, Report, plan
 
 from dart_hal.core.errors import EmulatorMissing
 from dart_hal.wire.ledger import SequenceTracker
-from dart_lab.sim.failures import parse
-from dart_lab.sim.world import THROTTLE
+from dart_lab.sim.failures import parse_failure
+from dart_lab.sim.world import THROTTLE_CHANNEL
 
 MINUTES = 5
 
 
 @pytest.fixture(autouse=True)
 def the_world_forgets_no_truth_of_other_tests(monkeypatch):
-    monkeypatch.setattr("dart_lab.sim.world._KEEP", soak.KEPT)
+    monkeypatch.setattr("dart_lab.sim.world._MAX_RECORDS", soak.KEPT)
 
 
 def check(report):
@@ -56,7 +56,7 @@ def test_five_minutes_with_the_firmware(cutoff):
 
 
 def test_one_fault_a_second_with_time_to_arm_in_between():
-    faults = [parse(f) for f in plan(7, 3600.0, "avr")]
+    faults = [parse_failure(f) for f in plan(7, 3600.0, "avr")]
     assert plan(7, 3600.0, "avr") == plan(7, 3600.0, "avr") != plan(8, 3600.0, "avr")
     assert len(faults) >= 0.99 * 3600.0
     assert len({(f.target, f.kind) for f in faults}) > 12
@@ -96,9 +96,9 @@ def test_the_law_of_the_pin(mode, rise, us, breaks):
     report = Report("")
     pins = Pins(car, 0.14, report)
     pins.commanded = 1.0
-    pins(THROTTLE, (1.0, 1.0016))
+    pins(THROTTLE_CHANNEL, (1.0, 1.0016))
     car.mode = mode
-    pins(THROTTLE, (rise, rise + us * 1e-6))
+    pins(THROTTLE_CHANNEL, (rise, rise + us * 1e-6))
     assert bool(report.broken) is breaks
 
 

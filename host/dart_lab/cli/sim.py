@@ -17,7 +17,7 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.devices.links.pty import Pty
-from dart_lab.sim.failures import parse as parse_failure
+from dart_lab.sim.failures import parse_failure as parse_failure
 from dart_lab.sim.serve import BusServer, PacedWorld
 from dart_lab.sim.truth import reveal_url
 

@@ -1,22 +1,26 @@
 """``sim://``: a whole car in this process, in virtual time.
 
-Options: ``seed`` N >= 0 (0 or none: the nominal car; else a hidden one),
-``nano`` avr (firmware in the emulator) or mock, ``model`` dynamic or
-kinematic, ``ring`` even or hidden, ``rings`` 1 or 2 that the Nano counts,
-``jitter`` none, usb, busy or ftdi,
-``ber`` bit error rate of the line upwards, ``cutoff`` none, oe or mux (the
-hardware cut-off that the car is wired with), ``boot`` none, old or optiboot
-(what comes between a reset of the Nano and its program), ``fail`` a list of
-failures separated by commas (``dart_lab.sim.failures``), ``tick`` 1 or, for long runs
-of the kinematic model, 10 ms, ``vehicle`` a model.toml or the name of a
-shipped set that the car really is, ``effect`` what it has beyond it, such as
-``steering_lag:0.06,encoder_ring:missing=0.1`` (docs/reference/effects.md), ``mocap``
-1 or, for example, ``rate=50,lock=2``: a motion capture sees the car
-(``dart_lab.sim.mocap``), ``lidar`` 1 or, for example, ``rate=8,noise=0.01``: a lidar on the car
-(``dart_lab.sim.lidar``), in the room ``map``, ``camera`` top: a camera below the ceiling sees
-the car (``dart_lab.sim.camera``), ``pace`` 1: real time, the world does not wait
-for its program, ``world`` a name: cars of this process that name the same one see each other's
-bodies (``dart_lab.sim.arena``), ``at`` X,Y,YAW: where in the room the car begins.
+Options:
+
+- ``seed`` N >= 0: 0 or none the nominal car, else a hidden one
+- ``nano``: avr (firmware in the emulator) or mock
+- ``physics``: dynamic or kinematic
+- ``ring``: even or hidden; ``rings``: 1 or 2 that the Nano counts
+- ``jitter``: none, usb, busy or ftdi; ``ber``: bit error rate from the Nano to the host
+- ``cutoff``: none, oe or mux, the hardware cut-off between board and ESC
+- ``boot``: none, old or optiboot, the bootloader of the Nano
+- ``fail``: failures separated by commas (``dart_lab.sim.failures``)
+- ``tick``: 1, or 10 for long runs of the kinematic model [ms]
+- ``vehicle``: a model.toml or the name of a shipped set, the true vehicle
+- ``effect``: further effects, such as ``steering_lag:0.06,encoder_ring:missing=0.1``
+  (docs/reference/effects.md)
+- ``mocap``: 1 or, for example, ``rate=50,lock=2``, a motion capture (``dart_lab.sim.mocap``)
+- ``lidar``: 1 or, for example, ``rate=8,noise=0.01``, a lidar (``dart_lab.sim.lidar``)
+- ``map``: the room of lidar and camera
+- ``camera``: top, a camera at the ceiling (``dart_lab.sim.camera``)
+- ``pace`` 1: real time, the world does not wait for the program
+- ``world``: a name, shared by cars of this process that see each other (``dart_lab.sim.arena``)
+- ``at`` X,Y,YAW: start pose in the room
 """
 
 from __future__ import annotations
@@ -31,128 +35,138 @@ from dart_hal.devices.links.base import Backend
 from dart_hal.devices.links.boot import BOOTS, STARTUP, BootWait
 from dart_hal.devices.links.image import BOOTLOADER
 from dart_hal.devices.links.paced import PacedBus, PacedImages, PacedLink, PacedPoses, PacedScans
-from dart_lab.sim.arena import contacts_of, enter, room_seed, start_of
+from dart_lab.sim.arena import contacts_with, enter_arena, parse_start, room_seed
 from dart_lab.sim.camera import TopView
 from dart_lab.sim.car_file import car_toml
-from dart_lab.sim.cutoff import CUTOFFS, FLAWED
-from dart_lab.sim.drawn import car_of, choice
-from dart_lab.sim.eeprom import preset
-from dart_lab.sim.failures import parse, schedule, silences
-from dart_lab.sim.faults import Line, LineFaults, jitter
+from dart_lab.sim.cutoff import CUTOFFS, FLAWED_WIRINGS
+from dart_lab.sim.drawn import parse_choice, resolve_car
+from dart_lab.sim.eeprom import make_eeprom
+from dart_lab.sim.failures import parse_failure, schedule_failures, silent_intervals
+from dart_lab.sim.faults import Line, LineFaults, latency_model
 from dart_lab.sim.hidden import HiddenCar
-from dart_lab.sim.lidar.maps import Room, room_of
-from dart_lab.sim.lidar.params import LidarParams, lidar_of
-from dart_lab.sim.lidar.unit import SimLidar, Unit
+from dart_lab.sim.lidar.maps import RoomMap, room_of
+from dart_lab.sim.lidar.params import LidarParams, parse_lidar
+from dart_lab.sim.lidar.unit import LidarUnit, SimLidar
 from dart_lab.sim.link import SimClock, SimLink
-from dart_lab.sim.mocap import MocapParams, SimMocap, mocap_of
+from dart_lab.sim.mocap import MocapParams, SimMocap, parse_mocap
 from dart_lab.sim.mock_nano import MockNano
 from dart_lab.sim.nano import Nano
 from dart_lab.sim.workshop import SimWorkshop
 from dart_lab.sim.world import World
 
-OPTIONS = ("seed", "nano", "physics", "ring", "rings", "jitter", "ber", "cutoff", "boot", "fail",
-           "tick", "vehicle", "effect", "mocap", "lidar", "camera", "map", "pace", "world", "at")
+URL_OPTIONS = ("seed", "nano", "physics", "ring", "rings", "jitter", "ber", "cutoff", "boot",
+               "fail", "tick", "vehicle", "effect", "mocap", "lidar", "camera", "map", "pace",
+               "world", "at")
 
 
 def open_sim(url: Url) -> Backend:
     """Open a simulated car. Raises UsageError, EmulatorMissing (nano=avr only)."""
-    url.known(*OPTIONS, old=("model",))
+    url.known(*URL_OPTIONS, old=("model",))
     if url.target not in ("", "/"):
         raise UsageError("sim:// takes options only", found=url.text,
                          expected="sim://?seed=1&nano=mock")
-    drawn = car_of(url)
-    car = drawn.true
+    resolved = resolve_car(url)
+    car = resolved.true
     cutoff = url.options.get("cutoff", "none")
-    fitted = cutoff.partition("-")[0] if cutoff in FLAWED else choice(url, "cutoff", *CUTOFFS)
+    fitted = (cutoff.partition("-")[0] if cutoff in FLAWED_WIRINGS
+              else parse_choice(url, "cutoff", *CUTOFFS))
     params = {"safety_out": CUTOFFS[fitted]} if fitted and fitted != "none" else {}
-    rings = int(choice(url, "rings", "1", "2") or 1)
+    rings = int(parse_choice(url, "rings", "1", "2") or 1)
     if rings == 2:
         params["ring_b"] = 1
-    nano, notices = _nano(url, car, preset(car.board_id, params))
-    world = World(car, nano, drawn.model, _tick(url, drawn.model), cutoff)
-    failures = [parse(text) for text in url.options.get("fail", "").split(",") if text]
-    schedule(world, failures)
-    latency = jitter(url.options.get("jitter", "none"))
-    silence = silences(failures)
-    up = LineFaults(bit_error=_number(url, "ber", 0.0), silence=silence)
+    nano, notices = _make_nano(url, car, make_eeprom(car.board_id, params))
+    world = World(car, nano, resolved.model, _parse_tick(url, resolved.model), cutoff)
+    failures = [parse_failure(text) for text in url.options.get("fail", "").split(",") if text]
+    schedule_failures(world, failures)
+    latency = latency_model(url.options.get("jitter", "none"))
+    silence = silent_intervals(failures)
+    # Bit errors are in the direction to the host; silence and latency are in both.
+    up = LineFaults(bit_error=_parse_share(url, "ber", 0.0), silence=silence)
     world.lines = (Line(up, latency, (car.seed, 200)),
                    Line(LineFaults(silence=silence), latency, (car.seed, 300)))
     link = SimLink(world, *world.lines)
     mocap = mocap_in_room(url, car.seed)
     lidar = lidar_in_room(url, car.seed)
-    pace = choice(url, "pace", "1")
-    place = enter(url, car.name)
+    pace = parse_choice(url, "pace", "1")
+    place = enter_arena(url, car.name)
     backend = Backend(url=url, link=link, clock=SimClock(link), bus=world.bus, virtual=True,
                       simulated=True, car=car.name,
-                      car_toml=car_toml(drawn.base, drawn.body, rings),
-                      notices=notices + drawn.notices, workshop=SimWorkshop(world),
+                      car_toml=car_toml(resolved.base, resolved.body, rings),
+                      notices=notices + resolved.notices, workshop=SimWorkshop(world),
                       poses=None if mocap is None else SimMocap(world, mocap),
                       lidar=None if lidar is None else SimLidar(
-                          Unit(world.poses, lidar[1], lidar[0], car.seed)))
+                          LidarUnit(world.poses, lidar[1], lidar[0], car.seed)))
     if place is not None:
         world.trail = place.trail
-        backend.contacts, backend.closers = contacts_of(place), (place.leave,)
+        backend.contacts = contacts_with(place)
+        backend.closers = (place.leave,)
         if isinstance(backend.lidar, SimLidar):
-            backend.lidar.unit.others.append(place.others)
+            backend.lidar.unit.others.append(place.visible_outlines)
+
     def top() -> TopView:
-        return TopView(world.poses, room_in_view(url, car.seed), _begins(url, car.seed),
-                       place.others if place else None)
+        return TopView(world.poses, room_in_view(url, car.seed), _start_pose(url, car.seed),
+                       place.visible_outlines if place else None)
 
     backend.cameras = {"top": top}
-    if choice(url, "camera", "0", "top") == "top":
+    if parse_choice(url, "camera", "0", "top") == "top":
         backend.camera = top()
-    return _in_real_time(backend, link, world, top) if pace else backend
+    return _pace_backend(backend, link, world, top) if pace else backend
 
 
 def mocap_in_room(url: Url, seed: int) -> MocapParams | None:
-    """The motion capture of a URL, None without one; that of a world of several cars is the room's,
-    so that their poses compare. Raises UsageError."""
-    params = mocap_of(url.options.get("mocap", "0"), seed)
-    start = start_of(url)
+    """Return the motion capture of a URL, None without one. Raises UsageError.
+
+    Cars of one world share the frame of their room, so that their poses can be compared.
+    """
+    params = parse_mocap(url.options.get("mocap", "0"), seed)
+    start = parse_start(url)
     if params is None or start is None or "world" not in url.options:
         return params
     x, y, yaw = start
     return replace(params, x=x, y=y, yaw=yaw)
 
 
-def lidar_in_room(url: Url, seed: int) -> tuple[LidarParams, Room] | None:
-    """The lidar of a URL and the room that it is in, None without one. Raises UsageError."""
-    params, name = lidar_of(url.options.get("lidar", "0"), seed), url.options.get("map")
+def lidar_in_room(url: Url, seed: int) -> tuple[LidarParams, RoomMap] | None:
+    """Return the lidar of a URL and its room, None without a lidar. Raises UsageError."""
+    params = parse_lidar(url.options.get("lidar", "0"), seed)
+    name = url.options.get("map")
     if params is None:
-        if name is not None and not _filmed(url):
-            raise UsageError("a map without a lidar that sees it", found=url.text,
+        if name is not None and not _has_top_camera(url):
+            raise UsageError("map= needs a lidar or a camera", found=url.text,
                              expected=f"lidar=1&map={name}")
-        if start_of(url) is not None and "world" not in url.options and not _filmed(url):
-            raise UsageError("a place in a room that nobody sees", found=url.text,
+        if parse_start(url) is not None and "world" not in url.options and not _has_top_camera(url):
+            raise UsageError("at= needs a lidar, a camera or a world", found=url.text,
                              expected="at=X,Y,YAW with lidar=1, or with world=NAME")
         return None
-    room, start = room_of(name or "room", room_seed(url, seed)), start_of(url)
+    room = room_of(name or "room", room_seed(url, seed))
+    start = parse_start(url)
     return params, room if start is None else replace(room, start=start)
 
 
-def _filmed(url: Url) -> bool:
+def _has_top_camera(url: Url) -> bool:
     return url.options.get("camera") == "top"
 
 
-def room_in_view(url: Url, seed: int) -> Room | None:
-    """The room of a car that has a lidar, or names a map; None without. Raises UsageError."""
-    seen = lidar_in_room(url, seed)
-    if seen is not None:
-        return seen[1]
-    name, start = url.options.get("map"), start_of(url)
+def room_in_view(url: Url, seed: int) -> RoomMap | None:
+    """Return the room of a car with a lidar or a map, None without. Raises UsageError."""
+    lidar = lidar_in_room(url, seed)
+    if lidar is not None:
+        return lidar[1]
+    name = url.options.get("map")
+    start = parse_start(url)
     if name is None:
         return None
     room = room_of(name, room_seed(url, seed))
     return room if start is None else replace(room, start=start)
 
 
-def _begins(url: Url, seed: int) -> tuple[float, float, float]:
-    """Where in its room a car begins."""
+def _start_pose(url: Url, seed: int) -> tuple[float, float, float]:
+    """Return the start x, y [m], yaw [rad] of a car in its room."""
     room = room_in_view(url, seed)
-    return room.start if room is not None else start_of(url) or (0.0, 0.0, 0.0)
+    return room.start if room is not None else parse_start(url) or (0.0, 0.0, 0.0)
 
 
-def _in_real_time(backend: Backend, link: SimLink, world: World,
+def _pace_backend(backend: Backend, link: SimLink, world: World,
                   top: Callable[[], TopView]) -> Backend:
     paced = PacedLink(link, lambda: link.now, link.sleep)
     return replace(backend, link=paced, clock=paced, bus=PacedBus(world.bus, paced),
@@ -163,24 +177,24 @@ def _in_real_time(backend: Backend, link: SimLink, world: World,
                    workshop=SimWorkshop(world, paced.lock))
 
 
-def _nano(url: Url, car: HiddenCar, eeprom: bytes) -> tuple[Nano, tuple[str, ...]]:
-    """The emulated firmware, or MockNano with the reason as a notice."""
-    wanted = choice(url, "nano", "avr", "mock")
-    boot = choice(url, "boot", *BOOTS) or "none"
+def _make_nano(url: Url, car: HiddenCar, eeprom: bytes) -> tuple[Nano, tuple[str, ...]]:
+    """Open the emulated firmware, or MockNano with the reason as a notice."""
+    kind = parse_choice(url, "nano", "avr", "mock")
+    boot = parse_choice(url, "boot", *BOOTS) or "none"
     notices: tuple[str, ...] = ()
-    if wanted != "mock":
+    if kind != "mock":
         try:
-            return _emulated(car.clock_error, eeprom, boot), ()
+            return _open_emulator(car.clock_error, eeprom, boot), ()
         except EmulatorMissing as error:
-            if wanted == "avr":
+            if kind == "avr":
                 raise
-            notices = (f"MockNano instead of the firmware: {error.what}. Results with it say "
-                       f"nothing about the firmware; to get it: {error.remedy}",)
+            notices = (f"MockNano instead of the firmware: {error.what}. Its results do not hold "
+                       f"for the firmware; to get it: {error.remedy}",)
     return MockNano(clock_error=car.clock_error, eeprom=eeprom, boot=BOOTS[boot]), notices
 
 
-def _emulated(clock_error: float, eeprom: bytes, boot: str) -> Nano:
-    """Opening its port resets a Nano that has a bootloader, as DTR does."""
+def _open_emulator(clock_error: float, eeprom: bytes, boot: str) -> Nano:
+    """Open the emulated firmware; a Nano with a bootloader is reset, as by DTR of a real port."""
     try:
         from dart_hal.devices.links.emulator import EmulatedNano
     except ImportError as error:
@@ -194,16 +208,16 @@ def _emulated(clock_error: float, eeprom: bytes, boot: str) -> Nano:
     return nano
 
 
-def _tick(url: Url, model: str) -> float:
-    tick = choice(url, "tick", "1", "10") or "1"
+def _parse_tick(url: Url, model: str) -> float:
+    tick = parse_choice(url, "tick", "1", "10") or "1"
     if tick == "10" and model != "kinematic":
         raise UsageError("tick=10 is too coarse for tyres at walking pace", found=url.text,
                          expected="physics=kinematic with it")
     return int(tick) * 1e-3
 
 
-def _number(url: Url, name: str, default: float) -> float:
-    """A share from 0 to 1."""
+def _parse_share(url: Url, name: str, default: float) -> float:
+    """Return an option that is a number from 0 to 1."""
     text = url.options.get(name)
     try:
         value = default if text is None else float(text)

@@ -1,8 +1,7 @@
-"""The car.toml that comes with a simulated car: what its builder would know.
+"""The car.toml of a simulated car: what its builder would know.
 
-Nominal values of the drawings, never the hidden ones. The PWM clock is the
-exception: a simulated car starts with a clock that somebody has measured
-with a logic analyser, so that it may be armed without a waiver.
+It has the nominal values of the drawings, never the hidden ones. The PWM clock is the exception: it
+is given as measured with a logic analyser, so that the car can be armed without a waiver.
 """
 
 from __future__ import annotations
@@ -13,12 +12,12 @@ from dart_hal.vehicle import PAPER, Body
 from dart_lab.sim.hidden import HiddenCar, hidden_car
 from dart_lab.sim.ring import GEAR_REVOLUTION, RING_A, RING_B
 
+# Relative error of the travel per edge: callipers on a tyre, 0.14 of 46.6 mm.
 TYRE_STD = 0.003
-"""Relative error of the travel per edge: callipers on a tyre, 0.14 of 46.6 mm."""
+# Relative error of the clock measurement: a logic analyser's crystal.
 CLOCK_STD = 1e-4
-"""Relative error of the clock measurement: a logic analyser's crystal."""
 
-_TEXT = """\
+_CAR_TOML = """\
 schema = "dart-hal/car/1"
 name = "{name}"
 
@@ -64,14 +63,16 @@ y = 0.0
 
 
 def car_toml(car: HiddenCar, body: Body = PAPER.body, rings: int = 1) -> str:
-    """Text of the file, of a car whose Nano counts that many rings; the clock's error is drawn
-    from the seed, none for seed 0."""
+    """Return the text of the file; rings: how many the Nano counts.
+
+    The error of the measured clock is drawn from the seed; seed 0 has none.
+    """
     hertz = car.oscillator_hz
     if car.seed:
         rng = np.random.default_rng([car.seed, 50])
         hertz *= 1.0 + CLOCK_STD * float(np.clip(rng.normal(), -2.5, 2.5))
     per_edge = GEAR_REVOLUTION / RING_A
-    return _TEXT.format(
+    return _CAR_TOML.format(
         name=car.name, rings=rings, wheelbase=body.wheelbase, l_f=body.l_f, l_r=body.l_r,
         mass=body.mass, inertia=body.yaw_inertia, center=car.servo.center_us,
         span=car.servo.span_us,
@@ -80,5 +81,5 @@ def car_toml(car: HiddenCar, body: Body = PAPER.body, rings: int = 1) -> str:
 
 
 def typical_car_toml() -> str:
-    """That of one car, the same on every computer: what a drive is planned for without a car."""
+    """Return the file of the nominal car, for which drives are planned without a car."""
     return car_toml(hidden_car(0))

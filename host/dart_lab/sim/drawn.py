@@ -1,4 +1,4 @@
-"""Which car a ``sim://`` URL means: drawn by its seed, of a vehicle, with effects."""
+"""The simulated car of a ``sim://`` URL: drawn from the seed, with a vehicle and effects."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from dart_hal.vehicle.effect import ActiveEffect
 from dart_hal.vehicle.effects import add_effects, parse_effects
 from dart_hal.vehicle.load import find_model
 from dart_lab.sim.hidden import HiddenCar, hidden_car
-from dart_lab.sim.true_car import only_mocap, with_effects, with_vehicle
+from dart_lab.sim.true_car import affects_mocap_only, apply_effects, replace_vehicle
 
 
 @dataclass(frozen=True, slots=True)
-class Drawn:
-    """The car of a URL: without effects, as it really is, its effects, and how it moves.
+class ResolvedCar:
+    """The car of a URL: ``base`` without effects, ``true`` with them.
 
-    body: what its builder has measured; notices: what of a file it cannot have.
+    effects: those of the URL and of the vehicle file; model: "dynamic" or "kinematic"; body: as
+    measured by its builder; notices: parts of the file that have no effect here.
     """
 
     base: HiddenCar
@@ -29,45 +30,49 @@ class Drawn:
     notices: tuple[str, ...] = ()
 
 
-def car_of(url: Url) -> Drawn:
-    """Raises UsageError for bad options, ConfigError for a bad file or value."""
-    car = hidden_car(_seed(url), choice(url, "ring", "even", "hidden"))
-    named, p = url.options.get("vehicle"), None
+def resolve_car(url: Url) -> ResolvedCar:
+    """Return the car of a URL.
+
+    Raises UsageError for bad options, ConfigError for a bad file or value.
+    """
+    car = hidden_car(_parse_seed(url), parse_choice(url, "ring", "even", "hidden"))
+    named = url.options.get("vehicle")
+    p = None
     if named is not None:
         p = find_model(named)[1]
-        car = with_vehicle(car, p)
-    model, renamed = _physics(url, p.kind if p else "dynamic")
-    of_file = p.effects if p else ()
-    unseen = tuple(a.name for a in of_file if only_mocap(a))
-    effects = _effects(url, tuple(a for a in of_file if not only_mocap(a)))
-    lacking = (f"sim:// has no motion capture: the car is without {', '.join(unseen)} of {named}",)
-    return Drawn(car, with_effects(car, effects, model), effects, model,
-                 p.body if p else PAPER.body, renamed + (lacking if unseen else ()))
+        car = replace_vehicle(car, p)
+    model, renamed = _parse_physics(url, p.kind if p else "dynamic")
+    file_effects = p.effects if p else ()
+    ignored = tuple(a.name for a in file_effects if affects_mocap_only(a))
+    effects = _combine_effects(url, tuple(a for a in file_effects if not affects_mocap_only(a)))
+    notice = (f"effects on a motion capture are left out: {', '.join(ignored)} of {named}",)
+    return ResolvedCar(car, apply_effects(car, effects, model), effects, model,
+                 p.body if p else PAPER.body, renamed + (notice if ignored else ()))
 
 
-def _physics(url: Url, usual: str) -> tuple[str, tuple[str, ...]]:
-    """How the car moves, and the notice that its option is still called as in version 0.1."""
+def _parse_physics(url: Url, default: str) -> tuple[str, tuple[str, ...]]:
+    """Return the physics of a URL, and a notice if its option has the name of version 0.1."""
     old = "model" in url.options
     if old and "physics" in url.options:
         raise UsageError("physics is given twice", found=url.text,
                          expected="physics=; model= is its old name")
     name = "model" if old else "physics"
-    notice = ("model= is now called physics=; the next version no longer knows it",)
-    return choice(url, name, "dynamic", "kinematic") or usual, notice if old else ()
+    notice = ("model= is now called physics=; the next version no longer accepts it",)
+    return parse_choice(url, name, "dynamic", "kinematic") or default, notice if old else ()
 
 
-def _effects(url: Url, of_file: tuple[ActiveEffect, ...]) -> tuple[ActiveEffect, ...]:
-    """Those of the option ``effect`` with those of the file, in the order in which they act."""
+def _combine_effects(url: Url, file_effects: tuple[ActiveEffect, ...]) -> tuple[ActiveEffect, ...]:
+    """Return the effects of the option and of the vehicle file, in the order in which they act."""
     given = parse_effects(url.options.get("effect", ""))
-    every = [a.name for a in (*given, *of_file)]
-    twice = sorted({name for name in every if every.count(name) > 1})
+    used = [a.name for a in (*given, *file_effects)]
+    twice = sorted({name for name in used if used.count(name) > 1})
     if twice:
         raise UsageError(f"{', '.join(twice)} is given twice", found=url.text,
                          expected="every effect once, in the URL or in the file of the vehicle")
-    return add_effects(replace(PAPER, effects=of_file), given).effects
+    return add_effects(replace(PAPER, effects=file_effects), given).effects
 
 
-def _seed(url: Url) -> int:
+def _parse_seed(url: Url) -> int:
     text = url.options.get("seed", "0")
     if not text.isascii() or not text.isdigit():
         raise UsageError(f"seed={text} is no seed", found=url.text,
@@ -75,8 +80,8 @@ def _seed(url: Url) -> int:
     return int(text)
 
 
-def choice(url: Url, name: str, *allowed: str) -> str | None:
-    """The value of an option, None without it. Raises UsageError for another value."""
+def parse_choice(url: Url, name: str, *allowed: str) -> str | None:
+    """Return the value of an option, None without it. Raises UsageError for another value."""
     value = url.options.get(name)
     if value is not None and value not in allowed:
         raise UsageError(f"{name}={value!r}", found=url.text, expected=" or ".join(allowed),

@@ -1,8 +1,8 @@
 """The electronic speed controller: pulse widths in, throttle and brake out.
 
-Its inner behaviour is assumed (no source for DART's ESC); every figure is a
-parameter of the car: dead band, saturation, brake before reverse, two seconds
-of neutral after power-on, coasting when the pulses stop.
+Its behaviour is assumed, since there is no source for DART's ESC. The parameters of the car are:
+dead band, saturation, brake before reverse, two seconds of neutral after power-on, coasting when
+the pulses stop.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dart_lab.sim.pwm_output import Pulse
 class EscParams:
     """Pulse widths [us] from neutral, times [s]; ``arm_time`` of neutral at power-on.
 
-    A pulse acts ``delay`` after its fall (``LateEsc``), the force of the motor
+    A pulse acts ``delay`` after its fall (``DelayedEsc``), the force of the motor
     follows with a first-order ``lag`` (``injected``).
     """
 
@@ -33,8 +33,8 @@ class EscParams:
     lag: float = 0.0
 
 
-class Mode(Enum):
-    """UNARMED wants neutral first; BRAKING was entered by a pull after FORWARD."""
+class EscMode(Enum):
+    """State of the ESC; UNARMED needs neutral first, BRAKING follows FORWARD on reverse pulses."""
 
     UNARMED = "unarmed"
     READY = "ready"
@@ -48,7 +48,7 @@ class Esc:
 
     def __init__(self, params: EscParams | None = None) -> None:
         self.params = params or EscParams()
-        self.mode = Mode.UNARMED
+        self.mode = EscMode.UNARMED
         self.throttle = 0.0
         self.brake = 0.0
         self.width_us = 0.0
@@ -57,33 +57,35 @@ class Esc:
         self._needed = self.params.arm_time
 
     def pulse(self, pulse: Pulse) -> None:
-        """One complete pulse (rise, fall) [s]; acts at its fall."""
+        """Take over one complete pulse (rise, fall) [s], which acts at its fall."""
         rise, t = pulse
         if t - self._last_pulse > self.params.signal_loss:
             self._neutral_since = None
         self._last_pulse = t
         self.width_us = width = (t - rise) * 1e6
         p = self.params
-        pull = width - p.neutral_us
-        if -p.deadband_reverse_us <= pull <= p.deadband_forward_us:
+        offset = width - p.neutral_us
+        if -p.deadband_reverse_us <= offset <= p.deadband_forward_us:
             self._neutral(t)
-        elif self.mode is Mode.UNARMED:
+        elif self.mode is EscMode.UNARMED:
             self._neutral_since = None
-        elif pull > 0:
-            self._set(Mode.FORWARD, min(1.0, pull / p.saturation_us))
+        elif offset > 0:
+            self._set(EscMode.FORWARD, min(1.0, offset / p.saturation_us))
         else:
-            self._pull_back(min(1.0, -pull / p.saturation_us))
+            self._reverse(min(1.0, -offset / p.saturation_us))
 
     def check(self, t: float) -> None:
-        """Coast when no pulse came for ``signal_loss`` s; then neutral is needed first."""
-        if t - self._last_pulse > self.params.signal_loss and self.mode is not Mode.UNARMED:
-            self._set(Mode.UNARMED, 0.0)
-            self._neutral_since, self._needed = None, 0.0
+        """Coast after ``signal_loss`` s without a pulse; neutral is then needed first."""
+        if t - self._last_pulse > self.params.signal_loss and self.mode is not EscMode.UNARMED:
+            self._set(EscMode.UNARMED, 0.0)
+            self._neutral_since = None
+            self._needed = 0.0
 
     def power_on(self) -> None:
-        """Power was off: neutral for ``arm_time`` s again."""
-        self._set(Mode.UNARMED, 0.0)
-        self._last_pulse, self._neutral_since = float("-inf"), None
+        """Start after power was off: neutral for ``arm_time`` s is needed again."""
+        self._set(EscMode.UNARMED, 0.0)
+        self._last_pulse = float("-inf")
+        self._neutral_since = None
         self._needed = self.params.arm_time
 
     def _neutral(self, t: float) -> None:
@@ -91,33 +93,35 @@ class Esc:
         if self._neutral_since is None:
             self._neutral_since = t
         rested = t - self._neutral_since
-        armed = self.mode is Mode.UNARMED and rested >= self._needed
-        released = self.mode is Mode.BRAKING and rested >= self.params.reverse_gap
-        if armed or released or self.mode is Mode.REVERSE:
-            self.mode = Mode.READY
+        armed = self.mode is EscMode.UNARMED and rested >= self._needed
+        released = self.mode is EscMode.BRAKING and rested >= self.params.reverse_gap
+        if armed or released or self.mode is EscMode.REVERSE:
+            self.mode = EscMode.READY
 
-    def _pull_back(self, level: float) -> None:
-        """Below neutral: brake after forward, reverse only from rest."""
-        if self.mode in (Mode.FORWARD, Mode.BRAKING):
-            self._set(Mode.BRAKING, 0.0, level)
+    def _reverse(self, level: float) -> None:
+        """Take over a pulse below neutral: brake after forward, else drive backward."""
+        if self.mode in (EscMode.FORWARD, EscMode.BRAKING):
+            self._set(EscMode.BRAKING, 0.0, level)
         else:
-            self._set(Mode.REVERSE, -level)
+            self._set(EscMode.REVERSE, -level)
 
-    def _set(self, mode: Mode, throttle: float, brake: float = 0.0) -> None:
-        self.mode, self.throttle, self.brake = mode, throttle, brake
+    def _set(self, mode: EscMode, throttle: float, brake: float = 0.0) -> None:
+        self.mode = mode
+        self.throttle = throttle
+        self.brake = brake
         self._neutral_since = None
 
 
-class LateEsc(Esc):
-    """One that takes ``delay`` s to believe a pulse."""
+class DelayedEsc(Esc):
+    """An ESC on which a pulse acts ``delay`` s after its fall."""
 
     def __init__(self, params: EscParams) -> None:
         super().__init__(params)
         self._waiting = DelayQueue[Pulse]()
 
     def pulse(self, pulse: Pulse) -> None:
-        late = self.params.delay
-        self._waiting.put(pulse[1] + late, (pulse[0] + late, pulse[1] + late))
+        delay = self.params.delay
+        self._waiting.put(pulse[1] + delay, (pulse[0] + delay, pulse[1] + delay))
 
     def check(self, t: float) -> None:
         for pulse in self._waiting.take(t):

@@ -1,4 +1,4 @@
-"""Every kind of failure: what begins it, and what that leaves to be undone."""
+"""Kinds of failures of simulated devices: how each begins and how it ends."""
 
 from __future__ import annotations
 
@@ -15,12 +15,15 @@ from dart_lab.sim.world import World
 End = Callable[[World], None]
 Begin = Callable[[World, float], End]
 
-CONTACT = 0.05
-"""s that an intermittent contact is open or closed before the die is cast again."""
+# Time for which an intermittent contact stays open or closed before the next random draw [s].
+CONTACT_PERIOD = 0.05
 
 
-class Kind(NamedTuple):
-    """``begin(world, value)`` returns what ends it; value: ``unit`` ("" = takes none)."""
+class FailureKind(NamedTuple):
+    """One kind: ``begin(world, value)`` returns the function that ends it.
+
+    unit: of the value, "" without a value; default, low, high: of the value.
+    """
 
     begin: Begin
     unit: str = ""
@@ -29,12 +32,12 @@ class Kind(NamedTuple):
     high: float = math.inf
 
 
-def _over(world: World) -> None:
-    """The end of a failure that is over as soon as it has happened."""
+def _do_nothing(world: World) -> None:
+    """End a failure of a moment."""
 
 
-def _nano(world: World, name: str, *args: Any) -> None:
-    """Do it to the Nano; raises UsageError by name where that Nano has no such thing."""
+def _call_nano(world: World, name: str, *args: Any) -> None:
+    """Call a method of the Nano model; raises UsageError if this model does not have it."""
     method = getattr(world.nano, name, None)
     if method is None:
         raise UsageError(f"{type(world.nano).__name__} cannot do {name}{args}",
@@ -42,118 +45,119 @@ def _nano(world: World, name: str, *args: Any) -> None:
     method(*args)
 
 
-def _once(name: str, *args: Any) -> Kind:
+def _make_event(name: str, *args: Any) -> FailureKind:
     def begin(world: World, value: float) -> End:
-        _nano(world, name, *args)
-        return _over
+        _call_nano(world, name, *args)
+        return _do_nothing
 
-    return Kind(begin)
+    return FailureKind(begin)
 
 
-def _while(name: str, on: tuple[Any, ...], off: tuple[Any, ...]) -> Kind:
+def _make_state(name: str, on: tuple[Any, ...], off: tuple[Any, ...]) -> FailureKind:
     def begin(world: World, value: float) -> End:
-        _nano(world, name, *on)
-        return lambda world: _nano(world, name, *off)
+        _call_nano(world, name, *on)
+        return lambda world: _call_nano(world, name, *off)
 
-    return Kind(begin)
+    return FailureKind(begin)
 
 
-def _imu(fault: str, *value: Any) -> Kind:
+def _make_imu_fault(fault: str, *value: Any) -> FailureKind:
     def begin(world: World, value: float) -> End:
-        _nano(world, "set_imu_fault", fault, *(() if math.isnan(value) else (value,)))
-        return lambda world: _nano(world, "set_imu_fault", "ok")
+        _call_nano(world, "set_imu_fault", fault, *(() if math.isnan(value) else (value,)))
+        return lambda world: _call_nano(world, "set_imu_fault", "ok")
 
-    return Kind(begin, *value)
+    return FailureKind(begin, *value)
 
 
-def _ring(ring: int) -> Callable[[World], tuple[float, ...]]:
+def _ring_edges(ring: int) -> Callable[[World], tuple[float, ...]]:
     return lambda world: tuple((world.car.ring_a, world.car.ring_b)[ring].edges)
 
 
-def _enc(ring: int) -> dict[str, Kind]:
-    """Failures of the sensor at ring 0 (D2) or 1 (D3)."""
-    edges = _ring(ring)
+def _make_encoder_faults(ring: int) -> dict[str, FailureKind]:
+    """Return the failures of the sensor at ring 0 (D2) or 1 (D3)."""
+    edges = _ring_edges(ring)
 
-    def heal(world: World) -> None:
+    def restore(world: World) -> None:
         world.nano.set_ring(ring, edges(world))
 
     def off(world: World, value: float) -> End:
         world.nano.set_ring(ring, ())
-        return heal
+        return restore
 
     def wrong(world: World, share: float) -> End:
-        """Evenly thinned: the rest of the edges looks like a slower wheel."""
+        """Remove edges evenly: the remaining ones look like a slower wheel."""
         marks = edges(world)
         n = len(marks)
+        # An even number, since a tooth has two edges.
         keep = 2 * round(share * n / 2)
         world.nano.set_ring(ring, [marks[k * n // keep] for k in range(keep)])
-        return heal
+        return restore
 
     def intermittent(world: World, share: float) -> End:
-        return _contact(world, share, lambda world: off(world, share), heal)
+        return _open_at_random(world, share, lambda world: off(world, share), restore)
 
     def noise(irregular: bool) -> Begin:
         def begin(world: World, rate: float) -> End:
-            _nano(world, "set_chatter", ring, rate, irregular)
-            return lambda world: _nano(world, "set_chatter", ring, 0.0)
+            _call_nano(world, "set_chatter", ring, rate, irregular)
+            return lambda world: _call_nano(world, "set_chatter", ring, 0.0)
 
         return begin
 
-    return {"off": Kind(off), "stuck": Kind(off),
-            "wrong": Kind(wrong, "SHARE", 0.5, 0.0, 1.0),
-            "intermittent": Kind(intermittent, "SHARE", 0.5, 0.0, 1.0),
-            "garbage": Kind(noise(True), "EDGES/S", 1000.0, 0.0, 1e6),
-            "chatter": Kind(noise(False), "EDGES/S", 1e6, 0.0, 1e6)}
+    return {"off": FailureKind(off), "stuck": FailureKind(off),
+            "wrong": FailureKind(wrong, "SHARE", 0.5, 0.0, 1.0),
+            "intermittent": FailureKind(intermittent, "SHARE", 0.5, 0.0, 1.0),
+            "garbage": FailureKind(noise(True), "EDGES/S", 1000.0, 0.0, 1e6),
+            "chatter": FailureKind(noise(False), "EDGES/S", 1e6, 0.0, 1e6)}
 
 
-def _contact(world: World, share: float, open_: Callable[[World], Any], close: End) -> End:
-    """A contact that is open for that share of the time, each `CONTACT` s anew."""
+def _open_at_random(world: World, share: float, open_: Callable[[World], Any], close: End) -> End:
+    """Open a contact for a share of the time, drawn again every ``CONTACT_PERIOD`` s."""
     rng = np.random.default_rng([world.car.seed, 500])
     ended = False
 
-    def cast(world: World) -> None:
+    def draw(world: World) -> None:
         if not ended:
             open_(world) if rng.random() < share else close(world)
-            world.at(world.t + CONTACT, cast)
+            world.schedule(world.t + CONTACT_PERIOD, draw)
 
     def end(world: World) -> None:
         nonlocal ended
         ended = True
         close(world)
 
-    cast(world)
+    draw(world)
     return end
 
 
 def _i2c_intermittent(world: World, share: float) -> End:
-    _nano(world, "set_i2c", "nack", share)
-    return lambda world: _nano(world, "set_i2c", "ok")
+    _call_nano(world, "set_i2c", "nack", share)
+    return lambda world: _call_nano(world, "set_i2c", "ok")
 
 
 def _i2c_slow(world: World, stretch_us: float) -> End:
-    _nano(world, "set_i2c", "ok", 1.0, stretch_us)
-    return lambda world: _nano(world, "set_i2c", "ok")
+    _call_nano(world, "set_i2c", "ok", 1.0, stretch_us)
+    return lambda world: _call_nano(world, "set_i2c", "ok")
 
 
 def _pca_nack(world: World, value: float) -> End:
     world.bus.nack = 10**9 if math.isnan(value) else int(value)
-    return _pca_fine
+    return _restore_pca
 
 
-def _pca_fine(world: World) -> None:
+def _restore_pca(world: World) -> None:
     world.bus.nack = 0
 
 
 def _pca_intermittent(world: World, share: float) -> End:
-    return _contact(world, share, lambda world: _pca_nack(world, math.nan), _pca_fine)
+    return _open_at_random(world, share, lambda world: _pca_nack(world, math.nan), _restore_pca)
 
 
 def _pca_brown_out(world: World, value: float) -> End:
     world.pca.brown_out(world.t)
-    return _over
+    return _do_nothing
 
 
-def _bus(line: str) -> Kind:
+def _make_bus_fault(line: str) -> FailureKind:
     def begin(world: World, value: float) -> End:
         world.bus.stuck = line
 
@@ -162,46 +166,49 @@ def _bus(line: str) -> Kind:
 
         return end
 
-    return Kind(begin)
+    return FailureKind(begin)
 
 
-def _fill(world: World, field: str, value: Any) -> None:
-    """Change that field of ``LineFaults`` in both directions."""
+def _set_line_fault(world: World, field: str, value: Any) -> None:
+    """Set a field of ``LineFaults`` in both directions."""
     for line in world.lines:
         line.faults = replace(line.faults, **{field: value})
 
 
-def _heal_line(world: World, field: str) -> None:
-    """As the line was made: what another failure of its kind left is no cure."""
+def _restore_line(world: World, field: str) -> None:
+    """Restore a field as the line was made, whatever other failures of its kind have set."""
     for line in world.lines:
-        line.faults = replace(line.faults, **{field: getattr(line.lasting, field)})
+        line.faults = replace(line.faults, **{field: getattr(line.initial_faults, field)})
 
 
-def _line(field: str) -> Begin:
+def _make_line_fault(field: str) -> Begin:
     def begin(world: World, value: float) -> End:
-        _fill(world, field, value)
-        return lambda world: _heal_line(world, field)
+        _set_line_fault(world, field, value)
+        return lambda world: _restore_line(world, field)
 
     return begin
 
 
 def _line_intermittent(world: World, share: float) -> End:
-    return _contact(world, share, lambda world: _fill(world, "silence", ((0.0, math.inf),)),
-                    lambda world: _heal_line(world, "silence"))
+    def drop_all(world: World) -> None:
+        _set_line_fault(world, "silence", ((0.0, math.inf),))
+
+    return _open_at_random(world, share, drop_all,
+                           lambda world: _restore_line(world, "silence"))
 
 
-def _power(world: World, value: float) -> End:
+def _cut_power(world: World, value: float) -> End:
     world.power_nano(False)
     return lambda world: world.power_nano(True)
 
 
-def _droop(world: World, volt: float) -> End:
-    _nano(world, "set_vcc", volt)
-    return lambda world: _nano(world, "set_vcc", 5.0)
+def _lower_supply(world: World, volt: float) -> End:
+    _call_nano(world, "set_vcc", volt)
+    return lambda world: _call_nano(world, "set_vcc", 5.0)
 
 
-def _esc_off(world: World, value: float) -> End:
-    """No battery; with a new one it wants its neutral again."""
+def _cut_esc_power(world: World, value: float) -> End:
+    """Remove the battery of the ESC; with a new one it needs neutral again."""
     world.esc_powered = False
 
     def end(world: World) -> None:
@@ -211,8 +218,8 @@ def _esc_off(world: World, value: float) -> End:
     return end
 
 
-def _leads(world: World, value: float) -> End:
-    """The motor's leads are swapped."""
+def _swap_leads(world: World, value: float) -> End:
+    """Swap the motor's leads."""
     drive = world.motion.drive
     drive.leads = -1.0
 
@@ -222,7 +229,7 @@ def _leads(world: World, value: float) -> End:
     return end
 
 
-def _block(world: World, value: float) -> End:
+def _block_wheel(world: World, value: float) -> End:
     world.blocked = True
 
     def end(world: World) -> None:
@@ -231,58 +238,63 @@ def _block(world: World, value: float) -> End:
     return end
 
 
-def _no_stand(world: World, value: float) -> End:
-    """The car is not lifted, or slips off its stand."""
-    world.stand_holds = False
+def _keep_on_floor(world: World, value: float) -> End:
+    """Prevent lifting the car, or put it back on the floor."""
+    world.can_be_lifted = False
     world.set_down()
 
     def end(world: World) -> None:
-        world.stand_holds = True
+        world.can_be_lifted = True
 
     return end
 
 
-def _torn(world: World, nth: float) -> End:
-    _nano(world, "tear_eeprom", int(nth))
-    return lambda world: _nano(world, "tear_eeprom", 0)
+def _tear_eeprom(world: World, nth: float) -> End:
+    _call_nano(world, "tear_eeprom", int(nth))
+    return lambda world: _call_nano(world, "tear_eeprom", 0)
 
 
-_KINDS: dict[str, dict[str, Kind]] = {
+_KINDS_BY_TARGET: dict[str, dict[str, FailureKind]] = {
     "imu": {
-        "off": _imu("off"), "stuck": _imu("stuck"), "garbage": _imu("garbage"),
-        "zero": _imu("zero"), "wrong": _imu("wrong", "GAIN", 2.0, 0.0, 100.0),
-        "slow": _imu("slow", "HZ", 10.0, 0.1, 100.0),
-        "delayed": _imu("delayed", "S", 0.2, 0.0, 1.2),
-        "intermittent": _imu("intermittent", "SHARE", 0.3, 0.0, 1.0),
-        "config": _once("config_imu"), "reset": _once("reset_imu")},
-    "enc": _enc(0),
-    "enc2": _enc(1),
-    "i2c": {k: _while("set_i2c", (k,), ("ok",)) for k in ("nack", "sda", "scl", "dead")} | {
-        "off": _while("set_i2c", ("dead",), ("ok",)),
-        "intermittent": Kind(_i2c_intermittent, "SHARE", 0.3, 0.0, 1.0),
-        "slow": Kind(_i2c_slow, "US/BYTE", 1000.0, 0.0, 1e5)},
+        "off": _make_imu_fault("off"), "stuck": _make_imu_fault("stuck"),
+        "garbage": _make_imu_fault("garbage"), "zero": _make_imu_fault("zero"),
+        "wrong": _make_imu_fault("wrong", "GAIN", 2.0, 0.0, 100.0),
+        "slow": _make_imu_fault("slow", "HZ", 10.0, 0.1, 100.0),
+        "delayed": _make_imu_fault("delayed", "S", 0.2, 0.0, 1.2),
+        "intermittent": _make_imu_fault("intermittent", "SHARE", 0.3, 0.0, 1.0),
+        "config": _make_event("config_imu"), "reset": _make_event("reset_imu")},
+    "enc": _make_encoder_faults(0),
+    "enc2": _make_encoder_faults(1),
+    "i2c": {k: _make_state("set_i2c", (k,), ("ok",)) for k in ("nack", "sda", "scl", "dead")} | {
+        "off": _make_state("set_i2c", ("dead",), ("ok",)),
+        "intermittent": FailureKind(_i2c_intermittent, "SHARE", 0.3, 0.0, 1.0),
+        "slow": FailureKind(_i2c_slow, "US/BYTE", 1000.0, 0.0, 1e5)},
     "pca": {
-        "off": Kind(_pca_nack), "nack": Kind(_pca_nack, "TIMES", high=1e9),
-        "intermittent": Kind(_pca_intermittent, "SHARE", 0.3, 0.0, 1.0),
-        "brownout": Kind(_pca_brown_out), "sda": _bus("sda"), "scl": _bus("scl")},
+        "off": FailureKind(_pca_nack), "nack": FailureKind(_pca_nack, "TIMES", high=1e9),
+        "intermittent": FailureKind(_pca_intermittent, "SHARE", 0.3, 0.0, 1.0),
+        "brownout": FailureKind(_pca_brown_out),
+        "sda": _make_bus_fault("sda"), "scl": _make_bus_fault("scl")},
     "mcu": {
-        "reset": _once("reset", "external"), "brownout": _once("reset", "brownout"),
-        "watchdog": _once("reset", "watchdog"), "hang": _while("hang", (True,), (False,)),
-        "freeze": _while("freeze", (True,), (False,))},
+        "reset": _make_event("reset", "external"), "brownout": _make_event("reset", "brownout"),
+        "watchdog": _make_event("reset", "watchdog"),
+        "hang": _make_state("hang", (True,), (False,)),
+        "freeze": _make_state("freeze", (True,), (False,))},
     "line": {
-        "off": Kind(lambda world, value: _over),    # the link's part: failures.silences()
-        "garbage": Kind(_line("bit_error"), "BER", 1e-3, 0.0, 1.0),
-        "wrong": Kind(_line("drop"), "SHARE", 0.01, 0.0, 1.0),
-        "delayed": Kind(_line("late"), "S", 0.05, 0.0, 10.0),
-        "intermittent": Kind(_line_intermittent, "SHARE", 0.3, 0.0, 1.0)},
+        # The line itself drops the bytes: failures.silent_intervals().
+        "off": FailureKind(lambda world, value: _do_nothing),
+        "garbage": FailureKind(_make_line_fault("bit_error"), "BER", 1e-3, 0.0, 1.0),
+        "wrong": FailureKind(_make_line_fault("drop"), "SHARE", 0.01, 0.0, 1.0),
+        "delayed": FailureKind(_make_line_fault("delay"), "S", 0.05, 0.0, 10.0),
+        "intermittent": FailureKind(_line_intermittent, "SHARE", 0.3, 0.0, 1.0)},
     "power": {
-        "nano": Kind(_power), "droop": Kind(_droop, "V", 4.0, 0.0, 5.5)},
-    "esc": {"off": Kind(_esc_off), "wrong": Kind(_leads)},
-    "wheel": {"stuck": Kind(_block)},
-    "stand": {"off": Kind(_no_stand)},
-    "eeprom": {"torn": Kind(_torn, "NTH", 1.0, 1.0, 1024.0)},
+        "nano": FailureKind(_cut_power), "droop": FailureKind(_lower_supply, "V", 4.0, 0.0, 5.5)},
+    "esc": {"off": FailureKind(_cut_esc_power), "wrong": FailureKind(_swap_leads)},
+    "wheel": {"stuck": FailureKind(_block_wheel)},
+    "stand": {"off": FailureKind(_keep_on_floor)},
+    "eeprom": {"torn": FailureKind(_tear_eeprom, "NTH", 1.0, 1.0, 1024.0)},
 }
 
-KINDS = {(target, kind): how for target, kinds in _KINDS.items() for kind, how in kinds.items()}
-"""What begins each failure. i2c is the Nano's bus, pca the board's on the computer's bus,
-esc: no battery, or the motor's leads swapped; wheel: something holds it."""
+# All kinds by (target, kind). i2c: the Nano's bus; pca: the board on the computer's bus; esc: no
+# battery, or the motor's leads swapped; wheel: blocked.
+FAILURE_KINDS = {(target, name): kind for target, kinds in _KINDS_BY_TARGET.items()
+                 for name, kind in kinds.items()}

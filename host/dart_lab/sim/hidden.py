@@ -1,10 +1,9 @@
-"""Hidden cars: a seed decides what the car really is.
+"""Hidden cars: the true parameters of a simulated car, drawn from a seed.
 
-Seed 0 (also: no seed) is the nominal paper car without any imperfection but
-the noise of its accelerometer: equal samples are what a stuck sensor sends.
-Every other seed draws a car around it within the bounds stated here. Only
-``dart-hal sim --reveal``, ``demo`` and tests may read it: whoever calibrates
-or drives has to measure.
+Seed 0, also no seed, is the nominal car of the paper. Its only imperfection is the noise of its
+accelerometer, because equal samples would mean a stuck sensor. Every other seed draws a car around
+it within the bounds stated here. Only ``dart-hal sim --reveal``, ``demo`` and tests may read it:
+calibration and control have to measure.
 """
 
 from __future__ import annotations
@@ -22,24 +21,24 @@ from dart_lab.sim.ring import (
     GEAR_REVOLUTION,
     RING_A,
     RING_B,
-    Ring,
+    EncoderRing,
     even_ring,
-    turned_ring,
+    rotate_ring,
     uneven_ring,
 )
 from dart_lab.sim.servo import ServoParams
 
 NOMINAL_HZ = 25e6
-EVEN_B = turned_ring(even_ring(RING_B), 0.25 / RING_A)
-"""Glued on a quarter of an interval of ring A further round, where two rings tell the direction."""
+# Ring B is rotated by a quarter of an interval of ring A: two rings then give the direction.
+EVEN_B = rotate_ring(even_ring(RING_B), 0.25 / RING_A)
 
+# Noise densities [rad/s/sqrt(Hz), m/s2/sqrt(Hz)], BNO055 data sheet BST-BNO055-DS000.
 GYRO_NOISE = math.radians(0.014)
 ACCEL_NOISE = 150e-6 * 9.81
-"""rad/s/sqrt(Hz) and m/s2/sqrt(Hz), BNO055 data sheet BST-BNO055-DS000."""
 
 
 def _with_rear_limit(tyres: PaperTyres, body_load: float) -> PaperTyres:
-    """A car that may spin needs an end of the rear tyre: 0.8 of its static load."""
+    """Limit the force of the rear tyre to 0.8 of its static load, so that the car can spin."""
     return replace(tyres, rear_max=0.8 * body_load)
 
 
@@ -50,20 +49,20 @@ NOMINAL_VEHICLE = replace(PAPER, name="sim-0",
 
 @dataclass(frozen=True, slots=True)
 class HiddenCar:
-    """Everything true about one simulated car. SI units, pulses in us.
+    """True parameters of one simulated car, in SI units, pulses in us.
 
-    ``wheel_mass`` [kg] of what turns, as felt at the tyres: four wheels of 35 g (0.07) and the
-    motor's rotor, 1.5 g cm2 x 1000, behind a ratio of 9 (0.22). ``drivetrain``: share of the
-    friction that stays when the wheels are off the ground: a rubber tyre's rolling resistance of
-    0.025 of its load is a quarter of the paper's 1.72 N.
+    ``wheel_mass`` [kg]: rotating parts as an equivalent mass at the tyres. Four wheels of 35 g are
+    0.07, the motor's rotor of 1.5 g cm2 x 1000 behind a ratio of 9 is 0.22. ``drivetrain``: share
+    of the friction that remains with the wheels off the ground. The rolling resistance of a rubber
+    tyre, 0.025 of its load, is a quarter of the paper's 1.72 N.
     """
 
     seed: int
     vehicle: Vehicle = NOMINAL_VEHICLE
     servo: ServoParams = field(default_factory=ServoParams)
     esc: EscParams = field(default_factory=EscParams)
-    ring_a: Ring = field(default_factory=lambda: even_ring(RING_A))
-    ring_b: Ring = field(default_factory=lambda: EVEN_B)
+    ring_a: EncoderRing = field(default_factory=lambda: even_ring(RING_A))
+    ring_b: EncoderRing = field(default_factory=lambda: EVEN_B)
     gear_revolution: float = GEAR_REVOLUTION
     imu: ImuParams = field(default_factory=lambda: ImuParams(accel_noise=ACCEL_NOISE))
     oscillator_hz: float = NOMINAL_HZ
@@ -78,14 +77,14 @@ class HiddenCar:
 
     @property
     def board_id(self) -> int:
-        """What the Nano's EEPROM is preset with."""
+        """Return the id in the EEPROM of the Nano."""
         return 0xDA270000 | (self.seed & 0xFFFF)
 
 
 def hidden_car(seed: int | None, ring: str | None = None) -> HiddenCar:
-    """The car of a seed; ``ring`` "even" or "hidden" overrides the encoder ring."""
+    """Return the car of a seed; ``ring`` "even" or "hidden" overrides the encoder ring."""
     number = seed or 0
-    car = HiddenCar(number) if number == 0 else _draw(number)
+    car = HiddenCar(number) if number == 0 else _draw_car(number)
     if ring == "even":
         return replace(car, ring_a=even_ring(RING_A), ring_b=EVEN_B)
     if ring == "hidden" and number == 0:
@@ -94,15 +93,15 @@ def hidden_car(seed: int | None, ring: str | None = None) -> HiddenCar:
     return car
 
 
-def _draw(seed: int) -> HiddenCar:
-    # one generator per group: a parameter added to one group leaves the others as they were
-    body, steer, esc, ring, imu, clock, stand, glue = (
+def _draw_car(seed: int) -> HiddenCar:
+    # One generator per group, so that a parameter added to one group does not change the others.
+    body, steer, esc, ring, imu, clock, wheels, glue = (
         np.random.default_rng([seed, k]) for k in range(1, 9))
     duty = float(ring.uniform(-0.12, 0.12))
-    curve = _steering(steer)
+    curve = _draw_steering(steer)
     return HiddenCar(
         seed=seed,
-        vehicle=_vehicle(body, curve, f"sim-{seed}"),
+        vehicle=_draw_vehicle(body, curve, f"sim-{seed}"),
         servo=ServoParams(curve=curve,
                           delay=float(steer.uniform(0.005, 0.03)),
                           backlash=math.radians(float(steer.uniform(0.3, 2.0))),
@@ -114,20 +113,20 @@ def _draw(seed: int) -> HiddenCar:
                       reverse_gap=0.1 * float(esc.uniform(0.5, 1.0)),
                       signal_loss=0.5 * float(esc.uniform(0.6, 1.0))),
         ring_a=uneven_ring(RING_A, ring, 0.02, duty),
-        ring_b=turned_ring(uneven_ring(RING_B, ring, 0.02, duty),
+        ring_b=rotate_ring(uneven_ring(RING_B, ring, 0.02, duty),
                            float(glue.uniform(0.0, 1.0 / RING_A))),
         gear_revolution=GEAR_REVOLUTION * float(ring.uniform(0.995, 1.005)),
-        imu=_imu(imu),
+        imu=_draw_imu(imu),
         oscillator_hz=NOMINAL_HZ * float(clock.uniform(0.97, 1.05)),
         clock_error=float(clock.uniform(-0.003, 0.003)),
         brake_force=8.0 * float(body.uniform(0.9, 1.1)),
-        wheel_mass=0.3 * float(stand.uniform(0.8, 1.2)),
-        drivetrain=0.75 * float(stand.uniform(0.8, 1.2)),
+        wheel_mass=0.3 * float(wheels.uniform(0.8, 1.2)),
+        drivetrain=0.75 * float(wheels.uniform(0.8, 1.2)),
     )
 
 
-def _steering(rng: np.random.Generator) -> Steering:
-    """Gains and amplitudes within 8 %, trim within 0.06 of the command range."""
+def _draw_steering(rng: np.random.Generator) -> Steering:
+    """Draw a steering map: gains and amplitudes within 8 %, trim within 0.06 of the commands."""
     base = PAPER.steering
     factor = rng.uniform(0.92, 1.08, 4)
     curve = Steering(k_left=base.k_left * float(factor[0]),
@@ -138,33 +137,33 @@ def _steering(rng: np.random.Generator) -> Steering:
     try:
         check_monotone(curve)
     except NotMonotone:
-        return _steering(rng)
+        return _draw_steering(rng)
     return curve
 
 
-def _vehicle(rng: np.random.Generator, steering: Steering, name: str) -> Vehicle:
+def _draw_vehicle(rng: np.random.Generator, steering: Steering, name: str) -> Vehicle:
     base = PAPER
     assert isinstance(base.tyres, PaperTyres)
 
-    def near(value: float, part: float) -> float:
+    def draw(value: float, part: float) -> float:
         return value * float(rng.uniform(1.0 - part, 1.0 + part))
 
-    body = replace(base.body, mass=near(base.body.mass, 0.03),
-                   yaw_inertia=near(base.body.yaw_inertia, 0.1))
+    body = replace(base.body, mass=draw(base.body.mass, 0.03),
+                   yaw_inertia=draw(base.body.yaw_inertia, 0.1))
     return Vehicle(
         name=name, body=body, steering=steering,
-        friction=replace(base.friction, a=near(base.friction.a, 0.08),
-                         c=near(base.friction.c, 0.1)),
-        motor=replace(base.motor, d=near(base.motor.d, 0.05), e=near(base.motor.e, 0.05),
-                      g=near(base.motor.g, 0.05)),
+        friction=replace(base.friction, a=draw(base.friction.a, 0.08),
+                         c=draw(base.friction.c, 0.1)),
+        motor=replace(base.motor, d=draw(base.motor.d, 0.05), e=draw(base.motor.e, 0.05),
+                      g=draw(base.motor.g, 0.05)),
         tyres=replace(_with_rear_limit(base.tyres, body.rear_load),
-                      front_D=near(base.tyres.front_D, 0.1),
-                      front_B=near(base.tyres.front_B, 0.1),
-                      rear_cornering_stiffness=near(base.tyres.rear_cornering_stiffness, 0.1)))
+                      front_D=draw(base.tyres.front_D, 0.1),
+                      front_B=draw(base.tyres.front_B, 0.1),
+                      rear_cornering_stiffness=draw(base.tyres.rear_cornering_stiffness, 0.1)))
 
 
-def _imu(rng: np.random.Generator) -> ImuParams:
-    """Mounting within 3 deg, bias within 1 deg/s, scale within 1 %, data-sheet noise."""
+def _draw_imu(rng: np.random.Generator) -> ImuParams:
+    """Draw an IMU: mounting within 3 deg, bias 1 deg/s, scale 1 %, noise of the data sheet."""
     degree = math.radians(1.0)
     bias = rng.uniform(-degree, degree, 3)
     mount = rng.uniform(-3.0 * degree, 3.0 * degree, 3)

@@ -1,6 +1,6 @@
-"""What a BNO055 at its place on the car senses: bias, scale, mounting, noise.
+"""Input of a BNO055 on the car: motion at its position, with bias, scale, mounting and noise.
 
-The register model (or MockNano) samples, filters and quantises these values.
+The register model, or MockNano, samples, filters and quantises these values.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class ImuParams:
-    """Place [m] from the rear axle, mounting sensor to body [rad], errors.
+    """Position x, y [m] from the rear axle, mounting sensor to body [rad], and errors.
 
     ``gyro_bias`` [rad/s] and ``gyro_scale`` act on all three sensor axes
     (bias per axis); noise densities in rad/s/sqrt(Hz) and m/s2/sqrt(Hz).
-    ``tilt``: yaw, pitch, roll [rad] of the plate that the mounting is on. The
-    chip takes its plate for level, so gravity leaks into its acceleration.
+    ``tilt``: yaw, pitch, roll [rad] of the plate below the mounting. The chip assumes
+    that its plate is level, so gravity leaks into its acceleration.
     """
 
     x: float = 0.0945
@@ -39,27 +39,30 @@ class ImuParams:
 
 
 def rotation(yaw: float, pitch: float, roll: float) -> tuple[Vector, Vector, Vector]:
-    """Rows of the matrix sensor -> body: yaw about z, then pitch about y, roll about x."""
-    cy, sy = math.cos(yaw), math.sin(yaw)
-    cp, sp = math.cos(pitch), math.sin(pitch)
-    cr, sr = math.cos(roll), math.sin(roll)
+    """Return the rows of the rotation sensor to body, R = R_z(yaw) R_y(pitch) R_x(roll)."""
+    cy = math.cos(yaw)
+    sy = math.sin(yaw)
+    cp = math.cos(pitch)
+    sp = math.sin(pitch)
+    cr = math.cos(roll)
+    sr = math.sin(roll)
     return ((cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr),
             (sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr),
             (-sp, cp * sr, cp * cr))
 
 
-def _times(row: Vector, rows: tuple[Vector, Vector, Vector]) -> Vector:
-    """A row vector times a matrix."""
+def _multiply(row: Vector, rows: tuple[Vector, Vector, Vector]) -> Vector:
+    """Multiply a row vector by a matrix."""
     x, y, z = (sum(a * b[k] for a, b in zip(row, rows, strict=True)) for k in range(3))
     return x, y, z
 
 
 class Imu:
-    """Turns motion of the body into true values in sensor axes.
+    """Computes the sensor's inputs, in its axes, from the motion of the body.
 
-    ``l_r`` [m]: centre of mass ahead of the rear axle. ``dt`` [s]: the tick,
-    which sets the size of the noise samples. Noise comes in blocks, so that
-    a run depends on the seed alone.
+    ``l_r`` [m]: from the rear axle to the centre of mass. ``dt`` [s]: the tick. White noise of
+    density d has samples of standard deviation d sqrt(1 / (2 dt)). It is drawn in blocks of fixed
+    length, so that a run depends on the seed alone.
     """
 
     _BLOCK = 4096
@@ -67,15 +70,16 @@ class Imu:
     def __init__(self, params: ImuParams, l_r: float, dt: float,
                  rng: np.random.Generator) -> None:
         self.params = params
-        self._ahead, self._left = params.x - l_r, params.y
+        self._ahead = params.x - l_r
+        self._left = params.y
         rows = rotation(params.mount_yaw, params.mount_pitch, params.mount_roll)
         self._leak = (0.0, 0.0, 0.0)
         self._tilted = any(params.tilt)
         if self._tilted:
             plate = rotation(*params.tilt)
-            self._leak = _times((GRAVITY * plate[2][0], GRAVITY * plate[2][1],
+            self._leak = _multiply((GRAVITY * plate[2][0], GRAVITY * plate[2][1],
                                  GRAVITY * (plate[2][2] - 1.0)), rows)
-            rows = (_times(plate[0], rows), _times(plate[1], rows), _times(plate[2], rows))
+            rows = (_multiply(plate[0], rows), _multiply(plate[1], rows), _multiply(plate[2], rows))
         (self._xx, self._xy, self._xz), (self._yx, self._yy, self._yz), (
             self._zx, self._zy, self._zz) = rows
         per_sample = math.sqrt(0.5 / dt)
@@ -83,17 +87,19 @@ class Imu:
         self._accel_sigma = params.accel_noise * per_sample
         self._rng = rng
         self._noise: list[list[float]] = []
-        self._quiet = not (self._gyro_sigma or self._accel_sigma)
+        self._noiseless = not (self._gyro_sigma or self._accel_sigma)
 
     def sense(self, ax: float, ay: float, omega: float, omega_dot: float,
               rate: float | None = None) -> tuple[Sequence[float], Sequence[float]]:
-        """``(gyro, acceleration)`` in sensor axes, gravity removed.
+        """Return (gyro [rad/s], acceleration [m/s2]) in sensor axes, gravity removed.
 
         ax, ay [m/s2]: acceleration of the centre of mass in body axes; rate:
-        what the gyro takes for omega [rad/s], None = omega.
+        yaw rate at the gyro with its effects [rad/s], None = omega.
         """
         p = self.params
-        x, y = self._ahead, self._left
+        x = self._ahead
+        y = self._left
+        # From the centre of mass to the sensor: a + omega_dot x r + omega x (omega x r).
         ax += -omega_dot * y - omega * omega * x
         ay += omega_dot * x - omega * omega * y
         rate = p.gyro_scale * (omega if rate is None else rate)
@@ -104,7 +110,7 @@ class Imu:
         if self._tilted:
             gx, gy, gz = self._leak
             accel = (accel[0] + gx, accel[1] + gy, accel[2] + gz)
-        if self._quiet:
+        if self._noiseless:
             return gyro, accel
         n = self._draw()
         return ((gyro[0] + n[0], gyro[1] + n[1], gyro[2] + n[2]),

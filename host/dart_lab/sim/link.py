@@ -1,8 +1,8 @@
 """Link and clock of the virtual world: host time is world time.
 
-``read`` advances the world. Bytes that arrive later than the reader's horizon
-are held back, and the world never runs past a delimiter that the reader has
-not seen, so the length of a read slice cannot be noticed.
+``read`` advances the world. Bytes that arrive after the end of the read are kept for the next one,
+and the world never runs past a delimiter that has not been read. The result is therefore
+independent of the length of the reads.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from dart_hal.core.ports import Chunk, Link
 from dart_lab.sim.faults import Line
 from dart_lab.sim.world import World
 
-LONGEST = 256
-"""Bytes without a delimiter that are passed on as they are."""
+# Bytes without a delimiter are passed on in chunks of this length.
+MAX_UNDELIMITED_BYTES = 256
 
 
 class SimLink(Link):
@@ -23,7 +23,8 @@ class SimLink(Link):
 
     def __init__(self, world: World, up: Line | None = None, down: Line | None = None) -> None:
         self._world = world
-        self._up, self._down = up or Line(), down or Line()
+        self._up = up or Line()
+        self._down = down or Line()
         self._part = bytearray()
         self._arrived: deque[Chunk] = deque()
         self._sent: deque[tuple[bytes, float]] = deque()
@@ -36,7 +37,7 @@ class SimLink(Link):
         return self._now
 
     def read(self, timeout: float) -> Chunk | None:
-        """The next frame (or noise) within ``timeout`` s, None = nothing came."""
+        """Return the next frame, or noise, within ``timeout`` s; None = nothing arrived."""
         self._check_open()
         horizon = self._now + timeout
         while True:
@@ -51,7 +52,7 @@ class SimLink(Link):
             self._advance(min(horizon, due))
 
     def write(self, data: bytes) -> None:
-        """Bytes start on the line now (after the latency of the line, if any)."""
+        """Send bytes, which start on the line after its latency, if it has one."""
         self._check_open()
         data, t = self._down.carry(data, self._now)
         if not data:
@@ -62,7 +63,7 @@ class SimLink(Link):
             self._sent.append((data, t))
 
     def sleep(self, seconds: float) -> None:
-        """Let world time pass; frames of that time wait to be read."""
+        """Advance the world by a time; frames of that time can be read afterwards."""
         target = self._now + seconds
         while self._world.t < target:
             self._advance(target)
@@ -74,7 +75,7 @@ class SimLink(Link):
             self._world.nano.close()
 
     def _advance(self, until: float) -> None:
-        """One run of the world, ended by ``until``, a frame, or a late write."""
+        """Run the world until ``until``, the end of a frame, or a delayed write."""
         world = self._world
         if self._sent:
             if self._sent[0][1] <= world.t:
@@ -84,7 +85,7 @@ class SimLink(Link):
         world.advance(until)
         for data, t in world.nano.read():
             self._part += data
-            if data.endswith(b"\0") or len(self._part) >= LONGEST:
+            if data.endswith(b"\0") or len(self._part) >= MAX_UNDELIMITED_BYTES:
                 arrived, when = self._up.carry(bytes(self._part), t)
                 self._part.clear()
                 if arrived:

@@ -1,8 +1,8 @@
 """MockNano: the Nano's messages without the Nano, for machines without simavr.
 
-It emits the same generated messages from the same world, marked as what it
-is (flag MOCK, build bit 2), but has no interrupts, no bus timing, and of
-a bootloader only the wait. Nothing proven with it holds for the firmware.
+It sends the same generated messages from the same world, marked by the flag MOCK and bit 2 of the
+build. It has no interrupts, no bus timing, and of a bootloader only the wait. Results with it do
+not hold for the firmware.
 """
 
 from __future__ import annotations
@@ -19,41 +19,41 @@ from dart_hal.wire.codec import DOWN, encode
 from dart_hal.wire.crc import crc16
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.frame import Frame
-from dart_lab.sim.eeprom import packed_params, stored
+from dart_lab.sim.eeprom import encode_params, parse_eeprom
 from dart_lab.sim.mock_capture import MockCapture
 from dart_lab.sim.mock_encoder import MockEncoder
-from dart_lab.sim.mock_imu import START, MockImu
+from dart_lab.sim.mock_imu import IMU_START, MockImu
 from dart_lab.sim.mock_pins import MockPins
-from dart_lab.sim.mock_supervisor import Output, Supervisor
+from dart_lab.sim.mock_supervisor import MockSupervisor, OutputState
 from dart_lab.sim.mock_uart import MockUart
 from dart_lab.sim.ring import RING_A, RING_B, even_ring
 
 SLOT_CK = 20_000
-TO_UART = 255e-6
-"""s from the latch to the first byte of STATE, as the emulated firmware takes."""
+# Time from the latch to the first byte of STATE [s], as in the emulated firmware.
+LATCH_TO_UART = 255e-6
+# Time from the start of the IMU read to the slot that sends it [s].
 IMU_READ = 6.5e-3
-"""s by which the IMU read starts before the slot that sends it."""
+# Time from the read of the acceleration to that of the gyro [s]: 12 bytes, each stretched by
+# 180 us, as in the emulated firmware.
 GYRO_READ = 2.43e-3
-"""s from the begin of the read, of the acceleration, to that of the gyro: 12 bytes at 180 us of
-stretching, as in the emulated firmware."""
-LOOK = 4.8e-3
-"""s from the look at the gyro to its read, as the emulated firmware takes."""
-LOOP_MAX = 5268e-6
-"""s of the longest turn of the emulated firmware's loop, with its read of the IMU."""
-HELD = 0.015
-"""s for which a sample stays valid: past one of all zeros, which is dropped."""
+# Time from the look at the gyro to its read [s], as in the emulated firmware.
+LOOK_TO_READ = 4.8e-3
+# Longest turn of the loop of the emulated firmware [s], with its read of the IMU.
+MAX_LOOP_TIME = 5268e-6
+# Time for which a sample stays valid [s]: one sample of all zeros, which is dropped, is bridged.
+SAMPLE_VALIDITY = 0.015
+# Restart time of the BNO055 [s].
 IMU_RESET = 0.650
-"""s that the BNO055 takes to restart."""
-BROWN_OUT = 2.7
-"""V of the detector, extended fuse FD."""
-STUCK = 20
-"""Equal samples in motion that make an IMU stuck."""
-CAUSES = {"power": 0x01, "external": 0x02, "brownout": 0x04, "watchdog": 0x08 | 0x10}
+# Threshold of the brown-out detector [V], extended fuse FD.
+BROWN_OUT_VOLT = 2.7
+# Number of equal samples in motion after which an IMU is reported as stuck.
+STUCK_SAMPLES = 20
+RESET_CAUSES = {"power": 0x01, "external": 0x02, "brownout": 0x04, "watchdog": 0x08 | 0x10}
 _FLAG = {name: 1 << k for k, name in enumerate(m.STATE_FLAGS)}
 
 
 class MockNano:
-    """A Nano that speaks the protocol; see the module for what it is not.
+    """A model of the Nano's protocol; see the module for its limits.
 
     clock_error: the MCU counts 16e6 (1 + e) cycles per world second;
     slot_phase [ck]: the first slot; timer_start [s]: from reset to ck = 0;
@@ -66,7 +66,7 @@ class MockNano:
         self.now = 0.0
         self.eeprom = eeprom
         self._out: list[tuple[bytes, float]] = []
-        board_id, params = stored(eeprom) if eeprom else (None, {})
+        board_id, params = parse_eeprom(eeprom) if eeprom else (None, {})
         self.board_id = 0xDA27DA27 if board_id is None else board_id
         self.boot_count = 0
         self.params = {p.id: p.default for p in m.PARAMS} | params
@@ -77,9 +77,12 @@ class MockNano:
         self.rings = (MockEncoder(even_ring(RING_A).edges), MockEncoder(even_ring(RING_B).edges))
         self._rate = 2e6 * (1.0 + clock_error)
         self._byte = 10.0 / host_baud
-        self._phase, self._timer_start = slot_phase, timer_start
+        self._phase = slot_phase
+        self._timer_start = timer_start
         self._wait = boot or BootWait()
-        self._dead, self._vcc, self._imu_from = False, 5.0, 0.0
+        self._dead = False
+        self._vcc = 5.0
+        self._imu_from = 0.0
         self._boot("external" if boot and any(boot) else "power")
 
     # -- the Nano protocol -------------------------------------------------
@@ -89,30 +92,31 @@ class MockNano:
         uart = self._uart
         while True:
             t = min(until, self._slot_at, uart.tx_at, uart.rx_at)
-            held = self.now < self._starts
-            t = min(t, self._starts) if held else t
+            booting = self.now < self._starts
+            t = min(t, self._starts) if booting else t
             for ring in self.rings:
                 if ring.due <= t:
                     ring.run(t, self._ck, 2 * self.params[4])
-                if held:
+                if booting:
                     ring.clear()
             self.now = t
             if t == self._slot_at:
                 self._slot()
             if t == uart.rx_at:
-                block = uart.received()
+                block = uart.take_received()
                 if t >= self._starts:
                     self._receive(block)
                 uart = self._uart
             if t == uart.tx_at:
-                self._out.append((uart.sent(), t))
+                self._out.append((uart.take_sent(), t))
                 return True
             if t >= until:
                 return False
 
     def read(self) -> list[tuple[bytes, float]]:
         """Frames that have left since the last call, with the times of their stop bits."""
-        out, self._out = self._out, []
+        out = self._out
+        self._out = []
         return out
 
     def write(self, data: bytes) -> None:
@@ -120,7 +124,7 @@ class MockNano:
         self._uart.arrive(data, self.now)
 
     def set_baud(self, host_baud: float) -> None:
-        """Its line carries bytes at any rate."""
+        """Do nothing: the line carries bytes at any rate."""
 
     def set_ring(self, ring: int, marks: Sequence[float]) -> None:
         self.rings[ring].set_marks(marks, self.now)
@@ -134,81 +138,84 @@ class MockNano:
         self.imu.set(self.now, gyro, lin_acc)
 
     def set_i2c(self, fault: str, p: float = 1.0, stretch_us: float = 180.0) -> None:
-        """A fault of the IMU bus: any but "ok" stops the samples."""
+        """Set a fault of the IMU bus: any but "ok" stops the samples."""
         self.imu.fault = "ok" if fault == "ok" else "off"
 
     def set_imu_fault(self, fault: str = "ok", value: float = 1.0) -> None:
-        """A fault of the IMU, as `EmulatedNano.set_imu_fault` has them."""
-        self.imu.fault, self.imu.value = fault, value
+        """Set a fault of the IMU, one of those of `EmulatedNano.set_imu_fault`."""
+        self.imu.fault = fault
+        self.imu.value = value
 
     def reset_imu(self) -> None:
-        """It answers again after its own start and the first read."""
-        self._imu_from = self.now + IMU_RESET + START - 0.40
+        """Restart the IMU, which answers again after its start and the first read."""
+        self._imu_from = self.now + IMU_RESET + IMU_START - 0.40
 
     def set_chatter(self, ring: int, rate: float, irregular: bool = True) -> None:
-        """Phantom edges; raises UsageError for a chatter that starves interrupts."""
+        """Add random edges; raises UsageError for a chatter that starves interrupts."""
         if rate and not irregular:
             raise UsageError("MockNano has no interrupts to starve", remedy="use nano=avr")
         self.rings[ring].set_noise(rate, self.now)
 
     def set_power(self, on: bool) -> None:
-        """The supply comes and goes; without it nothing is driven."""
+        """Switch the supply; without it no pin is driven."""
         self._dead = not on
         self._boot("power")
 
     def set_vcc(self, volt: float) -> None:
-        """Supply [V]; below 2.7 the brown-out detector holds the MCU."""
-        low, self._vcc = self._vcc < BROWN_OUT, volt
-        if (volt < BROWN_OUT) != low:
-            self._dead = volt < BROWN_OUT
+        """Set the supply [V]; below 2.7 the brown-out detector keeps the MCU in reset."""
+        low = self._vcc < BROWN_OUT_VOLT
+        self._vcc = volt
+        if (volt < BROWN_OUT_VOLT) != low:
+            self._dead = volt < BROWN_OUT_VOLT
             self._boot("brownout")
 
     def set_pin(self, name: str, level: bool) -> None:
-        """An input of the world; D8 is the input capture."""
+        """Set the level of an input pin; D8 is the input capture."""
         if name == "D8":
-            self._capture.edge(self._pins.board(level, self.now), self._ck(self.now))
+            self._capture.edge(self._pins.board_edge(level, self.now), self._ck(self.now))
 
     def capture_behind_mux(self, on: bool) -> None:
-        """D8 gets its level through a multiplexer: low unless D5 is high."""
+        """Connect D8 through a multiplexer: low unless D5 is high."""
         self._behind_mux = self._pins.behind_mux = on
 
     def pins(self) -> dict[str, int | None]:
-        """Levels of the option pins D5, D6, D9; None = released."""
-        held = self.now < self._starts
-        return dict.fromkeys(self._pins.levels) if held else dict(self._pins.levels)
+        """Return the levels of the option pins D5, D6, D9; None = released."""
+        booting = self.now < self._starts
+        return dict.fromkeys(self._pins.levels) if booting else dict(self._pins.levels)
 
     def pin_log(self) -> list[tuple[float, str, int | None]]:
-        """Edges (t, pin, level) of the option pins since the last call."""
+        """Return edges (t, pin, level) of the option pins since the last call."""
         return self._pins.take(self.now)
 
     def reset(self, cause: str = "external") -> None:
         self._boot(cause)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: there is nothing to release."""
 
     # -- boot and slots ------------------------------------------------------
 
     def _boot(self, cause: str, restart: bool = False) -> None:
-        """``restart``: by the program itself, past start-up and bootloader."""
+        """Start the program; ``restart``: by the program itself, without bootloader."""
         self.boot_count += not self._dead
         wait = self._wait
         hidden = wait.clears and not restart and cause != "power"
-        self._cause = CAUSES["external" if hidden else cause]
-        held = wait.startup + (wait.external if cause == "external" else wait.other)
+        self._cause = RESET_CAUSES["external" if hidden else cause]
+        duration = wait.startup + (wait.external if cause == "external" else wait.other)
         if self._dead or (cause == "watchdog" and wait.other and not restart):
-            held = float("inf")    # ATmegaBOOT does not let go of a watchdog that has bitten
-        self._starts = self.now if restart else self.now + held
+            # ATmegaBOOT never leaves the reset of a watchdog.
+            duration = float("inf")
+        self._starts = self.now if restart else self.now + duration
         self._boot_at = self._starts + self._timer_start
         self.nonce = crc16(struct.pack("<IH", self.board_id, self.boot_count & 0xFFFF))
-        self.supervisor = Supervisor(self.nonce, self.params[10] * 1e-3)
+        self.supervisor = MockSupervisor(self.nonce, self.params[10] * 1e-3)
         for ring in self.rings:
             ring.clear()
         self._slots = self._seq = self._events = 0
         self._sample: tuple[int, ...] | None = None
         self._look = 0
         self._sample_at = float("-inf")
-        self._equal = self._edges_then = 0
+        self._equal = self._edges_at_change = 0
         self._out = []
         self._uart = MockUart(self._byte, self.now)
         self._capture = MockCapture()
@@ -234,7 +241,7 @@ class MockNano:
         self._slot_at = self._time(ck + SLOT_CK)
         self.supervisor.check(self.now)
         self._report_changes()
-        self._send(m.STATE, self._state(ck & 0xFFFFFFFF), self.now + TO_UART)
+        self._send(m.STATE, self._state(ck & 0xFFFFFFFF), self.now + LATCH_TO_UART)
         if self._slots in self._hello_slots:
             self._send(m.HELLO, self._hello(0))
         elif self._slots % 50 == 0:
@@ -253,8 +260,8 @@ class MockNano:
         age = self.supervisor.age(self.now)
         live = self.supervisor.state
         flags |= _FLAG["BEAT_OK"] if age <= self.supervisor.timeout else 0
-        flags |= _FLAG["OUTPUT_LIVE"] if live is Output.LIVE else 0
-        flags |= _FLAG["TRIPPED"] if live in (Output.TRIPPED, Output.LOCKED) else 0
+        flags |= _FLAG["OUTPUT_LIVE"] if live is OutputState.LIVE else 0
+        flags |= _FLAG["TRIPPED"] if live in (OutputState.TRIPPED, OutputState.LOCKED) else 0
         second = (b.count & 0xFFFF, b.last_ck) if self.params[3] else (0, 0)
         flags |= _FLAG["ENC2_PRESENT"] if self.params[3] else 0
         return (ck, a.count, a.last_ck, a.interval_ck, *second,
@@ -263,18 +270,20 @@ class MockNano:
                 flags, min(255, int(age * 1e3)) if age < 1.0 else 255)
 
     def _imu_flags(self) -> int:
-        """Take the sample that was read before this slot."""
+        """Take the IMU sample that was read before this slot, and return the flags of STATE."""
         t = self.now - IMU_READ
-        started = self.now - self._boot_at >= START and self.now >= self._imu_from
+        started = self.now - self._boot_at >= IMU_START and self.now >= self._imu_from
         sample = self._read_imu(t) if started else None
-        self._look = self._looked(sample, self.imu.sample(t + GYRO_READ - LOOK)) if sample else 0
+        look = self.imu.sample(t + GYRO_READ - LOOK_TO_READ) if sample else None
+        self._look = self._compare_look(sample, look) if sample else 0
         if sample is not None and not any(sample):
-            return _FLAG["IMU_VALID"] if t - self._sample_at < HELD else 0
+            return _FLAG["IMU_VALID"] if t - self._sample_at < SAMPLE_VALIDITY else 0
         if sample is not None:
             self._equal = self._equal + 1 if sample == self._sample else 0
-            self._sample, self._sample_at = sample, t
-            stuck = self._equal >= STUCK and self.rings[0].count != self._edges_then
-            self._edges_then = self._edges_then if self._equal else self.rings[0].count
+            self._sample = sample
+            self._sample_at = t
+            stuck = self._equal >= STUCK_SAMPLES and self.rings[0].count != self._edges_at_change
+            self._edges_at_change = self._edges_at_change if self._equal else self.rings[0].count
             return _FLAG["IMU_STUCK"] if stuck else _FLAG["IMU_VALID"]
         age = self.now - max(self._sample_at, self._boot_at)
         stale = _FLAG["IMU_STALE"] if self._sample is not None and age > 0.020 else 0
@@ -286,11 +295,11 @@ class MockNano:
         second = self.imu.sample(t + GYRO_READ) if first else None
         return (*first[:3], *second[3:]) if first and second else None
 
-    def _looked(self, sample: tuple[int, ...], seen: tuple[int, ...] | None) -> int:
-        """Where the gyro's words changed: 1 before the look, 2 after it, 3 both."""
-        if seen is None or self._sample is None:
+    def _compare_look(self, sample: tuple[int, ...], look: tuple[int, ...] | None) -> int:
+        """Return when the gyro's words changed: 1 before the look, 2 after it, 3 both."""
+        if look is None or self._sample is None:
             return 0
-        return (seen[3:] != self._sample[3:]) | (sample[3:] != seen[3:]) << 1
+        return (look[3:] != self._sample[3:]) | (sample[3:] != look[3:]) << 1
 
     def _imu_age(self) -> int:
         age = (self.now - self._sample_at) * 250e3
@@ -311,7 +320,7 @@ class MockNano:
                 "bootloader": 2 if self._wait.clears else int(any(self._wait)),
                 "boot_nonce": self.nonce,
                 "edges_per_rev": (self.params[1], self.params[2]), "caps": caps,
-                "clock_hz": m.TICKS_PER_SECOND, "param_crc": crc16(packed_params(self.params))}
+                "clock_hz": m.TICKS_PER_SECOND, "param_crc": crc16(encode_params(self.params))}
 
     def _diag(self, ck: int) -> dict[str, int]:
         c = self._decoder.counters
@@ -319,7 +328,7 @@ class MockNano:
         return zero | {"t_ck": ck, "rx_ok": c.ok & 0xFFFF, "rx_crc": (c.crc + c.cobs) & 0xFFFF,
                        "rx_len": (c.length + c.unknown) & 0xFFFF, "rx_seq_gap": c.gaps & 0xFFFF,
                        "edges_rejected": self.rings[0].rejected & 0xFFFF,
-                       "loop_max_us": round(1e6 * LOOP_MAX), "stack_free": 1000,
+                       "loop_max_us": round(1e6 * MAX_LOOP_TIME), "stack_free": 1000,
                        "vcc_mv": round(1e3 * self._vcc), "boot_count": self.boot_count & 0xFFFF}
 
     def _event(self, code: int, arg: int) -> None:
@@ -330,18 +339,19 @@ class MockNano:
     def _report_changes(self) -> None:
         for old, new in self.supervisor.changes:
             self._event(2, old << 8 | new)
-            self._pins.follow(new, self.now)
+            self._pins.apply_state(new, self.now)
         self.supervisor.changes.clear()
 
     def _send_edges(self) -> None:
-        """Eight successive intervals, as soon as the edge that ends them is counted."""
+        """Send eight successive intervals as soon as their last edge has been counted."""
         if self.rings[0].count < self._edges[0]:
             return
         last = self._edges.pop(0)
         chosen = [e for e in self.rings[0].recent if last - 8 < e[0] <= last]
         if len(chosen) == 8:
             self._send(m.EDGES, (chosen[0][0], chosen[-1][1], *(e[2] for e in chosen)))
-        else:                                    # too fast for one frame per slot: skip ahead
+        else:
+            # The edges are too fast for one frame per slot: continue with the present ones.
             lead = self.rings[0].count - last
             self._edges = [last + lead, *(e + lead for e in self._edges)]
 
@@ -363,7 +373,7 @@ class MockNano:
         self.supervisor.beat(t, beat["arm_token"], beat["mode"])
 
     def _on_time_ping(self, frame: Frame, t: float) -> None:
-        begin = max(self._uart.tx_free, t + TO_UART)
+        begin = max(self._uart.tx_free, t + LATCH_TO_UART)
         ping_id, host_us = frame.values()
         self._send(m.TIME_PONG, (ping_id, host_us, self._ck(t), self._ck(begin), 0), begin)
 

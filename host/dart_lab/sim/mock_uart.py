@@ -1,4 +1,4 @@
-"""The serial line of MockNano: bytes take their time, ten bits each."""
+"""The serial line of MockNano: a byte takes ten bit times."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ NEVER = float("inf")
 
 
 class MockUart:
-    """Both directions; ``tx_at`` and ``rx_at`` are the next instants that matter [s]."""
+    """Both directions; ``tx_at``, ``rx_at``: times of the next frame sent and received [s]."""
 
     def __init__(self, byte_time: float, now: float = 0.0) -> None:
         self.tx_at = self.rx_at = NEVER
@@ -25,14 +25,14 @@ class MockUart:
         self._sending.append((self.tx_free, data))
         self.tx_at = self._sending[0][0]
 
-    def sent(self) -> bytes:
-        """The frame whose last stop bit ends at ``tx_at``."""
+    def take_sent(self) -> bytes:
+        """Return the frame whose last stop bit ends at ``tx_at``."""
         data = self._sending.popleft()[1]
         self.tx_at = self._sending[0][0] if self._sending else NEVER
         return data
 
     def arrive(self, data: bytes, now: float) -> None:
-        """Bytes from the host that start on the line now."""
+        """Receive bytes from the host that start on the line now."""
         for byte in data:
             self._rx_free = max(self._rx_free, now) + self._byte
             self._block.append(byte)
@@ -41,8 +41,8 @@ class MockUart:
                 self._block.clear()
         self.rx_at = self._received[0][0] if self._received else NEVER
 
-    def received(self) -> bytes:
-        """The bytes up to the delimiter that arrives at ``rx_at``."""
+    def take_received(self) -> bytes:
+        """Return the bytes up to the delimiter that arrives at ``rx_at``."""
         block = self._received.popleft()[1]
         self.rx_at = self._received[0][0] if self._received else NEVER
         return block

@@ -1,4 +1,4 @@
-"""The moving body: one integration step per tick, dynamic or kinematic bicycle."""
+"""Motion of the car: one integration step per tick of a dynamic or kinematic bicycle."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from dart_hal.vehicle import (
 from dart_hal.vehicle.integrate import MAX_RELAXATION
 
 
-def _dynamic(p: Vehicle, dt: float) -> Callable[..., Any]:
-    """A step over one tick: x, y, eta, v_x, v_y, omega; inputs k0, k1, brake, cos d, sin d."""
+def _make_dynamic_tick(p: Vehicle, dt: float) -> Callable[..., Any]:
+    """Make the step of a tick: x, y, eta, v_x, v_y, omega; inputs k0, k1, brake, cos d, sin d."""
     step = make_dynamic_step(make_dynamic(p, SCALAR, max_rate=MAX_RELAXATION["rk4"] / dt))
     return lambda *a: step(*a[:6], dt, a[6:], a[6:], a[6:])
 
 
-def _kinematic(p: Vehicle, dt: float) -> Callable[..., Any]:
-    """A step over one tick: x, y, eta, v; inputs k0, k1, brake, tan d."""
+def _make_kinematic_tick(p: Vehicle, dt: float) -> Callable[..., Any]:
+    """Make the step of a tick: x, y, eta, v; inputs k0, k1, brake, tan d."""
     step = make_kinematic_step(make_kinematic(p, SCALAR))
     return lambda *a: step(*a[:4], dt, a[4:], a[4:], a[4:])
 
 
-class Felt(NamedTuple):
-    """Means over one tick: what encoder and IMU feel, body axes, SI units."""
+class MeanMotion(NamedTuple):
+    """Means over one tick, at the encoder and the IMU, in body axes and SI units."""
 
     v_x: float
     a_x: float
@@ -40,7 +40,7 @@ class Felt(NamedTuple):
     omega_dot: float
 
 
-class Motion(Protocol):
+class MotionModel(Protocol):
     """State of the car; x, y [m] and velocities belong to the centre of mass."""
 
     x: float
@@ -49,78 +49,104 @@ class Motion(Protocol):
     v_x: float
     v_y: float
     omega: float
-    drive: Drive
+    drive: MotorForce
 
-    def step(self, throttle: float, brake: float, angle: float) -> Felt:
-        """One tick with throttle -1..1, brake [N] and road-wheel angle [rad] held."""
+    def step(self, throttle: float, brake: float, angle: float) -> MeanMotion:
+        """Advance one tick with constant throttle -1..1, brake [N] and road-wheel angle [rad]."""
 
 
-class Drive:
-    """Coefficients of the drive force, kept while nothing about it changes.
+class MotorForce:
+    """Drive force k0 - k1 v [N]; the coefficients are computed only when an input changes.
 
-    ``leads``: -1 with the motor's leads swapped; ``push`` [N]: a hand at car or wheel.
+    ``leads``: -1 with the motor's leads swapped; ``push``: force of a hand at car or wheel [N].
     """
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._gains = make_motor_gains(vehicle.motor)
-        self._set = (math.nan, 1.0, 0.0)
-        self.leads, self.push = 1.0, 0.0
+        self._inputs = (math.nan, 1.0, 0.0)
+        self.leads = 1.0
+        self.push = 0.0
         self.k0 = self.k1 = 0.0
-        self.set(0.0)
+        self.set_throttle(0.0)
 
-    def set(self, throttle: float) -> None:
+    def set_throttle(self, throttle: float) -> None:
         now = (throttle, self.leads, self.push)
-        if now != self._set:
-            self._set = now
+        if now != self._inputs:
+            self._inputs = now
             k0, self.k1 = self._gains(throttle)
             self.k0 = self.leads * k0 + self.push
 
 
 class DynamicMotion:
-    """Dynamic bicycle with tyres, valid at rest and in reverse; RK4."""
+    """Dynamic bicycle with tyres, valid at rest and in reverse, integrated by RK4."""
 
     def __init__(self, vehicle: Vehicle, dt: float) -> None:
-        self.x, self.y, self.eta = vehicle.body.l_r, 0.0, 0.0
+        self.x = vehicle.body.l_r
+        self.y = 0.0
+        self.eta = 0.0
         self.v_x = self.v_y = self.omega = 0.0
         self._per_dt = 1.0 / dt
-        self._advance = _dynamic(vehicle, dt)
-        self.drive = Drive(vehicle)
-        self._angle, self._cos, self._sin = 0.0, 1.0, 0.0
+        self._advance = _make_dynamic_tick(vehicle, dt)
+        self.drive = MotorForce(vehicle)
+        self._angle = 0.0
+        self._cos = 1.0
+        self._sin = 0.0
 
-    def step(self, throttle: float, brake: float, angle: float) -> Felt:
+    def step(self, throttle: float, brake: float, angle: float) -> MeanMotion:
         drive = self.drive
-        drive.set(throttle)
+        drive.set_throttle(throttle)
         if angle != self._angle:
-            self._angle, self._cos, self._sin = angle, math.cos(angle), math.sin(angle)
-        u, v, r, f = self.v_x, self.v_y, self.omega, self._per_dt
+            self._angle = angle
+            self._cos = math.cos(angle)
+            self._sin = math.sin(angle)
+        u = self.v_x
+        v = self.v_y
+        r = self.omega
+        f = self._per_dt
         self.x, self.y, self.eta, vx, vy, om = self._advance(
             self.x, self.y, self.eta, u, v, r, drive.k0, drive.k1, brake, self._cos, self._sin)
-        self.v_x, self.v_y, self.omega = vx, vy, om
-        mean_u, mean_v, mean_r = 0.5 * (u + vx), 0.5 * (v + vy), 0.5 * (r + om)
-        return Felt(mean_u, (vx - u) * f - mean_r * mean_v, (vy - v) * f + mean_r * mean_u,
+        self.v_x = vx
+        self.v_y = vy
+        self.omega = om
+        # Mean acceleration of the body, in its rotating axes: a = dv/dt + omega x v.
+        mean_u = 0.5 * (u + vx)
+        mean_v = 0.5 * (v + vy)
+        mean_r = 0.5 * (r + om)
+        return MeanMotion(mean_u, (vx - u) * f - mean_r * mean_v, (vy - v) * f + mean_r * mean_u,
                     mean_r, (om - r) * f)
 
 
 class KinematicMotion:
-    """Kinematic bicycle: no slip, the yaw rate follows the road wheels at once."""
+    """Kinematic bicycle: no slip, the yaw rate follows the road wheels without delay."""
 
     def __init__(self, vehicle: Vehicle, dt: float) -> None:
-        self.x, self.y, self.eta = vehicle.body.l_r, 0.0, 0.0
+        self.x = vehicle.body.l_r
+        self.y = 0.0
+        self.eta = 0.0
         self.v_x = self.v_y = self.omega = 0.0
         self._per_dt = 1.0 / dt
-        self._l_r, self._wheelbase = vehicle.body.l_r, vehicle.body.wheelbase
-        self._advance = _kinematic(vehicle, dt)
-        self.drive = Drive(vehicle)
+        self._l_r = vehicle.body.l_r
+        self._wheelbase = vehicle.body.wheelbase
+        self._advance = _make_kinematic_tick(vehicle, dt)
+        self.drive = MotorForce(vehicle)
 
-    def step(self, throttle: float, brake: float, angle: float) -> Felt:
-        drive, f, tan = self.drive, self._per_dt, math.tan(angle)
-        drive.set(throttle)
-        u, v, r = self.v_x, self.v_y, self.omega
+    def step(self, throttle: float, brake: float, angle: float) -> MeanMotion:
+        drive = self.drive
+        f = self._per_dt
+        tan = math.tan(angle)
+        drive.set_throttle(throttle)
+        u = self.v_x
+        v = self.v_y
+        r = self.omega
         self.x, self.y, self.eta, vx = self._advance(
             self.x, self.y, self.eta, u, drive.k0, drive.k1, brake, tan)
         om = vx * tan / self._wheelbase
         vy = self._l_r * om
-        self.v_x, self.v_y, self.omega = vx, vy, om
-        mean_u, mean_v, mean_r = 0.5 * (u + vx), 0.5 * (v + vy), 0.5 * (r + om)
-        return Felt(mean_u, (vx - u) * f - mean_r * mean_v, (vy - v) * f + mean_r * mean_u,
+        self.v_x = vx
+        self.v_y = vy
+        self.omega = om
+        mean_u = 0.5 * (u + vx)
+        mean_v = 0.5 * (v + vy)
+        mean_r = 0.5 * (r + om)
+        return MeanMotion(mean_u, (vx - u) * f - mean_r * mean_v, (vy - v) * f + mean_r * mean_u,
                     mean_r, (om - r) * f)

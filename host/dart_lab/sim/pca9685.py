@@ -1,12 +1,11 @@
-"""The PCA9685 at register level: what is written, and which pulses come out.
+"""Model of the PCA9685 at register level: from register writes to pulses.
 
-Two halves. ``Pca9685`` is the register file that the bus sees; changes that
-reach the pins are queued with the time of their STOP (or fourth ACK).
-``PwmOutput`` turns the queue into (rise, fall) times per channel. Source: NXP
-PCA9685 data sheet, sections 7.3 to 7.7.
+``Pca9685Model`` has the registers. Changes of the outputs are queued with the time of their STOP,
+or of their fourth ACK. ``PwmOutput`` computes the (rise, fall) times of each channel from this
+queue. Source: NXP PCA9685 data sheet, sections 7.3 to 7.7.
 
-Where the data sheet leaves the instant open at which a new OFF count acts,
-``update`` chooses: "next_frame" (default) or "now".
+The data sheet does not say when a new OFF count acts: ``update`` is "next_frame" (default) or
+"now".
 """
 
 from __future__ import annotations
@@ -16,27 +15,36 @@ from dataclasses import dataclass
 
 from dart_lab.sim.pwm_output import OscillatorHz, PwmOutput
 
-MODE1, MODE2, LED0, ALL_LED, PRE_SCALE = 0x00, 0x01, 0x06, 0xFA, 0xFE
-RESTART, EXTCLK, AI, SLEEP, ALLCALL = 0x80, 0x40, 0x20, 0x10, 0x01
+# Registers, bits of MODE1, the bit "change on ACK" of MODE2, and the bit "full" of a count.
+MODE1 = 0x00
+MODE2 = 0x01
+LED0 = 0x06
+ALL_LED = 0xFA
+PRE_SCALE = 0xFE
+RESTART = 0x80
+EXTCLK = 0x40
+AI = 0x20
+SLEEP = 0x10
+ALLCALL = 0x01
 OCH = 0x08
-FULL = 0x10
-STABLE = 500e-6
-"""s that the oscillator needs after SLEEP is cleared."""
+FULL_BIT = 0x10
+# Start time of the oscillator after SLEEP is cleared [s].
+OSCILLATOR_START = 500e-6
 
-_POWER_ON = {MODE1: 0x11, MODE2: 0x04, 0x02: 0xE2, 0x03: 0xE4, 0x04: 0xE8, 0x05: 0xE0,
-             PRE_SCALE: 0x1E}
+_RESET_VALUES = {MODE1: 0x11, MODE2: 0x04, 0x02: 0xE2, 0x03: 0xE4, 0x04: 0xE8, 0x05: 0xE0,
+                 PRE_SCALE: 0x1E}
 
 
 @dataclass(slots=True)
 class _Transaction:
-    """One write from START to STOP: which LED registers it touched."""
+    """LED registers that one write, from START to STOP, has changed."""
 
     led: bool
     channels: dict[int, set[int]]
 
 
-class Pca9685:
-    """Register file of one chip at ``address``; times in s of the world.
+class Pca9685Model:
+    """Registers of one chip at ``address``; times in s of the world.
 
     ``oscillator``: Hz, or a function of time for a drifting one.
     """
@@ -51,14 +59,14 @@ class Pca9685:
         self._power_on(0.0)
 
     def answers(self, address: int) -> bool:
-        """Whether the chip acknowledges: own, all-call or an enabled sub-address."""
+        """Return whether the chip acknowledges: own, all-call or an enabled sub-address."""
         mode = self._regs[MODE1]
         aliases = ((ALLCALL, 5), (0x08, 2), (0x04, 3), (0x02, 4))
         return address == self.address or any(
             mode & bit and address == self._regs[reg] >> 1 for bit, reg in aliases)
 
     def write(self, data: bytes, acks: Sequence[float], stop: float) -> None:
-        """A write transaction: ``acks[i]`` is the time of the i-th data byte's ACK."""
+        """Run a write transaction; ``acks[i]``: time of the ACK of the i-th data byte [s]."""
         if not data:
             return
         self._pointer = data[0]
@@ -70,7 +78,7 @@ class Pca9685:
             self._latch(range(16), stop)
 
     def read(self, n: int) -> bytes:
-        """n bytes from the pointer on; ALL_LED registers read zero."""
+        """Return n bytes from the pointer on; ALL_LED registers are read as zero."""
         out = bytearray()
         for _ in range(n):
             hidden = ALL_LED <= self._pointer < PRE_SCALE
@@ -79,33 +87,34 @@ class Pca9685:
         return bytes(out)
 
     def software_reset(self, t: float) -> None:
-        """SWRST on the general-call address: the state of power-on."""
+        """Restore the state of power-on: SWRST on the general-call address."""
         self._power_on(t)
 
     def brown_out(self, t: float) -> None:
-        """The supply dips: every register falls back, nothing tells the host."""
+        """Reset all registers by a dip of the supply, without any sign to the host."""
         self._power_on(t)
 
     def set_oe(self, level: bool, t: float) -> None:
-        """Pin /OE; True = outputs disabled."""
-        self.output.at(t, lambda: self.output.set_oe(level))
+        """Set the pin /OE; True = outputs disabled."""
+        self.output.schedule(t, lambda: self.output.set_oe(level))
 
     def peek(self, register: int) -> int:
-        """A register's content without bus traffic, for tests."""
+        """Return the content of a register without bus traffic, for tests."""
         return self._regs[register]
 
     def _power_on(self, t: float) -> None:
         self._regs = bytearray(256)
-        for register, value in _POWER_ON.items():
+        for register, value in _RESET_VALUES.items():
             self._regs[register] = value
         for channel in range(16):
-            self._regs[LED0 + 4 * channel + 3] = FULL
+            self._regs[LED0 + 4 * channel + 3] = FULL_BIT
         self._pointer = 0
-        out, leds = self.output, self._leds(range(16))
+        out = self.output
+        leds = self._leds(range(16))
         out.sleep(t)
-        out.at(t, lambda: out.set_mode2(0x04))
-        out.at(t, lambda: out.set_prescale(0x1E))
-        out.at(t, lambda: out.latch(leds))
+        out.schedule(t, lambda: out.set_mode2(0x04))
+        out.schedule(t, lambda: out.set_prescale(0x1E))
+        out.schedule(t, lambda: out.latch(leds))
 
     def _advance_pointer(self) -> None:
         if self._regs[MODE1] & AI:
@@ -116,7 +125,7 @@ class Pca9685:
             self._store_mode1(value, t)
         elif register == MODE2:
             self._regs[MODE2] = value & 0x1F
-            self.output.at(t, lambda: self.output.set_mode2(value))
+            self.output.schedule(t, lambda: self.output.set_mode2(value))
         elif register == PRE_SCALE:
             self._store_prescale(value, t)
         elif LED0 <= register <= 0x45:
@@ -136,22 +145,23 @@ class Pca9685:
         if not value & SLEEP and old & SLEEP:
             self._awake_since = t
             blocked = bool(restart)
-            self.output.at(t + STABLE, lambda: self.output.start(blocked), wakes=True)
-        stable = not old & SLEEP and t - self._awake_since >= STABLE - 1e-9
+            self.output.schedule(t + OSCILLATOR_START, lambda: self.output.start(blocked),
+                                 wakes=True)
+        stable = not old & SLEEP and t - self._awake_since >= OSCILLATOR_START - 1e-9
         if value & RESTART and restart and not value & SLEEP and stable:
             restart = 0
-            self.output.at(t, self.output.resume)
+            self.output.schedule(t, self.output.resume)
         # EXTCLK is set only in sleep and cleared only by a power cycle or SWRST
         external = old & EXTCLK or (value & EXTCLK if old & SLEEP else 0)
         self._regs[MODE1] = (value & 0x3F) | external | restart
 
     def _running(self) -> bool:
-        return any(not self._regs[LED0 + 4 * c + 3] & FULL for c in range(16))
+        return any(not self._regs[LED0 + 4 * c + 3] & FULL_BIT for c in range(16))
 
     def _store_prescale(self, value: int, t: float) -> None:
         if self._regs[MODE1] & SLEEP:
             self._regs[PRE_SCALE] = max(3, value)
-            self.output.at(t, lambda: self.output.set_prescale(max(3, value)))
+            self.output.schedule(t, lambda: self.output.set_prescale(max(3, value)))
 
     def _store_led(self, register: int, value: int, t: float, touched: _Transaction) -> None:
         channel, part = divmod(register - LED0, 4)
@@ -164,28 +174,30 @@ class Pca9685:
             self._latch((channel,), t)
 
     def _latch(self, channels: Sequence[int], t: float) -> None:
-        """New counts reach the outputs; a pending RESTART is given up."""
-        leds, out = self._leds(channels), self.output
-        out.at(t, lambda: out.latch(leds))
+        """Pass new counts to the outputs; a pending RESTART is cancelled."""
+        leds = self._leds(channels)
+        out = self.output
+        out.schedule(t, lambda: out.latch(leds))
         if self._regs[MODE1] & RESTART:
             self._regs[MODE1] &= ~RESTART
-            out.at(t, out.resume)
+            out.schedule(t, out.resume)
 
     def _leds(self, channels: Sequence[int]) -> dict[int, tuple[tuple[int, int], ...]]:
         return {c: high_counts(self._regs[LED0 + 4 * c: LED0 + 4 * c + 4]) for c in channels}
 
 
 def high_counts(led: bytes | bytearray) -> tuple[tuple[int, int], ...]:
-    """Intervals [from, to) of the 4096 counts in which a channel is high.
+    """Return the intervals [from, to) of the 4096 counts in which a channel is high.
 
     ``led``: ON_L, ON_H, OFF_L, OFF_H. Full off wins over full on; OFF < ON
     wraps into the next frame; equal counts are low.
     """
-    if led[3] & FULL:
+    if led[3] & FULL_BIT:
         return ()
-    if led[1] & FULL:
+    if led[1] & FULL_BIT:
         return ((0, 4096),)
-    on, off = led[0] | (led[1] & 0x0F) << 8, led[2] | (led[3] & 0x0F) << 8
+    on = led[0] | (led[1] & 0x0F) << 8
+    off = led[2] | (led[3] & 0x0F) << 8
     if on < off:
         return ((on, off),)
     if on > off:

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+# Configuration, shunt and bus voltages of a running computer, manufacturer and die id.
 _POWER_ON = {0x00: 0x7127, 0x01: 0x0128, 0x02: 0x1388, 0x03: 0x00F0, 0x04: 0x1390, 0x05: 0x0010,
              0x06: 0x0D20, 0xFE: 0x5449, 0xFF: 0x3220}
-"""Configuration, shunt and bus voltages of a computer that runs, and who it is."""
 
 
 class PowerMonitor:
-    """One monitor at ``address``; ``stored`` lists what was written into it: (register, value)."""
+    """One monitor at ``address``; ``stored``: list of writes (register, value)."""
 
     def __init__(self, address: int = 0x40, registers: dict[int, int] | None = None) -> None:
         self.address = address
@@ -23,11 +23,11 @@ class PowerMonitor:
         self._pointer = 0
 
     def answers(self, address: int) -> bool:
-        """Its own address alone."""
+        """Return whether the address is the monitor's own."""
         return address == self.address
 
     def write(self, data: bytes, acks: Sequence[float], stop: float) -> None:
-        """The first byte points; more of them are stored."""
+        """Set the pointer to the first byte; store further bytes in the register."""
         if data:
             self._pointer = data[0]
         if len(data) > 1:
@@ -35,9 +35,9 @@ class PowerMonitor:
             self._registers[data[0]] = int.from_bytes(data[1:3].ljust(2, b"\0"), "big")
 
     def read(self, n: int) -> bytes:
-        """The register under the pointer, high byte first, again and again."""
+        """Return n bytes of the register at the pointer, high byte first, repeatedly."""
         pair = self._registers.get(self._pointer, 0).to_bytes(2, "big")
         return (pair * (n // 2 + 1))[:n]
 
     def software_reset(self, t: float) -> None:
-        """It does not listen to the general call."""
+        """Do nothing: the monitor ignores the general call."""

@@ -1,7 +1,7 @@
 """Pulse trains of the PCA9685: counter, comparators, pin stage.
 
-Output of a channel is a list of (rise, fall) times of its pin. Servo, ESC and
-every test of safety read these, never registers.
+The output of a channel is a list of (rise, fall) times of its pin. Servo, ESC and all safety tests
+use these times, never registers.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ NEVER = float("inf")
 
 
 class PwmOutput:
-    """Generator of pulses; changes take effect at their own time.
+    """Generator of pulses; each change acts at its own time.
 
-    ``advance(t)`` produces everything up to t; nothing happens to the pins
-    before ``quiet_until``, so a caller may skip until then.
+    ``advance(t)`` computes all pins up to t. No pin changes before ``quiet_until``, so a caller may
+    skip until then.
     """
 
     def __init__(self, oscillator: OscillatorHz, update: str = "next_frame") -> None:
@@ -29,25 +29,27 @@ class PwmOutput:
             raise UsageError(f"update {update!r}", expected="next_frame or now")
         self.quiet_until = 0.0
         self._oscillator = oscillator
-        self._now_mode = update == "now"
+        self._acts_at_once = update == "now"
         self._queue: list[tuple[float, int, Callable[[], None], bool]] = []
         self._order = 0
         self._t = 0.0
         self._running = self._blocked = self._oe = False
-        self._prescale, self._mode2 = 0x1E, 0x04
-        self._frame, self._count = 0.0, 0.0
+        self._prescale = 0x1E
+        self._mode2 = 0x04
+        self._frame = 0.0
+        self._count = 0.0
         self._latched: list[Counts] = [()] * 16
         self._active: list[Counts] = [()] * 16
         self._level = [False] * 16
         self._rise: list[float | None] = [None] * 16
         self._done: list[list[Pulse]] = [[] for _ in range(16)]
 
-    # -- changes, called through at() ------------------------------------
+    # -- changes, called through schedule() ------------------------------------
 
-    def at(self, t: float, change: Callable[[], None], wakes: bool = False) -> None:
-        """Let ``change`` act at time t (not before what was already produced).
+    def schedule(self, t: float, change: Callable[[], None], wakes: bool = False) -> None:
+        """Let ``change`` act at time t, or at the time that has been computed if that is later.
 
-        ``wakes``: a later ``sleep`` that acts before t withdraws it.
+        ``wakes``: a later ``sleep`` that acts before t cancels it.
         """
         self._order += 1
         t = max(t, self._t)
@@ -55,34 +57,35 @@ class PwmOutput:
         self.quiet_until = min(self.quiet_until, t)
 
     def sleep(self, t: float) -> None:
-        """The oscillator stops at t, also if it was only about to start."""
+        """Stop the oscillator at t; a start that is pending then is cancelled."""
         self._queue = [e for e in self._queue if not (e[3] and e[0] > t)]
-        self.at(t, self._stop)
+        self.schedule(t, self._stop)
 
     def start(self, blocked: bool = False) -> None:
-        """The oscillator runs; with RESTART pending the channels stay low."""
-        self._running, self._blocked = True, blocked
+        """Start the oscillator; with RESTART pending the channels stay low."""
+        self._running = True
+        self._blocked = blocked
         self._begin_frame(self._t)
 
     def resume(self) -> None:
-        """RESTART done, or given up by an LED write: pulses from a new frame on."""
+        """Start the pulses with a new frame, after RESTART or an LED write that cancels it."""
         if self._blocked:
             self._blocked = False
             self._begin_frame(self._t)
 
     def _stop(self) -> None:
-        """A running pulse is cut here."""
+        """Stop the oscillator now, which ends a pulse."""
         self._running = False
         for channel in range(16):
-            self._set(channel, False, self._t)
+            self._set_level(channel, False, self._t)
 
     def latch(self, leds: dict[int, Counts]) -> None:
         for channel, counts in leds.items():
             self._latched[channel] = counts
-            if self._now_mode and self._running and not self._blocked:
+            if self._acts_at_once and self._running and not self._blocked:
                 self._active[channel] = counts
-                at = (self._t - self._frame) / self._count
-                self._set(channel, any(a <= at < b for a, b in counts), self._t)
+                count = (self._t - self._frame) / self._count
+                self._set_level(channel, any(a <= count < b for a, b in counts), self._t)
 
     def set_prescale(self, value: int) -> None:
         self._prescale = value
@@ -96,14 +99,14 @@ class PwmOutput:
         self._refresh_pins()
 
     @property
-    def disabled(self) -> bool:
-        """/OE is high."""
+    def is_disabled(self) -> bool:
+        """Return whether /OE is high."""
         return self._oe
 
     # -- production ------------------------------------------------------
 
     def advance(self, t: float) -> None:
-        """Produce the pins up to time t."""
+        """Compute the pins up to time t, with the changes that are due."""
         while self._queue and self._queue[0][0] <= t:
             due, _, change, _ = self._queue.pop(0)
             self._produce(due)
@@ -112,26 +115,28 @@ class PwmOutput:
         self.quiet_until = self._next_change()
 
     def take(self, channel: int) -> list[Pulse]:
-        """Pulses of a channel that ended since the last call."""
+        """Return the pulses of a channel that ended since the last call."""
         done = self._done[channel]
         if done:
             self._done[channel] = []
         return done
 
     def high_since(self, channel: int) -> float | None:
-        """Rise of the pulse under way, None = the pin is low."""
+        """Return the rise of the present pulse [s], None = the pin is low."""
         return self._rise[channel]
 
     def upcoming(self, channel: int, until: float) -> list[tuple[float, bool]]:
-        """Edges of a channel's pin after the present up to ``until``, as things stand."""
+        """Return the edges of a channel's pin from now to ``until``, if no change comes."""
         if not self._running or self._blocked or self._oe:
             return []
         edges = []
-        frame, counts = self._frame, self._active[channel]
+        frame = self._frame
+        counts = self._active[channel]
         while counts and frame < until:
             for a, b in counts:
                 edges += [(frame + a * self._count, True), (frame + b * self._count, False)]
-            frame, counts = frame + 4096 * self._count, self._latched[channel]
+            frame = frame + 4096 * self._count
+            counts = self._latched[channel]
         return [(t, level) for t, level in edges if self._t < t <= until]
 
     def _produce(self, t: float) -> None:
@@ -140,36 +145,42 @@ class PwmOutput:
             upto = min(t, end)
             for channel, counts in enumerate(self._active):
                 if counts:
-                    self._play(channel, counts, upto)
+                    self._produce_edges(channel, counts, upto)
             self._t = upto
             if t < end:
                 return
             self._begin_frame(end)
         self._t = max(self._t, t)
 
-    def _play(self, channel: int, counts: Counts, upto: float) -> None:
-        frame, count, now = self._frame, self._count, self._t
+    def _produce_edges(self, channel: int, counts: Counts, upto: float) -> None:
+        frame = self._frame
+        count = self._count
+        now = self._t
         for a, b in counts:
-            rise, fall = frame + a * count, frame + b * count
+            rise = frame + a * count
+            fall = frame + b * count
             if fall > now and rise < upto and not self._level[channel]:
-                self._set(channel, True, max(rise, now))
+                self._set_level(channel, True, max(rise, now))
             if now < fall <= upto and b < 4096:
-                self._set(channel, False, fall)
+                self._set_level(channel, False, fall)
 
     def _begin_frame(self, t: float) -> None:
         osc = self._oscillator(t) if callable(self._oscillator) else self._oscillator
-        self._frame, self._count = t, (self._prescale + 1) / osc
+        self._frame = t
+        self._count = (self._prescale + 1) / osc
         self._t = t
         self._active = list(self._latched)
         for channel, counts in enumerate(self._active):
             if self._level[channel] and not (counts and counts[0][0] == 0):
-                self._set(channel, False, t)
+                self._set_level(channel, False, t)
 
     def _next_change(self) -> float:
         pending = self._queue[0][0] if self._queue else NEVER
         if not self._running or self._blocked:
             return pending
-        frame, count, now = self._frame, self._count, self._t
+        frame = self._frame
+        count = self._count
+        now = self._t
         edges = [frame + c * count for counts in self._active for pair in counts for c in pair]
         later = [e for e in edges if e > now]
         return min(pending, frame + 4096 * count, *later) if later else min(
@@ -177,7 +188,7 @@ class PwmOutput:
 
     # -- pin stage ---------------------------------------------------------
 
-    def _set(self, channel: int, level: bool, t: float) -> None:
+    def _set_level(self, channel: int, level: bool, t: float) -> None:
         self._level[channel] = level
         self._drive(channel, t)
 
@@ -186,7 +197,7 @@ class PwmOutput:
             self._drive(channel, self._t)
 
     def _drive(self, channel: int, t: float) -> None:
-        """Level of the pin: INVRT, and OUTNE while /OE is high (high-Z counts as low)."""
+        """Set the pin by its level, INVRT, and OUTNE while /OE is high; high-Z counts as low."""
         mode = self._mode2
         if self._oe:
             pin = mode & 0x03 == 0x01 and bool(mode & 0x04)

@@ -1,7 +1,7 @@
 """A simulated car for other programs: its Nano on a pty, its I2C bus on a socket.
 
-The pty's thread paces the world; a thread per bus client carries transfers.
-One lock keeps the two apart, so a transfer sees the world at one instant.
+The thread of the pty runs the world in real time; a thread per bus client runs transfers. One lock
+serialises them, so a transfer acts at one instant of the world.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ NO_DEVICE = 121
 
 
 class PacedWorld:
-    """The shape that ``links.pty`` paces, over a whole simulated car.
+    """A simulated car with the interface that ``links.pty`` runs in real time.
 
-    The line damages and loses what the URL says; delays are the pty's own.
+    Damage of the line is that of the URL; its delays are those of the pty.
     """
 
     def __init__(self, backend: Backend) -> None:
@@ -61,15 +61,16 @@ class PacedWorld:
             self._world.nano.reset(cause)
 
 
-def _make_room(path: Path) -> None:
-    """Remove the socket that a killed server left; anything else is somebody's.
+def _remove_stale_socket(path: Path) -> None:
+    """Remove the socket of a server that was killed.
 
     Raises UsageError for a file, and for a socket that is being served.
     """
     if not path.exists():
         return
     if not stat.S_ISSOCK(path.stat().st_mode):
-        raise UsageError(f"{path} is a file, not a socket of ours", expected="a path that is free",
+        raise UsageError(f"{path} is a file, not a socket of this program",
+                         expected="a path that is free",
                          remedy="name another path with --bus")
     with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
         try:
@@ -88,7 +89,7 @@ class BusServer:
         self.path = path
         self._bus = backend.bus
         self._paced = paced
-        _make_room(path)
+        _remove_stale_socket(path)
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self._socket.bind(os.fspath(path))
         self._socket.listen()
@@ -116,19 +117,19 @@ class BusServer:
     def _serve(self, client: socket.socket) -> None:
         with client, contextlib.suppress(OSError):
             while True:
-                address, wrote, wanted = REQUEST.unpack(receive(client, REQUEST.size))
-                client.sendall(self._transfer(address, receive(client, wrote), wanted))
+                address, wrote, n = REQUEST.unpack(receive(client, REQUEST.size))
+                client.sendall(self._transfer(address, receive(client, wrote), n))
 
-    def _transfer(self, address: int, data: bytes, wanted: int) -> bytes:
+    def _transfer(self, address: int, data: bytes, n: int) -> bytes:
         assert self._bus is not None
-        answer = bytearray(wanted)
+        answer = bytearray(n)
         try:
             with self._paced.lock:
-                if data and wanted:
+                if data and n:
                     self._bus.writeto_then_readfrom(address, data, answer)
                 elif data:
                     self._bus.writeto(address, data)
-                elif wanted:
+                elif n:
                     self._bus.readfrom_into(address, answer)
         except OSError as error:
             return bytes([error.errno or NO_DEVICE])

@@ -11,8 +11,8 @@ from dart_hal.vehicle import PAPER, Steering, make_steering
 from dart_hal.vehicle.delay import DelayQueue
 from dart_lab.sim.pwm_output import Pulse
 
+# A servo of this class turns 180 deg for 2000 us.
 HORN_RAD_PER_US = math.pi / 2 / 1000.0
-"""A servo of this class turns 180 deg for 2000 us."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +23,7 @@ class ServoParams:
     first-order ``lag`` [s] (``injected.InjectedServo`` has one);
     ``backlash`` [rad] is the full width of the loop at the road wheels;
     ``repeatability`` [us] is one sigma of where the servo comes to rest: its
-    potentiometer and friction decide anew after every move.
+    potentiometer and friction give another position after every move.
     """
 
     center_us: float = 1500.0
@@ -36,18 +36,18 @@ class ServoParams:
     lag: float = 0.0
 
 
-LIMIT = 1.3
-"""Command at which the horn is at its stop."""
+# Command at which the horn is at its stop.
+MAX_COMMAND = 1.3
 
-MOVE = 0.02
-"""Commands this far apart (7.5 us) are another move: friction lets go."""
+# Smallest change of the command (7.5 us) that overcomes friction and is a new move.
+MIN_MOVE = 0.02
 
 
-class Servo:
+class SteeringServo:
     """Horn position (as command) and road-wheel angle [rad], moved in ticks.
 
-    Without pulses the servo holds. The road wheel follows the linkage as a
-    peg in a slot of width ``backlash``: the middle of the loop is the curve.
+    Without pulses the servo keeps its position. The linkage has play: the road wheel follows it
+    within a band of width ``backlash`` around the curve.
     """
 
     def __init__(self, params: ServoParams, rng: np.random.Generator | None = None) -> None:
@@ -65,34 +65,36 @@ class Servo:
         self._pending = DelayQueue[float]()
 
     def pulse(self, pulse: Pulse) -> None:
-        """One complete pulse (rise, fall) [s]."""
+        """Take over one complete pulse (rise, fall) [s]."""
         rise, t = pulse
         width = (t - rise) * 1e6
-        if 400.0 <= width <= 2600.0:            # a servo ignores anything else
+        # A servo ignores pulses of other widths.
+        if 400.0 <= width <= 2600.0:
             command = (width - self.params.center_us) / self.params.span_us
-            if abs(command - self._moved_to) > MOVE:
+            if abs(command - self._moved_to) > MIN_MOVE:
                 self._moved_to = command
                 self._rest = self._spread * float(self._rng.normal())
             self._pending.put(t + self.params.delay, command + self._rest)
 
     def move(self, t: float, dt: float) -> float:
-        """Advance by dt up to world time t; returns the road-wheel angle [rad]."""
-        target = self._arrived(t)
+        """Advance by dt up to world time t and return the road-wheel angle [rad]."""
+        target = self._current_target(t)
         if target is not None and target != self.command:
-            self.angle = self._turned(target, dt, self.angle)
+            self.angle = self._turn_linkage(target, dt, self.angle)
         return self.angle
 
-    def _arrived(self, t: float) -> float | None:
-        """The command that the servo knows at time t, None = no pulse yet."""
+    def _current_target(self, t: float) -> float | None:
+        """Return the command that acts at time t, None = no pulse yet."""
         for command in self._pending.take(t):
             self._target = command
         return self._target
 
-    def _turned(self, target: float, dt: float, angle: float) -> float:
-        """The angle [rad] at the end of the linkage after dt on the way to a command."""
-        most = self._rate * dt
-        self.command += max(-most, min(most, target - self.command))
-        self.linkage = middle = self._curve(max(-LIMIT, min(LIMIT, self.command)))
+    def _turn_linkage(self, target: float, dt: float, angle: float) -> float:
+        """Turn the horn for dt towards a command; return the angle [rad] behind the linkage."""
+        max_step = self._rate * dt
+        self.command += max(-max_step, min(max_step, target - self.command))
+        self.linkage = middle = self._curve(max(-MAX_COMMAND, min(MAX_COMMAND, self.command)))
+        # The road wheel keeps its angle until the edge of the play moves it.
         half = 0.5 * self.params.backlash
-        held: float = max(middle - half, min(middle + half, angle))
-        return held
+        moved: float = max(middle - half, min(middle + half, angle))
+        return moved

@@ -1,9 +1,10 @@
-"""The way to the truth about a simulated car. Who may take it is a rule.
+"""Access to the truth about a simulated car, restricted to a few programs.
 
-Only ``dart-hal sim --reveal``, ``dart-hal demo``, ``dart-hal localize``, which gives a car the
-map of its room and draws the true path, and tests import this module or ``dart_lab.sim.hidden``.
-Estimation, calibration, control and diagnosis have to measure: a program that could peek would
-prove nothing. A test reads the import graph and refuses every other importer.
+Only ``dart-hal sim --reveal``, ``dart-hal demo``, ``dart-hal localize`` and tests import this
+module or ``dart_lab.sim.hidden``. ``localize`` gives a car the map of its room and draws the true
+path.
+Estimation, calibration, control and diagnosis have to measure, otherwise their results would prove
+nothing. A test checks the import graph.
 """
 
 from __future__ import annotations
@@ -17,23 +18,24 @@ from dart_hal.devices.links.base import Backend
 from dart_hal.devices.links.paced import PacedLink
 from dart_hal.vehicle import make_steering
 from dart_hal.vehicle.effect import ActiveEffect
-from dart_lab.sim.backend import OPTIONS, lidar_in_room, mocap_in_room, room_in_view
-from dart_lab.sim.drawn import car_of
+from dart_lab.sim.backend import URL_OPTIONS, lidar_in_room, mocap_in_room, room_in_view
+from dart_lab.sim.drawn import resolve_car
 from dart_lab.sim.hidden import HiddenCar, hidden_car
 from dart_lab.sim.imu import ImuParams, rotation
-from dart_lab.sim.lidar.maps import Room
+from dart_lab.sim.lidar.maps import RoomMap
 from dart_lab.sim.link import SimLink
-from dart_lab.sim.mock_nano import TO_UART
+from dart_lab.sim.mock_nano import LATCH_TO_UART
 from dart_lab.sim.servo import HORN_RAD_PER_US
 from dart_lab.sim.world import Truth, World
 
-POINTS = 401
-BUS = 0.92e-3
-"""s of ten bytes on an I2C bus of 100 kHz."""
+# Points of the revealed steering map.
+STEERING_POINTS = 401
+# Time of ten bytes on an I2C bus of 100 kHz [s].
+BUS_TIME = 0.92e-3
 
 
 def world_of(backend: Backend) -> World:
-    """The world behind an opened ``sim://``. Raises UsageError for another backend."""
+    """Return the world of an opened ``sim://``. Raises UsageError for another backend."""
     link = backend.link.link if isinstance(backend.link, PacedLink) else backend.link
     if not isinstance(link, SimLink):
         raise UsageError(f"{backend.url.text} is not a simulated car", expected="sim://")
@@ -41,101 +43,101 @@ def world_of(backend: Backend) -> World:
 
 
 def truth(backend: Backend, t: float | None = None) -> Truth:
-    """What the simulated car does at time t [s], default: now."""
+    """Return the true state of the simulated car at time t [s], default now."""
     return world_of(backend).truth(t)
 
 
 def reveal(seed: int | None, ring: str | None = None) -> dict[str, Any]:
-    """The object that ``sim --reveal`` prints (JSON types only); ``ring`` as in the URL."""
-    return _revealed(hidden_car(seed, ring), ())
+    """Return what ``sim --reveal`` prints, in JSON types only; ``ring`` as in the URL."""
+    return _describe_car(hidden_car(seed, ring), ())
 
 
 def reveal_url(url: Url) -> dict[str, Any]:
-    """The same for any ``sim://`` URL. Raises what opening it would raise.
+    """Return the same for any ``sim://`` URL. Raises what opening it would raise.
 
     The steering angle is the middle of the backlash loop at pulse =
     center_us + span_us * command. Throttle figures are distances from
     neutral [us]; the dead band ends where drive force begins (the ESC's or
     the motor's, whichever is wider). ``steering.backlash`` is the full width
-    of the loop. All this is the car without its ``effects``, which come on top.
-    ``mocap``: the parameters of ``MocapParams``, None without a motion capture; ``lidar``: those
-    of ``LidarParams``, ``room``: name, lines, glass and start of a ``Room``, None without a lidar.
+    of the loop. All this is the car without its ``effects``, which are listed separately.
+    ``mocap``: the parameters of ``MocapParams``, None without a motion capture; ``lidar``: those of
+    ``LidarParams``, ``room``: name, lines, glass and start of a ``RoomMap``, None without a lidar.
     """
-    url.known(*OPTIONS)
-    drawn = car_of(url)
-    mocap = mocap_in_room(url, drawn.base.seed)
-    shown = _revealed(drawn.base, drawn.effects)
+    url.known(*URL_OPTIONS)
+    resolved = resolve_car(url)
+    mocap = mocap_in_room(url, resolved.base.seed)
+    revealed = _describe_car(resolved.base, resolved.effects)
     if mocap:
-        shown["sensors"] |= {"mocap.marker_x": mocap.lx, "mocap.marker_y": mocap.ly,
+        revealed["sensors"] |= {"mocap.marker_x": mocap.lx, "mocap.marker_y": mocap.ly,
                              "mocap.marker_yaw": mocap.theta, "mocap.latency": mocap.latency}
-    seen = lidar_in_room(url, drawn.base.seed)
-    if seen:
-        unit = seen[0]
-        shown["sensors"] |= {"lidar.mount_x": unit.x, "lidar.mount_y": unit.y,
+    lidar = lidar_in_room(url, resolved.base.seed)
+    if lidar:
+        unit = lidar[0]
+        revealed["sensors"] |= {"lidar.mount_x": unit.x, "lidar.mount_y": unit.y,
                              "lidar.mount_yaw": unit.yaw, "lidar.scale": unit.scale}
-    return {**shown, "mocap": mocap and asdict(mocap), "lidar": seen and asdict(seen[0]),
-            "room": seen and _room(seen[1])}
+    return {**revealed, "mocap": mocap and asdict(mocap), "lidar": lidar and asdict(lidar[0]),
+            "room": lidar and _describe_room(lidar[1])}
 
 
-def room_of_car(backend: Backend) -> Room:
-    """The room in which a simulated lidar is. Raises UsageError where there is none."""
+def room_of_car(backend: Backend) -> RoomMap:
+    """Return the room of a simulated lidar. Raises UsageError without a lidar."""
     found = lidar_in_room(backend.url, world_of(backend).car.seed)
     if found is None:
         raise UsageError(f"{backend.url.text} has no lidar", expected="sim://?lidar=1")
     return found[1]
 
 
-def room_of_url(url: Url) -> Room | None:
-    """The room that lidar and camera of a ``sim://`` URL see, None without. Raises UsageError."""
-    return room_in_view(url, car_of(url).base.seed)
+def room_of_url(url: Url) -> RoomMap | None:
+    """Return the room of a ``sim://`` URL with lidar or camera, else None. Raises UsageError."""
+    return room_in_view(url, resolve_car(url).base.seed)
 
 
-def _room(room: Room) -> dict[str, Any]:
+def _describe_room(room: RoomMap) -> dict[str, Any]:
     return {"name": room.name, "lines": room.lines.tolist(), "glass": room.glass.tolist(),
             "start": list(room.start)}
 
 
-def _revealed(car: HiddenCar, effects: tuple[ActiveEffect, ...]) -> dict[str, Any]:
+def _describe_car(car: HiddenCar, effects: tuple[ActiveEffect, ...]) -> dict[str, Any]:
     curve = make_steering(car.servo.curve)
-    commands = [-1.0 + 2.0 * k / (POINTS - 1) for k in range(POINTS)]
-    return {"seed": car.seed, "vehicle": _vehicle(car),
+    commands = [-1.0 + 2.0 * k / (STEERING_POINTS - 1) for k in range(STEERING_POINTS)]
+    return {"seed": car.seed, "vehicle": _describe_vehicle(car),
             "steering": {"command": commands, "angle_rad": [curve(s) for s in commands]},
-            "sensors": _sensors(car), "effects": [_effect(a) for a in effects]}
+            "sensors": _describe_sensors(car), "effects": [_describe_effect(a) for a in effects]}
 
 
-def _effect(a: ActiveEffect) -> dict[str, Any]:
+def _describe_effect(a: ActiveEffect) -> dict[str, Any]:
     pairs = zip(a.effect.parameters, a.values, strict=True)
-    return {"name": a.name, "parameters": {q.name: _value(v, q.unit) for q, v in pairs}}
+    return {"name": a.name, "parameters": {q.name: _with_unit(v, q.unit) for q, v in pairs}}
 
 
-def _value(value: float, unit: str) -> dict[str, Any]:
+def _with_unit(value: float, unit: str) -> dict[str, Any]:
     return {"value": value, "unit": unit}
 
 
-def _vehicle(car: HiddenCar) -> dict[str, Any]:
+def _describe_vehicle(car: HiddenCar) -> dict[str, Any]:
     v = car.vehicle
     groups = {"body": v.body, "friction": v.friction, "motor": v.motor, "steering": v.steering,
               "tyres": v.tyres}
     table: dict[str, Any] = {
-        name: {f: _value(getattr(group, f), spec.metadata["unit"])
+        name: {f: _with_unit(getattr(group, f), spec.metadata["unit"])
                for f, spec in group.__dataclass_fields__.items() if "unit" in spec.metadata}
         for name, group in groups.items()}
     table["name"] = v.name
-    table["delay"] = {"steering_s": _value(car.servo.delay, "s"),
-                      "throttle_s": _value(car.esc.delay, "s"),
-                      "steering_lag_s": _value(car.servo.lag, "s"),
-                      "throttle_lag_s": _value(car.esc.lag, "s")}
-    table["servo"] = {"rate": _value(car.servo.rate, "rad/s")}
-    table["esc"] = {"deadband_forward_us": _value(car.esc.deadband_forward_us, "us"),
-                    "deadband_reverse_us": _value(car.esc.deadband_reverse_us, "us"),
-                    "brake_force": _value(car.brake_force, "N")}
-    table["stand"] = {"wheel_mass": _value(car.wheel_mass, "kg"),
-                      "drivetrain": _value(car.drivetrain, "-")}
-    table["nano"] = {"clock_error": _value(car.clock_error, "-")}
+    table["delay"] = {"steering_s": _with_unit(car.servo.delay, "s"),
+                      "throttle_s": _with_unit(car.esc.delay, "s"),
+                      "steering_lag_s": _with_unit(car.servo.lag, "s"),
+                      "throttle_lag_s": _with_unit(car.esc.lag, "s")}
+    table["servo"] = {"rate": _with_unit(car.servo.rate, "rad/s")}
+    table["esc"] = {"deadband_forward_us": _with_unit(car.esc.deadband_forward_us, "us"),
+                    "deadband_reverse_us": _with_unit(car.esc.deadband_reverse_us, "us"),
+                    "brake_force": _with_unit(car.brake_force, "N")}
+    table["stand"] = {"wheel_mass": _with_unit(car.wheel_mass, "kg"),
+                      "drivetrain": _with_unit(car.drivetrain, "-")}
+    table["nano"] = {"clock_error": _with_unit(car.clock_error, "-")}
     return table
 
 
-def _sensors(car: HiddenCar) -> dict[str, Any]:
+def _describe_sensors(car: HiddenCar) -> dict[str, Any]:
     onset = -car.vehicle.motor.g * car.esc.saturation_us
     return {
         "pwm.oscillator_hz": car.oscillator_hz,
@@ -153,20 +155,20 @@ def _sensors(car: HiddenCar) -> dict[str, Any]:
         "imu.mount_yaw": car.imu.mount_yaw,
         "imu.mount_pitch": car.imu.mount_pitch,
         "imu.mount_roll": car.imu.mount_roll,
-        # a command takes the bus, waits for the next frame of the PWM, uniform over 20 ms,
-        # and acts at the end of its pulse of 1.5 ms
+        # A command takes the time of the bus, waits for the next PWM frame, uniform over 20 ms,
+        # and acts at the end of its pulse of 1.5 ms.
         "latency.command_to_pulse": 0.5 * round(car.oscillator_hz / 4096 / 50) * 4096
-        / car.oscillator_hz + 1.5e-3 + BUS,
+        / car.oscillator_hz + 1.5e-3 + BUS_TIME,
         "latency.pulse_to_wheel": car.esc.delay,
         "latency.pulse_to_wheel_lag": car.esc.lag,
         "latency.pulse_to_yaw": car.servo.delay,
         "latency.pulse_to_yaw_lag": car.servo.lag,
         "steering.slew_us_s": car.servo.rate / HORN_RAD_PER_US,
-        "latency.sensor_to_host": TO_UART + 44 * 20e-6,
+        "latency.sensor_to_host": LATCH_TO_UART + 44 * 20e-6,
     }
 
 
 def _yaw_bias(imu: ImuParams) -> float:
-    """Offset of the yaw rate [rad/s] once mounting and scale have been applied."""
+    """Return the offset of the yaw rate [rad/s] after mounting and scale are applied."""
     row = rotation(imu.mount_yaw, imu.mount_pitch, imu.mount_roll)[2]
     return sum(r * b for r, b in zip(row, imu.gyro_bias, strict=True)) / imu.gyro_scale

@@ -9,7 +9,7 @@ import msgspec
 from dart_hal.core.config import Calibration, CarFiles, Quantity, parse_config
 from dart_hal.devices.actuation import Actuator
 from dart_lab.sim.bus import VirtualBus
-from dart_lab.sim.pca9685 import Pca9685 as Chip
+from dart_lab.sim.pca9685 import Pca9685Model as Chip
 
 EXAMPLE = Path(__file__).parents[3] / "cars" / "dart-01" / "car.toml"
 

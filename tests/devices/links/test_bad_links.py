@@ -148,10 +148,10 @@ def test_a_nano_whose_parameter_is_115200_is_found(hurried):
     from dart_hal.devices.links.emulator import EmulatedNano
     from dart_hal.devices.links.image import find_image
     from dart_hal.devices.links.pty import Pty
-    from dart_lab.sim.eeprom import preset
+    from dart_lab.sim.eeprom import make_eeprom
 
     try:
-        nano = EmulatedNano(find_image(), eeprom=preset(0x1234, {"baud": 115_200}))
+        nano = EmulatedNano(find_image(), eeprom=make_eeprom(0x1234, {"baud": 115_200}))
     except EmulatorMissing as error:
         pytest.skip(f"emulator: {error.what}")
     with nano, Pty(nano) as pty, Car.open(f"serial://{pty.path}") as car:

@@ -15,8 +15,8 @@ from dart_hal.wire.codec import UP
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, STATE
 from dart_lab.sim.cutoff import Direct
-from dart_lab.sim.esc import Mode
-from dart_lab.sim.failures import parse, schedule
+from dart_lab.sim.esc import EscMode
+from dart_lab.sim.failures import parse_failure, schedule_failures
 from dart_lab.sim.faults import LineFaults
 from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import World
@@ -77,7 +77,7 @@ class Drive:
         backend = open_backend(f"sim://?nano={nano}{options}")
         self._brief = brief
         if brief:
-            world_of(backend).esc.mode = Mode.READY
+            world_of(backend).esc.mode = EscMode.READY
             backend.car_toml = re.sub(*ESC_IS_ARMED, backend.car_toml)
         while world_of(backend).t < opened:     # sets where the PWM frame lies to the Nano's slot
             world_of(backend).advance(opened)
@@ -150,7 +150,7 @@ class Drive:
         returns the time."""
         at = self.now + 0.002 + delay
         lasts = f"+{seconds}" if seconds is not None else ""
-        schedule(self.world, [parse(f"{text}@{at:.6f}{lasts}")])
+        schedule_failures(self.world, [parse_failure(f"{text}@{at:.6f}{lasts}")])
         return at
 
     def silence(self, seconds: float = NEVER) -> float:

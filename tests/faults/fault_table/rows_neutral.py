@@ -9,7 +9,7 @@ from dart_hal.core.config import Calibration, Quantity, save_calibration
 from dart_hal.core.errors import NotArmed
 from dart_hal.devices.actuation.quantiser import prescale_for
 from dart_hal.devices.actuation.standby import Throttle, stop
-from dart_lab.sim.esc import Esc, Mode
+from dart_lab.sim.esc import Esc, EscMode
 from dart_lab.sim.pca9685 import MODE1, PRE_SCALE
 from dart_lab.sim.pwm_output import Pulse
 from dart_lab.sim.world import World
@@ -32,8 +32,8 @@ class ArmedEsc(Esc):
     """An ESC that an earlier program has armed, and that obeys again after a loss of the signal."""
 
     def pulse(self, pulse: Pulse) -> None:
-        if self.mode is Mode.UNARMED:
-            self.mode = Mode.READY
+        if self.mode is EscMode.UNARMED:
+            self.mode = EscMode.READY
         super().pulse(pulse)
 
 

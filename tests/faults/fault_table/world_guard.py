@@ -62,7 +62,7 @@ class WorldGuard:
         if "guard" not in list_removed():
             actuator.gate = post.gate
             drive.car._engine.driver._guard = post
-            drive.world.at(drive.world.t, self._look)
+            drive.world.schedule(drive.world.t, self._look)
 
     def kill_driver(self) -> None:
         """The driver is gone: its end of the pipe closes, and it writes nothing any more."""
@@ -90,7 +90,7 @@ class WorldGuard:
 
     def _look(self, world: World) -> None:
         """One round of ``watch``: read, decide, write neutral or report that it lives."""
-        world.at(world.t + STEP, self._look)
+        world.schedule(world.t + STEP, self._look)
         if self.stopped or self._watch.done:
             return
         with suppress(BlockingIOError):

@@ -34,7 +34,7 @@ from dart_hal.devices.actuation.standby import Throttle, Watchman
 from dart_hal.devices.links.i2c import REQUEST, receive
 from dart_hal.devices.links.notify import notify
 from dart_lab.sim.bus import VirtualBus
-from dart_lab.sim.pca9685 import Pca9685 as Chip
+from dart_lab.sim.pca9685 import Pca9685Model as Chip
 
 CARS = Path(__file__).parents[3] / "cars"
 OFF = 0x1000

@@ -1,8 +1,7 @@
 """DartCar-v0: the light simulation as a Gymnasium environment.
 
-Importing this package registers it; ``gymnasium.make("dart_lab.sim.gym:DartCar-v0")``
-imports by itself. Needs gymnasium (the extra ``gym``); nothing
-else in ``dart_hal`` imports it.
+Importing this package registers it; ``gymnasium.make("dart_lab.sim.gym:DartCar-v0")`` imports it.
+It needs gymnasium (the extra ``gym``); no other package imports it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Configuration of DartCar-v0, and what a reset draws at random."""
+"""Configuration of DartCar-v0, and the parameters that a reset draws."""
 
 from __future__ import annotations
 
@@ -12,14 +12,22 @@ from dart_hal.core.errors import UsageError
 from dart_hal.vehicle import Vehicle
 from dart_hal.vehicle.flat import names, value, with_values
 from dart_lab.sim.light.car import DEFAULT
-from dart_lab.sim.light.config import DART_ACTUATORS, FIRMWARE, Disturbance, LightConfig, steps_of
+from dart_lab.sim.light.config import (
+    DART_ACTUATORS,
+    FIRMWARE,
+    Disturbance,
+    LightConfig,
+    whole_steps,
+)
 
 TASKS = ("path", "speed")
-MOST_BEAMS, MOST_OPPONENTS = 720, 8
+MAX_BEAMS = 720
+MAX_OPPONENTS = 8
+# Sensors as the firmware gives them, servo and PWM, a force of 0.12 N over 0.15 s.
 REALISTIC = LightConfig(sensors=FIRMWARE, actuators=DART_ACTUATORS,
                         disturbance=Disturbance(0.12, 0.12, 0.15))
-"""Sensors as the firmware gives them, servo and PWM, a force of 0.12 N over 0.15 s."""
 
+# Half widths relative to the nominal value, of ``options={"randomise": True}``.
 SPREAD: dict[str, float] = {
     "body.mass": 0.05, "body.yaw_inertia": 0.15, "friction.a": 0.15, "friction.c": 0.15,
     "motor.d": 0.10, "motor.e": 0.10, "steering.k_left": 0.08, "steering.k_right": 0.08,
@@ -27,15 +35,15 @@ SPREAD: dict[str, float] = {
     "tyres.rear_cornering_stiffness": 0.15, "delay.steering_lag_s": 0.2,
     "delay.throttle_lag_s": 0.2,
 }
-"""Half widths, as parts of the nominal value, of ``options={"randomise": True}``."""
-FIXED = ("body.wheelbase", "body.l_f", "body.l_r", "body.front_share", "delay.steering_s",
+# Parameters that cannot be drawn: dependent geometry, and pure delays, whose queues have a fixed
+# length.
+NOT_DRAWN = ("body.wheelbase", "body.l_f", "body.l_r", "body.front_share", "delay.steering_s",
          "delay.throttle_s")
-"""What cannot be drawn: geometry that depends on itself, queues of fixed length."""
 
 
 @dataclass(frozen=True, slots=True)
 class GymConfig:
-    """One environment.
+    """Configuration of one environment.
 
     ``track``: a closed ``control.paths.Path``, a name of
     ``control.tracks.TRACKS`` or the path of a file; ``period`` [s] of one environment
@@ -61,24 +69,24 @@ class GymConfig:
 
     def __post_init__(self) -> None:
         if not 0.0 < self.period < math.inf:
-            raise UsageError("the period of the environment makes no sense",
+            raise UsageError("the period of the environment is not positive",
                              found=f"{self.period} s", expected="more than 0 s",
                              remedy="docs/how_to/learning.md has every keyword")
-        steps_of(self.period, self.light.step, "the period of the environment")
+        whole_steps(self.period, self.light.step, "the period of the environment")
         good = self.task in TASKS and self.light.sensors is not None and (
             self.light.dtype == "float64" and min(self.speed, self.half_width) > 0.0
             and self.episode >= self.period)
-        if not (0 <= self.beams <= MOST_BEAMS and 0 <= self.opponents <= MOST_OPPONENTS
+        if not (0 <= self.beams <= MAX_BEAMS and 0 <= self.opponents <= MAX_OPPONENTS
                 and self.range_noise >= 0.0) or (
                     self.task != "path" and self.beams + self.opponents):
-            raise UsageError("a lidar or opponents that cannot be",
+            raise UsageError("lidar or opponents are out of range",
                              found=f"task {self.task!r}, beams {self.beams}, range_noise "
                                    f"{self.range_noise}, opponents {self.opponents}",
-                             expected=f"task 'path', 0 to {MOST_BEAMS} beams, 0 to "
-                                      f"{MOST_OPPONENTS} opponents",
+                             expected=f"task 'path', 0 to {MAX_BEAMS} beams, 0 to "
+                                      f"{MAX_OPPONENTS} opponents",
                              remedy="docs/how_to/learning.md has every keyword")
         if not good:
-            raise UsageError("this environment makes no sense",
+            raise UsageError("the configuration of the environment is not valid",
                              found=f"task {self.task!r}, speed {self.speed}, half width "
                                    f"{self.half_width}, episode {self.episode}",
                              expected=f"a task of {', '.join(TASKS)}, sensors, float64, "
@@ -87,30 +95,29 @@ class GymConfig:
 
     @property
     def frame(self) -> int:
-        """Steps of the simulation in one of the environment."""
-        return steps_of(self.period, self.light.step, "the period of the environment")
+        """Return the steps of the simulation per step of the environment."""
+        return whole_steps(self.period, self.light.step, "the period of the environment")
 
     @property
     def limit(self) -> int:
-        """Environment steps of a full episode."""
+        """Return the environment steps of a full episode."""
         return round(self.episode / self.period)
 
 
-def spread_of(wanted: bool | Mapping[str, float], p: Vehicle) -> dict[str, float]:
-    """Half widths for a vehicle, checked at both ends.
+def check_spread(randomise: bool | Mapping[str, float], p: Vehicle) -> dict[str, float]:
+    """Return the half widths for a vehicle, checked at both ends.
 
-    True = ``SPREAD`` as far as the vehicle has the parameters. Raises
-    UsageError for an unknown name or one that cannot be drawn, ConfigError
-    when an end is out of the parameter's bounds.
+    True = ``SPREAD`` for the parameters that the vehicle has. Raises UsageError for an unknown name
+    or one that cannot be drawn, ConfigError if an end is out of the parameter's bounds.
     """
-    if wanted is True:
-        wanted = {k: v for k, v in SPREAD.items() if k in names(p)}
-    spread = dict(wanted or {})
+    if randomise is True:
+        randomise = {k: v for k, v in SPREAD.items() if k in names(p)}
+    spread = dict(randomise or {})
     for name, half in spread.items():
-        if name in FIXED or not 0.0 <= half < 1.0:
+        if name in NOT_DRAWN or not 0.0 <= half < 1.0:
             raise UsageError(f"{name} cannot be drawn within +-{half}",
                              expected="a share of 0 to 1, of a parameter other than "
-                                      + ", ".join(FIXED),
+                                      + ", ".join(NOT_DRAWN),
                              remedy="docs/how_to/learning.md, DartCar-v0: randomise")
         for side in (1.0 - half, 1.0 + half):
             with_values(p, {name: side * value(p, name)})

@@ -1,4 +1,4 @@
-"""What a simulated lidar is like: stated in the URL, or hidden in the seed."""
+"""Parameters of a simulated lidar, stated in the URL or drawn from the seed."""
 
 from __future__ import annotations
 
@@ -11,22 +11,21 @@ from dart_hal.car.lidar import DEFAULT_MOUNT_X
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Mount
 
-OFF = ("0", "none")
+LIDAR_OFF = ("0", "none")
 
 
 @dataclass(frozen=True, slots=True)
 class LidarParams:
-    """One unit and how it sits.
+    """Parameters of one unit and its mounting.
 
-    rate [1/s]: revolutions; ripple: share by which the speed swings within one; skew: relative
-    error of its clock; noise [m]: one sigma of a distance; dropout: share of beams that do not
-    come back; least, most [m]: nearer and further ones do not; scale: true distance over the
-    one that it tells; x, y [m], yaw [rad]: mount; clockwise: 1 upright, 0 upside down; gap
-    [rad]: width of a part of the turn, at 45 deg to the left, from which nothing comes back;
-    delay [s]: from a packet's last sample to its first byte, jitter [s]: the most that comes
-    on top until the host has it; lost: share of packets of which a byte is damaged; hertz: 1 =
-    it tells its rate, as later firmware does; spot [rad]: width of the laser beam, of which one
-    half may lie on a near thing and the other on a far one.
+    rate [1/s]: revolutions; ripple: relative variation of the speed within one; skew: relative
+    error of its clock; noise [m]: standard deviation of a distance; dropout: share of beams without
+    an echo; least, most [m]: range; scale: true over reported distance; x, y [m], yaw [rad]: mount;
+    clockwise: 1 upright, 0 upside down; gap [rad]: width of a sector without echoes, at 45 deg to
+    the left; delay [s]: from the last sample of a packet to its first byte, jitter [s]: largest
+    further delay to the host; lost: share of packets with a damaged byte; hertz: 1 = it reports its
+    rate, as later firmware does; spot [rad]: width of the laser beam, whose halves may hit objects
+    at different distances.
     """
 
     rate: float = 7.9
@@ -50,11 +49,11 @@ class LidarParams:
 
     @property
     def mount(self) -> Mount:
-        """How it truly sits."""
+        """Return the true mounting."""
         return Mount(self.x, self.y, self.yaw, self.clockwise != 0.0, self.scale)
 
 
-OPTIONS = tuple(f.name for f in fields(LidarParams))
+LIDAR_OPTIONS = tuple(f.name for f in fields(LidarParams))
 _RANGE = {"rate": (4.0, 12.0), "ripple": (0.0, 0.2), "skew": (-0.005, 0.005), "noise": (0.0, 1.0),
           "dropout": (0.0, 1.0), "least": (0.0, 10.0), "most": (0.1, 16.0), "scale": (0.9, 1.1),
           "x": (-1.0, 1.0), "y": (-1.0, 1.0), "yaw": (-math.pi, math.pi), "clockwise": (0.0, 1.0),
@@ -63,31 +62,32 @@ _RANGE = {"rate": (4.0, 12.0), "ripple": (0.0, 0.2), "skew": (-0.005, 0.005), "n
 
 
 def hidden_lidar(seed: int) -> LidarParams:
-    """The unit of a seed; of seed 0: as its plan says, with noise and drop-outs.
+    """Return the unit of a seed; seed 0: nominal, with noise and drop-outs.
 
-    A bare X4 turns a little below 8 Hz. Mounting: its screws have 3 mm of play in holes 57 mm
-    apart. Scale: the 1.5 % that spoil a localiser. 100 ppm: a quartz in a warm case.
+    An X4 without speed control turns a little below 8 Hz. Mounting: screws with 3 mm of play in
+    holes at a distance of 57 mm. Scale: 1.5 %, which makes localisation fail. 100 ppm: a warm
+    quartz.
     """
     if seed == 0:
         return LidarParams()
     rng = np.random.default_rng([seed, 510])
 
-    def between(low: float, high: float) -> float:
+    def draw(low: float, high: float) -> float:
         return float(rng.uniform(low, high))
 
     return LidarParams(
-        rate=between(7.3, 8.1), ripple=between(0.0, 0.01), skew=between(-1e-4, 1e-4),
-        noise=between(0.012, 0.018), scale=between(0.985, 1.015),
-        x=DEFAULT_MOUNT_X + between(-0.003, 0.003), y=between(-0.003, 0.003),
-        yaw=between(-0.03, 0.03))
+        rate=draw(7.3, 8.1), ripple=draw(0.0, 0.01), skew=draw(-1e-4, 1e-4),
+        noise=draw(0.012, 0.018), scale=draw(0.985, 1.015),
+        x=DEFAULT_MOUNT_X + draw(-0.003, 0.003), y=draw(-0.003, 0.003),
+        yaw=draw(-0.03, 0.03))
 
 
-def lidar_of(text: str, seed: int) -> LidarParams | None:
-    """What ``lidar=...`` of a URL means: 1, or ``rate=8,noise=0.01``; None = there is none.
+def parse_lidar(text: str, seed: int) -> LidarParams | None:
+    """Parse ``lidar=...`` of a URL: 1, or ``rate=8,noise=0.01``; None = no lidar.
 
     Raises UsageError.
     """
-    if text in OFF:
+    if text in LIDAR_OFF:
         return None
     hidden = hidden_lidar(seed)
     if text == "1":
@@ -96,19 +96,20 @@ def lidar_of(text: str, seed: int) -> LidarParams | None:
     for part in text.split(","):
         name, _, value = part.partition("=")
         if name not in _RANGE or name in given:
-            raise UsageError(f"lidar={text} makes no sense", found=part,
-                             expected="1, or NAME=NUMBER,... once each, of " + ", ".join(OPTIONS))
-        given[name] = _number(name, value)
+            raise UsageError(f"lidar={text} is not understood", found=part,
+                             expected="1, or NAME=NUMBER,... once each, of "
+                                      + ", ".join(LIDAR_OPTIONS))
+        given[name] = _parse_number(name, value)
     return replace(hidden, **given)
 
 
-def _number(name: str, text: str) -> float:
+def _parse_number(name: str, text: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     least, most = _RANGE[name]
     if not least <= value <= most:
-        raise UsageError(f"lidar: {name}={text} makes no sense", found=text,
+        raise UsageError(f"lidar: {name}={text} is out of range", found=text,
                          expected=f"a number from {least:g} to {most:g}")
     return value

@@ -1,9 +1,8 @@
 """Simulation without firmware, for controllers and learning.
 
-``LightCar`` is one car over ``math``, ``LightBatch`` many at once, ``LightWorld``
-several that can touch, all on the equations of the virtual world. What they
-leave out against ``sim://``: bits, frames, registers, faults, and the speed
-controller's brake.
+``LightCar`` is one car computed with ``math``, ``LightBatch`` many cars at once, ``LightWorld``
+several cars with contacts. All use the equations of the virtual world. They do not simulate bits,
+frames, registers, faults, and the brake of the speed controller, which ``sim://`` does.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Many simulated cars at once, each as it would be alone."""
+"""Many simulated cars at once, each with the same result as alone."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from dart_lab.sim.light.config import LightConfig
 from dart_lab.sim.light.history import ArrayHistory
 from dart_lab.sim.light.noise import Seed
 from dart_lab.sim.light.ops import ARRAY_OPS
-from dart_lab.sim.light.plant import MakeStepper, Plant
+from dart_lab.sim.light.plant import LightPlant, MakeStepper
 from dart_lab.sim.light.sense import Reading
-from dart_lab.sim.light.stepper import Fineness, State8, Stepper, make_array_stepper
+from dart_lab.sim.light.stepper import State8, Stepper, Substeps, make_array_stepper
 
 Array = NDArray[Any]
 Named = Vehicle | str | Path
 
 
-class LightBatch(Plant):
-    """n cars, a lane each, in arrays (n,).
+class LightBatch(LightPlant):
+    """n cars in arrays (n,).
 
     ``vehicle``: one for all, or a sequence of n with the same equations (pure
     delays must be equal). ``seed``: a number (car i has the noise of
@@ -38,24 +38,26 @@ class LightBatch(Plant):
                  config: LightConfig | None = None, seed: int | Sequence[Seed] = 0) -> None:
         if n < 1:
             raise UsageError("a batch needs a car", found=f"n = {n}", expected="1 or more")
-        self.n, c = n, config or LightConfig()
+        self.n = n
+        c = config or LightConfig()
         seeds = self._seeds(seed)
         if isinstance(vehicle, Vehicle | str | Path):
             p = first = vehicle_named(vehicle)
         else:
             each = [vehicle_named(v) for v in vehicle]
             _check(each, n)
-            p, first = stack(each, c.dtype), each[0]
-        super().__init__(p, c, ARRAY_OPS, self._make_stepper_of(c), seeds, False, first)
+            p = stack(each, c.dtype)
+            first = each[0]
+        super().__init__(p, c, ARRAY_OPS, self._stepper_maker(c), seeds, False, first)
         if c.sensors is not None:
-            self._past = ArrayHistory(self._depth, self._signals, n, c.dtype)
-        self._lanes_restarted = np.zeros(n, dtype=bool)
+            self._history = ArrayHistory(self._depth, self._signals, n, c.dtype)
+        self._just_reset = np.zeros(n, dtype=bool)
         self.state = tuple(np.zeros((8, n), dtype=c.dtype))
         self.reset()
 
     @staticmethod
-    def _make_stepper_of(c: LightConfig) -> MakeStepper:
-        def make(p: Vehicle, step: float, method: str, fine: Fineness,
+    def _stepper_maker(c: LightConfig) -> MakeStepper:
+        def make(p: Vehicle, step: float, method: str, fine: Substeps,
                  kind: str = "car") -> Stepper:
             return make_array_stepper(p, step, method, fine, c.dtype, c.engine, kind)
 
@@ -71,11 +73,10 @@ class LightBatch(Plant):
 
     def reset(self, start: Array | None = None, lanes: Array | None = None,
               seed: int | Sequence[Seed] | None = None) -> State8:
-        """Begin anew, all cars or those of ``lanes`` (indices).
+        """Reset all cars, or those of the indices ``lanes``.
 
-        start: (6, m) or (8, m) for the m cars that are reset, rows as in
-        ``state``; None = at rest at the origin. With ``seed`` all noise begins
-        anew. Raises UsageError when shapes do not fit.
+        start: (6, m) or (8, m) for the m cars that are reset, rows as in ``state``; None = at rest
+        at the origin. With ``seed`` all noise starts again. Raises UsageError for other shapes.
         """
         if seed is not None:
             self.seed(self._seeds(seed))
@@ -90,15 +91,16 @@ class LightBatch(Plant):
         return self.state
 
     def _restart(self, full: Array, where: Array) -> None:
-        if np.ndim(self.k) == 0:                    # the first time
+        # At the first reset all state becomes arrays.
+        if np.ndim(self.k) == 0:
             self.k = np.zeros(self.n, dtype=np.intp)
             self._servo, self._travel, self._path = np.zeros((3, self.n), dtype=full.dtype)
             self._bias = np.zeros((3, self.n), dtype=full.dtype)
             self._queue.extend([(np.zeros(self.n, full.dtype), np.zeros(self.n, full.dtype))
                                 for _ in range(self._queue.maxlen or 1)])
-            if self._kick is not None:
+            if self._force is not None:
                 along, across = np.zeros((2, self.n), dtype=full.dtype)
-                self._kick.force = (along, across)
+                self._force.force = (along, across)
         self.k = self.k.copy()
         self.k[where] = 0
         self.state = _put(self.state, tuple(full), where)
@@ -108,37 +110,37 @@ class LightBatch(Plant):
             (self._servo, self._travel, self._path), (full[7], 0.0, 0.0), where)
         for i, bias in enumerate(self._offsets(rows)):
             self._bias[i, where] = bias
-        if self._kick is not None:
-            along, across = (v.copy() for v in self._kick.force)
-            along[where], across[where] = self._kick.start(rows[3:])
-            self._kick.force = (along, across)
+        if self._force is not None:
+            along, across = (v.copy() for v in self._force.force)
+            along[where], across[where] = self._force.start(rows[3:])
+            self._force.force = (along, across)
         for i, pair in enumerate(self._queue):
             throttle, steering = _put(pair, (full[6], full[7]), where)
             self._queue[i] = throttle, steering
         chosen = np.zeros(self.n, dtype=bool)
         chosen[where] = True
-        self._begin(chosen)
-        if self._past is not None:
-            self._past.fill(self._before(tuple(full)), where)
-        self._lanes_restarted[where] = True
+        self._start_effects(chosen)
+        if self._history is not None:
+            self._history.fill(self._extrapolate_past(tuple(full)), where)
+        self._just_reset[where] = True
 
     def advance(self, throttle: Array, steering: Array, steps: int = 1) -> State8:
-        """State after ``steps`` steps with commands -1..1, (n,) each, held.
+        """Return the state after ``steps`` steps with constant commands -1..1, (n,) each.
 
         Raises BadCommand for other shapes, NaN or infinity.
         """
         kind = self.config.dtype
         commands = [np.asarray(v, dtype=kind) for v in (throttle, steering)]
         if any(v.shape != (self.n,) or not np.isfinite(v).all() for v in commands):
-            raise BadCommand("a command for each car, and each a number",
+            raise BadCommand("a finite command is needed for each car",
                              found=f"shapes {[v.shape for v in commands]}, or NaN",
                              expected=f"two arrays ({self.n},) of -1 to 1")
         return super().advance(commands[0], commands[1], steps)
 
     def read(self, going: Any = True) -> Reading:
-        """What the sensors say now, arrays (n,). Raises UsageError for bare physics."""
-        reading = super().read(~self._lanes_restarted)
-        self._lanes_restarted[:] = False
+        """Return the sensor readings now, arrays (n,). Raises UsageError without sensors."""
+        reading = super().read(~self._just_reset)
+        self._just_reset[:] = False
         return reading
 
     def drive(self, throttle: Array, steering: Array, steps: int = 1) -> Reading:
@@ -148,7 +150,7 @@ class LightBatch(Plant):
 
 
 def _put(old: Sequence[Any], new: Sequence[Any], where: Array) -> tuple[Any, ...]:
-    """Copies of the old arrays with the lanes ``where`` taken from the new ones."""
+    """Return copies of the old arrays with the elements ``where`` of the new ones."""
     out = []
     for a, b in zip(old, new, strict=True):
         fresh = np.array(a)
@@ -162,6 +164,6 @@ def _check(vehicles: Sequence[Vehicle], n: int) -> None:
         raise UsageError("as many vehicles as cars are needed", found=f"{len(vehicles)} vehicles",
                          expected=f"{n}, or one for all")
     if len({(v.delay.throttle_s, v.delay.steering_s) for v in vehicles}) > 1:
-        raise UsageError("cars of a batch have the same pure delays",
+        raise UsageError("all cars of a batch need the same pure delays",
                          found="different delays", expected="one throttle_s and one steering_s",
                          remedy="run one batch for each delay")

@@ -1,8 +1,7 @@
-"""From commands to the inputs of the actuators: quanta, dead band, pure delay.
+"""Inputs of the actuators from commands: quanta, dead band, pure delay.
 
-A pure delay is a queue. A delay that is no whole number of steps makes the
-command change in the middle of a step; the step is cut there, so the answer is
-that of the exact switching time, whatever the step.
+A pure delay is a queue. With a delay that is not a whole number of steps the command changes within
+a step. The step is split there, so the result is that of the exact switching time.
 """
 
 from __future__ import annotations
@@ -16,66 +15,68 @@ from dart_hal.vehicle.namespace import Value
 from dart_lab.sim.light.config import Actuators
 from dart_lab.sim.light.ops import Ops
 
-EXACT = 1e-9
-"""s; switching times closer to a step than this are at it."""
+# Switching times closer to a step than this are at the step [s].
+TIME_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Piece:
-    """A part of a step, and how many steps old the commands are that act in it."""
+class StepPiece:
+    """A part of a step [s], and the ages in steps of the commands that act in it."""
 
     duration: float
     throttle: int
     steering: int
 
 
-def pieces(step: float, throttle_delay: float, steering_delay: float) -> tuple[Piece, ...]:
-    """A step [s] cut where a delayed command [s] switches: one to three pieces.
+def split_step(step: float, throttle_delay: float, steering_delay: float) -> tuple[StepPiece, ...]:
+    """Split a step [s] where a delayed command [s] switches, into one to three pieces.
 
-    >>> pieces(0.01, 0.0, 0.025)
-    (Piece(duration=0.005, throttle=0, steering=3), Piece(duration=0.005, throttle=0, steering=2))
+    >>> [(p.duration, p.throttle, p.steering) for p in split_step(0.01, 0.0, 0.025)]
+    [(0.005, 0, 3), (0.005, 0, 2)]
     """
     (whole_t, switch_t), (whole_s, switch_s) = (
-        _split(d, step) for d in (throttle_delay, steering_delay))
+        _split_delay(d, step) for d in (throttle_delay, steering_delay))
     cuts = sorted({0.0, switch_t, switch_s, step})
-    return tuple(Piece(round(b - a, 12), whole_t + (a < switch_t), whole_s + (a < switch_s))
-                 for a, b in pairwise(cuts) if b - a > EXACT)
+    return tuple(StepPiece(round(b - a, 12), whole_t + (a < switch_t), whole_s + (a < switch_s))
+                 for a, b in pairwise(cuts) if b - a > TIME_TOLERANCE)
 
 
-def _split(delay: float, step: float) -> tuple[int, float]:
-    """Whole steps of a delay, and the time in a step at which the command switches."""
-    whole = math.floor((delay + EXACT) / step)
+def _split_delay(delay: float, step: float) -> tuple[int, float]:
+    """Return the whole steps of a delay, and the time in a step at which the command switches."""
+    whole = math.floor((delay + TIME_TOLERANCE) / step)
     rest = delay - whole * step
-    return whole, rest if rest > EXACT else 0.0
+    return whole, rest if rest > TIME_TOLERANCE else 0.0
 
 
-def make_shaping(p: Actuators, ops: Ops) -> Callable[[Value, Value], tuple[Value, Value]]:
-    """``shape(throttle, steering)``: clipped to -1..1, in whole quanta, without the dead band."""
-    f, choose = ops.f, ops.choose
+def make_command_shaping(p: Actuators, ops: Ops) -> Callable[[Value, Value], tuple[Value, Value]]:
+    """Make ``shape(throttle, steering)``: clip to -1..1, round to quanta, apply the dead band."""
+    f = ops.f
+    choose = ops.choose
 
-    def rounded(v: Value, quantum: float) -> Value:
+    def quantise(v: Value, quantum: float) -> Value:
         return f.floor(v / quantum + 0.5) * quantum if quantum > 0.0 else v
 
     def shape(throttle: Value, steering: Value) -> tuple[Value, Value]:
-        tau = rounded(f.fmax(-1.0, f.fmin(1.0, throttle)), p.throttle_quantum)
+        tau = quantise(f.fmax(-1.0, f.fmin(1.0, throttle)), p.throttle_quantum)
         if p.dead_band > 0.0:
             tau = choose(f.fabs(tau) <= p.dead_band, 0.0 * tau, tau)
-        return tau, rounded(f.fmax(-1.0, f.fmin(1.0, steering)), p.steering_quantum)
+        return tau, quantise(f.fmax(-1.0, f.fmin(1.0, steering)), p.steering_quantum)
 
     return shape
 
 
 def make_slew(rate: float, ops: Ops) -> Callable[[Value, Value, float], tuple[Value, Value]]:
-    """``slew(position, target, duration) -> (new position, mean over the duration)``.
+    """Make ``slew(position, target, duration) -> (new position, mean over the duration)``.
 
-    The position moves towards the target at most at ``rate`` [1/s]. The mean is
-    that of the exact ramp; it is what the equations see during a piece of a step.
+    The position moves towards the target with at most ``rate`` [1/s]. The mean is that of the exact
+    ramp and is the input of the equations of motion. With a move d of at most m it is
+    position + d - d |d| / (2 m).
     """
     f = ops.f
 
     def slew(position: Value, target: Value, duration: float) -> tuple[Value, Value]:
-        most = rate * duration
-        moved = f.fmax(-most, f.fmin(most, target - position))
-        return position + moved, position + moved - 0.5 * moved * f.fabs(moved) / most
+        limit = rate * duration
+        moved = f.fmax(-limit, f.fmin(limit, target - position))
+        return position + moved, position + moved - 0.5 * moved * f.fabs(moved) / limit
 
     return slew

@@ -1,4 +1,4 @@
-"""What the car did in the last moments, for sensors that look back."""
+"""Signals of the last steps, for sensors with an age or a window."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from dart_hal.vehicle.namespace import Value
 
+# ``rows(k)``: the signals k steps ago.
 Rows = Callable[[int], Sequence[Value]]
-"""``rows(k)``: the signals as they were k steps ago."""
 
 
 class History(Protocol):
@@ -21,14 +21,14 @@ class History(Protocol):
         """Append the signals of a new step."""
 
     def fill(self, rows: Rows, lanes: Any = None) -> None:
-        """Replace the past of all cars, or of the lanes of an index array."""
+        """Replace the history of all cars, or of those of an index array."""
 
-    def at(self, signal: int, back: Value) -> Value:
-        """A signal ``back`` steps ago, linear between steps."""
+    def value(self, signal: int, back: Value) -> Value:
+        """Return a signal ``back`` steps ago, linear between steps."""
 
 
 class ScalarHistory:
-    """A ring of tuples."""
+    """History of one car, in a ring buffer of tuples."""
 
     def __init__(self, depth: int) -> None:
         self._ring: list[Sequence[float]] = [()] * depth
@@ -43,9 +43,10 @@ class ScalarHistory:
         for k in range(depth):
             self._ring[(self._now - k) % depth] = rows(k)
 
-    def at(self, signal: int, back: Value) -> Value:
+    def value(self, signal: int, back: Value) -> Value:
         k = int(back)
-        part, depth = back - k, len(self._ring)
+        part = back - k
+        depth = len(self._ring)
         newer = self._ring[(self._now - k) % depth][signal]
         if part == 0.0:
             return newer
@@ -53,7 +54,7 @@ class ScalarHistory:
 
 
 class ArrayHistory:
-    """A ring of arrays; ``back`` may be an array, a number for each lane."""
+    """History of many cars, in a ring buffer of arrays; ``back`` may be an array (n,)."""
 
     def __init__(self, depth: int, signals: int, n: int, dtype: Any) -> None:
         self._ring: NDArray[Any] = np.zeros((depth, signals, n), dtype=dtype)
@@ -72,7 +73,7 @@ class ArrayHistory:
             for row, new in zip(self._ring[(self._now - k) % depth], rows(k), strict=True):
                 row[where] = np.broadcast_to(new, row.shape)[where]
 
-    def at(self, signal: int, back: Value) -> Value:
+    def value(self, signal: int, back: Value) -> Value:
         depth = len(self._ring)
         if isinstance(back, np.ndarray):
             k = back.astype(np.intp)

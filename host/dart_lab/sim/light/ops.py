@@ -1,7 +1,7 @@
-"""One car or many: the few operations that floats and arrays spell differently.
+"""Operations that differ between floats and arrays, for formulas of one car or many.
 
-The formulas of this room are written once. ``SCALAR_OPS`` computes with floats
-and ``math`` (fast for one car), ``ARRAY_OPS`` with arrays of one lane per car.
+The formulas of this package are written once. ``SCALAR_OPS`` computes with floats and ``math``,
+which is fast for one car, ``ARRAY_OPS`` with arrays (n,) of many cars.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from dart_hal.vehicle.namespace import ARRAY, SCALAR, Namespace, Value
 class Ops:
     """``f``: functions; ``choose(condition, yes, no)``; ``whole(v)``: floor as an index.
 
-    ``table(values)``: what can be indexed by such an index; ``both`` and
-    ``either``: logic of two conditions.
+    ``table(values)``: a table for such indices; ``both`` and ``either``: logical operations.
     """
 
     f: Namespace

@@ -1,4 +1,4 @@
-"""Several cars in one place: poses, contacts between outlines, and the walls."""
+"""Several cars in one area: poses, contacts between their outlines, and the bounds of the floor."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from dart_hal.core.errors import ConfigError, UsageError
 from dart_hal.core.types import FloatArray
 from dart_hal.vehicle.compose import apply_parameter_effects
 from dart_lab.sim.light.batch import LightBatch, Named
-from dart_lab.sim.light.config import Checked, LightConfig
+from dart_lab.sim.light.config import CheckedNumbers, LightConfig
 
 Array = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
-class Outline(Checked):
-    """Rectangle of a car [m], seen from above; ``ahead``: its centre before the rear axle.
+class Outline(CheckedNumbers):
+    """Rectangle of a car [m] in top view; ``ahead``: its centre from the rear axle.
 
-    Assumed: no drawing of the whole car states them.
+    The values are assumed, since no drawing shows the whole car.
     """
 
     length: float = 0.30
@@ -30,9 +30,12 @@ class Outline(Checked):
     ahead: float = 0.0875
 
 
+CAR_OUTLINE = Outline()
+
+
 @dataclass(frozen=True, slots=True)
 class Area:
-    """A rectangle of free floor [m]. Raises ConfigError when it has no inside."""
+    """A rectangle of free floor [m]. Raises ConfigError if it is empty."""
 
     x_low: float
     x_high: float
@@ -41,13 +44,13 @@ class Area:
 
     def __post_init__(self) -> None:
         if not (self.x_low < self.x_high and self.y_low < self.y_high):
-            raise ConfigError("an area without inside", found=repr(self),
+            raise ConfigError("the area is empty", found=repr(self),
                               expected="low < high", remedy="order the numbers")
 
 
 @dataclass(frozen=True, slots=True)
 class WorldConfig:
-    """A light simulation, the outline of its cars and the floor, None = endless."""
+    """A light simulation, the outline of its cars and the floor, None = unbounded."""
 
     light: LightConfig = field(default_factory=LightConfig)
     outline: Outline = field(default_factory=Outline)
@@ -55,17 +58,16 @@ class WorldConfig:
 
 
 class LightWorld(LightBatch):
-    """Cars that share a floor: a LightBatch that knows who touches whom.
+    """Cars that share a floor: a LightBatch with contacts.
 
-    ``poses``: (n, 3) x, y [m], yaw [rad] of the rear axles at the start, at rest.
-    Contact is reported, not simulated: cars pass through one another, and what
-    that means is the caller's to say. It is looked for when asked, at the poses of
-    that moment.
+    ``poses``: (n, 3) x, y [m], yaw [rad] of the rear axles at the start, at rest. Contacts are
+    reported but not simulated: cars pass through each other. ``contacts`` computes them from the
+    present poses.
     """
 
     def __init__(self, vehicles: Sequence[Named], poses: FloatArray | Sequence[Sequence[float]],
                  config: WorldConfig | None = None, seed: int = 0) -> None:
-        """Raises UsageError when vehicles and poses do not fit, and what LightBatch raises."""
+        """Raises UsageError for another number of poses, and what LightBatch raises."""
         self.world = config or WorldConfig()
         start = np.asarray(poses, dtype=np.float64)
         if start.shape != (len(vehicles), 3):
@@ -75,7 +77,7 @@ class LightWorld(LightBatch):
         self.place(start)
 
     def place(self, poses: FloatArray) -> None:
-        """All cars at rest with their rear axles at (n, 3) poses."""
+        """Put all cars at rest with their rear axles at (n, 3) poses."""
         rest = np.zeros((6, self.n))
         l_r = np.asarray(apply_parameter_effects(self.vehicle).body.l_r)
         rest[0] = poses[:, 0] + l_r * np.cos(poses[:, 2])
@@ -85,17 +87,17 @@ class LightWorld(LightBatch):
 
     @property
     def poses(self) -> FloatArray:
-        """True poses (n, 3) of the rear axles."""
+        """Return the true poses (n, 3) of the rear axles."""
         x, y, yaw = (np.asarray(v, dtype=np.float64) for v in self.state[:3])
         l_r = np.asarray(apply_parameter_effects(self.vehicle).body.l_r)
         return np.stack([x - l_r * np.cos(yaw), y - l_r * np.sin(yaw), yaw], axis=1)
 
     def contacts(self) -> Array:
-        """Which cars overlap, (n, n) of bool, symmetric, False on the diagonal."""
+        """Return which cars overlap, (n, n) of bool, symmetric, False on the diagonal."""
         return overlaps(corners(self.poses, self.world.outline))
 
     def outside(self) -> Array:
-        """Which cars have a corner outside of the area, (n,) of bool."""
+        """Return which cars have a corner outside the area, (n,) of bool."""
         a = self.world.area
         if a is None:
             return np.zeros(self.n, dtype=bool)
@@ -105,26 +107,30 @@ class LightWorld(LightBatch):
 
 
 def corners(poses: FloatArray, outline: Outline) -> FloatArray:
-    """Corners (n, 4, 2) [m] of the outlines of cars with rear axles at (n, 3)."""
-    half_l, half_w = 0.5 * outline.length, 0.5 * outline.width
+    """Return the corners (n, 4, 2) [m] of the outlines of cars with rear axles at (n, 3)."""
+    half_l = 0.5 * outline.length
+    half_w = 0.5 * outline.width
     along = outline.ahead + half_l * np.array([1.0, -1.0, -1.0, 1.0])
     left = half_w * np.array([1.0, 1.0, -1.0, -1.0])
-    c, s = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
+    c = np.cos(poses[:, 2, None])
+    s = np.sin(poses[:, 2, None])
     return np.stack([poses[:, 0, None] + along * c - left * s,
                      poses[:, 1, None] + along * s + left * c], axis=2)
 
 
 def overlaps(boxes: FloatArray) -> Array:
-    """Pairs of rectangles (n, 4, 2) that overlap, (n, n) of bool.
+    """Return which pairs of rectangles (n, 4, 2) overlap, (n, n) of bool.
 
-    Two convex outlines are apart if and only if the normal of some side
-    separates them; a rectangle has two such normals.
+    Two convex outlines are separate if and only if the normal of some side separates them. A
+    rectangle has two such normals.
     """
     sides = boxes[:, 1:3] - boxes[:, 0:2]
-    spread = np.einsum("iak,jck->ijac", sides, boxes)        # corners of j along sides of i
-    low, high = spread.min(axis=3), spread.max(axis=3)
+    # Corners c of rectangle j, projected on sides a of rectangle i.
+    spread = np.einsum("iak,jck->ijac", sides, boxes)
+    low = spread.min(axis=3)
+    high = spread.max(axis=3)
     own = np.einsum("iak,ick->iac", sides, boxes)
-    apart = ((low > own.max(axis=2)[:, None]) | (high < own.min(axis=2)[:, None])).any(axis=2)
-    touching: Array = ~(apart | apart.T)
+    separate = ((low > own.max(axis=2)[:, None]) | (high < own.min(axis=2)[:, None])).any(axis=2)
+    touching: Array = ~(separate | separate.T)
     np.fill_diagonal(touching, False)
     return touching
