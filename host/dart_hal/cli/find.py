@@ -12,8 +12,8 @@ from dart_hal.car.handshake import identify_port
 from dart_hal.cli.common.options import json_option
 from dart_hal.cli.common.output import print_json, print_line
 from dart_hal.core.errors import DartHalError
-from dart_hal.devices.links.attached import LIDAR, PortSeen, serial_ports
-from dart_hal.devices.links.computers import BRIDGES, BusSeen, Computer, computer, i2c_buses
+from dart_hal.devices.links.attached import LIDAR, SerialPortInfo, serial_ports
+from dart_hal.devices.links.computers import BRIDGES, Computer, I2cBusInfo, computer, i2c_buses
 
 UNPLUG_HINT = ("to identify the port of the car: unplug the car and run dart-hal find again; the "
                "line "
@@ -59,7 +59,7 @@ def command(probe: bool, as_json: bool) -> int:
     return 1 if probe and not answers else 0
 
 
-def _probe_port(port: PortSeen) -> dict[str, Any] | None:
+def _probe_port(port: SerialPortInfo) -> dict[str, Any] | None:
     """Return HELLO of the board on a USB port, or why it has none; None for other ports."""
     if not port.usb:
         return None
@@ -73,7 +73,7 @@ def _probe_port(port: PortSeen) -> dict[str, Any] | None:
         return {"hello": None, "why": f"{error.what}{found}"}
 
 
-def _choose_bus(buses: Sequence[BusSeen], here: Computer | None) -> int | None:
+def _choose_bus(buses: Sequence[I2cBusInfo], here: Computer | None) -> int | None:
     """Return the bus at the header, of a USB-I2C bridge, or the only one; None if ambiguous."""
     if here is not None:
         return here.bus if here.bus in {bus.number for bus in buses} else None
@@ -82,18 +82,18 @@ def _choose_bus(buses: Sequence[BusSeen], here: Computer | None) -> int | None:
     return candidates[0].number if len(candidates) == 1 else None
 
 
-def _describe_role(bus: BusSeen, number: int | None, here: Computer | None) -> str:
+def _describe_role(bus: I2cBusInfo, number: int | None, here: Computer | None) -> str:
     if bus.number != number:
         return ""
     return f"  <- header pins 3 and 5 of this {here.name}" if here else "  <- the car's"
 
 
-def _car_url(port: PortSeen, number: int | None) -> str:
+def _car_url(port: SerialPortInfo, number: int | None) -> str:
     """Return the URL of the car; without the bus if that is ambiguous."""
     return f"serial://{port.device}" + (f"?i2c={number}" if number is not None else "")
 
 
-def _hints(ports: Sequence[PortSeen], probe: bool) -> list[str]:
+def _hints(ports: Sequence[SerialPortInfo], probe: bool) -> list[str]:
     if not any(port.usb for port in ports):
         return [PLUG_HINT]
     lidars = [f"a lidar may be on {port.device}: export DART_HAL_LIDAR=serial://"
@@ -102,7 +102,7 @@ def _hints(ports: Sequence[PortSeen], probe: bool) -> list[str]:
     return [*lidars, UNPLUG_HINT] if probe else [*lidars, UNPLUG_HINT, PROBE_HINT]
 
 
-def _print_port(port: PortSeen, answer: dict[str, Any] | None, url: str) -> None:
+def _print_port(port: SerialPortInfo, answer: dict[str, Any] | None, url: str) -> None:
     known = ", ".join(filter(None, (port.usb or "no USB device", port.bridge or port.description)))
     print_line(f"{port.device}  {known}")
     if port.link:

@@ -16,7 +16,7 @@ from dart_hal.core.ports import Bus
 from dart_hal.core.url import Url
 from dart_hal.devices.actuation.owner import refuse_claimed
 from dart_hal.devices.actuation.standby import Throttle, stop
-from dart_hal.devices.links.computers import settled
+from dart_hal.devices.links.computers import resolve_bus
 from dart_hal.devices.links.holder import holder, port_of
 from dart_hal.devices.links.i2c import open_bus
 
@@ -66,7 +66,7 @@ def require_real_car(url: str | None) -> Url:
                          found=address.text, expected="serial:///dev/dart-nano?i2c=1",
                          remedy="export DART_HAL_URL='serial:///dev/ttyUSB0?i2c=1'")
     address.known("i2c", "baud")
-    return settled(address)
+    return resolve_bus(address)
 
 
 def open_throttle(address: Url, car_name: str, cars: Path | None) -> tuple[Throttle, Bus]:

@@ -225,7 +225,7 @@ def test_a_port_that_takes_nothing_does_not_hold_up_the_pulses(fake):
         if link.dropped:
             break
     assert link.dropped > 0
-    assert serial_port.WRITE_PATIENCE <= 0.02
+    assert serial_port.WRITE_TIMEOUT <= 0.02
     link.close()
 
 

@@ -14,7 +14,7 @@ import pytest
 import dart_hal
 from dart_hal.core.errors import LinkLost
 from dart_hal.core.process.waiting import wait_readable, wait_writable
-from dart_hal.devices.links.serial_port import WRITE_PATIENCE, SerialLink
+from dart_hal.devices.links.serial_port import WRITE_TIMEOUT, SerialLink
 
 FILES = 1100
 
@@ -105,7 +105,7 @@ def test_waiting():
         assert wait_readable(read, 0.0), "the end of the file is something to read"
     finally:
         os.close(read)
-    assert WRITE_PATIENCE == 0.02, "one PWM frame"
+    assert WRITE_TIMEOUT == 0.02, "one PWM frame"
 
 
 def test_no_select_in_the_package():

@@ -13,7 +13,7 @@ from trees import NAMES, plant
 from dart_hal.core.errors import BusMissing, PcaClaimed
 from dart_hal.core.url import Url
 from dart_hal.devices.actuation.owner import refuse_claimed
-from dart_hal.devices.links.computers import computer, find_bus, settled
+from dart_hal.devices.links.computers import computer, find_bus, resolve_bus
 
 BUS = {"jetson_nano_jetpack4": 1, "jetson_orin_nano_jetpack6": 7, "raspberry_pi_5_debian12": 1,
        "raspberry_pi_5_debian13": None, "laptop_debian13": 8}
@@ -49,7 +49,7 @@ def test_the_bus_is_found_by_the_name_of_the_board(name: str, tmp_path: Path) ->
         assert "raspi-config" in caught.value.remedy
         return
     assert find_bus(root) == BUS[name]
-    url = settled(Url.parse("serial:///dev/dart-nano?i2c=auto"), root)
+    url = resolve_bus(Url.parse("serial:///dev/dart-nano?i2c=auto"), root)
     assert url.options["i2c"] == str(BUS[name])
 
 

@@ -1,7 +1,7 @@
 """Bytes to and from a Nano: serial port, emulator.
 
-Importing this package tells pyserial where ``avr://`` is handled; the emulator
-itself is loaded only when such a URL is opened.
+Importing this package registers ``avr://`` with pyserial. The emulator itself is loaded only when
+such a URL is opened.
 """
 
 import serial

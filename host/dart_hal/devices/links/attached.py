@@ -1,4 +1,4 @@
-"""What is plugged into this computer: serial ports, found without opening any."""
+"""The serial ports of this computer, found without opening any."""
 
 from __future__ import annotations
 
@@ -10,17 +10,20 @@ from serial.tools import list_ports
 
 from dart_hal.devices.links.serial_port import holders
 
+# USB bridge on the adapter of an X4.
 LIDAR = "10C4:EA60"
-"""The bridge on the adapter of an X4."""
+# USB bridges of such boards, by the numbers of vendor and product.
 BRIDGES = {"1A86:7523": "CH340, as on most Nano clones", "0403:6001": "FT232, as on an older Nano",
            "2341:0043": "ATmega16U2 of an Uno", LIDAR: "CP2102, as on the adapter of a YDLidar"}
-"""USB bridges met on such boards, by the numbers of vendor and product."""
 
 
 @dataclass(frozen=True, slots=True)
-class PortSeen:
-    """A serial port. usb: "VID:PID", "" for one that is no USB device; bridge: what is known of
-    it; link: its name that stays when others are plugged; users: programs that have it open."""
+class SerialPortInfo:
+    """A serial port.
+
+    usb: "VID:PID", "" if it is not a USB device; bridge: description of the USB bridge; link: path
+    that does not change when other devices are plugged in; users: programs that have it open.
+    """
 
     device: str
     usb: str
@@ -31,16 +34,16 @@ class PortSeen:
     users: tuple[str, ...]
 
 
-def serial_ports(links: Path = Path("/dev/serial/by-id")) -> list[PortSeen]:
-    """Ports of USB first, each group by name."""
+def serial_ports(links: Path = Path("/dev/serial/by-id")) -> list[SerialPortInfo]:
+    """Return all serial ports, those of USB first, each group sorted by name."""
     stable = {os.path.realpath(p): str(p) for p in links.iterdir()} if links.is_dir() else {}
-    seen = []
+    ports = []
     for port in list_ports.comports():
         usb = f"{port.vid:04X}:{port.pid:04X}" if port.vid is not None else ""
         about = port.description if port.description not in (None, "n/a") else ""
         users = tuple(f"{name} ({pid})" for pid, name in holders(port.device)
                       if pid != os.getpid())
-        seen.append(PortSeen(port.device, usb, BRIDGES.get(usb, ""), about,
-                             port.serial_number or "",
-                             stable.get(os.path.realpath(port.device), ""), users))
-    return sorted(seen, key=lambda p: (not p.usb, p.device))
+        ports.append(SerialPortInfo(port.device, usb, BRIDGES.get(usb, ""), about,
+                                    port.serial_number or "",
+                                    stable.get(os.path.realpath(port.device), ""), users))
+    return sorted(ports, key=lambda p: (not p.usb, p.device))

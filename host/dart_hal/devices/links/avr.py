@@ -1,8 +1,7 @@
-"""``avr://``: an emulated Nano alone on the desk, in virtual time.
+"""``avr://``: an emulated Nano without a car, in virtual time.
 
-``avr://default`` runs the firmware of this checkout, ``avr://path.elf`` any
-other image. There is no car: the rings turn at the rate the URL says, the IMU
-lies still, commands have no bus to go to.
+``avr://default`` runs the firmware of this checkout, ``avr://path.elf`` any other image. The rings
+turn at the rate of the URL, the IMU is at rest, and there is no I2C bus for commands.
 """
 
 from __future__ import annotations
@@ -16,14 +15,14 @@ from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend
 from dart_hal.devices.links.emulator import EmulatedNano
 
+# Edges per main-gear revolution of the white ring, both flanks counted.
 DEFAULT_EDGES = 20
-"""Edges per main-gear revolution of the white ring, both flanks counted."""
 
-OPTIONS = ("wheel", "edges", "clock_error", "baud", "bootloader")
+AVR_OPTIONS = ("wheel", "edges", "clock_error", "baud", "bootloader")
 
 
 class VirtualNano(Protocol):
-    """What `VirtualLink` needs of a Nano; `EmulatedNano` is one."""
+    """Methods of a Nano that `VirtualLink` uses; `EmulatedNano` has them."""
 
     now: float
 
@@ -34,11 +33,11 @@ class VirtualNano(Protocol):
 
 
 class VirtualLink(Link):
-    """Link and Clock over a Nano whose time passes only while it is read.
+    """Link and Clock of a Nano whose time passes only while it is read.
 
-    A read ends at each frame delimiter, so the host can answer a frame at the
-    moment its last stop bit is on the wire; the Nano never runs past a
-    delimiter that was not handed over, unless the host sleeps.
+    A read ends at each frame delimiter, so the host can answer a frame as soon as its last stop bit
+    is on the wire. The Nano does not run beyond a delimiter that was not read yet, unless the host
+    sleeps.
     """
 
     def __init__(self, nano: VirtualNano) -> None:
@@ -47,7 +46,10 @@ class VirtualLink(Link):
         self._open = True
 
     def read(self, timeout: float) -> Chunk | None:
-        """Next chunk within ``timeout`` s of virtual time, None = nothing came. Raises LinkLost."""
+        """Return the next chunk within ``timeout`` s of virtual time, None = none.
+
+        Raises LinkLost.
+        """
         self._check()
         if not self._queue:
             self.nano.run(self.nano.now + max(0.0, timeout))
@@ -69,7 +71,7 @@ class VirtualLink(Link):
         return self.nano.now
 
     def sleep(self, seconds: float) -> None:
-        """Let the Nano run; what it sends waits to be read, as in a driver's buffer."""
+        """Let the Nano run; the bytes that it sends are buffered, as in a driver."""
         self._check()
         until = self.nano.now + seconds
         while self.nano.run(until):
@@ -92,12 +94,12 @@ def _number(url: Url, name: str, default: float) -> float:
 
 
 def open_nano(url: Url) -> EmulatedNano:
-    """The Nano that an ``avr://`` URL describes. Raises UsageError, EmulatorMissing.
+    """Create the Nano of an ``avr://`` URL. Raises UsageError, EmulatorMissing.
 
     Options: wheel [rev/s of the main gear, signed], edges (per revolution),
     clock_error, baud (of the host), bootloader=1.
     """
-    url.known(*OPTIONS)
+    url.known(*AVR_OPTIONS)
     image = None if url.target in ("", "default") else url.target
     edges = int(_number(url, "edges", DEFAULT_EDGES))
     if edges < 0 or edges % 2:
@@ -112,6 +114,6 @@ def open_nano(url: Url) -> EmulatedNano:
 
 
 def open_avr(url: Url) -> Backend:
-    """Backend of ``avr://``: link and clock of the emulated Nano, no bus, no car."""
+    """Open the backend of ``avr://``: link and clock of the emulated Nano, no bus, no car."""
     link = VirtualLink(open_nano(url))
     return Backend(url=url, link=link, clock=link, bus=None, virtual=True)

@@ -1,9 +1,8 @@
-"""What a backend offers: bytes to and from a Nano, an I2C bus, a clock.
+"""Interface of a backend: a link to a Nano, an I2C bus, a clock.
 
-Backends register under the entry-point group ``dart_hal.backends`` by URL
-scheme; each entry is a function ``open(url: Url) -> Backend``. Nothing above
-this file knows whether the car is real, emulated or recorded. How to write one:
-docs/how_to/backend.md.
+Backends register under the entry-point group ``dart_hal.backends`` by URL scheme. Each entry is a
+function ``open(url: Url) -> Backend``. Code that uses a backend does not depend on whether the car
+is real, emulated or recorded. How to write one: docs/how_to/backend.md.
 """
 
 from __future__ import annotations
@@ -25,22 +24,22 @@ if TYPE_CHECKING:
 
 @dataclass
 class Backend:
-    """An opened backend: ``url``, ``link`` and ``clock`` are needed, the rest has defaults.
+    """An opened backend: ``url``, ``link`` and ``clock`` are required, the rest has defaults.
 
     ``bus``: I2C bus of the PCA9685; None = commands are accepted and reported as not sent (replay).
     ``virtual``: time advances only inside ``link.read`` and ``clock.sleep``.
-    ``simulated``: what is driven is a world of this program, in whatever time.
-    ``car``: name of the car this backend is (``sim-7``), None = the caller's.
-    ``car_toml``: text of a car file that comes with the backend.
-    ``measured``: texts of its calibration.toml and model.toml as a run recorded them.
-    ``notices``: sentences the user must see once (for example: mock in use).
-    ``resets``: opening restarted the Nano, so HELLO comes unasked.
+    ``simulated``: the car is simulated by this program, in virtual or real time.
+    ``car``: name of the car of this backend (``sim-7``), None = the caller's.
+    ``car_toml``: text of a car file that the backend provides.
+    ``measured``: texts of its calibration.toml and model.toml from a recorded run.
+    ``notices``: messages to show to the user once (for example: mock in use).
+    ``resets``: opening restarted the Nano, so it sends HELLO without a request.
     ``closers``: functions that ``close`` calls, the last one first.
     ``candidates``: ports where the board may be after it was unplugged.
-    ``workshop``: answers the questions of a calibration; None = ask the user.
-    ``poses``: external poses that come with the backend; ``lidar``: scans that do;
-    ``camera``: images that do; ``cameras``: those that it has by name, opened by ``camera=NAME``.
-    ``contacts``: those that a world of several cars has seen.
+    ``workshop``: answers the questions of a calibration; None = the user answers them.
+    ``poses``, ``lidar``, ``camera``: external poses, scans and images of the backend;
+    ``cameras``: its cameras by name, opened by ``camera=NAME``.
+    ``contacts``: contacts so far in a world of several cars.
     """
 
     url: Url
@@ -64,7 +63,7 @@ class Backend:
     contacts: Callable[[], tuple[Contact, ...]] = tuple
 
     def close(self) -> None:
-        """Close link and bus, each also when another one raises."""
+        """Close link and bus, each of them even if another one raises."""
         with ExitStack() as steps:
             for closer in reversed(self.closers):
                 steps.callback(closer)
@@ -72,15 +71,15 @@ class Backend:
 
 
 def schemes() -> dict[str, EntryPoint]:
-    """URL schemes that an installed package serves."""
+    """Return the entry points of all installed backends by URL scheme."""
     return list_plugins("dart_hal.backends")
 
 
 def open_backend(text: str) -> Backend:
     """Open the backend of a URL.
 
-    Raises UnknownScheme, the catalogue errors of the backend, and PluginFailed for whatever else
-    the backend of another package raises.
+    Raises UnknownScheme, the catalogue errors of the backend, and PluginFailed for any other
+    exception of a backend of another package.
     """
     url = Url.parse(text)
     loaders = schemes()

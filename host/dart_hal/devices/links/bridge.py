@@ -1,7 +1,7 @@
-"""The C bridge to simavr, loaded once: signatures, version check, search.
+"""The C bridge to simavr: search, loading, signatures, version check.
 
-See firmware/emulator/emu.h for what each function does. The library is built
-on the spot (`make -C firmware emulator`); it is never part of the package.
+firmware/emulator/emu.h documents each function. The library is built on the user's computer
+(`make -C firmware emulator`) and is not part of the package.
 """
 
 from __future__ import annotations
@@ -14,14 +14,17 @@ from pathlib import Path
 from dart_hal.core.errors import EmulatorMissing
 from dart_hal.devices.links.image import FIRMWARE_DIR
 
+# EMU_ABI of the emu.h that the signatures below follow.
 ABI = 4
-"""EMU_ABI of the emu.h that the signatures below follow."""
 
 REMEDY = "make firmware" if FIRMWARE_DIR.is_dir() else (
     "clone the project and run `make firmware` in it (a wheel carries no emulator), then "
     "export DART_HAL_EMULATOR=CLONE/firmware/build/libdartemu.so")
 
-_P, _U64, _D, _I = c.c_void_p, c.c_uint64, c.c_double, c.c_int
+_P = c.c_void_p
+_U64 = c.c_uint64
+_D = c.c_double
+_I = c.c_int
 _SIGNATURES: dict[str, tuple[object, ...]] = {
     # name: result, arguments
     "emu_abi": (_I,),
@@ -72,7 +75,10 @@ _SIGNATURES: dict[str, tuple[object, ...]] = {
 
 
 def find_library() -> Path:
-    """The built bridge: $DART_HAL_EMULATOR, then the checkout's build. Raises EmulatorMissing."""
+    """Return the path of the bridge: $DART_HAL_EMULATOR, then the checkout's build.
+
+    Raises EmulatorMissing.
+    """
     named = os.environ.get("DART_HAL_EMULATOR")
     place = Path(named) if named else FIRMWARE_DIR / "build" / "libdartemu.so"
     if not place.is_file():
@@ -83,7 +89,7 @@ def find_library() -> Path:
 
 
 def load() -> c.CDLL:
-    """The bridge, ready to call. Raises EmulatorMissing with the loader's own reason."""
+    """Load the bridge once and return it. Raises EmulatorMissing with the loader's message."""
     return _load(str(find_library()))
 
 
@@ -97,7 +103,8 @@ def _load(path: str) -> c.CDLL:
     try:
         for name, (result, *arguments) in _SIGNATURES.items():
             function = getattr(library, name)
-            function.restype, function.argtypes = result, arguments
+            function.restype = result
+            function.argtypes = arguments
         abi = library.emu_abi()
     except AttributeError as error:
         raise EmulatorMissing(f"{path} is no bridge of this version: {error}",

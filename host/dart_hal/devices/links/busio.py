@@ -1,4 +1,4 @@
-"""The shape of ``busio.I2C`` over one method: a transfer that writes, reads, or both."""
+"""The interface of ``busio.I2C``, based on one method: a transfer that writes, reads, or both."""
 
 from __future__ import annotations
 
@@ -6,31 +6,31 @@ from abc import ABC, abstractmethod
 
 
 class TransferBus(ABC):
-    """A bus whose kind is in ``transfer`` alone.
+    """An I2C bus; subclasses implement ``transfer``.
 
-    Not thread-safe by itself: callers take ``try_lock``. Methods raise what
-    ``transfer`` raises, an OSError or BusError.
+    Not thread-safe by itself: callers use ``try_lock``. Methods raise what ``transfer`` raises, an
+    OSError or BusError.
     """
 
     _locked = False
 
     @abstractmethod
     def transfer(self, address: int, data: bytes, n: int) -> bytes:
-        """Write ``data`` if there is any, then read ``n`` bytes; a STOP ends it."""
+        """Write ``data`` if it is not empty, then read ``n`` bytes, then send STOP."""
 
     def try_lock(self) -> bool:
-        """Take the bus; False when it is taken."""
+        """Lock the bus; return False if it is already locked."""
         if self._locked:
             return False
         self._locked = True
         return True
 
     def unlock(self) -> None:
-        """Give the bus back."""
+        """Unlock the bus."""
         self._locked = False
 
     def scan(self) -> list[int]:
-        """Addresses that acknowledge a one-byte read."""
+        """Return the addresses that acknowledge a one-byte read."""
         found = []
         for address in range(0x08, 0x78):
             try:
@@ -54,7 +54,7 @@ class TransferBus(ABC):
     def writeto_then_readfrom(self, address: int, out_buffer: bytes, in_buffer: bytearray, *,
                               out_start: int = 0, out_end: int | None = None,
                               in_start: int = 0, in_end: int | None = None) -> None:
-        """Write, repeated START, read: the way to read a register."""
+        """Write, send a repeated START, and read, as for reading a register."""
         place = range(len(in_buffer))[in_start:in_end]
         data = bytes(out_buffer[out_start:out_end])
         in_buffer[place.start:place.stop] = self.transfer(address, data, len(place))

@@ -1,8 +1,7 @@
 """An Arduino Nano with the real firmware, emulated in process.
 
-`EmulatedNano` runs a flash image in simavr through the C bridge. Around the
-MCU stand the UART line, a register model of the BNO055 and two encoder rings.
-World time starts at 0 s and passes only inside `run`.
+`EmulatedNano` runs a flash image in simavr through the C bridge, with models of the UART line, of
+the BNO055's registers and of two encoder rings. World time starts at 0 s and passes only in `run`.
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ from dart_hal.devices.links.image import (
     with_bootloader,
 )
 
+# Nominal clock of the Nano [Hz].
 F_CPU = 16_000_000
-"""Nominal clock of the Nano [Hz]."""
 
 EEPROM_SIZE = 1024
-CAUSES = {"external": 0, "power": 1, "brownout": 2, "watchdog": 3}
+RESET_CAUSES = {"external": 0, "power": 1, "brownout": 2, "watchdog": 3}
 I2C_FAULTS = {"ok": 0, "nack": 1, "sda": 2, "scl": 3, "dead": 4}
 IMU_FAULTS = {"ok": 0, "off": 1, "stuck": 2, "garbage": 3, "wrong": 4, "slow": 5, "delayed": 6,
               "intermittent": 7, "zero": 8}
@@ -37,12 +36,15 @@ PINS = {"D4": ("D", 4), "D5": ("D", 5), "D6": ("D", 6), "D7": ("D", 7), "D8": ("
 _PIN_NAMES = {(ord(port) - ord("B")) << 4 | bit: name for name, (port, bit) in PINS.items()}
 _LEVEL = (0, 1, None)
 
-_DELIMITER, _CRASHED, _BYTES = 1, 2, 8
+# Bits of the result of emu_run and emu_step.
+_DELIMITER = 1
+_CRASHED = 2
+_BYTES = 8
 _BUFFER = 4096
 
 
 class PinEdge(NamedTuple):
-    """A pin changed: world time [s], name, level (None = no longer driven)."""
+    """Change of a pin: world time [s], name, level (None = no longer driven)."""
 
     t: float
     pin: str
@@ -50,7 +52,7 @@ class PinEdge(NamedTuple):
 
 
 class IsrStat(NamedTuple):
-    """Cycles of an interrupt routine, 4 of entry and 4 of reti included."""
+    """Cycles of an interrupt routine, with 4 for entry and 4 for reti."""
 
     n: int
     min: int
@@ -75,7 +77,7 @@ def _choice(table: dict[str, int], name: str, what: str) -> int:
 
 
 class _Closed:
-    """Stands for the bridge after `close`: a call must not reach freed memory."""
+    """Replaces the bridge after `close`: a call must not access freed memory."""
 
     def __getattr__(self, name: str) -> Any:
         raise LinkLost("the emulated Nano was closed")
@@ -105,7 +107,8 @@ class EmulatedNano:
         self.now = 0.0
         self.crashed = False
         self._hz = float(F_CPU)
-        self._base_t, self._base_cycle = 0.0, 0
+        self._base_t = 0.0
+        self._base_cycle = 0
         self._in = (c.c_double * 7)()
         self._staged = self._bytes = False
         self._buf = (c.c_uint8 * _BUFFER)()
@@ -128,7 +131,8 @@ class EmulatedNano:
 
     def close(self) -> None:
         """Free the emulator; further calls raise LinkLost."""
-        emu, self._emu = getattr(self, "_emu", None), None
+        emu = getattr(self, "_emu", None)
+        self._emu = None
         if emu:
             self._lib.emu_free(emu)
             self._lib = _Closed()
@@ -138,7 +142,7 @@ class EmulatedNano:
     def run(self, until: float) -> bool:
         """Advance to world time ``until`` [s], at most past one 0x00 of the UART.
 
-        True: stopped at the end of that byte's stop bit, ``now`` says when.
+        Returns True if it stopped at the end of that byte's stop bit; ``now`` is then its time.
         """
         target = self._base_cycle + int((until - self._base_t) * self._hz + 0.5)
         if self._staged:
@@ -155,7 +159,7 @@ class EmulatedNano:
         return False
 
     def set_clock_error(self, error: float) -> None:
-        """The MCU runs 16e6 (1 + error) cycles per world second from now on."""
+        """Set the clock of the MCU to 16e6 (1 + error) cycles per world second."""
         self._base_cycle = self._lib.emu_now(self._emu)
         self._base_t = self.now
         self._hz = F_CPU * (1.0 + error)
@@ -163,7 +167,7 @@ class EmulatedNano:
 
     @property
     def cycle(self) -> int:
-        """MCU cycles since the start; they run on through resets."""
+        """MCU cycles since the start; a reset does not clear them."""
         return int(self._lib.emu_now(self._emu))
 
     def _world(self, cycle: int) -> float:
@@ -172,7 +176,7 @@ class EmulatedNano:
     # --- the line -----------------------------------------------------------
 
     def read(self) -> list[tuple[bytes, float]]:
-        """Bytes whose stop bit has passed: chunks, each cut after a 0x00, with the
+        """Return the bytes whose stop bit has passed, in chunks that end after a 0x00, with the
         world time [s] of their last byte."""
         chunks: list[tuple[bytes, float]] = []
         while self._bytes:
@@ -187,20 +191,20 @@ class EmulatedNano:
         return chunks
 
     def write(self, data: bytes) -> None:
-        """Put bytes on the line to the Nano, from now on, one per 10 bit times."""
+        """Send bytes to the Nano from now on, one per 10 bit times."""
         self._lib.emu_uart_write(self._emu, bytes(data), len(data))
 
     def set_baud(self, host_baud: float) -> None:
-        """Rate of the host's side; more than 4 % off the MCU's, both read noise."""
+        """Set the line rate of the host; with more than 4 % difference both sides read noise."""
         self._lib.emu_uart_baud(self._emu, host_baud)
 
     # --- the world ----------------------------------------------------------
 
     def set_ring(self, ring: int, marks: Sequence[float]) -> None:
-        """Edges of ring 0 (D2) or 1 (D3), in revolutions of the main gear, sorted in [0, 1).
+        """Set the edges of ring 0 (D2) or 1 (D3), in revolutions of the main gear, in [0, 1).
 
-        An even number; none = a sensor that sees nothing. A missing mark is
-        simply absent. Raises UsageError.
+        Sorted, an even number; none = a sensor without a ring. A missing mark is left out. Raises
+        UsageError.
         """
         table = (c.c_double * max(1, len(marks)))(*marks)
         if self._lib.emu_ring(self._emu, ring, table, len(marks)):
@@ -209,12 +213,12 @@ class EmulatedNano:
                                       "sorted and different, in [0, 1)")
 
     def set_wheel(self, rev_per_s: float) -> None:
-        """Rate of the main gear [rev/s] from now on, signed; the phase is continuous."""
+        """Set the rate of the main gear [rev/s], signed; the phase is continuous."""
         self._in[0] = rev_per_s
         self._staged = True
 
     def set_imu(self, gyro: Sequence[float], lin_acc: Sequence[float]) -> None:
-        """True angular rate [rad/s] and acceleration without gravity [m/s2], sensor axes."""
+        """Set angular rate [rad/s] and acceleration without gravity [m/s2] in sensor axes."""
         self._in[1], self._in[2], self._in[3] = gyro
         self._in[4], self._in[5], self._in[6] = lin_acc
         self._staged = True
@@ -222,8 +226,8 @@ class EmulatedNano:
     def set_imu_errors(self, gyro: Sequence[float] = (0, 0, 0), acc: Sequence[float] = (0, 0, 0),
                        clock: float = 0.0037,
                        calibrated_after: Sequence[float] = (2.0, 1.0, 4.0)) -> None:
-        """Zero errors [rad/s], [m/s2], relative clock error of the BNO055, and the seconds
-        in a fusion mode until its sys, gyr and acc levels are 3 (negative: never)."""
+        """Set the offsets [rad/s], [m/s2] and the relative clock error of the BNO055, and the
+        seconds in a fusion mode until its sys, gyr and acc levels are 3 (negative: never)."""
         self._lib.emu_imu_setup(self._emu, (c.c_double * 10)(*gyro, *acc, clock,
                                                               *calibrated_after))
 
@@ -231,33 +235,33 @@ class EmulatedNano:
 
     def reset(self, cause: str = "external") -> None:
         """Restart the MCU: external, power, brownout or watchdog. Raises UsageError."""
-        self._lib.emu_reset(self._emu, _choice(CAUSES, cause, "reset cause"))
+        self._lib.emu_reset(self._emu, _choice(RESET_CAUSES, cause, "reset cause"))
         self.crashed = False
 
     def set_boot(self, wait: BootWait) -> None:
-        """What lies between a reset and the program, from the next reset on."""
+        """Set the times between a reset and the program, from the next reset on."""
         self._lib.emu_boot(self._emu, (c.c_double * 4)(*wait))
 
     def set_i2c(self, fault: str = "ok", p: float = 1.0, stretch_us: float = 180.0,
                 clocks: int = 9) -> None:
-        """Fault of the bus from now on: ok, nack (share ``p``), sda or scl held low, dead.
+        """Set the fault of the bus: ok, nack (share ``p``), sda or scl constantly low, dead.
 
-        ``stretch_us`` per byte; ``clocks``: SCL pulses driven by GPIO after
-        which a held SDA is free again (0 = never). Raises UsageError.
+        ``stretch_us`` per byte; ``clocks``: SCL pulses driven by GPIO that release SDA (0 =
+        never). Raises UsageError.
         """
         self._lib.emu_i2c(self._emu, _choice(I2C_FAULTS, fault, "I2C fault"), p, stretch_us,
                           clocks)
 
     def set_imu_fault(self, fault: str = "ok", value: float = 1.0) -> None:
-        """Fault of the BNO055 from now on, of `IMU_FAULTS`. Raises UsageError.
+        """Set the fault of the BNO055, one of `IMU_FAULTS`. Raises UsageError.
 
-        ``value``: wrong, the gain of what it measures; slow, updates per second; delayed,
-        s (at most 1.2); intermittent, the share of addresses that it does not acknowledge.
+        ``value``: for wrong, the gain of its measurements; slow, updates per second; delayed, s (at
+        most 1.2); intermittent, the share of addresses that it does not acknowledge.
         """
         self._lib.emu_imu_fault(self._emu, _choice(IMU_FAULTS, fault, "IMU fault"), value)
 
     def reset_imu(self) -> None:
-        """The BNO055 restarts: 650 ms without ACK, registers lost."""
+        """Restart the BNO055: 650 ms without ACK, registers lost."""
         self._lib.emu_imu_reset(self._emu)
 
     def config_imu(self) -> None:
@@ -272,28 +276,28 @@ class EmulatedNano:
                              expected="ring 0 or 1, at most 2e6 edges/s")
 
     def freeze(self, on: bool = True) -> None:
-        """The program stands still with interrupts off, until a reset; timers, their pins
-        and the watchdog go on."""
+        """Stop the program with interrupts off, until a reset; timers, their pins and the
+        watchdog continue."""
         self._lib.emu_freeze(self._emu, on)
 
     def hang(self, on: bool = True) -> None:
-        """The main program stands still while interrupts run, until a reset."""
+        """Stop the main program until a reset; interrupts run."""
         self._lib.emu_hang(self._emu, on)
 
     def set_vcc(self, volt: float) -> None:
-        """Supply as the ADC sees it [V]; below 2.7 the brown-out detector holds the MCU."""
+        """Set the supply [V] that the ADC measures; below 2.7 the brown-out detector resets."""
         self._lib.emu_vcc(self._emu, round(1000 * volt))
 
     def set_power(self, on: bool) -> None:
-        """The supply comes and goes, as with the USB cable: off drives nothing, RAM is lost."""
+        """Switch the supply on or off, as by the USB cable: off, no pin is driven, RAM is lost."""
         self._lib.emu_power(self._emu, on)
 
     def tear_eeprom(self, nth: int = 1) -> None:
-        """The supply fails in the middle of the ``nth`` byte that is written from now on: it
-        is garbled, and a brown-out resets the MCU (0: not any more)."""
+        """Let the supply fail while the ``nth`` byte from now on is written: the byte is garbled,
+        and a brown-out resets the MCU (0: no failure)."""
         self._lib.emu_eeprom_tear(self._emu, nth)
 
-    # --- looking in ---------------------------------------------------------
+    # --- inspection ---------------------------------------------------------
 
     @property
     def eeprom(self) -> bytes:
@@ -310,36 +314,38 @@ class EmulatedNano:
 
     @property
     def flash(self) -> bytes:
-        """The 32 KiB of flash as they are now."""
+        """The present 32 KiB of flash."""
         buf = (c.c_uint8 * FLASH_SIZE)()
         self._lib.emu_flash_get(self._emu, buf, FLASH_SIZE)
         return bytes(buf)
 
     def pins(self) -> dict[str, int | None]:
-        """Level that the MCU drives at each pin of `PINS`; None = input."""
+        """Return the level that the MCU drives at each pin of `PINS`; None = input."""
         return {name: _LEVEL[self._lib.emu_pin_state(self._emu, ord(port), bit)]
                 for name, (port, bit) in PINS.items()}
 
     def pin_log(self) -> list[PinEdge]:
-        """Changes of driven pins since the last call (at most 8192 are kept)."""
-        cycle, pin, state = (c.c_uint64 * 8192)(), (c.c_uint8 * 8192)(), (c.c_uint8 * 8192)()
+        """Return the changes of driven pins since the last call (at most 8192 are stored)."""
+        cycle = (c.c_uint64 * 8192)()
+        pin = (c.c_uint8 * 8192)()
+        state = (c.c_uint8 * 8192)()
         n = self._lib.emu_pin_log(self._emu, cycle, pin, state, 8192)
         return [PinEdge(self._world(cycle[i]), _PIN_NAMES[pin[i]], _LEVEL[state[i]])
                 for i in range(n) if pin[i] in _PIN_NAMES]
 
     def set_pin(self, name: str, level: bool) -> None:
-        """Level that the world puts on an input, for example "D8". Raises UsageError."""
+        """Set the external level of an input, for example "D8". Raises UsageError."""
         if name not in PINS:
             raise UsageError(f"pin {name!r} is not wired", expected=", ".join(PINS))
         port, bit = PINS[name]
         self._lib.emu_pin(self._emu, ord(port), bit, level)
 
     def capture_behind_mux(self, on: bool) -> None:
-        """D8 gets what ``set_pin`` says only while the MCU drives D5 high."""
+        """Connect D8 to the level of ``set_pin`` only while the MCU drives D5 high."""
         self._lib.emu_capture(self._emu, on)
 
     def edges(self, ring: int = 0) -> int:
-        """Level changes that ring 0 or 1 has put on its pin."""
+        """Return the number of level changes of ring 0 or 1 on its pin."""
         return int(self._lib.emu_edges(self._emu, ring))
 
     def uart_stats(self) -> UartStats:
@@ -348,30 +354,31 @@ class EmulatedNano:
         return UartStats(out[0], *(int(v) for v in out[1:]))
 
     def isr(self, vector: int) -> IsrStat:
-        """Times of interrupt vector 1..25 (1 = INT0, 12 = TIMER1_COMPB, ...)."""
+        """Return the run times of interrupt vector 1..25 (1 = INT0, 12 = TIMER1_COMPB, ...)."""
         out = (c.c_uint64 * 4)()
         self._lib.emu_isr(self._emu, vector, out)
         return IsrStat(*out)
 
     def marks(self) -> list[tuple[int, int]]:
-        """(cycle, value) of the program's writes to GPIOR0 since the last call."""
-        cycle, value = (c.c_uint64 * 8192)(), (c.c_uint8 * 8192)()
+        """Return (cycle, value) of the program's writes to GPIOR0 since the last call."""
+        cycle = (c.c_uint64 * 8192)()
+        value = (c.c_uint8 * 8192)()
         n = self._lib.emu_mark(self._emu, cycle, value, 8192)
         return [(cycle[i], value[i]) for i in range(n)]
 
     def stack(self) -> tuple[int, int]:
-        """Bytes the stack has reached since power-on, and bytes never touched."""
+        """Return the largest size [bytes] of the stack since power-on, and the unused bytes."""
         out = (c.c_uint32 * 2)()
         self._lib.emu_stack(self._emu, out)
         return out[0], out[1]
 
     def peek(self, address: int) -> int:
-        """Byte of the data space (registers, I/O, RAM)."""
+        """Return a byte of the data space (registers, I/O, RAM)."""
         return int(self._lib.emu_peek(self._emu, address))
 
     def poke(self, address: int, value: int) -> None:
         self._lib.emu_poke(self._emu, address, value)
 
     def imu_register(self, register: int) -> int:
-        """Register of page 0 of the BNO055 model."""
+        """Return a register of page 0 of the BNO055 model."""
         return int(self._lib.emu_imu_peek(self._emu, register))

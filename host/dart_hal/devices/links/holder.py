@@ -1,8 +1,8 @@
-"""Who drives: the process that holds the lock on a car's serial port.
+"""Which program drives a car: the process that holds the lock on its serial port.
 
-Every program of ours locks the port that it opens (``exclusive``), and the
-kernel lists all locks for everybody. So a driver is seen without opening the
-port, which would reset the Nano, and a killed one is gone at once.
+Every program of this package locks the port that it opens (``exclusive``), and the kernel lists all
+locks. So the driver is found without opening the port, which would reset the Nano, and the lock of
+a killed one disappears at once.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ __all__ = ["holder", "port_of"]
 
 
 def port_of(url: Url) -> str | None:
-    """The serial port that a URL names; None = it is not plugged in."""
+    """Return the serial port of a URL; None = it is not plugged in."""
     if url.scheme != "hwgrep":
         return url.target
     try:

@@ -21,19 +21,19 @@ from dart_hal.devices.links.busio import TransferBus
 from dart_hal.devices.links.smbus import SmbusBus
 
 REQUEST = struct.Struct("<BHH")
+# s: a transfer takes 1 ms; without an answer the server is gone.
 TIMEOUT = 1.0
-"""s: a transfer takes 1 ms; a server that is silent for longer is gone."""
 
 
 def check_bus(spec: str) -> None:
-    """Refuse what names no bus before anything is opened. Raises UsageError."""
+    """Check the name of a bus before anything is opened. Raises UsageError."""
     if not spec.startswith("unix:") and not (spec.isascii() and spec.isdigit()):
         raise UsageError(f"i2c={spec} names no bus",
                          expected="i2c=auto, i2c=1 or i2c=unix:/path/of/socket")
 
 
 def open_bus(spec: str) -> Bus:
-    """Open the bus that a URL names. Raises BusError, UsageError."""
+    """Open the bus of a URL. Raises BusError, UsageError."""
     check_bus(spec)
     if spec.startswith("unix:"):
         return SocketBus(spec[len("unix:"):])
@@ -41,7 +41,7 @@ def open_bus(spec: str) -> Bus:
 
 
 def receive(connection: socket.socket, n: int) -> bytes:
-    """Exactly ``n`` bytes of a stream socket; raises ConnectionError at its end."""
+    """Receive exactly ``n`` bytes of a stream socket. Raises ConnectionError at its end."""
     data = b""
     while len(data) < n:
         part = connection.recv(n - len(data))
@@ -52,7 +52,7 @@ def receive(connection: socket.socket, n: int) -> bytes:
 
 
 class SocketBus(TransferBus):
-    """Client side of a simulated car's I2C bus, in the shape of ``busio.I2C``."""
+    """Client of a simulated car's I2C bus, with the interface of ``busio.I2C``."""
 
     def __init__(self, path: str) -> None:
         self.where = f"unix:{path}"
@@ -71,13 +71,13 @@ class SocketBus(TransferBus):
         return private(connection)
 
     def close(self) -> None:
-        """Let go of the socket; a later transfer connects again."""
+        """Close the socket; a later transfer connects again."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
     def transfer(self, address: int, data: bytes, n: int) -> bytes:
-        """One request and its answer. Raises BusError."""
+        """Send one request and return its answer. Raises BusError."""
         if self._socket is None:
             self._socket = self._connect()
         try:
@@ -85,7 +85,7 @@ class SocketBus(TransferBus):
             code = receive(self._socket, 1)[0]
             answer = receive(self._socket, n) if code == 0 else b""
         except BaseException as error:
-            self.close()  # a late answer must not be taken for that of the next transfer
+            self.close()  # a late answer must not be read as that of the next transfer
             if isinstance(error, OSError):
                 raise explain(error, address, self.where) from error
             raise

@@ -1,7 +1,7 @@
-"""Flash images of the ATmega328P: Intel hex and AVR ELF to plain bytes.
+"""Flash images of the ATmega328P: conversion of Intel hex and AVR ELF to bytes.
 
-The loaders check every bound before a byte is placed: an image that does not
-fit the flash is refused with its address, never truncated.
+The loaders check every address before they place a byte: an image that does not fit the flash is
+refused with its address, never truncated.
 """
 
 from __future__ import annotations
@@ -12,29 +12,30 @@ from pathlib import Path
 
 from dart_hal.core.errors import EmulatorMissing
 
+# Bytes of flash of the ATmega328P.
 FLASH_SIZE = 32 * 1024
-"""Bytes of flash of the ATmega328P."""
 
+# The firmware of the checkout; missing in an installed package.
 FIRMWARE_DIR = Path(__file__).resolve().parents[4] / "firmware"
-"""The firmware of the checkout (absent in an installed package)."""
 
+# The prebuilt image in an installed package; missing in a checkout.
 PACKAGED = Path(__file__).resolve().parents[2] / "prebuilt" / "dart_nano.hex"
-"""The prebuilt image inside an installed package (absent in a checkout)."""
 
+# Start of the 2 KiB boot section that the Nano's fuses reserve [byte address].
 BOOT_START = 0x7800
-"""Start of the 2 KiB boot section that the Nano's fuses reserve [byte address]."""
 
+# From Debian's arduino-core-avr; its optiboot hex is too long and never starts the program.
 BOOTLOADER = Path("/usr/share/arduino/hardware/arduino/avr/bootloaders/atmega/"
                   "ATmegaBOOT_168_atmega328.hex")
-"""Debian's arduino-core-avr; its optiboot hex is too long and never starts the program."""
 
+# Machine number of AVR in an ELF header.
 _EM_AVR = 83
+# First address of RAM and EEPROM sections for the linker of avr-gcc.
 _DATA_SPACE = 0x800000
-"""avr-gcc's linker places RAM and EEPROM sections from here on."""
 
 
 class ImageError(EmulatorMissing, ValueError):
-    """A file that is no image for this flash; the message says where and why."""
+    """A file that is no image for this flash; the message has the place and the reason."""
 
     likely_default = "another file than a firmware image"
     remedy_default = "avr://default runs the firmware of this version"
@@ -60,15 +61,15 @@ class _Flash:
 
     def bytes(self) -> bytes:
         if not self.end:
-            raise ImageError(f"{self.source}: holds no byte for the flash")
+            raise ImageError(f"{self.source}: contains no byte for the flash")
         return bytes(self.data[:self.end])
 
 
 def parse_hex(text: str, source: str = "image", size: int = FLASH_SIZE) -> bytes:
-    """Intel hex (types 00 to 05) to the bytes from address 0 to the last one placed.
+    """Convert Intel hex (types 00 to 05) to the bytes from address 0 to the last one placed.
 
-    Gaps read 0xFF. Raises ImageError on a syntax error, a wrong checksum, a
-    missing end record or a byte beyond ``size``.
+    Gaps are 0xFF. Raises ImageError on a syntax error, a wrong checksum, a missing end record or a
+    byte beyond ``size``.
     """
     flash = _Flash(source, size)
     base = 0
@@ -95,10 +96,10 @@ def parse_hex(text: str, source: str = "image", size: int = FLASH_SIZE) -> bytes
 
 
 def parse_elf(blob: bytes, source: str = "image", size: int = FLASH_SIZE) -> bytes:
-    """AVR ELF32 to flash bytes: each loadable segment at its load address.
+    """Convert AVR ELF32 to flash bytes: each loadable segment at its load address.
 
-    Segments for RAM, EEPROM and fuses (0x800000 and up) are left out; .data
-    comes by its load address in flash. Raises ImageError.
+    Segments for RAM, EEPROM and fuses (0x800000 and up) are ignored; .data is placed at its load
+    address in flash. Raises ImageError.
     """
     try:
         head = struct.unpack_from("<16sHHIIIIIHHHHHH", blob)
@@ -107,7 +108,9 @@ def parse_elf(blob: bytes, source: str = "image", size: int = FLASH_SIZE) -> byt
     if head[0][:6] != b"\x7fELF\x01\x01" or head[2] != _EM_AVR:
         raise ImageError(f"{source} is no 32-bit AVR ELF file", found=f"machine {head[2]}")
     flash = _Flash(source, size)
-    offset, entry, count = head[5], head[9], head[10]
+    offset = head[5]
+    entry = head[9]
+    count = head[10]
     for i in range(count):
         try:
             kind, start, _, load, length = struct.unpack_from("<IIIII", blob, offset + i * entry)
@@ -123,7 +126,7 @@ def parse_elf(blob: bytes, source: str = "image", size: int = FLASH_SIZE) -> byt
 
 
 def load_image(path: str | os.PathLike[str]) -> bytes:
-    """Flash bytes of a .hex or .elf file. Raises EmulatorMissing (ImageError is one)."""
+    """Load the flash bytes of a .hex or .elf file. Raises EmulatorMissing (ImageError is one)."""
     path = Path(path)
     try:
         blob = path.read_bytes()
@@ -140,9 +143,9 @@ def load_image(path: str | os.PathLike[str]) -> bytes:
 
 
 def find_image() -> Path:
-    """The firmware image to run: $DART_HAL_FIRMWARE, the checkout's build, the prebuilt hex.
+    """Find the firmware image: $DART_HAL_FIRMWARE, the checkout's build, the prebuilt hex.
 
-    Raises EmulatorMissing with every place that was looked at.
+    Raises EmulatorMissing with every path that was tried.
     """
     named = os.environ.get("DART_HAL_FIRMWARE")
     if named:
@@ -160,7 +163,7 @@ def find_image() -> Path:
 
 
 def with_bootloader(image: bytes, bootloader: str | os.PathLike[str] = BOOTLOADER) -> bytes:
-    """Flash of a Nano as it is sold: ``image`` (may be empty) below, the bootloader on top.
+    """Combine ``image`` (may be empty) with a bootloader, as in the flash of a new Nano.
 
     Raises ImageError when they overlap, EmulatorMissing without the file.
     """

@@ -1,7 +1,7 @@
-"""Words to systemd (sd_notify): ready, alive, what it is doing.
+"""Messages to systemd (sd_notify): ready, watchdog, status.
 
-A datagram to the socket that $NOTIFY_SOCKET names; its protocol is stable and
-a line long, so no library is needed. Without that variable nothing happens.
+Each is a datagram to the socket of $NOTIFY_SOCKET. The protocol is stable and simple, so no library
+is needed. Without that variable nothing is sent.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import socket
 
 
 def notify(*words: str) -> bool:
-    """Send ``READY=1``, ``WATCHDOG=1``, ``STATUS=...``; whether somebody listens.
+    """Send ``READY=1``, ``WATCHDOG=1``, ``STATUS=...``; return whether it was sent.
 
-    A manager that does not take the message is not the car's trouble: False.
+    A service manager that does not accept the message must not stop the car: it returns False.
     """
     path = os.environ.get("NOTIFY_SOCKET", "")
     if not path.startswith(("/", "@")):

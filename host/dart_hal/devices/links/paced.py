@@ -1,9 +1,8 @@
-"""A virtual world that runs in real time: it goes on while the program computes.
+"""A virtual world that runs in real time: it continues while the program computes.
 
-A world in virtual time waits for its program, so a controller that is too slow
-for a car drives an emulated one well. Here the world is brought up to the wall
-clock whenever somebody looks at it: a slow loop finds its command expired, as
-on the car.
+A world in virtual time waits for its program, so a controller that is too slow for a car can still
+drive an emulated one. Here the world is advanced to the wall clock at each access: the command of a
+slow loop expires, as on the car.
 """
 
 from __future__ import annotations
@@ -18,50 +17,52 @@ from dart_hal.core.ports import Chunk, ImageSource, Link, PoseSource, ScanSource
 from dart_hal.core.types import ExternalPose, Image, Scan
 from dart_hal.devices.links.busio import TransferBus
 
-LOOK = 0.001
-"""s between two looks at a line on which nothing came: one tick of the world."""
-QUIET = 0.008
-"""s after bytes in which nobody looks: the next STATE ends 9.9 ms after the last at the earliest,
-and what comes between may wait, for its stamps are of the world."""
-LATE = 0.25
-"""s: a world that is later than this cannot keep up and is not chased, its clock is moved."""
+# s between two reads of a line without bytes: one step of the world.
+LOOK_INTERVAL = 0.001
+# s after bytes without a read: the next STATE ends at least 9.9 ms after the last one. Other bytes
+# may wait, since their stamps are times of the world.
+QUIET_TIME = 0.008
+# s: with a larger lag the world cannot keep up, and its clock is moved instead.
+MAX_LAG = 0.25
 
 log = logging.getLogger("dart_hal")
 
 
 class PacedLink(Link):
-    """Link and Clock over ``link``, whose world moves by ``link.sleep``; safe for threads.
+    """Link and Clock of ``link``, whose world is advanced by ``pass_time``; safe for threads.
 
-    ``lock``: held while the world is touched.
+    ``lock``: locked while the world is accessed.
     """
 
     def __init__(self, link: Link, now: Callable[[], float],
                  pass_time: Callable[[float], None]) -> None:
-        self.link, self.lock = link, threading.RLock()
-        self._now, self._pass_time = now, pass_time
+        self.link = link
+        self.lock = threading.RLock()
+        self._now = now
+        self._pass_time = pass_time
         self._start = time.monotonic() - now()
         self._slow = False
         self._quiet_until = 0.0
 
     def now(self) -> float:
-        """Time of the world [s], brought up to the wall clock."""
+        """Advance the world to the wall clock and return its time [s]."""
         with self.lock:
-            behind = time.monotonic() - self._start - self._now()
-            if behind > LATE:
-                self._start += behind
-                self._say_slow(behind)
-            elif behind > 0.0:
-                self._pass_time(behind)
+            lag = time.monotonic() - self._start - self._now()
+            if lag > MAX_LAG:
+                self._start += lag
+                self._warn_slow(lag)
+            elif lag > 0.0:
+                self._pass_time(lag)
             return self._now()
 
-    def _say_slow(self, behind: float) -> None:
+    def _warn_slow(self, lag: float) -> None:
         if not self._slow:
             self._slow = True
             log.warning("the emulation is slower than real time on this computer: its clock was "
-                        "moved by %.2f s; nano=mock in the URL is faster", behind)
+                        "moved by %.2f s; nano=mock in the URL is faster", lag)
 
     def sleep(self, seconds: float) -> None:
-        """Let real time pass."""
+        """Sleep in real time."""
         time.sleep(max(seconds, 0.0))
 
     def read(self, timeout: float) -> Chunk | None:
@@ -71,10 +72,10 @@ class PacedLink(Link):
                 now = self.now()
                 chunk = self.link.read(0.0)
             if chunk is not None:
-                self._quiet_until = chunk.t + QUIET
+                self._quiet_until = chunk.t + QUIET_TIME
             if chunk is not None or now >= deadline:
                 return chunk
-            time.sleep(max(LOOK, min(self._quiet_until, deadline) - now))
+            time.sleep(max(LOOK_INTERVAL, min(self._quiet_until, deadline) - now))
 
     def write(self, data: bytes) -> None:
         with self.lock:
@@ -87,10 +88,11 @@ class PacedLink(Link):
 
 
 class PacedBus(TransferBus):
-    """The bus of a paced world: a transfer meets it as it is now."""
+    """The bus of a paced world: each transfer first advances the world."""
 
     def __init__(self, bus: TransferBus, link: PacedLink) -> None:
-        self._bus, self._link = bus, link
+        self._bus = bus
+        self._link = link
 
     def transfer(self, address: int, data: bytes, n: int) -> bytes:
         with self._link.lock:
@@ -99,11 +101,13 @@ class PacedBus(TransferBus):
 
 
 class PacedPoses:
-    """A source of poses that looks into a paced world."""
+    """A source of poses in a paced world."""
 
     def __init__(self, source: PoseSource, link: PacedLink) -> None:
-        self.name, self._source, self._link = source.name, source, link
+        self.name = source.name
         self.on_board = source.on_board
+        self._source = source
+        self._link = link
 
     def poll(self, now: float) -> Sequence[ExternalPose]:
         with self._link.lock:
@@ -117,7 +121,9 @@ class PacedImages:
     """A camera in a paced world."""
 
     def __init__(self, source: ImageSource, link: PacedLink) -> None:
-        self.name, self._source, self._link = source.name, source, link
+        self.name = source.name
+        self._source = source
+        self._link = link
 
     @property
     def trouble(self) -> DartHalError | None:
@@ -135,7 +141,9 @@ class PacedScans:
     """A lidar in a paced world."""
 
     def __init__(self, source: ScanSource, link: PacedLink) -> None:
-        self.name, self._source, self._link = source.name, source, link
+        self.name = source.name
+        self._source = source
+        self._link = link
 
     @property
     def trouble(self) -> DartHalError | None:

@@ -1,10 +1,9 @@
-"""pyserial's view of the emulator: ``serial.serial_for_url("avr://default")``.
+"""The emulator as a port of pyserial: ``serial.serial_for_url("avr://default")``.
 
-Found by pyserial once `dart_hal.devices.links` is imported. Time is virtual: it
-passes while `read` waits, not while the program computes; asking an empty
-buffer for ``in_waiting`` lets one millisecond pass, so that polling loops
-advance. Opening the port, and raising DTR, resets the Nano as the real board
-does.
+pyserial finds it once `dart_hal.devices.links` is imported. Time is virtual: it passes while `read`
+waits, not while the program computes. Reading ``in_waiting`` of an empty buffer lets one
+millisecond pass, so that polling loops advance. Opening the port and raising DTR reset the Nano, as
+on the real board.
 """
 
 from __future__ import annotations
@@ -22,11 +21,11 @@ from dart_hal.core.url import Url
 from dart_hal.devices.links.avr import open_nano
 from dart_hal.devices.links.emulator import EmulatedNano
 
-POLL = 0.001
-"""Virtual time [s] that passes when an empty buffer is asked for its length."""
+# Virtual time [s] that passes when ``in_waiting`` is read with an empty buffer.
+POLL_TIME = 0.001
 
-SILENCE = 60.0
-"""Virtual seconds after which a read without timeout gives up with an error."""
+# Virtual seconds without a byte after which a read without time-out raises an error.
+MAX_SILENT_READ = 60.0
 
 
 class Serial(SerialBase):  # type: ignore[misc, unused-ignore]
@@ -44,7 +43,7 @@ class Serial(SerialBase):  # type: ignore[misc, unused-ignore]
 
     @property
     def nano(self) -> EmulatedNano:
-        """The emulated Nano, to turn its wheel or break its bus. Raises PortNotOpenError."""
+        """The emulated Nano, for its wheel and its faults. Raises PortNotOpenError."""
         if self._nano is None or not self.is_open:
             raise PortNotOpenError
         return self._nano
@@ -77,20 +76,21 @@ class Serial(SerialBase):  # type: ignore[misc, unused-ignore]
     @property
     def in_waiting(self) -> int:
         if not self._buffer:
-            self._advance(POLL)
+            self._advance(POLL_TIME)
         return len(self._buffer)
 
     def read(self, size: int = 1) -> bytes:
-        """Up to ``size`` bytes, fewer when the timeout [virtual s] passes first."""
+        """Read up to ``size`` bytes, fewer if the time-out [virtual s] passes first."""
         nano = self.nano
-        deadline = nano.now + (SILENCE if self._timeout is None else self._timeout)
+        deadline = nano.now + (MAX_SILENT_READ if self._timeout is None else self._timeout)
         while len(self._buffer) < size and nano.now < deadline:
             before = len(self._buffer)
             self._advance(deadline - nano.now)
             if self._timeout is None and len(self._buffer) > before:
-                deadline = nano.now + SILENCE
+                deadline = nano.now + MAX_SILENT_READ
         if self._timeout is None and len(self._buffer) < size:
-            raise SerialException(f"no byte for {SILENCE:g} s of virtual time; set a timeout")
+            raise SerialException(
+                f"no byte for {MAX_SILENT_READ:g} s of virtual time; set a timeout")
         data = bytes(self._buffer[:size])
         del self._buffer[:size]
         return data
@@ -103,7 +103,7 @@ class Serial(SerialBase):  # type: ignore[misc, unused-ignore]
         return len(data)
 
     def flush(self) -> None:
-        """Let the time pass in which the written bytes leave."""
+        """Let the time pass in which the written bytes are sent."""
         self._advance(self._sent_until - self.nano.now)
 
     def reset_input_buffer(self) -> None:
@@ -111,7 +111,7 @@ class Serial(SerialBase):  # type: ignore[misc, unused-ignore]
         self._buffer.clear()
 
     def reset_output_buffer(self) -> None:
-        """Nothing waits: bytes are on the line once written."""
+        """Do nothing: written bytes are not buffered."""
 
     def _advance(self, seconds: float) -> None:
         nano = self.nano

@@ -1,8 +1,7 @@
-"""A Nano behind a real pseudo-terminal, in real time, for any serial program.
+"""A Nano on a real pseudo-terminal, in real time, for any serial program.
 
-The one place where an emulated Nano meets the wall clock: a thread paces the
-world and carries bytes between it and the pty. Opening the pty resets the
-Nano, as DTR does on the board.
+A thread advances the world with the wall clock and transfers bytes between it and the pty. Opening
+the pty resets the Nano, as DTR does on the board.
 """
 
 from __future__ import annotations
@@ -18,28 +17,28 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Protocol
 
-PACE = 0.002
-"""Real time between two looks at the line [s]."""
+# Real time [s] between two accesses to the line.
+LINE_INTERVAL = 0.002
 
-IDLE = 0.01
-"""The same while no program has the pty open."""
+# The same while no program has the pty open.
+IDLE_INTERVAL = 0.01
 
-HOLD = 0.05
-"""An open holds the Nano in reset for this long, in real time [s]: a serial library discards
-at open what has come until then. A board's boot loader takes ten times as long."""
+# Real time [s] of reset after an open: a serial library discards bytes that arrive during its open.
+# The boot loader of a board takes ten times as long.
+RESET_HOLD_TIME = 0.05
 
-LATE = 0.25
-"""A world that is later than this [s] is not chased: its clock is moved."""
+# s: with a larger lag the clock of the world is moved instead of advancing it.
+MAX_LAG = 0.25
 
-TICK = 0.001
-"""Longest step of the world [s]; a hook sees every tick."""
+# Longest step of the world [s]; the hook is called before each step.
+MAX_WORLD_STEP = 0.001
 
 _SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios)
            if name[0] == "B" and name[1:].isdigit() and name != "B0"}
 
 
 class PacedNano(Protocol):
-    """What `Pty` needs of a Nano; `EmulatedNano` and a simulated car are such."""
+    """Methods of a Nano that `Pty` uses; `EmulatedNano` and a simulated car have them."""
 
     @property
     def now(self) -> float: ...
@@ -54,14 +53,12 @@ class PacedNano(Protocol):
 class Pty:
     """Serve a Nano on a pty; ``path`` is what a serial program opens.
 
-    ``tick(t)`` is called before each step of at most 1 ms, to turn the wheel
-    or move the world. ``reset_on_open``: False leaves the firmware running
-    through opens. Time stands still while nobody has the port open, unless
-    ``always`` says that it goes on, as it does for a car that rolls. The rate
-    that the program set on its port becomes the host's rate. ``unplug`` and
-    ``plug`` are the USB cable; each plugging gives another ``path``.
-    Use as a context manager, or `start` and `close`; the thread's failure is
-    raised by `close`.
+    ``tick(t)`` is called before each step of at most 1 ms, to turn the wheel or move the world.
+    ``reset_on_open`` False: opening does not reset the firmware. Time passes only while a program
+    has the port open, or with ``always`` at all times, as for a car that rolls. The line rate of
+    the program's port becomes that of the host. ``unplug`` and ``plug`` are the USB cable; each
+    plugging gives another ``path``. Use as a context manager, or `start` and `close`; `close`
+    raises an exception of the thread.
     """
 
     def __init__(self, nano: PacedNano, tick: Callable[[float], None] | None = None, *,
@@ -70,7 +67,7 @@ class Pty:
         self._tick = tick
         self._reset_on_open = reset_on_open
         self._always = always or not reset_on_open
-        self._master, self.path = _pair()
+        self._master, self.path = _open_pty()
         self._plugged = self._master
         self._spare: tuple[int, str] | None = None
         self._wake_read, self._wake_write = os.pipe()
@@ -80,7 +77,7 @@ class Pty:
         self._speed = 0
         self.opens = 0
         self.is_open = False
-        """Whether a program had the port open at the last look."""
+        """Whether a program had the port open at the last access."""
         self.dropped = 0
 
     def __enter__(self) -> Pty:
@@ -92,12 +89,12 @@ class Pty:
         self.close()
 
     def start(self) -> None:
-        """Pace the Nano in a thread of its own."""
-        self._thread = threading.Thread(target=self._guarded, name="pty", daemon=True)
+        """Run the Nano in a thread."""
+        self._thread = threading.Thread(target=self._run, name="pty", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Stop the thread and remove the pty; raises what the thread died of."""
+        """Stop the thread and remove the pty; raise the exception that ended the thread, if any."""
         self._stop = True
         with contextlib.suppress(OSError):
             os.write(self._wake_write, b"x")
@@ -109,61 +106,63 @@ class Pty:
             with contextlib.suppress(OSError):
                 os.close(fd)
         self._master = self._plugged = self._wake_read = self._wake_write = -1
-        failure, self._failure = self._failure, None
+        failure = self._failure
+        self._failure = None
         if failure is not None:
             raise failure
 
     def unplug(self) -> None:
-        """Pull the cable: the port vanishes under whoever has it open."""
+        """Unplug the cable: the port vanishes for the program that has it open."""
         if self._spare is None:
-            self._spare = _pair()  # made now, while the old name is still taken
+            self._spare = _open_pty()  # opened while the old name is still in use
             self._plugged = -1
 
     def plug(self) -> None:
-        """Put the cable in again; ``path`` is another one from now on."""
+        """Plug the cable in again; ``path`` changes."""
         if self._spare is not None:
             self._plugged, self.path = self._spare
             self._spare = None
 
     def _move_cable(self) -> None:
-        """Serve the master that is plugged in, if another one was served."""
+        """Change to the master that is plugged in, and close the former one."""
         if self._plugged != self._master:
             if self._master >= 0:
                 os.close(self._master)
-            self._master, self._speed = self._plugged, 0
+            self._master = self._plugged
+            self._speed = 0
 
     @property
     def alive(self) -> bool:
-        """False once the pacing thread has ended; `close` raises what it died of."""
+        """Whether the thread runs; `close` raises the exception that has ended it."""
         return self._thread is not None and self._thread.is_alive()
 
-    def _guarded(self) -> None:
+    def _run(self) -> None:
         try:
             self.serve()
         except BaseException as error:  # noqa: BLE001 - handed to close()
             self._failure = error
 
     def serve(self) -> None:
-        """Pace the Nano in the calling thread until `close` is called elsewhere."""
+        """Run the Nano in the calling thread until another one calls `close`."""
         start = time.monotonic() - self.nano.now
         while not self._stop:
             self._move_cable()
-            was_open, self.is_open = self.is_open, self._slave_open()
-            is_open = self.is_open
+            was_open = self.is_open
+            is_open = self.is_open = self._slave_open()
             if is_open and not was_open:
-                start += self._opened()
+                start += self._on_open()
             if not is_open and not self._always:
-                self._wait(IDLE, listen=False)
+                self._wait(IDLE_INTERVAL, listen=False)
                 start = time.monotonic() - self.nano.now
                 continue
-            late = time.monotonic() - start - self.nano.now
-            if late > LATE:
-                start += late
+            lag = time.monotonic() - start - self.nano.now
+            if lag > MAX_LAG:
+                start += lag
             if is_open:
                 self._from_host()
             self._advance(time.monotonic() - start, is_open)
-            if self._wait(PACE, listen=is_open):
-                is_open = False  # closed, even if it is open again by now
+            if self._wait(LINE_INTERVAL, listen=is_open):
+                is_open = False  # it was closed, even if it is open again
 
     def _slave_open(self) -> bool:
         if self._master < 0:
@@ -172,8 +171,8 @@ class Pty:
         poll.register(self._master, 0)
         return not any(event & select.POLLHUP for _, event in poll.poll(0))
 
-    def _opened(self) -> float:
-        """Real time [s] that the world stands still for this open."""
+    def _on_open(self) -> float:
+        """Reset the Nano for an open; return the real time [s] for which the world stops."""
         self.opens += 1
         with contextlib.suppress(OSError, termios.error):
             termios.tcflush(self._master, termios.TCOFLUSH)
@@ -181,7 +180,7 @@ class Pty:
         if not self._reset_on_open:
             return 0.0
         self.nano.reset("external")
-        return HOLD
+        return RESET_HOLD_TIME
 
     def _follow_speed(self) -> None:
         with contextlib.suppress(termios.error):
@@ -191,7 +190,7 @@ class Pty:
                 self.nano.set_baud(_SPEEDS[speed])
 
     def _wait(self, seconds: float, *, listen: bool) -> bool:
-        """Sleep, at most until the host sends; True, at once, when it hangs up."""
+        """Sleep until the host sends, at most for ``seconds``; return whether it has hung up."""
         poll = select.poll()
         poll.register(self._wake_read, select.POLLIN)
         if listen:
@@ -214,7 +213,7 @@ class Pty:
         while nano.now < until:
             if self._tick is not None:
                 self._tick(nano.now)
-            step = min(until, nano.now + TICK)
+            step = min(until, nano.now + MAX_WORLD_STEP)
             while nano.run(step):
                 pass
         data = b"".join(chunk for chunk, _ in nano.read())
@@ -222,7 +221,7 @@ class Pty:
             self._to_host(data)
 
     def _to_host(self, data: bytes) -> None:
-        """What nobody reads is lost once the kernel's buffer is full, as on a USB bridge."""
+        """Send bytes; they are lost if the kernel's buffer is full, as on a USB bridge."""
         try:
             sent = os.write(self._master, data)
         except BlockingIOError:
@@ -230,8 +229,8 @@ class Pty:
         self.dropped += len(data) - sent
 
 
-def _pair() -> tuple[int, str]:
-    """The master of a new pty and the name of its slave."""
+def _open_pty() -> tuple[int, str]:
+    """Open a pty; return its master and the name of its slave."""
     master, slave = os.openpty()
     name = os.ttyname(slave)
     tty.setraw(slave)

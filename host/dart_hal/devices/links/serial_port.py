@@ -1,11 +1,11 @@
-"""A real Nano on a serial port, and the PCA9685 on the host's I2C bus.
+"""A Nano on a serial port, and the PCA9685 on the computer's I2C bus.
 
 ``serial:///dev/ttyUSB0?i2c=1``      port by name, I2C bus 1
 ``hwgrep://1A86:7523?i2c=1``         port by USB id or description
 ``serial:///dev/pts/3?i2c=unix:/p``  a simulated car served by ``dart-hal sim``
 
-Opening a port resets the Nano (DTR through 100 nF to RESET): the kernel
-raises DTR before user code can prevent it, so a boot is always expected.
+Opening a port resets the Nano (DTR through 100 nF to RESET): the kernel raises DTR before user code
+can prevent it, so a boot is always expected.
 """
 
 from __future__ import annotations
@@ -31,23 +31,23 @@ from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.process.waiting import wait_readable, wait_writable
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend
-from dart_hal.devices.links.computers import settled
+from dart_hal.devices.links.computers import resolve_bus
 from dart_hal.devices.links.i2c import SocketBus, check_bus, open_bus
 from dart_hal.devices.links.smbus import SmbusBus
 
+# Line rates to try, in this order: 0.00 % and +2.12 % error on the AVR.
 RATES = (500_000, 115_200)
-"""Line rates to try, in this order: 0.00 % and +2.12 % error on the AVR."""
 
 READ_SLICE = 4096
-WRITE_PATIENCE = 0.02
-"""s, one PWM frame: a port that stalls must not hold up the pulses."""
-GONE = (serial.SerialException, OSError, TypeError, ValueError, termios.error)
-"""What a vanished port raises. TypeError and ValueError: its descriptor is None
-or -1 after close(); the termios functions have an error of their own."""
+# s, one PWM frame: a port that does not accept bytes must not delay the pulses.
+WRITE_TIMEOUT = 0.02
+# Exceptions of a port that has vanished. TypeError and ValueError: its descriptor is None or -1
+# after close(). The termios functions raise their own error.
+PORT_LOST_ERRORS = (serial.SerialException, OSError, TypeError, ValueError, termios.error)
 
 
 class RealClock:
-    """Time since the host's start; it goes on while the host is suspended."""
+    """Time since the computer's start, including the time for which it was suspended."""
 
     def now(self) -> float:
         return elapsed()
@@ -59,18 +59,19 @@ class RealClock:
 class SerialLink(Link):
     """Blocking byte link over pyserial; one reader and one writer may use it.
 
-    Raises PortMissing, PortBusy, PortDenied, UsageError on opening; LinkLost
-    afterwards. What the port does not take within ``WRITE_PATIENCE`` is lost,
-    as on a bad line: the Nano's own time-out is the judge of that. ``dtr``: the modem line,
-    which resets a Nano and lets the motor of a lidar run.
+    Raises PortMissing, PortBusy, PortDenied, UsageError on opening; LinkLost afterwards. Bytes that
+    the port does not accept within ``WRITE_TIMEOUT`` are lost, as on a bad line; the Nano detects
+    this by its time-out. ``dtr``: the modem line, which resets a Nano and switches the motor of a
+    lidar on.
     """
 
     rates = RATES
     dropped = 0
-    """Frames that the port did not take in time."""
+    """Frames that the port did not accept in time."""
 
     def __init__(self, device: str, baud: int = RATES[0], *, dtr: bool = False) -> None:
-        self.device, self._dtr = device, dtr
+        self.device = device
+        self._dtr = dtr
         self._port = serial.Serial()
         self._port.port = device
         self._port.timeout = 0
@@ -88,7 +89,7 @@ class SerialLink(Link):
         private(self._port)
         with contextlib.suppress(OSError, ValueError, NotImplementedError, AttributeError):
             self._port.set_low_latency_mode(True)
-        _settle(self._port.fd, simulated=os.path.realpath(device).startswith("/dev/pts/"))
+        _configure_port(self._port.fd, simulated=os.path.realpath(device).startswith("/dev/pts/"))
 
     @property
     def baud(self) -> int:
@@ -99,7 +100,7 @@ class SerialLink(Link):
         try:
             self._port.baudrate = baud
             self._port.reset_input_buffer()
-        except GONE as error:
+        except PORT_LOST_ERRORS as error:
             raise LinkLost(f"{self.device} vanished", found=str(error)) from error
 
     def read(self, timeout: float) -> Chunk | None:
@@ -110,7 +111,7 @@ class SerialLink(Link):
             data = os.read(self._port.fd, READ_SLICE)
         except BlockingIOError:
             return None
-        except GONE as error:
+        except PORT_LOST_ERRORS as error:
             raise LinkLost(f"{self.device} vanished", found=str(error)) from error
         if not data:
             raise LinkLost(f"{self.device} vanished", found="end of file")
@@ -118,7 +119,7 @@ class SerialLink(Link):
 
     def write(self, data: bytes) -> None:
         # Not Serial.write: it waits by select, which refuses descriptors from 1024 on.
-        end = elapsed() + WRITE_PATIENCE
+        end = elapsed() + WRITE_TIMEOUT
         rest = memoryview(data)
         try:
             while rest:
@@ -127,27 +128,28 @@ class SerialLink(Link):
                     return
                 with contextlib.suppress(BlockingIOError):
                     rest = rest[os.write(self._port.fd, rest):]
-        except GONE as error:
+        except PORT_LOST_ERRORS as error:
             raise LinkLost(f"{self.device} does not take bytes", found=str(error)) from error
 
     def _descriptor(self) -> int:
-        """Of the open port. Raises TypeError, ValueError for a closed one: see ``GONE``."""
+        """Return that of the open port. Raises a ``PORT_LOST_ERRORS`` for a closed one."""
         return int(self._port.fd)
 
     def close(self) -> None:
-        with contextlib.suppress(*GONE):
+        with contextlib.suppress(*PORT_LOST_ERRORS):
             if self._dtr:
-                self._port.dtr = False  # it stays as it is, see ``_settle``: a motor would run on
+                # ``_configure_port`` keeps DTR on closing, so that a motor would run on.
+                self._port.dtr = False
         with contextlib.suppress(OSError):
             self._port.close()
 
 
-def _settle(fd: int, *, simulated: bool) -> None:
-    """Keep DTR when the port closes, so that the next open need not reset again.
+def _configure_port(fd: int, *, simulated: bool) -> None:
+    """Keep DTR when the port closes, and exclude other programs while it is open.
 
-    And keep others out: after TIOCEXCL their open fails before it raises DTR,
-    which would reset the Nano under a driving car. A pty has no DTR, and would
-    stay exclusive after its holder was killed.
+    With DTR kept, the next open need not reset the Nano again. After TIOCEXCL an open by another
+    program fails before it raises DTR, which would reset the Nano of a driving car. A pty has no
+    DTR, and would stay exclusive after its program was killed.
     """
     with contextlib.suppress(termios.error):
         attributes = termios.tcgetattr(fd)
@@ -159,14 +161,16 @@ def _settle(fd: int, *, simulated: bool) -> None:
 
 
 def is_port(device: str) -> bool:
-    """Whether it may be a serial port, by what can be seen without opening it: opening resets
-    the Nano. Memory devices (/dev/null, /dev/zero: major number 1, Linux devices.txt) are none."""
+    """Return whether it may be a serial port, without opening it, which would reset the Nano.
+
+    Memory devices (/dev/null, /dev/zero: major number 1, Linux devices.txt) are not.
+    """
     found = os.stat(device)
     return stat.S_ISCHR(found.st_mode) and os.major(found.st_rdev) != 1
 
 
 def holders(device: str) -> Iterator[tuple[int, str]]:
-    """Processes that have a device open: (pid, command), as far as /proc shows."""
+    """Yield the processes that have a device open: (pid, command), as far as /proc shows them."""
     real = os.path.realpath(device)
     for process in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
@@ -175,7 +179,7 @@ def holders(device: str) -> Iterator[tuple[int, str]]:
 
 
 def _open_error(device: str, error: serial.SerialException) -> Exception:
-    """Turn pyserial's exception into the catalogue's, with the facts."""
+    """Convert pyserial's exception to an error of the catalogue."""
     code = error.errno
     if code in (errno.EACCES, errno.EPERM):
         return PortDenied(f"no permission to open {device}", found=str(error))
@@ -188,7 +192,7 @@ def _open_error(device: str, error: serial.SerialException) -> Exception:
 
 
 def find_port(pattern: str) -> str:
-    """Device whose USB id or description matches; raises PortMissing, UsageError."""
+    """Return the device whose USB id or description matches. Raises PortMissing, UsageError."""
     try:
         found = list(list_ports.grep(pattern))
     except re.error as error:
@@ -204,10 +208,10 @@ def find_port(pattern: str) -> str:
 
 
 def candidates(device: str, pattern: str | None) -> Callable[[], list[str]]:
-    """What to look through for the board of ``device`` after unplugging: ``list()`` of ports.
+    """Return a function that lists the ports where an unplugged board may be found again.
 
-    Its own name first, which udev may keep; then ports of the same USB bridge,
-    or of the URL's ``pattern``. No others: opening a port resets its board.
+    First its former name, which udev may keep, then ports of the same USB bridge, or of the URL's
+    ``pattern``. No other ports: opening one resets its board.
     """
     here = {port.device: port for port in list_ports.comports()}
     was = here.get(os.path.realpath(device))
@@ -225,7 +229,7 @@ def candidates(device: str, pattern: str | None) -> Callable[[], list[str]]:
 
 
 def open_serial(url: Url) -> Backend:
-    """Entry point of ``serial://`` and ``hwgrep://``."""
+    """Open the backend of ``serial://`` and ``hwgrep://``."""
     url.known("i2c", "baud")
     device = url.target if url.scheme == "serial" else find_port(url.target)
     if not device:
@@ -234,7 +238,7 @@ def open_serial(url: Url) -> Backend:
     if not rate.isascii() or not rate.isdigit() or int(rate) == 0:
         raise UsageError(f"baud={rate!r} is not a line rate", found=url.text,
                          expected=" or ".join(map(str, RATES)))
-    url = settled(url)
+    url = resolve_bus(url)
     if "i2c" in url.options:
         check_bus(url.options["i2c"])
     link = SerialLink(device, int(rate))

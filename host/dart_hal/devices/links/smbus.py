@@ -1,7 +1,7 @@
-"""The Jetson's I2C bus in the shape of ``busio.I2C``, on smbus2.
+"""The computer's I2C bus with the interface of ``busio.I2C``, by smbus2.
 
-Adafruit's drivers ask for ``busio``, which is not to be had on every host;
-they use no more of it than the methods of ``TransferBus``.
+Adafruit's drivers use ``busio``, which does not exist for every computer. They use only the methods
+of ``TransferBus``.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from dart_hal.devices.links.busio import TransferBus
 
 
 class SmbusBus(TransferBus):
-    """``/dev/i2c-N`` for Adafruit's drivers and for the opening sequence.
+    """``/dev/i2c-N`` for Adafruit's drivers and for the set-up of the PCA9685.
 
-    Not thread-safe by itself: callers take ``try_lock``. Raises BusError.
+    Not thread-safe by itself: callers use ``try_lock``. Raises BusError.
     """
 
     def __init__(self, number: int) -> None:
@@ -32,11 +32,11 @@ class SmbusBus(TransferBus):
         self._smbus.close()
 
     def deinit(self) -> None:
-        """The name that ``busio`` has for it."""
+        """Close the device, by the name of ``busio``."""
         self.close()
 
     def transfer(self, address: int, data: bytes, n: int) -> bytes:
-        """One transaction. Raises BusError."""
+        """Make one transaction. Raises BusError."""
         from smbus2 import i2c_msg
 
         read = i2c_msg.read(address, n)
