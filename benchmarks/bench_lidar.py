@@ -12,7 +12,7 @@ import numpy as np
 from figures import Figure, best_cpu
 
 from dart_hal.core.types import FloatArray
-from dart_hal.devices.lidar.scan import Stream
+from dart_hal.devices.lidar.scan import LidarStream
 from dart_hal.estimation.localisation import matcher
 from dart_hal.estimation.localisation.field import map_of_lines
 from dart_hal.estimation.localisation.rays import Cast, cast_numpy, native_cast
@@ -98,7 +98,7 @@ def _per_second(seconds: float) -> tuple[float, float]:
         came[:] = LidarUnit(standing, room_of("room", SEED), LidarParams(), SEED).chunks(seconds)
 
     def read() -> None:
-        stream = Stream()
+        stream = LidarStream()
         for data, t in came:
             stream.feed(data, t)
 

@@ -60,7 +60,7 @@ def test_hex_addresses_extend():
     (record(0, b"\x01")[:-3] + "00\n" + END, "checksum"),
     (record(0, b"\x01"), "end record missing"),
     (record(0, b"\x01", 9) + END, "record type 0x09"),
-    (END, "holds no byte"),
+    (END, "contains no byte"),
     (record(FLASH_SIZE - 1, b"\x01\x02") + END, "beyond the flash"),
     (record(0, b"\x00\x01", 4) + record(0, b"\x01") + END, "beyond the flash"),
 ])
@@ -86,7 +86,7 @@ def test_elf_takes_load_addresses_and_leaves_ram_out():
     (elf((1, 0, b"x"), machine=62), "no 32-bit AVR"),
     (elf((1, FLASH_SIZE - 2, b"xyz")), "beyond the flash"),
     (elf((1, 0, b"code"), cut=2), "beyond the file"),
-    (elf((1, 0x800100, b"ram")), "holds no byte"),
+    (elf((1, 0x800100, b"ram")), "contains no byte"),
 ])
 def test_bad_elf_is_refused(blob, message):
     with pytest.raises(ImageError, match=message):

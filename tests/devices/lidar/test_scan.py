@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dart_hal.core.types import Mount, Scan
 from dart_hal.devices.lidar.health import LidarHealthMonitor
-from dart_hal.devices.lidar.scan import BYTE_TIME, Stream
+from dart_hal.devices.lidar.scan import BYTE_TIME, LidarStream
 from tests.devices.lidar.x4_bytes import packet, revolution
 
 PERIOD = 0.2e-3
@@ -28,7 +28,7 @@ def arrivals(packets, *, skew=0.0, start=10.0, late=None):
 
 
 def scans_of(packets, **how):
-    stream = Stream()
+    stream = LidarStream()
     return [s for raw, t in arrivals(packets, **how) for s in stream.feed(raw, t)], stream
 
 
@@ -93,7 +93,7 @@ def test_no_scan_is_made_of_the_rest_of_a_revolution():
 
 
 def test_after_a_silence_it_begins_anew():
-    packets, stream = turns(4), Stream()
+    packets, stream = turns(4), LidarStream()
     for raw, t in arrivals(packets):
         stream.feed(raw, t)
     again = [s for raw, t in arrivals(packets, start=30.0) for s in stream.feed(raw, t)]
@@ -123,7 +123,7 @@ def test_a_scan_is_frozen_and_refuses_columns_of_other_lengths():
 
 def test_what_is_told_far_apart_is_one_turn():
     """Two packets alone, the zero among garbage: nothing is made up."""
-    stream = Stream()
+    stream = LidarStream()
     assert stream.feed(b"\xaa\x00" + packet(0.0, 0.0, [100.0], starts=True), 1.0) == []
     assert stream.feed(packet(1.0, 20.0, [100.0] * 30), 1.01) == []
 
@@ -135,7 +135,7 @@ pieces = st.tuples(st.integers(0, 23039), st.integers(0, 23039), st.integers(1, 
 @given(st.lists(pieces, max_size=60))
 def test_no_packets_raise_and_scans_stay_in_order(found):
     """Whole packets of any angles at any time, with bytes of no packet between them."""
-    stream, t, scans = Stream(), 0.0, []
+    stream, t, scans = LidarStream(), 0.0, []
     for first, last, n, starts, later, noise in found:
         t += later
         raw = packet(first / 64.0, last / 64.0, [100.0] * n, starts=starts)

@@ -15,7 +15,7 @@ from dart_hal.core.ports import Chunk
 from dart_hal.core.process.suspend import elapsed
 from dart_hal.core.types import Scan
 from dart_hal.devices.lidar.packets import START_COMMAND, STOP_COMMAND
-from dart_hal.devices.lidar.scan import Stream
+from dart_hal.devices.lidar.scan import LidarStream
 from dart_hal.devices.links.serial_port import SerialLink, candidates
 
 # s that a read waits; the thread ends within this time.
@@ -37,7 +37,7 @@ class SerialLidar:
     def __init__(self, device: str, baud: int, name: str, pattern: str | None = None) -> None:
         self.name = name
         self.baud = baud
-        self.stream = Stream()
+        self.stream = LidarStream()
         self._link: SerialLink | None = SerialLink(device, baud, dtr=True)
         self._present = candidates(device, pattern)
         self._lost: DartHalError | None = None

@@ -27,7 +27,7 @@ MAX_ANGLE_GAP = 3.0
 # rad between two samples at 8 revolutions per second, until it is measured.
 DEFAULT_STEP = tau * 8.0 * SAMPLE_PERIOD
 # rad: a unit that turns slower than once a second is at rest.
-MIN_STEP = tau * 1.0 * SAMPLE_PERIOD
+MIN_ANGLE_STEP = tau * 1.0 * SAMPLE_PERIOD
 # rad: a scan that ends earlier is not a revolution.
 MIN_SCAN_ANGLE = pi
 
@@ -100,7 +100,7 @@ class Assembler:
         self._last_angle = packet.last
         self._last_arrival = arrival
         if n > 1 and turn < pi:
-            self._step += (max(turn / (n - 1), MIN_STEP) - self._step) * min(0.01 * n, 1.0)
+            self._step += (max(turn / (n - 1), MIN_ANGLE_STEP) - self._step) * min(0.01 * n, 1.0)
         self._clock.add_frame((self._count - 1) * SAMPLE_PERIOD, arrival, packet.size * BYTE_TIME,
                               packet.behind)
 
@@ -117,7 +117,7 @@ class Assembler:
                     np.concatenate([p.distance for _, p in parts]), std)
 
 
-class Stream:
+class LidarStream:
     """Converts bytes with their times of arrival to scans; counts what was invalid."""
 
     def __init__(self) -> None:

@@ -23,7 +23,7 @@ LOOK_INTERVAL = 0.001
 # may wait, since their stamps are times of the world.
 QUIET_TIME = 0.008
 # s: with a larger lag the world cannot keep up, and its clock is moved instead.
-MAX_LAG = 0.25
+MAX_WORLD_LAG = 0.25
 
 log = logging.getLogger("dart_hal")
 
@@ -48,7 +48,7 @@ class PacedLink(Link):
         """Advance the world to the wall clock and return its time [s]."""
         with self.lock:
             lag = time.monotonic() - self._start - self._now()
-            if lag > MAX_LAG:
+            if lag > MAX_WORLD_LAG:
                 self._start += lag
                 self._warn_slow(lag)
             elif lag > 0.0:

@@ -17,6 +17,8 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Protocol
 
+from dart_hal.devices.links.paced import MAX_WORLD_LAG
+
 # Real time [s] between two accesses to the line.
 LINE_INTERVAL = 0.002
 
@@ -26,9 +28,6 @@ IDLE_INTERVAL = 0.01
 # Real time [s] of reset after an open: a serial library discards bytes that arrive during its open.
 # The boot loader of a board takes ten times as long.
 RESET_HOLD_TIME = 0.05
-
-# s: with a larger lag the clock of the world is moved instead of advancing it.
-MAX_LAG = 0.25
 
 # Longest step of the world [s]; the hook is called before each step.
 MAX_WORLD_STEP = 0.001
@@ -156,7 +155,7 @@ class Pty:
                 start = time.monotonic() - self.nano.now
                 continue
             lag = time.monotonic() - start - self.nano.now
-            if lag > MAX_LAG:
+            if lag > MAX_WORLD_LAG:
                 start += lag
             if is_open:
                 self._from_host()

@@ -28,7 +28,7 @@ from dart_hal.devices.lidar.packets import (
     LASER_OFFSET_MM,
     SAMPLE_PERIOD,
 )
-from dart_hal.devices.lidar.scan import BYTE_TIME, Stream
+from dart_hal.devices.lidar.scan import BYTE_TIME, LidarStream
 from dart_hal.estimation.localisation.rays import NO_HIT, fastest_cast
 from dart_lab.sim.lidar.maps import RoomMap
 from dart_lab.sim.lidar.params import LidarParams
@@ -196,7 +196,7 @@ class SimLidar:
 
     def __init__(self, unit: LidarUnit) -> None:
         self.unit = unit
-        self.stream = Stream()
+        self.stream = LidarStream()
 
     def poll(self, now: float) -> Sequence[Scan]:
         """Return scans whose last byte has arrived by ``now``, the world's time [s]."""
