@@ -84,7 +84,7 @@ def true_sensors(url: str) -> dict[str, float]:
         name = {"throttle_delay": "latency.pulse_to_wheel",
                 "throttle_lag": "latency.pulse_to_wheel_lag"}[effect["name"]]
         sensors[name] += size
-        beyond = esc.LEVELS[esc.QUICK] / sensors["throttle.deadband_forward_us"]
+        beyond = esc.PULSE_LEVELS[esc.BRAKE_LEVEL] / sensors["throttle.deadband_forward_us"]
         share = 1.0 if effect["name"] == "throttle_delay" else 1.0 - np.log1p(beyond) / beyond
         sensors["throttle.signal_loss"] += share * size
     return sensors
@@ -117,7 +117,7 @@ def worst(rows: Errors) -> dict[str, float]:
 def all_errors(seed: int, url: str, folder: str) -> Errors:
     """As ``dart-hal calibrate all`` in a folder of cars."""
     with Car.open(url, cars=folder) as car:
-        steps = order.steps_of(car.files, poses=True, chart=room_map(url))
+        steps = order.make_steps(car.files, poses=True, chart=room_map(url))
     rows: Errors = {}
     for step in steps:
         backend = open_backend(url)

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from dart_hal.calibration.measured import UNITS
+from dart_hal.calibration.measured import QUANTITY_UNITS
 from dart_hal.core.types import FloatArray
 from dart_lab.sim import mock_imu
 
@@ -43,7 +43,7 @@ def in_seconds(name: str, value: FloatArray, second: float) -> FloatArray:
     A gyro of so many rad per second of the host senses fewer in a shorter second: its scale has
     the dimension of time, though no unit.
     """
-    power = 1 if name == "imu.gyro_scale" else POWER_OF_TIME.get(UNITS[name], 0)
+    power = 1 if name == "imu.gyro_scale" else POWER_OF_TIME.get(QUANTITY_UNITS[name], 0)
     return value * second**power
 
 

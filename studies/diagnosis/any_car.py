@@ -108,7 +108,7 @@ def driven(home: Path, seed: int, options: str, calibrate: bool, filmed: bool) -
 def calibrated(url: str, cars: Path) -> None:
     """All that ``calibrate all`` measures, written below the folder ``cars``."""
     with Car.open(url, cars=cars) as car:
-        steps = order.steps_of(car.files)
+        steps = order.make_steps(car.files)
     for step in steps:
         backend = open_backend(url)
         assert backend.workshop is not None

@@ -67,8 +67,8 @@ class BenchCar:
     stops: int = 0
     refused: tuple[str, ...] = ()
     armed: bool = False
-    farthest: float = 0.0
-    max_speed_seen: float = 0.0
+    max_distance: float = 0.0
+    max_speed: float = 0.0
     pulses_sent: list[float] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -105,7 +105,7 @@ class BenchCar:
                 raise KeyboardInterrupt
             for _ in range(5):
                 self._step(0.002)
-            self.max_speed_seen = max(self.max_speed_seen, self.v)
+            self.max_speed = max(self.max_speed, self.v)
             yield self._state()
 
     def true_angle(self, command: np.ndarray) -> np.ndarray:
@@ -113,8 +113,8 @@ class BenchCar:
 
     def _step(self, dt: float) -> None:
         self.t += dt
-        wanted = (self.applied.steering_us - 1500.0) / 375.0
-        self.command += (wanted - self.command) * dt / 0.08
+        target = (self.applied.steering_us - 1500.0) / 375.0
+        self.command += (target - self.command) * dt / 0.08
         middle = make_steering(self.curve)(self.command)
         half = self.backlash / 2.0
         self.angle = min(max(self.angle, middle - half), middle + half)
@@ -126,7 +126,7 @@ class BenchCar:
         self.yaw += self._rate() * dt
         self.x += self.v * math.cos(self.yaw) * dt
         self.y += self.v * math.sin(self.yaw) * dt
-        self.farthest = max(self.farthest, math.hypot(self.x, self.y))
+        self.max_distance = max(self.max_distance, math.hypot(self.x, self.y))
 
     def _rate(self) -> float:
         bend = math.tan(self.angle) / (1.0 + self.kappa * self.v**2)
@@ -135,12 +135,12 @@ class BenchCar:
     def _state(self) -> State:
         gyro = self.gyro_sign * self.gyro_scale * self._rate() + self.gyro_bias
         gyro = round((gyro + self.rng.normal(0.0, 0.002)) / 0.00109083) * 0.00109083
-        seen = 0.0 if self.encoder == "dead" else self.v * self.speed_scale
-        if seen:
-            seen *= 1.0 + self.rng.normal(0.0, 0.01)
+        measured = 0.0 if self.encoder == "dead" else self.v * self.speed_scale
+        if measured:
+            measured *= 1.0 + self.rng.normal(0.0, 0.01)
         ticks = 0 if self.encoder == "dead" else int(self.travelled / 0.0020646)
-        return State(self.t, int(self.t * 100), seen, 0.01, gyro if self.imu else None, 0.0, 0.0,
-                     ticks, Pose(self.x, self.y, self.yaw), self.applied, FLAT)
+        return State(self.t, int(self.t * 100), measured, 0.01, gyro if self.imu else None, 0.0,
+                     0.0, ticks, Pose(self.x, self.y, self.yaw), self.applied, FLAT)
 
 
 @pytest.fixture

@@ -69,5 +69,5 @@ class Watched:
 
 
 def without_stop(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Negative control: an exit that tells the driver nothing leaves its last pulse there."""
+    """Negative control: an exit without a stop of the driver keeps the last pulse."""
     monkeypatch.setattr(Driver, "stop", lambda self, now, event=None: self.applied)

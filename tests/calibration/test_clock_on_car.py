@@ -32,7 +32,7 @@ def measured(url, tmp_path, begin=lambda world: None):
     *(pytest.param(url, marks=pytest.mark.slow) for url in (
         "2", "3&cutoff=oe", "4&cutoff=mux", "5&jitter=usb", "6&jitter=busy"))])
 def test_hidden_clocks(tmp_path, url):
-    """Whatever the Nano's own clock is off by, which is up to 0.3 %."""
+    """The error of the Nano's own clock, up to 0.3 %, has no effect."""
     _, found = measured(URL + url, tmp_path)
     true = reveal(int(url[0]))["sensors"][NAME]
     assert abs(found.value - true) < 3.0 * found.std
@@ -41,7 +41,7 @@ def test_hidden_clocks(tmp_path, url):
 
 @pytest.mark.slow
 @pytest.mark.emulator
-def test_the_firmware_times_as_many_periods_as_it_is_asked_for(tmp_path):
+def test_the_firmware_times_as_many_periods_as_requested(tmp_path):
     _, found = measured("sim://?nano=avr&seed=3", tmp_path)
     assert abs(found.value - reveal(3)["sensors"][NAME]) < 3.0 * found.std
 
@@ -54,11 +54,11 @@ def test_control_by_the_nanos_clock_it_would_be_off(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_without_the_wire_it_says_what_to_do(tmp_path):
+def test_without_the_wire_the_error_names_the_alternative(tmp_path):
     def cut(world):
         world._capture_edges = lambda now: []
 
-    with pytest.raises(CalibrationFailed, match="does not see the PCA9685's pulses") as caught:
+    with pytest.raises(CalibrationFailed, match="does not receive the PCA9685's pulses") as caught:
         measured(f"{URL}1", tmp_path, cut)
     assert "--frequency" in caught.value.remedy
     assert caught.match("4 %|4%")
@@ -95,7 +95,7 @@ def test_typed_frequency_becomes_the_oscillator(tmp_path):
 
 
 @pytest.mark.slow
-def test_verb_wants_both_or_none(tmp_path, capsys):
+def test_frequency_and_std_are_required_together(tmp_path, capsys):
     from dart_hal.cli.main import main
 
     where = ["calibrate", "clock", "--url", f"{URL}0", "--cars", str(tmp_path), "--json"]

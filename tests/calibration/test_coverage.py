@@ -13,7 +13,7 @@ CARS = 400
 
 
 def found(stated: float) -> list[dict[str, list[tuple[float, float]]]]:
-    """Errors of 1 beside standard errors that are ``stated``; ring: 20 numbers a car."""
+    """Errors of 1 with standard errors of ``stated``; ring: 20 numbers a car."""
     rng = np.random.default_rng(3)
     return [{"bias": [(float(rng.normal()), stated)],
              "ring": [(float(e), 1.0) for e in rng.normal(size=20)]} for _ in range(CARS)]
@@ -28,7 +28,7 @@ def test_honest_intervals_are_honest():
 
 
 @pytest.mark.parametrize("stated", [0.5, 2.0])
-def test_control_intervals_that_are_not_are_seen(stated):
+def test_control_wrong_intervals_are_detected(stated):
     bias, ring, pooled = rows_of(found(stated))
     assert not EACH[0] < bias.share < EACH[1]
     assert EACH[0] < ring.share < EACH[1]

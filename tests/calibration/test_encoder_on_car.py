@@ -7,7 +7,7 @@ import pytest
 
 from dart_hal.calibration.encoder import Taped, calibrate_encoder, travel_per_edge
 from dart_hal.calibration.measured import write
-from dart_hal.calibration.ring_table import ring_table, without_swing
+from dart_hal.calibration.ring_table import make_ring_table, remove_swing
 from dart_hal.calibration.straight import Rolled
 from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
@@ -65,16 +65,17 @@ def swinging(newton):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("speeds", "told"), [
+@pytest.mark.parametrize(("speeds", "separated"), [
     ((0.35, 0.5), True), pytest.param((0.35,), False, id="control: one speed")])
-def test_a_swing_in_step_with_the_ring_is_told_from_its_marks(tmp_path, monkeypatch, speeds, told):
-    monkeypatch.setattr("dart_hal.calibration.encoder.SPEEDS", speeds)
+def test_an_oscillation_once_per_turn_is_separated_from_the_marks(
+        tmp_path, monkeypatch, speeds, separated):
+    monkeypatch.setattr("dart_hal.calibration.encoder.ROLL_SPEEDS", speeds)
     _, result = measured(f"{URL}4", tmp_path, alter=swinging(0.04))
     ring = result.quantities["encoder.ring"]
     error = off_by(np.array(ring.value), reveal(4)["sensors"]["encoder.ring"])
-    assert (np.sqrt(np.mean((error / np.array(ring.std)) ** 2)) < 1.6) == told
-    assert (np.max(np.abs(error)) < 0.0005) == told
-    assert any("swings in step" in note for note in result.notes) == told
+    assert (np.sqrt(np.mean((error / np.array(ring.std)) ** 2)) < 1.6) == separated
+    assert (np.max(np.abs(error)) < 0.0005) == separated
+    assert any("oscillates once per turn" in note for note in result.notes) == separated
 
 
 @pytest.mark.slow
@@ -113,14 +114,14 @@ def test_what_is_written_is_read_and_keeps_what_was_there(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("missing", "edges", "said"), [
+@pytest.mark.parametrize(("missing", "edges", "message"), [
     ("0.05", 19, r"an interval of 1\.\d\d times the mean: 1 edge"),
     ("0.1", 18, r"an interval of 2\.\d\d times the mean: 2 edge"),
     ("-0.05", 21, r"an interval of 0\.\d\d times the mean: an edge too many")])
-def test_missing_and_double_marks_are_named(tmp_path, missing, edges, said):
+def test_missing_and_double_marks_are_named(tmp_path, missing, edges, message):
     with pytest.raises(CalibrationFailed, match=f"{edges} edges per revolution") as caught:
         measured(f"{URL}2&effect=encoder_ring:missing={missing}", tmp_path)
-    assert caught.match(said)
+    assert caught.match(message)
     assert f"edges_per_rev = {edges}" in caught.value.remedy
 
 
@@ -188,13 +189,13 @@ def test_ctrl_c_stops_the_car(tmp_path):
 @pytest.mark.slow
 def test_nothing_moves_unless_it_was_agreed(tmp_path):
     backend = open_backend(f"{URL}2")
-    said = []
+    questions = []
     with Car.over(backend, cars=tmp_path) as car:
         with pytest.raises(CalibrationFailed, match="not agreed"):
-            calibrate_encoder(car, backend.workshop, ask=lambda q: said.append(q) or False)
+            calibrate_encoder(car, backend.workshop, ask=lambda q: questions.append(q) or False)
         assert abs(truth(backend).distance) < 1e-9
     for word in ("travel per edge", " s, ", "floor of", "tape"):
-        assert word in said[0]
+        assert word in questions[0]
 
 
 def test_interval_of_the_tape_is_what_tape_and_ends_make_it():
@@ -215,7 +216,7 @@ def test_interval_of_the_tape_is_what_tape_and_ends_make_it():
 def test_even_ring_is_no_other_ring():
     rng, learner = np.random.default_rng(2), RingLearner()
     learner.add(1, (10_000 + rng.normal(0.0, 10.0, 2000)).astype(int).tolist())
-    table, notes = ring_table([learner], 20)
+    table, notes = make_ring_table([learner], 20)
     assert len(table.value) == 20
     assert not any("caution" in note for note in notes)
 
@@ -223,7 +224,7 @@ def test_even_ring_is_no_other_ring():
 @pytest.mark.parametrize("swing", [0.0, 1e-4, 1e-3])
 @pytest.mark.slow_except("0.001")
 def test_interval_of_the_ring_knows_what_swings_with_it(swing):
-    """Two hundred virtual rings: 90 % of the 90 % intervals, whatever the swing."""
+    """Two hundred virtual rings: 90 % of the 90 % intervals, for any oscillation."""
     rng, inside = np.random.default_rng(3), []
     for _ in range(200):
         true = 1.0 + rng.normal(0.0, 0.03, 20)
@@ -232,6 +233,6 @@ def test_interval_of_the_ring_knows_what_swings_with_it(swing):
         std = np.full(20, 2e-4)
         rings = [LearntRing(np.roll(true + force * (0.35 / v) ** 2 + rng.normal(0.0, std), shift),
                             std, 40.0, 1e-3, 1.0 / v) for v, shift in ((0.35, 0), (0.5, 7))]
-        found, stated, _ = without_swing(rings)
+        found, stated, _ = remove_swing(rings)
         inside.append(np.mean(np.abs(found - true) < 1.645 * stated))
     assert 0.87 < np.mean(inside) < 0.95

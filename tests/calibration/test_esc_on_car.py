@@ -10,9 +10,9 @@ from esc_pin import FRAMES, Watched, without_stop
 
 from dart_hal.calibration import esc, esc_fit
 from dart_hal.calibration.esc import calibrate_esc
-from dart_hal.calibration.esc_fit import knee, pull_begins
+from dart_hal.calibration.esc_fit import find_knee, fit_force
 from dart_hal.calibration.measured import write
-from dart_hal.calibration.spin import Spin
+from dart_hal.calibration.spin import PulseSpan
 from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
 from dart_lab.sim.esc import Esc
@@ -78,7 +78,7 @@ def test_control_the_box_would_be_off():
 
 
 def a_spin(rng, pulse, start, begin, pull, a, c, has=None, lag=0.0):
-    """(one stretch of wheels of a law, its edges off by the printing of their marks; the speed and
+    """(one span of wheels of a law, its edges off by the printing of their marks; the speed and
     the pulse that the motor ``has`` at its end)."""
     has, keeps = pulse if has is None else has, float(np.exp(-1e-3 / lag)) if lag else 0.0
     v, x, t, rows = start, 0.0, 0.0, []
@@ -90,11 +90,11 @@ def a_spin(rng, pulse, start, begin, pull, a, c, has=None, lag=0.0):
             v = max(v + 1e-3 * (pull * away - a - (c + 0.004 * away) * v), 0.0)
             x, t = x + 1e-3 * v, t + 1e-3
     times, places = np.array(rows).T
-    return Spin(pulse, times, places, 0.0, t), v, has
+    return PulseSpan(pulse, times, places, 0.0, t), v, has
 
 
 def spun(rng, begin, lag=0.0):
-    """Twelve stretches one after the other."""
+    """Twelve spans in sequence."""
     speed, has, spins = 0.6, 1500.0, []
     for pulse in (1640, 1605, 1620, 1595, 1500, 1640, 1605, 1500, 1620, 1595, 1640, 1500):
         spin, speed, has = a_spin(rng, float(pulse), speed if lag else max(speed, 0.4), begin,
@@ -106,11 +106,11 @@ def spun(rng, begin, lag=0.0):
 @pytest.mark.slow
 def test_interval_of_the_onset_is_what_the_marks_make_it(monkeypatch):
     """Fifty virtual ESCs: the 90 % intervals hold the onset, by their scatter alone."""
-    monkeypatch.setattr(esc_fit, "LAW", 0.0)
+    monkeypatch.setattr(esc_fit, "MODEL_STD_US", 0.0)
     rng, inside = np.random.default_rng(1), []
     for _ in range(50):
         begin = 1560.0 + 20.0 * rng.random()
-        found = pull_begins(spun(rng, begin), 1500.0).begin
+        found = fit_force(spun(rng, begin), 1500.0).begin
         inside.append(abs(found.value - begin) < 1.645 * found.std)
         assert found.std < 0.5
     assert 0.78 <= np.mean(inside) <= 0.98
@@ -118,19 +118,19 @@ def test_interval_of_the_onset_is_what_the_marks_make_it(monkeypatch):
 
 @pytest.mark.parametrize("lag", [0.04, 0.084, 0.12])
 @pytest.mark.slow_except("0.12")
-def test_a_motor_that_follows_late_is_told_from_its_onset(lag):
-    force = pull_begins(spun(np.random.default_rng(1), 1565.0, lag), 1500.0)
+def test_the_lag_of_a_motor_is_separated_from_its_onset(lag):
+    force = fit_force(spun(np.random.default_rng(1), 1565.0, lag), 1500.0)
     assert force.begin.value == pytest.approx(1565.0, abs=3.5 * force.begin.std)
     assert force.begin.std < 1.0
     assert force.lag == pytest.approx(lag, abs=0.01)
 
 
 def test_control_without_its_lag_the_onset_is_off_or_refused(monkeypatch):
-    monkeypatch.setattr(esc_fit, "_follows_late", lambda parts: False)
+    monkeypatch.setattr(esc_fit, "_have_lag", lambda parts: False)
     off = 0
     for seed in range(3):
         try:
-            begin = pull_begins(spun(np.random.default_rng(seed), 1565.0, 0.084), 1500.0).begin
+            begin = fit_force(spun(np.random.default_rng(seed), 1565.0, 0.084), 1500.0).begin
         except CalibrationFailed:
             off += 1
         else:
@@ -186,12 +186,12 @@ def test_intervals_of_30_hidden_cars_hold_the_truth():
 
 
 @pytest.mark.slow
-def test_control_coasting_tells_friction_from_the_dead_band(tmp_path, monkeypatch):
-    """Without the stretches at neutral dry friction and dead band are the same thing."""
-    stretches = esc_fit._stretches
-    monkeypatch.setattr(esc_fit, "_stretches",
-                        lambda *given: [part for part in stretches(*given) if part.pulls])
-    with pytest.raises(CalibrationFailed, match="speed up and slow down alike"):
+def test_control_coasting_separates_friction_from_the_dead_band(tmp_path, monkeypatch):
+    """Without the segments at neutral, dry friction and dead band are the same thing."""
+    segments = esc_fit._make_segments
+    monkeypatch.setattr(esc_fit, "_make_segments",
+                        lambda *given: [part for part in segments(*given) if part.drives])
+    with pytest.raises(CalibrationFailed, match="accelerate and coast in the same way"):
         Spun(f"{URL}5", tmp_path).calibrate()
 
 
@@ -235,7 +235,7 @@ def as_esc(kind, **params):
     (Esc, {"reverse_gap": 0.8}, "after_brake", set()),
     (Esc, {"signal_loss": 99.0}, "after_brake", {"signal_loss"}),
     (Esc, {"saturation_us": 600.0}, "after_brake", {"saturation_us"})])
-def test_what_another_esc_does_is_told(tmp_path, kind, params, reverse, absent):
+def test_the_behaviour_of_another_esc_is_reported(tmp_path, kind, params, reverse, absent):
     result = Spun(f"{URL}5", tmp_path, as_esc(kind, **params)).calibrate()
     assert result.others["throttle.reverse"] == reverse
     assert set(result.quantities) == QUANTITIES - {f"throttle.{name}" for name in absent}
@@ -252,7 +252,7 @@ def test_what_another_esc_does_is_told(tmp_path, kind, params, reverse, absent):
 def test_a_brake_at_neutral_is_no_friction(tmp_path, monkeypatch, taken_off):
     """Control: not taken off, it moves neutral by 4 us, for the motor pulls less in reverse."""
     if not taken_off:
-        monkeypatch.setattr(esc, "DRAG", float("inf"))
+        monkeypatch.setattr(esc, "MIN_NEUTRAL_BRAKE", float("inf"))
     result = Spun(f"{URL}5", tmp_path, as_esc(DragBrake)).calibrate()
     q, true = result.quantities["throttle.neutral_us"], reveal(5)["sensors"]["throttle.neutral_us"]
     assert (abs(q.value - true) < 3.5 * q.std) == taken_off
@@ -263,8 +263,8 @@ def test_a_brake_at_neutral_is_no_friction(tmp_path, monkeypatch, taken_off):
 def test_a_knee_that_is_not_there_is_not_found():
     pulses = np.arange(300.0, 500.0, 10.0)
     law = (pulses - 60.0) / (0.2 * pulses + 20.0)
-    assert knee(pulses, law) is None
-    found = knee(pulses, np.minimum(law, law[14]))
+    assert find_knee(pulses, law) is None
+    found = find_knee(pulses, np.minimum(law, law[14]))
     assert found.value == pytest.approx(pulses[14], abs=0.1)
 
 
@@ -280,7 +280,7 @@ def test_a_knee_that_is_not_there_is_not_found():
         ("esc:off@0", "motor does not answer"), ("esc:off@14", "motor does not answer"),
         ("esc:off@25", "motor does not answer"), ("stand:off@0", "not off the ground"),
         ("stand:off@14", "not off the ground"), ("stand:off@55", "not off the ground"),
-        ("imu:off@14", "no data of the IMU"), ("enc:wrong=0.5@14", "speed up and slow down alike"))
+        ("imu:off@14", "no data of the IMU"), ("enc:wrong=0.5@14", "accelerate and coast in the"))
 ])
 def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
     watched = Spun(f"{URL}5&fail={fail}", tmp_path)
@@ -292,20 +292,20 @@ def test_what_is_wrong_is_named_and_nothing_written(tmp_path, fail, why):
 
 
 @pytest.mark.slow
-def test_edges_of_wheels_that_stand_are_no_motion(tmp_path):
+def test_edges_of_wheels_at_rest_are_not_motion(tmp_path):
     watched = Spun(f"{URL}5", tmp_path)
     watched.backend.workshop.wheels_turned = lambda: 0
-    with watched.car, pytest.raises(CalibrationFailed, match="counts wheels that stand"):
+    with watched.car, pytest.raises(CalibrationFailed, match="although the wheels are at rest"):
         watched.calibrate()
 
 
 def test_nothing_turns_unless_it_was_agreed(tmp_path):
-    watched, said = Spun(f"{URL}2", tmp_path), []
+    watched, questions = Spun(f"{URL}2", tmp_path), []
     with watched.car, pytest.raises(CalibrationFailed, match="not agreed"):
-        watched.calibrate(ask=lambda q: said.append(q) or False)
+        watched.calibrate(ask=lambda q: questions.append(q) or False)
     assert watched.pulled_after(0.0) == 0.0
     for word in ("neutral", " s, ", "stand", "fingers"):
-        assert word in said[0]
+        assert word in questions[0]
 
 
 PRESSED = {"first motion": 8.0, "forward": 14.0, "brake": 21.5, "reverse": 46.0,
@@ -340,6 +340,6 @@ def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
 
 
 def test_neutral_follows_the_highest_level():
-    """Wheels that stop soon tell the friction only from there; it decides where a pull begins."""
-    before = [esc.ORDER[k - 1] for k, level in enumerate(esc.ORDER) if level is None]
-    assert before == [len(esc.LEVELS) - 1] * 4
+    """Wheels that stop soon show the friction only from there, and the friction decides P."""
+    before = [esc.LEVEL_ORDER[k - 1] for k, level in enumerate(esc.LEVEL_ORDER) if level is None]
+    assert before == [len(esc.PULSE_LEVELS) - 1] * 4

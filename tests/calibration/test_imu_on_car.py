@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from dart_hal.calibration.imu import calibrate_imu
-from dart_hal.calibration.imu_fit import Still, Turn, axis_of, bias_of, still_of
+from dart_hal.calibration.imu_fit import GyroRest, MeasuredTurn, fit_axis, measure_rest, yaw_bias
 from dart_hal.calibration.measured import write
-from dart_hal.calibration.sensor_log import Sensed
+from dart_hal.calibration.sensor_log import ImuSamples
 from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.devices.links.base import open_backend
@@ -104,14 +104,14 @@ def test_axis_gives_back_scale_and_tilt(roll):
     mounting, scale = Mounting(roll, 0.03, 0.5), 1.007
     vertical = np.array(mounting.matrix()).reshape(3, 3)[2]
     bias, t = np.array([0.01, -0.004, 0.002]), np.arange(0.0, 20.0, 0.01)
-    turns = [Turn(Sensed(t, scale * np.outer(np.full_like(t, rate), vertical) + bias,
+    turns = [MeasuredTurn(ImuSamples(t, scale * np.outer(np.full_like(t, rate), vertical) + bias,
                          np.zeros((len(t), 3)), np.zeros_like(t)), rate * (t[-1] - t[0]))
              for rate in (0.7, -0.7)]
-    tilted = axis_of(turns, Still(bias, np.full(3, 1e-4)))
+    tilted = fit_axis(turns, GyroRest(bias, np.full(3, 1e-4)))
     assert tilted.scale.value == pytest.approx(scale)
     assert tilted.pitch.value == pytest.approx(0.03)
     assert math.remainder(tilted.roll.value - roll, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-9)
-    found = bias_of(Still(bias, np.full(3, 1e-4)), tilted.axis)
+    found = yaw_bias(GyroRest(bias, np.full(3, 1e-4)), tilted.axis)
     assert found.value == pytest.approx(vertical @ bias / scale)
 
 
@@ -120,5 +120,5 @@ def test_bias_counts_slow_noise():
     rng, t = np.random.default_rng(3), np.arange(0.0, 10.0, 0.01)
     white = rng.normal(0.0, 1e-3, (len(t), 3))
     walk = np.cumsum(rng.normal(0.0, 1e-4, (len(t), 3)), axis=0)
-    still = [still_of(Sensed(t, noise, white, t)) for noise in (white, white + walk)]
+    still = [measure_rest(ImuSamples(t, noise, white, t)) for noise in (white, white + walk)]
     assert np.all(still[1].std > 3.0 * still[0].std)

@@ -7,8 +7,8 @@ import pytest
 from esc_pin import FRAMES, Watched, without_stop
 
 from dart_hal.calibration.latency import calibrate_latency
-from dart_hal.calibration.latency_fit import DT, held
-from dart_hal.calibration.latency_log import Grid, Traffic, TrafficLog, unseen_grid
+from dart_hal.calibration.latency_fit import GRID_STEP, mean_pulse
+from dart_hal.calibration.latency_log import PwmGrid, Traffic, TrafficLog, assume_grid
 from dart_hal.calibration.measured import write
 from dart_hal.car import Car
 from dart_hal.control.tuning import make_speed_response
@@ -49,7 +49,7 @@ def test_what_is_measured_is_near_the_truth_and_tunes_the_speed_loop(tmp_path):
 
 
 @pytest.mark.slow
-def test_of_clocks_in_step_the_age_of_the_gyro_is_told_all_the_same(tmp_path):
+def test_the_age_of_the_gyro_is_known_although_the_clocks_are_in_step(tmp_path):
     """Gyro and Nano of car 18 differ by less than 0.01 %: 4 ms off without the looks."""
     url = f"{URL}18"
     _, result = measured(url, tmp_path)
@@ -73,14 +73,14 @@ def test_the_log_follows_the_clock_of_the_gyro_where_the_firmware_looks(
 
 
 @pytest.mark.slow
-def test_without_the_wire_the_wait_is_derived_and_said(tmp_path):
+def test_without_the_wire_the_wait_is_derived_and_reported(tmp_path):
     def cut(backend):
         world_of(backend)._capture_edges = lambda now: []
 
     _, result = measured(f"{URL}3", tmp_path, cut)
     wait = result.quantities["latency.command_to_pulse"]
     assert wait.method.startswith("derived")
-    assert any("no pulse was seen at D8" in note for note in result.notes)
+    assert any("D8 received no pulse" in note for note in result.notes)
     assert result.quantities["latency.pulse_to_wheel"].std > 0.005
 
 
@@ -131,10 +131,10 @@ def test_control_believed_the_dead_encoder_would_pull_on(tmp_path, monkeypatch):
 
 
 class _Absent:
-    """Nobody is there to turn a wheel: it is not asked for, or the procedure ends."""
+    """An operator who is absent: the procedure ends if it needs one."""
 
     def push(self) -> bool:
-        raise CalibrationFailed("nobody is there")
+        raise CalibrationFailed("no operator")
 
 
 @pytest.mark.slow
@@ -158,27 +158,27 @@ def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
 
 
 def test_of_two_writes_within_a_frame_the_second_counts():
-    grid = Grid(0.0, 0.02, 0.0, 0.0, 0.0, seen=True)
+    grid = PwmGrid(0.0, 0.02, 0.0, 0.0, 0.0, measured=True)
     ends, widths = grid.pulses(np.array([0.001, 0.019, 0.021]), np.array([1500.0, 1600.0, 1700.0]))
     assert widths.tolist() == [1600.0, 1700.0]
     assert ends == pytest.approx([0.0216, 0.0417])
-    assert grid.doubtful(np.array([0.0001, 0.01, 0.0199])).tolist() == [True, False, True]
+    assert grid.is_ambiguous(np.array([0.0001, 0.01, 0.0199])).tolist() == [True, False, True]
 
 
-def test_what_nobody_sees_is_known_to_a_frame(files):
-    grid = unseen_grid(files)
+def test_an_unmeasured_grid_is_known_to_a_frame(files):
+    grid = assume_grid(files)
     assert grid.phase_std == pytest.approx(grid.period / np.sqrt(12.0))
-    assert not grid.seen
+    assert not grid.measured
 
 
 def test_a_pulse_that_ends_between_two_points_counts_for_its_share():
     """Taken from the next point on it would be up to 1 ms late."""
-    grid, t = Grid(0.0, 0.0204, 0.0, 0.0, 0.0, seen=True), np.arange(0.0, 0.3, DT)
+    grid, t = PwmGrid(0.0, 0.0204, 0.0, 0.0, 0.0, measured=True), np.arange(0.0, 0.3, GRID_STEP)
     written = np.array([[0.0, 1500.0, 1500.0], [0.1003, 1500.0, 1600.0], [0.2, 1500.0, 1500.0]])
     (_, up, down), _ = grid.pulses(written[:, 0], written[:, 2])
-    seen = held(grid, Traffic(written, np.zeros((0, 0)), 0.0), t)
-    assert np.sum(seen - 1500.0) * DT == pytest.approx(100.0 * (down - up))
-    assert set(seen[np.abs(t - up) > DT].round(6)) == {1500.0, 1600.0}
+    pulse = mean_pulse(grid, Traffic(written, np.zeros((0, 0)), 0.0), t)
+    assert np.sum(pulse - 1500.0) * GRID_STEP == pytest.approx(100.0 * (down - up))
+    assert set(pulse[np.abs(t - up) > GRID_STEP].round(6)) == {1500.0, 1600.0}
 
 
 @pytest.mark.slow

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from esc_pin import FRAMES, Watched, without_stop
 
-from dart_hal.calibration.lidar import calibrate_lidar, found_by
-from dart_hal.calibration.lidar_fit import Drive, fit_lidar
+from dart_hal.calibration.lidar import calibrate_lidar, check_and_fit
+from dart_hal.calibration.lidar_fit import LidarDrive, fit_lidar
 from dart_hal.calibration.measured import write
-from dart_hal.calibration.order import steps_of
+from dart_hal.calibration.order import make_steps
 from dart_hal.car import Car
 from dart_hal.car.lidar import mount_of
 from dart_hal.cli.main import main
@@ -29,11 +29,11 @@ WAIVED = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED",
 
 
 @pytest.fixture(scope="module")
-def told():
+def drive_log():
     """States and scans of the drive, by listening to it."""
     class Listening:
         def __init__(self, car):
-            self.car, self.drive = car, Drive([], [])
+            self.car, self.drive = car, LidarDrive([], [])
 
         def __getattr__(self, name):
             return getattr(self.car, name)
@@ -86,12 +86,12 @@ def test_a_scale_that_cannot_be_is_refused():
 @pytest.mark.slow
 def test_it_is_part_of_all_only_with_a_map():
     files = load_car("dart-01", ["cars"])
-    assert "lidar" not in [s.verb for s in steps_of(files)]
-    assert steps_of(files, chart=room_map(URL))[-1].verb == "lidar"
+    assert "lidar" not in [s.verb for s in make_steps(files)]
+    assert make_steps(files, chart=room_map(URL))[-1].verb == "lidar"
 
 
 @pytest.mark.slow
-def test_distances_off_by_a_percent_and_a_half_are_mended_end_to_end(tmp_path, capsys):
+def test_distances_off_by_a_percent_and_a_half_are_corrected_end_to_end(tmp_path, capsys):
     """Poses of the localiser before and after; what is hidden is near what was found."""
     def localised():
         with pytest.raises(SystemExit) as done:
@@ -125,22 +125,23 @@ def backend_lidar(url):
 
 
 @pytest.mark.slow
-def test_what_is_wrong_with_the_mount_is_named(told):
+def test_what_is_wrong_with_the_mount_is_named(drive_log):
     chart = room_map(URL)
 
     def refused(**wrong):
-        mount = replace(told.scans[0].mount, **wrong)
+        mount = replace(drive_log.scans[0].mount, **wrong)
+        scans = [s.mounted(mount) for s in drive_log.scans]
         with pytest.raises(CalibrationFailed) as why:
-            found_by(Drive(told.states, [s.mounted(mount) for s in told.scans]), chart)
+            check_and_fit(LidarDrive(drive_log.states, scans), chart)
         return f"{why.value} {why.value.remedy}"
 
     assert "turn against the gyro" in (why := refused(inverted=False))
     assert "inverted = true" in why
-    assert "looks another way" in (why := refused(yaw=np.pi / 2.0))
+    assert "points in another direction" in (why := refused(yaw=np.pi / 2.0))
     assert float(why.split()[-1]) == pytest.approx(backend_lidar(URL)["mount_yaw"], abs=0.09)
-    assert "does not sit as car.toml says: yaw" in refused(yaw=0.3)
-    assert "does not sit as car.toml says: scale" in refused(scale=1.08)
-    found = fit_lidar(told, chart)                       # the control: nothing is wrong
+    assert "is not mounted as in car.toml: yaw" in refused(yaw=0.3)
+    assert "is not mounted as in car.toml: scale" in refused(scale=1.08)
+    found = fit_lidar(drive_log, chart)                       # the control: nothing is wrong
     assert found.found["yaw"].value == pytest.approx(backend_lidar(URL)["mount_yaw"], abs=1e-3)
 
 
@@ -150,15 +151,16 @@ def read_with_gyro(drive, scale):
     yaw = car[0, 2] + scale * (car[:, 2] - car[0, 2])
     step = np.hypot(*np.diff(car[:, :2], axis=0).T) * np.exp(0.5j * (yaw[1:] + yaw[:-1]))
     place = car[0, 0] + 1j * car[0, 1] + np.concatenate([[0.0], np.cumsum(step)])
-    return Drive([replace(s, pose=replace(s.pose, x=float(p.real), y=float(p.imag), yaw=float(w)))
-                  for s, p, w in zip(drive.states, place, yaw, strict=True)], drive.scans)
+    states = [replace(s, pose=replace(s.pose, x=float(p.real), y=float(p.imag), yaw=float(w)))
+              for s, p, w in zip(drive.states, place, yaw, strict=True)]
+    return LidarDrive(states, drive.scans)
 
 
 @pytest.mark.slow
-def test_the_yaw_follows_the_scale_of_the_gyro_as_its_standard_error_says(told):
+def test_the_yaw_follows_the_gyro_scale_within_its_standard_error(drive_log):
     chart = room_map(URL)
-    any_gyro, calibrated = fit_lidar(told, chart), fit_lidar(told, chart, 3e-4)
-    moved = fit_lidar(read_with_gyro(told, 1.01), chart).found["yaw"].value
+    any_gyro, calibrated = fit_lidar(drive_log, chart), fit_lidar(drive_log, chart, 3e-4)
+    moved = fit_lidar(read_with_gyro(drive_log, 1.01), chart).found["yaw"].value
     shift = abs(moved - calibrated.found["yaw"].value)
     assert shift == pytest.approx(5e-4, rel=0.2)
     assert shift < 1.65 * any_gyro.found["yaw"].std
@@ -167,9 +169,9 @@ def test_the_yaw_follows_the_scale_of_the_gyro_as_its_standard_error_says(told):
 
 
 @pytest.mark.slow
-def test_a_map_of_another_room_is_refused(told):
+def test_a_map_of_another_room_is_refused(drive_log):
     with pytest.raises(CalibrationFailed, match="not of this map"):
-        found_by(told, map_of_lines(room_of("room", 999).lines))
+        check_and_fit(drive_log, map_of_lines(room_of("room", 999).lines))
 
 
 @pytest.mark.slow

@@ -19,10 +19,10 @@ from dart_lab.sim.truth import truth
 URL = "sim://?seed=4&nano=mock"
 
 
-class Told:
-    """The poses of another source, told otherwise."""
+class AlteredSource:
+    """A source whose poses are changed."""
 
-    name, on_board = "a source told otherwise", False
+    name, on_board = "an altered source", False
 
     def __init__(self, source, change) -> None:
         self._source, self._change = source, change
@@ -35,7 +35,7 @@ class Told:
 def measured(url: str, change=None, cars=None):
     backend = open_backend(url)
     if change is not None:
-        backend.poses = Told(backend.poses, change)
+        backend.poses = AlteredSource(backend.poses, change)
     with Car.over(backend, cars=cars) as car:
         return calibrate_mocap(car), car.files
 
@@ -84,7 +84,7 @@ def test_a_wrong_source_is_named_and_nothing_comes_of_it(change, words, remedy):
 def test_without_a_source_the_car_does_not_move():
     backend = open_backend(URL)
     with Car.over(backend) as car:
-        with pytest.raises(CalibrationFailed, match="no poses"):
+        with pytest.raises(CalibrationFailed, match="no external poses"):
             calibrate_mocap(car)
         assert truth(backend).distance == pytest.approx(0.0, abs=1e-9)
 

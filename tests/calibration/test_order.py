@@ -17,7 +17,7 @@ NOW = datetime(2026, 11, 24, 12, 0, tzinfo=timezone.utc)
 
 @pytest.fixture(scope="module")
 def steps():
-    return order.steps_of(load_car("dart-01", ["cars"]))
+    return order.make_steps(load_car("dart-01", ["cars"]))
 
 
 def measured(**minutes_ago: float) -> Calibration:
@@ -63,7 +63,7 @@ def test_what_is_left(steps, known, left):
     assert tuple(s.verb for s in order.due(steps, known, NOW)) == left
 
 
-def test_an_old_file_says_no_times_and_is_measured_anew(steps):
+def test_an_old_file_without_times_is_measured_again(steps):
     old = replace(measured(**DONE), provenance={"when": NOW})
     assert order.due(steps, old, NOW) == steps
 
@@ -71,21 +71,21 @@ def test_an_old_file_says_no_times_and_is_measured_anew(steps):
 def test_a_floor_that_is_too_small_names_what_has_no_room():
     files = load_car("dart-01", ["cars"])
     with pytest.raises(CalibrationFailed, match="too small for imu, steering, latency") as refused:
-        order.steps_of(files, (2.8, 2.0))
+        order.make_steps(files, (2.8, 2.0))
     assert "imu: 3.0 m x 2.5 m" in str(refused.value.expected)
     assert "--skip imu --skip steering --skip latency" in str(refused.value.remedy)
-    short = order.steps_of(files, (2.0, 2.0), ALL[3:])
+    short = order.make_steps(files, (2.0, 2.0), ALL[3:])
     assert [s.verb for s in short] == ["clock", "esc", "encoder"]
     assert "over 1.0 m" in short[2].plan
-    assert "over 3.0 m" in order.steps_of(files, (9.0, 9.0))[2].plan
+    assert "over 3.0 m" in order.make_steps(files, (9.0, 9.0))[2].plan
 
 
 @pytest.mark.parametrize(("floor", "how"), [((2.8, 9.0), "straight"), ((4.0, 1.2), "straight")])
 def test_the_throttle_is_measured_straight_where_there_is_room(floor, how):
-    steps = order.steps_of(load_car("dart-01", ["cars"]), floor, ("encoder", *ALL[4:]))
+    steps = order.make_steps(load_car("dart-01", ["cars"]), floor, ("encoder", *ALL[4:]))
     assert how in steps[-1].plan
 
 
 def test_without_room_for_either_the_throttle_is_refused():
     with pytest.raises(CalibrationFailed, match="too small for throttle"):
-        order.steps_of(load_car("dart-01", ["cars"]), (2.4, 2.4), ALL[4:])
+        order.make_steps(load_car("dart-01", ["cars"]), (2.4, 2.4), ALL[4:])

@@ -15,7 +15,7 @@ from dart_hal.core.errors import CalibrationFailed, ConfigError, LinkLost, Plugi
 from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import THROTTLE_CHANNEL
 
-NAMES = list(order.VERBS)
+NAMES = list(order.PROCEDURE_NAMES)
 
 CODE = """
 from dart_hal.calibration.procedure import Procedure, ProcedurePlan
@@ -93,7 +93,7 @@ def test_without_a_person_nothing_starts():
         order.load_procedure("encoder")(car)
 
 
-def test_a_typed_clock_asks_nothing():
+def test_a_typed_clock_shows_no_question():
     plan = order.load_procedure("clock").plan(load_car("dart-01", ["cars"]), 50.0, 0.01)
     assert plan is None
 
@@ -101,15 +101,15 @@ def test_a_typed_clock_asks_nothing():
 def test_procedures_of_other_packages_come_last(package):
     assert order.list_names() == (*NAMES, "forgetful", "lost", "misnamed", "number", "missing")
     assert order.load_procedure("clock").help.startswith("The oscillator"), "ours stays ours"
-    steps = order.steps_of(load_car("dart-01", ["cars"]), skip=("misnamed", "number", "missing"))
+    steps = order.make_steps(load_car("dart-01", ["cars"]), skip=("misnamed", "number", "missing"))
     assert steps[-1].verb == "forgetful"
     assert "lost" not in [s.verb for s in steps], "without keys it is no part of calibrate all"
     assert steps[-1] in order.due(steps, Calibration(car="dart-01"))
 
 
 @pytest.mark.parametrize(("name", "kind", "message"), [
-    ("misnamed", ConfigError, "misnamed of dart_hal.procedures is no calibration"),
-    ("number", ConfigError, "number of dart_hal.procedures is no calibration"),
+    ("misnamed", ConfigError, "misnamed of dart_hal.procedures is not a calibration"),
+    ("number", ConfigError, "number of dart_hal.procedures is not a calibration"),
     ("missing", PluginFailed, "of other-car 2.5 failed: AttributeError")])
 def test_what_is_no_procedure_is_refused_by_name(package, name, kind, message):
     with pytest.raises(kind, match=message):
@@ -134,9 +134,9 @@ def test_an_error_of_another_package_names_it_and_the_esc_gets_neutral(package):
 
 
 def test_the_plan_is_shown_as_a_question():
-    said = []
+    questions = []
     quiet = Procedure(name="quiet", help="", plan=lambda files: ProcedurePlan("waits", 1.0),
                       measure=lambda bench: bench, condition=Condition.AT_REST)
     with Car.open("sim://?nano=mock") as car:
-        quiet(car, ask=lambda question: said.append(question) or True)
-    assert said == ["This waits. Is the car at rest?"]
+        quiet(car, ask=lambda question: questions.append(question) or True)
+    assert questions == ["This waits. Is the car at rest?"]

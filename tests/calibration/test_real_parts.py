@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from dart_hal.calibration.clock import CRYSTAL as STATED
+from dart_hal.calibration.clock import HOST_CRYSTAL_STD as STATED
 from dart_lab.sim import mock_imu
 from dart_lab.sim.mock_imu import MockImu
 from studies.calibration.hidden_errors import true_sensors, url_of

@@ -124,7 +124,7 @@ def test_runs_of_a_command_are_blocks():
     assert len(np.unique(blocks(np.full(40, 0.1), segment))) == 2
 
 
-def test_blocks_stay_apart_when_files_are_pooled():
+def test_blocks_stay_separate_when_files_are_pooled():
     one = held(np.random.default_rng(8), levels=5)
     assert len(np.unique(concatenate([one, one]).block)) == 2 * len(np.unique(one.block))
 
@@ -164,17 +164,17 @@ def test_loop_separates_map_backlash_and_slip(backlash, kappa):
 
 @pytest.mark.slow
 def test_the_servos_spread_is_not_underestimated():
-    """Sixty servos that rest 1 us beside their targets; two windows a level say little of it."""
-    rng, said = np.random.default_rng(1), []
+    """Sixty servos that rest 1 us from their targets; two windows a level show little of it."""
+    rng, estimates = np.random.default_rng(1), []
     for _ in range(60):
         both = windows(0.02, 0.04, noise=0.0)
         slope = steering(TRUTH, np.array([w.command for w in both]) + 1e-3)[0]
         slope -= steering(TRUTH, np.array([w.command for w in both]))[0]
-        beside = rng.normal(size=len(both)) * slope / (1e-3 * 375.0)
+        offset = rng.normal(size=len(both)) * slope / (1e-3 * 375.0)
         moved = [replace(w, angle=w.angle + float(e), std=2e-4)
-                 for w, e in zip(both, beside + 2e-4 * rng.normal(size=len(both)), strict=True)]
-        said.append(fit_loop(moved, 0.175, Systematic(0.0, 0.0)).rest_us)
-    assert 0.97 < np.sqrt(np.mean(np.square(said))) < 1.2
+                 for w, e in zip(both, offset + 2e-4 * rng.normal(size=len(both)), strict=True)]
+        estimates.append(fit_loop(moved, 0.175, Systematic(0.0, 0.0)).rest_us)
+    assert 0.97 < np.sqrt(np.mean(np.square(estimates))) < 1.2
 
 
 def test_one_way_only_would_be_wrong_by_half_the_backlash():

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dart_hal.calibration.from_recordings import FileNote, grouped, steering_from_recordings
-from dart_hal.calibration.sessions import cautions, day_of, groups_of
+from dart_hal.calibration.from_recordings import FileNote, merge_notes, steering_from_recordings
+from dart_hal.calibration.sessions import cautions, day_of, make_groups
 from dart_hal.recording.dart import Messages, Note, Recording
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
@@ -58,30 +58,30 @@ def test_neighbouring_days_of_one_map_have_no_caution(recorded):
         assert not any("caution" in note for note in result.notes)
 
 
-def test_days_far_apart_are_named(recorded):
+def test_distant_days_are_named(recorded):
     result = steering_from_recordings([recorded(APRIL), recorded(JANUARY)])
-    said = [note for note in result.notes if "caution" in note]
-    assert len(said) == 1
-    assert "458 days" in said[0]
-    assert said[0].endswith("2024-01-22 a, 2025-04-24 83")
+    found = [note for note in result.notes if "caution" in note]
+    assert len(found) == 1
+    assert "458 days" in found[0]
+    assert found[0].endswith("2024-01-22 a, 2025-04-24 83")
 
 
 @pytest.mark.parametrize("other", [NEXT_DAY, "c/undated.csv", JANUARY.replace("a/", "c/")])
 def test_another_trim_is_named_with_both_groups(recorded, other):
     result = steering_from_recordings([recorded(JANUARY), recorded(other, trim_deg=2.0, seed=1)])
-    said = [note for note in result.brief if "caution" in note]
-    assert len(said) == 1
-    assert "2.0 deg rms" in said[0]
-    assert "2024-01-22 a" in said[0]
+    found = [note for note in result.brief if "caution" in note]
+    assert len(found) == 1
+    assert "2.0 deg rms" in found[0]
+    assert "2024-01-22 a" in found[0]
 
 
 def test_only_the_same_commands_are_compared(recorded):
     parts = [(recorded(JANUARY), np.full(100, -0.5), np.full(100, 0.0)),
              (recorded(NEXT_DAY), np.full(100, 0.5), np.full(100, 0.1))]
-    assert cautions(groups_of(parts)) == []
+    assert cautions(make_groups(parts)) == []
     both = np.repeat([-0.5, 0.5], 100)
     close = [(r, both, np.full(200, residual[0])) for r, _, residual in parts]
-    assert len(cautions(groups_of(close))) == 1
+    assert len(cautions(make_groups(close))) == 1
 
 
 def test_notes_of_one_kind_are_one_line(recorded):
@@ -90,23 +90,23 @@ def test_notes_of_one_kind_are_one_line(recorded):
     assert sum("held copies" in note for note in result.notes) == 4
     assert len(result.brief) < len(result.notes)
     assert "not pulses" in result.notes[-1]
-    assert result.dropped == "no sample left out"
+    assert result.dropped == "no sample excluded"
 
 
 def test_what_was_dropped_adds_up(recorded):
-    slipping, standing = recorded("a/1.csv", speed=2.2), recorded("a/2.csv", speed=0.1)
-    result = steering_from_recordings([slipping, standing, recorded("a/3.csv")])
-    standing_rows, slipping_rows = (int(word) for word in result.dropped.replace(",", "").split()
+    slipping, slow = recorded("a/1.csv", speed=2.2), recorded("a/2.csv", speed=0.1)
+    result = steering_from_recordings([slipping, slow, recorded("a/3.csv")])
+    slow_rows, slipping_rows = (int(word) for word in result.dropped.replace(",", "").split()
                                     if word.isdigit())
-    assert standing_rows == 850
+    assert slow_rows == 850
     assert slipping_rows > 100
-    assert result.n == 3 * 850 - standing_rows - slipping_rows
+    assert result.n == 3 * 850 - slow_rows - slipping_rows
 
 
 def test_grouped_lines():
     slow = [FileNote(f"{i}.csv", "slow", f"slow: {v} m/s", value=v, value_unit="m/s")
             for i, v in enumerate((0.6, 0.4))]
     alone = FileNote("c.csv", "no encoder")
-    assert grouped([slow[0], alone, slow[1]]) == ("slow: in 2 files (0.40 to 0.60 m/s)",
+    assert merge_notes([slow[0], alone, slow[1]]) == ("slow: in 2 files (0.40 to 0.60 m/s)",
                                                   "no encoder: in c.csv")
     assert str(slow[0]) == "0.csv: slow: 0.6 m/s"

@@ -1,4 +1,4 @@
-"""The figure is written, in the format that was asked for, from a true result."""
+"""The figure is written, in the requested format, from a true result."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ def test_finds_map_and_backlash_of_hidden_cars(drawn):
         inside += list(np.abs(error) < 1.645 * result.angle_std)
         rms.append(np.degrees(np.sqrt(np.mean(error**2))))
         backlash.append((result.backlash.value - car.backlash) / result.backlash.std)
-        reach.append(car.farthest)
+        reach.append(car.max_distance)
     assert 0.80 <= np.mean(inside) <= 0.98
     assert max(rms) <= 0.4
     assert np.mean(np.abs(backlash) < 1.645) >= 0.8
@@ -38,7 +38,7 @@ def test_time_speed_and_pulses_keep_to_the_plan(bench, files):
     route = plan(files)
     calibrate_steering(car, dry_run=True)
     assert car.t <= min(route.time + 5.0, 120.0)
-    assert car.max_speed_seen <= 1.15 * route.speed
+    assert car.max_speed <= 1.15 * route.speed
     ticks = np.array(car.pulses_sent) / count_us(prescale_for(50.0), 25e6)
     assert ticks == pytest.approx(np.round(ticks), abs=1e-6)
 
@@ -90,12 +90,12 @@ def test_json_is_the_contract(bench):
 
 @pytest.mark.slow
 def test_progress_rises_and_is_the_only_output(bench, capsys):
-    seen = []
-    calibrate_steering(bench(), dry_run=True, progress=lambda f, text: seen.append((f, text)))
-    shares = [f for f, _ in seen]
+    calls = []
+    calibrate_steering(bench(), dry_run=True, progress=lambda f, text: calls.append((f, text)))
+    shares = [f for f, _ in calls]
     assert shares == sorted(shares)
     assert 0.0 <= shares[0] < shares[-1] <= 1.0
-    assert all(text for _, text in seen)
+    assert all(text for _, text in calls)
     assert capsys.readouterr() == ("", "")
 
 
@@ -142,7 +142,7 @@ def test_ctrl_c_stops_the_car(bench, files):
     ({"ground": False}, ("does not turn", "off the ground")),
     ({"gyro_sign": -1.0}, ("to the right gives a yaw rate to the left", "upside down")),
     ({"imu": False}, ("no yaw rate at standstill", "IMU")),
-    ({"gyro_bias": 0.3}, ("gyro turns while the car stands",)),
+    ({"gyro_bias": 0.3}, ("gyro turns while the car is at rest",)),
     ({"push": 1.9}, ("rolls at a neutral throttle",)),
 ])
 def test_faults_are_named(bench, fault, words):

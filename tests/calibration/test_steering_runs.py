@@ -1,4 +1,4 @@
-"""Maps from our own runs: dither undone, tyre slip stated, held levels seen."""
+"""Maps from our own runs: dither undone, tyre slip stated, constant levels detected."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_dither_between_two_counts_is_one_level():
     assert np.allclose(remove_dithering(dithered, COUNT), [0.3 + COUNT / 4] * 4 + [0.5] * 2)
 
 
-def test_levels_a_count_apart_stay_apart():
+def test_levels_that_differ_by_a_count_stay_separate():
     steps = np.repeat(np.arange(5) * COUNT, 20)
     assert np.allclose(remove_dithering(steps, COUNT), steps)
 

@@ -12,11 +12,11 @@ from esc_pin import FRAMES, Watched, without_stop
 
 from dart_hal.calibration.measured import write
 from dart_hal.calibration.throttle import (
-    CIRCLE,
-    Held,
+    CIRCLE_TARGETS,
+    HeldSpeed,
     calibrate_throttle,
-    speeds_in,
-    table_of,
+    make_table,
+    select_speeds,
 )
 from dart_hal.car import Car
 from dart_hal.core.config import Quantity
@@ -58,7 +58,7 @@ def measured(tmp_path_factory):
 def test_the_pulses_of_a_hidden_car_are_found(measured):
     _, result, watched = measured
     table = result.others[DRIVE]
-    assert len(table.speed) == len(speeds_in(2.5)) == 2
+    assert len(table.speed) == len(select_speeds(2.5)) == 2
     for speed, pulse, std in zip(table.speed, table.pulse_us, table.std_us, strict=True):
         assert abs(pulse - holding_pulse(6, speed)) < 3.5 * std
         assert std < 1.0
@@ -87,7 +87,7 @@ def test_what_is_written_is_read_and_keeps_what_was_there(measured, tmp_path):
 
 
 def test_control_the_papers_car_would_be_off():
-    """What is measured is not what every car has: 1 m/s needs pulses 30 us apart."""
+    """What is measured is not what every car has: the pulses for 1 m/s differ by 30 us."""
     pulses = [holding_pulse(seed, 1.0) for seed in range(1, 21)]
     assert np.ptp(pulses) > 15.0
 
@@ -109,7 +109,7 @@ def test_more_room_is_faster_and_none_is_a_circle(tmp_path, room, radius):
         assert table.speed[-1] > 2.2
         assert max(math.dist(a, b) for a, b in pairwise(watched.runs)) < room
     else:
-        assert len(table.speed) == len(CIRCLE)
+        assert len(table.speed) == len(CIRCLE_TARGETS)
         spots = np.array([(t.x, t.y) for t in far])
         assert np.ptp(spots, axis=0).max() < 2.0 * radius
     watched.car.close()
@@ -152,12 +152,12 @@ def test_lifted_wheels_are_no_floor(tmp_path):
 
 
 def test_nothing_moves_unless_it_was_agreed(tmp_path):
-    watched, said = Driven(f"{URL}2", tmp_path), []
+    watched, questions = Driven(f"{URL}2", tmp_path), []
     with watched.car, pytest.raises(CalibrationFailed, match="not agreed"):
-        watched.calibrate(ask=lambda q: said.append(q) or False)
+        watched.calibrate(ask=lambda q: questions.append(q) or False)
     assert watched.pulled_after(0.0) == 0.0
-    for word in ("which pulse", " s ", "floor of 4.0 m", "chalk"):
-        assert word in said[0]
+    for word in ("the pulse that keeps", " s ", "floor of 4.0 m", "chalk"):
+        assert word in questions[0]
 
 
 def pressed(tmp_path, speed: float) -> tuple[Driven, float]:
@@ -183,9 +183,9 @@ def test_control_without_the_stop_the_pin_pulls_on(tmp_path, monkeypatch):
 
 def test_a_table_that_turns_back_is_refused(measured):
     files, _, _ = measured
-    held = [Held(v, v, p, 0.1) for v, p in ((0.5, 1600.0), (1.0, 1598.0)) for _ in range(2)]
+    held = [HeldSpeed(v, v, p, 0.1) for v, p in ((0.5, 1600.0), (1.0, 1598.0)) for _ in range(2)]
     with pytest.raises(CalibrationFailed, match="shorter pulse"):
-        table_of(held, files)
+        make_table(held, files)
 
 
 def test_interval_of_a_point_is_what_its_parts_make_it(measured):
@@ -194,15 +194,15 @@ def test_interval_of_a_point_is_what_its_parts_make_it(measured):
     rng = np.random.default_rng(3)
     z = []
     for _ in range(300):
-        held = [Held(v, v, 1580.0 + 25.0 * v + rng.normal(), 0.0)
+        held = [HeldSpeed(v, v, 1580.0 + 25.0 * v + rng.normal(), 0.0)
                 for v in (0.3, 0.6, 0.9, 1.2, 1.6, 2.0) for _ in range(2)]
-        table, _ = table_of(held, files)
+        table, _ = make_table(held, files)
         z += [(p - 1580.0 - 25.0 * v) / s for v, p, s in zip(
             table.speed, table.pulse_us, table.std_us, strict=True)]
     assert 0.85 < np.mean(np.abs(z) < 1.645) < 0.95
 
 
 def test_room_and_speeds_agree():
-    assert speeds_in(2.4) == ()
-    assert speeds_in(4.0)[-1] == 1.0
-    assert speeds_in(12.0)[-1] == 2.5
+    assert select_speeds(2.4) == ()
+    assert select_speeds(4.0)[-1] == 1.0
+    assert select_speeds(12.0)[-1] == 2.5

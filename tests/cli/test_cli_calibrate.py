@@ -27,7 +27,7 @@ def result():
     return SteeringResult("dart-01", ("a.csv",), 100, 10.0, command, 0.3 * command,
                           np.full(41, 0.01), None, {"k_left": 1.0}, 0.02, None,
                           notes=("a.csv: long", "b.csv: long", "general"), brief=("grouped",),
-                          dropped="samples left out: 5", unwritten="nothing written: because")
+                          dropped="excluded samples: 5", unwritten="nothing written: because")
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_the_result_comes_last_and_fits_a_screen(on_a_car):
     done = on_a_car("--yes", stdin=io.StringIO())
     lines = done.out.splitlines()
     assert len(lines) <= 24
-    assert lines[-1] == "samples left out: 5"
+    assert lines[-1] == "excluded samples: 5"
     assert done.err.splitlines()[-1] == "nothing written: because"
     grouped = next(i for i, line in enumerate(lines) if "grouped" in line)
     assert grouped < next(i for i, line in enumerate(lines) if "five-parameter" in line)

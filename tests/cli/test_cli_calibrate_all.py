@@ -30,14 +30,15 @@ def by_hand(monkeypatch):
                             {key: Quantity(VALUES[key], 1e-6) for key in keys}, "well", 2.0)
         return run
 
-    steps = (order.Step("clock", "times", make_procedure("clock", ["pwm.oscillator_hz"]),
-                        ("pwm.oscillator_hz",), optional=True),
-             order.Step("encoder", "rolls", make_procedure("encoder", ["encoder.metres_per_edge"]),
-                        ("encoder.metres_per_edge",), ("clock",)),
-             order.Step("imu", "turns", make_procedure("imu", ["imu.gyro_scale"]),
-                        ("imu.gyro_scale",),
-                        ("encoder",)))
-    monkeypatch.setattr(order, "steps_of", lambda *_: steps)
+    step = order.ProcedureStep
+    encoder_key = "encoder.metres_per_edge"
+    steps = (step("clock", "times", make_procedure("clock", ["pwm.oscillator_hz"]),
+                  ("pwm.oscillator_hz",), optional=True),
+             step("encoder", "rolls", make_procedure("encoder", [encoder_key]), (encoder_key,),
+                  ("clock",)),
+             step("imu", "turns", make_procedure("imu", ["imu.gyro_scale"]), ("imu.gyro_scale",),
+                  ("encoder",)))
+    monkeypatch.setattr(order, "make_steps", lambda *_: steps)
     return broken, ran
 
 
@@ -82,7 +83,8 @@ def test_a_dry_run_writes_nothing_and_still_hands_on(verb, tmp_path, by_hand):
 @pytest.mark.slow
 def test_a_hidden_car_is_measured_within_ten_minutes(verb, tmp_path):
     done = verb(*ALL, "--cars", tmp_path, "--floor", "9", "9")
-    assert list(done.json["found"]) == [v for v in order.VERBS if v not in ("mocap", "lidar")]
+    expected = [name for name in order.PROCEDURE_NAMES if name not in ("mocap", "lidar")]
+    assert list(done.json["found"]) == expected
     assert done.json["duration_s"] < 600.0
     true = verb("sim", "--reveal", "--url", URL, "--json").json["sensors"]
     found = [(q["value"] - true[name]) / q["std"] for result in done.json["found"].values()

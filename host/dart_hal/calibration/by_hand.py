@@ -1,7 +1,7 @@
-"""Before a motor runs: do the wheels turn by hand, and does the encoder count it?
+"""Find the cause of missing motion: have the wheels turned by hand, then try the motor.
 
-A wheel that is blocked, an encoder that is unplugged and a battery that is empty all look alike
-to the throttle. Turned by hand they do not.
+With the throttle alone, a blocked wheel, an unplugged encoder and an empty battery give the same
+result: no edges. When the wheels are turned by hand, the three differ.
 """
 
 from __future__ import annotations
@@ -13,74 +13,80 @@ from dart_hal.car import Car
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.ports import Workshop
 
-from .runner import NotSeen, driving
+from .runner import NoMotion, driving
 
-ROLLS_OUT = 1.5
-"""s: a push of the hand, and the wheels at rest again."""
-PULL, PULLED = 0.3, 0.6
-"""Throttle that moves every car, and s for which it is tried."""
-FEW = 5
-"""Edges; a hand turns the wheel by a turn of the ring or more, 20 of them."""
+# s: a push by hand, and the wheels at rest again.
+PUSH_DURATION = 1.5
+# Throttle that moves every car, and s for which it is tried.
+TEST_THROTTLE = 0.3
+TEST_DURATION = 0.6
+# Edges; by hand a wheel turns by a turn of the ring or more: 20 edges.
+MIN_HAND_EDGES = 5
 
 
-def turn_by_hand(car: Car, workshop: Workshop) -> None:
-    """Have the wheels turned. Errors: CalibrationFailed, a blocked wheel or the encoder by name."""
+def check_wheels_by_hand(car: Car, workshop: Workshop) -> None:
+    """Have the wheels turned by hand and count edges.
+
+    Raises CalibrationFailed for a blocked wheel or an encoder that does not count.
+    """
     before = next(iter(car.states())).ticks
     free = workshop.push()
-    edges = [state.ticks for state in car.states(duration=ROLLS_OUT)][-1] - before
+    edges = [state.ticks for state in car.states(duration=PUSH_DURATION)][-1] - before
     if not free:
         raise CalibrationFailed("a wheel is blocked", found="the wheels do not turn by hand",
                                 expected="wheels that turn freely",
                                 likely="a cable or a stone in a wheel, a gear without play",
                                 remedy="free it; then run it again")
-    if edges < FEW:
+    if edges < MIN_HAND_EDGES:
         raise CalibrationFailed(
             "the encoder does not count", found=f"{edges} edges while the wheels were turned by "
-            "hand", expected=f"{car.files.config.encoder.edges_per_rev} and more",
+            "hand", expected=f"at least {car.files.config.encoder.edges_per_rev} edges per turn",
             likely="unplugged, or its sensor too far from the ring",
             remedy="turn a wheel by hand and watch dart-hal doctor")
 
 
 @contextmanager
-def naming(car: Car, workshop: Workshop) -> Iterator[None]:
-    """Motion that is not seen within is named after the wheels were turned by hand."""
+def explain_standstill(car: Car, workshop: Workshop) -> Iterator[None]:
+    """Replace a NoMotion of the block by an error that names the cause."""
     try:
         yield
-    except NotSeen as seen:
-        raise name_standstill(car, workshop, seen) from seen
+    except NoMotion as error:
+        raise diagnose_no_motion(car, workshop, error) from error
 
 
-def name_standstill(car: Car, workshop: Workshop, seen: NotSeen) -> CalibrationFailed:
-    """The same on the floor, where the throttle of ``seen`` was a speed law's.
+def diagnose_no_motion(car: Car, workshop: Workshop, error: NoMotion) -> CalibrationFailed:
+    """Stop the car and return the error with the cause of missing motion.
 
-    A motor that answers after all leaves ``seen`` as it was said. Errors: as ``name_silence``.
+    If the motor responds to a test pulse, the original ``error`` is returned. Raises as
+    ``check_wheels_by_hand``.
     """
     car.stop()
-    turn_by_hand(car, workshop)
-    return seen if _answers(car) else name_silence(car, workshop, seen.found or "no edges")
+    check_wheels_by_hand(car, workshop)
+    return error if _motor_responds(car) else diagnose_no_edges(car, workshop,
+                                                                error.found or "no edges")
 
 
-def _answers(car: Car) -> bool:
-    """Whether a pull of the motor makes edges; it ends with the first few."""
+def _motor_responds(car: Car) -> bool:
+    """Return whether a test pulse gives edges; it ends with the first few."""
     files = car.files
-    pull = files.neutral_us + PULL * files.config.throttle.span_us
+    pulse = files.neutral_us + TEST_THROTTLE * files.config.throttle.span_us
     with driving(car):
         before: int | None = None
-        for state in car.states(duration=PULLED):
+        for state in car.states(duration=TEST_DURATION):
             before = state.ticks if before is None else before
-            if state.ticks - before >= FEW:
+            if state.ticks - before >= MIN_HAND_EDGES:
                 return True
-            car.pulses(steering_us=files.config.steering.center_us, throttle_us=pull)
+            car.pulses(steering_us=files.config.steering.center_us, throttle_us=pulse)
     return False
 
 
-def name_silence(car: Car, workshop: Workshop, found: str) -> CalibrationFailed:
-    """Why no edge came of a throttle: wheel, encoder or, what is left, the motor.
+def diagnose_no_edges(car: Car, workshop: Workshop, found: str) -> CalibrationFailed:
+    """Stop the car, check wheels and encoder, and return the error for the remaining cause.
 
-    Stops the car first. Errors: CalibrationFailed for the first two.
+    If both are in order, only the motor remains. Raises as ``check_wheels_by_hand``.
     """
     car.stop()
-    turn_by_hand(car, workshop)
+    check_wheels_by_hand(car, workshop)
     return CalibrationFailed(
         "the motor does not answer", found=found, expected="wheels that turn",
         likely="no battery or an empty one, the ESC switched off or not armed (it needs 2 s of "

@@ -31,8 +31,8 @@ def motor(x: FloatArray, tau: FloatArray, v: FloatArray) -> Curve:
     bend = np.tanh(SHARPNESS * u)
     open_ = 0.5 * u * (bend + 1.0)
     gain = d - e * v
-    by_u = 0.5 * (bend + 1.0) + 0.5 * SHARPNESS * u * (1.0 - bend**2)
-    return gain * open_, np.stack([open_, -v * open_, gain * by_u], axis=1)
+    slope_u = 0.5 * (bend + 1.0) + 0.5 * SHARPNESS * u * (1.0 - bend**2)
+    return gain * open_, np.stack([open_, -v * open_, gain * slope_u], axis=1)
 
 
 def steering(x: FloatArray, s: FloatArray) -> Curve:
@@ -41,8 +41,10 @@ def steering(x: FloatArray, s: FloatArray) -> Curve:
     c = s + s0
     blend = np.tanh(BLEND * c)
     w = 0.5 * (blend + 1.0)
-    left, right = np.tanh(k_left * c), np.tanh(k_right * c)
-    bend_left, bend_right = 1.0 - left**2, 1.0 - right**2
+    left = np.tanh(k_left * c)
+    right = np.tanh(k_right * c)
+    bend_left = 1.0 - left**2
+    bend_right = 1.0 - right**2
     by_c = (0.5 * BLEND * (1.0 - blend**2) * (a_left * left - a_right * right)
             + w * a_left * k_left * bend_left + (1.0 - w) * a_right * k_right * bend_right)
     slopes = [w * a_left * bend_left * c, w * left, by_c, (1.0 - w) * right,
@@ -57,7 +59,8 @@ def pacejka(x: FloatArray, alpha: FloatArray) -> Curve:
     bend = np.arctan(y)
     z = y - E * (y - bend)
     angle = np.arctan(z)
-    sine, cosine = np.sin(C * angle), np.cos(C * angle)
+    sine = np.sin(C * angle)
+    cosine = np.cos(C * angle)
     by_z = D * C * cosine / (1.0 + z**2)
     by_b = alpha * (1.0 - E * (1.0 - 1.0 / (1.0 + y**2)))
     slopes = [sine, D * cosine * angle, by_z * by_b, by_z * (bend - y)]

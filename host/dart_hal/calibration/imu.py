@@ -1,8 +1,7 @@
 """``calibrate imu``: bias, scale and mounting of the gyro, on a car that can drive.
 
-Standstill for the bias; full turns to the left and to the right, of which
-somebody says by how much the car has turned; straight pulls for the mounting
-about the vertical. ``imu_fit`` makes numbers of them.
+The car is at rest for the bias. It drives full turns to the left and to the right, and the operator
+enters the angle. Straight accelerations give the mounting yaw. ``imu_fit`` does the fit.
 """
 
 from __future__ import annotations
@@ -14,135 +13,146 @@ from dart_hal.core.config import CarFiles, Quantity
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import State
 
-from .by_hand import naming
-from .imu_fit import Still, Turn, axis_of, bias_of, still_of, yaw_of
+from .by_hand import explain_standstill
+from .imu_fit import GyroRest, MeasuredTurn, fit_axis, fit_mount_yaw, measure_rest, yaw_bias
 from .measured import Measured, map_outdated
 from .procedure import Bench, Option, Procedure, ProcedurePlan
-from .runner import Runner, driving
-from .sensor_log import Sensed, SensorLog
-from .steering import standing_bias
+from .runner import CalibrationRunner, driving
+from .sensor_log import ImuSamples, SensorLog
+from .steering import estimate_bias
 from .straight import rest, roll
 
-STANDING = 10.0
-"""s: the gyro's noise of 2.5e-4 rad/s/sqrt(Hz) leaves 8e-5 rad/s."""
-TURNS, TURNING = 3, 0.35
-"""Turns each way, m/s: 0.5 deg of 1080 are 0.05 %."""
-LOCK = 0.9
-"""Of the steering command: short of the servo's end."""
-PULLS, PULL, PULLING = 3, 1.5, 0.8
-"""Straight pulls, m and m/s: 1 m/s2 up and down for half a second each."""
-SILENT = 0.2
-"""s without a sample of the IMU, twenty of them; the integral over a turn would miss them."""
-CHANGED = 0.003
-"""Relative; of the largest angle of a steering map, 0.4 rad, 0.07 deg."""
-FLOOR = (3.0, 2.5)
-"""m: a pull and its way to stop; two circles at full lock beside each other."""
-LONGEST_TURN = 40.0
-"""s for one turn; at walking pace it takes 9 s at full lock."""
+# s: the gyro's noise of 2.5e-4 rad/s/sqrt(Hz) leaves 8e-5 rad/s.
+REST_TIME = 10.0
+# Turns to each side, and m/s: 0.5 deg of 1080 are 0.05 %.
+DEFAULT_TURNS = 3
+TURN_SPEED = 0.35
+# Steering command of the turns: less than the end of the servo.
+TURN_COMMAND = 0.9
+# Straight accelerations, m and m/s: +-1 m/s2 for half a second each.
+PULLS = 3
+PULL_DISTANCE = 1.5
+PULL_SPEED = 0.8
+# s without a sample of the IMU, twenty of them; the integral over a turn would miss them.
+MAX_IMU_AGE = 0.2
+# Relative change of the gyro scale that outdates a steering map: 0.07 deg of 0.4 rad.
+MAX_SCALE_CHANGE = 0.003
+# m: an acceleration and its distance to stop; two circles at full lock side by side.
+IMU_FLOOR = (3.0, 2.5)
+# s for one turn; at 0.35 m/s it takes 9 s at full lock.
+MAX_TURN_TIME = 40.0
 
 
-def plan(files: CarFiles, turns: int = TURNS) -> ProcedurePlan:
-    """Say what ``measure`` will do."""
-    seconds = STANDING + 2 * (turns * 9.0 + 8.0) + PULLS * 10.0
+def plan(files: CarFiles, turns: int = DEFAULT_TURNS) -> ProcedurePlan:
+    """Describe what ``measure`` does."""
+    seconds = REST_TIME + 2 * (turns * 9.0 + 8.0) + PULLS * 10.0
     return ProcedurePlan(
-        f"stands {STANDING:.0f} s, circles {turns} times to the left and {turns} times to "
-        f"the right, then pulls away straight {PULLS} times, to measure bias, scale and "
-        f"mounting of the gyro: about {seconds:.0f} s, a level floor of {FLOOR[0]:g} m x "
-        f"{FLOOR[1]:g} m, chalk and a protractor (or a line to come back to)", seconds, FLOOR)
+        f"rests for {REST_TIME:.0f} s, circles {turns} times to the left and {turns} times to "
+        f"the right, then accelerates straight {PULLS} times, to measure bias, scale and "
+        f"mounting of the gyro: about {seconds:.0f} s, a level floor of {IMU_FLOOR[0]:g} m x "
+        f"{IMU_FLOOR[1]:g} m, chalk and a protractor (or a line to return to)", seconds, IMU_FLOOR)
 
 
-def measure(bench: Bench, turns: int = TURNS) -> Measured:
-    """Measure gyro bias, scale and mounting; the workshop answers by how much the car has turned.
+def measure(bench: Bench, turns: int = DEFAULT_TURNS) -> Measured:
+    """Measure gyro bias, scale and mounting; the operator enters the angles of the turns.
 
-    Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
+    Raises CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
     car = bench.car
     files = bench.files
     workshop = bench.workshop
     progress = bench.progress
     log = SensorLog(car)
-    progress(0.0, "standing still")
-    still = _still(car, log)
-    done: list[Turn] = []
+    progress(0.0, "at rest")
+    still = _measure_rest(car, log)
+    done: list[MeasuredTurn] = []
     for k, left in enumerate((True, False)):
         progress(0.1 + 0.35 * k, f"{turns} turns to the {'left' if left else 'right'}")
         workshop.mark()
-        with naming(car, workshop):
-            sensed = _turn(car, log, turns, left)
-        done.append(Turn(sensed, workshop.turns()))
-    tilted = axis_of(done, still)
+        with explain_standstill(car, workshop):
+            samples = _drive_turns(car, log, turns, left)
+        done.append(MeasuredTurn(samples, workshop.turns()))
+    mounting = fit_axis(done, still)
     pulls = []
     for k in range(PULLS):
-        progress(0.8 + 0.2 * k / PULLS, f"straight pull {k + 1} of {PULLS}")
-        with naming(car, workshop):
-            pulls.append(_pull(car, log))
-    bias = bias_of(still, tilted.axis)
-    yaw = yaw_of(pulls, tilted, bias.value, files.config.imu.x)
+        progress(0.8 + 0.2 * k / PULLS, f"straight acceleration {k + 1} of {PULLS}")
+        with explain_standstill(car, workshop):
+            pulls.append(_drive_pull(car, log))
+    bias = yaw_bias(still, mounting.axis)
+    yaw = fit_mount_yaw(pulls, mounting, bias.value, files.config.imu.x)
     cal = files.calibration
     old = cal.imu.gyro_scale.value if cal and cal.imu.gyro_scale else 1.0
-    turned = f"{len(done)} x {turns} turns"
-    found = {"gyro_bias": (bias, f"standstill of {STANDING:.0f} s"),
-             "gyro_scale": (tilted.scale, turned), "mount_yaw": (yaw, f"{PULLS} straight pulls"),
-             "mount_pitch": (tilted.pitch, turned), "mount_roll": (tilted.roll, turned)}
+    method = f"{len(done)} x {turns} turns"
+    found = {"gyro_bias": (bias, f"standstill of {REST_TIME:.0f} s"),
+             "gyro_scale": (mounting.scale, method),
+             "mount_yaw": (yaw, f"{PULLS} straight accelerations"),
+             "mount_pitch": (mounting.pitch, method), "mount_roll": (mounting.roll, method)}
     return Measured(
         files.config.name, bench.source, "imu",
         {f"imu.{name}": Quantity(e.value, e.std, how) for name, (e, how) in found.items()},
-        f"turns differ from the common scale by {100 * tilted.differs:.2f} % at most",
-        sum(s.duration for s in (*(t.sensed for t in done), *pulls)) + STANDING,
-        ("the bias changes with temperature; while the car stands it is learnt anew",
-         *map_outdated(files, abs(tilted.scale.value / old - 1.0) > CHANGED,
+        f"each turn agrees with the common scale within {100 * mounting.max_difference:.2f} %",
+        sum(s.duration for s in (*(t.samples for t in done), *pulls)) + REST_TIME,
+        ("the bias changes with temperature; at rest the car estimates it again",
+         *map_outdated(files, abs(mounting.scale.value / old - 1.0) > MAX_SCALE_CHANGE,
                        f"a gyro scale of {old:.4f}")))
 
 
-def _still(car: Car, log: SensorLog) -> Still:
+def _measure_rest(car: Car, log: SensorLog) -> GyroRest:
     log.take()
-    standing_bias(list(car.states(duration=STANDING)))
-    return still_of(_sensed(log))
+    estimate_bias(list(car.states(duration=REST_TIME)))  # raises if the car is not at rest
+    return measure_rest(_take_samples(log))
 
 
-def _turn(car: Car, log: SensorLog, turns: int, left: bool) -> Sensed:
+def _drive_turns(car: Car, log: SensorLog, turns: int, left: bool) -> ImuSamples:
+    """Drive turns from rest to rest."""
     steering = car.files.config.steering
-    side = LOCK * steering.span_us * steering.direction
-    pulse = steering.center_us + (side if left else -side)
+    offset = TURN_COMMAND * steering.span_us * steering.direction
+    pulse = steering.center_us + (offset if left else -offset)
     with driving(car) as runner:
         first = rest(runner, pulse)
         log.take()
-        seen = runner.start_moving(pulse, TURNING, 0.0, left)
-        _until_turned(runner, pulse, first, seen[-1], turns)
+        states = runner.start_moving(pulse, TURN_SPEED, 0.0, left)
+        _hold_until_turned(runner, pulse, first, states[-1], turns)
         rest(runner, pulse)
-        return _sensed(log)
+        return _take_samples(log)
 
 
-def _until_turned(runner: Runner, pulse: float, first: State, state: State, turns: int) -> None:
-    limit = state.t + LONGEST_TURN * turns
+def _hold_until_turned(runner: CalibrationRunner, pulse: float, first: State, state: State,
+                       turns: int) -> None:
+    """Hold the circle until the heading has changed by the turns.
+
+    Raises CalibrationFailed if that takes too long, or samples of the IMU are missing.
+    """
+    limit = state.t + MAX_TURN_TIME * turns
     while abs(state.pose.yaw - first.pose.yaw) < 2.0 * math.pi * turns:
-        state = runner.hold(0.0, pulse, TURNING)[-1]
-        if state.health.imu_age > SILENT:
-            raise _silent(f"the last is {state.health.imu_age:.1f} s old")
+        state = runner.hold(0.0, pulse, TURN_SPEED)[-1]
+        if state.health.imu_age > MAX_IMU_AGE:
+            raise _no_imu_data(f"the latest sample is {state.health.imu_age:.1f} s old")
         if state.t > limit:
             raise CalibrationFailed(
                 "the circle does not close",
                 found=f"{math.degrees(state.pose.yaw - first.pose.yaw):+.0f} deg in "
-                      f"{LONGEST_TURN * turns:.0f} s", expected=f"{360 * turns} deg",
+                      f"{MAX_TURN_TIME * turns:.0f} s", expected=f"{360 * turns} deg",
                 likely="the servo does not reach its lock, or the gyro dropped out",
                 remedy="dart-hal doctor")
 
 
-def _pull(car: Car, log: SensorLog) -> Sensed:
+def _drive_pull(car: Car, log: SensorLog) -> ImuSamples:
+    """Accelerate straight ahead and coast to rest."""
     with driving(car) as runner:
         log.take()
-        roll(runner, car.files, PULL, PULLING)
-        return _sensed(log)
+        roll(runner, car.files, PULL_DISTANCE, PULL_SPEED)
+        return _take_samples(log)
 
 
-def _sensed(log: SensorLog) -> Sensed:
-    sensed = log.take()
-    if sensed is None:
-        raise _silent("next to no samples")
-    return sensed
+def _take_samples(log: SensorLog) -> ImuSamples:
+    samples = log.take()
+    if samples is None:
+        raise _no_imu_data("almost no samples")
+    return samples
 
 
-def _silent(found: str) -> CalibrationFailed:
+def _no_imu_data(found: str) -> CalibrationFailed:
     return CalibrationFailed("no data of the IMU", found=found, expected="100 samples per second",
                              likely="IMU unplugged, or reset by a voltage drop",
                              remedy="dart-hal doctor")
@@ -150,13 +160,13 @@ def _silent(found: str) -> CalibrationFailed:
 
 calibrate_imu = Procedure(
     name="imu",
-    help="""Bias and scale of the gyro, and how the IMU sits in the car.
+    help="""Bias and scale of the gyro, and mounting angles of the IMU.
 
-    The car stands, circles to the left and to the right, and pulls away
-    straight; you chalk its heading and type by how many degrees it has turned.
-    Measure the encoder first.
+    The car is at rest, circles to the left and to the right, and accelerates
+    straight ahead; you chalk its heading and type by how many degrees it has
+    turned. Measure the encoder first.
     """,
     plan=plan, measure=measure,
-    options=(Option("turns", "full turns each way; twice as many are twice as exact", TURNS, "",
-                    1, 10),),
+    options=(Option("turns", "full turns to each side; twice the number halves the error",
+                    DEFAULT_TURNS, "", 1, 10),),
     keys=("imu.gyro_scale", "imu.mount_yaw"), after=("clock", "encoder"))

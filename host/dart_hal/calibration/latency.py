@@ -1,9 +1,11 @@
-"""``calibrate latency``: how late each part of the loop answers, in seconds of the car's clock.
+"""``calibrate latency``: delays and lags of the control loop, in seconds of the car's clock.
 
-Standing, the Nano times pulses of the spare channel: command to pulse. In a circle the throttle
-steps up and down: pulse to the force of the wheels. Slowly, the steering goes in stairs and back on
-the left: pulse to the road wheels, and the servo's slew. All the while, how old a State is when it
-arrives.
+1. At rest, the Nano times pulses of the spare channel: from command to pulse.
+2. In a circle, the throttle steps up and down: from pulse to the force of the wheels.
+3. At low speed, the steering moves in stairs and back, on the left: from pulse to the road wheels,
+   and the slew rate of the servo.
+
+The age of each State at its arrival is measured throughout.
 """
 
 from __future__ import annotations
@@ -19,213 +21,249 @@ from dart_hal.core.config.quantity import Quantities
 from dart_hal.core.types import FloatArray, State
 from dart_hal.devices.actuation.quantiser import counter_of
 
-from .by_hand import naming
-from .latency_fit import HIDDEN_SERVO_LAG, Pull, Turning, fit_wheel, fit_yaw, linkage_of
-from .latency_log import CAPTURE_WAIT, TRIALS, Grid, Traffic, TrafficLog, measured_grid
+from .by_hand import explain_standstill
+from .latency_fit import MIN_SERVO_LAG, WheelDelay, YawDelay, fit_wheel, fit_yaw, load_linkage
+from .latency_log import (
+    CAPTURE_TRIALS,
+    CAPTURE_WAIT,
+    PwmGrid,
+    Traffic,
+    TrafficLog,
+    measure_grid,
+)
 from .measured import Measured
 from .procedure import Bench, Procedure, ProcedurePlan
-from .runner import Runner, check_turning, doubted, driving
-from .steering import standing_bias
+from .runner import CalibrationRunner, check_turning, driving, encoder_doubt
+from .steering import estimate_bias
 
-REPEATS = 12
-"""Steps up and down of the throttle: twice the fewest from which their spread can be told."""
-STANDING = 3.0
-"""s at rest, in which the gyro shows its bias: 300 frames."""
-RADIUS, CRUISE = 1.1, 0.9
-"""m of the circle, m/s in it."""
-UP, DOWN = 0.12, 0.04
-"""Of throttle above and below what holds the speed: 1.8 m/s2 and half of rolling out."""
-UP_FOR, DOWN_FOR = 0.25, 0.55
-SLOWLY, ROUNDS = 0.5, 3
-"""m/s in the turns of the steering, and how often all of ``STAIRS`` are turned."""
+# Steps up and down of the throttle: twice the fewest whose spread gives a standard error.
+THROTTLE_REPEATS = 12
+# s at rest for the gyro bias: 300 frames.
+BIAS_DURATION = 3.0
+# m, m/s: circle of the steps of the throttle.
+CIRCLE_RADIUS = 1.1
+CRUISE_SPEED = 0.9
+# Throttle above and below the one that keeps the speed: 1.8 m/s2, and half of coasting.
+STEP_UP = 0.12
+STEP_DOWN = 0.04
+# s of each step.
+UP_DURATION = 0.25
+DOWN_DURATION = 0.55
+# m/s during the steps of the steering, and how often all of ``STAIRS`` are driven.
+STAIRS_SPEED = 0.5
+STAIRS_ROUNDS = 3
+# Steering commands in order, starting after the last one: bends to the left inside that circle.
+# Eight steps that continue in the direction of the previous one, four large steps back.
 STAIRS = (0.7, 0.5, 0.3, 0.1, -0.1, 0.9, -0.1, 0.1, 0.3, 0.5, 0.7, 0.9, -0.1, 0.9)
-"""Steering commands one after the other, from the last on: bends to the left inside that circle.
-Eight steps that go on in the direction of the one before, four large ones back."""
-LARGE, LARGE_FOR, SMALL_FOR = 0.5, 0.5, 0.3
-"""A larger step is held longer [s]: servo, tyres and gyro come to rest."""
-FLOOR = (4.0, 4.0)
-"""m: the circle, what slip and a map that nobody measured widen it by, and the car."""
-VARIED = (0.0, 0.02, 0.01, 0.03)
-"""s by which the steps of a repetition last longer, so that they meet all phases of the frames."""
-KNOWN, LONGEST_WAIT, AT_ONCE = 1.0e-3, 60.0, 1.0
-"""s, one sigma of the age of the gyro's samples that is waited for, and for how long at most: in a
-minute clocks that differ by 0.01 % come by one of the two ages at which it shows."""
-IN_STEP = 1.5e-3
-"""s, one sigma of the delay of the steering: twice that of an age that shows."""
-LOST = 0.3e-3
-"""s, a floor of the arrival's sigma: what no ping can see."""
+# A larger step lasts longer [s]: servo, tyres and gyro come to rest.
+LARGE_STEP = 0.5
+LARGE_STEP_DURATION = 0.5
+SMALL_STEP_DURATION = 0.3
+# m: the circle, its growth by slip and by an unmeasured steering map, and the car.
+LATENCY_FLOOR = (4.0, 4.0)
+# s by which the steps of a repetition last longer, so that they meet all phases of the frames.
+PHASE_SHIFTS = (0.0, 0.02, 0.01, 0.03)
+# s, one sigma of the age of the gyro's samples that is waited for, and the longest wait. Within a
+# minute, clocks that differ by 0.01 % pass one of the two ages at which it can be observed.
+AGE_STD_TARGET = 1.0e-3
+MAX_AGE_WAIT = 60.0
+AGE_WAIT_STEP = 1.0
+# s, one sigma of the steering delay above which the age counts as not observed: twice the usual.
+MAX_YAW_DELAY_STD = 1.5e-3
+# s, lower limit of the standard error of the arrival: what pings cannot measure.
+ARRIVAL_STD_FLOOR = 0.3e-3
 
 
 def plan(files: CarFiles) -> ProcedurePlan:
-    """Say what ``measure`` will do."""
-    still = TRIALS * (CAPTURE_WAIT + 0.2)
-    seconds = still + REPEATS * (UP_FOR + DOWN_FOR) + ROUNDS * 5.5 + 12.0
+    """Describe what ``measure`` does."""
+    still = CAPTURE_TRIALS * (CAPTURE_WAIT + 0.2)
+    seconds = (still + THROTTLE_REPEATS * (UP_DURATION + DOWN_DURATION) + STAIRS_ROUNDS * 5.5
+               + 12.0)
     return ProcedurePlan(
-        f"stands {still:.0f} s, then circles to the left on {RADIUS:g} m with "
-        f"{REPEATS} steps of the throttle (0.5 to 1.5 m/s) and slowly with "
-        f"{ROUNDS * len(STAIRS)} steps of the steering, to measure how late the car answers: "
+        f"rests for {still:.0f} s, then circles to the left on {CIRCLE_RADIUS:g} m with "
+        f"{THROTTLE_REPEATS} steps of the throttle (0.5 to 1.5 m/s) and slowly with "
+        f"{STAIRS_ROUNDS * len(STAIRS)} steps of the steering, to measure the delays of the car: "
         f"about {seconds:.0f} s, or a minute more at rest in between, a floor of "
-        f"{FLOOR[0]:g} m x {FLOOR[1]:g} m, mostly to its left, no tools; a wire from channel "
-        f"{files.config.pwm.clock_channel} to the Nano's D8 shows the pulses", seconds, FLOOR)
+        f"{LATENCY_FLOOR[0]:g} m x {LATENCY_FLOOR[1]:g} m, mostly to its left, no tools; a wire "
+        f"from channel {files.config.pwm.clock_channel} to the Nano's D8 shows the pulses",
+        seconds, LATENCY_FLOOR)
 
 
 def measure(bench: Bench) -> Measured:
-    """Measure delays and lags [s]; the workshop turns a wheel where no motion is seen.
+    """Measure delays and lags [s]; the operator turns a wheel if the car does not move.
 
-    Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
+    Raises CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
     car = bench.car
     files = bench.files
     progress = bench.progress
     log = TrafficLog(car)
-    edges, metres = files.config.encoder.edges_per_rev, files.metres_per_edge.value
-    with naming(car, bench.workshop), driving(car):
+    edges = files.config.encoder.edges_per_rev
+    metres = files.metres_per_edge.value
+    with explain_standstill(car, bench.workshop), driving(car):
         progress(0.0, "timing pulses")
-        grid = measured_grid(car, log)
-        standing = log.take()
+        grid = measure_grid(car, log)
+        at_rest = log.take()
         progress(0.2, "steps of the throttle")
-        bias = standing_bias(Runner(car).hold(STANDING, _circle(files), 0.0)).value
-        pulled, at = _pull(car, log, bias)
+        still = CalibrationRunner(car).hold(BIAS_DURATION, _circle_pulse(files), 0.0)
+        bias = estimate_bias(still).value
+        throttle_traffic, starts = _drive_throttle_steps(car, log, bias)
         progress(0.6, "the gyro's clock")
-        _await_gyro(car, log)
+        _await_gyro_age(car, log)
         progress(0.7, "steps of the steering")
-        turned = _turn(car, log)
+        steering_traffic = _drive_stairs(car, log)
     progress(0.95, "fitting")
     throttle = files.neutral_us, files.config.throttle.span_us
-    pull = fit_wheel(grid, pulled, at, throttle, metres, edges)
-    turning = fit_yaw(grid, turned, linkage_of(files), SLOWLY, metres, edges)
-    seconds = turned.column("t")[-1] - standing.column("t")[0]
+    wheel = fit_wheel(grid, throttle_traffic, starts, throttle, metres, edges)
+    yaw = fit_yaw(grid, steering_traffic, load_linkage(files), STAIRS_SPEED, metres, edges)
+    seconds = steering_traffic.column("t")[-1] - at_rest.column("t")[0]
     return Measured(files.config.name, bench.source, "latency",
-                    _quantities(grid, pull, turning, standing),
-                    f"edges {1e3 * pull.left:.2f} mm and yaw rate {turning.left:.4f} rad/s off the "
-                    "fit", float(seconds), _notes(files, grid, turning))
+                    _quantities(grid, wheel, yaw, at_rest),
+                    f"residuals: edges {1e3 * wheel.rms:.2f} mm rms, yaw rate {yaw.rms:.4f} rad/s "
+                    "rms", float(seconds), _notes(files, grid, yaw))
 
 
-def _quantities(grid: Grid, pull: Pull, turning: Turning, standing: Traffic
+def _quantities(grid: PwmGrid, wheel: WheelDelay, yaw: YawDelay, at_rest: Traffic
                 ) -> dict[str, Quantity | Quantities]:
-    blind = 0.0 if grid.seen else grid.phase_std
-    unseen = "" if grid.seen else ", the PWM frames not seen"
-    how, turns = (f"{n} steps{unseen}" for n in (REPEATS, ROUNDS * len(STAIRS)))
+    # Without the wire, the begin of a pulse is uncertain by the phase of the PWM frames.
+    phase_std = 0.0 if grid.measured else grid.phase_std
+    suffix = "" if grid.measured else ", PWM frames not measured"
+    steps, turns = (f"{n} steps{suffix}" for n in (THROTTLE_REPEATS, STAIRS_ROUNDS * len(STAIRS)))
     found = {
-        "latency.command_to_pulse": (*grid.to_pulse, f"{TRIALS} pulses at D8" if grid.seen else
-                                     "derived: half a PWM frame, the bus and a pulse"),
-        "latency.pulse_to_wheel": (pull.delay[0], math.hypot(pull.delay[1], blind), how),
-        "latency.pulse_to_wheel_lag": (*pull.lag, how),
-        "latency.pulse_to_yaw": (turning.delay[0], math.hypot(turning.delay[1], blind), turns),
-        "latency.sensor_to_host": (*_arrival(standing), "arrivals by the clock fit"),
-        "steering.slew_us_s": (*turning.slew, turns),
+        "latency.command_to_pulse": (
+            *grid.to_pulse, f"{CAPTURE_TRIALS} pulses at D8" if grid.measured else
+            "derived: half a PWM frame, the bus and a pulse"),
+        "latency.pulse_to_wheel": (wheel.delay[0], math.hypot(wheel.delay[1], phase_std), steps),
+        "latency.pulse_to_wheel_lag": (*wheel.lag, steps),
+        "latency.pulse_to_yaw": (yaw.delay[0], math.hypot(yaw.delay[1], phase_std), turns),
+        "latency.sensor_to_host": (*_arrival_delay(at_rest), "arrivals by the clock fit"),
+        "steering.slew_us_s": (*yaw.slew, turns),
     }
-    if turning.lag is not None:
-        found["latency.pulse_to_yaw_lag"] = (*turning.lag, turns)
+    if yaw.lag is not None:
+        found["latency.pulse_to_yaw_lag"] = (*yaw.lag, turns)
     return {name: Quantity(float(value), float(std), method)
             for name, (value, std, method) in found.items()}
 
 
-def _notes(files: CarFiles, grid: Grid, turning: Turning) -> tuple[str, ...]:
+def _notes(files: CarFiles, grid: PwmGrid, yaw: YawDelay) -> tuple[str, ...]:
     notes = []
-    if not grid.seen:
-        notes.append("caution: no pulse was seen at D8, so when a pulse begins is known to half a "
-                     "PWM frame alone: fit the wire from the spare channel and run it again")
+    if not grid.measured:
+        notes.append("caution: D8 received no pulse, so the begin of a pulse is known only to half "
+                     "a PWM frame: connect the wire from the spare channel and run it again")
     if files.calibration is None or files.calibration.steering.map is None:
-        notes.append("caution: the map of the steering is not known, and the slew to some percent: "
-                     "dart-hal calibrate steering, then this again")
-    if turning.delay[1] > IN_STEP:
-        notes.append("caution: how old the samples of the gyro are did not show (its clock and the "
-                     "Nano's ran in step: run it again; or its firmware does not look at them: "
-                     "dart-hal flash): pulse_to_yaw is known to some ms")
-    if turning.lag is None:
-        notes.append(f"a lag of the servo below {HIDDEN_SERVO_LAG} s does not show behind its slew")
-    return (*notes, "drive_speed is tuned by these from the next start on")
+        notes.append("caution: the steering map is not measured, so the slew rate is known only to "
+                     "some per cent: dart-hal calibrate steering, then this again")
+    if yaw.delay[1] > MAX_YAW_DELAY_STD:
+        notes.append("caution: the age of the gyro's samples could not be measured, so "
+                     "pulse_to_yaw is known only to some ms (the clocks of gyro and Nano were in "
+                     "step: run it again; or the firmware does not measure it: dart-hal flash)")
+    if yaw.lag is None:
+        notes.append(f"the servo has no lag above {MIN_SERVO_LAG} s: its slew rate limits the "
+                     "steps")
+    return (*notes, "drive_speed uses these values from the next start on")
 
 
-def _arrival(traffic: Traffic) -> tuple[float, float]:
+def _arrival_delay(traffic: Traffic) -> tuple[float, float]:
     """(median, one sigma) [s] from the latch of a State to its arrival."""
-    late = traffic.column("arrival") - traffic.column("t")
-    spread = float(np.std(late) / math.sqrt(len(late)))
-    return float(np.median(late)), math.hypot(spread, float(np.median(traffic.column("t_std"))),
-                                              LOST)
+    delay = traffic.column("arrival") - traffic.column("t")
+    spread = float(np.std(delay) / math.sqrt(len(delay)))
+    return float(np.median(delay)), math.hypot(
+        spread, float(np.median(traffic.column("t_std"))), ARRIVAL_STD_FLOOR)
 
 
-def _pulse(files: CarFiles, command: float) -> float:
-    """Steering pulse [us] of a command, a whole number of counts: no rounding to be made up for."""
+def _command_pulse(files: CarFiles, command: float) -> float:
+    """Steering pulse [us] of a command, as a whole number of counts, so that nothing dithers."""
     steering = files.config.steering
-    return _whole(files, steering.center_us + steering.span_us * steering.direction * command)
+    return _round_to_count(files, steering.center_us
+                           + steering.span_us * steering.direction * command)
 
 
-def _circle(files: CarFiles) -> float:
+def _circle_pulse(files: CarFiles) -> float:
     """Steering pulse [us] of the circle to the left, by the car's map."""
-    return _whole(files, linkage_of(files).map.pulse(
-        math.atan(files.config.geometry.wheelbase / RADIUS)))
+    return _round_to_count(files, load_linkage(files).map.pulse(
+        math.atan(files.config.geometry.wheelbase / CIRCLE_RADIUS)))
 
 
-def _whole(files: CarFiles, pulse_us: float) -> float:
+def _round_to_count(files: CarFiles, pulse_us: float) -> float:
     count = counter_of(files)[1]
     return round(pulse_us / count) * count
 
 
-def _pull(car: Car, log: TrafficLog, bias: float) -> tuple[Traffic, FloatArray]:
-    """Steps of the throttle in a circle; when each began [s]."""
-    files, runner = car.files, Runner(car)
-    bend = _circle(files)
-    runner.start_moving(bend, CRUISE, bias, True)
-    runner.hold(1.0, bend, CRUISE)
+def _drive_throttle_steps(car: Car, log: TrafficLog, bias: float) -> tuple[Traffic, FloatArray]:
+    """Drive steps of the throttle in a circle; return the traffic and the starts [s].
+
+    The level of the steps comes from the mean pulse that kept the speed for a second.
+    """
+    files = car.files
+    runner = CalibrationRunner(car)
+    bend = _circle_pulse(files)
+    runner.start_moving(bend, CRUISE_SPEED, bias, True)
+    runner.hold(1.0, bend, CRUISE_SPEED)
     log.take()
-    runner.hold(1.0, bend, CRUISE)
-    holds = float(np.mean(log.take().written[:, 2]))
-    span, starts = files.config.throttle.span_us, []
-    up, down = (_whole(files, holds + span * part) for part in (UP, -DOWN))
+    runner.hold(1.0, bend, CRUISE_SPEED)
+    level = float(np.mean(log.take().written[:, 2]))
+    span = files.config.throttle.span_us
+    starts = []
+    up, down = (_round_to_count(files, level + span * part) for part in (STEP_UP, -STEP_DOWN))
     states = iter(car.states())
-    t = _held(car, states, bend, down, 2 * DOWN_FOR)
-    for k in range(REPEATS + 1):
+    t = _hold_pulses(car, states, bend, down, 2 * DOWN_DURATION)
+    for k in range(THROTTLE_REPEATS + 1):
         starts.append(t)
-        t = _held(car, states, bend, up, UP_FOR + VARIED[k % 4])
-        t = _held(car, states, bend, down, DOWN_FOR + VARIED[(k + k // 4) % 4])
+        t = _hold_pulses(car, states, bend, up, UP_DURATION + PHASE_SHIFTS[k % 4])
+        t = _hold_pulses(car, states, bend, down, DOWN_DURATION + PHASE_SHIFTS[(k + k // 4) % 4])
     return log.take(), np.array(starts)
 
 
-def _held(car: Car, states: Iterator[State], steering_us: float, throttle_us: float,
-          seconds: float) -> float:
-    """Both pulses for a while; returns the time [s]. Errors: CalibrationFailed at a doubt."""
+def _hold_pulses(car: Car, states: Iterator[State], steering_us: float, throttle_us: float,
+                 seconds: float) -> float:
+    """Hold both pulses for a time; return the time at the end [s].
+
+    Raises CalibrationFailed if the speed becomes doubtful.
+    """
     start: float | None = None
     for state in states:
         start = state.t if start is None else start
         if state.health.speed_doubted:
-            raise doubted(state)
+            raise encoder_doubt(state)
         car.pulses(steering_us=steering_us, throttle_us=throttle_us)
         if state.t - start >= seconds:
             return state.t
     raise AssertionError("states() ended by itself")
 
 
-def _await_gyro(car: Car, log: TrafficLog) -> None:
-    """At rest until it is known when the gyro's samples are taken, where its looks tell it."""
-    runner, waited = Runner(car), 0.0
-    while (log.age_std or 0.0) > KNOWN and waited < LONGEST_WAIT:
-        runner.hold(AT_ONCE, _circle(car.files), 0.0)
-        waited += AT_ONCE
+def _await_gyro_age(car: Car, log: TrafficLog) -> None:
+    """Wait at rest until the age of the gyro's samples is known, if the firmware measures it."""
+    runner = CalibrationRunner(car)
+    waited = 0.0
+    while (log.age_std or 0.0) > AGE_STD_TARGET and waited < MAX_AGE_WAIT:
+        runner.hold(AGE_WAIT_STEP, _circle_pulse(car.files), 0.0)
+        waited += AGE_WAIT_STEP
 
 
-def _turn(car: Car, log: TrafficLog) -> Traffic:
-    """Stairs of the steering at a steady speed, and back."""
-    runner, files = Runner(car), car.files
+def _drive_stairs(car: Car, log: TrafficLog) -> Traffic:
+    """Drive the stairs of the steering at a constant speed, and back."""
+    runner = CalibrationRunner(car)
+    files = car.files
     last = STAIRS[-1]
-    seen = runner.hold(2.5, _pulse(files, last), SLOWLY)
-    check_turning(seen[-40:], 0.0, True)
+    states = runner.hold(2.5, _command_pulse(files, last), STAIRS_SPEED)
+    check_turning(states[-40:], 0.0, True)
     log.take()
-    for k, command in enumerate((*STAIRS * ROUNDS, STAIRS[0])):
-        held = LARGE_FOR if abs(command - last) > LARGE else SMALL_FOR
-        runner.hold(held + VARIED[(k + k // 4) % 4], _pulse(files, command), SLOWLY)
+    for k, command in enumerate((*STAIRS * STAIRS_ROUNDS, STAIRS[0])):
+        large = abs(command - last) > LARGE_STEP
+        duration = LARGE_STEP_DURATION if large else SMALL_STEP_DURATION
+        runner.hold(duration + PHASE_SHIFTS[(k + k // 4) % 4], _command_pulse(files, command),
+                    STAIRS_SPEED)
         last = command
     return log.take()
 
 
 calibrate_latency = Procedure(
     name="latency",
-    help="""How late the car answers: command to pulse, pulse to wheels, sensor to host.
+    help="""Delays of the car: command to pulse, pulse to wheels, sensor to host.
 
-    The car stands while the Nano times pulses (by the wire to its D8), then circles
-    to the left with steps of the throttle, and of the steering. drive_speed is tuned by
-    what comes out. Measure clock, encoder and steering first.
+    The car rests while the Nano times pulses (by the wire to its D8). Then it circles to the left
+    with steps of the throttle, and of the steering. drive_speed uses the result. Measure clock,
+    encoder and steering first.
     """,
     plan=plan, measure=measure,
     keys=("latency.pulse_to_wheel", "latency.pulse_to_yaw", "latency.sensor_to_host"),

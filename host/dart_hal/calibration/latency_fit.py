@@ -1,34 +1,33 @@
-"""Delays and lags out of steps of the throttle and of the steering.
+"""Fit delays and lags to steps of the throttle and of the steering.
 
-From a pulse of the ESC to the force of the wheels (``fit_wheel``): the car is pulled in steps of
+**From a pulse of the ESC to the force of the wheels** (``fit_wheel``). The car drives with steps of
 the throttle x. Its motion is
 
     v' = A T(y) + B T(y) v + C + D v + E v^2 + F v^4        y' = (x(t - delay) - y) / lag
 
-T is the motor's dead band, which ends at g; E and F are what the tyres take in a bend:
-slip angles go with v^2, and the yaw rate times v_y with v^4 by them. Integrated twice it is
-linear in everything but delay, lag and g, so these are all that is searched (variable projection;
-G. Golub and V. Pereyra, 1973). Each step has a start and a speed of its own. The data are where the
-ring's edges were, and the ring's own unevenness is fitted with them, one number for each edge of a
-revolution.
+T is the dead band of the motor, which ends at g. E and F are what the tyres take in a bend: slip
+angles grow with v^2, and the yaw rate times v_y with v^4. Integrated twice, the equation is linear
+in everything but delay, lag and g, so only these three are searched (variable projection, G. Golub
+and V. Pereyra, 1973). Each step has its own start and speed. The data are the places at which the
+ring had its edges; its unevenness is fitted too, one number for each edge of a revolution.
 
-From a pulse of the servo to the road wheels (``fit_yaw``), by the yaw rate: the car is steered in
-stairs of small steps, and back in one. A small step keeps the servo at its slew for some 20 ms
-alone, and where it goes on in the direction of the step before, the wheels lie at that flank of the
-backlash already: so the delay hangs on neither. The large steps show the slew. After each turn
+**From a pulse of the servo to the road wheels** (``fit_yaw``), by the yaw rate. The steering moves
+in stairs of small steps, and back in one large step. During a small step the servo is at its slew
+limit for only some 20 ms. If it continues in the direction of the previous step, the wheels are at
+that flank of the backlash already. So its delay depends on neither of them. The large steps show
+the slew rate. After each turn
 
-    omega = v (a + b f(t - delay)) + c        f: 0..1, see ``answers_of``
+    omega = v (a + b f(t - delay)) + c        f: 0..1, see ``make_responses``
 
-has a, b and delay of its own, so neither map nor gyro scale need be exact; what f is made of is
-common to all. The servo turns at its slew at most and with its lag; the wheels follow the linkage,
-behind its backlash where the turn before went the other way; the yaw rate follows the wheels as the
-tyres do (linear bicycle), and the gyro shows it through its filter. When the IMU took each sample
-tell its looks (``estimation.imu_clock``).
+has its own a, b and delay, so neither map nor gyro scale has to be exact. All turns share the
+parameters of f: the servo turns at its slew rate at most, and with its lag; the wheels follow the
+linkage, delayed by the backlash where the direction reverses; the yaw rate follows the wheels by
+the linear bicycle with its tyres; the gyro shows it through its filter. When the IMU took each
+sample is known from its register reads (``estimation.imu_clock``).
 
-Both are least squares with what was known of some parameters before (``fit``). What a model leaves
-of one step is one error, not a hundred: samples of one repetition hang together. Where repetitions
-are told the covariance is the sandwich over them (``fitting.covariance``), else every sample is by
-itself.
+Both are least-squares problems with priors (``fit_problem``). The residuals within one repetition
+are correlated. Where the repetition of each residual is known, the covariance is the sandwich over
+repetitions (``fitting.covariance``); otherwise every sample counts on its own.
 """
 
 from __future__ import annotations
@@ -52,75 +51,85 @@ from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.motor import make_dead_band
 from dart_hal.vehicle.parameters import PaperTyres, Vehicle
 
-from .latency_log import Grid, Traffic, not_following
+from .latency_log import PwmGrid, Traffic, no_response
 
 Residual = Callable[[FloatArray], FloatArray]
-DT = 1e-3
-"""s of the grid on which a step is integrated."""
-BEFORE = 0.15
-"""s of the step before that belong to a repetition."""
-LONGEST_DELAY, LONGEST_LAG = 0.4, 0.5
-"""s; cars answer within 0.2."""
-DEAD_BAND = (-0.15, 0.03)
-"""g of published cars and one sigma of it, with a neutral that nobody has measured."""
-EDGE_NOISE = 3e-5
-"""m, of an edge's place, once the ring's unevenness is known."""
-JUMP_US, FEWEST = 15.0, 6
-"""us that are a step and no rounding; repetitions from which a spread can be told."""
-HIDDEN_MOTOR_LAG, MODEL_STD = 0.010, 0.001
-"""s: a shorter lag cannot be told from a delay, and is counted as such; and one sigma of what the
-car does in a bend beyond the model."""
+# s, step of the grid on which the motion is integrated.
+GRID_STEP = 1e-3
+# s of the previous step that belong to a repetition.
+LEAD_TIME = 0.15
+# s, bounds of the search; cars answer within 0.2.
+MAX_ACTUATOR_DELAY = 0.4
+MAX_ACTUATOR_LAG = 0.5
+# g of published cars and its one sigma, for a neutral that was never measured.
+DEAD_BAND_PRIOR = (-0.15, 0.03)
+# m, one sigma of the place of an edge, once the unevenness of the ring is known.
+EDGE_PLACE_STD = 3e-5
+# us, smallest change of a pulse that is a step and not rounding.
+MIN_STEP_US = 15.0
+# Fewest repetitions whose spread gives a standard error.
+MIN_REPETITIONS = 6
+# s. A shorter lag of the motor cannot be separated from a delay, and counts as delay.
+MIN_MOTOR_LAG = 0.010
+# s, one sigma of the motion in a bend that the model lacks.
+WHEEL_MODEL_STD = 0.001
+# m/s by which each step has to change the speed.
 MIN_SPEED_CHANGE = 0.05
-"""m/s by which each step must change the speed."""
-ANSWER_STEP, ANSWER_SPAN = 0.5e-3, 0.8
-"""s of the grid of an answer, and how long it is: longer than a turn is held."""
-BACKLASH = (0.02, 0.012)
-"""rad, and one sigma, of a linkage that nobody has measured: 0.3 to 2 degrees."""
-TYRES_STD = 0.15
-"""Relative, one sigma of the tyres' stiffness by a model of another car; 0.1 by its own."""
-SHAPE, SHAPE_OTHERS = 0.005, 0.035
-"""Relative, one sigma that the shape of a map leaves in the slew: of the car's own (fits with the
-true maps of four hidden cars differ by 0.46 % rms); and of cars of its kind, of gains and ends
-within 8 %."""
-GYRO_HZ = 32.0
-"""Hz of the BNO055's filter as the firmware sets it."""
-KNOTS = 200
-"""Of the steering map between the two ends of the turns."""
-LAG, RATE, PLAY, GRIP = range(4)
-SLEW = (3800.0, 1500.0)
-"""us of pulse per s: 0.16 s for 60 degrees, as servos of this class state."""
-YAW_NOISE = 0.003
-"""rad/s: the gyro's 2.5e-4 rad/s/sqrt(Hz) at 100 Hz, and its step of 1/900."""
-FILTER_STD = 0.0005
-"""s, one sigma of the delay of 5 ms of the gyro's filter: 10 %."""
-TYRES_LATE, TYRES_SLEW = 0.00035, 0.011
-"""s, and relative: one sigma of what one stiffness for both axles leaves in the delay and in the
-slew, where the stiffness of front and rear and the inertia are each known to 10 %. Each was changed
-by so much in the fits of three hidden cars: 0.33 to 0.37 ms and 0.6 to 1.1 %, all three together.
-The yaw rate is 4 to 7 ms behind the wheels at 0.5 m/s."""
-HIDDEN_SERVO_LAG, LAG_STD = 0.010, 0.003
-"""s: a shorter lag shows nothing, for the slew holds the servo back all of a small step, 20 ms; and
-one sigma of what map and tyres leave in a longer one."""
+# s, step and duration of a response: longer than a steering pulse is constant.
+RESPONSE_STEP = 0.5e-3
+RESPONSE_SPAN = 0.8
+# rad, value and one sigma for a linkage that was never measured: 0.3 to 2 degrees.
+DEFAULT_BACKLASH = (0.02, 0.012)
+# Relative, one sigma of the tyre stiffness from the model of another car; 0.1 from its own.
+TYRE_STIFFNESS_STD = 0.15
+# Relative, one sigma of the slew rate by the shape of the steering map. Of the car's own map: fits
+# with the true maps of four hidden cars differ by 0.46 % rms. Of a typical map: gains and ends
+# within 8 %.
+OWN_MAP_SHAPE_STD = 0.005
+TYPICAL_MAP_SHAPE_STD = 0.035
+# Hz of the filter of the BNO055, as the firmware sets it.
+GYRO_FILTER_HZ = 32.0
+# Points of the steering map between the two ends of the turns.
+MAP_KNOTS = 200
+# Indices of the shared parameters: lag [s], slew rate [us/s], backlash [rad], tyre stiffness.
+I_LAG, I_RATE, I_PLAY, I_GRIP = range(4)
+# us of pulse per s, value and one sigma: 0.16 s for 60 degrees, as servos of this class state.
+SLEW_PRIOR = (3800.0, 1500.0)
+# rad/s: the gyro's 2.5e-4 rad/s/sqrt(Hz) at 100 Hz, and its resolution of 1/900.
+YAW_RATE_STD = 0.003
+# s, one sigma of the 5 ms delay of the gyro's filter: 10 %.
+GYRO_FILTER_DELAY_STD = 0.0005
+# s, and relative: one sigma of delay and slew rate because one stiffness stands for both axles.
+# Front stiffness, rear stiffness and inertia are each known to 10 %. In the fits of three hidden
+# cars each was changed by that: 0.33 to 0.37 ms and 0.6 to 1.1 %, all three together. The yaw rate
+# is 4 to 7 ms behind the wheels at 0.5 m/s.
+TYRE_DELAY_STD = 0.00035
+TYRE_SLEW_STD = 0.011
+# s. A shorter lag of the servo has no effect, because its slew rate limits all of a small step.
+MIN_SERVO_LAG = 0.010
+# s, one sigma of a longer lag by errors of map and tyres.
+SERVO_LAG_STD = 0.003
+# rad/s by which the yaw rate has to change.
 MIN_YAW_RATE_CHANGE = 0.3
-"""rad/s by which the yaw rate must change."""
+# Turns of the ring, at least; at 0.5 m/s it turns 12 times per second.
 MIN_RING_TURNS = 20
-"""Of the ring, at least; at 0.5 m/s it turns 12 times a second."""
-RESTED = 0.05
-"""s before the end of a pulse in which the turn before has come to rest."""
-SMALL = 0.3
-"""Of the largest turn; a smaller one is a step of the stairs."""
-MIN_SAMPLES = 20
-"""Of a turn, at least: 30 come while a small step is held."""
-SOON = 1e-3
-"""s before a write, where its turn begins: no other is so near."""
+# s before the end of a pulse in which the previous turn has come to rest.
+REST_BEFORE_TURN = 0.05
+# Share of the largest turn below which a turn is a step of the stairs.
+MAX_SMALL_STEP = 0.3
+# Samples of a turn, at least: a small step has 30.
+MIN_TURN_SAMPLES = 20
+# s before a write at which its turn begins: no other write is that close.
+WRITE_LEAD = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
-    """residual(x) (m,) of parameters x (n,) between low and high, by ``steps`` (n,).
+class DelayProblem:
+    """Least-squares problem residual(x) (m,) of parameters x (n,) between low and high.
 
-    known (n,): one sigma with which a parameter was known to be ``start``, inf = it was not.
-    noise: of a residual. cluster (m,): to which repetition it belongs, None: they are independent.
+    steps (n,): for numerical derivatives. known (n,): one sigma of the prior, whose mean is
+    ``start``; inf = no prior. noise: one sigma of a residual. cluster (m,): repetition of each
+    residual; None: residuals are independent.
     """
 
     residual: Residual
@@ -134,35 +143,35 @@ class Problem:
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
-    """Parameters (n,), covariance (n, n), 0 for one that was held, and rms of what is left."""
+class DelayFit:
+    """Parameters x (n,), covariance (n, n), 0 for a fixed one, and rms of the residuals."""
 
     x: FloatArray
     covariance: FloatArray
-    left: float
+    rms: float
 
     @property
     def std(self) -> FloatArray:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-def fit(p: Problem, held: int | None = None) -> Fit:
-    """The parameters; ``held``: one of them stays 0.
+def fit_problem(p: DelayProblem, fixed: int | None = None) -> DelayFit:
+    """Minimise a problem; ``fixed``: index of a parameter that stays 0.
 
-    What was known is fitted in units of its sigma, for which ``block_covariance`` has a prior.
+    Parameters with a prior are scaled by its sigma, as ``block_covariance`` expects.
     """
-    free = np.arange(len(p.start)) != (-1 if held is None else held)
-    of = np.isfinite(p.known)
-    unit = np.where(of, p.known, p.steps)
-    weight = np.where(of, p.noise, 0.0)[free]
+    free = np.arange(len(p.start)) != (-1 if fixed is None else fixed)
+    has_prior = np.isfinite(p.known)
+    unit = np.where(has_prior, p.known, p.steps)
+    weight = np.where(has_prior, p.noise, 0.0)[free]
 
-    def x_of(z: FloatArray) -> FloatArray:
+    def unscale(z: FloatArray) -> FloatArray:
         x = np.where(free, p.start, 0.0)
         x[free] += z * unit[free]
         return x
 
     def residual(z: FloatArray) -> FloatArray:
-        return np.concatenate([p.residual(x_of(z)), weight * z])
+        return np.concatenate([p.residual(unscale(z)), weight * z])
 
     def slopes(z: FloatArray) -> FloatArray:
         return np.column_stack([_slope(residual, z, k, step)
@@ -171,6 +180,7 @@ def fit(p: Problem, held: int | None = None) -> Fit:
     low, high = (((end - p.start) / unit)[free] for end in (p.low, p.high))
     found = least_squares(residual, [0.0] * len(weight), (low, high), jacobian=slopes,
                           tolerance=1e-8)
+    # The rows of the priors are not data: the sandwich gets them as ``weight**2``.
     rows = len(found.residual) - len(weight)
     data = Solution(found.x, found.residual[:rows], found.jacobian[:rows], found.weight[:rows],
                     found.converged, found.at_bound)
@@ -178,35 +188,41 @@ def fit(p: Problem, held: int | None = None) -> Fit:
     covariance[np.ix_(free, free)] = np.outer(unit[free], unit[free]) * (
         plain_covariance(found) if p.cluster is None
         else block_covariance(data, p.cluster, weight**2))
-    return Fit(x_of(found.x), covariance, data.rmse)
+    return DelayFit(unscale(found.x), covariance, data.rmse)
 
 
-def fit_lag(p: Problem, lag: int, least: float) -> tuple[Fit, bool]:
-    """(the parameters, whether the one of that index showed); below ``least`` it counts as 0."""
-    found = fit(p)
-    shows = bool(found.x[lag] >= least)
-    return (found if shows else fit(p, held=lag)), shows
+def fit_lag(p: DelayProblem, index: int, min_lag: float) -> tuple[DelayFit, bool]:
+    """Return (fit, whether parameter ``index`` is at least ``min_lag``); otherwise it is 0."""
+    found = fit_problem(p)
+    visible = bool(found.x[index] >= min_lag)
+    return (found if visible else fit_problem(p, fixed=index)), visible
 
 
 def _slope(residual: Residual, x: FloatArray, k: int, step: float) -> FloatArray:
     """d residual / d x[k] by central differences, also at a bound."""
-    up, down = x.copy(), x.copy()
-    up[k], down[k] = x[k] + step, x[k] - step
+    up = x.copy()
+    down = x.copy()
+    up[k] = x[k] + step
+    down[k] = x[k] - step
     return (residual(up) - residual(down)) / (2.0 * step)
 
 
 @dataclass(frozen=True, slots=True)
-class Pull:
-    """delay and lag [s] of the force, each with one sigma; rms left of the edges' places [m]."""
+class WheelDelay:
+    """delay, lag [s] of the force, each with one sigma; rms [m] of the places of the edges."""
 
     delay: tuple[float, float]
     lag: tuple[float, float]
-    left: float
+    rms: float
 
 
 @dataclass(frozen=True, slots=True)
-class Steps:
-    """t (m,) [s] and place (m,) [m] of edges, their place in the ring, and their repetition."""
+class EdgeSteps:
+    """Edges of the ring during the steps of the throttle.
+
+    t (m,) [s], place (m,) [m], ring (m,): index in the ring, cluster (m,): repetition.
+    starts, ends (k,) [s]: of each repetition.
+    """
 
     t: FloatArray
     place: FloatArray
@@ -216,162 +232,181 @@ class Steps:
     ends: FloatArray
 
 
-def fit_wheel(grid: Grid, traffic: Traffic, starts: FloatArray, throttle: tuple[float, float],
-              metres: float, edges_per_rev: int) -> Pull:
-    """throttle: neutral and span [us]; starts (k,) [s]: when each repetition was begun; metres [m]
-    per edge.
+def fit_wheel(grid: PwmGrid, traffic: Traffic, starts: FloatArray, throttle: tuple[float, float],
+              metres: float, edges_per_rev: int) -> WheelDelay:
+    """Fit delay and lag from throttle pulses to the force of the wheels.
 
-    Errors: CalibrationFailed where the speed does not follow the throttle.
+    starts (k,) [s]: start of each repetition. throttle: neutral and span [us]. metres [m] per edge.
+    Raises CalibrationFailed if the speed does not follow the throttle.
     """
-    steps = _steps(grid, traffic, starts, metres, edges_per_rev)
-    t = np.arange(steps.t[0] - 1.0, steps.t[-1] + DT, DT)
-    x = (held(grid, traffic, t) - throttle[0]) / throttle[1]
-    motion = Motion.of(steps, t, x, edges_per_rev)
-    _check_follows(steps, motion.speed, t)
-    found, shows = fit_lag(Problem(
-        motion.residual, start=np.array([0.01, 0.03, DEAD_BAND[0]]),
-        low=np.array([-0.05, 0.0, -0.3]), high=np.array([LONGEST_DELAY, LONGEST_LAG, -0.02]),
-        steps=np.full(3, 1e-3), known=np.array([np.inf, np.inf, DEAD_BAND[1]]), noise=EDGE_NOISE,
-        cluster=steps.cluster), lag=1, least=HIDDEN_MOTOR_LAG)
-    delay, lag = ((float(found.x[k]), float(np.hypot(found.std[k], MODEL_STD))) for k in range(2))
-    return Pull(delay, lag if shows else (0.0, 0.5 * HIDDEN_MOTOR_LAG), found.left)
+    steps = _find_edges(grid, traffic, starts, metres, edges_per_rev)
+    t = np.arange(steps.t[0] - 1.0, steps.t[-1] + GRID_STEP, GRID_STEP)
+    x = (mean_pulse(grid, traffic, t) - throttle[0]) / throttle[1]
+    motion = SteppedMotion.prepare(steps, t, x, edges_per_rev)
+    _check_speed_changes(steps, motion.speed, t)
+    found, visible = fit_lag(DelayProblem(
+        motion.residual, start=np.array([0.01, 0.03, DEAD_BAND_PRIOR[0]]),
+        low=np.array([-0.05, 0.0, -0.3]),
+        high=np.array([MAX_ACTUATOR_DELAY, MAX_ACTUATOR_LAG, -0.02]), steps=np.full(3, 1e-3),
+        known=np.array([np.inf, np.inf, DEAD_BAND_PRIOR[1]]), noise=EDGE_PLACE_STD,
+        cluster=steps.cluster), index=1, min_lag=MIN_MOTOR_LAG)
+    delay, lag = ((float(found.x[k]), float(np.hypot(found.std[k], WHEEL_MODEL_STD)))
+                  for k in range(2))
+    return WheelDelay(delay, lag if visible else (0.0, 0.5 * MIN_MOTOR_LAG), found.rms)
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
-    """Steps on a grid t (n,) [s]: throttle x (n,), speed (n,) [m/s]; where each step begins on it.
+class SteppedMotion:
+    """Throttle x (n,) and speed (n,) [m/s] on a grid t (n,) [s]; begin: index of each step.
 
-    fixed (m, k): orthonormal, what the places of the edges owe to everything but the motor;
-    left (m,): what that leaves of them.
+    nuisance (m, k): orthonormal columns of all linear terms without the motor; remaining (m,): the
+    places of the edges without them.
     """
 
-    steps: Steps
+    steps: EdgeSteps
     t: FloatArray
     x: FloatArray
     speed: FloatArray
     begin: IntArray
-    fixed: FloatArray
-    left: FloatArray
+    nuisance: FloatArray
+    remaining: FloatArray
 
     @classmethod
-    def of(cls, steps: Steps, t: FloatArray, x: FloatArray, edges_per_rev: int) -> Motion:
-        speed = np.gradient(np.interp(t, *_smooth(steps, edges_per_rev)), DT)
+    def prepare(cls, steps: EdgeSteps, t: FloatArray, x: FloatArray, edges_per_rev: int
+                ) -> SteppedMotion:
+        """Project the linear terms that do not depend on delay, lag and dead band out once."""
+        speed = np.gradient(np.interp(t, *_smooth_places(steps, edges_per_rev)), GRID_STEP)
         bare = cls(steps, t, x, speed, np.searchsorted(t, steps.starts), np.zeros((0, 0)),
                    np.zeros(0))
-        fixed, _ = np.linalg.qr(bare._owed(edges_per_rev))
-        return replace(bare, fixed=fixed, left=steps.place - fixed @ (fixed.T @ steps.place))
+        nuisance, _ = np.linalg.qr(bare._nuisance_columns(edges_per_rev))
+        remaining = steps.place - nuisance @ (nuisance.T @ steps.place)
+        return replace(bare, nuisance=nuisance, remaining=remaining)
 
     def residual(self, p: FloatArray) -> FloatArray:
-        """What delay, lag [s] and dead band p (3,) leave of the places [m]."""
-        z = make_dead_band(float(p[2]), np)(self._pulled(float(p[0]), abs(float(p[1]))))
-        moved = np.column_stack([self._twice(z), self._twice(z * self.speed)])
-        moved -= self.fixed @ (self.fixed.T @ moved)
-        best, *_ = np.linalg.lstsq(moved, self.left, rcond=None)
-        return np.asarray(self.left - moved @ best)
+        """Residuals of the places [m] for delay, lag [s] and dead band p (3,).
 
-    def _owed(self, edges_per_rev: int) -> FloatArray:
+        The factors A and B of the pull are eliminated by linear least squares.
+        """
+        throttle = self._lagged_throttle(float(p[0]), abs(float(p[1])))
+        z = make_dead_band(float(p[2]), np)(throttle)
+        moved = np.column_stack([self._double_integral(z), self._double_integral(z * self.speed)])
+        moved -= self.nuisance @ (self.nuisance.T @ moved)
+        best, *_ = np.linalg.lstsq(moved, self.remaining, rcond=None)
+        return np.asarray(self.remaining - moved @ best)
+
+    def _nuisance_columns(self, edges_per_rev: int) -> FloatArray:
         """Columns: start and speed of each step, each mark of the ring, C, D v, E v^2, F v^4."""
-        s, since = self.steps, self._since
+        s = self.steps
+        since = self._since_start
         own = np.zeros((len(s.t), 2 * len(self.begin)))
         own[np.arange(len(s.t)), 2 * s.cluster] = 1.0
         own[np.arange(len(s.t)), 2 * s.cluster + 1] = since
         ring = np.eye(edges_per_rev)[s.ring][:, 1:]
-        place, b = np.interp(self.t, s.t, s.place), self.begin[s.cluster]
+        place = np.interp(self.t, s.t, s.place)
+        b = self.begin[s.cluster]
         path = _integral(place)
-        along = np.interp(s.t, self.t, path) - path[b] - place[b] * since
-        bend = [self._twice(self.speed**power) for power in (2, 4)]
-        return np.column_stack([own, ring, 0.5 * since**2, along, *bend])
+        # v integrated twice is the integral of the place.
+        drag = np.interp(s.t, self.t, path) - path[b] - place[b] * since
+        bend = [self._double_integral(self.speed**power) for power in (2, 4)]
+        return np.column_stack([own, ring, 0.5 * since**2, drag, *bend])
 
     @property
-    def _since(self) -> FloatArray:
+    def _since_start(self) -> FloatArray:
         return np.asarray(self.steps.t - self.t[self.begin][self.steps.cluster])
 
-    def _pulled(self, delay: float, lag: float) -> FloatArray:
-        """y of the grid."""
+    def _lagged_throttle(self, delay: float, lag: float) -> FloatArray:
+        """y on the grid: the throttle after first-order lag and delay [s]."""
         from scipy.signal import lfilter
 
-        share = -np.expm1(-DT / lag) if lag > 1e-4 else 1.0
+        share = -np.expm1(-GRID_STEP / lag) if lag > 1e-4 else 1.0
         y = lfilter([share], [1.0, share - 1.0], self.x, zi=[(1.0 - share) * self.x[0]])[0]
         return np.asarray(np.interp(self.t - delay, self.t, y))
 
-    def _twice(self, f: FloatArray) -> FloatArray:
-        """Integral of the integral at the edges, from each repetition's start."""
-        once, b = _integral(f), self.begin[self.steps.cluster]
-        both = _integral(once)
-        return np.asarray(np.interp(self.steps.t, self.t, both) - both[b] - once[b] * self._since)
+    def _double_integral(self, f: FloatArray) -> FloatArray:
+        """Integral of the integral of f at the edges, from the start of each repetition."""
+        once = _integral(f)
+        b = self.begin[self.steps.cluster]
+        twice = _integral(once)
+        return np.asarray(np.interp(self.steps.t, self.t, twice) - twice[b]
+                          - once[b] * self._since_start)
 
 
-def held(grid: Grid, traffic: Traffic, t: FloatArray) -> FloatArray:
-    """The pulse [us] that the ESC knew, on the mean of the ``DT`` around each t (n,) [s].
+def mean_pulse(grid: PwmGrid, traffic: Traffic, t: FloatArray) -> FloatArray:
+    """Throttle pulse [us] that the ESC has received, averaged over ``GRID_STEP`` around t (n,) [s].
 
-    A pulse that ends between two points of the grid counts for its share.
+    A pulse that ends between two points of the grid counts by its share.
     """
     ends, widths = grid.pulses(traffic.written[:, 0], traffic.written[:, 2])
     past = np.concatenate([[0.0], np.cumsum(widths[:-1] * np.diff(ends))])
-    borders = np.append(t - 0.5 * DT, t[-1] + 0.5 * DT)
+    borders = np.append(t - 0.5 * GRID_STEP, t[-1] + 0.5 * GRID_STEP)
     last = np.maximum(np.searchsorted(ends, borders, side="right") - 1, 0)
-    return np.asarray(np.diff(past[last] + widths[last] * (borders - ends[last])) / DT)
+    return np.asarray(np.diff(past[last] + widths[last] * (borders - ends[last])) / GRID_STEP)
 
 
 def _integral(f: FloatArray) -> FloatArray:
-    """Of f on the grid, from its first point."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1])) * DT])
+    """Cumulative integral of f on the grid (trapezoidal rule)."""
+    return np.concatenate([[0.0], np.cumsum(0.5 * (f[1:] + f[:-1])) * GRID_STEP])
 
 
-def sure_steps(grid: Grid, traffic: Traffic, column: int, begin: FloatArray) -> IntArray:
-    """Those repetitions in which it is known which PWM frame carried each step.
+def unambiguous_steps(grid: PwmGrid, traffic: Traffic, column: int, begin: FloatArray) -> IntArray:
+    """Indices of the repetitions in which the PWM frame of each step is known.
 
-    Errors: CalibrationFailed if there are too few.
+    column: of ``traffic.written``; begin (k,) [s]: of the repetitions.
+    Raises CalibrationFailed if there are too few.
     """
-    t, width = traffic.written[:, 0], traffic.written[:, column]
-    jumps = np.abs(np.diff(width, prepend=width[0])) > JUMP_US
-    near = t[np.logical_and(jumps, grid.doubtful(t))]
-    unsure = np.unique(np.searchsorted(begin, near, side="right") - 1)
-    sure = np.setdiff1d(np.arange(len(begin) - 1), unsure)
-    if len(sure) < FEWEST:
+    t = traffic.written[:, 0]
+    width = traffic.written[:, column]
+    jumps = np.abs(np.diff(width, prepend=width[0])) > MIN_STEP_US
+    ambiguous_t = t[np.logical_and(jumps, grid.is_ambiguous(t))]
+    ambiguous = np.unique(np.searchsorted(begin, ambiguous_t, side="right") - 1)
+    clear = np.setdiff1d(np.arange(len(begin) - 1), ambiguous)
+    if len(clear) < MIN_REPETITIONS:
         raise CalibrationFailed(
-            "the commands came together with the PWM frames", found=f"{len(sure)} clear steps",
-            expected=f"at least {FEWEST} of {len(begin) - 1}",
-            likely="frames of the Nano and of the PCA9685 run in step at the moment",
+            "most commands coincided with the start of a PWM frame",
+            found=f"{len(clear)} steps with a known frame",
+            expected=f"at least {MIN_REPETITIONS} of {len(begin) - 1}",
+            likely="the clocks of the Nano and of the PCA9685 are in step at the moment",
             remedy="run it again")
-    return sure
+    return clear
 
 
-def _steps(grid: Grid, traffic: Traffic, starts: FloatArray, metres: float, edges_per_rev: int
-           ) -> Steps:
-    """Edges of whole repetitions, each seen once."""
+def _find_edges(grid: PwmGrid, traffic: Traffic, starts: FloatArray, metres: float,
+                edges_per_rev: int) -> EdgeSteps:
+    """Collect the edges of whole repetitions, each edge once."""
     edge_t, ticks = traffic.edges
-    begin = starts - BEFORE
-    of = np.searchsorted(begin, edge_t, side="right") - 1
-    kept = (of >= 0) & (of < len(starts) - 1) & np.isin(of, sure_steps(grid, traffic, 2, begin))
-    cluster = np.unique(of[kept], return_inverse=True)
-    return Steps(edge_t[kept], (ticks[kept] - ticks[kept][0]) * metres,
-                 ticks[kept].astype(np.int64) % edges_per_rev, cluster[1], begin[cluster[0]],
-                 begin[cluster[0] + 1])
+    begin = starts - LEAD_TIME
+    repetition = np.searchsorted(begin, edge_t, side="right") - 1
+    clear = unambiguous_steps(grid, traffic, 2, begin)
+    use = (repetition >= 0) & (repetition < len(starts) - 1) & np.isin(repetition, clear)
+    cluster = np.unique(repetition[use], return_inverse=True)
+    return EdgeSteps(edge_t[use], (ticks[use] - ticks[use][0]) * metres,
+                     ticks[use].astype(np.int64) % edges_per_rev, cluster[1], begin[cluster[0]],
+                     begin[cluster[0] + 1])
 
 
-def _smooth(steps: Steps, edges_per_rev: int) -> tuple[FloatArray, FloatArray]:
-    """Places (t, s) half a revolution apart: a speed without the ring, good enough for B y v."""
+def _smooth_places(steps: EdgeSteps, edges_per_rev: int) -> tuple[FloatArray, FloatArray]:
+    """(t, place) every half revolution: speed without the ring, accurate enough for B y v."""
     places = np.arange(0.0, steps.place[-1], 0.5 * edges_per_rev * float(
         np.min(np.diff(np.unique(steps.place)))))
     return np.interp(places, steps.place, steps.t), places
 
 
-def _check_follows(steps: Steps, speed: FloatArray, t: FloatArray) -> None:
+def _check_speed_changes(steps: EdgeSteps, speed: FloatArray, t: FloatArray) -> None:
     spans = [np.ptp(speed[(t > a) & (t < b)]) for a, b in zip(
         steps.starts, steps.ends, strict=True)]
     if np.median(spans) < MIN_SPEED_CHANGE:
-        raise not_following(
+        raise no_response(
             "speed", "throttle", float(np.median(spans)), MIN_SPEED_CHANGE, "m/s",
-            "the wheels are held, the battery is empty, or the ESC limits its power",
+            "the wheels are blocked, the battery is empty, or the ESC limits its power",
             "free the wheels, charge the battery, run it again")
 
 
 @dataclass(frozen=True, slots=True)
 class Linkage:
-    """What is known of the steering: map, backlash and tyres, each with one sigma.
+    """Prior knowledge of the steering: map, backlash [rad] and tyres, each with one sigma.
 
-    shape: that of the map, relative, as it stands in the slew.
+    shape: relative, one sigma of the slew rate by the shape of the map. tyres: relative, one sigma
+    of their stiffness.
     """
 
     map: SteeringMap
@@ -381,77 +416,86 @@ class Linkage:
     tyres: float
 
 
-def linkage_of(files: CarFiles) -> Linkage:
-    """By the car's own files, else by those of cars of its kind."""
+def load_linkage(files: CarFiles) -> Linkage:
+    """Return the linkage from the car's own files, or else the values of a typical car."""
     measured = files.calibration.steering if files.calibration else None
     play = measured.backlash if measured else None
     own = measured.map if measured else None
-    return Linkage(steering_map(files.config, own), SHAPE_OTHERS if own is None else SHAPE,
-                   BACKLASH if play is None else (play.value, max(play.std, 1e-3)),
-                   vehicle_of(files.model), TYRES_STD)
+    return Linkage(steering_map(files.config, own),
+                   TYPICAL_MAP_SHAPE_STD if own is None else OWN_MAP_SHAPE_STD,
+                   DEFAULT_BACKLASH if play is None else (play.value, max(play.std, 1e-3)),
+                   vehicle_of(files.model), TYRE_STIFFNESS_STD)
 
 
-class Kind(NamedTuple):
-    """A turn between two pulses [us]; reverses: the turn before went the other way."""
+class TurnKind(NamedTuple):
+    """A turn from one pulse [us] to another; reverses: the previous turn had the other sign."""
 
-    before: float
-    to: float
+    start: float
+    end: float
     reverses: bool
 
 
-Answers = Callable[[tuple[float, float, float, float]], FloatArray]
-"""(lag [s], slew [us/s], play [rad], stiffness) -> (k, n), see ``answers_of``."""
+Responses = Callable[[tuple[float, float, float, float]], FloatArray]
+"""(lag [s], slew rate [us/s], backlash [rad], stiffness) -> (k, n), see ``make_responses``."""
 
 
-def answers_of(kinds: tuple[Kind, ...], linkage: Linkage, speed: float) -> Answers:
-    """What the gyro shows of each kind of turn (k, n) at ``times()``: shares 0..1 of its change.
+def make_responses(kinds: tuple[TurnKind, ...], linkage: Linkage, speed: float) -> Responses:
+    """Make the function f: response of the gyro to each kind of turn, as a share 0..1.
 
-    speed [m/s]. The newest are remembered.
+    Its result has a row for each kind and a column for each of ``response_times()``. speed [m/s].
+    The latest results are cached, because numerical derivatives repeat them.
     """
     ends = [pulse for kind in kinds for pulse in kind[:2]]
-    knots = np.linspace(min(ends), max(ends), KNOTS)
+    knots = np.linspace(min(ends), max(ends), MAP_KNOTS)
     curve = knots, np.array([linkage.map.angle(float(knot)) for knot in knots])
-    tyres = lru_cache(maxsize=8)(lambda grip: _tyres(linkage.vehicle, grip, speed))
+    tyres = lru_cache(maxsize=8)(lambda grip: _yaw_filter(linkage.vehicle, grip, speed))
 
     @lru_cache(maxsize=8)
-    def answers(p: tuple[float, float, float, float]) -> FloatArray:
+    def responses(p: tuple[float, float, float, float]) -> FloatArray:
         from scipy.signal import lfilter
 
-        b, a = tyres(max(p[GRIP], 0.1))
-        seen = -np.expm1(-2.0 * np.pi * GYRO_HZ * ANSWER_STEP)
-        share = np.array([_share(kind, p, curve) for kind in kinds])
-        return np.asarray(lfilter([seen], [1.0, seen - 1.0], lfilter(b, a, share)))
+        # Servo and linkage, then the vehicle, then the low-pass filter of the gyro.
+        share = np.array([_wheel_share(kind, p, curve) for kind in kinds])
+        b, a = tyres(max(p[I_GRIP], 0.1))
+        low_pass = -np.expm1(-2.0 * np.pi * GYRO_FILTER_HZ * RESPONSE_STEP)
+        return np.asarray(lfilter([low_pass], [1.0, low_pass - 1.0], lfilter(b, a, share)))
 
-    return answers
+    return responses
 
 
-def times() -> FloatArray:
+def response_times() -> FloatArray:
     """Times [s] after the servo began to turn (n,)."""
-    return np.arange(0.0, ANSWER_SPAN, ANSWER_STEP)
+    return np.arange(0.0, RESPONSE_SPAN, RESPONSE_STEP)
 
 
-def _share(kind: Kind, p: tuple[float, float, float, float], curve: tuple[FloatArray, FloatArray]
-           ) -> FloatArray:
-    """Where the wheels are at ``times()``, as a share 0..1 of the curvature's change.
+def _wheel_share(kind: TurnKind, p: tuple[float, float, float, float],
+                 curve: tuple[FloatArray, FloatArray]) -> FloatArray:
+    """Position of the wheels at ``response_times()``, as a share 0..1 of the curvature's change.
 
-    curve: pulses [us] and their angles [rad] by the map. The wheels lie at one flank of the slot,
-    and wait for the other where the turn reverses.
+    curve: pulses [us] and their angles [rad] by the map.
+
+    1. The servo moves at its slew rate or with its lag, whichever is slower.
+    2. The map converts its position to an angle.
+    3. The wheels are at one flank of the backlash and wait for the other if the turn reverses.
     """
-    since, way = times(), abs(kind.to - kind.before)
-    gone = np.minimum(p[RATE] * since, -way * np.expm1(-since / max(p[LAG], 1e-6)))
-    turned = kind.before + np.sign(kind.to - kind.before) * gone
-    angle = np.interp(turned, *curve)
-    start, end = (float(np.interp(x, *curve)) for x in (kind.before, kind.to))
-    up, half = np.sign(end - start), 0.5 * abs(p[PLAY])
-    held = up * start + (half if kind.reverses else -half)
-    way_of = np.tan(np.maximum(up * angle - half, held)) - np.tan(held)
-    return np.asarray(way_of / (np.tan(up * end - half) - np.tan(held)))
+    since = response_times()
+    distance = abs(kind.end - kind.start)
+    moved = np.minimum(p[I_RATE] * since, -distance * np.expm1(-since / max(p[I_LAG], 1e-6)))
+    servo = kind.start + np.sign(kind.end - kind.start) * moved
+    angle = np.interp(servo, *curve)
+    start, end = (float(np.interp(x, *curve)) for x in (kind.start, kind.end))
+    sign = np.sign(end - start)
+    half = 0.5 * abs(p[I_PLAY])
+    wheels = sign * start + (half if kind.reverses else -half)
+    turned = np.tan(np.maximum(sign * angle - half, wheels)) - np.tan(wheels)
+    return np.asarray(turned / (np.tan(sign * end - half) - np.tan(wheels)))
 
 
-def _tyres(p: Vehicle, grip: float, speed: float) -> tuple[FloatArray, FloatArray]:
-    """Yaw rate by road-wheel angle as a filter of gain 1 at rest, step ``ANSWER_STEP``.
+def _yaw_filter(p: Vehicle, grip: float, speed: float) -> tuple[FloatArray, FloatArray]:
+    """Filter (b, a) from road-wheel angle to yaw rate, with gain 1 and step ``RESPONSE_STEP``.
 
-    Linear bicycle (``vehicle.bicycle``) with the tyres ``grip`` times as stiff.
+    Linear bicycle (``vehicle.bicycle``) with tyres that are ``grip`` times as stiff. States: v_y
+    and yaw rate. speed [m/s].
     """
     from scipy.signal import cont2discrete, ss2tf
 
@@ -460,12 +504,12 @@ def _tyres(p: Vehicle, grip: float, speed: float) -> tuple[FloatArray, FloatArra
     cross = b * rear - a * front
     matrix = np.array([[-(front + rear) / (m * speed), cross / (m * speed) - speed],
                        [cross / (i * speed), -(a * a * front + b * b * rear) / (i * speed)]])
-    push = np.array([[front / m], [a * front / i]])
-    gain = float((-np.linalg.solve(matrix, push))[1, 0])
-    ad, bd, cd, dd, _ = cont2discrete((matrix, push, np.array([[0.0, 1.0 / gain]]),
-                                       np.zeros((1, 1))), ANSWER_STEP)
-    top, bottom = ss2tf(ad, bd, cd, dd)
-    return np.asarray(top[0]), np.asarray(bottom)
+    force = np.array([[front / m], [a * front / i]])
+    gain = float((-np.linalg.solve(matrix, force))[1, 0])
+    ad, bd, cd, dd, _ = cont2discrete((matrix, force, np.array([[0.0, 1.0 / gain]]),
+                                       np.zeros((1, 1))), RESPONSE_STEP)
+    numerator, denominator = ss2tf(ad, bd, cd, dd)
+    return np.asarray(numerator[0]), np.asarray(denominator)
 
 
 def stiffness(p: Vehicle) -> tuple[float, float]:
@@ -478,161 +522,181 @@ def stiffness(p: Vehicle) -> tuple[float, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class Turning:
-    """delay, lag [s], slew [us/s] of the servo, each with one sigma; rms left [rad/s].
+class YawDelay:
+    """delay, lag [s], slew rate [us/s] of the servo, each with one sigma; rms [rad/s].
 
-    lag None: it is hidden behind the slew.
+    lag None: too small to be separated from the slew rate.
     """
 
     delay: tuple[float, float]
     lag: tuple[float, float] | None
     slew: tuple[float, float]
-    left: float
+    rms: float
 
 
-def fit_yaw(grid: Grid, traffic: Traffic, linkage: Linkage, speed: float, metres: float,
-            edges_per_rev: int) -> Turning:
-    """speed [m/s] that was held.
+def fit_yaw(grid: PwmGrid, traffic: Traffic, linkage: Linkage, speed: float, metres: float,
+            edges_per_rev: int) -> YawDelay:
+    """Fit delay, lag and slew rate of the servo to the yaw rate. speed [m/s]; metres [m] per edge.
 
-    Errors: CalibrationFailed where the yaw rate does not follow the steering.
+    Raises CalibrationFailed if the yaw rate does not follow the steering.
     """
-    turns = _turns(grid, traffic, linkage, speed, metres, edges_per_rev)
+    turns = _collect_turns(grid, traffic, linkage, speed, metres, edges_per_rev)
     n = len(turns.kind)
+    # Four parameters are shared by all turns, and each turn has its own delay.
     start, low, high, steps, known = (np.append(common, np.full(n, own)) for common, own in (
-        ([0.005, SLEW[0], linkage.backlash[0], 1.0], 0.02),
-        ([0.0, 500.0, 0.0, 0.3], -0.05), ([LONGEST_LAG, 3e4, 0.15, 3.0], LONGEST_DELAY),
-        ([1e-3, 50.0, 1e-3, 0.02], 1e-3), ([np.inf, SLEW[1], linkage.backlash[1], linkage.tyres],
-                                          np.inf)))
-    found, shows = fit_lag(Problem(turns.residual, start, low, high, steps, known, YAW_NOISE), LAG,
-                           HIDDEN_SERVO_LAG)
-    return _turning(found, shows, turns, traffic.read_after, linkage.shape)
+        ([0.005, SLEW_PRIOR[0], linkage.backlash[0], 1.0], 0.02),
+        ([0.0, 500.0, 0.0, 0.3], -0.05),
+        ([MAX_ACTUATOR_LAG, 3e4, 0.15, 3.0], MAX_ACTUATOR_DELAY),
+        ([1e-3, 50.0, 1e-3, 0.02], 1e-3),
+        ([np.inf, SLEW_PRIOR[1], linkage.backlash[1], linkage.tyres], np.inf)))
+    found, visible = fit_lag(DelayProblem(turns.residual, start, low, high, steps, known,
+                                          YAW_RATE_STD), I_LAG, MIN_SERVO_LAG)
+    return _combine_turns(found, visible, turns, traffic.read_delay, linkage.shape)
 
 
 @dataclass(frozen=True, slots=True)
-class Turns:
-    """t (k, m) [s] of samples after the end of the pulse of each turn, yaw (k, m) [rad/s], both 0
-    where there are no more, ``there`` (k, m) is False; kind (k,) of kinds, answers: of each.
+class TurnSamples:
+    """Samples of the gyro after the end of the first pulse of each turn.
 
-    told (k,): its frame is sure, and it is a step of the stairs; age_std [s]: of the samples.
+    t (k, m) [s] since then, yaw (k, m) [rad/s], both 0 where ``valid`` (k, m) is False.
+    kind (k,): index of ``kinds``; responses: of each kind. for_delay (k,): a step of the stairs
+    whose PWM frame is known. age_std [s]: one sigma of the age of the samples.
     """
 
     t: FloatArray
     yaw: FloatArray
-    there: BoolArray
+    valid: BoolArray
     kind: IntArray
-    kinds: tuple[Kind, ...]
-    answers: Answers
-    told: BoolArray
+    kinds: tuple[TurnKind, ...]
+    responses: Responses
+    for_delay: BoolArray
     age_std: float
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """What lag, slew, play, stiffness and the delays of all turns leave of ``yaw``."""
+        """Residuals of ``yaw`` for lag, slew rate, backlash, stiffness and the delay of each turn.
+
+        Offset a + c and size b of each turn are eliminated by linear least squares.
+        """
         lag, rate, play, grip = x[:4].tolist()
-        answers, after = self.answers((lag, rate, play, grip)), times()
-        shown = np.array([np.interp(t - own, after, answers[k], left=0.0) for t, own, k in zip(
-            self.t, x[4:], self.kind, strict=True)])
-        shown, yaw = self._centred(shown), self._centred(self.yaw)
-        turned = np.sum(shown * yaw, axis=1) / (np.sum(shown * shown, axis=1) + 1e-9)
-        return np.asarray((yaw - turned[:, None] * shown)[self.there])
+        responses = self.responses((lag, rate, play, grip))
+        after = response_times()
+        model = np.array([np.interp(t - own, after, responses[k], left=0.0)
+                          for t, own, k in zip(self.t, x[4:], self.kind, strict=True)])
+        model = self._subtract_means(model)
+        yaw = self._subtract_means(self.yaw)
+        size = np.sum(model * yaw, axis=1) / (np.sum(model * model, axis=1) + 1e-9)
+        return np.asarray((yaw - size[:, None] * model)[self.valid])
 
-    def _centred(self, rows: FloatArray) -> FloatArray:
-        """Without the mean of each turn."""
-        rows = np.where(self.there, rows, 0.0)
-        mean = rows.sum(axis=1) / self.there.sum(axis=1)
-        return np.where(self.there, rows - mean[:, None], 0.0)
+    def _subtract_means(self, rows: FloatArray) -> FloatArray:
+        """Subtract the mean of each turn; invalid samples become 0."""
+        rows = np.where(self.valid, rows, 0.0)
+        mean = rows.sum(axis=1) / self.valid.sum(axis=1)
+        return np.where(self.valid, rows - mean[:, None], 0.0)
 
 
-def _turns(grid: Grid, traffic: Traffic, linkage: Linkage, speed: float, metres: float,
-           edges_per_rev: int) -> Turns:
-    """Steps of the stairs that go on in one direction, and large ones back.
+def _collect_turns(grid: PwmGrid, traffic: Traffic, linkage: Linkage, speed: float, metres: float,
+                   edges_per_rev: int) -> TurnSamples:
+    """Collect small steps that continue in one direction, and large steps that reverse.
 
-    Errors: as ``fit_yaw``.
+    Raises as ``fit_yaw``.
     """
     columns = np.array([traffic.column(name) for name in ("yaw_t", "yaw_rate", "age_std")])
     yaw_t, yaw, age_std = columns[:, np.isfinite(columns).all(axis=0)]
     if not len(yaw) or np.ptp(yaw) < MIN_YAW_RATE_CHANGE:
-        raise not_following(
+        raise no_response(
             "yaw rate", "steering", float(np.ptp(yaw)) if len(yaw) else 0.0, MIN_YAW_RATE_CHANGE,
             "rad/s",
             "the wheels are off the ground, the servo does not move, or the gyro is stuck",
             "put the car on the floor; check the servo's plug (channel 0)")
-    ends, every, sure = _turned(grid, traffic)
-    way = np.array([kind.to - kind.before for kind in every])
-    small = np.abs(way) < SMALL * np.max(np.abs(way))
-    wanted = np.flatnonzero(small != [kind.reverses for kind in every])[:-1]
-    inside = {int(k): np.flatnonzero((yaw_t > ends[k] - RESTED) & (yaw_t < ends[k + 1]))
-              for k in wanted}
-    kept = [k for k, row in inside.items() if len(row) >= MIN_SAMPLES]
-    rows, told = [inside[k] for k in kept], (small & sure)[kept]
-    if np.sum(told) < FEWEST:
+    ends, every_kind, clear = _find_turns(grid, traffic)
+    change = np.array([kind.end - kind.start for kind in every_kind])
+    small = np.abs(change) < MAX_SMALL_STEP * np.max(np.abs(change))
+    candidates = np.flatnonzero(small != [kind.reverses for kind in every_kind])[:-1]
+    inside = {int(k): np.flatnonzero((yaw_t > ends[k] - REST_BEFORE_TURN) & (yaw_t < ends[k + 1]))
+              for k in candidates}
+    used = [k for k, row in inside.items() if len(row) >= MIN_TURN_SAMPLES]
+    rows = [inside[k] for k in used]
+    for_delay = (small & clear)[used]
+    if np.sum(for_delay) < MIN_REPETITIONS:
         raise CalibrationFailed(
-            "the yaw rate is seldom there", found=f"{np.sum(told)} steps with all their samples",
-            expected=f"at least {FEWEST} of {np.sum(small[wanted])}",
+            "many yaw rates are missing",
+            found=f"{np.sum(for_delay)} steps with all their samples",
+            expected=f"at least {MIN_REPETITIONS} of {np.sum(small[candidates])}",
             likely="a loose wire to the IMU", remedy="dart-hal doctor")
-    kinds = tuple(dict.fromkeys(every[k] for k in kept))
+    kinds = tuple(dict.fromkeys(every_kind[k] for k in used))
     longest = max(len(row) for row in rows)
-    there = np.array([np.arange(longest) < len(row) for row in rows])
+    valid = np.array([np.arange(longest) < len(row) for row in rows])
     index = np.array([np.pad(row, (0, longest - len(row))) for row in rows])
-    steady = yaw * speed / rolled(traffic, metres, edges_per_rev, yaw_t)
-    after = yaw_t[index] - ends[kept][:, None]
-    return Turns(
-        np.where(there, after, 0.0), np.where(there, steady[index], 0.0), there,
-        np.array([kinds.index(every[k]) for k in kept]), kinds,
-        answers_of(kinds, linkage, speed), told,
-        float(np.mean(age_std[index[there]])))
+    # The yaw rate at the nominal speed: small changes of speed drop out.
+    steady = yaw * speed / ring_speed(traffic, metres, edges_per_rev, yaw_t)
+    after = yaw_t[index] - ends[used][:, None]
+    return TurnSamples(
+        np.where(valid, after, 0.0), np.where(valid, steady[index], 0.0), valid,
+        np.array([kinds.index(every_kind[k]) for k in used]), kinds,
+        make_responses(kinds, linkage, speed), for_delay,
+        float(np.mean(age_std[index[valid]])))
 
 
-def _turned(grid: Grid, traffic: Traffic) -> tuple[FloatArray, list[Kind], BoolArray]:
-    """Ends [s] of the pulses (k,) that turn the servo, which turns, and whether their PWM frame is
-    known; the first turn only tells a direction, and is left out."""
-    written_t, written = traffic.written[:, 0], traffic.written[:, 1]
+def _find_turns(grid: PwmGrid, traffic: Traffic) -> tuple[FloatArray, list[TurnKind], BoolArray]:
+    """Return (ends of the first pulses (k,) [s], kinds, whether the PWM frame is known (k,)).
+
+    The first turn only gives a direction and is omitted.
+    """
+    written_t = traffic.written[:, 0]
+    written = traffic.written[:, 1]
     ends, widths = grid.pulses(written_t, written)
-    at, begin = (np.flatnonzero(np.abs(np.diff(w, prepend=w[0])) > JUMP_US)
-                 for w in (widths, written))
-    way = np.diff(widths)[at - 1]
-    kinds = [Kind(round(float(widths[k - 1]), 1), round(float(widths[k]), 1), bool(back))
-             for k, back in zip(at[1:], way[1:] * way[:-1] < 0.0, strict=True)]
-    sure = np.isin(np.arange(len(begin)), sure_steps(grid, traffic, 1, written_t[begin] - SOON))
-    return ends[at[1:]], kinds, sure[1:]
+    turn_at, begin = (np.flatnonzero(np.abs(np.diff(w, prepend=w[0])) > MIN_STEP_US)
+                      for w in (widths, written))
+    change = np.diff(widths)[turn_at - 1]
+    kinds = [TurnKind(round(float(widths[k - 1]), 1), round(float(widths[k]), 1), bool(reverses))
+             for k, reverses in zip(turn_at[1:], change[1:] * change[:-1] < 0.0, strict=True)]
+    clear = np.isin(np.arange(len(begin)),
+                    unambiguous_steps(grid, traffic, 1, written_t[begin] - WRITE_LEAD))
+    return ends[turn_at[1:]], kinds, clear[1:]
 
 
-def _turning(found: Fit, shows: bool, turns: Turns, read: tuple[float, float],
-             shape: float) -> Turning:
-    """What the turns have in common; the delay by the stairs, less those of another PWM frame.
+def _combine_turns(found: DelayFit, visible: bool, turns: TurnSamples, read: tuple[float, float],
+                   shape: float) -> YawDelay:
+    """Combine the turns: delay from the steps of the stairs, lag and slew rate from all.
 
-    A slew that is too slow by 1 % makes half of a step longer by 0.1 ms, which the delay lacks;
-    for the tyres' part of the slew that is in TYRES_LATE.
+    read: delay of a read of the gyro and its one sigma [s]. Steps that landed in another PWM frame
+    are excluded. A slew rate that is too slow by 1 % makes half of a step longer by 0.1 ms, which
+    the delay lacks; TYRE_DELAY_STD contains that for the tyres' part of the slew rate.
     """
     own = found.x[4:]
-    told = turns.told & (np.abs(own - np.median(own[turns.told])) < PERIOD)
-    n = int(np.sum(told))
-    mean = np.append(np.zeros(4), told / n)
-    slew = float(found.x[RATE])
-    half_way = 0.5 * float(np.mean([abs(turns.kinds[k].to - turns.kinds[k].before)
-                                    for k in turns.kind[told]])) / slew
-    std = np.sqrt(mean @ found.covariance @ mean + np.var(own[told]) / n + read[1] ** 2
-                  + (shape * half_way) ** 2 + TYRES_LATE**2 + FILTER_STD**2 + turns.age_std**2)
-    lag = (float(found.x[LAG]), float(np.hypot(found.std[LAG], LAG_STD)))
-    return Turning((float(mean[4:] @ own) + read[0] - 0.5 * PERIOD, float(std)),
-                   lag if shows else None,
-                   (slew, math.hypot(found.std[RATE], shape * slew, TYRES_SLEW * slew)),
-                   found.left)
+    use = turns.for_delay & (np.abs(own - np.median(own[turns.for_delay])) < PERIOD)
+    n = int(np.sum(use))
+    mean = np.append(np.zeros(4), use / n)
+    slew = float(found.x[I_RATE])
+    half_step = 0.5 * float(np.mean([abs(turns.kinds[k].end - turns.kinds[k].start)
+                                     for k in turns.kind[use]])) / slew
+    std = np.sqrt(mean @ found.covariance @ mean + np.var(own[use]) / n + read[1] ** 2
+                  + (shape * half_step) ** 2 + TYRE_DELAY_STD**2 + GYRO_FILTER_DELAY_STD**2
+                  + turns.age_std**2)
+    lag = (float(found.x[I_LAG]), float(np.hypot(found.std[I_LAG], SERVO_LAG_STD)))
+    return YawDelay((float(mean[4:] @ own) + read[0] - 0.5 * PERIOD, float(std)),
+                    lag if visible else None,
+                    (slew, math.hypot(found.std[I_RATE], shape * slew, TYRE_SLEW_STD * slew)),
+                    found.rms)
 
 
-def rolled(traffic: Traffic, metres: float, edges_per_rev: int, t: FloatArray) -> FloatArray:
-    """Speed [m/s] at t, over whole turns of the ring, whatever its spacing.
+def ring_speed(traffic: Traffic, metres: float, edges_per_rev: int, t: FloatArray) -> FloatArray:
+    """Speed [m/s] at t, over whole turns of the ring, so that its spacing has no effect.
 
-    Errors: CalibrationFailed where the ring hardly turned.
+    Raises CalibrationFailed if the ring hardly turned.
     """
     edge_t, ticks = traffic.edges
     if len(ticks) < MIN_RING_TURNS * edges_per_rev:
         raise CalibrationFailed(
-            "the encoder does not count what the car drives",
+            "the encoder does not count although the car drives",
             found=f"{len(ticks)} edges in {np.ptp(traffic.column('t')):.0f} s",
-            expected=f"more than {MIN_RING_TURNS * edges_per_rev}", likely="unplugged half way",
+            expected=f"more than {MIN_RING_TURNS * edges_per_rev} edges",
+            likely="unplugged during the drive",
             remedy="turn a wheel by hand and watch dart-hal doctor")
-    place, per_turn = ticks * metres, edges_per_rev * metres
-    behind = np.interp(place - 0.5 * per_turn, place, edge_t)
-    ahead = np.interp(place + 0.5 * per_turn, place, edge_t)
+    place = ticks * metres
+    per_turn = edges_per_rev * metres
+    previous = np.interp(place - 0.5 * per_turn, place, edge_t)
+    following = np.interp(place + 0.5 * per_turn, place, edge_t)
     inside = slice(edges_per_rev, -edges_per_rev)
-    return np.asarray(np.interp(t, edge_t[inside], (per_turn / (ahead - behind))[inside]))
+    return np.asarray(np.interp(t, edge_t[inside],
+                                (per_turn / (following - previous))[inside]))

@@ -1,18 +1,17 @@
-"""Windows of steady driving -> angle at the middle of the backlash loop, per level.
+"""Fit the angle at the middle of the backlash loop to windows of steady driving, per level.
 
-The wheels follow the servo like a peg in a slot of width b: they touch the
-lower flank after a rise, the upper one after a fall, and stay where they are
-until the slot has moved on. With one angle delta per level, one b and one
-understeer kappa for all, window i reads
+The wheels follow the servo like a peg in a slot of width b: they touch the lower flank after a rise
+and the upper one after a fall, and they stay where they are until the slot has moved that far. With
+one angle delta per level, and one b and one understeer kappa for all windows, window i measures
 
     angle_i = delta_k -+ b/2 - kappa v_i^2 sin(2 delta_k)/2 + noise
 
-where k is the level at which the wheels were last moved. Sweeping the range
-both ways, at two speeds, separates them: b is even and the slip odd in delta.
+where k is the level at which the wheels were last moved. Sweeps in both directions at two speeds
+separate the parameters: b is even and the slip odd in delta.
 
-The noise is mostly the servo's: after each move it rests a few tenths of a
-count beside its target. That is an error of the pulse, so it weighs with the
-slope of the map; its size is estimated with the rest.
+The noise comes mostly from the servo: after each move it rests a few tenths of a count from its
+target. That is an error of the pulse, so it scales with the slope of the map. Its size is estimated
+with the other parameters.
 """
 
 from __future__ import annotations
@@ -25,20 +24,24 @@ import numpy as np
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray, IntArray
 
-BACKLASH_PRIOR = 0.1  # rad, one sigma around 0
-UNDERSTEER_STD = 0.06  # s2/m2, one sigma around 0: 1:10 cars under- or oversteer
-KAPPA_PRIOR = (0.0, UNDERSTEER_STD)  # s2/m2, mean and sigma
-STD_FLOOR = 3e-4  # rad; gyro steps and the speed loop within one window
-REST_PRIOR = (1.0, 3.0)  # us, one sigma of where a servo comes to rest, and its weight in windows
-ROUNDS = 8
+# rad, one sigma around 0.
+BACKLASH_PRIOR = 0.1
+# s2/m2, one sigma around 0: 1:10 cars under- or oversteer.
+UNDERSTEER_STD = 0.06
+# s2/m2, mean and one sigma.
+KAPPA_PRIOR = (0.0, UNDERSTEER_STD)
+# rad; gyro resolution and speed loop within one window.
+STD_FLOOR = 3e-4
+# us, one sigma of the rest position of a servo; weight of this prior in windows.
+REST_PRIOR = (1.0, 3.0)
+LOOP_ROUNDS = 8
 
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """One steady stretch: command -1..1, pulse_us, angle rad with std, speed m/s.
+    """One time of steady driving: command -1..1, pulse_us, angle [rad] with std, speed [m/s].
 
-    direction: +1 the command rose before it, -1 it fell; yaw_rate rad/s; n
-    frames, duration s.
+    direction: +1 the command rose before it, -1 it fell. yaw_rate [rad/s]; n frames; duration [s].
     """
 
     command: float
@@ -82,9 +85,16 @@ class LoopFit:
 
 
 def fit_loop(windows: Sequence[Window], wheelbase: float, systematic: Systematic) -> LoopFit:
-    """Least squares over windows in the order in which they were driven. wheelbase [m].
+    """Fit the windows, given in the order in which they were driven. wheelbase [m].
 
-    Errors: CalibrationFailed when levels are missing or the map turns back.
+    Repeat ``LOOP_ROUNDS`` times:
+
+    1. Design matrix for the present contact (level and side) of each window.
+    2. Weighted least squares with the priors of backlash and slip.
+    3. Rest position noise of the servo by restricted maximum likelihood.
+    4. Contact of each window from the new angles and backlash.
+
+    Raises CalibrationFailed if levels are missing or the map does not increase.
     """
     commands = np.array([w.command for w in windows])
     levels, first, index = np.unique(np.round(commands, 6), return_index=True,
@@ -100,20 +110,23 @@ def fit_loop(windows: Sequence[Window], wheelbase: float, systematic: Systematic
     k = len(levels)
     moved = np.asarray(index, dtype=np.int64)
     side = np.array([w.direction for w in windows])
-    solution, covariance = np.zeros(k + 2), np.eye(k + 2)
+    solution = np.zeros(k + 2)
+    covariance = np.eye(k + 2)
     design = np.zeros((len(windows), k + 2))
-    rest, slope = REST_PRIOR[0], np.full(k, 1e-3)
-    for round_ in range(ROUNDS):
-        slip_at = solution[:k][moved] if round_ else angle
-        design = _design(moved, side, slip_at, speed, k)
+    rest = REST_PRIOR[0]
+    slope = np.full(k, 1e-3)
+    for round_ in range(LOOP_ROUNDS):
+        slip_angle = solution[:k][moved] if round_ else angle
+        design = _design(moved, side, slip_angle, speed, k)
         std = np.hypot(measured, rest * slope[moved])
         solution, covariance = _solve(design, angle, std)
         slope = np.abs(np.gradient(solution[:k], pulse))
         leverage = np.einsum("ni,ij,nj->n", design, covariance, design) / std**2
-        rest = _rest(angle - design @ solution, std, slope[moved], rest, leverage)
+        rest = _update_rest(angle - design @ solution, std, slope[moved], rest, leverage)
         moved, side = contact(np.asarray(index), solution[:k], solution[k], windows[0].direction)
     delta = solution[:k]
     _check_rising(levels, delta)
+    # Errors that are common to all windows do not average out: rank-one terms.
     scale = 0.5 * np.sin(2.0 * delta) * systematic.scale
     bias = np.full(k, wheelbase / float(speed.mean())) * systematic.bias
     full = covariance[:k, :k] + np.outer(scale, scale) + np.outer(bias, bias)
@@ -130,41 +143,46 @@ def contact(index: IntArray, delta: FloatArray, backlash: float, first_side: flo
             ) -> tuple[IntArray, FloatArray]:
     """(level at which the wheels were last moved, side of the slot) of each window.
 
-    index (n,): level of each window in driving order; side +1: the wheels lie
-    b/2 below the middle, after a rise.
+    index (n,): level of each window in driving order. side +1: the wheels are b/2 below the middle,
+    as after a rise.
     """
     half = 0.5 * max(backlash, 0.0)
     moved = np.zeros(len(index), dtype=np.int64)
     side = np.zeros(len(index))
-    level, at = int(index[0]), first_side
-    position = delta[level] - at * half
+    level = int(index[0])
+    flank = first_side
+    position = delta[level] - flank * half
     for i, k in enumerate(index.tolist()):
         if position < delta[k] - half:
-            level, at = k, 1.0
+            level = k
+            flank = 1.0
         elif position > delta[k] + half:
-            level, at = k, -1.0
-        position = delta[level] - at * half
-        moved[i], side[i] = level, at
+            level = k
+            flank = -1.0
+        position = delta[level] - flank * half
+        moved[i] = level
+        side[i] = flank
     return moved, side
 
 
-def _design(moved: IntArray, side: FloatArray, slip_at: FloatArray, speed: FloatArray, k: int
+def _design(moved: IntArray, side: FloatArray, slip_angle: FloatArray, speed: FloatArray, k: int
             ) -> FloatArray:
+    """Columns: angle of each level, backlash, understeer."""
     n = len(moved)
     design = np.zeros((n, k + 2))
     design[np.arange(n), moved] = 1.0
     design[:, k] = -0.5 * side
-    design[:, k + 1] = -(speed**2) * 0.5 * np.sin(2.0 * slip_at)
+    design[:, k + 1] = -(speed**2) * 0.5 * np.sin(2.0 * slip_angle)
     return design
 
 
 def _check_rising(levels: FloatArray, delta: FloatArray) -> None:
     if np.any(np.diff(delta) <= 0.0):
-        at = int(np.argmin(np.diff(delta)))
+        k = int(np.argmin(np.diff(delta)))
         raise CalibrationFailed(
             "the measured steering angle does not increase with the command",
-            found=f"{delta[at]:+.4f} then {delta[at + 1]:+.4f} rad at commands "
-                  f"{levels[at]:+.2f} and {levels[at + 1]:+.2f}",
+            found=f"{delta[k]:+.4f} then {delta[k + 1]:+.4f} rad at commands "
+                  f"{levels[k]:+.2f} and {levels[k + 1]:+.2f}",
             expected="a wider angle at each step to the left",
             likely="the servo horn slips, the servo has reached its end, or the car was touched",
             remedy="check the linkage, give the car free floor, and run it again")
@@ -175,21 +193,22 @@ def _solve(design: FloatArray, angle: FloatArray, std: FloatArray
     """Least squares with the priors of backlash and slip: (solution, covariance)."""
     m = design.shape[1]
     prior = np.zeros((2, m))
-    prior[0, m - 2], prior[1, m - 1] = 1.0 / BACKLASH_PRIOR, 1.0 / KAPPA_PRIOR[1]
+    prior[0, m - 2] = 1.0 / BACKLASH_PRIOR
+    prior[1, m - 1] = 1.0 / KAPPA_PRIOR[1]
     full = np.vstack([design / std[:, None], prior])
     right = np.concatenate([angle / std, [0.0, KAPPA_PRIOR[0] / KAPPA_PRIOR[1]]])
     covariance = np.linalg.pinv(full.T @ full)
     return covariance @ full.T @ right, covariance
 
 
-def _rest(residual: FloatArray, std: FloatArray, slope: FloatArray, rest: float,
-          leverage: FloatArray) -> float:
-    """Next estimate of the servo's spread [us], by restricted maximum likelihood.
+def _update_rest(residual: FloatArray, std: FloatArray, slope: FloatArray, rest: float,
+                 leverage: FloatArray) -> float:
+    """Next estimate of the rest position noise of the servo [us], by restricted maximum likelihood.
 
-    Windows count as far as their variance is the servo's and the fit has left it in the residual
-    (1 - leverage): at the ends of the range, where the map is flat, the gyro is all there is. It
-    is the root of the mean of the variance given so few windows, n/(n - 2) of its best value, so
-    that 1.645 standard errors still hold 90 % of a Student t.
+    A window counts by the share of its variance that comes from the servo, and by the share that
+    the fit leaves in the residual (1 - leverage). At the ends of the range, where the map is flat,
+    all of the variance comes from the gyro. The result is the root of the posterior mean of the
+    variance, n/(n - 2) of its best value: 1.645 standard errors then contain 90 % of a Student t.
     """
     size, weight_of_prior = REST_PRIOR
     share = (rest * slope / std) ** 2
@@ -199,9 +218,9 @@ def _rest(residual: FloatArray, std: FloatArray, slope: FloatArray, rest: float,
 
 
 def resample(fit: LoopFit, command: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(pulse_us, angle, covariance) at command (m,), near or between the measured levels.
+    """Interpolate (pulse_us, angle, covariance) at command (m,), near or between the levels.
 
-    Monotone cubic between levels; beyond the last one by its slope.
+    Monotone cubic between levels; linear beyond the last one.
     """
     from scipy.interpolate import PchipInterpolator
 
@@ -214,11 +233,12 @@ def resample(fit: LoopFit, command: FloatArray) -> tuple[FloatArray, FloatArray,
     return pulse, angle, weights @ fit.covariance @ weights.T
 
 
-def _linear_weights(knots: FloatArray, at: FloatArray) -> FloatArray:
-    weights = np.zeros((len(at), len(knots)))
-    left = np.clip(np.searchsorted(knots, at, side="right") - 1, 0, len(knots) - 2)
-    share = np.clip((at - knots[left]) / (knots[left + 1] - knots[left]), 0.0, 1.0)
-    rows = np.arange(len(at))
+def _linear_weights(knots: FloatArray, x: FloatArray) -> FloatArray:
+    """Weights (m, k) of linear interpolation between knots (k,) at x (m,)."""
+    weights = np.zeros((len(x), len(knots)))
+    left = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
+    share = np.clip((x - knots[left]) / (knots[left + 1] - knots[left]), 0.0, 1.0)
+    rows = np.arange(len(x))
     weights[rows, left] = 1.0 - share
     weights[rows, left + 1] = share
     return weights

@@ -1,4 +1,4 @@
-"""Quantities that a procedure measured, and the write-back into calibration.toml."""
+"""Measured quantities, and the write-back into calibration.toml."""
 
 from __future__ import annotations
 
@@ -26,7 +26,8 @@ from .result import Result, Summary, indent, number
 
 R = TypeVar("R", bound=Result)
 
-UNITS = {
+# Units of the quantities of the built-in procedures.
+QUANTITY_UNITS = {
     "pwm.oscillator_hz": "Hz", "encoder.metres_per_edge": "m", "encoder.ring": "-",
     "imu.gyro_bias": "rad/s", "imu.gyro_scale": "-", "imu.mount_yaw": "rad",
     "imu.mount_pitch": "rad", "imu.mount_roll": "rad", "throttle.neutral_us": "us",
@@ -38,16 +39,15 @@ UNITS = {
     "mocap.marker_x": "m", "mocap.marker_y": "m", "mocap.marker_yaw": "rad", "mocap.latency": "s",
     "lidar.mount_x": "m", "lidar.mount_y": "m", "lidar.mount_yaw": "rad", "lidar.scale": "-",
 }
-"""Of the quantities that these procedures measure."""
 
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """What one procedure measured on one car; nothing is written yet while ``written`` is None.
+    """Result of one procedure on one car; not written while ``written`` is None.
 
-    verb: as in ``calibrate VERB``; quantities by their names in calibration.toml;
-    residual: how well the measurements agree, as a sentence; duration [s] of car time;
-    others: what is no quantity, by its name in the same way.
+    verb: as in ``calibrate VERB``. quantities: by their names in calibration.toml. residual: a
+    sentence on how well the measurements agree. duration [s] of car time. others: values that are
+    not quantities, by their names in calibration.toml.
     """
 
     car: str
@@ -62,7 +62,7 @@ class Measured:
 
     @property
     def unwritten(self) -> str:
-        """It can always be written."""
+        """Empty: it can always be written."""
         return ""
 
     def to_json(self) -> dict[str, Any]:
@@ -70,7 +70,8 @@ class Measured:
         return {
             "car": self.car, "source": self.source,
             "quantities": {name: {"value": _plain(q.value), "std": _plain(q.std),
-                                  "unit": UNITS[name]} for name, q in self.quantities.items()},
+                                  "unit": QUANTITY_UNITS[name]}
+                           for name, q in self.quantities.items()},
             "others": {name: msgspec.to_builtins(v) for name, v in self.others.items()},
             "residual": self.residual, "duration_s": number(self.duration),
             "written": self.written, "notes": list(self.notes),
@@ -81,7 +82,7 @@ class Measured:
         rows: list[tuple[str, ...]] = []
         for name, q in self.quantities.items():
             if isinstance(q, Quantity):
-                unit = "" if UNITS[name] == "-" else f" {UNITS[name]}"
+                unit = "" if QUANTITY_UNITS[name] == "-" else f" {QUANTITY_UNITS[name]}"
                 half = INTERVAL_90 * q.std
                 rows.append((name, f"{q.value:.6g}{unit}", f"{q.std:.2g}{unit}",
                              f"{q.value - half:.6g} to {q.value + half:.6g}"))
@@ -103,9 +104,10 @@ class Measured:
                         *indent(self.notes)))
 
     def put_into(self, calibration: Calibration) -> Calibration:
-        """With the quantities, rounded, and the others."""
+        """Add the rounded quantities and the other values."""
         new = calibration.with_quantities({name: _round(q) for name, q in self.quantities.items()})
         for name, value in self.others.items():
+            # A name is "table.key".
             table, _, key = name.partition(".")
             inner = msgspec.structs.replace(getattr(new, table), **{key: value})
             new = msgspec.structs.replace(new, **{table: inner})
@@ -118,9 +120,9 @@ class Measured:
 
 
 def write(files: CarFiles, result: R) -> R:
-    """Put a result of any procedure, with its provenance, into the car's calibration.toml.
+    """Write a result of any procedure, with its provenance, to the car's calibration.toml.
 
-    The file before goes to history/; what other procedures measured stays.
+    The previous file is kept in history/; values of other procedures stay.
     Raises CalibrationFailed, ConfigError, OSError.
     """
     old = calibration_in(files.folder, files.config.name, files.config)
@@ -133,7 +135,7 @@ def write(files: CarFiles, result: R) -> R:
 
 
 def map_outdated(files: CarFiles, changed: bool, measured_with: str) -> tuple[str, ...]:
-    """The caution that a car's steering map hangs on what has ``changed`` since."""
+    """Return a caution if a value has ``changed`` on which the car's steering map depends."""
     cal = files.calibration
     if not changed or cal is None or cal.steering.map is None:
         return ()
@@ -142,7 +144,7 @@ def map_outdated(files: CarFiles, changed: bool, measured_with: str) -> tuple[st
 
 
 def _round(q: Quantity | Quantities) -> Quantity | Quantities:
-    """To a hundredth of the standard error: a file for people, and nothing lost."""
+    """Round to a hundredth of the standard error."""
     if isinstance(q, Quantities) or q.std <= 0.0:
         return q
     digits = 2 - math.floor(math.log10(q.std))

@@ -1,17 +1,17 @@
-"""Where the marker frame sits on the car, and how late its poses are, from one drive.
+"""Fit where the marker frame is on the car, and the delay of its poses, from one drive.
 
-Dead reckoning says how the rear axle moved, the source how the marker did:
+Dead reckoning measures the motion of the rear axle p, the source that of the marker p_m:
 
     p_m(t) = p(t) + R(yaw(t)) (l_x, l_y),   yaw_m(t) = yaw(t) - theta
 
-with the pose that was measured ``latency`` before its stamp says. The axle goes where the
-wheels point but for its slip v_y, with c the axle's mass by its stiffness [s2/m]:
+A pose was measured ``latency`` before its stamp. The axle moves in the direction of the wheels,
+except for its slip v_y, where c is the mass on the axle over its stiffness [s2/m]:
 
     v_y = -c v (v omega + (k - c v^2) domega/dt),   k = l_r - I / (m l_f)
 
-Slow and fast turns both ways tell l_x from the slip, l_y from the travel per edge, and the
-change from one to the other the latency. Dead reckoning drifts, so each stretch begins
-anew: its start is fitted with the rest, and errors count by stretches.
+Slow and fast turns to both sides separate l_x from the slip and l_y from the travel per edge. The
+change from one turn to the next shows the latency. Dead reckoning drifts, so the drive is cut into
+blocks: the start of each block is fitted too, and standard errors come from blocks, not samples.
 """
 
 from __future__ import annotations
@@ -27,116 +27,130 @@ from dart_hal.estimation.imu_clock import READ_STD, SLOT_WORK_STD
 from dart_hal.vehicle.fitting.covariance import leverage_covariance
 from dart_hal.vehicle.fitting.least_squares import least_squares
 
-from .latency_fit import FILTER_STD
+from .latency_fit import GYRO_FILTER_DELAY_STD
 
-STRETCH = 3.0
-"""s: by the gyro's 0.001 rad/s the car is 2 mm off its place then."""
-NOISE = (1e-3, 2e-3)
-"""m, rad: one sigma of a pose of an optical system; only their ratio counts."""
-ROBUST = 3.0
-NAMES = ("marker_x", "marker_y", "marker_yaw", "latency")
-SLIP = (0.03, 0.03)
-"""s2/m, mean and one sigma of c: 0.77 kg on 22 N/rad in the published model of the car."""
-TURN_IN = (0.046, 0.02)
-"""m, mean and one sigma of k: what the side force of the rear axle has of the yaw acceleration.
-
-About the front axle that force is F = (m l_f a - I domega/dt) / L, where the centre of mass has
-a = dv_y/dt + v omega + l_r domega/dt to the side, and v_y = -v F / C of a tyre of stiffness C. With
-c = m l_f / (L C) and dv_y/dt = -c v^2 domega/dt, of a steady turn, this is the law above. The
-published model of the car has k = 0.0945 - 0.0065 / (1.67 x 0.0805) m; its inertia and its axle
-loads are not those of every car. Without the term each change from left to right is off by
-c v k 2 omega = 2 mm in place, which stretches of 3 s show as scatter and an l_x, l_y and yaw of
-the marker take up.
-"""
-BIAS = 2e-3
-"""rad/s, one sigma of what is left of the gyro's bias."""
-LOOSE = 0.02
-"""Relative, one sigma of gyro scale and of travel per edge: a car that was never calibrated."""
-WITHIN = {"marker_x": 0.4, "marker_y": 0.4, "marker_yaw": 0.5, "latency": 0.25}
-"""m, m, rad, s: a car is 0.4 m long, and what is later than that is no motion capture."""
-WORST = 0.02
-"""m rms between both after the fit; 1 to 3 mm are usual."""
-FEWEST = 5
-PRIORS = 5
-"""Of bias, both scales, slip and turn-in."""
-FLOOR = {"marker_x": math.hypot(7e-5, 5e-5), "marker_y": 1e-5, "marker_yaw": 3e-5,
-         "latency": math.hypot(FILTER_STD, SLOT_WORK_STD, READ_STD)}
-"""m, m, rad, s: one sigma of what the stretches do not show, for each circle meets it again.
-
-Latency: what the delay of the yaw rate is not known by, its filter, the read of the IMU and the age
-of its samples. The poses are found later by 0.95 of it. Marker_x follows by 0.08 m/s of it, 0.05
-mm. The side force of a rear tyre that ends at 0.9 of its load bends by 1.2 % at 1.3 m/s2 (0.8 to
-1.9 % at 1.1 to 0.7), as F / sqrt(1 + (k F)^2) does, while the law has a straight line: fits of
-three simulated cars with and without that moved by 0.057 mm and 0.017 mrad for each per cent. Of y,
-for which neither counts, nine cars were off by 0.013 mm where their stretches show 0.011.
-"""
+# s. In 3 s a gyro bias of 0.001 rad/s moves the car 2 mm off its place.
+BLOCK_DURATION = 3.0
+# m and rad, one sigma of a pose of an optical system; only their ratio matters.
+OPTICAL_POSE_STD = (1e-3, 2e-3)
+# Standard deviations from which a residual counts linearly (soft L1).
+ROBUST_STDS = 3.0
+MARKER_KEYS = ("marker_x", "marker_y", "marker_yaw", "latency")
+# s2/m, mean and one sigma of c: 0.77 kg on 22 N/rad in the published model of the car.
+SLIP_PRIOR = (0.03, 0.03)
+# m, mean and one sigma of k, the share of the yaw acceleration in the side force of the rear axle.
+# About the front axle that force is F = (m l_f a - I domega/dt) / L. The centre of mass has
+# a = dv_y/dt + v omega + l_r domega/dt to the side, and v_y = -v F / C of a tyre of stiffness C.
+# With c = m l_f / (L C) and dv_y/dt = -c v^2 domega/dt, of a steady turn, this is the law above.
+# The published model of the car has k = 0.0945 - 0.0065 / (1.67 x 0.0805) m; inertia and axle loads
+# differ between cars. Without this term each change from left to right moves the place by
+# c v k 2 omega = 2 mm. Blocks of 3 s show that as scatter, and l_x, l_y and yaw absorb it.
+TURN_IN_PRIOR = (0.046, 0.02)
+# rad/s, one sigma of the gyro bias that remains.
+REMAINING_BIAS_STD = 2e-3
+# Relative, one sigma of gyro scale and travel per edge of a car that was never calibrated.
+UNCALIBRATED_SCALE_STD = 0.02
+# m, m, rad, s: bounds of the search. A car is 0.4 m long; no motion capture has a larger delay.
+MARKER_BOUNDS = {"marker_x": 0.4, "marker_y": 0.4, "marker_yaw": 0.5, "latency": 0.25}
+# m rms between poses and dead reckoning after the fit; 1 to 3 mm are usual.
+MAX_MARKER_RMS = 0.02
+MIN_MARKER_BLOCKS = 5
+# Priors: bias, both scales, slip and turn-in.
+MARKER_PRIORS = 5
+# m, m, rad, s: one sigma of errors that repeat in each circle, so that blocks do not show them.
+#
+# Latency: errors of the delay of the yaw rate (its filter, the read of the IMU and the age of its
+# samples). The latency of the poses changes by 0.95 of it, marker_x by 0.08 m/s of it: 0.05 mm.
+# Marker_x: a rear tyre whose side force ends at 0.9 of its load bends by 1.2 % at 1.3 m/s2 (0.8 to
+# 1.9 % at 1.1 to 0.7), as F / sqrt(1 + (k F)^2) does, while the law is linear. Fits of three
+# simulated cars with and without that bend moved by 0.057 mm and 0.017 mrad per per cent.
+# Marker_y: not affected by either; nine cars were off by 0.013 mm where their blocks show 0.011.
+REPEATED_ERROR_STD = {"marker_x": math.hypot(7e-5, 5e-5), "marker_y": 1e-5, "marker_yaw": 3e-5,
+                      "latency": math.hypot(GYRO_FILTER_DELAY_STD, SLOT_WORK_STD, READ_STD)}
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
-    """What car and source told of one drive.
+class MarkerTrack:
+    """One drive as measured by the car and by the source of poses.
 
-    t (n,) [s], car (n, 3): x, y [m], yaw [rad] by dead reckoning, v (n,) [m/s] of the wheels;
-    t_seen (m,) [s] by the source's stamps on the car's clock, seen (m, 3), yaw unwrapped; noise:
-    one sigma of its places [m] and yaws [rad].
+    t (n,) [s]; car (n, 3): x, y [m], yaw [rad] by dead reckoning; v (n,) [m/s] of the wheels.
+    pose_t (m,) [s]: stamps of the source on the car's clock; poses (m, 3), yaw unwrapped.
+    pose_std: one sigma of their places [m] and yaws [rad].
     """
 
     t: FloatArray
     car: FloatArray
     v: FloatArray
-    t_seen: FloatArray
-    seen: FloatArray
-    noise: tuple[float, float] = NOISE
+    pose_t: FloatArray
+    poses: FloatArray
+    pose_std: tuple[float, float] = OPTICAL_POSE_STD
 
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """By ``NAMES``; rms [m] of what is left; stretches that told it."""
+    """found: estimates by ``MARKER_KEYS``; rms [m] of the residuals; blocks: how many were used."""
 
     found: dict[str, Estimate]
     rms: float
-    stretches: int
+    blocks: int
 
 
-def fit_marker(track: Track) -> Marker:
-    """Errors: CalibrationFailed for poses that this car cannot have had, and for too few."""
-    block = ((track.t_seen - track.t_seen[0]) / STRETCH).astype(np.int64)
-    kept = [b for b in np.unique(block) if np.sum(block == b) >= 0.3 * np.median(
-        np.bincount(block)) and np.sum(block == b) >= 10]
-    use = np.isin(block, kept)
-    if len(kept) < FEWEST:
-        raise CalibrationFailed("too few poses", found=f"{len(kept)} stretches of {STRETCH:.0f} s",
-                                expected=f"{FEWEST}", likely="the source sees the car only now "
-                                "and then", remedy="dart-hal top shows the poses")
-    problem = _Problem(track, track.t_seen[use], track.seen[use],
-                       np.unique(block[use], return_inverse=True)[1])
-    high = np.array([*WITHIN.values(), 1.0, 0.2, 0.2, 0.5, 0.2])
+def fit_marker(track: MarkerTrack) -> Marker:
+    """Fit marker frame and latency to a drive.
+
+    1. Cut the poses into blocks of ``BLOCK_DURATION``; drop blocks with too few poses.
+    2. Minimise the robust residuals over l_x, l_y, theta, latency and five nuisance parameters.
+    3. Take the standard errors from blocks (leverage covariance), and add what repeats in each.
+
+    Raises CalibrationFailed for too few poses, and for poses that this car cannot have had.
+    """
+    block = ((track.pose_t - track.pose_t[0]) / BLOCK_DURATION).astype(np.int64)
+    usual_size = np.median(np.bincount(block))
+    used = [b for b in np.unique(block) if np.sum(block == b) >= 0.3 * usual_size
+            and np.sum(block == b) >= 10]
+    use = np.isin(block, used)
+    if len(used) < MIN_MARKER_BLOCKS:
+        raise CalibrationFailed(
+            "too few poses", found=f"poses in {len(used)} blocks of {BLOCK_DURATION:.0f} s",
+            expected=f"at least {MIN_MARKER_BLOCKS} blocks",
+            likely="the source has the car in view only some of the time",
+            remedy="dart-hal top shows the poses")
+    problem = _MarkerProblem(track, track.pose_t[use], track.poses[use],
+                             np.unique(block[use], return_inverse=True)[1])
+    high = np.array([*MARKER_BOUNDS.values(), 1.0, 0.2, 0.2, 0.5, 0.2])
     start = np.zeros(9)
-    start[7] = SLIP[0]
-    start[8] = TURN_IN[0]
+    start[7] = SLIP_PRIOR[0]
+    start[8] = TURN_IN_PRIOR[0]
     fit = least_squares(problem.residual, start.tolist(), ((-high).tolist(), high.tolist()),
-                        robust=ROBUST)
+                        robust=ROBUST_STDS)
     rms = problem.rms(fit.x)
-    for name, at_end in zip(NAMES, fit.at_bound, strict=False):
-        if at_end or rms > WORST:
+    for name, at_bound in zip(MARKER_KEYS, fit.at_bound, strict=False):
+        if at_bound or rms > MAX_MARKER_RMS:
             raise CalibrationFailed(
-                "the poses do not fit what the car did", found=f"{1e3 * rms:.0f} mm rms, {name} "
-                f"{fit.x[NAMES.index(name)]:+.3f}", expected=f"{1e3 * WORST:.0f} mm at most",
+                "the poses do not fit the motion of the car",
+                found=f"{1e3 * rms:.0f} mm rms, {name} {fit.x[MARKER_KEYS.index(name)]:+.3f}",
+                expected=f"at most {1e3 * MAX_MARKER_RMS:.0f} mm rms",
                 likely="another body, a frame that is not right-handed with z up, other units, or "
                        "a clock of the source that jumps",
                 remedy="options of the source's URL: units, angle, hand, turn, body")
     n = len(problem.index)
-    groups = np.concatenate([np.tile(problem.index, 3), n + np.arange(PRIORS)])
+    groups = np.concatenate([np.tile(problem.index, 3), n + np.arange(MARKER_PRIORS)])
     std = np.sqrt(np.diag(leverage_covariance(fit, groups)))
-    return Marker({name: Estimate(float(fit.x[i]), float(np.hypot(std[i], FLOOR.get(name, 0.0))))
-                   for i, name in enumerate(NAMES)}, rms, len(kept))
+    found = {name: Estimate(float(fit.x[i]),
+                            float(np.hypot(std[i], REPEATED_ERROR_STD.get(name, 0.0))))
+             for i, name in enumerate(MARKER_KEYS)}
+    return Marker(found, rms, len(used))
 
 
-class _Problem:
-    """Residuals of the poses with the best start of each stretch, in standard errors."""
+class _MarkerProblem:
+    """Residuals of the poses in standard errors, with the best start of each block."""
 
-    def __init__(self, track: Track, t: FloatArray, seen: FloatArray, index: IntArray) -> None:
-        self.track, self.t, self.seen, self.index = track, t, seen, index
+    def __init__(self, track: MarkerTrack, t: FloatArray, poses: FloatArray, index: IntArray
+                 ) -> None:
+        self.track = track
+        self.t = t
+        self.poses = poses
+        self.index = index
         self._dt = np.diff(track.t)
         self._step = np.hypot(np.diff(track.car[:, 0]), np.diff(track.car[:, 1]))
         self._turn = np.diff(track.car[:, 2])
@@ -145,52 +159,66 @@ class _Problem:
         self._count = np.bincount(index).astype(float)
 
     def residual(self, x: FloatArray) -> FloatArray:
-        """(3 m + PRIORS,): x, y, yaw, and the priors of bias, scales, slip and its turn-in."""
+        """Residuals of x, y, yaw and of the priors, (3 m + MARKER_PRIORS,)."""
         place, yaw = self._difference(x)
-        prior = np.array([x[4] / BIAS, x[5] / LOOSE, x[6] / LOOSE, (x[7] - SLIP[0]) / SLIP[1],
-                          (x[8] - TURN_IN[0]) / TURN_IN[1]])
-        at, turned = self.track.noise
-        return np.concatenate([place.real / at, place.imag / at, yaw / turned, prior])
+        prior = np.array([x[4] / REMAINING_BIAS_STD, x[5] / UNCALIBRATED_SCALE_STD,
+                          x[6] / UNCALIBRATED_SCALE_STD,
+                          (x[7] - SLIP_PRIOR[0]) / SLIP_PRIOR[1],
+                          (x[8] - TURN_IN_PRIOR[0]) / TURN_IN_PRIOR[1]])
+        place_std, yaw_std = self.track.pose_std
+        return np.concatenate([place.real / place_std, place.imag / place_std, yaw / yaw_std,
+                               prior])
 
     def rms(self, x: FloatArray) -> float:
-        """Of the places [m], without the worst two of a hundred."""
+        """Return the rms of the places [m] without the largest two per cent."""
         size = np.abs(self._difference(x)[0])
         return float(np.sqrt(np.mean(size[size <= np.quantile(size, 0.98)]**2)))
 
     def _difference(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Seen less driven: places (m,) complex, yaws (m,), each stretch laid upon the other."""
+        """Pose minus prediction: places (m,) complex [m], yaws (m,) [rad], each block aligned.
+
+        1. Correct the turns of dead reckoning by gyro scale and bias, and integrate them.
+        2. Integrate the steps of the wheels with the slip to the side.
+        3. Add the lever arm of the marker, and interpolate at the stamps minus the latency.
+        """
         lx, ly, theta, latency, bias, gyro, wheels, slip, turn_in = x
         turn = self._turn * (1.0 + gyro) + bias * self._dt
         yaw = np.concatenate([[0.0], np.cumsum(turn)])
         middle = 0.5 * (yaw[1:] + yaw[:-1])
         v = self._v
-        aside = -slip * v * (v * turn + (turn_in - slip * v**2) * self._change)
-        moved = (1.0 + wheels) * self._step + 1j * aside
+        sideways = -slip * v * (v * turn + (turn_in - slip * v**2) * self._change)
+        moved = (1.0 + wheels) * self._step + 1j * sideways
         place = np.concatenate([[0.0], np.cumsum(moved * np.exp(1j * middle))])
         place = place + (lx + 1j * ly) * np.exp(1j * yaw)
-        at = self.t - latency
-        driven = (np.interp(at, self.track.t, place.real)
-                  + 1j * np.interp(at, self.track.t, place.imag))
-        turned = np.interp(at, self.track.t, yaw) - theta
-        seen = self.seen[:, 0] + 1j * self.seen[:, 1]
-        return self._laid(driven, turned, seen)
+        t = self.t - latency
+        predicted = (np.interp(t, self.track.t, place.real)
+                     + 1j * np.interp(t, self.track.t, place.imag))
+        predicted_yaw = np.interp(t, self.track.t, yaw) - theta
+        measured = self.poses[:, 0] + 1j * self.poses[:, 1]
+        return self._align(predicted, predicted_yaw, measured)
 
-    def _laid(self, driven: FloatArray, turned: FloatArray, seen: FloatArray
-              ) -> tuple[FloatArray, FloatArray]:
-        """The rigid motion of each stretch that both places and yaws ask for, taken out."""
-        b, n, (at, turn) = self.index, self._count, self.track.noise
-        yaw_off = self._mean(self.seen[:, 2] - turned)
-        driven = driven * np.exp(1j * yaw_off)[b]
-        driven = driven - self._mean(driven)[b]
-        seen = seen - self._mean(seen)[b]
-        across = np.bincount(b, (np.conj(driven) * seen).imag)
-        spread = np.bincount(b, np.abs(driven)**2)
-        more = across / at**2 / (spread / at**2 + n / turn**2)
-        place = seen - driven * np.exp(1j * more)[b]
-        return place, self.seen[:, 2] - turned - (yaw_off + more)[b]
+    def _align(self, predicted: FloatArray, predicted_yaw: FloatArray, measured: FloatArray
+               ) -> tuple[FloatArray, FloatArray]:
+        """Remove from each block the rigid motion that fits its places and yaws best."""
+        b = self.index
+        n = self._count
+        place_std, yaw_std = self.track.pose_std
+        # First by the mean yaw and the mean place of the block ...
+        yaw_offset = self._mean(self.poses[:, 2] - predicted_yaw)
+        predicted = predicted * np.exp(1j * yaw_offset)[b]
+        predicted = predicted - self._mean(predicted)[b]
+        measured = measured - self._mean(measured)[b]
+        # ... then by the small rotation that the places ask for, weighted with that of the yaws.
+        across = np.bincount(b, (np.conj(predicted) * measured).imag)
+        spread = np.bincount(b, np.abs(predicted)**2)
+        more = across / place_std**2 / (spread / place_std**2 + n / yaw_std**2)
+        place = measured - predicted * np.exp(1j * more)[b]
+        return place, self.poses[:, 2] - predicted_yaw - (yaw_offset + more)[b]
 
     def _mean(self, values: FloatArray) -> FloatArray:
-        b, n = self.index, self._count
+        """Return the mean of each block."""
+        b = self.index
+        n = self._count
         if np.iscomplexobj(values):
             both = np.bincount(b, values.real) + 1j * np.bincount(b, values.imag)
             return np.asarray(both / n)

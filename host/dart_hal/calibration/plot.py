@@ -29,31 +29,37 @@ from dart_hal.vehicle.steering import make_steering
 from .measured import Measured
 from .result import SteeringResult
 
-RISING, FALLING, FIRST = BLUE, ORANGE, GREY
-PAPER_LINE, FORM_LINE = "#56d364", "#ff4fc3"
-FORM_IS_MAP = 1e-9  # rad; out of recordings the form is the map
-MANY = 500  # points; above it they are drawn small and pale
-SLOWEST = 0.1
-"""m/s from which the model's pulses are drawn."""
+RISING_COLOUR = BLUE
+FALLING_COLOUR = ORANGE
+FIRST_COLOUR = GREY
+PAPER_LINE = "#56d364"
+FORM_LINE = "#ff4fc3"
+# rad; from recordings the form is the map itself.
+SAME_MAP_TOLERANCE = 1e-9
+# Points; more of them are drawn small and pale.
+MAX_LARGE_MARKERS = 500
+# m/s from which the pulses of the model are drawn.
+MIN_PLOTTED_SPEED = 0.1
 
 
 def plot_steering(result: SteeringResult, path: str | Path) -> Path:
     """Write the figure to ``path``; the suffix (.png, .svg, .pdf) picks the format.
 
-    Errors: UsageError when matplotlib is missing or the suffix is unknown.
+    Raises UsageError if matplotlib is missing or the suffix is unknown.
     """
     figure = new_figure((7.2, 6.4), path)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
     _draw_map(top, result)
     _draw_residuals(bottom, result)
-    # below the panels: inside, data may lie under it wherever it stands
+    # Below the panels: inside, it would cover data.
     figure.legend(fontsize=8, loc="outside lower center", ncols=3, markerscale=1.5)
     return save_figure(figure, path)
 
 
 def _draw_map(axes: Any, result: SteeringResult) -> None:
     _points(axes, result, np.zeros_like, labelled=True)
-    angle, reach = np.degrees(result.angle), np.degrees(INTERVAL_90 * result.angle_std)
+    angle = np.degrees(result.angle)
+    reach = np.degrees(INTERVAL_90 * result.angle_std)
     axes.plot(result.command, angle, color=INK, lw=2.4, label="this car, middle of the backlash")
     band(axes, result.command, angle, reach, INK, "90 % interval")
     fine = np.linspace(result.command[0], result.command[-1], 201)
@@ -67,7 +73,7 @@ def _draw_residuals(axes: Any, result: SteeringResult) -> None:
     reach = np.degrees(INTERVAL_90 * result.angle_std)
     band(axes, result.command, np.zeros_like(reach), reach, INK)
     form = make_steering(Steering(**result.paper_form), np)(result.command)
-    same = np.abs(form - result.angle).max() < FORM_IS_MAP
+    same = np.abs(form - result.angle).max() < SAME_MAP_TOLERANCE
     axes.axhline(0.0, color=INK, lw=2.0)
     axes.plot(result.command, np.degrees(form - result.angle), color=FORM_LINE, lw=1.3,
               dashes=(3, 3), zorder=5,
@@ -81,10 +87,10 @@ def _points(axes: Any, result: SteeringResult, baseline: Any,
         return
     command, angle, direction = result.samples
     value = np.degrees(angle - baseline(command))
-    small = len(command) > MANY
-    for side, marker, color, label in ((1.0, "^", RISING, "reached from the right"),
-                                       (-1.0, "v", FALLING, "reached from the left"),
-                                       (0.0, "o", FIRST, "first command of a run")):
+    small = len(command) > MAX_LARGE_MARKERS
+    for side, marker, color, label in ((1.0, "^", RISING_COLOUR, "reached from the right"),
+                                       (-1.0, "v", FALLING_COLOUR, "reached from the left"),
+                                       (0.0, "o", FIRST_COLOUR, "first command of a run")):
         rows = direction == side
         if rows.any():
             axes.plot(_spread(command[rows], side, small), value[rows], marker, color=color,
@@ -93,7 +99,7 @@ def _points(axes: Any, result: SteeringResult, baseline: Any,
 
 
 def _spread(command: FloatArray, side: float, small: bool) -> FloatArray:
-    """Two approaches of one level side by side."""
+    """Move the two approaches of one level to the left and to the right."""
     return command + side * (0.004 if small else 0.0)
 
 
@@ -107,28 +113,30 @@ def _title(result: SteeringResult) -> str:
 def plot_throttle(result: Measured, files: CarFiles, path: str | Path) -> Path:
     """Write the figure to ``path``; the suffix (.png, .svg, .pdf) picks the format.
 
-    Errors: UsageError when matplotlib is missing or the suffix is unknown.
+    Raises UsageError if matplotlib is missing or the suffix is unknown.
     """
     table = result.others["throttle.drive"]
     assert isinstance(table, DriveTable)
-    speed, pulse, reach = (np.array(table.speed), np.array(table.pulse_us),
-                           INTERVAL_90 * np.array(table.std_us))
+    speed = np.array(table.speed)
+    pulse = np.array(table.pulse_us)
+    reach = INTERVAL_90 * np.array(table.std_us)
     name = files.model.name if files.model else "the paper's car"
     figure = new_figure((7.2, 5.6), path)
     top, bottom = figure.subplots(2, 1, sharex=True, height_ratios=[2.2, 1.0])
-    fine = np.linspace(SLOWEST, 1.1 * speed[-1], 200)
+    fine = np.linspace(MIN_PLOTTED_SPEED, 1.1 * speed[-1], 200)
     top.plot(fine, model_pulses(files, fine), color=ORANGE, lw=1.6, dashes=(6, 4),
              label=f"model of {name}, with this neutral")
     top.plot(speed, pulse, "o-", color=BLUE, lw=1.6, ms=5, label="this car, measured")
-    finish(top, "", "pulse [us]", f"Pulse that holds a speed: {files.config.name}")
-    off = pulse - model_pulses(files, speed)
+    finish(top, "", "pulse [us]", f"Pulse that keeps a speed: {files.config.name}")
+    difference = pulse - model_pulses(files, speed)
     bottom.axhline(0.0, color=INK, lw=1.0)
-    bottom.errorbar(speed, off, reach, fmt="o-", color=BLUE, capsize=4, lw=1.6, ms=4)
+    bottom.errorbar(speed, difference, reach, fmt="o-", color=BLUE, capsize=4, lw=1.6, ms=4)
     finish(bottom, "speed [m/s]", "measured - model [us]\n90 % interval", legend=False)
     return save_figure(figure, path)
 
 
 def model_pulses(files: CarFiles, speeds: FloatArray) -> FloatArray:
-    """What the feed-forward would be without the table [us]."""
-    law, span = SpeedLaw(vehicle_for(files)), files.config.throttle.span_us
+    """Pulses [us] of the feed-forward without the measured table."""
+    law = SpeedLaw(vehicle_for(files))
+    span = files.config.throttle.span_us
     return np.array([files.neutral_us + span * law.feed_forward(float(v)) for v in speeds])

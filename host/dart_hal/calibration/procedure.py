@@ -1,8 +1,8 @@
-"""The interface of a calibration: what it needs, what it will do, and how it measures.
+"""Interface of a calibration: requirements, plan and measurement.
 
-A procedure is one ``Procedure`` in a module of its own. ``order`` lists ours and finds those of
-other packages (entry points ``dart_hal.procedures``). ``calibrate all``, the commands
-``dart-hal calibrate NAME`` and the write-back into calibration.toml know nothing else of it.
+Each ``Procedure`` has its own module. ``order`` lists the built-in ones and finds those of other
+packages (entry points ``dart_hal.procedures``). ``calibrate all``, the commands
+``dart-hal calibrate NAME`` and the write-back into calibration.toml use only this interface.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ def silent(fraction: float, text: str) -> None:
 
 
 def agree(question: str) -> bool:
-    """Agree to everything: for a caller who has made sure beforehand."""
+    """Agree to every question, for callers that have checked the conditions before."""
     return True
 
 
 class Condition(Enum):
-    """How the car must be before a procedure starts. The value is what the user confirms."""
+    """Required state of the car before a procedure starts. The user confirms the value."""
 
     FREE_FLOOR = "the floor is free"
-    """The car drives; ``ProcedurePlan.floor`` says on how much floor."""
+    """The car drives on a floor of the size ``ProcedurePlan.floor``."""
     LIFTED = "the stand is there"
     """The car spins its wheels in the air."""
     WIRED = "the wire is there"
@@ -57,7 +57,7 @@ class Option:
 
     The type is that of ``default``: int, float, or a tuple of several float. None: a float that
     need not be given. ``low`` and ``high`` are limits in ``unit`` and are allowed themselves,
-    ``low`` not if ``above_low``. ``metavar`` stands for the value in the help.
+    ``low`` not if ``above_low``. ``metavar`` is the name of the value in the help.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Option:
 
 @dataclass(frozen=True, slots=True)
 class ProcedurePlan:
-    """What a procedure will do with one car, shown before anything moves.
+    """Plan of a procedure for one car, shown before anything moves.
 
     text: one sentence without its subject, with purpose, time, space and tools. duration [s].
     floor: (length, width) [m] that must be free; (0, 0) for none.
@@ -88,10 +88,10 @@ class ProcedurePlan:
 
 @dataclass(frozen=True, slots=True)
 class Bench:
-    """An open car on which a procedure measures, and who helps.
+    """An open car on which a procedure measures, and its operator.
 
-    person: moves the car and reads tapes; None: nobody is there. chart: map of the room, for a
-    procedure with ``lidar``. source: where the result comes from, such as the car's URL.
+    person: operator who moves the car and reads tapes; None: no operator. chart: map of the room,
+    for a procedure with ``lidar``. source: origin of the result, such as the car's URL.
     """
 
     car: Car
@@ -116,12 +116,12 @@ class Bench:
 
 @dataclass(frozen=True, kw_only=True)
 class Procedure(Generic[R]):
-    """One calibration. Calling it shows the plan, asks, and measures; nothing is written.
+    """One calibration. A call shows the plan, requests consent, and measures; it writes nothing.
 
     name: of the command ``dart-hal calibrate NAME`` and of the entry point; help: of the command.
     plan: ``plan(files, **options)``; None if nothing happens at the car.
     measure: ``measure(bench, **options)``. It leaves the car stopped, also on Ctrl-C.
-    condition: how the car must be. poses, lidar: it needs poses from outside; a lidar and a map.
+    condition: state of the car. poses, lidar: it needs external poses; a lidar and a map.
     keys: names in calibration.toml that exist once it is done. Without them ``calibrate all``
     omits the procedure. after: procedures whose result it uses. optional: others do not need it.
     adapt: options for a floor of (length, width) [m]. check: raises UsageError for options that

@@ -1,4 +1,4 @@
-"""What a procedure measured: shown on a terminal, as JSON, and written to calibration.toml."""
+"""Results of procedures, for a terminal, as JSON, and for calibration.toml."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from dart_hal.core.config.calibration import SteeringCalibration
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray
 
-MAX_ROWS = 13
-"""Rows of a map on a terminal, so that the result does not scroll away."""
+# Rows of a map on a terminal, so that the result fits on the screen.
+MAX_MAP_ROWS = 13
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +30,10 @@ class Summary:
 
 
 class Result(Protocol):
-    """What a procedure found on one car, a frozen dataclass.
+    """Result of a procedure on one car, a frozen dataclass.
 
-    verb: the procedure's name; duration [s] of the car's time; written: the file, None as long as
-    nothing is written; unwritten: why it cannot be written, empty if it can.
+    verb: the procedure's name. duration [s] of the car's time. written: the file, None if nothing
+    is written yet. unwritten: why it cannot be written, empty if it can.
     """
 
     __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -51,28 +51,26 @@ class Result(Protocol):
         """The JSON object of ``dart-hal calibrate NAME --json``."""
 
     def summary(self) -> Summary:
-        """What a terminal shows."""
+        """Summary for a terminal."""
 
     def put_into(self, calibration: Calibration) -> Calibration:
-        """The calibration with what was measured."""
+        """Return the calibration with the measured values."""
 
     def provenance(self) -> dict[str, Any]:
-        """Where the values come from: kept in calibration.toml with the date."""
+        """Origin of the values, written to calibration.toml with the date."""
 
 
 @dataclass(frozen=True, slots=True)
 class SteeringResult:
     """A steering map with standard errors, its paper form, and the backlash.
 
-    command (k,) -1..1 increasing, angle (k,) rad increasing: middle of the
-    backlash loop; angle_std (k,) rad; covariance (k, k) rad2 or None; pulse_us
-    (k,) or None (only our own runs hold pulses); paper_form by name; residual_rms
-    rad; backlash rad: width of the loop, None when the data cannot tell.
-    n samples used; duration s of driving; source: URL or list of files.
-    ``samples``: (command, angle, direction) of what was fitted, for the plot.
-    For a terminal: ``brief``, the notes with those of files grouped by kind
-    (empty: the notes); ``dropped``, what was not used; ``unwritten``, why
-    nothing is written. The notes hold all of it.
+    command (k,) -1..1 increasing, angle (k,) [rad] increasing: middle of the backlash loop.
+    angle_std (k,) [rad]; covariance (k, k) [rad2] or None. pulse_us (k,) or None (recordings other
+    than own runs have no pulses). paper_form by name. residual_rms [rad]. backlash [rad]: width of
+    the loop, None if not measured. n: samples used. duration [s] of driving. source: URL or list of
+    files. samples: fitted (command, angle, direction), for the plot.
+    For a terminal: brief, the notes with those of files merged by kind (empty: the notes); dropped,
+    the excluded samples; unwritten, why nothing is written. The notes contain all of it.
     """
 
     car: str
@@ -125,12 +123,12 @@ class SteeringResult:
 
     def summary(self) -> Summary:
         """Some rows of the map, the notes and the fit."""
-        shown = select_rows(len(self.command))
-        some = "" if len(shown) == len(self.command) else (
-            f", {len(shown)} of {len(self.command)} points (--json has all)")
+        chosen = select_rows(len(self.command))
+        some = "" if len(chosen) == len(self.command) else (
+            f", {len(chosen)} of {len(self.command)} points (--json has all)")
         rows = tuple((f"{self.command[i]:+.3f}",
                       "-" if self.pulse_us is None else f"{self.pulse_us[i]:.1f} us",
-                      f"{self.angle[i]:+.4f} rad", f"{self.angle_std[i]:.4f} rad") for i in shown)
+                      f"{self.angle[i]:+.4f} rad", f"{self.angle_std[i]:.4f} rad") for i in chosen)
         form = ", ".join(f"{name} {value:.4f}" for name, value in self.paper_form.items())
         backlash = self.backlash
         return Summary(
@@ -142,12 +140,13 @@ class SteeringResult:
              *([self.dropped] if self.dropped else [])))
 
     def put_into(self, calibration: Calibration) -> Calibration:
-        """With map, paper form and backlash. Raises CalibrationFailed for a map of commands."""
+        """Add map, paper form and backlash. Raises CalibrationFailed for a map of commands."""
         if self.pulse_us is None:
             raise CalibrationFailed("a map without pulses cannot be written",
-                                    likely="it was fitted to recordings, which hold commands only",
+                                    likely="it was fitted to recordings, which contain only "
+                                           "commands",
                                     remedy="run the procedure on the car")
-        # [steering] direction -1 makes pulses fall; the file holds them rising
+        # With [steering] direction = -1 the pulses fall; in the file they rise.
         order = np.argsort(self.pulse_us)
         table = SteeringTable(pulse_us=tuple(round(float(v), 3) for v in self.pulse_us[order]),
                               angle_rad=tuple(round(float(v), 6) for v in self.angle[order]),
@@ -165,13 +164,13 @@ class SteeringResult:
 
 
 def select_rows(points: int) -> list[int]:
-    """At most MAX_ROWS indices of 0..points-1, evenly where that works, both ends included."""
+    """Select at most MAX_MAP_ROWS indices of 0..points-1, evenly if possible, with both ends."""
     last = points - 1
-    least = max(1, -(-last // (MAX_ROWS - 1)))
+    least = max(1, -(-last // (MAX_MAP_ROWS - 1)))
     even = [step for step in range(least, 2 * least + 1) if last % step == 0]
     if even:
         return list(range(0, points, even[0]))
-    return sorted({round(i * last / (MAX_ROWS - 1)) for i in range(MAX_ROWS)})
+    return sorted({round(i * last / (MAX_MAP_ROWS - 1)) for i in range(MAX_MAP_ROWS)})
 
 
 def indent(notes: Sequence[str]) -> tuple[str, ...]:
@@ -180,7 +179,7 @@ def indent(notes: Sequence[str]) -> tuple[str, ...]:
 
 
 def number(value: float) -> float | None:
-    """JSON has no NaN: null instead."""
+    """Convert to float; None for NaN and infinity, which JSON does not have."""
     return float(value) if math.isfinite(value) else None
 
 

@@ -1,7 +1,7 @@
-"""Drives held pulses on a Car, frame by frame, and notices what is wrong.
+"""Drive a Car with constant pulses, frame by frame, and detect faults.
 
-One frame in, one pair of pulses out: the telemetry is the clock. The throttle
-comes from the speed law; the steering pulse is held as it is given.
+Each STATE frame is answered by one pair of pulses: the telemetry is the clock. The throttle comes
+from the speed law or is constant; the steering pulse is constant.
 """
 
 from __future__ import annotations
@@ -21,21 +21,23 @@ from dart_hal.vehicle.sets import PAPER
 if TYPE_CHECKING:
     from dart_hal.car import Car
 
-K_P = 0.2
-"""1/(m/s), softer than on the road: the unevenness of a ring of which nothing is known yet reads as
-a speed in step with it, and what the loop answers moves the wheels."""
-MAX_THROTTLE = 0.4  # slow circles need 0.25; more means that the speed is not seen
-NO_MOTION = 4.0  # s of throttle without motion until the procedure gives up
-MOVES = 0.1  # m/s
-TURNS = 0.12  # rad/s at full lock: a tenth of what 0.35 m/s gives
+# 1/(m/s), lower than when driving. An uncalibrated ring makes the measured speed ripple once a
+# turn, and the response of the loop would move the wheels.
+CALIBRATION_K_P = 0.2
+# Slow circles need 0.25; more means that the speed is not measured.
+CALIBRATION_MAX_THROTTLE = 0.4
+# s of throttle without motion until the procedure gives up.
+MAX_STANDSTILL = 4.0
+# rad/s at full lock: a tenth of what 0.35 m/s gives.
+MIN_TURN_RATE = 0.12
 
 
-class NotSeen(CalibrationFailed):
-    """The encoder does not show the motion that the throttle should make."""
+class NoMotion(CalibrationFailed):
+    """The encoder does not measure the motion that the throttle should cause."""
 
 
 class DrivableCar(Protocol):
-    """What the runner needs of a Car."""
+    """The part of a Car that the runner uses."""
 
     files: CarFiles
 
@@ -45,13 +47,14 @@ class DrivableCar(Protocol):
     def refusals(self) -> tuple[str, ...]: ...
 
 
-class Runner:
-    """Holds pulses and speeds for stretches of car time; call inside ``car.raw()``."""
+class CalibrationRunner:
+    """Hold pulses and speeds for given times of the car's clock; use inside ``car.raw()``."""
 
     def __init__(self, car: DrivableCar) -> None:
         files = car.files
         self._car = car
-        self._law = SpeedLaw(PAPER, k_p=K_P, max_throttle=MAX_THROTTLE)
+        self._law = SpeedLaw(PAPER, k_p=CALIBRATION_K_P,
+                             max_throttle=CALIBRATION_MAX_THROTTLE)
         self._neutral = files.neutral_us
         self._span = files.config.throttle.span_us
         self._last: float | None = None
@@ -59,10 +62,10 @@ class Runner:
 
     def hold(self, seconds: float, steering_us: float, speed: float,
              throttle_us: float | None = None) -> list[State]:
-        """Keep the steering pulse and a speed [m/s] for car time ``seconds``; 0 = standstill.
+        """Hold a steering pulse and a speed [m/s] (0 = standstill); return the States.
 
-        throttle_us: this pulse, whatever the speed becomes. Errors: CalibrationFailed at the
-        first doubt about the speed, LinkLost and what else the Car raises.
+        seconds: of the car's clock. throttle_us: constant throttle pulse instead of the speed loop.
+        Raises NoMotion when the speed becomes doubtful, LinkLost and other errors of the Car.
         """
         states: list[State] = []
         start: float | None = None
@@ -72,7 +75,7 @@ class Runner:
             start = state.t if start is None else start
             states.append(state)
             if state.health.speed_doubted:
-                raise doubted(state)
+                raise encoder_doubt(state)
             throttle = self._law.throttle(speed, state.speed, dt)
             pulse = self._neutral + self._span * throttle if throttle_us is None else throttle_us
             self._car.pulses(steering_us=steering_us, throttle_us=pulse)
@@ -82,10 +85,10 @@ class Runner:
 
     def start_moving(self, steering_us: float, speed: float, bias: float,
                      left: bool) -> list[State]:
-        """Reach ``speed`` [m/s] at a steering lock; left: it should turn left.
+        """Accelerate to ``speed`` [m/s] at a steering lock; left: expected direction.
 
-        Errors: CalibrationFailed with the likely cause when car, encoder or
-        gyro do not answer as they should.
+        bias [rad/s]: of the yaw rate. Raises CalibrationFailed with the likely cause if car,
+        encoder or gyro do not respond as expected.
         """
         states: list[State] = []
         while True:
@@ -97,46 +100,47 @@ class Runner:
 
 
 @contextmanager
-def driving(car: Car) -> Iterator[Runner]:
-    """Pulses for a stretch of raw mode; the car is left stopped, also on Ctrl-C."""
+def driving(car: Car) -> Iterator[CalibrationRunner]:
+    """Run the block in raw mode; stop the car at its end, also on Ctrl-C."""
     try:
         with car.raw():
-            yield Runner(car)
+            yield CalibrationRunner(car)
     finally:
         car.stop()
 
 
 def check_pull(states: list[State], speed: float, bias: float = 0.0) -> bool:
-    """Whether the car has reached ``speed`` [m/s] since ``states[0]``, the first frame of throttle.
+    """Return whether the car has reached ``speed`` [m/s].
 
-    bias [rad/s] of the yaw rate. Errors: CalibrationFailed when it takes too long.
+    states: since the first frame of throttle. bias [rad/s]: of the yaw rate. Raises
+    CalibrationFailed if it takes too long.
     """
     now = float(np.mean([s.speed for s in states[-40:]]))
     if now > 0.8 * speed:
         return True
     waited = states[-1].t - states[0].t
-    if waited > NO_MOTION and states[-1].ticks == states[0].ticks:
+    if waited > MAX_STANDSTILL and states[-1].ticks == states[0].ticks:
         raise _no_ticks(states, bias)
-    if waited > 3.0 * NO_MOTION:
+    if waited > 3.0 * MAX_STANDSTILL:
         raise CalibrationFailed(
             f"the car does not reach {speed} m/s", found=f"{now:.2f} m/s",
-            expected=f"{speed} m/s at a throttle of at most {MAX_THROTTLE}",
+            expected=f"{speed} m/s at a throttle of at most {CALIBRATION_MAX_THROTTLE}",
             likely="battery low, brake on, or a neutral pulse that is far off",
             remedy="charge the battery; dart-hal doctor")
     return False
 
 
 def yaw_rates(states: list[State]) -> list[float]:
-    """Those yaw rates [rad/s] that the IMU vouches for."""
+    """Yaw rates [rad/s] of the States with a valid sample of the IMU."""
     return [s.yaw_rate for s in states if s.yaw_rate is not None]
 
 
-def doubted(state: State) -> NotSeen:
-    """Why a procedure ends that counts on an encoder which is doubted."""
-    return NotSeen(
-        "the encoder does not count what the car drives",
+def encoder_doubt(state: State) -> NoMotion:
+    """Make the error for a State whose speed is doubtful."""
+    return NoMotion(
+        "the encoder does not count the motion of the car",
         found=f"{', '.join(sorted(state.health.doubts))} at {state.speed:.2f} m/s",
-        expected="edges that fit throttle and accelerometer",
+        expected="edges that agree with throttle and accelerometer",
         likely="its cable is loose, its sensor too far from the ring, the ESC is off, or "
                "something holds the car",
         remedy="turn a wheel by hand and watch dart-hal doctor")
@@ -144,14 +148,14 @@ def doubted(state: State) -> NotSeen:
 
 def _no_ticks(states: list[State], bias: float) -> CalibrationFailed:
     rates = yaw_rates(states[-100:])
-    turning = bool(rates) and abs(float(np.mean(rates)) - bias) > TURNS
+    turning = bool(rates) and abs(float(np.mean(rates)) - bias) > MIN_TURN_RATE
     if turning:
         return CalibrationFailed(
             "the car turns but the encoder does not count",
             found=f"0 edges, yaw rate {np.mean(rates) - bias:+.2f} rad/s",
             expected="edges of the ring", likely="encoder unplugged, sensor too far from the ring",
             remedy="turn a wheel by hand and watch dart-hal doctor")
-    return NotSeen(
+    return NoMotion(
         "the car does not move", found=f"0 edges in {states[-1].t - states[0].t:.0f} s of throttle",
         expected="motion at a throttle of about 0.25",
         likely="the ESC is off or has not armed (it needs 2 s of neutral after power-on), the "
@@ -160,32 +164,33 @@ def _no_ticks(states: list[State], bias: float) -> CalibrationFailed:
 
 
 def check_turning(recent: list[State], bias: float, left: bool) -> None:
+    """Raise CalibrationFailed unless the yaw rate has the expected sign and size."""
     rates = yaw_rates(recent)
     if any(Doubt.IMU_DISAGREES.value in s.health.doubts for s in recent):
-        raise _wrong_way(left, "the other way", Doubt.IMU_DISAGREES.value)
+        raise _wrong_direction(left, "the other way", Doubt.IMU_DISAGREES.value)
     if not rates:
         raise CalibrationFailed("no yaw rate while driving", found="IMU not valid",
                                 expected="100 Hz of gyro data",
                                 likely="IMU unplugged or reset by a voltage drop",
                                 remedy="dart-hal doctor")
     rate = float(np.mean(rates)) - bias
-    if abs(rate) < TURNS:
+    if abs(rate) < MIN_TURN_RATE:
         raise CalibrationFailed(
             "the wheels turn but the car does not turn", found=f"yaw rate {rate:+.3f} rad/s",
             expected="about 0.7 rad/s at full lock",
             likely="the wheels are off the ground, the servo does not move, or the gyro is stuck",
             remedy="put the car on the floor; check the servo's plug (channel 0)")
     if (rate > 0.0) != left:
-        raise _wrong_way(left, f"to the {'left' if rate > 0 else 'right'}",
+        raise _wrong_direction(left, f"to the {'left' if rate > 0 else 'right'}",
                          f"yaw rate {rate:+.2f} rad/s")
 
 
-def _wrong_way(left: bool, answer: str, found: str) -> CalibrationFailed:
+def _wrong_direction(left: bool, answer: str, found: str) -> CalibrationFailed:
     return CalibrationFailed(
         f"a command to the {'left' if left else 'right'} gives a yaw rate {answer}", found=found,
         expected="left commands give positive yaw rates",
         likely="the servo's direction is reversed, the IMU is mounted upside down (push the car to "
                "the left by hand: the yaw rate must be positive), or the car drove backward",
-        remedy="the wheels turn the wrong way: [steering] direction = -1 in car.toml; they "
-               "turn the right way: mount_roll = 3.1416 under [imu]; backward: swap the two leads "
-               "of the motor")
+        remedy="if the wheels steer to the wrong side: [steering] direction = -1 in car.toml; if "
+               "they steer correctly: mount_roll = 3.1416 under [imu]; if it drove backward: swap "
+               "the two leads of the motor")

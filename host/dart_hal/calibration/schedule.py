@@ -1,7 +1,7 @@
-"""Which pulses are driven in which order, and how much floor and time that takes.
+"""Plan the pulses of a steering calibration, and predict the floor and time they need.
 
-The path on the floor is a chain of arcs. Before each sweep the car circles until the sweep, for
-every car that it may be, stays near the start.
+The path on the floor is a sequence of arcs. Before each sweep the car circles until the sweep will
+stay near the start. This is predicted for cars with different trim, gain and backlash.
 """
 
 from __future__ import annotations
@@ -19,22 +19,31 @@ from dart_hal.vehicle.parameters import Steering
 from dart_hal.vehicle.sets import PAPER
 from dart_hal.vehicle.steering import make_steering
 
-SPEEDS = (0.35, 0.55)  # m/s; slow, and apart enough to tell the slip
-LEVELS = 13
-SETTLE = 0.8  # s; delay 0.15, five servo lags, the PI's answer to the new drag
-MEASURE = 0.7  # s; about 5 revolutions of the ring
-STANDSTILL = 3.0  # s for the gyro bias
-START = 3.0  # s to reach the first speed
-MARGIN = 1.0  # m; half a car, and what the prediction of the path misses
-TRIMS = (-0.06, -0.03, 0.0, 0.03, 0.06)  # of the command range
-GAINS = (0.9, 1.1)
-PLAYS = (0.01, 0.03, 0.05)  # rad, full width of the loop and what the servo lags
-DT = 0.1  # s between points of a predicted path
-CANDIDATES = 36  # headings that are tried on one circle
+# m/s; low, and different enough to show the slip.
+SWEEP_SPEEDS = (0.35, 0.55)
+LEVEL_COUNT = 13
+# s; delay 0.15, five servo lags, response of the speed loop to the new drag.
+SETTLE_TIME = 0.8
+# s; about 5 revolutions of the ring.
+MEASURE_TIME = 0.7
+# s at rest for the gyro bias.
+BIAS_TIME = 3.0
+# s to reach the first speed.
+START_TIME = 3.0
+# m; half a car, and the error of the predicted path.
+PATH_MARGIN = 1.0
+# Possible cars: trim as a share of the command range, gain, and backlash with servo lag [rad].
+POSSIBLE_TRIMS = (-0.06, -0.03, 0.0, 0.03, 0.06)
+POSSIBLE_GAINS = (0.9, 1.1)
+POSSIBLE_PLAYS = (0.01, 0.03, 0.05)
+# s between points of a predicted path.
+PATH_STEP = 0.1
+# Headings that are tried on one circle.
+CANDIDATE_HEADINGS = 36
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class SteeringStep:
     """One window: command -1..1 and its pulse, direction of approach, reference speed [m/s]."""
 
     command: float
@@ -44,14 +53,14 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """What the procedure will do, to be shown before anything moves.
+class SteeringPlan:
+    """Plan of the procedure, shown before anything moves.
 
-    time s at most, radius m of the free floor around the start, speed m/s at
-    most, path m at most.
+    time [s] at most; radius [m] of the free floor around the start; speed [m/s] and path [m] at
+    most.
     """
 
-    steps: tuple[Step, ...]
+    steps: tuple[SteeringStep, ...]
     time: float
     radius: float
     speed: float
@@ -65,94 +74,97 @@ class Plan:
                 f"floor of {self.radius:.1f} m around the car")
 
     @property
-    def forth(self) -> tuple[Step, ...]:
+    def forth(self) -> tuple[SteeringStep, ...]:
         """The sweep from right to left."""
         return self.steps[:len(self.steps) // 2]
 
     @property
-    def back(self) -> tuple[Step, ...]:
+    def back(self) -> tuple[SteeringStep, ...]:
         """The sweep from left to right."""
         return self.steps[len(self.steps) // 2:]
 
 
 def make_steps(*, center_us: float, span_us: float, direction: int, count: float,
-               levels: int = LEVELS, speeds: tuple[float, float] = SPEEDS) -> tuple[Step, ...]:
-    """From full right to full left slowly, and back faster.
+               levels: int = LEVEL_COUNT, speeds: tuple[float, float] = SWEEP_SPEEDS
+               ) -> tuple[SteeringStep, ...]:
+    """Make the steps from full right to full left at low speed, and back at higher speed.
 
-    Every pulse is a whole number of counts, so that no dithering moves the
-    servo to and fro inside its backlash.
+    Every pulse is a whole number of counts, so that the servo is not dithered within its backlash.
     """
-    spots = []
+    grid = []
     for i in range(levels):
-        wanted = -1.0 + 2.0 * i / (levels - 1)
-        ticks = round((center_us + direction * span_us * wanted) / count)
+        target = -1.0 + 2.0 * i / (levels - 1)
+        ticks = round((center_us + direction * span_us * target) / count)
         pulse = ticks * count
-        spots.append(((pulse - center_us) / (direction * span_us), pulse))
-    steps: list[Step] = []
-    at = 0.0
+        grid.append(((pulse - center_us) / (direction * span_us), pulse))
+    steps: list[SteeringStep] = []
+    last = 0.0
     for rising, speed in ((True, speeds[0]), (False, speeds[1])):
-        for command, pulse in spots if rising else spots[::-1]:
-            direction = (command > at) - (command < at) or (steps[-1].direction if steps else 0)
-            steps.append(Step(command, pulse, direction, speed))
-            at = command
+        for command, pulse in grid if rising else grid[::-1]:
+            sign = (command > last) - (command < last)
+            direction = sign or (steps[-1].direction if steps else 0)
+            steps.append(SteeringStep(command, pulse, direction, speed))
+            last = command
     return tuple(steps)
 
 
 def possible_cars() -> list[tuple[Steering, float]]:
-    """(map, backlash [rad]) of cars that differ in trim, gain and play."""
+    """(map, backlash [rad]) of cars that differ in trim, gain and backlash."""
     base = PAPER.steering
     return [(replace(base, s0=base.s0 + trim, a_left_rad=base.a_left_rad * gain,
                      a_right_rad=base.a_right_rad * gain), play)
-            for trim in TRIMS for gain in GAINS for play in PLAYS]
+            for trim in POSSIBLE_TRIMS for gain in POSSIBLE_GAINS for play in POSSIBLE_PLAYS]
 
 
-def legs_of(steps: tuple[Step, ...], wheelbase: float, car: tuple[Steering, float]) -> list[Leg]:
-    """Arcs of a sweep on that car: the wheels lag half the backlash behind. wheelbase [m]."""
+def make_legs(steps: tuple[SteeringStep, ...], wheelbase: float, car: tuple[Steering, float]
+              ) -> list[Leg]:
+    """Arcs of a sweep of a car whose wheels lag by half the backlash. wheelbase [m]."""
     steering, play = car
     curve = make_steering(steering)
     return [Leg(s.speed, s.speed * math.tan(curve(s.command) - 0.5 * play * s.direction)
-                / wheelbase, SETTLE + MEASURE) for s in steps]
+                / wheelbase, SETTLE_TIME + MEASURE_TIME) for s in steps]
 
 
-def return_futures(back: tuple[Step, ...], yaw_per_metre: list[float], wheelbase: float
+def return_futures(back: tuple[SteeringStep, ...], yaw_per_metre: list[float], wheelbase: float
                    ) -> list[list[Leg]]:
-    """The sweep back, from what the sweep there showed; the backlash is not known yet.
+    """Arcs of the sweep back for each possible backlash, by the curvature of the first sweep.
 
     yaw_per_metre [rad/m] of the levels in the order of ``back``.
     """
-    return [[Leg(s.speed, s.speed * (k + play / wheelbase), SETTLE + MEASURE)
-             for s, k in zip(back, yaw_per_metre, strict=True)] for play in PLAYS]
+    return [[Leg(s.speed, s.speed * (k + play / wheelbase), SETTLE_TIME + MEASURE_TIME)
+             for s, k in zip(back, yaw_per_metre, strict=True)] for play in POSSIBLE_PLAYS]
 
 
 @lru_cache(maxsize=8)
-def make_plan(steps: tuple[Step, ...], wheelbase: float) -> Plan:
-    """Time, path and floor: the largest over all possible cars."""
-    plan = Plan(steps, 0.0, 0.0, max(s.speed for s in steps), 0.0, wheelbase)
+def make_plan(steps: tuple[SteeringStep, ...], wheelbase: float) -> SteeringPlan:
+    """Compute time, path and floor: the largest over all possible cars."""
+    plan = SteeringPlan(steps, 0.0, 0.0, max(s.speed for s in steps), 0.0, wheelbase)
     time = radius = path = 0.0
-    futures = [legs_of(plan.forth, wheelbase, car) for car in possible_cars()]
+    futures = [make_legs(plan.forth, wheelbase, car) for car in possible_cars()]
     for car in possible_cars():
         legs = _rehearse(plan, car, futures)
         points, _ = trace(Spot(0.0, 0.0, 0.0), legs)
         radius = max(radius, float(np.hypot(points[:, 0], points[:, 1]).max()))
         time = max(time, sum(g.seconds for g in legs))
         path = max(path, sum(g.seconds * g.speed for g in legs))
-    return replace(plan, time=STANDSTILL + time + 1.0, radius=radius + MARGIN, path=path)
+    return replace(plan, time=BIAS_TIME + time + 1.0, radius=radius + PATH_MARGIN, path=path)
 
 
-def _rehearse(plan: Plan, car: tuple[Steering, float], futures: list[list[Leg]]) -> list[Leg]:
-    """Everything that this car would drive: start, wait, sweep, wait, sweep."""
-    forth = legs_of(plan.forth, plan.wheelbase, car)
-    back = legs_of(plan.back, plan.wheelbase, car)
-    start = Leg(forth[0].speed, forth[0].yaw_rate, START + SETTLE)
+def _rehearse(plan: SteeringPlan, car: tuple[Steering, float], futures: list[list[Leg]]
+              ) -> list[Leg]:
+    """Arcs of the whole drive of a car: start, wait, sweep, wait, sweep."""
+    forth = make_legs(plan.forth, plan.wheelbase, car)
+    back = make_legs(plan.back, plan.wheelbase, car)
+    start = Leg(forth[0].speed, forth[0].yaw_rate, START_TIME + SETTLE_TIME)
     centre = (0.0, 0.0)
-    _, at = trace(Spot(0.0, 0.0, 0.0), [start])
-    first = waiting_time(at, forth[0].speed, forth[0].yaw_rate, futures, centre)
+    _, spot = trace(Spot(0.0, 0.0, 0.0), [start])
+    first = waiting_time(spot, forth[0].speed, forth[0].yaw_rate, futures, centre)
     legs = [start, Leg(forth[0].speed, forth[0].yaw_rate, first), *forth,
-            Leg(back[0].speed, back[0].yaw_rate, SETTLE)]
-    _, at = trace(Spot(0.0, 0.0, 0.0), legs)
-    seen = [g.yaw_rate / g.speed for g in forth[::-1]]
-    second = waiting_time(at, back[0].speed, back[0].yaw_rate,
-                          return_futures(plan.back, seen, plan.wheelbase), centre)
+            Leg(back[0].speed, back[0].yaw_rate, SETTLE_TIME)]
+    _, spot = trace(Spot(0.0, 0.0, 0.0), legs)
+    curvature = [g.yaw_rate / g.speed for g in forth[::-1]]
+    second = waiting_time(spot, back[0].speed, back[0].yaw_rate,
+                          return_futures(plan.back, curvature, plan.wheelbase), centre)
     return [*legs, Leg(back[0].speed, back[0].yaw_rate, second), *back]
 
 
@@ -173,33 +185,34 @@ class Spot(NamedTuple):
 
 
 def trace(start: Spot, legs: Sequence[Leg]) -> tuple[FloatArray, Spot]:
-    """(points (n, 2) m, last spot) of arcs driven one after the other."""
-    turns = np.concatenate([np.full(max(round(g.seconds / DT), 0), g.yaw_rate) for g in legs])
-    speeds = np.concatenate([np.full(len_, g.speed) for g, len_ in
-                             ((g, max(round(g.seconds / DT), 0)) for g in legs)])
-    yaw = start.yaw + np.concatenate([[0.0], np.cumsum(turns * DT)])
+    """Predict a sequence of arcs; return (points (n, 2) [m], last spot)."""
+    counts = [max(round(g.seconds / PATH_STEP), 0) for g in legs]
+    turns = np.repeat([g.yaw_rate for g in legs], counts)
+    speeds = np.repeat([g.speed for g in legs], counts)
+    yaw = start.yaw + np.concatenate([[0.0], np.cumsum(turns * PATH_STEP)])
     middle = 0.5 * (yaw[1:] + yaw[:-1])
-    x = start.x + np.concatenate([[0.0], np.cumsum(speeds * np.cos(middle) * DT)])
-    y = start.y + np.concatenate([[0.0], np.cumsum(speeds * np.sin(middle) * DT)])
+    x = start.x + np.concatenate([[0.0], np.cumsum(speeds * np.cos(middle) * PATH_STEP)])
+    y = start.y + np.concatenate([[0.0], np.cumsum(speeds * np.sin(middle) * PATH_STEP)])
     return np.column_stack([x, y]), Spot(float(x[-1]), float(y[-1]), float(yaw[-1]))
 
 
-def waiting_time(at: Spot, speed: float, yaw_rate: float, futures: Sequence[Sequence[Leg]],
+def waiting_time(spot: Spot, speed: float, yaw_rate: float, futures: Sequence[Sequence[Leg]],
                  centre: tuple[float, float]) -> float:
-    """Seconds to stay on the circle (speed, yaw_rate) before what follows; at most one turn.
+    """Time [s] to stay on the circle (speed, yaw_rate) before the next sweep; at most one turn.
 
-    ``futures``: the sweep to come on each car that this one may be. The heading
-    with the smallest largest distance from ``centre`` [m] over them all wins.
+    futures: the next sweep for each possible car. The result is the heading whose largest distance
+    from ``centre`` [m] over all futures is smallest.
     """
     if abs(yaw_rate) < 0.1:
         return 0.0
-    times = np.arange(CANDIDATES) * (2.0 * math.pi / abs(yaw_rate) / CANDIDATES)
-    yaw = at.yaw + yaw_rate * times
+    times = np.arange(CANDIDATE_HEADINGS) * (2.0 * math.pi / abs(yaw_rate) / CANDIDATE_HEADINGS)
+    yaw = spot.yaw + yaw_rate * times
     radius = speed / yaw_rate
-    x = at.x + radius * (np.sin(yaw) - math.sin(at.yaw)) - centre[0]
-    y = at.y - radius * (np.cos(yaw) - math.cos(at.yaw)) - centre[1]
-    c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
-    worst = np.zeros(CANDIDATES)
+    x = spot.x + radius * (np.sin(yaw) - math.sin(spot.yaw)) - centre[0]
+    y = spot.y - radius * (np.cos(yaw) - math.cos(spot.yaw)) - centre[1]
+    c = np.cos(yaw)[:, None]
+    s = np.sin(yaw)[:, None]
+    worst = np.zeros(CANDIDATE_HEADINGS)
     for legs in futures:
         local, _ = trace(Spot(0.0, 0.0, 0.0), legs)
         px = x[:, None] + c * local[:, 0] - s * local[:, 1]

@@ -1,7 +1,7 @@
-"""What the sensors say in their own axes, beside the State that was made of it.
+"""Log samples of the sensors in their own axes, together with the State computed from them.
 
-Mounting, scale and bias that a car's files already hold are in the State and
-not in the sample, so that a second calibration does not measure the first.
+Mounting, scale and bias of the car's files are applied to the State but not to the sample. So a
+second calibration does not measure the result of the first.
 """
 
 from __future__ import annotations
@@ -20,14 +20,17 @@ from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import STATE
 from dart_hal.wire.plausible import Gates
 
-FEW = 50
-"""Pairs below which nothing can be said."""
+# Pairs below which a log counts as empty.
+MIN_LOGGED_PAIRS = 50
 
 
 @dataclass(frozen=True, slots=True)
-class Sensed:
-    """Time [s] of the car's clock, gyro (n, 3) [rad/s], acc (n, 3) [m/s2], both in sensor
-    axes, speed [m/s] of the wheels; one row per new sample of the IMU."""
+class ImuSamples:
+    """One row per new sample of the IMU.
+
+    t (n,) [s] of the car's clock; gyro (n, 3) [rad/s] and acc (n, 3) [m/s2] in sensor axes; speed
+    (n,) [m/s] of the wheels.
+    """
 
     t: FloatArray
     gyro: FloatArray
@@ -35,7 +38,7 @@ class Sensed:
     speed: FloatArray
 
     @property
-    def turned(self) -> FloatArray:
+    def rotation(self) -> FloatArray:
         """Integral of the gyro from the first to the last row, shape (3,) [rad]."""
         steps = np.diff(self.t)[:, None]
         return np.asarray((0.5 * (self.gyro[1:] + self.gyro[:-1]) * steps).sum(axis=0))
@@ -46,43 +49,46 @@ class Sensed:
 
 
 class SensorLog:
-    """Collects pairs of sample and State of one car from now on."""
+    """Collect pairs of sample and State of one car from now on."""
 
     def __init__(self, car: Car) -> None:
-        self._decoder, self._reader = Decoder(UP, Gates()), FrameReader()
+        self._decoder = Decoder(UP, Gates())
+        self._reader = FrameReader()
         self._waiting: deque[Sample] = deque(maxlen=64)
         self._pairs: list[tuple[Sample, State]] = []
         car.on_bytes(self._bytes)
         car.on_state(self._state)
 
     def pairs(self) -> list[tuple[Sample, State]]:
-        """What came since the last call, as it came."""
-        pairs, self._pairs = self._pairs, []
+        """Return the pairs since the last call."""
+        pairs = self._pairs
+        self._pairs = []
         return pairs
 
-    def take(self) -> Sensed | None:
-        """What came since the last call; None if it is next to nothing."""
+    def take(self) -> ImuSamples | None:
+        """Return the samples since the last call; None for fewer than ``MIN_LOGGED_PAIRS``."""
         rows = []
         last = -np.inf
         for sample, state in self.pairs():
             if sample.gyro is None or sample.acc is None or sample.imu_t <= last:
                 continue
             last = sample.imu_t
-            # the device's clock is off by less than a percent, of an age of 10 ms
+            # The device's clock is off by less than a per cent, of an age of 10 ms.
             rows.append((state.t - sample.imu_age, *sample.gyro, *sample.acc, state.speed))
-        if len(rows) < FEW:
+        if len(rows) < MIN_LOGGED_PAIRS:
             return None
         table = np.array(rows)
-        return Sensed(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7])
+        return ImuSamples(table[:, 0], table[:, 1:4], table[:, 4:7], table[:, 7])
 
     def device_rate(self) -> float:
-        """Seconds of the car's clock per second of the Nano's since the last ``take``.
+        """Seconds of the car's clock per second of the Nano's clock since the last ``take``.
 
-        A line through all pairs. Errors: CalibrationFailed if there are next to none.
+        Slope of the line through all pairs. Raises CalibrationFailed for too few pairs.
         """
-        if len(self._pairs) < FEW:
-            raise CalibrationFailed("no telemetry", found=f"{len(self._pairs)} frames",
-                                    expected="100 per second", remedy="dart-hal doctor")
+        if len(self._pairs) < MIN_LOGGED_PAIRS:
+            raise CalibrationFailed("too little telemetry", found=f"{len(self._pairs)} frames",
+                                    expected=f"at least {MIN_LOGGED_PAIRS} (100 per second)",
+                                    remedy="dart-hal doctor")
         device = np.array([sample.t_dev for sample, _ in self._pairs])
         host = np.array([state.t for _, state in self._pairs])
         device -= device.mean()

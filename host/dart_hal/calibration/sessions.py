@@ -1,8 +1,8 @@
-"""Which recordings belong together, and how the maps of such groups differ.
+"""Group recordings by session, and compare the steering maps of the groups.
 
-A session is a day and a folder, or what was driven in one go. Battery, trim of the ESC, linkage
-and floor change between sessions: errors that know only one of them would promise too much, and
-a fit over all of them is a mean that no car ever had.
+A session is a day and a folder, or the recordings of one drive. Battery, trim of the ESC, linkage
+and floor change between sessions. Standard errors from a single session are therefore too small. A
+fit over several sessions is a mean that no car ever had.
 """
 
 from __future__ import annotations
@@ -18,19 +18,22 @@ import numpy as np
 from dart_hal.core.types import FloatArray
 from dart_hal.recording.dart import Recording
 
-GAP = timedelta(hours=1)
+SESSION_GAP = timedelta(hours=1)
 _MONTH_FIRST = re.compile(r"(?<!\d)(\d\d)_(\d\d)_(20\d\d)(?!\d)")
 _YEAR_FIRST = re.compile(r"(?<!\d)(20\d\d)-(\d\d)-(\d\d)(?!\d)")
 _MOMENT = re.compile(r"(?<!\d)(\d\d)_(\d\d)_(20\d\d)_(\d\d)_(\d\d)_\d\d")
-MAX_DAYS = 3
-MAX_DIFFERENCE = 1.0  # deg rms; more is seen on the floor as another radius
-BIN = 0.1  # of command: what counts as the same command
-MIN_IN_BIN = 20  # samples, 2 s
-MIN_BINS = 2
+MAX_MAP_DAYS = 3
+# deg rms; a larger difference shows on the floor as another radius.
+MAX_GROUP_DIFFERENCE = 1.0
+# Width of a bin of commands that count as equal.
+COMMAND_BIN = 0.1
+# Samples of a bin: 2 s; bins that two groups have to share.
+MIN_BIN_SAMPLES = 20
+MIN_SHARED_BINS = 2
 
 
 def day_of(recording: Recording) -> date | None:
-    """The day by the mocap's clock, else by the file's name, else None (our runs hold none)."""
+    """Day by the clock of the mocap, or by the file name; None if unknown (own runs)."""
     if recording.when is not None:
         return recording.when.date()
     name = recording.path.name
@@ -40,13 +43,13 @@ def day_of(recording: Recording) -> date | None:
             return date(year, month, day)
         if found := _YEAR_FIRST.search(name):
             return date(*map(int, found.groups()))
-    except ValueError:  # digits that are no date
+    except ValueError:  # digits that are not a date
         pass
     return None
 
 
 def session_of(recording: Recording) -> str:
-    """Date and folder, or the folder alone where no date is known."""
+    """Label of date and folder, or of the folder if no date is known."""
     day = day_of(recording)
     return f"{day.isoformat()} {_folder(recording)}" if day else _folder(recording)
 
@@ -57,18 +60,18 @@ def _folder(recording: Recording) -> str:
 
 
 def sessions_of(recordings: Sequence[Recording]) -> list[str]:
-    """Label of each recording: one for all that began within an hour of the one before.
+    """Label the session of each recording: it started within an hour of the previous one.
 
-    What the motor hangs on (battery, trim) lasts for a session, whatever the
-    folders are; without a time of day date and folder stand for it.
+    Battery and trim last for a session, across folders. Without a time of day, date and folder are
+    used instead.
     """
     out = [session_of(r) for r in recordings]
     timed = sorted((began, i) for i, r in enumerate(recordings)
                    if (began := _began(r)) is not None)
     session: list[int] = []
-    for place, (began, i) in enumerate(timed):
+    for position, (began, i) in enumerate(timed):
         session.append(i)
-        if place + 1 == len(timed) or timed[place + 1][0] - began > GAP:
+        if position + 1 == len(timed) or timed[position + 1][0] - began > SESSION_GAP:
             folders = dict.fromkeys(_folder(recordings[k]) for k in session)
             for k in session:
                 out[k] = f"{_began(recordings[session[0]]):%Y-%m-%d %H:%M} " + " + ".join(folders)
@@ -77,7 +80,7 @@ def sessions_of(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _began(recording: Recording) -> datetime | None:
-    """When by the file's name, else by the mocap's clock."""
+    """Start by the file name, or by the clock of the mocap."""
     found = _MOMENT.search(recording.path.name)
     when = recording.when
     if found is None:
@@ -85,12 +88,12 @@ def _began(recording: Recording) -> datetime | None:
     month, day, year, hour, minute = map(int, found.groups())
     try:
         return datetime(year, month, day, hour, minute)
-    except ValueError:  # digits that are no time
+    except ValueError:  # digits that are not a time
         return None
 
 
 @dataclass(slots=True)
-class Group:
+class RecordingGroup:
     """Recordings of one day and folder: commands (n,) and residuals (n,) rad of its samples."""
 
     label: str
@@ -99,49 +102,51 @@ class Group:
     residual: list[FloatArray] = field(default_factory=list)
 
     def means(self) -> dict[int, tuple[float, int]]:
-        """(mean residual [deg], samples) by bin of command."""
-        command, residual = np.concatenate(self.command), np.concatenate(self.residual)
-        key = np.round(command / BIN).astype(int)
+        """Return {bin of command: (mean residual [deg], samples)}."""
+        command = np.concatenate(self.command)
+        residual = np.concatenate(self.residual)
+        key = np.round(command / COMMAND_BIN).astype(int)
         return {int(k): (float(np.degrees(residual[key == k].mean())), int((key == k).sum()))
-                for k in np.unique(key) if (key == k).sum() >= MIN_IN_BIN}
+                for k in np.unique(key) if (key == k).sum() >= MIN_BIN_SAMPLES}
 
 
-def groups_of(parts: Sequence[tuple[Recording, FloatArray, FloatArray]]) -> list[Group]:
-    """Groups of (recording, command (n,), residual (n,) rad), oldest first, undated last."""
-    found: dict[str, Group] = {}
+def make_groups(parts: Sequence[tuple[Recording, FloatArray, FloatArray]]) -> list[RecordingGroup]:
+    """Group (recording, command (n,), residual (n,) rad), oldest first, undated last."""
+    found: dict[str, RecordingGroup] = {}
     for recording, command, residual in parts:
         label = session_of(recording)
-        group = found.setdefault(label, Group(label, day_of(recording)))
+        group = found.setdefault(label, RecordingGroup(label, day_of(recording)))
         group.command.append(command)
         group.residual.append(residual)
     return sorted(found.values(), key=lambda g: (g.day or date.max, g.label))
 
 
-def cautions(groups: Sequence[Group]) -> list[str]:
-    """What speaks against one map for all groups; empty when nothing does."""
-    said = []
+def cautions(groups: Sequence[RecordingGroup]) -> list[str]:
+    """Describe what is against one map for all groups; empty if nothing is."""
+    found = []
     days = [g.day for g in groups if g.day is not None]
-    if days and (max(days) - min(days)).days > MAX_DAYS:
-        said.append(f"caution: one map out of {(max(days) - min(days)).days} days, between which "
-                    "trim, tyres and floor may have changed: "
-                    + ", ".join(g.label for g in groups))
-    found = sorted(((*difference(a, b), a.label, b.label) for a, b in combinations(groups, 2)),
+    if days and (max(days) - min(days)).days > MAX_MAP_DAYS:
+        found.append(f"caution: one map from {(max(days) - min(days)).days} days, between which "
+                     "trim, tyres and floor may have changed: "
+                     + ", ".join(g.label for g in groups))
+    pairs = sorted(((*difference(a, b), a.label, b.label) for a, b in combinations(groups, 2)),
                    reverse=True)
-    large = [pair for pair in found if pair[0] > MAX_DIFFERENCE]
+    large = [pair for pair in pairs if pair[0] > MAX_GROUP_DIFFERENCE]
     if large:
         rms, mean, first, second = large[0]
         more = f"; so do {len(large) - 1} other pair(s) of groups" if len(large) > 1 else ""
-        said.append(f"caution: at the same commands {second} lies {rms:.1f} deg rms "
-                    f"({mean:+.1f} in the mean) from {first}: another trim, floor, speed or side "
-                    f"of approach; fit them apart{more}")
-    return said
+        found.append(f"caution: at the same commands {second} differs by {rms:.1f} deg rms "
+                     f"({mean:+.1f} on average) from {first}: another trim, floor, speed or side "
+                     f"of approach; fit them separately{more}")
+    return found
 
 
-def difference(first: Group, second: Group) -> tuple[float, float]:
-    """(rms, mean) [deg] of second minus first over the commands that both hold; else zeros."""
-    a, b = first.means(), second.means()
+def difference(first: RecordingGroup, second: RecordingGroup) -> tuple[float, float]:
+    """(rms, mean) [deg] of second minus first over common commands; zeros for too few."""
+    a = first.means()
+    b = second.means()
     shared = sorted(a.keys() & b.keys())
-    if len(shared) < MIN_BINS:
+    if len(shared) < MIN_SHARED_BINS:
         return 0.0, 0.0
     step = np.array([b[k][0] - a[k][0] for k in shared])
     weight = np.array([min(a[k][1], b[k][1]) for k in shared], dtype=np.float64)

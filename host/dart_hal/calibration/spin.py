@@ -1,6 +1,7 @@
-"""Holds pulses on a car whose wheels are off the ground, and takes down where the ring stands.
+"""Hold pulses on a car whose wheels are off the ground, and record the edges of the ring.
 
-One frame in, one pulse out, as in ``runner``; but no speed is held: the ESC is what is asked.
+As in ``runner``, each STATE frame is answered by one pulse. But the pulse is constant and no speed
+is controlled, because the ESC is what is measured.
 """
 
 from __future__ import annotations
@@ -18,31 +19,35 @@ from dart_hal.core.types import FloatArray, State
 from dart_hal.devices.actuation.quantiser import counter_of
 from dart_hal.estimation.frames import Sample
 
-from .by_hand import name_silence
+from .by_hand import diagnose_no_edges
 from .sensor_log import SensorLog
 
-SILENCE = 0.3
-"""s without an edge of wheels that have to turn."""
-STANDS = 0.3
-"""s of neutral from which the accelerometer's offset is taken."""
-SEARCH, STEP, FIRST = 200.0, 0.055, 6
-"""us from neutral at which every ESC has begun to pull, s of each count until there (three PWM
-frames), and edges that show it."""
-SPEEDS_UP, FELT = 0.3, 0.5
-"""m/s by which the wheels change their speed until it is asked whether that was felt, and the
-share of it that is: lifted wheels give nothing, on the floor it is all of it."""
+# s without an edge after which turning wheels count as stopped.
+MAX_EDGE_GAP = 0.3
+# s of neutral for the offset of the accelerometer.
+OFFSET_DURATION = 0.3
+# us from neutral at which every ESC has begun to drive.
+MAX_FIRST_MOTION = 200.0
+# s of each count until there: three PWM frames.
+COUNT_DURATION = 0.055
+# Edges that show the first motion.
+MIN_MOTION_EDGES = 6
+# m/s by which the wheels change their speed before the accelerometer is compared with it.
+MIN_SPEED_CHANGE_TO_CHECK = 0.3
+# Share of that change which the accelerometer may measure: 0 with lifted wheels, 1 on the floor.
+MAX_INERTIAL_SHARE = 0.5
 
 
 class NoEdges(Exception):
-    """The wheels should turn, and no edge comes; the text says since when."""
+    """The wheels should turn but no edge is counted; the text states since when."""
 
 
 @dataclass(frozen=True, slots=True)
-class Spin:
-    """One pulse held: ``pulse_us`` (0.0: none); edges of the ring, every second one.
+class PulseSpan:
+    """Edges of the ring, every second one, during one constant pulse ``pulse_us`` (0.0: none).
 
-    t [s] of the Nano's clock, since ``began``, the State before the first whose pins carried the
-    pulse; x [m] of the tread, unsigned, as ``places`` has them; ``ended`` [s] as t.
+    t [s] of the Nano's clock since ``began``, the State before the first one with the pulse at the
+    pins; ``ended`` [s] as t. x [m]: unsigned distance at the tread, see ``edge_distances``.
     """
 
     pulse_us: float
@@ -51,79 +56,86 @@ class Spin:
     began: float
     ended: float
 
-    def after(self, seconds: float) -> Spin:
-        """The same without its beginning."""
-        kept = self.t >= seconds
-        return Spin(self.pulse_us, self.t[kept], self.x[kept], self.began, self.ended)
+    def without_start(self, seconds: float) -> PulseSpan:
+        """Return the span without its first ``seconds``."""
+        use = self.t >= seconds
+        return PulseSpan(self.pulse_us, self.t[use], self.x[use], self.began, self.ended)
 
     def speed(self, seconds: float) -> float:
-        """Mean speed [m/s] of the last ``seconds``, 0 without two edges in them."""
-        late = self.after(self.ended - seconds)
-        if len(late.t) < 2:
+        """Mean speed [m/s] of the last ``seconds``; 0 with fewer than two edges."""
+        last = self.without_start(self.ended - seconds)
+        if len(last.t) < 2:
             return 0.0
-        return float((late.x[-1] - late.x[0]) / (late.t[-1] - late.t[0]))
+        return float((last.x[-1] - last.x[0]) / (last.t[-1] - last.t[0]))
 
 
 class Spinner:
-    """Holds pulses for stretches of car time; call inside ``car.raw(lifted=True)``."""
+    """Hold pulses for given times of the car's clock; use inside ``car.raw(lifted=True)``."""
 
     def __init__(self, car: Car, log: SensorLog) -> None:
         files = car.files
-        self._car, self._log = car, log
+        self._car = car
+        self._log = log
         self.count = counter_of(files)[1]
         """us; pulses of whole counts are made without error."""
         self._metres = files.metres_per_edge.value
         self._center = files.config.steering.center_us
         self._frames = iter(car.states())
-        self.neutral = self.whole(files.neutral_us)
+        self.neutral = self.round_to_count(files.neutral_us)
         self._offset = 0.0
-        still = self._run(STANDS, self.neutral, False)
-        felt = [s.accel_x for _, s in still if s.accel_x is not None]
-        self._offset = float(np.mean(felt)) if felt else 0.0
+        still = self._run(OFFSET_DURATION, self.neutral, False)
+        accel = [s.accel_x for _, s in still if s.accel_x is not None]
+        self._offset = float(np.mean(accel)) if accel else 0.0
 
-    def whole(self, pulse_us: float) -> float:
-        """The nearest pulse of whole counts [us]."""
+    def round_to_count(self, pulse_us: float) -> float:
+        """Return the nearest pulse of whole counts [us]."""
         return round(pulse_us / self.count) * self.count
 
-    def hold(self, seconds: float, pulse_us: float | None, *, turns: bool = False) -> Spin:
-        """Keep a pulse, None = none; ``turns``: the wheels have to turn.
+    def hold(self, seconds: float, pulse_us: float | None, *, turns: bool = False) -> PulseSpan:
+        """Hold a pulse (None: no pulse); ``turns``: the wheels have to turn.
 
-        Errors: NoEdges if they do not; CalibrationFailed if the car is on the floor, what the
-        Car raises.
+        Raises NoEdges if they do not, CalibrationFailed if the car is on the floor, and errors of
+        the Car.
         """
-        return self._spin(pulse_us or 0.0, self._run(seconds, pulse_us, turns))
+        return self._make_span(pulse_us or 0.0, self._run(seconds, pulse_us, turns))
 
     def first_motion(self, sign: float) -> float:
-        """Go away from neutral, count by count, until the first edges come; that pulse [us].
+        """Move away from neutral, count by count; return the pulse [us] with the first edges.
 
-        Errors: NoEdges where every ESC has begun to pull, else as ``hold``.
+        Raises NoEdges at a pulse with which every ESC drives, and as ``hold``.
         """
-        seen = 0
-        for counts in range(2, round(SEARCH / self.count)):
+        edges = 0
+        for counts in range(2, round(MAX_FIRST_MOTION / self.count)):
             pulse = self.neutral + sign * counts * self.count
-            ran = self._run(STEP, pulse, False)
-            seen += ran[-1][0].ticks - ran[0][0].ticks
-            if seen >= FIRST:
+            frames = self._run(COUNT_DURATION, pulse, False)
+            edges += frames[-1][0].ticks - frames[0][0].ticks
+            if edges >= MIN_MOTION_EDGES:
                 return pulse
-        raise NoEdges(f"{seen} edges up to {SEARCH:.0f} us from neutral")
+        raise NoEdges(f"{edges} edges up to {MAX_FIRST_MOTION:.0f} us from neutral")
 
     def _run(self, seconds: float, pulse_us: float | None, turns: bool
              ) -> list[tuple[Sample, State]]:
+        """Send a pulse with every frame and check edges and acceleration."""
         start: float | None = None
         first: State | None = None
-        edge, edge_t, felt = -1, 0.0, 0.0
+        edge = -1
+        edge_t = 0.0
+        inertial = 0.0
         self._log.pairs()
         for state in self._frames:
             first = first or state
             start = state.t if start is None else start
             if state.ticks != edge:
-                edge, edge_t = state.ticks, state.t
-            if turns and state.t - edge_t > SILENCE:
-                raise NoEdges(f"no edge for {SILENCE} s at {pulse_us or 0.0:.0f} us")
-            felt += 0.01 * ((state.accel_x or 0.0) - self._offset)
+                edge = state.ticks
+                edge_t = state.t
+            if turns and state.t - edge_t > MAX_EDGE_GAP:
+                raise NoEdges(f"no edge for {MAX_EDGE_GAP} s at {pulse_us or 0.0:.0f} us")
+            # Change of speed by the accelerometer [m/s], at 100 frames per second.
+            inertial += 0.01 * ((state.accel_x or 0.0) - self._offset)
             change = abs(state.speed - first.speed)
-            if change > SPEEDS_UP and abs(felt) > FELT * change:
-                raise _on_the_floor(f"the car sped up by {abs(felt):.1f} m/s with its wheels")
+            if (change > MIN_SPEED_CHANGE_TO_CHECK
+                    and abs(inertial) > MAX_INERTIAL_SHARE * change):
+                raise _not_lifted(f"the car accelerated by {abs(inertial):.1f} m/s with its wheels")
             self._send(pulse_us, state)
             if state.t - start >= seconds:
                 break
@@ -138,34 +150,40 @@ class Spinner:
             if state.accel_x is None:
                 raise CalibrationFailed(
                     "no data of the IMU", found="its samples are not valid",
-                    expected="100 samples per second: they show that the car stays on its stand",
+                    expected="100 samples per second, to check that the car is at rest",
                     likely="IMU unplugged, or reset by a voltage drop", remedy="dart-hal doctor"
                 ) from error
-            raise _on_the_floor("the IMU moves") from error
+            raise _not_lifted("the IMU measures motion") from error
 
-    def _spin(self, pulse_us: float, pairs: Sequence[tuple[Sample, State]]) -> Spin:
-        carried = (k for k, (_, s) in enumerate(pairs)
+    def _make_span(self, pulse_us: float, pairs: Sequence[tuple[Sample, State]]) -> PulseSpan:
+        # The pulse counts from the first State that had it at the pins.
+        at_pins = (k for k, (_, s) in enumerate(pairs)
                    if abs(s.applied.throttle_us - pulse_us) < 0.5 * self.count)
-        pairs = pairs[max(next(carried, 0) - 1, 0):]
-        t, x = places([sample for sample, _ in pairs], self._metres)
+        pairs = pairs[max(next(at_pins, 0) - 1, 0):]
+        t, x = edge_distances([sample for sample, _ in pairs], self._metres)
         began = pairs[0][0].t_dev
-        return Spin(pulse_us, t, x, began, pairs[-1][0].t_dev - began)
+        return PulseSpan(pulse_us, t, x, began, pairs[-1][0].t_dev - began)
 
 
-def places(samples: Sequence[Sample], metres_per_edge: float) -> tuple[FloatArray, FloatArray]:
-    """(t [s] of the Nano's clock since the first sample, way [m]) of every second edge seen.
+def edge_distances(samples: Sequence[Sample], metres_per_edge: float
+                   ) -> tuple[FloatArray, FloatArray]:
+    """(t [s] of the Nano's clock since the first sample, distance [m]) of every second edge.
 
-    Of two edges one is the rise of a mark and one its fall: counted in pairs, the width of the
-    marks drops out.
+    Of two edges one is the rise of a mark and one its fall. Counted in pairs, the width of the
+    marks cancels.
     """
     first = samples[0]
-    t, x, last = [], [], first.ticks
+    t = []
+    x = []
+    last = first.ticks
     for sample in samples:
-        ticks, at = sample.ticks, sample.edge_t
+        ticks = sample.ticks
+        edge_t = sample.edge_t
         if ticks % 2:
-            ticks, at = ticks - 1, at - sample.edge_dt if sample.edge_dt else -np.inf
-        if ticks > last and at > first.t_dev:
-            t.append(at - first.t_dev)
+            ticks -= 1
+            edge_t = edge_t - sample.edge_dt if sample.edge_dt else -np.inf
+        if ticks > last and edge_t > first.t_dev:
+            t.append(edge_t - first.t_dev)
             x.append((ticks - first.ticks) * metres_per_edge)
             last = ticks
     return np.array(t), np.array(x)
@@ -173,22 +191,22 @@ def places(samples: Sequence[Sample], metres_per_edge: float) -> tuple[FloatArra
 
 @contextmanager
 def spinning(car: Car, workshop: Workshop, log: SensorLog) -> Iterator[Spinner]:
-    """Raw pulses for a while; the car is left stopped, also on Ctrl-C.
+    """Run the block with raw pulses; stop the car at its end, also on Ctrl-C.
 
-    Errors: CalibrationFailed that says why no edge came, and what the Car raises.
+    Raises CalibrationFailed with the cause of missing edges, and errors of the Car.
     """
     try:
         with car.raw(lifted=True):
             yield Spinner(car, log)
     except NoEdges as error:
-        raise name_silence(car, workshop, str(error)) from error
+        raise diagnose_no_edges(car, workshop, str(error)) from error
     finally:
         car.stop()
 
 
-def _on_the_floor(found: str) -> CalibrationFailed:
+def _not_lifted(found: str) -> CalibrationFailed:
     return CalibrationFailed("the wheels are not off the ground", found=found,
-                             expected="a car on a stand, that does not move",
+                             expected="a car at rest on a stand",
                              likely="it was not lifted, or it has slipped off its stand",
-                             remedy="put it on something that carries the chassis; nothing near "
-                                    "the wheels")
+                             remedy="lift the chassis so that no wheel touches anything, then run "
+                                    "it again")

@@ -1,9 +1,11 @@
 """``calibrate steering`` on a Car: slow arcs over the whole range, from both sides.
 
-Standstill for the gyro bias; full right to full left slowly, back faster; each
-command a whole number of PCA9685 counts, held while the ring turns whole
-revolutions; then angle = atan(l omega/v), freed from backlash and tyre slip by
-least squares (``loop``). Works on every backend, in the car's own time.
+1. At rest: the gyro bias.
+2. From full right to full left slowly, and back faster. Each command is a whole number of PCA9685
+   counts and is kept while the ring turns whole revolutions.
+3. The angle is atan(l omega/v). Least squares removes backlash and tyre slip (``loop``).
+
+Works on every backend, in the car's own time.
 """
 
 from __future__ import annotations
@@ -27,18 +29,18 @@ from .loop import LoopFit, Systematic, Window, fit_loop, resample
 from .measured import write
 from .procedure import Ask, Bench, Option, Procedure, ProcedurePlan, Progress, agree, silent
 from .result import SteeringResult
-from .runner import DrivableCar, Runner, driving, yaw_rates
+from .runner import CalibrationRunner, DrivableCar, driving, yaw_rates
 from .schedule import (
-    LEVELS,
-    MEASURE,
-    SETTLE,
-    SPEEDS,
-    STANDSTILL,
+    BIAS_TIME,
+    LEVEL_COUNT,
+    MEASURE_TIME,
+    SETTLE_TIME,
+    SWEEP_SPEEDS,
     Leg,
-    Plan,
     Spot,
-    Step,
-    legs_of,
+    SteeringPlan,
+    SteeringStep,
+    make_legs,
     make_plan,
     make_steps,
     possible_cars,
@@ -49,49 +51,54 @@ from .schedule import (
 if TYPE_CHECKING:
     from dart_hal.car import Car
 
-UNKNOWN_GYRO_SCALE = 0.006  # one sigma of an uncalibrated BNO055 (data sheet: 1 % typical)
-UNKNOWN_WHEELBASE = 0.0003  # m, a ruler on the axles
-STANDING = 0.02  # m/s
-MAX_BIAS = 0.15  # rad/s
-BATCHES = 5
-LEAST_DIFFERENCE = 0.1  # m/s; closer speeds do not show how the tyres slip
+# Relative, one sigma of an uncalibrated BNO055 (data sheet: 1 % typical).
+UNCALIBRATED_GYRO_STD = 0.006
+# m, one sigma of a ruler on the axles.
+WHEELBASE_STD = 0.0003
+# rad/s, largest plausible bias.
+MAX_GYRO_BIAS = 0.15
+# Batches of a window for its standard error.
+WINDOW_BATCHES = 5
+# m/s; closer speeds do not show the slip of the tyres.
+MIN_SPEED_DIFFERENCE = 0.1
 WAIVED_BY_RAW = {
-    "PWM_CLOCK_UNCALIBRATED": "the PWM clock of this car was never measured; the map absorbs it "
-                              "as long as the clock stays (after another PCA9685 or an entry "
-                              "[pwm] oscillator_hz calibrate again)",
+    "PWM_CLOCK_UNCALIBRATED": "the PWM clock of this car was never measured; the map includes its "
+                              "error as long as the clock stays (after another PCA9685 or an "
+                              "entry [pwm] oscillator_hz calibrate again)",
     "CALIBRATION_MISSING": "this car had no calibration.toml",
 }
 
 
-def plan(files: CarFiles, *, levels: int = LEVELS,
-         speeds: tuple[float, float] = SPEEDS) -> Plan:
-    """What ``calibrate_steering`` will do with this car: time, floor, speed."""
-    steering, count = files.config.steering, counter_of(files)[1]
+def plan(files: CarFiles, *, levels: int = LEVEL_COUNT,
+         speeds: tuple[float, float] = SWEEP_SPEEDS) -> SteeringPlan:
+    """Plan ``calibrate_steering`` for this car: time, floor, speed."""
+    steering = files.config.steering
+    count = counter_of(files)[1]
     steps = make_steps(center_us=steering.center_us, span_us=steering.span_us,
                        direction=steering.direction, count=count, levels=levels, speeds=speeds)
     return make_plan(steps, files.config.geometry.wheelbase)
 
 
 def calibrate_steering(car: Car, *, progress: Progress = silent, ask: Ask = agree,
-                       dry_run: bool = False, source: str = "", levels: int = LEVELS,
-                       speeds: tuple[float, float] = SPEEDS) -> SteeringResult:
+                       dry_run: bool = False, source: str = "", levels: int = LEVEL_COUNT,
+                       speeds: tuple[float, float] = SWEEP_SPEEDS) -> SteeringResult:
     """Measure the steering map and write it to the car's calibration.toml.
 
-    ``car`` is open; it is armed here if it has to be, and always left stopped,
-    also on Ctrl-C. ``ask`` is asked before the car moves; False stops here.
-    Nothing is written with ``dry_run``. Car time: about 55 s.
-    Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
+    ``car`` is open. It is armed here if necessary, and always left stopped, also on Ctrl-C. ``ask``
+    is called before the car moves; False ends the procedure. Nothing is written with ``dry_run``.
+    Car time: about 55 s. Raises CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
-    result = STEERING(car, progress=progress, ask=ask, source=source, levels=levels, speeds=speeds)
+    result = STEERING_PROCEDURE(car, progress=progress, ask=ask, source=source, levels=levels,
+                                speeds=speeds)
     return result if dry_run else write(car.files, result)
 
 
-def measure_map(bench: Bench, levels: int = LEVELS, speeds: tuple[float, float] = SPEEDS
+def measure_map(bench: Bench, levels: int = LEVEL_COUNT, speeds: tuple[float, float] = SWEEP_SPEEDS
                 ) -> SteeringResult:
-    """Measure the steering map. Errors: as ``calibrate_steering``."""
+    """Measure the steering map. Raises as ``calibrate_steering``."""
     car = bench.car
     files = bench.files
-    waived = _waived(car)
+    waived = _waived_refusals(car)
     with driving(car):
         windows, bias = drive(car, plan(files, levels=levels, speeds=speeds), bench.progress)
     bench.progress(0.97, "fitting")
@@ -99,20 +106,22 @@ def measure_map(bench: Bench, levels: int = LEVELS, speeds: tuple[float, float] 
     return _result(files, bench.source, windows, fit, bias, waived)
 
 
-def drive(car: DrivableCar, route: Plan, progress: Progress) -> tuple[list[Window], Estimate]:
-    """Drive the plan; returns the windows in order and the gyro bias [rad/s]."""
-    runner = Runner(car)
-    forth, back = route.forth, route.back
-    progress(0.0, "standing still for the gyro")
-    still = runner.hold(STANDSTILL, forth[0].pulse_us, 0.0)
-    bias = standing_bias(still)
+def drive(car: DrivableCar, route: SteeringPlan, progress: Progress
+          ) -> tuple[list[Window], Estimate]:
+    """Drive the plan; return the windows in order and the gyro bias [rad/s]."""
+    runner = CalibrationRunner(car)
+    forth = route.forth
+    back = route.back
+    progress(0.0, "at rest for the gyro")
+    still = runner.hold(BIAS_TIME, forth[0].pulse_us, 0.0)
+    bias = estimate_bias(still)
     progress(0.05, "starting")
     runner.start_moving(forth[0].pulse_us, forth[0].speed, bias.value, forth[0].command > 0.0)
     windows: list[Window] = []
     done = 0
     for sweep in (forth, back):
         if sweep is forth:
-            futures = [legs_of(forth, route.wheelbase, other) for other in possible_cars()]
+            futures = [make_legs(forth, route.wheelbase, other) for other in possible_cars()]
         else:
             futures = return_futures(back, [w.yaw_rate / w.speed for w in windows[::-1]],
                                      route.wheelbase)
@@ -121,17 +130,18 @@ def drive(car: DrivableCar, route: Plan, progress: Progress) -> tuple[list[Windo
         for step in sweep:
             progress(0.08 + 0.88 * done / len(route.steps),
                      f"command {step.command:+.2f} at {step.speed:.2f} m/s")
-            runner.hold(SETTLE, step.pulse_us, step.speed)
-            states = runner.hold(MEASURE, step.pulse_us, step.speed)
+            runner.hold(SETTLE_TIME, step.pulse_us, step.speed)
+            states = runner.hold(MEASURE_TIME, step.pulse_us, step.speed)
             windows.append(measure(states, step, bias.value, car.files))
             done += 1
     runner.hold(0.3, back[-1].pulse_us, 0.0)
     return windows, bias
 
 
-def _turn_home(runner: Runner, first: Step, futures: list[list[Leg]], start: State) -> None:
-    """Circle at the lock of ``first`` until the sweep to come stays near the start."""
-    states = runner.hold(SETTLE, first.pulse_us, first.speed)
+def _turn_home(runner: CalibrationRunner, first: SteeringStep, futures: list[list[Leg]],
+               start: State) -> None:
+    """Circle at the lock of ``first`` until the next sweep will stay near the start."""
+    states = runner.hold(SETTLE_TIME, first.pulse_us, first.speed)
     pose = states[-1].pose
     rate = (pose.yaw - states[0].pose.yaw) / (states[-1].t - states[0].t)
     seconds = waiting_time(Spot(pose.x, pose.y, pose.yaw), first.speed, rate, futures,
@@ -139,27 +149,27 @@ def _turn_home(runner: Runner, first: Step, futures: list[list[Leg]], start: Sta
     runner.hold(seconds, first.pulse_us, first.speed)
 
 
-def measure(states: list[State], step: Step, bias: float, files: CarFiles) -> Window:
-    """One window out of its frames, cut to whole revolutions of the ring.
+def measure(states: list[State], step: SteeringStep, bias: float, files: CarFiles) -> Window:
+    """Make a window of its frames, cut to whole revolutions of the ring.
 
-    Errors: CalibrationFailed when too few frames are good or the car stands.
+    Raises CalibrationFailed for too few valid frames, or if the car stopped.
     """
     edges = files.config.encoder.edges_per_rev
-    good = [s for s in states if s.yaw_rate is not None and s.health.imu_age < 0.1]
-    if len(good) < 0.7 * len(states) or len(good) < 20:
+    valid = [s for s in states if s.yaw_rate is not None and s.health.imu_age < 0.1]
+    if len(valid) < 0.7 * len(states) or len(valid) < 20:
         raise CalibrationFailed("the IMU dropped out while measuring",
-                                found=f"{len(good)} of {len(states)} frames with a fresh yaw rate",
+                                found=f"{len(valid)} of {len(states)} frames with a fresh yaw rate",
                                 expected="at least 70 %", remedy="dart-hal doctor")
-    turned = abs(good[-1].ticks - good[0].ticks)
+    turned = abs(valid[-1].ticks - valid[0].ticks)
     revolutions = turned // edges
     if revolutions < 1:
         raise CalibrationFailed("the car stopped while measuring",
-                                found=f"{turned} edges in {good[-1].t - good[0].t:.1f} s",
-                                expected=f"at least {edges}", likely="it has hit something",
+                                found=f"{turned} edges in {valid[-1].t - valid[0].t:.1f} s",
+                                expected=f"at least {edges}", likely="an obstacle",
                                 remedy="free the car and run it again")
     target = revolutions * edges
-    end = next(i for i, s in enumerate(good) if abs(s.ticks - good[0].ticks) >= target)
-    used = good[:max(end, 10)]
+    end = next(i for i, s in enumerate(valid) if abs(s.ticks - valid[0].ticks) >= target)
+    used = valid[:max(end, 10)]
     speed = np.array([s.speed for s in used])
     rate = np.array(yaw_rates(used)) - bias
     wheelbase = files.config.geometry.wheelbase
@@ -170,18 +180,23 @@ def measure(states: list[State], step: Step, bias: float, files: CarFiles) -> Wi
 
 
 def _std(speed: FloatArray, rate: FloatArray, wheelbase: float) -> float:
-    """One sigma of the angle: batch means, so that slow drift within the window counts."""
+    """One sigma of the angle [rad] by batch means, which include slow drift within the window."""
     means = [math.atan2(wheelbase * float(r.mean()), float(v.mean()))
-             for v, r in zip(np.array_split(speed, BATCHES), np.array_split(rate, BATCHES),
-                             strict=True)]
-    return float(np.std(means, ddof=1) / math.sqrt(BATCHES))
+             for v, r in zip(np.array_split(speed, WINDOW_BATCHES),
+                             np.array_split(rate, WINDOW_BATCHES), strict=True)]
+    return float(np.std(means, ddof=1) / math.sqrt(WINDOW_BATCHES))
 
 
-def standing_bias(states: list[State]) -> Estimate:
+def estimate_bias(states: list[State]) -> Estimate:
+    """Estimate the gyro bias [rad/s] from States at rest, without the first quarter of them.
+
+    Raises CalibrationFailed if yaw rates are missing, the car moves, or the bias is implausible.
+    """
     rates = np.array(yaw_rates(states[len(states) // 4:]))
     if len(rates) < 50:
         raise CalibrationFailed("no yaw rate at standstill",
-                                found=f"{len(rates)} good samples", expected="100 per second",
+                                found=f"{len(rates)} valid samples",
+                                expected="at least 50 (100 per second)",
                                 likely="IMU unplugged, or still starting",
                                 remedy="dart-hal doctor")
     if states[-1].ticks != states[len(states) // 4].ticks:
@@ -191,10 +206,10 @@ def standing_bias(states: list[State]) -> Estimate:
             expected="standstill", likely="neutral of the ESC is off, or the floor slopes",
             remedy="level the floor; or [throttle] neutral_us in car.toml")
     bias = float(rates.mean())
-    if abs(bias) > MAX_BIAS:
-        raise CalibrationFailed("the gyro turns while the car stands",
-                                found=f"{bias:+.3f} rad/s", expected=f"below {MAX_BIAS} rad/s",
-                                likely="the car was moved by hand, or the IMU is not settled",
+    if abs(bias) > MAX_GYRO_BIAS:
+        raise CalibrationFailed("the gyro turns while the car is at rest",
+                                found=f"{bias:+.3f} rad/s", expected=f"below {MAX_GYRO_BIAS} rad/s",
+                                likely="the car was moved by hand, or the IMU is still starting",
                                 remedy="leave the car alone and run it again")
     batches = [part.mean() for part in np.array_split(rates, 10)]
     return Estimate(bias, float(standard_error(batches)), "rad/s")
@@ -204,8 +219,8 @@ def _systematic(files: CarFiles, bias: Estimate) -> Systematic:
     metres = files.metres_per_edge
     imu = files.calibration.imu if files.calibration else None
     known = imu.gyro_scale if imu else None
-    gyro = known.std / known.value if known else UNKNOWN_GYRO_SCALE
-    wheelbase = UNKNOWN_WHEELBASE / files.config.geometry.wheelbase
+    gyro = known.std / known.value if known else UNCALIBRATED_GYRO_STD
+    wheelbase = WHEELBASE_STD / files.config.geometry.wheelbase
     return Systematic(math.sqrt((metres.std / metres.value) ** 2 + gyro**2 + wheelbase**2),
                       bias.std)
 
@@ -223,7 +238,7 @@ def _result(files: CarFiles, source: str, windows: list[Window], fit: LoopFit, b
         f"the servo rests within {fit.rest_us:.1f} us (one sigma) of its target",
         f"gyro bias at standstill {bias.value:+.5f} rad/s, removed",
         f"of angle_std_rad the wheel travel per edge (+-{metres.std / metres.value:.1%}) is common "
-        "to all points; a taped distance entered as [encoder] metres_per_edge narrows it",
+        "to all points; a taped distance entered as [encoder] metres_per_edge reduces it",
         *waived,
     )
     return SteeringResult(
@@ -238,8 +253,8 @@ def _result(files: CarFiles, source: str, windows: list[Window], fit: LoopFit, b
                "speeds_m_s": sorted({round(w.speed, 2) for w in windows})})
 
 
-def _waived(car: DrivableCar) -> tuple[str, ...]:
-    """What arm() would have refused and raw() does not ask for, and what it means for the map."""
+def _waived_refusals(car: DrivableCar) -> tuple[str, ...]:
+    """Describe refusals of arm() that raw() ignores, and their effect on the map."""
     return tuple(f"{name} waived by raw mode: {text}" for name, text in WAIVED_BY_RAW.items()
                  if name in car.refusals())
 
@@ -250,17 +265,17 @@ def _without_slip(windows: list[Window], fit: LoopFit) -> FloatArray:
     return np.asarray(angle + 0.5 * np.sin(2.0 * angle) * fit.kappa.value * speed**2)
 
 
-def _plan(files: CarFiles, levels: int = LEVELS, speeds: tuple[float, float] = SPEEDS
+def _plan(files: CarFiles, levels: int = LEVEL_COUNT, speeds: tuple[float, float] = SWEEP_SPEEDS
           ) -> ProcedurePlan:
     route = plan(files, levels=levels, speeds=speeds)
     return ProcedurePlan(str(route), route.time, (2.0 * route.radius, 2.0 * route.radius))
 
 
-def _check_speeds(speeds: tuple[float, float] = SPEEDS) -> None:
-    if abs(speeds[1] - speeds[0]) < LEAST_DIFFERENCE:
-        raise UsageError("the two speeds must differ: they tell the slip of the tyres",
+def _check_speeds(speeds: tuple[float, float] = SWEEP_SPEEDS) -> None:
+    if abs(speeds[1] - speeds[0]) < MIN_SPEED_DIFFERENCE:
+        raise UsageError("the two speeds must differ: their difference shows the slip of the tyres",
                          found="--speeds {} {}".format(*speeds),
-                         expected=f"a difference of at least {LEAST_DIFFERENCE} m/s")
+                         expected=f"a difference of at least {MIN_SPEED_DIFFERENCE} m/s")
 
 
 def _plot(result: SteeringResult, files: CarFiles, path: Path) -> None:
@@ -275,18 +290,18 @@ def _fit(paths: Sequence[Path], car: str) -> SteeringResult:
     return steering_from(paths, car=car)
 
 
-STEERING = Procedure(
+STEERING_PROCEDURE = Procedure(
     name="steering",
     help="""The map from steering command to road-wheel angle, with its standard errors.
 
     On a car: slow circles over the whole range, from both sides, about one
     minute. With --from: recordings of a car, MCAP or the DART CSV files. They
-    hold commands (-1..1), not pulses (our MCAP runs: both), and their map is
+    contain commands (-1..1), not pulses (our MCAP runs: both), and their map is
     never written.
     """,
     plan=_plan, measure=measure_map, check=_check_speeds,
     options=(Option("speeds", "m/s there and back; slower needs less floor, and both must differ",
-                    SPEEDS, "m/s", 0.15, 0.8, metavar="SLOW FAST"),),
+                    SWEEP_SPEEDS, "m/s", 0.15, 0.8, metavar="SLOW FAST"),),
     plot=_plot, plot_help="picture of map, data and residuals",
     fit=_fit, fit_help="fit recordings (files or folders) instead of driving; to "
     "compare, and for the paper's form: nothing is written to calibration.toml",

@@ -1,8 +1,7 @@
-"""Samples -> steering map with standard errors, in the paper's form, and backlash.
+"""Fit steering map with standard errors, in the paper's form, and backlash to samples.
 
-Used for recordings, where levels are often reached from one side only and the
-tyres slip: the five-parameter form carries the map, and what the form cannot
-follow goes into the standard error.
+For recordings, in which levels are often reached from one side only and the tyres slip. The map has
+the five-parameter form, and the deviation from that form is part of the standard error.
 """
 
 from __future__ import annotations
@@ -11,30 +10,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from dart_hal.calibration.samples import LEVEL, SETTLED, Samples
+from dart_hal.calibration.samples import LEVEL_WIDTH, MIN_COMMAND_AGE, Samples
 from dart_hal.calibration.steering_map import (
     MIN_LEVELS,
     MIN_SPAN,
-    SteeringMap,
+    PaperMap,
     coverage,
     fit_map,
 )
 from dart_hal.core.errors import CalibrationFailed
 from dart_hal.core.types import Estimate, FloatArray
 
-POINT_SPACING = 0.05
+# Commands between the points of a map; number of points, and samples of a level, at least.
+COMMAND_SPACING = 0.05
 MIN_POINTS = 9
 MIN_LEVEL_SAMPLES = 5
 
 
 @dataclass(frozen=True, slots=True)
 class SteeringFit:
-    """command, angle, angle_std (k,); residual (n,) rad; misfit: what the form lacks [rad]."""
+    """command, angle, angle_std (k,); residual (n,) rad; misfit: deviation of the form [rad]."""
 
     command: FloatArray
     angle: FloatArray
     angle_std: FloatArray
-    form: SteeringMap
+    form: PaperMap
     residual: FloatArray
     residual_rms: float
     misfit: float
@@ -42,13 +42,13 @@ class SteeringFit:
 
 
 def fit_steering(samples: Samples) -> SteeringFit:
-    """The map over the range of commands in ``samples``.
+    """Fit the map over the range of commands in ``samples``.
 
-    Errors: CalibrationFailed when the commands span too little or the fitted
-    map does not increase.
+    Raises CalibrationFailed if the commands span too little or the map does not increase.
     """
     levels, span, rising = coverage(samples)
-    low, high = float(samples.command.min()), float(samples.command.max())
+    low = float(samples.command.min())
+    high = float(samples.command.max())
     if levels < MIN_LEVELS or span < MIN_SPAN:
         raise CalibrationFailed(
             "the commands cover too little for a steering map",
@@ -56,23 +56,23 @@ def fit_steering(samples: Samples) -> SteeringFit:
             expected=f"at least {MIN_LEVELS} levels over a span of {MIN_SPAN}",
             remedy="add recordings with other steering commands")
     if not rising:
-        raise _falling()
+        raise _not_increasing()
     form = fit_map(samples)
     residual = samples.angle - form.angle(samples.command)
     misfit = level_misfit(samples, residual)
-    points = max(MIN_POINTS, round((high - low) / POINT_SPACING) + 1)
+    points = max(MIN_POINTS, round((high - low) / COMMAND_SPACING) + 1)
     command = np.round(np.linspace(low, high, points), 9)
     angle = form.angle(command)
     if np.any(np.diff(angle) <= 0.0):
-        raise _falling()
+        raise _not_increasing()
     std = np.sqrt(form.std(command) ** 2 + misfit**2)
     weight = samples.weight / samples.weight.sum()
     return SteeringFit(command, angle, std, form, residual,
                        float(np.sqrt(weight @ residual**2)), misfit,
-                       backlash_of(samples, residual))
+                       fit_backlash(samples, residual))
 
 
-def _falling() -> CalibrationFailed:
+def _not_increasing() -> CalibrationFailed:
     return CalibrationFailed("the steering map does not increase",
                              found="angle falls while the command rises",
                              expected="command +1 = full left, yaw rate positive to the left",
@@ -81,13 +81,14 @@ def _falling() -> CalibrationFailed:
 
 
 def level_misfit(samples: Samples, residual: FloatArray) -> float:
-    """Rms [rad] by which level means leave the form, beyond the scatter of blocks.
+    """Rms deviation [rad] of the level means from the form, beyond the scatter of blocks.
 
-    Neighbouring levels leave it together, so this is no noise that more samples
-    would average out.
+    Neighbouring levels deviate together, so more samples would not reduce it.
     """
-    means, variances, counts = [], [], []
-    key = np.round(samples.command / LEVEL)
+    means = []
+    variances = []
+    counts = []
+    key = np.round(samples.command / LEVEL_WIDTH)
     for level in np.unique(key):
         rows = key == level
         if rows.sum() < MIN_LEVEL_SAMPLES:
@@ -108,19 +109,20 @@ def _mean_variance(values: FloatArray) -> float:
     return float(means.var(ddof=1) / batches)
 
 
-def backlash_of(samples: Samples, residual: FloatArray) -> Estimate | None:
-    """Width of the loop [rad] from levels reached from both sides; None if there are none.
+def fit_backlash(samples: Samples, residual: FloatArray) -> Estimate | None:
+    """Fit the width of the loop [rad] to levels reached from both sides; None without them.
 
-    Approached from below the wheels lag behind: falling minus rising = width.
-    Only samples that have settled count.
+    Approached from below the wheels lag behind: falling minus rising = width. Only samples
+    long after a change of command are used.
     """
-    key = np.round(samples.command / LEVEL)
-    differences, variances = [], []
-    settled = samples.age > SETTLED
+    key = np.round(samples.command / LEVEL_WIDTH)
+    differences = []
+    variances = []
+    old = samples.age > MIN_COMMAND_AGE
     scatter = _block_scatter(samples, residual)
     for level in np.unique(key):
-        rising = (key == level) & (samples.direction > 0) & settled
-        falling = (key == level) & (samples.direction < 0) & settled
+        rising = (key == level) & (samples.direction > 0) & old
+        falling = (key == level) & (samples.direction < 0) & old
         if rising.sum() < MIN_LEVEL_SAMPLES or falling.sum() < MIN_LEVEL_SAMPLES:
             continue
         differences.append(float(residual[falling].mean() - residual[rising].mean()))

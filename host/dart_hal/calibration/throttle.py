@@ -1,9 +1,11 @@
-"""``calibrate throttle``: the pulse that holds a speed, straight ahead.
+"""``calibrate throttle``: the pulse that keeps a speed, straight ahead.
 
-The car is brought to one speed after the other. Then its pulse is frozen, so that the unevenness
-of the ring moves nothing, and what is left of an acceleration is taken off with the motor's pull.
-Along a straight line as far as the floor allows; without one in a circle, where the tyres take
-some of the pull, which is taken off too and makes the result less exact.
+1. The speed loop brings the car to one speed after the other.
+2. The pulse is then constant, so that the unevenness of the ring has no effect.
+3. The acceleration that remains is subtracted with the force of the paper's motor.
+
+The car drives along a straight line as far as the floor allows. On a short floor it drives circles,
+where the drag of the tyres is subtracted too. That makes the result less accurate.
 """
 
 from __future__ import annotations
@@ -23,102 +25,116 @@ from dart_hal.core.types import INTERVAL_90, FloatArray, State
 from dart_hal.vehicle.parameters import PaperTyres
 from dart_hal.vehicle.sets import PAPER
 
-from .by_hand import naming, turn_by_hand
-from .clock import UNKNOWN
+from .by_hand import check_wheels_by_hand, explain_standstill
+from .clock import UNMEASURED_CLOCK_STD
 from .measured import Measured
 from .procedure import Bench, Option, Procedure, ProcedurePlan, Progress
-from .runner import NotSeen, Runner, driving, yaw_rates
+from .runner import CalibrationRunner, NoMotion, driving, yaw_rates
 from .sensor_log import SensorLog
-from .spin import places
-from .straight import Straight, rest
+from .spin import edge_distances
+from .straight import LineKeeper, rest
 
-SPEEDS = (0.3, 0.5, 0.75, 1.0, 1.3, 1.6, 2.0, 2.5)
-"""m/s, as many as there is room for."""
-CIRCLE = (0.3, 0.5, 0.7, 0.9, 1.1)
-"""m/s on a radius of 1 m: at most 1.2 m/s2 to the side."""
-LEAN = 0.3
-"""Of the steering command: 0.17 rad of road wheel by the paper's map, a radius of 1 m."""
-ROOM, LEAST_ROOM = 4.0, 2.5
-"""m of straight floor; with less than that a circle tells more."""
+# m/s, as many as the floor allows.
+STRAIGHT_SPEEDS = (0.3, 0.5, 0.75, 1.0, 1.3, 1.6, 2.0, 2.5)
+# m/s on a radius of 1 m: at most 1.2 m/s2 of lateral acceleration.
+CIRCLE_TARGETS = (0.3, 0.5, 0.7, 0.9, 1.1)
+# Steering command of the circle: 0.17 rad of road wheel by the paper's map, a radius of 1 m.
+CIRCLE_COMMAND = 0.3
+# m of straight floor: default, and the length below which a circle gives more.
+DEFAULT_ROOM = 4.0
+MIN_ROOM = 2.5
+# m: a circle of 1 m radius, car and margin included.
 CIRCLE_FLOOR = (3.5, 3.5)
-"""m: a circle of 1 m radius, car and margin included."""
-CIRCLE_SETTLES = 2.5
-"""s at a new speed of a circle, from above as well: a second of integral twice over."""
-REPEATS = 2
-PULLS_UP, SETTLE = (0.3, 0.35), 0.8
-"""s, and s for each m/s, until a speed is reached; s until the loop is quiet."""
-MEASURE, LONGEST, CIRCLING = 0.8, 2.0, 2.5
-"""m (at least s) of a measurement, at most s; s of one in a circle."""
-ROLLS_OUT, MARGIN = 1.05, 0.2
-"""m/s2 of the friction, at least; m of floor behind it."""
-NUDGE, NUDGED = 0.4, 4.0
-"""m/s, and s at most, of the first pull, which shows which way the car goes."""
-UNSETTLED = 0.8
-"""m/s2 that no frozen pulse leaves of a settled speed: 25 us of it."""
-FELT = 0.5
-"""Share of the change of speed that the accelerometer must confirm: mount, tilt, filter."""
-PULL_STD, TURN_STD = 0.1, 0.3
-"""Relative errors of the paper's motor (of what takes off an acceleration) and of what its tyres
-take in a circle."""
-AVERAGED = 40
-"""Frames of the settled loop of which the frozen pulse is the mean."""
-TRIAL, FEW = 0.3, 8
-"""s of a pulse that shows how much shorter or longer it has to be; edges of a stretch, at least."""
-LATE = 0.08
-"""s until a pulse acts: two PWM frames, and what the ESC takes to believe it."""
+# s at a new speed of a circle, also when it slows down: twice the integral time of 1 s.
+CIRCLE_SETTLING = 2.5
+THROTTLE_RUNS = 2
+# s, and s per m/s, until a speed is reached.
+ACCELERATION_TIME = (0.3, 0.35)
+# s until the loop is steady.
+LOOP_SETTLING = 0.8
+# m (at least s) and at most s of a measurement on a straight line; s of one in a circle.
+MEASURED_LENGTH = 0.8
+MAX_MEASURED_TIME = 2.0
+CIRCLE_MEASURED_TIME = 2.5
+# m/s2 of coasting, at least; m of floor beyond it.
+MIN_FRICTION = 1.05
+FLOOR_MARGIN = 0.2
+# m/s, and s at most, of the first drive, which shows the direction of the car.
+FIRST_DRIVE_SPEED = 0.4
+MAX_FIRST_DRIVE_TIME = 4.0
+# m/s2 above which a constant pulse did not follow a steady speed: 25 us of pulse.
+MAX_REMAINING_ACCELERATION = 0.8
+# Share of the change of speed that the accelerometer has to measure: mount, tilt, filter.
+MIN_INERTIAL_SHARE = 0.5
+# Relative errors of the paper's motor (of the part subtracted for the acceleration) and of its
+# tyres in a circle.
+MOTOR_MODEL_STD = 0.1
+TYRE_DRAG_STD = 0.3
+# Frames of the steady loop whose mean is the constant pulse.
+STEADY_FRAMES = 40
+# s of a pulse that shows the correction it needs; edges of a measurement, at least.
+TRIAL_TIME = 0.3
+MIN_MEASURED_EDGES = 8
+# s until a pulse acts: two PWM frames, and the delay of the ESC.
+PULSE_DELAY = 0.08
 
-Keep = Callable[[float, float | None], list[State]]
-"""Holds a speed, or a pulse [us] from there, for so many s more."""
+HoldSpeed = Callable[[float, float | None], list[State]]
+"""(seconds, pulse [us] or None) -> States: holds the speed, or the pulse instead."""
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
-    """One speed held: mean speed [m/s], pulse [us] without acceleration and turning, one sigma
-    of what was taken off for them [us]."""
+class HeldSpeed:
+    """Measurement at one target speed.
+
+    speed [m/s]: mean; pulse_us: pulse without acceleration and turning; model_std_us: one sigma of
+    what was subtracted for them.
+    """
 
     target: float
     speed: float
     pulse_us: float
-    taken_us: float
+    model_std_us: float
 
 
-def _pulls_up(speed: float) -> float:
-    """s until it is reached."""
-    return PULLS_UP[0] + PULLS_UP[1] * speed
+def _acceleration_time(speed: float) -> float:
+    """Time [s] until ``speed`` [m/s] is reached."""
+    return ACCELERATION_TIME[0] + ACCELERATION_TIME[1] * speed
 
 
 def floor_for(speed: float) -> float:
-    """m of straight floor for one speed [m/s], from rest to rest."""
-    measured = min(max(MEASURE / speed, MEASURE), LONGEST)
-    held = _pulls_up(speed) + SETTLE + TRIAL + 2.0 * LATE + measured
-    return speed * held + speed**2 / (2.0 * ROLLS_OUT) + MARGIN
+    """Length of straight floor [m] for one speed [m/s], from rest to rest."""
+    measured = min(max(MEASURED_LENGTH / speed, MEASURED_LENGTH), MAX_MEASURED_TIME)
+    duration = (_acceleration_time(speed) + LOOP_SETTLING + TRIAL_TIME + 2.0 * PULSE_DELAY
+                + measured)
+    return speed * duration + speed**2 / (2.0 * MIN_FRICTION) + FLOOR_MARGIN
 
 
-def speeds_in(room: float) -> tuple[float, ...]:
-    """The speeds [m/s] that a straight floor of that length [m] has room for; () below 2.5 m."""
-    return tuple(v for v in SPEEDS if floor_for(v) <= room) if room >= LEAST_ROOM else ()
+def select_speeds(room: float) -> tuple[float, ...]:
+    """Speeds [m/s] that fit on a straight floor of length ``room`` [m]; () below 2.5 m."""
+    return tuple(v for v in STRAIGHT_SPEEDS if floor_for(v) <= room) if room >= MIN_ROOM else ()
 
 
-def plan(files: CarFiles, room: float = ROOM) -> ProcedurePlan:
-    """Say what ``measure`` will do."""
-    speeds = speeds_in(room)
+def plan(files: CarFiles, room: float = DEFAULT_ROOM) -> ProcedurePlan:
+    """Describe what ``measure`` does."""
+    speeds = select_speeds(room)
     if not speeds:
-        seconds = 2 * len(CIRCLE) * (CIRCLE_SETTLES + SETTLE + TRIAL + CIRCLING) + 15.0
+        seconds = 2 * len(CIRCLE_TARGETS) * (CIRCLE_SETTLING + LOOP_SETTLING + TRIAL_TIME
+                                             + CIRCLE_MEASURED_TIME) + 15.0
         return ProcedurePlan(
-            f"circles at {CIRCLE[0]} to {CIRCLE[-1]} m/s to measure which pulse holds which "
-            f"speed: about {seconds:.0f} s, a level floor of {CIRCLE_FLOOR[0]:g} m x "
-            f"{CIRCLE_FLOOR[1]:g} m; no tools", seconds, CIRCLE_FLOOR)
-    seconds = REPEATS * sum(floor_for(v) / v + 3.0 for v in speeds) + 10.0
+            f"circles at {CIRCLE_TARGETS[0]} to {CIRCLE_TARGETS[-1]} m/s to measure the pulse "
+            f"that keeps each speed: about {seconds:.0f} s, a level floor of "
+            f"{CIRCLE_FLOOR[0]:g} m x {CIRCLE_FLOOR[1]:g} m; no tools", seconds, CIRCLE_FLOOR)
+    seconds = THROTTLE_RUNS * sum(floor_for(v) / v + 3.0 for v in speeds) + 10.0
     return ProcedurePlan(
-        f"drives straight {REPEATS * len(speeds)} times at {speeds[0]} to {speeds[-1]} m/s to "
-        f"measure which pulse holds which speed: about {seconds:.0f} s without carrying it "
+        f"drives straight {THROTTLE_RUNS * len(speeds)} times at {speeds[0]} to {speeds[-1]} m/s "
+        f"to measure the pulse that keeps each speed: about {seconds:.0f} s without carrying it "
         f"back, a level floor of {room:.1f} m x 1 m; chalk for the start", seconds, (room, 1.0))
 
 
-def measure(bench: Bench, room: float = ROOM) -> Measured:
-    """Measure the pulse of each speed in ``room`` [m] of straight floor; below 2.5 the car circles.
+def measure(bench: Bench, room: float = DEFAULT_ROOM) -> Measured:
+    """Measure the pulse of each speed on ``room`` [m] of straight floor; in circles below 2.5 m.
 
-    Errors: CalibrationFailed (with the likely cause), LinkLost, NotArmed.
+    Raises CalibrationFailed (with the likely cause), LinkLost, NotArmed.
     """
     car = bench.car
     files = bench.files
@@ -128,161 +144,185 @@ def measure(bench: Bench, room: float = ROOM) -> Measured:
     start = next(iter(car.states())).t
     try:
         progress(0.0, "pushing the car by hand")
-        turn_by_hand(car, workshop)
-        with naming(car, workshop):
-            progress(0.05, "which way it goes")
-            _nudge(car)
-            held = _straight(car, workshop, log, room, progress) if speeds_in(room) else _circle(
-                car, log, progress)
+        check_wheels_by_hand(car, workshop)
+        with explain_standstill(car, workshop):
+            progress(0.05, "checking the direction")
+            _check_direction(car)
+            held = (_drive_straight(car, workshop, log, room, progress) if select_speeds(room)
+                    else _drive_circles(car, log, progress))
     finally:
         car.stop()
-    table, residual = table_of(held, files)
-    where = f"{room:.1f} m straight" if speeds_in(room) else "circles of 1 m"
+    table, residual = make_table(held, files)
+    where = f"{room:.1f} m straight" if select_speeds(room) else "circles of 1 m"
     return Measured(
         files.config.name, bench.source, "throttle", {}, residual,
         next(iter(car.states())).t - start,
-        (f"measured with today's battery and on this floor, {where}",
-         f"a pulse's 90 % interval is +- {INTERVAL_90 * max(table.std_us):.2f} us at most"),
+        (f"measured with the present charge of the battery and on this floor, {where}",
+         f"90 % interval of a pulse: at most +- {INTERVAL_90 * max(table.std_us):.2f} us"),
         others={"throttle.drive": table})
 
 
 # -- driving -----------------------------------------------------------------------
 
 
-def _nudge(car: Car) -> None:
-    """A short pull: does the car go forward? Errors: CalibrationFailed that says what else."""
+def _check_direction(car: Car) -> None:
+    """Drive for a moment and compare wheels and accelerometer.
+
+    Raises CalibrationFailed if the car goes backward or stays where it is.
+    """
     center = car.files.config.steering.center_us
     with driving(car) as runner:
         still = runner.hold(0.3, center, 0.0)
         offset = float(np.mean([s.accel_x or 0.0 for s in still]))
-        felt, seen = 0.0, still[-1:]
-        while seen[-1].t - seen[0].t < NUDGED and abs(seen[-1].speed) < NUDGE:
-            seen += runner.hold(0.0, center, NUDGE)
-            felt += 0.01 * ((seen[-1].accel_x or 0.0) - offset)
-        if seen[-1].ticks == seen[0].ticks:
-            raise NotSeen("the car does not move", found="0 edges of a throttle",
-                          expected="motion")
-    gained = abs(seen[-1].speed)
-    if felt < -FELT * gained:
+        inertial = 0.0
+        states = still[-1:]
+        while (states[-1].t - states[0].t < MAX_FIRST_DRIVE_TIME
+               and abs(states[-1].speed) < FIRST_DRIVE_SPEED):
+            states += runner.hold(0.0, center, FIRST_DRIVE_SPEED)
+            # Speed by the accelerometer [m/s], at 100 frames per second.
+            inertial += 0.01 * ((states[-1].accel_x or 0.0) - offset)
+        if states[-1].ticks == states[0].ticks:
+            raise NoMotion("the car does not move", found="0 edges with throttle",
+                           expected="motion")
+    speed = abs(states[-1].speed)
+    if inertial < -MIN_INERTIAL_SHARE * speed:
         raise CalibrationFailed(
             "a pulse above neutral drives the car backward",
-            found=f"{felt:+.2f} m/s by the accelerometer, wheels at {gained:.2f} m/s",
-            expected="a pull forward",
+            found=f"{inertial:+.2f} m/s by the accelerometer, wheels at {speed:.2f} m/s",
+            expected="acceleration forward",
             likely="the motor's leads are swapped, or the IMU is turned by 180 degrees (push the "
                    "car forward by hand: accel_x must be positive)",
             remedy="swap the two leads of the motor, or mount_yaw = 3.1416 under [imu]")
-    if felt < FELT * gained:
+    if inertial < MIN_INERTIAL_SHARE * speed:
         raise CalibrationFailed(
             "the wheels turn but the car does not move",
-            found=f"{felt:+.2f} m/s by the accelerometer, wheels at {gained:.2f} m/s",
-            expected=f"at least {FELT * gained:.2f} m/s",
+            found=f"{inertial:+.2f} m/s by the accelerometer, wheels at {speed:.2f} m/s",
+            expected=f"at least {MIN_INERTIAL_SHARE * speed:.2f} m/s",
             likely="the wheels are off the ground or spin, or the accelerometer is stuck",
             remedy="put the car on the floor; dart-hal doctor")
 
 
-def _straight(car: Car, workshop: Workshop, log: SensorLog, room: float,
-              progress: Progress) -> list[Held]:
+def _drive_straight(car: Car, workshop: Workshop, log: SensorLog, room: float,
+                    progress: Progress) -> list[HeldSpeed]:
     held = []
-    runs = [v for v in speeds_in(room) for _ in range(REPEATS)]
+    runs = [v for v in select_speeds(room) for _ in range(THROTTLE_RUNS)]
     for k, speed in enumerate(runs):
         progress(0.1 + 0.9 * k / len(runs), f"{speed} m/s, run {k + 1} of {len(runs)}")
         workshop.mark()
         with driving(car) as runner:
             here = rest(runner, car.files.config.steering.center_us)
-            keep = _along(runner, Straight(car.files, here.pose), speed, here)
-            keep(_pulls_up(speed), None)
-            held.append(_measure(keep, log, speed, car.files,
-                                 min(max(MEASURE / speed, MEASURE), LONGEST)))
+            hold = _hold_on_line(runner, LineKeeper(car.files, here.pose), speed, here)
+            hold(_acceleration_time(speed), None)
+            held.append(_measure_speed(hold, log, speed, car.files, min(
+                max(MEASURED_LENGTH / speed, MEASURED_LENGTH), MAX_MEASURED_TIME)))
     return held
 
 
-def _along(runner: Runner, line: Straight, speed: float, here: State) -> Keep:
-    """Holds a speed [m/s] along the line."""
-    def keep(seconds: float, pulse_us: float | None) -> list[State]:
+def _hold_on_line(runner: CalibrationRunner, line: LineKeeper, speed: float, here: State
+                  ) -> HoldSpeed:
+    """Make the function that holds a speed [m/s] along the line."""
+    def hold(seconds: float, pulse_us: float | None) -> list[State]:
         nonlocal here
-        seen: list[State] = []
-        while not seen or here.t - seen[0].t < seconds:
+        states: list[State] = []
+        while not states or here.t - states[0].t < seconds:
             here = runner.hold(0.0, line.pulse(here), speed, pulse_us)[-1]
-            seen.append(here)
-        return seen
+            states.append(here)
+        return states
 
-    return keep
+    return hold
 
 
-def _circle(car: Car, log: SensorLog, progress: Progress) -> list[Held]:
+def _drive_circles(car: Car, log: SensorLog, progress: Progress) -> list[HeldSpeed]:
     steering = car.files.config.steering
-    pulse = steering.center_us + steering.direction * LEAN * steering.span_us
+    pulse = steering.center_us + steering.direction * CIRCLE_COMMAND * steering.span_us
     held = []
-    order = [*CIRCLE, *CIRCLE[::-1]]
+    order = [*CIRCLE_TARGETS, *CIRCLE_TARGETS[::-1]]
     with driving(car) as runner:
-        runner.start_moving(pulse, CIRCLE[0], 0.0, True)
+        runner.start_moving(pulse, CIRCLE_TARGETS[0], 0.0, True)
         for k, speed in enumerate(order):
             progress(0.1 + 0.9 * k / len(order), f"{speed} m/s in a circle")
-            runner.hold(CIRCLE_SETTLES, pulse, speed)
-            held.append(_measure(_round(runner, pulse, speed), log, speed, car.files, CIRCLING))
+            runner.hold(CIRCLE_SETTLING, pulse, speed)
+            held.append(_measure_speed(_hold_in_circle(runner, pulse, speed), log, speed,
+                                       car.files, CIRCLE_MEASURED_TIME))
     return held
 
 
-def _round(runner: Runner, steering_us: float, speed: float) -> Keep:
-    """Holds a speed [m/s] in a circle."""
+def _hold_in_circle(runner: CalibrationRunner, steering_us: float, speed: float) -> HoldSpeed:
+    """Make the function that holds a speed [m/s] in a circle."""
     return lambda seconds, pulse_us: runner.hold(seconds, steering_us, speed, pulse_us)
 
 
-def _measure(keep: Keep, log: SensorLog, target: float, files: CarFiles,
-             seconds: float) -> Held:
-    settled = keep(SETTLE, None)[-AVERAGED:]
-    pulse = float(np.mean([s.applied.throttle_us for s in settled]))
-    for stretch in (TRIAL, seconds):  # the second from where the first one had no acceleration
-        frozen = pulse
-        keep(LATE, frozen)
+def _measure_speed(hold: HoldSpeed, log: SensorLog, target: float, files: CarFiles,
+                   seconds: float) -> HeldSpeed:
+    """Measure the pulse at one speed.
+
+    1. Average the pulse of the steady loop, and hold it for a moment.
+    2. Correct it by the acceleration that it caused: force = mass x acceleration = slope x pulse.
+    3. Hold the corrected pulse for ``seconds``, and correct once more.
+    4. Subtract what the tyres take in a turn.
+    """
+    states = hold(LOOP_SETTLING, None)[-STEADY_FRAMES:]
+    pulse = float(np.mean([s.applied.throttle_us for s in states]))
+    for duration in (TRIAL_TIME, seconds):
+        constant = pulse
+        hold(PULSE_DELAY, constant)
         log.pairs()
-        states = keep(stretch, frozen)
-        speed, acceleration = _moved(log, target, stretch, files)
-        pull = (PAPER.motor.d - PAPER.motor.e * speed) / files.config.throttle.span_us
-        gained = PAPER.body.mass * acceleration / pull
-        pulse = frozen - gained
-    turning = _taken_by_tyres(speed, float(np.mean(yaw_rates(states) or [0.0]))) / pull
-    return Held(target, speed, pulse - turning,
-                math.hypot(PULL_STD * gained, TURN_STD * turning))
+        states = hold(duration, constant)
+        speed, acceleration = _fit_motion(log, target, duration, files)
+        force_per_us = (PAPER.motor.d - PAPER.motor.e * speed) / files.config.throttle.span_us
+        correction = PAPER.body.mass * acceleration / force_per_us
+        pulse = constant - correction
+    turning = _tyre_drag(speed, float(np.mean(yaw_rates(states) or [0.0]))) / force_per_us
+    return HeldSpeed(target, speed, pulse - turning,
+                     math.hypot(MOTOR_MODEL_STD * correction, TYRE_DRAG_STD * turning))
 
 
-def _moved(log: SensorLog, target: float, seconds: float, files: CarFiles) -> tuple[float, float]:
-    """(mean speed [m/s], acceleration [m/s2]) of the last stretch. Errors: NotSeen."""
-    t, x = places([sample for sample, _ in log.pairs()], files.metres_per_edge.value)
-    if len(t) < FEW or x[-1] < 0.5 * target * seconds:
-        raise NotSeen(f"the car does not reach {target} m/s",
-                      found=f"{x[-1] if len(x) else 0.0:.2f} m in {seconds:.1f} s",
-                      expected=f"{target * seconds:.2f} m",
-                      likely="battery low, something in the way, or a loose wire",
-                      remedy="charge the battery; dart-hal doctor")
+def _fit_motion(log: SensorLog, target: float, seconds: float, files: CarFiles
+                ) -> tuple[float, float]:
+    """(mean speed [m/s], acceleration [m/s2]) since the last call, by a parabola through the edges.
+
+    Raises NoMotion if the car is much slower than ``target`` [m/s], CalibrationFailed if its speed
+    is not constant.
+    """
+    t, x = edge_distances([sample for sample, _ in log.pairs()], files.metres_per_edge.value)
+    if len(t) < MIN_MEASURED_EDGES or x[-1] < 0.5 * target * seconds:
+        raise NoMotion(f"the car does not reach {target} m/s",
+                       found=f"{x[-1] if len(x) else 0.0:.2f} m in {seconds:.1f} s",
+                       expected=f"{target * seconds:.2f} m",
+                       likely="battery low, an obstacle, or a loose wire",
+                       remedy="charge the battery; dart-hal doctor")
     acceleration, speed, _ = np.polyfit(t - t.mean(), x, 2) * (2.0, 1.0, 1.0)
-    if abs(acceleration) > UNSETTLED:
-        raise CalibrationFailed(f"the car does not keep {target} m/s at a steady pulse",
+    if abs(acceleration) > MAX_REMAINING_ACCELERATION:
+        raise CalibrationFailed(f"the car does not keep {target} m/s at a constant pulse",
                                 found=f"{acceleration:+.2f} m/s2 at {speed:.2f} m/s",
-                                expected=f"at most {UNSETTLED} m/s2",
+                                expected=f"at most {MAX_REMAINING_ACCELERATION} m/s2",
                                 likely="the floor slopes, a wheel spins, or edges are lost",
                                 remedy="a level floor with grip; dart-hal doctor")
     return float(speed), float(acceleration)
 
 
-def _taken_by_tyres(speed: float, rate: float) -> float:
-    """What a steady turn takes from the pull [N]: the front tyres' side force along the car, and
-    the slide of the body. By the paper's parameters."""
-    body, tyres = PAPER.body, PAPER.tyres
+def _tyre_drag(speed: float, rate: float) -> float:
+    """Force [N] that a steady turn takes from the motor, by the paper's parameters.
+
+    Its parts are the component of the front tyres' side force along the car, and the slip of the
+    body. speed [m/s], rate [rad/s].
+    """
+    body = PAPER.body
+    tyres = PAPER.tyres
     assert isinstance(tyres, PaperTyres)
-    aside = speed * rate
-    front, rear = (body.mass * aside * arm / body.wheelbase for arm in (body.l_r, body.l_f))
-    slides = body.l_r * rate - speed * rear / tyres.rear_cornering_stiffness
-    return front * body.wheelbase * rate / speed - body.mass * rate * slides
+    lateral = speed * rate
+    front, rear = (body.mass * lateral * arm / body.wheelbase for arm in (body.l_r, body.l_f))
+    v_y = body.l_r * rate - speed * rear / tyres.rear_cornering_stiffness
+    return front * body.wheelbase * rate / speed - body.mass * rate * v_y
 
 
 # -- the table -----------------------------------------------------------------------
 
 
-def table_of(held: Sequence[Held], files: CarFiles) -> tuple[DriveTable, str]:
-    """(speed and pulse with standard errors, how well they repeat).
+def make_table(held: Sequence[HeldSpeed], files: CarFiles) -> tuple[DriveTable, str]:
+    """Average the runs at each speed; return the table and a sentence on how well they repeat.
 
-    Errors: CalibrationFailed where a faster drive needed a shorter pulse.
+    Raises CalibrationFailed if a higher speed needed a shorter pulse.
     """
     targets = sorted({h.target for h in held})
     groups = [[h for h in held if h.target == v] for v in targets]
@@ -290,28 +330,30 @@ def table_of(held: Sequence[Held], files: CarFiles) -> tuple[DriveTable, str]:
     pulse = np.array([np.mean([h.pulse_us for h in g]) for g in groups])
     if not (np.all(np.diff(pulse) > 0.0) and np.all(np.diff(speed) > 0.0)):
         raise CalibrationFailed(
-            "a faster drive needed a shorter pulse",
+            "a higher speed needed a shorter pulse",
             found=", ".join(f"{v:.2f} m/s {p:.1f} us" for v, p in zip(speed, pulse, strict=True)),
-            expected="pulses that rise with the speed",
+            expected="pulses that increase with the speed",
             likely="a sloping floor, or a battery that recovered between two runs",
             remedy="a level floor, a charged battery; run it again")
     slope = np.gradient(pulse, speed)
-    apart = np.concatenate([
+    deviation = np.concatenate([
         [h.pulse_us - p - s * (h.speed - v) for h in g]
         for g, v, p, s in zip(groups, speed, pulse, slope, strict=True)])
-    free = max(len(apart) - len(groups), 1)
-    spread = math.sqrt(float(apart @ apart) / free / REPEATS)
-    taken = np.array([np.mean([h.taken_us for h in g]) for g in groups])
-    return _table(speed, pulse, slope, spread, taken, files), (
-        f"a repeated speed needs the same pulse within {float(np.max(np.abs(apart))):.2f} us")
+    freedom = max(len(deviation) - len(groups), 1)
+    spread = math.sqrt(float(deviation @ deviation) / freedom / THROTTLE_RUNS)
+    model_std = np.array([np.mean([h.model_std_us for h in g]) for g in groups])
+    return _table_with_errors(speed, pulse, slope, spread, model_std, files), (
+        f"runs at the same speed differ by at most {float(np.max(np.abs(deviation))):.2f} us "
+        "from their mean")
 
 
-def _table(speed: FloatArray, pulse: FloatArray, slope: FloatArray, spread: float,
-           taken: FloatArray, files: CarFiles) -> DriveTable:
-    """With what the clock, the travel per edge and what was taken off may be wrong."""
-    clock, metres = files.oscillator_hz, files.metres_per_edge
-    rate = clock.std / clock.value if clock else UNKNOWN
-    std = np.sqrt(spread**2 + taken**2 + (rate * pulse) ** 2
+def _table_with_errors(speed: FloatArray, pulse: FloatArray, slope: FloatArray, spread: float,
+                       model_std: FloatArray, files: CarFiles) -> DriveTable:
+    """Add the errors of the clock, of the travel per edge and of the model."""
+    clock = files.oscillator_hz
+    metres = files.metres_per_edge
+    rate = clock.std / clock.value if clock else UNMEASURED_CLOCK_STD
+    std = np.sqrt(spread**2 + model_std**2 + (rate * pulse) ** 2
                   + (slope * speed * metres.std / metres.value) ** 2)
     return DriveTable(speed=tuple(round(float(v), 4) for v in speed),
                       pulse_us=tuple(round(float(p), 3) for p in pulse),
@@ -326,13 +368,14 @@ def _plot(result: Measured, files: CarFiles, path: Path) -> None:
 
 calibrate_throttle = Procedure(
     name="throttle",
-    help="""Which pulse holds which speed, for drive_speed's feed-forward.
+    help="""The pulse that keeps each speed, for the feed-forward of drive_speed.
 
     The car drives from rest to rest at one speed after the other; you put it back
     to the start. Measure esc and encoder first.
     """,
-    plan=plan, measure=measure, adapt=lambda floor: {"room": min(ROOM, max(floor))},
-    options=(Option("room", "straight floor; more of it reaches faster speeds, below 2.5 m the "
-                    "car circles on 3.5 m x 3.5 m", ROOM, "m", 0.0, 30.0, metavar="METRES"),),
-    plot=_plot, plot_help="picture of the pulses beside the model's",
+    plan=plan, measure=measure, adapt=lambda floor: {"room": min(DEFAULT_ROOM, max(floor))},
+    options=(Option("room", "straight floor; more of it allows higher speeds, below 2.5 m the "
+                    "car circles on 3.5 m x 3.5 m", DEFAULT_ROOM, "m", 0.0, 30.0,
+                    metavar="METRES"),),
+    plot=_plot, plot_help="picture of the measured pulses and those of the model",
     keys=("throttle.drive",), after=("clock", "esc", "encoder"))

@@ -34,7 +34,7 @@ def command() -> None:
 
 
 command.add_command(everything)
-for verb in order.VERBS:
+for verb in order.PROCEDURE_NAMES:
     command.add_command(command_of(order.load_procedure(verb)))
 
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from dart_hal.calibration import curves
 from dart_hal.calibration.samples import Samples
-from dart_hal.calibration.steering_map import NOISE, fit_map
+from dart_hal.calibration.steering_map import ANGLE_NOISE, fit_map
 from dart_hal.car import Car
 from dart_hal.control.measured import vehicle_for
 from dart_hal.core.config import CarFiles, ModelFile, Quantity, plain
@@ -159,7 +159,8 @@ def paper_form(command: FloatArray, table: SteeringTable) -> tuple[Steering, Flo
     """
     angle, std = np.array(table.angle_rad), np.array(table.std_rad)
     zeros = np.zeros(len(angle))
-    form = fit_map(Samples(command, angle, zeros, zeros, (NOISE / std)**2, np.arange(len(angle))))
+    form = fit_map(Samples(command, angle, zeros, zeros, (ANGLE_NOISE / std)**2,
+                           np.arange(len(angle))))
     slopes = curves.steering(form.parameters, command)[1] / std[:, None]
     covariance = form.covariance + np.linalg.pinv(slopes.T @ slopes)
     return Steering(**form.as_dict()), np.asarray(np.sqrt(np.diag(covariance)))

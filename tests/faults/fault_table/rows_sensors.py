@@ -227,12 +227,12 @@ def noise(bench: Bench) -> Measured:
 
 def calibrating(bench: Bench) -> Measured:
     """ms from the death of the encoder in a steering calibration to the last driving pulse."""
-    from dart_hal.calibration.runner import Runner
+    from dart_hal.calibration.runner import CalibrationRunner
 
     drive = bench.drive()
     drive.run(1.0)
     with drive.car.raw():
-        runner = Runner(drive.car)
+        runner = CalibrationRunner(drive.car)
         runner.hold(3.0, 1700.0, 0.5)
         assert drive.wrong(drive.pulses[-1]), "it does not drive"
         at = drive.fail("enc:off")

@@ -49,7 +49,7 @@ def everything(url: str | None, car_name: str, cars: Path | None, dry_run: bool,
     url = url or DEFAULT_URL
     found: dict[str, Result] = {}
     with _home(url, car_name, cars, dry_run, chart, lidar) as (files, home, poses, room):
-        steps = order.steps_of(files, floor, skip, poses, room)
+        steps = order.make_steps(files, floor, skip, poses, room)
         measured = calibration_in(files.folder, files.config.name, files.config)
         left = steps if again else order.due(steps, measured)
         announce(steps, left)
@@ -90,15 +90,15 @@ def _home(url: str, car_name: str, cars: Path | None, dry_run: bool, chart: Path
         yield files, Path(folder), poses, room
 
 
-def announce(steps: Sequence[order.Step], left: Sequence[order.Step]) -> None:
+def announce(steps: Sequence[order.ProcedureStep], left: Sequence[order.ProcedureStep]) -> None:
     """What each step does and needs, and which are done already; nothing has moved yet."""
     for step in steps:
         kept = "" if step in left else " [measured already; --again repeats it]"
         console.print(f"{step.verb}{kept}: {step.plan}", markup=False, highlight=False)
 
 
-def _measure_step(step: order.Step, url: str, car_name: str, home: Path, yes: bool, dry_run: bool,
-                  as_json: bool, lidar: str | None) -> Result | None:
+def _measure_step(step: order.ProcedureStep, url: str, car_name: str, home: Path, yes: bool,
+                  dry_run: bool, as_json: bool, lidar: str | None) -> Result | None:
     """What one step found, written into ``home`` if that is agreed to; None: it can be missed."""
     backend = open_backend(url)
     simulated = backend.workshop is not None
@@ -121,7 +121,8 @@ def _measure_step(step: order.Step, url: str, car_name: str, home: Path, yes: bo
     return replace(written, written=None) if dry_run else written
 
 
-def _conclude(files: CarFiles, left: Sequence[order.Step], found: Mapping[str, Result]) -> None:
+def _conclude(files: CarFiles, left: Sequence[order.ProcedureStep], found: Mapping[str, Result]
+              ) -> None:
     """The last word: what was measured, how long the car drove, where it is written."""
     missed = [s.verb for s in left if s.verb not in found]
     seconds = sum(result.duration for result in found.values())

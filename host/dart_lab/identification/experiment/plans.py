@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from dart_hal.calibration.schedule import Plan as Sweep
+from dart_hal.calibration.schedule import SteeringPlan as Sweep
 
 from .excitation import Signal
 from .floor import Fence, Floor, Place, fence_of

@@ -11,8 +11,8 @@ import math
 from collections.abc import Iterator
 
 from dart_hal.calibration.runner import DrivableCar
-from dart_hal.calibration.schedule import SPEEDS
-from dart_hal.calibration.schedule import Plan as Sweep
+from dart_hal.calibration.schedule import SWEEP_SPEEDS
+from dart_hal.calibration.schedule import SteeringPlan as Sweep
 from dart_hal.calibration.steering import drive as sweep
 from dart_hal.calibration.steering import plan as sweep_of
 from dart_hal.core.config import CarFiles
@@ -26,7 +26,7 @@ from .plans import Plan
 from .runner import Drive, Frame, Progress
 from .watch import Stopped, in_frame, still_inside, too_fast
 
-SLOWER = SPEEDS[0] / SPEEDS[1]
+SLOWER = SWEEP_SPEEDS[0] / SWEEP_SPEEDS[1]
 """Of the two speeds; the difference tells the slip of the tyres."""
 SLOWEST = 0.35
 """m/s of the faster sweep: below, the encoder's edges come too seldom."""
@@ -37,7 +37,7 @@ def plan_steering(files: CarFiles, floor: Floor, speed: float | None) -> Plan:
 
     Errors: ExperimentFailed when the floor is too small, with what is needed.
     """
-    fastest = speed if speed is not None else SPEEDS[1]
+    fastest = speed if speed is not None else SWEEP_SPEEDS[1]
     room = 0.5 * min(floor.length, floor.width)
     tried = fastest
     route = _sweep(files, tried)

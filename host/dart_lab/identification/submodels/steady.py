@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from dart_hal.calibration.samples import (
-    SETTLED,
+    MIN_COMMAND_AGE,
     Samples,
-    answered,
     approach,
     samples_of_turn,
+    shift_command,
 )
 from dart_hal.core.errors import RecordingError
 from dart_hal.core.types import BoolArray, FloatArray, IntArray
@@ -76,10 +76,10 @@ def steady_samples(recording: Recording, wheelbase: float, reference: Reference 
     steady = moving & _steady(turn, recording.quantum or 0.0)
     use = steady & (np.abs(turn.speed * turn.yaw_rate) < MAX_LATERAL)
     slope = wheelbase * turn.yaw_rate / np.where(moving, turn.speed, 1.0)
-    command, earlier = answered(turn.t, turn.command, slope, moving)
+    command, earlier = shift_command(turn.t, turn.command, slope, moving)
     direction, age = approach(command, turn.t)
     if earlier == 0.0:
-        use = use & ((age > SETTLED) | (direction == 0.0))
+        use = use & ((age > MIN_COMMAND_AGE) | (direction == 0.0))
     said = [f"steering: {int((steady & ~use).sum())} samples slip or follow a change of command, "
             f"{int((moving & ~steady).sum())} change speed"] if moving.any() else [
         f"steering: nothing above {SLOW} m/s"]

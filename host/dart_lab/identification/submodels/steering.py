@@ -13,11 +13,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from dart_hal.calibration.samples import Samples, concatenate
-from dart_hal.calibration.sessions import cautions, groups_of
+from dart_hal.calibration.sessions import cautions, make_groups
 from dart_hal.calibration.steering_map import (
     MIN_LEVELS,
     MIN_SPAN,
-    SteeringMap,
+    PaperMap,
     coverage,
     fit_map,
 )
@@ -69,7 +69,7 @@ def _too_little(samples: Samples) -> str:
     return "" if rising else "the car turns right where the command is left: sign of W?"
 
 
-def _fit(samples: Samples, found: SteeringMap, notes: list[str], cpu_s: float) -> Fit:
+def _fit(samples: Samples, found: PaperMap, notes: list[str], cpu_s: float) -> Fit:
     s, covariance = found.solution, found.covariance
     units = UNITS["steering"]
     reach = {"left": float(samples.command.max()), "right": float(-samples.command.min())}
@@ -102,7 +102,7 @@ def _notes(parts: Sequence[tuple[Recording, Samples, FloatArray]], samples: Samp
     ends = np.cumsum([len(part) for _, part, _ in parts])[:-1]
     triples = [(r, part.command, rest) for (r, part, _), rest
                in zip(parts, np.split(residual, ends), strict=True)]
-    return [*out, *cautions(groups_of(triples))]
+    return [*out, *cautions(make_groups(triples))]
 
 
 def _without(samples: Samples) -> str:

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from dart_hal.calibration.loop import UNDERSTEER_STD
-from dart_hal.calibration.samples import LEVEL, Samples, concatenate
+from dart_hal.calibration.samples import LEVEL_WIDTH, Samples, concatenate
 from dart_hal.core.types import FloatArray, IntArray
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle import Vehicle
@@ -53,7 +53,7 @@ def slip_in_data(samples: Samples, square: FloatArray, owner: IntArray
     def mean(values: FloatArray) -> FloatArray:
         return np.asarray(np.bincount(index, values) / count)
 
-    angle, level = mean(samples.angle), np.round(mean(samples.command) / LEVEL)
+    angle, level = mean(samples.angle), np.round(mean(samples.command) / LEVEL_WIDTH)
     effect = -0.5 * mean(square) * np.sin(2.0 * angle)
     group = np.unique(np.stack([mean(owner.astype(np.float64)), level], axis=1), axis=0,
                       return_inverse=True)[1].reshape(-1)
