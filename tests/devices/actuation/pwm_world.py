@@ -46,9 +46,9 @@ class World:
     def pulses(self, channel: int) -> list[tuple[float, float]]:
         """(rise [s], length [us]) of every pulse so far."""
         self.chip.output.advance(self.t)
-        seen = self._pulses.setdefault(channel, [])
-        seen += [(rise, (fall - rise) * 1e6) for rise, fall in self.chip.output.take(channel)]
-        return list(seen)
+        found = self._pulses.setdefault(channel, [])
+        found += [(rise, (fall - rise) * 1e6) for rise, fall in self.chip.output.take(channel)]
+        return list(found)
 
     def actuator(self, files: CarFiles | None = None, **options: object) -> Actuator:
         return Actuator(files or car_files(), self.bus, self.sleep, **options)

@@ -48,7 +48,7 @@ def test_a_command_reaches_the_pins_as_angle_and_throttle() -> None:
     assert actuator.applied.steering == pytest.approx(0.2, abs=0.009)
 
 
-def test_disarmed_nothing_moves_whatever_is_commanded() -> None:
+def test_no_command_moves_a_disarmed_car() -> None:
     world, actuator = opened(output=PinDemand())
     applied = actuator.command(0.3, 1.0, 0.2, "user", world.t)
     assert "NOT_ARMED" in applied.limited
@@ -65,7 +65,7 @@ def test_command_returns_what_the_next_frame_applies() -> None:
         world.t += 0.02
 
 
-def test_what_was_wanted_while_disarmed_does_not_jump_in_when_armed() -> None:
+def test_a_command_of_the_disarmed_car_has_no_effect_after_arming() -> None:
     world, actuator = opened(output=PinDemand())
     actuator.command(0.0, 1.0, 0.5, "user", world.t)
     actuator.demand = lambda: LIVE_DEMAND
@@ -100,7 +100,7 @@ def test_running_out_at_neutral_is_a_stop_and_no_trip() -> None:
     assert "EXPIRED" in actuator.applied.limited
 
 
-def test_nobody_may_ask_for_more_than_half_a_second() -> None:
+def test_validity_is_limited_to_half_a_second() -> None:
     world, actuator = opened()
     assert "VALIDITY" in actuator.command(0.0, 0.5, 60.0, "user", world.t).limited
     world.run(actuator, 30)
@@ -108,7 +108,7 @@ def test_nobody_may_ask_for_more_than_half_a_second() -> None:
 
 
 @pytest.mark.parametrize("valid_for", [0.1, 0.5])
-def test_what_holds_as_long_as_it_was_asked_for_says_nothing(valid_for) -> None:
+def test_a_validity_within_the_limit_is_not_reported(valid_for) -> None:
     world, actuator = opened()
     assert "VALIDITY" not in actuator.command(0.0, 0.5, valid_for, "user", world.t).limited
 
@@ -143,7 +143,7 @@ def test_time_that_goes_back_is_refused() -> None:
 
 
 @given(st.floats(-2, 2), st.floats(-2, 2))
-def test_no_command_passes_the_limits_and_clipping_is_said(steering, throttle) -> None:
+def test_commands_are_clipped_to_the_limits_and_clipping_is_reported(steering, throttle) -> None:
     world, actuator = opened(car_files(max_throttle=0.5, min_throttle=-0.3, max_steering=0.25))
     drive(world, actuator, steering, throttle, frames=3)
     applied, count = actuator.applied, 4.88 / 450 + 1e-9
@@ -188,7 +188,7 @@ def test_a_stop_ramp_of_the_car_file_takes_its_time() -> None:
     assert actuator.applied.throttle_us == NEUTRAL
 
 
-def test_the_source_listed_first_wins_and_the_loser_is_told() -> None:
+def test_the_source_listed_first_wins_and_the_other_is_reported() -> None:
     world, actuator = opened()
     actuator.command(0.0, 0.5, 0.2, "user", world.t)
     actuator.command(0.0, -0.1, 0.1, "gamepad", world.t)
@@ -243,8 +243,8 @@ def test_raw_pulses_act_in_raw_mode_alone_and_within_1000_to_2000_us() -> None:
 
 def test_raw_pulses_hold_for_a_fifth_of_a_second_and_running_out_trips() -> None:
     world, actuator = opened(output=RAW_DEMAND)
-    said = actuator.pulses(1300.0, 1700.0, world.t, valid_for=60.0).limited
-    assert "VALIDITY" in said
+    limited = actuator.pulses(1300.0, 1700.0, world.t, valid_for=60.0).limited
+    assert "VALIDITY" in limited
     world.run(actuator, 11)
     assert actuator.applied.throttle_us == pytest.approx(1700, abs=4.9)
     assert actuator.trips() == ()
@@ -402,7 +402,7 @@ def test_another_program_that_stops_the_chip_is_found_by_reading_back() -> None:
     actuator.pca.check()
 
 
-def test_the_gate_is_asked_right_before_a_write_that_moves_the_car() -> None:
+def test_the_gate_is_called_right_before_a_write_that_moves_the_car() -> None:
     tripped: list[str | None] = [None]
     world, actuator = opened(gate=lambda: tripped[0])
     drive(world, actuator, 0.0, 0.5, frames=3)
@@ -453,7 +453,7 @@ def test_the_clock_channel_pulses_and_the_cars_own_may_not() -> None:
         actuator.pca.write_channel(1, 400)
 
 
-def test_a_neutral_throttle_reads_zero_and_stands_still() -> None:
+def test_a_neutral_throttle_reads_zero_and_is_constant() -> None:
     world, actuator = opened()
     drive(world, actuator, 0.1, 0.0, frames=10)
     assert actuator.applied.throttle == 0.0

@@ -1,4 +1,4 @@
-"""The PCA9685 answers its own address and no other, in whatever state it is found."""
+"""The PCA9685 answers only its own address, from any state."""
 
 from __future__ import annotations
 

@@ -118,7 +118,7 @@ def test_a_guard_is_ready_by_its_first_byte_alone(answer: bytes, starts: bool) -
 def test_a_suspend_trips_although_beats_come_again() -> None:
     watch = GuardLogic()
     watch.note_suspend()
-    assert not watch.due(5.0), "nobody drives yet"
+    assert not watch.due(5.0), "no program drives yet"
     watch.note_bytes(b"b", 5.0)
     watch.note_bytes(b"b", 8.0)                                    # the first beat after it
     assert not watch.due(8.0)
@@ -160,15 +160,15 @@ class Bench:
         with client:
             try:
                 while True:
-                    _, wrote, wanted = REQUEST.unpack(receive(client, REQUEST.size))
-                    data = receive(client, wrote)
+                    _, n_written, n_read = REQUEST.unpack(receive(client, REQUEST.size))
+                    data = receive(client, n_written)
                     if self.dead:
                         self.refused += 1
                         client.sendall(bytes([errno.ETIMEDOUT]))
                         continue
-                    if not wanted:
+                    if not n_read:
                         self.writes.put(data)
-                    client.sendall(b"\0" + bytes(wanted))
+                    client.sendall(b"\0" + bytes(n_read))
             except OSError:
                 return
 
@@ -241,7 +241,7 @@ def assert_last_words(bench: Bench) -> None:
 
 
 def alive(pid: int) -> bool:
-    """Neither gone nor a zombie that nobody has waited for."""
+    """Neither gone nor a zombie."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
@@ -330,9 +330,9 @@ def test_of_two_cars_the_other_one_drives_on(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("owned", [True, False])
-def test_a_guard_left_on_a_dead_bus_stands_back_for_the_next_owner(
+def test_a_guard_on_a_dead_bus_writes_nothing_for_the_next_owner(
         bench: Bench, owned: bool) -> None:
-    """The next car of this very process. The control: nobody owns the chip, and it writes."""
+    """The next car of this very process. The control: no program owns the chip, and it writes."""
     guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
     guard.beat()
     bench.dead = True
@@ -377,7 +377,7 @@ def test_a_guard_on_a_bus_that_stays_dead_ends() -> None:
 
 @pytest.mark.realtime
 def test_without_the_guard_the_last_throttle_stays(bench: Bench) -> None:
-    """The negative control: nobody writes after the kill."""
+    """The negative control: without a guard nothing is written after the kill."""
     driver = start(bench, "alone")
     driver.kill()
     driver.wait()
@@ -405,9 +405,9 @@ def test_a_stopped_driver_gets_neutral_and_writes_no_stale_throttle_when_it_goes
 
 
 @pytest.mark.realtime
-def test_a_dead_guard_is_seen_by_the_driver(bench: Bench) -> None:
+def test_the_driver_detects_a_dead_guard(bench: Bench) -> None:
     guard = Guard(bench.spec, open_bus, address=0x40, channel=1, neutral_counts=307)
-    assert guard.gate() == "GUARD_SILENT", "nobody watches before the first beat"
+    assert guard.gate() == "GUARD_SILENT", "the guard does not watch before the first beat"
     guard.beat()
     assert guard.gate() is None
     os.kill(guard.pid, signal.SIGKILL)

@@ -64,7 +64,7 @@ def test_points_that_turn_back_make_no_map(x, y) -> None:
         Pchip(x, y)
 
 
-def test_without_a_calibration_the_papers_map_stands_in_and_says_so() -> None:
+def test_without_a_calibration_the_papers_map_is_used_and_reported() -> None:
     """Angles of the paper's map at -1, -0.5, 0, 0.5, 1, from its five numbers."""
     paper = steering_map(car_files().config, None)
     assert not paper.calibrated
@@ -111,7 +111,7 @@ def test_the_mean_over_a_second_is_within_a_twentieth_of_a_us(pulse: float, befo
 
 
 @given(st.floats(1000, 2000))
-def test_peek_says_what_step_does(pulse: float) -> None:
+def test_peek_returns_what_step_returns(pulse: float) -> None:
     quantiser = Quantiser(COUNT)
     for _ in range(5):
         assert quantiser.peek(pulse) == quantiser.step(pulse)

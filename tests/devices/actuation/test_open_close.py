@@ -135,7 +135,7 @@ def test_the_pulse_is_true_to_the_measured_oscillator() -> None:
 
 
 def test_an_unmeasured_oscillator_moves_neutral_as_reported_from_the_field() -> None:
-    """24.06, 26.08, 27.0 MHz: +58.5, -62.0, -111 us. This is why arm() asks for it."""
+    """24.06, 26.08, 27.0 MHz: +58.5, -62.0, -111 us. This is why arm() requires it."""
     moved = []
     for hertz in (24.06e6, 26.08e6, 27e6):
         world = World(oscillator_hz=hertz)

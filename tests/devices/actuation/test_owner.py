@@ -149,6 +149,6 @@ def test_a_device_without_a_driver_and_other_addresses_are_free(tmp_path: Path) 
     refuse_claimed(f"unix:{tmp_path}/i2c", 0x40, root)
 
 
-def test_a_program_without_a_number_is_said_to_be_one() -> None:
+def test_a_process_without_a_number_is_described_so() -> None:
     assert "does not tell" in locks.describe_process(0)
     assert locks.describe_process(2 ** 22 + 1) == f"pid {2 ** 22 + 1}"

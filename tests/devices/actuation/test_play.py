@@ -1,4 +1,4 @@
-"""The play of the steering: taken up, it brings the wheels where they are asked to be."""
+"""Compensation of the steering play: the wheels reach the requested angle."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ FRAME = 0.02
 
 
 def wheels_after(play, true, angles, slew=3800.0):
-    """Where a peg in the slot ends, frame by frame, when ``play`` is asked for angles."""
+    """Angle of a peg in the slot, frame by frame, when ``play`` gets these angles."""
     pulse, out = None, []
     for angle in angles:
-        wanted = CURVE.pulse(play.aim(angle))
-        pulse = wanted if pulse is None else pulse + np.clip(
-            wanted - pulse, -slew * FRAME, slew * FRAME)
+        target = CURVE.pulse(play.aim(angle))
+        pulse = target if pulse is None else pulse + np.clip(
+            target - pulse, -slew * FRAME, slew * FRAME)
         middle = CURVE.angle(pulse)
         true = min(max(true, middle - HALF), middle + HALF)
-        play.update(wanted, FRAME)
+        play.update(target, FRAME)
         out.append(true)
     return np.array(out)
 

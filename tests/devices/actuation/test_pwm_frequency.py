@@ -1,4 +1,4 @@
-"""What the pins get of a measured clock: the frequency that was asked for, and the mean pulse."""
+"""Pulses at the pins with a measured clock: the requested frequency and the mean pulse."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from dart_hal.devices.actuation.standby import Throttle
 from tests.devices.actuation.pwm_world import World, car_files
 
 CLOCKS = (24.06e6, 25e6, 26.08e6, 27.0e6)
-"""Hz, as they were seen on boards."""
+"""Hz, as measured on boards."""
 STEERING, THROTTLE = 0, 1
 
 
@@ -34,7 +34,7 @@ def without_feedback(files: CarFiles) -> CarFiles:
 
 def held(hertz: float, files: CarFiles, throttle: float = 0.3137, frames: int = 120
          ) -> tuple[World, Actuator, float]:
-    """A world that holds one throttle for some frames, and the pulse [us] that was wanted."""
+    """A world that holds one throttle for some frames, and the requested pulse [us]."""
     world = World(hertz)
     actuator = world.actuator(files, demand=lambda: LIVE_DEMAND)
     actuator.open()
@@ -56,8 +56,8 @@ def test_the_frequency_is_kept_by_the_measured_clock(hertz):
 @pytest.mark.parametrize("hertz", [24.06e6, 27.0e6])
 def test_control_by_the_nominal_clock_it_is_not(hertz):
     """What 121 for every part would do."""
-    seen = hertz / COUNTS_PER_FRAME / (prescale_for(50.0) + 1)
-    assert abs(seen / 50.0 - 1.0) > 0.03
+    frequency = hertz / COUNTS_PER_FRAME / (prescale_for(50.0) + 1)
+    assert abs(frequency / 50.0 - 1.0) > 0.03
 
 
 @pytest.mark.parametrize("prescale", [3, 30, 117, 121, 127, 200, 255])
@@ -73,7 +73,7 @@ def test_without_a_measured_clock_it_is_the_nominal_one():
 
 @pytest.mark.parametrize("hertz", CLOCKS)
 def test_who_stops_the_car_knows_the_drivers_counter(hertz):
-    """Another counter would read as a stranger's chip, and all outputs would be cut."""
+    """Another counter would look like another chip, and all outputs would be cut."""
     files = car_files(hertz)
     world, _, _ = held(hertz, files)
     standby = Throttle(files, world.bus, world.sleep)
@@ -104,26 +104,26 @@ def test_standby_leaves_no_pulse_on_a_chip_with_another_counter(ends, monkeypatc
 
 @pytest.mark.parametrize("hertz", CLOCKS)
 @pytest.mark.parametrize("throttle", [0.2, 0.3137, -0.41])
-def test_the_mean_pulse_at_the_pin_is_the_one_that_was_asked_for(hertz, throttle):
-    world, actuator, wanted = held(hertz, car_files(hertz), throttle)
+def test_the_mean_pulse_at_the_pin_is_the_requested_one(hertz, throttle):
+    world, actuator, requested_us = held(hertz, car_files(hertz), throttle)
     widths = [width for _, width in world.pulses(THROTTLE)][-100:]
-    assert np.mean(widths) == pytest.approx(wanted, abs=0.05)
-    assert max(abs(w - wanted) for w in widths) <= actuator.pca.count_us
+    assert np.mean(widths) == pytest.approx(requested_us, abs=0.05)
+    assert max(abs(w - requested_us) for w in widths) <= actuator.pca.count_us
     assert actuator.applied.throttle_us == pytest.approx(widths[-1], abs=0.01)
 
 
 def test_switched_off_every_frame_has_the_nearest_count():
-    world, actuator, wanted = held(25e6, without_feedback(car_files(25e6)))
+    world, actuator, requested_us = held(25e6, without_feedback(car_files(25e6)))
     widths = {round(width, 3) for _, width in world.pulses(THROTTLE)[-50:]}
     assert len(widths) == 1
-    off = abs(widths.pop() - wanted)
+    off = abs(widths.pop() - requested_us)
     assert 0.05 < off <= 0.5 * actuator.pca.count_us
     quantiser = Quantiser(4.88, feedback=False)
     assert {quantiser.step(1502.0) for _ in range(20)} == {308}
     assert quantiser.peek(1502.0) == 308
 
 
-def test_applied_says_the_angle_and_throttle_of_the_pulse_that_is_there():
+def test_applied_has_the_angle_and_throttle_of_the_present_pulse():
     files = car_files(27.0e6)
     world, actuator, _ = held(27.0e6, files)
     steering, throttle = (world.pulses(channel)[-1][1] for channel in (STEERING, THROTTLE))

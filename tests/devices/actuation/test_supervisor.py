@@ -52,7 +52,7 @@ def run(s: Supervisor, t: float, seconds: float, **inputs: object) -> float:
 
 @pytest.mark.parametrize("state", list(ArmState))
 @pytest.mark.parametrize("event", list(Event))
-def test_every_event_in_every_state_does_what_the_table_says(state, event) -> None:
+def test_every_event_in_every_state_follows_the_table(state, event) -> None:
     s, t = at(state)
     s.event(event, t)
     assert s.state is TABLE[state][event]
@@ -141,20 +141,20 @@ def test_three_trips_in_a_minute_lock_and_only_unlock_opens() -> None:
     t = run(s, t, 70.0)
     assert s.state is ArmState.LOCKED
     assert s.output.steering == "centre"
-    s.event(Event.UNLOCK, t, ("seen to",))
+    s.event(Event.UNLOCK, t, ("checked",))
     assert s.state is ArmState.DISARMED
     s.arm(t)
     t = run(s, t, 0.6)
     s.event(Event.TRIP, t)
-    assert s.state is ArmState.TRIPPED, "unlock starts the count anew"
+    assert s.state is ArmState.TRIPPED, "unlock restarts the count"
 
 
-@pytest.mark.parametrize(("apart", "locks"), [(10.0, True), (29.0, True), (30.5, False)])
-def test_the_third_trip_locks_however_calm_it_was_in_between_a_minute(apart, locks) -> None:
+@pytest.mark.parametrize(("interval", "locks"), [(10.0, True), (29.0, True), (30.5, False)])
+def test_the_third_trip_locks_however_calm_it_was_in_between_a_minute(interval, locks) -> None:
     s, t = at(ArmState.ARMED)
     s.event(Event.TRIP, t, ("LINK_STALE",))
     for _ in range(2):
-        t = run(s, t, apart - 0.6)
+        t = run(s, t, interval - 0.6)
         s.arm(t)
         t = run(s, t, 0.6)
         assert s.state is ArmState.ARMED
@@ -275,11 +275,11 @@ def test_a_cut_off_that_cannot_be_watched_is_known_and_refused_where_the_car_dem
     assert refusals(replace(facts, cutoff_test_required=True)) == ("CUTOFF_TEST_FAILED",)
 
 
-def test_warnings_do_not_refuse_and_say_what_to_do() -> None:
+def test_cautions_do_not_refuse_and_have_a_remedy() -> None:
     facts = Facts(calibration_old=True, firmware_dirty=True, imu_calibrated=False, loop_late=0.03)
     assert refusals(facts) == ()
-    told = list_cautions(facts)
-    assert [w.name for w in told] == ["NO_HARDWARE_CUTOFF", "CALIBRATION_OLD", "IMU_UNCALIBRATED",
-                                      "LOOP_LATE", "FIRMWARE_DIRTY"]
-    assert all(w.text and w.remedy and str(w).startswith(w.name) for w in told)
+    cautions = list_cautions(facts)
+    assert [c.name for c in cautions] == ["NO_HARDWARE_CUTOFF", "CALIBRATION_OLD",
+                                          "IMU_UNCALIBRATED", "LOOP_LATE", "FIRMWARE_DIRTY"]
+    assert all(c.text and c.remedy and str(c).startswith(c.name) for c in cautions)
     assert not list_cautions(Facts(simulated=True)), "a simulated car needs no cut-off"

@@ -1,4 +1,4 @@
-"""Who answers at 0x40 is read before a single byte is written; strangers who write are found."""
+"""The device at 0x40 is identified before any write; other programs that write are found."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_stop_and_standby_leave_a_monitor_alone() -> None:
 
 
 @pytest.mark.parametrize("seed", range(40))
-def test_whatever_a_dead_program_left_in_a_pca9685_it_is_known(seed: int) -> None:
+def test_a_pca9685_is_recognised_in_any_state_of_a_dead_program(seed: int) -> None:
     """Random writes to every register, other sub-addresses included; only its number stays."""
     world = World()
     draw = random.Random(seed)
@@ -114,14 +114,14 @@ def test_the_second_writer_is_named() -> None:
 
 
 def test_a_read_back_without_the_pulses_does_not_see_it() -> None:
-    """The negative control, and what holds while the guard's own neutral stands there."""
+    """The negative control, also while the registers contain the neutral of the guard."""
     world = World()
     actuator = drive(world)
     world.bus.writeto(0x40, bytes([0x0A, 0, 0, 338 & 0xFF, 338 >> 8]))
     actuator.pca.check(pulses=False)
 
 
-def test_no_throttle_follows_the_look_that_found_a_stranger() -> None:
+def test_no_throttle_is_written_after_another_writer_was_found() -> None:
     """The frame that finds it was planned with throttle on; that plan must not be written."""
     from dart_hal.devices.actuation import LIVE_DEMAND
 

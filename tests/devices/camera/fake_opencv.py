@@ -12,9 +12,9 @@ JPEG = b"\xff\xd8\xff\xc0\x00\x0b\x08" + (480).to_bytes(2, "big") + (640).to_byt
 
 
 class FakeOpenCV(SimpleNamespace):
-    """Stands as the module ``cv2``. path: the device, a file; there: whether it gives pictures;
+    """Replaces the module ``cv2``. path: the device, a file; there: whether it gives pictures;
     hangs: set while a read does not return; opened, held: captures made, and not yet released;
-    asked: what was set; gstreamer: YES or NO."""
+    settings: what was set; gstreamer: YES or NO."""
 
     CAP_V4L2, CAP_GSTREAMER, IMWRITE_JPEG_QUALITY = 200, 1800, 1
     CAP_PROP_FRAME_WIDTH, CAP_PROP_FRAME_HEIGHT, CAP_PROP_FPS, CAP_PROP_BUFFERSIZE = 3, 4, 5, 38
@@ -22,7 +22,7 @@ class FakeOpenCV(SimpleNamespace):
 
     def __init__(self, path, fps=50.0):
         super().__init__(path=path, fps=fps, there=True, takes=True, gstreamer="NO", opened=[],
-                         held=0, asked={}, count=0, hangs=threading.Event())
+                         held=0, settings={}, count=0, hangs=threading.Event())
 
     def getBuildInformation(self):  # noqa: N802 - OpenCV's name
         return f"  Video I/O:\n    GStreamer:   {self.gstreamer}\n"
@@ -47,7 +47,7 @@ class Capture:
         return self._open
 
     def set(self, prop, value):
-        self._cv2.asked[prop] = value
+        self._cv2.settings[prop] = value
 
     def read(self):
         while self._cv2.hangs.is_set():

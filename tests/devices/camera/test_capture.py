@@ -38,7 +38,7 @@ def until(condition, within=3.0):
 def test_images_come_with_their_times_on_the_cars_clock(cv2):
     camera = open_camera(f"usb:{cv2.path}?width=800&fps=30&quality=60")
     try:
-        assert cv2.asked == {3: 800, 4: 480, 5: 30, 38: 1}
+        assert cv2.settings == {3: 800, 4: 480, 5: 30, 38: 1}
         assert cv2.opened == [(str(cv2.path), 200)]
         time.sleep(0.1)
         images = camera.poll(1000.0)
@@ -53,7 +53,7 @@ def test_images_come_with_their_times_on_the_cars_clock(cv2):
     until(lambda: cv2.held == 0)
 
 
-def test_what_nobody_takes_is_dropped_and_the_newest_stays(cv2):
+def test_images_that_are_not_polled_are_dropped_except_the_newest(cv2):
     cv2.fps = 200.0
     camera = open_camera(f"usb:{cv2.path}")
     try:
@@ -65,7 +65,7 @@ def test_what_nobody_takes_is_dropped_and_the_newest_stays(cv2):
         camera.close()
 
 
-def test_one_that_is_unplugged_says_so_and_goes_on_by_itself(cv2):
+def test_an_unplugged_camera_is_reported_and_continues_when_plugged_in(cv2):
     camera = open_camera(f"usb:{cv2.path}")
     try:
         cv2.there = False
@@ -155,7 +155,7 @@ def test_the_ribbon_of_a_jetson_needs_its_own_opencv(cv2):
     assert "width=1280,height=720,framerate=30/1" in pipeline
 
 
-def test_without_opencv_it_says_what_to_install(monkeypatch):
+def test_without_opencv_the_error_names_the_package_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "cv2", None)
     with pytest.raises(UsageError, match="needs OpenCV") as no:
         open_camera("usb:0")

@@ -1,4 +1,4 @@
-"""What images say about their camera, and the size of a JPEG."""
+"""Health of a camera from its images, and the size of a JPEG."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def health(times, age=0.05):
     return watch.health()
 
 
-def test_a_steady_camera_has_nothing_to_say():
+def test_a_steady_camera_has_no_problem():
     found = health([0.1 * n for n in range(60)])
     assert found.rate == pytest.approx(10.0)
     assert (found.late, found.size) == (0.0, 1000)
@@ -23,14 +23,14 @@ def test_a_steady_camera_has_nothing_to_say():
     assert list(found.sentences()) == []
 
 
-def test_late_and_old_images_are_told():
+def test_late_and_old_images_are_reported():
     found = health([0.1 * n for n in range(20) if n % 5], age=0.3)
     assert found.late > 0.1
-    assert [said for said in found.sentences() if "late" in said]
-    assert [said for said in found.sentences() if "0.30 s old" in said]
+    assert [message for message in found.sentences() if "late" in message]
+    assert [message for message in found.sentences() if "0.30 s old" in message]
 
 
-def test_one_image_says_nothing():
+def test_one_image_gives_no_health():
     assert health([1.0]) is None
 
 

@@ -1,4 +1,4 @@
-"""What the scans of a driven car say about its lidar."""
+"""Health of a lidar from the scans of a driven car."""
 
 from __future__ import annotations
 
@@ -33,19 +33,19 @@ def test_a_good_one_gives_nothing_to_look_at(seed):
 
 
 @pytest.mark.slow
-def test_one_that_hangs_upside_down_without_the_file_saying_so_is_seen_by_the_gyro():
+def test_a_lidar_upside_down_against_its_car_file_is_detected_by_the_gyro():
     found = health(1, "clockwise=0")
     assert found.sense == pytest.approx(-1.0, abs=0.3)
     assert "turn against the gyro" in " ".join(found.sentences())
 
 
 @pytest.mark.slow
-def test_a_car_that_goes_straight_says_nothing_of_the_sense():
+def test_a_car_that_drives_straight_gives_no_sense():
     assert health(1, seconds=1.0, steering=0.0).sense is None
 
 
 @pytest.mark.slow
-def test_a_blind_sector_is_told_where_it_is():
+def test_a_blind_sector_is_reported_with_its_angles():
     found = health(1, f"gap={radians(30.0)},yaw=0", seconds=2.0)
     ((start, end),) = found.blind
     # it is 30 deg wide, but the parallax puts its edges up to 8 deg further
@@ -55,12 +55,12 @@ def test_a_blind_sector_is_told_where_it_is():
 
 
 @pytest.mark.slow
-def test_packets_that_are_lost_and_a_unit_that_is_too_fast_are_told():
+def test_lost_packets_and_a_unit_that_is_too_fast_are_reported():
     found = health(1, "lost=0.1,rate=8.6", seconds=3.0)
     assert found.lost == pytest.approx(0.1, abs=0.05)
-    told = " ".join(found.sentences())
-    assert "lost on the line" in told
-    assert "8.60 times a second" in told
+    messages = " ".join(found.sentences())
+    assert "lost on the line" in messages
+    assert "8.60 times a second" in messages
 
 
 def test_a_lidar_in_the_dark_is_blind_all_around():

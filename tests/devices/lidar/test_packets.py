@@ -13,7 +13,7 @@ from dart_hal.devices.lidar.packets import LidarDecoder, parallax
 from tests.devices.lidar.x4_bytes import packet, revolution
 
 
-def seen(packets):
+def comparable(packets):
     """What can be compared of packets, without ``behind``."""
     return [(p.starts, p.hertz, p.first, p.last, p.angle.tobytes(), p.distance.tobytes(), p.size)
             for p in packets]
@@ -32,7 +32,7 @@ def test_a_packet_computed_by_hand():
     assert got.distance.tolist() == [1.0, 8.0]
 
 
-def test_the_packet_that_starts_a_revolution_tells_its_frequency():
+def test_the_packet_that_starts_a_revolution_has_its_frequency():
     with_rate, without = LidarDecoder().feed(packet(0.5, 0.5, [0.0], starts=True, hertz=7.9)
                                         + packet(0.5, 0.5, [1500.0], starts=True))
     assert (with_rate.starts, with_rate.hertz, without.hertz) == (True, 7.9, None)
@@ -50,7 +50,7 @@ def test_a_point_where_laser_and_axis_cross_is_where_the_unit_points():
     assert parallax(np.array([0.1]))[0] > 0.0 > parallax(np.array([0.2]))[0]
 
 
-def test_answers_are_told_apart_from_packets():
+def test_answers_are_distinguished_from_packets():
     decoder = LidarDecoder()
     info = bytes.fromhex("A55A 14000000 04") + bytes([6, 5, 1, 3, *range(10), *range(6)])
     health = bytes.fromhex("A55A 03000000 06 00 0000")
@@ -91,7 +91,7 @@ def test_portions_do_not_matter(cuts, seed):
         got += parts.feed(bytes(stream[at:at + cut]))
         at += cut
     got += parts.feed(bytes(stream[at:]))
-    assert seen(got) == seen(expected)
+    assert comparable(got) == comparable(expected)
     assert (parts.broken, parts.skipped) == (whole.broken, whole.skipped)
 
 
@@ -100,7 +100,7 @@ def test_it_finds_the_packets_behind_garbage(garbage):
     clean = revolution(90)
     decoder = LidarDecoder()
     got = decoder.feed(garbage + b"".join(clean))
-    assert seen(got) == seen(LidarDecoder().feed(b"".join(clean)))
+    assert comparable(got) == comparable(LidarDecoder().feed(b"".join(clean)))
     assert decoder.skipped == len(garbage)
 
 

@@ -103,7 +103,7 @@ def test_scans_come_in_the_time_of_the_car(unit, waits):
     lidar.close()
 
 
-def test_a_cable_that_is_pulled_is_said_and_put_in_again_it_goes_on(unit, tmp_path, monkeypatch):
+def test_an_unplugged_cable_is_reported_and_scans_continue_after_it(unit, tmp_path, monkeypatch):
     monkeypatch.setattr(port, "PORT_RETRY_INTERVAL", 0.05)
     first, name = unit(revolution()), tmp_path / "dart-lidar"
     name.symlink_to(first.path)
@@ -135,7 +135,7 @@ def test_another_line_rate_is_recognised(unit, monkeypatch):
         lidar.close()
 
 
-def test_a_unit_that_is_silent_is_told_from_it_and_asked_again(unit, monkeypatch):
+def test_a_silent_unit_is_reported_as_silent_and_started_again(unit, monkeypatch):
     monkeypatch.setattr(port, "MAX_LIDAR_SILENCE", 0.2)
     monkeypatch.setattr(port, "PORT_RETRY_INTERVAL", 0.1)
     far = unit([])

@@ -92,7 +92,7 @@ def test_no_scan_is_made_of_the_rest_of_a_revolution():
     assert [len(s) for s in found] == [606]
 
 
-def test_after_a_silence_it_begins_anew():
+def test_after_a_silence_the_assembly_starts_again():
     packets, stream = turns(4), LidarStream()
     for raw, t in arrivals(packets):
         stream.feed(raw, t)
@@ -121,7 +121,7 @@ def test_a_scan_is_frozen_and_refuses_columns_of_other_lengths():
         Scan(1.0, 0.9, 8.0, np.zeros(2), np.zeros(2), np.zeros(3))
 
 
-def test_what_is_told_far_apart_is_one_turn():
+def test_a_split_revolution_is_one_turn():
     """Two packets alone, the zero among garbage: nothing is made up."""
     stream = LidarStream()
     assert stream.feed(b"\xaa\x00" + packet(0.0, 0.0, [100.0], starts=True), 1.0) == []
@@ -146,12 +146,12 @@ def test_no_packets_raise_and_scans_stay_in_order(found):
         assert np.isfinite(scan.rate)
         assert scan.rate > 0.0
         assert scan.arrival <= t
-        list(_told(scan))
+        list(_messages(scan))
     for a, b in pairwise(scans):
         assert b.arrival >= a.arrival
 
 
-def _told(scan):
+def _messages(scan):
     watch = LidarHealthMonitor()
     watch.add(scan, 0.0)
     return watch.health().sentences()

@@ -1,4 +1,4 @@
-"""``i2c=auto``: settled before anything is opened, and for the guard as well."""
+"""``i2c=auto`` is resolved before anything is opened, also for the guard."""
 
 from __future__ import annotations
 

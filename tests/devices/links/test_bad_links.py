@@ -35,15 +35,15 @@ from tests.wire.wire_samples import random_values
 
 
 class FakeNano:
-    """The far end of a pty: says ``greeting(received)`` to whatever comes, for ever."""
+    """The other end of a pty: sends ``greet(self)`` again and again."""
 
-    def __init__(self, say=lambda heard: b"") -> None:
+    def __init__(self, greet=lambda nano: b"") -> None:
         self.master, slave = os.openpty()
         tty.setraw(slave)
         self.path, self._slave = os.ttyname(slave), slave
         self.heard = b""
         self._done = threading.Event()
-        self._say = say
+        self._greet = greet
         os.set_blocking(self.master, False)
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -56,7 +56,7 @@ class FakeNano:
                 pass
             except OSError:
                 return
-            words = self._say(self)
+            words = self._greet(self)
             if words:
                 try:
                     os.write(self.master, words)
@@ -110,7 +110,7 @@ def test_a_silent_port_names_the_rates_that_were_tried(fake, hurried):
     assert error.found.count("not one byte") == 2
 
 
-def test_a_chattering_port_says_that_bytes_came(fake, hurried):
+def test_a_port_with_foreign_bytes_is_reported_with_their_number(fake, hurried):
     noisy = fake(lambda nano: b"\xa5\x00garbage\x13")
     with pytest.raises(NoHello) as caught:
         Car.open(f"serial://{noisy.path}")
@@ -130,10 +130,10 @@ def test_it_falls_back_to_the_rate_at_which_hello_comes(fake, hurried):
     def answer(nano):
         import termios
         speed = termios.tcgetattr(nano._slave)[5]
-        asked, nano.heard = nano.heard, b""
+        received, nano.heard = nano.heard, b""
         if speed != termios.B115200:
             return b"\xff\xfe\xfd"
-        return hello if asked.endswith(b"\0") else b""
+        return hello if received.endswith(b"\0") else b""
 
     nano = fake(answer)
     with Car.open(f"serial://{nano.path}") as car:
@@ -178,7 +178,7 @@ def test_what_is_no_terminal_is_no_port():
         Car.open("serial:///dev/null")
 
 
-def test_a_port_without_permission_says_what_to_type(monkeypatch, fake):
+def test_a_port_without_permission_gives_the_command_to_type(monkeypatch, fake):
     def denied(*args, **options):
         raise PermissionError(errno.EACCES, "Permission denied")
 

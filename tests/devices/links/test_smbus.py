@@ -13,7 +13,7 @@ from dart_hal.devices.links.smbus import SmbusBus
 
 
 class Device:
-    """Stands for ``smbus2.SMBus``: 16 registers at 0x40, and errors on demand."""
+    """Replaces ``smbus2.SMBus``: 16 registers at 0x40, and errors on demand."""
 
     registers: ClassVar[bytearray] = bytearray(range(16))
     error: ClassVar[int] = 0
@@ -80,7 +80,7 @@ def test_an_errno_is_explained(bus: SmbusBus, monkeypatch, number, word) -> None
     assert caught.value.remedy
 
 
-def test_a_bus_that_does_not_exist_says_where_to_look(monkeypatch) -> None:
+def test_a_missing_bus_gives_the_place_to_look_at(monkeypatch) -> None:
     monkeypatch.setattr(smbus2, "SMBus", Device)
     with pytest.raises(BusError, match="/dev/i2c-7") as caught:
         SmbusBus(7)

@@ -58,7 +58,7 @@ def test_a_process_without_the_processor_is_no_suspend():
 
 
 def test_ages_go_on_during_a_suspend(monkeypatch):
-    """CLOCK_MONOTONIC stands still, CLOCK_BOOTTIME does not."""
+    """CLOCK_MONOTONIC stops, CLOCK_BOOTTIME does not."""
     still, boot = time.monotonic(), [5000.0]
     monkeypatch.setattr(time, "monotonic", lambda: still)
     monkeypatch.setattr(time, "clock_gettime", lambda clock: boot[0])

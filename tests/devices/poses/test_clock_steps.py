@@ -11,7 +11,7 @@ from dart_hal.devices.poses.clock_steps import ClockStepFilter
 RATE = 100.0
 
 
-def told(stamps, arrivals):
+def run_filter(stamps, arrivals):
     """(clock, [(time of measurement, error of the offset)] of the poses that were let through)."""
     clock, out = ClockStepFilter(), []
     for t, (stamp, arrival) in enumerate(zip(stamps, arrivals, strict=True)):
@@ -21,18 +21,18 @@ def told(stamps, arrivals):
     return clock, np.array(out)
 
 
-def drawn(seed, seconds=20.0):
+def draw_arrivals(seed, seconds=20.0):
     rng, t = np.random.default_rng(seed), np.arange(int(seconds * RATE)) / RATE
     return rng, t, np.maximum.accumulate(t + 0.005 + rng.exponential(0.003, len(t)))
 
 
-@pytest.mark.parametrize("by", [-1.0, -0.2, 0.2, 1.0])
+@pytest.mark.parametrize("step", [-1.0, -0.2, 0.2, 1.0])
 @pytest.mark.slow_except("-0.2")
-def test_a_clock_that_is_set_goes_on(by):
+def test_a_clock_that_is_set_goes_on(step):
     worst = []
     for seed in range(10):
-        _, t, arrivals = drawn(seed)
-        clock, out = told(50.0 + t + by * (t > 10.0), arrivals)
+        _, t, arrivals = draw_arrivals(seed)
+        clock, out = run_filter(50.0 + t + step * (t > 10.0), arrivals)
         assert clock.steps == 1
         worst.append(np.abs(out[:, 1]).max())
         assert len(out) >= len(t) - 35  # held back for 0.3 s at most
@@ -40,10 +40,10 @@ def test_a_clock_that_is_set_goes_on(by):
 
 
 def test_a_clock_that_is_set_while_the_car_is_hidden_is_held_for_three_seconds():
-    _, t, arrivals = drawn(1)
-    seen = (t < 8.0) | (t > 10.0)
+    _, t, arrivals = draw_arrivals(1)
+    visible = (t < 8.0) | (t > 10.0)
     clock, out = ClockStepFilter(), []
-    for k in np.flatnonzero(seen):
+    for k in np.flatnonzero(visible):
         pose = clock.correct(ExternalPose(50.0 + t[k] - 0.5 * (t[k] > 9.0), arrivals[k], 0, 0, 0))
         if pose is not None:
             out.append((t[k], pose.stamp - t[k] - 50.0))
@@ -56,7 +56,7 @@ def test_a_clock_that_is_set_while_the_car_is_hidden_is_held_for_three_seconds()
 @pytest.mark.parametrize("kind", ["bursts", "congestion"])
 def test_a_slow_network_is_no_clock_that_was_set(kind):
     for seed in range(30):
-        rng, t, arrivals = drawn(seed)
+        rng, t, arrivals = draw_arrivals(seed)
         if kind == "bursts":
             for at in rng.uniform(1.0, 19.0, 8):
                 stop = at + rng.uniform(0.05, 0.4)  # nothing passes, then all at once
@@ -65,7 +65,7 @@ def test_a_slow_network_is_no_clock_that_was_set(kind):
             slow = (t > 8.0) & (t < 15.0)
             arrivals = arrivals + slow * (0.12 + rng.uniform(0.0, 0.06, len(t)))
         arrivals = np.maximum.accumulate(arrivals)
-        clock, out = told(50.0 + t, arrivals)
+        clock, out = run_filter(50.0 + t, arrivals)
         assert clock.steps == 0
         assert np.abs(out[:, 1]).max() < 1e-6
         if kind == "congestion":

@@ -62,7 +62,7 @@ def send(source, *datagrams):
             out.sendto(data, ("127.0.0.1", source.port))
 
 
-def test_datagrams_are_told_once_and_bad_ones_counted(source):
+def test_datagrams_are_reported_once_and_bad_ones_counted(source):
     assert source.poll(1.0) == []
     send(source, b"dart-hal-pose 1 car room 5 1 2 3 0.01 0.02\n", b"rubbish",
          b"dart-hal-pose 1 box room 5 9 9 9\n", b"dart-hal-pose 1 car room 1e12 1 2 3\n",

@@ -39,7 +39,7 @@ def test_a_version_that_is_not_read_is_named(version):
 
 
 def read_anything(data, version):
-    """Nothing but ValueError, whatever the bytes."""
+    """Any bytes raise nothing but ValueError."""
     for read in (natnet.server, lambda b: natnet.frame(b, version),
                  lambda b: natnet.models(b, version)):
         try:
@@ -64,7 +64,7 @@ def test_no_damage_breaks_the_parser(data, version):
 
 
 class Motive:
-    """A server by hand: one socket, and only what a test tells it to send."""
+    """A server with one socket that sends only the messages of a test."""
 
     def __init__(self):
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -73,7 +73,7 @@ class Motive:
         self.port = self.socket.getsockname()[1]
         self.client = None
 
-    def asked(self):
+    def requests(self):
         data, self.client = self.socket.recvfrom(1000)
         return natnet.message(data)
 
@@ -96,15 +96,15 @@ def motive(options):
 def met(server, source, version=(4, 1)):
     """The handshake of a unicast."""
     assert source.poll(0.0) == []
-    assert server.asked() == (natnet.CONNECT, b"Ping\0")
+    assert server.requests() == (natnet.CONNECT, b"Ping\0")
     server.send(built.server_info(version))
     assert source.poll(0.1) == []
     source.poll(0.2)
-    assert [server.asked()[0] for _ in range(2)] == [natnet.REQUEST_MODELS, natnet.KEEP_ALIVE]
+    assert [server.requests()[0] for _ in range(2)] == [natnet.REQUEST_MODELS, natnet.KEEP_ALIVE]
 
 
 @pytest.mark.parametrize("version", [(3, 1), (4, 2)])
-def test_a_named_body_is_told_and_losses_are_counted(version):
+def test_the_selected_body_is_reported_and_losses_are_counted(version):
     with motive("?body=car&up=y&units=mm&turn=90") as (server, source):
         met(server, source, version)
         flat = (0.0, sqrt(0.5), 0.0, sqrt(0.5))  # a quarter turn about the y that points up
@@ -122,11 +122,11 @@ def test_a_named_body_is_told_and_losses_are_counted(version):
         assert (source.others, source.why) == ({"box"}, "")
 
 
-def test_a_silent_server_and_a_missing_body_are_said():
+def test_a_silent_server_and_a_missing_body_are_reported():
     with motive("?body=car") as (server, source):
         assert [source.poll(t) for t in (0.0, 0.1)] == [[], []]
         assert "has not answered" in source.why
-        server.asked()
+        server.requests()
         server.send(built.server_info())
         source.poll(0.2)
         server.send(built.models((4, 1), {5: "box"}),
@@ -136,7 +136,7 @@ def test_a_silent_server_and_a_missing_body_are_said():
         assert "box" in source.why
 
 
-def test_a_body_that_stands_on_end_names_the_axis():
+def test_the_error_of_an_upright_body_names_the_axis():
     with motive("") as (server, source):
         met(server, source)
         up = (0.0, -sqrt(0.5), 0.0, sqrt(0.5))
@@ -145,10 +145,10 @@ def test_a_body_that_stands_on_end_names_the_axis():
         assert "up=y" in source.why
 
 
-def test_a_multicast_is_joined_where_the_server_says():
+def test_the_multicast_group_of_the_server_is_joined():
     with motive("") as (server, source), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out:
         source.poll(0.0)
-        server.asked()
+        server.requests()
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
             free.bind(("", 0))
             port = free.getsockname()[1]

@@ -47,18 +47,18 @@ def test_a_stream_is_read_however_it_is_cut():
 
 
 def test_bytes_that_the_library_itself_sent_are_read():
-    """The first message of a client of VRPN 07.38, as it was seen on a socket."""
-    seen = (b"\0\0\0)k\x05\x17\xed\0\x04\x1b\xee\0\0\0\0\xff\xff\xff\xff\0\0\0\0"
+    """The first message of a client of VRPN 07.38, as recorded on a socket."""
+    sent = (b"\0\0\0)k\x05\x17\xed\0\x04\x1b\xee\0\0\0\0\xff\xff\xff\xff\0\0\0\0"
             b"\0\0\0\rVRPN Control\0" + 7 * b"\0")
-    assert seen == described(-1, 0, "VRPN Control")[:4] + seen[4:12] + described(
+    assert sent == described(-1, 0, "VRPN Control")[:4] + sent[4:12] + described(
         -1, 0, "VRPN Control")[12:]
     parser = Parser()
-    parser.feed(COOKIE_OF_SERVER + seen)
+    parser.feed(COOKIE_OF_SERVER + sent)
     assert parser.senders == {0: "VRPN Control"}
 
 
 def read_anything(data):
-    """Nothing but ValueError, whatever the bytes."""
+    """Any bytes raise nothing but ValueError."""
     parser = Parser()
     try:
         parser.feed(data)
@@ -112,7 +112,7 @@ def polled(source):
     return out
 
 
-def test_a_tracker_is_told_after_the_cookies():
+def test_a_tracker_sends_poses_after_the_cookies():
     with server() as (listening, source, _):
         assert source.poll(0.0) == []
         peer, _ = listening.accept()
@@ -120,15 +120,15 @@ def test_a_tracker_is_told_after_the_cookies():
             source.poll(0.01)
             assert peer.recv(100) == COOKIE
             peer.sendall(STREAM)
-            seen, = polled(source)
-            assert (seen.stamp, seen.arrival, seen.x, seen.y, seen.yaw) == (5.25, 7.0, 1, 2, 0)
+            found, = polled(source)
+            assert (found.stamp, found.arrival, found.x, found.y, found.yaw) == (5.25, 7.0, 1, 2, 0)
             assert (source.others, source.why) == ({"box", "car, sensor 1"}, "")
             peer.sendall(pose(1, (0, 0, 0), (0, 0, 0, 0)) + pose(1, (7, 7, 7)))
             assert [p.x for p in polled(source)] == [7.0]
             assert source.refused == 1
 
 
-def test_it_connects_again_and_says_what_is_wrong():
+def test_it_connects_again_and_reports_the_reason():
     with server("", "?body=car&sensor=1") as (listening, source, clock):
         source.poll(0.0)
         peer, _ = listening.accept()
