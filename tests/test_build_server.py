@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-SAMPLE = """
+SAMPLE_TEST = """
 import pytest
 
 @pytest.mark.emulator
@@ -31,7 +31,7 @@ def test_what_the_emulator_shows_to_be_wrong():
 @pytest.mark.parametrize(("ci", "failed"), [("true", 1), ("", 0)])
 def test_a_missing_emulator_fails_on_a_build_server_alone(tmp_path, ci, failed):
     shutil.copy(Path(__file__).with_name("conftest.py"), tmp_path)
-    (tmp_path / "test_sample.py").write_text(SAMPLE)
+    (tmp_path / "test_sample.py").write_text(SAMPLE_TEST)
     (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers =\n    emulator: x\n")
     done = subprocess.run([sys.executable, "-m", "pytest", "-p", "no:cacheprovider", str(tmp_path)],
                           capture_output=True, text=True, cwd=tmp_path, check=False,

@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.common import ROOT
+
 SCRIPTS = sorted(p for p in (ROOT / "hardware").rglob("*") if p.is_dir() and any(p.glob("*.py")))
 EMULATOR = ROOT / "firmware" / "emulator"
 Graph = dict[str, set[str]]

@@ -14,7 +14,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 PROGRAMS = sorted(p for p in EXAMPLES.glob("*.py") if "def control(" not in p.read_text()
                   and "diagnose(" not in p.read_text())  # those have tests of their own
 SCRIPTS = sorted(p for p in EXAMPLES.glob("*.py") if "def control(" in p.read_text())
-URLS = ["sim://?seed=2&nano=mock"]
+RUN_URLS = ["sim://?seed=2&nano=mock"]
 
 
 def run(args, folder, url) -> str:
@@ -33,7 +33,7 @@ def test_there_are_examples_of_both_kinds():
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: p.stem)
 @pytest.mark.slow_except("drive_circle")
 def test_a_program(program, tmp_path):
-    output = run([program], tmp_path, URLS[0])
+    output = run([program], tmp_path, RUN_URLS[0])
     assert any(c.isdigit() for c in output)
 
 
@@ -41,7 +41,7 @@ def test_a_program(program, tmp_path):
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda p: p.stem)
 def test_a_script_for_drive(script, tmp_path):
     result = json.loads(run(["-m", "dart_hal.cli.main", "drive", script, "--json"], tmp_path,
-                            URLS[0]))
+                            RUN_URLS[0]))
     assert result["summary"]["distance_m"] > 0.5
     assert result["lost"] == 0
 

@@ -19,7 +19,7 @@ TUNE = EXAMPLES / "tune_on_what_was_found.py"
 UPGRADES = EXAMPLES / "what_two_upgrades_bought.py"
 IN_CONTROL = EXAMPLES / "use_cases" / "diagnosis_in_control.py"
 LAG = "sim://?nano=mock&effect=steering_lag:0.12"
-STEERING = ("steering_lag", "steering_delay", "yaw_inertia")
+STEERING_EFFECTS = ("steering_lag", "steering_delay", "yaw_inertia")
 LOSSES = ("steering_backlash", "steering_trim", "battery_fade", "rolling_resistance")
 
 
@@ -34,7 +34,7 @@ def run_tune(url, short):
     example = load_program(TUNE)
     example.URL = url
     if short:
-        example.ONLY = STEERING
+        example.ONLY = STEERING_EFFECTS
         example.LOOK_AHEAD = (0.2, 0.3)
         example.PREDICTION = (0.0, 0.04)
     return example.main()

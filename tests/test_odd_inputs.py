@@ -27,9 +27,9 @@ from dart_hal.devices.poses.reading import Convention
 from dart_hal.estimation.localisation.grid import read_grid
 from dart_hal.recording.mcap_records import MCAP_MAGIC, parse_mcap, record_bytes
 from dart_hal.vehicle.load import find_model
+from tests.common import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
-CAR = (ROOT / "cars" / "dart-01" / "car.toml").read_text(encoding="utf-8")
+CAR_TOML = (ROOT / "cars" / "dart-01" / "car.toml").read_text(encoding="utf-8")
 V0_1 = ROOT / "tests" / "fixtures_v0_1"
 CALIBRATION = (V0_1 / "calibration.toml").read_text(encoding="utf-8")
 MODEL = (V0_1 / "model.toml").read_text(encoding="utf-8")
@@ -50,7 +50,7 @@ def read_model(text, origin):
     return vehicle_from(parse_model(text, origin), PAPER)
 
 
-READERS = {"car": (parse_config, CAR), "calibration": (parse_calibration, CALIBRATION),
+READERS = {"car": (parse_config, CAR_TOML), "calibration": (parse_calibration, CALIBRATION),
            "model": (read_model, MODEL)}
 
 
@@ -133,7 +133,7 @@ def test_any_value_at_any_place_is_read_or_refused(kind, data, value):
 
 def with_key(table, key, value):
     """The car's file with one key of a table changed or added."""
-    document = tomlkit.parse(CAR)
+    document = tomlkit.parse(CAR_TOML)
     document[table][key] = value
     return tomlkit.dumps(document)
 
@@ -163,7 +163,7 @@ def test_what_no_car_can_be_is_refused_by_its_key(table, key, value, named):
                                   "", " ", "a\\nb", "\\u0007", "$(reboot)", "`id`", "x" * 65,
                                   "a;b", "a|b", "{car}", "\\u202Eabc"])
 def test_a_name_that_is_markup_or_no_folder_is_refused(name):
-    text = re.sub(r'(?m)^name = .*$', lambda _: f'name = "{name}"', CAR)
+    text = re.sub(r'(?m)^name = .*$', lambda _: f'name = "{name}"', CAR_TOML)
     with pytest.raises(ConfigError, match="name"):
         parse_config(text, "car.toml")
     if "/" not in name:
@@ -173,7 +173,7 @@ def test_a_name_that_is_markup_or_no_folder_is_refused(name):
 @pytest.mark.parametrize("name", ["dart-01", "DART 1 (old)", "Tom's & Ann's", "rot", "Zürich_2",
                                   "車", "a.b+c@d#1"])
 def test_names_of_cars_are_taken(name):
-    text = re.sub(r'(?m)^name = .*$', lambda _: f'name = "{name}"', CAR)
+    text = re.sub(r'(?m)^name = .*$', lambda _: f'name = "{name}"', CAR_TOML)
     assert parse_config(text, "car.toml").name == name
 
 
@@ -245,7 +245,7 @@ def test_a_path_of_1e300_is_refused_by_line(tmp_path):
 
 # -- maps ---------------------------------------------------------------------------------------
 
-MAP = {"image": "map.pgm", "resolution": "0.05", "origin": "[-1.0, -1.0, 0.0]", "negate": "0",
+MAP_KEYS = {"image": "map.pgm", "resolution": "0.05", "origin": "[-1.0, -1.0, 0.0]", "negate": "0",
        "occupied_thresh": "0.65", "free_thresh": "0.196", "mode": "trinary"}
 ODD_YAML = ("inf", ".inf", ".nan", "-.inf", "1e300", "-1", "0", "1e-300", "null", "[]", "{}",
             "[1, 2]", "[.inf, 0, 0]", "[1e300, 0, 0]", "[0, 0, .nan]", "'[bold red]'", "true",
@@ -273,8 +273,8 @@ def image(tmp_path):
 
 @pytest.mark.parametrize("odd", ODD_YAML, ids=range(len(ODD_YAML)))
 def test_a_map_with_an_odd_entry(image, odd):
-    for key in MAP:
-        image.write_text("\n".join(f"{k}: {odd if k == key else v}" for k, v in MAP.items()))
+    for key in MAP_KEYS:
+        image.write_text("\n".join(f"{k}: {odd if k == key else v}" for k, v in MAP_KEYS.items()))
         read_map_or_refuse(image)
 
 
@@ -284,12 +284,12 @@ def test_a_map_with_an_odd_entry(image, odd):
     ("origin", "[0, .inf, 0]"), ("origin", "[0, 0, .nan]"), ("free_thresh", ".nan"),
     ("occupied_thresh", "0.1"), ("negate", ".inf")])
 def test_a_map_that_cannot_be_is_refused_by_name(image, key, value):
-    image.write_text("\n".join(f"{k}: {value if k == key else v}" for k, v in MAP.items()))
+    image.write_text("\n".join(f"{k}: {value if k == key else v}" for k, v in MAP_KEYS.items()))
     assert not read_map_or_refuse(image)
 
 
 def test_the_map_of_these_tests_is_read(image):
-    image.write_text("\n".join(f"{k}: {v}" for k, v in MAP.items()))
+    image.write_text("\n".join(f"{k}: {v}" for k, v in MAP_KEYS.items()))
     assert read_map_or_refuse(image)
 
 
@@ -297,9 +297,9 @@ def test_a_map_of_aliases_that_expand_is_refused(image):
     """The YAML of a "billion laughs": ten names of ten names of ten."""
     rows = ["a0: &a0 [x, x, x, x, x, x, x, x, x, x]"]
     rows += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]
-    for key in MAP:
+    for key in MAP_KEYS:
         image.write_text("\n".join([*rows, *(f"{k}: {'*a8' if k == key else v}"
-                                             for k, v in MAP.items() if k != "image"),
+                                             for k, v in MAP_KEYS.items() if k != "image"),
                                     "image: map.pgm"]))
         assert read_map_or_refuse(image) is (key == "image")
 
@@ -308,7 +308,7 @@ def test_a_map_of_aliases_that_expand_is_refused(image):
     b"P5\n99999999 99999999\n255\n", b"P5\n0 0\n255\n", b"P5\n4 3\n999\n", b"P5\n-1 3\n255\n",
     b"P5\n", b"", b"P6\n1 1\n255\n", b"P5\n" + b"9" * 5000 + b" 1\n255\n"])
 def test_an_odd_image_of_a_map(image, head):
-    image.write_text("\n".join(f"{k}: {v}" for k, v in MAP.items()))
+    image.write_text("\n".join(f"{k}: {v}" for k, v in MAP_KEYS.items()))
     (image.parent / "map.pgm").write_bytes(head)
     read_map_or_refuse(image)
 
@@ -326,7 +326,7 @@ def test_a_png_that_expands_too_far_is_refused_before_it_is_read(image):
            + part(b"IDAT", zlib.compress(b"")) + part(b"IEND", b""))
     assert picture.MAX_IMAGE_PIXELS > 9000 * 9000, "control: Pillow itself takes it"
     (image.parent / "map.png").write_bytes(png)
-    image.write_text("\n".join(f"{k}: {v}" for k, v in {**MAP, "image": "map.png"}.items()))
+    image.write_text("\n".join(f"{k}: {v}" for k, v in {**MAP_KEYS, "image": "map.png"}.items()))
     with pytest.raises(UsageError, match="9000 x 9000"):
         read_grid(image)
 

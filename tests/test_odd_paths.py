@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from dart_hal.vehicle.native import build
+from tests.common import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 GOOD = ["my car", "it's", "a&b;(c)", "größe #1", "100%=x", "[ab]*?!~", "a,b|c<d>", "x\ty"]
 BAD = [":", "$", '"', "`", "\\"]
 """Characters in a path in which no virtual environment works."""

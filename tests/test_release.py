@@ -10,11 +10,11 @@ import subprocess
 import sys
 import zipfile
 from importlib import metadata
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.common import ROOT
+
 _spec = importlib.util.spec_from_file_location("release", ROOT / "release.py")
 release = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(release)

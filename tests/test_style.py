@@ -12,9 +12,8 @@ from pathlib import Path
 import pytest
 
 from dart_hal.core.errors import CATALOGUE, DartHalError
+from tests.common import HOST, ROOT
 
-ROOT = Path(__file__).parents[1]
-HOST = ROOT / "host"
 SOURCES = sorted(HOST.rglob("*.py"))
 IN_CI = os.environ.get("CI", "").lower() in ("1", "true", "yes")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import codecs
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,9 +16,9 @@ from dart_hal.core.text_file import decode_text, read_text
 from dart_hal.devices.poses import open_poses
 from dart_hal.recording.dart.table import parse
 from dart_hal.recording.table import CSV_COLUMNS, read_csv
+from tests.common import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
-CAR = ROOT / "cars" / "dart-01"
+CAR_FOLDER = ROOT / "cars" / "dart-01"
 ENCODINGS = ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32"]
 DART_HEADER = ("elapsed time sensors,current,voltage,acc x (IMU),acc y (IMU),W (IMU),"
                "vel encoder,safety_value,throttle,steering\r\n")
@@ -27,8 +26,8 @@ DART_HEADER = ("elapsed time sensors,current,voltage,acc x (IMU),acc y (IMU),W (
 
 def read_car(folder, data):
     target = folder / "dart-01"
-    shutil.copytree(CAR, target)
-    (target / "car.toml").write_bytes(data((CAR / "car.toml").read_text(encoding="utf-8")))
+    shutil.copytree(CAR_FOLDER, target)
+    (target / "car.toml").write_bytes(data((CAR_FOLDER / "car.toml").read_text(encoding="utf-8")))
     return load_car("dart-01", [folder]).config.name == "dart-01"
 
 
@@ -73,7 +72,7 @@ def test_bytes_that_are_no_text_are_refused(tmp_path, read):
 
 
 def test_calibration_with_a_mark_can_be_written_again(tmp_path):
-    shutil.copytree(CAR, tmp_path / "dart-01")
+    shutil.copytree(CAR_FOLDER, tmp_path / "dart-01")
     text = 'schema = "dart-hal/calibration/1"\ncar = "dart-01"\n# by hand: 22 °C\n'
     path = tmp_path / "dart-01" / "calibration.toml"
     path.write_bytes(text.encode("utf-16"))

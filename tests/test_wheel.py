@@ -14,10 +14,10 @@ import pytest
 
 from dart_hal.core.errors import EmulatorMissing
 from dart_hal.devices.links import bridge
+from tests.common import ROOT
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[1]
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 PROGRAM = """
 from dart_hal import Car

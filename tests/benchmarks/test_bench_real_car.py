@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import bench_real_car
 import numpy as np
 import pytest
@@ -12,8 +10,7 @@ from dart_hal.car.runs import read_any
 from dart_hal.vehicle.load import find_model
 from dart_lab.identification.evaluation.cases import prepare
 from dart_lab.identification.evaluation.prediction import errors, measured, predict
-
-EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
+from tests.common import EXCERPT
 
 
 def fold(name, refit, best):

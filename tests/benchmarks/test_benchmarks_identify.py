@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import adam
 import bench_identify
 import numpy as np
 import pytest
 
 from dart_lab.identification.paper import fit_as_paper
-
-EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
+from tests.common import EXCERPT
 
 
 @pytest.fixture(scope="module")

@@ -5,9 +5,9 @@ from __future__ import annotations
 from bisect import bisect_right
 from dataclasses import dataclass, field
 
-NEUTRAL_US = 1500.0
-NEAR_US = 5.0
-WITHIN = 0.040
+from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
+
+MODE_DELAY_S = 0.040
 """s that a pulse may end after the mode that allowed it."""
 EXPIRY = 0.030 + 0.020
 """s: the frame step writes each 30 ms at least, and the PWM frame under way ends in 20 ms."""
@@ -15,7 +15,7 @@ CUT_WITHIN = 0.140
 """s from the last heartbeat to the ESC's neutral behind a cut-off."""
 GAP = 0.025
 """s without a pulse: more than a PWM frame."""
-LIVE = ("ARMED", "RAW")
+LIVE_MODES = ("ARMED", "RAW")
 
 
 @dataclass
@@ -63,15 +63,15 @@ class Witness:
         before or behind the gap that they make. With the bus gone
         and the heartbeats too the Nano acts when it misses them.
         """
-        allowed = (*LIVE, "FAULT") if cutoff == "none" else LIVE
+        allowed = (*LIVE_MODES, "FAULT") if cutoff == "none" else LIVE_MODES
         complete = [p for p in self.pulses[self._checked:] if p[1] < self.world.t - GAP]
         for k, (rise, fall, length) in enumerate(complete, self._checked):
             gap = cutoff != "none" and self._at_a_gap(k)
             cut = gap or any(abs(t - fall) < 1e-5 for t in self.resets)
             stub = length < NEUTRAL_US and cut
-            if abs(length - NEUTRAL_US) <= NEAR_US or stub:
+            if abs(length - NEUTRAL_US) <= NEUTRAL_TOLERANCE_US or stub:
                 continue
-            allowed_modes = self.modes_in(fall - WITHIN, fall)
+            allowed_modes = self.modes_in(fall - MODE_DELAY_S, fall)
             if allowed_modes == {"FAULT"} and any(t <= fall <= t + CUT_WITHIN for t in self.muted):
                 continue
             assert allowed_modes & set(allowed), (

@@ -13,12 +13,12 @@ from dart_hal.core.config import Calibration, Quantity, calibration_in, save_cal
 from dart_hal.core.errors import ConfigError, NotArmed
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
+from tests.common import MOCK_3_URL
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-URL = "sim://?seed=3&nano=mock"
 MINE = "da270003"
-OTHER = "da270004"
-WAIVE = ("PWM_CLOCK_UNCALIBRATED", "CALIBRATION_MISSING")
+OTHER_BOARD = "da270004"
+WAIVED = ("PWM_CLOCK_UNCALIBRATED", "CALIBRATION_MISSING")
 
 
 def make_measurement(name="throttle.neutral_us", value=1503.0):
@@ -35,15 +35,15 @@ def write_calibration(tmp_path, board=None):
     return tmp_path
 
 
-def arm_and_list_cautions(cars, url=URL):
+def arm_and_list_cautions(cars, url=MOCK_3_URL):
     """Cautions of a car that arms."""
     with Car.open(url, cars=cars) as car:
-        return {caution.name for caution in car.arm(waive=WAIVE)}
+        return {caution.name for caution in car.arm(waive=WAIVED)}
 
 
 def test_every_write_records_the_board(tmp_path):
     cars = write_calibration(tmp_path)
-    with Car.open(URL, cars=cars) as car:
+    with Car.open(MOCK_3_URL, cars=cars) as car:
         assert car.files.board == MINE
         write(car.files, make_measurement())
     kept = calibration_in(cars / "sim-3", "sim-3")
@@ -55,18 +55,19 @@ def test_every_write_records_the_board(tmp_path):
 
 def test_the_calibration_of_another_board_is_not_armed_with(tmp_path):
     with pytest.raises(NotArmed) as caught:
-        arm_and_list_cautions(write_calibration(tmp_path, OTHER))
+        arm_and_list_cautions(write_calibration(tmp_path, OTHER_BOARD))
     assert caught.value.reasons == ("CALIBRATION_OTHER_BOARD",)
     assert "calibrate accept-board" in caught.value.remedy
 
 
 def test_nor_is_it_written_into(tmp_path):
     """One new value would make all of them look measured with this board."""
-    cars = write_calibration(tmp_path, OTHER)
-    with Car.open(URL, cars=cars) as car, pytest.raises(ConfigError, match="another Nano"):
+    cars = write_calibration(tmp_path, OTHER_BOARD)
+    with Car.open(MOCK_3_URL, cars=cars) as car, pytest.raises(ConfigError, match="another Nano"):
         write(car.files, make_measurement())
-    assert calibration_in(cars / "sim-3", "sim-3").board == OTHER
-    with Car.open(URL, cars=cars) as car, pytest.raises(NotArmed, match="OTHER_BOARD"), car.raw():
+    assert calibration_in(cars / "sim-3", "sim-3").board == OTHER_BOARD
+    with Car.open(MOCK_3_URL, cars=cars) as car, pytest.raises(NotArmed,
+                                                               match="OTHER_BOARD"), car.raw():
         pass
 
 
@@ -74,28 +75,28 @@ def test_a_swapped_nano_is_noticed(tmp_path):
     """The car's files stay, the Nano is another one."""
     cars = write_calibration(tmp_path, MINE)
     assert "CALIBRATION_UNBOUND" not in arm_and_list_cautions(cars)
-    backend = open_backend(URL)
+    backend = open_backend(MOCK_3_URL)
     world_of(backend).nano.board_id = 0x12345678
     with Car.over(backend, cars=cars) as car:
         with pytest.raises(NotArmed, match="CALIBRATION_OTHER_BOARD"):
-            car.arm(waive=WAIVE)
+            car.arm(waive=WAIVED)
         assert "CALIBRATION_OTHER_BOARD" in car.refusals()
 
 
 def test_one_command_accepts_it(tmp_path, capsys):
-    cars = write_calibration(tmp_path, OTHER)
+    cars = write_calibration(tmp_path, OTHER_BOARD)
     with pytest.raises(SystemExit) as left:
-        main(["calibrate", "accept-board", "--url", URL, "--cars", str(cars), "--json"])
+        main(["calibrate", "accept-board", "--url", MOCK_3_URL, "--cars", str(cars), "--json"])
     assert not left.value.code
     result = json.loads(capsys.readouterr().out)
-    assert (result["board"], result["before"]) == (MINE, OTHER)
+    assert (result["board"], result["before"]) == (MINE, OTHER_BOARD)
     assert arm_and_list_cautions(cars) >= set()
     assert len(list((cars / "sim-3" / "history").iterdir())) == 1
 
 
 def test_without_a_calibration_there_is_nothing_to_accept(tmp_path, capsys):
     with pytest.raises(SystemExit) as left:
-        main(["calibrate", "accept-board", "--url", URL, "--cars", str(tmp_path)])
+        main(["calibrate", "accept-board", "--url", MOCK_3_URL, "--cars", str(tmp_path)])
     assert left.value.code
     assert "no calibration to accept" in capsys.readouterr().err
 

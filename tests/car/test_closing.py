@@ -9,9 +9,9 @@ from dart_hal.core.errors import BusError, LinkLost, NoHello, PcaMissing
 from dart_hal.core.url import Url
 from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.recording.run import RunReader
+from tests.common import MOCK_URL
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-URL = "sim://?nano=mock"
 FULL_OFF = 0x1000
 """OFF_H bit 4 of a channel: no pulse."""
 
@@ -30,7 +30,7 @@ def no_pulse(bus) -> bool:
 
 
 def driving(tmp_path, record=None):
-    backend = open_backend(URL)
+    backend = open_backend(MOCK_URL)
     closed = []
     bus = backend.bus
     backend.closers = (lambda: closed.append("bus"),)
@@ -100,7 +100,7 @@ def test_an_error_in_the_block_passes_through_without_a_pulse(tmp_path):
 
 
 def test_no_pca9685_is_reported_and_closes(tmp_path):
-    backend = open_backend(URL)
+    backend = open_backend(MOCK_URL)
     closed = []
     backend.closers = (lambda: closed.append("bus"),)
     backend.bus.nack = 10**9
@@ -111,7 +111,7 @@ def test_no_pca9685_is_reported_and_closes(tmp_path):
 
 
 def test_a_silent_nano_leaves_no_pulse(tmp_path):
-    backend = open_backend(URL)
+    backend = open_backend(MOCK_URL)
     closed = []
     backend.closers = (lambda: closed.append("bus"),)
     read = backend.link.read
@@ -123,7 +123,7 @@ def test_a_silent_nano_leaves_no_pulse(tmp_path):
 
 
 def test_ctrl_c_while_opening_closes(tmp_path):
-    backend = open_backend(URL)
+    backend = open_backend(MOCK_URL)
     closed = []
     backend.closers = (lambda: closed.append("bus"),)
 
@@ -143,7 +143,7 @@ def test_a_backend_closes_all_of_it_also_when_one_part_raises():
         def close(self):
             raise OSError("link")
 
-    backend = Backend(Url.parse(URL), Link(), None, None, False,
+    backend = Backend(Url.parse(MOCK_URL), Link(), None, None, False,
                       closers=(lambda: closed.append(1), lambda: closed.append(2)))
     with pytest.raises(OSError, match="link"):
         backend.close()
@@ -157,7 +157,7 @@ def test_leaving_by_an_exit_leaves_no_pulse(tmp_path):
 
     code = ("from dart_hal.car import Car\nfrom dart_hal.devices.links.base import open_backend\n"
             "import atexit\n"
-            f"b = open_backend({URL!r}); pair = bytearray(2)\n"
+            f"b = open_backend({MOCK_URL!r}); pair = bytearray(2)\n"
             "atexit.register(lambda: (b.bus.writeto_then_readfrom(0x40, b'\\x0c', pair),"
             " print(pair[0] | pair[1] << 8)))\n"
             f"car = Car.over(b, cars={str(tmp_path)!r})\ncar.arm()\n"

@@ -11,9 +11,9 @@ from dart_hal.car import Car, driver, guarding
 from dart_hal.core.errors import BadCommand, Disarmed
 from dart_hal.devices.actuation import chain, guarded
 from dart_hal.devices.actuation.trips import TRIPS
+from tests.common import MOCK_1_URL
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-MOCK = "sim://?seed=1&nano=mock"
 
 
 def expire(car: Car) -> None:
@@ -33,7 +33,7 @@ def drive_on(car: Car) -> None:
 @pytest.mark.parametrize("command", [
     lambda car: car.drive(throttle=0.1), lambda car: car.drive_speed(steering=0.0, speed=0.3)])
 def test_a_command_to_a_car_that_tripped_raises_until_it_is_armed(command):
-    with Car.open(MOCK) as car:
+    with Car.open(MOCK_1_URL) as car:
         car.arm()
         expire(car)
         for _ in range(2):
@@ -46,7 +46,7 @@ def test_a_command_to_a_car_that_tripped_raises_until_it_is_armed(command):
 
 
 def test_the_error_does_not_trip_the_car_once_more():
-    with Car.open(MOCK) as car:
+    with Car.open(MOCK_1_URL) as car:
         car.arm()
         expire(car)
         with pytest.raises(Disarmed):
@@ -56,26 +56,26 @@ def test_the_error_does_not_trip_the_car_once_more():
 
 
 def test_a_program_may_look_by_itself():
-    with Car.open(MOCK, raise_on_trip=False) as car:
+    with Car.open(MOCK_1_URL, raise_on_trip=False) as car:
         car.arm()
         expire(car)
         assert "NOT_ARMED" in car.drive(throttle=0.1).limited
 
 
 def test_a_car_that_was_never_armed_takes_commands_in_silence():
-    with Car.open(MOCK) as car:
+    with Car.open(MOCK_1_URL) as car:
         assert "NOT_ARMED" in car.drive(throttle=0.1).limited
 
 
 def test_after_its_own_stop_a_program_knows():
-    with Car.open(MOCK) as car:
+    with Car.open(MOCK_1_URL) as car:
         car.arm()
         car.stop()
         assert "NOT_ARMED" in car.drive(throttle=0.1).limited
 
 
 def test_a_stop_answers_a_trip():
-    with Car.open(MOCK) as car:
+    with Car.open(MOCK_1_URL) as car:
         car.arm()
         expire(car)
         car.stop()
@@ -83,7 +83,7 @@ def test_a_stop_answers_a_trip():
 
 
 def test_a_reboot_of_the_nano_is_reported_too():
-    with Car.open(MOCK + "&fail=mcu:reset@4") as car:
+    with Car.open(MOCK_1_URL + "&fail=mcu:reset@4") as car:
         car.arm()
         with pytest.raises(Disarmed) as caught:
             drive_on(car)
@@ -91,7 +91,7 @@ def test_a_reboot_of_the_nano_is_reported_too():
 
 
 def test_an_invalid_command_raises_as_such_first():
-    with Car.open(MOCK) as car:
+    with Car.open(MOCK_1_URL) as car:
         car.arm()
         with pytest.raises(BadCommand):
             car.drive(throttle=float("nan"))

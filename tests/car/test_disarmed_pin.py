@@ -10,11 +10,10 @@ from dart_hal.devices.actuation import ArmState
 from dart_hal.devices.actuation.states import ENTRY
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
+from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
-NEUTRAL_US = 1500.0
-NEAR_US = 5.0
-PULSE_DELAY_S = 0.040  # s: the PWM frame under way and the next, as for every command
-VALID = 0.2  # s
+PULSE_AFTER_COMMAND_S = 0.040  # s: the PWM frame under way and the next, as for every command
+COMMAND_VALID_S = 0.2  # s
 
 
 def driven_on(again=False):
@@ -30,8 +29,8 @@ def driven_on(again=False):
     with Car.over(backend) as car:
         car.arm()
         car.on_state(lambda state: applied.append((world.t, state.applied.throttle)))
-        car.drive(throttle=0.2, valid_for=VALID)
-        expired = world.t + VALID + PULSE_DELAY_S
+        car.drive(throttle=0.2, valid_for=COMMAND_VALID_S)
+        expired = world.t + COMMAND_VALID_S + PULSE_AFTER_COMMAND_S
         for _ in car.states(duration=0.4):
             pass
         assert car.causes == ("COMMAND_EXPIRED",)
@@ -50,7 +49,7 @@ def driven_on(again=False):
 
 def stays_neutral(widths, throttles):
     assert widths
-    assert max(abs(width - NEUTRAL_US) for width in widths) <= NEAR_US
+    assert max(abs(width - NEUTRAL_US) for width in widths) <= NEUTRAL_TOLERANCE_US
     assert set(throttles) == {0.0}
 
 

@@ -10,7 +10,7 @@ import pytest
 from dart_hal import Car, Fleet
 from dart_hal.car.recorder import Recorder
 
-URLS = ["sim://?nano=mock&seed=1", "sim://?nano=mock&seed=2"]
+EXAMPLE_URLS = ["sim://?nano=mock&seed=1", "sim://?nano=mock&seed=2"]
 
 
 def public_members(cls: type) -> dict[str, str | None]:
@@ -31,7 +31,7 @@ def test_an_example_runs(cls, name, tmp_path, monkeypatch):
     assert text, f"{cls.__name__}.{name} has no docstring"
     example = doctest.DocTestParser().get_doctest(text, {"Car": Car, "Fleet": Fleet}, name, None, 0)
     assert example.examples, f"{cls.__name__}.{name} has no example"
-    opened = Fleet.open(URLS) if cls is Fleet else Car.open(URLS[0])
+    opened = Fleet.open(EXAMPLE_URLS) if cls is Fleet else Car.open(EXAMPLE_URLS[0])
     example.globs["fleet" if cls is Fleet else "car"] = opened
     output: list[str] = []
     with opened:

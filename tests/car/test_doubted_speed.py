@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("armed_esc")
 
 
 @dataclass
-class Run:
+class DoubtedRun:
     """What one drive showed: all times in s after the fault."""
 
     flagged: dict[str, float] = field(default_factory=dict)
@@ -53,11 +53,11 @@ def phantom(world) -> None:
 
 
 def drive(tmp_path, fault, *, target_speed: float, t_fault: float, believed: bool = False,
-          seconds: float = 3.0, seed: int = 3) -> Run:
+          seconds: float = 3.0, seed: int = 3) -> DoubtedRun:
     """``drive_speed(target_speed)`` with a fault at ``t_fault`` s; believed: no check of the
     encoder."""
     backend = open_backend(f"sim://?nano=mock&seed={seed}")
-    run = Run()
+    run = DoubtedRun()
     with Car.over(backend, cars=tmp_path) as car:
         world = world_of(backend)
         car.arm(waive=["CALIBRATION_MISSING"])

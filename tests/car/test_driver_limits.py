@@ -17,16 +17,16 @@ from dart_hal.wire.codec import DOWN
 from dart_hal.wire.decoder import Decoder
 from dart_lab.sim.motion import MeanMotion
 from dart_lab.sim.truth import world_of
+from tests.common import MOCK_URL
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-URL = "sim://?nano=mock"
 
 
 class Lab:
     """An open simulated car whose wheels can be held and whose frames can be lost."""
 
     def __init__(self, tmp_path) -> None:
-        self.backend = open_backend(URL)
+        self.backend = open_backend(MOCK_URL)
         self.car = Car.over(self.backend, cars=tmp_path)
         self.lose = 0
         self.car.on_bytes(self._hook)
@@ -188,7 +188,7 @@ def test_a_loop_that_does_not_answer_holds_the_pulses_up_for_4_ms(lab):
 
 @pytest.mark.slow
 def test_pings_are_many_at_first_and_then_two_a_second(tmp_path):
-    with Car.open(URL, cars=tmp_path) as car:
+    with Car.open(MOCK_URL, cars=tmp_path) as car:
         sent = downward(car)
         for _ in car.states(duration=8.0):
             pass
@@ -229,7 +229,7 @@ def test_a_heartbeat_has_the_direction_of_driving(lab):
 
 def applied_behind_a_cut(tmp_path) -> list[tuple[bool, float]]:
     """(pulses pass, throttle applied) of each State; after 50 of them no beat arrives."""
-    backend = open_backend(URL + "&cutoff=mux")
+    backend = open_backend(MOCK_URL + "&cutoff=mux")
     states: list[tuple[bool, float]] = []
     with Car.over(backend, cars=tmp_path, raise_on_trip=False) as car:
         muted = False

@@ -10,8 +10,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.car.driver import Driver
 from dart_hal.devices.links.base import open_backend
-
-URL = "sim://?seed=1&nano=mock"
+from tests.common import MOCK_1_URL
 
 
 class Suspended:
@@ -24,7 +23,7 @@ class Suspended:
 @pytest.mark.parametrize("virtual", [True, False])
 def test_a_suspend_trips_a_car_in_real_time_alone(virtual):
     """In virtual time the world waits for its program."""
-    backend = open_backend(URL)
+    backend = open_backend(MOCK_1_URL)
     with Car.over(backend) as car, patch("dart_hal.car.driver.SuspendDetector", Suspended):
         engine = car._engine
         driver = Driver(car.files, replace(backend, virtual=virtual), engine.transmitter,
@@ -36,7 +35,7 @@ def test_a_suspend_trips_a_car_in_real_time_alone(virtual):
 def test_each_heartbeat_reports_in_which_direction_the_throttle_acts(throttle, direction):
     """Where it changes while the wheels turn, the Nano marks the edges as ambiguous."""
     directions: list[int] = []
-    with Car.open(URL) as car:
+    with Car.open(MOCK_1_URL) as car:
         car.arm()
         transmitter = car._engine.transmitter
         send = transmitter.heartbeat
@@ -53,7 +52,7 @@ def test_each_heartbeat_reports_in_which_direction_the_throttle_acts(throttle, d
 
 @pytest.mark.parametrize(("good_for", "expected"), [(0.05, False), (0.15, True)])
 def test_the_link_is_stable_after_a_tenth_of_a_second_without_a_gap(good_for, expected):
-    with Car.open(URL) as car:
+    with Car.open(MOCK_1_URL) as car:
         for _ in car.states(duration=0.5):
             pass
         driver = car._engine.driver

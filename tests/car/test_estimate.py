@@ -13,9 +13,9 @@ from dart_hal.core.types import START_FRAME, Tracking
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.mocap import parse_mocap
 from dart_lab.sim.truth import truth
+from tests.common import KINEMATIC_3_URL
 
 MOCAP = "rate=10,noise=0.005,yaw_noise=0.005"
-URL = "sim://?seed=3&nano=mock&physics=kinematic"
 FAR = 16.27
 """Normalised error squared (3) of one honest estimate in a thousand."""
 
@@ -47,7 +47,7 @@ def off(pose, place):
 
 
 def test_without_a_source_it_is_dead_reckoning():
-    for state, _ in drive(URL, 0.5):
+    for state, _ in drive(KINEMATIC_3_URL, 0.5):
         estimate = state.estimate
         assert (estimate.frame, estimate.tracking) == (START_FRAME, Tracking.DEAD_RECKONING)
         assert estimate.pose is state.pose
@@ -58,7 +58,7 @@ def test_without_a_source_it_is_dead_reckoning():
 
 @pytest.mark.slow
 def test_with_a_source_it_is_the_axle_in_the_room():
-    rows = [(state.estimate, place) for state, place in drive(URL, 4.0, MOCAP)]
+    rows = [(state.estimate, place) for state, place in drive(KINEMATIC_3_URL, 4.0, MOCAP)]
     assert {e.frame for e, _ in rows} == {"mocap"}
     assert max(off(e.pose, place) for e, place in rows) < FAR
     last, place = rows[-1]
@@ -68,7 +68,8 @@ def test_with_a_source_it_is_the_axle_in_the_room():
 
 @pytest.mark.slow
 def test_its_covariance_grows_while_no_pose_arrives():
-    rows = [(s.estimate, place) for s, place in drive(URL, 6.0, f"{MOCAP},occlusion=30")]
+    rows = [(s.estimate, place) for s,
+            place in drive(KINEMATIC_3_URL, 6.0, f"{MOCAP},occlusion=30")]
     hidden = [e.tracking is Tracking.DEAD_RECKONING for e, _ in rows]
     variances = [float(np.trace(e.pose.cov[:2, :2])) for e, _ in rows]
     driven = [(a, b) for a, b, h,
@@ -81,7 +82,7 @@ def test_its_covariance_grows_while_no_pose_arrives():
 
 @pytest.mark.slow
 def test_a_false_lock_does_not_move_it():
-    rows = drive(URL, 8.0, f"{MOCAP},lock=20")
+    rows = drive(KINEMATIC_3_URL, 8.0, f"{MOCAP},lock=20")
     fooled = [(s.estimate, place) for s, place in rows
               if hypot(s.external.newest.x - place[0], s.external.newest.y - place[1]) > 2.0]
     in_room = [(e, place) for e, place in fooled if e.frame != START_FRAME]
@@ -93,7 +94,7 @@ def test_a_false_lock_does_not_move_it():
 
 @pytest.mark.slow
 def test_a_clock_that_is_set_does_not_move_it():
-    rows = [(s.estimate, place) for s, place in drive(URL, 5.0, "noise=0.002,step=60")]
+    rows = [(s.estimate, place) for s, place in drive(KINEMATIC_3_URL, 5.0, "noise=0.002,step=60")]
     assert any(e.tracking is not Tracking.TRACKING for e, _ in rows), "it was never set"
     assert max(off(e.pose, place) for e, place in rows) < FAR
 
@@ -102,7 +103,7 @@ def test_a_clock_that_is_set_does_not_move_it():
 @pytest.mark.parametrize("fault", ["enc:off@4", "enc:wrong=0.5@4"])
 def test_dead_reckoning_with_a_doubted_encoder_has_a_large_covariance(fault, monkeypatch):
     def worst():
-        rows = drive(f"{URL}&fail={fault}", 4.0)
+        rows = drive(f"{KINEMATIC_3_URL}&fail={fault}", 4.0)
         assert any(s.health.doubts for s, _ in rows)
         return max(off(s.estimate.pose, place) for s, place in rows
                    if s.health.doubts or s.t < 4.0)
@@ -114,7 +115,7 @@ def test_dead_reckoning_with_a_doubted_encoder_has_a_large_covariance(fault, mon
 
 @pytest.mark.slow
 def test_ahead_it_goes_on_along_its_arc():
-    state = drive(URL, 3.0)[-1][0]
+    state = drive(KINEMATIC_3_URL, 3.0)[-1][0]
     now = state.estimate
     soon = now.at(state.t + 0.1)
     assert soon.t == pytest.approx(state.t + 0.1)

@@ -17,7 +17,7 @@ from dart_hal.car.export.bags import write_ros1, write_ros2
 from dart_hal.core.errors import RecordingError, UsageError
 from dart_hal.recording.run import RunReader
 
-OLD = Path(__file__).parents[1] / "recording" / "fixtures"
+OLD_RUN = Path(__file__).parents[1] / "recording" / "fixtures"
 URL = "sim://?seed=3&nano=mock&lidar=1&camera=top"
 
 
@@ -89,7 +89,7 @@ def test_a_bag_of_ros_2_has_its_metadata(run, tmp_path):
 @pytest.mark.parametrize("packed", ["v0_1", "v3"])
 def test_older_runs_become_bags_with_absolute_topics(packed, tmp_path):
     path = tmp_path / "old.mcap"
-    path.write_bytes(gzip.decompress((OLD / packed / "run.mcap.gz").read_bytes()))
+    path.write_bytes(gzip.decompress((OLD_RUN / packed / "run.mcap.gz").read_bytes()))
     count = write_ros2(RunReader(path), tmp_path / "two")
     found = decode_bag(tmp_path / "two")
     assert len(found) == count > 500

@@ -13,9 +13,9 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.run import RunReader
 from dart_lab.sim.mocap import hidden_mocap
 from dart_lab.sim.truth import truth
+from tests.common import KINEMATIC_3_URL
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-URL = "sim://?seed=3&nano=mock&physics=kinematic"
 
 
 def drive(url, seconds, record=None):
@@ -51,7 +51,7 @@ def flat(state):
 
 def test_states_know_the_place_in_the_room_and_a_replay_knows_the_same(tmp_path):
     path = tmp_path / "run.mcap"
-    rows = drive(f"{URL}&mocap=1", 1.5, path)
+    rows = drive(f"{KINEMATIC_3_URL}&mocap=1", 1.5, path)
     late = hidden_mocap(3).latency
     for state, x, y in rows:
         assert state.external.tracking is Tracking.TRACKING
@@ -67,7 +67,7 @@ def test_states_know_the_place_in_the_room_and_a_replay_knows_the_same(tmp_path)
 
 @pytest.mark.slow
 def test_under_a_false_lock_the_car_is_not_where_the_motion_capture_reports():
-    rows = drive(f"{URL}&mocap=lock=20", 8.0)
+    rows = drive(f"{KINEMATIC_3_URL}&mocap=lock=20", 8.0)
     fooled = [(s, x, y) for s, x, y in rows
               if hypot(s.external.newest.x - x, s.external.newest.y - y) > 2.0 and s.speed > 0.3]
     assert fooled, "no false lock while driving: this test would show nothing"
@@ -78,7 +78,7 @@ def test_under_a_false_lock_the_car_is_not_where_the_motion_capture_reports():
 @pytest.mark.slow
 def test_a_clock_that_is_set_does_not_move_the_car(tmp_path):
     path = tmp_path / "run.mcap"
-    rows = drive(f"{URL}&mocap=step=40", 6.0, path)
+    rows = drive(f"{KINEMATIC_3_URL}&mocap=step=40", 6.0, path)
     raw = [p.stamp for p in RunReader(path).poses()]
     assert min(b - a for a, b in pairwise(raw)) < -0.2, "never set back: this shows nothing"
     assert all(hypot(s.external.pose.x - x, s.external.pose.y - y) < 0.06 for s, x, y in rows)
@@ -86,6 +86,6 @@ def test_a_clock_that_is_set_does_not_move_the_car(tmp_path):
 
 
 def test_a_car_without_poses_reports_it():
-    with Car.open(URL) as car:
+    with Car.open(KINEMATIC_3_URL) as car:
         state = next(car.states())
     assert state.external is None

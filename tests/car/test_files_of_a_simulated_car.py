@@ -8,9 +8,9 @@ from dart_hal.car import Car
 from dart_hal.core.config import Calibration, Quantity, calibration_in, load_car, save_calibration
 from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.run import RunReader
+from tests.common import MOCK_3_URL
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-URL = "sim://?seed=3&nano=mock"
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def home(tmp_path, monkeypatch):
 
 
 def driven(**options) -> list[tuple[float, float]]:
-    with Car.open(URL, **options) as car:
+    with Car.open(MOCK_3_URL, **options) as car:
         car.arm()
         motion = []
         for state in car.states(duration=1.0):
@@ -50,20 +50,20 @@ def test_calibration_in_the_folder_cars_is_used(home, tmp_path, monkeypatch):
 
 
 def test_notice_names_a_folder_that_was_not_named(home):
-    with Car.open(URL) as car:
+    with Car.open(MOCK_3_URL) as car:
         (notice,) = (text for text in car.notices if "is used" in text)
     assert str(home) in notice
-    with Car.open(URL, cars=home.parent) as car:
+    with Car.open(MOCK_3_URL, cars=home.parent) as car:
         assert car.files.metres_per_edge.value == 0.02
         assert not car.notices
 
 
 def test_named_folder_without_the_car_is_an_uncalibrated_car(home, tmp_path, monkeypatch):
-    with Car.open(URL, cars=tmp_path / "other") as car:
+    with Car.open(MOCK_3_URL, cars=tmp_path / "other") as car:
         assert car.files.calibration is None
         assert car.files.folder == tmp_path / "other" / "sim-3"
     monkeypatch.setenv("DART_CARS", str(tmp_path / "another"))
-    with Car.open(URL) as car:
+    with Car.open(MOCK_3_URL) as car:
         assert car.files.calibration is None
 
 
@@ -71,7 +71,7 @@ def test_what_is_used_is_recorded(home, tmp_path):
     for number, (cars, names) in enumerate(((tmp_path / "other", {"car.toml"}),
                                             (None, {"car.toml", "calibration.toml"}))):
         path = tmp_path / f"{number}.mcap"
-        with Car.open(URL, record=path, cars=cars):
+        with Car.open(MOCK_3_URL, record=path, cars=cars):
             pass
         assert set(RunReader(path).files) == names
 
@@ -84,7 +84,7 @@ def test_what_is_written_there_keeps_what_was_measured_before(home):
 
 def test_a_car_behind_a_port_has_its_files_wherever_they_are(home):
     """sim --pty is a real car to the program that opens the port."""
-    backend = open_backend(URL)
+    backend = open_backend(MOCK_3_URL)
     backend.close()
     (home / "car.toml").write_text(backend.car_toml, encoding="utf-8")
     assert load_car("sim-3").metres_per_edge.value == 0.02

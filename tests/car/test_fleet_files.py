@@ -11,12 +11,12 @@ from dart_hal.car.fleet import _check_distinct
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.run import RunReader
 
-URLS = ["sim://?seed=1&nano=mock", "sim://?seed=2&nano=mock"]
+FLEET_URLS = ["sim://?seed=1&nano=mock", "sim://?seed=2&nano=mock"]
 
 
 def test_each_car_has_its_recording(tmp_path):
     runs = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
-    with Fleet.open(URLS, record=runs) as fleet:
+    with Fleet.open(FLEET_URLS, record=runs) as fleet:
         for _ in fleet.states(duration=0.1):
             pass
     assert [RunReader(run).meta["car"] for run in runs] == ["sim-1", "sim-2"]
@@ -26,7 +26,7 @@ def test_each_car_has_its_recording(tmp_path):
                                    {"record": ["a", "b", "c"]}])
 def test_there_is_one_entry_for_each_car(given):
     with pytest.raises(UsageError, match="one entry for each URL"):
-        Fleet.open(URLS, **given)
+        Fleet.open(FLEET_URLS, **given)
 
 
 class Named:
@@ -46,7 +46,7 @@ def test_two_real_cars_do_not_share_their_files():
 
 
 def test_the_option_reaches_every_car():
-    with Fleet.open(URLS, raise_on_trip=False) as fleet:
+    with Fleet.open(FLEET_URLS, raise_on_trip=False) as fleet:
         assert [car.raise_on_trip for car in fleet.cars] == [False, False]
 
 
@@ -65,7 +65,7 @@ def test_one_stream_gives_each_car_its_own_body(spelled):
     url = f"udp://127.0.0.1:{free_port()}?body="
     names = ["dart-01", "dart-02"]
     poses = url + "{car}" if spelled else [url + name for name in names]
-    with (Fleet.open(URLS, car=names, poses=poses) as fleet,
+    with (Fleet.open(FLEET_URLS, car=names, poses=poses) as fleet,
           socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as out):
         port = int(url.rpartition(":")[2].partition("?")[0])
         out.sendto(encode_pose_line("dart-01", 1.0) + encode_pose_line("dart-02", 2.0),
@@ -77,14 +77,14 @@ def test_one_stream_gives_each_car_its_own_body(spelled):
 
 def test_a_fleet_without_a_body_for_each_car_is_refused():
     with pytest.raises(UsageError, match="a body for each car"):
-        Fleet.open(URLS, poses="udp://:5005")
+        Fleet.open(FLEET_URLS, poses="udp://:5005")
     with pytest.raises(UsageError, match="not a source"):
-        Fleet.open(URLS, poses=["udp://127.0.0.1:0", "ftp://"])
+        Fleet.open(FLEET_URLS, poses=["udp://127.0.0.1:0", "ftp://"])
     with pytest.raises(UsageError, match="one entry for each URL"):
-        Fleet.open(URLS, poses=[None])
+        Fleet.open(FLEET_URLS, poses=[None])
 
 
 def test_each_car_of_a_fleet_may_have_a_map_of_its_own():
     """It is looked for where it is named."""
     with pytest.raises(UsageError, match=r"none\.yaml is no map of map_server"):
-        Fleet.open(URLS, poses=["lidar:none.yaml?start=0,0,0", None])
+        Fleet.open(FLEET_URLS, poses=["lidar:none.yaml?start=0,0,0", None])

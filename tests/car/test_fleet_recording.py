@@ -13,7 +13,7 @@ from dart_hal.recording.mcap_records import read_mcap
 from dart_hal.recording.run import RunReader
 from dart_hal.recording.run_file import RunFile, select_car
 
-URLS = ["sim://?seed=1&nano=mock", "sim://?seed=2&nano=mock"]
+RECORDED_URLS = ["sim://?seed=1&nano=mock", "sim://?seed=2&nano=mock"]
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,7 @@ def drive(tmp_path_factory):
     single = [folder / "a.mcap", folder / "b.mcap"]
     states = [[], []]
     for record in (both, single):
-        with Fleet.open(URLS, record=record) as fleet:
+        with Fleet.open(RECORDED_URLS, record=record) as fleet:
             for car, own_states in zip(fleet.cars, states, strict=True):
                 own_states.clear()
                 car.on_state(own_states.append)
@@ -131,6 +131,6 @@ def test_an_old_file_is_kept_and_a_fleet_that_does_not_open_leaves_a_whole_one(t
     run = tmp_path / "run.mcap"
     run.write_bytes(b"old")
     with pytest.raises(UsageError):
-        Fleet.open([URLS[0], "sim://?colour=red"], record=run)
+        Fleet.open([RECORDED_URLS[0], "sim://?colour=red"], record=run)
     assert (tmp_path / "run.1.mcap").read_bytes() == b"old"
     assert read_mcap(run).complete

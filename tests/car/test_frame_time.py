@@ -14,13 +14,12 @@ from dart_hal.car import Car
 from dart_hal.car.engine import MAX_LOOP_ANSWER_TIME, Engine
 from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.messages import PARAM_GET
-
-URL = "sim://?seed=1&nano=mock"
+from tests.common import MOCK_1_URL
 
 
 @pytest.fixture
 def car():
-    backend = open_backend(URL)
+    backend = open_backend(MOCK_1_URL)
     with Car.over(backend) as opened:
         wait(opened, 0.1)
         backend.virtual = False

@@ -20,7 +20,7 @@ from tests.wire import wire_samples as samples
 
 BYTE_TIME = 20e-6
 OK = PARAM_STATUS["OK"]
-NAMES = [f.name for f in STATE.fields]
+STATE_FIELDS = [f.name for f in STATE.fields]
 
 
 class Deaf:
@@ -61,7 +61,7 @@ class Liar:
             return encode(message, self.seq, samples.random_values(message, rng))
         self.ticks += rng.choice((20_000, 20_000, 1, 40_000, rng.randrange(1 << 27)))
         self.edges += rng.choice((0, 0, 1, 2))
-        values = dict(zip(NAMES, self._values(), strict=True))
+        values = dict(zip(STATE_FIELDS, self._values(), strict=True))
         values |= {"t_ck": self.ticks & 0xFFFFFFFF, "enc_count": self.edges & 0xFFFFFFFF}
         if rng.random() < 0.7:
             values["gyro"] = tuple(rng.randrange(-31_000, 31_000) for _ in range(3))

@@ -12,9 +12,9 @@ from dart_lab.sim.hidden import hidden_car
 
 UPDATES = 0.010
 """s between two updates of a simulated IMU; they begin with the world's clock."""
-RATE = 2.5e-3
+READ_PERIOD = 2.5e-3
 """Relative error of the Nano's clock from which the age passes through all its values in 4 s."""
-SEED = next(k for k in range(1, 60) if abs(hidden_car(k).clock_error) > RATE)
+SEED = next(k for k in range(1, 60) if abs(hidden_car(k).clock_error) > READ_PERIOD)
 
 
 def age_errors(nano: str, seconds: float) -> np.ndarray:

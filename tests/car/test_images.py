@@ -15,8 +15,8 @@ from dart_hal.car import Car
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.run import RunReader
 from dart_lab.sim.camera import IMAGE_LATENCY, IMAGE_PERIOD, IMAGE_SIZE
+from tests.common import KINEMATIC_3_URL
 
-URL = "sim://?seed=3&nano=mock&physics=kinematic"
 TOPIC = "/camera/image/compressed"
 
 
@@ -49,7 +49,7 @@ def find_red_body(image):
 
 def test_it_sees_the_car_where_it_is_and_a_replay_has_the_same(tmp_path):
     path = tmp_path / "run.mcap"
-    states, images = drive(f"{URL}&camera=top&map=hall", record=path)
+    states, images = drive(f"{KINEMATIC_3_URL}&camera=top&map=hall", record=path)
     assert len(images) == pytest.approx(3.0 / IMAGE_PERIOD, abs=1)
     for a, b in pairwise(images):
         assert b.t - a.t == pytest.approx(IMAGE_PERIOD)
@@ -72,16 +72,16 @@ def test_it_sees_the_car_where_it_is_and_a_replay_has_the_same(tmp_path):
 
 @pytest.mark.slow
 def test_the_same_run_has_the_same_images_and_another_car_others():
-    first, again = (drive(URL, 0.4, camera="top")[1] for _ in range(2))
+    first, again = (drive(KINEMATIC_3_URL, 0.4, camera="top")[1] for _ in range(2))
     assert first == again
-    other = drive(URL.replace("seed=3", "seed=4"), 0.4, camera="top")[1]
+    other = drive(KINEMATIC_3_URL.replace("seed=3", "seed=4"), 0.4, camera="top")[1]
     assert other[-1].jpeg != first[-1].jpeg
 
 
 @pytest.mark.slow
 def test_other_tools_read_them(tmp_path):
     path = tmp_path / "run.mcap"
-    _, images = drive(URL, 0.4, camera="top", record=path)
+    _, images = drive(KINEMATIC_3_URL, 0.4, camera="top", record=path)
     with path.open("rb") as file:
         messages = [d for s, c, m, d in make_reader(
             file, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics=[TOPIC])
@@ -97,14 +97,14 @@ def test_other_tools_read_them(tmp_path):
 
 @pytest.mark.slow
 def test_other_cars_of_its_world_are_in_the_image():
-    places = "&camera=top&world=filmed&at="
-    with Car.open(f"{URL}{places}0,0,0") as car, Car.open(f"{URL}{places}0.8,0.5,1"):
+    placed = f"{KINEMATIC_3_URL}&camera=top&world=filmed&at="
+    with Car.open(f"{placed}0,0,0") as car, Car.open(f"{placed}0.8,0.5,1"):
         for state in car.states(duration=0.5):
             pass
         r, g, b = np.moveaxis(pixels(state.image), 2, 0)
         brown = (abs(r - 0x8A) < 30) & (abs(g - 0x6D) < 30) & (abs(b - 0x3B) < 30)
         assert brown.sum() > 20
-    _, images = drive(f"{URL}&camera=top", 0.5)
+    _, images = drive(f"{KINEMATIC_3_URL}&camera=top", 0.5)
     r, g, b = np.moveaxis(pixels(images[-1]), 2, 0)
     assert ((abs(r - 0x8A) < 30) & (abs(g - 0x6D) < 30) & (abs(b - 0x3B) < 30)).sum() == 0
 
@@ -112,7 +112,7 @@ def test_other_cars_of_its_world_are_in_the_image():
 @pytest.mark.slow
 def test_a_recording_begun_midway_has_them_and_one_without_a_camera_has_no_channel(tmp_path):
     path = tmp_path / "run.mcap"
-    with Car.open(URL, camera="top") as car:
+    with Car.open(KINEMATIC_3_URL, camera="top") as car:
         for _ in car.states(duration=0.3):
             pass
         car.recorder.start(path)
@@ -122,7 +122,7 @@ def test_a_recording_begun_midway_has_them_and_one_without_a_camera_has_no_chann
         for _ in car.states(duration=0.3):
             pass
     assert len(list(RunReader(path).images())) == pytest.approx(0.5 / IMAGE_PERIOD, abs=1)
-    with Car.open(URL, record=tmp_path / "without.mcap") as car:
+    with Car.open(KINEMATIC_3_URL, record=tmp_path / "without.mcap") as car:
         assert [state.image for state in car.states(duration=0.3)].count(None) > 20
     with (tmp_path / "without.mcap").open("rb") as file:
         assert TOPIC not in {c.topic for c in make_reader(file).get_summary().channels.values()}
@@ -130,7 +130,7 @@ def test_a_recording_begun_midway_has_them_and_one_without_a_camera_has_no_chann
 
 @pytest.mark.slow
 def test_without_reads_the_newest_is_kept():
-    with Car.open(URL, camera="top") as car:
+    with Car.open(KINEMATIC_3_URL, camera="top") as car:
         for state in car.states(duration=2.5):
             pass
         came = car.camera.images()
@@ -141,21 +141,21 @@ def test_without_reads_the_newest_is_kept():
 
 def test_a_real_camera_does_not_wait_for_a_program_in_virtual_time(monkeypatch):
     with pytest.raises(UsageError, match="waits while its program") as refused:
-        Car.open(URL, camera="usb:0")
+        Car.open(KINEMATIC_3_URL, camera="usb:0")
     assert "pace=1" in refused.value.remedy
     monkeypatch.setenv("DART_HAL_CAMERA", "colour://red")
     with pytest.raises(UsageError):
-        Car.open(URL)
+        Car.open(KINEMATIC_3_URL)
     with pytest.raises(UsageError, match="is no camera"):
-        Car.open(f"{URL}&pace=1")
-    with Car.open(f"{URL}&camera=top") as car:  # which has one of its own
+        Car.open(f"{KINEMATIC_3_URL}&pace=1")
+    with Car.open(f"{KINEMATIC_3_URL}&camera=top") as car:  # which has one of its own
         assert car.has_camera
 
 
 def test_without_pillow_it_names_what_to_install(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "PIL", None)
     with pytest.raises(UsageError, match="needs Pillow") as no:
-        Car.open(URL, camera="top")
+        Car.open(KINEMATIC_3_URL, camera="top")
     assert "pillow>=" in no.value.remedy
     with pytest.raises(UsageError, match="camera='side'"):
-        Car.open(f"{URL}&camera=side")
+        Car.open(f"{KINEMATIC_3_URL}&camera=side")

@@ -20,9 +20,9 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.devices.links.paced import PacedLink
 from dart_lab.sim.serve import PacedWorld
 from dart_lab.sim.truth import truth
+from tests.common import MOCK_1_URL
 
 SLOW = 2 * SAMPLE
-MOCK = "sim://?seed=1&nano=mock"
 
 
 class Wall:
@@ -103,7 +103,7 @@ def slow_loop(car: Car, caplog: pytest.LogCaptureFixture) -> list[str]:
 
 
 def test_a_slow_loop_is_reported_once_though_virtual_time_waits_for_it(caplog):
-    with Car.open(MOCK) as car:
+    with Car.open(MOCK_1_URL) as car:
         (text,) = slow_loop(car, caplog)
         assert "pace=1" in text
         assert car.timing.late >= 2
@@ -160,7 +160,7 @@ def test_a_world_that_cannot_keep_up_is_not_chased_and_reports_it_once(monkeypat
 
 @pytest.mark.slow
 def test_a_paced_car_drives_on_while_its_program_computes():
-    with Car.open(MOCK + "&pace=1") as car:
+    with Car.open(MOCK_1_URL + "&pace=1") as car:
         car.arm()
         with pytest.raises(Disarmed):
             drive_slowly(car, 0.3)
@@ -171,7 +171,7 @@ def test_a_paced_car_drives_on_while_its_program_computes():
 @pytest.mark.slow
 @pytest.mark.realtime
 def test_a_paced_car_obeys_a_loop_that_is_quick():
-    backend = open_backend(MOCK + "&pace=1")
+    backend = open_backend(MOCK_1_URL + "&pace=1")
     with Car.over(backend) as car:
         car.arm()
         for _ in car.states(duration=1.0):
@@ -180,7 +180,7 @@ def test_a_paced_car_obeys_a_loop_that_is_quick():
 
 
 def test_a_paced_car_is_not_served_once_more():
-    backend = open_backend(MOCK + "&pace=1")
+    backend = open_backend(MOCK_1_URL + "&pace=1")
     with pytest.raises(UsageError, match="cannot be served"):
         PacedWorld(backend)
     backend.close()
@@ -188,4 +188,4 @@ def test_a_paced_car_is_not_served_once_more():
 
 def test_a_pace_that_is_none_is_refused():
     with pytest.raises(UsageError, match="pace"):
-        open_backend(MOCK + "&pace=2")
+        open_backend(MOCK_1_URL + "&pace=2")

@@ -9,21 +9,20 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.core.errors import BadCommand, LinkLost, UsageError
-
-MOCK = "sim://?seed=1&nano=mock"
+from tests.common import MOCK_1_URL
 
 
 @pytest.mark.parametrize("given", [{"duration": math.nan}, {"duration": -1.0},
                                    {"timeout": math.nan}, {"duration": "3"}])
 def test_a_time_that_is_none_is_refused(given):
-    with Car.open(MOCK) as car, pytest.raises(UsageError):
+    with Car.open(MOCK_1_URL) as car, pytest.raises(UsageError):
         next(car.states(**given))
 
 
 @pytest.mark.parametrize("command", [
     lambda car: car.drive(throttle=0.1), lambda car: car.drive_speed(steering=0.0, speed=0.5)])
 def test_a_command_after_closing_is_refused(command):
-    car = Car.open(MOCK)
+    car = Car.open(MOCK_1_URL)
     car.close()
     with pytest.raises(LinkLost, match="closed"):
         command(car)
@@ -32,7 +31,7 @@ def test_a_command_after_closing_is_refused(command):
 @pytest.mark.parametrize("records", [True, False])
 @pytest.mark.slow_except("True")
 def test_a_note_that_is_not_text_is_refused_recording_or_not(tmp_path, records):
-    with Car.open(MOCK, record=tmp_path / "run.mcap" if records else None) as car:
+    with Car.open(MOCK_1_URL, record=tmp_path / "run.mcap" if records else None) as car:
         car.note("fine", {"a": "1"})
         with pytest.raises(UsageError, match="not text"):
             car.note("x", {"a": {}})
@@ -52,7 +51,7 @@ def test_a_url_of_another_type_is_refused():
 @pytest.mark.parametrize("name", ["steering", "throttle", "speed", "steer", "lidars"])
 def test_an_attribute_that_nothing_reads_is_refused(name):
     """JetRacer and donkeycar drive by ``car.steering = 0.3``."""
-    with Car.open(MOCK) as car:
+    with Car.open(MOCK_1_URL) as car:
         with pytest.raises(AttributeError, match="would do nothing") as refused:
             setattr(car, name, 0.3)
         assert "car.drive(" in str(refused.value)
@@ -61,7 +60,8 @@ def test_an_attribute_that_nothing_reads_is_refused(name):
 
 
 def test_a_request_that_the_protocol_does_not_have_is_refused():
-    with Car.open(MOCK) as car, pytest.raises(UsageError, match="no message 'EDGE_REQ'") as why:
+    with Car.open(MOCK_1_URL) as car, pytest.raises(UsageError,
+                                                    match="no message 'EDGE_REQ'") as why:
         car.request("EDGE_REQ")
     assert "EDGES_REQ" in why.value.remedy
 
@@ -72,14 +72,14 @@ def test_a_request_that_the_protocol_does_not_have_is_refused():
     (lambda car: car.drive(throttle=0.1, valid_for=0.5), False)])
 @pytest.mark.slow_except("*-True0", "*-False")
 def test_a_command_that_is_valid_for_less_than_requested_is_reported(command, shortened):
-    with Car.open(MOCK) as car:
+    with Car.open(MOCK_1_URL) as car:
         car.arm()
         next(car.states())
         assert ("VALIDITY" in command(car).limited) is shortened
 
 
 def test_a_speed_beyond_the_limit_is_reported():
-    with Car.open(MOCK) as car:
+    with Car.open(MOCK_1_URL) as car:
         car.arm()
         next(car.states())
         assert "RANGE" in car.drive_speed(steering=0.0, speed=99.0).limited
@@ -95,7 +95,7 @@ def read_in_a_thread(car, n):
 
 
 def test_what_a_loop_loses_to_another_thread_is_counted_and_reported(caplog):
-    with Car.open(MOCK) as car:
+    with Car.open(MOCK_1_URL) as car:
         mine = car.states()
         next(mine)
         for lost in (5, 12):
@@ -107,7 +107,7 @@ def test_what_a_loop_loses_to_another_thread_is_counted_and_reported(caplog):
 
 def test_a_loop_that_goes_on_in_another_thread_has_lost_nothing(caplog):
     """The control: one after the other is no sharing, nor is arming within a loop."""
-    with Car.open(MOCK) as car:
+    with Car.open(MOCK_1_URL) as car:
         next(car.states())
         read_in_a_thread(car, 5)
         mine = car.states()

@@ -14,14 +14,14 @@ from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.esc import Esc, EscMode
 from dart_lab.sim.failures import parse_failure, schedule_failures
 from dart_lab.sim.truth import world_of
+from tests.common import WAIVED_GATES
 
-CLOCK = (r"oscillator_hz = \{[^}]*\}", "oscillator_hz = {{ value = {}, std = 1000 }}")
-NEUTRAL = (r"neutral_us = 1500.0", "neutral_us = {0}\ndeliberate_neutral_us = {0}")
+CLOCK_EDIT = (r"oscillator_hz = \{[^}]*\}", "oscillator_hz = {{ value = {}, std = 1000 }}")
+CHANGED_NEUTRAL = (r"neutral_us = 1500.0", "neutral_us = {0}\ndeliberate_neutral_us = {0}")
 SWAPPED = ((r"(?<=\[steering\]\n)channel = 0", "channel = 1"),
            (r"(?<=\[throttle\]\n)channel = 1", "channel = 0"))
 DRIVES_US = 60.0
 """us from the ESC's own neutral: beyond every dead band of the simulated cars."""
-WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 
 
 @dataclass
@@ -40,7 +40,7 @@ class Outcome:
     ended: bool
 
 
-class ArmedEsc(Esc):
+class ReadyEsc(Esc):
     """An ESC that an earlier program has armed, and that obeys again after a loss of the signal."""
 
     def pulse(self, pulse):
@@ -49,7 +49,7 @@ class ArmedEsc(Esc):
         super().pulse(pulse)
 
 
-class Bench:
+class NeutralBench:
     """A simulated car with edited files, its ESC armed by an earlier program or fresh."""
 
     def __init__(self, tmp_path, *edits, options="", armed=True, fail=""):
@@ -59,7 +59,7 @@ class Bench:
             backend.car_toml = re.sub(pattern, text, backend.car_toml)
         self.backend, self.world, self.pulses = backend, world_of(backend), []
         if armed:
-            self.world.esc = ArmedEsc(self.world.car.esc)
+            self.world.esc = ReadyEsc(self.world.car.esc)
         if fail:
             schedule_failures(self.world, [parse_failure(f"{fail}@0")])
         self.world.watchers.append(
@@ -85,14 +85,14 @@ class Bench:
 
 
 def clock(hertz):
-    return CLOCK[0], CLOCK[1].format(hertz)
+    return CLOCK_EDIT[0], CLOCK_EDIT[1].format(hertz)
 
 
 def neutral(pulse_us):
-    return NEUTRAL[0], NEUTRAL[1].format(pulse_us)
+    return CHANGED_NEUTRAL[0], CHANGED_NEUTRAL[1].format(pulse_us)
 
 
-CASES = {
+WRONG_SETTINGS = {
     "clock 8 % off": [(r"(?<=oscillator_hz = \{ value = )[\d.]+",
                        lambda found: str(0.92 * float(found[0])))],
     "neutral 1600": [neutral(1600)], "neutral 1900, deliberate": [neutral(1900)],
@@ -100,11 +100,11 @@ CASES = {
     "channels swapped, centre 1620": [*SWAPPED, (r"center_us = [\d.]+", "center_us = 1620.0")]}
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("case", WRONG_SETTINGS)
 @pytest.mark.parametrize("seed", [0, 3, 8])
 @pytest.mark.slow_except("0-clock 8 % off", "8-channels swapped, centre 1620")
 def test_a_disarmed_car_that_speeds_up_gets_no_pulse(tmp_path, case, seed):
-    bench = Bench(tmp_path, *CASES[case], options=f"&seed={seed}").run(4.0)
+    bench = NeutralBench(tmp_path, *WRONG_SETTINGS[case], options=f"&seed={seed}").run(4.0)
     out = bench.outcome()
     assert out.ended
     assert out.driven < 0.7            # of the slowest: at 1600 us it takes 0.4 s to roll 5 cm
@@ -115,7 +115,7 @@ def test_a_disarmed_car_that_speeds_up_gets_no_pulse(tmp_path, case, seed):
 
 
 def test_27_mhz_is_within_the_accepted_range_and_trips(tmp_path):
-    out = Bench(tmp_path, clock(27e6)).run(3.0).outcome()
+    out = NeutralBench(tmp_path, clock(27e6)).run(3.0).outcome()
     assert (out.ended, out.causes) == (True, ("MOVES_AT_NEUTRAL",))
     assert out.driven < 0.3
     assert out.distance < 0.1
@@ -124,7 +124,7 @@ def test_27_mhz_is_within_the_accepted_range_and_trips(tmp_path):
 @pytest.mark.parametrize("case", ["clock 8 % off", "channels swapped, centre 1620"])
 def test_control_without_the_layer_it_drives_on(tmp_path, monkeypatch, case):
     monkeypatch.setattr(NeutralWatch, "update", lambda *_: False)
-    out = Bench(tmp_path, *CASES[case]).run(4.0).outcome()
+    out = NeutralBench(tmp_path, *WRONG_SETTINGS[case]).run(4.0).outcome()
     assert not out.ended
     assert out.whole > 0.9
 
@@ -133,7 +133,7 @@ def test_control_without_the_layer_it_drives_on(tmp_path, monkeypatch, case):
 @pytest.mark.parametrize("options", ["&cutoff=oe", "&cutoff=mux", "&boot=old", "&rings=2"])
 def test_with_cut_offs_and_bootloaders(tmp_path, options):
     """/OE opens for a disarmed car; the multiplexer's own neutral does not drive at all."""
-    out = Bench(tmp_path, clock(27e6), options=options).run(5.0).outcome()
+    out = NeutralBench(tmp_path, clock(27e6), options=options).run(5.0).outcome()
     assert out.ended
     assert out.driven < 0.5
     assert out.distance < 0.1
@@ -141,7 +141,7 @@ def test_with_cut_offs_and_bootloaders(tmp_path, options):
 
 @pytest.mark.slow
 def test_swapped_leads_of_the_motor_drive_backward_and_trip(tmp_path):
-    out = Bench(tmp_path, neutral(1600), fail="esc:wrong").run(4.0).outcome()
+    out = NeutralBench(tmp_path, neutral(1600), fail="esc:wrong").run(4.0).outcome()
     assert (out.ended, out.causes) == (True, ("MOVES_AT_NEUTRAL",))
     assert out.driven < 0.5
     assert out.distance < 0.1
@@ -149,37 +149,37 @@ def test_swapped_leads_of_the_motor_drive_backward_and_trip(tmp_path):
 
 def test_a_fresh_esc_takes_no_wrong_neutral_and_the_car_does_not_move(tmp_path):
     """It waits for its own neutral. Nothing moves, so nothing trips."""
-    out = Bench(tmp_path, clock(27e6), armed=False).run(4.0).outcome()
+    out = NeutralBench(tmp_path, clock(27e6), armed=False).run(4.0).outcome()
     assert (out.whole < 1e-6, out.causes) == (True, ())
 
 
 def test_arming_again_is_tried_again_and_the_third_time_locks(tmp_path):
-    bench = Bench(tmp_path, clock(27e6)).run(3.0)
+    bench = NeutralBench(tmp_path, clock(27e6)).run(3.0)
     for _ in range(2):
         with pytest.raises(NotArmed) as caught:
-            bench.car.arm(waive=WAIVE)
+            bench.car.arm(waive=WAIVED_GATES)
         assert not {"ENCODER_MOVING", "MOVES_AT_NEUTRAL"}.isdisjoint(caught.value.reasons)
         bench.run(3.0)
     assert bench.car.mode == "LOCKED"
     with pytest.raises(NotArmed, match="LATCHED"):
-        bench.car.arm(waive=WAIVE)
+        bench.car.arm(waive=WAIVED_GATES)
     assert bench.outcome().ended
 
 
 @pytest.mark.slow
 def test_a_pushed_car_is_armed_again_at_once(tmp_path):
     """A hand that pushes it is harmless, and cleared by arm()."""
-    bench = Bench(tmp_path).run(1.0)
+    bench = NeutralBench(tmp_path).run(1.0)
     bench.backend.workshop.push()
     bench.run(2.5)
     assert bench.car.causes == ("MOVES_AT_NEUTRAL",)
-    bench.car.arm(waive=WAIVE)
+    bench.car.arm(waive=WAIVED_GATES)
     bench.run(1.0, throttle=0.3)
     assert (bench.car.mode, bench.outcome().speed > 0.5) == ("ARMED", True)
 
 
 def test_raw_begins_with_neutral_again(tmp_path):
-    bench = Bench(tmp_path).run(1.0)
+    bench = NeutralBench(tmp_path).run(1.0)
     bench.backend.workshop.push()
     bench.run(2.5)
     with bench.car.raw():
@@ -192,8 +192,8 @@ def test_raw_begins_with_neutral_again(tmp_path):
 @pytest.mark.parametrize("seed", [0, 4])
 @pytest.mark.slow_except("0-0.5")
 def test_coasting_after_driving_does_not_trip(tmp_path, throttle, seed):
-    bench = Bench(tmp_path, options=f"&seed={seed}", armed=False).run(2.2)
-    bench.car.arm(waive=WAIVE)
+    bench = NeutralBench(tmp_path, options=f"&seed={seed}", armed=False).run(2.2)
+    bench.car.arm(waive=WAIVED_GATES)
     bench.run(1.5, throttle=throttle)
     bench.run(3.0, throttle=0.0)
     assert (bench.car.mode, bench.car.causes) == ("ARMED", ())
@@ -205,8 +205,8 @@ def test_coasting_after_driving_does_not_trip(tmp_path, throttle, seed):
 
 def test_an_armed_car_at_throttle_0_whose_steering_drives_it_is_disarmed(tmp_path):
     """Channels swapped, and a centre that is neutral by chance."""
-    bench = Bench(tmp_path, *SWAPPED, (r"center_us = [\d.]+", "center_us = 1500.0")).run(2.5)
-    bench.car.arm(waive=WAIVE)
+    bench = NeutralBench(tmp_path, *SWAPPED, (r"center_us = [\d.]+", "center_us = 1500.0")).run(2.5)
+    bench.car.arm(waive=WAIVED_GATES)
     bench.run(1.5, steering=0.3, throttle=0.0)
     out = bench.outcome()
     assert (out.ended, out.causes) == (True, ("MOVES_AT_NEUTRAL",))
@@ -219,7 +219,7 @@ def test_an_armed_car_at_throttle_0_whose_steering_drives_it_is_disarmed(tmp_pat
 
 def test_a_program_that_closes_leaves_no_pulse(tmp_path):
     """A wrong neutral is not detected after it."""
-    bench = Bench(tmp_path, clock(27e6), armed=False).run(1.0)
+    bench = NeutralBench(tmp_path, clock(27e6), armed=False).run(1.0)
     bench.car.close()
     leds = bytearray(8)
     bench.backend.bus.writeto_then_readfrom(0x40, b"\x06", leds)
@@ -230,13 +230,13 @@ def test_a_program_that_closes_leaves_no_pulse(tmp_path):
 @pytest.mark.parametrize("options", ["&boot=old", "&boot=none"])
 def test_until_the_nano_speaks_there_is_no_pulse(tmp_path, options):
     """A bootloader takes 1.3 s, in which a wrong neutral would go unnoticed."""
-    bench = Bench(tmp_path, clock(27e6), options=options)
+    bench = NeutralBench(tmp_path, clock(27e6), options=options)
     assert bench.pulses == []
     assert bench.car.mode == "DISARMED"
 
 
 def test_a_nano_that_falls_silent_ends_the_pulses_after_half_a_second(tmp_path):
-    bench = Bench(tmp_path, armed=False).run(1.0)
+    bench = NeutralBench(tmp_path, armed=False).run(1.0)
     link = bench.backend.link
     silent = bench.world.t
     for line in (link._up, link._down):

@@ -11,14 +11,14 @@ from dart_hal.car import Car
 from dart_hal.car.driver import Driver
 from dart_hal.cli.common.checks import run_checks
 from dart_hal.core.errors import BadCommand
+from tests.common import MOCK_URL
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-URL = "sim://?nano=mock"
 
 
 @pytest.fixture
 def car():
-    with Car.open(URL) as opened:
+    with Car.open(MOCK_URL) as opened:
         yield opened
 
 
@@ -107,7 +107,7 @@ def test_warnings_are_returned_and_logged_once(car, monkeypatch, caplog):
 
 def test_the_doctor_reports_what_arm_warns_of(monkeypatch):
     monkeypatch.setattr("dart_hal.car.identity.Hello.dirty", True)
-    found = {c.id: c for c in run_checks(URL, "dart-01", None, 1.0)}
+    found = {c.id: c for c in run_checks(MOCK_URL, "dart-01", None, 1.0)}
     assert found["cautions"].verdict == "warn"
     assert "FIRMWARE_DIRTY" in found["cautions"].found
     assert found["cautions"].remedy

@@ -296,8 +296,8 @@ class PinMachine(RuleBasedStateMachine):
             assert mode in ("FAULT", "CLOSED"), f"the bus is lost and the mode is {mode}"
 
 
-QUICK = settings(stateful_step_count=20, deadline=None, derandomize=True,
-                 database=None, phases=[Phase.explicit, Phase.generate])
+QUICK_SETTINGS = settings(stateful_step_count=20, deadline=None, derandomize=True,
+                          database=None, phases=[Phase.explicit, Phase.generate])
 
 
 class FirmwareMachine(PinMachine):
@@ -306,20 +306,21 @@ class FirmwareMachine(PinMachine):
 
 @pytest.mark.parametrize("examples", [4, pytest.param(25, marks=pytest.mark.slow)])
 def test_the_pin_follows_the_mode(examples):
-    run_state_machine_as_test(PinMachine, settings=settings(QUICK, max_examples=examples))
+    run_state_machine_as_test(PinMachine, settings=settings(QUICK_SETTINGS, max_examples=examples))
 
 
 @pytest.mark.emulator
 @pytest.mark.parametrize("examples", [2, pytest.param(6, marks=pytest.mark.slow)])
 def test_the_pin_of_the_firmware_follows_the_mode(examples):
-    run_state_machine_as_test(FirmwareMachine, settings=settings(QUICK, max_examples=examples))
+    run_state_machine_as_test(FirmwareMachine,
+                              settings=settings(QUICK_SETTINGS, max_examples=examples))
 
 
 @pytest.mark.long
 @pytest.mark.emulator
 @pytest.mark.parametrize("machine", [PinMachine, FirmwareMachine])
 def test_the_pin_follows_the_mode_in_many_orders(machine):
-    run_state_machine_as_test(machine, settings=settings(QUICK, max_examples=200,
+    run_state_machine_as_test(machine, settings=settings(QUICK_SETTINGS, max_examples=200,
                                                          stateful_step_count=40))
 
 

@@ -132,7 +132,7 @@ def test_next_is_the_newest_state_and_counts_those_that_were_skipped():
         pump.stop()
 
 
-class Port(SerialLink):
+class PumpPort(SerialLink):
     """A port that can only be closed."""
 
     def __init__(self):
@@ -149,8 +149,8 @@ class Port(SerialLink):
 @pytest.mark.parametrize("known", [True, False])
 def test_a_lost_board_is_looked_for_by_its_number(monkeypatch, known):
     """One that never sent HELLO has no number: neutral is repeated, and nothing is opened."""
-    lost = Port()
-    back = FoundBoard(Port(), b"HELLO")
+    lost = PumpPort()
+    back = FoundBoard(PumpPort(), b"HELLO")
     searches: list[tuple[int, int]] = []
     resumed = threading.Event()
 

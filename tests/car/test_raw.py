@@ -13,22 +13,21 @@ from dart_hal.core.errors import BadCommand, NotArmed
 from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.run import RunReader
 from dart_lab.sim.truth import world_of
+from tests.common import MOCK_URL, NEUTRAL_US
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-URL = "sim://?nano=mock"
 FAST_US = 1900.0
-NEUTRAL_US = 1500.0
-AFTER_RESET = 0.120
+RESET_SILENCE_S = 0.120
 """s from a reset of the Nano to neutral without a cut-off, as in the fault table."""
 LIMITED = "\n[limits]\nmax_throttle = 0.3\n"
 
 
-class Bench:
+class RawBench:
     """A car and the pulses of its ESC pin; ``lift_wheels``: the IMU measures nothing of the
     wheels."""
 
     def __init__(self, tmp_path, **options) -> None:
-        self.backend = open_backend(URL)
+        self.backend = open_backend(MOCK_URL)
         self.backend.car_toml += LIMITED
         self.world = world_of(self.backend)
         self.pulses: list[tuple[float, float]] = []
@@ -52,7 +51,7 @@ class Bench:
 
 @pytest.fixture
 def bench(tmp_path):
-    made = Bench(tmp_path)
+    made = RawBench(tmp_path)
     yield made
     made.car.close()
 
@@ -78,7 +77,7 @@ def test_a_loop_that_stalls_in_raw_is_stopped(bench):
             bench.spin(0.1)
 
 
-def driven_after_a_boot(bench: Bench) -> float:
+def driven_after_a_boot(bench: RawBench) -> float:
     """s from the Nano's reset to the end of the last pulse above neutral; the program goes on."""
     with bench.car.raw():
         bench.spin(0.3)
@@ -93,7 +92,7 @@ def driven_after_a_boot(bench: Bench) -> float:
 
 
 def test_a_nano_that_boots_in_raw_ends_it(bench):
-    assert driven_after_a_boot(bench) <= AFTER_RESET
+    assert driven_after_a_boot(bench) <= RESET_SILENCE_S
     assert bench.car.mode == "DISARMED"
     with pytest.raises(BadCommand, match="needs raw"):
         bench.spin(0.1)
@@ -115,7 +114,7 @@ def test_on_the_floor_the_limits_of_the_car_hold(bench):
 
 def test_wheels_off_the_ground_have_the_full_range_and_it_is_recorded(tmp_path):
     run = tmp_path / "run.mcap"
-    bench = Bench(tmp_path, record=run)
+    bench = RawBench(tmp_path, record=run)
     bench.lift_wheels()
     with bench.car.raw(lifted=True):
         bench.spin(1.0, throttle_us=2000.0)
@@ -125,7 +124,7 @@ def test_wheels_off_the_ground_have_the_full_range_and_it_is_recorded(tmp_path):
     assert "wheels" in RunReader(run).metadata["raw_lifted"]
 
 
-def moving(bench: Bench) -> float:
+def moving(bench: RawBench) -> float:
     """s after the car began to move until the last pulse above neutral."""
     with bench.car.raw(lifted=True):
         began = bench.car._engine.now
@@ -146,7 +145,7 @@ def test_without_the_look_at_the_imu_it_would_drive_off(bench, monkeypatch):
         moving(bench)
 
 
-def spin_without_imu(bench: Bench, seconds: float) -> float:
+def spin_without_imu(bench: RawBench, seconds: float) -> float:
     """Lifted wheels, and the IMU sends zeros for so long; s until the last pulse of the 0.6 s
     that follow the first zeros."""
     bench.lift_wheels()

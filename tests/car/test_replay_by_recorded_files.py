@@ -8,8 +8,7 @@ from dart_hal.car import Car
 from dart_hal.car.runs import read_run
 from dart_hal.core.config import Calibration, Quantity, load_car, save_calibration
 from dart_hal.recording.run import RunReader
-
-URL = "sim://?seed=3&nano=mock"
+from tests.common import MOCK_3_URL
 
 
 def calibrate(folder, metres: float) -> None:
@@ -25,7 +24,7 @@ def run(tmp_path_factory):
     (home / "sim-3").mkdir()
     calibrate(home / "sim-3", 0.02)
     path = home / "run.mcap"
-    with Car.open(URL, cars=home, record=path) as car:
+    with Car.open(MOCK_3_URL, cars=home, record=path) as car:
         car.arm()
         motion = []
         for state in car.states(duration=1.5):

@@ -12,9 +12,9 @@ from dart_hal.core.errors import LinkLost
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 
-KINDS = [("mock", "none"), ("mock", "old"), ("mock", "optiboot"),
-         pytest.param("avr", "optiboot", marks=pytest.mark.emulator),
-         pytest.param("avr", "old", marks=[pytest.mark.emulator, pytest.mark.long])]
+NANO_KINDS = [("mock", "none"), ("mock", "old"), ("mock", "optiboot"),
+              pytest.param("avr", "optiboot", marks=pytest.mark.emulator),
+              pytest.param("avr", "old", marks=[pytest.mark.emulator, pytest.mark.long])]
 
 
 def drive_through_a_reset(nano: str, boot: str, cars):
@@ -43,7 +43,7 @@ def drive_through_a_reset(nano: str, boot: str, cars):
         return states[:before], states[before:], edge, world.truth(at).v_x
 
 
-@pytest.mark.parametrize(("nano", "boot"), KINDS)
+@pytest.mark.parametrize(("nano", "boot"), NANO_KINDS)
 @pytest.mark.slow
 def test_no_jump_of_more_than_one_edge(nano, boot, tmp_path):
     before, after, edge, speed = drive_through_a_reset(nano, boot, tmp_path)

@@ -16,9 +16,9 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.run import RunReader
 from dart_lab.sim.lidar.maps import clearance
 from dart_lab.sim.truth import room_of_car, world_of
+from tests.common import KINEMATIC_3_URL
 
-URL = "sim://?seed=3&nano=mock&physics=kinematic"
-EXACT_LIDAR_URL = f"{URL}&lidar=noise=0,dropout=0,scale=1,x=0.13,y=0,yaw=0"
+EXACT_LIDAR_URL = f"{KINEMATIC_3_URL}&lidar=noise=0,dropout=0,scale=1,x=0.13,y=0,yaw=0"
 
 
 def drive(url, seconds, record=None):
@@ -88,7 +88,7 @@ def test_a_run_keeps_scans_as_the_unit_sent_them(tmp_path):
 
 def test_without_a_lidar_nothing_is_reported_or_recorded(tmp_path):
     path = tmp_path / "run.mcap"
-    with Car.open(URL, record=path) as car:
+    with Car.open(KINEMATIC_3_URL, record=path) as car:
         assert next(car.states()).scan is None
         assert not car.has_lidar
         with pytest.raises(UsageError, match="no lidar"):
@@ -101,7 +101,7 @@ def test_without_a_lidar_nothing_is_reported_or_recorded(tmp_path):
 
 @pytest.mark.slow
 def test_without_reads_the_newest_is_kept():
-    with Car.open(f"{URL}&lidar=1") as car:
+    with Car.open(f"{KINEMATIC_3_URL}&lidar=1") as car:
         for state in car.states(duration=9.5):
             pass
         came = car.lidar.scans()
@@ -113,13 +113,13 @@ def test_without_reads_the_newest_is_kept():
 def test_the_lidar_of_the_environment_is_opened(monkeypatch):
     monkeypatch.setenv("DART_HAL_LIDAR", "colour://red")
     with pytest.raises(UsageError, match="is no lidar"):
-        Car.open(URL)
-    with Car.open(f"{URL}&lidar=1") as car:  # which has one of its own
+        Car.open(KINEMATIC_3_URL)
+    with Car.open(f"{KINEMATIC_3_URL}&lidar=1") as car:  # which has one of its own
         assert car.lidar.scans() == ()
 
 
 def test_a_map_without_a_lidar_is_refused():
     with pytest.raises(UsageError, match="map without a lidar"):
-        Car.open(f"{URL}&map=room")
+        Car.open(f"{KINEMATIC_3_URL}&map=room")
     with pytest.raises(UsageError, match="map=cellar is no room"):
-        Car.open(f"{URL}&lidar=1&map=cellar")
+        Car.open(f"{KINEMATIC_3_URL}&lidar=1&map=cellar")

@@ -13,7 +13,7 @@ from dart_hal import Car
 from dart_hal.core.notebook import card
 from dart_hal.recording.run import RunReader
 
-OLD = Path(__file__).parents[1] / "recording" / "fixtures" / "v3" / "run.mcap.gz"
+OLD_RECORDING = Path(__file__).parents[1] / "recording" / "fixtures" / "v3" / "run.mcap.gz"
 
 
 class Cells(HTMLParser):
@@ -83,7 +83,7 @@ def test_a_car_shows_itself_at_every_stage_and_moves_nothing():
 @pytest.mark.parametrize("cut", [None, 30_000])
 def test_a_run_prints_its_length_contents_and_whether_it_is_whole(tmp_path, cut):
     path = tmp_path / "run.mcap"
-    path.write_bytes(gzip.decompress(OLD.read_bytes())[:cut])
+    path.write_bytes(gzip.decompress(OLD_RECORDING.read_bytes())[:cut])
     run = RunReader(path)
     rows = Cells(run._repr_html_()).rows
     assert "sim-7" in rows["car"]

@@ -54,7 +54,7 @@ def drives(tmp_path_factory):
     _made.clear()
 
 
-class Unfiltered(telemetry.SingleSampleFilter):
+class NoSampleFilter(telemetry.SingleSampleFilter):
     """The layer taken away: every sample is accepted, and no residual is stated."""
 
     def add(self, t, value, stamp):
@@ -68,7 +68,7 @@ def test_without_wrong_samples_nothing_changes(drives, monkeypatch):
     assert states[-1].pose.yaw == pytest.approx(drive.states[-1].pose.yaw, abs=1e-3)
     assert states[-1].health.jumped == 0
     assert not any("SAMPLES_JUMPED" in s.health.doubts for s in states)
-    monkeypatch.setattr(telemetry, "SingleSampleFilter", Unfiltered)
+    monkeypatch.setattr(telemetry, "SingleSampleFilter", NoSampleFilter)
     plain = drive.estimate()
     assert states[-1].pose.yaw == pytest.approx(plain[-1].pose.yaw, abs=1e-4)
     late = sum(a.yaw_rate != b.yaw_rate for a, b in zip(states, plain, strict=True))
@@ -86,7 +86,7 @@ def test_one_wrong_bit_in_a_hundred_samples_leaves_the_yaw_alone(drives, monkeyp
     assert states[-1].health.jumped == pytest.approx(len(states) / 100, abs=1)
     assert "SAMPLES_JUMPED" in states[-1].health.doubts
     assert all(abs(s.yaw_rate) < 0.3 for s in states), "no wrong sample is given out"
-    monkeypatch.setattr(telemetry, "SingleSampleFilter", Unfiltered)
+    monkeypatch.setattr(telemetry, "SingleSampleFilter", NoSampleFilter)
     states = drive.estimate(flip(GYRO_Z, 11, 100))
     assert abs(drive.yaw_error(states)) > 3 * yaw_sigma(states)
 
@@ -96,7 +96,7 @@ def sizes(names):
     return list(product(names, range(16), (5, 100, 1000), (1, 2)))
 
 
-QUICK = [("slalom", 9, 5, 1), ("straight", 4, 5, 1), ("straight", 9, 100, 2)]
+QUICK_CASES = [("slalom", 9, 5, 1), ("straight", 4, 5, 1), ("straight", 9, 100, 2)]
 
 
 def check_covered(drive, bit, every, run):
@@ -106,7 +106,7 @@ def check_covered(drive, bit, every, run):
     assert error < 3 * sigma, (bit, every, run, error / DEGREE, sigma / DEGREE)
 
 
-@pytest.mark.parametrize(("name", "bit", "every", "run"), QUICK)
+@pytest.mark.parametrize(("name", "bit", "every", "run"), QUICK_CASES)
 @pytest.mark.slow_except("straight-4-5-1")
 def test_covariance_covers_wrong_samples(drives, name, bit, every, run):
     check_covered(drives(name), bit, every, run)
@@ -139,7 +139,7 @@ def test_wrong_samples_at_rest_teach_no_bias(drives, monkeypatch):
     clean = drive.yaw_error(drive.estimate())
     assert drive.yaw_error(drive.estimate(change, first=0)) == pytest.approx(
         clean, abs=0.3 * DEGREE)
-    monkeypatch.setattr(telemetry, "SingleSampleFilter", Unfiltered)
+    monkeypatch.setattr(telemetry, "SingleSampleFilter", NoSampleFilter)
     states = drive.estimate(change, first=0)
     assert abs(drive.yaw_error(states) - clean) > 10.0 * DEGREE
 
@@ -148,7 +148,7 @@ def test_wrong_samples_at_rest_teach_no_bias(drives, monkeypatch):
 def test_wrong_accelerations_accuse_no_encoder(drives, monkeypatch, filtered):
     """Bit 11 is 20 m/s2. Control: without the filter the encoder is doubted."""
     if not filtered:
-        monkeypatch.setattr(telemetry, "SingleSampleFilter", Unfiltered)
+        monkeypatch.setattr(telemetry, "SingleSampleFilter", NoSampleFilter)
     drive = drives("slalom")
     states = drive.estimate(flip(ACCEL_X, 11, 5))
     doubted = any(name.startswith("ENCODER") for s in states for name in s.health.doubts)

@@ -9,12 +9,11 @@ import pytest
 from dart_hal import Car
 from dart_hal.core.errors import UsageError
 from dart_hal.core.types import Limit
-
-URL = "sim://?seed=3&nano=mock"
+from tests.common import MOCK_3_URL
 
 
 def test_every_tenth_state_comes_at_10_hz():
-    with Car.open(URL) as car:
+    with Car.open(MOCK_3_URL) as car:
         list(car.states(duration=0.2))
         states = list(car.states(duration=1.0, every=10))
     assert [b.t - a.t for a, b in pairwise(states)] == pytest.approx([0.1] * 9, rel=0.01)
@@ -23,7 +22,7 @@ def test_every_tenth_state_comes_at_10_hz():
 
 @pytest.mark.slow
 def test_a_replay_goes_on_in_the_same_steps_to_its_end(tmp_path):
-    with Car.open(URL, record=tmp_path / "run.mcap") as car:
+    with Car.open(MOCK_3_URL, record=tmp_path / "run.mcap") as car:
         list(car.states(duration=1.0))
     with Car.open(f"replay://{tmp_path}/run.mcap") as car:
         all_of_it = [s.seq for s in car.states()]
@@ -34,7 +33,7 @@ def test_a_replay_goes_on_in_the_same_steps_to_its_end(tmp_path):
 def applied_between(valid_for, every, rounds=8):
     """What States report of the pins while a loop of every n-th drives."""
     applied_commands = []
-    with Car.open(URL, raise_on_trip=False) as car:
+    with Car.open(MOCK_3_URL, raise_on_trip=False) as car:
         car.arm()
         car.drive(throttle=0.3, valid_for=0.5)
         list(car.states(duration=0.3))
@@ -61,6 +60,6 @@ def test_a_command_that_is_too_short_expires_between_two_rounds():
 
 @pytest.mark.parametrize("every", [0, -1, 26, 2.0, True, "10"])
 def test_what_is_no_part_of_the_stream_is_refused(every):
-    with Car.open(URL) as car, pytest.raises(UsageError, match="every") as error:
+    with Car.open(MOCK_3_URL) as car, pytest.raises(UsageError, match="every") as error:
         next(car.states(every=every))
     assert "0.5 s" in error.value.expected

@@ -13,7 +13,7 @@ from dart_hal.calibration.result import SteeringResult, select_rows
 from dart_hal.cli.common import procedures
 from dart_hal.core.errors import CalibrationFailed
 
-PLAN = "This drives 26 m. Is the floor free?"
+PLAN_QUESTION = "This drives 26 m. Is the floor free?"
 
 
 class Terminal(io.StringIO):
@@ -38,7 +38,7 @@ def on_a_car(verb, monkeypatch, result, tmp_path):
         yield SimpleNamespace(notices=(), files=SimpleNamespace(folder=tmp_path))
 
     def procedure(car, workshop, *, ask, **kwargs):
-        if not ask(PLAN):
+        if not ask(PLAN_QUESTION):
             raise CalibrationFailed("not started: it was not agreed to", remedy="--yes")
         return result
 

@@ -92,21 +92,21 @@ def test_a_failure_is_one_error_object_and_writes_nothing(verb, tmp_path):
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
-CLOCK = ("calibrate", "clock", "--frequency", 50.0, "--std", 0.01, "--yes", "--url",
-         "sim://?seed=3&nano=mock")
+CLOCK_COMMAND = ("calibrate", "clock", "--frequency", 50.0, "--std", 0.01, "--yes", "--url",
+                 "sim://?seed=3&nano=mock")
 
 
 def test_measurement_is_written_where_cars_names(verb, tmp_path, monkeypatch):
     """Though the car has a folder elsewhere: it was written there, and not found."""
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
     home = tmp_path / "share" / "dart-hal" / "cars" / "sim-3" / "calibration.toml"
-    assert verb(*CLOCK).code == 0
+    assert verb(*CLOCK_COMMAND).code == 0
     assert home.is_file()
     before = home.read_bytes()
-    assert verb(*CLOCK, "--cars", "wr").code == 0
+    assert verb(*CLOCK_COMMAND, "--cars", "wr").code == 0
     assert (tmp_path / "wr" / "sim-3" / "calibration.toml").is_file()
     monkeypatch.setenv("DART_CARS", "named")
-    assert verb(*CLOCK).code == 0
+    assert verb(*CLOCK_COMMAND).code == 0
     assert (tmp_path / "named" / "sim-3" / "calibration.toml").is_file()
     assert home.read_bytes() == before
 
@@ -122,7 +122,7 @@ def test_folder_that_cannot_be_written_is_refused_before_the_car_moves(verb, tmp
     monkeypatch.setattr("dart_hal.calibration.clock.typed_clock", drives)
     (tmp_path / "wr").mkdir()
     (tmp_path / "wr" / "sim-3").write_text("a file in the place of the folder")
-    rest = CLOCK[2:] if what == "clock" else CLOCK[6:]
+    rest = CLOCK_COMMAND[2:] if what == "clock" else CLOCK_COMMAND[6:]
     error = verb("calibrate", what, *rest, "--cars", "wr", "--json").error
     assert error["code"] == "D-FILE-04"
     assert "wr/sim-3" in error["what"]

@@ -15,16 +15,16 @@ from dart_hal.car.car import open_url
 from dart_hal.core.config import load_car
 from dart_hal.core.errors import ConfigError
 from dart_hal.vehicle.new_car import SHAPE, SHAPE_STD
+from tests.common import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 DART_01 = ROOT / "cars" / "dart-01" / "car.toml"
 PAGE = ROOT / "docs" / "reference" / "car-files.md"
-SIZES = {"--wheelbase": "0.325+-0.002", "--mass": "3.5+-0.02", "--l-f": "0.158+-0.003",
+SIZE_OPTIONS = {"--wheelbase": "0.325+-0.002", "--mass": "3.5+-0.02", "--l-f": "0.158+-0.003",
          "--max-steering": "0.38+-0.02"}
 
 
 def options(changed: dict[str, str | None]) -> list[str]:
-    sizes = {**SIZES, **changed}
+    sizes = {**SIZE_OPTIONS, **changed}
     return [word for key, size in sizes.items() if size is not None for word in (key, size)]
 
 
@@ -158,11 +158,11 @@ def test_broken_car_file_is_not_replaced(verb):
 
 
 def test_terminal_is_asked_for_what_is_missing(verb, monkeypatch):
-    class Terminal(StringIO):
+    class CarTerminal(StringIO):
         def isatty(self) -> bool:
             return True
 
-    monkeypatch.setattr(sys, "stdin", Terminal(
+    monkeypatch.setattr(sys, "stdin", CarTerminal(
         "0.325\n0.325+-0.002\n2.0+-0.02\n1.5+-0.02\n\n0.38+-0.02\n"))
     ran = verb("car", "new", "asked")
     assert ran.code == 0, ran.err

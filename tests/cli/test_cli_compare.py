@@ -7,13 +7,13 @@ import pytest
 
 from dart_hal import Car
 from dart_hal.car.compare import MIN_DIFFERENT_ROWS, _first_lasting
+from tests.common import MOCK_3_URL
 from tests.pages import foreign
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-CAR = "sim://?seed=3&nano=mock"
 
 
-RUNS = {"base": (CAR, 0.0), "again": (CAR, 0.0), "turns": (CAR, 0.2),
+RUN_PLANS = {"base": (MOCK_3_URL, 0.0), "again": (MOCK_3_URL, 0.0), "turns": (MOCK_3_URL, 0.2),
         "other": ("sim://?seed=8&nano=mock", 0.0)}
 """The car, and what is steered from 0.6 s on [rad]."""
 
@@ -36,7 +36,7 @@ def runs(tmp_path_factory):
 
     class Runs(dict):
         def __missing__(self, name):
-            drive(folder / f"{name}.mcap", *RUNS[name])
+            drive(folder / f"{name}.mcap", *RUN_PLANS[name])
             return self.setdefault(name, folder / f"{name}.mcap")
 
     return Runs()
@@ -91,7 +91,7 @@ def test_the_page_has_both_and_needs_nothing_else(verb, runs, tmp_path):
 
 @pytest.mark.slow
 def test_a_run_that_was_not_driven_is_compared_as_far_as_it_goes(verb, runs, tmp_path):
-    verb("record", "--url", CAR, "--duration", 0.3, "--out", tmp_path / "stands.mcap")
+    verb("record", "--url", MOCK_3_URL, "--duration", 0.3, "--out", tmp_path / "stands.mcap")
     ran = verb("compare", tmp_path / "stands.mcap", runs["base"], "--html", tmp_path / "p.html",
                "--json").json
     assert ran["same_commands_s"] is None

@@ -6,17 +6,15 @@ import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from dart_hal.cli import main
 from dart_hal.cli.main import list_verbs, load_command
+from tests.common import EXCERPT, MOCK_7_URL
 from tests.pages import foreign
 
-MOCK = "sim://?seed=7&nano=mock"
-EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
 RUN_FIELDS = {"url", "files", "duration_s", "frames", "lost", "summary"}
 
 
@@ -96,9 +94,9 @@ def test_a_verb_of_another_package_takes_no_name_of_ours(monkeypatch):
 
 
 @pytest.mark.parametrize(("arguments", "answer"), [
-    (("sim", "--reveal", "--url", MOCK), "steering.backlash"),
-    (("doctor", "--url", MOCK, "--seconds", 1), "the car will drive"),
-    (("record", "--url", MOCK, "--duration", 0.3), "frames, 0 lost"),
+    (("sim", "--reveal", "--url", MOCK_7_URL), "steering.backlash"),
+    (("doctor", "--url", MOCK_7_URL, "--seconds", 1), "the car will drive"),
+    (("record", "--url", MOCK_7_URL, "--duration", 0.3), "frames, 0 lost"),
     (("data", "check", EXCERPT / "circles_27_sept_2024"), "good for evaluation"),
     (("identify", "friction", "--as-paper", EXCERPT, "--dry-run"), "+- 0.021 N"),
 ])
@@ -112,7 +110,7 @@ def test_the_answer_is_on_standard_output_alone(verb, arguments, answer):
 @pytest.mark.slow
 def test_demo(verb, tmp_path, monkeypatch):
     monkeypatch.setattr("dart_lab.demo.real.find_excerpt", lambda: None)
-    done = verb("demo", "--url", MOCK, "--out", tmp_path / "demo", "--json")
+    done = verb("demo", "--url", MOCK_7_URL, "--out", tmp_path / "demo", "--json")
     assert done.code == 0, done.err
     result = done.json
     assert set(result) >= RUN_FIELDS
@@ -144,7 +142,7 @@ def test_demo(verb, tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_calibrate_steering(verb, tmp_path):
     cars = tmp_path / "cars"
-    done = verb("calibrate", "steering", "--url", MOCK, "--cars", cars, "--json")
+    done = verb("calibrate", "steering", "--url", MOCK_7_URL, "--cars", cars, "--json")
     result = done.json
     assert set(result) >= {"car", "source", "n", "duration_s", "map", "paper_form",
                            "residual_rms_rad", "backlash_rad", "written", "notes"}
@@ -168,7 +166,8 @@ def test_calibrate_from_takes_every_path_up_to_the_next_option(verb, tmp_path):
                       "def control(state):\n"
                       "    return 0.35 * sin(0.4 * state.t), 0.32\n")
     for run in runs:
-        done = verb("drive", script, "--url", MOCK, "--record", run, "--duration", 25, "--json")
+        done = verb("drive", script, "--url", MOCK_7_URL, "--record", run, "--duration", 25,
+                    "--json")
         assert done.json["frames"] > 2000
     result = verb("calibrate", "steering", "--from", *runs, "--dry-run", "--json").json
     assert result["written"] is None
@@ -183,10 +182,10 @@ def test_calibrate_from_takes_every_path_up_to_the_next_option(verb, tmp_path):
 def test_record_and_replay(verb, tmp_path):
     run = tmp_path / "runs" / "run.mcap"
     table = tmp_path / "run.csv"
-    recorded = verb("record", "--url", MOCK, "--duration", 1, "--out", run, "--json").json
+    recorded = verb("record", "--url", MOCK_7_URL, "--duration", 1, "--out", run, "--json").json
     assert set(recorded) == RUN_FIELDS
     assert recorded["files"]["recording"] == str(run)
-    assert recorded["url"] == MOCK
+    assert recorded["url"] == MOCK_7_URL
     replayed = verb("replay", run, "--csv", table, "--json").json
     assert set(replayed) == RUN_FIELDS
     assert replayed["frames"] == recorded["frames"]
@@ -198,14 +197,14 @@ def test_record_and_replay(verb, tmp_path):
 def test_drive_by_script(verb, tmp_path):
     script = tmp_path / "ahead.py"
     script.write_text("def control(state):\n    return None if state.t > 4 else (0.1, 0.3)\n")
-    done = verb("drive", script, "--url", MOCK, "--duration", 9, "--json").json
+    done = verb("drive", script, "--url", MOCK_7_URL, "--duration", 9, "--json").json
     assert set(done) == RUN_FIELDS
     assert done["duration_s"] < 5
     assert done["summary"]["distance_m"] > 0.2
 
 
 def test_sim_reveal(verb):
-    truth = verb("sim", "--reveal", "--url", MOCK, "--json").json
+    truth = verb("sim", "--reveal", "--url", MOCK_7_URL, "--json").json
     assert set(truth) >= {"seed", "vehicle", "steering", "sensors", "effects"}
     assert truth["seed"] == 7
     assert truth["mocap"] is None
@@ -214,14 +213,14 @@ def test_sim_reveal(verb):
             "latency.pulse_to_wheel"} <= set(truth["sensors"])
     other = verb("sim", "--reveal", "--url", "sim://?seed=8", "--json").json
     assert other["steering"]["angle_rad"] != truth["steering"]["angle_rad"]
-    even = verb("sim", "--reveal", "--url", MOCK + "&ring=even", "--json").json
+    even = verb("sim", "--reveal", "--url", MOCK_7_URL + "&ring=even", "--json").json
     assert even["sensors"]["encoder.ring"] == pytest.approx([1.0] * 20)
     assert truth["sensors"]["encoder.ring"] != pytest.approx([1.0] * 20, abs=1e-3)
 
 
 def test_top(verb):
-    assert set(verb("top", "--url", MOCK, "--duration", 0.3, "--json").json) == RUN_FIELDS
-    shown = verb("top", "--url", MOCK, "--duration", 0.3)
+    assert set(verb("top", "--url", MOCK_7_URL, "--duration", 0.3, "--json").json) == RUN_FIELDS
+    shown = verb("top", "--url", MOCK_7_URL, "--duration", 0.3)
     assert shown.code == 0
     assert "yaw rate" in shown.err
     assert shown.out == ""
@@ -240,7 +239,8 @@ def test_wire(verb):
 def test_as_a_program(tmp_path):
     """The entry point in a process of its own: stdout is JSON, notices are elsewhere."""
     done = subprocess.run(
-        [sys.executable, "-m", "dart_hal.cli.main", "record", "--url", MOCK, "--duration", "0.2",
+        [sys.executable, "-m", "dart_hal.cli.main", "record", "--url", MOCK_7_URL, "--duration",
+         "0.2",
          "--json"], capture_output=True, text=True, cwd=tmp_path, check=False)
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["frames"] > 10

@@ -7,10 +7,9 @@ import signal
 import pytest
 
 from dart_lab.sim.world import THROTTLE_CHANNEL, World
+from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
-NEUTRAL_US = 1500.0
-NEAR_US = 5.0
-WITHIN = 0.040
+NEUTRAL_WITHIN_S = 0.040
 """s from Ctrl-C to the last pulse that moves the car."""
 
 
@@ -26,14 +25,14 @@ class Finger:
             return
         us = (pulse[1] - pulse[0]) * 1e6
         self.pulses.append((pulse[1], us))
-        self.moving += abs(us - NEUTRAL_US) > NEAR_US
+        self.moving += abs(us - NEUTRAL_US) > NEUTRAL_TOLERANCE_US
         if self.moving == self.nth and self.pressed_at > pulse[1]:
             self.pressed_at = pulse[1]
             signal.raise_signal(signal.SIGINT)
 
     def moving_after(self, seconds: float) -> list[tuple[float, float]]:
         return [(t, us) for t, us in self.pulses
-                if t > self.pressed_at + seconds and abs(us - NEUTRAL_US) > NEAR_US]
+                if t > self.pressed_at + seconds and abs(us - NEUTRAL_US) > NEUTRAL_TOLERANCE_US]
 
 
 @pytest.fixture
@@ -70,8 +69,8 @@ def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(press, tmp_path, n
     done, finger = press(nth)
     assert finger.moving >= nth, "it was interrupted while it drove"
     assert (done.code, done.out) == (130, "")
-    assert not finger.moving_after(WITHIN)
-    assert abs(finger.pulses[-1][1] - NEUTRAL_US) <= NEAR_US
+    assert not finger.moving_after(NEUTRAL_WITHIN_S)
+    assert abs(finger.pulses[-1][1] - NEUTRAL_US) <= NEUTRAL_TOLERANCE_US
     assert not list(tmp_path.rglob("calibration.toml"))
 
 
@@ -81,4 +80,4 @@ def test_without_neutral_at_the_end_it_drives_on(press, monkeypatch):
     monkeypatch.setattr("dart_hal.car.driver.Driver.close", lambda driver, now: None)
     monkeypatch.setattr("dart_hal.devices.actuation.chain.Actuator.stop",
                         lambda actuator: actuator.applied)
-    assert abs(press(37)[1].pulses[-1][1] - NEUTRAL_US) > NEAR_US
+    assert abs(press(37)[1].pulses[-1][1] - NEUTRAL_US) > NEUTRAL_TOLERANCE_US

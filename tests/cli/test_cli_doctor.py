@@ -14,8 +14,7 @@ from dart_hal.cli.common.checks import CHECK_TITLES, DoctorCheck, check_missing_
 from dart_hal.core.config import Calibration, SteeringTable, save_calibration
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
-
-MOCK = "sim://?nano=mock"
+from tests.common import MOCK_URL
 
 
 def verdicts(done) -> dict[str, str]:
@@ -45,7 +44,7 @@ def change_backend(monkeypatch):
 
 
 def test_a_mock_is_no_firmware(verb):
-    found = verdicts(verb("doctor", "--url", MOCK, "--json", "--seconds", 1))
+    found = verdicts(verb("doctor", "--url", MOCK_URL, "--json", "--seconds", 1))
     assert set(found) == set(CHECK_TITLES)
     assert found.pop("hello") == "warn"
     assert found.pop("cutoff") == "warn"
@@ -63,7 +62,7 @@ def test_the_firmware_is_well(verb):
 def test_a_car_that_would_not_drive_is_no_success(verb, change_backend):
     """Without its bus there is no fault, and nothing to drive."""
     change_backend(lambda backend: dataclasses.replace(backend, bus=None))
-    shown = verb("doctor", "--url", MOCK, "--seconds", 1)
+    shown = verb("doctor", "--url", MOCK_URL, "--seconds", 1)
     assert "fail " not in shown.out
     assert "not ready to drive" in shown.out
     assert shown.code == 1
@@ -73,11 +72,11 @@ def test_what_was_found_is_shown_as_it_is(verb, monkeypatch):
     """No emoji for :x:, no colour for [red]."""
     found = DoctorCheck("port", "port", "fail", "/tmp/:x:/[red]")
     monkeypatch.setattr(doctor, "run_checks", lambda *_: [found])
-    assert "/tmp/:x:/[red]" in verb("doctor", "--url", MOCK).out
+    assert "/tmp/:x:/[red]" in verb("doctor", "--url", MOCK_URL).out
 
 
 def test_in_words(verb):
-    shown = verb("doctor", "--url", MOCK)
+    shown = verb("doctor", "--url", MOCK_URL)
     assert shown.code == 0
     assert "hardware cut-off" in shown.out
     assert "the car will drive" in shown.out
@@ -91,7 +90,7 @@ def test_no_port_skips_the_rest(verb):
 
 def test_no_imu(verb, change_backend):
     change_backend(lambda backend: world_of(backend).nano.set_imu_fault("off"))
-    done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
+    done = verb("doctor", "--url", MOCK_URL, "--json", "--seconds", 1)
     assert verdicts(done)["imu"] == "fail"
     assert done.json["verdict"] == "fail"
 
@@ -102,23 +101,23 @@ def test_no_pca9685_still_looks_at_the_rest(verb, change_backend):
         backend.bus.nack = 10**9
 
     change_backend(remove_bus)
-    found = verdicts(verb("doctor", "--url", MOCK, "--json", "--seconds", 1))
+    found = verdicts(verb("doctor", "--url", MOCK_URL, "--json", "--seconds", 1))
     assert found["bus"] == "fail"
     assert found["imu"] == "ok"
     assert found["rate"] == "ok"
 
 
 def test_a_bad_line_is_detected_in_the_losses(verb):
-    found = verdicts(verb("doctor", "--url", MOCK + "&ber=3e-4", "--json", "--seconds", 1))
+    found = verdicts(verb("doctor", "--url", MOCK_URL + "&ber=3e-4", "--json", "--seconds", 1))
     assert found["losses"] in ("warn", "fail")
     assert found["port"] == "ok"
 
 
 def test_without_a_bus_the_car_is_not_reported_as_able_to_drive(verb, change_backend):
     change_backend(lambda backend: dataclasses.replace(backend, bus=None))
-    done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
+    done = verb("doctor", "--url", MOCK_URL, "--json", "--seconds", 1)
     assert verdicts(done)["bus"] == verdicts(done)["arming"] == "warn"
-    plain = verb("doctor", "--url", MOCK, "--seconds", 1)
+    plain = verb("doctor", "--url", MOCK_URL, "--seconds", 1)
     assert "not ready to drive" in plain.out
 
 
@@ -135,7 +134,7 @@ def test_what_arm_would_refuse_is_reported(verb, change_backend):
         return dataclasses.replace(backend, car_toml="\n".join(kept))
 
     change_backend(remove_oscillator)
-    done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
+    done = verb("doctor", "--url", MOCK_URL, "--json", "--seconds", 1)
     assert verdicts(done)["pwm"] == verdicts(done)["arming"] == "warn"
     arming = next(c for c in done.json["checks"] if c["id"] == "arming")
     assert "PWM_CLOCK_UNCALIBRATED" in arming["found"]
@@ -149,7 +148,7 @@ def test_turning_wheels_are_no_fault(verb, change_backend):
         nano.set_wheel = lambda rate: None
 
     change_backend(turn_wheel)
-    done = verb("doctor", "--url", MOCK, "--json", "--seconds", 1)
+    done = verb("doctor", "--url", MOCK_URL, "--json", "--seconds", 1)
     encoder = next(c for c in done.json["checks"] if c["id"] == "encoder")
     assert encoder["verdict"] == "ok"
     assert not encoder["found"].startswith("0 edges")
@@ -157,7 +156,7 @@ def test_turning_wheels_are_no_fault(verb, change_backend):
 
 def test_an_unknown_car_is_a_file_that_is_missing(verb, change_backend):
     change_backend(lambda backend: dataclasses.replace(backend, car_toml=None, car=None))
-    done = verb("doctor", "--url", MOCK, "--car", "nobody", "--json", "--seconds", 1)
+    done = verb("doctor", "--url", MOCK_URL, "--car", "nobody", "--json", "--seconds", 1)
     assert verdicts(done)["files"] == "fail"
 
 
@@ -168,7 +167,7 @@ def commands_of(done) -> dict[str, str]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("url", [MOCK, "sim://?seed=7&nano=mock"])
+@pytest.mark.parametrize("url", [MOCK_URL, "sim://?seed=7&nano=mock"])
 @pytest.mark.parametrize("where", [(), ("--cars", "my cars")])
 def test_printed_remedy_clears_its_warning(verb, url, where):
     doctor = ("doctor", "--url", url, "--json", "--seconds", 1, *where)

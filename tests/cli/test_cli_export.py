@@ -7,13 +7,14 @@ import sys
 
 import pytest
 
+from tests.common import MOCK_7_URL
+
 pytestmark = pytest.mark.usefixtures("armed_esc")
-MOCK = "sim://?seed=7&nano=mock"
 
 
 @pytest.fixture
 def run(verb, tmp_path):
-    verb("record", "--url", MOCK, "--duration", 0.3, "--out", tmp_path / "run.mcap")
+    verb("record", "--url", MOCK_7_URL, "--duration", 0.3, "--out", tmp_path / "run.mcap")
     return tmp_path / "run.mcap"
 
 
@@ -65,7 +66,7 @@ def test_a_bag_of_ros_2_and_a_data_set_of_two_runs(verb, tmp_path):
     script = tmp_path / "bend.py"
     script.write_text("def control(state):\n    return 0.1, 0.2\n")
     run = tmp_path / "drive.mcap"
-    verb("drive", script, "--url", MOCK, "--duration", 1, "--record", run)
+    verb("drive", script, "--url", MOCK_7_URL, "--duration", 1, "--record", run)
     result = verb("export", "ros2", run, "--out", tmp_path / "bag", "--json").json
     assert result["messages"] > 300
     assert (tmp_path / "bag" / "metadata.yaml").is_file()

@@ -24,10 +24,10 @@ def free_port():
         return probe.getsockname()[1]
 
 
-KEY = "4f7c" * 16
+KEY_TEXT = "4f7c" * 16
 
 
-class Driven:
+class FleetCar:
     """An emulated car that drives in a thread, no faster than real time, in a room over UDP.
 
     It waits for its program: a busy computer makes it slow and trips nothing.
@@ -83,7 +83,7 @@ def run_verb(capsys, *args):
 
 @pytest.mark.realtime
 def test_a_car_is_listed(capsys):
-    with Driven(arm=False) as driven:
+    with FleetCar(arm=False) as driven:
         code, result = run_verb(capsys, "fleet", "--room", driven.room, "--json")
     assert code == 0
     (car,) = result["cars"]
@@ -93,13 +93,13 @@ def test_a_car_is_listed(capsys):
 
 @pytest.mark.realtime
 @pytest.mark.slow
-@pytest.mark.parametrize("key", [None, KEY], ids=["no key", "key"])
+@pytest.mark.parametrize("key", [None, KEY_TEXT], ids=["no key", "key"])
 def test_one_command_stops_it_at_the_pin(capsys, tmp_path, key):
     options = []
     if key is not None:
         (tmp_path / "room.key").write_text(key)
         options = ["--room-key", str(tmp_path / "room.key")]
-    with Driven(arm=True, key=None if key is None else tmp_path / "room.key") as driven:
+    with FleetCar(arm=True, key=None if key is None else tmp_path / "room.key") as driven:
         time.sleep(0.5)
         before = driven.world.t
         assert driven.last_driving() > before - 0.1, "control: it drives, and the pin is observed"
@@ -116,7 +116,7 @@ def test_one_command_stops_it_at_the_pin(capsys, tmp_path, key):
 @pytest.mark.realtime
 @pytest.mark.slow
 def test_a_watch_ends_by_itself_and_names_who_was_there(capsys):
-    with Driven(arm=False) as driven:
+    with FleetCar(arm=False) as driven:
         _, result = run_verb(capsys, "fleet", "watch", "--room", driven.room, "--duration", "0.8",
                            "--json")
     assert [car["name"] for car in result["cars"]] == ["red"]
@@ -158,7 +158,7 @@ def test_without_a_key_it_is_stated_what_others_can_do(capsys, monkeypatch, tmp_
     with pytest.raises(SystemExit):
         main(["fleet", "--room", room])
     assert "keep a watched car driving" in capsys.readouterr().err
-    (tmp_path / "room.key").write_text(KEY)
+    (tmp_path / "room.key").write_text(KEY_TEXT)
     with pytest.raises(SystemExit):
         main(["fleet", "--room", room, "--room-key", str(tmp_path / "room.key")])
     assert "without a key" not in capsys.readouterr().err
@@ -176,7 +176,7 @@ def test_a_key_that_is_missing_ends_the_verb(capsys, tmp_path):
 def test_a_car_with_a_key_is_named_to_a_watcher_without(capsys):
     from dart_hal.fleet.key import RoomKey
 
-    with Driven(arm=False, key=RoomKey(KEY.encode()), answers=False) as driven:
+    with FleetCar(arm=False, key=RoomKey(KEY_TEXT.encode()), answers=False) as driven:
         code, result = run_verb(capsys, "fleet", "--room", driven.room, "--json")
     assert (code, result["cars"]) == (1, [])
     assert "signed" in result["ignored"]["red"]

@@ -6,7 +6,8 @@ import socket
 
 import pytest
 
-MOCK = "sim://?seed=7&nano=mock"
+from tests.common import MOCK_7_URL
+
 pytestmark = pytest.mark.realtime
 
 
@@ -24,13 +25,14 @@ def test_a_port_in_use_is_refused_before_the_car_is_armed(verb, tmp_path):
         taken.bind(("localhost", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        error = verb("drive", script, "--url", MOCK, "--foxglove", "--port", port, "--json").error
+        error = verb("drive", script, "--url", MOCK_7_URL, "--foxglove", "--port", port,
+                     "--json").error
     assert error["what"] == f"port {port} cannot be served"
     assert "in use" in error["found"]
 
 
 def test_it_names_where_to_look(verb, tmp_path, free_port):
-    output = verb("record", "--url", MOCK, "--duration", 0.3, "--out", tmp_path / "run.mcap",
+    output = verb("record", "--url", MOCK_7_URL, "--duration", 0.3, "--out", tmp_path / "run.mcap",
                   "--foxglove", "--port", free_port)
     assert f"ws://localhost:{free_port}" in output.err
     assert "layout.json" in output.err

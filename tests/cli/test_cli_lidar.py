@@ -12,9 +12,9 @@ import pytest
 
 from dart_hal.devices.lidar import port
 from dart_hal.devices.links import attached
+from tests.common import KINEMATIC_1_URL
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-URL = "sim://?nano=mock&physics=kinematic&seed=1"
 
 
 def find_check(ran):
@@ -23,21 +23,24 @@ def find_check(ran):
 
 @pytest.mark.slow
 def test_the_doctor_looks_at_it(verb):
-    good = find_check(verb("doctor", "--url", f"{URL}&lidar=1", "--seconds", 2, "--json"))
+    good = find_check(verb("doctor", "--url", f"{KINEMATIC_1_URL}&lidar=1", "--seconds", 2,
+                           "--json"))
     assert good["verdict"] == "ok"
     assert "revolutions, 7." in good["found"]
-    blind = find_check(verb("doctor", "--url", f"{URL}&lidar=gap=0.8", "--seconds", 2, "--json"))
+    blind = find_check(verb("doctor", "--url", f"{KINEMATIC_1_URL}&lidar=gap=0.8", "--seconds", 2,
+                            "--json"))
     assert blind["verdict"] == "warn"
     assert "nothing comes back from" in blind["found"]
     assert "lidar.md" in blind["try"]
 
 
 def test_a_car_without_a_lidar_is_not_queried(verb):
-    assert find_check(verb("doctor", "--url", URL, "--seconds", 1, "--json")) is None
+    assert find_check(verb("doctor", "--url", KINEMATIC_1_URL, "--seconds", 1, "--json")) is None
 
 
 def test_a_lidar_that_reports_nothing_is_a_warning(verb):
-    silent = find_check(verb("doctor", "--url", f"{URL}&lidar=lost=0.9", "--seconds", 1, "--json"))
+    silent = find_check(verb("doctor", "--url", f"{KINEMATIC_1_URL}&lidar=lost=0.9", "--seconds",
+                             1, "--json"))
     assert silent["verdict"] == "warn"
 
 
@@ -58,14 +61,14 @@ def test_its_adapter_is_known_by_its_bridge(verb, monkeypatch):
     ("serial:///dev/ttyUSB0?baud=0", "is not a line rate"),
     ("serial:///dev/ttyUSB0?speed=128000", "options of a lidar")])
 def test_a_lidar_that_cannot_be_is_named(verb, lidar, words):
-    error = verb("record", "--url", URL, "--lidar", lidar, "--json").error
+    error = verb("record", "--url", KINEMATIC_1_URL, "--lidar", lidar, "--json").error
     assert words in error["what"]
 
 
 @pytest.mark.parametrize("words", ["lane", "localize", "follow circle --speed 1 --odometry",
                                    "calibrate lidar", "calibrate all"])
 def test_every_verb_that_looks_through_it_names_it(verb, words):
-    error = verb(*words.split(), "--url", f"{URL}&lidar=1", "--lidar", "serial:///dev/null-and-void",
+    error = verb(*words.split(), "--url", f"{KINEMATIC_1_URL}&lidar=1", "--lidar", "serial:///dev/null-and-void",
                  "--json").error
     assert "null-and-void" in error["what"]
 
@@ -97,6 +100,6 @@ def babbler():
 def test_a_wrong_line_rate_is_named(verb, monkeypatch, babbler, words_of_verb):
     """As fast as it can a virtual car is done before more than a chunk has come."""
     monkeypatch.setattr(port, "MAX_LIDAR_SILENCE", 0.0)
-    error = verb(*words_of_verb, "--url", f"{URL}&lidar=1&pace=1", "--lidar",
+    error = verb(*words_of_verb, "--url", f"{KINEMATIC_1_URL}&lidar=1&pace=1", "--lidar",
                  f"serial://{babbler}?baud=115200", "--duration", 0.5, "--json")
     assert "at 115200 baud that are no packets" in error.err

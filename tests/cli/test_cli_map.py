@@ -10,20 +10,19 @@ import pytest
 from dart_hal.estimation.localisation.grid import read_grid
 from dart_lab.sim.lidar.maps import room_of
 from dart_lab.sim.world import THROTTLE_CHANNEL, World
+from tests.common import MAPPED_ROOM_URL, NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-URL = "sim://?seed=0&nano=mock&lidar=1&map=room"
-WAIVED = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED")
-NEUTRAL_US = 1500.0
-NEAR_US = 5.0
+WAIVE_OPTIONS = ("--waive", "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED")
 
 
 @pytest.mark.slow
 def test_a_room_is_driven_mapped_drawn_and_the_recording_localised_in_it(verb, tmp_path):
     out = tmp_path / "room.yaml"
     picture = tmp_path / "room.png"
-    done = verb("map", out, "--speed", 1, "--distance", 12, "--url", URL, "--plot", picture,
-                *WAIVED, "--json")
+    done = verb("map", out, "--speed", 1, "--distance", 12, "--url", MAPPED_ROOM_URL, "--plot",
+                picture,
+                *WAIVE_OPTIONS, "--json")
     assert done.code == 0, done.err
     assert done.json["ended"] == "12 m are driven"
     assert done.json["explained"] > 0.9
@@ -59,7 +58,7 @@ def run_and_interrupt(verb, monkeypatch, tmp_path):
                 signal.raise_signal(signal.SIGINT)
 
         def moving():
-            return sum(abs(us - NEUTRAL_US) > NEAR_US for us in before)
+            return sum(abs(us - NEUTRAL_US) > NEUTRAL_TOLERANCE_US for us in before)
 
         def make_watched_world(world, *args, **options):
             made(world, *args, **options)
@@ -68,7 +67,8 @@ def run_and_interrupt(verb, monkeypatch, tmp_path):
         monkeypatch.setattr(World, "__init__", make_watched_world)
         handler = signal.signal(signal.SIGINT, signal.default_int_handler)
         try:
-            done = verb("map", tmp_path / "room.yaml", "--speed", 0.6, "--url", URL, *WAIVED,
+            done = verb("map", tmp_path / "room.yaml", "--speed", 0.6, "--url", MAPPED_ROOM_URL,
+                        *WAIVE_OPTIONS,
                         "--json")
         finally:
             signal.signal(signal.SIGINT, handler)
@@ -84,8 +84,8 @@ def test_ctrl_c_stops_the_car_and_what_was_driven_is_mapped(run_and_interrupt, t
     assert done.json["ended"] == "stopped by Ctrl-C"
     assert read_grid(tmp_path / "room.yaml").occupied.sum() > 500
     assert max(before) > NEUTRAL_US + 20.0
-    assert all(abs(us - NEUTRAL_US) <= NEAR_US for us in after[2:])  # 40 ms
-    assert abs((before + after)[-1] - NEUTRAL_US) <= NEAR_US
+    assert all(abs(us - NEUTRAL_US) <= NEUTRAL_TOLERANCE_US for us in after[2:])  # 40 ms
+    assert abs((before + after)[-1] - NEUTRAL_US) <= NEUTRAL_TOLERANCE_US
 
 
 @pytest.mark.slow
@@ -95,13 +95,13 @@ def test_without_neutral_at_the_end_it_drives_on(run_and_interrupt, monkeypatch)
     monkeypatch.setattr("dart_hal.devices.actuation.chain.Actuator.stop",
                         lambda actuator: actuator.applied)
     _, before, after = run_and_interrupt()
-    assert abs((before + after)[-1] - NEUTRAL_US) > NEAR_US
+    assert abs((before + after)[-1] - NEUTRAL_US) > NEUTRAL_TOLERANCE_US
 
 
 @pytest.mark.slow
 def test_a_lidar_upside_down_stops_the_drive_and_makes_no_map(verb, tmp_path):
     done = verb("map", tmp_path / "room.yaml", "--speed", 0.6, "--distance", 20, "--url",
-                URL.replace("lidar=1", "lidar=clockwise=0"), *WAIVED)
+                MAPPED_ROOM_URL.replace("lidar=1", "lidar=clockwise=0"), *WAIVE_OPTIONS)
     assert done.code == 2
     assert "the scans turn against the gyro" in done.err
     assert not (tmp_path / "room.yaml").exists()

@@ -12,7 +12,7 @@ from dart_hal.cli.common import outputs
 from dart_hal.cli.main import list_verbs, load_command
 from dart_hal.core import figures
 
-NAMES = re.compile(r"--(out|out-model|plot|html|record|csv)$")
+OUTPUT_OPTION = re.compile(r"--(out|out-model|plot|html|record|csv)$")
 CHECKED = (outputs.OutputFile, outputs.PlotFolder, outputs.PlotFileOrFolder)
 ELSEWHERE = {("export", "out"), ("demo", "out"), ("fetch", "out")}
 """Outputs whose kind another argument decides; checked first in the verb."""
@@ -21,19 +21,20 @@ ELSEWHERE = {("export", "out"), ("demo", "out"), ("fetch", "out")}
 def options_of(command):
     """(verb, option) of a command and its sub-commands."""
     for option in command.params:
-        if isinstance(option, click.Option) and any(NAMES.match(name) for name in option.opts):
+        if isinstance(option,
+                      click.Option) and any(OUTPUT_OPTION.match(name) for name in option.opts):
             yield command.name, option
     for inner in getattr(command, "commands", {}).values():
         yield from options_of(inner)
 
 
-ALL = [pair for verb in list_verbs()
-       for pair in options_of(load_command(verb))]
+OUTPUT_PAIRS = [pair for verb in list_verbs()
+                for pair in options_of(load_command(verb))]
 
 
 def test_every_output_option_is_checked_by_its_type():
-    assert len(ALL) > 25
-    loose = [f"{verb} {option.opts[0]}" for verb, option in ALL
+    assert len(OUTPUT_PAIRS) > 25
+    loose = [f"{verb} {option.opts[0]}" for verb, option in OUTPUT_PAIRS
              if not isinstance(option.type, CHECKED) and not option.is_flag
              and (verb, option.name) not in ELSEWHERE]
     assert loose == []
@@ -51,12 +52,12 @@ def still(monkeypatch):
     monkeypatch.setattr("dart_hal.car.Car.open", refuse_to_open)
 
 
-DRIVES = [("calibrate", "steering", "--yes"), ("calibrate", "throttle", "--yes"),
-          ("follow", "oval", "--speed", 1), ("experiment", "laps", "--yes"),
-          ("lane", "--speed", 1)]
+DRIVING_VERBS = [("calibrate", "steering", "--yes"), ("calibrate", "throttle", "--yes"),
+                 ("follow", "oval", "--speed", 1), ("experiment", "laps", "--yes"),
+                 ("lane", "--speed", 1)]
 
 
-@pytest.mark.parametrize("verb_line", DRIVES)
+@pytest.mark.parametrize("verb_line", DRIVING_VERBS)
 @pytest.mark.parametrize(("plot", "code"), [
     ("out/", "D-USE-01"), ("x.gif", "D-USE-01"), ("x", "D-USE-01"),
     ("file.txt/x.png", "D-FILE-04")])

@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from dart_hal.recording.run import RunReader
-
-URL = "sim://?nano=mock&physics=kinematic"
+from tests.common import KINEMATIC_URL
 
 
 @pytest.fixture
@@ -18,7 +17,8 @@ def poses(tmp_path):
 
 def test_a_recorded_run_keeps_them(verb, poses, tmp_path):
     out = tmp_path / "run.mcap"
-    assert verb("record", "--url", URL, "--poses", poses, "--duration", 0.5, "--out", out).code == 0
+    assert verb("record", "--url", KINEMATIC_URL, "--poses", poses, "--duration", 0.5, "--out",
+                out).code == 0
     assert {(p.x, p.y, p.yaw) for p in RunReader(out).poses()} == {(1.0, 2.0, 0.5)}
 
 
@@ -27,14 +27,15 @@ def test_a_driven_run_keeps_them(verb, poses, tmp_path):
     out = tmp_path / "run.mcap"
     script = tmp_path / "drive.py"
     script.write_text("def control(state):\n    return 0.0, 0.1 * state.external.age\n")
-    ran = verb("drive", script, "--url", URL, "--poses", poses, "--duration", 0.3, "--record", out,
+    ran = verb("drive", script, "--url", KINEMATIC_URL, "--poses", poses, "--duration", 0.3,
+               "--record", out,
                "--waive", "CALIBRATION_MISSING")
     assert ran.code == 0, ran.err
     assert len(list(RunReader(out).poses())) > 20
 
 
 def test_top_shows_where_the_car_is(verb, poses):
-    ran = verb("top", "--url", URL, "--poses", poses, "--duration", 0.3)
+    ran = verb("top", "--url", KINEMATIC_URL, "--poses", poses, "--duration", 0.3)
     assert "TRACKING" in ran.out + ran.err
 
 
@@ -44,7 +45,7 @@ def find_check(ran):
 
 @pytest.mark.slow
 def test_the_doctor_looks_at_them(verb, poses):
-    ran = ("doctor", "--url", URL, "--seconds", 1, "--json")
+    ran = ("doctor", "--url", KINEMATIC_URL, "--seconds", 1, "--json")
     good = find_check(verb(*ran, "--poses", poses))
     assert good["verdict"] == "ok"
     assert "frames, TRACKING, x +1.00 m y +2.00 m" in good["found"]

@@ -14,8 +14,8 @@ from dart_hal.cli import flash
 from dart_hal.cli.main import main
 from dart_hal.core.config import load_car
 from dart_hal.core.errors import ConfigError
+from tests.common import MOCK_URL
 
-MOCK = "sim://?nano=mock"
 CALIBRATION = 'schema = "dart-hal/calibration/1"\ncar = "{car}"\n[steering.map]\n' \
               "pulse_us = {pulse}\nangle_rad = {angle}\nstd_rad = [0.01, 0.01, 0.01]\n{more}\n"
 
@@ -32,13 +32,13 @@ CALIBRATION = 'schema = "dart-hal/calibration/1"\ncar = "{car}"\n[steering.map]\
     (("demo", "--url", "avr://default"), "D-USE-01"),
     (("replay",), "D-USE-01"), (("replay", "none.mcap"), "D-REC-01"),
     (("top", "--url", "hwgrep://("), "D-USE-01"),
-    (("calibrate", "steering", "--url", MOCK, "--yes", "--speeds", "nan", "0.3"), "D-USE-01"),
+    (("calibrate", "steering", "--url", MOCK_URL, "--yes", "--speeds", "nan", "0.3"), "D-USE-01"),
     (("top", "--url", "nope://x"), "D-LINK-01"), (("doctor", "--url", "nope://x"), "D-LINK-01"),
     (("doctor", "--url", "sim://?nano=9"), "D-USE-01"),
     (("record", "--url", "serial:///dev/ttyNONE"), "D-LINK-02"),
     (("calibrate", "steering", "--url", "serial:///dev/ttyNONE"), "D-LINK-02"),
     (("record", "--url", "replay://none.mcap"), "D-REC-01"),
-    (("record", "--url", MOCK, "--out", "/proc/none/run.mcap"), "D-FILE-04"),
+    (("record", "--url", MOCK_URL, "--out", "/proc/none/run.mcap"), "D-FILE-04"),
     (("replay", "/proc/self/mem"), "D-REC-01"),
 ])
 def test_a_request_that_cannot_work(verb, args, code):
@@ -67,11 +67,11 @@ def test_a_broken_calibration_names_the_file(verb, tmp_path, text, code):
     folder.mkdir(parents=True)
     (folder / "calibration.toml").write_text(text)
     for command in ("record", "top"):
-        error = verb(command, "--url", MOCK, "--cars", tmp_path / "cars", "--duration", 0.1,
+        error = verb(command, "--url", MOCK_URL, "--cars", tmp_path / "cars", "--duration", 0.1,
                      "--json").error
         assert error["code"] == code
         assert "calibration.toml" in error["what"]
-    checks = verb("doctor", "--url", MOCK, "--cars", tmp_path / "cars", "--json")
+    checks = verb("doctor", "--url", MOCK_URL, "--cars", tmp_path / "cars", "--json")
     assert checks.code == 1
     assert {c["id"]: c["verdict"] for c in checks.json["checks"]}["files"] == "fail"
 
@@ -80,7 +80,7 @@ def test_a_calibration_that_is_no_text(verb, tmp_path):
     folder = tmp_path / "cars" / "sim-0"
     folder.mkdir(parents=True)
     (folder / "calibration.toml").write_bytes(b"\xff\xfe\x00")
-    assert verb("record", "--url", MOCK, "--cars", tmp_path / "cars",
+    assert verb("record", "--url", MOCK_URL, "--cars", tmp_path / "cars",
                 "--json").error["code"] == "D-FILE-01"
 
 
@@ -107,7 +107,7 @@ def test_a_broken_car_file_names_the_file(tmp_path, text):
 def test_a_mistake_in_a_script_is_named_by_its_line(verb, tmp_path, text, line):
     script = tmp_path / "mine.py"
     script.write_text(text)
-    error = verb("drive", script, "--url", MOCK, "--json").error
+    error = verb("drive", script, "--url", MOCK_URL, "--json").error
     assert error["code"] == "D-USE-02"
     assert line in error["found"]
 
@@ -115,7 +115,7 @@ def test_a_mistake_in_a_script_is_named_by_its_line(verb, tmp_path, text, line):
 def test_a_program_of_its_own_is_not_run_by_drive(verb, tmp_path):
     script = tmp_path / "mine.py"
     script.write_text("import pathlib\npathlib.Path('moved').touch()\n")
-    error = verb("drive", script, "--url", MOCK, "--json").error
+    error = verb("drive", script, "--url", MOCK_URL, "--json").error
     assert error["try"].endswith(f"python {script}")
     assert not (tmp_path / "moved").exists()
     assert not Path("moved").exists()
@@ -125,7 +125,7 @@ def test_a_recording_or_a_desk_is_not_driven(verb, tmp_path):
     script = tmp_path / "mine.py"
     script.write_text("def control(state):\n    return 0.0, 0.0\n")
     run = tmp_path / "run.mcap"
-    verb("record", "--url", MOCK, "--duration", 1, "--out", run)
+    verb("record", "--url", MOCK_URL, "--duration", 1, "--out", run)
     error = verb("drive", script, "--url", f"replay://{run}", "--json").error
     assert "has no actuators" in error["what"]
 
@@ -133,7 +133,7 @@ def test_a_recording_or_a_desk_is_not_driven(verb, tmp_path):
 def test_a_new_recording_keeps_the_old_one(verb, tmp_path):
     run = tmp_path / "run.mcap"
     for _ in range(3):
-        verb("record", "--url", MOCK, "--duration", 1, "--out", run)
+        verb("record", "--url", MOCK_URL, "--duration", 1, "--out", run)
     names = sorted(p.name for p in tmp_path.glob("*.mcap"))
     assert names == ["run.1.mcap", "run.2.mcap", "run.mcap"]
 
@@ -144,8 +144,8 @@ def test_a_misspelt_verb_names_the_nearest(verb):
 
 @pytest.mark.parametrize(("arguments", "suggestion"), [
     (("evaluate", "--model", "papr", "run.csv"), "paper"),
-    (("sim", "--reveal", "--url", MOCK + "&effect=steering_comp:1"), "steering_compliance"),
-    (("follow", "savoyardo", "--speed", 1, "--url", MOCK), "savoiardo"),
+    (("sim", "--reveal", "--url", MOCK_URL + "&effect=steering_comp:1"), "steering_compliance"),
+    (("follow", "savoyardo", "--speed", 1, "--url", MOCK_URL), "savoiardo"),
     (("evaluate", "--car", "drat-01", "run.csv"), "--car dart-01"),
 ])
 def test_a_misspelt_model_effect_track_or_car_names_the_nearest(verb, monkeypatch, arguments,
@@ -157,14 +157,14 @@ def test_a_misspelt_model_effect_track_or_car_names_the_nearest(verb, monkeypatc
 def test_a_script_without_control_lists_what_it_has(verb, tmp_path):
     script = tmp_path / "mine.py"
     script.write_text("def steer(state):\n    pass\n")
-    error = verb("drive", script, "--url", MOCK, "--json").error
+    error = verb("drive", script, "--url", MOCK_URL, "--json").error
     assert "steer" in error["found"]
 
 
 def test_a_command_that_is_no_number_ends_the_drive(verb, tmp_path):
     script = tmp_path / "mine.py"
     script.write_text("def control(state):\n    return float('nan'), 0.2\n")
-    assert verb("drive", script, "--url", MOCK, "--json").error["code"] == "D-CMD-01"
+    assert verb("drive", script, "--url", MOCK_URL, "--json").error["code"] == "D-CMD-01"
 
 
 def test_a_mistake_of_ours_is_one_sentence(verb, monkeypatch):
@@ -172,7 +172,7 @@ def test_a_mistake_of_ours_is_one_sentence(verb, monkeypatch):
         raise KeyError("a mistake of ours")
 
     monkeypatch.setattr("dart_lab.cli.sim.reveal_url", broken)
-    error = verb("sim", "--reveal", "--url", MOCK, "--json").error
+    error = verb("sim", "--reveal", "--url", MOCK_URL, "--json").error
     assert error["code"] == "D-BUG-01"
     assert "line" in error["found"]
 
@@ -181,7 +181,7 @@ def test_a_full_disk_is_one_sentence(verb, tmp_path):
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, limits[1]))
     try:
-        error = verb("record", "--url", MOCK, "--duration", 1, "--out", tmp_path / "run.mcap",
+        error = verb("record", "--url", MOCK_URL, "--duration", 1, "--out", tmp_path / "run.mcap",
                      "--json").error
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
@@ -341,7 +341,7 @@ def test_ctrl_c_is_130_and_one_word(capsys, monkeypatch):
 
     monkeypatch.setattr("dart_lab.cli.sim.reveal_url", interrupt)
     with pytest.raises(SystemExit) as left:
-        main(["sim", "--reveal", "--url", MOCK])
+        main(["sim", "--reveal", "--url", MOCK_URL])
     assert left.value.code == 130
     captured = capsys.readouterr()
     assert "stopped" in captured.err
@@ -356,7 +356,7 @@ def test_ctrl_c_is_130_and_one_word(capsys, monkeypatch):
 def test_a_script_cannot_spoil_the_one_json_object(verb, tmp_path, text, code):
     script = tmp_path / "mine.py"
     script.write_text(text)
-    done = verb("drive", script, "--url", MOCK, "--duration", 1, "--json")
+    done = verb("drive", script, "--url", MOCK_URL, "--duration", 1, "--json")
     if code:
         assert done.error["code"] == code
     else:
@@ -376,14 +376,15 @@ def test_numbers_that_are_none_and_options_given_twice(verb, args):
 def test_the_bus_socket_takes_no_file_of_the_user(verb, tmp_path):
     precious = tmp_path / "precious.txt"
     precious.write_text("mine")
-    error = verb("sim", "--url", MOCK, "--pty", "--bus", precious, "--json").error
+    error = verb("sim", "--url", MOCK_URL, "--pty", "--bus", precious, "--json").error
     assert "not a socket" in error["what"]
     assert precious.read_text() == "mine"
 
 
 @pytest.mark.parametrize(("args", "what", "remedy"), [
     (("doctor", "--url", ""), "URL of the car is empty", "leave it out"),
-    (("record", "--url", MOCK, "--out", "x.csv"), "x.csv: a recording is an MCAP file", "export"),
+    (("record", "--url", MOCK_URL, "--out", "x.csv"), "x.csv: a recording is an MCAP file",
+     "export"),
     (("flash", "IMAGE", "--avrdude", "true", "--port", "/dev/null"), "is no serial port", "ttyUSB"),
     (("record", "--url", "sim://?sed=1"), "has no option sed", "seed= for sed="),
     (("record", "--url", "sim://?seed=-1"), "seed=-1 is no seed", "docs/reference/urls.md"),

@@ -15,8 +15,7 @@ from dart_hal.core.config.calibration import Calibration
 from dart_hal.core.config.history import calibration_changes, list_versions
 from dart_hal.core.config.quantity import Quantity
 from dart_lab.pages import report_page
-
-CAR = "sim://?seed=3&nano=mock"
+from tests.common import MOCK_3_URL
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +24,7 @@ def driven(tmp_path_factory):
     folder = tmp_path_factory.mktemp("driven")
     for name, throttle, age in (("stands", 0.0, 100), ("drives", 0.25, 50)):
         path = folder / f"{name}.mcap"
-        with Car.open(CAR, record=path) as car:
+        with Car.open(MOCK_3_URL, record=path) as car:
             car.arm()
             for _ in car.states(duration=2.0):
                 car.drive(throttle=throttle)
@@ -112,7 +111,7 @@ def test_what_moved_within_its_error_does_not(home, verb):
 @pytest.mark.slow
 def test_a_run_that_lost_frames_is_highlighted(tmp_path, verb, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with Car.open(CAR, record=tmp_path / "noisy.mcap") as car:
+    with Car.open(MOCK_3_URL, record=tmp_path / "noisy.mcap") as car:
         car.on_bytes(lambda way, data, t: b"" if way == "rx" and 1.0 < t % 2.0 < 1.1 else data)
         for _ in car.states(duration=3.0):
             pass

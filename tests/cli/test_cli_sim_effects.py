@@ -9,24 +9,24 @@ from dart_hal.vehicle import UPSTREAM_2024
 from dart_hal.vehicle.effects import add_effects, parse_effects
 from dart_hal.vehicle.load import model_of
 
-EFFECTS = "steering_lag:0.06,encoder_ring:missing=0.1"
+EFFECT_TEXT = "steering_lag:0.06,encoder_ring:missing=0.1"
 
 
 def test_reveal_lists_the_effects(verb):
-    shown = verb("sim", "--reveal", "--url", f"sim://?seed=2&effect={EFFECTS}", "--json").json
+    shown = verb("sim", "--reveal", "--url", f"sim://?seed=2&effect={EFFECT_TEXT}", "--json").json
     assert shown["effects"] == [
         {"name": "steering_lag", "parameters": {"k": {"value": 0.06, "unit": "s"}}},
         {"name": "encoder_ring", "parameters": {
             "missing": {"value": 0.1, "unit": "turn"}, "uneven": {"value": 0.0, "unit": "relative"},
             "phase": {"value": 0.0, "unit": "turn"}}}]
-    output = verb("sim", "--reveal", "--url", f"sim://?effect={EFFECTS}")
+    output = verb("sim", "--reveal", "--url", f"sim://?effect={EFFECT_TEXT}")
     assert "steering_lag.k" in output.out
     assert verb("sim", "--reveal", "--url", "sim://?seed=2", "--json").json["effects"] == []
 
 
 def test_a_model_file_is_the_car(verb, tmp_path):
     path = tmp_path / "of me & you.toml"                # what a URL has to quote
-    save_model(model_of(add_effects(UPSTREAM_2024, parse_effects(EFFECTS))), path)
+    save_model(model_of(add_effects(UPSTREAM_2024, parse_effects(EFFECT_TEXT))), path)
     shown = verb("sim", "--reveal", "--vehicle", path, "--json").json
     assert [e["name"] for e in shown["effects"]] == ["steering_lag", "encoder_ring"]
     assert shown["vehicle"]["name"] == UPSTREAM_2024.name

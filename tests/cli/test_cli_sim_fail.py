@@ -6,8 +6,7 @@ import pytest
 
 from dart_lab.cli import sim
 from dart_lab.sim.truth import world_of
-
-MOCK = "sim://?nano=mock"
+from tests.common import MOCK_URL
 
 
 @pytest.fixture
@@ -21,7 +20,7 @@ def capture_backend(monkeypatch):
 
 
 def test_failures_reach_the_car(verb, capture_backend):
-    done = verb("sim", "--pty", "--url", MOCK, "--fail", "mcu:brownout@0.2s",
+    done = verb("sim", "--pty", "--url", MOCK_URL, "--fail", "mcu:brownout@0.2s",
                 "--fail", "power:droop=4.5@0.1s+0.2s")
     assert done.code == 0
     (backend,) = capture_backend
@@ -34,7 +33,7 @@ def test_failures_reach_the_car(verb, capture_backend):
 
 @pytest.mark.parametrize("text", ["imu:sulking@3s", "imu:stuck", "enc:wrong=2@1"])
 def test_a_wrong_failure_is_refused_before_anything_starts(verb, capture_backend, text):
-    error = verb("sim", "--pty", "--url", MOCK, "--fail", text, "--json").error
+    error = verb("sim", "--pty", "--url", MOCK_URL, "--fail", text, "--json").error
     assert "USE" in error["code"]
     assert not capture_backend
 
@@ -46,6 +45,6 @@ def test_the_refusal_lists_what_exists(verb):
 
 
 def test_failures_in_the_url_and_by_option_are_one_too_many(verb, capture_backend):
-    error = verb("sim", "--pty", "--url", MOCK + "&fail=imu:off@1", "--fail", "imu:stuck@2",
+    error = verb("sim", "--pty", "--url", MOCK_URL + "&fail=imu:off@1", "--fail", "imu:stuck@2",
                  "--json").error
     assert "twice" in error["what"]

@@ -10,11 +10,10 @@ from dart_hal.core.config import load_model
 from dart_hal.core.config.folders import load_car
 from dart_hal.vehicle.load import find_model
 from dart_hal.vehicle.sizes import body_of, set_sizes
+from tests.common import ROOT
 from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
 
-ROOT = Path(__file__).resolve().parents[2]
-
-LONG = {"wheelbase": 0.2, "l_f": 0.1, "l_r": 0.1, "mass": 2.0, "yaw_inertia": 0.01}
+LONG_CAR = {"wheelbase": 0.2, "l_f": 0.1, "l_r": 0.1, "mass": 2.0, "yaw_inertia": 0.01}
 PUBLISHED = (ROOT / "tests" / "recorded" / "data" / "91_free_driving_16_sept_2024"
              / "car_1_Datarecording_09_16_2024_10_01_01.csv.gz")
 
@@ -33,7 +32,7 @@ def cars(tmp_path) -> Path:
     lines = []
     for line in text.splitlines():
         key = line.partition("=")[0].strip()
-        line = f"{key} = {LONG[key]}" if key in LONG else line
+        line = f"{key} = {LONG_CAR[key]}" if key in LONG_CAR else line
         lines.append('name = "long"' if key == "name" else line)
     folder = tmp_path / "cars" / "long"
     folder.mkdir(parents=True)
@@ -42,7 +41,7 @@ def cars(tmp_path) -> Path:
 
 
 def sizes_of(answer: dict) -> dict:
-    return {key: answer["sizes"][key] for key in LONG}
+    return {key: answer["sizes"][key] for key in LONG_CAR}
 
 
 @pytest.mark.parametrize("how", ["option", "environment", "folder of --out"])
@@ -58,11 +57,11 @@ def test_identify_writes_the_sizes_of_the_named_car(verb, own_recording, cars, m
     else:
         out = cars / "long" / "model.toml"
     ran = verb("identify", "steering", "--json", own_recording, "--out", out, *more)
-    assert sizes_of(ran.json) == LONG
+    assert sizes_of(ran.json) == LONG_CAR
     assert not ran.json["sizes"]["assumed"]
     assert "assumed" not in ran.err
     model = load_model(out)
-    assert {key: model.body[key] for key in LONG} == LONG
+    assert {key: model.body[key] for key in LONG_CAR} == LONG_CAR
     assert model.provenance["sizes"].startswith("car long")
 
 
@@ -92,14 +91,14 @@ def test_nothing_is_assumed_of_a_published_recording(verb):
 
 def test_evaluate_and_diagnose_take_the_sizes_of_the_named_car(verb, own_recording, cars):
     named = ("--car", "long", "--cars", cars)
-    assert sizes_of(verb("evaluate", "--json", *named, own_recording).json) == LONG
+    assert sizes_of(verb("evaluate", "--json", *named, own_recording).json) == LONG_CAR
 
 
 @pytest.mark.slow
 def test_diagnose_takes_the_sizes_of_the_named_car(verb, own_recording, cars):
     named = ("--car", "long", "--cars", cars)
     found = verb("diagnose", "--json", "--train", own_recording, *named, "--max-causes", "0").json
-    assert sizes_of(found) == LONG
+    assert sizes_of(found) == LONG_CAR
 
 
 @pytest.mark.slow

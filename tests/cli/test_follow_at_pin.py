@@ -17,10 +17,10 @@ from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import THROTTLE_CHANNEL
 
-LONG = Path([(15.0, 0.0)], closed=False)
+LONG_PATH = Path([(15.0, 0.0)], closed=False)
 pytestmark = pytest.mark.usefixtures("armed_esc")
-LOST_AT = 3.0
-SLOWS = 1.0
+POSES_LOST_S = 3.0
+SLOW_SPEED_MS = 1.0
 """s of the world at which the last pose comes; s in which a car of 1 m/s has slowed down."""
 
 
@@ -49,7 +49,7 @@ class Until:
         self._source.close()
 
 
-def driven(seconds=None, downhill=False, until=60.0, blocked=False, lost_at=LOST_AT):
+def driven(seconds=None, downhill=False, until=60.0, blocked=False, lost_at=POSES_LOST_S):
     """(follower, ESC's neutral [us], pulses (n, 2): t [s], us) of a drive whose poses end.
 
     Raises NeverEnds where it goes on at ``until`` s of the world.
@@ -65,7 +65,8 @@ def driven(seconds=None, downhill=False, until=60.0, blocked=False, lost_at=LOST
     world.watchers.append(lambda channel, pulse: channel == THROTTLE_CHANNEL and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     with Car.over(backend, poses=Until(backend.poses, lost_at)) as car:
-        follower = make_follower(car, LONG, 1.0, "lqr", Rules(here=True, duration=seconds or 30.0),
+        follower = make_follower(car, LONG_PATH, 1.0, "lqr",
+                                 Rules(here=True, duration=seconds or 30.0),
                                  None)
         follow(car, follower, ())
         car.stop()
@@ -81,11 +82,11 @@ def test_the_pin_slows_down_with_the_pose_and_stays_at_neutral():
     assert follower.phase is Phase.ENDED
     assert "the pose was lost" in follower.why
     first = t[np.argmax(us > neutral + 5.0)]
-    assert 0.5 < first < LOST_AT - 1.0
+    assert 0.5 < first < POSES_LOST_S - 1.0
     assert np.abs(us[t < first] - neutral).max() < 5.0  # while it waits and arms
-    late = t > LOST_AT + MAX_POSE_GAP + 0.05
+    late = t > POSES_LOST_S + MAX_POSE_GAP + 0.05
     assert us[late].max() <= us[(t > first) & ~late].max()
-    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() < neutral + 5.0
+    assert us[t > POSES_LOST_S + MAX_POSE_GAP + SLOW_SPEED_MS].max() < neutral + 5.0
     assert us[-5:] == pytest.approx(neutral, abs=5.0)  # one count of the PCA9685
 
 
@@ -151,4 +152,4 @@ def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
     monkeypatch.setattr(rules, "MAX_POSE_GAP", 1e9)
     _, neutral, pulses = driven(seconds=7.0)
     t, us = pulses.T
-    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() > neutral + 20.0
+    assert us[t > POSES_LOST_S + MAX_POSE_GAP + SLOW_SPEED_MS].max() > neutral + 20.0

@@ -15,9 +15,10 @@ from dart_hal.estimation.localisation.field import map_of_lines
 from dart_hal.estimation.localisation.source import LidarPoses
 from dart_lab.sim.truth import room_of_car, world_of
 from dart_lab.sim.world import THROTTLE_CHANNEL
-from tests.cli.test_localize_at_pin import WAIVED, Wrong
+from tests.cli.test_localize_at_pin import Wrong
+from tests.common import WAIVED_GATES
 
-RING = Path([(2.0 * np.pi * 0.8, 1.0 / 0.8)], closed=True)
+RING_PATH = Path([(2.0 * np.pi * 0.8, 1.0 / 0.8)], closed=True)
 LOST_AT = 5.0
 SLOWS = 0.8
 SCAN = 0.2
@@ -37,9 +38,10 @@ def driven(silent, until=LOST_AT + 9.0):
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     backend.lidar = Wrong(backend.lidar, LOST_AT, silent=silent)
     with Car.over(backend, poses=LidarPoses(map_of_lines(room.lines), room.start)) as car:
-        follower = make_follower(car, RING, 1.0, "lqr", Rules(here=True, laps=9, duration=until),
+        follower = make_follower(car, RING_PATH, 1.0, "lqr",
+                                 Rules(here=True, laps=9, duration=until),
                                  None)
-        follow(car, follower, WAIVED)
+        follow(car, follower, WAIVED_GATES)
         car.stop()
         neutral = car.files.config.throttle.neutral_us
         for _ in car.states(duration=0.3):

@@ -19,8 +19,8 @@ from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import THROTTLE_CHANNEL
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-LOST_AT = 3.0
-SLOWS = 0.8
+LANE_LOST_S = 3.0
+SLOW_SPEED = 0.8
 """s of the world from which on the lane is not shown; s in which a car of 1 m/s has slowed down,
 with the scan that was on its way."""
 
@@ -34,10 +34,10 @@ def blind(side):
     return change
 
 
-FAULTS = {"silent": (lambda scan: None, "the lidar is silent"),
-          "none": (blind(0), "no boards are visible"),
-          "right": (blind(1), "only the right board is visible"),
-          "left": (blind(-1), "only the left board is visible")}
+SCAN_FAULTS = {"silent": (lambda scan: None, "the lidar is silent"),
+               "none": (blind(0), "no boards are visible"),
+               "right": (blind(1), "only the right board is visible"),
+               "left": (blind(-1), "only the left board is visible")}
 
 
 class Changed:
@@ -51,7 +51,7 @@ class Changed:
         self._change = change
 
     def poll(self, now):
-        scans = [s if s.arrival < LOST_AT else self._change(s) for s in self._source.poll(now)]
+        scans = [s if s.arrival < LANE_LOST_S else self._change(s) for s in self._source.poll(now)]
         return [s for s in scans if s is not None]
 
     def close(self):
@@ -68,7 +68,7 @@ def driven(fault, until=inf, blocked=False):
     if blocked:
         world.schedule(3.0, lambda w: setattr(w, "blocked", True))
     else:
-        backend.lidar = Changed(backend.lidar, FAULTS[fault][0])
+        backend.lidar = Changed(backend.lidar, SCAN_FAULTS[fault][0])
     with Car.over(backend) as car:
         follower = make_follower(car, 1.0, inf, until)
         drive(car, follower, ())
@@ -80,18 +80,18 @@ def driven(fault, until=inf, blocked=False):
 
 
 @pytest.mark.slow_except("silent")
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", SCAN_FAULTS)
 def test_the_pin_slows_down_with_the_lane_and_stays_at_neutral(fault):
     follower, neutral, pulses = driven(fault)
     t, us = pulses.T
     assert follower.phase is Phase.ENDED
     assert not follower.good
-    assert FAULTS[fault][1] in follower.why
+    assert SCAN_FAULTS[fault][1] in follower.why
     first = t[np.argmax((us > neutral + 5.0) & (t > 0.5))]
-    assert 0.5 < first < LOST_AT - 0.5
-    late = t > LOST_AT + MAX_POSE_GAP + 0.15
+    assert 0.5 < first < LANE_LOST_S - 0.5
+    late = t > LANE_LOST_S + MAX_POSE_GAP + 0.15
     assert us[late].max() <= us[(t > first) & ~late].max()
-    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() < neutral + 5.0
+    assert us[t > LANE_LOST_S + MAX_POSE_GAP + SLOW_SPEED].max() < neutral + 5.0
     assert us[-5:] == pytest.approx(neutral, abs=5.0)  # one count of the PCA9685
 
 
@@ -112,7 +112,7 @@ def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
     monkeypatch.setattr(lane_follow, "FRONT_DISTANCE", -1e9)
     _, neutral, pulses = driven("silent", until=8.0)
     t, us = pulses.T
-    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() > neutral + 20.0
+    assert us[t > LANE_LOST_S + MAX_POSE_GAP + SLOW_SPEED].max() > neutral + 20.0
 
 
 @pytest.mark.slow

@@ -18,13 +18,13 @@ from dart_hal.estimation.localisation.field import map_of_lines
 from dart_hal.estimation.localisation.source import LidarPoses
 from dart_lab.sim.truth import room_of_car, world_of
 from dart_lab.sim.world import THROTTLE_CHANNEL
+from tests.common import WAIVED_GATES
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-LOST_AT = 2.5
+POSE_LOST_S = 2.5
 SLOWS = 0.8
 """s of the world from which on scans fit no map; s in which a car of 1 m/s has slowed down, with
 the scan that was on its way."""
-WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 
 
 class Wrong:
@@ -58,7 +58,7 @@ def driven(start, *, silent=False, duration=inf):
     backend.lidar = Wrong(backend.lidar, start, silent=silent)
     with Car.over(backend, poses=source) as car:
         ended = WhileLocated(1.0, duration)
-        drive_until_ended(car, source, ended, 0.3, WAIVED, [])
+        drive_until_ended(car, source, ended, 0.3, WAIVED_GATES, [])
         car.stop()
         neutral = car.files.config.throttle.neutral_us
         for _ in car.states(duration=0.3):
@@ -69,25 +69,25 @@ def driven(start, *, silent=False, duration=inf):
 @pytest.mark.slow_except("False")
 @pytest.mark.parametrize("silent", [False, True])
 def test_the_pin_slows_down_once_the_car_is_lost_and_stays_at_neutral(silent):
-    ended, neutral, pulses = driven(LOST_AT, silent=silent)
+    ended, neutral, pulses = driven(POSE_LOST_S, silent=silent)
     t, us = pulses.T
     assert ended.phase is Phase.ENDED
     assert not ended.good
     assert "the pose was lost" in ended.why
     first = t[np.argmax((us > neutral + 5.0) & (t > 0.5))]
-    assert 0.8 < first < LOST_AT - 0.5                   # it waits until five scans were explained
-    late = t > LOST_AT + MAX_POSE_GAP + 0.15
+    assert 0.8 < first < POSE_LOST_S - 0.5  # it waits until five scans were explained
+    late = t > POSE_LOST_S + MAX_POSE_GAP + 0.15
     assert us[late].max() <= us[(t > first) & ~late].max()
-    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() < neutral + 5.0
+    assert us[t > POSE_LOST_S + MAX_POSE_GAP + SLOWS].max() < neutral + 5.0
     assert us[-5:] == pytest.approx(neutral, abs=5.0)    # one count of the PCA9685
 
 
 @pytest.mark.slow
 def test_control_without_patience_that_ends_the_pin_drives_on(monkeypatch):
     monkeypatch.setattr(while_located, "MAX_POSE_GAP", 1e9)
-    _, neutral, pulses = driven(LOST_AT, duration=3.5)
+    _, neutral, pulses = driven(POSE_LOST_S, duration=3.5)
     t, us = pulses.T
-    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() > neutral + 20.0
+    assert us[t > POSE_LOST_S + MAX_POSE_GAP + SLOWS].max() > neutral + 20.0
 
 
 @pytest.mark.slow

@@ -18,10 +18,10 @@ from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.lidar.maps import clearance
 from dart_lab.sim.truth import room_of_car, world_of
 from dart_lab.sim.world import THROTTLE_CHANNEL
-from tests.cli.test_lane_at_pin import FAULTS, LOST_AT, SLOWS, Changed
+from tests.cli.test_lane_at_pin import LANE_LOST_S, SCAN_FAULTS, SLOW_SPEED, Changed
+from tests.common import WAIVED_GATES
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 
 
 def driven(room, fault="", until=20.0, distance=inf):
@@ -33,10 +33,10 @@ def driven(room, fault="", until=20.0, distance=inf):
     world.watchers.append(lambda channel, pulse: channel == THROTTLE_CHANNEL and pulses.append(
         (pulse[1], 1e6 * (pulse[1] - pulse[0]))))
     if fault:
-        backend.lidar = Changed(backend.lidar, FAULTS[fault][0])
+        backend.lidar = Changed(backend.lidar, SCAN_FAULTS[fault][0])
     with Car.over(backend) as car:
         car.on_state(lambda state: places.append(world.truth()))
-        follower = drive_along_walls(car, 0.8, Wall(), distance, until, WAIVED)
+        follower = drive_along_walls(car, 0.8, Wall(), distance, until, WAIVED_GATES)
         car.stop()
         neutral = car.files.config.throttle.neutral_us
         for _ in car.states(duration=0.3):
@@ -60,9 +60,9 @@ def test_the_pin_is_at_neutral_soon_after_the_lidar_shows_nothing(fault):
     assert follower.why.startswith("the lidar is silent" if fault == "silent" else
                                    "the route is blocked")
     first = t[np.argmax((us > neutral + 5.0) & (t > 0.5))]
-    assert 0.5 < first < LOST_AT - 0.5
-    assert us[(t > first + 0.5) & (t < LOST_AT)].min() > neutral + 5.0
-    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() < neutral + 5.0
+    assert 0.5 < first < LANE_LOST_S - 0.5
+    assert us[(t > first + 0.5) & (t < LANE_LOST_S)].min() > neutral + 5.0
+    assert us[t > LANE_LOST_S + MAX_POSE_GAP + SLOW_SPEED].max() < neutral + 5.0
     assert us[-5:] == pytest.approx(neutral, abs=5.0)
 
 
@@ -72,7 +72,7 @@ def test_control_without_patience_and_end_the_pin_drives_on(monkeypatch):
     monkeypatch.setattr(lane_follow, "FRONT_DISTANCE", -1e9)
     _, neutral, pulses, _ = driven("corridor", "silent", until=8.0)
     t, us = pulses.T
-    assert us[t > LOST_AT + MAX_POSE_GAP + SLOWS].max() > neutral + 20.0
+    assert us[t > LANE_LOST_S + MAX_POSE_GAP + SLOW_SPEED].max() > neutral + 20.0
 
 
 @pytest.mark.slow

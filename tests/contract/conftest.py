@@ -18,18 +18,16 @@ from dart_hal.core.errors import BusError, EmulatorMissing, LinkLost, NotArmed
 from dart_hal.devices.links.base import open_backend
 from dart_hal.devices.links.i2c import open_bus
 from dart_hal.devices.links.image import find_image
+from tests.common import PROCESS_TIMEOUT_S, WAIVED_GATES
 
-WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 COUNT_US = 122 / 25.0
 """us of one PWM count of the nominal car."""
-NEUTRAL = range(305, 309)
+NEUTRAL_COUNTS = range(305, 309)
 """Counts of neutral, with the clocks of the test cars."""
 OFF = 0x1000
 """OFF_H bit 4: no pulse, which is what is left after 0.2 s of neutral."""
-PATIENCE = 30.0
-"""s that anything in real time may take on a machine that does something else."""
 
-URLS = {"mock": "sim://?nano=mock", "avr": "sim://?nano=avr"}
+URLS_BY_NANO = {"mock": "sim://?nano=mock", "avr": "sim://?nano=avr"}
 
 
 def counts(bus) -> tuple[int, int]:
@@ -48,7 +46,7 @@ def counts(bus) -> tuple[int, int]:
 class Served:
     """``dart-hal sim --pty --bus`` in a process of its own, in real time."""
 
-    def __init__(self, folder: Path, *, url: str = URLS["mock"], arm_neutral: float = 2.0,
+    def __init__(self, folder: Path, *, url: str = URLS_BY_NANO["mock"], arm_neutral: float = 2.0,
                  link: bool = False) -> None:
         self.cars = folder / "cars"
         self._bus = None
@@ -86,7 +84,7 @@ class Served:
     def is_stopped(self) -> bool:
         """Whether the ESC gets neutral, or no pulse: which of them is a matter of 0.2 s."""
         throttle = self.counts()[1]
-        return throttle in NEUTRAL or bool(throttle & OFF)
+        return throttle in NEUTRAL_COUNTS or bool(throttle & OFF)
 
     def close(self) -> None:
         if self._bus is not None:
@@ -96,7 +94,7 @@ class Served:
         self.process.stdout.close()
 
 
-class Bench:
+class ContractBench:
     """One car under test: ``car``, what its pins carry, and its kind."""
 
     def __init__(self, kind: str, car: Car, bus, virtual: bool) -> None:
@@ -113,27 +111,27 @@ class Bench:
         self.car.stop()             # a test may leave it driving
         if self.virtual:
             self._settle(0.7)
-            self.car.arm(waive=WAIVE)
+            self.car.arm(waive=WAIVED_GATES)
             return self.car
-        deadline = time.monotonic() + 4 * PATIENCE
+        deadline = time.monotonic() + 4 * PROCESS_TIMEOUT_S
         while time.monotonic() < deadline:
             self._settle(0.7)
             with contextlib.suppress(NotArmed, LinkLost):
-                self.car.arm(waive=WAIVE)
+                self.car.arm(waive=WAIVED_GATES)
                 return self.car
         raise AssertionError(f"the car does not arm: {self.car.mode} {self.car.causes}")
 
     def _settle(self, seconds: float) -> None:
         if self.car.mode == "LOCKED":
             self.car.unlock("next test")
-        for _ in self.car.states(duration=seconds, timeout=PATIENCE):
+        for _ in self.car.states(duration=seconds, timeout=PROCESS_TIMEOUT_S):
             pass
 
     def until(self, good, seconds: float = 1.0) -> list:
         """States until ``good(state)``; a real car on a busy machine gets longer."""
         states = []
-        for state in self.car.states(duration=seconds if self.virtual else PATIENCE,
-                                     timeout=PATIENCE):
+        for state in self.car.states(duration=seconds if self.virtual else PROCESS_TIMEOUT_S,
+                                     timeout=PROCESS_TIMEOUT_S):
             states.append(state)
             if good(state):
                 return states
@@ -143,7 +141,7 @@ class Bench:
 def need_emulator() -> None:
     try:
         find_image()
-        open_backend(URLS["avr"]).close()
+        open_backend(URLS_BY_NANO["avr"]).close()
     except EmulatorMissing as error:
         pytest.skip(f"emulator: {error.what}")
 
@@ -157,17 +155,17 @@ def bench(request, tmp_path_factory):
         served_car = Served(folder, arm_neutral=0.2)
         try:
             with served_car.open() as car:
-                for _ in car.states(duration=2.5, timeout=PATIENCE):
+                for _ in car.states(duration=2.5, timeout=PROCESS_TIMEOUT_S):
                     pass  # the ESC requires its 2 s of neutral once; later arming is quick
-                yield Bench(kind, car, open_bus(served_car.url.partition("i2c=")[2]), False)
+                yield ContractBench(kind, car, open_bus(served_car.url.partition("i2c=")[2]), False)
         finally:
             served_car.close()
         return
     if kind == "avr":
         need_emulator()
-    backend = open_backend(URLS[kind])
+    backend = open_backend(URLS_BY_NANO[kind])
     with Car.over(backend, cars=folder) as car:
-        yield Bench(kind, car, backend.bus, True)
+        yield ContractBench(kind, car, backend.bus, True)
 
 
 @pytest.fixture
@@ -190,7 +188,7 @@ def served_by_name(tmp_path):
 def arm():
     """``arm(car)``: with the waivers of a car that was never calibrated, and patience."""
     def arm_car(car: Car) -> Car:
-        return Bench("", car, None, False).ready()
+        return ContractBench("", car, None, False).ready()
 
     return arm_car
 

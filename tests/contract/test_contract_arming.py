@@ -16,9 +16,9 @@ from dart_hal.wire.codec import UP, encode
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import HELLO, STATE, STATE_FLAGS
 from dart_lab.sim.truth import world_of
+from tests.common import MOCK_URL
 
 CARS = Path(__file__).parents[2] / "cars"
-URL = "sim://?nano=mock"
 
 
 class Rewritten:
@@ -41,7 +41,7 @@ class Rewritten:
         return Chunk(out, chunk.t)
 
 
-def open_car(tmp_path, change=None, url=URL, **replaced):
+def open_car(tmp_path, change=None, url=MOCK_URL, **replaced):
     backend = open_backend(url)
     world = world_of(backend)
     if change is not None:
@@ -106,7 +106,7 @@ def test_what_the_nano_flags_refuses(tmp_path, flags, name):
 
 @pytest.mark.slow
 def test_an_optional_imu_does_not_refuse(tmp_path):
-    text = open_backend(URL).car_toml.replace("required = true", "required = false")
+    text = open_backend(MOCK_URL).car_toml.replace("required = true", "required = false")
     _, car = open_car(tmp_path, change_flags("IMU_ABSENT"), car_toml=text)
     with car:
         car.arm()
@@ -180,7 +180,7 @@ def test_files_refuse_unless_waived(tmp_path):
     text = (CARS / "dart-01" / "car.toml").read_text()
     folder.joinpath("car.toml").write_text(
         "\n".join(line for line in text.splitlines() if not line.startswith("oscillator_hz")))
-    backend = dataclasses.replace(open_backend(URL), car_toml=None, car="dart-01")
+    backend = dataclasses.replace(open_backend(MOCK_URL), car_toml=None, car="dart-01")
     with Car.over(backend, cars=tmp_path / "cars") as car:
         assert set(reasons(car)) == {"PWM_CLOCK_UNCALIBRATED", "CALIBRATION_MISSING"}
         assert reasons(car, waive=("CALIBRATION_MISSING",)) == ("PWM_CLOCK_UNCALIBRATED",)
@@ -196,11 +196,11 @@ def test_refusing_a_waiver_names_what_may_be_waived(tmp_path):
 
 
 def test_a_cutoff_that_is_demanded_and_absent_refuses(tmp_path):
-    text = open_backend(URL).car_toml + "\n[safety]\ncutoff_required = true\n"
+    text = open_backend(MOCK_URL).car_toml + "\n[safety]\ncutoff_required = true\n"
     _, car = open_car(tmp_path, car_toml=text)
     with car:
         assert reasons(car) == ("CUTOFF_REQUIRED",)
-    _, car = open_car(tmp_path, url=URL + "&cutoff=oe", car_toml=text)
+    _, car = open_car(tmp_path, url=MOCK_URL + "&cutoff=oe", car_toml=text)
     with car:
         car.arm()
 
@@ -259,7 +259,7 @@ def test_a_reboot_while_arming_is_named(tmp_path):
 
 @pytest.mark.slow
 def test_all_reasons_at_once(tmp_path):
-    text = open_backend(URL).car_toml + "\n[safety]\ncutoff_required = true\n"
+    text = open_backend(MOCK_URL).car_toml + "\n[safety]\ncutoff_required = true\n"
     backend, car = open_car(tmp_path, change_flags("IMU_STALE", "IMU_ABSENT"), car_toml=text)
     with car:
         next(car.states())

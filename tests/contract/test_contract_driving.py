@@ -9,13 +9,13 @@ import pytest
 
 from dart_hal.core.errors import BadCommand
 
-ALL = ["mock", pytest.param("avr", marks=pytest.mark.emulator),
-       pytest.param("pty", marks=[pytest.mark.realtime, pytest.mark.slow])]
-NEUTRAL = range(305, 309)
+ALL_NANOS = ["mock", pytest.param("avr", marks=pytest.mark.emulator),
+             pytest.param("pty", marks=[pytest.mark.realtime, pytest.mark.slow])]
+NEUTRAL_RANGE = range(305, 309)
 """Counts of 4.88 us around the neutral of 1500 us."""
-every_car = pytest.mark.parametrize("bench", ALL, indirect=True)
+every_car = pytest.mark.parametrize("bench", ALL_NANOS, indirect=True)
 every_car_in_time = pytest.mark.parametrize(
-    "bench", [*ALL[:2], pytest.param("pty", marks=[pytest.mark.realtime, pytest.mark.long])],
+    "bench", [*ALL_NANOS[:2], pytest.param("pty", marks=[pytest.mark.realtime, pytest.mark.long])],
     indirect=True)
 """The same; the served car in the long suite alone."""
 
@@ -37,7 +37,7 @@ def test_disarmed_it_carries_neutral_and_reports_it(bench):
         applied = bench.car.drive(steering=0.2, throttle=0.5)
     assert applied.throttle == 0.0
     assert "NOT_ARMED" in applied.limited
-    assert bench.counts()[1] in NEUTRAL
+    assert bench.counts()[1] in NEUTRAL_RANGE
 
 
 @every_car
@@ -81,7 +81,7 @@ def test_an_expired_command_is_neutral_and_a_trip(bench):
 
     car.drive(throttle=0.3, valid_for=0.1)
     states = bench.until(is_expired)
-    assert bench.counts()[1] in NEUTRAL
+    assert bench.counts()[1] in NEUTRAL_RANGE
     assert "COMMAND_EXPIRED" in car.causes or not bench.virtual
     assert car.mode in ("TRIPPED", "LOCKED", "DISARMED")
     if bench.virtual:
@@ -144,7 +144,7 @@ def test_stop_is_neutral_at_once_and_holds_the_steering(bench):
     applied = car.stop()
     after = bench.counts()
     assert applied.throttle == 0.0
-    assert after[1] in NEUTRAL
+    assert after[1] in NEUTRAL_RANGE
     assert abs(after[0] - before[0]) <= 1
     assert before[1] > 312
     assert car.mode == "DISARMED"
@@ -161,7 +161,7 @@ def test_a_command_that_is_no_number_trips(bench, bad, monkeypatch):
         car.drive(throttle=0.2, valid_for=0.5)
     with pytest.raises(BadCommand, match="not a number"):
         car.drive(**{"throttle": 0.2, **bad})
-    assert bench.counts()[1] in NEUTRAL
+    assert bench.counts()[1] in NEUTRAL_RANGE
     for _ in car.states(duration=0.1, timeout=30.0):
         applied = car.drive(throttle=0.2)
     assert applied.throttle == 0.0, "a good command after it does not undo the trip"

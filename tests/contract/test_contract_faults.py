@@ -15,7 +15,7 @@ from dart_hal.wire.messages import STATE
 from dart_lab.sim.truth import world_of
 
 URL = "sim://?nano=mock&seed=2"
-SECONDS = 8.0
+STREAM_SECONDS = 8.0
 
 
 def flip(data: bytearray, rng: random.Random) -> bytes:
@@ -46,7 +46,7 @@ def swallow(data: bytearray, rng: random.Random) -> bytes:
     return b""
 
 
-FAULTS = (flip, truncate, duplicate, shift, noise, swallow)
+STREAM_FAULTS = (flip, truncate, duplicate, shift, noise, swallow)
 
 
 class Clean:
@@ -84,7 +84,7 @@ def heard(tmp_path, spoil=None):
             return data
 
         car.on_bytes(hook)
-        states = list(car.states(duration=SECONDS))
+        states = list(car.states(duration=STREAM_SECONDS))
         return states, clean, car.timing, touched
 
 
@@ -100,7 +100,7 @@ def test_without_a_fault_nothing_is_lost(undamaged_stream):
     assert states[-1].pose.x > 0.3
 
 
-@pytest.mark.parametrize("spoil", FAULTS, ids=lambda f: f.__name__)
+@pytest.mark.parametrize("spoil", STREAM_FAULTS, ids=lambda f: f.__name__)
 @pytest.mark.slow_except("flip")
 def test_damage_is_counted_and_never_a_wrong_number(tmp_path, undamaged_stream, spoil):
     states, clean, timing, touched = heard(tmp_path, spoil)
@@ -130,7 +130,7 @@ def test_commands_that_are_damaged_on_the_way_down_do_no_harm(tmp_path):
 
         def hook(direction, data, t):
             if direction == "tx" and rng.random() < 0.05:
-                return rng.choice(FAULTS)(bytearray(data), rng)
+                return rng.choice(STREAM_FAULTS)(bytearray(data), rng)
             return data
 
         car.on_bytes(hook)

@@ -36,7 +36,7 @@ with open(folder + "/received", "r+b") as file, \\
     for _ in car.states(timeout=60.0):
         car.drive(steering=0.1)
 """
-LIMIT = 0.1
+MAX_LOSS_S = 0.1
 """s of a recording that a kill may cost."""
 
 
@@ -61,7 +61,7 @@ def test_a_kill_costs_a_recording_less_than_a_tenth_of_a_second(served_car, tmp_
     assert not run.damaged
     kept = max((chunk.t for chunk in run.chunks()), default=float("-inf"))
     if flush == CHUNK_TIME:
-        assert last - kept <= LIMIT
+        assert last - kept <= MAX_LOSS_S
         assert run.notices, "and it is reported"
     else:
-        assert last - kept > LIMIT
+        assert last - kept > MAX_LOSS_S

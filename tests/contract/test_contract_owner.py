@@ -16,12 +16,12 @@ from dart_hal.core.errors import LinkLost, NotPca, PcaBusy
 from dart_hal.devices.links import i2c
 from dart_lab.sim.bus import VirtualBus
 from dart_lab.sim.power_monitor import PowerMonitor
+from tests.common import PROCESS_TIMEOUT_S
 
 pytestmark = pytest.mark.realtime
 
-PATIENCE = 30.0
 
-DRIVER = """
+OWNER_PROGRAM = """
 import multiprocessing, sys, time
 from dart_hal.car import Car
 from dart_hal.core.process import forks
@@ -62,7 +62,7 @@ def test_a_second_nano_on_the_same_bus_is_refused_and_the_first_drives_on(served
         assert program.returncode != 0
         assert "PCA9685" in program.stderr
         assert f"pid {os.getpid()}" in program.stderr
-        for _ in car.states(duration=0.2, timeout=PATIENCE):
+        for _ in car.states(duration=0.2, timeout=PROCESS_TIMEOUT_S):
             pass
         assert car.causes == ()
     Car.open(url, car=served_car.name, cars=served_car.cars).close()
@@ -74,7 +74,7 @@ def test_a_second_nano_on_the_same_bus_is_refused_and_the_first_drives_on(served
 def test_forked_workers_of_a_killed_driver_keep_nothing(served_car, workers):
     """The control: with what the hook takes away, port and chip stay taken."""
     program = subprocess.Popen(
-        [sys.executable, "-c", DRIVER, served_car.url, served_car.name, str(served_car.cars),
+        [sys.executable, "-c", OWNER_PROGRAM, served_car.url, served_car.name, str(served_car.cars),
          workers],
         stdout=subprocess.PIPE, text=True)
     _, *pids = map(int, program.stdout.readline().split())
@@ -95,7 +95,7 @@ def test_forked_workers_of_a_killed_driver_keep_nothing(served_car, workers):
 
 def test_a_child_cannot_drive_and_the_parent_does_not_notice_it(served_car):
     with served_car.open() as car:
-        for _ in car.states(duration=0.1, timeout=PATIENCE):
+        for _ in car.states(duration=0.1, timeout=PROCESS_TIMEOUT_S):
             pass
         answer = os.pipe()
         child = os.fork()
@@ -110,7 +110,7 @@ def test_a_child_cannot_drive_and_the_parent_does_not_notice_it(served_car):
         message = os.read(answer[0], 1000).decode()
         assert "belongs to the process that opened it" in message
         assert "drive in the parent" in message
-        for _ in car.states(duration=0.3, timeout=PATIENCE):
+        for _ in car.states(duration=0.3, timeout=PROCESS_TIMEOUT_S):
             pass
         assert car.mode == "DISARMED"
         assert car._engine.driver._guard._guard.age is not None, "the guard was not ended"

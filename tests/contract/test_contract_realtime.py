@@ -17,13 +17,13 @@ import pytest
 
 from dart_hal.core.errors import Disarmed, LinkLost, PortBusy, PortMissing
 from dart_hal.devices.actuation import guarded
+from tests.common import PROCESS_TIMEOUT_S
 from tests.contract.conftest import OFF
 
 pytestmark = pytest.mark.realtime
 
-PATIENCE = 30.0
 
-DRIVER = """
+REALTIME_PROGRAM = """
 import sys
 from contextlib import suppress
 from dart_hal.car import Car
@@ -52,7 +52,7 @@ def drive_on(car, timeout):
         car.drive(throttle=0.3, valid_for=0.5)
 
 
-def wait_for(condition, seconds=PATIENCE):
+def wait_for(condition, seconds=PROCESS_TIMEOUT_S):
     deadline = time.monotonic() + seconds
     while not condition() and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -68,7 +68,8 @@ def driven(served_car):
 def driver(served_car):
     """A program that drives, and reports it."""
     process = subprocess.Popen(
-        [sys.executable, "-c", DRIVER, served_car.url, served_car.name, str(served_car.cars)],
+        [sys.executable, "-c", REALTIME_PROGRAM, served_car.url, served_car.name,
+         str(served_car.cars)],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout.readline() == "driving\n", process.stderr.read()
     threading.Thread(target=process.stdout.read, daemon=True).start()
@@ -85,7 +86,7 @@ def driver(served_car):
 def test_a_signal_leaves_no_pulse(served_car, driver, number, code):
     assert wait_for(lambda: driven(served_car)), "it drives before the signal"
     driver.send_signal(number)
-    driver.wait(PATIENCE)
+    driver.wait(PROCESS_TIMEOUT_S)
     assert served_car.counts()[1] & OFF
     assert driver.returncode == (code if code is not None else -number)
 
@@ -106,9 +107,9 @@ def test_ctrl_c_during_a_calibration_stops_and_writes_nothing(served_car, tmp_pa
     program = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
                                text=True, cwd=tmp_path)
     # Not before it drives: Ctrl-C in an import of it is another story.
-    wait_for(lambda: driven(served_car) or program.poll() is not None, 8 * PATIENCE)
+    wait_for(lambda: driven(served_car) or program.poll() is not None, 8 * PROCESS_TIMEOUT_S)
     program.send_signal(signal.SIGINT)
-    out, err = program.communicate(timeout=PATIENCE)
+    out, err = program.communicate(timeout=PROCESS_TIMEOUT_S)
     assert program.returncode == 130, err
     assert out == ""
     assert "Traceback" not in err
@@ -120,7 +121,7 @@ def test_link_lost_is_reported_and_neutral_and_does_not_hang(served_car, arm):
     """The Nano's cable comes out, the I2C bus stays."""
     with served_car.open() as car:
         arm(car)
-        for _ in car.states(duration=0.2, timeout=PATIENCE):
+        for _ in car.states(duration=0.2, timeout=PROCESS_TIMEOUT_S):
             car.drive(throttle=0.3, valid_for=0.5)
         link = car._engine.backend.link
         car._engine.backend.candidates = list           # nothing is plugged in again
@@ -161,7 +162,7 @@ def test_a_server_that_is_killed_ends_everything_in_order(served_car, arm):
 def test_a_slow_loop_gets_the_newest_and_counts_the_others(served_car):
     with served_car.open() as car:
         states = []
-        for state in car.states(duration=1.2, timeout=PATIENCE):
+        for state in car.states(duration=1.2, timeout=PROCESS_TIMEOUT_S):
             states.append(state)
             time.sleep(0.1)
         assert 2 <= len(states) <= 14
@@ -179,7 +180,7 @@ def test_an_error_in_a_listener_is_raised_in_the_loop_at_neutral(served_car, arm
     """The thread that feeds the pins must not end unnoticed."""
     with served_car.open() as car:
         arm(car)
-        for _ in car.states(duration=0.2, timeout=PATIENCE):
+        for _ in car.states(duration=0.2, timeout=PROCESS_TIMEOUT_S):
             car.drive(throttle=0.3, valid_for=0.5)
 
         def broken(state):
@@ -197,7 +198,7 @@ def test_an_error_in_the_block_leaves_no_pulse(served_car, arm):
     def mistaken():
         with served_car.open() as car:
             arm(car)
-            for state in car.states(timeout=PATIENCE):
+            for state in car.states(timeout=PROCESS_TIMEOUT_S):
                 car.drive(throttle=0.3, valid_for=0.5)
                 if state.applied.throttle > 0.2:
                     raise ZeroDivisionError
@@ -210,7 +211,7 @@ def test_an_error_in_the_block_leaves_no_pulse(served_car, arm):
 @pytest.mark.slow
 def test_a_second_program_is_refused_by_name_and_the_first_goes_on(served_car):
     with served_car.open() as car:
-        for _ in car.states(duration=0.1, timeout=PATIENCE):
+        for _ in car.states(duration=0.1, timeout=PROCESS_TIMEOUT_S):
             pass
         code = ("import sys; from dart_hal.devices.links.serial_port import SerialLink\n"
                 f"SerialLink({served_car.port!r})")
@@ -220,7 +221,7 @@ def test_a_second_program_is_refused_by_name_and_the_first_goes_on(served_car):
         assert f"pid {os.getpid()}" in second.stderr
         with pytest.raises(PortBusy):
             served_car.open()
-        for _ in car.states(duration=0.2, timeout=PATIENCE):
+        for _ in car.states(duration=0.2, timeout=PROCESS_TIMEOUT_S):
             pass
         assert car.timing.lost == 0
 
@@ -251,7 +252,7 @@ def test_a_hundred_frames_a_second_arrive_under_load(served_car):
     with served_car.open() as car:
         for thread in threads:
             thread.start()
-        states = list(car.states(duration=1.5, timeout=PATIENCE))
+        states = list(car.states(duration=1.5, timeout=PROCESS_TIMEOUT_S))
         done.set()
         for thread in threads:
             thread.join()

@@ -14,9 +14,9 @@ from dart_hal.car import Car
 from dart_hal.core.errors import EndOfRecording, LinkLost
 from dart_hal.devices.links.base import open_backend
 
-KINDS = ["mock", pytest.param("avr", marks=pytest.mark.emulator)]
+REPLAY_NANOS = ["mock", pytest.param("avr", marks=pytest.mark.emulator)]
 
-SCRIPT = """
+REPLAY_SCRIPT = """
 from math import sin
 def control(state):
     return 0.3 * sin(3 * state.t), 0.25
@@ -68,7 +68,7 @@ def closed_loop(url, cars, record=None, slice_s=None, seconds=2.0):
     return states, link.heard.hexdigest(), link.sent.hexdigest()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", REPLAY_NANOS)
 @pytest.mark.slow_except("mock")
 def test_replay_gives_the_states_of_the_run(kind, tmp_path):
     path = tmp_path / "run.mcap"
@@ -94,7 +94,7 @@ def test_a_replay_is_not_driven_and_reports_it(tmp_path):
         assert car.stop().throttle == 0.0
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", REPLAY_NANOS)
 @pytest.mark.slow
 def test_two_runs_are_one_file(kind, tmp_path):
     files = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
@@ -119,12 +119,12 @@ def test_the_length_of_a_read_cannot_be_noticed(kind, extra, tmp_path):
     assert all(other == first for other in others)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", REPLAY_NANOS)
 @pytest.mark.slow
 def test_drive_and_replay_print_the_same_digest(kind, tmp_path):
     script = tmp_path / "wave.py"
     run = tmp_path / "run.mcap"
-    script.write_text(SCRIPT)
+    script.write_text(REPLAY_SCRIPT)
 
     def verb(*args):
         done = subprocess.run([sys.executable, "-m", "dart_hal.cli.main", *args, "--json"],

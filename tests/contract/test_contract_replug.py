@@ -11,15 +11,15 @@ import pytest
 
 from dart_hal.car import pump
 from dart_hal.core.errors import Disarmed, LinkLost
+from tests.common import PROCESS_TIMEOUT_S
 
 pytestmark = pytest.mark.realtime
 
-PATIENCE = 30.0
 
 
 def drive_until_lost(car, served_car):
     """Pull the cable of a car that drives."""
-    for state in car.states(timeout=PATIENCE):
+    for state in car.states(timeout=PROCESS_TIMEOUT_S):
         car.drive(throttle=0.3, valid_for=0.5)
         if state.applied.throttle > 0.1:
             served_car.process.send_signal(signal.SIGUSR1)
@@ -28,7 +28,7 @@ def drive_until_lost(car, served_car):
 def modes_without_throttle(car, answer):
     """Command for a second, and on until disarmed: a machine that stalls trips the car again."""
     modes = []
-    for state in car.states(duration=PATIENCE, timeout=PATIENCE):
+    for state in car.states(duration=PROCESS_TIMEOUT_S, timeout=PROCESS_TIMEOUT_S):
         with answer:
             car.drive(throttle=0.3)
         assert state.applied.throttle == 0.0
@@ -48,7 +48,7 @@ def test_a_car_that_drives_loses_its_cable_and_can_be_armed_when_it_is_back(serv
         served_by_name.process.send_signal(signal.SIGUSR2)
         assert modes_without_throttle(car, pytest.raises(Disarmed))[-1] == "DISARMED"
         arm(car)
-        for state in car.states(duration=0.4, timeout=PATIENCE):
+        for state in car.states(duration=0.4, timeout=PROCESS_TIMEOUT_S):
             car.drive(throttle=0.3, valid_for=0.5)
 
 
@@ -59,12 +59,12 @@ def test_it_goes_on_disarmed_under_another_name(served_by_name):
         board = car.hello.board_id
         served_by_name.process.send_signal(signal.SIGUSR1)
         with pytest.raises(LinkLost, match=r"vanished|take bytes"):
-            list(car.states(duration=PATIENCE, timeout=PATIENCE))
+            list(car.states(duration=PROCESS_TIMEOUT_S, timeout=PROCESS_TIMEOUT_S))
         with pytest.raises(LinkLost, match="no frame"):
             next(car.states(timeout=0.2))
         assert car.drive(throttle=0.3).throttle == 0.0
         served_by_name.process.send_signal(signal.SIGUSR2)
-        next(car.states(timeout=PATIENCE))
+        next(car.states(timeout=PROCESS_TIMEOUT_S))
         assert os.readlink(served_by_name.port) != before
         assert car.hello.board_id == board
         assert modes_without_throttle(car, nullcontext())[-1] == "DISARMED"
@@ -80,7 +80,7 @@ def test_another_board_in_its_place_is_not_taken(served_by_name, monkeypatch):
     with served_by_name.open() as car:
         served_by_name.process.send_signal(signal.SIGUSR1)
         with pytest.raises(LinkLost, match=r"vanished|take bytes"):
-            list(car.states(duration=PATIENCE, timeout=PATIENCE))
+            list(car.states(duration=PROCESS_TIMEOUT_S, timeout=PROCESS_TIMEOUT_S))
         served_by_name.process.send_signal(signal.SIGUSR2)
         with pytest.raises(LinkLost, match="no frame"):
             next(car.states(timeout=4.0))
@@ -92,7 +92,7 @@ def test_waiting_for_a_cable_is_no_busy_loop(served_by_name):
     with served_by_name.open() as car:
         served_by_name.process.send_signal(signal.SIGUSR1)
         with pytest.raises(LinkLost, match=r"vanished|take bytes"):
-            list(car.states(duration=PATIENCE, timeout=PATIENCE))
+            list(car.states(duration=PROCESS_TIMEOUT_S, timeout=PROCESS_TIMEOUT_S))
         counters = car._engine.driver.actuator.counters
         begin = time.monotonic()
         frames = counters.frames

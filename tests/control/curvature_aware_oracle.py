@@ -23,7 +23,7 @@ from dart_hal.control.curvature_aware.two_layers import TwoLayers, _plan
 from dart_hal.control.mpc.model import STAGE_PERIOD, make_stage
 from dart_hal.control.mpc.planner import PlanOutcome
 from dart_hal.vehicle.namespace import adapt
-from tests.control.mpc_oracle import QUIET
+from tests.control.mpc_oracle import SILENT_IPOPT
 
 LENGTH = LOOKAHEAD_FACTOR * PATH_STAGES * STAGE_PERIOD
 """Of the grid, by the speed."""
@@ -57,7 +57,7 @@ class Shooting:
         self.high = np.concatenate([free, np.tile(high, n), np.full(n, MAX_SLACK)])
         self.solver = ca.nlpsol("layer", "ipopt", {
             "x": ca.vertcat(ca.vec(z), ca.vec(u), slack), "p": ca.vertcat(first, p), "f": total,
-            "g": ca.vertcat(*gaps, *room)}, {**QUIET, "ipopt.max_iter": 300})
+            "g": ca.vertcat(*gaps, *room)}, {**SILENT_IPOPT, "ipopt.max_iter": 300})
 
     def solve(self, first, states, inputs, p):
         """(states (n + 1, nz), inputs (nu, n)) from a guess of both."""
@@ -73,7 +73,7 @@ class Shooting:
                 x[nz * n:(nz + self.nu) * n].reshape(n, self.nu).T)
 
 
-class Converged(TwoLayers):
+class ConvergedContouring(TwoLayers):
     """A ``TwoLayers`` whose layers are optima."""
 
     layers = None

@@ -13,8 +13,8 @@ from dart_hal.control.mpc.planner import MpcPlan, PlanOutcome, PlanRequest
 
 KNOTS = 0.1
 """m between the knots of the path's splines."""
-QUIET = {"ipopt.print_level": 0, "print_time": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-4,
-         "ipopt.max_iter": 100}
+SILENT_IPOPT = {"ipopt.print_level": 0, "print_time": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-4,
+                "ipopt.max_iter": 100}
 
 
 class Converged(Mpcc):
@@ -88,4 +88,4 @@ class Converged(Mpcc):
         self._high = np.append(free, np.tile((limits.tau[1], limits.st[1], limits.fastest), n))
         self.solver = ca.nlpsol("oracle", "ipopt", {
             "x": ca.vertcat(ca.vec(states), ca.vec(inputs)), "p": p, "f": cost,
-            "g": ca.vertcat(*gaps, *rates)}, QUIET)
+            "g": ca.vertcat(*gaps, *rates)}, SILENT_IPOPT)

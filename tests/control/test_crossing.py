@@ -239,11 +239,11 @@ def test_from_the_safe_speed_a_car_stops_before_the_line():
 
 # -- bad input -------------------------------------------------------------------------------------
 
-NAMES = ("a", "b")
+CAR_NAMES = ("a", "b")
 
 
 def pair():
-    make = partial(Coordinator, layout(), NAMES)
+    make = partial(Coordinator, layout(), CAR_NAMES)
     return make("a", "S-N", 1.0, 11), make("b", "E-W", 1.0, 12)
 
 
@@ -270,7 +270,7 @@ def test_messages_out_of_order_twice_or_a_minute_old_are_counted():
 def test_a_session_that_was_followed_is_not_heard_again():
     a, b = pair()
     late = b.next_message()
-    newer = Coordinator(layout(), NAMES, "b", "E-W", 1.0, 13)
+    newer = Coordinator(layout(), CAR_NAMES, "b", "E-W", 1.0, 13)
     a.receive(b.next_message(), 0.0)
     a.receive(newer.next_message(), 0.1)
     assert a.receive(late, 0.2) is MessageVerdict.RETIRED
@@ -357,10 +357,10 @@ def test_each_way_to_wait_has_its_name():
     assert (a.phase, b.phase) == (CrossingPhase.WANT, CrossingPhase.WANT)
     waits = {m.step(0.1, 2.5).wait for m in (a, b)}
     assert waits <= {CrossingWait.FOR_GRANT, CrossingWait.FOR_CAR, CrossingWait.GOING}
-    follower = Coordinator(layout(), NAMES, "a", "S-N", 0.0, 11, leader="b")
+    follower = Coordinator(layout(), CAR_NAMES, "a", "S-N", 0.0, 11, leader="b")
     assert follower.step(0.0, 2.3)[1:] == (CrossingWait.FOR_LEADER, "b")
     assert follower.step(0.1, 1.0, free=0.5).wait is CrossingWait.FOLLOWING
-    lost = Coordinator(layout(), NAMES, "a", "S-N", 3.0, 14, stored_stamp=0)
+    lost = Coordinator(layout(), CAR_NAMES, "a", "S-N", 3.0, 14, stored_stamp=0)
     assert lost.step(0.0, 3.0) == (3.0, CrossingWait.STRANDED, "")
 
 

@@ -40,10 +40,10 @@ from studies.control.curvature_aware_loop import (
 from studies.control.light_follow import LATER, figures, light_drive, plant_by
 from studies.control.mpc_loop import Loop, limits_of
 
-PLAIN = CASES["kinematic car, its model"]
+PLAIN_CASE = CASES["kinematic car, its model"]
 LAGS = CASES["later set with lags, kinematic model"]
 ITS_OWN = CASES["later set with lags, 40 ms late, its model"]
-BOTH = pytest.mark.parametrize("law", Law)
+both_laws = pytest.mark.parametrize("law", Law)
 
 
 @pytest.mark.parametrize(("radius", "inside", "speed", "plain", "aware"), [
@@ -76,7 +76,7 @@ def test_the_soft_minimum():
     assert softmin(np.array([-1.0, 0.3, 1.0])) == pytest.approx((0.3, 0.3, 1.0), abs=1e-5)
 
 
-@BOTH
+@both_laws
 def test_slopes_of_a_stage(law):
     """Against central differences."""
     weights = fit_weights(TRACK.curvatures(1.0 + 3.6 * GRID))
@@ -95,7 +95,7 @@ def test_slopes_of_a_stage(law):
 @pytest.mark.slow
 def test_the_end_of_a_plan_is_where_it_is_stated():
     """Behind the first bends, published weights; 4.9 and 1.1 cm when written."""
-    plain, aware = (drive(PLAIN, law, PathWeights(), 0.3) for law in Law)
+    plain, aware = (drive(PLAIN_CASE, law, PathWeights(), 0.3) for law in Law)
     assert plain.plan_end > 0.03
     assert aware.plan_end < 0.02
     assert aware.plan_end < 0.4 * plain.plan_end
@@ -103,10 +103,10 @@ def test_the_end_of_a_plan_is_where_it_is_stated():
 
 
 @pytest.mark.slow
-@BOTH
+@both_laws
 def test_by_tuned_weights_both_keep_to_the_path(law):
     """1.0 and 1.3 cm when written; of the second car the model knows the lags."""
-    found = drive(PLAIN, law, TUNED, 0.3)
+    found = drive(PLAIN_CASE, law, TUNED, 0.3)
     assert found.rms < 0.016
     assert found.left == 0
     found = drive(ITS_OWN, law, TUNED, 0.3)
@@ -121,22 +121,22 @@ def test_lags_that_the_model_does_not_know_send_it_out_of_the_lane():
 
 
 @pytest.mark.slow
-@BOTH
+@both_laws
 @pytest.mark.parametrize("weights", [PathWeights(), TUNED], ids=["published", "tuned"])
 def test_the_iteration_drives_as_the_optimum(law, weights):
     """Within 15 % of IPOPT's error of the car, 2 mm of its plans' (extra ``mpc``)."""
     pytest.importorskip("casadi", reason="casadi is absent: pip install 'dart-hal[mpc]'")
-    from tests.control.curvature_aware_oracle import Converged
+    from tests.control.curvature_aware_oracle import ConvergedContouring
 
-    best = drive(PLAIN, law, weights, 0.5, make=Converged)
-    ours = drive(PLAIN, law, weights, 0.5)
+    best = drive(PLAIN_CASE, law, weights, 0.5, make=ConvergedContouring)
+    ours = drive(PLAIN_CASE, law, weights, 0.5)
     print(f"{law}: IPOPT {best}\n{law}: one iteration {ours}")
     assert ours.rms < 1.15 * best.rms
     assert ours.plan_end == pytest.approx(best.plan_end, abs=0.002)
 
 
 @pytest.mark.slow
-@BOTH
+@both_laws
 @pytest.mark.parametrize("seed", range(2))
 def test_an_obstacle_that_moves_in_the_lane_is_passed(law, seed):
     assert passed(seed, law)[0] >= 0.05
@@ -152,7 +152,8 @@ def test_without_knowing_the_obstacle_the_car_touches_it(monkeypatch):
 @pytest.mark.slow
 def test_a_start_outside_the_lane_comes_back():
     """0.5 m off it: the slack pays, no outcome but SOLVED."""
-    loop = Loop(controller(replace(PLAIN, speed=1.0), Law.CA, TUNED), KINEMATIC, 0.0, (0.5, 0.0),
+    loop = Loop(controller(replace(PLAIN_CASE, speed=1.0), Law.CA, TUNED), KINEMATIC, 0.0,
+                (0.5, 0.0),
                 learns=False)
     rows = loop.drive(0.12)
     assert rows[0, 2] > 0.45
@@ -198,7 +199,7 @@ def test_a_lane_that_has_no_inside_is_refused():
 
 
 def test_a_plan_that_is_late_goes_on_with_the_last_one():
-    loop = Loop(controller(PLAIN, Law.CA, TUNED), KINEMATIC, 0.0, learns=False)
+    loop = Loop(controller(PLAIN_CASE, Law.CA, TUNED), KINEMATIC, 0.0, learns=False)
     for _ in range(3):
         good = loop.step()
     ticks = iter(np.arange(1000.0))
@@ -213,7 +214,7 @@ def test_a_plan_that_is_late_goes_on_with_the_last_one():
 
 
 def test_a_state_of_numbers_that_are_none_is_named():
-    loop = Loop(controller(PLAIN, Law.CA, TUNED), KINEMATIC, 0.0, learns=False)
+    loop = Loop(controller(PLAIN_CASE, Law.CA, TUNED), KINEMATIC, 0.0, learns=False)
     loop.step()
     plan = loop.mpc.plan(0.1, np.full(8, np.nan), 0.0, (0.2, 0.0))
     assert plan.outcome is PlanOutcome.DIVERGED
@@ -222,7 +223,7 @@ def test_a_state_of_numbers_that_are_none_is_named():
 
 
 def test_a_lane_without_a_way_is_blocked():
-    layers = controller(PLAIN, Law.CA, TUNED)
+    layers = controller(PLAIN_CASE, Law.CA, TUNED)
     layers.obstacles = (Obstacle(2.0, 0.0, 0.25),)
     loop = Loop(layers, KINEMATIC, 0.0, learns=False)
     assert loop.step().outcome is PlanOutcome.BLOCKED
@@ -231,7 +232,7 @@ def test_a_lane_without_a_way_is_blocked():
 
 
 @pytest.mark.slow
-@BOTH
+@both_laws
 def test_a_lap_through_the_speed_loop(law):
     """1.7 / 4.5 cm when written."""
     rows = light_drive(Follower(TRACK, plant_by(LATER), 2.0,
@@ -268,7 +269,7 @@ def test_a_drive_without_plans_slows_down_and_names_the_reason(spoil, why):
     assert np.abs(rows[:, 3]).max() < 0.05
 
 
-@BOTH
+@both_laws
 def test_a_plan_is_slower_before_a_bend(law):
     """At the speed of here through a bend whose tyres hold less, no input had a slope: plans stood
     at the stops but for a first one that never changed, and the car went straight on."""
@@ -285,7 +286,7 @@ def test_a_plan_is_slower_before_a_bend(law):
     assert np.abs(plan.inputs[1]).max() < 0.95
 
 
-@BOTH
+@both_laws
 def test_a_path_is_one_that_the_tyres_hold(law):
     """Past an obstacle near ahead, at 2 m/s on a straight."""
     limits = replace(limits_of(PAPERS), lateral=1.9)

@@ -17,18 +17,18 @@ from dart_hal.core.types import Pose
 from studies.control.light_follow import LATER, light_drive, motion_at, plant_by
 from studies.control.mpc_loop import P, known
 
-TRUE = np.array([0.03, -0.15, 0.1])
+TRUE_ERRORS = np.array([0.03, -0.15, 0.1])
 ORIGIN = Pose(0.0, 0.0, 0.0)
-COMMANDS = np.tile((0.0, 0.6, 0.0, -0.5), 20)
+STEERING_STEPS = np.tile((0.0, 0.6, 0.0, -0.5), 20)
 
 
-def learnt(speed: float, true: np.ndarray = TRUE) -> SteeringDisturbance:
+def learnt(speed: float, true: np.ndarray = TRUE_ERRORS) -> SteeringDisturbance:
     """After 8 s of bends to both sides by a car that steers by ``true``, noise of 0.05 rad/s
     in its yaw rate."""
     plant = known(P)
     found = SteeringDisturbance(known(P))
     rng = np.random.default_rng(1)
-    for c in COMMANDS:
+    for c in STEERING_STEPS:
         acts = c + true @ (1.0, max(c, 0.0), min(c, 0.0))
         turned = speed * plant.steady.curvature(plant.angle_of(acts), speed) + rng.normal(
             scale=0.05
@@ -39,7 +39,7 @@ def learnt(speed: float, true: np.ndarray = TRUE) -> SteeringDisturbance:
 
 @pytest.mark.parametrize("speed", [0.7, 1.8])
 def test_it_finds_offset_and_both_gains(speed):
-    assert learnt(speed).value == pytest.approx(TRUE, abs=0.04)
+    assert learnt(speed).value == pytest.approx(TRUE_ERRORS, abs=0.04)
 
 
 def test_a_car_at_rest_teaches_nothing():

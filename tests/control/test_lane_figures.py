@@ -7,7 +7,7 @@ import pytest
 
 from studies.control.lane_figures import driven
 
-FRESH = range(201, 221)
+FRESH_SEEDS = range(201, 221)
 """None of the cars on which anything was tuned."""
 MAX_RMS_CM = {"lane": 1.0, "lane-curve": 1.5, "lane-s": 1.5}
 """cm rms after the first 2 m, of the worst car at 1 m/s."""
@@ -35,7 +35,7 @@ def test_without_what_it_learns_it_stays_off_the_middle():
 @pytest.mark.long
 @pytest.mark.parametrize("name", MAX_RMS_CM)
 def test_the_true_axle_stays_in_the_middle(name):
-    drives = [driven(seed, 1.0, name) for seed in FRESH]
+    drives = [driven(seed, 1.0, name) for seed in FRESH_SEEDS]
     assert {d.follower.why for d in drives} == {"the lane ends"}
     assert max(d.figures["rms"] for d in drives) < MAX_RMS_CM[name]
     assert all(0.15 < d.figures["left"] < 0.5 for d in drives)
@@ -45,13 +45,13 @@ def test_the_true_axle_stays_in_the_middle(name):
 @pytest.mark.parametrize("name", ["lane", "lane-s"])
 def test_without_what_it_learns_it_does_not(name):
     """The control."""
-    rms = [driven(seed, 1.0, name, learns=False).figures["rms"] for seed in FRESH]
+    rms = [driven(seed, 1.0, name, learns=False).figures["rms"] for seed in FRESH_SEEDS]
     assert np.sum(np.array(rms) > MAX_RMS_CM[name]) >= len(rms) / 3
 
 
 @pytest.mark.long
 def test_at_twice_the_speed_it_keeps_the_lane():
-    for seed in FRESH[:4]:
+    for seed in FRESH_SEEDS[:4]:
         drive = driven(seed, 2.0, "lane-s")
         assert drive.follower.why == "the lane ends"
         assert drive.figures["max"] < 8.0

@@ -12,12 +12,12 @@ from dart_hal.control.keyboard import STEERING_STEP, THROTTLE_STEP, Keyboard
 from dart_hal.core.errors import PortMissing, UsageError
 
 LEFT = b"\x1b[D"
-RIGHT = b"\x1b[C"
+RIGHT_KEY = b"\x1b[C"
 UP = b"\x1b[A"
 DOWN = b"\x1b[B"
 
 
-class Clock:
+class ManualClock:
     """A time that a test sets."""
 
     def __init__(self):
@@ -29,7 +29,7 @@ class Clock:
 
 @pytest.fixture
 def clock():
-    return Clock()
+    return ManualClock()
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def keys(clock):
 def test_left_is_positive_and_up_is_forward(keys):
     assert keys.press(LEFT) == (STEERING_STEP, 0.0, False)
     assert keys.press(UP) == (STEERING_STEP, THROTTLE_STEP, False)
-    assert keys.press(RIGHT + RIGHT)[0] == pytest.approx(-STEERING_STEP)
+    assert keys.press(RIGHT_KEY + RIGHT_KEY)[0] == pytest.approx(-STEERING_STEP)
     assert keys.press(DOWN)[1] == pytest.approx(0.0)
 
 

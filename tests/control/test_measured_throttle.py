@@ -23,15 +23,15 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.vehicle.sets import PAPER
 from dart_lab.sim.esc import Esc
 from dart_lab.sim.truth import world_of
+from tests.common import MOCK_2_URL
 
-URL = "sim://?seed=2&nano=mock"
 TABLE = DriveTable(speed=(0.5, 1.0, 1.5), pulse_us=(1600.0, 1612.0, 1627.0),
                    std_us=(0.3, 0.3, 0.3))
 
 
 @pytest.fixture(scope="module")
 def files():
-    with Car.open(URL) as car:
+    with Car.open(MOCK_2_URL) as car:
         return car.files
 
 
@@ -71,7 +71,7 @@ def test_the_dead_band_is_the_papers_until_it_is_measured(files):
 
 def test_the_loop_requests_no_more_than_the_esc_gives(files):
     """A car at rest with a target of 4.9 m/s: no throttle is enough."""
-    with Car.open(URL) as car:
+    with Car.open(MOCK_2_URL) as car:
         still = next(iter(car.states()))
 
     def most(loop):
@@ -98,7 +98,7 @@ def test_an_esc_without_a_brake_is_not_braked():
 
 def backward_after(tmp_path, gap: float, rest: Quantity | None) -> float:
     """s from the order to reverse until the car goes back at 0.2 m/s (inf: not within 2.5 s)."""
-    backend = open_backend(URL)
+    backend = open_backend(MOCK_2_URL)
     world = world_of(backend)
     world.esc = Esc(replace(world.esc.params, reverse_gap=gap))
     cal = Calibration(car="sim-2", throttle=ThrottleCalibration(reverse_rest=rest))

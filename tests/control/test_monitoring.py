@@ -25,10 +25,10 @@ from studies.control.monitoring_targets import moving, parts_of
 from studies.control.monitoring_times import TIMES, times
 
 K = 0.1
-DT = 0.1
+TEAM_STEP = 0.1
 STARTS = 0.5
 """rad/s, s, rad: K / N, the step, and the noise of a start, as published."""
-FEW = ((5, 2), (3, 1), (4, 2))
+SMALL_TEAMS = ((5, 2), (3, 1), (4, 2))
 NINE = Lissajous(0.8, 1.8, 5, 4)
 FIVE = Lissajous(1.5, 1.5, 3, 2)
 
@@ -36,10 +36,10 @@ FIVE = Lissajous(1.5, 1.5, 3, 2)
 def time_to_converge(n, p, seed, k=K, most=700.0):
     """s until all differences are within 0.01 rad, inf: they are not by then."""
     theta = evenly_spread(n, p) + np.random.default_rng(seed).uniform(-STARTS, STARTS, n)
-    for step in range(round(most / DT)):
+    for step in range(round(most / TEAM_STEP)):
         if disagreement(theta, p) < 0.01:
-            return step * DT
-        theta = integrate(theta, 0.05, k, DT)
+            return step * TEAM_STEP
+        theta = integrate(theta, 0.05, k, TEAM_STEP)
     return np.inf
 
 
@@ -59,7 +59,7 @@ def test_a_spread_is_stable_exactly_where_the_cosine_is_negative(n, p, comes_bac
         assert -modes[-2] == pytest.approx(slowest_decay(n, p, K), rel=1e-6)
 
 
-@pytest.mark.parametrize(("n", "p"), FEW)
+@pytest.mark.parametrize(("n", "p"), SMALL_TEAMS)
 @pytest.mark.slow_except("3-1")
 def test_it_comes_back_and_one_that_is_not_stable_does_not(n, p):
     assert time_to_converge(n, p, 2) == pytest.approx(TIMES[n, p], rel=0.2)
@@ -87,9 +87,9 @@ def test_the_figure_of_five_robots_is_that_of_a_quick_start():
     own = evenly_spread(5, 2) + np.random.default_rng(0).uniform(-0.5, 0.5, (100, 5))[0]
     steps = 0
     while disagreement(own, 2) >= 0.01:
-        own = integrate(own, 0.05, K, DT)
+        own = integrate(own, 0.05, K, TEAM_STEP)
         steps = steps + 1
-    assert found["largest of differences"][0] == pytest.approx(steps * DT)
+    assert found["largest of differences"][0] == pytest.approx(steps * TEAM_STEP)
 
 
 @pytest.mark.parametrize(("n", "p"), [(9, 2), (25, 3)])
@@ -97,7 +97,7 @@ def test_the_figure_of_five_robots_is_that_of_a_quick_start():
 def test_an_unstable_spread_is_left_for_another(n, p):
     theta = evenly_spread(n, p) + np.random.default_rng(1).uniform(-0.05, 0.05, n)
     for _ in range(1500):
-        theta = integrate(theta, 0.05, 0.5, DT)
+        theta = integrate(theta, 0.05, 0.5, TEAM_STEP)
     assert disagreement(theta, p) > 0.5
     assert cos(2.0 * pi * winding(theta) / n) < 0.0
 
@@ -153,17 +153,17 @@ def test_place_and_phase_of_a_course_are_each_others_inverse():
 
 TEAM = Formation(Lissajous(1000.0, 1000.0, 13, 12), 25, 11, 7)
 """Whose sensors see 26 to 38 % of the area at a time: a target has room to hide in."""
-RATE = 0.01
+TARGET_STEP = 0.01
 
 
 def escapes(team, robots_of, n=100, each=10, steps=160, cells=61):
     """How many of n targets (``monitoring_targets``) are not observed within the bound, and the
     longest time over the bound of those that are."""
-    t = np.linspace(0.0, team.bound(RATE), steps)
+    t = np.linspace(0.0, team.bound(TARGET_STEP), steps)
     rng = np.random.default_rng(5)
     times = []
     for _ in range(n // each):
-        robots = team.curve.position(robots_of(rng.uniform(0.0, 2.0 * pi) + RATE * t))
+        robots = team.curve.position(robots_of(rng.uniform(0.0, 2.0 * pi) + TARGET_STEP * t))
         parts = parts_of(team.curve, robots, team.sensing_radius, cells)
         times += (moving(parts, each, rng) / (steps - 1)).tolist()
     return int(np.sum(np.isinf(times))), max((x for x in times if x < np.inf), default=0.0)
@@ -198,9 +198,9 @@ def test_ten_targets_are_observed_and_without_the_formation_they_are_not():
 @pytest.mark.parametrize("begin", [0.0, 0.35, 0.7])
 def test_not_even_one_that_is_as_fast_as_it_likes(begin):
     """The bound holds, for any motion of a target: nowhere is left where it could be."""
-    bound = TEAM.bound(RATE)
+    bound = TEAM.bound(TARGET_STEP)
     t = np.linspace(0.0, bound, 100)
-    robots = TEAM.curve.position(TEAM.slots(begin * 2.0 * pi / 25 + RATE * t))
+    robots = TEAM.curve.position(TEAM.slots(begin * 2.0 * pi / 25 + TARGET_STEP * t))
     assert clearing_time(TEAM.curve, t, robots, TEAM.sensing_radius, 61) < bound
 
 
@@ -208,10 +208,11 @@ def test_not_even_one_that_is_as_fast_as_it_likes(begin):
 @pytest.mark.parametrize("wrong", ["one missing", "not spread", "sees less"])
 def test_without_the_formation_there_is_no_bound(wrong):
     """The controls: one robot missing, an un-synchronised start, 0.9 of the sensing radius."""
-    bound = TEAM.bound(RATE)
+    bound = TEAM.bound(TARGET_STEP)
     radius = TEAM.sensing_radius
     t = np.linspace(0.0, bound, 80)
-    X = place_together(TEAM)(RATE * t) if wrong == "not spread" else TEAM.slots(RATE * t)
+    now = TARGET_STEP * t
+    X = place_together(TEAM)(now) if wrong == "not spread" else TEAM.slots(now)
     if wrong == "one missing":
         X = X[:, 1:]
     radius *= 0.9 if wrong == "sees less" else 1.0

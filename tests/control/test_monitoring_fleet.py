@@ -11,7 +11,7 @@ from dart_hal.control.monitoring.monitor import MonitorMode
 from dart_lab.sim.truth import world_of
 from studies.control.monitoring_figures import NINE, OMEGA, SLOW, TEAM, driven, nine
 
-NEUTRAL = 1.5e-3
+NEUTRAL_PULSE_S = 1.5e-3
 NEAR = 5e-6
 """s, s."""
 DIES = 5.0
@@ -40,7 +40,7 @@ class Death:
     def forward(self, since) -> float:
         """s of the last pulse that drives a car on, after ``since`` s of its world."""
         return max((fall - since for pulses in self.pulses for rise, fall in pulses
-                    if fall > since and fall - rise > NEUTRAL + NEAR), default=0.0)
+                    if fall > since and fall - rise > NEUTRAL_PULSE_S + NEAR), default=0.0)
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ COURSE = Course(TEAM.curve)
 GUARD = CollisionGuard(COURSE)
 CROSSING = COURSE.arc_length(0.5 * pi)
 """m: the eight goes through 0, 0 there, and half a lap later."""
-HALF = 0.5 * COURSE.path.length
+HALF_LAP = 0.5 * COURSE.path.length
 
 
 @dataclass
@@ -60,10 +60,10 @@ def free(mine, its, v=1.0, its_v=1.0, age=0.05, **options):
 def test_two_that_come_to_a_crossing_at_once_do_not_both_go_on():
     """The one that gives way stops before it is in the way of the other."""
     for distance in np.arange(0.5, 1.0, 0.1):
-        first = free(CROSSING - distance, CROSSING + HALF - distance - COURSE.path.length)
-        second = free(CROSSING + HALF - distance, CROSSING - distance, yields=True)
+        first = free(CROSSING - distance, CROSSING + HALF_LAP - distance - COURSE.path.length)
+        second = free(CROSSING + HALF_LAP - distance, CROSSING - distance, yields=True)
         assert not (first and second)
-    assert free(CROSSING - 3.0, CROSSING + HALF - 3.0 - COURSE.path.length)
+    assert free(CROSSING - 3.0, CROSSING + HALF_LAP - 3.0 - COURSE.path.length)
 
 
 def test_who_is_in_front_goes_on_and_who_is_behind_does_not():
@@ -73,7 +73,7 @@ def test_who_is_in_front_goes_on_and_who_is_behind_does_not():
 
 
 def test_what_is_not_heard_makes_the_other_longer_until_it_is_in_the_way():
-    its = CROSSING + HALF - 3.0 - COURSE.path.length
+    its = CROSSING + HALF_LAP - 3.0 - COURSE.path.length
     assert free(CROSSING - 1.0, its, age=0.1)
     assert not free(CROSSING - 1.0, its, age=1.5, is_recent=False)
     lengths = [reachable_section(0.0, 0.5, age, 2.0).end for age in np.linspace(0.0, 5.0, 50)]
@@ -83,8 +83,9 @@ def test_what_is_not_heard_makes_the_other_longer_until_it_is_in_the_way():
 
 def test_a_car_in_a_crossing_may_leave_it():
     """Though another one is before it, nearer than the width of the bodies."""
-    away = [CurveSection(CROSSING + HALF - d - COURSE.path.length,
-                         CROSSING + HALF - d + 0.1 - COURSE.path.length) for d in (0.4, 0.5, 0.6)]
+    away = [CurveSection(CROSSING + HALF_LAP - d - COURSE.path.length,
+                         CROSSING + HALF_LAP - d + 0.1 - COURSE.path.length) for d in (0.4, 0.5,
+                                                                                       0.6)]
     assert all(GUARD.may_continue(CROSSING + 0.2, 0.0, other, yields=True) for other in away)
 
 

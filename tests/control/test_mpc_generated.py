@@ -15,8 +15,8 @@ from dart_hal.core.errors import UsageError
 from studies.control.mpc_loop import Loop, P, controller
 from tests.control.test_mpc import CORNERING, TRACK
 
-STATES = np.array([CORNERING, (1.0, 2.0, -3.0, 0.4, 0.0, 0.1, 0.2, -0.4),
-                   (0.0, 0.0, 2.0, 2.1, -0.1, -2.5, 0.35, -0.8)])
+TEST_STATES = np.array([CORNERING, (1.0, 2.0, -3.0, 0.4, 0.0, 0.1, 0.2, -0.4),
+                        (0.0, 0.0, 2.0, 2.1, -0.1, -2.5, 0.35, -0.8)])
 INPUTS = np.array([(0.3, 0.2), (0.25, -0.5), (0.4, -0.9)])
 pytest.importorskip("casadi", reason="casadi is absent: pip install 'dart-hal[mpc]'")
 
@@ -34,11 +34,11 @@ def programme(seed: int) -> tuple[np.ndarray, np.ndarray, Constraints]:
 
 def test_stages_and_slopes_agree():
     """The differences of numpy err by their step of 1e-6 times the bend of the tyres."""
-    for ours, theirs in zip(generated.compile_lineariser(P)(STATES, INPUTS),
-                            linearise(make_stage(P), STATES, INPUTS), strict=True):
+    for ours, theirs in zip(generated.compile_lineariser(P)(TEST_STATES, INPUTS),
+                            linearise(make_stage(P), TEST_STATES, INPUTS), strict=True):
         assert ours == pytest.approx(theirs, abs=2e-3)
-    after = generated.compile_lineariser(P)(STATES, INPUTS)[0]
-    assert pytest.approx(np.array(make_stage(P)(*STATES.T, *INPUTS.T)), abs=1e-9) == after.T
+    after = generated.compile_lineariser(P)(TEST_STATES, INPUTS)[0]
+    assert pytest.approx(np.array(make_stage(P)(*TEST_STATES.T, *INPUTS.T)), abs=1e-9) == after.T
 
 
 @pytest.mark.parametrize("seed", range(3))

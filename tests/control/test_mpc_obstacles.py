@@ -19,11 +19,11 @@ from studies.control.mpc_spread import COV, errors
 from studies.control.obstacle_figures import passed
 from tests.control.test_mpc import TRACK
 
-STRAIGHT = Path([(9.0, 0.0)], closed=False)
+OBSTACLE_PATH = Path([(9.0, 0.0)], closed=False)
 
 
 def follower(disc: Disc, speed: float = 1.5, **options) -> Follower:
-    return Follower(STRAIGHT, plant_by(LATER), speed, lambda path, plant: contouring(
+    return Follower(OBSTACLE_PATH, plant_by(LATER), speed, lambda path, plant: contouring(
         path, plant, discs=(disc,), **options))
 
 
@@ -39,7 +39,7 @@ def test_a_disc_lies_across_from_the_nearest_point(x, y, offset):
 
 
 def test_one_behind_the_end_is_not_at_the_end():
-    o = Disc(12.0, 0.1, 0.1).locate(STRAIGHT, 0.0)
+    o = Disc(12.0, 0.1, 0.1).locate(OBSTACLE_PATH, 0.0)
     assert (o.s, o.offset) == pytest.approx((12.0, 0.1))
 
 
@@ -49,7 +49,7 @@ def test_one_behind_the_end_is_not_at_the_end():
 def test_air_between_a_body_and_a_disc(x, y, yaw, expected):
     """A body of 0.3 x 0.2 m, a disc of 0.2 m which has come to x = 1 in 2 s."""
     o = Obstacle(0.0, 0.0, 0.2, 0.5, 1.0)
-    assert clearance(x, y, yaw, o, STRAIGHT, 3.0) == pytest.approx(expected, abs=1e-5)
+    assert clearance(x, y, yaw, o, OBSTACLE_PATH, 3.0) == pytest.approx(expected, abs=1e-5)
 
 
 def test_one_in_the_middle_is_refused_by_its_place():
@@ -63,7 +63,8 @@ def test_with_the_lane_that_it_requests_there_is_a_passage():
     disc = Disc(6.0, 0.02, 0.15)
     begun = follower(
         disc,
-        lane=required_offset(disc.locate(STRAIGHT, 0.0)) + tracker.OBSTACLE_LANE_MARGIN + 0.005,
+        lane=required_offset(disc.locate(OBSTACLE_PATH, 0.0)) + tracker.OBSTACLE_LANE_MARGIN
+        + 0.005,
     )
     begun.tracker.begin(0.0)
 
@@ -74,9 +75,9 @@ def test_it_reports_how_near_it_came():
     disc = Disc(6.0, -0.15, 0.15)
     drive = follower(disc)
     rows = light_drive(drive)
-    o = disc.locate(STRAIGHT, 0.0)
+    o = disc.locate(OBSTACLE_PATH, 0.0)
     ahead = LATER.body.l_r
-    level = min(clearance(x + ahead, y, 0.0, o, STRAIGHT, t) for t, x, y, *_ in rows)
+    level = min(clearance(x + ahead, y, 0.0, o, OBSTACLE_PATH, t) for t, x, y, *_ in rows)
     assert drive.why == "the path is driven"
     assert 0.05 < drive.tracker.air[0] < 0.14
     assert drive.tracker.air[0] == pytest.approx(level, abs=0.03)

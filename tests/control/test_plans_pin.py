@@ -18,15 +18,14 @@ from dart_hal.control.plant import plant_of
 from dart_hal.core.errors import UsageError
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
+from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
-NEUTRAL_US = 1500.0
-NEAR_US = 5.0
 PULSE_DELAY_S = 0.040
 # s from the first motion on, s that are looked at
 SPOILT = 1.5
-AFTER = 2.0
+SPOILT_AFTER_S = 2.0
 GONE = 0.75  # s: up to five periods of a plan, and 0.25 s at 2 m/s2: it requests half the speed
-LATE = "no plan within 0.05 s, 4 times in a row"
+LATE_PLAN_MESSAGE = "no plan within 0.05 s, 4 times in a row"
 
 
 def late(mpcc):
@@ -68,7 +67,7 @@ def driven(name, spoil):
             if ceased is None and moved is not None and state.t > moved + SPOILT:
                 ceased = world.t
                 spoil(follower.tracker.mpcc)
-            if follower.phase is Phase.ENDED or (ceased and world.t > ceased + AFTER):
+            if follower.phase is Phase.ENDED or (ceased and world.t > ceased + SPOILT_AFTER_S):
                 break
             car.drive_speed(steering=steering, speed=speed)
         car.stop()
@@ -80,7 +79,8 @@ def driven(name, spoil):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "spoil", "why", "outcome"), [
-    ("mpcc", late, LATE, PlanOutcome.LATE), ("ca-mpcc", late, LATE, PlanOutcome.LATE),
+    ("mpcc", late, LATE_PLAN_MESSAGE, PlanOutcome.LATE),
+    ("ca-mpcc", late, LATE_PLAN_MESSAGE, PlanOutcome.LATE),
     ("mpcc", place_disc, "obstacles leave no way within the lane", PlanOutcome.BLOCKED),
     ("mpcc", return_nan_states, "the plan diverged", PlanOutcome.DIVERGED)])
 def test_a_drive_without_plans_ends_at_neutral(name, spoil, why, outcome):
@@ -96,7 +96,8 @@ def test_a_drive_without_plans_ends_at_neutral(name, spoil, why, outcome):
     assert driving > NEUTRAL_US + 50.0
     assert (width[t > GONE] < driving - 20.0).all()
     assert speed[-1] < 0.5
-    assert (np.abs(width[t > t[-1] - 0.3 + PULSE_DELAY_S] - NEUTRAL_US) <= NEAR_US).all()
+    assert (np.abs(width[t > t[-1] - 0.3 + PULSE_DELAY_S]
+                   - NEUTRAL_US) <= NEUTRAL_TOLERANCE_US).all()
 
 
 @pytest.mark.slow
@@ -107,7 +108,7 @@ def test_a_tracker_that_forgave_every_late_plan_would_drive_on(name, monkeypatch
     follower, rows, _ = driven(name, late)
     assert follower.why == ""
     t, width, _ = rows.T
-    assert width[(t > GONE) & (t < AFTER)].max() > NEUTRAL_US + 50.0
+    assert width[(t > GONE) & (t < SPOILT_AFTER_S)].max() > NEUTRAL_US + 50.0
 
 
 def start_off_path(offset):
@@ -147,10 +148,11 @@ def test_a_start_outside_the_lane_comes_into_it_and_ends_at_neutral():
     assert abs(offset[-1]) < 0.03
     t, width = pulses.T
     assert width.max() > NEUTRAL_US + 50.0
-    assert (np.abs(width[t > t[-1] - 0.3 + PULSE_DELAY_S] - NEUTRAL_US) <= NEAR_US).all()
+    assert (np.abs(width[t > t[-1] - 0.3 + PULSE_DELAY_S]
+                   - NEUTRAL_US) <= NEUTRAL_TOLERANCE_US).all()
 
 
 def test_one_that_is_further_away_never_drives():
     refused, pulses = start_off_path(1.2)
     assert "1.20 m away from the path" in str(refused)
-    assert (np.abs(pulses[:, 1] - NEUTRAL_US) <= NEAR_US).all()
+    assert (np.abs(pulses[:, 1] - NEUTRAL_US) <= NEUTRAL_TOLERANCE_US).all()

@@ -15,9 +15,8 @@ from dart_hal.control.tracks import track_named
 from dart_hal.core.errors import UsageError
 from studies.control import platoon_cars as cars
 from studies.control.platoon_cars import example, gaps, lateral
+from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
-NEUTRAL_US = 1500.0
-NEAR_US = 5.0
 SHORT = {"cars": 3, "lasts": 8.0, "brakes": 5.5, "loss": 0.3}
 BRIEF = {**SHORT, "cars": 2, "lasts": 5.5, "brakes": 5.0}
 
@@ -67,7 +66,8 @@ def test_a_fleet_takes_the_lidar_of_each_car_as_its_source_of_poses(tmp_path):
 
 def driving(truth, n, since, until=np.inf):
     """Pulses [us] at the ESC of car n from ``since`` to ``until`` [s] that drive forward."""
-    return [us for t, us in truth.pulses[n] if since < t < until and us > NEUTRAL_US + NEAR_US]
+    return [us for t,
+            us in truth.pulses[n] if since < t < until and us > NEUTRAL_US + NEUTRAL_TOLERANCE_US]
 
 
 @pytest.mark.slow

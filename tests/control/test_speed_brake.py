@@ -12,7 +12,7 @@ from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.esc import EscMode
 from dart_lab.sim.truth import world_of
 
-COUNT = 0.011
+COUNT_THROTTLE = 0.011
 """Of throttle, one count of the PCA9685."""
 URL = "sim://?seed={}&nano=mock{}"
 
@@ -99,4 +99,4 @@ def test_more_than_there_is_is_reported():
     assert "RANGE" not in names    # a ramp of 3 m/s2 is within the motor's reach
     rows = modes_of(lambda t: 4.9, seconds=4.0)
     assert "RANGE" in rows[-1][4]  # 4.2 m/s is all it does
-    assert np.max([row[2] for row in rows]) <= 1.0 + COUNT
+    assert np.max([row[2] for row in rows]) <= 1.0 + COUNT_THROTTLE

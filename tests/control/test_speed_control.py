@@ -18,7 +18,7 @@ from dart_hal.control.reversal import (
 )
 
 URL = "sim://?seed={}&nano=mock"
-DT = 0.01
+LOOP_PERIOD = 0.01
 
 
 def driven(seed, reference, seconds):
@@ -84,7 +84,7 @@ def test_a_speed_beyond_the_limit_is_reported():
 def test_neutral_is_never_filled_and_nothing_drives_forward_unasked(requests):
     reversal = Reversal()
     for target, speed in requests:
-        given_ = reversal.throttle(target, speed, DT)
+        given_ = reversal.throttle(target, speed, LOOP_PERIOD)
         if target >= 0.0:
             assert given_ == target
         else:
@@ -95,23 +95,23 @@ def test_neutral_is_never_filled_and_nothing_drives_forward_unasked(requests):
 def test_after_forward_the_brake_and_a_rest_come_before_reverse(speed, pull, slows):
     reversal = Reversal()
     throttles = []
-    reversal.throttle(0.3, speed, DT)
+    reversal.throttle(0.3, speed, LOOP_PERIOD)
     for _ in range(300):
-        throttles.append(reversal.throttle(-pull, speed, DT))
-        speed = max(speed - slows * DT, 0.0)
+        throttles.append(reversal.throttle(-pull, speed, LOOP_PERIOD))
+        speed = max(speed - slows * LOOP_PERIOD, 0.0)
         if not reversal.holding:
             break
     rest = np.flatnonzero(np.array(throttles) == 0.0)
-    assert MIN_BRAKE_TIME / DT - 1 <= rest[0] <= MAX_BRAKE_TIME / DT + 1
-    assert len(rest) >= DEFAULT_REVERSE_REST / DT - 2
+    assert MIN_BRAKE_TIME / LOOP_PERIOD - 1 <= rest[0] <= MAX_BRAKE_TIME / LOOP_PERIOD + 1
+    assert len(rest) >= DEFAULT_REVERSE_REST / LOOP_PERIOD - 2
     assert throttles[-1] == -pull
 
 
 def test_a_brake_that_turns_out_to_reverse_is_let_go():
     reversal = Reversal()
-    reversal.throttle(0.3, 0.5, DT)
+    reversal.throttle(0.3, 0.5, LOOP_PERIOD)
     for i in range(100):
-        if reversal.throttle(-0.3, 0.5 + 0.02 * i, DT) == 0.0:
+        if reversal.throttle(-0.3, 0.5 + 0.02 * i, LOOP_PERIOD) == 0.0:
             break
     assert i < 15
 
@@ -120,7 +120,7 @@ def test_an_esc_that_braked_instead_is_rested_once_more():
     reversal = Reversal()
     throttles = []
     for _ in range(200):
-        throttles.append(reversal.throttle(-0.3, 0.5 * REST_SPEED, DT))
+        throttles.append(reversal.throttle(-0.3, 0.5 * REST_SPEED, LOOP_PERIOD))
     assert throttles[0] == -0.3
     assert 0.0 in throttles
     assert throttles[-1] == -0.3

@@ -11,15 +11,15 @@ from dart_hal.vehicle.parameters import Delay
 from studies.control import speed_figures
 from studies.control.speed_figures import STEP, driven, figures, identified, sine, step
 
-LATE = 0.084
+LOOP_DELAY = 0.084
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("seeds", "lag"), [
-    ((2,), LATE), pytest.param(range(1, 5), 0.0, marks=pytest.mark.slow),
-    pytest.param(range(3, 7), LATE, marks=pytest.mark.slow),
+    ((2,), LOOP_DELAY), pytest.param(range(1, 5), 0.0, marks=pytest.mark.slow),
+    pytest.param(range(3, 7), LOOP_DELAY, marks=pytest.mark.slow),
     pytest.param(range(1, 31), 0.0, marks=pytest.mark.long),
-    pytest.param(range(1, 31), LATE, marks=pytest.mark.long)])
+    pytest.param(range(1, 31), LOOP_DELAY, marks=pytest.mark.long)])
 def test_hidden_cars_with_a_model(seeds, lag):
     for seed in seeds:
         found = figures(seed, lag, known="model")
@@ -39,7 +39,7 @@ def test_control_a_lag_that_the_model_does_not_know_overshoots(monkeypatch):
         return replace(plain(backend, seed, lag), delay=Delay(throttle_lag_s=1e-4))
 
     monkeypatch.setattr(speed_figures, "identified", unaware)
-    assert driven(2, LATE, "model", step, 1.5).speed.max() > 1.15 * STEP
+    assert driven(2, LOOP_DELAY, "model", step, 1.5).speed.max() > 1.15 * STEP
 
 
 @pytest.mark.slow
@@ -49,14 +49,14 @@ def test_without_a_model_nothing_is_worse_than_a_softer_loop():
     assert found["settling"] < 0.45
     assert found["overshoot"] < 0.05
     assert found["sine"] < 0.05
-    assert figures(3, LATE, known="nothing")["overshoot"] < 0.2
+    assert figures(3, LOOP_DELAY, known="nothing")["overshoot"] < 0.2
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 8])
 def test_a_sine_is_in_time(seed):
     """Neither late nor early by more than 5 ms: the target is taken ahead."""
-    drive = driven(seed, LATE, "model", sine, 4.0, waits=1.0)
+    drive = driven(seed, LOOP_DELAY, "model", sine, 4.0, waits=1.0)
     shifts = np.arange(-30, 31)
     kept = slice(150, -50)
     errors = [np.std(drive.speed[kept] - np.roll(drive.reference, k)[kept]) for k in shifts]

@@ -8,9 +8,8 @@ from dart_hal.car import Car
 from dart_hal.control.loop import SpeedLoop
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
+from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
-NEUTRAL_US = 1500.0
-NEAR_US = 5.0
 PULSE_DELAY_S = 0.040  # s: the PWM frame under way and the next, as for every command
 MOVES_AT = 1.0  # s of driving forward
 
@@ -48,13 +47,13 @@ def pulses(change, seconds=1.2):
 
 def nothing_drives_forward(widths):
     assert widths
-    assert max(width for _, width in widths) <= NEUTRAL_US + NEAR_US
+    assert max(width for _, width in widths) <= NEUTRAL_US + NEUTRAL_TOLERANCE_US
 
 
 def test_a_target_of_zero_is_neutral():
     widths = pulses(lambda t: 0.0)
     nothing_drives_forward(widths)
-    assert min(width for _, width in widths) >= NEUTRAL_US - NEAR_US
+    assert min(width for _, width in widths) >= NEUTRAL_US - NEUTRAL_TOLERANCE_US
 
 
 @pytest.mark.parametrize("t_stop", [0.0, 0.1, pytest.param(0.5, marks=pytest.mark.slow),
@@ -66,14 +65,15 @@ def test_a_stop_while_the_car_reverses_is_neutral(t_stop):
     nothing_drives_forward(widths)
     late = [width for t, width in widths if t > t_stop + PULSE_DELAY_S + 0.02]
     assert late
-    assert min(late) >= NEUTRAL_US - NEAR_US
+    assert min(late) >= NEUTRAL_US - NEUTRAL_TOLERANCE_US
 
 
 def test_a_target_of_zero_while_the_esc_brakes_is_neutral():
     widths = pulses(lambda t: -0.5 if t < 0.1 else 0.0)
     nothing_drives_forward(widths)
     assert min(width for t,
-               width in widths if t > 0.1 + PULSE_DELAY_S + 0.02) >= NEUTRAL_US - NEAR_US
+               width in widths if t > 0.1 + PULSE_DELAY_S
+               + 0.02) >= NEUTRAL_US - NEUTRAL_TOLERANCE_US
 
 
 def test_a_loop_that_holds_a_remnant_is_detected(monkeypatch):

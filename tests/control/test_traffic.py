@@ -24,7 +24,7 @@ from studies.control.light_follow import LATER, light_drive, plant_by
 from tests.control.test_mpc import TRACK
 
 REAR = 0.09
-STRAIGHT = Path([(9.0, 0.0)], closed=False)
+LONG_STRAIGHT = Path([(9.0, 0.0)], closed=False)
 
 
 def place_car(s, offset, turn=0.0, *, path=TRACK, std=0.0, **of):
@@ -88,7 +88,7 @@ def test_cars_behind_in_the_next_lane_and_beyond_the_end_are_ignored():
     assert judge_traffic(place_car(0.6, 0.0)).wait is TrafficWait.FREE
     assert judge_traffic(place_car(3.0, 1.5)).wait is TrafficWait.FREE
     past = NearbyCar("red", Pose(11.0, 0.0, 0.0), 0.0, 0.0, False)
-    assert judge_traffic(past, s=8.5, path=STRAIGHT).wait is TrafficWait.FREE
+    assert judge_traffic(past, s=8.5, path=LONG_STRAIGHT).wait is TrafficWait.FREE
 
 
 def test_a_car_over_the_start_of_a_lap_counts():
@@ -106,7 +106,7 @@ def test_it_stops_before_the_room_ends_and_starts_for_more_than_that():
     assert found.seconds[TrafficWait.BEHIND] == pytest.approx(2.0)
 
 
-class Drive:
+class TrafficDrive:
     """Two emulated cars of one world on a straight. ``lead(t)``: speed [m/s] of the one ahead,
     None: its program has ended. ``rows``: t, true x of both, at each State; ``pulses``: t, us at
     the ESC of the own car; times from when the cars are armed. cars: a folder for their
@@ -129,7 +129,8 @@ class Drive:
             own, other = fleet.cars
             fleet.members = tuple(join(car, f"local://traffic{room}", name=name)
                                   for car, name in zip(fleet.cars, ("own", "red"), strict=True))
-            self.follower = Follower(STRAIGHT, plant_of(own.files), 1.0, tracker, Rules(here=True))
+            self.follower = Follower(LONG_STRAIGHT, plant_of(own.files), 1.0, tracker,
+                                     Rules(here=True))
             self.others = Others(fleet.members[0], self.follower)
             fleet.arm()
             begun = own.now
@@ -164,7 +165,7 @@ def standing_pose(t):
 @pytest.mark.parametrize("tracker", ["mpcc", "lqr"])
 def test_a_car_at_rest_in_the_lane_is_waited_for(tracker):
     """At rest at neutral, with air; the follower is not stuck, and named is whom it waits for."""
-    drive = Drive(standing_pose, tracker=tracker)
+    drive = TrafficDrive(standing_pose, tracker=tracker)
     assert not drive.contacts
     assert drive.follower.why == ""
     assert (drive.others.traffic.wait, drive.others.traffic.who) == (TrafficWait.BEHIND, "red")
@@ -177,12 +178,12 @@ def test_a_car_at_rest_in_the_lane_is_waited_for(tracker):
 @pytest.mark.slow
 def test_without_reports_it_drives_into_the_other_car():
     """The control."""
-    assert Drive(standing_pose, blind=True, seconds=5.0).contacts
+    assert TrafficDrive(standing_pose, blind=True, seconds=5.0).contacts
 
 
 @pytest.mark.slow
 def test_it_starts_again_behind_one_that_goes_on():
-    drive = Drive(lambda t: 0.0 if t < 5.0 else 0.6)
+    drive = TrafficDrive(lambda t: 0.0 if t < 5.0 else 0.6)
     t, own, red = drive.rows.T
     assert not drive.contacts
     assert own[-1] - own[t < 5.0][-1] > 0.8
@@ -192,7 +193,7 @@ def test_it_starts_again_behind_one_that_goes_on():
 
 @pytest.mark.slow
 def test_a_car_off_the_middle_is_passed(tmp_path):
-    drive = Drive(standing_pose, offset=0.25, cars=tmp_path)
+    drive = TrafficDrive(standing_pose, offset=0.25, cars=tmp_path)
     assert not drive.contacts
     assert set(drive.follower.tracker.mpcc.outcomes.elements()) == {PlanOutcome.SOLVED}
     assert drive.rows[-1, 1] > 4.5
@@ -202,7 +203,7 @@ def test_a_car_off_the_middle_is_passed(tmp_path):
 @pytest.mark.slow
 def test_it_is_not_passed_where_its_marker_is_unknown():
     """15 cm, twice, are no way."""
-    drive = Drive(standing_pose, offset=0.25, seconds=5.0)
+    drive = TrafficDrive(standing_pose, offset=0.25, seconds=5.0)
     assert not drive.contacts
     assert drive.others.traffic.wait is TrafficWait.BEHIND
 
@@ -210,7 +211,7 @@ def test_it_is_not_passed_where_its_marker_is_unknown():
 @pytest.mark.slow
 def test_one_that_falls_silent_is_waited_for_where_it_was():
     """It drives on, unheard: its place is unknown, so the own car waits behind its last place."""
-    drive = Drive(lambda t: 0.6 if t < 2.0 else None)
+    drive = TrafficDrive(lambda t: 0.6 if t < 2.0 else None)
     assert drive.others.traffic.wait is TrafficWait.LOST
     t, own, red = drive.rows.T
     assert own[-1] < red[t < 2.0][-1] - 0.3
@@ -222,7 +223,7 @@ def test_one_that_falls_silent_is_waited_for_where_it_was():
 @pytest.mark.parametrize("room", ["?loss=0.5&seed=1", "?delay=0.05&jitter=0.1&twice=0.2&seed=1"])
 def test_through_loss_and_disorder_no_car_is_touched(room):
     """Frames that are lost, late, overtaken or come twice."""
-    drive = Drive(lambda t: 0.6 if t < 4.0 else 0.0, room=room)
+    drive = TrafficDrive(lambda t: 0.6 if t < 4.0 else 0.0, room=room)
     assert not drive.contacts
     assert (drive.rows[:, 2] - drive.rows[:, 1]).min() > 0.40
     assert drive.rows[-1, 1] > 1.0
@@ -230,7 +231,7 @@ def test_through_loss_and_disorder_no_car_is_touched(room):
 
 def test_another_frame_ends_the_drive():
     reports = {"red": SimpleNamespace(frame="start")}
-    follower = Follower(STRAIGHT, plant_by(LATER), 1.0)
+    follower = Follower(LONG_STRAIGHT, plant_by(LATER), 1.0)
     others = Others(SimpleNamespace(other_poses=lambda: reports), follower)
 
     def each(t, follower, motion):

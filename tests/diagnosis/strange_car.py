@@ -12,7 +12,7 @@ from dart_lab.diagnosis.evidence.space import MessageTiming
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
 
-STEP = 0.002  # s
+SIMULATION_STEP = 0.002  # s
 MASS = PAPER.body.mass
 INERTIA = PAPER.body.yaw_inertia
 
@@ -87,7 +87,7 @@ def steer_by(angle):
     return wrap
 
 
-CARS = {
+STRANGE_CARS = {
     # name: (car of a medium size, channels in which it must show, a variable that must be named)
     "carpet": (carpet(0.3), {"v_x"}, {"x"}),
     "cogging": (cogging(0.4), {"v_x"}, {"speed", "throttle"}),
@@ -119,9 +119,10 @@ def looked_at(paths, p=PAPER):
     noise = estimate_noise(evidence.residuals(p), evidence.blocks(2.0))
     ages = np.zeros(2)
     for _ in range(3):
-        tried = [MessageTiming(*(ages + by)) for by in ((0.0, 0.0), (STEP, 0.0), (0.0, STEP))]
+        tried = [MessageTiming(*(ages + by)) for by in ((0.0, 0.0), (SIMULATION_STEP, 0.0),
+                                                        (0.0, SIMULATION_STEP))]
         here, *there = (np.clip(noise.stack(evidence.residuals(p, t))[0], -5, 5) for t in tried)
-        slopes = np.stack([(other - here) / STEP for other in there], axis=1)
+        slopes = np.stack([(other - here) / SIMULATION_STEP for other in there], axis=1)
         ages = np.clip(ages - np.linalg.lstsq(slopes, here, rcond=None)[0], -0.02, 0.1)
     residuals = evidence.residuals(p, MessageTiming(*ages))
     return evidence, p, residuals, estimate_noise(residuals, evidence.blocks(2.0))

@@ -22,7 +22,7 @@ from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings, label_point_rows
 from tests.diagnosis.searched import drive, evidence
 
-FREE = ("tyres.front_D", "tyres.rear_cornering_stiffness")
+FREE_PARAMETERS = ("tyres.front_D", "tyres.rear_cornering_stiffness")
 
 
 def test_models_that_move_the_car_similarly_are_listed_nearest_first():
@@ -39,7 +39,7 @@ def test_models_that_move_the_car_similarly_are_listed_nearest_first():
 def fitted_search():
     """(search, evidence, fit) of a car with yaw damping."""
     of_drive = evidence(drive(("yaw_damping", 0.02), seconds=40.0))
-    search = ForwardSearch(of_drive, PAPER, Settings(free=FREE))
+    search = ForwardSearch(of_drive, PAPER, Settings(free=FREE_PARAMETERS))
     vehicle = apply(PAPER, "yaw_damping", k=0.01)
     point, _ = search._fit_and_measure_noise(search.make_space(vehicle),
                                              MessageTiming(of_drive.message_age))
@@ -53,12 +53,13 @@ def test_error_holds_the_number_of_the_other_model(fitted_search):
     wide = include_alternatives(final, (Exchange("yaw_damping"),), search, of_drive, USUAL.scan)
     other, _ = search._fit_and_measure_noise(search.make_space(PAPER),
                                              MessageTiming(of_drive.message_age))
-    for name in FREE:
+    for name in FREE_PARAMETERS:
         away = abs(value(other.vehicle, name) - value(final.vehicle, name))
         expected = np.hypot(final.stds[name], away / np.sqrt(2.0))
         assert wide.stds[name] == pytest.approx(expected, rel=0.2)
     assert wide.stds["yaw_damping.k"] == pytest.approx(final.stds["yaw_damping.k"])
-    assert max(wide.stds[n] / final.stds[n] for n in FREE) > 1.5, "else nothing is tested"
+    assert max(wide.stds[n] / final.stds[n]
+               for n in FREE_PARAMETERS) > 1.5, "else nothing is tested"
     assert wide.vehicle is final.vehicle
 
 

@@ -12,8 +12,9 @@ from dart_hal.core.errors import RecordingError
 from dart_lab.diagnosis.evidence.onboard_drive import prepare_stretches
 from studies.diagnosis import any_car
 
-OTHERS = {"/camera/compressed": b"\xff\xd8 no picture \xff\xd9", "/battery": b'{"volt": 7.4}',
-          "/odom_of_another": b"{}"}
+OTHER_CHANNELS = {"/camera/compressed": b"\xff\xd8 no picture \xff\xd9",
+                  "/battery": b'{"volt": 7.4}',
+                  "/odom_of_another": b"{}"}
 """Topic: what each of its messages holds."""
 
 
@@ -47,7 +48,7 @@ def rewrite(run, path, others=(), but=()):
             writer.add_message(ours[channel.id], message.log_time, message.data,
                                message.publish_time, message.sequence)
             for n, topic in zip(theirs, others, strict=True):
-                writer.add_message(n, message.log_time, OTHERS[topic], message.publish_time)
+                writer.add_message(n, message.log_time, OTHER_CHANNELS[topic], message.publish_time)
         writer.finish()
     return path
 
@@ -62,18 +63,18 @@ def list_inputs(recording):
 @pytest.mark.slow
 def test_unknown_channels_are_ignored(filmed_drive, tmp_path):
     plain = read_run(rewrite(filmed_drive, tmp_path / "plain.mcap"))
-    more = read_run(rewrite(filmed_drive, tmp_path / "more.mcap", OTHERS))
+    more = read_run(rewrite(filmed_drive, tmp_path / "more.mcap", OTHER_CHANNELS))
     assert plain.mocap is not None
     assert list_inputs(more) == list_inputs(plain) == list_inputs(read_run(filmed_drive))
 
 
 def test_requested_channels_are_not_ignored(filmed_drive, tmp_path):
     """Control: the same way of writing without poses, and without what the car sent."""
-    without_poses = read_run(rewrite(filmed_drive, tmp_path / "unseen.mcap", OTHERS,
+    without_poses = read_run(rewrite(filmed_drive, tmp_path / "unseen.mcap", OTHER_CHANNELS,
                                    ("/external_pose",)))
     assert without_poses.mocap is None
     with pytest.raises(RecordingError):
-        read_run(rewrite(filmed_drive, tmp_path / "mute.mcap", OTHERS, ("/rx",)))
+        read_run(rewrite(filmed_drive, tmp_path / "mute.mcap", OTHER_CHANNELS, ("/rx",)))
 
 
 @pytest.mark.slow

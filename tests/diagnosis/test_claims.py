@@ -34,7 +34,7 @@ from dart_lab.diagnosis.result import Claim, Constancy, QuantityChange
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
 
-SECONDS = 60.0
+CLAIM_SECONDS = 60.0
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def answer(folder, **factors):
         part = groups.get(group, getattr(PAPER, group))
         groups[group] = replace(part, **{key: getattr(part, key) * factor})
     car = replace(PAPER, **groups)
-    train, test = (read(write(folder / f"{seed}.csv", car, seed, Plan(seconds=SECONDS)))
+    train, test = (read(write(folder / f"{seed}.csv", car, seed, Plan(seconds=CLAIM_SECONDS)))
                    for seed in (21, 22))
     file, p = find_model("paper")
     sides = check_inputs([train], [test], p)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shutil
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,9 +17,8 @@ from dart_lab.diagnosis.evidence.motion import driving_seconds
 from dart_lab.diagnosis.evidence.split import GUARD_S
 from dart_lab.diagnosis.inputs import check_inputs, select_effects, warn_fitted_before
 from studies.diagnosis.known_frame import read
+from tests.common import EXCERPT
 from tests.diagnosis import made_by_hand as made
-
-EXCERPT = Path(__file__).parents[1] / "recorded" / "data"
 
 
 @pytest.fixture(scope="module")

@@ -17,12 +17,12 @@ from dart_lab.diagnosis.frames import describe_frame, find_frame_errors, free_fr
 from dart_lab.diagnosis.write import extended_model
 from tests.diagnosis.searched import drive
 
-STD = (0.0020, 0.0020, 0.0020)
-OFF = 0.004
+FRAME_STD = (0.0020, 0.0020, 0.0020)
+OFFSET = 0.004
 """m; two standard errors."""
 
 
-def add_frame(recording, offset=0.0, std=STD):
+def add_frame(recording, offset=0.0, std=FRAME_STD):
     """The recording with a fitted frame, so far from where the markers are."""
     marker = recording.marker
     return replace(recording, marker=Reference(marker.lx + offset, marker.theta, marker.ly,
@@ -63,12 +63,13 @@ def test_error_of_a_frame_is_no_cause(refit):
     file, p = find_model("paper")
     train = drive(seconds=60.0, seed=3)
     test = drive(seconds=40.0, seed=4)
-    fitted, known = (diagnose(file, p, [add_frame(train, OFF, std)], [add_frame(test, OFF, std)],
-                              refit=refit) for std in (STD, None))
+    fitted, known = (diagnose(file, p, [add_frame(train, OFFSET, std)],
+                              [add_frame(test, OFFSET, std)],
+                              refit=refit) for std in (FRAME_STD, None))
     assert not fitted.causes
     assert fitted.verdict in ("nothing_wrong", "parameters_only")
     moved = value(fitted.extended, "mocap_offset_x.k")
-    assert moved == pytest.approx(-OFF, abs=0.0015)
+    assert moved == pytest.approx(-OFFSET, abs=0.0015)
     assert any("moves it, within its stated errors" in note for note in fitted.notes)
     written, of_known = (extended_model(d, file, [train]) for d in (fitted, known))
     assert written.effects == (), "it is of these recordings, and not of the car"

@@ -29,17 +29,17 @@ from studies.diagnosis.known_frame import read
 from tests.diagnosis.searched import drive
 
 UNITS = 16
-ROWS = 40
-DRAWS = 400
+BLOCK_ROWS = 40
+BOOTSTRAP_DRAWS = 400
 
 
 def problem(rng, signal, others=(), pull=1.0):
     """Units of rows with noise of size 1: residuals of a fit whose effect, of so much signal, is
     taken out at step -1; others: directions that may follow, with a prior of size 1 / pull."""
-    effect = rng.normal(size=(UNITS, ROWS))
+    effect = rng.normal(size=(UNITS, BLOCK_ROWS))
     columns = [*(f(effect, rng) for f in others), effect]
     z = np.stack(columns, axis=2) * np.array([1.0] * len(others) + [signal])
-    noise = rng.normal(size=(UNITS, ROWS))
+    noise = rng.normal(size=(UNITS, BLOCK_ROWS))
     flat = z.reshape(-1, z.shape[2])
     noise -= (flat @ np.linalg.lstsq(flat, noise.ravel(), rcond=None)[0]).reshape(noise.shape)
     return BootstrapProblem(np.einsum("uri,urj->uij", z, z), np.einsum("uri,ur->ui", z, noise),
@@ -48,8 +48,8 @@ def problem(rng, signal, others=(), pull=1.0):
 
 def test_what_is_there_is_certain_and_what_is_not_is_not():
     rng = np.random.default_rng(1)
-    assert probability(problem(rng, 0.3), -1.0, DRAWS, 0) > 0.97
-    weak = [probability(problem(rng, 0.02), -1.0, DRAWS, i) for i in range(20)]
+    assert probability(problem(rng, 0.3), -1.0, BOOTSTRAP_DRAWS, 0) > 0.97
+    weak = [probability(problem(rng, 0.02), -1.0, BOOTSTRAP_DRAWS, i) for i in range(20)]
     assert np.median(weak) < USUAL.grade.likely
 
 
@@ -59,7 +59,7 @@ def test_what_the_family_of_another_explains_is_no_second_cause():
         return effect + 0.1 * rng.normal(size=effect.shape)
 
     rng = np.random.default_rng(2)
-    free, held = (probability(problem(rng, 0.3, [same_signal], pull), -1.0, DRAWS, 0)
+    free, held = (probability(problem(rng, 0.3, [same_signal], pull), -1.0, BOOTSTRAP_DRAWS, 0)
                   for pull in (1e-3, 1e6))
     assert free < USUAL.grade.likely
     assert held > 0.95  # the control: without the family it is
@@ -68,7 +68,7 @@ def test_what_the_family_of_another_explains_is_no_second_cause():
 def test_an_effect_with_another_sign_in_the_bootstrap_is_rejected():
     p = problem(np.random.default_rng(3), 0.3)
     turned = replace(p, slope=p.slope + 1.5 * p.normal[:, :, -1])
-    assert probability(turned, -1.0, DRAWS, 0) < 0.05
+    assert probability(turned, -1.0, BOOTSTRAP_DRAWS, 0) < 0.05
 
 
 @pytest.fixture(scope="module")

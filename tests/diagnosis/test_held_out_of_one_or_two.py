@@ -12,7 +12,7 @@ from studies.diagnosis.known_frame import read as framed
 from tests.diagnosis.searched import drive
 
 PAIR = (("motor_gain", -0.12), ("gyro_latency", 0.06))
-OTHERS = ("yaw_inertia", "clock_offset")
+OTHER_EFFECTS = ("yaw_inertia", "clock_offset")
 PARAMETERS = {"motor_gain": {"motor", "drive force"},
               "steering_lag": {"steering timing", "command timing"}}
 """Groups of parameters of the model that a refit moves in the place of an effect."""
@@ -27,7 +27,7 @@ def test_hidden_causes_are_found_without_test_recordings(hidden, seed, recording
     files = [framed(drive(*hidden, seconds=60.0, seed=seed + i).path) for i in range(recordings)]
     inputs = check_inputs(files, [], p)
     found = diagnose(file, p, inputs.train, inputs.test, refit=refit,
-                     only=(*dict(hidden), *OTHERS))
+                     only=(*dict(hidden), *OTHER_EFFECTS))
     named = {c.effect: c.parameters["k"].value for c in found.causes}
     groups = {c.group for c in found.claims}
     for name, size in hidden:

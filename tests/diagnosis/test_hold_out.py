@@ -14,16 +14,16 @@ from dart_lab.diagnosis.evidence.onboard_drive import prepare_stretches
 from dart_lab.diagnosis.evidence.split import GUARD_S, MIN_STRETCH_S, hold_out, split
 from tests.diagnosis.onboard_files import made, recorded
 
-SECONDS = 120.0
+RECORDING_SECONDS = 120.0
 
 
 @pytest.fixture
 def one_sided():
     """A drive that steers to the left in its first half and to the right in its second."""
-    n = int(SECONDS / 0.1)
+    n = int(RECORDING_SECONDS / 0.1)
     t = np.arange(n) * 0.1
     wave = np.sign(np.sin(2.0 * np.pi * t / 4.0))
-    return made(n, steering=0.3 * np.where(t < 0.5 * SECONDS, 1.0, -1.0) + 0.2 * wave,
+    return made(n, steering=0.3 * np.where(t < 0.5 * RECORDING_SECONDS, 1.0, -1.0) + 0.2 * wave,
                 throttle=0.2 + 0.05 * np.sign(np.sin(2.0 * np.pi * t / 7.0)))
 
 
@@ -39,7 +39,7 @@ def test_stretches_alternate_with_a_guard_between_them(one_sided, share):
     assert len(test.spans) >= 6
     assert min(gaps(train, test)) >= GUARD_S - 1e-9
     held = sum(b - a for a, b in test.spans)
-    assert held == pytest.approx(share * SECONDS, rel=0.25)
+    assert held == pytest.approx(share * RECORDING_SECONDS, rel=0.25)
     assert all(b - a >= MIN_STRETCH_S for a, b in (*train.spans, *test.spans))
 
 
@@ -49,8 +49,8 @@ def test_both_sides_steer_both_ways(one_sided):
     steering = one_sided.messages.steering
     means = [steering[span_index(r.spans, t) >= 0].mean() for r in split(one_sided, 0.4)]
     assert abs(means[0] - means[1]) < 0.1
-    last = steering[t > 0.6 * SECONDS].mean()
-    assert abs(steering[t < 0.6 * SECONDS].mean() - last) > 0.3
+    last = steering[t > 0.6 * RECORDING_SECONDS].mean()
+    assert abs(steering[t < 0.6 * RECORDING_SECONDS].mean() - last) > 0.3
 
 
 def test_every_stretch_has_steps_of_both_commands(one_sided):

@@ -33,26 +33,26 @@ from tests.diagnosis import made_by_hand as made
 from tests.diagnosis.searched import fitted_side
 
 AGES = np.linspace(-0.11, 0.11, 45)
-WINDOWS = 300
+ERROR_WINDOWS = 300
 
 
 def draw_errors(true_ages, seed=1):
     """Errors (k, n, 2) by age of windows of which half see a step at these ages [s]."""
     rng = np.random.default_rng(seed)
-    slope = 200.0 * (rng.random(WINDOWS) < 0.5) * rng.normal(size=WINDOWS)
-    noise = rng.normal(size=(WINDOWS, 2))
+    slope = 200.0 * (rng.random(ERROR_WINDOWS) < 0.5) * rng.normal(size=ERROR_WINDOWS)
+    noise = rng.normal(size=(ERROR_WINDOWS, 2))
     moved = slope * (true_ages - AGES[:, None])
     return noise + np.stack([moved, 0.5 * moved], axis=2), slope
 
 
 def test_commands_within_their_ages_gain_nothing():
-    true = np.random.default_rng(2).uniform(0.0, 0.1, size=WINDOWS)
+    true = np.random.default_rng(2).uniform(0.0, 0.1, size=ERROR_WINDOWS)
     assert compare_ages(draw_errors(true)[0], AGES, -0.01, 0.11)[0] < 3.0
-    assert compare_ages(draw_errors(np.zeros(WINDOWS))[0], AGES, -0.01, 0.01)[0] < 3.0
+    assert compare_ages(draw_errors(np.zeros(ERROR_WINDOWS))[0], AGES, -0.01, 0.01)[0] < 3.0
 
 
 def test_late_commands_gain_and_their_windows_are_found():
-    late = np.random.default_rng(3).random(WINDOWS) < 0.2
+    late = np.random.default_rng(3).random(ERROR_WINDOWS) < 0.2
     errors, slope = draw_errors(np.where(late, -0.08, 0.0))
     gain, posterior = compare_ages(errors, AGES, -0.01, 0.01)
     assert gain > 10.0 * MIN_GAIN
@@ -64,8 +64,8 @@ def test_late_commands_gain_and_their_windows_are_found():
 
 def test_events_that_no_age_explains_gain_nothing():
     """The negative control: errors as large, at as many windows."""
-    errors, _ = draw_errors(np.zeros(WINDOWS))
-    late = np.random.default_rng(3).random(WINDOWS) < 0.2
+    errors, _ = draw_errors(np.zeros(ERROR_WINDOWS))
+    late = np.random.default_rng(3).random(ERROR_WINDOWS) < 0.2
     errors[:, late] += 16.0 * np.random.default_rng(4).normal(size=(late.sum(), 2))
     assert compare_ages(errors, AGES, -0.01, 0.01)[0] < MIN_GAIN
 
@@ -118,13 +118,14 @@ def test_lost_commands_are_flagged_in_most_kinds_of_driving():
     assert flagged[0.0] == 0
 
 
-LATE = LateCommands(0.21, 0.062, 34.2, (ErrorMoment("19/a.csv", 12.3, 0.9, 8.0, 1.2, 0.3, -0.4),))
+LATE_COMMANDS = LateCommands(0.21, 0.062, 34.2,
+                             (ErrorMoment("19/a.csv", 12.3, 0.9, 8.0, 1.2, 0.3, -0.4),))
 
 
 def test_terminal_page_and_verdict_state_late_commands(capsys):
     question = SimpleNamespace(refit=False)
-    assert conclusion._verdict(question, None, (), (LATE,), {}, (), ()) == "unexplained"
-    d = replace(made.diagnosis("unexplained", 0, False), late_commands=LATE, considered=())
+    assert conclusion._verdict(question, None, (), (LATE_COMMANDS,), {}, (), ()) == "unexplained"
+    d = replace(made.diagnosis("unexplained", 0, False), late_commands=LATE_COMMANDS, considered=())
     assert d.to_json()["late_commands"]["moments"][0]["second"] == 12.3
     assert "some commands act later than they were logged" in headline(d)
     show(d)

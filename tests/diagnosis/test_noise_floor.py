@@ -26,8 +26,8 @@ from studies.diagnosis.events import add_gusts
 from tests.diagnosis import made_by_hand as made
 from tests.diagnosis.searched import fitted_side
 
-WINDOWS = 400
-STD = np.array([0.03, 0.01, 0.1])
+NOISE_WINDOWS = 400
+NOISE_STD = np.array([0.03, 0.01, 0.1])
 
 
 def rms(errors):
@@ -35,7 +35,7 @@ def rms(errors):
 
 
 def noise(seed):
-    return STD * np.random.default_rng(seed).normal(size=(WINDOWS, 3))
+    return NOISE_STD * np.random.default_rng(seed).normal(size=(NOISE_WINDOWS, 3))
 
 
 def floor(errors, by_age=None, fault=0.0, method=0.0):
@@ -60,10 +60,11 @@ def test_events_exceed_the_floor_and_hardly_raise_it():
 def drawn_ages(seed):
     """Errors of which a third depends on an age between -0.05 and 0.05 s, and the same by age."""
     rng = np.random.default_rng(seed)
-    slope = np.where(rng.random((WINDOWS, 1)) < 0.3, rng.normal(size=(WINDOWS, 1)), 0.0) * (
-        100.0 * STD)
+    slope = np.where(rng.random((NOISE_WINDOWS, 1)) < 0.3, rng.normal(size=(NOISE_WINDOWS, 1)),
+                     0.0) * (
+        100.0 * NOISE_STD)
     ages = np.linspace(-0.05, 0.05, 21)
-    true = rng.uniform(-0.05, 0.05, size=(WINDOWS, 1))
+    true = rng.uniform(-0.05, 0.05, size=(NOISE_WINDOWS, 1))
     errors = noise(seed + 1) + slope * true
     return errors, errors - slope * ages[:, None, None]
 
@@ -95,7 +96,7 @@ def test_floor_contains_the_error_of_the_evaluation(share):
 
 def test_floor_excludes_what_the_driving_predicts():
     u = noise(9)
-    fault = 5.0 * STD * np.sin(np.arange(WINDOWS) / 9.0)[:, None]
+    fault = 5.0 * NOISE_STD * np.sin(np.arange(NOISE_WINDOWS) / 9.0)[:, None]
     assert floor(u + fault, fault=fault) / rms(u) == pytest.approx(1.0, abs=0.05)
     assert np.all(floor(u + fault) > 2.0 * rms(u))
 
@@ -137,7 +138,7 @@ def test_few_windows_and_sensors_alone_have_no_floor():
         assert estimate_noise_floor(without, PAPER, MessageTiming(), PAPER, USUAL.unexplained) == {}
 
 
-FLOOR = {"vx": 0.02, "vy": 0.01, "yaw_rate": 0.02, "position": 1.0, "yaw_deg": 9.0}
+NOISE_FLOOR = {"vx": 0.02, "vy": 0.01, "yaw_rate": 0.02, "position": 1.0, "yaw_deg": 9.0}
 ABOVE = Excess("yaw_rate", 0.5, 0.1)
 
 
@@ -151,10 +152,10 @@ def test_an_error_above_the_floor_is_not_explained(causes, left, expected):
 
 
 def test_terminal_and_page_state_the_floor_and_what_is_above_it(capsys):
-    d = replace(made.diagnosis("unexplained", 0, False), noise_floor=FLOOR, considered=())
+    d = replace(made.diagnosis("unexplained", 0, False), noise_floor=NOISE_FLOOR, considered=())
     error = d.stages[-1].horizons["1.0"]["pooled"]["yaw_rate"]
     assert [e.channel for e in d.excesses if e.channel == "yaw_rate"] == ["yaw_rate"]
-    assert d.to_json()["noise_floor"] == FLOOR
+    assert d.to_json()["noise_floor"] == NOISE_FLOOR
     show(d)
     text = " ".join(capsys.readouterr().out.split())
     line = (f"yaw rate {error:.3g} rad/s after 1 s, {error / 0.02:.1f} times the noise floor of "

@@ -19,19 +19,19 @@ from dart_lab.sim.hidden import NOMINAL_VEHICLE
 from dart_lab.sim.servo import HORN_RAD_PER_US, ServoParams
 from studies.diagnosis import any_car
 
-SECONDS = 40.0
+RUN_SECONDS = 40.0
 SERVO = ServoParams()
-UNIT = SERVO.span_us * HORN_RAD_PER_US / SERVO.rate  # s for a command of 1
+ANGLE_UNIT = SERVO.span_us * HORN_RAD_PER_US / SERVO.rate  # s for a command of 1
 HALF_FRAME = 0.01  # s; the mean wait for a PWM frame of 50 Hz
 EXACT = apply(replace(NOMINAL_VEHICLE, delay=replace(NOMINAL_VEHICLE.delay,
                                                      steering_s=HALF_FRAME)),
-              "steering_rate_limit", k=UNIT)
+              "steering_rate_limit", k=ANGLE_UNIT)
 """The simulated car of no seed, by the equations of the models."""
 
 
 def drive(path, effect):
     url = "sim://?nano=mock" + (f"&effect={effect}" if effect else "")
-    any_car.drive(url, path, SECONDS, np.random.default_rng(5), held=2.5)
+    any_car.drive(url, path, RUN_SECONDS, np.random.default_rng(5), held=2.5)
     return read_run(path)
 
 

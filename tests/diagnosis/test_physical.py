@@ -10,7 +10,7 @@ from dart_hal.vehicle.effects import catalogue
 from dart_lab.diagnosis.report.physical import EXAMPLES, SCALES, describe_size
 from dart_lab.diagnosis.result import ParameterEstimate
 
-PLAIN = {"rad/s", "N", "N m", "turn", "step"}
+PLAIN_UNITS = {"rad/s", "N", "N m", "turn", "step"}
 """Units that a reader knows as they are."""
 
 
@@ -53,4 +53,4 @@ def test_no_example_divides_by_a_size_of_zero():
 
 def test_every_unit_of_the_catalogue_is_known():
     units = {q.unit for effect in catalogue().values() for q in effect.parameters}
-    assert units <= {*SCALES, *EXAMPLES, *PLAIN}
+    assert units <= {*SCALES, *EXAMPLES, *PLAIN_UNITS}

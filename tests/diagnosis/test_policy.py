@@ -20,7 +20,7 @@ from studies.diagnosis import policy_sensitivity as sensitivity
 from studies.diagnosis.policy_sensitivity import Watched, altered, changed, list_thresholds, usual
 from tests.diagnosis.searched import drive, evidence, names, search
 
-ROOM = Path(module.__file__).parent
+POLICY_FOLDER = Path(module.__file__).parent
 GRIDS = {"MAX_ITERATIONS", "MAX_REUSE_ITERATIONS", "MIN_SQUARED_CHANGE", "MIN_RELATIVE_DETERMINANT",
          "BASE_NOISE_PASSES"}
 """Numbers of a search that decide no name: iterations, starts, rounding."""
@@ -38,7 +38,7 @@ def test_every_threshold_has_a_description():
 
 
 def test_every_threshold_is_used():
-    text = "".join(p.read_text(encoding="utf-8") for p in ROOM.rglob("*.py") if p != Path(
+    text = "".join(p.read_text(encoding="utf-8") for p in POLICY_FOLDER.rglob("*.py") if p != Path(
         module.__file__))
     for group in fields(USUAL):
         for one in fields(getattr(USUAL, group.name)):
@@ -46,7 +46,7 @@ def test_every_threshold_is_used():
 
 
 def test_the_search_has_no_threshold_of_its_own():
-    found = {target.id for path in (ROOM / "search").glob("*.py")
+    found = {target.id for path in (POLICY_FOLDER / "search").glob("*.py")
              for node in ast.parse(path.read_text(encoding="utf-8")).body
              if isinstance(node, ast.Assign) and any(isinstance(n, ast.Constant) and isinstance(
                  n.value, float | int) for n in ast.walk(node.value))

@@ -24,9 +24,9 @@ from tests.diagnosis import made_by_hand as made
 
 DEAD = "encoder dead: always 0 while the mocap shows the car driving"
 FROZEN = "false lock of the mocap (pose stands, encoder turns): 20.91 s, 29% of the recording"
-CLOCK = ("the car acts 100 ms before its commands are in the recording, at the edge of what is "
-         "allowed: the clocks of command and sensors differ. Synchronise the clocks")
-LATE = LateCommands(0.21, 0.062, 34.2, ())
+CLOCKS = ("the car acts 100 ms before its commands are in the recording, at the edge of what is "
+                  "allowed: the clocks of command and sensors differ. Synchronise the clocks")
+LATE_FINDING = LateCommands(0.21, 0.062, 34.2, ())
 
 
 def claim(old, new, std, **changes):
@@ -84,7 +84,8 @@ def test_what_is_left_is_a_multiple_of_the_noise_floor():
 def test_a_problem_of_the_data_comes_first():
     d = made.diagnosis()
     assert "problem" not in summary_lines(d)[-1]
-    both = replace(d, notes=(CLOCK, "b.csv: the encoder is dead"), late_commands=LATE,
+    both = replace(d, notes=(CLOCKS, "b.csv: the encoder is dead"),
+                   late_commands=LATE_FINDING,
                    files={"b.csv": {"why": [DEAD]}, "c.csv": {"why": [FROZEN, "other"]}})
     assert summary_lines(both)[-1].startswith("First: solve the first of 4 problems of the data: "
                                               "the car acts 100 ms before")

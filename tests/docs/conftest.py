@@ -5,6 +5,6 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-TESTS = Path(__file__).parents[1]
-for folder in (TESTS / "hardware", Path(__file__).parent):
+TESTS_FOLDER = Path(__file__).parents[1]
+for folder in (TESTS_FOLDER / "hardware", Path(__file__).parent):
     sys.path.insert(0, str(folder))

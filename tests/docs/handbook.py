@@ -19,11 +19,11 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"(?:^<!-- (?P<mark>[^\n]*?) -->\n)?^```(?P<kind>\w*)\n(?P<text>.*?)^```$",
                    re.MULTILINE | re.DOTALL)
-NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?![\w]*\.\d)")
+NUMBER_PATTERN = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?![\w]*\.\d)")
 MAX_RELATIVE_DIFFERENCE = 0.1
 """Of a number that a page shows and the one that is printed; a unit of its last digit is allowed
 as well, because pages and programs round."""
-CODE = re.compile(r"```.*?```|`[^`\n]*`", re.DOTALL)
+CODE_PATTERN = re.compile(r"```.*?```|`[^`\n]*`", re.DOTALL)
 LINK = re.compile(r"\]\(([^)\s]+)\)")
 IMAGE = re.compile(r"^```\{image\} (\S+)", re.MULTILINE)
 
@@ -87,8 +87,8 @@ def as_shown(shown: str, printed: str, *, any_numbers: bool = False) -> bool:
                 words.append(".*")
                 continue
             # Text between the numbers is literal, each number becomes a group.
-            numbers += NUMBER.findall(word)
-            words.append(r"([-+]?\d+(?:\.\d+)?)".join(map(re.escape, NUMBER.split(word))))
+            numbers += NUMBER_PATTERN.findall(word)
+            words.append(r"([-+]?\d+(?:\.\d+)?)".join(map(re.escape, NUMBER_PATTERN.split(word))))
         pattern += r"[ \t]*" + r"\s+".join(words) + r"[ \t]*\n+"
     return any(any_numbers or all(map(is_near, numbers, found.groups()))
                for found in re.finditer(pattern, printed + "\n"))
@@ -109,7 +109,7 @@ def anchors(text: str) -> set[str]:
 
 def broken_links(page: Path, text: str) -> list[str]:
     """Links and pictures of a page that lead nowhere, anchors into other pages included."""
-    found = LINK.findall(CODE.sub("", text)) + IMAGE.findall(text)
+    found = LINK.findall(CODE_PATTERN.sub("", text)) + IMAGE.findall(text)
     out = []
     for link in found:
         name, _, anchor = link.partition("#")

@@ -13,11 +13,11 @@ from pathlib import Path
 import handbook
 from handbook import DOCS, ROOT, Block
 
-PAGE = DOCS / "contributing" / "recipes.md"
+RECIPES_PAGE = DOCS / "contributing" / "recipes.md"
 COPIED = ("host", "tests", "studies", "firmware", "docs/reference", "docs/contributing")
 """Folders that recipes change, or that the commands compare with."""
 LINKED = ("cars", "examples", "hardware", "benchmarks", "pyproject.toml")
-PATIENCE = 600.0
+RECIPE_TIMEOUT_S = 600.0
 """s for one command, on a machine that does something else as well."""
 OUTPUT = 4000
 """Characters of the output that a failure shows."""
@@ -29,13 +29,13 @@ class RecipeFailed(AssertionError):
 
 def recipe(heading: str) -> list[Block]:
     """Return the blocks below a heading of the page, up to the next one."""
-    _, found, below = PAGE.read_text(encoding="utf-8").partition(f"\n## {heading}\n")
+    _, found, below = RECIPES_PAGE.read_text(encoding="utf-8").partition(f"\n## {heading}\n")
     assert found, f"no recipe {heading!r}"
     return handbook.blocks(below.partition("\n## ")[0])
 
 
 def headings() -> list[str]:
-    return re.findall(r"^## (.+)$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    return re.findall(r"^## (.+)$", RECIPES_PAGE.read_text(encoding="utf-8"), re.MULTILINE)
 
 
 def edited_file(block: Block) -> str:
@@ -100,7 +100,7 @@ class Checkout:
         env |= {"PYTHONPATH": str(self.folder / "host"), "PYTHONDONTWRITEBYTECODE": "1",
                 "HOME": str(self.folder), "XDG_DATA_HOME": str(self.folder / "data")}
         done = subprocess.run(["bash", "-euo", "pipefail", "-c", command], cwd=self.folder, env=env,
-                              capture_output=True, text=True, check=False, timeout=PATIENCE)
+                              capture_output=True, text=True, check=False, timeout=RECIPE_TIMEOUT_S)
         printed = done.stdout + done.stderr
         if done.returncode:
             raise RecipeFailed(f"{command}\n{printed[-OUTPUT:]}")

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from handbook import DOCS, ROOT
 
-PAGE = DOCS / "explanation" / "architecture.md"
+ARCHITECTURE_PAGE = DOCS / "explanation" / "architecture.md"
 HOST = ROOT / "host"
-SOURCES = {".py", ".cpp", ".c", ".h", ".hex", ".sh", ".toml", ".md"}
+SOURCE_SUFFIXES = {".py", ".cpp", ".c", ".h", ".hex", ".sh", ".toml", ".md"}
 LEAF = ("examples", "benchmarks", "studies", "tests", "docs", "cars")
 """Drawn as one; every other top folder is drawn by its folders."""
 MADE = {"hardware/stl", "hardware/dxf", "hardware/pictures"}  # by hardware/cad, stated on its line
@@ -18,7 +18,7 @@ MADE = {"hardware/stl", "hardware/dxf", "hardware/pictures"}  # by hardware/cad,
 
 def drawing(title: str) -> list[str]:
     """Lines of the first drawing below a heading."""
-    below = PAGE.read_text(encoding="utf-8").split(f"# {title}\n", 1)[1]
+    below = ARCHITECTURE_PAGE.read_text(encoding="utf-8").split(f"# {title}\n", 1)[1]
     match = re.search(r"```text\n(.*?)```", below, re.DOTALL)
     assert match
     return match[1].splitlines()
@@ -31,7 +31,7 @@ def names_in(lines: list[str]) -> set[str]:
 
 
 def holds_sources(folder: Path) -> bool:
-    return any(p.suffix in SOURCES for p in folder.rglob("*") if "build" not in p.parts)
+    return any(p.suffix in SOURCE_SUFFIXES for p in folder.rglob("*") if "build" not in p.parts)
 
 
 @pytest.mark.parametrize("package", ["dart_hal: what runs on a car",

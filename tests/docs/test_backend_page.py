@@ -20,9 +20,9 @@ from dart_hal.core.errors import LinkLost, UsageError
 from dart_hal.devices.links.base import Backend, open_backend
 from dart_hal.devices.links.pty import Pty
 from dart_lab.sim.serve import BusServer, PacedWorld
+from tests.common import WAIVED_GATES
 
-PAGE = DOCS / "how_to" / "backend.md"
-WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
+BACKEND_PAGE = DOCS / "how_to" / "backend.md"
 
 
 class Converter:
@@ -62,7 +62,7 @@ class Converter:
 def package(tmp_path):
     """The package of the page, installed."""
     folder = tmp_path / "package"
-    install(folder, files_of_page(PAGE))
+    install(folder, files_of_page(BACKEND_PAGE))
     with on_path(folder):
         yield
 
@@ -97,7 +97,7 @@ def test_the_backend_of_the_page_drives(package, served_car):
     with Car.open(f"tcp://{converter.address}?i2c=unix:{bus}", car=name, cars=cars) as car:
         assert car.drives
         list(car.states(duration=0.7, timeout=10.0))
-        car.arm(waive=WAIVE)
+        car.arm(waive=WAIVED_GATES)
         speeds = []
         for state in car.states(duration=1.5, timeout=10.0):
             car.drive(throttle=0.35)
@@ -133,7 +133,7 @@ def test_a_url_that_the_backend_does_not_know_is_refused(package, text):
 
 def test_the_page_states_every_field():
     """Fields of ``Backend`` and those that the page names are the same."""
-    text = PAGE.read_text(encoding="utf-8")
+    text = BACKEND_PAGE.read_text(encoding="utf-8")
     table = [row.split("|")[1] for row in text.splitlines() if row.startswith("| `")]
     named = {part.strip(" `") for cell in table for part in cell.split(",")}
     assert named == {f.name for f in fields(Backend)}

@@ -6,17 +6,26 @@ import re
 
 import pytest
 from handbook import ROOT
-from walks import FIRMWARE, MAX_STEPS, NAME, PAGE, find_object, first_calls, section, steps
+from walks import (
+    DOTTED_NAME,
+    FIRMWARE_LINE,
+    MAX_STEPS,
+    OVERVIEW_PAGE,
+    find_object,
+    first_calls,
+    section,
+    steps,
+)
 
 from dart_hal.car import Car
+from tests.common import WAIVED_GATES
 
 COMMAND = "From a command to the ESC pin"
-EDGE = "From an encoder edge to a State"
-WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
+EDGE_WALK = "From an encoder edge to a State"
 
 
 def test_every_name_exists():
-    names = NAME.findall(PAGE.read_text(encoding="utf-8"))
+    names = DOTTED_NAME.findall(OVERVIEW_PAGE.read_text(encoding="utf-8"))
     assert len(names) > 25
     for name in names:
         find_object(name)
@@ -24,19 +33,19 @@ def test_every_name_exists():
 
 def missing_in_firmware(text: str) -> list[str]:
     """Functions of the firmware that a text names and their files do not define."""
-    return [f"{file}: {name}" for file, name in FIRMWARE.findall(text)
+    return [f"{file}: {name}" for file, name in FIRMWARE_LINE.findall(text)
             if not re.search(rf"^[\w ].*\b{name}\(", (ROOT / file).read_text(encoding="utf-8"),
                              re.MULTILINE)]
 
 
 def test_every_function_of_the_firmware_exists():
-    text = section(EDGE)
-    assert len(FIRMWARE.findall(text)) == 3
+    text = section(EDGE_WALK)
+    assert len(FIRMWARE_LINE.findall(text)) == 3
     assert missing_in_firmware(text) == []
     assert missing_in_firmware(text.replace("send_state", "send_all")), "the negative control"
 
 
-@pytest.mark.parametrize("heading", [COMMAND, EDGE])
+@pytest.mark.parametrize("heading", [COMMAND, EDGE_WALK])
 def test_a_walk_is_short(heading):
     assert 5 <= len(steps(heading)) <= MAX_STEPS
 
@@ -44,7 +53,7 @@ def test_a_walk_is_short(heading):
 @pytest.fixture
 def car(armed_esc):
     with Car.open("sim://?nano=mock") as opened:
-        opened.arm(waive=WAIVE)
+        opened.arm(waive=WAIVED_GATES)
         yield opened
 
 
@@ -74,7 +83,7 @@ def test_an_edge_takes_this_walk(car):
     def work():
         found.append(next(car.states()))
 
-    assert first_calls(steps(EDGE), work) == steps(EDGE)
+    assert first_calls(steps(EDGE_WALK), work) == steps(EDGE_WALK)
     assert found[0].speed > 0.2, "the wheels turn, so there are edges"
 
 
@@ -83,4 +92,4 @@ def test_a_step_that_is_not_taken_is_detected(car):
     def work():
         next(car.states())
 
-    assert first_calls(steps(EDGE), work) != steps(EDGE)
+    assert first_calls(steps(EDGE_WALK), work) != steps(EDGE_WALK)

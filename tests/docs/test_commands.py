@@ -28,7 +28,7 @@ READ = ("examples", "hardware", "host", "studies", "tests")
 OTHER_ON_MOCK = ("first_controller",)
 """Pages with numbers of the firmware alone: MockNano answers some milliseconds later, and a
 controller that swings on a car with a lag swings further there (127 instead of 88 mm)."""
-PATIENCE = 2400
+COMMAND_TIMEOUT_S = 2400
 """s for one block; all calibrations on the firmware take two minutes of an idle machine."""
 
 
@@ -60,7 +60,7 @@ def play(page: Path, folder: Path, *, slow: bool) -> list[Block]:
             words = [sys.executable, "-c", text] if block.kind == "python" else [
                 "bash", "-euo", "pipefail", "-c", text]
             done = subprocess.run(words, cwd=folder, env=env, capture_output=True, text=True,
-                                  check=False, timeout=PATIENCE)
+                                  check=False, timeout=COMMAND_TIMEOUT_S)
             assert done.returncode == 0, f"{where}:\n{done.stdout}\n{done.stderr}"
             printed = done.stdout
             ran.append(block)

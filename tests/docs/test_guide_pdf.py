@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.common import ROOT
+
 sys.path[:0] = [str(ROOT / "docs"), str(ROOT / "hardware")]
 
 

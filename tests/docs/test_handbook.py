@@ -8,8 +8,8 @@ import handbook
 import pytest
 from handbook import DOCS, ROOT
 
-KINDS = {"tutorials", "notebooks", "gallery", "build_guide", "how_to", "use_cases", "reference",
-         "explanation", "contributing", "results"}
+SECTIONS = {"tutorials", "notebooks", "gallery", "build_guide", "how_to", "use_cases", "reference",
+            "explanation", "contributing", "results"}
 WORDS = 900  # of the README
 
 
@@ -35,7 +35,7 @@ def test_every_page_has_its_place_by_kind():
              if DOCS in p.parents and p != DOCS / "index.md"}
     found |= {f"notebooks/{p.stem}" for p in (DOCS / "notebooks").glob("*.ipynb")}
     assert found == set(list_pages())
-    assert {name.split("/")[0] for name in found} == KINDS
+    assert {name.split("/")[0] for name in found} == SECTIONS
 
 
 def readme() -> str:

@@ -14,8 +14,8 @@ import nbformat  # noqa: E402 - after the skip
 import notebooks  # noqa: E402
 from nbclient.exceptions import CellExecutionError  # noqa: E402
 
-SOURCES = sorted(notebooks.FOLDER.glob("*.py"))
-MOST = 700_000
+NOTEBOOKS = sorted(notebooks.FOLDER.glob("*.py"))
+MAX_BYTES = 700_000
 """Bytes of one with its pictures."""
 OUTPUTS = {
     "calibrate_identify_diagnose": r"steering_lag, k 0\.0[6-9]\d ",
@@ -38,10 +38,10 @@ def pictures(notebook):
 
 
 def test_there_is_one_for_each_reader():
-    assert {source.stem for source in SOURCES} == OUTPUTS.keys()
+    assert {source.stem for source in NOTEBOOKS} == OUTPUTS.keys()
 
 
-@pytest.mark.parametrize("source", SOURCES, ids=lambda p: p.stem)
+@pytest.mark.parametrize("source", NOTEBOOKS, ids=lambda p: p.stem)
 def test_what_is_shown_is_the_text_and_what_came_of_it(source):
     shown = nbformat.read(source.with_suffix(".ipynb"), as_version=4)
     text = notebooks.read(source)
@@ -49,7 +49,7 @@ def test_what_is_shown_is_the_text_and_what_came_of_it(source):
         (c.cell_type, c.source) for c in text.cells]
     assert re.search(OUTPUTS[source.stem], collect_output(shown))
     assert len(pictures(shown)) >= 2
-    assert source.with_suffix(".ipynb").stat().st_size <= MOST
+    assert source.with_suffix(".ipynb").stat().st_size <= MAX_BYTES
     prose = "\n\n".join(c.source for c in text.cells if c.cell_type == "markdown")
     assert broken_links(source, prose) == []
     assert f"`{source.relative_to(ROOT)}`" in prose
@@ -58,7 +58,7 @@ def test_what_is_shown_is_the_text_and_what_came_of_it(source):
 @pytest.mark.parametrize("source", [
     pytest.param(source, id=source.stem, marks=(
         pytest.mark.slow if source.stem == "own_controller" else pytest.mark.long))
-    for source in SOURCES])
+    for source in NOTEBOOKS])
 def test_it_runs_from_its_first_cell_to_its_last(source, tmp_path):
     notebook = notebooks.executed(source, tmp_path)
     assert re.search(OUTPUTS[source.stem], collect_output(notebook)), collect_output(notebook)

@@ -33,23 +33,23 @@ def programs_in(path: Path) -> list[str]:
     return re.findall(r"```python\n(.*?)```", text, re.DOTALL)
 
 
-PAGE = ROOT / "docs" / "reference" / "python.md"
+PYTHON_PAGE = ROOT / "docs" / "reference" / "python.md"
 ENTRY = re.compile(r"^\.\. auto\w+:: (dart_\w+)\.(\w+)$", re.MULTILINE)
 
 
 def test_the_page_of_the_reference_has_each_public_name_once():
-    listed = ENTRY.findall(PAGE.read_text(encoding="utf-8"))
+    listed = ENTRY.findall(PYTHON_PAGE.read_text(encoding="utf-8"))
     assert len(set(listed)) == len(listed)
     public = {(p.__name__, name) for p in (dart_hal, dart_lab) for name in p.__all__}
     assert set(listed) == public - {("dart_hal", "__version__"), ("dart_hal", "errors")}
 
 
-@pytest.mark.parametrize("number", range(len(programs_in(PAGE))))
+@pytest.mark.parametrize("number", range(len(programs_in(PYTHON_PAGE))))
 @pytest.mark.slow_except("0", "2")
 def test_a_program_of_the_reference_runs(number, tmp_path):
     for folder in ("cars", "tests"):
         (tmp_path / folder).symlink_to(ROOT / folder)
-    done = subprocess.run([sys.executable, "-c", programs_in(PAGE)[number]], cwd=tmp_path,
+    done = subprocess.run([sys.executable, "-c", programs_in(PYTHON_PAGE)[number]], cwd=tmp_path,
                           capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert done.stdout

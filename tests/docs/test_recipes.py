@@ -15,8 +15,16 @@ from shutil import which
 import pytest
 from handbook import ROOT
 from plugin_package import files_of_page, install, on_path
-from recipe import PAGE, Checkout, RecipeFailed, apply_changes, edited_file, headings, recipe
-from walks import NAME, find_object
+from recipe import (
+    RECIPES_PAGE,
+    Checkout,
+    RecipeFailed,
+    apply_changes,
+    edited_file,
+    headings,
+    recipe,
+)
+from walks import DOTTED_NAME, find_object
 
 from dart_hal.cli.main import main
 from dart_hal.core.errors import UsageError
@@ -37,7 +45,7 @@ def test_every_recipe_is_followed():
 
 
 def test_every_name_exists():
-    names = NAME.findall(PAGE.read_text(encoding="utf-8"))
+    names = DOTTED_NAME.findall(RECIPES_PAGE.read_text(encoding="utf-8"))
     assert len(names) > 15
     for name in names:
         find_object(name)
@@ -109,7 +117,7 @@ def package(tmp_path):
 
     def put(heading: str) -> Path:
         folder = tmp_path / "package"
-        install(folder, files_of_page(PAGE, heading))
+        install(folder, files_of_page(RECIPES_PAGE, heading))
         opened.append(on_path(folder))
         opened[-1].__enter__()
         return folder
@@ -185,7 +193,7 @@ def test_a_calibration_of_another_package_measures_and_is_listed(package, capsys
 def test_a_calibration_of_another_package_needs_each_step(changes, tmp_path, capsys):
     """The negative control."""
     heading = "A calibration of another package"
-    files = files_of_page(PAGE, heading)
+    files = files_of_page(RECIPES_PAGE, heading)
     for name, change in changes.items():
         assert change is None or change[0] in files[name]
         files[name] = "" if change is None else files[name].replace(*change)

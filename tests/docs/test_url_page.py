@@ -10,12 +10,12 @@ from handbook import DOCS
 from dart_hal.core.errors import UsageError
 from dart_hal.devices.links.base import open_backend
 
-PAGE = (DOCS / "reference" / "urls.md").read_text(encoding="utf-8")
+URLS_PAGE = (DOCS / "reference" / "urls.md").read_text(encoding="utf-8")
 
 
 def options(title: str) -> set[str]:
     """Names in the first table of options of a section."""
-    section = PAGE.split(f"\n## {title}\n", 1)[1].split("\n## ", 1)[0]
+    section = URLS_PAGE.split(f"\n## {title}\n", 1)[1].split("\n## ", 1)[0]
     rows = section.partition("| option |")[2].partition("\n\n")[0]
     return set(re.findall(r"^\| `(\w+)` \|", rows, re.MULTILINE))
 

@@ -11,24 +11,24 @@ from typing import Any
 
 from handbook import DOCS
 
-PAGE = DOCS / "contributing" / "code_overview.md"
-STEP = re.compile(r"^\d+\. `(dart_\w+\.[\w.]+)`", re.MULTILINE)
-NAME = re.compile(r"`(dart_(?:hal|lab)\.\w+\.[\w.]+)`")
+OVERVIEW_PAGE = DOCS / "contributing" / "code_overview.md"
+STEP_LINE = re.compile(r"^\d+\. `(dart_\w+\.[\w.]+)`", re.MULTILINE)
+DOTTED_NAME = re.compile(r"`(dart_(?:hal|lab)\.\w+\.[\w.]+)`")
 """Not groups of entry points, which have one dot."""
-FIRMWARE = re.compile(r"`(firmware/[\w/.]+)`,\s+`(\w+)`")
+FIRMWARE_LINE = re.compile(r"`(firmware/[\w/.]+)`,\s+`(\w+)`")
 MAX_STEPS = 10
 
 
 def section(heading: str) -> str:
     """Return the text below a heading of the code overview, up to the next one."""
-    _, found, below = PAGE.read_text(encoding="utf-8").partition(f"\n## {heading}\n")
+    _, found, below = OVERVIEW_PAGE.read_text(encoding="utf-8").partition(f"\n## {heading}\n")
     assert found, f"no section {heading!r}"
     return below.partition("\n## ")[0]
 
 
 def steps(heading: str) -> list[str]:
     """Return the functions of a walk in their order."""
-    return STEP.findall(section(heading))
+    return STEP_LINE.findall(section(heading))
 
 
 def find_object(name: str) -> Any:

@@ -27,7 +27,7 @@ def record(address, data, kind=0):
     return ":" + (raw + bytes([-sum(raw) & 0xFF])).hex().upper() + "\n"
 
 
-END = record(0, b"", 1)
+END_RECORD = record(0, b"", 1)
 
 
 def elf(*segments, machine=83, cut=0):
@@ -45,24 +45,24 @@ def elf(*segments, machine=83, cut=0):
 
 
 def test_hex_round_trip_with_a_gap():
-    text = record(0, b"\x01\x02") + record(0x10, b"\x03") + END
+    text = record(0, b"\x01\x02") + record(0x10, b"\x03") + END_RECORD
     assert parse_hex(text) == b"\x01\x02" + b"\xff" * 14 + b"\x03"
 
 
 def test_hex_addresses_extend():
-    text = record(0, b"\x07\x80", 2) + record(0, b"\xaa", 0) + END  # segment 0x0780 = 0x7800
+    text = record(0, b"\x07\x80", 2) + record(0, b"\xaa", 0) + END_RECORD  # segment 0x0780 = 0x7800
     assert parse_hex(text)[0x7800] == 0xAA
-    assert parse_hex(record(0, bytes(4), 3) + record(0, b"\x01") + END) == b"\x01"
+    assert parse_hex(record(0, bytes(4), 3) + record(0, b"\x01") + END_RECORD) == b"\x01"
 
 
 @pytest.mark.parametrize(("text", "message"), [
     ("hello\n", "line 1 is no Intel hex"),
-    (record(0, b"\x01")[:-3] + "00\n" + END, "checksum"),
+    (record(0, b"\x01")[:-3] + "00\n" + END_RECORD, "checksum"),
     (record(0, b"\x01"), "end record missing"),
-    (record(0, b"\x01", 9) + END, "record type 0x09"),
-    (END, "contains no byte"),
-    (record(FLASH_SIZE - 1, b"\x01\x02") + END, "beyond the flash"),
-    (record(0, b"\x00\x01", 4) + record(0, b"\x01") + END, "beyond the flash"),
+    (record(0, b"\x01", 9) + END_RECORD, "record type 0x09"),
+    (END_RECORD, "contains no byte"),
+    (record(FLASH_SIZE - 1, b"\x01\x02") + END_RECORD, "beyond the flash"),
+    (record(0, b"\x00\x01", 4) + record(0, b"\x01") + END_RECORD, "beyond the flash"),
 ])
 def test_bad_hex_is_refused_with_its_place(text, message):
     with pytest.raises(ImageError, match=message):
@@ -70,7 +70,7 @@ def test_bad_hex_is_refused_with_its_place(text, message):
 
 
 def test_last_byte_of_the_flash_is_allowed():
-    assert len(parse_hex(record(FLASH_SIZE - 1, b"\x01") + END)) == FLASH_SIZE
+    assert len(parse_hex(record(FLASH_SIZE - 1, b"\x01") + END_RECORD)) == FLASH_SIZE
 
 
 def test_elf_takes_load_addresses_and_leaves_ram_out():
@@ -143,12 +143,12 @@ def test_a_library_that_is_no_bridge_is_refused(emulator, monkeypatch):
 
 def test_bootloader_and_program_must_not_overlap(tmp_path):
     boot = tmp_path / "boot.hex"
-    boot.write_text(record(0x7800, b"boot") + END)
+    boot.write_text(record(0x7800, b"boot") + END_RECORD)
     flash = with_bootloader(b"app", boot)
     assert (flash[:3], flash[0x7800:]) == (b"app", b"boot")
     with pytest.raises(ImageError, match="boot section"):
         with_bootloader(bytes(0x7801), boot)
-    boot.write_text(record(0x100, b"boot") + END)
+    boot.write_text(record(0x100, b"boot") + END_RECORD)
     with pytest.raises(ImageError, match="below the boot section"):
         with_bootloader(b"app", boot)
 

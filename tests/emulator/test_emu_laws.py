@@ -15,8 +15,8 @@ from dart_hal.devices.links.image import FLASH_SIZE, ImageError, parse_elf, pars
 RATES = st.lists(st.tuples(st.floats(-80, 80), st.integers(1, 40)), min_size=1, max_size=12)
 MARKS = st.lists(st.integers(0, 9999), min_size=2, max_size=24, unique=True).map(
     lambda m: sorted(x / 10_000 for x in m[:len(m) // 2 * 2]))
-FAULTS = st.lists(st.tuples(st.sampled_from(["ok", "nack", "sda", "scl", "dead"]),
-                            st.floats(0, 0.01)), max_size=8)
+BUS_FAULTS = st.lists(st.tuples(st.sampled_from(["ok", "nack", "sda", "scl", "dead"]),
+                                st.floats(0, 0.01)), max_size=8)
 lawful = settings(max_examples=40, deadline=None,
                   suppress_health_check=[HealthCheck.function_scoped_fixture])
 
@@ -55,7 +55,7 @@ def test_edges_are_the_marks_that_the_position_has_crossed(probe, rates, marks):
 
 @pytest.mark.emulator
 @lawful
-@given(FAULTS)
+@given(BUS_FAULTS)
 def test_the_bus_always_comes_back(probe, faults):
     with EmulatedNano(probe) as nano:
         nano.run(0.5)

@@ -11,7 +11,7 @@ POLL = 16
 """Granularity of the test program's polling [cycles]."""
 
 READ_ID = b"t\x00\x01"
-GOOD = bytes([0x08, 0x18, 0x28, 0x10, 0x40, 0x58, 0xA0])
+GOOD_STATUS = bytes([0x08, 0x18, 0x28, 0x10, 0x40, 0x58, 0xA0])
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def steps(nano, request=READ_ID):
 
 
 def test_a_read_walks_through_the_status_codes(bus):
-    assert bus.ask(READ_ID) == GOOD
+    assert bus.ask(READ_ID) == GOOD_STATUS
 
 
 @pytest.mark.parametrize(("twbr", "period"), [(12, 40), (72, 160), (32, 80)])
@@ -74,7 +74,7 @@ def test_no_acknowledge_is_0x20_for_a_missing_part(bus):
     assert bus.ask(READ_ID)[:2] == b"\x08\x20"
     bus.set_i2c("ok")
     bus.drain(bus.now + 0.05)
-    assert bus.ask(READ_ID) == GOOD
+    assert bus.ask(READ_ID) == GOOD_STATUS
 
 
 def test_nack_with_a_probability(bus):
@@ -98,7 +98,7 @@ def test_a_held_line_stops_the_start(bus, line):
     bus.set_i2c("ok")
     bus.drain(bus.now + 0.3)
     bus.ask(b"g\x00")  # TWI off: forget the half transfer
-    assert bus.ask(READ_ID) == GOOD
+    assert bus.ask(READ_ID) == GOOD_STATUS
 
 
 def test_nine_clocks_free_sda(bus):
@@ -106,7 +106,7 @@ def test_nine_clocks_free_sda(bus):
     assert bus.ask(b"g\x05") == b"\x00"
     assert bus.ask(b"g\x03") == b"\x00"
     assert bus.ask(b"g\x01") == b"\x01"
-    assert bus.ask(READ_ID) == GOOD
+    assert bus.ask(READ_ID) == GOOD_STATUS
 
 
 def test_clocks_do_not_free_a_short(bus):
@@ -119,7 +119,7 @@ def test_a_waiting_start_goes_on_when_the_line_is_free(bus):
     bus.write(READ_ID)
     bus.drain(bus.now + 0.003)
     bus.set_i2c("ok")
-    assert bus.drain(bus.now + 0.05) == GOOD
+    assert bus.drain(bus.now + 0.05) == GOOD_STATUS
 
 
 def test_the_part_is_powered_by_d4(bus):
@@ -129,4 +129,4 @@ def test_the_part_is_powered_by_d4(bus):
     bus.ask(b"p")
     assert bus.ask(READ_ID, 0.1)[1] == 0x20  # boots 400 ms
     bus.drain(bus.now + 0.3)
-    assert bus.ask(READ_ID) == GOOD
+    assert bus.ask(READ_ID) == GOOD_STATUS

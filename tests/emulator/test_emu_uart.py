@@ -9,7 +9,7 @@ import pytest
 from dart_hal.devices.links.emulator import EmulatedNano
 
 pytestmark = pytest.mark.emulator
-BYTE = 10 / 500_000
+BYTE_S = 10 / 500_000
 """Time of one byte at 500000 baud [s]."""
 
 
@@ -32,8 +32,8 @@ def test_bytes_of_a_burst_are_spaced_by_ten_bits(nano):
         stamps += [t for data, t in nano.read() for _ in data]
     gaps = [b - a for a, b in pairwise(stamps)]
     assert len(stamps) == 8
-    assert gaps == pytest.approx([BYTE] * 7, abs=2e-6)
-    assert min(gaps) >= BYTE - 1e-9  # never faster than the line
+    assert gaps == pytest.approx([BYTE_S] * 7, abs=2e-6)
+    assert min(gaps) >= BYTE_S - 1e-9  # never faster than the line
 
 
 def test_back_to_back_bytes_use_the_whole_line(nano):
@@ -51,14 +51,14 @@ def test_back_to_back_bytes_use_the_whole_line(nano):
             answer += data
             stamps += [t] * len(data)
     assert bytes(answer)[:1] == b"C"
-    assert stamps[-1] - stamps[0] == pytest.approx(4 * BYTE, abs=2e-6)
+    assert stamps[-1] - stamps[0] == pytest.approx(4 * BYTE_S, abs=2e-6)
 
 
 def test_a_byte_is_held_back_until_its_stop_bit(nano):
     nano.write(b"x")
-    nano.run(0.001 + 1.5 * BYTE)  # echoed, on the line, not complete
+    nano.run(0.001 + 1.5 * BYTE_S)  # echoed, on the line, not complete
     assert nano.read() == []
-    nano.run(0.001 + 3 * BYTE)
+    nano.run(0.001 + 3 * BYTE_S)
     assert [data for data, _ in nano.read()] == [b"x"]
 
 
@@ -71,9 +71,9 @@ def test_echo_of_2000_bytes_is_complete(nano):
 
 def test_host_bytes_arrive_one_per_ten_bits(nano):
     nano.write(bytes(100))
-    nano.drain(0.001 + 50.5 * BYTE)
+    nano.drain(0.001 + 50.5 * BYTE_S)
     assert nano.uart_stats().received == 50
-    nano.drain(0.001 + 100.5 * BYTE)
+    nano.drain(0.001 + 100.5 * BYTE_S)
     assert nano.uart_stats().received == 100
 
 

@@ -10,7 +10,7 @@ import pytest
 
 pytestmark = pytest.mark.emulator
 
-PERIOD = 0.016
+WATCHDOG_S = 0.016
 """s, 2048 cycles of 128 kHz: the shortest, WDP = 0."""
 WDE = 0x08
 WDIE = 0x40
@@ -37,7 +37,7 @@ def answer(nano, how, mode, seconds):
 def test_a_hang_with_interrupts_off_ends_where_wde_is_set(nano, mode, periods):
     sent, first = answer(nano, b"l", mode, 0.1)
     assert sent == RESET
-    assert first == pytest.approx(periods * PERIOD, abs=3e-4)
+    assert first == pytest.approx(periods * WATCHDOG_S, abs=3e-4)
 
 
 def test_a_hang_with_interrupts_off_stays_in_interrupt_mode(nano):
@@ -49,11 +49,11 @@ def test_a_hang_with_interrupts_off_stays_in_interrupt_mode(nano):
 def test_both_modes_interrupt_first_and_then_reset(nano):
     sent, first = answer(nano, b"m", WDE | WDIE, 0.1)
     assert sent == b"K" + RESET
-    assert first == pytest.approx(PERIOD, abs=3e-4)
+    assert first == pytest.approx(WATCHDOG_S, abs=3e-4)
 
 
 def test_interrupt_mode_goes_on_interrupting(nano):
-    sent, _ = answer(nano, b"m", WDIE, 10.5 * PERIOD)
+    sent, _ = answer(nano, b"m", WDIE, 10.5 * WATCHDOG_S)
     assert sent == 10 * b"K"
 
 

@@ -12,10 +12,10 @@ import pytest
 
 from dart_hal.estimation import ClockFit, Ring, WheelSpeed
 
-TICK = 0.5e-6
-BYTE = 10 / 500_000
-STATE_WIRE = 44 * BYTE
-FRAME = 0.01
+NANO_TICK = 0.5e-6
+BYTE_TIME = 10 / 500_000
+STATE_WIRE = 44 * BYTE_TIME
+FRAME_PERIOD = 0.01
 LATCH = 0.2e-3
 
 
@@ -41,7 +41,7 @@ class Wheel:
             x1 = self.travel(t + step)
             while target <= x1:
                 at = t + step * (target - x0) / (x1 - x0)
-                self.edges.append(math.floor(at / TICK) * TICK)
+                self.edges.append(math.floor(at / NANO_TICK) * NANO_TICK)
                 k += 1
                 target = ring.position(k)
             t += step
@@ -51,7 +51,7 @@ class Wheel:
         i = bisect_right(self.edges, now)
         t_edge = self.edges[i - 1] if i else 0.0
         dt = t_edge - self.edges[i - 2] if i > 1 else 0.0
-        return i, t_edge, dt if dt < 65535 * TICK else 0.0, now
+        return i, t_edge, dt if dt < 65535 * NANO_TICK else 0.0, now
 
 
 @dataclass
@@ -81,8 +81,8 @@ def simulate_speed(speed: Callable[[float], float], travel: Callable[[float], fl
     estimator = WheelSpeed(metres, n, table)
     errors = []
     stds = []
-    for k in range(1, int(duration / FRAME)):
-        now = k * FRAME
+    for k in range(1, int(duration / FRAME_PERIOD)):
+        now = k * FRAME_PERIOD
         value, std = estimator.update(*ring.frame(now), 1.0, 1)
         if upstream:  # counts of the last 0.1 s, the negative control
             value = (ring.frame(now)[0] - ring.frame(now - 0.1)[0]) * metres / 0.1
@@ -125,7 +125,7 @@ def simulate_clock(disturbed: float, seed: int, *, duration: float = 40.0, jitte
     """
     rng = random.Random(seed)
     error = rng.uniform(-0.005, 0.005)
-    clock = ClockFit(byte_time=BYTE, latch_delay=LATCH)
+    clock = ClockFit(byte_time=BYTE_TIME, latch_delay=LATCH)
     out = ClockRun([], [], [], [], [], 0.0, clock)
     boot = 5.0
     newest = 0.0
@@ -141,7 +141,7 @@ def simulate_clock(disturbed: float, seed: int, *, duration: float = 40.0, jitte
         return least + rng.random() * jitter + tail
 
     for k in range(1, int(duration * 100)):
-        true = started + k * FRAME
+        true = started + k * FRAME_PERIOD
         if boot < reset_at <= true:
             boot = reset_at = true - 0.001
             clock.restart()
@@ -149,10 +149,10 @@ def simulate_clock(disturbed: float, seed: int, *, duration: float = 40.0, jitte
         clock.add_frame(device(true), newest, STATE_WIRE)
         if true >= next_ping:
             next_ping += 0.1 if true < started + 3 else 0.5
-            received = true + 12 * BYTE + least + rng.random() * jitter
+            received = true + 12 * BYTE_TIME + least + rng.random() * jitter
             answered = received + 0.004
             clock.add_ping(true, device(received), device(answered),
-                           answered + 22 * BYTE + late(), 34 * BYTE)
+                           answered + 22 * BYTE_TIME + late(), 34 * BYTE_TIME)
         t, std = clock.to_host(device(true))
         out.published.append(t)
         age = true - max(started, boot)

@@ -15,17 +15,18 @@ from dart_hal.estimation import WheelSpeed
 from dart_hal.estimation.direction import InertialDirection
 from dart_lab.sim.truth import world_of
 
-FRAME = 0.01
+DIRECTION_PERIOD = 0.01
 
 
 def run_frames(speeds, accelerations):
     """The direction in each frame of |v| [m/s] and a_x [m/s2]."""
     direction = InertialDirection()
-    return [direction.add(FRAME, v, a) for v, a in zip(speeds, accelerations, strict=True)]
+    return [direction.add(DIRECTION_PERIOD, v, a) for v,
+            a in zip(speeds, accelerations, strict=True)]
 
 
 def ramp(rate, seconds, start=0.0):
-    return [start + rate * k * FRAME for k in range(round(seconds / FRAME))]
+    return [start + rate * k * DIRECTION_PERIOD for k in range(round(seconds / DIRECTION_PERIOD))]
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -53,7 +54,7 @@ def test_wheels_that_slip_are_no_witness():
 
 def test_a_turn_within_the_window_gives_no_wrong_direction():
     """1 m/s, -10 m/s2 through zero: forwards until 0.1 s, then backwards."""
-    speeds = [1.0] * 50 + [abs(1.0 - 10.0 * k * FRAME) for k in range(60)]
+    speeds = [1.0] * 50 + [abs(1.0 - 10.0 * k * DIRECTION_PERIOD) for k in range(60)]
     directions = run_frames(speeds, [0.0] * 50 + [-10.0] * 60)
     assert -1 not in directions[:60]
     assert 1 not in directions[65:]
@@ -69,10 +70,10 @@ def roll_car(wheel, hint, sign, seconds=1.5, rate=1.2, stood=0.5, believed=True)
     ring = wheel(0.002, 20, None, lambda t: 0.5 * rate * max(t - stood, 0.0)**2, stood + seconds)
     estimator = WheelSpeed(0.002, 20)
     direction = InertialDirection()
-    for k in range(1, round((stood + seconds) / FRAME)):
-        now = k * FRAME
+    for k in range(1, round((stood + seconds) / DIRECTION_PERIOD)):
+        now = k * DIRECTION_PERIOD
         speed, _ = estimator.update(*ring.frame(now), 1.0, hint)
-        directions = direction.add(FRAME, speed, sign * rate if now > stood else 0.0)
+        directions = direction.add(DIRECTION_PERIOD, speed, sign * rate if now > stood else 0.0)
         if believed:
             estimator.correct_direction(directions)
     return estimator
@@ -104,7 +105,7 @@ def test_a_certain_direction_is_not_overruled(wheel):
     ring = wheel(0.002, 20, None, lambda t: 2.0 * t, 3.0)
     estimator = WheelSpeed(0.002, 20)
     for k in range(1, 290):
-        estimator.update(*ring.frame(k * FRAME), 1.0, 1)
+        estimator.update(*ring.frame(k * DIRECTION_PERIOD), 1.0, 1)
         estimator.correct_direction(-1 if k > 200 else 0)
     assert estimator.speed == pytest.approx(2.0, rel=0.02)
 
@@ -122,9 +123,10 @@ def to_and_fro(wheel, believed=True):
     direction = InertialDirection()
     wrong = silent = 0
     for k in range(1, 780):
-        now = k * FRAME
+        now = k * DIRECTION_PERIOD
         v, _ = estimator.update(*ring.frame(now), 1.0, 0)
-        directions = direction.add(FRAME, v, (speed(now) - speed(now - FRAME)) / FRAME)
+        directions = direction.add(DIRECTION_PERIOD, v,
+                                   (speed(now) - speed(now - DIRECTION_PERIOD)) / DIRECTION_PERIOD)
         if believed:
             estimator.correct_direction(directions)
         wrong += v * speed(now) < 0.0 and abs(v) > 0.3

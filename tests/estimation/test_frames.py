@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from dart_hal.estimation import FrameReader, Mounting, flag_names
 from dart_hal.wire.messages import STATE
 
-VALID = 1
+VALID_BIT = 1
 
 
 def state(t=0, count=0, edge=0, dt=0, count_b=0, edge_b=0, acc=(0, 0, 0), gyro=(0, 0, 0),
-          age=0, calib=0, flags=VALID, beat=0):
+          age=0, calib=0, flags=VALID_BIT, beat=0):
     """A STATE tuple; raw counters are wrapped to their width."""
     values = (t % 2**32, count % 2**32, edge % 2**32, dt, count_b % 2**16, edge_b % 2**32,
               *acc, *gyro, age, calib, flags, beat)
@@ -103,7 +103,7 @@ def test_scales_ages_and_levels():
     assert sample.beat_age == pytest.approx(0.042)
 
 
-@pytest.mark.parametrize(("flags", "age"), [(0, 100), (VALID, 65535), (0, 65535)])
+@pytest.mark.parametrize(("flags", "age"), [(0, 100), (VALID_BIT, 65535), (0, 65535)])
 def test_no_valid_imu_is_none_never_zero(flags, age):
     sample = FrameReader().read(state(flags=flags, age=age, gyro=(1, 2, 3)), 0.0)
     assert sample.gyro is None

@@ -14,21 +14,21 @@ from dart_hal.estimation.imu_checks import (
     ImuCheck,
 )
 
-WHEELBASE = 0.175
+CAR_WHEELBASE = 0.175
 STILL = ((0.001, 0.0, 0.002), (0.01, 0.02, 0.0))
-FRAME = 0.01
+CHECK_PERIOD = 0.01
 
 
 class Stream:
     """Samples one after the other into one check, 100 a second."""
 
     def __init__(self) -> None:
-        self.check = ImuCheck(WHEELBASE)
+        self.check = ImuCheck(CAR_WHEELBASE)
         self.n = 0
 
     def feed(self, gyro, acc=STILL[1], speed=0.0, steering=0.0) -> bool:
         self.n += 1
-        t = self.n * FRAME
+        t = self.n * CHECK_PERIOD
         return self.check.judge(t, t - 0.006, gyro, acc, gyro[2] if gyro else 0.0, speed, steering)
 
     def still(self, n: int) -> list[bool]:
@@ -69,10 +69,10 @@ def test_an_impossible_sample_is_named_and_some_good_ones_are_required_after_it(
 def test_the_same_sample_twice_is_no_second_look(stream):
     """Frames come faster than samples now and then: nothing is regained by repeating one."""
     stream.feed((0.0, 0.0, 20.0))
-    t = stream.n * FRAME - 0.006
+    t = stream.n * CHECK_PERIOD - 0.006
     for _ in range(20):
         stream.n += 1
-        assert not stream.check.judge(stream.n * FRAME, t, *STILL, STILL[0][2], 0.0, 0.0)
+        assert not stream.check.judge(stream.n * CHECK_PERIOD, t, *STILL, STILL[0][2], 0.0, 0.0)
 
 
 @pytest.mark.slow
@@ -90,15 +90,15 @@ def test_random_words_are_never_believed():
 def turns(stream: Stream, rate, speed: float, steering: float, seconds: float,
           aside: float | None = None) -> list[str]:
     """Doubts at the end of a bend that the gyro measures as ``rate``; reached in half a second."""
-    for k in range(int((seconds + 0.5) / FRAME)):
-        w = rate * min(k * FRAME / 0.5, 1.0)
+    for k in range(int((seconds + 0.5) / CHECK_PERIOD)):
+        w = rate * min(k * CHECK_PERIOD / 0.5, 1.0)
         accel = speed * (w if aside is None else aside)
         stream.feed((0.0, 0.0, w), (0.01, accel + 0.001, 0.0), speed, steering)
     return sorted(stream.check.doubts)
 
 
 def bend(speed: float, steering: float) -> float:
-    return speed * tan(steering) / WHEELBASE
+    return speed * tan(steering) / CAR_WHEELBASE
 
 
 @pytest.mark.parametrize(("share", "doubts"), [
@@ -124,5 +124,5 @@ def test_in_a_fast_bend_the_lateral_acceleration_decides(stream):
 
 def test_a_short_disagreement_is_none(stream):
     assert turns(stream, bend(0.5, 0.3), 0.5, 0.3, 1.0) == []
-    for k in range(int(0.9 * MIN_DISAGREEMENT_TIME / FRAME)):
+    for k in range(int(0.9 * MIN_DISAGREEMENT_TIME / CHECK_PERIOD)):
         assert stream.feed((0.0, 0.0, bend(0.5, 0.3) - 1.2 * min(k, 1)), STILL[1], 0.5, 0.3)

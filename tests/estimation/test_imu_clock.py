@@ -14,7 +14,7 @@ SAME = 2e-3
 """Share of updates that leave all three words of the gyro as they were."""
 
 
-class Part:
+class ImuPart:
     """An IMU whose clock is faster than the Nano's by ``rate``; times in s.
 
     lead: from the look to the read; phase: of the first update, in periods.
@@ -42,7 +42,7 @@ class Part:
 def follow_reads(rate: float, phase: float, seconds: float = 60.0, lead: float = LOOK_TIME,
                  seed: int = 0) -> list[tuple[float, float, float]]:
     """(t, error of the sample's time, stated deviation) of each read that saw a change."""
-    part = Part(rate, phase, lead, seed)
+    part = ImuPart(rate, phase, lead, seed)
     clock = ImuClock()
     found = []
     for slot in range(1, round(seconds / PERIOD)):
@@ -99,7 +99,7 @@ def test_without_looks_no_time_is_given():
 
 def test_a_part_that_stops_is_no_longer_followed():
     clock = ImuClock()
-    part = Part(2e-3, 0.4)
+    part = ImuPart(2e-3, 0.4)
     for slot in range(1, 1000):
         clock.sample_time(*part.read(slot)[:2])
     assert clock.std < 0.5e-3
@@ -110,10 +110,10 @@ def test_a_part_that_stops_is_no_longer_followed():
 
 def test_a_part_that_restarts_is_found_again():
     clock = ImuClock()
-    part = Part(2e-3, 0.4)
+    part = ImuPart(2e-3, 0.4)
     for slot in range(1, 2000):
         clock.sample_time(*part.read(slot)[:2])
-    part = Part(2e-3, 0.9)
+    part = ImuPart(2e-3, 0.9)
     errors = []
     for slot in range(2000, 4000):
         read, look, true = part.read(slot)
@@ -124,7 +124,7 @@ def test_a_part_that_restarts_is_found_again():
 
 def turned_wrong(looks: bool, phase: float, bend: float = 7.0, seconds: float = 60.0) -> float:
     """Yaw error [rad] after a minute of bends that beat with the IMU's clock."""
-    part = Part(PERIOD / bend, phase)
+    part = ImuPart(PERIOD / bend, phase)
     clock = ImuClock()
     odometry = Odometry()
 

@@ -9,17 +9,17 @@ import pytest
 
 from dart_hal.estimation import Odometry, OdometryNoise
 
-FRAME = 0.01
+ODOMETRY_PERIOD = 0.01
 AGE = 0.004
 LATENCY = 0.010
 
 
 def drive(odometry, speed, yaw_rate, seconds, *, bias=0.0, gyro=True, start=0.0, travelled=0.0):
     """Feed a constant motion; returns (now, distance) to go on with."""
-    steps = round(seconds / FRAME)
+    steps = round(seconds / ODOMETRY_PERIOD)
     for k in range(1, steps + 1):
-        now = start + k * FRAME
-        odometry.update(now, travelled + speed * k * FRAME, speed,
+        now = start + k * ODOMETRY_PERIOD
+        odometry.update(now, travelled + speed * k * ODOMETRY_PERIOD, speed,
                         yaw_rate + bias if gyro else None, now - AGE, 1.0, yaw_rate)
     return start + seconds, travelled + speed * seconds
 
@@ -29,7 +29,7 @@ def drive(odometry, speed, yaw_rate, seconds, *, bias=0.0, gyro=True, start=0.0,
 def test_a_circle_closes(gyro, sign):
     odometry = Odometry()
     odometry.update(0.0, 0.0, 1.0, sign * 2.0, -AGE, 1.0, sign * 2.0)
-    drive(odometry, 1.0, sign * 2.0, 100 * FRAME, gyro=gyro)
+    drive(odometry, 1.0, sign * 2.0, 100 * ODOMETRY_PERIOD, gyro=gyro)
     radius = 0.5
     yaw = sign * 2.0
     assert odometry.yaw == pytest.approx(yaw)
@@ -124,15 +124,16 @@ def simulate(seed, noise, seconds=20.0, rest_seconds=3.0):
     def change(t):
         return 0.6 * math.cos(0.5 * t)
 
-    for k in range(-round(rest_seconds / FRAME), 1):  # the ESC requires 2 s of neutral anyway
-        now = k * FRAME
-        noisy = noise.gyro_noise / math.sqrt(FRAME) * rng.standard_normal()
+    for k in range(-round(rest_seconds / ODOMETRY_PERIOD),
+                   1):  # the ESC requires 2 s of neutral anyway
+        now = k * ODOMETRY_PERIOD
+        noisy = noise.gyro_noise / math.sqrt(ODOMETRY_PERIOD) * rng.standard_normal()
         odometry.update(now, 0.0, 0.0, round((bias + noisy) * 900) / 900, now - AGE)
     odometry.update(0.0, 0.0, 1.2, gyro_scale * omega(-AGE - LATENCY) + bias, -AGE)
-    for k in range(1, round(seconds / FRAME) + 1):
-        now = k * FRAME
-        ds = 1.2 * FRAME
-        turn = 0.5 * (omega(now - FRAME) + omega(now)) * FRAME
+    for k in range(1, round(seconds / ODOMETRY_PERIOD) + 1):
+        now = k * ODOMETRY_PERIOD
+        ds = 1.2 * ODOMETRY_PERIOD
+        turn = 0.5 * (omega(now - ODOMETRY_PERIOD) + omega(now)) * ODOMETRY_PERIOD
         slide = noise.slip * math.sqrt(ds) * rng.standard_normal()
         slide -= slip_gain * 1.2 * omega(now) * ds
         x += ds * math.cos(yaw + turn / 2) - slide * math.sin(yaw)
@@ -141,7 +142,7 @@ def simulate(seed, noise, seconds=20.0, rest_seconds=3.0):
         measured += travel_scale * (ds + noise.travel * math.sqrt(ds) * rng.standard_normal())
         reading = (gyro_scale * omega(now - AGE - LATENCY) + bias
                    + math.hypot(noise.gyro_noise, noise.gyro_age * change(now))
-                   / math.sqrt(FRAME) * rng.standard_normal())
+                   / math.sqrt(ODOMETRY_PERIOD) * rng.standard_normal())
         odometry.update(now, measured, 1.2, reading, now - AGE)
     pose = odometry.pose
     return np.array([pose.x - x, pose.y - y, pose.yaw - yaw]), pose.cov
@@ -185,8 +186,8 @@ def measure_clock_error(clock_offset, phase, *, omega, turned, seconds):
     ``clock_offset``: each frame has the newest sample, 0 to 10 ms before its read."""
     odometry = Odometry(OdometryNoise(gyro_noise=1e-5, gyro_bias=1e-9, gyro_scale=1e-9))
     period = 0.01 * (1.0 + clock_offset)
-    for k in range(round(seconds / FRAME) + 1):
-        now = k * FRAME
+    for k in range(round(seconds / ODOMETRY_PERIOD) + 1):
+        now = k * ODOMETRY_PERIOD
         sampled = (math.floor((now - AGE) / period - phase) + phase) * period
         odometry.update(now, 1.2 * now, 1.2, omega(sampled - 0.005) if k else omega(0.0),
                         now - AGE)

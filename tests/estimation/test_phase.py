@@ -16,9 +16,9 @@ from dart_lab.sim.hidden import hidden_car
 from dart_lab.sim.ring import even_ring, rotate_ring
 from dart_lab.sim.truth import world_of
 
-FRAME = 0.01
-EVEN = even_ring(20)
-SPEED = 1.0 / 0.041
+PHASE_PERIOD = 0.01
+EVEN_RING = even_ring(20)
+RING_SPEED = 1.0 / 0.041
 """Turns of the shaft per second at 1 m/s."""
 
 
@@ -38,7 +38,7 @@ def to_and_fro(t):
         at = 2.0 - (u - 2.4)
     else:
         at = 2.5 * (u - 4.4)**2 - (u - 4.4)
-    return SPEED * at
+    return RING_SPEED * at
 
 
 def forwards(t):
@@ -62,7 +62,7 @@ def crossings(ring, back, way, seconds):
     return sorted(times)
 
 
-def run_frames(ring_b, taught, seconds=9.0, ring_a=EVEN, back_b=None, inertial=lambda t: 0,
+def run_frames(ring_b, taught, seconds=9.0, ring_a=EVEN_RING, back_b=None, inertial=lambda t: 0,
                way=to_and_fro):
     """The direction by a new RingPhase in each frame of a shaft that turns by ``way(t)``; stamps 1
     us."""
@@ -71,8 +71,8 @@ def run_frames(ring_b, taught, seconds=9.0, ring_a=EVEN, back_b=None, inertial=l
             for ring, back in ((ring_a, ring_a), (ring_b, back_b or ring_b)))
     phase = RingPhase()
     directions = []
-    for k in range(1, round(seconds / FRAME)):
-        now = k * FRAME
+    for k in range(1, round(seconds / PHASE_PERIOD)):
+        now = k * PHASE_PERIOD
         n = bisect_right(a, now)
         m = bisect_right(b, now)
         directions.append(phase.add(
@@ -92,8 +92,8 @@ def both_ways(t):
 
 def wrong(directions, late=0.2):
     """Frames with the opposite, ``late`` s after a turn or later."""
-    return [k for k, way in enumerate(directions) if way and forwards(k * FRAME) != (way > 0)
-            and forwards(k * FRAME) == forwards(k * FRAME - late)]
+    return [k for k, way in enumerate(directions) if way and forwards(k * PHASE_PERIOD) != (way > 0)
+            and forwards(k * PHASE_PERIOD) == forwards(k * PHASE_PERIOD - late)]
 
 
 @pytest.mark.parametrize("share", [0.15, 0.25, 0.4, 0.75, 0.9])

@@ -19,15 +19,15 @@ from dart_hal.estimation.gyro import CORRELATION_FACTOR, GYRO_QUANTUM
 from dart_hal.estimation.pose_filter import FILTER_HISTORY, PoseFilter, PoseVerdict
 from dart_hal.estimation.pose_model import BIAS, GYRO, RATE, SAMPLE_AGE_NOISE, SLIP, SPEED, TRAVEL
 
-FRAME = 0.01
+FILTER_PERIOD = 0.01
 POSE_EVERY = 0.05
-LATE = 0.063
+POSE_DELAY = 0.063
 POSE_COV = np.diag((0.01**2, 0.01**2, math.radians(0.3)**2))
-RUNS = 40
+MONTE_CARLO_RUNS = 40
 REST_S = 2.0  # the ESC requires 2 s of neutral anyway
 
 
-class Drive:
+class FilterDrive:
     """A car with drawn errors drives a bent way at 1.2 m/s; poses of it arrive late."""
 
     def __init__(self, seed, noise=None, seconds=20.0):
@@ -38,11 +38,11 @@ class Drive:
         self.gyro = n.gyro_scale * rng.standard_normal()
         self.travel = n.travel_scale * rng.standard_normal()
         self.slip = n.slip_gain * rng.standard_normal()
-        self.frames = round(seconds / FRAME)
+        self.frames = round(seconds / FILTER_PERIOD)
         self.path = [(0.0, 0.0, 0.0)]  # every FRAME
         self.travelled = [0.0]
         for k in range(self.frames):
-            self._drive(k * FRAME)
+            self._drive(k * FILTER_PERIOD)
 
     @staticmethod
     def omega(t):
@@ -50,10 +50,10 @@ class Drive:
 
     def _drive(self, t, speed=1.2):
         x, y, yaw = self.path[-1]
-        turn = self.omega(t + FRAME / 2) * FRAME
-        ds = speed * FRAME
+        turn = self.omega(t + FILTER_PERIOD / 2) * FILTER_PERIOD
+        ds = speed * FILTER_PERIOD
         aside = self.noise.slip * math.sqrt(ds) * self.rng.standard_normal()
-        aside -= self.slip * speed * turn / FRAME * ds
+        aside -= self.slip * speed * turn / FILTER_PERIOD * ds
         middle = yaw + turn / 2
         self.path.append((x + ds * math.cos(middle) - aside * math.sin(middle),
                           y + ds * math.sin(middle) + aside * math.cos(middle), yaw + turn))
@@ -65,14 +65,15 @@ class Drive:
         odometry = Odometry(self.noise)
         n = self.noise
         speed = 1.2
-        for k in range(-round(REST_S / FRAME), self.frames + 1):
-            t = k * FRAME
-            t_sample = k * FRAME - 0.014
+        for k in range(-round(REST_S / FILTER_PERIOD), self.frames + 1):
+            t = k * FILTER_PERIOD
+            t_sample = k * FILTER_PERIOD - 0.014
             if k >= 0:
                 noisy = math.hypot(n.gyro_noise, SAMPLE_AGE_NOISE * self.omega(t_sample)
-                                   ) / math.sqrt(FRAME) * self.rng.standard_normal()
+                                   ) / math.sqrt(FILTER_PERIOD) * self.rng.standard_normal()
             elif k % CORRELATION_FACTOR == 0:  # at rest: a quarter is independent
-                noisy = math.hypot(n.gyro_noise / math.sqrt(FRAME), GYRO_QUANTUM / math.sqrt(12.0)
+                noisy = math.hypot(n.gyro_noise / math.sqrt(FILTER_PERIOD),
+                                   GYRO_QUANTUM / math.sqrt(12.0)
                                    ) * self.rng.standard_normal()
             reading = self.omega(t_sample) / (1.0 + self.gyro) + self.bias + noisy
             yield t, odometry.update(t, self.travelled[max(k, 0)], speed if k > 0 else 0.0,
@@ -80,7 +81,7 @@ class Drive:
 
     def pose_at(self, t):
         """The true pose, linear between frames."""
-        k = min(max(t / FRAME, 0.0), self.frames - 1e-6)
+        k = min(max(t / FILTER_PERIOD, 0.0), self.frames - 1e-6)
         a = np.array(self.path[int(k)])
         b = np.array(self.path[int(k) + 1])
         return a + (k - int(k)) * (b - a)
@@ -91,7 +92,7 @@ class Drive:
                     POSE_COV)
 
 
-def run_filter(drive, *, silent=(), shift_pose=lambda t, pose: pose, late=LATE):
+def run_filter(drive, *, silent=(), shift_pose=lambda t, pose: pose, late=POSE_DELAY):
     """Yields (t, filter, verdict or None, odometry); no poses between the times of ``silent``."""
     pose_filter = PoseFilter(drive.noise)
     due = 0.0
@@ -111,7 +112,7 @@ def nees(estimate, truth):
     return float(error @ np.linalg.solve(estimate.pose.cov, error))
 
 
-def band(degrees=3, runs=RUNS):
+def band(degrees=3, runs=MONTE_CARLO_RUNS):
     """Where the mean of so many chi-square values lies with 95 %."""
     return np.array(chi2.interval(0.95, runs * degrees)) / runs
 
@@ -121,8 +122,8 @@ def ends(noise, poses=True):
     """(RUNS, 2) NEES at the end of each drive: of the pose, of the pose and the four errors."""
     which = [0, 1, 2, BIAS, GYRO, TRAVEL, SLIP]
     values = []
-    for seed in range(RUNS):
-        drive = Drive(seed, noise, 6.0)
+    for seed in range(MONTE_CARLO_RUNS):
+        drive = FilterDrive(seed, noise, 6.0)
         for t, pose_filter, _, _ in run_filter(drive, silent=() if poses else [(-1.0, 99.0)]):
             pass
         estimate = pose_filter.estimate()
@@ -154,12 +155,12 @@ def test_a_late_pose_taken_for_a_fresh_one_is_not_honest():
     """Control: the same poses, stated as of now."""
     values = []
     for seed in range(10):
-        drive = Drive(seed, seconds=4.0)
+        drive = FilterDrive(seed, seconds=4.0)
         pose_filter = PoseFilter(drive.noise)
         due = 0.0
         for t, motion, _ in drive.motions():
             pose_filter.predict(*motion)
-            if t >= due + LATE:
+            if t >= due + POSE_DELAY:
                 pose_filter.correct(drive.pose(due), 0.0)
                 due += POSE_EVERY
         values.append(nees(pose_filter.estimate(), drive.pose_at(t)))
@@ -167,7 +168,7 @@ def test_a_late_pose_taken_for_a_fresh_one_is_not_honest():
 
 
 def test_half_a_second_without_poses_is_survived():
-    drive = Drive(1, seconds=6.0)
+    drive = FilterDrive(1, seconds=6.0)
     worst = 0.0
     for t, pose_filter, verdict, _ in run_filter(drive, silent=[(4.0, 4.5)]):
         if t > 4.0:
@@ -181,11 +182,11 @@ def test_outliers_are_gated_and_do_no_harm():
     def shift_pose(t, pose):
         return replace(pose, x=pose.x + 0.5) if round(t / POSE_EVERY) % 4 == 0 else pose
 
-    drive = Drive(2, seconds=6.0)
+    drive = FilterDrive(2, seconds=6.0)
     errors = {}
     for t, pose_filter, verdict, _ in run_filter(drive, shift_pose=shift_pose):
         if verdict is not None:
-            errors.setdefault(round((t - LATE) / POSE_EVERY) % 4 == 0, []).append(verdict)
+            errors.setdefault(round((t - POSE_DELAY) / POSE_EVERY) % 4 == 0, []).append(verdict)
     pose = pose_filter.estimate().pose
     assert set(errors[True]) == {PoseVerdict.OUTLIER}
     assert np.mean([one is PoseVerdict.FUSED for one in errors[False]]) > 0.98
@@ -203,21 +204,21 @@ def test_a_late_pose_is_as_good_as_one_in_time(age):
     """In any order: the same estimate as if it had been there when it was measured."""
     late = PoseFilter()
     there = PoseFilter()
-    total = 40 * FRAME
+    total = 40 * FILTER_PERIOD
     done = False
     turned = 0.8 * (total - age)
     pose = Pose(math.sin(turned) / 0.8 + 0.01, (1.0 - math.cos(turned)) / 0.8, turned, POSE_COV)
     for k in range(40):
-        late.predict(FRAME, 1.0, 0.8)
-        t = (k + 1) * FRAME
+        late.predict(FILTER_PERIOD, 1.0, 0.8)
+        t = (k + 1) * FILTER_PERIOD
         if not done and t >= total - age - 1e-9:
-            part = total - age - k * FRAME
+            part = total - age - k * FILTER_PERIOD
             there.predict(part, 1.0, 0.8)
             assert there.correct(pose, 0.0) is PoseVerdict.FUSED
-            there.predict(FRAME - part, 1.0, 0.8)
+            there.predict(FILTER_PERIOD - part, 1.0, 0.8)
             done = True
         else:
-            there.predict(FRAME, 1.0, 0.8)
+            there.predict(FILTER_PERIOD, 1.0, 0.8)
     assert late.correct(pose, age) is PoseVerdict.FUSED
     assert late.estimate().mean == pytest.approx(there.estimate().mean, abs=1e-9)
     assert late.estimate().cov == pytest.approx(there.estimate().cov, abs=1e-12)
@@ -230,7 +231,7 @@ def test_poses_out_of_order_give_what_poses_in_order_give():
     for order in ((first, second), (second, first)):
         pose_filter = PoseFilter()
         for _ in range(40):
-            pose_filter.predict(FRAME, 1.0, 0.8)
+            pose_filter.predict(FILTER_PERIOD, 1.0, 0.8)
         for pose in order:
             assert pose_filter.correct(pose, 0.3 if pose is first else 0.1) is PoseVerdict.FUSED
         results.append(pose_filter.estimate())
@@ -241,7 +242,7 @@ def test_poses_out_of_order_give_what_poses_in_order_give():
 def test_what_is_too_old_or_of_no_use_changes_nothing():
     pose_filter = PoseFilter()
     for _ in range(100):
-        pose_filter.predict(FRAME, 1.0, 0.0)
+        pose_filter.predict(FILTER_PERIOD, 1.0, 0.0)
     before = pose_filter.estimate()
     good = Pose(1.0, 0.0, 0.0, POSE_COV)
     assert pose_filter.correct(good, FILTER_HISTORY + 0.02) is PoseVerdict.TOO_OLD
@@ -250,7 +251,8 @@ def test_what_is_too_old_or_of_no_use_changes_nothing():
                       (replace(good, cov=-POSE_COV), 0.0), (replace(good, cov=skew), 0.0),
                       (replace(good, cov=np.ones((3, 3))), 0.0)):
         assert pose_filter.correct(pose, age) is PoseVerdict.UNUSABLE
-    for motion in ((math.nan, 1.0, 0.0), (FRAME, 99.0, 0.0), (FRAME, 1.0, math.inf)):
+    for motion in ((math.nan, 1.0, 0.0), (FILTER_PERIOD, 99.0, 0.0),
+                   (FILTER_PERIOD, 1.0, math.inf)):
         with pytest.raises(UsageError):
             pose_filter.predict(*motion)
     assert (pose_filter.estimate().mean == before.mean).all()
@@ -260,9 +262,9 @@ def test_what_is_too_old_or_of_no_use_changes_nothing():
 def test_a_start_in_another_frame_keeps_what_was_learnt():
     pose_filter = PoseFilter()
     for _ in range(300):
-        pose_filter.predict(FRAME, 0.0, 0.01, at_rest=True)
+        pose_filter.predict(FILTER_PERIOD, 0.0, 0.01, at_rest=True)
     for _ in range(50):
-        pose_filter.predict(FRAME, 1.0, 0.01)
+        pose_filter.predict(FILTER_PERIOD, 1.0, 0.01)
     pose_filter.start(Pose(5.0, 2.0, math.pi / 2, POSE_COV), age=0.1)
     pose = pose_filter.estimate().pose
     assert (pose.x, pose.y, pose.yaw) == pytest.approx((5.0, 2.1, math.pi / 2), abs=1e-3)
@@ -272,7 +274,7 @@ def test_a_start_in_another_frame_keeps_what_was_learnt():
 def test_an_innovation_of_the_yaw_goes_the_short_way_round():
     pose_filter = PoseFilter()
     pose_filter.start(Pose(0.0, 0.0, 3.13, POSE_COV))
-    pose_filter.predict(FRAME, 0.5, 0.0)
+    pose_filter.predict(FILTER_PERIOD, 0.5, 0.0)
     assert pose_filter.correct(Pose(0.0, 0.0, 3.15 - math.tau, POSE_COV), 0.0) is PoseVerdict.FUSED
     assert pose_filter.estimate().pose.yaw == pytest.approx(3.14, abs=0.006)
 
@@ -280,11 +282,11 @@ def test_an_innovation_of_the_yaw_goes_the_short_way_round():
 def test_ahead_is_where_the_car_will_be_if_it_goes_on():
     pose_filter = PoseFilter()
     for _ in range(50):
-        pose_filter.predict(FRAME, 1.0, 1.0)
+        pose_filter.predict(FILTER_PERIOD, 1.0, 1.0)
     ahead = pose_filter.estimate(0.04)
     state = pose_filter.estimate()
     for _ in range(4):
-        pose_filter.predict(FRAME, 1.0, 1.0)
+        pose_filter.predict(FILTER_PERIOD, 1.0, 1.0)
     then = pose_filter.estimate()
     assert ahead.mean == pytest.approx(then.mean, abs=1e-4)
     assert state.mean[[SPEED, RATE]] == pytest.approx((1.0, 1.0))

@@ -11,7 +11,7 @@ import pytest
 from dart_hal.core.types import ExternalPose, Pose, Tracking
 from dart_hal.estimation.pose_tracking import PoseTracker
 
-FIRST = 700.0  # s, the source's clock at the car's zero
+FIRST_STAMP = 700.0  # s, the source's clock at the car's zero
 
 
 def odometry(t, speed=1.0, rate=0.8):
@@ -45,7 +45,7 @@ def run(seconds, see=lambda t, pose: pose, speed=lambda t: 1.0, latency=0.004):
             waiting.append((t + latency, pose))
         while waiting and waiting[0][0] <= t + 0.001:
             arrival, measured = waiting.pop(0)
-            tracker.add(ExternalPose(FIRST + arrival - latency, arrival, *measured))
+            tracker.add(ExternalPose(FIRST_STAMP + arrival - latency, arrival, *measured))
         out.append((t, tracker.estimate_at(t), in_room(travelled)))
     return out
 

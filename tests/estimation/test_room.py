@@ -12,13 +12,13 @@ from dart_hal.estimation import ExternalPoseEstimator, Odometry, PoseFilter
 from dart_hal.estimation.pose_model import MarkerModel
 from dart_hal.estimation.room import UNKNOWN_MARKER
 
-FRAME = 0.01
-FIRST = 700.0
+ROOM_PERIOD = 0.01
+FIRST_TIME = 700.0
 LX = 0.1
 LY = -0.008
 THETA = 0.02
-LATE = 0.012
-KNOWN = MarkerModel(LX, LY, THETA, LATE, (2e-4, 2e-4, 2e-4, 1e-3))
+MARKER_DELAY = 0.012
+KNOWN_MARKER = MarkerModel(LX, LY, THETA, MARKER_DELAY, (2e-4, 2e-4, 2e-4, 1e-3))
 PLACE = 1.0, -2.0, 2.5
 """Of the room, where the car's start is."""
 
@@ -46,7 +46,7 @@ def measure_marker(t, rng, std=0.005):
     c = cos(yaw)
     s = sin(yaw)
     noise = std * rng.standard_normal(3)
-    return ExternalPose(FIRST + t, t + LATE, x + LX * c - LY * s + noise[0],
+    return ExternalPose(FIRST_TIME + t, t + MARKER_DELAY, x + LX * c - LY * s + noise[0],
                         y + LX * s + LY * c + noise[1], yaw - THETA + noise[2],
                         pose_cov(std, std))
 
@@ -59,9 +59,9 @@ def drive(marker, seconds, seed=1, reported=lambda t, pose: pose, every=10, std=
     out = []
     room = ExternalPoseEstimator(odometry, marker)
     waiting = []
-    for k in range(round(seconds / FRAME)):
-        t = k * FRAME
-        travel += speed(t - FRAME / 2) * FRAME
+    for k in range(round(seconds / ROOM_PERIOD)):
+        t = k * ROOM_PERIOD
+        travel += speed(t - ROOM_PERIOD / 2) * ROOM_PERIOD
         rate = (true(t - 0.009)[2] - true(t - 0.019)[2]) / 0.01
         motion = odometry.update(t, travel, speed(t), rate + 4e-3 * rng.standard_normal(), t - 4e-3)
         room.update(t, odometry.pose, motion)
@@ -86,7 +86,7 @@ def nees(external, t):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("marker", [KNOWN, UNKNOWN_MARKER], ids=["known", "unknown"])
+@pytest.mark.parametrize("marker", [KNOWN_MARKER, UNKNOWN_MARKER], ids=["known", "unknown"])
 def test_it_is_honest_about_the_axle(marker):
     values = [nees(reported, t) for seed in range(8) for t, reported in drive(marker, 12.0, seed)
               if t > 4.0]
@@ -95,12 +95,13 @@ def test_it_is_honest_about_the_axle(marker):
 
 def test_a_marker_that_is_elsewhere_than_stated_is_not_honest():
     """Control: the same poses, stated as those of the axle."""
-    values = [nees(reported, t) for t, reported in drive(KNOWN._replace(lx=0.0), 6.0) if t > 4.0]
+    values = [nees(reported, t) for t,
+              reported in drive(KNOWN_MARKER._replace(lx=0.0), 6.0) if t > 4.0]
     assert np.mean(values) > 30.0
 
 
 def test_half_a_second_without_poses_is_survived():
-    reported = drive(KNOWN, 7.0, reported=lambda t, pose: None if 5.0 < t < 5.5 else pose)
+    reported = drive(KNOWN_MARKER, 7.0, reported=lambda t, pose: None if 5.0 < t < 5.5 else pose)
     worst = max(hypot(*error(external, t)[:2]) for t, external in reported if t > 4.0)
     assert worst < 0.02
     variance = {round(t, 2): np.trace(e.estimate.pose.cov[:2, :2]) for t, e in reported if t > 4.0}
@@ -119,7 +120,7 @@ def test_a_lock_while_it_drives_is_undone(monkeypatch):
 
     def worst():
         held.clear()
-        reported = drive(KNOWN, 4.6, reported=lock, every=1, std=0.03)
+        reported = drive(KNOWN_MARKER, 4.6, reported=lock, every=1, std=0.03)
         return max(nees(external, t) for t, external in reported if t > 4.4)  # it is known by then
 
     assert worst() < 11.3  # one honest estimate in a hundred is beyond
@@ -135,16 +136,16 @@ def astray(accel):
     worst = 0.0
     room = ExternalPoseEstimator(odometry, MarkerModel(std=(1e-3,) * 4), own_clock=True)
     for k in range(300):
-        t = k * FRAME
-        spins = 2.0 < k * FRAME <= 2.4
+        t = k * ROOM_PERIOD
+        spins = 2.0 < k * ROOM_PERIOD <= 2.4
         wheels = 3.2 if spins else 2.0
-        travel += wheels * FRAME
+        travel += wheels * ROOM_PERIOD
         motion = odometry.update(t, travel, wheels, 0.0, t - 4e-3)
         room.update(t, odometry.pose, motion, 0.05 if accel else None)
         if k % 50 == 0:
             room.add(ExternalPose(t, t, 2.0 * t, 0.0, 0.0, pose_cov(0.003, 0.003)))
         if t > 1.9:
-            worst = max(worst, abs(room.estimate_at(t).estimate.pose.x - 2.0 * (t + FRAME)))
+            worst = max(worst, abs(room.estimate_at(t).estimate.pose.x - 2.0 * (t + ROOM_PERIOD)))
     return worst
 
 
@@ -155,7 +156,8 @@ def test_wheels_that_spin_are_not_believed():
 
 
 def test_before_the_first_pose_it_knows_no_place_in_the_room():
-    assert all(e.estimate is None for _, e in drive(KNOWN, 0.3, reported=lambda t, pose: None))
+    assert all(e.estimate is None for _,
+               e in drive(KNOWN_MARKER, 0.3, reported=lambda t, pose: None))
 
 
 def test_poses_that_are_constant_from_the_first_are_no_place():
@@ -166,6 +168,6 @@ def test_poses_that_are_constant_from_the_first_are_no_place():
         first.append(pose)
         return ExternalPose(pose.stamp, pose.arrival, first[0].x, first[0].y, first[0].yaw)
 
-    reported = drive(KNOWN, 3.0, reported=lock)
+    reported = drive(KNOWN_MARKER, 3.0, reported=lock)
     assert reported[150][1].estimate is not None  # at rest nothing can show it
     assert all(e.estimate is None for t, e in reported if t > 2.6)

@@ -9,9 +9,9 @@ import pytest
 
 from dart_hal.estimation.single_samples import MIN_RATE_JUMP, SingleSampleFilter
 
-PERIOD = 0.01
+SAMPLE_PERIOD = 0.01
 """s between two samples."""
-NOISE = 4e-3
+GYRO_STD = 4e-3
 """rad/s in one sample of the BNO055."""
 
 
@@ -20,7 +20,7 @@ def accept_all(values: list[float]) -> tuple[list[float], SingleSampleFilter]:
     channel = SingleSampleFilter(MIN_RATE_JUMP)
     accepted: dict[float, float] = {}
     for k, value in enumerate(values):
-        result = channel.add(k * PERIOD, value, k * PERIOD)
+        result = channel.add(k * SAMPLE_PERIOD, value, k * SAMPLE_PERIOD)
         if result.withheld_sample is not None:
             accepted[result.withheld_sample[0]] = result.withheld_sample[1]
         accepted[result.stamp] = result.value
@@ -29,7 +29,7 @@ def accept_all(values: list[float]) -> tuple[list[float], SingleSampleFilter]:
 
 def noisy(values: list[float], seed: int = 1) -> list[float]:
     rng = random.Random(seed)
-    return [value + rng.gauss(0.0, NOISE) for value in values]
+    return [value + rng.gauss(0.0, GYRO_STD) for value in values]
 
 
 def step(height: float) -> list[float]:
@@ -38,7 +38,7 @@ def step(height: float) -> list[float]:
 
 def decaying_bump() -> list[float]:
     """A kerb: the car yaws to and fro at 15 Hz and comes to rest within 0.2 s."""
-    times = [k * PERIOD for k in range(40)]
+    times = [k * SAMPLE_PERIOD for k in range(40)]
     return [0.0] * 20 + [3.0 * math.exp(-t / 0.08) * math.sin(30 * math.pi * t) for t in times]
 
 
@@ -48,7 +48,7 @@ def collision() -> list[float]:
 
 
 def slalom() -> list[float]:
-    return [2.5 * math.sin(2 * math.pi * 1.5 * k * PERIOD) for k in range(100)]
+    return [2.5 * math.sin(2 * math.pi * 1.5 * k * SAMPLE_PERIOD) for k in range(100)]
 
 
 def pulse_of_the_brake() -> list[float]:
@@ -91,7 +91,7 @@ def test_single_sample_that_returns_is_rejected(motion, size):
 def test_withheld_sample_counts_one_sample_late():
     channel = SingleSampleFilter(MIN_RATE_JUMP)
     for k in range(10):
-        channel.add(k * PERIOD, 0.0, k * PERIOD)
+        channel.add(k * SAMPLE_PERIOD, 0.0, k * SAMPLE_PERIOD)
     first = channel.add(0.10, 1.0, 0.10)
     assert (first.value, first.stamp) == (0.0, 0.09)
     assert channel.add(0.10, 1.0, 0.10) == first, "the same sample decides nothing"
@@ -105,7 +105,7 @@ def test_sample_before_a_pause_is_motion():
     for pause, motion in ((0.04, True), (0.01, False)):
         channel = SingleSampleFilter(MIN_RATE_JUMP)
         for k in range(10):
-            channel.add(k * PERIOD, 0.0, k * PERIOD)
+            channel.add(k * SAMPLE_PERIOD, 0.0, k * SAMPLE_PERIOD)
         channel.add(0.10, 1.0, 0.10)
         result = channel.add(0.10 + pause, 0.0, 0.10 + pause)
         assert (result.withheld_sample is not None) == motion
@@ -117,11 +117,11 @@ def test_noise_alone_is_never_rejected_and_sets_the_threshold():
     sample_filter = SingleSampleFilter(MIN_RATE_JUMP)
     rng = random.Random(3)
     for k in range(3000):
-        quiet.add(k * PERIOD, rng.gauss(0.0, NOISE), k * PERIOD)
-        sample_filter.add(k * PERIOD, rng.gauss(0.0, 20 * NOISE), k * PERIOD)
+        quiet.add(k * SAMPLE_PERIOD, rng.gauss(0.0, GYRO_STD), k * SAMPLE_PERIOD)
+        sample_filter.add(k * SAMPLE_PERIOD, rng.gauss(0.0, 20 * GYRO_STD), k * SAMPLE_PERIOD)
     assert quiet.rejected == quiet.pairs == 0
     assert quiet.threshold == MIN_RATE_JUMP
-    assert sample_filter.threshold == pytest.approx(6 * 20 * NOISE, rel=0.2)
+    assert sample_filter.threshold == pytest.approx(6 * 20 * GYRO_STD, rel=0.2)
     assert sample_filter.rejected < 0.01 * 3000
 
 
@@ -131,8 +131,8 @@ def sum_of_residuals(size: float, run: int) -> tuple[float, SingleSampleFilter]:
     rng = random.Random(5)
     total = 0.0
     for k in range(2000):
-        value = rng.gauss(0.0, NOISE) + size * (k % 20 < run)
-        total += channel.add(k * PERIOD, value, k * PERIOD).residual
+        value = rng.gauss(0.0, GYRO_STD) + size * (k % 20 < run)
+        total += channel.add(k * SAMPLE_PERIOD, value, k * SAMPLE_PERIOD).residual
     return total, channel
 
 
@@ -143,7 +143,7 @@ def test_what_is_accepted_wrongly_is_in_the_residual(size, run, share):
 
     Control: without wrong samples they add up to next to nothing.
     """
-    error = 100 * run * size * PERIOD
+    error = 100 * run * size * SAMPLE_PERIOD
     clean, _ = sum_of_residuals(0.0, run)
     total, channel = sum_of_residuals(size, run)
     assert abs(clean) < 0.1 * error

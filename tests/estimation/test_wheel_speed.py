@@ -9,7 +9,7 @@ import pytest
 
 from dart_hal.estimation import Ring, WheelSpeed
 
-EVEN = {"metres": 0.00206459, "n": 20}
+EVEN_TABLE = {"metres": 0.00206459, "n": 20}
 MAGNETS = {"metres": 0.00412918, "n": 10}
 
 
@@ -44,7 +44,7 @@ def uneven():
 
 @pytest.mark.parametrize("v", [0.3, 1.0, 3.0, 5.0])
 def test_even_ring_at_constant_speed(speed_run, v):
-    assert speed_run(*constant(v), **EVEN).rms <= 0.001 * v
+    assert speed_run(*constant(v), **EVEN_TABLE).rms <= 0.001 * v
 
 
 @pytest.mark.parametrize(("v", "bar"), [(2.0, 0.03), (0.3, 0.03), (0.04, 0.008)])

@@ -6,7 +6,7 @@ import math
 from fnmatch import fnmatchcase
 
 import pytest
-from fault_table.broken import FIRMWARE
+from fault_table.broken import FIRMWARE_FOLDER
 from fault_table.judge import How, Verdict, judge
 from fault_table.layers import VARIABLE, remove_layers
 from fault_table.row import Case, Measured, Row
@@ -26,13 +26,15 @@ def parameters(fast: bool):
                                    id=f"{row.number}-{case.world}-{case.what}")
 
 
-QUICK = ("1-wire-* lost", "2-wire-not counted", "4-mock*", "7-wire*", "10-wire*", "12-elf-freed",
-         "18-mock-dead, throttle*", "19-wire*", "22-mock*", "24-mock*", "25-mock-oe", "26-mock*",
-         "36-mock*", "40-mock*", "41-mock*", "45-mock-mux*", "51-mock*", "55-mock-27 MHz",
-         "56-mock-after close()", "58-mock*", "59-mock*")
+QUICK_CASES = ("1-wire-* lost", "2-wire-not counted", "4-mock*", "7-wire*", "10-wire*",
+               "12-elf-freed",
+               "18-mock-dead, throttle*", "19-wire*", "22-mock*", "24-mock*", "25-mock-oe",
+               "26-mock*",
+               "36-mock*", "40-mock*", "41-mock*", "45-mock-mux*", "51-mock*", "55-mock-27 MHz",
+               "56-mock-after close()", "58-mock*", "59-mock*")
 """With their controls: one each of line, board, bus, guard, owner, cut-off, power and human
 input. The controls of the others are for ``make test-more``."""
-ALONE = (
+UNCONTROLLED_CASES = (
     "3-mock-distance", "8-mock-none, mux", "11-elf*", "13-elf-SCL*", "14-elf-standing",
     "15-elf-stuck", "16-elf*", "17-mock-10 k*", "20-elf*", "27-mock-prescale",
     "29-mock-wild speeds", "31-elf*", "33-elf-mux", "43-elf-mux*", "46-mock*")
@@ -54,7 +56,7 @@ def check(case: Case, full: bool, controls: bool = True) -> None:
 
 
 @pytest.mark.parametrize("case", list(parameters(fast=True)))
-@pytest.mark.slow_except(*QUICK)
+@pytest.mark.slow_except(*QUICK_CASES)
 def test_a_case_holds_and_its_control_does_not(case):
     check(case, full=False)
 
@@ -66,11 +68,11 @@ def find_cases(*patterns):
 
 def one_of_every_row():
     """Names of one case of each row that QUICK and REALTIME leave out."""
-    chosen = {number_of(name): name for name in find_cases(*ALONE)}
+    chosen = {number_of(name): name for name in find_cases(*UNCONTROLLED_CASES)}
     for name in BY_NAME:
         if BY_NAME[name].fast:
             chosen.setdefault(number_of(name), name)
-    have = {number_of(name) for name in find_cases(*QUICK, *REALTIME)}
+    have = {number_of(name) for name in find_cases(*QUICK_CASES, *REALTIME)}
     return [name for number, name in sorted(chosen.items()) if number not in have]
 
 
@@ -97,9 +99,10 @@ def test_one_case_of_every_other_row_holds_in_real_time(case):
 
 def test_every_row_has_a_case_in_the_quick_run():
     """A row without a fast case has to name one in ALONE or REALTIME."""
-    quick = {number_of(name) for name in (*find_cases(*QUICK, *REALTIME), *one_of_every_row())}
+    quick = {number_of(name) for name in (*find_cases(*QUICK_CASES, *REALTIME),
+                                          *one_of_every_row())}
     assert {row.number for row in ROWS} - quick == set()
-    assert [p for p in (*QUICK, *ALONE, *REALTIME) if not find_cases(p)] == []
+    assert [p for p in (*QUICK_CASES, *UNCONTROLLED_CASES, *REALTIME) if not find_cases(p)] == []
 
 
 @pytest.mark.parametrize("case", list(parameters(fast=False)))
@@ -121,7 +124,7 @@ def test_every_layer_alone_turns_a_row_red():
 @pytest.mark.parametrize("layer", [x for x in LAYERS.values() if x.changes], ids=lambda x: x.name)
 def test_what_removes_a_layer_of_the_firmware_is_in_its_sources(layer):
     for file, old, new in layer.changes:
-        assert (FIRMWARE / file).read_text(encoding="utf-8").count(old) == 1, old
+        assert (FIRMWARE_FOLDER / file).read_text(encoding="utf-8").count(old) == 1, old
         assert old != new
 
 

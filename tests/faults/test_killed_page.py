@@ -15,7 +15,7 @@ import pytest
 from fault_table import switches  # noqa: F401 - the layers that may be gone
 from fault_table.layers import remove_layers
 from fault_table.rows_processes import AFTER, TRIES
-from fault_table.stand import HERE, PATIENCE, PtyRig, environment, guard_of, with_signal
+from fault_table.stand import HERE, RIG_TIMEOUT_S, PtyRig, environment, guard_of, with_signal
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -83,7 +83,7 @@ def serve_page(rig, arms=True):
 
 
 def until(condition):
-    ends = time.monotonic() + PATIENCE
+    ends = time.monotonic() + RIG_TIMEOUT_S
     while not condition():
         assert time.monotonic() < ends
         time.sleep(0.02)

@@ -6,7 +6,7 @@ import threading
 from unittest.mock import patch
 
 import pytest
-from fault_table.drive import PERIOD, WAIVE, Drive, forward
+from fault_table.drive import MAX_PWM_PERIOD_S, WAIVED, Drive, forward
 
 from dart_hal.car.driver import Driver
 from dart_hal.car.engine import Engine
@@ -38,11 +38,11 @@ def test_esc_behind_oe_receives_its_whole_neutral_time(tmp_path, counts):
     method = Observer._neutral_for if counts else written
     with patch.object(Observer, "_neutral_for", method), Drive(tmp_path, "&cutoff=oe") as drive:
         drive.run(2.2)
-        drive.car.arm(waive=WAIVE)
+        drive.car.arm(waive=WAIVED)
         drive.run(0.2, forward(0.3))
         first = next(k for k, pulse in enumerate(drive.pulses) if drive.off(pulse))
         begin = first - 1
-        while begin and drive.pulses[begin][0] - drive.pulses[begin - 1][0] < PERIOD:
+        while begin and drive.pulses[begin][0] - drive.pulses[begin - 1][0] < MAX_PWM_PERIOD_S:
             begin -= 1
         neutral = drive.pulses[first][0] - drive.pulses[begin][0]
     assert (neutral >= ARM_NEUTRAL) == counts, neutral
@@ -206,7 +206,7 @@ def test_run_stop_ends_arming(tmp_path, held):
     with Drive(tmp_path, brief=True) as drive:
         drive.run(drive.settling)
         driver = drive.car._engine.driver
-        driver.arm(drive.now, WAIVE)
+        driver.arm(drive.now, WAIVED)
         assert driver.mode == "ARMING"
         driver.set_run_stop(held, drive.now, "page")
         assert driver.mode == ("DISARMED" if held else "ARMING")

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from dart_hal.wire import codec, messages
 from dart_hal.wire.decoder import Decoder
 
-VECTORS = json.loads((Path(__file__).parents[1] / "wire/vectors.json").read_text())
+FRAME_VECTORS = json.loads((Path(__file__).parents[1] / "wire/vectors.json").read_text())
 FIXED = [m for m in messages.MESSAGES if not m.variable]
 DOWN = [m for m in messages.MESSAGES if m.dir == "down"]
 
@@ -44,7 +44,7 @@ def parse(core: c.CDLL, data: bytes, chunk: int = 4096) -> tuple[list[tuple[int,
     return found, tuple(counts)
 
 
-@pytest.mark.parametrize("vector", VECTORS["crc"], ids=lambda v: v["data"][:8] or "empty")
+@pytest.mark.parametrize("vector", FRAME_VECTORS["crc"], ids=lambda v: v["data"][:8] or "empty")
 def test_crc_of_the_golden_vectors(core: c.CDLL, vector: dict[str, object]) -> None:
     data = bytes.fromhex(str(vector["data"]))
     assert core.core_crc16(vector["seed"], data, len(data)) == vector["crc"]
@@ -56,7 +56,7 @@ def test_crc_is_the_polynomial(core: c.CDLL, data: bytes, seed: int) -> None:
 
 
 def test_frames_of_the_golden_vectors(core: c.CDLL) -> None:
-    for vector in VECTORS["frames"]:
+    for vector in FRAME_VECTORS["frames"]:
         message = messages.BY_NAME[vector["message"]]
         built = frame(core, message.id, vector["seq"], bytes.fromhex(vector["payload"]))
         assert built.hex() == vector["wire"], vector["message"]

@@ -29,7 +29,7 @@ from imu_model import (
     Part,
 )
 
-STEP = MS // 2  # resolution of the model's wakes
+SLOT_TICKS = MS // 2  # resolution of the model's wakes
 
 
 @pytest.fixture(autouse=True)
@@ -108,13 +108,13 @@ def test_a_look_that_hangs_costs_no_read(core: c.CDLL) -> None:
     part.core.imu_look(part._u32())
     part.hangs = True
     for _ in range(6):
-        part.now += STEP
+        part.now += SLOT_TICKS
         part.core.imu_step(part._u32())
     assert part.view().resting
     part.core.imu_slot(part._u32(), part.edges, 0)
     assert not part.view().resting
     for _ in range(10):
-        part.now += STEP
+        part.now += SLOT_TICKS
         part.core.imu_step(part._u32())
     assert part.view().valid
     assert part.view().start == start + 3 * MS
@@ -275,7 +275,7 @@ def test_stretching_past_the_deadline_is_a_timeout_not_a_hang(core: c.CDLL) -> N
     part.stretch = 3000  # 1.5 ms per byte
     view = part.slots(3)
     assert view.timeout >= 2
-    assert part.max_leg <= LEG_LIMIT + STEP
+    assert part.max_leg <= LEG_LIMIT + SLOT_TICKS
 
 
 def test_offsets_are_learnt_once_and_restored(core: c.CDLL) -> None:
@@ -347,7 +347,7 @@ def test_it_always_comes_back_and_never_blocks(
     assert view.valid
     assert view.state == RUN
     assert view.acc[0] == part.level
-    assert part.max_leg <= LEG_LIMIT + STEP
+    assert part.max_leg <= LEG_LIMIT + SLOT_TICKS
 
 
 def test_negative_control_a_dead_part_is_never_valid(core: c.CDLL) -> None:

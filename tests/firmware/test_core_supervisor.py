@@ -9,13 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-BOOT, IDLE, LINKED, LIVE, TRIPPED, LOCKED = range(6)
-DISARMED, ARMED, RAW, STOP = range(4)
-MS = 2000
-LIMIT = 110
+BOOT, IDLE, LINKED, IS_LIVE, TRIPPED, LOCKED = range(6)
+IS_DISARMED, IS_ARMED, IS_RAW, IS_STOPPED = range(4)
+TICKS_PER_MS = 2000
+MAX_BEAT_MS = 110
 
 
-class View(NamedTuple):
+class SupervisorView(NamedTuple):
     state: int
     enable: int
     bypass: int  # the ESC gets the PCA9685's pulse
@@ -31,16 +31,16 @@ class Sut:
     def __init__(self, core: c.CDLL, now: float = 0.0) -> None:
         self.core = core
         self.now = now
-        core.supervisor_new(c.c_uint32(LIMIT * MS))
+        core.supervisor_new(c.c_uint32(MAX_BEAT_MS * TICKS_PER_MS))
 
     @property
     def ticks(self) -> c.c_uint32:
-        return c.c_uint32(int(self.now * MS) & 0xFFFFFFFF)
+        return c.c_uint32(int(self.now * TICKS_PER_MS) & 0xFFFFFFFF)
 
-    def view(self) -> View:
+    def view(self) -> SupervisorView:
         out = (c.c_uint8 * 7)()
         self.core.supervisor_get(self.ticks, out)
-        return View(*out)
+        return SupervisorView(*out)
 
     @property
     def state(self) -> int:
@@ -62,12 +62,12 @@ class Sut:
         self.step()
         return self
 
-    def beat(self, mode: int = DISARMED, token: bool = True) -> int:
+    def beat(self, mode: int = IS_DISARMED, token: bool = True) -> int:
         self.step()
         self.core.supervisor_beat(self.ticks, mode, int(token))
         return self.step()
 
-    def beats(self, ms: float, mode: int = DISARMED, token: bool = True, gap: int = 20) -> int:
+    def beats(self, ms: float, mode: int = IS_DISARMED, token: bool = True, gap: int = 20) -> int:
         for _ in range(int(ms / gap)):
             self.wait(gap)
             self.beat(mode, token)
@@ -79,8 +79,8 @@ class Sut:
         return self
 
     def live(self) -> Sut:
-        self.link_up().beats(20, ARMED)
-        assert self.state == LIVE
+        self.link_up().beats(20, IS_ARMED)
+        assert self.state == IS_LIVE
         return self
 
 
@@ -89,11 +89,11 @@ def sut(core: c.CDLL) -> Sut:
     return Sut(core)
 
 
-OUTPUTS = {BOOT: (0, 0, 0), IDLE: (0, 0, 1), LINKED: (1, 0, 1), LIVE: (1, 1, 1),
+OUTPUTS = {BOOT: (0, 0, 0), IDLE: (0, 0, 1), LINKED: (1, 0, 1), IS_LIVE: (1, 1, 1),
            TRIPPED: (0, 0, 1), LOCKED: (0, 0, 1)}
 
 
-def outputs(view: View) -> tuple[int, int, int]:
+def outputs(view: SupervisorView) -> tuple[int, int, int]:
     return view.enable, view.bypass, view.own
 
 
@@ -113,33 +113,33 @@ def test_idle_to_linked_after_500_ms_of_beats(sut: Sut) -> None:
     assert outputs(sut.view()) == OUTPUTS[LINKED]
 
 
-@pytest.mark.parametrize("mode", [ARMED, RAW])
+@pytest.mark.parametrize("mode", [IS_ARMED, IS_RAW])
 def test_linked_to_live_on_armed_or_raw(sut: Sut, mode: int) -> None:
-    assert sut.link_up().beats(20, mode) == LIVE
-    assert outputs(sut.view()) == OUTPUTS[LIVE]
+    assert sut.link_up().beats(20, mode) == IS_LIVE
+    assert outputs(sut.view()) == OUTPUTS[IS_LIVE]
 
 
 def test_linked_to_idle_without_a_beat(sut: Sut) -> None:
-    assert sut.link_up().wait(LIMIT) == LINKED
+    assert sut.link_up().wait(MAX_BEAT_MS) == LINKED
     assert sut.wait(1) == IDLE
 
 
 def test_linked_to_idle_on_stop(sut: Sut) -> None:
-    assert sut.link_up().beats(20, STOP) == IDLE
+    assert sut.link_up().beats(20, IS_STOPPED) == IDLE
 
 
 def test_live_to_linked_on_disarmed(sut: Sut) -> None:
-    assert sut.live().beats(20, DISARMED) == LINKED
+    assert sut.live().beats(20, IS_DISARMED) == LINKED
 
 
 def test_live_to_tripped_without_a_beat(sut: Sut) -> None:
-    assert sut.live().wait(LIMIT) == LIVE
+    assert sut.live().wait(MAX_BEAT_MS) == IS_LIVE
     assert sut.wait(1) == TRIPPED
     assert outputs(sut.view()) == OUTPUTS[TRIPPED]
 
 
 def test_live_to_tripped_on_stop(sut: Sut) -> None:
-    assert sut.live().beats(20, STOP) == TRIPPED
+    assert sut.live().beats(20, IS_STOPPED) == TRIPPED
 
 
 def test_tripped_to_linked_after_500_ms_disarmed(sut: Sut) -> None:
@@ -151,7 +151,7 @@ def test_tripped_to_linked_after_500_ms_disarmed(sut: Sut) -> None:
 def test_third_trip_within_60_s_locks(sut: Sut) -> None:
     sut.link_up()
     for trip in range(3):
-        assert sut.beats(20, ARMED) == LIVE, trip
+        assert sut.beats(20, IS_ARMED) == IS_LIVE, trip
         sut.wait(200)
         if trip < 2:
             assert sut.beats(600) == LINKED
@@ -163,7 +163,7 @@ def test_third_trip_within_60_s_locks(sut: Sut) -> None:
 def test_three_trips_in_more_than_60_s_do_not_lock(sut: Sut) -> None:
     sut.link_up()
     for _ in range(4):
-        assert sut.beats(20, ARMED) == LIVE
+        assert sut.beats(20, IS_ARMED) == IS_LIVE
         assert sut.wait(200) == TRIPPED
         assert sut.beats(600) == LINKED
         sut.beats(30_000, gap=20)
@@ -172,20 +172,21 @@ def test_three_trips_in_more_than_60_s_do_not_lock(sut: Sut) -> None:
 def test_an_old_trip_is_forgotten_and_the_newer_ones_are_not(sut: Sut) -> None:
     sut.link_up()
     for calm in (50_000, 15_000, 5_000):
-        assert sut.beats(20, ARMED) == LIVE
+        assert sut.beats(20, IS_ARMED) == IS_LIVE
         assert sut.wait(200) == TRIPPED
         assert sut.beats(calm) == LINKED
-    assert sut.beats(20, ARMED) == LIVE
+    assert sut.beats(20, IS_ARMED) == IS_LIVE
     assert sut.wait(200) == LOCKED  # the third since 50 s, the first of all being 71 s old
 
 
 # --- each blocked transition -------------------------------------------------
 
 def test_boot_is_not_left_before_ready(sut: Sut) -> None:
-    assert sut.beats(2000, ARMED) == BOOT
+    assert sut.beats(2000, IS_ARMED) == BOOT
 
 
-@pytest.mark.parametrize(("mode", "token"), [(STOP, True), (DISARMED, False), (ARMED, False)])
+@pytest.mark.parametrize(("mode", "token"),
+                         [(IS_STOPPED, True), (IS_DISARMED, False), (IS_ARMED, False)])
 def test_idle_is_not_left_by_stop_or_a_wrong_token(sut: Sut, mode: int, token: bool) -> None:
     sut.ready()
     assert sut.beats(2000, mode, token) == IDLE
@@ -198,33 +199,33 @@ def test_idle_is_not_left_with_gaps_above_60_ms(sut: Sut) -> None:
 
 
 def test_linked_does_not_arm_with_a_wrong_token(sut: Sut) -> None:
-    assert sut.link_up().beats(500, ARMED, token=False) == LINKED
+    assert sut.link_up().beats(500, IS_ARMED, token=False) == LINKED
 
 
 def test_a_wrong_token_takes_the_throttle_away(sut: Sut) -> None:
-    assert sut.live().beats(20, ARMED, token=False) == LINKED
+    assert sut.live().beats(20, IS_ARMED, token=False) == LINKED
 
 
 def test_tripped_is_not_left_by_armed_beats(sut: Sut) -> None:
     sut.live().wait(200)
-    assert sut.beats(3000, ARMED) == TRIPPED
-    assert sut.beats(3000, RAW) == TRIPPED
+    assert sut.beats(3000, IS_ARMED) == TRIPPED
+    assert sut.beats(3000, IS_RAW) == TRIPPED
 
 
-@pytest.mark.parametrize(("mode", "token"), [(STOP, True), (DISARMED, False)])
+@pytest.mark.parametrize(("mode", "token"), [(IS_STOPPED, True), (IS_DISARMED, False)])
 def test_tripped_is_not_left_by_stop_or_a_wrong_token(sut: Sut, mode: int, token: bool) -> None:
     sut.live().wait(200)
     assert sut.beats(3000, mode, token) == TRIPPED
 
 
 def test_tripped_needs_500_ms_after_the_trip(sut: Sut) -> None:
-    sut.live().beats(20, STOP)
+    sut.live().beats(20, IS_STOPPED)
     assert sut.beats(480) == TRIPPED
 
 
 def test_locked_is_left_by_nothing(sut: Sut) -> None:
     test_third_trip_within_60_s_locks(sut)
-    for mode in (DISARMED, ARMED, RAW, STOP):
+    for mode in (IS_DISARMED, IS_ARMED, IS_RAW, IS_STOPPED):
         assert sut.beats(1000, mode) == LOCKED
     assert sut.beats(70_000) == LOCKED
 
@@ -232,7 +233,7 @@ def test_locked_is_left_by_nothing(sut: Sut) -> None:
 def test_a_late_beat_does_not_hide_the_gap(sut: Sut) -> None:
     sut.live()
     sut.now += 115  # the loop was elsewhere, then a beat comes
-    sut.core.supervisor_beat(sut.ticks, ARMED, 1)
+    sut.core.supervisor_beat(sut.ticks, IS_ARMED, 1)
     assert sut.step() == TRIPPED
 
 
@@ -240,12 +241,12 @@ def test_a_beat_that_came_before_the_look_that_tripped_does_not_erase_the_trip(s
     """Beats are stamped when they arrive, looks when the loop gets there."""
     sut.link_up()
     for trip in range(3):
-        assert sut.beats(20, ARMED) == LIVE, trip
-        sut.now += LIMIT + 1
+        assert sut.beats(20, IS_ARMED) == IS_LIVE, trip
+        sut.now += MAX_BEAT_MS + 1
         assert sut.step() in (TRIPPED, LOCKED)
         looked = sut.now
         sut.now = sut.now - 5
-        sut.beat(ARMED)
+        sut.beat(IS_ARMED)
         sut.now = looked
         if trip < 2:
             assert sut.beats(600) == LINKED
@@ -254,7 +255,8 @@ def test_a_beat_that_came_before_the_look_that_tripped_does_not_erase_the_trip(s
 
 # --- laws --------------------------------------------------------------------
 
-@given(st.lists(st.tuples(st.integers(1, 200), st.sampled_from([DISARMED, ARMED, RAW, STOP]),
+@given(st.lists(st.tuples(st.integers(1, 200),
+                          st.sampled_from([IS_DISARMED, IS_ARMED, IS_RAW, IS_STOPPED]),
                           st.booleans()), max_size=120),
        st.integers(0, 2_147_483))
 def test_live_only_with_fresh_armed_beats_of_this_boot(
@@ -262,11 +264,11 @@ def test_live_only_with_fresh_armed_beats_of_this_boot(
     sut = Sut(core, start).ready()
     for gap, mode, token in beats:
         sut.wait(gap)
-        if sut.state == LIVE:
-            assert gap <= LIMIT
+        if sut.state == IS_LIVE:
+            assert gap <= MAX_BEAT_MS
         sut.beat(mode, token)
-        if sut.state == LIVE:
-            assert mode in (ARMED, RAW)
+        if sut.state == IS_LIVE:
+            assert mode in (IS_ARMED, IS_RAW)
             assert token
         assert outputs(sut.view()) == OUTPUTS[sut.state]
 
@@ -274,8 +276,8 @@ def test_live_only_with_fresh_armed_beats_of_this_boot(
 @pytest.mark.parametrize("start", [2_147_483.5, 2_147_483 - 700, 4_294_967])
 def test_the_wrap_of_the_clock_changes_nothing(core: c.CDLL, start: float) -> None:
     sut = Sut(core, start).live()
-    assert sut.beats(3000, ARMED) == LIVE
-    assert sut.wait(LIMIT + 1) == TRIPPED
+    assert sut.beats(3000, IS_ARMED) == IS_LIVE
+    assert sut.wait(MAX_BEAT_MS + 1) == TRIPPED
 
 
 def test_silence_for_longer_than_the_clock_wraps(core: c.CDLL) -> None:

@@ -16,8 +16,8 @@ from firmware_rig import FLAG, Rig, build_patched, eeprom_image
 pytestmark = pytest.mark.emulator
 Make = Callable[..., Rig]
 NONE, ENABLE, MUX = range(3)
-DISARMED = 0
-ARMED = 1
+MODE_DISARMED = 0
+MODE_ARMED = 1
 BURST = 5
 EIMSK = 0x3D
 INT0 = 1
@@ -31,8 +31,8 @@ NO_BUDGET = ("src/board/edges.cpp", '"cbi  %[eimsk], %[own]    \\n\\t"',
 def live(rig: Rig) -> Rig:
     rig.nano.set_ring(1, [(i + 0.5) / 10 for i in range(10)])
     rig.run(0.5)
-    rig.beat(0.6, DISARMED)
-    rig.beat(0.1, ARMED)
+    rig.beat(0.6, MODE_DISARMED)
+    rig.beat(0.1, MODE_ARMED)
     assert rig.state()["flags"] & FLAG["OUTPUT_LIVE"]
     rig.nano.pin_log()
     return rig
@@ -77,7 +77,7 @@ def test_the_link_and_the_cutoff_live_on(nano: Make, rate: float, rings: tuple[i
     for ring in rings:
         rig.nano.set_chatter(ring, rate, irregular=True)
     begin = rig.now
-    rig.beat(0.5, ARMED)
+    rig.beat(0.5, MODE_ARMED)
     states = rig.states(begin)
     assert len(states) >= 48
     assert all(b["t_ck"] - a["t_ck"] < 26_000 for a, b in itertools.pairwise(states))

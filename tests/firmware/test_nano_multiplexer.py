@@ -17,11 +17,11 @@ from firmware_rig import Rig, build_patched, eeprom_image
 
 pytestmark = pytest.mark.emulator
 Make = Callable[..., Rig]
-MUX = 2
-DISARMED = 0
-ARMED = 1
-STOP = 3
-PERIOD = 0.02
+MUX_CUTOFF = 2
+CMD_DISARMED = 0
+CMD_ARMED = 1
+CMD_STOP = 3
+PWM_PERIOD_S = 0.02
 OWN = 1.5e-3
 LOOK = 3e-6
 PHASES = 20
@@ -30,7 +30,7 @@ ANY_TIME = ("src/board/outputs.cpp", "    pass_wanted = output.pass;\n",
             "    pass_wanted = passing = output.pass;\n    select(pass_wanted);\n")
 
 
-class Board:
+class MultiplexerBoard:
     """Pulses of the PCA9685 and the multiplexer: the signal at the ESC and at D8."""
 
     def __init__(self, rig: Rig, phase: float, width: float, wired: bool = True) -> None:
@@ -42,7 +42,7 @@ class Board:
         self.own: list[tuple[float, int]] = [(0.0, 0)]
 
     def high(self, t: float) -> bool:
-        return (t - self.phase) % PERIOD < self.width
+        return (t - self.phase) % PWM_PERIOD_S < self.width
 
     def run(self, seconds: float) -> None:
         """D8 follows D5 and the board's pulse within 0.5 us."""
@@ -73,7 +73,7 @@ class Board:
 
     def at_the_esc(self, begin: float) -> list[tuple[float, float]]:
         """Pulses (rise, width) since ``begin``."""
-        rises = [self.phase + n * PERIOD for n in range(int(self.rig.now / PERIOD))]
+        rises = [self.phase + n * PWM_PERIOD_S for n in range(int(self.rig.now / PWM_PERIOD_S))]
         edges = sorted({t for t, _ in self.select + self.own if t > begin}
                        | {t + d for t in rises if t > begin for d in (0.0, self.width)})
         pulses: list[tuple[float, float]] = []
@@ -93,27 +93,28 @@ class Board:
         return self.high(t) if last(self.select) else bool(last(self.own))
 
 
-def drive(rig: Rig, phase: float, width: float, wired: bool = True) -> tuple[Board, float, float]:
+def drive(rig: Rig, phase: float, width: float, wired: bool = True) -> tuple[MultiplexerBoard,
+                                                                             float, float]:
     """To LIVE and, by STOP, back: the board, and when each was commanded."""
-    board = Board(rig, phase, width, wired)
+    board = MultiplexerBoard(rig, phase, width, wired)
     board.rig.run(0.5)
-    rig.beat(0.56, DISARMED)
+    rig.beat(0.56, CMD_DISARMED)
     for e in rig.nano.pin_log():
         if e.pin in ("D5", "D9"):
             (board.select if e.pin == "D5" else board.own).append((e.t, e.level or 0))
     armed = rig.now
-    board.beat(0.12, ARMED)
+    board.beat(0.12, CMD_ARMED)
     stopped = rig.now
-    board.beat(0.08, STOP)
+    board.beat(0.08, CMD_STOP)
     return board, armed, stopped
 
 
-def longer_or_joined(board: Board, begin: float) -> list[float]:
+def longer_or_joined(board: MultiplexerBoard, begin: float) -> list[float]:
     limit = max(board.width, OWN) + 2e-6
     return [w for _, w in board.at_the_esc(begin) if w > limit]
 
 
-def cut(board: Board, begin: float) -> list[float]:
+def cut(board: MultiplexerBoard, begin: float) -> list[float]:
     """Widths that no source meant, without the looks."""
     return [w for _, w in board.at_the_esc(begin)[1:]
             if w > LOOK and min(abs(w - OWN), abs(w - board.width)) > 2e-6]
@@ -122,8 +123,8 @@ def cut(board: Board, begin: float) -> list[float]:
 @pytest.mark.parametrize("n", range(PHASES))
 @pytest.mark.slow_except("4", "14")
 def test_no_pulse_is_cut_or_joined(nano: Make, n: int) -> None:
-    rig = nano(eeprom=eeprom_image(safety_out=MUX))
-    board, armed, stopped = drive(rig, n * PERIOD / PHASES, (1.0e-3, 1.72e-3, 2.1e-3)[n % 3])
+    rig = nano(eeprom=eeprom_image(safety_out=MUX_CUTOFF))
+    board, armed, stopped = drive(rig, n * PWM_PERIOD_S / PHASES, (1.0e-3, 1.72e-3, 2.1e-3)[n % 3])
     assert not longer_or_joined(board, armed)
     assert not cut(board, armed)
     looks = [w for _, w in board.at_the_esc(armed) if w <= LOOK]
@@ -138,8 +139,8 @@ def test_no_pulse_is_cut_or_joined(nano: Make, n: int) -> None:
 @pytest.mark.slow_except("8")
 def test_without_the_wire_none_is_joined_and_at_most_one_is_cut_at_a_switch(nano: Make,
                                                                           n: int) -> None:
-    rig = nano(eeprom=eeprom_image(safety_out=MUX))
-    board, armed, stopped = drive(rig, n * PERIOD / PHASES, 1.72e-3, wired=False)
+    rig = nano(eeprom=eeprom_image(safety_out=MUX_CUTOFF))
+    board, armed, stopped = drive(rig, n * PWM_PERIOD_S / PHASES, 1.72e-3, wired=False)
     assert not longer_or_joined(board, armed)
     assert len(cut(board, armed)) <= 2
     assert [t for t, level in board.select if not level and t > stopped][-1] - stopped <= 0.026
@@ -147,13 +148,13 @@ def test_without_the_wire_none_is_joined_and_at_most_one_is_cut_at_a_switch(nano
 
 FILTER = 90e-6
 """s of low that an ESC's input filter must see between two pulses."""
-AT_ONCE = ("src/board/outputs.cpp", "kApart = 100 *", "kApart = 40 *")
+SHORT_DEAD_TIME = ("src/board/outputs.cpp", "kApart = 100 *", "kApart = 40 *")
 
 
 def smallest_gap(nano: Make, image: Path | None = None) -> float:
     """Between pulses of the two sources, the board's beginning as the switch passes it [s]."""
     def make() -> Rig:
-        eeprom = eeprom_image(safety_out=MUX)
+        eeprom = eeprom_image(safety_out=MUX_CUTOFF)
         return nano(image, eeprom=eeprom) if image else nano(eeprom=eeprom)
 
     width = 1.72e-3
@@ -161,7 +162,7 @@ def smallest_gap(nano: Make, image: Path | None = None) -> float:
     switch = next(t for t, level in board.select if level and t > armed)
     gaps = []
     for behind in (-6e-6, -2e-6, 2e-6, 6e-6, 20e-6):
-        board, armed, _ = drive(make(), (switch + behind) % PERIOD, width)
+        board, armed, _ = drive(make(), (switch + behind) % PWM_PERIOD_S, width)
         pulses = [p for p in board.at_the_esc(armed) if p[1] > LOOK]
         gaps += [b[0] - a[0] - a[1] for a, b in itertools.pairwise(pulses)]
     return min(gaps)
@@ -175,7 +176,7 @@ def test_pulses_of_the_two_sources_are_distinguished(nano: Make) -> None:
 def test_a_switch_right_behind_the_own_pulse_is_too_early(nano: Make, elf: Path,
                                                           tmp_path: Path) -> None:
     """The control: the same phases, 40 us behind the pulse."""
-    assert smallest_gap(nano, build_patched(tmp_path, AT_ONCE)) < FILTER
+    assert smallest_gap(nano, build_patched(tmp_path, SHORT_DEAD_TIME)) < FILTER
 
 
 @pytest.mark.long
@@ -187,8 +188,8 @@ def test_a_switch_that_does_not_look_cuts(nano: Make, elf: Path, tmp_path: Path,
     cuts = []
     joined = []
     for n in range(PHASES):
-        rig = nano(image, eeprom=eeprom_image(safety_out=MUX))
-        board, armed, _ = drive(rig, n * PERIOD / PHASES, 1.72e-3)
+        rig = nano(image, eeprom=eeprom_image(safety_out=MUX_CUTOFF))
+        board, armed, _ = drive(rig, n * PWM_PERIOD_S / PHASES, 1.72e-3)
         cuts += cut(board, armed)
         joined += longer_or_joined(board, armed)
     assert cuts
@@ -203,7 +204,7 @@ def test_own_pulse_is_neutral_within_the_tolerance_of_the_resonator(nano: Make, 
     """Its resonator is good to 0.5 %, and so is the pulse, to a tick of 0.5 us.
 
     Control: one that is off by 1 %."""
-    rig = nano(eeprom=eeprom_image(safety_out=MUX))
+    rig = nano(eeprom=eeprom_image(safety_out=MUX_CUTOFF))
     rig.nano.set_clock_error(clock_error)
     rig.run(0.1)
     rig.nano.pin_log()

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.emulator
 Make = Callable[..., Rig]
 NONE, ENABLE, MUX = range(3)
 DISARMED, ARMED, RAW, STOP = range(4)
-LIVE = FLAG["OUTPUT_LIVE"]
+LIVE_FLAG = FLAG["OUTPUT_LIVE"]
 TRIPPED = FLAG["TRIPPED"]
 BEAT_OK = FLAG["BEAT_OK"]
 SAFETY_OUT = 7
@@ -42,7 +42,7 @@ def make_linked(nano: Make, cutoff: int, **params: int) -> Rig:
 def live(nano: Make, cutoff: int, **params: int) -> Rig:
     rig = make_linked(nano, cutoff, **params)
     rig.beat(0.1, ARMED)
-    assert rig.state()["flags"] & LIVE
+    assert rig.state()["flags"] & LIVE_FLAG
     rig.nano.pin_log()
     return rig
 
@@ -58,7 +58,7 @@ def test_the_states_up_to_live_are_reported(nano: Make) -> None:
     rig.run(0.3)
     assert supervisor_events(rig) == [(0, 1), (1, 2), (2, 3), (3, 4)]
     assert rig.state()["flags"] & TRIPPED
-    assert not rig.state()["flags"] & (LIVE | BEAT_OK)
+    assert not rig.state()["flags"] & (LIVE_FLAG | BEAT_OK)
     assert rig.state()["beat_age"] == 255
 
 
@@ -130,7 +130,7 @@ def test_a_wrong_token_never_arms(nano: Make, wrong: int) -> None:
     rig.run(0.5)
     rig.beat(1.5, ARMED, token=rig.hello()["boot_nonce"] ^ 0x55 if wrong else 0)
     assert rig.nano.pins()["D6"] == 0
-    assert not rig.state()["flags"] & LIVE
+    assert not rig.state()["flags"] & LIVE_FLAG
     assert rig.state()["flags"] & BEAT_OK
 
 
@@ -158,7 +158,7 @@ def test_three_trips_lock_until_a_reset(nano: Make) -> None:
     rig.run(0.5)
     rig.beat(0.7, DISARMED)
     rig.beat(0.1, ARMED)
-    assert rig.state()["flags"] & LIVE
+    assert rig.state()["flags"] & LIVE_FLAG
 
 
 def test_direction_change_while_rolling_is_ambiguous(nano: Make) -> None:
@@ -229,7 +229,7 @@ def optiboot(nano: Make, cutoff: int, **params: int) -> Rig:
     rig.beat(0.6, DISARMED)
     rig.beat(0.1, ARMED)
     assert rig.hello()["bootloader"] == 2
-    assert rig.state()["flags"] & LIVE
+    assert rig.state()["flags"] & LIVE_FLAG
     rig.nano.pin_log()
     return rig
 

@@ -14,10 +14,10 @@ from dart_hal.fleet.station import Station
 from dart_hal.fleet.stopping import StopRule
 from dart_hal.fleet.transports.local import open_local
 
-KEY = RoomKey(b"key of the laboratory")
+ROOM_KEY = RoomKey(b"key of the laboratory")
 OTHER_KEY = RoomKey(b"key of the next laboratory")
-STEP = 0.01
-WITHIN = 0.3
+ATTACK_STEP_S = 0.01
+STOP_WITHIN_S = 0.3
 _names = itertools.count()
 
 
@@ -31,7 +31,7 @@ class FakeCar:
         self.line = open_local(Url.parse(room))
         self.peers = Peers(name, boot, key)
         self.outbox = Outbox(self.peers, self.line)
-        self.rule = StopRule(WITHIN)
+        self.rule = StopRule(STOP_WITHIN_S)
         self.peers.on_beat = lambda who, since: self.rule.beat(since)
         self.peers.on_stop = self.stop
         self.key = key
@@ -59,7 +59,7 @@ class FakeCar:
                 self.outbox.send_heard(now)
 
 
-class Scene:
+class AttackScene:
     """Time, members, and what the attacker has recorded (each frame once, in order)."""
 
     def __init__(self, key=None, *, cars=1, options=""):
@@ -87,7 +87,7 @@ class Scene:
         drove = 0.0
         since = self.now
         while self.now < end - 1e-9:
-            self.now = round(self.now + STEP, 6)
+            self.now = round(self.now + ATTACK_STEP_S, 6)
             self.count += 1
             each()
             self.recorded += [d.data for d in self.attacker.poll(self.now)]

@@ -9,9 +9,7 @@ from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
 from dart_hal.fleet.peers import pose_values
 from dart_lab.sim.truth import world_of
-
-NEUTRAL_US = 1500.0
-NEAR_US = 5.0
+from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
 
 def pose_frame(seq, *, x=0.0, speed=1.0, yaw_rate=0.0, boot=7, sent=0.0, age=0.0, name="red"):
@@ -20,7 +18,7 @@ def pose_frame(seq, *, x=0.0, speed=1.0, yaw_rate=0.0, boot=7, sent=0.0, age=0.0
                                                           yaw_rate, Tracking.TRACKING))
 
 
-class Pins:
+class FleetPins:
     """A fleet of emulated cars in a room, and every pulse at their ESCs."""
 
     def __init__(self, room, seeds=(1, 2), beat_within=float("inf")):
@@ -56,7 +54,7 @@ class Pins:
     def driving(self, n, since):
         """(rise, fall) of the pulses at the ESC of car n, since then, that are not neutral."""
         return [(rise, fall) for rise, fall in self.pulses[n] if fall > since
-                and abs((fall - rise) * 1e6 - NEUTRAL_US) > NEAR_US]
+                and abs((fall - rise) * 1e6 - NEUTRAL_US) > NEUTRAL_TOLERANCE_US]
 
     def last_driving(self, n, since):
         """s from then to the end of the last pulse that was not neutral; 0: there was none."""

@@ -12,17 +12,26 @@ from dart_hal.fleet.codec import encode
 from dart_hal.fleet.peers import MAX_TRANSIT, Peers
 from dart_hal.fleet.sender import REPLAY_WINDOW, Order, Sender, Session
 from dart_hal.fleet.stopping import StopCall, StopRule
-from tests.fleet.attackers import KEY, OTHER_KEY, STEP, WITHIN, FakeCar, Scene, forged_beats, reader
+from tests.fleet.attackers import (
+    ATTACK_STEP_S,
+    OTHER_KEY,
+    ROOM_KEY,
+    STOP_WITHIN_S,
+    AttackScene,
+    FakeCar,
+    forged_beats,
+    reader,
+)
 
-STOPS_WITHIN = WITHIN + 2 * STEP
+STOPS_WITHIN = STOP_WITHIN_S + 2 * ATTACK_STEP_S
 """s: the limit of the rule and two looks. The last beat that counts is older, not younger."""
-ROOMS = pytest.mark.parametrize("key", [None, KEY], ids=["no key", "key"])
+ROOMS = pytest.mark.parametrize("key", [None, ROOM_KEY], ids=["no key", "key"])
 
 
 @ROOMS
 def test_a_watched_car_drives_and_a_car_without_watcher_does_not(key):
     """Control of the attacks: the rule lets go and holds."""
-    with Scene(key) as scene:
+    with AttackScene(key) as scene:
         scene.watcher()
         scene.run_for(0.3, scene.station.watch)
         assert scene.run_for(1.0, scene.station.watch) >= 0.99
@@ -32,7 +41,7 @@ def test_a_watched_car_drives_and_a_car_without_watcher_does_not(key):
 @ROOMS
 @pytest.mark.parametrize("part", ["all", "newest", "beyond the window", "beats", "reversed"])
 def test_a_replay_does_not_keep_the_car_driving(key, part):
-    with Scene(key) as scene:
+    with AttackScene(key) as scene:
         scene.watcher()
         scene.watch(3.0)
         base = scene.of_kind(m.BEAT) + scene.of_kind(m.HEARD)
@@ -46,7 +55,7 @@ def test_a_replay_does_not_keep_the_car_driving(key, part):
 @ROOMS
 def test_a_recording_of_yesterday_does_not_beat_for_a_program_that_was_restarted(key):
     """The car's program starts again; the recording has its name, its room and its key."""
-    with Scene(key) as scene:
+    with AttackScene(key) as scene:
         scene.watcher()
         scene.watch(1.0)
         frames = list(scene.recorded)
@@ -64,7 +73,7 @@ def test_a_recording_of_yesterday_does_not_beat_for_a_program_that_was_restarted
 @pytest.mark.parametrize("delay", [0.4, 1.0, 5.0])
 def test_a_stream_that_is_delayed_by_the_network_makes_beats_older(key, delay):
     """All frames of the watcher come late by as much: each is new, in order and signed."""
-    with Scene(key, options=f"?delay={delay}") as scene:
+    with AttackScene(key, options=f"?delay={delay}") as scene:
         scene.watcher()
         assert scene.run_for(delay + 1.0, scene.station.watch) <= 0.0
 
@@ -72,7 +81,7 @@ def test_a_stream_that_is_delayed_by_the_network_makes_beats_older(key, delay):
 @ROOMS
 def test_a_beat_that_was_held_back_and_comes_late_does_not_beat(key):
     """The attacker withholds BEATs of a watcher that goes on sending its other frames."""
-    with Scene(key) as scene:
+    with AttackScene(key) as scene:
         scene.watcher()
         scene.watch(1.0)
         # The attacker has removed twenty on their way: the car does not know their numbers.
@@ -93,7 +102,7 @@ def test_a_beat_that_was_held_back_and_comes_late_does_not_beat(key):
 @ROOMS
 @pytest.mark.parametrize("session", ["new", "that of the watcher"])
 def test_a_forged_beat_without_an_echo_does_not_beat(key, session):
-    with Scene(key) as scene:
+    with AttackScene(key) as scene:
         scene.watcher()
         scene.watch(0.5)
         boot = 99 if session == "new" else scene.station.peers.boot
@@ -102,7 +111,7 @@ def test_a_forged_beat_without_an_echo_does_not_beat(key, session):
 
 @pytest.mark.parametrize("signed_with", [None, OTHER_KEY], ids=["unsigned", "another key"])
 def test_a_forger_without_the_key_cannot_beat_even_with_echoes(signed_with):
-    with Scene(KEY) as scene:
+    with AttackScene(ROOM_KEY) as scene:
         scene.watcher()
         scene.watch(0.5)
         assert scene.run_for(1.0, forged_beats(scene, signed_with, echo=True)) <= STOPS_WITHIN
@@ -113,13 +122,13 @@ def test_a_forger_without_the_key_cannot_beat_even_with_echoes(signed_with):
 
 def test_with_the_key_the_same_forger_beats():
     """Control: the forger of the test before sends what a watcher sends."""
-    with Scene(KEY) as scene:
-        assert scene.run_for(1.5, forged_beats(scene, KEY, echo=True)) > 1.0
+    with AttackScene(ROOM_KEY) as scene:
+        assert scene.run_for(1.5, forged_beats(scene, ROOM_KEY, echo=True)) > 1.0
 
 
 def test_without_a_key_a_forger_that_listens_keeps_the_car_driving():
     """What the documentation states of a room without a key."""
-    with Scene() as scene:
+    with AttackScene() as scene:
         assert scene.run_for(1.5, forged_beats(scene, echo=True)) > 1.0
 
 
@@ -141,7 +150,7 @@ def test_replays_are_noticed_by_these_tests(monkeypatch, broken):
             self.newest = seq
             return Order.NEWEST
         monkeypatch.setattr(Sender, "classify", forgets)
-    with Scene() as scene:
+    with AttackScene() as scene:
         scene.watcher()
         scene.watch(1.0)
         assert scene.run_for(1.0, scene.play(scene.recorded)) > 0.9
@@ -153,7 +162,7 @@ def test_replays_are_noticed_by_these_tests(monkeypatch, broken):
 def test_a_replay_changes_nothing_in_a_room_with_a_key():
     """Within and beyond the window, of another session, to a new receiver: poses, health, stops
     and answers."""
-    with Scene(KEY) as scene:
+    with AttackScene(ROOM_KEY) as scene:
         scene.watcher()
         scene.watch(2.0)
         scene.station.stop("lunch")
@@ -163,7 +172,7 @@ def test_a_replay_changes_nothing_in_a_room_with_a_key():
         assert stops > 10
         scene.run_for(1.5, scene.station.watch)
         frames = list(scene.recorded)
-        new = FakeCar(scene.room, "blue", boot=55, key=KEY)
+        new = FakeCar(scene.room, "blue", boot=55, key=ROOM_KEY)
         scene.cars.append(new)
         scene.car.mode = "ARMED"
         scene.station.close()
@@ -180,12 +189,12 @@ def test_a_replay_changes_nothing_in_a_room_with_a_key():
 
 
 def test_a_recorded_session_does_not_displace_the_living_one():
-    with Scene(KEY) as scene:
+    with AttackScene(ROOM_KEY) as scene:
         scene.watcher()
         scene.watch(1.0)
         frames = list(scene.recorded)
         scene.car.line.close()
-        scene.cars = [FakeCar(scene.room, boot=77, key=KEY)]
+        scene.cars = [FakeCar(scene.room, boot=77, key=ROOM_KEY)]
         scene.run_for(1.0, scene.station.watch)
         assert scene.station.peers.senders["red"].boot == 77
         play = scene.play(frames)
@@ -194,12 +203,12 @@ def test_a_recorded_session_does_not_displace_the_living_one():
 
 
 def test_an_earlier_part_of_a_living_session_is_not_believed_by_a_new_receiver():
-    with Scene(KEY) as scene:
+    with AttackScene(ROOM_KEY) as scene:
         scene.watcher()
         scene.watch(2.0)
         early = scene.recorded[:40]
         scene.run_for(2.0, scene.station.watch)
-        new = FakeCar(scene.room, "blue", boot=55, key=KEY)
+        new = FakeCar(scene.room, "blue", boot=55, key=ROOM_KEY)
         taken = []
         new.peers.on_health = lambda session, mode: taken.append(
             new.peers.sessions[session].newest)
@@ -213,7 +222,7 @@ def test_an_earlier_part_of_a_living_session_is_not_believed_by_a_new_receiver()
 
 def test_a_new_station_with_the_key_stops_a_car_that_has_never_received_it():
     """The proof costs the time in which the station receives the car once."""
-    with Scene(KEY) as scene:
+    with AttackScene(ROOM_KEY) as scene:
         scene.run_for(0.5)
         call = scene.watcher().stop("now")
         assert call.silent == set()
@@ -223,7 +232,7 @@ def test_a_new_station_with_the_key_stops_a_car_that_has_never_received_it():
 
 def test_a_stop_is_obeyed_after_the_way_back_is_lost():
     """The station was proven; since then it receives nothing any more, and presses stop."""
-    with Scene(KEY) as scene:
+    with AttackScene(ROOM_KEY) as scene:
         scene.watcher()
         scene.watch(1.0)
         scene.station.peers.receive = lambda transport, now: transport.poll(now)
@@ -235,7 +244,7 @@ def test_a_stop_is_obeyed_after_the_way_back_is_lost():
 
 @pytest.mark.parametrize("loss", [0.0, 0.5])
 def test_a_room_with_a_key_works_at_loss(loss):
-    with Scene(KEY, options=f"?loss={loss}&seed=3") as scene:
+    with AttackScene(ROOM_KEY, options=f"?loss={loss}&seed=3") as scene:
         scene.watcher()
         scene.run_for(1.0, scene.station.watch)
         assert [heard.name for heard in scene.station.cars()] == ["red"]
@@ -243,9 +252,10 @@ def test_a_room_with_a_key_works_at_loss(loss):
 
 
 @pytest.mark.parametrize(("car_key", "station_key", "reason"), [
-    (KEY, None, "not signed"), (KEY, OTHER_KEY, "signature"), (None, KEY, "without")])
+    (ROOM_KEY, None, "not signed"), (ROOM_KEY, OTHER_KEY, "signature"),
+    (None, ROOM_KEY, "without")])
 def test_members_with_and_without_a_key_ignore_each_other_by_name(car_key, station_key, reason):
-    with Scene(car_key) as scene:
+    with AttackScene(car_key) as scene:
         scene.watcher(key=station_key)
         assert scene.run_for(0.5, scene.station.watch) == 0.0
         assert reason in scene.car.peers.ignored(scene.now)["base"]
@@ -254,7 +264,7 @@ def test_members_with_and_without_a_key_ignore_each_other_by_name(car_key, stati
 
 
 def test_a_flood_of_names_fills_no_list_of_ignored_members():
-    with Scene(KEY) as scene:
+    with AttackScene(ROOM_KEY) as scene:
         for n in range(500):
             scene.attacker.send(encode(m.BEAT, n, 1, 0.0, (f"n{n}",)), scene.now)
         scene.run_for(0.1)
@@ -263,11 +273,11 @@ def test_a_flood_of_names_fills_no_list_of_ignored_members():
 
 
 def test_a_session_with_a_proof_is_not_pushed_out_by_recordings_of_others():
-    with Scene(KEY) as scene:
+    with AttackScene(ROOM_KEY) as scene:
         scene.watcher()
         scene.watch(0.5)
         for n in range(600):
-            scene.attacker.send(encode(m.BEAT, 1000 + n, 1, 0.0, (f"n{n}",), KEY), scene.now)
+            scene.attacker.send(encode(m.BEAT, 1000 + n, 1, 0.0, (f"n{n}",), ROOM_KEY), scene.now)
         scene.run_for(0.1, scene.station.watch)
         assert "base" in scene.car.peers.senders
 
@@ -300,7 +310,7 @@ def stop_deaf_car(scene, each):
 @pytest.mark.parametrize("boot", [7, 4711], ids=["its session", "another session"])
 @ROOMS
 def test_a_forged_answer_does_not_hide_a_car_that_drives_on(key, boot):
-    with Scene(key) as scene:
+    with AttackScene(key) as scene:
         scene.watcher()
         scene.watch(0.5)
         scene.car.hears = False
@@ -311,7 +321,7 @@ def test_a_forged_answer_does_not_hide_a_car_that_drives_on(key, boot):
 
 
 def test_without_an_attacker_the_car_answers():
-    with Scene() as scene:
+    with AttackScene() as scene:
         scene.watcher()
         scene.watch(0.5)
         assert stop_deaf_car(scene, lambda: None).silent == set()
@@ -319,7 +329,7 @@ def test_without_an_attacker_the_car_answers():
 
 @ROOMS
 def test_of_two_cars_of_one_name_both_must_answer(key):
-    with Scene(key, cars=2) as scene:
+    with AttackScene(key, cars=2) as scene:
         scene.watcher()
         scene.watch(0.5)
         scene.cars[1].hears = False
@@ -333,7 +343,7 @@ def test_of_two_cars_of_one_name_both_must_answer(key):
 
 @pytest.mark.parametrize("frame", ["a new session", "a number far ahead", "an old number"])
 def test_one_forged_frame_does_not_hide_a_car_from_a_stop(frame):
-    with Scene() as scene:
+    with AttackScene() as scene:
         scene.watcher()
         scene.watch(0.5)
         scene.car.hears = False
@@ -346,7 +356,7 @@ def test_one_forged_frame_does_not_hide_a_car_from_a_stop(frame):
 
 @ROOMS
 def test_a_replayed_answer_of_an_earlier_stop_does_not_count(key):
-    with Scene(key) as scene:
+    with AttackScene(key) as scene:
         scene.watcher()
         scene.watch(0.5)
         assert scene.station.stop("first").silent == set()
@@ -359,14 +369,14 @@ def test_a_replayed_answer_of_an_earlier_stop_does_not_count(key):
 
 
 def test_a_car_that_is_first_received_during_the_stop_has_to_answer():
-    with Scene() as scene:
+    with AttackScene() as scene:
         scene.watcher()
         scene.car.hears = False
         assert stop_deaf_car(scene, lambda: None).silent == {"red"}
 
 
 def test_a_dead_car_is_not_made_alive_by_copies_of_its_last_frames():
-    with Scene() as scene:
+    with AttackScene() as scene:
         scene.watcher()
         scene.watch(0.5)
         copies = scene.recorded[-8:]
@@ -375,14 +385,14 @@ def test_a_dead_car_is_not_made_alive_by_copies_of_its_last_frames():
         scene.count = 0
         end = scene.now + 2.0
         while scene.now < end:
-            scene.now += STEP
+            scene.now += ATTACK_STEP_S
             play()
             scene.station.look()
         assert scene.station.cars()[0].state == "LOST"
 
 
 def test_after_a_forged_session_the_car_is_found_again():
-    with Scene() as scene:
+    with AttackScene() as scene:
         scene.watcher()
         scene.watch(0.5)
         scene.attacker.send(encode(m.BEAT, 99, 1, scene.now, ("red",)), scene.now)
@@ -462,7 +472,7 @@ def test_a_stop_takes_answers_with_its_number_alone():
 
 def test_a_car_that_is_displaced_during_the_stop_has_to_answer():
     """One forged frame of another session at each step, from the moment of the stop on."""
-    with Scene() as scene:
+    with AttackScene() as scene:
         scene.watcher()
         scene.watch(0.5)
         scene.car.hears = False
@@ -477,7 +487,7 @@ def test_a_car_that_is_displaced_during_the_stop_has_to_answer():
 
 
 def test_a_car_whose_frames_were_made_old_is_still_known():
-    with Scene() as scene:
+    with AttackScene() as scene:
         scene.watcher()
         scene.watch(0.5)
         scene.attacker.send(encode(m.BEAT, 7, 2**32 - 1, scene.now, ("red",)), scene.now)
@@ -486,8 +496,8 @@ def test_a_car_whose_frames_were_made_old_is_still_known():
 
 
 def test_an_older_beat_takes_nothing_from_a_newer_one():
-    rule = StopRule(WITHIN)
+    rule = StopRule(STOP_WITHIN_S)
     rule.beat(5.0)
     rule.beat(3.0)
-    assert rule.drive_block(5.0 + WITHIN) == ""
-    assert rule.drive_block(5.01 + WITHIN) != ""
+    assert rule.drive_block(5.0 + STOP_WITHIN_S) == ""
+    assert rule.drive_block(5.01 + STOP_WITHIN_S) != ""

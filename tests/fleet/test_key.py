@@ -18,10 +18,10 @@ from dart_hal.fleet.station import Station
 from tests.fleet.rooms import pose_frame
 
 SECRET = "4f7c" * 16
-KEY = RoomKey(SECRET.encode())
+SECRET_KEY = RoomKey(SECRET.encode())
 
 
-def encode_signed(seq=1, key=KEY):
+def encode_signed(seq=1, key=SECRET_KEY):
     return encode(m.BEAT, 7, seq, 1.0, ("red",), key)
 
 
@@ -33,7 +33,7 @@ def test_a_signature_is_hmac_sha_256_over_the_whole_frame():
 
 
 def test_a_decoder_with_the_key_takes_signed_frames_alone():
-    decoder = Decoder(KEY)
+    decoder = Decoder(SECRET_KEY)
     assert decoder.decode(encode_signed()).name == "red"
     assert decoder.decode(pose_frame(1)) is None
     assert decoder.decode(encode_signed(key=RoomKey(b"another key of 25 bytes.."))) is None
@@ -45,11 +45,11 @@ def test_a_frame_whose_version_is_changed_on_the_way_is_refused():
     """A signed frame without its signature, or an unsigned one that claims to have one."""
     data = bytearray(encode_signed()[:-16])
     data[2] = m.VERSION
-    assert Decoder(KEY).decode(bytes(data)) is None
+    assert Decoder(SECRET_KEY).decode(bytes(data)) is None
     plain = bytearray(pose_frame(1))
     plain[2] = m.SIGNED_VERSION
-    assert Decoder(KEY).decode(bytes(plain)) is None
-    assert Decoder(KEY).decode(bytes(plain) + bytes(16)) is None
+    assert Decoder(SECRET_KEY).decode(bytes(plain)) is None
+    assert Decoder(SECRET_KEY).decode(bytes(plain) + bytes(16)) is None
     assert Decoder().decode(encode_signed()) is None
 
 
@@ -57,12 +57,12 @@ def test_a_frame_whose_version_is_changed_on_the_way_is_refused():
 def test_no_bit_of_a_signed_frame_can_be_changed(place, bit):
     data = bytearray(encode_signed())
     data[place % len(data)] ^= 1 << bit
-    assert Decoder(KEY).decode(bytes(data)) is None
+    assert Decoder(SECRET_KEY).decode(bytes(data)) is None
 
 
 @given(st.binary(max_size=200))
 def test_junk_is_counted_and_never_raised(junk):
-    decoder = Decoder(KEY)
+    decoder = Decoder(SECRET_KEY)
     for data in (junk, b"DF\x02" + junk, encode_signed()[:len(junk)]):
         decoder.decode(data)
     assert decoder.counters.ok + decoder.counters.refused == 3
@@ -72,7 +72,8 @@ def test_no_text_shows_the_key(tmp_path):
     file = tmp_path / "room.key"
     file.write_text(SECRET)
     with Station("local://secret", room_key=file) as station:
-        for text in (repr(KEY), str(KEY), f"{KEY}", repr(station.peers.decoder.__dict__)):
+        for text in (repr(SECRET_KEY), str(SECRET_KEY), f"{SECRET_KEY}",
+                     repr(station.peers.decoder.__dict__)):
             assert SECRET not in text
     with pytest.raises(UsageError) as refused:
         RoomKey(b"short secret")
@@ -83,8 +84,8 @@ def test_no_text_shows_the_key(tmp_path):
 def test_a_file_of_a_key_may_have_what_editors_add(tmp_path, content):
     file = tmp_path / "room.key"
     file.write_bytes(content.encode())
-    assert read_key(file) == KEY
-    assert read_key(str(file)) == KEY
+    assert read_key(file) == SECRET_KEY
+    assert read_key(str(file)) == SECRET_KEY
 
 
 @pytest.mark.parametrize("content", [b"", b"\n \n", b"short", b"x" * 5000])
@@ -108,12 +109,12 @@ def test_the_variable_holds_the_key_or_the_path_of_its_file(tmp_path, monkeypatc
     file.write_text(SECRET)
     for value in (SECRET, str(file)):
         monkeypatch.setenv(KEY_VARIABLE, value)
-        assert find_key() == KEY
+        assert find_key() == SECRET_KEY
     for value in ("", "short", str(tmp_path / "missing")):
         monkeypatch.setenv(KEY_VARIABLE, value)
         with pytest.raises(UsageError):
             find_key()
-        assert find_key(KEY) == KEY, "what is given counts before the variable"
+        assert find_key(SECRET_KEY) == SECRET_KEY, "what is given counts before the variable"
 
 
 def test_cars_and_stations_take_the_key_of_the_variable(monkeypatch):

@@ -6,13 +6,13 @@ import pytest
 
 from dart_hal.car import Fleet
 from dart_hal.core.timing import SAMPLE
-from tests.fleet.rooms import Pins
+from tests.fleet.rooms import FleetPins
 
-URLS = ["sim://?nano=mock&seed=1", "sim://?nano=mock&seed=2"]
+LOCKSTEP_URLS = ["sim://?nano=mock&seed=1", "sim://?nano=mock&seed=2"]
 
 
 def test_a_fleet_brings_its_cars_to_one_time():
-    with Fleet.open(URLS, room="local://time") as fleet:
+    with Fleet.open(LOCKSTEP_URLS, room="local://time") as fleet:
         for _ in fleet.cars[0].states(duration=0.5):
             pass
         difference = abs(fleet.cars[0].now - fleet.cars[1].now)
@@ -28,7 +28,7 @@ def test_a_fleet_brings_its_cars_to_one_time():
 
 @pytest.mark.slow
 def test_all_arm_at_once():
-    with Pins("local://arm", seeds=(1, 2, 3)) as pins:
+    with FleetPins("local://arm", seeds=(1, 2, 3)) as pins:
         pins.fleet.arm()
         assert {car.mode for car in pins.fleet.cars} == {"ARMED"}
         assert max(pins.now()) < 4.0, "one after the other takes 3 s each"

@@ -17,7 +17,7 @@ from dart_hal.fleet.transports import Datagram
 from dart_hal.fleet.transports.local import open_local
 from tests.fleet.rooms import pose_frame
 
-STEP = 0.05
+POSE_PERIOD_S = 0.05
 
 
 class Fed:
@@ -79,7 +79,7 @@ def test_a_frame_that_travelled_longer_than_others_is_as_old_as_it_is(fed_peers)
     """The quickest frame needs 30 ms; clocks differ by 1000 s; the third is 200 ms later."""
     peers = Peers("blue", 1)
     for n, late in enumerate((0.0, 0.0, 0.2)):
-        sent = STEP * n
+        sent = POSE_PERIOD_S * n
         peer = hears(peers, fed_peers, 5.0 + sent + late, pose_frame(n, sent=sent),
                      line=1000.0 + sent + 0.03 + late)["red"]
         assert peer.age == pytest.approx(late)
@@ -96,14 +96,14 @@ def test_a_car_slower_or_quicker_than_its_computer_sees_right_ages(fed_peers, ra
         car += 0.01
         line = car / rate
         frames = []
-        while n * STEP <= line:
-            frames.append(Datagram(pose_frame(n, sent=n * STEP), line - n * STEP))
+        while n * POSE_PERIOD_S <= line:
+            frames.append(Datagram(pose_frame(n, sent=n * POSE_PERIOD_S), line - n * POSE_PERIOD_S))
             n += 1
         fed_peers.line = line
         fed_peers.came = frames
         peers.receive(fed_peers, car)
         if n > 1:
-            oldest = rate * STEP + 0.0101  # the car's seconds since the newest frame, and a look
+            oldest = rate * POSE_PERIOD_S + 0.0101  # since the newest frame, and a look
             assert peers.other_poses(car)["red"].age <= oldest
     assert not peers.other_poses(car)["red"].lost
     assert peers.other_poses(car + 1.0)["red"].age == pytest.approx(1.0, abs=oldest)
@@ -113,7 +113,8 @@ def test_overtaken_and_repeated_frames_change_nothing(fed_peers):
     peers = Peers("blue", 1)
     order = (0, 1, 3, 3, 2, 5, 1, 4)
     for k, n in enumerate(order):
-        peer = hears(peers, fed_peers, STEP * k, pose_frame(n, x=float(n), sent=STEP * n))["red"]
+        peer = hears(peers, fed_peers, POSE_PERIOD_S * k,
+                     pose_frame(n, x=float(n), sent=POSE_PERIOD_S * n))["red"]
         assert peer.pose.x == max(order[:k + 1])
     red = peers.senders["red"]
     assert (red.accepted, red.late, red.copies, red.lost) == (6, 2, 2, 0)
@@ -122,7 +123,7 @@ def test_overtaken_and_repeated_frames_change_nothing(fed_peers):
 def test_lost_frames_are_counted(fed_peers):
     peers = Peers("blue", 1)
     for n in (0, 1, 4, 5, 9):
-        hears(peers, fed_peers, STEP * n, pose_frame(n, sent=STEP * n))
+        hears(peers, fed_peers, POSE_PERIOD_S * n, pose_frame(n, sent=POSE_PERIOD_S * n))
     assert peers.senders["red"].lost == 5
 
 
@@ -141,8 +142,8 @@ def test_a_restarted_car_counts_from_its_new_session(fed_peers):
 def test_two_programs_of_one_name_are_reported(fed_peers):
     peers = Peers("blue", 1)
     for n in range(60):
-        hears(peers, fed_peers, STEP * n, pose_frame(n, boot=7), pose_frame(n, boot=8))
-    assert 60 * STEP > MAX_TRANSIT
+        hears(peers, fed_peers, POSE_PERIOD_S * n, pose_frame(n, boot=7), pose_frame(n, boot=8))
+    assert 60 * POSE_PERIOD_S > MAX_TRANSIT
     assert peers.namesakes == {"red"}
     hears(peers, fed_peers, 4.0, pose_frame(1, boot=9, name="blue"))
     assert "blue" in peers.namesakes
@@ -235,7 +236,7 @@ def test_a_car_that_goes_silent_is_lost_and_found():
 def test_who_joins_late_knows_all_after_one_message():
     out, early = (open_local(Url.parse("local://late")) for _ in range(2))
     for n in range(10):
-        out.send(pose_frame(n), STEP * n)
+        out.send(pose_frame(n), POSE_PERIOD_S * n)
     late = open_local(Url.parse("local://late"))
     peers = Peers("blue", 1)
     peers.receive(late, 0.5)
@@ -276,6 +277,6 @@ def test_a_law_of_several_cars_sends_its_own_bytes(fed_peers):
 def test_watcher_without_an_echo_is_reported_after_the_time_that_a_frame_may_travel(fed_peers, key):
     peers = Peers("blue", 1, key)
     for n in range(60):
-        now = n * STEP
+        now = n * POSE_PERIOD_S
         hears(peers, fed_peers, now, encode(m.BEAT, 7, n, now, ("base",), key))
         assert ("base" in peers.ignored(now)) == (now > MAX_TRANSIT), now

@@ -11,18 +11,18 @@ from dart_hal.fleet import messages as m
 from dart_hal.fleet.codec import encode
 from dart_hal.fleet.station import Station
 from dart_hal.fleet.stopping import MAX_STOP_TIME, STOP_HOLD_TIME, StopCall, StopRule
-from tests.fleet.rooms import Pins, pose_frame
+from tests.fleet.rooms import FleetPins, pose_frame
 
-HALF = "local://stop?loss=0.5&seed={}"
-WITHIN = 0.15
+HALF_LOST = "local://stop?loss=0.5&seed={}"
+PIN_DELAY_S = 0.15
 """s: ten STOPs in a row are lost one time in a thousand, 100 ms; and as without loss."""
-ALONE = 0.050
+BEAT_PERIOD_S = 0.050
 """s without loss: the States of two cars differ by up to 10 ms, one State, one PWM frame."""
 
 
 def stop_one_by_another(room):
     """s from the stop, called by the first car, to the last driving pulse of each."""
-    with Pins(room) as pins:
+    with FleetPins(room) as pins:
         pins.fleet.arm()
         pins.drive(0.5)
         called = pins.now()
@@ -34,7 +34,7 @@ def stop_one_by_another(room):
 
 def test_all_stop_at_once():
     lasts, call, refused, pins = stop_one_by_another("local://stop")
-    assert max(lasts) <= ALONE
+    assert max(lasts) <= BEAT_PERIOD_S
     assert call.silent == set()
     assert refused > 50, "the program that drives on gets errors"
     assert pins.fleet.cars[1].causes == ("RUN_STOP",)
@@ -42,15 +42,15 @@ def test_all_stop_at_once():
 
 @pytest.mark.slow
 def test_all_stop_at_a_loss_of_one_half():
-    lasts = [stop_one_by_another(HALF.format(seed))[0][1] for seed in range(24)]
-    assert max(lasts) <= WITHIN, lasts
-    assert max(lasts) > ALONE, "control: some were lost on the way"
+    lasts = [stop_one_by_another(HALF_LOST.format(seed))[0][1] for seed in range(24)]
+    assert max(lasts) <= PIN_DELAY_S, lasts
+    assert max(lasts) > BEAT_PERIOD_S, "control: some were lost on the way"
 
 
 @pytest.mark.slow
 def test_stop_at_a_loss_of_one_half_once():
-    lasts, call, _, _ = stop_one_by_another(HALF.format(5))
-    assert 0.0 < max(lasts) <= WITHIN
+    lasts, call, _, _ = stop_one_by_another(HALF_LOST.format(5))
+    assert 0.0 < max(lasts) <= PIN_DELAY_S
     assert call.silent == set()
 
 
@@ -81,13 +81,13 @@ def test_a_stop_that_is_sent_once_is_not_enough_at_half_loss(monkeypatch):
 
     monkeypatch.setattr(Member, "stop_all", once)
     for seed in range(3):
-        pulses.append(stop_one_by_another(HALF.format(seed))[0][1])
+        pulses.append(stop_one_by_another(HALF_LOST.format(seed))[0][1])
     assert max(pulses) > 0.5
 
 
 @pytest.mark.slow
 def test_a_program_may_arm_again_when_the_stop_is_over():
-    with Pins("local://again") as pins:
+    with FleetPins("local://again") as pins:
         pins.fleet.arm()
         pins.drive(0.2)
         pins.fleet.stop("lunch")
@@ -106,7 +106,7 @@ def test_a_program_may_arm_again_when_the_stop_is_over():
 
 def drive_watched(beating, *, hears=True):
     """Pulses of two cars that may drive only while a station beats; at the times ``beating``(t)."""
-    pins = Pins("local://watched", beat_within=0.3)
+    pins = FleetPins("local://watched", beat_within=0.3)
     clock = pins.fleet.cars[0]
     station = Station("local://watched", "base", now=lambda: clock.now)
     with pins, station:
@@ -152,7 +152,7 @@ def test_a_rule_that_forgets_the_silence_is_detected(monkeypatch):
 
 @pytest.mark.slow
 def test_without_a_watcher_no_car_arms():
-    with (Pins("local://alone", beat_within=0.3) as pins,
+    with (FleetPins("local://alone", beat_within=0.3) as pins,
           pytest.raises(NotArmed) as caught):
         pins.fleet.arm()
     assert "RUN_STOP" in caught.value.reasons
@@ -160,7 +160,7 @@ def test_without_a_watcher_no_car_arms():
 
 def test_nothing_that_comes_from_the_room_arms_or_drives():
     """Every kind of message, in turn and in every state, at 100 Hz: the ESC sees neutral."""
-    with Pins("local://quiet", seeds=(1,)) as pins:
+    with FleetPins("local://quiet", seeds=(1,)) as pins:
         line = Station("local://quiet").transport
         caught = {m.PLAN: ("red", 0.0, "start", 0.05, ((1.0, 0.0, 0.0, 3.0),) * 9),
                   m.HEALTH: ("red", "ARMED", 0, "", ""), m.BEAT: ("red",),
@@ -176,7 +176,7 @@ def test_nothing_that_comes_from_the_room_arms_or_drives():
 
 @pytest.mark.slow
 def test_a_car_whose_loop_goes_on_gets_an_error():
-    with Pins("local://told", seeds=(1, 2)) as pins:
+    with FleetPins("local://told", seeds=(1, 2)) as pins:
         pins.fleet.arm()
         pins.drive(0.2)
         pins.fleet.members[0].stop_all()
@@ -199,7 +199,7 @@ def test_a_run_stop_is_a_call_of_the_car():
 @pytest.mark.slow
 def test_a_room_lets_go_of_its_own_stop_alone():
     """The program's is held on while a stop of the room comes and ends; and the other way round."""
-    with Pins("local://both", seeds=(1, 2)) as pins:
+    with FleetPins("local://both", seeds=(1, 2)) as pins:
         car = pins.fleet.cars[0]
         member = pins.fleet.members[0]
         car.run_stop(True)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-WIRING = Path(__file__).resolve().parents[2] / "hardware" / "wiring"
+from tests.common import WIRING
 
 
 @pytest.fixture

@@ -10,14 +10,15 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.common import ROOT
+
 sys.path.insert(0, str(ROOT / "hardware"))
 
-import bom  # noqa: E402 - found through the line above
-import bom_page  # noqa: E402
-import bom_table  # noqa: E402
-import guide  # noqa: E402
-from bom_page import page  # noqa: E402
+import bom
+import bom_page
+import bom_table
+import guide
+from bom_page import page
 
 PAPER = {"kit": 420, "lidar": 100, "encoder": 10, "imu": 40, "nano": 30, "lipo": 30, "servo": 20,
          "plates": 20}

@@ -7,20 +7,19 @@ import importlib
 import json
 import math
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
+from tests.common import HARDWARE, ROOT
+
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
-ROOT = Path(__file__).parents[2]
-HARDWARE = ROOT / "hardware"
 sys.path.append(str(HARDWARE / "cad"))
 collisions, parameters, probe, shapes = (importlib.import_module(n) for n in (
     "collisions", "parameters", "probe", "shapes"))

@@ -7,14 +7,14 @@ import importlib
 import json
 import shutil
 import sys
-from pathlib import Path
 
 import ezdxf
 import pytest
 import trimesh
 from PIL import Image, ImageDraw
 
-HARDWARE = Path(__file__).parents[2] / "hardware"
+from tests.common import HARDWARE
+
 sys.path.append(str(HARDWARE / "cad"))
 comparison = importlib.import_module("compare")
 BUILT = json.loads((HARDWARE / "cad" / "built.json").read_text(encoding="utf-8"))

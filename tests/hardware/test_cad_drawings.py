@@ -6,19 +6,19 @@ import importlib
 import json
 import math
 import sys
-from pathlib import Path
 
 import ezdxf
 import numpy as np
 import pytest
 from ezdxf.document import Drawing
 
-HARDWARE = Path(__file__).parents[2] / "hardware"
+from tests.common import HARDWARE
+
 sys.path.append(str(HARDWARE / "cad"))
 drawings, layout, parameters, outlines = (importlib.import_module(n) for n in (
     "drawings", "layout", "parameters", "outlines"))
 P = parameters.read()
-NAMES = ("base_plate", "upper_plate", "back_plate", "striped_ring")
+DRAWN_PARTS = ("base_plate", "upper_plate", "back_plate", "striped_ring")
 BUILT = json.loads((HARDWARE / "cad" / "built.json").read_text(encoding="utf-8"))
 
 # The car itself, not the parameter file: X forward, Y left from the rear edge, mm; back plate:
@@ -75,7 +75,7 @@ def outer(document: Drawing) -> list[tuple[float, float, float]]:
     return max(loops, key=lambda loop: np.ptp([x for x, _, _ in loop]))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", DRAWN_PARTS)
 def test_drawings_are_clean(name):
     assert dirt(drawing(name)) == []
 
@@ -122,7 +122,7 @@ def test_the_front_arc_clears_the_motor_of_the_lidar():
     assert min(x for x, y in points if abs(y) < 1 and x > 100) == pytest.approx(159.5, abs=0.05)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", DRAWN_PARTS)
 def test_drawing_and_mesh_have_the_same_holes(name):
     in_drawing = {tuple(np.round(c, 2)) for c in circles(drawing(name))}
     in_table = {(round(h["at"][0], 2), round(h["at"][1], 2), round(h["diameter"], 2))
@@ -130,7 +130,7 @@ def test_drawing_and_mesh_have_the_same_holes(name):
     assert {tuple(float(v) + 0.0 for v in c) for c in in_drawing} == in_table
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", DRAWN_PARTS)
 def test_drawings_match_the_parameters(name, tmp_path):
     """The committed file is the one that its source draws."""
     sheet = next(s for s in layout.sheets(P) if s.name == name)

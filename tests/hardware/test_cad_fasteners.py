@@ -8,15 +8,14 @@ import json
 import subprocess
 import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
-ROOT = Path(__file__).parents[2]
-HARDWARE = ROOT / "hardware"
+from tests.common import HARDWARE, ROOT
+
 sys.path[:0] = [str(HARDWARE)]
 sys.path.append(str(HARDWARE / "cad"))
 battery, collisions, fasteners, fit, parameters, shapes, steering = (
@@ -25,7 +24,7 @@ battery, collisions, fasteners, fit, parameters, shapes, steering = (
 screws = importlib.import_module("screws")
 P = parameters.read()
 BUILT: dict[str, Any] = json.loads((HARDWARE / "cad" / "built.json").read_text(encoding="utf-8"))
-ROWS = screws.load()
+SCREW_ROWS = screws.load()
 CAD = ROOT / ".venv-hardware" / "bin" / "python"
 
 
@@ -36,7 +35,7 @@ def car() -> dict[str, list[trimesh.Trimesh]]:
 
 def row(use: str, part: str = "") -> Any:
     """The row of screws.csv with a hole for this use."""
-    return next(r for r in ROWS if any(use == u and part in ("", q) for q, u in r.holes))
+    return next(r for r in SCREW_ROWS if any(use == u and part in ("", q) for q, u in r.holes))
 
 
 def check_rows(car: dict[str, list[trimesh.Trimesh]], *rows: Any, removed: str = "") -> str:
@@ -47,8 +46,8 @@ def check_rows(car: dict[str, list[trimesh.Trimesh]], *rows: Any, removed: str =
 
 @pytest.mark.slow
 def test_every_screw_of_the_car_goes_in(car):
-    assert fit.problems(BUILT, ROWS, car) == []
-    assert len(fasteners.fasteners(BUILT, ROWS)) == sum(r.pieces for r in ROWS)
+    assert fit.problems(BUILT, SCREW_ROWS, car) == []
+    assert len(fasteners.fasteners(BUILT, SCREW_ROWS)) == sum(r.pieces for r in SCREW_ROWS)
 
 
 @pytest.mark.slow
@@ -77,7 +76,7 @@ def test_a_lidar_below_the_upper_plate_is_out_of_reach(car):
 
 @pytest.mark.slow
 def test_long_screws_of_the_small_holders_meet(car):
-    small = [r for r in ROWS if any(q == "small_board_holder" for q, _ in r.holes)]
+    small = [r for r in SCREW_ROWS if any(q == "small_board_holder" for q, _ in r.holes)]
     assert [r.name for r in small] == ["M3 x 8", "M3 x 8"]
     assert check_rows(car, *small) == ""
     meet = check_rows(car, *(replace(r, length=10.0) for r in small))

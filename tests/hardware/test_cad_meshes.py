@@ -7,14 +7,14 @@ import importlib
 import json
 import math
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 
-HARDWARE = Path(__file__).parents[2] / "hardware"
+from tests.common import HARDWARE
+
 sys.path.append(str(HARDWARE / "cad"))
 parameters, probe, layout = (importlib.import_module(n)
                              for n in ("parameters", "probe", "layout"))

@@ -6,7 +6,6 @@ import importlib
 import json
 import math
 import sys
-from pathlib import Path
 
 import ezdxf
 import numpy as np
@@ -14,14 +13,13 @@ import pytest
 import trimesh
 
 from dart_hal.wire.messages import PARAMS
+from tests.common import HARDWARE, ROOT
 
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
-ROOT = Path(__file__).parents[2]
-HARDWARE = ROOT / "hardware"
 sys.path.append(str(HARDWARE / "cad"))
 parameters, outlines, probe = (importlib.import_module(n)
                                for n in ("parameters", "outlines", "probe"))

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
+from tests.common import ROOT, WIRING
+
 if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
 
-ROOT = Path(__file__).parents[2]
-WIRING = ROOT / "hardware" / "wiring"
 sys.path[:0] = [str(WIRING), str(ROOT / "hardware")]
 
 pytest.importorskip("yaml")

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-WIRING = ROOT / "hardware" / "wiring"
+from tests.common import ROOT, WIRING
+
 sys.path[:0] = [str(WIRING), str(ROOT / "hardware")]
 
 yaml = pytest.importorskip("yaml")
@@ -27,7 +27,7 @@ SHEET = ["S", "1I0", "1I1", "1Y", "2I0", "2I1", "2Y", "GND",
 """Pins 1 to 16 of a 74HCT157 by its data sheet."""
 GROUND = {"MUX": "8", "L3": "GND"}
 SUPPLY = {"MUX": "16", "L3": "VDD"}
-STEP = {"MUX": "W09", "L3": "W10"}
+STEPS = {"MUX": "W09", "L3": "W10"}
 DIAGRAM = {"MUX": "cutoff_mux", "L3": "cutoff_oe"}
 HCT_HIGH = 2.0
 WEAKEST = 3.3
@@ -38,7 +38,7 @@ USUAL_PULL = 10e3
 CLAMP = 0.02
 NANO = 5.0
 """A that an input's clamp takes, V of the Nano."""
-PAGE = ROOT / "docs" / "explanation" / "safety.md"
+SAFETY_PAGE = ROOT / "docs" / "explanation" / "safety.md"
 
 
 def inputs(device: str) -> list[str]:
@@ -100,8 +100,8 @@ def find_miscounted(folder: Path, rows: list[bom_table.Row]) -> list[str]:
         for part, value in {(c.part, c.value) for c in found}:
             row = bill[part]
             needed = sum(c.part == part for c in found)
-            if row.quantity != needed or value not in row.part or STEP[device] not in row.used_in:
-                wrong.append(f"{part}: {needed} of {value} in {STEP[device]}, bill {row.quantity} "
+            if row.quantity != needed or value not in row.part or STEPS[device] not in row.used_in:
+                wrong.append(f"{part}: {needed} of {value} in {STEPS[device]}, bill {row.quantity} "
                              f"of {row.part} in {', '.join(row.used_in)}")
     return wrong
 
@@ -243,14 +243,14 @@ def test_step_and_hardware_page_show_every_pin_and_component():
     step = guide.pages()["06_wiring.md"]
     page = (ROOT / "hardware" / "README.md").read_text(encoding="utf-8")
     for device in DIAGRAM:
-        section = step.split(f"\n### {STEP[device]}: ")[1].split("\n### ")[0]
+        section = step.split(f"\n### {STEPS[device]}: ")[1].split("\n### ")[0]
         assert circuit.part_table(device) in section
         assert circuit.pin_table(device) in page
     assert circuit.pin_table("MUX").count("\n") == 17, "head, rule, and sixteen pins"
 
 
 def test_the_safety_page_matches_the_circuit():
-    text = PAGE.read_text(encoding="utf-8")
+    text = SAFETY_PAGE.read_text(encoding="utf-8")
     for what, d5, d9, channel, supply, outcome in cases(text, L4_HEAD):
         assert esc_gets(WIRING, d5, d9, channel, supply) == outcome, what
     for what, d6, level, outcome in cases(text, L3_HEAD):
@@ -259,15 +259,16 @@ def test_the_safety_page_matches_the_circuit():
 
 
 def test_the_safety_page_has_each_wire_low_and_off():
-    rows = cases(PAGE.read_text(encoding="utf-8"), L4_HEAD)
+    rows = cases(SAFETY_PAGE.read_text(encoding="utf-8"), L4_HEAD)
     for column in (1, 2):
         assert {"low", "off"} <= {row[column] for row in rows}
     assert "off" in {row[3] for row in rows}
     assert "off" in {row[4] for row in rows}
-    assert {"low", "off"} <= {row[1] for row in cases(PAGE.read_text(encoding="utf-8"), L3_HEAD)}
+    assert {"low",
+            "off"} <= {row[1] for row in cases(SAFETY_PAGE.read_text(encoding="utf-8"), L3_HEAD)}
 
 
 def test_without_its_pull_down_the_table_of_the_safety_page_is_wrong(copy):
     folder = copy("parts.yml", "[1, 8], [2, 8], ", "[1, 8], ")
-    rows = cases(PAGE.read_text(encoding="utf-8"), L4_HEAD)
+    rows = cases(SAFETY_PAGE.read_text(encoding="utf-8"), L4_HEAD)
     assert "undefined" in {esc_gets(folder, *row[1:5]) for row in rows}

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-WIRING = ROOT / "hardware" / "wiring"
+from tests.common import ROOT, WIRING
+
 sys.path[:0] = [str(WIRING), str(ROOT / "hardware")]
 
 pytest.importorskip("yaml")
@@ -26,8 +26,8 @@ Point = tuple[float, float]
 Stroke = tuple[Point, Point, float]
 """From, to, width [mm]; a pad is a stroke without length."""
 CLEARANCE = 0.3
-RING = 0.3
-EDGE = 0.5
+RING_MM = 0.3
+EDGE_MM = 0.5
 """mm that any board house makes: between copper, around a hole, to the edge."""
 
 
@@ -150,14 +150,14 @@ def test_every_hole_has_its_ring_mask_and_place_on_the_board(files):
     pads = {a: w for a, b, w in strokes(files["mux_board-B_Cu.gbr"]) if a == b}
     drilled = holes(files["mux_board.drl"])
     assert set(pads) == set(drilled)
-    assert min((pads[p] - size) / 2 for p, size in drilled.items()) >= RING
+    assert min((pads[p] - size) / 2 for p, size in drilled.items()) >= RING_MM
     masks = {a: w for a, b, w in strokes(files["mux_board-B_Mask.gbr"]) if a == b}
     assert {p: w > pads[p] for p, w in masks.items()} == dict.fromkeys(pads, True)
     edge = [p for a, b, _ in strokes(files["mux_board-Edge_Cuts.gbr"]) for p in (a, b)]
     wide, high = (max(p[i] for p in edge) for i in (0, 1))
     assert (wide, high) == tuple(perfboard.layout()["board"])
     for x, y in pads:
-        assert min(x, y, wide - x, high - y) - pcb.PAD / 2 >= EDGE
+        assert min(x, y, wide - x, high - y) - pcb.PAD / 2 >= EDGE_MM
 
 
 def test_the_committed_files_have_no_date(files):

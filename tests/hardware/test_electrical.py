@@ -6,12 +6,11 @@ import re
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-WIRING = ROOT / "hardware" / "wiring"
+from tests.common import ROOT, WIRING
+
 sys.path[:0] = [str(WIRING), str(ROOT / "hardware")]
 
 pytest.importorskip("yaml")

@@ -16,8 +16,8 @@ from dart_hal.cli.common import checks
 from dart_hal.cli.main import cli
 from dart_hal.devices.actuation.arming import BY_NAME
 from dart_hal.wire.messages import SCHEMA
+from tests.common import ROOT
 
-ROOT = Path(__file__).parents[2]
 sys.path[:0] = [str(ROOT / "hardware"), str(ROOT / "hardware" / "cad")]
 
 import bom_table  # noqa: E402 - found through the line above
@@ -306,7 +306,7 @@ def test_a_step_without_tools_names_it(copy):
 
 CELLS = re.compile(r"(?<![`_\w])(?<!\w-)(\w+(?:\s+\w+){0,2}\s+)?cells?\b(?!`)(?=([^\n]{0,20}))",
                    re.IGNORECASE)
-KINDS = ("18650", "AA")
+CELL_KINDS = ("18650", "AA")
 """Cells that the guide puts somewhere: four 18650 in the car, four AA in the servo tester."""
 
 
@@ -317,7 +317,7 @@ def ambiguous_cells(text: str) -> list[str]:
     """
     prose = re.sub(r"```.*?```|\(#[^)]*\)|\]\([^)]*\)", "", text, flags=re.DOTALL)
     return [found.group(0).strip() for found in CELLS.finditer(prose)
-            if not any(kind in (found.group(1) or "") for kind in KINDS)
+            if not any(kind in (found.group(1) or "") for kind in CELL_KINDS)
             and not found.group(2).lower().startswith((" holder", " of the lipo", " [assumed"))]
 
 

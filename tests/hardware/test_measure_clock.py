@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -12,11 +11,11 @@ from dart_hal.core.errors import EmulatorMissing, LinkLost
 from dart_hal.devices.actuation.pca9685 import Pca9685
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.truth import world_of
+from tests.common import ROOT
 
-ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "hardware"))
 
-import measure_clock  # noqa: E402 - found through the line above
+import measure_clock
 
 
 def truth(url: str) -> float:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.common import ROOT
+
 sys.path[:0] = [str(ROOT / "hardware")]
 
 import measured  # noqa: E402 - found through the line above

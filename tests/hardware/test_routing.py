@@ -7,12 +7,11 @@ import json
 import re
 import sys
 from math import dist
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-WIRING = ROOT / "hardware" / "wiring"
+from tests.common import ROOT, WIRING
+
 sys.path[:0] = [str(WIRING), str(ROOT / "hardware"), str(ROOT / "hardware" / "cad")]
 
 pytest.importorskip("yaml")
@@ -22,7 +21,8 @@ import plan  # noqa: E402
 import routing  # noqa: E402
 
 P = parameters.read()
-BUILT = {i["name"]: i for i in json.loads((ROOT / "hardware" / "cad" / "built.json").read_text(
+BUILT_BY_NAME = {i["name"]: i
+                 for i in json.loads((ROOT / "hardware" / "cad" / "built.json").read_text(
     encoding="utf-8"))["items"]}
 
 
@@ -93,7 +93,7 @@ DRAWN = {"W_USB": "usb_nano", "W_LIDAR": "usb_lidar", "W_BOARD": "cable_6pin", "
 
 def ends(item: str) -> set[tuple[float, ...]]:
     """Ends of the bundles of a committed solid."""
-    return {tuple(round(v, 3) for v in end) for s in BUILT[item]["shapes"]
+    return {tuple(round(v, 3) for v in end) for s in BUILT_BY_NAME[item]["shapes"]
             if s["kind"] == "cylinder" for end in (s["start"], s["end"])}
 
 

@@ -5,19 +5,19 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.common import ROOT
+
 sys.path.insert(0, str(ROOT / "hardware"))
 
-import bom_table  # noqa: E402 - found through the line above
-import guide  # noqa: E402
-import screws  # noqa: E402
+import bom_table
+import guide
+import screws
 
-BUILT = json.loads((ROOT / "hardware" / "cad" / "built.json").read_text(encoding="utf-8"))
-PARTS = BUILT["parts"]
+BUILT_CAD = json.loads((ROOT / "hardware" / "cad" / "built.json").read_text(encoding="utf-8"))
+PARTS = BUILT_CAD["parts"]
 WIDE = {("base_plate", "nano_imu_mount"): 1, ("camera_bracket", "upper_plate"): 2}
 """Holes that are not one per screw: a spare one, and one screw through two jaws."""
 
@@ -82,7 +82,7 @@ def test_parts_of_the_cad_are_those_of_the_bill():
 @pytest.mark.parametrize("kind", ["placements", "items"])
 def test_what_the_assembly_shows_is_in_the_bill_and_in_its_step(kind):
     rows = {r.id: r for r in bom_table.load()}
-    for thing in BUILT[kind]:
+    for thing in BUILT_CAD[kind]:
         name = thing.get("bom") or thing["part"]
         assert name in rows
         assert name == "kit" or thing["step"] in rows[name].used_in, (name, thing["step"])

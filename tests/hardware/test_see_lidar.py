@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 import struct
 import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
+from tests.common import ROOT
+
 sys.path[:0] = [str(ROOT / "hardware")]
 
 import see_lidar  # noqa: E402 - found through the line above

@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 
 import pytest
 
 from dart_hal.core.errors import EmulatorMissing
 from dart_hal.devices.links.base import open_backend
 from dart_lab.sim.cutoff import CUTOFFS
+from tests.common import MOCK_URL, ROOT
 
-ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT / "hardware"))
 
-import set_parameter  # noqa: E402 - found through the line above
-
-MOCK = "sim://?nano=mock"
+import set_parameter
 
 
 def run(monkeypatch, *args: str) -> int:
@@ -27,7 +24,7 @@ def run(monkeypatch, *args: str) -> int:
 @pytest.mark.parametrize(("name", "value", "now"), [
     ("safety_out", "mux", 2), ("safety_out", "oe", 1), ("safety_out", "0", 0), ("ring_b", "1", 1)])
 def test_it_is_written_and_confirmed(monkeypatch, capsys, name, value, now):
-    assert run(monkeypatch, name, value, MOCK) == 0
+    assert run(monkeypatch, name, value, MOCK_URL) == 0
     assert capsys.readouterr().out.startswith(f"{name} = {now};")
 
 
@@ -71,9 +68,9 @@ def test_what_it_confirms_is_in_the_eeprom(monkeypatch):
 
 
 @pytest.mark.parametrize(("args", "message"), [
-    (("safety_out", "3", MOCK), "0 to 2 (none, oe, mux)"),
-    (("safety_out", "multiplexer", MOCK), "safety_out cannot be 'multiplexer'"),
-    (("ring_c", "1", MOCK), "there is no parameter 'ring_c'"),
+    (("safety_out", "3", MOCK_URL), "0 to 2 (none, oe, mux)"),
+    (("safety_out", "multiplexer", MOCK_URL), "safety_out cannot be 'multiplexer'"),
+    (("ring_c", "1", MOCK_URL), "there is no parameter 'ring_c'"),
     (("ring_b",), "a name and a value are needed"),
 ])
 def test_nothing_is_sent_for_a_wrong_word(monkeypatch, capsys, args, message):
@@ -84,7 +81,7 @@ def test_nothing_is_sent_for_a_wrong_word(monkeypatch, capsys, args, message):
 
 def test_a_silent_nano_is_reported(monkeypatch, capsys):
     monkeypatch.setattr(set_parameter, "encode", lambda *_: b"")
-    assert run(monkeypatch, "ring_b", "1", MOCK) == 2
+    assert run(monkeypatch, "ring_b", "1", MOCK_URL) == 2
     assert "did not confirm ring_b" in capsys.readouterr().err
 
 

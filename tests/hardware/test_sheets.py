@@ -5,12 +5,11 @@ from __future__ import annotations
 import importlib
 import re
 import sys
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parents[2]
-HARDWARE = ROOT / "hardware"
+from tests.common import HARDWARE, ROOT
+
 sys.path[:0] = [str(HARDWARE)]
 sys.path.append(str(HARDWARE / "cad"))
 drill_sheets, layout, parameters = (importlib.import_module(n) for n in (

@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from dart_lab.sim.cutoff import CUTOFFS
+from tests.common import ROOT, WIRING
 
-ROOT = Path(__file__).parents[2]
-WIRING = ROOT / "hardware" / "wiring"
 sys.path[:0] = [str(WIRING), str(ROOT / "hardware")]
 
 yaml = pytest.importorskip("yaml")

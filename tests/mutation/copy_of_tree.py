@@ -14,18 +14,18 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from mutant import ROOT, Mutant
+from mutant import CHECKOUT, Mutant
 from subjects import WIDE, Subject
 
 NOT_COPIED = shutil.ignore_patterns(
     ".git", ".venv*", ".hypothesis", ".*_cache", "__pycache__")
 NO_VERDICT = ("tests/firmware/test_nano_budgets.py", "tests/mutation")
 """Sizes, cycles and the committed image: any change at all fails these, which is no verdict."""
-QUICK = "not (slow or long or realtime)"
+QUICK_MARKS = "not (slow or long or realtime)"
 SLOWER = "(slow or realtime) and not long"
 """Marks of the tests of `make test`, and of those of `make test-more`."""
 ANY = "not long"
-TEST_LIMIT = {QUICK: 120.0, SLOWER: 300.0}
+TEST_LIMIT = {QUICK_MARKS: 120.0, SLOWER: 300.0}
 """s of one test until it counts as hung. A quick one takes a few CPU s, the longest of the
 slower ones 60; a busy machine takes five times that, and some quick ones compile first."""
 PASS_LIMIT = 1800.0
@@ -38,7 +38,7 @@ MARK = "DART_HAL_MUTANT"
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class MutantVerdict:
     """``by``: the test that failed, ``time limit``, ``compiler``; "" = survived. Time in s."""
 
     mutant: Mutant
@@ -57,13 +57,13 @@ class Copy:
 
     def __init__(self, home: Path) -> None:
         self.home = home
-        shutil.copytree(ROOT, home, ignore=NOT_COPIED, symlinks=True)
+        shutil.copytree(CHECKOUT, home, ignore=NOT_COPIED, symlinks=True)
         self._built = True
         self._sound: set[str] = set()
         self._excluded: list[str] = []
         self._build("emulator")
 
-    def judge(self, subject: Subject, mutant: Mutant, widely: bool = True) -> Verdict:
+    def judge(self, subject: Subject, mutant: Mutant, widely: bool = True) -> MutantVerdict:
         """Apply the mutant, run the tests that can notice it, restore the file.
 
         Raises RuntimeError if pytest crashes without the mutant.
@@ -79,25 +79,25 @@ class Copy:
         own = self._existing(subject.tests)
         files = tuple(t for t in own if t.endswith(".py"))
         folders = self._existing(own, files)
-        first = ANY if subject.realtime else QUICK
+        first = ANY if subject.realtime else QUICK_MARKS
         selections = [(t, s, marks) for t, s, marks in (
-            (files, (), first), (folders, files, QUICK)) if t]
+            (files, (), first), (folders, files, QUICK_MARKS)) if t]
         if widely:
-            selections += [(self._existing(WIDE, own), own, QUICK), (own, (), SLOWER)]
+            selections += [(self._existing(WIDE, own), own, QUICK_MARKS), (own, (), SLOWER)]
         for tests, skipped, marks in selections:
             by = HUNG
             while by:
                 with self._apply(subject, mutant) as broken:
                     by = broken or self._run(tests, marks, skipped)
-                    again = by if broken or marks == QUICK else self._repeat(by)
+                    again = by if broken or marks == QUICK_MARKS else self._repeat(by)
                 if broken or (again and self._is_sound(by, tests, marks, skipped)):
-                    return Verdict(mutant, subject.name, by, time.monotonic() - begin)
+                    return MutantVerdict(mutant, subject.name, by, time.monotonic() - begin)
                 if by and ".py" not in by:
                     raise RuntimeError(f"without any mutant: {by} of {' '.join(tests)}")
                 if by:
                     print(f"excluded, its failure does not depend on the mutant: {by}", flush=True)
                     self._excluded.append(by)
-        return Verdict(mutant, subject.name, "", time.monotonic() - begin)
+        return MutantVerdict(mutant, subject.name, "", time.monotonic() - begin)
 
     def close(self) -> None:
         """Remove the copy."""

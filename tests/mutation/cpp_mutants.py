@@ -10,15 +10,15 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from mutant import ROOT, Mutant, make_mutant
+from mutant import CHECKOUT, Mutant, make_mutant
 
 SWAPS = {" < ": " <= ", " <= ": " < ", " > ": " >= ", " >= ": " > ", " == ": " != ",
          " != ": " == ", " && ": " || ", " || ": " && ", " + ": " - ", " - ": " + ",
          " & ": " | ", " | ": " & ", " |= ": " &= ", " &= ": " |= ", " += ": " -= ",
          " << ": " >> ", " >> ": " << ", "++": "--", "--": "++",
          "true": "false", "false": "true"}
-TOKEN = re.compile("|".join(r"\b" + k + r"\b" if k.isalpha() else re.escape(k)
-                            for k in sorted(SWAPS, key=len, reverse=True)))
+CPP_TOKEN = re.compile("|".join(r"\b" + k + r"\b" if k.isalpha() else re.escape(k)
+                                for k in sorted(SWAPS, key=len, reverse=True)))
 NOT = re.compile(r"(?<=[( ])!(?=\w)")
 NUMBER = re.compile(r"(?<![\w.])\d+(?=u?\b)(?!\.)")
 STATEMENT = re.compile(r"^ +(?!return|break|case|default|using|constexpr|static_assert|for|while"
@@ -30,7 +30,7 @@ OUTSIDE = re.compile(r"//[^\n]*|/\*.*?\*/|\"(?:\\.|[^\"\\])*\"|^#(?:[^\n]*\\\n)*
 
 def cpp_mutants(file: str) -> Iterator[Mutant]:
     """Every mutant of ``file`` (relative to the checkout)."""
-    source = (ROOT / file).read_text(encoding="utf-8")
+    source = (CHECKOUT / file).read_text(encoding="utf-8")
     code = OUTSIDE.sub(lambda m: re.sub(r"[^\n]", "\1", m[0]), source)
     for name, start, end, new in _edits(code):
         if made := make_mutant(file, name, source, source[:start] + new + source[end:]):
@@ -39,7 +39,7 @@ def cpp_mutants(file: str) -> Iterator[Mutant]:
 
 def _edits(code: str) -> Iterator[tuple[str, int, int, str]]:
     """(operator, start, end, the replacement)."""
-    for m in TOKEN.finditer(code):
+    for m in CPP_TOKEN.finditer(code):
         yield f"{m[0].strip()} to {SWAPS[m[0]].strip()}", *m.span(), SWAPS[m[0]]
     for m in NOT.finditer(code):
         yield "! left out", *m.span(), ""

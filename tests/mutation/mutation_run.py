@@ -18,7 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from queue import SimpleQueue
 
-from copy_of_tree import Copy, Verdict
+from copy_of_tree import Copy, MutantVerdict
 from equivalent import equivalence
 from mutant import Mutant
 from subjects import SUBJECTS, Subject
@@ -52,14 +52,14 @@ def main(arguments: list[str]) -> int:
     return report(verdicts, time.monotonic() - begin)
 
 
-def judge(tasks: list[tuple[Subject, Mutant]], jobs: int, widely: bool) -> list[Verdict]:
+def judge(tasks: list[tuple[Subject, Mutant]], jobs: int, widely: bool) -> list[MutantVerdict]:
     """Verdicts in the order of the tasks; each is printed when it falls."""
     with tempfile.TemporaryDirectory(prefix="dart-mutants-") as home:
         copies: SimpleQueue[Copy] = SimpleQueue()
         for k in range(jobs):
             copies.put(Copy(Path(home) / str(k)))
 
-        def one(task: tuple[Subject, Mutant]) -> Verdict:
+        def one(task: tuple[Subject, Mutant]) -> MutantVerdict:
             copy = copies.get()
             try:
                 verdict = copy.judge(*task, widely)
@@ -73,7 +73,7 @@ def judge(tasks: list[tuple[Subject, Mutant]], jobs: int, widely: bool) -> list[
             return list(pool.map(one, tasks))
 
 
-def report(verdicts: list[Verdict], seconds: float) -> int:
+def report(verdicts: list[MutantVerdict], seconds: float) -> int:
     """The table by subject, the survivors, the share; 1 below the goal."""
     counted = [v for v in verdicts if v.counts]
     alive = [v for v in counted if not v.by]
@@ -100,7 +100,7 @@ def _note(mutant: Mutant) -> str:
     return f"  (equivalent: {reason})" if reason else ""
 
 
-def _fate(verdict: Verdict) -> str:
+def _fate(verdict: MutantVerdict) -> str:
     if not verdict.counts:
         return "no mutant: the compiler refuses it"
     return f"killed by {verdict.by}" if verdict.by else "SURVIVED"

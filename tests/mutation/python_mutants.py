@@ -6,7 +6,7 @@ import ast
 import re
 from collections.abc import Iterator
 
-from mutant import ROOT, Mutant, make_mutant
+from mutant import CHECKOUT, Mutant, make_mutant
 
 BINARY = ("Add_Sub", "Sub_Add", "Mul_Div", "Div_Mul", "FloorDiv_Mul", "Mod_Add", "BitOr_BitAnd",
           "BitAnd_BitOr", "BitXor_BitOr", "LShift_RShift", "RShift_LShift")
@@ -27,7 +27,7 @@ def python_mutants(file: str) -> Iterator[Mutant]:
     from cosmic_ray.mutating import mutate_code
     from cosmic_ray.plugins import get_operator
 
-    source = (ROOT / file).read_text(encoding="utf-8")
+    source = (CHECKOUT / file).read_text(encoding="utf-8")
     same = _meaning(source)
     for name in OPERATORS:
         occurrence = 0

@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Callable, Iterator
 
-from mutant import ROOT, Mutant, make_mutant
+from mutant import CHECKOUT, Mutant, make_mutant
 
 SWAPS = {ast.Add: "-", ast.Sub: "+", ast.Mult: "/", ast.Div: "*"}
 SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
@@ -32,7 +32,7 @@ Edit = tuple[str, int, int, str]
 
 def term_mutants(file: str) -> Iterator[Mutant]:
     """Make every mutant of ``file`` (relative to the checkout)."""
-    source = (ROOT / file).read_text(encoding="utf-8")
+    source = (CHECKOUT / file).read_text(encoding="utf-8")
     starts = [0]
     for line in source.splitlines(keepends=True):
         starts.append(starts[-1] + len(line))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 sys.path.append(str(Path(__file__).parent))
-from copy_of_tree import ANY, FAILURE, QUICK, SLOWER, Copy, Verdict
+from copy_of_tree import ANY, FAILURE, QUICK_MARKS, SLOWER, Copy, MutantVerdict
 from cpp_mutants import cpp_mutants
 from equivalent import EQUIVALENTS, equivalence
 from mutant import Mutant, chosen, make_mutant
@@ -112,13 +112,13 @@ NOTICED = "tests/wire/test_crc.py::test_x"
 
 
 @pytest.mark.parametrize(("failures", "killers"), [
-    ({(QUICK, True): [NOTICED]}, NOTICED),
+    ({(QUICK_MARKS, True): [NOTICED]}, NOTICED),
     ({}, ""),
-    ({(QUICK, True): [NOTICED], (ANY, False): [NOTICED]}, ""),
+    ({(QUICK_MARKS, True): [NOTICED], (ANY, False): [NOTICED]}, ""),
     ({(SLOWER, True): [NOTICED], (ANY, True): [NOTICED]}, NOTICED),
     ({(SLOWER, True): [NOTICED]}, ""),
-    ({(QUICK, True): ["time limit"]}, "time limit"),
-    ({(QUICK, True): ["exit status -11"]}, "exit status -11"),
+    ({(QUICK_MARKS, True): ["time limit"]}, "time limit"),
+    ({(QUICK_MARKS, True): ["exit status -11"]}, "exit status -11"),
 ], ids=["killed", "survived", "fails anyway", "slower, twice", "slower, once", "hangs", "crashes"])
 def test_a_kill_does_not_fail_without_the_mutant_and_a_slower_one_repeats(failures, killers,
                                                                           capsys):
@@ -130,7 +130,8 @@ def test_a_kill_does_not_fail_without_the_mutant_and_a_slower_one_repeats(failur
 
 
 def test_a_crash_without_the_mutant_ends_the_run():
-    copy = ScriptedCopy({(QUICK, True): ["exit status 4"], (QUICK, False): ["exit status 4"]})
+    copy = ScriptedCopy({(QUICK_MARKS, True): ["exit status 4"],
+                         (QUICK_MARKS, False): ["exit status 4"]})
     with pytest.raises(RuntimeError, match="exit status 4"):
         copy.judge(SUBJECTS[0], Mutant("f.py", 1, "op", "a", "b", "b\n"))
 
@@ -148,7 +149,8 @@ def test_below_the_goal_it_fails_and_what_does_not_compile_is_not_counted(killed
     assert GOAL == 0.90
     mutant = Mutant("f.cpp", 1, "op", "a", "b", "b\n")
     fates = ["test_x"] * killed + [""] * (10 - killed) + ["compiler"] * broken
-    assert report([Verdict(mutant, "guard", killers, 1.0) for killers in fates], 60.0) == status
+    assert report([MutantVerdict(mutant, "guard", killers, 1.0) for killers in fates],
+                  60.0) == status
     output = capsys.readouterr().out
     assert f"10 mutants, {killed} killed" in output
     assert output.count("SURVIVED") == 10 - killed

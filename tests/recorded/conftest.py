@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
 NAMES_A = ("elapsed time sensors", "current", "voltage", "acc x (IMU)", "acc y (IMU)", "W (IMU)",
            "vel encoder", "safety_value", "throttle", "steering")
 NAMES_B = (*NAMES_A, "vicon time", "vicon x", "vicon y", "vicon yaw")

@@ -11,8 +11,8 @@ from dart_hal.recording.dart import fit_reference, read
 from dart_hal.recording.dart.marker import marker_grid
 
 LATERAL = 1.5  # m/s2 of the weave, so that every speed drives turns to both sides
-PERIOD = 12.0  # s
-FRAME = (0.8, 0.02)
+WEAVE_PERIOD = 12.0  # s
+SPEED_AND_PERIOD = (0.8, 0.02)
 """L_x [m], theta [rad] of the markers of the simulated cars."""
 
 
@@ -22,11 +22,11 @@ def weaving(speed: float, rate: float, schema: str = "C", seconds: float = 60.0,
     t = np.arange(0.0, seconds, 1.0 / rate)
     fine = np.arange(0.0, seconds, 0.001)
     v = speed * (1.0 + 0.2 * np.sin(2.0 * np.pi * fine / 17.0))
-    omega = LATERAL / speed * np.sin(2.0 * np.pi * fine / PERIOD)
+    omega = LATERAL / speed * np.sin(2.0 * np.pi * fine / WEAVE_PERIOD)
     yaw = np.cumsum(omega) * 0.001
     x = np.cumsum(v * np.cos(yaw)) * 0.001
     y = np.cumsum(v * np.sin(yaw)) * 0.001
-    lx, theta = FRAME
+    lx, theta = SPEED_AND_PERIOD
     rng = np.random.default_rng(seed)
     x, y, yaw, v, omega = (np.interp(t, fine, s) for s in (
         x + lx * np.cos(yaw), y + lx * np.sin(yaw), yaw - theta, v, omega))
@@ -35,7 +35,7 @@ def weaving(speed: float, rate: float, schema: str = "C", seconds: float = 60.0,
     table = {"vicon time": 1.7e9 + t, "vicon x": x + rng.normal(0.0, noise, len(t)),
              "vicon y": y + rng.normal(0.0, noise, len(t)),
              "vicon yaw": (yaw + np.pi) % (2.0 * np.pi) - np.pi,
-             "throttle": 0.3 * one, "steering": np.sin(2.0 * np.pi * t / PERIOD),
+             "throttle": 0.3 * one, "steering": np.sin(2.0 * np.pi * t / WEAVE_PERIOD),
              "safety_value": one}
     if schema == "B":
         held = np.floor(t * 10.0) / 10.0
@@ -109,5 +109,5 @@ def test_encoder_in_another_unit_is_not_taken_for_a_fast_car(write):
 @pytest.mark.slow_except("3.0")
 def test_marker_frame_of_a_large_car_is_fitted(write, speed):
     fitted = fit_reference([read(write(weaving(speed, 100.0)))])
-    assert fitted.theta == pytest.approx(FRAME[1], abs=2.6 * fitted.std[1])
-    assert fitted.lx == pytest.approx(FRAME[0], abs=2.6 * fitted.std[0])
+    assert fitted.theta == pytest.approx(SPEED_AND_PERIOD[1], abs=2.6 * fitted.std[1])
+    assert fitted.lx == pytest.approx(SPEED_AND_PERIOD[0], abs=2.6 * fitted.std[0])

@@ -12,7 +12,7 @@ from dart_hal.recording.dart.sensors import MAX_MESSAGE_GAP
 from dart_lab.identification.prediction.windows import BEFORE, CLEAN, find_windows
 from tests.recorded.simulated_recording import simulate_recording, table_of, write_table
 
-EDGE = 1e-6  # s
+EDGE_S = 1e-6  # s
 
 
 def cut_gaps(table: dict[str, np.ndarray], gaps) -> dict[str, np.ndarray]:
@@ -34,7 +34,7 @@ def assert_clean(g, starts, gaps, first: float = 0.0) -> None:
     for start, end in gaps:
         low = start - first
         high = end - first
-        inside = (g.t > low + EDGE) & (g.t < high - EDGE)
+        inside = (g.t > low + EDGE_S) & (g.t < high - EDGE_S)
         assert g.bad[inside].all(), "samples of a gap are bad"
         begin = g.t[starts - BEFORE]
         finish = g.t[np.minimum(starts + CLEAN, len(g) - 1)]

@@ -27,16 +27,16 @@ from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.inputs import check_inputs
 
-OTHER = Path(__file__).resolve().parents[3] / "shared" / "data" / "other"
+OTHER_FOLDER = Path(__file__).resolve().parents[3] / "shared" / "data" / "other"
 ZHENG = Reference(0.21, -0.0117, 0.0, "of that car")
 DART = (Path(__file__).parent / "data" / "91_free_driving_16_sept_2024"
         / "car_1_Datarecording_09_16_2024_10_01_01.csv.gz")
-SIGMA = 2.6
+HUBER_SIGMA = 2.6
 """Standard errors within which a size lies with 99 % probability."""
 
 
 @dataclass(frozen=True)
-class Drive:
+class ChangedDrive:
     """A recorded drive with the model that fits it."""
 
     recording: object
@@ -45,7 +45,7 @@ class Drive:
 
 
 def other_laboratory(name):
-    path = OTHER / name
+    path = OTHER_FOLDER / name
     if not path.is_file():
         pytest.skip(f"recordings of other laboratories are absent: no {path}")
     return path
@@ -62,7 +62,7 @@ def fitted_drive(file, base, reference):
     done = CliRunner().invoke(command, ["all", "--joint", str(file), "--base", str(base),
                                         "--reference", frame, "--out", str(model)])
     assert done.exit_code == 0, done.output
-    return Drive(with_marker_frames([read(file)], reference)[0], *find_model(model))
+    return ChangedDrive(with_marker_frames([read(file)], reference)[0], *find_model(model))
 
 
 @lru_cache(maxsize=1)
@@ -146,23 +146,23 @@ def found_size(drive, name, hide, hidden):
     return {c.effect: c for c in found.causes}[name].parameters["k"]
 
 
-CASES = [("mocap_yaw", 0.02, turned_marker), ("mocap_yaw", 0.05, turned_marker),
-         ("mocap_yaw", -0.05, turned_marker), ("mocap_yaw", 0.1, turned_marker),
-         ("mocap_offset_x", -0.04, shifted_marker(1.0, 0.0)),
-         ("steering_delay", 0.08, steering_earlier), ("steering_gain", 0.1, steering_larger),
-         ("steering_lag", 0.1, steering_without_lag), ("motor_gain", 0.1, throttle_larger)]
+SIZE_CASES = [("mocap_yaw", 0.02, turned_marker), ("mocap_yaw", 0.05, turned_marker),
+              ("mocap_yaw", -0.05, turned_marker), ("mocap_yaw", 0.1, turned_marker),
+              ("mocap_offset_x", -0.04, shifted_marker(1.0, 0.0)),
+              ("steering_delay", 0.08, steering_earlier), ("steering_gain", 0.1, steering_larger),
+              ("steering_lag", 0.1, steering_without_lag), ("motor_gain", 0.1, throttle_larger)]
 BOTH_SIGNS = [("gyro_bias", 0.05, biased_gyro), ("gyro_scale", 0.15, scaled_gyro),
               ("encoder_scale", 0.04, scaled_encoder), ("mocap_yaw", 0.05, turned_marker),
               ("mocap_offset_y", 0.03, shifted_marker(0.0, 1.0))]
 
 
-@pytest.mark.parametrize(("name", "hidden", "hide"), CASES,
-                         ids=[f"{name}-{hidden}" for name, hidden, _ in CASES])
+@pytest.mark.parametrize(("name", "hidden", "hide"), SIZE_CASES,
+                         ids=[f"{name}-{hidden}" for name, hidden, _ in SIZE_CASES])
 @pytest.mark.slow
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_hidden_size_is_found_in_a_recorded_drive(name, hidden, hide):
     number = found_size(zheng(), name, hide, hidden)
-    assert abs(number.value - hidden) < SIGMA * number.std
+    assert abs(number.value - hidden) < HUBER_SIGMA * number.std
     assert number.std < 0.35 * abs(hidden)
 
 
@@ -173,5 +173,5 @@ def test_hidden_size_is_found_in_a_recorded_drive(name, hidden, hide):
 def test_half_the_difference_of_both_signs_is_the_hidden_size(name, hidden, hide):
     more, less = (found_size(dart(), name, hide, sign * hidden) for sign in (1.0, -1.0))
     std = 0.5 * np.hypot(more.std, less.std)
-    assert abs(0.5 * (more.value - less.value) - hidden) < SIGMA * std
+    assert abs(0.5 * (more.value - less.value) - hidden) < HUBER_SIGMA * std
     assert std < 0.35 * hidden

@@ -18,17 +18,17 @@ from dart_hal.cli.main import main
 from dart_hal.core.errors import FetchFailed
 from dart_hal.recording.fetch import bring, data_folder, fetch, find, load
 from dart_hal.recording.fetch.published import LIST, NOTICE, ROOTS
+from tests.common import EXCERPT
 
-EXCERPT = Path(__file__).parents[1] / "recorded" / "data"
 CUT = "83_4_april_2025_MPCC_rosbag/csv/2025-04-04-15-23-12.csv"
-NAMES = ("10_steps/a.csv", "10_steps/b.csv", "50_tyres/csv/c.csv")
+FETCHED_FILES = ("10_steps/a.csv", "10_steps/b.csv", "50_tyres/csv/c.csv")
 
 
 @pytest.fixture
 def originals(tmp_path):
     """A folder of three made recordings, as the makers would publish them."""
     root = tmp_path / "originals"
-    for i, name in enumerate(NAMES):
+    for i, name in enumerate(FETCHED_FILES):
         path = root / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(b"elapsed time sensors,throttle\r\n" + b"1.0,%d\r\n" % i * (400 + i))
@@ -41,7 +41,7 @@ def digest(path: Path) -> str:
 
 @pytest.fixture
 def known_digests(originals):
-    return {name: digest(originals / name) for name in NAMES}
+    return {name: digest(originals / name) for name in FETCHED_FILES}
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def complete(destination: Path, known_digests) -> bool:
 
 def leftovers(destination: Path) -> list[str]:
     """Files that were not requested."""
-    known = {Path(n).name for n in NAMES} | {"LICENSE"}
+    known = {Path(n).name for n in FETCHED_FILES} | {"LICENSE"}
     return [p.name for p in destination.rglob("*") if p.is_file() and p.name not in known]
 
 
@@ -128,7 +128,7 @@ def test_a_name_is_looked_for_here_before_the_data_folder(monkeypatch, originals
 def test_from_a_folder_of_any_layout(originals, known_digests, destination, tmp_path):
     flat = tmp_path / "flat"
     flat.mkdir()
-    for i, name in enumerate(NAMES):
+    for i, name in enumerate(FETCHED_FILES):
         (flat / f"renamed{i}.csv").write_bytes((originals / name).read_bytes())
     packed = flat / "renamed1.csv"
     (flat / "x.csv.gz").write_bytes(gzip.compress(packed.read_bytes()))
@@ -143,12 +143,13 @@ def test_from_a_folder_of_any_layout(originals, known_digests, destination, tmp_
 def test_what_is_right_is_left_alone_and_a_stopped_fetch_goes_on(originals, known_digests,
                                                                  destination):
     fetch(str(originals), destination, registry=known_digests)
-    before = {n: (destination / n).stat().st_mtime_ns for n in NAMES}
-    (destination / NAMES[1]).unlink()
+    before = {n: (destination / n).stat().st_mtime_ns for n in FETCHED_FILES}
+    (destination / FETCHED_FILES[1]).unlink()
     outcome = fetch(str(originals), destination, registry=known_digests)
-    assert outcome.fetched == [NAMES[1]]
-    assert outcome.present == [NAMES[0], NAMES[2]]
-    assert all((destination / n).stat().st_mtime_ns == before[n] for n in (NAMES[0], NAMES[2]))
+    assert outcome.fetched == [FETCHED_FILES[1]]
+    assert outcome.present == [FETCHED_FILES[0], FETCHED_FILES[2]]
+    assert all((destination / n).stat().st_mtime_ns == before[n] for n in (FETCHED_FILES[0],
+                                                                           FETCHED_FILES[2]))
 
 
 def test_a_complete_folder_needs_no_source(originals, known_digests):
@@ -159,25 +160,25 @@ def test_a_complete_folder_needs_no_source(originals, known_digests):
 
 
 def test_one_wrong_byte_is_refused_and_never_kept(originals, known_digests, destination):
-    path = originals / NAMES[0]
+    path = originals / FETCHED_FILES[0]
     data = bytearray(path.read_bytes())
     data[100] ^= 1
     path.write_bytes(bytes(data))
     outcome = fetch(str(originals), destination, registry=known_digests)
     assert not outcome.complete
-    assert [r.path for r in outcome.refused] == [NAMES[0]]
+    assert [r.path for r in outcome.refused] == [FETCHED_FILES[0]]
     assert "SHA-256" in outcome.refused[0].found
-    assert not (destination / NAMES[0]).exists()
+    assert not (destination / FETCHED_FILES[0]).exists()
     assert leftovers(destination) == []
 
 
 def test_another_file_of_that_name_is_set_aside(originals, known_digests, destination):
-    (destination / NAMES[0]).parent.mkdir(parents=True)
-    (destination / NAMES[0]).write_bytes(b"mine")
+    (destination / FETCHED_FILES[0]).parent.mkdir(parents=True)
+    (destination / FETCHED_FILES[0]).write_bytes(b"mine")
     outcome = fetch(str(originals), destination, registry=known_digests)
     assert outcome.complete
-    assert outcome.replaced == [NAMES[0]]
-    assert (destination / f"{NAMES[0]}.old").read_bytes() == b"mine"
+    assert outcome.replaced == [FETCHED_FILES[0]]
+    assert (destination / f"{FETCHED_FILES[0]}.old").read_bytes() == b"mine"
     assert complete(destination, known_digests)
 
 
@@ -321,18 +322,18 @@ def test_the_repository_is_tried_file_by_file_then_as_an_archive(
 def test_wrong_answers_are_refused(originals, known_digests, destination, serve, change, found):
     def answer(path):
         data = (originals / path.lstrip("/")).read_bytes() if path.endswith(".csv") else b""
-        return change(data) if path == f"/{NAMES[0]}" else (200, len(data), data)
+        return change(data) if path == f"/{FETCHED_FILES[0]}" else (200, len(data), data)
     outcome = fetch(serve(answering(answer)), destination, registry=known_digests)
-    assert [r.path for r in outcome.refused] == [NAMES[0]]
+    assert [r.path for r in outcome.refused] == [FETCHED_FILES[0]]
     assert found in outcome.refused[0].found
-    assert not (destination / NAMES[0]).exists()
-    assert sorted(outcome.fetched) == sorted(NAMES[1:])
+    assert not (destination / FETCHED_FILES[0]).exists()
+    assert sorted(outcome.fetched) == sorted(FETCHED_FILES[1:])
     assert leftovers(destination) == []
 
 
 def test_a_line_that_breaks_is_reported_and_the_next_fetch_goes_on(originals, known_digests,
                                                                destination, serve):
-    broken = [f"/{NAMES[1]}"]
+    broken = [f"/{FETCHED_FILES[1]}"]
 
     def answer(path):
         data = (originals / path.lstrip("/")).read_bytes()
@@ -341,10 +342,10 @@ def test_a_line_that_breaks_is_reported_and_the_next_fetch_goes_on(originals, kn
     with pytest.raises(FetchFailed) as caught:
         fetch(base, destination, registry=known_digests)
     assert "the same command goes on" in caught.value.remedy
-    assert [p.name for p in destination.rglob("*") if p.is_file()] == [Path(NAMES[0]).name]
+    assert [p.name for p in destination.rglob("*") if p.is_file()] == [Path(FETCHED_FILES[0]).name]
     broken.clear()
     outcome = fetch(base, destination, registry=known_digests)
-    assert (outcome.present, outcome.fetched) == ([NAMES[0]], list(NAMES[1:]))
+    assert (outcome.present, outcome.fetched) == ([FETCHED_FILES[0]], list(FETCHED_FILES[1:]))
     assert complete(destination, known_digests)
 
 

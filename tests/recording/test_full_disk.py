@@ -13,8 +13,7 @@ from dart_hal.car import Car
 from dart_hal.core.errors import FileTrouble
 from dart_hal.recording.repair import repair
 from dart_hal.recording.run import RunReader, RunWriter
-
-URL = "sim://?seed=1&nano=mock"
+from tests.common import MOCK_1_URL
 
 
 @contextmanager
@@ -30,7 +29,7 @@ def room_for(size):
 
 def test_the_drive_goes_on_and_the_file_ends_with_its_last_whole_chunk(tmp_path, caplog):
     path = tmp_path / "run.mcap"
-    with Car.open(URL, record=path) as car:
+    with Car.open(MOCK_1_URL, record=path) as car:
         car.arm()
         assert car.recorder.trouble is None
         room = path.stat().st_size + 60_001
@@ -72,5 +71,5 @@ def test_a_piece_in_half_is_taken_back(tmp_path):
 def test_a_disk_that_is_full_from_the_beginning_is_refused(tmp_path, caplog):
     (tmp_path / "run.mcap").symlink_to("/dev/full")
     with pytest.raises(FileTrouble, match="No space left on device"):
-        Car.open(URL, record=tmp_path / "run.mcap")
+        Car.open(MOCK_1_URL, record=tmp_path / "run.mcap")
     assert "goes on" not in caplog.text

@@ -14,9 +14,9 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.repair import repair
 from dart_hal.recording.run import RunReader, RunWriter
+from tests.common import MOCK_3_URL
 from tests.ros2msg import decode_messages
 
-URL = "sim://?seed=3&nano=mock"
 GRID = np.arange(6.0).reshape(2, 3)
 VALUES = {
     "number": (1.5, {"number": 1.5}),
@@ -94,7 +94,7 @@ def test_a_name_stays_of_one_kind():
 def test_a_car_logs_in_its_own_clock_and_only_while_it_records(tmp_path):
     path = tmp_path / "run.mcap"
     logged = []
-    backend = open_backend(URL)
+    backend = open_backend(MOCK_3_URL)
     with Car.over(backend, record=path) as car:
         for state in car.states(duration=0.5):
             car.log("speed", state.speed)
@@ -107,7 +107,7 @@ def test_a_car_logs_in_its_own_clock_and_only_while_it_records(tmp_path):
 
 @pytest.mark.parametrize("recording", [True, False])
 def test_a_mistake_is_reported_recording_or_not(tmp_path, recording):
-    with Car.open(URL, record=tmp_path / "run.mcap" if recording else None) as car:
+    with Car.open(MOCK_3_URL, record=tmp_path / "run.mcap" if recording else None) as car:
         car.log("mpc/cost", 1.0)
         for name, value in (("mpc cost", 1.0), ("mpc/cost", "low"), ("mpc/cost", [1.0])):
             with pytest.raises(LogError):

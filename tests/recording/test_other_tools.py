@@ -15,9 +15,9 @@ from dart_hal.core.types import ExternalPose, Image, Scan
 from dart_hal.recording.log import LogNames
 from dart_hal.recording.repair import repair
 
-TOPICS = {"/rx", "/tx", "/i2c", "/command", "/applied", "/odom", "/imu", "/drive", "/scan",
-          "/external_pose", "/camera/image/compressed", "/log/mpc/cost", "/log/mpc/plan"}
-PLAN = np.arange(6.0).reshape(2, 3)
+RUN_TOPICS = {"/rx", "/tx", "/i2c", "/command", "/applied", "/odom", "/imu", "/drive", "/scan",
+              "/external_pose", "/camera/image/compressed", "/log/mpc/cost", "/log/mpc/plan"}
+PLAN_POINTS = np.arange(6.0).reshape(2, 3)
 
 
 @pytest.fixture
@@ -28,7 +28,8 @@ def full_run(tmp_path, writing):
     names = LogNames()
     for k in range(5):
         t = 0.4 + 0.05 * k
-        writer.log(t, names.take("mpc", {"cost": math.nan if k == 3 else 0.5 * k, "plan": PLAN}))
+        writer.log(t, names.take("mpc",
+                                 {"cost": math.nan if k == 3 else 0.5 * k, "plan": PLAN_POINTS}))
         writer.pose(ExternalPose(1.7e9 + t, t, 1.0, -2.0, 0.5))
         writer.scan(Scan(t, t - 0.1, 4000.0, np.linspace(0, 0.1, 7), np.linspace(0, 6, 7),
                          np.full(7, 1.5), 0.01))
@@ -57,10 +58,10 @@ def test_rosbags_decodes_every_message(full_run, state):
                 assert stamp - taken == pytest.approx(0.04e9, abs=2.0)
                 assert (message.format, bytes(message.data)[1:]) == ("jpeg", b"\1\2\3")
             elif connection.topic == "/log/mpc/plan":
-                assert message.data.tolist() == PLAN.ravel().tolist()
+                assert message.data.tolist() == PLAN_POINTS.ravel().tolist()
                 assert [d.size for d in message.layout.dim] == [2, 3]
     assert found == counts(full_run)
-    assert set(found) == TOPICS
+    assert set(found) == RUN_TOPICS
     assert [m.twist.twist.linear.x for m in odom] == [state(k).speed for k in range(20)]
 
 

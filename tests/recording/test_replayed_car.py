@@ -8,8 +8,7 @@ import pytest
 
 from dart_hal.car import Car
 from dart_hal.recording.run import RunReader
-
-URL = "sim://?seed=3&nano=mock"
+from tests.common import MOCK_3_URL
 
 
 def flat(state):
@@ -23,7 +22,7 @@ def flat(state):
 
 def drive_and_record(path):
     states = []
-    with Car.open(URL, record=path) as car:
+    with Car.open(MOCK_3_URL, record=path) as car:
         car.arm()
         for state in car.states(duration=3.0):
             states.append(state)
@@ -54,7 +53,7 @@ def test_replay_without_the_recorded_pulses_would_differ(recorded_run):
 def test_the_run_holds_who_and_what(recorded_run):
     run = RunReader(recorded_run[0])
     assert run.complete
-    assert run.meta["url"] == URL
+    assert run.meta["url"] == MOCK_3_URL
     assert "car.toml" in run.files
     assert run.hello is not None
     assert len(list(run.commands())) > 290

@@ -333,11 +333,11 @@ def test_raw_bytes_commands_and_pulses_follow_their_definitions(run_file, frame_
         "limited": ["RANGE"]}
 
 
-TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=9)
-NUMBER = st.floats(allow_nan=False)
+ANY_TEXT = st.text(st.characters(exclude_categories=["Cs"]), max_size=9)
+ANY_NUMBER = st.floats(allow_nan=False)
 
 
-@given(st.binary(max_size=80), NUMBER, TEXT, st.lists(TEXT, max_size=4))
+@given(st.binary(max_size=80), ANY_NUMBER, ANY_TEXT, st.lists(ANY_TEXT, max_size=4))
 @pytest.mark.slow
 def test_cdr_inverses(data, value, text, texts):
     assert cdr.decode_byte_array(cdr.encode_byte_array(data)) == data

@@ -35,14 +35,14 @@ from dart_lab.sim.pwm_output import Pulse
 from dart_lab.sim.world import THROTTLE_CHANNEL
 
 CYCLE = 16.0
-QUIET = 9.0
+QUIET_S = 9.0
 """s: eight faults fall into the last 4.4 s of every 8, so that the ESC's 2 s of neutral, half
 a second of good checks and a drive fit in between."""
 LONGEST = 0.8
 """s that a fault lasts at most."""
 BIT_ERROR = 2e-6
 """Of the line upwards: one frame in about 700 is damaged."""
-VALID = 0.2
+COMMAND_VALID_S = 0.2
 """s that a command holds."""
 TOLERANCE_US = 5.0
 """From neutral: a pulse of the other clock, and one count of the PCA9685."""
@@ -111,7 +111,7 @@ def plan(seed: int, seconds: float, nano: str) -> list[str]:
     faults = []
     for cycle in range(1, int(seconds / CYCLE)):
         begin = cycle * CYCLE
-        times = sorted(rng.uniform(begin + QUIET, begin + CYCLE - LONGEST)
+        times = sorted(rng.uniform(begin + QUIET_S, begin + CYCLE - LONGEST)
                        for _ in range(int(CYCLE)))
         for at in times:
             target, kind = rng.choice(kinds)
@@ -232,7 +232,7 @@ class Pins:
         before = self._mode
         self._mode = self._car.mode
         if self._mode == "ARMED":
-            self._live = min(rise, self.commanded + VALID)
+            self._live = min(rise, self.commanded + COMMAND_VALID_S)
         elif before == "ARMED":
             self._report.trips += 1
         above = (fall - rise) * 1e6 - self._neutral

@@ -14,7 +14,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parent))
 import soak
-from soak import CYCLE, QUIET, Pins, Report, plan
+from soak import CYCLE, QUIET_S, Pins, Report, plan
 
 from dart_hal.core.errors import EmulatorMissing
 from dart_hal.wire.ledger import SequenceTracker
@@ -60,7 +60,7 @@ def test_one_fault_a_second_with_time_to_arm_in_between():
     assert plan(7, 3600.0, "avr") == plan(7, 3600.0, "avr") != plan(8, 3600.0, "avr")
     assert len(faults) >= 0.99 * 3600.0
     assert len({(f.target, f.kind) for f in faults}) > 12
-    assert all(f.start % CYCLE >= QUIET or (f.target, f.kind) == ("mcu", "reset") for f in faults)
+    assert all(f.start % CYCLE >= QUIET_S or (f.target, f.kind) == ("mcu", "reset") for f in faults)
 
 
 @pytest.mark.slow

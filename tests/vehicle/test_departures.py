@@ -14,7 +14,7 @@ from dart_hal.vehicle.departures import DEPARTURES, with_departures
 from dart_hal.vehicle.effect import ActiveEffect, Now
 from dart_hal.vehicle.effects import catalogue
 
-FORCES = sorted(name for name, effect in catalogue().items() if effect.force is not None)
+FORCE_EFFECTS = sorted(name for name, effect in catalogue().items() if effect.force is not None)
 AS_WRITTEN = (0.0,) * len(DEPARTURES)
 T = 0.01 * np.arange(50)
 
@@ -27,7 +27,7 @@ def both(name, departures=AS_WRITTEN):
             replace(PAPER, effects=(ActiveEffect(with_departures(effect), (*sizes, *departures)),)))
 
 
-@pytest.mark.parametrize("name", FORCES)
+@pytest.mark.parametrize("name", FORCE_EFFECTS)
 def test_what_it_does_to_signals_stays_as_written(name):
     """A slope is measured by the accelerometer, at any wheels where it is taken to act."""
     now = Now(T, 1.0 + T, 0.1 * T, 0.5 * T, T, 0.3 * T, 0.2 * T, 0.1 * T)
@@ -39,7 +39,7 @@ def test_what_it_does_to_signals_stays_as_written(name):
         assert np.array_equal(written, other)
 
 
-@pytest.mark.parametrize("name", FORCES)
+@pytest.mark.parametrize("name", FORCE_EFFECTS)
 def test_without_a_departure_the_force_is_as_written(name):
     state = (0.3, 1.4, 0.2, 0.9, 0.5, -0.2, 0.0, math.cos(0.1), math.sin(0.1))
     plain = np.array(make_dynamic(PAPER)(*state))

@@ -22,18 +22,18 @@ from dart_hal.vehicle import (
     make_tyres,
 )
 
-COMMANDS = (-1.0, -0.5, 0.0, 0.5, 1.0)
-STEERING = {
+GOLDEN_COMMANDS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+GOLDEN_STEERING = {
     "paper": (PAPER, (-0.350532, -0.250762, 0.011022, 0.228342, 0.307543)),
     "upstream": (UPSTREAM_2024, (-0.402598, -0.253452, -0.014141, 0.211263, 0.320152)),
 }
 
 
-@pytest.mark.parametrize("name", STEERING)
+@pytest.mark.parametrize("name", GOLDEN_STEERING)
 def test_steering_map(name):
-    vehicle, expected = STEERING[name]
+    vehicle, expected = GOLDEN_STEERING[name]
     curve = make_steering(vehicle.steering)
-    assert [curve(s) for s in COMMANDS] == pytest.approx(expected, abs=1e-6)
+    assert [curve(s) for s in GOLDEN_COMMANDS] == pytest.approx(expected, abs=1e-6)
 
 
 def test_paper_forces():

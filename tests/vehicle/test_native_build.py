@@ -11,7 +11,6 @@ import sysconfig
 import time
 import types
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,8 +21,8 @@ from dart_hal.vehicle.native import build, check, committed, kernel, library, mo
 from dart_hal.vehicle.native.build import CannotCompile, Variant, compiler
 from dart_hal.vehicle.native.emit import body, source
 from dart_hal.vehicle.native.model import form_of, trace
+from tests.common import ROOT
 
-ROOT = Path(__file__).parents[2]
 KINEMATIC = replace(PAPER, kind="kinematic")
 F64 = Variant(64, False)
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler")

@@ -80,8 +80,8 @@ def test_the_circle_of_linear_tyres_is_that_of_the_understeer_gradient(engine, f
 
 # symmetry and energy
 
-EVEN = Steering(k_left=1.6, a_left_rad=0.35, s0=0.0, a_right_rad=0.35, k_right=1.6)
-BOTH_SIDES = [replace(p, steering=EVEN, delay=UPSTREAM_2024.delay)
+EVEN_STEERING = Steering(k_left=1.6, a_left_rad=0.35, s0=0.0, a_right_rad=0.35, k_right=1.6)
+BOTH_SIDES = [replace(p, steering=EVEN_STEERING, delay=UPSTREAM_2024.delay)
               for p in (PAPER, UPSTREAM_2024, KINEMATIC)]
 IDS = ["paper", "upstream", "kinematic"]
 LEFT_RIGHT = np.array([1, -1, -1, 1, -1, -1, 1, -1.0])[:, None]
@@ -156,7 +156,7 @@ def test_a_motor_that_pulls_does_not_obey_it():
 # casadi
 
 STATE = (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 0.25, 0.1)
-COMMANDS = (0.35, -0.3)
+STEP_COMMANDS = (0.35, -0.3)
 
 
 @pytest.mark.slow
@@ -187,9 +187,9 @@ def test_casadi_differentiates_a_step(p):
     out = casadi.vertcat(*make_car_step(p, casadi, 0.01)(*casadi.vertsplit(x),
                                                          *casadi.vertsplit(u)))
     jacobian = casadi.Function("j", [x, u], [casadi.jacobian(out, casadi.vertcat(x, u))])
-    got = np.array(jacobian(STATE, COMMANDS))
+    got = np.array(jacobian(STATE, STEP_COMMANDS))
     step = make_car_step(p, math, 0.01)
-    base = (*STATE, *COMMANDS)
+    base = (*STATE, *STEP_COMMANDS)
     h = 1e-6
     for i in range(10):
         high, low = ([v + sign * h * (k == i) for k, v in enumerate(base)] for sign in (1, -1))

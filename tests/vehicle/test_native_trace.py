@@ -23,22 +23,23 @@ from dart_hal.vehicle.native.model import (
 from dart_hal.vehicle.native.trace import Graph, evaluate, find_dependencies
 from dart_hal.vehicle.parameters import AxleTyres
 
-CARS = pytest.mark.parametrize("p", [PAPER, UPSTREAM_2024, replace(PAPER, kind="kinematic")],
-                               ids=lambda p: f"{p.name}-{p.kind}")
-VALUES = {"car": (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 0.2, 0.1, 0.35, -0.2),
-          "motion": (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 0.3, 0.2)}
+each_vehicle = pytest.mark.parametrize("p",
+                                       [PAPER, UPSTREAM_2024, replace(PAPER, kind="kinematic")],
+                                       ids=lambda p: f"{p.name}-{p.kind}")
+TRACED_VALUES = {"car": (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 0.2, 0.1, 0.35, -0.2),
+                 "motion": (0.3, -1.0, 0.7, 1.4, 0.05, 0.9, 0.3, 0.2)}
 
 
-@CARS
+@each_vehicle
 @pytest.mark.parametrize("kind", STATE_NAMES)
 @pytest.mark.parametrize("method", ["rk4", "midpoint", "euler"])
 def test_the_graph_computes_the_step(p, kind, method):
     traced = trace(form_of(p), kind, method)
     symbols = {**{name: min(value(p, name), 1e30) for name in names(p)}, DT_SYMBOL: 0.01,
-               **dict(zip((*traced.states, *traced.inputs), VALUES[kind], strict=True))}
+               **dict(zip((*traced.states, *traced.inputs), TRACED_VALUES[kind], strict=True))}
     got = evaluate(traced.graph, traced.outputs, symbols, SCALAR)
     assert got == pytest.approx(STEP_FACTORIES[kind](p, math, dt=0.01,
-                                                        method=method)(*VALUES[kind]),
+                                                        method=method)(*TRACED_VALUES[kind]),
                                 rel=1e-14, abs=1e-14)
 
 
@@ -80,7 +81,7 @@ def test_what_depends_on_parameters_alone_leaves_the_loop():
     assert "sin" not in step.split("void run_")[0]
 
 
-@CARS
+@each_vehicle
 def test_no_parameter_is_lost_on_the_way_to_the_kernel(p):
     """Every number of the vehicle that its motion depends on moves a coefficient."""
     p = replace(p, delay=UPSTREAM_2024.delay)
@@ -115,9 +116,9 @@ def test_a_kernel_shares_work_between_the_stages():
 
 
 def test_the_two_steps_agree_without_lag():
-    car = make_car_step(PAPER, math, 0.01)(*VALUES["car"][:6], 0.3, 0.2, 0.3, 0.2)
+    car = make_car_step(PAPER, math, 0.01)(*TRACED_VALUES["car"][:6], 0.3, 0.2, 0.3, 0.2)
     from dart_hal.vehicle import make_steering
-    motion = make_motion_step(PAPER, math, 0.01)(*VALUES["car"][:6], 0.3,
+    motion = make_motion_step(PAPER, math, 0.01)(*TRACED_VALUES["car"][:6], 0.3,
                                                  make_steering(PAPER.steering)(0.2))
     assert car[:6] == pytest.approx(motion, rel=1e-14)
 

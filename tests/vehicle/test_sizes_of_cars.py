@@ -11,7 +11,7 @@ from dart_hal.vehicle.flat import bounds
 from dart_hal.vehicle.parameters import REFERENCE_MASS, Body
 from dart_hal.vehicle.sets import PAPER
 
-CARS = {
+SCALES = {
     "1:43": (0.06, 0.041, 4e-5), "1:28": (0.098, 0.16, 2e-4), "1:10": (0.175, 1.67, 0.0065),
     "F1TENTH": (0.32, 3.33, 0.0687), "AutoRally 1:5": (0.57, 21.8, 1.1),
     "Hunter": (0.65, 72.0, 6.0), "kart": (1.05, 150.0, 30.0), "road car": (2.7, 1500.0, 2500.0)}
@@ -22,9 +22,9 @@ def body(wheelbase: float, mass: float, inertia: float) -> Body:
     return Body(wheelbase, 0.5 * wheelbase, 0.5 * wheelbase, mass, inertia)
 
 
-@pytest.mark.parametrize("name", CARS)
+@pytest.mark.parametrize("name", SCALES)
 def test_car_of_every_scale_is_accepted(name):
-    size = body(*CARS[name])
+    size = body(*SCALES[name])
     car = replace(PAPER, body=size, friction=replace(
         PAPER.friction, a=PAPER.friction.a * size.mass / REFERENCE_MASS))
     low, high = bounds(car, "friction.a")
@@ -44,5 +44,5 @@ def test_wrong_unit_of_a_size_is_refused(wrong):
 def test_fit_of_a_small_car_keeps_the_limits_of_forces():
     """The limits a fit may reach are those of the 1:10 class, unless the car is heavier."""
     assert bounds(PAPER, "motor.d") == (0.0, 200.0)
-    heavy = replace(PAPER, body=body(*CARS["Hunter"]))
+    heavy = replace(PAPER, body=body(*SCALES["Hunter"]))
     assert bounds(heavy, "motor.d")[1] == pytest.approx(200.0 * 72.0 / REFERENCE_MASS)

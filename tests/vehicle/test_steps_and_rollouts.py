@@ -17,9 +17,9 @@ from dart_hal.vehicle.parameters import Delay
 from dart_hal.vehicle.step import make_car_step, make_motion_step
 
 LAGGED = replace(PAPER, delay=Delay(steering_lag_s=0.12, throttle_lag_s=0.08))
-CARS = pytest.mark.parametrize("vehicle", [LAGGED, UPSTREAM_2024,
-                                           replace(LAGGED, kind="kinematic")],
-                               ids=lambda v: f"{v.name}-{v.kind}")
+each_car = pytest.mark.parametrize("vehicle", [LAGGED, UPSTREAM_2024,
+                                               replace(LAGGED, kind="kinematic")],
+                                   ids=lambda v: f"{v.name}-{v.kind}")
 
 
 def drive(vehicle, dt, seconds=0.4, method="rk4"):
@@ -31,7 +31,7 @@ def drive(vehicle, dt, seconds=0.4, method="rk4"):
     return np.array(state)
 
 
-@CARS
+@each_car
 def test_halving_the_step_divides_the_error_by_sixteen(vehicle):
     exact = drive(vehicle, 1.0 / 6400)
     coarse, fine = (np.abs(drive(vehicle, dt) - exact).max() for dt in (1 / 200, 1 / 400))
@@ -59,7 +59,7 @@ def test_lags_follow_the_exponential_and_none_acts_at_once():
     assert car[6:] == (0.35, 0.6)
 
 
-@CARS
+@each_car
 def test_a_batch_is_many_single_cars(vehicle):
     rng = np.random.default_rng(3)
     n = 7

@@ -13,7 +13,7 @@ from dart_hal.vehicle.flat import replace_unchecked, stack
 from dart_hal.vehicle.parameters import AxleTyres, Body
 from dart_hal.vehicle.tyres import make_slip
 
-DT = 2.5e-3
+STIFF_STEP = 2.5e-3
 SPEEDS = (0.05, 0.1, 0.2, 0.35, 0.65, 1.0, 2.0)
 STIFFNESS = (5.0, 20.0, 80.0, 200.0)
 """B of the magic formula [1/rad]: 5 is Zheng's car, 20 a MuSHR, 80 an F1TENTH, 200 the bound."""
@@ -60,13 +60,13 @@ def drive(p, start, dt, method="rk4"):
 @cache
 def reference():
     """States with an eighth of the step."""
-    return drive(*cars(), DT / 8.0)
+    return drive(*cars(), STIFF_STEP / 8.0)
 
 
 def disagreement(method="rk4"):
     """Of a step and an eighth of it: largest differences of v_y, yaw rate and place."""
     expected = reference()
-    coarse = drive(*cars(), DT, method)
+    coarse = drive(*cars(), STIFF_STEP, method)
     off = np.abs(coarse - expected)
     return np.nanmax(off[:, 4]), np.nanmax(off[:, 5]), np.nanmax(off[:, :2]), coarse
 
@@ -93,7 +93,7 @@ def moved_by_a_millionth():
     """Largest change of v_x, v_y and yaw rate by tyres that are softer by a millionth."""
     p, start = cars()
     softer = replace_unchecked(p, {"tyres": {"rear_B": p.tyres.rear_B * (1.0 - 1e-6)}})
-    return np.nanmax(np.abs(drive(p, start, DT) - drive(softer, start, DT))[:, 3:])
+    return np.nanmax(np.abs(drive(p, start, STIFF_STEP) - drive(softer, start, STIFF_STEP))[:, 3:])
 
 
 def test_a_small_change_of_a_stiff_tyre_moves_the_prediction_a_little():

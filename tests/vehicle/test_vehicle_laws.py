@@ -35,22 +35,22 @@ from dart_hal.vehicle import (
     vehicle_set,
 )
 
-SPEED = st.floats(-3.0, 3.0)
+ANY_SPEED = st.floats(-3.0, 3.0)
 YAW_RATE = st.floats(-6.0, 6.0)
-ANGLE = st.floats(-0.35, 0.35)
-ALL = pytest.mark.parametrize("vehicle", SETS.values(), ids=SETS)
+ANY_ANGLE = st.floats(-0.35, 0.35)
+each_set = pytest.mark.parametrize("vehicle", SETS.values(), ids=SETS)
 
 
-@ALL
-@given(vx=SPEED, vy=SPEED, om=YAW_RATE, delta=ANGLE, tau=st.floats(-1.0, 1.0))
+@each_set
+@given(vx=ANY_SPEED, vy=ANY_SPEED, om=YAW_RATE, delta=ANY_ANGLE, tau=st.floats(-1.0, 1.0))
 def test_left_and_right_are_mirror_images(vehicle, vx, vy, om, delta, tau):
     acceleration = make_acceleration(vehicle)
     a, b, c = acceleration(vx, vy, om, tau, delta)
     assert acceleration(vx, -vy, -om, tau, -delta) == pytest.approx((a, -b, -c), abs=1e-9)
 
 
-@ALL
-@given(vx=SPEED, vy=SPEED, om=YAW_RATE, delta=ANGLE)
+@each_set
+@given(vx=ANY_SPEED, vy=ANY_SPEED, om=YAW_RATE, delta=ANY_ANGLE)
 def test_passive_forces_turn_round_with_the_velocity(vehicle, vx, vy, om, delta):
     """Mirror in time: friction and tyres oppose the motion in either direction."""
     acceleration = make_acceleration(vehicle)
@@ -60,7 +60,7 @@ def test_passive_forces_turn_round_with_the_velocity(vehicle, vx, vy, om, delta)
         (-(bx - om * vy), -(by + om * vx), -back), abs=1e-8)
 
 
-@given(delta=ANGLE)
+@given(delta=ANY_ANGLE)
 def test_a_car_at_rest_stays(delta):
     assert make_acceleration(PAPER)(0.0, 0.0, 0.0, 0.0, delta) == pytest.approx((0, 0, 0), abs=1e-9)
 
@@ -71,7 +71,7 @@ def test_published_slip_angles_turn_a_car_at_rest():
     assert turn > 10.0
 
 
-@given(vy=st.floats(-0.5, 0.5), om=st.floats(-3.0, 3.0), delta=ANGLE)
+@given(vy=st.floats(-0.5, 0.5), om=st.floats(-3.0, 3.0), delta=ANY_ANGLE)
 def test_no_jump_when_the_speed_changes_sign(vy, om, delta):
     acceleration = make_acceleration(PAPER)
     before = acceleration(-1e-9, vy, om, 0.0, delta)
@@ -79,7 +79,7 @@ def test_no_jump_when_the_speed_changes_sign(vy, om, delta):
     assert after == pytest.approx(before, abs=1e-4)
 
 
-@given(vx=st.floats(0.35, 4.0), vy=st.floats(-0.3, 0.3), om=st.floats(-3.0, 3.0), delta=ANGLE)
+@given(vx=st.floats(0.35, 4.0), vy=st.floats(-0.3, 0.3), om=st.floats(-3.0, 3.0), delta=ANY_ANGLE)
 def test_own_slip_angles_equal_the_paper_s_where_those_hold(vx, vy, om, delta):
     args = (vx, vy, om, math.cos(delta), math.sin(delta))
     along_wheel = vx * args[3] + (vy + PAPER.body.l_f * om) * args[4]
@@ -89,7 +89,7 @@ def test_own_slip_angles_equal_the_paper_s_where_those_hold(vx, vy, om, delta):
 
 
 @pytest.mark.slow_except("0.3-paper", "0.0-upstream-2024")
-@ALL
+@each_set
 @pytest.mark.parametrize("delta", [0.0, 0.3, -0.3])
 def test_a_rolling_car_loses_energy(vehicle, delta):
     body = vehicle.body
@@ -121,7 +121,7 @@ def test_arrays_give_what_floats_give():
         np.testing.assert_allclose(batch, single, rtol=1e-12, atol=1e-12)
 
 
-@given(tau=st.floats(-1.0, 1.0), v=SPEED)
+@given(tau=st.floats(-1.0, 1.0), v=ANY_SPEED)
 def test_motor_in_reverse_is_the_weaker_mirror_image(tau, v):
     motor = make_motor(PAPER.motor)
     if tau > 0.3:

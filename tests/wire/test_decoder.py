@@ -147,14 +147,14 @@ def test_another_definition_cannot_be_read(message):
     values = samples.random_values(message, Random(message.id))
     wire = encode(message, 0, values)
 
-    class Other:
+    class OtherSchema:
         id = message.id
         size = message.size
         variable = message.variable
         struct = message.struct
         seed = message.seed ^ 1
 
-    assert Decoder([Other()]).feed(wire) == []
+    assert Decoder([OtherSchema()]).feed(wire) == []
     assert len(Decoder([message]).feed(wire)) == 1
 
 

@@ -12,12 +12,12 @@ from dart_hal.wire.messages import STATE
 from dart_hal.wire.plausible import Gates
 from tests.wire import wire_samples as samples
 
-FRAMES = samples.drive(2.0, seed=3)
-STATES = [f for f in FRAMES if len(f) == STATE.wire_size]
-SENT = {(f.seq, f.payload) for f in Decoder(UP).feed(b"".join(FRAMES))}
+DRIVE_FRAMES = samples.drive(2.0, seed=3)
+STATE_FRAMES = [f for f in DRIVE_FRAMES if len(f) == STATE.wire_size]
+SENT = {(f.seq, f.payload) for f in Decoder(UP).feed(b"".join(DRIVE_FRAMES))}
 
 
-class EqualsAll:
+class AnyCrc:
     def __eq__(self, other):
         return True
 
@@ -33,8 +33,8 @@ def wrong(fault, trials, seed, gates=None):
     rng = Random(seed)
     count = 0
     for _ in range(trials):
-        at = rng.randrange(1, len(STATES) - 1)
-        before, frame, after = STATES[at - 1:at + 2]
+        at = rng.randrange(1, len(STATE_FRAMES) - 1)
+        before, frame, after = STATE_FRAMES[at - 1:at + 2]
         decoder = Decoder(UP, gates() if gates else None)
         got = decoder.feed(before + fault(frame, rng) + after)
         count += sum((f.seq, f.payload) not in SENT for f in got)
@@ -42,7 +42,7 @@ def wrong(fault, trials, seed, gates=None):
 
 
 def test_every_single_bit():
-    frame = STATES[7]
+    frame = STATE_FRAMES[7]
     original = Decoder(UP).feed(frame)[0]
     for at in range(8 * (len(frame) - 1)):
         value = int.from_bytes(frame, "little") ^ 1 << at
@@ -51,7 +51,7 @@ def test_every_single_bit():
 
 
 def test_every_pair_of_bits():
-    frame = STATES[11]
+    frame = STATE_FRAMES[11]
     bits = 8 * (len(frame) - 1)
     value = int.from_bytes(frame, "little")
     stream = b"\0".join((value ^ 1 << i ^ 1 << j).to_bytes(len(frame), "little")
@@ -69,7 +69,7 @@ def test_no_small_fault_passes(name):
 
 def test_without_the_crc_they_would_pass(monkeypatch):
     """Negative control: the same test sees a decoder that does not check."""
-    monkeypatch.setattr(blocks, "crc_hqx", lambda data, seed: EqualsAll())
+    monkeypatch.setattr(blocks, "crc_hqx", lambda data, seed: AnyCrc())
     assert wrong(samples.SMALL_FAULTS["2 bits"], 500, seed=1) > 100
 
 
@@ -97,23 +97,23 @@ def test_frames_lost_per_fault(name):
     fault = samples.burst(8) if name == "burst" else samples.SMALL_FAULTS[name]
     rng = Random(8)
     for _ in range(1500):
-        at = rng.randrange(1, len(FRAMES) - 3)
-        hurt = fault(FRAMES[at], rng)
+        at = rng.randrange(1, len(DRIVE_FRAMES) - 3)
+        hurt = fault(DRIVE_FRAMES[at], rng)
         decoder = Decoder(UP)
-        decoder.feed(FRAMES[at - 1] + hurt + FRAMES[at + 1] + FRAMES[at + 2])
+        decoder.feed(DRIVE_FRAMES[at - 1] + hurt + DRIVE_FRAMES[at + 1] + DRIVE_FRAMES[at + 2])
         lost = 4 - decoder.counters.ok
         assert lost <= (1 if hurt.endswith(b"\0") else 2)
 
 
 def test_delimiter_changed_costs_none_and_deleted_costs_two():
     rng = Random(9)
-    for at in range(1, len(FRAMES) - 1):
-        if len(FRAMES[at]) not in {m.wire_size for m in UP} or FRAMES[at][1] == 0x15:
+    for at in range(1, len(DRIVE_FRAMES) - 1):
+        if len(DRIVE_FRAMES[at]) not in {m.wire_size for m in UP} or DRIVE_FRAMES[at][1] == 0x15:
             continue
-        changed = FRAMES[at][:-1] + bytes([rng.randrange(1, 256)])
-        assert len(Decoder(UP).feed(FRAMES[at - 1] + changed + FRAMES[at + 1])) == 3
-        deleted = FRAMES[at][:-1]
-        assert len(Decoder(UP).feed(FRAMES[at - 1] + deleted + FRAMES[at + 1])) == 1
+        changed = DRIVE_FRAMES[at][:-1] + bytes([rng.randrange(1, 256)])
+        assert len(Decoder(UP).feed(DRIVE_FRAMES[at - 1] + changed + DRIVE_FRAMES[at + 1])) == 3
+        deleted = DRIVE_FRAMES[at][:-1]
+        assert len(Decoder(UP).feed(DRIVE_FRAMES[at - 1] + deleted + DRIVE_FRAMES[at + 1])) == 1
 
 
 @pytest.mark.parametrize("name", [*samples.SMALL_FAULTS, "burst"])
@@ -122,11 +122,11 @@ def test_good_frames_are_not_delayed(name):
     fault = samples.burst(8) if name == "burst" else samples.SMALL_FAULTS[name]
     rng = Random(10)
     for _ in range(60):
-        at = rng.randrange(2, len(FRAMES) - 5)
+        at = rng.randrange(2, len(DRIVE_FRAMES) - 5)
         decoder = Decoder(UP)
-        decoder.feed(FRAMES[at - 1])
-        decoder.feed(fault(FRAMES[at], rng))
-        decoder.feed(FRAMES[at + 1])
-        for frame in FRAMES[at + 2:at + 5]:
+        decoder.feed(DRIVE_FRAMES[at - 1])
+        decoder.feed(fault(DRIVE_FRAMES[at], rng))
+        decoder.feed(DRIVE_FRAMES[at + 1])
+        for frame in DRIVE_FRAMES[at + 2:at + 5]:
             assert decoder.feed(frame[:-1]) == []
             assert len(decoder.feed(frame[-1:])) == 1

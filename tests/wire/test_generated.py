@@ -3,7 +3,6 @@
 import json
 import shutil
 import subprocess
-from pathlib import Path
 
 import pytest
 
@@ -13,8 +12,8 @@ from dart_hal.wire.codec import encode, pack
 from dart_hal.wire.crc import crc16
 from dart_hal.wire.decoder import Decoder
 from dart_hal.wire.messages import BY_NAME, MESSAGES
+from tests.common import ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
 VECTORS = json.loads((ROOT / "tests/wire/vectors.json").read_text(encoding="utf-8"))
 HEADER = ROOT / "firmware/src/core/messages.h"
 WARNINGS = ["-std=gnu++11", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion", "-Wshadow",

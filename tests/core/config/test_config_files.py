@@ -33,7 +33,7 @@ from dart_hal.core.config import (
 from dart_hal.core.config.write import merge
 from dart_hal.core.errors import ConfigError
 
-EXAMPLE = Path(__file__).parents[3] / "cars" / "dart-01" / "car.toml"
+EXAMPLE_CAR = Path(__file__).parents[3] / "cars" / "dart-01" / "car.toml"
 finite = st.floats(-1e6, 1e6, allow_nan=False)
 positive = st.floats(1e-6, 1e6)
 plain_letters = st.characters(exclude_categories=["Cc", "Cs"])
@@ -94,14 +94,14 @@ def test_a_model_that_was_written_reads_the_same(old: ModelFile, new: ModelFile)
 
 
 def test_the_example_car_reads_and_writing_it_back_changes_nothing() -> None:
-    text = EXAMPLE.read_text(encoding="utf-8")
-    car = parse_config(text, str(EXAMPLE))
+    text = EXAMPLE_CAR.read_text(encoding="utf-8")
+    car = parse_config(text, str(EXAMPLE_CAR))
     assert merge(text, car) == text
     assert parse_config(dump(car), "x") == car
 
 
 def test_a_changed_value_keeps_every_comment() -> None:
-    text = EXAMPLE.read_text(encoding="utf-8")
+    text = EXAMPLE_CAR.read_text(encoding="utf-8")
     car = parse_config(text, "x")
     limits = msgspec.structs.replace(car.limits, max_throttle=0.25)
     changed = merge(text, msgspec.structs.replace(car, limits=limits))
@@ -146,7 +146,7 @@ def places(tmp_path: Path, monkeypatch) -> dict[str, Path]:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
     monkeypatch.setenv("DART_CARS", str(names["named"]))
-    text = EXAMPLE.read_text(encoding="utf-8")
+    text = EXAMPLE_CAR.read_text(encoding="utf-8")
     for name, folder in names.items():
         (folder / "dart-01").mkdir(parents=True)
         mass = {"given": 1.1, "named": 1.2, "here": 1.3, "own": 1.4}[name]
@@ -171,7 +171,7 @@ def test_folders_are_searched_in_order(places, monkeypatch) -> None:
 def test_measurements_go_to_the_folder_that_was_named(places, tmp_path, monkeypatch) -> None:
     """--cars, else $DART_CARS, else ./cars, else the home folder; for real and simulated cars."""
     other = tmp_path / "other"
-    text = EXAMPLE.read_text(encoding="utf-8")
+    text = EXAMPLE_CAR.read_text(encoding="utf-8")
     for load in (lambda dirs=None: load_car("dart-01", dirs),
                  lambda dirs=None: parse_car(text, "sim://", dirs)):
         assert load([other]).folder == other / "dart-01"
@@ -209,7 +209,7 @@ def test_the_calibration_wins_over_the_car_file(places) -> None:
     files = load_car("dart-01")
     assert files.oscillator_hz == Quantity(25.2e6, 1e4)
     assert (files.neutral_us, files.imu_mount) == (1510.0, (0.1, 0.0, 0.0))
-    given = parse_car(EXAMPLE.read_text(encoding="utf-8"), "sim://")
+    given = parse_car(EXAMPLE_CAR.read_text(encoding="utf-8"), "sim://")
     assert given.folder == folder
     assert given.oscillator_hz == files.oscillator_hz
 

@@ -8,13 +8,13 @@ from dart_hal.core.config import load_car, parse_calibration, parse_config, pars
 from dart_hal.core.errors import ConfigError, NotMonotone, OtherCar
 from dart_hal.vehicle.load import find_model
 
-CAR = """
+CAR_TEXT = """
 name = "a"
 geometry = {{ wheelbase = 0.175, l_f = 0.0805, l_r = 0.0945, mass = 1.67 }}
 encoder = {{ metres_per_edge = {{ value = 0.002, std = 1e-5 }} }}
 {}
 """
-MAP = 'car = "a"\n[steering.map]\npulse_us = {}\nangle_rad = {}\nstd_rad = [0.1, 0.1, 0.1]'
+MAP_TEXT = 'car = "a"\n[steering.map]\npulse_us = {}\nangle_rad = {}\nstd_rad = [0.1, 0.1, 0.1]'
 
 
 def read_refused(read, text: str, kind: type[ConfigError] = ConfigError) -> ConfigError:
@@ -27,7 +27,7 @@ def read_refused(read, text: str, kind: type[ConfigError] = ConfigError) -> Conf
 
 
 def car(text: str) -> object:
-    return parse_config(CAR.format(text), "file.toml")
+    return parse_config(CAR_TEXT.format(text), "file.toml")
 
 
 def calibration(text: str) -> object:
@@ -37,7 +37,7 @@ def calibration(text: str) -> object:
 def test_the_base_text_of_these_tests_is_accepted() -> None:
     car("")
     calibration('car = "a"')
-    calibration(MAP.format("[1001, 1002, 1003]", "[0.3, 0.2, 0.1]"))
+    calibration(MAP_TEXT.format("[1001, 1002, 1003]", "[0.3, 0.2, 0.1]"))
 
 
 @pytest.mark.parametrize(("line", "key", "suggestion"), [
@@ -67,7 +67,7 @@ def test_an_unknown_key_is_refused_with_the_nearest_that_exists(line, key, sugge
     ("[encoder]\nrings = 3", "encoder"),
 ])
 def test_a_value_out_of_range_is_refused_by_its_key(line, key) -> None:
-    text = CAR.format(line)
+    text = CAR_TEXT.format(line)
     if line.startswith("[encoder]"):
         text = text.replace("encoder = {", "#")
     error = read_refused(lambda t: parse_config(t, "file.toml"), text)
@@ -81,13 +81,13 @@ def test_a_value_out_of_range_is_refused_by_its_key(line, key) -> None:
     ("yaw_inertia = 0.001", "geometry.std.yaw_inertia"),
     ("l_f = 0.001, l_r = 0.001", "geometry.std.l_r")])
 def test_standard_error_of_a_size_that_cannot_be_is_refused(std, key) -> None:
-    text = CAR.format("").replace("mass = 1.67", f"mass = 1.67, std = {{ {std} }}")
+    text = CAR_TEXT.format("").replace("mass = 1.67", f"mass = 1.67, std = {{ {std} }}")
     assert "std" in text
     assert key in read_refused(lambda t: parse_config(t, "file.toml"), text).what
 
 
 def test_axles_that_do_not_add_up_to_the_wheelbase_are_refused() -> None:
-    text = CAR.format("").replace("0.0945", "0.0845")
+    text = CAR_TEXT.format("").replace("0.0945", "0.0845")
     assert "wheelbase" in read_refused(lambda t: parse_config(t, "file.toml"), text).what
 
 
@@ -99,7 +99,7 @@ def test_a_measured_value_without_an_honest_std_is_refused(entry) -> None:
 
 
 def test_a_map_without_stds_is_refused() -> None:
-    text = MAP.format("[1, 2, 3]", "[1, 2, 3]").rpartition("\n")[0]
+    text = MAP_TEXT.format("[1, 2, 3]", "[1, 2, 3]").rpartition("\n")[0]
     assert "standard error" in read_refused(calibration, text).what
 
 
@@ -107,11 +107,12 @@ def test_a_map_without_stds_is_refused() -> None:
     ("[1, 3, 2]", "[1, 2, 3]"), ("[1, 2, 3]", "[1, 3, 2]"), ("[1, 2, 3]", "[3, 1, 2]"),
     ("[1, 2, 3]", "[1, 1, 2]"), ("[3, 2, 1]", "[1, 2, 3]")])
 def test_a_map_that_turns_back_is_refused(pulse, angle) -> None:
-    assert "turns back" in read_refused(calibration, MAP.format(pulse, angle), NotMonotone).what
+    assert "turns back" in read_refused(calibration, MAP_TEXT.format(pulse, angle),
+                                        NotMonotone).what
 
 
 def test_a_map_of_unequal_columns_is_refused() -> None:
-    assert "angle_rad" in read_refused(calibration, MAP.format("[1, 2, 3]", "[1, 2]")).what
+    assert "angle_rad" in read_refused(calibration, MAP_TEXT.format("[1, 2, 3]", "[1, 2]")).what
 
 
 @pytest.mark.parametrize(("speed", "pulse", "std", "key"), [
@@ -169,7 +170,7 @@ def test_an_unknown_car_lists_those_that_exist(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "share"))
     (tmp_path / "cars" / "a").mkdir(parents=True)
-    (tmp_path / "cars" / "a" / "car.toml").write_text(CAR.format(""), encoding="utf-8")
+    (tmp_path / "cars" / "a" / "car.toml").write_text(CAR_TEXT.format(""), encoding="utf-8")
     assert load_car("a").config.name == "a"
     with pytest.raises(ConfigError) as caught:
         load_car("b")

@@ -21,13 +21,13 @@ from dart_hal.core.config.folders import parse_run_car
 from dart_hal.core.errors import ConfigError
 
 CAR = (Path(__file__).parents[3] / "cars" / "dart-01" / "car.toml").read_text(encoding="utf-8")
-MAP = ('schema = "dart-hal/calibration/1"\ncar = "x"\n[steering]\n'
-       "map = {{ pulse_us = [{a}, 1500, {b}], angle_rad = [-{c}, 0.0, {c}],"
-       " std_rad = [0.01, 0.01, 0.01] }}\n")
+MAP_RANGES = ('schema = "dart-hal/calibration/1"\ncar = "x"\n[steering]\n'
+              "map = {{ pulse_us = [{a}, 1500, {b}], angle_rad = [-{c}, 0.0, {c}],"
+              " std_rad = [0.01, 0.01, 0.01] }}\n")
 
 
 def test_a_plausible_map_is_taken():
-    assert parse_calibration(MAP.format(a=1100, b=1900, c=0.35), "here").steering.map
+    assert parse_calibration(MAP_RANGES.format(a=1100, b=1900, c=0.35), "here").steering.map
 
 
 @pytest.mark.parametrize(("a", "b", "c", "key"), [
@@ -35,7 +35,7 @@ def test_a_plausible_map_is_taken():
     (11, 1900, 0.35, "pulse_us")])
 def test_degrees_and_tenths_are_refused(a, b, c, key):
     with pytest.raises(ConfigError, match=key):
-        parse_calibration(MAP.format(a=a, b=b, c=c), "here")
+        parse_calibration(MAP_RANGES.format(a=a, b=b, c=c), "here")
 
 
 @pytest.mark.parametrize(("old", "new", "key"), [

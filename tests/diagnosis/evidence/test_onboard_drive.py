@@ -18,7 +18,7 @@ from dart_lab.diagnosis.policy import USUAL
 from tests.diagnosis.onboard_files import evidence, made
 
 BEFORE = (STATE_MESSAGES + 2) * ENCODER_MEAN_S
-AFTER = MESSAGES_AHEAD * ENCODER_MEAN_S
+SETTLE_ROWS = MESSAGES_AHEAD * ENCODER_MEAN_S
 
 
 def starts(drives):
@@ -30,7 +30,7 @@ def test_windows_follow_each_other_and_predict_every_message_twice():
     times = starts(prepare_stretches(made(120)))
     assert np.diff(times) == pytest.approx(0.5)
     assert times.min() == pytest.approx(BEFORE)
-    assert times.max() == pytest.approx(11.9 - AFTER)
+    assert times.max() == pytest.approx(11.9 - SETTLE_ROWS)
 
 
 def test_nothing_reaches_across_a_gap():
@@ -42,7 +42,7 @@ def test_nothing_reaches_across_a_gap():
         times = d.grid.t[d.starts]
         assert len(times)
         assert times.min() >= low + BEFORE - SAMPLE
-        assert times.max() + AFTER <= high + SAMPLE
+        assert times.max() + SETTLE_ROWS <= high + SAMPLE
         assert (d.window_starts + d.message_offsets.max(axis=0)).max() * SAMPLE <= 5.9 + 1e-9
 
 
@@ -50,8 +50,8 @@ def test_a_lost_message_costs_the_windows_around_it_and_no_others():
     whole = made(120).messages.t
     lost = np.delete(whole, 60)
     kept = starts(prepare_stretches(made(t=lost)))
-    assert not np.any((kept > 6.0 - AFTER - SAMPLE) & (kept < 6.0 + ENCODER_MEAN_S))
-    assert np.any(kept < 6.0 - AFTER - SAMPLE)
+    assert not np.any((kept > 6.0 - SETTLE_ROWS - SAMPLE) & (kept < 6.0 + ENCODER_MEAN_S))
+    assert np.any(kept < 6.0 - SETTLE_ROWS - SAMPLE)
     assert np.any(kept > 6.1)
     assert len(prepare_stretches(made(t=lost))) == 1
 

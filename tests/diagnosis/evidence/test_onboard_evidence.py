@@ -16,7 +16,7 @@ from dart_lab.diagnosis.evidence.space import MessageTiming
 from tests.diagnosis.onboard_files import evidence, recorded
 
 ENCODER = slice(0, None, 2)
-GYRO = slice(1, None, 2)
+GYRO_ROWS = slice(1, None, 2)
 
 
 @pytest.fixture(scope="module")
@@ -33,10 +33,11 @@ def test_the_car_that_drove_is_predicted_to_its_disturbance(plain):
     assert r.motion.shape == (len(plain.motion_drive), 2 * MESSAGES_AHEAD)
     assert r.sensors.shape == (len(plain.sensor_drive), 4)
     assert size(r, ENCODER) < 0.04
-    assert size(r, GYRO) < 0.05
+    assert size(r, GYRO_ROWS) < 0.05
     assert [len(b) for b in plain.blocks(2.0)] == [len(r.motion), len(r.sensors)]
     assert size(plain.residuals(apply(PAPER, "motor_gain", k=-0.15)), ENCODER) > 0.08
-    assert size(plain.residuals(apply(PAPER, "steering_gain", k=0.1)), GYRO) > 2.0 * size(r, GYRO)
+    assert size(plain.residuals(apply(PAPER, "steering_gain", k=0.1)),
+                GYRO_ROWS) > 2.0 * size(r, GYRO_ROWS)
 
 
 @pytest.mark.slow
@@ -99,7 +100,7 @@ def test_sensors_that_are_older_than_their_stamps_are_given_their_age(tmp_path):
     old = replace(recording, messages=replace(
         m, **{k: np.interp(m.t - 0.01, m.t, getattr(m, k)) for k in ("speed", "yaw_rate")}))
     of_drive = evidence(old)
-    sizes = {late: size(of_drive.residuals(PAPER, MessageTiming(late)), GYRO)
+    sizes = {late: size(of_drive.residuals(PAPER, MessageTiming(late)), GYRO_ROWS)
              for late in (-0.01, 0.0, 0.01)}
     assert sizes[0.01] < sizes[0.0] < sizes[-0.01]
 
@@ -108,7 +109,7 @@ def test_commands_ahead_of_their_messages_are_a_shorter_delay(plain):
     shorter = replace(PAPER, delay=replace(PAPER.delay, steering_s=PAPER.delay.steering_s - 0.02,
                                            throttle_s=0.0))
     a = plain.residuals(PAPER, MessageTiming(0.0, 0.02))
-    assert size(a, GYRO) == pytest.approx(size(plain.residuals(shorter), GYRO), rel=0.02)
+    assert size(a, GYRO_ROWS) == pytest.approx(size(plain.residuals(shorter), GYRO_ROWS), rel=0.02)
     assert np.abs(a.motion - plain.residuals(PAPER).motion).max() > 0.1
 
 

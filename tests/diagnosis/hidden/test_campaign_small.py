@@ -20,10 +20,11 @@ from studies.diagnosis.stranger import Car
 from studies.diagnosis.stranger_causes import CAUSES, EITHER_SIGN, SIZES
 from studies.diagnosis.stranger_files import Habits, record
 
-SECONDS = (60.0, 40.0)
-CASES = ("large/gyro_bias/0", "large/grip/0", "large/steering_lag/0", "large/mocap_offset_x/0",
-         "null/nothing/0", "pair/motor_gain+mocap_offset_y/0", "far/compass_gyro/0",
-         "near/filtered_gyro/0", "near/square_cornering/0")
+CASE_SECONDS = (60.0, 40.0)
+CAMPAIGN_CASES = ("large/gyro_bias/0", "large/grip/0", "large/steering_lag/0",
+                  "large/mocap_offset_x/0",
+                  "null/nothing/0", "pair/motor_gain+mocap_offset_y/0", "far/compass_gyro/0",
+                  "near/filtered_gyro/0", "near/square_cornering/0")
 NOT_HIDDEN = {"encoder_axle"}
 """Effects without a second implementation yet: the campaign never hides them."""
 
@@ -195,11 +196,11 @@ def test_from_files_to_names():
     """Nine cases with the base as it is: all that is named, nothing where nothing is hidden."""
     by_key = {c.key: c for c in cases()}
     outcomes = {}
-    for key in CASES:
+    for key in CAMPAIGN_CASES:
         one = replace(by_key[key], base="fixed")
-        outcomes[key] = score(one, campaign.run(one, SECONDS)).outcome
+        outcomes[key] = score(one, campaign.run(one, CASE_SECONDS)).outcome
     assert outcomes["null/nothing/0"] == "right"
-    assert sum(o == "right" for o in outcomes.values()) >= len(CASES) - 1, outcomes
+    assert sum(o == "right" for o in outcomes.values()) >= len(CAMPAIGN_CASES) - 1, outcomes
 
 
 def test_names_are_counted_by_their_stated_probability():

@@ -6,7 +6,6 @@ import importlib.util
 import json
 import os
 import re
-from pathlib import Path
 
 import pytest
 from joblib import parallel_config
@@ -14,10 +13,10 @@ from joblib import parallel_config
 from dart_hal.core.process.jobs import each
 from studies.diagnosis import campaign
 from studies.diagnosis.campaign_cases import Case
+from tests.common import ROOT
 
-ROOT = Path(__file__).parents[3]
-CASES = (Case("large", 0, (("steering_lag", 0.12),)), Case("null", 0, ()))
-SECONDS = (40.0, 25.0)
+CLUSTER_CASES = (Case("large", 0, (("steering_lag", 0.12),)), Case("null", 0, ()))
+CLUSTER_SECONDS = (40.0, 25.0)
 ONLY = ("gyro_bias", "imu_pitch", "steering_lag", "quadratic_drag")
 
 pytestmark = pytest.mark.slow
@@ -65,12 +64,12 @@ def test_a_diagnosis_is_the_same(cluster):
 def answers():
     """By case, without CPU seconds and names of temporary folders."""
     return {a["key"]: json.loads(re.sub(r'"[^"/]*/(train|test)_', r'"\1_', json.dumps(
-        {**a, "seconds": 0.0}))) for a in campaign.results(CASES, SECONDS, 1)}
+        {**a, "seconds": 0.0}))) for a in campaign.results(CLUSTER_CASES, CLUSTER_SECONDS, 1)}
 
 
 def test_a_campaign_is_the_same(cluster):
     alone = answers()
     with parallel_config(backend="dask"):
         assert answers() == alone
-    assert len(alone) == len(CASES)
+    assert len(alone) == len(CLUSTER_CASES)
     assert not any("error" in a for a in alone.values())

@@ -15,13 +15,13 @@ from dart_lab.diagnosis.search.scan import scan
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
 
-QUIET = 30.0
+QUIET_LOSS = 30.0
 """Gain below which nothing is named: about twice the largest without anything hidden."""
-PLAN = Plan(seconds=60.0)
+HIDDEN_PLAN = Plan(seconds=60.0)
 
 
 def scanned_parameters(tmp_path, p, seed, names=None):
-    recording = read(write(tmp_path / "hidden.csv", p, seed, PLAN))
+    recording = read(write(tmp_path / "hidden.csv", p, seed, HIDDEN_PLAN))
     evidence = Evidence([prepare_drive(recording, PAPER.body.l_r)], PAPER.body.l_r)
     noise = estimate_noise(evidence.residuals(PAPER), evidence.blocks(2.0))
     exact = Space(PAPER, ())
@@ -31,7 +31,7 @@ def scanned_parameters(tmp_path, p, seed, names=None):
 
 @pytest.mark.slow
 def test_nothing_hidden_is_quiet(tmp_path):
-    assert scanned_parameters(tmp_path, PAPER, 11)[0].gain < QUIET
+    assert scanned_parameters(tmp_path, PAPER, 11)[0].gain < QUIET_LOSS
 
 
 @pytest.mark.parametrize(("name", "k"), [
@@ -42,7 +42,7 @@ def test_nothing_hidden_is_quiet(tmp_path):
 def test_what_is_hidden_comes_first_at_its_size(tmp_path, name, k):
     best = scanned_parameters(tmp_path, apply(PAPER, name, k=k), 12)[0]
     assert best.effect == name
-    assert best.gain > QUIET
+    assert best.gain > QUIET_LOSS
     assert best.values["k"] == pytest.approx(k, rel=0.3)
 
 
@@ -52,4 +52,4 @@ def test_without_the_cause_in_the_catalogue_another_name_gains_less(tmp_path):
     p = apply(PAPER, "steering_lag", k=0.06)
     right, *_ = scanned_parameters(tmp_path, p, 13, ["steering_lag"])
     wrong, *_ = scanned_parameters(tmp_path, p, 13, ["steering_delay", "yaw_inertia", "grip"])
-    assert wrong.gain < right.gain - QUIET
+    assert wrong.gain < right.gain - QUIET_LOSS

@@ -19,12 +19,14 @@ from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
 
 SHARE = 0.85  # of what the true size gains
-FEW = 4.0  # of loss: two standard deviations of one number
+MIN_GAIN = 4.0  # of loss: two standard deviations of one number
 ALIASES = ("pwm_quantisation",)
 """A command between two steps lies between two of finer steps as well: sizes have aliases."""
-CASES = [(e.name, q.name, float(sign * k)) for e in catalogue().values()
-         for q in scanned_parameters(e) for sign in ((1.0, -1.0) if q.low < q.null else (1.0,))
-         for k in np.geomspace(q.sizes[0], q.sizes[2], 5) if q.low <= q.null + sign * k <= q.high]
+SIGNED_SIZES = [(e.name, q.name, float(sign * k)) for e in catalogue().values()
+                for q in scanned_parameters(e)
+                for sign in ((1.0, -1.0) if q.low < q.null else (1.0,))
+                for k in np.geomspace(q.sizes[0], q.sizes[2], 5) if q.low <= q.null
+                + sign * k <= q.high]
 
 
 def gains(tmp_path, name, values, policy: ScanPolicy = USUAL.scan, top=0.34):
@@ -40,13 +42,13 @@ def gains(tmp_path, name, values, policy: ScanPolicy = USUAL.scan, top=0.34):
     return scan.best_trial(name), scan.gain(truth)
 
 
-@pytest.mark.parametrize(("name", "parameter", "k"), CASES)
+@pytest.mark.parametrize(("name", "parameter", "k"), SIGNED_SIZES)
 @pytest.mark.slow
 def test_the_scan_finds_what_the_true_size_gains(tmp_path, name, parameter, k):
     q = next(q for q in catalogue()[name].parameters if q.name == parameter)
     found, truth = gains(tmp_path, name, {parameter: q.null + k})
     share = 0.3 if name in ALIASES else SHARE
-    assert found.gain > share * truth - FEW
+    assert found.gain > share * truth - MIN_GAIN
 
 
 @pytest.mark.slow

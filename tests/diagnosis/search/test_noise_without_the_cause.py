@@ -16,7 +16,7 @@ from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings, label_point_rows
 from tests.diagnosis.searched import drive, evidence, search, size_of
 
-SIGMA = 2.6
+NOISE_SIGMA = 2.6
 """Standard errors within which a size lies with 99 % probability."""
 
 
@@ -33,7 +33,7 @@ def found_and_error(recording, name):
 def test_size_of_a_large_cause_is_not_shrunk(name, hidden):
     """By a noise with the cause inside they were found at 78, 81 and 86 % of their size."""
     found, error = found_and_error(drive((name, hidden)), name)
-    assert abs(found - hidden) < SIGMA * error
+    assert abs(found - hidden) < NOISE_SIGMA * error
     assert error < 0.1 * abs(hidden)
 
 
@@ -48,7 +48,7 @@ def test_noise_with_the_cause_inside_shrinks_it(monkeypatch):
 
     monkeypatch.setattr(ForwardSearch, "_measure_training_noise", once)
     found, error = found_and_error(drive(("mocap_yaw", 0.03)), "mocap_yaw")
-    assert found < 0.03 - SIGMA * error
+    assert found < 0.03 - NOISE_SIGMA * error
 
 
 @pytest.mark.parametrize("refit", [False, True])

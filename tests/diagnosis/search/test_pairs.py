@@ -13,8 +13,8 @@ from dart_lab.diagnosis.search.fit import Point
 from dart_lab.diagnosis.search.pairs import find_masked_effect, find_masking_pairs, pair_gains
 from dart_lab.diagnosis.search.scan import Trial
 
-ROWS = 400
-LIMIT = 20.0
+RESIDUAL_ROWS = 400
+MAX_GAIN = 20.0
 
 
 def unit(x):
@@ -22,25 +22,25 @@ def unit(x):
 
 
 RNG = np.random.default_rng(3)
-BASE, PLAY, SEPARATE, ELSE, OTHER = np.linalg.qr(RNG.normal(size=(ROWS, 5)))[0].T
+BASE, PLAY, SEPARATE, ELSE, OTHER_DIRECTION = np.linalg.qr(RNG.normal(size=(RESIDUAL_ROWS, 5)))[0].T
 TRIM = unit(SEPARATE - 0.3 * PLAY)
 """Turns against the play: each takes most of what the other does to the residuals away."""
 GAIN = unit(PLAY + SEPARATE + 0.8 * ELSE)
 MAX_STEP = 2.0
-NAMES = ("steering_backlash", "steering_trim", "steering_gain", "steering_lag")
-TRUE = 20.0 * PLAY + 14.0 * TRIM
+PAIR_NAMES = ("steering_backlash", "steering_trim", "steering_gain", "steering_lag")
+TRUE_RESIDUAL = 20.0 * PLAY + 14.0 * TRIM
 
 
 def point(residual, jacobian=BASE[:, None]):
     k = jacobian.shape[1]
     noise = Noise(np.eye(1), np.ones(4), np.ones(5))
     return Point(noise, SimpleNamespace(prior_weight=np.zeros(k)), np.zeros(k), residual,
-                 np.ones(ROWS), jacobian)
+                 np.ones(RESIDUAL_ROWS), jacobian)
 
 
 def trials(fit, directions):
     out = []
-    for name, d in zip(NAMES, directions, strict=False):
+    for name, d in zip(PAIR_NAMES, directions, strict=False):
         k = max(float(-d @ fit.residual), 0.0)
         out.append(Trial(name, {"k": k}, k**2, fit.residual + k * d))
     return sorted(out, key=lambda t: -t.gain)
@@ -53,9 +53,9 @@ def fit_with_direction(fit, trial):
     return point(fit.residual - columns @ x, columns)
 
 
-def select_pairs(fit, directions, limit=LIMIT):
+def select_pairs(fit, directions, limit=MAX_GAIN):
     of = trials(fit, directions)
-    limits = dict.fromkeys(NAMES, limit)
+    limits = dict.fromkeys(PAIR_NAMES, limit)
     passed = [t for t in of if t.gain > limit]
     best = of[0].effect
     found = find_masked_effect(fit, passed, of, limits, {best: fit_with_direction(fit, of[0])},
@@ -64,26 +64,27 @@ def select_pairs(fit, directions, limit=LIMIT):
 
 
 def test_one_of_two_that_hide_each_other_goes_before_their_impostor():
-    best, first = select_pairs(point(TRUE), [-PLAY, -TRIM, -GAIN, -OTHER])
+    best, first = select_pairs(point(TRUE_RESIDUAL), [-PLAY, -TRIM, -GAIN, -OTHER_DIRECTION])
     assert best == "steering_gain"
     assert first == "steering_backlash"
 
 
 def test_two_that_together_are_an_impostor_do_not_go_before_the_cause():
-    best, first = select_pairs(point(20.0 * GAIN + 2.0 * OTHER), [-PLAY, -SEPARATE, -GAIN, -OTHER])
+    best, first = select_pairs(point(20.0 * GAIN + 2.0 * OTHER_DIRECTION),
+                               [-PLAY, -SEPARATE, -GAIN, -OTHER_DIRECTION])
     assert (best, first) == ("steering_gain", None)
 
 
 def test_a_cause_that_chance_could_do_better_is_no_reason():
-    fit = point(TRUE)
+    fit = point(TRUE_RESIDUAL)
     with_both = float(fit.residual @ fit.residual)
-    assert select_pairs(fit, [-PLAY, -TRIM, -GAIN, -OTHER], limit=with_both)[1] is None
+    assert select_pairs(fit, [-PLAY, -TRIM, -GAIN, -OTHER_DIRECTION], limit=with_both)[1] is None
 
 
 def test_a_promise_that_a_fit_does_not_keep_is_none():
-    fit = point(TRUE)
-    of = trials(fit, [-PLAY, -TRIM, -GAIN, -OTHER])
-    limits = dict.fromkeys(NAMES, LIMIT)
+    fit = point(TRUE_RESIDUAL)
+    of = trials(fit, [-PLAY, -TRIM, -GAIN, -OTHER_DIRECTION])
+    limits = dict.fromkeys(PAIR_NAMES, MAX_GAIN)
     alone = fit_with_direction(fit, of[0])
     assert find_masking_pairs(fit, of, limits, MAX_STEP)
     assert find_masked_effect(fit, of, of, limits, {of[0].effect: alone},

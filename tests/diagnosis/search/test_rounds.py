@@ -15,8 +15,9 @@ from dart_lab.diagnosis.search.fit import change_noise, evaluate_point
 from dart_lab.diagnosis.search.scan import scan
 from tests.diagnosis.searched import ALL_FREE, drive, evidence, fit_start
 
-NAMES = ("grip", "quadratic_drag", "motor_gain", "steering_gain", "gyro_scale", "steering_lag",
-         "mass", "road_slope_x")
+SEARCHED_EFFECTS = ("grip", "quadratic_drag", "motor_gain", "steering_gain", "gyro_scale",
+                    "steering_lag",
+                    "mass", "road_slope_x")
 
 
 @pytest.fixture(scope="module")
@@ -45,17 +46,17 @@ def finer(again, first):
 
 
 def test_what_promised_nothing_is_not_rolled_out_again(evidence_of_drive, point, rollouts):
-    first = scan(evidence_of_drive, point, NAMES)
-    assert sorted(rollouts) == sorted(NAMES)
+    first = scan(evidence_of_drive, point, SEARCHED_EFFECTS)
+    assert sorted(rollouts) == sorted(SEARCHED_EFFECTS)
     rollouts.clear()
     lines = {t.effect: t.sweeps for t in first}
-    again = scan(evidence_of_drive, point, NAMES, previous=lines)
+    again = scan(evidence_of_drive, point, SEARCHED_EFFECTS, previous=lines)
     gains = {t.effect: t.gain for t in first}
     assert again[0].effect == "steering_lag"
     assert finer(again[0].gain, gains["steering_lag"])
     without_gain = {n for n, g in gains.items() if g < USUAL.scan.faint}
     assert without_gain
-    assert len(rollouts) < len(NAMES)
+    assert len(rollouts) < len(SEARCHED_EFFECTS)
     for trial in again:  # what is screened out hides nothing
         assert abs(trial.gain - gains[trial.effect]) < 1.0 or finer(trial.gain, gains[trial.effect])
 
@@ -64,10 +65,10 @@ def test_a_cause_that_another_hid_is_rolled_out_again(rollouts):
     """In a round before, all that is left of it was nothing; with the other gone it is there."""
     both = evidence(drive(("steering_lag", 0.06), ("gyro_scale", 0.05), seconds=24.0))
     before = fit_start(both)[1]
-    first = scan(both, before, NAMES)
+    first = scan(both, before, SEARCHED_EFFECTS)
     nothing = {t.effect: t.sweeps for t in first}
     rollouts.clear()
-    found = scan(both, before, NAMES, previous=nothing)
+    found = scan(both, before, SEARCHED_EFFECTS, previous=nothing)
     assert {"steering_lag", "gyro_scale"} <= set(rollouts)
     assert {t.effect for t in found[:2]} == {"steering_lag", "gyro_scale"}
 
@@ -103,9 +104,10 @@ def test_a_residual_at_its_limit_hides_nothing_from_the_next_round(evidence_of_d
     quiet = replace(point.noise, motion=1e3 * point.noise.motion)
     limited = evaluate_point(evidence_of_drive, quiet, point.space, point.x)
     assert (np.abs(limited.residual) == quiet.policy.wild).mean() > 0.2
-    lines = {t.effect: t.sweeps for t in scan(evidence_of_drive, limited, NAMES)}
-    again, fresh = (scan(evidence_of_drive, point, NAMES, previous=known)[0] for known in (lines,
-                                                                                           {}))
+    lines = {t.effect: t.sweeps for t in scan(evidence_of_drive, limited, SEARCHED_EFFECTS)}
+    again, fresh = (scan(evidence_of_drive, point, SEARCHED_EFFECTS, previous=known)[0]
+                    for known in (lines,
+                                                                                                      {}))
     assert again.effect == fresh.effect == "steering_lag"
     assert again.gain == pytest.approx(fresh.gain, rel=0.01)
 

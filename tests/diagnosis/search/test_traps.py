@@ -34,7 +34,7 @@ from tests.diagnosis.searched import (
 )
 
 INERT = ("mass", "yaw_inertia")
-QUIET = 30.0  # gain; twice what nothing reaches
+QUIET_GAIN = 30.0  # gain; twice what nothing reaches
 
 
 # 1: noise in what is measured makes all that divides a force look too large
@@ -70,7 +70,7 @@ def test_a_base_that_is_known_roughly_and_fitted_has_the_right_mass(tmp_path):
     how = {"p": p, "free": free_names(p, tuple(FREE)), "known": standard_errors(file)}
     found = search(read(path), **how)
     assert names(found) == []
-    assert found.refit_loss > QUIET
+    assert found.refit_loss > QUIET_GAIN
     some = ("motor_gain", "rolling_resistance", "steering_gain", "grip")
     assert names(search(read(path), p=p, names=some, max_causes=1)), "or it would show nothing"
 
@@ -108,7 +108,7 @@ def test_a_steering_map_that_is_wrong_is_not_grip():
 def test_nothing_is_named_whenever_commands_change(commands):
     found = search(drive(seed=4, habits=Habits(commands=commands)), free=ALL_FREE)
     assert names(found) == []
-    assert found.ranking[0].gain < QUIET
+    assert found.ranking[0].gain < QUIET_GAIN
 
 
 @pytest.mark.slow
@@ -118,7 +118,7 @@ def test_a_wrong_clock_of_the_messages_is_named(monkeypatch):
     found = search(drive(seed=4, habits=Habits(commands="lockstep")),
                    names=("clock_offset", "gyro_latency", "encoder_latency", "steering_delay"))
     assert names(found) == ["clock_offset"]
-    assert found.ranking[0].gain > QUIET
+    assert found.ranking[0].gain > QUIET_GAIN
 
 
 # 4: the slope of a delay
@@ -244,7 +244,7 @@ def test_what_must_be_gained_grows_with_the_disturbance(monkeypatch, push):
     frozen = search(rough, names=SOME)
     assert names(least) == names(frozen) == []
     assert frozen.ranking[0].gain > 4.0 * least.ranking[0].gain
-    assert frozen.ranking[0].gain > QUIET, "a limit that stood still would be passed by nothing"
+    assert frozen.ranking[0].gain > QUIET_GAIN, "a constant limit would be passed by nothing"
 
 
 @pytest.mark.slow

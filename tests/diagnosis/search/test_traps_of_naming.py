@@ -190,7 +190,7 @@ def test_relatives_stay_confounded_with_another_cause_present(twins):
 
 # 11: the level of a battery belongs to a recording
 
-LEVELS = (-0.1, -0.03, 0.03, 0.1)
+BIAS_LEVELS = (-0.1, -0.03, 0.03, 0.1)
 
 
 def diagnose_drives(train, test, **how):
@@ -201,7 +201,8 @@ def diagnose_drives(train, test, **how):
 @pytest.mark.slow
 def test_levels_that_differ_are_no_friction_and_are_reported():
     """Nothing of the car explains them; that they differ from recording to recording does."""
-    drives = [drive(("motor_gain", k), seconds=20.0, seed=20 + i) for i, k in enumerate(LEVELS)]
+    drives = [drive(("motor_gain", k), seconds=20.0, seed=20 + i) for i,
+              k in enumerate(BIAS_LEVELS)]
     d = diagnose_drives(drives, [drive(seconds=20.0, seed=50)])
     assert d.verdict == "unexplained"
     assert d.causes == ()

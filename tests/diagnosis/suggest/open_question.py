@@ -27,32 +27,33 @@ from dart_lab.identification.experiment.floor import Floor
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
 
-N = 3000  # samples of 0.01 s
+ROLLOUT_STEPS = 3000  # samples of 0.01 s
 MOTOR = {"motor.d": 3.0, "motor.e": 0.8, "friction.a": 0.3}
 """Standard errors of parameters that move along."""
 
 
 def _wave(period, size):
-    return size * np.sin(2.0 * np.pi * np.arange(N) * 0.01 / period)
+    return size * np.sin(2.0 * np.pi * np.arange(ROLLOUT_STEPS) * 0.01 / period)
 
 
 def _pulls():
-    throttle = np.zeros(N)
-    for i in range(0, N, 500):
+    throttle = np.zeros(ROLLOUT_STEPS)
+    for i in range(0, ROLLOUT_STEPS, 500):
         throttle[i + 50:i + 450] = 0.27
     return throttle
 
 
-DRIVES = {
-    "slow waves": (np.full(N, 0.24), _wave(4.0, 0.35)),
-    "pulls": (_pulls(), np.zeros(N)),
-    "straight": (np.full(N, 0.24), np.zeros(N)),
-    "slow circles": (np.full(N, 0.24), np.where(np.arange(N) < N // 2, 0.5, -0.5)),
+DRIVE_COMMANDS = {
+    "slow waves": (np.full(ROLLOUT_STEPS, 0.24), _wave(4.0, 0.35)),
+    "pulls": (_pulls(), np.zeros(ROLLOUT_STEPS)),
+    "straight": (np.full(ROLLOUT_STEPS, 0.24), np.zeros(ROLLOUT_STEPS)),
+    "slow circles": (np.full(ROLLOUT_STEPS, 0.24),
+                     np.where(np.arange(ROLLOUT_STEPS) < ROLLOUT_STEPS // 2, 0.5, -0.5)),
 }
 
 
 @dataclass(frozen=True)
-class Case:
+class QuestionCase:
     """truth hidden in a drive of one kind; confounder: what it is confounded with there."""
 
     drive: str
@@ -101,4 +102,4 @@ def gains(case, recordings):
     return {name: scan.best_trial(name).gain for name in (case.truth[0], case.confounder)}
 
 
-FLOOR = Floor(10.0, 10.0)
+LARGE_FLOOR = Floor(10.0, 10.0)

@@ -23,21 +23,29 @@ from dart_lab.diagnosis.suggest.question import make_question
 from dart_lab.diagnosis.suggest.side import RecordingComparison
 from dart_lab.diagnosis.suggest.virtual import record
 from dart_lab.identification.experiment.floor import Floor
-from tests.diagnosis.suggest.open_question import DRIVES, FLOOR, Case, diagnosis, record_case
+from tests.diagnosis.suggest.open_question import (
+    DRIVE_COMMANDS,
+    LARGE_FLOOR,
+    QuestionCase,
+    diagnosis,
+    record_case,
+)
 
-GYRO = Case("straight", ("gyro_bias", 0.02), "steering_trim")
+GYRO_CASE = QuestionCase("straight", ("gyro_bias", 0.02), "steering_trim")
 
 
 @pytest.fixture(scope="module")
 def question(tmp_path_factory):
     folder = tmp_path_factory.mktemp("open")
-    d = diagnosis(GYRO, [record_case(folder / "one.csv", GYRO, DRIVES["straight"], 5, False)])
+    d = diagnosis(GYRO_CASE, [record_case(folder / "one.csv", GYRO_CASE,
+                                          DRIVE_COMMANDS["straight"], 5, False)])
     return d, make_question(d, d.causes[0])
 
 
 @pytest.fixture(scope="module")
 def rollouts():
-    (drive,) = rehearse_choices(FLOOR, None, tuple(c for c in CHOICES if c.name == "rollouts"))
+    (drive,) = rehearse_choices(LARGE_FLOOR, None,
+                                tuple(c for c in CHOICES if c.name == "rollouts"))
     return drive
 
 
@@ -92,8 +100,9 @@ def test_what_no_drive_separates_is_reported_and_not_promised(tmp_path, monkeypa
     still = tuple(c for c in CHOICES if c.name == "standstill")
     monkeypatch.setattr("dart_lab.diagnosis.suggest.choose.rehearse_choices",
                         lambda floor, model: rehearse_choices(floor, model, still))
-    case = Case("slow waves", ("steering_lag", 0.06), "steering_delay")
-    d = diagnosis(case, [record_case(tmp_path / "one.csv", case, DRIVES[case.drive], 5, True)])
+    case = QuestionCase("slow waves", ("steering_lag", 0.06), "steering_delay")
+    d = diagnosis(case,
+                  [record_case(tmp_path / "one.csv", case, DRIVE_COMMANDS[case.drive], 5, True)])
     (s,) = suggest(d)
     assert not s.enough
     assert "none of 1 drives" in s.sentence()
@@ -145,7 +154,7 @@ def test_the_prediction(question):
 
 @pytest.mark.slow
 def test_every_choice_fits_a_hall_and_the_small_ones_come_first():
-    drives = list(rehearse_choices(FLOOR))
+    drives = list(rehearse_choices(LARGE_FLOOR))
     assert [d.choice.name for d in drives] == [c.name for c in CHOICES]
     assert [d.seconds for d in drives] == sorted(d.seconds for d in drives)
     assert all(math.isclose(len(c.throttle) * 0.01, c.seconds) for d in drives

@@ -14,19 +14,20 @@ from dart_lab.diagnosis.evidence.drive import RecordedDrive
 from dart_lab.diagnosis.evidence.residuals import Evidence
 from dart_lab.diagnosis.unexplained.features import FEATURE_UNITS, message_features, window_features
 
-SPEED = 0.8
+MEAN_SPEED = 0.8
 RADIUS = 2.0
-N = 2000
+ROWS_OF_FEATURES = 2000
 
 
 def circle(side: float = 1.0, steering: float = 0.4) -> RecordedDrive:
     """A steady circle about the origin; side 1 is to the left."""
-    t = np.arange(N) * 0.01
-    turn = side * SPEED / RADIUS * t
-    one = np.ones(N)
+    t = np.arange(ROWS_OF_FEATURES) * 0.01
+    turn = side * MEAN_SPEED / RADIUS * t
+    one = np.ones(ROWS_OF_FEATURES)
     grid = Grid(t, RADIUS * np.sin(np.abs(turn)), side * RADIUS * (1 - np.cos(turn)), turn,
-                SPEED * one, 0 * one, side * SPEED / RADIUS * one, 0.25 * one,
-                side * steering * one, SPEED * one, np.zeros(N, bool), Reference(0, 0, 0, "exact"))
+                MEAN_SPEED * one, 0 * one, side * MEAN_SPEED / RADIUS * one, 0.25 * one,
+                side * steering * one, MEAN_SPEED * one, np.zeros(ROWS_OF_FEATURES, bool),
+                Reference(0, 0, 0, "exact"))
     m = np.arange(1.0, 19.0, 0.1)
     nothing = np.full(len(m), np.nan)
     messages = Messages(m, m, np.zeros(len(m), int), 0 * m, 0 * m, 0 * m, m > 0, nothing, nothing,
@@ -44,8 +45,8 @@ def test_a_circle_is_described_as_what_it_is(features, side):
     found = features(Evidence([drive], PAPER.body.l_r), PAPER)
     assert list(found) == list(FEATURE_UNITS)
     angle = side * float(make_steering(PAPER.steering, np)(np.array(0.4)))
-    expected = {"speed": SPEED, "yaw_rate": side * SPEED / RADIUS, "steering_rate": 0.0,
-                "acceleration": 0.0, "lateral_acceleration": side * SPEED**2 / RADIUS,
+    expected = {"speed": MEAN_SPEED, "yaw_rate": side * MEAN_SPEED / RADIUS, "steering_rate": 0.0,
+                "acceleration": 0.0, "lateral_acceleration": side * MEAN_SPEED**2 / RADIUS,
                 "throttle": 0.25, "direction": side}
     for name, value in expected.items():
         np.testing.assert_allclose(found[name], value, atol=1e-9, err_msg=name)

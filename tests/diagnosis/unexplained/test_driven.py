@@ -14,7 +14,7 @@ from dart_lab.diagnosis.unexplained.driven import remove_driven_motion
 from dart_lab.diagnosis.unexplained.features import window_features
 from tests.diagnosis.onboard_files import evidence, recorded
 
-GYRO = slice(1, None, 2)
+GYRO_COLUMNS = slice(1, None, 2)
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +35,8 @@ def test_an_error_that_goes_with_the_turn_is_no_noise_and_noise_is(plain_evidenc
     assert np.median(spread(alone) / spread(noise)) == pytest.approx(1.0, abs=0.1)
     wrong = 0.05 * np.tanh(3.0 * window_features(plain_evidence, PAPER, 50)["steering_angle"])
     both = noise.copy()
-    both[:, GYRO] += wrong[:, None]
+    both[:, GYRO_COLUMNS] += wrong[:, None]
     left = remove_driven_motion(plain_evidence, PAPER, replace(r, motion=both),
                                 USUAL.unexplained).motion
-    assert np.median(spread(both)[GYRO]) > 2.0 * np.median(spread(noise)[GYRO])
-    assert np.median(spread(left)[GYRO]) < 1.4 * np.median(spread(noise)[GYRO])
+    assert np.median(spread(both)[GYRO_COLUMNS]) > 2.0 * np.median(spread(noise)[GYRO_COLUMNS])
+    assert np.median(spread(left)[GYRO_COLUMNS]) < 1.4 * np.median(spread(noise)[GYRO_COLUMNS])

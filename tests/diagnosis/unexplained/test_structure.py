@@ -16,7 +16,7 @@ from dart_lab.diagnosis.unexplained.structure import (
     find_group_structure,
 )
 
-SECONDS = 120.0
+FEATURE_SECONDS = 120.0
 
 
 def smooth(rng, t, memory):
@@ -31,7 +31,7 @@ def smooth(rng, t, memory):
 def group(channels, step, seed, recordings=1, memory=0.0):
     """Noise along a made-up drive; the same stretches of time have the same labels."""
     rng = np.random.default_rng(seed)
-    t = np.tile(np.arange(0.0, SECONDS, step), recordings)
+    t = np.tile(np.arange(0.0, FEATURE_SECONDS, step), recordings)
     recording = np.repeat(np.arange(recordings), len(t) // recordings)
     features = {name: smooth(rng, t, forgets) for name, forgets in {
         "speed": 3.0, "steering_angle": 1.0, "throttle": 2.0, "x": 5.0, "y": 5.0}.items()}

@@ -25,8 +25,7 @@ from dart_hal.estimation.odometry import Odometry
 from dart_lab.sim.lidar.maps import box, room_of
 from dart_lab.sim.truth import room_of_car, world_of
 from studies.localisation.world import drive, hidden
-
-URL = "sim://?seed=0&nano=mock&lidar=1&map=room"
+from tests.common import MAPPED_ROOM_URL
 
 
 def far(a, b):
@@ -36,7 +35,7 @@ def far(a, b):
 @pytest.mark.slow
 def test_a_car_knows_its_place_by_its_lidar_alone(tmp_path):
     """Searched, tracked, fused, recorded; a replay gives the same."""
-    backend = open_backend(URL)
+    backend = open_backend(MAPPED_ROOM_URL)
     room = room_of_car(backend)
     world = world_of(backend)
     x0, y0, yaw0 = room.start

@@ -8,7 +8,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-FIRMWARE = Path(__file__).resolve().parents[3] / "firmware"
+FIRMWARE_FOLDER = Path(__file__).resolve().parents[3] / "firmware"
 
 Change = tuple[str, str, str]
 """File below firmware/, the text there, the text that replaces it."""
@@ -17,7 +17,7 @@ Change = tuple[str, str, str]
 def image(name: str, changes: tuple[Change, ...]) -> Path:
     """The ELF with these changes; AssertionError when the source no longer reads so."""
     sources = hashlib.sha256(repr(changes).encode())
-    for path in sorted((FIRMWARE / "src").rglob("*.[ch]*")):
+    for path in sorted((FIRMWARE_FOLDER / "src").rglob("*.[ch]*")):
         sources.update(path.read_bytes())
     made = Path(tempfile.gettempdir()) / f"dart-fault-table-{os_user()}"
     elf = made / f"{name}-{sources.hexdigest()[:16]}.elf"
@@ -35,7 +35,7 @@ def _build(elf: Path, changes: tuple[Change, ...]) -> None:
     elf.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "firmware"
-        shutil.copytree(FIRMWARE, copy, ignore=shutil.ignore_patterns("build", "emulator"))
+        shutil.copytree(FIRMWARE_FOLDER, copy, ignore=shutil.ignore_patterns("build", "emulator"))
         for file, old, new in changes:
             path = copy / file
             text = path.read_text()

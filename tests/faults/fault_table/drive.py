@@ -22,15 +22,15 @@ from dart_lab.sim.truth import world_of
 from dart_lab.sim.world import World
 from fault_table.row import NEVER
 
-WAIVE = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
+WAIVED = ("CALIBRATION_MISSING", "PWM_CLOCK_UNCALIBRATED")
 ESC = 1
 """Channel of the throttle."""
 SLACK = 5e-6
 """s around neutral that an ESC takes for neutral; PWM counts are 4.9 us."""
-PERIOD = 0.0205
+MAX_PWM_PERIOD_S = 0.0205
 """s between two pulses of 50 Hz, a slow oscillator included."""
 FULL = 1.0
-DRIVES = 1.55e-3
+DRIVING_PULSE_S = 1.55e-3
 """s of a pulse that certainly drives."""
 
 ESC_IS_ARMED = (r"arm_neutral = 2\.0", "arm_neutral = 0.1")
@@ -55,7 +55,7 @@ def weld_if_removed(world: World) -> None:
         return
 
     def weld(channel: int, pulse: tuple[float, float]) -> None:
-        if channel == ESC and pulse[1] - pulse[0] > DRIVES:
+        if channel == ESC and pulse[1] - pulse[0] > DRIVING_PULSE_S:
             world._wiring = Direct(world.pca)
             world.pca.set_oe(False, world.t)
             world.watchers.remove(weld)
@@ -112,7 +112,7 @@ class Drive:
     def arm(self) -> Drive:
         """Arm, with an ESC that has received its 2 s of neutral in any case."""
         self.run(self.settling)
-        self.car.arm(waive=WAIVE)
+        self.car.arm(waive=WAIVED)
         return self
 
     def run(self, seconds: float, command: Command | None = None) -> list[State]:
@@ -174,14 +174,14 @@ class Drive:
     def last_wrong(self, since: float) -> float:
         """ms from ``since`` to the end of the last pulse that drives; NEVER = it goes on."""
         last = max((fall for rise, fall in self.pulses if self.wrong((rise, fall))), default=0.0)
-        if last > self.now - 3 * PERIOD:
+        if last > self.now - 3 * MAX_PWM_PERIOD_S:
             return NEVER
         return max(0.0, (last - since) * 1e3)
 
     def last_off(self, since: float) -> float:
         """ms from ``since`` to the end of the last pulse that drives forward or backward."""
         last = max((fall for rise, fall in self.pulses if self.off((rise, fall))), default=0.0)
-        return NEVER if last > self.now - 3 * PERIOD else max(0.0, (last - since) * 1e3)
+        return NEVER if last > self.now - 3 * MAX_PWM_PERIOD_S else max(0.0, (last - since) * 1e3)
 
     def _saw(self, channel: int, pulse: tuple[float, float]) -> None:
         if channel == ESC:

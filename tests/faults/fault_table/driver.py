@@ -20,12 +20,12 @@ from contextlib import suppress
 from dart_hal.car import Car
 from dart_hal.core.errors import LinkLost, NotArmed
 from fault_table import switches, switches_nano  # noqa: F401 - the layers that may be gone
-from fault_table.drive import WAIVE
+from fault_table.drive import WAIVED
 from fault_table.layers import inherit
-from fault_table.stand import PATIENCE
+from fault_table.stand import RIG_TIMEOUT_S
 
 THROTTLE = 0.3
-LONG = 3.0
+LONG_BLOCK_S = 3.0
 ESC_STARTS = 2.2
 """s of neutral after which every ESC obeys: one that does not looks like a dead encoder."""
 
@@ -37,7 +37,7 @@ def report(*words: object) -> None:
 def hog() -> None:
     """One call that keeps the interpreter to itself."""
     begin = time.monotonic()
-    while time.monotonic() - begin < LONG:
+    while time.monotonic() - begin < LONG_BLOCK_S:
         sum(range(40_000_000))
 
 
@@ -61,7 +61,7 @@ HOW = {
     "segfault": lambda car: ctypes.string_at(0),
     "exit": lambda car: os._exit(3),
     "exec": lambda car: os.execv("/bin/sleep", ["sleep", "5"]),
-    "stall": lambda car: time.sleep(LONG),
+    "stall": lambda car: time.sleep(LONG_BLOCK_S),
     "hog": lambda car: hog(),
     "fork": lambda car: fork(),
     "listener": block,
@@ -84,17 +84,17 @@ def main(url: str, name: str, cars: str, how: str) -> None:
         driven = 0
         done = False
         reported = False
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + RIG_TIMEOUT_S
         with suppress(LinkLost):
             for _ in car.states(duration=ESC_STARTS, timeout=20.0):
                 pass
         while True:
             if not reported and time.monotonic() > deadline:
-                sys.exit(f"no throttle within {PATIENCE:.0f} s: {car.mode} {car.causes}")
+                sys.exit(f"no throttle within {RIG_TIMEOUT_S:.0f} s: {car.mode} {car.causes}")
             with suppress(NotArmed, LinkLost):
                 if not reported and car.mode != "ARMED":      # later trips are not healed
                     driven = 0
-                    car.arm(waive=WAIVE)
+                    car.arm(waive=WAIVED)
             if how == "patient" and reported:
                 time.sleep(0.5)
             with suppress(LinkLost):

@@ -12,8 +12,8 @@ from fault_table.layers import LAYERS
 from fault_table.row import Case, Row
 from fault_table.table import ROWS
 
-ROOT = Path(__file__).resolve().parents[3]
-PAGE = ROOT / "docs" / "results" / "fault_table.md"
+CHECKOUT = Path(__file__).resolve().parents[3]
+PAGE = CHECKOUT / "docs" / "results" / "fault_table.md"
 FIGURES = Path(__file__).parent / "figures.json"
 
 HEAD = Path(__file__).parent / "page_head.md"

@@ -9,13 +9,13 @@ import sys
 
 from dart_hal.car import Car
 from fault_table import switches, switches_nano  # noqa: F401 - the layers that may be gone
-from fault_table.drive import WAIVE
+from fault_table.drive import WAIVED
 from fault_table.layers import inherit
 
 
 def main(url: str, name: str, cars: str) -> None:
     with Car.open(url, car=name, cars=cars or None, raise_on_trip=False) as car, \
-            car.view(port=0, drives=True, waive=WAIVE) as page:
+            car.view(port=0, drives=True, waive=WAIVED) as page:
         print("page", page.access.port, page.access.token, flush=True)
         page.run()
 

@@ -66,7 +66,7 @@ def stop_beats(nano: str) -> Callable[[Bench], Measured]:
     return measure
 
 
-KEY = RoomKey(b"key of the fault table")
+FAULT_KEY = RoomKey(b"key of the fault table")
 FORGER_KEY = RoomKey(b"another key that was guessed")
 
 
@@ -118,8 +118,8 @@ def watch_and_attack(bench: Bench, room: str, attack: str, recording: list[bytes
                      ) -> tuple[Measured, list[bytes]]:
     """One watched drive, and what the attacker has recorded of it."""
     drive = bench.drive(brief=bench.brief and attack != "forged")
-    with (join(drive.car, room, name="red", beat_within=BEAT, room_key=KEY),
-          Station(room, "base", now=lambda: drive.car.now, room_key=KEY) as station):
+    with (join(drive.car, room, name="red", beat_within=BEAT, room_key=FAULT_KEY),
+          Station(room, "base", now=lambda: drive.car.now, room_key=FAULT_KEY) as station):
         attacker = Attacker(room)
         watching = True
         actions: list[Callable[[], None]] = []
@@ -152,8 +152,8 @@ def stopped_again(bench: Bench) -> Measured:
     """1: a car of a room with a key is disarmed by a recorded STOP of its own watcher."""
     drive = bench.drive()
     room = "local://stopped-again"
-    with (join(drive.car, room, name="red", room_key=KEY),
-          Station(room, "base", now=lambda: drive.car.now, room_key=KEY) as station):
+    with (join(drive.car, room, name="red", room_key=FAULT_KEY),
+          Station(room, "base", now=lambda: drive.car.now, room_key=FAULT_KEY) as station):
         attacker = Attacker(room)
         drive.car.on_state(lambda state: (attacker.listen(drive.car.now), station.watch(),
                                           station.press()))

@@ -11,13 +11,13 @@ from fault_table.bench import Bench
 from fault_table.row import NEVER, Measured, Row, case
 from fault_table.rows_pins import alone
 
-VALID, STALE, STUCK, ABSENT, OVERRUN = (
+IMU_VALID, STALE, STUCK, ABSENT, OVERRUN = (
     1 << STATE_FLAGS.index(name)
     for name in ("IMU_VALID", "IMU_STALE", "IMU_STUCK", "IMU_ABSENT", "SLOT_OVERRUN"))
-SLOT = 0.01
+SLOT_S = 0.01
 AGE = 4e-6
 """s per count of imu_age."""
-FRESH = 0.015
+FRESH_S = 0.015
 """s: a sample of this slot is 7 ms old, the one before 17."""
 
 
@@ -26,11 +26,11 @@ def live(rig: Any, seconds: float, rate: float = 12.0) -> list[tuple[float, dict
     if rig.now == 0.0:
         rig.run(0.02)
     start = len(rig.frames)
-    for n in range(round(seconds / SLOT)):
+    for n in range(round(seconds / SLOT_S)):
         wave = math.sin(rig.now * 7)
         rig.nano.set_imu((0.2 * wave, 0.1, 1.0 + 0.3 * wave), (wave, 0.5, 0.2 * wave))
         rig.nano.set_wheel(rate + n % 2)
-        rig.run(SLOT)
+        rig.run(SLOT_S)
     return [(t, values) for t, name, values in rig.frames[start:] if name == "STATE"]
 
 
@@ -57,8 +57,8 @@ def refused_reads(bench: Bench) -> Measured:
     live(rig, 1.0)
     rig.nano.set_i2c("nack", p=0.03)
     states = [values for _, values in live(rig, 3.0)]
-    old = sum(bool(s["flags"] & VALID) and s["imu_age"] * AGE > FRESH for s in states)
-    good = sum(bool(s["flags"] & VALID) for s in states)
+    old = sum(bool(s["flags"] & IMU_VALID) and s["imu_age"] * AGE > FRESH_S for s in states)
+    good = sum(bool(s["flags"] & IMU_VALID) for s in states)
     return judge_figure(rig, old, f"{good} of {len(states)} valid")
 
 
@@ -83,7 +83,7 @@ def free_line(bench: Bench) -> Measured:
     at = rig.now
     live(rig, 0.3)
     clocks = [e.t for e in rig.nano.pin_log() if e.pin == "SCL" and e.t > at]
-    valid = bool(rig.state()["flags"] & VALID)
+    valid = bool(rig.state()["flags"] & IMU_VALID)
     return judge_figure(rig, 1e3 * (clocks[-1] - at) if clocks and valid else NEVER,
                         f"{len(clocks)} edges of SCL")
 
@@ -100,8 +100,8 @@ def back(fault: str, lasts: float) -> Any:
             live(rig, lasts)
             rig.nano.set_i2c("ok")
         at = rig.now
-        bad = [t for t, s in live(rig, 4.0) if not s["flags"] & VALID]
-        healed = bool(rig.state()["flags"] & VALID)
+        bad = [t for t, s in live(rig, 4.0) if not s["flags"] & IMU_VALID]
+        healed = bool(rig.state()["flags"] & IMU_VALID)
         return judge_figure(rig, max(bad, default=at) - at if healed else NEVER)
     return measure
 
@@ -112,7 +112,7 @@ def stuck(bench: Bench) -> Measured:
     live(rig, 1.0)
     rig.nano.set_imu_fault("stuck")
     at = rig.now
-    times = [t for t, s in live(rig, 0.5) if s["flags"] & STUCK and not s["flags"] & VALID]
+    times = [t for t, s in live(rig, 0.5) if s["flags"] & STUCK and not s["flags"] & IMU_VALID]
     return judge_figure(rig, 1e3 * (times[0] - at) if times else NEVER)
 
 
@@ -122,7 +122,7 @@ def absent(bench: Bench) -> Measured:
     rig.nano.set_imu_fault("off")
     states = live(rig, 7.0)
     times = [t for t, s in states if s["flags"] & ABSENT]
-    wrong = any(s["flags"] & VALID for _, s in states)
+    wrong = any(s["flags"] & IMU_VALID for _, s in states)
     return judge_figure(rig, times[0] if times and not wrong else NEVER)
 
 
@@ -186,7 +186,7 @@ ROWS = (
         case("elf", "3 % of bytes", refused_reads, 0, "States", "imu_fail"),
     )),
     Row(12, "SDA held low", "TWI reset, clocks, STOP", (
-        case("elf", "not valid", hold_line("sda", VALID, True, clocks=0), 20, "ms", "imu_fail"),
+        case("elf", "not valid", hold_line("sda", IMU_VALID, True, clocks=0), 20, "ms", "imu_fail"),
         case("elf", "stale", hold_line("scl", STALE, False), 30, "ms", "imu_stale"),
         case("elf", "freed", free_line, 20, "ms", "bus_clear", fast=True),
     )),

@@ -14,15 +14,16 @@ from dart_lab.sim.pca9685 import MODE1, PRE_SCALE
 from dart_lab.sim.pwm_output import Pulse
 from dart_lab.sim.world import World
 from fault_table.bench import Bench
-from fault_table.drive import WAIVE, Drive, Edit
+from fault_table.drive import WAIVED, Drive, Edit
 from fault_table.row import NEVER, Measured, Row, case
 
-MS = "ms"
+MILLISECONDS = "ms"
 DRIVES_US = 60.0
 """us from the ESC's neutral: beyond every dead band of the simulated cars."""
-CLOCK: Edit = (r"oscillator_hz = \{[^}]*\}", "oscillator_hz = { value = 27e6, std = 1000 }")
+OSCILLATOR_EDIT: Edit = (r"oscillator_hz = \{[^}]*\}",
+                         "oscillator_hz = { value = 27e6, std = 1000 }")
 """Accepted, and 8 % from the oscillator of car 0: neutral is 1621 us."""
-NEUTRAL: Edit = (r"neutral_us = 1500.0", "neutral_us = 1600.0")
+NEUTRAL_EDIT: Edit = (r"neutral_us = 1500.0", "neutral_us = 1600.0")
 SWAPPED: tuple[Edit, ...] = ((r"(?<=\[steering\]\n)channel = 0", "channel = 1"),
                              (r"(?<=\[throttle\]\n)channel = 1", "channel = 0"),
                              (r"center_us = [\d.]+", "center_us = 1620.0"))
@@ -80,7 +81,7 @@ def steer_alone(bench: Bench) -> Measured:
 
 def before_states(bench: Bench) -> Measured:
     """Driving pulses until the Nano, which boots for 1.3 s, has sent something."""
-    drive = bench.drive("&boot=old", edits=(CLOCK,), prepare=arm_esc)
+    drive = bench.drive("&boot=old", edits=(OSCILLATOR_EDIT,), prepare=arm_esc)
     return Measured(len(driving(drive)), f"{len(drive.pulses)} pulses in {drive.now:.1f} s")
 
 
@@ -105,7 +106,7 @@ def left_by_stop(bench: Bench) -> Measured:
                     f"found {done.found_us:.0f} us")
 
 
-FOREIGN = bytes([0x0A, 0, 0, 0x9A, 0x01])
+FOREIGN_WRITE = bytes([0x0A, 0, 0, 0x9A, 0x01])
 """Data for another chip: 2001 us, if the PCA9685 took them for its channel 1."""
 
 
@@ -115,7 +116,7 @@ def talk_to_others(drive: Drive) -> None:
     for address in range(0x08, 0x78):
         if address != 0x40:
             with suppress(OSError):
-                drive.backend.bus.writeto(address, FOREIGN)
+                drive.backend.bus.writeto(address, FOREIGN_WRITE)
 
 
 def left_answering(mode1: int) -> Callable[[Bench], Measured]:
@@ -155,7 +156,7 @@ def other_board(bench: Bench) -> Measured:
     drive = bench.drive()
     drive.run(drive.settling)
     try:
-        drive.car.arm(waive=WAIVE)
+        drive.car.arm(waive=WAIVED)
     except NotArmed as error:
         return Measured("CALIBRATION_OTHER_BOARD" not in error.reasons, ", ".join(error.reasons))
     return Measured(1, drive.car.mode)
@@ -164,13 +165,19 @@ def other_board(bench: Bench) -> Measured:
 ROWS = (
     Row(55, "neutral is none: a wrong number, channels or leads swapped",
         "all pulses end by the wheel speed alone", (
-            case("mock", "27 MHz", open_idle("", CLOCK), 300.0, MS, "neutral_watch", fast=True),
-            case("mock", "27 MHz, oe", open_idle("&cutoff=oe", CLOCK), 300.0, MS, "neutral_watch"),
-            case("mock", "neutral 1600", open_idle("", NEUTRAL), 700.0, MS, "neutral_watch"),
-            case("mock", "leads swapped", open_idle("", NEUTRAL, fail="esc:wrong"), 700.0, MS,
+            case("mock", "27 MHz", open_idle("", OSCILLATOR_EDIT), 300.0, MILLISECONDS,
+                 "neutral_watch", fast=True),
+            case("mock", "27 MHz, oe", open_idle("&cutoff=oe", OSCILLATOR_EDIT), 300.0,
+                 MILLISECONDS, "neutral_watch"),
+            case("mock", "neutral 1600", open_idle("", NEUTRAL_EDIT), 700.0, MILLISECONDS,
                  "neutral_watch"),
-            case("mock", "channels swapped", open_idle("", *SWAPPED), 300.0, MS, "neutral_watch"),
-            case("mock", "channels swapped, armed", steer_alone, 300.0, MS, "neutral_watch",
+            case("mock", "leads swapped", open_idle("", NEUTRAL_EDIT, fail="esc:wrong"), 700.0,
+                 MILLISECONDS,
+                 "neutral_watch"),
+            case("mock", "channels swapped", open_idle("", *SWAPPED), 300.0, MILLISECONDS,
+                 "neutral_watch"),
+            case("mock", "channels swapped, armed", steer_alone, 300.0, MILLISECONDS,
+                 "neutral_watch",
                  fast=True),
         )),
     Row(56, "nobody sees whether neutral drives the car", "no pulse on any channel", (
@@ -181,7 +188,8 @@ ROWS = (
     Row(58, "the PCA9685 is found answering addresses of other chips", "its own address alone", (
         *(case("mock", f"MODE1 {mode1:#04x}", left_answering(mode1), 0, "pulses", "own_address",
                fast=mode1 == 0xA1) for mode1 in (0xA1, 0x28, 0x24, 0x22)),
-        case("mock", "changed while armed", answering_while_driven, 1100.0, MS, "own_address"),
+        case("mock", "changed while armed", answering_while_driven, 1100.0, MILLISECONDS,
+             "own_address"),
     )),
     Row(60, "the calibration is that of another Nano", "refused, named", (
         case("mock", "armed", other_board, 0, "cars", "refusals", fast=True),

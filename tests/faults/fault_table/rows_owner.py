@@ -15,12 +15,12 @@ from dart_hal.devices.links.base import open_backend
 from dart_hal.wire.messages import PARAM_SET, PARAMS
 from dart_lab.sim.cutoff import Direct, Multiplexer, OutputEnable
 from fault_table.bench import Bench
-from fault_table.drive import WAIVE, Drive
+from fault_table.drive import WAIVED, Drive
 from fault_table.row import NEVER, Measured, Row, case
 from fault_table.rows_pins import MS, PULSE, alone
 from fault_table.rows_processes import TRIES
 
-PATIENCE = 20.0
+OWNER_TIMEOUT_S = 20.0
 REQUIRE_CUTOFF_TEST = (r"\Z", "\n[safety]\ncutoff_test = true\n")
 """Edit of car.toml."""
 
@@ -98,7 +98,7 @@ def processor_time(pid: int) -> float:
 def plug_in_again(bench: Bench) -> Measured:
     """s from plugging in again, as another tty, to States; disarmed, or it is NEVER."""
     with bench.process_rig() as rig, Car.open(rig.url, car=rig.name, cars=rig.cars) as car:
-        for _ in car.states(duration=0.5, timeout=PATIENCE):
+        for _ in car.states(duration=0.5, timeout=OWNER_TIMEOUT_S):
             pass
         rig.order("unplug")
         with suppress(LinkLost):
@@ -181,7 +181,7 @@ def count_armed(bench: Bench) -> Measured:
             drive.run(drive.settling + 0.3)
             spoil(drive)
             try:
-                drive.car.arm(waive=WAIVE)
+                drive.car.arm(waive=WAIVED)
                 silent += 1
                 message.append(f"{name}: armed")
             except NotArmed as error:
@@ -229,7 +229,7 @@ def beat_limit(bench: Bench) -> Measured:
     drive.run(2.5)
     message = ""
     try:
-        drive.car.arm(waive=WAIVE)
+        drive.car.arm(waive=WAIVED)
     except NotArmed as error:
         message = ", ".join(error.reasons)
     return Measured(0 if "BEAT" in message else 1, message or "armed")
@@ -242,7 +242,7 @@ def weld_cutoff(cut: str) -> Callable[[Bench], Measured]:
             drive = bench.drive(f"&cutoff={cut}")
         drive.run(drive.settling)
         try:
-            drive.car.arm(waive=WAIVE)
+            drive.car.arm(waive=WAIVED)
         except NotArmed as error:
             return Measured(not any("CUTOFF" in name for name in error.reasons),
                             ", ".join(error.reasons))
@@ -258,7 +258,7 @@ def unwire_capture(cut: str) -> Callable[[Bench], Measured]:
             drive = bench.drive(f"&cutoff={cut}", edit=REQUIRE_CUTOFF_TEST)
             drive.run(drive.settling)
             try:
-                drive.car.arm(waive=WAIVE)
+                drive.car.arm(waive=WAIVED)
             except NotArmed as error:
                 return Measured("CUTOFF_TEST_FAILED" not in error.reasons,
                                 ", ".join(error.reasons))

@@ -27,7 +27,7 @@ from fault_table.row import NEVER, Measured, Row, case
 from fault_table.rows_pins import MS, PULSE
 from fault_table.world_guard import WorldGuard
 
-SECONDS = 1.0
+DRIVE_SECONDS = 1.0
 """s that the world goes on after the fault."""
 
 
@@ -45,7 +45,7 @@ def kill_driver(bench: Bench) -> Measured:
     drive, guard = drive_with_guard(bench)
     at = drive.now
     guard.kill_driver()
-    drive.backend.clock.sleep(SECONDS)
+    drive.backend.clock.sleep(DRIVE_SECONDS)
     return Measured(drive.last_wrong(at))
 
 
@@ -71,7 +71,7 @@ def listener(bench: Bench) -> Measured:
     """Last driving pulse after a listener blocks for a second, within the step of the engine."""
     drive, _ = drive_with_guard(bench)
     at = drive.now
-    blocks = [SECONDS]
+    blocks = [DRIVE_SECONDS]
 
     def block(state: State) -> None:
         if blocks:
@@ -151,7 +151,7 @@ def remove_port(bench: Bench) -> Measured:
     pump._ended.set()
     at = drive.now
     pump._hold(LinkLost("the port vanished"), None)
-    drive.backend.clock.sleep(SECONDS)
+    drive.backend.clock.sleep(DRIVE_SECONDS)
     return Measured(drive.last_wrong(at), drive.car.mode)
 
 

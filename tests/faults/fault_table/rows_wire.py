@@ -18,17 +18,17 @@ from fault_table.bench import Bench
 from fault_table.row import Measured, Row, case
 
 MILLION = 1_000_000
-SAMPLE = 12_000
-FRAMES = samples.drive(2.0, seed=3)
-SENT = {(f.seq, f.payload) for f in Decoder(UP).feed(b"".join(FRAMES))}
+SAMPLE_BYTES = 12_000
+WIRE_FRAMES = samples.drive(2.0, seed=3)
+SENT = {(f.seq, f.payload) for f in Decoder(UP).feed(b"".join(WIRE_FRAMES))}
 ONE_BYTE = ("changed", "dropped", "doubled")
 BITS = ("1 bit", "2 bits", "3 bits")
 
 
 def wrong(names: tuple[str, ...], bench: Bench) -> Measured:
     """Frames accepted that were never sent; each hurt frame between two good ones."""
-    trials = MILLION if bench.full else SAMPLE
-    states = [f for f in FRAMES if len(f) == STATE.wire_size]
+    trials = MILLION if bench.full else SAMPLE_BYTES
+    states = [f for f in WIRE_FRAMES if len(f) == STATE.wire_size]
     rng = Random(2)
     count = 0
     for trial in range(trials):
@@ -42,8 +42,8 @@ def wrong(names: tuple[str, ...], bench: Bench) -> Measured:
 def flips(bits: int, gates: bool) -> Callable[[Bench], Measured]:
     """Share of frames with so many flipped bits that are believed."""
     def measure(bench: Bench) -> Measured:
-        trials = 400_000 if bench.full else SAMPLE
-        states = [f for f in FRAMES if len(f) == STATE.wire_size]
+        trials = 400_000 if bench.full else SAMPLE_BYTES
+        states = [f for f in WIRE_FRAMES if len(f) == STATE.wire_size]
         rng = Random(4)
         fault = samples.flip_bits(bits)
         count = 0
@@ -62,10 +62,10 @@ def count_lost_frames(names: tuple[str, ...], bench: Bench) -> Measured:
     worst = 0
     at_delimiter = 0
     for trial in range(60_000 if bench.full else 3_000):
-        at = rng.randrange(1, len(FRAMES) - 3)
-        hurt = samples.SMALL_FAULTS[names[trial % len(names)]](FRAMES[at], rng)
+        at = rng.randrange(1, len(WIRE_FRAMES) - 3)
+        hurt = samples.SMALL_FAULTS[names[trial % len(names)]](WIRE_FRAMES[at], rng)
         decoder = Decoder(UP)
-        decoder.feed(FRAMES[at - 1] + hurt + FRAMES[at + 1] + FRAMES[at + 2])
+        decoder.feed(WIRE_FRAMES[at - 1] + hurt + WIRE_FRAMES[at + 1] + WIRE_FRAMES[at + 2])
         gone = 4 - decoder.counters.ok
         at_delimiter = max(at_delimiter, gone)
         worst = max(worst, gone - (not hurt.endswith(b"\0")))
@@ -136,8 +136,8 @@ def impossible(bench: Bench) -> Measured:
     believed = 0
     for field, value in (("t_ck", 5), ("enc_count", 2**31), ("gyro", (0, 0, 32767))):
         decoder = Decoder(UP, Gates())
-        decoder.feed(b"".join(FRAMES[:40]))
-        last = Decoder(UP).feed(FRAMES[40])[0]
+        decoder.feed(b"".join(WIRE_FRAMES[:40]))
+        last = Decoder(UP).feed(WIRE_FRAMES[40])[0]
         assert last.message is STATE
         hurt = encode(STATE, last.seq, last.as_dict() | {field: value})
         believed += len(decoder.feed(hurt))

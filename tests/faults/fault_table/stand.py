@@ -23,9 +23,9 @@ from dart_hal.devices.links.i2c import open_bus
 from fault_table.row import NEVER
 
 HERE = Path(__file__).parent
-PATIENCE = 60.0
+RIG_TIMEOUT_S = 60.0
 """s within which a car drives, on a busy machine, too, where a late frame disarms it again."""
-NEUTRAL_US = 1500.0
+RIG_NEUTRAL_US = 1500.0
 SLACK_US = 5.0
 COUNT_US = 122 / 25.0
 FAVOURED = -10
@@ -136,12 +136,12 @@ class ProcessRig:
     def drove(self, moment: float) -> bool:
         """Whether the ESC had a throttle at that time: a busy machine may have tripped before."""
         before = [pulse for pulse in self.pulses() if pulse[0] <= moment]
-        return bool(before) and before[-1][1] > NEUTRAL_US + SLACK_US
+        return bool(before) and before[-1][1] > RIG_NEUTRAL_US + SLACK_US
 
     def last_wrong(self, since: float) -> float:
         """ms from ``since`` to the end of the last pulse that drives; NEVER = it goes on."""
         pulses = self.pulses()
-        driving = [t for t, width in pulses if width > NEUTRAL_US + SLACK_US]
+        driving = [t for t, width in pulses if width > RIG_NEUTRAL_US + SLACK_US]
         last = max(driving, default=0.0)
         if last > time.monotonic() - 0.1:
             return NEVER

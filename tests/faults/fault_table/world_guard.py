@@ -14,7 +14,7 @@ from dart_lab.sim.world import World
 from fault_table.drive import ESC, Drive
 from fault_table.layers import list_removed
 
-STEP = PWM_FRAME / 4
+GUARD_STEP_S = PWM_FRAME / 4
 """s between two looks of the guard, as in ``dart_hal.devices.actuation.guard.watch``."""
 
 
@@ -90,7 +90,7 @@ class WorldGuard:
 
     def _look(self, world: World) -> None:
         """One round of ``watch``: read, decide, write neutral or report that it lives."""
-        world.schedule(world.t + STEP, self._look)
+        world.schedule(world.t + GUARD_STEP_S, self._look)
         if self.stopped or self._watch.done:
             return
         with suppress(BlockingIOError):

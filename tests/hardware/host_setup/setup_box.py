@@ -7,7 +7,8 @@ import shutil
 import subprocess
 from pathlib import Path
 
-ROOT = Path(__file__).parents[3]
+from tests.common import ROOT
+
 SETUP = ROOT / "host" / "setup"
 PASSED_ON = ("install", "mv", "rm", "ln", "touch", "mkdir", "env")
 """Fakes that note the call and hand it to the real command."""

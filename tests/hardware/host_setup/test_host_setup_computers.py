@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from setup_box import Box
-from trees import NAMES, plant
+from trees import TREE_NAMES, plant
 
 from dart_hal.core.errors import BusMissing, PcaClaimed
 from dart_hal.core.url import Url
@@ -18,7 +18,7 @@ from dart_hal.devices.links.computers import computer, find_bus, resolve_bus
 BUS = {"jetson_nano_jetpack4": 1, "jetson_orin_nano_jetpack6": 7, "raspberry_pi_5_debian12": 1,
        "raspberry_pi_5_debian13": None, "laptop_debian13": 8}
 """What the documents state; None: switched off as it comes."""
-CARS = [name for name in NAMES if not name.startswith("laptop")]
+BOARDS = [name for name in TREE_NAMES if not name.startswith("laptop")]
 
 
 @pytest.fixture
@@ -36,10 +36,10 @@ def make_box(tmp_path):
 
 
 def test_every_computer_of_the_guide_has_a_tree():
-    assert set(BUS) == set(NAMES)
+    assert set(BUS) == set(TREE_NAMES)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", TREE_NAMES)
 def test_the_bus_is_found_by_the_name_of_the_board(name: str, tmp_path: Path) -> None:
     root = plant(name, tmp_path)
     if BUS[name] is None:
@@ -53,7 +53,7 @@ def test_the_bus_is_found_by_the_name_of_the_board(name: str, tmp_path: Path) ->
     assert url.options["i2c"] == str(BUS[name])
 
 
-@pytest.mark.parametrize("name", CARS)
+@pytest.mark.parametrize("name", BOARDS)
 @pytest.mark.slow_except("raspberry_pi_5_debian13", "jetson_orin_nano_jetpack6")
 def test_the_set_up_and_the_host_agree(name: str, make_box) -> None:
     box = make_box(name)

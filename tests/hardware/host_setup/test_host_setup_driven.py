@@ -17,8 +17,8 @@ from dart_hal.core.config import load_car
 from dart_hal.devices.actuation.standby import Throttle
 from dart_hal.devices.links.i2c import SocketBus
 
-PATIENCE = 60.0
-SCRIPT = "def control(state):\n    return 0.0, 0.2\n"
+STANDBY_TIMEOUT_S = 60.0
+CONTROL_PROGRAM = "def control(state):\n    return 0.0, 0.2\n"
 
 
 def dart_hal(*arguments: str, **more: object) -> subprocess.Popen[str]:
@@ -39,7 +39,7 @@ def guards_of(pid: int) -> list[int]:
     return found
 
 
-def until(true: Callable[[], bool], seconds: float = PATIENCE) -> bool:
+def until(true: Callable[[], bool], seconds: float = STANDBY_TIMEOUT_S) -> bool:
     end = time.monotonic() + seconds
     while not true() and time.monotonic() < end:
         time.sleep(0.02)
@@ -69,7 +69,7 @@ def test_driver_and_guard_are_killed(served_car: dict[str, str], standby: bool,
     bus = SocketBus(str(served_car["bus"]))
     throttle = Throttle(load_car(served_car["car"], [served_car["cars"]]), bus, time.sleep)
     script = tmp_path / "straight.py"
-    script.write_text(SCRIPT)
+    script.write_text(CONTROL_PROGRAM)
     watch = dart_hal("standby", *car) if standby else None
     driver = dart_hal("drive", str(script), *car, "--duration", "60", "--waive",
                       "CALIBRATION_MISSING", "--waive", "PWM_CLOCK_UNCALIBRATED",

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 from setup_box import SETUP
-from udev_rules import BadRule, Device, apply, parse
+from udev_rules import BadRule, UdevDevice, apply, parse
 
 TEXT = (SETUP / "80-dart.rules").read_text()
 
 
-def tty(vendor: str, product: str, action: str = "add") -> Device:
-    return Device("tty", {"idVendor": vendor, "idProduct": product}, action=action)
+def tty(vendor: str, product: str, action: str = "add") -> UdevDevice:
+    return UdevDevice("tty", {"idVendor": vendor, "idProduct": product}, action=action)
 
 
 @pytest.mark.parametrize(("vendor", "product"), [("1a86", "7523"), ("0403", "6001")])
@@ -34,16 +34,16 @@ def test_the_lidar_has_names_of_its_own() -> None:
 
 
 def test_an_ft232_hands_its_bytes_on_at_once() -> None:
-    given = apply(parse(TEXT), Device("usb-serial", driver="ftdi_sio"))
+    given = apply(parse(TEXT), UdevDevice("usb-serial", driver="ftdi_sio"))
     assert given == {"ATTR{latency_timer}": "1"}
-    assert apply(parse(TEXT), Device("usb-serial", driver="ch341-uart")) == {}
+    assert apply(parse(TEXT), UdevDevice("usb-serial", driver="ch341-uart")) == {}
 
 
 @pytest.mark.parametrize("device", [
     tty("2341", "0043"), tty("1a86", "7522"), tty("1a86", "7523", action="remove"),
-    Device("usb", {"idVendor": "1a86", "idProduct": "7523"}), Device("tty"),
+    UdevDevice("usb", {"idVendor": "1a86", "idProduct": "7523"}), UdevDevice("tty"),
 ])
-def test_other_devices_are_left_alone(device: Device) -> None:
+def test_other_devices_are_left_alone(device: UdevDevice) -> None:
     assert apply(parse(TEXT), device) == {}
 
 

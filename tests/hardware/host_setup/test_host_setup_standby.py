@@ -37,7 +37,7 @@ from dart_lab.sim.bus import VirtualBus
 from dart_lab.sim.pca9685 import Pca9685Model as Chip
 
 CARS = Path(__file__).parents[3] / "cars"
-OFF = 0x1000
+OFF_COUNT = 0x1000
 """OFF_H bit 4: no pulse."""
 PATIENCE = 20.0
 
@@ -79,7 +79,7 @@ def test_a_new_driver_ends_the_writing_at_once_and_a_failed_write_does_not_count
 
 # -- registers ---------------------------------------------------------------
 
-class Bench:
+class StandbyBench:
     """A chip that somebody left behind, and the throttle of the example car on it."""
 
     def __init__(self, *, prescale: int = 121, mode1: int = 0x20, counts: int = 338) -> None:
@@ -105,7 +105,7 @@ class Bench:
 
 
 def test_rest_writes_neutral_and_steering_is_left_alone() -> None:
-    bench = Bench()
+    bench = StandbyBench()
     bench.write(0x06, 0, 0, 0x50, 1)
     bench.sleep(0.1)
     assert bench.pulses()[-1] == pytest.approx(338 * 4.88, abs=1)
@@ -126,7 +126,7 @@ def test_rest_writes_neutral_and_steering_is_left_alone() -> None:
 
 def test_channels_that_are_off_stay_off() -> None:
     """A driver had ended the pulses, since its neutral drove the car."""
-    bench = Bench()
+    bench = StandbyBench()
     bench.throttle.switch_off()
     bench.sleep(0.02)
     bench.pulses()
@@ -137,7 +137,7 @@ def test_channels_that_are_off_stay_off() -> None:
 
 @pytest.mark.parametrize("state", [{"prescale": 30}, {"mode1": 0x00}, {"mode1": 0x11}])
 def test_a_chip_that_is_not_ours_gets_no_pulse_and_is_not_woken(state: dict[str, int]) -> None:
-    bench = Bench(**state)
+    bench = StandbyBench(**state)
     before = bytearray(1)
     bench.bus.writeto_then_readfrom(0x40, b"\x00", before)
     assert not bench.throttle.rest()
@@ -164,7 +164,7 @@ def ms_until_neutral(monkeypatch: pytest.MonkeyPatch, delay: float, look_every: 
     delay [s]: from a look of the service to that end. The service runs its own loop, in virtual
     time.
     """
-    bench = Bench()
+    bench = StandbyBench()
     died = 0.35 + delay
     pulses: list[tuple[float, float]] = []
 
@@ -248,7 +248,7 @@ def test_without_a_listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 # -- real processes ----------------------------------------------------------
 
-class Board:
+class StandbyBoard:
     """Registers of a PCA9685 on a socket; set up as ours."""
 
     def __init__(self, path: Path) -> None:
@@ -286,7 +286,7 @@ class Board:
         self.regs[0x0A:0x0E] = bytes([0, 0, 338 & 0xFF, 338 >> 8])
 
 
-DRIVER = """
+STANDBY_DRIVER = """
 import fcntl, signal, sys, time
 port = open(sys.argv[1]); fcntl.flock(port, fcntl.LOCK_EX)
 if sys.argv[2] == "deaf": signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -294,18 +294,18 @@ print("drives", flush=True); time.sleep(60)
 """
 
 
-class Scene:
+class StandbyScene:
     """A board, a port (a pty), and drivers that hold it."""
 
     def __init__(self, folder: Path) -> None:
-        self.board = Board(folder / "i2c")
+        self.board = StandbyBoard(folder / "i2c")
         self._pty = pty.openpty()
         self.port = os.ttyname(self._pty[1])
         self.url = f"serial://{self.port}?i2c={self.board.spec}"
         self.processes: list[subprocess.Popen[str]] = []
 
     def driver(self, kind: str = "plain") -> subprocess.Popen[str]:
-        process = subprocess.Popen([sys.executable, "-c", DRIVER, self.port, kind],
+        process = subprocess.Popen([sys.executable, "-c", STANDBY_DRIVER, self.port, kind],
                                    stdout=subprocess.PIPE, text=True)
         self.processes.append(process)
         assert process.stdout is not None
@@ -329,8 +329,8 @@ class Scene:
 
 
 @pytest.fixture
-def scene(tmp_path: Path) -> Iterator[Scene]:
-    made = Scene(tmp_path)
+def scene(tmp_path: Path) -> Iterator[StandbyScene]:
+    made = StandbyScene(tmp_path)
     yield made
     made.close()
 
@@ -343,7 +343,7 @@ def until(true: object) -> bool:
 
 
 @pytest.mark.realtime
-def test_driver_and_guard_are_killed_and_standby_stops_the_car(scene: Scene,
+def test_driver_and_guard_are_killed_and_standby_stops_the_car(scene: StandbyScene,
                                                                tmp_path: Path) -> None:
     """The layer that is left; the control is the same second without it."""
     driver = scene.driver()
@@ -364,14 +364,15 @@ def test_driver_and_guard_are_killed_and_standby_stops_the_car(scene: Scene,
         time.sleep(0.3)
         assert scene.board.throttle == 338, "who drives is left alone"
         driver.send_signal(signal.SIGKILL)
-        assert until(lambda: scene.board.throttle & OFF)
+        assert until(lambda: scene.board.throttle & OFF_COUNT)
         assert manager.recv(200) == b"WATCHDOG=1"
         service.send_signal(signal.SIGTERM)
         assert service.wait(PATIENCE) == 128 + signal.SIGTERM
 
 
 @pytest.mark.realtime
-def test_stop_ends_the_driver_and_leaves_no_pulse(scene: Scene, capsys: pytest.CaptureFixture[str]
+def test_stop_ends_the_driver_and_leaves_no_pulse(scene: StandbyScene,
+                                                  capsys: pytest.CaptureFixture[str]
                                                  ) -> None:
     driver = scene.driver()
     scene.board.drive()
@@ -381,12 +382,13 @@ def test_stop_ends_the_driver_and_leaves_no_pulse(scene: Scene, capsys: pytest.C
     assert result["driver"] is None
     assert result["found_us"] == pytest.approx(1649, abs=5)
     assert (result["left_us"], result["at_rest"]) == (0.0, True)
-    assert scene.board.throttle & OFF
+    assert scene.board.throttle & OFF_COUNT
     assert driver.wait(PATIENCE) == -signal.SIGTERM
 
 
 @pytest.mark.realtime
-def test_stop_names_who_goes_on_driving(scene: Scene, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stop_names_who_goes_on_driving(scene: StandbyScene,
+                                        capsys: pytest.CaptureFixture[str]) -> None:
     driver = scene.driver("deaf")
     assert run_stop(scene) == 1
     captured = capsys.readouterr()
@@ -394,7 +396,7 @@ def test_stop_names_who_goes_on_driving(scene: Scene, capsys: pytest.CaptureFixt
     assert f"kill -9 {driver.pid}" in captured.err
 
 
-def run_stop(scene: Scene) -> int:
+def run_stop(scene: StandbyScene) -> int:
     with pytest.raises(SystemExit) as left:
         main(["stop", "--url", scene.url, "--cars", str(CARS), "--json"])
     return int(left.value.code or 0)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from setup_box import SETUP, Box
-from udev_rules import Device, apply, parse
+from udev_rules import UdevDevice, apply, parse
 
 from dart_hal.cli.main import VERBS
 from dart_hal.devices.actuation.standby import POLL_INTERVAL
@@ -60,7 +60,7 @@ def is_sound(text: str) -> None:
 
 def symlink() -> str:
     rules = parse((SETUP / "80-dart.rules").read_text())
-    return apply(rules, Device("tty", {"idVendor": "1a86", "idProduct": "7523"}))["SYMLINK"]
+    return apply(rules, UdevDevice("tty", {"idVendor": "1a86", "idProduct": "7523"}))["SYMLINK"]
 
 
 def test_the_unit_is_sound() -> None:

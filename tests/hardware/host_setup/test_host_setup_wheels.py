@@ -18,12 +18,12 @@ GLIBC = 27
 """Minor version of JetPack 4's C library."""
 TARGET = ("--only-binary", ":all:", "--python-version", "3.11")
 PLATFORMS = ("manylinux2014_aarch64", *(f"manylinux_2_{n}_aarch64" for n in range(17, GLIBC + 1)))
-NAME = re.compile(r"^([a-z0-9][a-z0-9-]*)==(\S+)")
+PIN_LINE = re.compile(r"^([a-z0-9][a-z0-9-]*)==(\S+)")
 
 
 def read_pins(text: str) -> dict[str, str]:
     """{name: version} of a list of pins."""
-    found = (NAME.match(line) for line in text.splitlines())
+    found = (PIN_LINE.match(line) for line in text.splitlines())
     return {m[1]: m[2] for m in found if m}
 
 

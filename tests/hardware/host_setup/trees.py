@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 FOLDER = Path(__file__).parent / "computers"
-NAMES = sorted(path.stem for path in FOLDER.glob("*.tree"))
+TREE_NAMES = sorted(path.stem for path in FOLDER.glob("*.tree"))
 
 
 def plant(name: str, root: Path) -> Path:

@@ -35,7 +35,7 @@ class Word:
 
 
 @dataclass
-class Device:
+class UdevDevice:
     """What udev sees: the device's own facts, and attributes of those above it."""
 
     subsystem: str
@@ -76,7 +76,7 @@ def _rule(line: str) -> list[Word]:
     return words
 
 
-def apply(rules: list[list[Word]], device: Device) -> dict[str, str]:
+def apply(rules: list[list[Word]], device: UdevDevice) -> dict[str, str]:
     """What the rules order for a device: {"SYMLINK": ..., "ATTR{latency_timer}": ...}."""
     given: dict[str, str] = {}
     skip = ""
@@ -95,7 +95,7 @@ def apply(rules: list[list[Word]], device: Device) -> dict[str, str]:
     return {k: v for k, v in given.items() if k not in ("GOTO", "LABEL")}
 
 
-def _holds(word: Word, device: Device) -> bool:
+def _holds(word: Word, device: UdevDevice) -> bool:
     found = {"ACTION": device.action, "SUBSYSTEM": device.subsystem, "DRIVER": device.driver,
              "ATTRS": device.attrs.get(word.attribute, "")}[word.key]
     return (found == word.value) == (word.operator == "==")

@@ -14,8 +14,7 @@ from websockets.sync.client import connect
 from dart_hal.car import Car
 from dart_hal.cli.common.session import limit_to_real_time
 from dart_lab.live.foxglove.server import serve
-
-URL = "sim://?seed=1&nano=mock"
+from tests.common import MOCK_1_URL
 
 
 class Client:
@@ -82,7 +81,7 @@ class Client:
         return self.statuses.pop(0)["message"] if self.statuses else None
 
 
-class Driven:
+class FoxgloveCar:
     """A car whose States a thread takes, as a program would; ``late``: the longest gap [s]."""
 
     def __init__(self, car, server):
@@ -119,8 +118,8 @@ class Driven:
 @contextmanager
 def serve_car(**options):
     """A car whose world is paced by itself."""
-    with (Car.open(URL + "&pace=1", **options) as car, serve(car, port=0) as server):
-        driven = Driven(car, server)
+    with (Car.open(MOCK_1_URL + "&pace=1", **options) as car, serve(car, port=0) as server):
+        driven = FoxgloveCar(car, server)
         try:
             yield driven
         finally:

@@ -14,7 +14,7 @@ import pytest
 from dart_hal.car import Car
 from dart_hal.recording.run import RunReader
 
-HERE = Path(__file__).parent
+NPM_FOLDER = Path(__file__).parent
 PACKAGES = ("@mcap/core@2", "@foxglove/rosmsg@5", "@foxglove/rosmsg2-serialization@3",
             "@foxglove/ws-protocol@0.8", "ws@8")
 pytestmark = pytest.mark.long
@@ -32,7 +32,7 @@ def node(tmp_path_factory):
         pytest.skip(f"npm cannot install: {installed.stderr[-200:]}")
 
     def run(script, argument):
-        shutil.copy(HERE / script, folder)
+        shutil.copy(NPM_FOLDER / script, folder)
         done = subprocess.run(["node", script, str(argument)], cwd=folder, text=True,
                               capture_output=True, check=True, timeout=120)
         return json.loads(done.stdout)

@@ -19,11 +19,11 @@ from nav_msgs.msg import Odometry
 from std_msgs.msg import Float32, Float32MultiArray
 from tf2_msgs.msg import TFMessage
 
-SPEED = 1.0
-ANGLE = 0.2
-DRIVES = 7.0
+DRIVE_SPEED = 1.0
+DRIVE_ANGLE = 0.2
+DRIVE_S = 7.0
 SETTLE_S = 4.0
-AFTER = 1.5
+SILENCE_S = 1.5
 """s of a drive, of it until its speed is looked at, and of silence."""
 
 
@@ -57,16 +57,16 @@ class Driver:
             each()
             time.sleep(0.1)
 
-    def control(self, reference=SPEED):
+    def control(self, reference=DRIVE_SPEED):
         if self.own:
             speed = self.samples[-1][7]
             self.out["steering_1"].publish(0.4)
             self.out["throttle_1"].publish(0.22 + 0.1 * (reference - speed))
         else:
-            self.out["steering_angle_1"].publish(ANGLE)
+            self.out["steering_angle_1"].publish(DRIVE_ANGLE)
             self.out["v_ref_1"].publish(reference)
 
-    def go(self, reference=SPEED):
+    def go(self, reference=DRIVE_SPEED):
         self.out["safety_value"].publish(1.0)
         self.t_go = time.time()
         self.control(reference)
@@ -85,9 +85,9 @@ class Driver:
         self.go()
         self.until(0.3, self.go)
         # upstream's controller takes its feed-forward from the reference before
-        self.until(DRIVES - 0.3, lambda: self.go(SPEED + 0.001))
+        self.until(DRIVE_S - 0.3, lambda: self.go(DRIVE_SPEED + 0.001))
         silent = self.t_go
-        self.until(AFTER, lambda: self.control(SPEED + 0.001))
+        self.until(SILENCE_S, lambda: self.control(DRIVE_SPEED + 0.001))
         return self.measure_rate(began, silent)
 
     def measure_rate(self, began, silent):

@@ -14,7 +14,7 @@ from dart_lab.live.ros.commands import MAX_MESSAGE_AGE_S, Commands
 
 LAST = 1.2
 """s since it was armed: the last message, or the first bad one."""
-NEUTRAL = 0.5
+NEUTRAL_WITHIN_S = 0.5
 """s from then to the end of the last driving pulse."""
 ONE_FRAME = 0.05
 
@@ -49,7 +49,7 @@ WITHOUT_THROTTLE = keeps("safety_value", 1.0)
 @pytest.mark.parametrize("each", [WITHOUT_SAFETY, WITHOUT_THROTTLE], ids=["safety", "throttle"])
 def test_silence_is_neutral_within_half_a_second(each):
     car = drive(each)
-    assert 0.2 < car.last_driving() - LAST <= 0.4 < NEUTRAL
+    assert 0.2 < car.last_driving() - LAST <= 0.4 < NEUTRAL_WITHIN_S
     assert len(car.warnings) == 1
 
 
@@ -66,12 +66,12 @@ def test_a_bridge_that_hangs_just_before_the_silence_is_noticed():
 
         with pytest.raises(Disarmed, match="trip"):
             car.run(LAST + 1.0, step)
-        assert MAX_MESSAGE_AGE_S < car.last_driving() - LAST <= NEUTRAL
+        assert MAX_MESSAGE_AGE_S < car.last_driving() - LAST <= NEUTRAL_WITHIN_S
 
 
 def test_control_a_longer_hold_shows_at_the_pin(monkeypatch):
     monkeypatch.setattr(commands, "MAX_MESSAGE_AGE_S", 0.7)
-    assert drive(WITHOUT_SAFETY).last_driving() - LAST > NEUTRAL
+    assert drive(WITHOUT_SAFETY).last_driving() - LAST > NEUTRAL_WITHIN_S
 
 
 def bad(topic, value):
@@ -83,13 +83,13 @@ def bad(topic, value):
     return each
 
 
-CASES = [("throttle_1", nan), ("throttle_1", 1.5), ("steering_1", nan), ("safety_value", 0.0),
-         ("safety_value", 2.0)]
+BAD_VALUES = [("throttle_1", nan), ("throttle_1", 1.5), ("steering_1", nan), ("safety_value", 0.0),
+              ("safety_value", 2.0)]
 
 
 @pytest.mark.slow_except("throttle_1-nan")
-@pytest.mark.parametrize("each", [bad(*case) for case in CASES],
-                         ids=[f"{topic}-{value}" for topic, value in CASES])
+@pytest.mark.parametrize("each", [bad(*case) for case in BAD_VALUES],
+                         ids=[f"{topic}-{value}" for topic, value in BAD_VALUES])
 def test_what_cannot_be_meant_is_neutral_at_once(each):
     car = drive(each)
     assert car.last_driving() - LAST <= ONE_FRAME
@@ -100,7 +100,7 @@ def test_what_cannot_be_meant_is_neutral_at_once(each):
 def test_control_without_the_check_it_drives_on(monkeypatch):
     monkeypatch.setattr(Commands, "safety", lambda self, value, now: self._receive(
         "safety_value", self._safety, 1.0, now, True, ""))
-    assert drive(bad("safety_value", 0.0)).last_driving() - LAST > NEUTRAL
+    assert drive(bad("safety_value", 0.0)).last_driving() - LAST > NEUTRAL_WITHIN_S
 
 
 def test_a_go_that_was_there_while_it_armed_moves_nothing():

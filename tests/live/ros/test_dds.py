@@ -29,8 +29,8 @@ from cyclonedds.topic import Topic
 from dds_peer import RELIABLE
 from dds_types import HEARD, TOPICS, Float32
 
-HERE = Path(__file__).parent
-ALONE = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/>" \
+ROS_FOLDER = Path(__file__).parent
+LOOP = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='false'/>" \
         "</Interfaces></General><Discovery><Peers><Peer address='localhost'/></Peers>" \
         "<ParticipantIndex>auto</ParticipantIndex></Discovery></Domain></CycloneDDS>"
 """This computer's loopback, and a domain of its own."""
@@ -79,10 +79,10 @@ def test_control_a_byte_that_is_wrong_is_detected(payloads):
 
 
 def test_topics_of_ros_2_go_to_another_process_and_come_from_it(payloads, monkeypatch):
-    monkeypatch.setenv("CYCLONEDDS_URI", ALONE)
+    monkeypatch.setenv("CYCLONEDDS_URI", LOOP)
     monkeypatch.setenv("ROS_DOMAIN_ID", "77")
     count = sum(map(len, payloads.values()))
-    peer = subprocess.Popen([sys.executable, HERE / "dds_peer.py", str(count)], text=True,
+    peer = subprocess.Popen([sys.executable, ROS_FOLDER / "dds_peer.py", str(count)], text=True,
                             stdout=subprocess.PIPE, env=dict(os.environ))
     domain = DomainParticipant()
     writers = {topic: DataWriter(domain, Topic(domain, topic, kind), qos=RELIABLE)

@@ -11,7 +11,7 @@ from ros_world import MISSING, RosWorld, is_installed, upstream_nodes
 
 pytestmark = [pytest.mark.slow, pytest.mark.realtime]
 
-NEUTRAL = 0.5
+SILENCE_LIMIT_S = 0.5
 """s from the last safety_value to the end of the last driving pulse."""
 
 
@@ -43,7 +43,7 @@ def check(result, pins):
     assert result["speed"] == pytest.approx(1.0, rel=0.15)
     assert set(result["gate"]) == {1.0}
     assert any(t > result["silent"] for t in driving), "it drove until then"
-    assert late <= NEUTRAL
+    assert late <= SILENCE_LIMIT_S
     assert result["after"] == 0.0
     assert result["stamp_age"] < 0.5
     assert result["frames"] == ["odom_1", "base_link_1", "base_link_1"]

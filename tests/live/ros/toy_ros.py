@@ -6,8 +6,7 @@ from dart_hal.car import Car
 from dart_hal.devices.links.base import open_backend
 from dart_lab.live.ros.bridge import Bridge
 from dart_lab.sim.truth import world_of
-
-NEAR_US = 5.0
+from tests.common import NEUTRAL_TOLERANCE_US
 
 
 class ToyRos:
@@ -68,7 +67,8 @@ class BridgedCar:
         """(begin, end) of pulses that are not neutral and end between these, s since armed."""
         zero = self.armed_at
         return [(rise - zero, fall - zero) for rise, fall in self.pulses
-                if since < fall - zero < until and abs((fall - rise) * 1e6 - 1500.0) > NEAR_US]
+                if since < fall - zero < until
+                and abs((fall - rise) * 1e6 - 1500.0) > NEUTRAL_TOLERANCE_US]
 
     def last_driving(self):
         return max((fall for _, fall in self.driving()), default=-1.0)

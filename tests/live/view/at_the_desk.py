@@ -10,9 +10,8 @@ from dart_lab.live.view import messages as m
 from dart_lab.live.view.access import Access
 from dart_lab.live.view.desk import Desk
 from dart_lab.sim.truth import world_of
+from tests.common import NEUTRAL_TOLERANCE_US, NEUTRAL_US
 
-NEUTRAL_US = 1500.0
-NEAR_US = 5.0
 TOKEN = "right"
 ON_THE_WAY = 0.03
 """s that the page's newest news is old when its command arrives."""
@@ -21,7 +20,7 @@ ON_THE_WAY = 0.03
 def driving(pulses, since):
     """(rise, fall) of those at the ESC that end after that and are not neutral."""
     return [(rise, fall) for rise, fall in list(pulses) if fall > since
-            and abs((fall - rise) * 1e6 - NEUTRAL_US) > NEAR_US]
+            and abs((fall - rise) * 1e6 - NEUTRAL_US) > NEUTRAL_TOLERANCE_US]
 
 
 class AtTheDesk:

@@ -111,7 +111,7 @@ def test_own_addresses_are_those_of_the_routes_once_and_not_loopback(monkeypatch
     """The second route has the address of the first; the port of a socket is none."""
     sources = iter(["10.0.0.5", "10.0.0.5", "127.0.0.1", "192.168.1.7"])
 
-    class Probe:
+    class CommandProbe:
         def __enter__(self):
             return self
 
@@ -124,7 +124,7 @@ def test_own_addresses_are_those_of_the_routes_once_and_not_loopback(monkeypatch
         def getsockname(self):
             return self.name
 
-    monkeypatch.setattr(access.socket, "socket", lambda *kind: Probe())
+    monkeypatch.setattr(access.socket, "socket", lambda *kind: CommandProbe())
     assert access.own_addresses() == ("10.0.0.5",)
     assert access.own_addresses() == ("192.168.1.7",)
 

@@ -14,7 +14,7 @@ from tests.live.view.browser_drive import drives_off
 from tests.live.view.sockets import live_page
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
-NEUTRAL = 0.250
+NEUTRAL_AFTER_S = 0.250
 
 
 def hides(browser):
@@ -22,22 +22,22 @@ def hides(browser):
                 "document.dispatchEvent(new Event('visibilitychange'))")
 
 
-ENDS = {"let go": Browser.let_go, "hidden": hides,
-        "away": lambda browser: browser.run("location.href = 'about:blank'")}
+ENDS_IN_BROWSER = {"let go": Browser.let_go, "hidden": hides,
+                   "away": lambda browser: browser.run("location.href = 'about:blank'")}
 
 
-@pytest.mark.parametrize("how", ENDS)
+@pytest.mark.parametrize("how", ENDS_IN_BROWSER)
 def test_it_drives_while_the_stick_is_held_and_not_longer(browsers, how):
     with live_page() as (car, page):
         one = browsers()
         one.open(page.urls[0])
         drives_off(one, page, car)
         ended = car.now
-        ENDS[how](one)
+        ENDS_IN_BROWSER[how](one)
         t_sent = car.now  # the browser has acted by now
         time.sleep(0.8)
         assert driving(page.pulses, ended - 0.1), "it drove until then"
-        assert max(fall for _, fall in driving(page.pulses, 0.0)) - t_sent <= NEUTRAL
+        assert max(fall for _, fall in driving(page.pulses, 0.0)) - t_sent <= NEUTRAL_AFTER_S
         assert car.mode != "ARMED"
 
 
@@ -50,7 +50,7 @@ def test_a_page_that_hangs_drives_no_longer(browsers):
         hung = car.now
         one.run("setTimeout(() => { const t = Date.now(); while (Date.now() < t + 1500); }, 0)")
         time.sleep(1.0)
-        assert max(fall for _, fall in driving(page.pulses, hung - 0.2)) - hung <= NEUTRAL
+        assert max(fall for _, fall in driving(page.pulses, hung - 0.2)) - hung <= NEUTRAL_AFTER_S
         assert car.mode != "ARMED"
 
 

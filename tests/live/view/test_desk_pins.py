@@ -15,9 +15,9 @@ from tests.live.view.at_the_desk import AtTheDesk
 from tests.live.view.junk import Junk
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-NEUTRAL = 0.250
+SILENT_PAGE_LIMIT_S = 0.250
 """s from the end of a hold to the end of the last driving pulse."""
-AT_ONCE = 0.050
+REPORTED_END_S = 0.050
 """s where the end is reported: one State, one PWM frame and a pulse."""
 
 
@@ -33,35 +33,35 @@ def end_of_hold(how, seed=1):
     return seat.last_driving(ended), seat
 
 
-ENDS = {"released": lambda seat: seat.send_message("one", m.Release()),
-        "gone": lambda seat: seat.desk.close_page("one"),
-        "left": lambda seat: seat.send_message("one", m.Leave()),
-        "stopped by another": lambda seat: seat.send_message("two", m.Stop())}
+ENDS_OF_DRIVING = {"released": lambda seat: seat.send_message("one", m.Release()),
+                   "gone": lambda seat: seat.desk.close_page("one"),
+                   "left": lambda seat: seat.send_message("one", m.Leave()),
+                   "stopped by another": lambda seat: seat.send_message("two", m.Stop())}
 
 
-@pytest.mark.parametrize("how", ENDS)
+@pytest.mark.parametrize("how", ENDS_OF_DRIVING)
 @pytest.mark.slow_except("released", "gone")
 def test_an_end_that_is_reported_is_at_the_pin_at_once(how):
-    last, seat = end_of_hold(ENDS[how])
-    assert last <= AT_ONCE
+    last, seat = end_of_hold(ENDS_OF_DRIVING[how])
+    assert last <= REPORTED_END_S
     assert seat.car.mode != "ARMED", "it is armed again by hand"
 
 
 def test_a_page_that_falls_silent_leaves_the_car_neutral():
     last, seat = end_of_hold(lambda seat: None)
-    assert AT_ONCE < last <= NEUTRAL
+    assert REPORTED_END_S < last <= SILENT_PAGE_LIMIT_S
     assert seat.car.mode != "ARMED"
     assert any("silent" in text for text in seat.list_texts())
 
 
 def test_control_a_longer_hold_shows_at_the_pin(monkeypatch):
     monkeypatch.setattr(operator, "MAX_COMMAND_AGE_S", 0.4)
-    assert end_of_hold(lambda seat: None)[0] > NEUTRAL
+    assert end_of_hold(lambda seat: None)[0] > SILENT_PAGE_LIMIT_S
 
 
 def test_control_a_release_that_is_not_received_shows_at_the_pin(monkeypatch):
     monkeypatch.setattr(Operator, "release", lambda self, page: None)
-    assert end_of_hold(ENDS["released"])[0] > AT_ONCE
+    assert end_of_hold(ENDS_OF_DRIVING["released"])[0] > REPORTED_END_S
 
 
 def still_hand(seconds=3.0):
@@ -99,7 +99,7 @@ def test_the_age_of_a_command_is_taken_off_its_validity():
         seat.drive(0.5, lambda t: seat.hold(old=0.15))
         ended = seat.now()
         seat.drive(0.4)
-        assert 0.0 < seat.last_driving(ended) <= NEUTRAL - 0.15 + 0.01
+        assert 0.0 < seat.last_driving(ended) <= SILENT_PAGE_LIMIT_S - 0.15 + 0.01
         with pytest.raises(Refused, match="the limit is 200"):
             seat.hold(old=0.21)
         with pytest.raises(Refused):
@@ -176,7 +176,7 @@ def test_stop_at_a_hundred_moments_of_arming_and_driving():
         seat.drive(0.3, lambda t, seat=seat: seat.hold())
         lasts.append(seat.last_driving(pressed))
         assert seat.driving(pressed - 0.1), "control: it drove"
-    assert max(lasts) <= AT_ONCE
+    assert max(lasts) <= REPORTED_END_S
 
 
 def test_a_car_that_was_stopped_is_armed_again_by_hand_alone():
@@ -186,7 +186,7 @@ def test_a_car_that_was_stopped_is_armed_again_by_hand_alone():
         seat.send_message("two", m.Stop())
         stopped = seat.now()
         seat.drive(1.0, lambda t: seat.hold())
-        assert seat.last_driving(stopped) <= AT_ONCE
+        assert seat.last_driving(stopped) <= REPORTED_END_S
         seat.send_message("one", m.Release())
         seat.take_and_arm()
         seat.drive(0.3, lambda t: seat.hold())
@@ -273,4 +273,4 @@ def test_a_page_that_only_watches_can_stop_and_nothing_else():
         for state in seat.car.states(duration=0.3):
             seat.car.drive(throttle=0.25)
         assert seat.driving(pressed - 0.1)
-        assert seat.last_driving(pressed) <= AT_ONCE
+        assert seat.last_driving(pressed) <= REPORTED_END_S

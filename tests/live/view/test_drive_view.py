@@ -17,8 +17,8 @@ from tests.live.view.at_the_desk import driving
 from tests.live.view.sockets import join, send_message, until
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
-SCRIPT = "def control(state):\n    return 0.1, 0.3\n"
-AT_ONCE = 0.050
+CONTROL_SCRIPT = "def control(state):\n    return 0.1, 0.3\n"
+STOP_DELAY_S = 0.050
 
 
 class Watcher(threading.Thread):
@@ -69,7 +69,7 @@ def stop_from_page(monkeypatch, tmp_path, capsys):
     def run(stop=Desk._stop):
         script = tmp_path / "bend.py"
         watcher = Watcher()
-        script.write_text(SCRIPT)
+        script.write_text(CONTROL_SCRIPT)
         monkeypatch.setattr(Car, "view", lambda car: watcher.serve(car))
         monkeypatch.setattr(Desk, "_stop", watcher.hears(stop))
         watcher.start()
@@ -87,7 +87,7 @@ def test_the_script_drives_and_the_page_stops_it(stop_from_page):
     assert b"<title>" in watcher.page
     assert watcher.begin["drives"] is False, "the script has the wheel"
     assert driving(watcher.pulses, watcher.pressed - 0.1), "it drove until then"
-    assert max(fall for _, fall in driving(watcher.pulses, 0.0)) - watcher.heard <= AT_ONCE
+    assert max(fall for _, fall in driving(watcher.pulses, 0.0)) - watcher.heard <= STOP_DELAY_S
     assert code != 0
     assert "RUN_STOP" in output
 

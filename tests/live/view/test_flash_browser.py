@@ -22,7 +22,7 @@ from tests.live.view.web_serial import Relay, web_serial
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow, pytest.mark.emulator]
 
-PREBUILT = Path(__file__).parents[3] / "firmware" / "prebuilt" / "dart_nano.hex"
+PREBUILT_HEX = Path(__file__).parents[3] / "firmware" / "prebuilt" / "dart_nano.hex"
 OPTIBOOT = BOOTLOADER.parents[1] / "optiboot" / "optiboot.c"
 OPTIBOOT_START = 0x7E00
 BEFORE = b"\xff\xcf"
@@ -68,7 +68,7 @@ def nano_of(flash, start, monkeypatch):
 @pytest.fixture
 def page(browsers):
     """``page(relay)``: the page, served and opened, with that behind its ports."""
-    server = serve_flash_page(PREBUILT)
+    server = serve_flash_page(PREBUILT_HEX)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     one = browsers()
@@ -87,7 +87,7 @@ def page(browsers):
 
 
 def is_programmed(nano):
-    image = load_image(PREBUILT)
+    image = load_image(PREBUILT_HEX)
     return nano.flash[:len(image)] == image
 
 
@@ -122,7 +122,7 @@ def one_bit(where, messages):
     return damage_message
 
 
-class OtherChip:
+class OtherFlashChip:
     """Turns the signature of an ATmega328P into that of an ATmega168, in pieces of any size."""
 
     def __init__(self):
@@ -150,12 +150,13 @@ def test_a_bit_that_came_out_wrong_is_found(page, old, monkeypatch):
         with page(Relay(nano, down=one_bit(5, []))) as one:
             at = 4 * 128 + 36
             assert f"address {at:#x}" in fails(one, "mismatch")
-        image = load_image(PREBUILT)
+        image = load_image(PREBUILT_HEX)
         assert [i for i, byte in enumerate(image) if nano.flash[i] != byte] == [at]
 
 
 @pytest.mark.parametrize(("kind", "wrong"), [
-    ("chip", {"up": OtherChip()}), ("pulled", {"pulled_after": 3000}), ("silent", {"deaf": True})])
+    ("chip", {"up": OtherFlashChip()}), ("pulled", {"pulled_after": 3000}),
+    ("silent", {"deaf": True})])
 def test_what_is_wrong_at_the_port_is_named(page, old, monkeypatch, kind, wrong):
     """silent: without its reset no bootloader answers, so the pulse is what leads there."""
     with nano_of(*old, monkeypatch) as nano:
@@ -176,7 +177,7 @@ def test_another_file_and_one_that_is_none(page, old, monkeypatch, tmp_path):
     with nano_of(*old, monkeypatch) as nano, page(Relay(nano)) as one:
         bad = tmp_path / "bad.hex"
         other = tmp_path / "other.hex"
-        bad.write_text(PREBUILT.read_text()[:400])
+        bad.write_text(PREBUILT_HEX.read_text()[:400])
         other.write_text(":02000000FECF31\n:00000001FF\n")
         one["file"].send_keys(str(bad))
         one.until("no firmware", "what")
@@ -194,7 +195,7 @@ def test_a_browser_without_serial_ports(browsers, secure, kind):
     one.driver.execute_cdp_cmd("Page.addScriptToEvaluateOnNewDocument", {"source": f"""
         Object.defineProperty(Navigator.prototype, "serial", {{ value: undefined }});
         Object.defineProperty(window, "isSecureContext", {{ value: {secure} }});"""})
-    with serve_flash_page(PREBUILT) as server:
+    with serve_flash_page(PREBUILT_HEX) as server:
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
         one.open(f"http://localhost:{server.server_port}/")

@@ -14,10 +14,10 @@ import pytest
 from dart_hal.devices.links.image import BOOT_START, ImageError, parse_hex
 from dart_hal.wire.codec import encode
 from dart_hal.wire.messages import HELLO, HELLO_REQ, PROTO, SCHEMA
+from tests.common import ROOT
 
 pytestmark = pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 
-ROOT = Path(__file__).parents[3]
 PAGE = ROOT / "host" / "dart_lab" / "live" / "view" / "flash"
 PREBUILT = ROOT / "firmware" / "prebuilt" / "dart_nano.hex"
 GIVEN = """import { readFileSync } from "node:fs"; import { exit } from "node:process";

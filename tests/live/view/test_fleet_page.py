@@ -15,17 +15,17 @@ from dart_hal.fleet.transports import open_transport
 from dart_lab.live.view import messages as m
 from dart_lab.live.view.fleet_desk import FleetDesk, FleetPage
 from dart_lab.live.view.operator import Refused
-from tests.fleet.rooms import Pins
+from tests.fleet.rooms import FleetPins
 
 pytestmark = pytest.mark.usefixtures("armed_esc")
-WITHIN = 0.3
+STOP_WITHIN_S = 0.3
 
 
-class Watched:
+class WatchedRoom:
     """Two emulated cars that drive, and a page that listens."""
 
     def __init__(self, room):
-        self.pins = Pins(room)
+        self.pins = FleetPins(room)
         self.station = Station(room, now=lambda: self.pins.fleet.cars[0].now)
         self.desk = FleetDesk([self.station])
         self.states = []
@@ -55,7 +55,7 @@ class Watched:
 
 
 def stop_room(room="local://page"):
-    with Watched(room) as watched:
+    with WatchedRoom(room) as watched:
         assert set(watched.drive(0.4, only=[]).values()) == {"link"}
         watched.pins.fleet.arm()
         assert set(watched.drive(0.2, only=[]).values()) == {"armed"}
@@ -69,7 +69,7 @@ def stop_room(room="local://page"):
 
 def test_its_stop_is_at_the_pins_of_all_cars():
     lasts, states, watched = stop_room()
-    assert max(lasts) <= WITHIN
+    assert max(lasts) <= STOP_WITHIN_S
     assert set(states.values()) == {"refused"}
     assert all("TRIPPED" in car["mode"] for car in watched.states[-1].values())
     assert watched.texts == ["STOP ALL was pressed", "all cars have answered"]
@@ -78,12 +78,12 @@ def test_its_stop_is_at_the_pins_of_all_cars():
 def test_control_cars_that_do_not_obey_are_detected(monkeypatch):
     monkeypatch.setattr(StopRule, "drive_block", lambda self, now: "")
     lasts, states, _ = stop_room("local://deaf")
-    assert max(lasts) > WITHIN
+    assert max(lasts) > STOP_WITHIN_S
     assert "driving" in states.values()
 
 
 def test_a_car_that_falls_silent_is_lost_within_a_second():
-    with Watched("local://lost") as watched:
+    with WatchedRoom("local://lost") as watched:
         watched.drive(0.4, only=[])
         watched.pins.fleet.members[1].close()
         gone = watched.pins.now()[0]

@@ -20,25 +20,25 @@ from dart_lab.sim.room_truth import lines_by_frame
 from tests.live.view.at_the_desk import AtTheDesk
 from tests.live.view.sockets import live_page
 
-COUNT = """
+COUNT_SCRIPT = """
 const c = document.getElementById('floor'), [r, g, b] = arguments[0];
 const d = c.getContext('2d').getImageData(0, 0, c.width, c.height).data;
 let n = 0;
 for (let i = 0; i < d.length; i += 4)
   if (d[i + 3] > 200 && Math.hypot(d[i] - r, d[i + 1] - g, d[i + 2] - b) < 25) n++;
 return n;"""
-EXTENT = COUNT.replace("let n = 0;", "let n = 0, box = [1e9, -1e9, 1e9, -1e9];").replace(
+EXTENT = COUNT_SCRIPT.replace("let n = 0;", "let n = 0, box = [1e9, -1e9, 1e9, -1e9];").replace(
     "n++;", "{ const x = (i / 4) % c.width, y = Math.floor(i / 4 / c.width);"
     " box = [Math.min(box[0], x), Math.max(box[1], x), Math.min(box[2], y), Math.max(box[3], y)];"
     " n++; }").replace("return n;", "return n ? [box[1] - box[0], box[3] - box[2]] : [0, 0];")
 ORANGE = (0xD5, 0x5E, 0x00)
 INK = (0x1B, 0x22, 0x2C)
-QUIET = (0x5B, 0x66, 0x75)
+BACKGROUND = (0x5B, 0x66, 0x75)
 URL = "sim://?nano=mock&pace=1&lidar=1&map=room&seed=2"
 
 
 def pixels(browser, colour):
-    return browser.driver.execute_script(COUNT, colour)
+    return browser.driver.execute_script(COUNT_SCRIPT, colour)
 
 
 def grows(browser, colour, least, within=8.0):
@@ -132,7 +132,7 @@ def test_other_cars_are_drawn_on_the_page_of_one(browsers):
             port=0, others=fleet.members[0].other_poses) as page:
         one = browsers()
         one.open(page.urls[0])
-        grows(one, QUIET, 300)
+        grows(one, BACKGROUND, 300)
         one.run("setInterval(() => Floor.others([]), 5)")
         time.sleep(0.5)
-        assert pixels(one, QUIET) < 200, "control: without them"
+        assert pixels(one, BACKGROUND) < 200, "control: without them"

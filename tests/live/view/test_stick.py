@@ -11,7 +11,7 @@ from tests.live.view.browser_drive import drives_off
 from tests.live.view.sockets import live_page
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
-KEY = "dispatchEvent(new KeyboardEvent('{}', {{code: '{}', bubbles: true}}))"
+KEY_EVENT = "dispatchEvent(new KeyboardEvent('{}', {{code: '{}', bubbles: true}}))"
 PAD = """
 const pad = {{buttons: Array.from({{length: 9}}, (_, n) => ({{pressed: n === {} }})), axes: [-0.5, 0, 0, {}]}};
 Object.defineProperty(navigator, 'getGamepads', {{value: () => [null, pad], configurable: true}});
@@ -30,7 +30,7 @@ def page(browsers):
 
 def press(page, *codes, what="keydown"):
     for code in codes:
-        page.run(f"document.body.{KEY.format(what, code)}")
+        page.run(f"document.body.{KEY_EVENT.format(what, code)}")
 
 
 def test_keys_drive_while_they_are_down(page):

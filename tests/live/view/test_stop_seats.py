@@ -22,7 +22,7 @@ from dart_lab.live.view.fleet_desk import FleetDesk, FleetPage
 from tests.live.view.sockets import join, live_page, send_message, until
 
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("armed_esc")]
-HEADER = {"X-Dart-Stop": "1"}
+STOP_HEADER = {"X-Dart-Stop": "1"}
 
 
 ALL_PLACES = server.MAX_PAGES
@@ -96,7 +96,7 @@ def test_stop_needs_no_place_and_takes_none_from_who_drives():
     with live_page() as (car, page), join(page) as driver, ExitStack() as stack:
         arm(page, driver)
         fill_places(page, stack, extra=1)
-        assert request(page, **HEADER) == (200, "stopped")
+        assert request(page, **STOP_HEADER) == (200, "stopped")
         assert wait_until_tripped(car)
         assert until(driver, "status", where=lambda s: s["mode"] == "TRIPPED")["driven"]
 
@@ -165,13 +165,14 @@ def test_control_without_that_request_a_newcomer_at_a_full_page_cannot_stop(monk
     with live_page() as (car, page), join(page) as driver, ExitStack() as stack:
         arm(page, driver)
         fill_places(page, stack, extra=1)
-        assert request(page, **HEADER)[0] == 404
+        assert request(page, **STOP_HEADER)[0] == 404
         assert not wait_until_tripped(car)
 
 
 @pytest.mark.parametrize(("headers", "status"), [
-    ({}, 403), (HEADER, 200), ({"Origin": "http://evil.example"}, 403),
-    (HEADER | {"Origin": "http://evil.example"}, 403), (HEADER | {"Host": "evil.example"}, 403)])
+    ({}, 403), (STOP_HEADER, 200), ({"Origin": "http://evil.example"}, 403),
+    (STOP_HEADER | {"Origin": "http://evil.example"}, 403),
+    (STOP_HEADER | {"Host": "evil.example"}, 403)])
 def test_a_page_of_another_origin_stops_nothing(headers, status):
     """A browser sends no such header for another origin without our consent."""
     with live_page() as (car, page):
@@ -197,7 +198,7 @@ def test_connections_that_request_nothing_do_not_keep_others_out():
         for _ in range(3 * server.MAX_HANDSHAKES):
             idle = stack.enter_context(socket.create_connection(("localhost", page.access.port)))
             idle.sendall(b"GET /stop HTTP/1.1\r\n")
-        assert request(page, **HEADER) == (200, "stopped")
+        assert request(page, **STOP_HEADER) == (200, "stopped")
         assert len(page._server._handshakes) <= server.MAX_HANDSHAKES
         assert wait_until_tripped(car)
         until(driver, "status", where=lambda s: s["driven"])
@@ -222,7 +223,7 @@ def test_the_page_of_a_fleet_stops_without_a_place(monkeypatch):
     with Station("local://full") as station, FleetPage([station], 0, lan=False) as page, \
             ExitStack() as stack:
         fill_places(page, stack)
-        assert request(page, **HEADER) == (200, "stopped")
+        assert request(page, **STOP_HEADER) == (200, "stopped")
         assert calls == ["STOP at the page of the fleet"]
 
 

@@ -15,7 +15,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import serve
 
 PACE = 0.002
-LATE = 0.1
+ANSWER_DELAY_S = 0.1
 """s; a Nano that is later is not chased."""
 
 SHIM = """
@@ -86,7 +86,7 @@ class Relay:
                 while self.left > 0:
                     for message in self._receive(socket):
                         self._take(message)
-                    if time.monotonic() - start - self.nano.now > LATE:
+                    if time.monotonic() - start - self.nano.now > ANSWER_DELAY_S:
                         start = time.monotonic() - self.nano.now
                     while self.nano.run(time.monotonic() - start):
                         pass

@@ -22,7 +22,7 @@ from dart_hal.vehicle.native.model import evaluate_coefficients, record
 from dart_hal.vehicle.native.trace import Graph, evaluate
 from dart_hal.vehicle.steering import make_steering
 from dart_hal.vehicle.tyres import make_tyres
-from tests.vehicle.effects.laws import CARS, DT, FORCES, LAWS
+from tests.vehicle.effects.laws import FORCE_INPUTS, LAW_CARS, LAW_SAMPLE_TIME, LAWS
 
 QUANTITIES = {
     "angle": lambda p, f, s: make_steering(p.steering, f)(s),
@@ -68,18 +68,18 @@ def find_failures(law, results, engine):
 
 def expected_forces(law):
     """Return the law with every field of Forces in its expectation: the others do not change."""
-    return replace(law, expected=FORCES | law.state | law.expected)
+    return replace(law, expected=FORCE_INPUTS | law.state | law.expected)
 
 
 def evaluate_forces(tested, law):
-    hook = tested.force(CARS[law.car], SCALAR, *activate(tested, law.values).values)
-    return hook(Forces(**(FORCES | law.state)))._asdict()
+    hook = tested.force(LAW_CARS[law.car], SCALAR, *activate(tested, law.values).values)
+    return hook(Forces(**(FORCE_INPUTS | law.state)))._asdict()
 
 
 def evaluate_forces_together(tested, laws):
     """Evaluate the laws of one car as one batch: values and states are arrays (n,)."""
-    cars = stack([add_effects(CARS[law.car], (activate(tested, law.values),)) for law in laws])
-    rows = {k: np.array([(FORCES | law.state)[k] for law in laws]) for k in Forces._fields}
+    cars = stack([add_effects(LAW_CARS[law.car], (activate(tested, law.values),)) for law in laws])
+    rows = {k: np.array([(FORCE_INPUTS | law.state)[k] for law in laws]) for k in Forces._fields}
     hook = tested.force(cars, ARRAY, *cars.effects[0].values)
     out = [np.broadcast_to(v, len(laws)) for v in hook(Forces(**rows))]
     return [dict(zip(Forces._fields, column, strict=True)) for column in zip(*out, strict=True)]
@@ -88,12 +88,12 @@ def evaluate_forces_together(tested, laws):
 def evaluate_forces_of_symbols(tested, law):
     """Evaluate the graph of the equation, in which parameters and state are symbols."""
     graph = Graph()
-    car = add_effects(CARS[law.car], (activate(tested, law.values),))
+    car = add_effects(LAW_CARS[law.car], (activate(tested, law.values),))
     symbols = bind(car, graph.symbol)
     hook = tested.force(symbols, graph.namespace(), *symbols.effects[0].values)
     out = [v if hasattr(v, "index") else graph.constant(v)
            for v in hook(Forces(*map(graph.symbol, Forces._fields)))]
-    numbers = {k: min(v, 1e30) for k, v in values(car).items()} | FORCES | law.state
+    numbers = {k: min(v, 1e30) for k, v in values(car).items()} | FORCE_INPUTS | law.state
     results = evaluate(graph, tuple(v.index for v in out), numbers, SCALAR)
     return dict(zip(Forces._fields, results, strict=True))
 
@@ -101,9 +101,9 @@ def evaluate_forces_of_symbols(tested, law):
 def evaluate_forces_of_casadi(tested, law, casadi):
     """Evaluate the equation over casadi's symbols; also return its slope at the state and at 0."""
     x = casadi.SX.sym("x", len(Forces._fields))
-    hook = tested.force(CARS[law.car], adapt(casadi), *activate(tested, law.values).values)
+    hook = tested.force(LAW_CARS[law.car], adapt(casadi), *activate(tested, law.values).values)
     out = casadi.vertcat(*hook(Forces(*casadi.vertsplit(x))))
-    state = [(FORCES | law.state)[k] for k in Forces._fields]
+    state = [(FORCE_INPUTS | law.state)[k] for k in Forces._fields]
     at_rest = [1.0 if k == "cos_d" else 0.0 for k in Forces._fields]
     slope = casadi.Function("slope", [x], [casadi.jacobian(out, x)])
     results = np.array(casadi.Function("forces", [x], [out])(state)).ravel()
@@ -116,7 +116,7 @@ def evaluate_forces_compiled(effects, laws, folder):
 
     In each lane the effects of other laws are at their null. Returns the fields by name, per lane.
     """
-    cars = [add_effects(CARS[law.car],
+    cars = [add_effects(LAW_CARS[law.car],
                         [activate(tested, law.values if tested.name == law.effect else {})
                                      for tested in effects]) for law in laws]
 
@@ -135,7 +135,7 @@ def evaluate_forces_compiled(effects, laws, folder):
     path = compile_kernel(source([body(traced)]), Variant(64, True), folder)
     lanes = stack(cars)
     numbers = {name: value(lanes, name) for name in names(lanes)}
-    start = np.array([[(FORCES | law.state)[k] for law in laws] for k in Forces._fields])
+    start = np.array([[(FORCE_INPUTS | law.state)[k] for law in laws] for k in Forces._fields])
     unused = np.zeros((1, len(laws)))
     h = align_coefficients(evaluate_coefficients(traced, numbers, len(laws)), np.float64)
     out = call(_load_function(path, "laws"), h,
@@ -160,9 +160,10 @@ def _length(series):
 
 
 def evaluate_series(tested, law):
-    p = add_effects(CARS[law.car], (activate(tested, law.values),))
+    p = add_effects(LAW_CARS[law.car], (activate(tested, law.values),))
     series = {c: _series(law, c) for c in law.expected}
-    return {c: transform_signal(p, c, s, _now(law, _length(s)), DT) for c, s in series.items()}
+    return {c: transform_signal(p, c, s, _now(law, _length(s)), LAW_SAMPLE_TIME) for c,
+            s in series.items()}
 
 
 def evaluate_series_in_lanes(tested, law):
@@ -170,7 +171,7 @@ def evaluate_series_in_lanes(tested, law):
 
     Returns the series of the first, and the largest change of the second.
     """
-    car = CARS[law.car]
+    car = LAW_CARS[law.car]
     heavier = replace(car, body=replace(car.body, mass=car.body.mass + 0.5))
     both = stack([add_effects(car, (activate(tested, law.values),)),
                   add_effects(heavier, (activate(tested, {}),))])
@@ -178,7 +179,8 @@ def evaluate_series_in_lanes(tested, law):
     changes = [0.0]
     for channel in law.expected:
         series = _series(law, channel)
-        out = np.array(transform_signal(both, channel, series, _now(law, _length(series)), DT))
+        out = np.array(transform_signal(both, channel, series, _now(law, _length(series)),
+                                        LAW_SAMPLE_TIME))
         results[channel] = out[..., 0]
         changes.append(np.abs(out[..., 1] - np.array(series)).max())
     return results, max(changes)
@@ -186,7 +188,7 @@ def evaluate_series_in_lanes(tested, law):
 
 def evaluate_step_by_step(tested, law):
     """Evaluate one sample after the other, as a simulator does; {} where it needs the future."""
-    p = add_effects(CARS[law.car], (activate(tested, law.values),))
+    p = add_effects(LAW_CARS[law.car], (activate(tested, law.values),))
     results = {}
     for channel in law.expected:
         hook = tested.signals[channel]
@@ -194,7 +196,7 @@ def evaluate_step_by_step(tested, law):
             return {}
         series = _series(law, channel)
         now = _now(law, _length(series))
-        stepper = Stepper(p, channel, DT)
+        stepper = Stepper(p, channel, LAW_SAMPLE_TIME)
         rows = list(zip(*series, strict=True)) if isinstance(series, tuple) else series.tolist()
         results[channel] = np.array([
             stepper(row, Now(*here)) for row, here in zip(rows, zip(*now, strict=True),
@@ -208,7 +210,7 @@ def expected_parameters(law):
     """Return the law with every parameter of the car in its expectation: the others stay."""
     if law.state:
         return law
-    old = {k: min(v, 1e30) for k, v in values(CARS[law.car]).items()}
+    old = {k: min(v, 1e30) for k, v in values(LAW_CARS[law.car]).items()}
     return replace(law, expected=old | law.expected)
 
 
@@ -220,13 +222,13 @@ def _quantities(p, f, law, convert):
 
 
 def evaluate_parameters(tested, law):
-    p = apply_parameter_effects(add_effects(CARS[law.car], (activate(tested, law.values),)))
+    p = apply_parameter_effects(add_effects(LAW_CARS[law.car], (activate(tested, law.values),)))
     return _quantities(p, SCALAR, law, float)
 
 
 def evaluate_parameters_in_lanes(tested, law):
     """Evaluate two cars in one batch; the second has the values of the null."""
-    p = apply_parameter_effects(stack([add_effects(CARS[law.car], (activate(tested, v),))
+    p = apply_parameter_effects(stack([add_effects(LAW_CARS[law.car], (activate(tested, v),))
                                        for v in (law.values, {})]))
     results = _quantities(p, ARRAY, law, np.asarray)
     return {k: np.broadcast_to(v, 2)[0] for k, v in results.items()}
@@ -234,7 +236,7 @@ def evaluate_parameters_in_lanes(tested, law):
 
 def evaluate_parameters_of_symbols(tested, law):
     graph = Graph()
-    car = add_effects(CARS[law.car], (activate(tested, law.values),))
+    car = add_effects(LAW_CARS[law.car], (activate(tested, law.values),))
     symbols = apply_parameter_effects(bind(car, graph.symbol))
     results = _quantities(symbols, graph.namespace(), law, graph.constant)
     numbers = {k: min(v, 1e30) for k, v in values(car).items()}

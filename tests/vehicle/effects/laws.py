@@ -24,13 +24,13 @@ from dart_hal.vehicle.parameters import (
     Vehicle,
 )
 
-DT = 0.01
+LAW_SAMPLE_TIME = 0.01
 """s between the samples of a series."""
 G = 9.81
 TURN = 2.0 * math.pi * 11.0 / 39.0 * 0.0233
 """m travelled per turn of the encoder's gear: final drive 11:39, wheel radius 23.3 mm."""
 
-CAR = Vehicle(
+ROUND_CAR = Vehicle(
     "round numbers",
     Body(wheelbase=0.18, l_f=0.08, l_r=0.1, mass=2.0, yaw_inertia=0.01),
     Friction(a=1.5, b=10.0, c=0.3, q=0.1),
@@ -39,21 +39,22 @@ CAR = Vehicle(
     PaperTyres(front_D=3.0, front_C=0.7, front_B=16.0, front_E=-3.0,
                rear_cornering_stiffness=20.0, rear_max=5.0),
     Delay(steering_s=0.15, throttle_s=0.05, steering_lag_s=0.04, throttle_lag_s=0.03))
-AXLE_CAR = replace(CAR, tyres=AxleTyres(front_D=0.8, front_C=0.8, front_B=8.0,
+AXLE_CAR = replace(ROUND_CAR, tyres=AxleTyres(front_D=0.8, front_C=0.8, front_B=8.0,
                                        rear_D=0.9, rear_C=1.0, rear_B=11.0))
-LINEAR_CAR = replace(CAR, tyres=PaperTyres(100.0, 0.8, 0.5, 0.0, 20.0))
+LINEAR_CAR = replace(ROUND_CAR, tyres=PaperTyres(100.0, 0.8, 0.5, 0.0, 20.0))
 """F_yf = 100 sin(0.8 atan(alpha / 2)), which is 40 N/rad alpha to 5e-5 of it at 0.02 rad."""
-SHARP_CAR = replace(CAR, tyres=PaperTyres(20.0, 2.0, 10.0, 0.0, 20.0))
+SHARP_CAR = replace(ROUND_CAR, tyres=PaperTyres(20.0, 2.0, 10.0, 0.0, 20.0))
 """Its front tyres have their largest force, 20 N, at 0.1 rad and less beyond."""
-CARS = {"round": CAR, "sharp": SHARP_CAR, "axle": AXLE_CAR, "linear": LINEAR_CAR, "paper": PAPER,
-        "upstream": UPSTREAM_2024}
+LAW_CARS = {"round": ROUND_CAR, "sharp": SHARP_CAR, "axle": AXLE_CAR, "linear": LINEAR_CAR,
+            "paper": PAPER,
+            "upstream": UPSTREAM_2024}
 
 DELTA = math.atan2(0.6, 0.8)
 LEFT = {"cos_d": 0.8, "sin_d": 0.6}
-RIGHT = {"cos_d": 0.8, "sin_d": -0.6}
-FORCES = {"eta": 0.5, "v_x": 1.5, "v_y": 0.2, "omega": 2.0, **LEFT, "alpha_f": 0.05,
-          "alpha_r": -0.04, "f_xf": 1.0, "f_xr": 0.7, "f_yf": 2.0, "f_yr": -1.5, "f_x": 0.3,
-          "f_y": -0.2, "m_z": 0.01}
+RIGHT_TURN = {"cos_d": 0.8, "sin_d": -0.6}
+FORCE_INPUTS = {"eta": 0.5, "v_x": 1.5, "v_y": 0.2, "omega": 2.0, **LEFT, "alpha_f": 0.05,
+                "alpha_r": -0.04, "f_xf": 1.0, "f_xr": 0.7, "f_yf": 2.0, "f_yr": -1.5, "f_x": 0.3,
+                "f_y": -0.2, "m_z": 0.01}
 """State of a law of forces, where the law does not change it: a left turn; SI units."""
 
 
@@ -91,7 +92,7 @@ def right_angle(s: float) -> float:
     return 0.4 * math.tanh(1.7 * (s + 0.02))
 
 
-COMMANDS = (
+COMMAND_LAWS = (
     # F_m times 1 + k t / 100 s; 0.4 is 0.25 beyond the dead band of 0.15, 0.16 is within its blend
     Law("battery_fade", {"k": -0.3}, {"throttle": [0.4, 0.4, -0.4], "t": [0.0, 50.0, 50.0]},
         {"throttle": [0.4, 0.4 - 0.15 * 0.25, -0.4 + 0.15 * 0.25]}),
@@ -263,14 +264,14 @@ def transfer_law(k: float, a_x: float, **state: float) -> Law:
 def roll_law(k: float, a_y: float, **state: float) -> Law:
     """Make a law of roll_compliance: the forces of ``state``, or of ``FORCES``, at a_y."""
     share = max(0.0, 1.0 - k * (a_y / G) ** 2)
-    forces = FORCES | state
+    forces = FORCE_INPUTS | state
     return Law("roll_compliance", {"k": k}, state,
                {"f_yf": forces["f_yf"] * share, "f_yr": forces["f_yr"] * share})
 
 
 def front_force(car: str, alpha: float) -> float:
     """Compute the force [N] of the front tyres of one of CARS at a slip angle [rad]."""
-    t = CARS[car].tyres
+    t = LAW_CARS[car].tyres
     x = t.front_B * alpha
     return t.front_D * math.sin(t.front_C * math.atan(x - t.front_E * (x - math.atan(x))))
 
@@ -287,7 +288,7 @@ def linear_compliance_law(k: float, slip: float, way: float, tolerance: float = 
     alpha = slip / max(0.5, 1.0 + 40.0 * way * k)       # in reverse at most twice the slip
     force = front_force("linear", alpha)
     change = force - front_force("linear", slip)
-    forces = FORCES | state
+    forces = FORCE_INPUTS | state
     delta = math.atan2(forces["sin_d"], forces["cos_d"]) - k * force
     return Law("steering_compliance", {"k": k}, {"alpha_f": slip, "f_yf": 0.0, **state},
                {"alpha_f": alpha, "f_yf": change, "cos_d": math.cos(delta),
@@ -343,7 +344,7 @@ FORCE_LAWS = (
     # D = -k |delta| tanh(v_x / 0.3 m/s); 1 - s of it at the centre of mass, s at the front wheels
     Law("cornering_drag", {"k": 2.0, "s": 0.25}, {},
         {"f_x": 0.3 - 1.5 * DELTA * math.tanh(5.0), "f_xf": 1.0 - 0.5 * DELTA * math.tanh(5.0)}),
-    Law("cornering_drag", {"k": 2.0, "s": 0.25}, {**RIGHT, "v_x": -0.3},
+    Law("cornering_drag", {"k": 2.0, "s": 0.25}, {**RIGHT_TURN, "v_x": -0.3},
         {"f_x": 0.3 + 1.5 * DELTA * math.tanh(1.0), "f_xf": 1.0 + 0.5 * DELTA * math.tanh(1.0)}),
     # M_z = -k omega / max(|v_x|, 0.3 m/s)
     Law("differential_drag", {"k": 0.2}, {}, {"m_z": 0.01 - 0.4 / 1.5}),
@@ -355,7 +356,7 @@ FORCE_LAWS = (
     Law("lateral_pull", {"k": -0.1}, {"v_x": 0.6}, {"m_z": 0.01 - 0.1 * math.tanh(2.0)}),
     # a_x = (F_xr + F_xf cos d - F_yf sin d + F_x) / 2 kg
     transfer_law(1.0, (0.7 + 0.8 - 1.2 + 0.3) / 2.0),
-    transfer_law(2.0, (0.7 + 0.8 + 1.2 + 0.3) / 2.0, **RIGHT),
+    transfer_law(2.0, (0.7 + 0.8 + 1.2 + 0.3) / 2.0, **RIGHT_TURN),
     transfer_law(1.5, (-0.7 - 0.8 - 1.2 + 0.3) / 2.0, f_xf=-1.0, f_xr=-0.7),
     transfer_law(3.0, (8.0 + 0.8 - 1.2 + 0.3) / 2.0, f_xr=8.0),
     transfer_law(3.0, (-8.0 + 0.8 - 1.2 + 0.3) / 2.0, f_xr=-8.0),
@@ -369,14 +370,14 @@ FORCE_LAWS = (
     slope_law("road_slope_y", -0.2, -2.5, math.pi / 2.0),
     # a_y = (F_yr + F_yf cos d + F_xf sin d + F_y) / 2 kg
     roll_law(2.0, (1.5 + 1.6 + 0.9 - 0.2) / 2.0, f_xf=1.5, f_yr=1.5),
-    roll_law(1.0, (-1.5 - 1.6 - 0.6 - 0.2) / 2.0, f_yf=-2.0, **RIGHT),
+    roll_law(1.0, (-1.5 - 1.6 - 0.6 - 0.2) / 2.0, f_yf=-2.0, **RIGHT_TURN),
     roll_law(3.0, (12.0 + 1.6 + 0.6 - 0.2) / 2.0, f_yr=12.0),
     # M_z = -k omega
     Law("yaw_damping", {"k": 0.1}, {}, {"m_z": -0.19}),
     Law("yaw_damping", {"k": 0.2}, {"omega": -2.0}, {"m_z": 0.41}),
     # delta - k F_yf; the speed along the front wheels is v_x cos d + (v_y + 0.08 m omega) sin d
     linear_compliance_law(0.01, 0.02, 1.0),
-    linear_compliance_law(0.03, -0.02, 1.0, **RIGHT),
+    linear_compliance_law(0.03, -0.02, 1.0, **RIGHT_TURN),
     linear_compliance_law(0.005, 0.02, -1.0, v_x=-1.5),
     linear_compliance_law(0.03, 0.02, -1.0, v_x=-1.5),
     linear_compliance_law(0.01, 0.02, math.tanh(1.0), v_x=0.125, v_y=0.16, omega=-2.0),
@@ -465,4 +466,4 @@ QUANTITY_LAWS = (
         {"f_yf": -3.0 * math.sin(0.7 * math.atan(4.0 - 0.75 * math.pi)), "f_yr": -1.25}),
 )
 
-LAWS = COMMANDS + SENSORS + FORCE_LAWS + PARAMETER_LAWS + QUANTITY_LAWS
+LAWS = COMMAND_LAWS + SENSORS + FORCE_LAWS + PARAMETER_LAWS + QUANTITY_LAWS

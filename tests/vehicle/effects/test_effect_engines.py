@@ -26,7 +26,7 @@ from dart_hal.vehicle.native.build import compiler
 from dart_hal.vehicle.native.model import DT_SYMBOL as STEP
 from dart_hal.vehicle.native.model import form_of, trace
 from dart_hal.vehicle.native.trace import evaluate
-from tests.vehicle.effects.effect_drive import CARS, DT, medium
+from tests.vehicle.effects.effect_drive import EFFECT_CARS, SAMPLE_TIME, medium
 
 
 def states(n=6, seed=1):
@@ -40,15 +40,16 @@ def car_with_all(p, size=0):
     return add_effects(p, (activate(e, medium(e, size)) for e in catalogue().values()))
 
 
-@pytest.mark.parametrize("car", CARS)
+@pytest.mark.parametrize("car", EFFECT_CARS)
 def test_floats_arrays_and_a_stack_move_a_car_with_all_effects_equally(car):
     x = states()
-    cars = [car_with_all(CARS[car], size) for size in (0, 1)]
-    alone = np.array([[make_car_step(p, math, DT)(*column) for column in x.T.tolist()]
+    cars = [car_with_all(EFFECT_CARS[car], size) for size in (0, 1)]
+    alone = np.array([[make_car_step(p, math, SAMPLE_TIME)(*column) for column in x.T.tolist()]
                       for p in cars])
     for p, expected in zip(cars, alone, strict=True):
-        assert np.abs(np.array(make_car_step(p, np, DT)(*x)).T - expected).max() < 1e-12
-    together = np.array(make_car_step(stack(cars), np, DT)(*np.repeat(x[:, :1], 2, axis=1)))
+        assert np.abs(np.array(make_car_step(p, np, SAMPLE_TIME)(*x)).T - expected).max() < 1e-12
+    together = np.array(make_car_step(stack(cars), np,
+                                      SAMPLE_TIME)(*np.repeat(x[:, :1], 2, axis=1)))
     assert np.abs(together.T - alone[:, 0]).max() < 1e-12
     assert np.abs(alone[0] - alone[1]).max() > 1e-3
 
@@ -59,9 +60,9 @@ def test_symbols_move_a_car_with_all_effects_equally():
     x = states(1)[:, 0].tolist()
     traced = trace(form_of(p), "car", "rk4")
     symbols = {n: min(value(p, n), 1e30) for n in names(p)}
-    symbols |= {STEP: DT, **dict(zip((*traced.states, *traced.inputs), x, strict=True))}
+    symbols |= {STEP: SAMPLE_TIME, **dict(zip((*traced.states, *traced.inputs), x, strict=True))}
     got = evaluate(traced.graph, traced.outputs, symbols, SCALAR)
-    assert got == pytest.approx(make_car_step(p, math, DT)(*x), rel=1e-12, abs=1e-12)
+    assert got == pytest.approx(make_car_step(p, math, SAMPLE_TIME)(*x), rel=1e-12, abs=1e-12)
 
 
 def test_casadi_has_the_rates_of_a_car_with_all_effects_and_their_slope():

@@ -12,7 +12,7 @@ from dart_hal.vehicle.effects import activate, add_effects, apply, catalogue, pa
 from dart_hal.vehicle.load import find_model, model_of, vehicle_of
 from tests.vehicle.effects.effect_drive import medium
 
-TEXT = """
+EFFECTS_TOML = """
 [[effects]]
 name = "gyro_latency"
 parameters = { k = 0.03 }
@@ -29,7 +29,7 @@ def test_every_effect_survives_the_file():
 
 def test_a_file_with_effects_is_a_vehicle_with_effects(tmp_path):
     path = tmp_path / "model.toml"
-    path.write_text(dump(model_of(PAPER)) + TEXT, encoding="utf-8")
+    path.write_text(dump(model_of(PAPER)) + EFFECTS_TOML, encoding="utf-8")
     model, p = find_model(path)
     assert p == add_effects(PAPER, parse_effects("quadratic_drag:0.1,gyro_latency:0.03"))
     assert model.effects[1].parameters["k"] == Quantity(0.1, 0.02)

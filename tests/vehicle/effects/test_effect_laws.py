@@ -27,8 +27,8 @@ from tests.vehicle.effects.law_engines import (
 )
 from tests.vehicle.effects.laws import FORCE_LAWS
 
-EVERY = pytest.mark.parametrize("effect", catalogue().values(), ids=catalogue())
-FORCES = pytest.mark.parametrize("effect", force_effects(), ids=lambda effect: effect.name)
+each_effect = pytest.mark.parametrize("effect", catalogue().values(), ids=catalogue())
+each_force = pytest.mark.parametrize("effect", force_effects(), ids=lambda effect: effect.name)
 
 
 def test_every_hook_of_every_effect_has_a_law():
@@ -38,7 +38,7 @@ def test_every_hook_of_every_effect_has_a_law():
         assert channels_of(effect.name) == set(effect.signals), effect.name
 
 
-@EVERY
+@each_effect
 def test_effect_satisfies_its_equation(effect):
     """Over floats, arrays with a value for each car, symbols, whole series and single steps."""
     failures = check_effect(effect)
@@ -59,7 +59,7 @@ def test_effect_satisfies_its_equation(effect):
     assert failures == []
 
 
-@FORCES
+@each_force
 def test_casadi_satisfies_the_equation_and_can_differentiate_it(effect):
     casadi = pytest.importorskip("casadi")
     failures = []

@@ -16,10 +16,10 @@ from dart_hal.vehicle.effects import catalogue
 from tests.vehicle.effects.law_engines import check_effect
 
 sys.path.append(str(Path(__file__).parents[2] / "mutation"))
-from equivalent import EFFECTS, EQUIVALENTS, equivalence
+from equivalent import EFFECTS_FOLDER, EQUIVALENTS, equivalence
 from term_mutants import term_mutants
 
-KNOWN = [known for known in EQUIVALENTS if known.file.startswith(EFFECTS)]
+KNOWN_EQUIVALENTS = [known for known in EQUIVALENTS if known.file.startswith(EFFECTS_FOLDER)]
 
 
 def is_noticed(mutant):
@@ -36,7 +36,7 @@ def is_noticed(mutant):
 def list_survivors(name):
     """Return the mutants of an effect that the laws do not notice."""
     return [f"{m.place} {m.operator}: {m.before} => {m.after}"
-            for m in term_mutants(f"{EFFECTS}{name}.py")
+            for m in term_mutants(f"{EFFECTS_FOLDER}{name}.py")
             if not equivalence(m) and not is_noticed(m)]
 
 
@@ -48,7 +48,7 @@ def test_laws_notice_every_change_of_an_equation(name):
 
 def test_an_equation_is_broken_in_every_one_of_its_terms():
     """The control: all that is made of a scale, (1 + k) v."""
-    returned = [m.after for m in term_mutants(f"{EFFECTS}gyro_scale.py")]
+    returned = [m.after for m in term_mutants(f"{EFFECTS_FOLDER}gyro_scale.py")]
     assert sorted(returned) == sorted([
         "return v / (1.0 + k)", "return (v)", "return (1.0 + k)", "return v * (1.0 - k)",
         "return v * ((1.0))", "return v * ((k))", "return v * (1.25 + k)", "signals={},"])
@@ -63,6 +63,6 @@ def test_mutant_survives_where_the_law_is_missing(monkeypatch):
     assert len(list_survivors("load_transfer")) > 3
 
 
-@pytest.mark.parametrize("known", KNOWN, ids=lambda known: known.after)
+@pytest.mark.parametrize("known", KNOWN_EQUIVALENTS, ids=lambda known: known.after)
 def test_an_equivalent_mutant_is_one_that_is_made(known):
     assert sum(known.matches(mutant) for mutant in term_mutants(known.file)) == 1

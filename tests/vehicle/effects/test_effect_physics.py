@@ -26,11 +26,11 @@ from dart_hal.vehicle.effects import activate, add_effects, apply, catalogue, fi
 from dart_hal.vehicle.flat import names, value
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.tyres import make_slip, make_tyres
-from tests.vehicle.effects.effect_drive import CARS, DT, NAMES, drive, medium
+from tests.vehicle.effects.effect_drive import EFFECT_CARS, EFFECT_NAMES, SAMPLE_TIME, drive, medium
 
-EVERY = pytest.mark.parametrize("name", NAMES)
-MOVING = [n for n in NAMES if catalogue()[n].force or catalogue()[n].vehicle]
-N = 40
+every_effect = pytest.mark.parametrize("name", EFFECT_NAMES)
+MOVING = [n for n in EFFECT_NAMES if catalogue()[n].force or catalogue()[n].vehicle]
+BATCH_SIZE = 40
 
 
 def states(seed=3):
@@ -38,7 +38,7 @@ def states(seed=3):
     draw = np.random.default_rng(seed)
     low = [-3.0, -3.0, -7.0, -1.5, -0.4, -4.0, -0.6, -0.9, -0.6, -0.9]
     high = [3.0, 3.0, 7.0, 3.5, 0.4, 4.0, 0.6, 0.9, 0.6, 0.9]
-    x = draw.uniform(low, high, (N, 10)).T
+    x = draw.uniform(low, high, (BATCH_SIZE, 10)).T
     x[3:6, :4] = 0.0          # at rest, with and without commands
     x[:, 4] = 0.0
     return x
@@ -47,8 +47,9 @@ def states(seed=3):
 def series(channel, seed=4):
     """(signal, now) of N samples: both signs, zeros, a long stay."""
     draw = np.random.default_rng(seed)
-    now = Now(np.arange(N) * DT, *draw.normal(size=(len(Now._fields) - 1, N)))
-    rows = draw.uniform(-0.9, 0.9, ({"accel": 2, "pose": 3}.get(channel, 1), N))
+    now = Now(np.arange(BATCH_SIZE) * SAMPLE_TIME,
+              *draw.normal(size=(len(Now._fields) - 1, BATCH_SIZE)))
+    rows = draw.uniform(-0.9, 0.9, ({"accel": 2, "pose": 3}.get(channel, 1), BATCH_SIZE))
     rows[:, 5:8] = 0.0
     return (tuple(rows) if len(rows) > 1 else rows[0]), now
 
@@ -56,21 +57,23 @@ def series(channel, seed=4):
 def stays_neutral(p, with_effect):
     """Whether motion, signals and parameters are those of p, to the last bit."""
     x = states()
-    motion = np.array_equal(make_car_step(p, np, DT)(*x), make_car_step(with_effect, np, DT)(*x))
+    motion = np.array_equal(make_car_step(p, np, SAMPLE_TIME)(*x),
+                            make_car_step(with_effect, np, SAMPLE_TIME)(*x))
     same = all(value(apply_parameter_effects(with_effect), n) == value(p, n) for n in names(p))
     signals = True
     for channel in SIGNAL_CHANNELS:
         given, now = series(channel)
-        signals &= np.array_equal(transform_signal(with_effect, channel, given, now, DT), given)
+        signals &= np.array_equal(transform_signal(with_effect, channel, given, now, SAMPLE_TIME),
+                                  given)
     return motion, signals, same
 
 
 @pytest.mark.slow_except("paper-*", "*-grip", "*-front_grip", "*-steering_compliance",
                          "*-centre_of_mass")
-@EVERY
-@pytest.mark.parametrize("car", CARS)
+@every_effect
+@pytest.mark.parametrize("car", EFFECT_CARS)
 def test_at_its_null_value_an_effect_changes_nothing(name, car):
-    p = CARS[car]
+    p = EFFECT_CARS[car]
     assert stays_neutral(p, apply(p, name)) == (True, True, True)
 
 
@@ -115,7 +118,7 @@ CHANGES = {
 
 
 @pytest.mark.slow_except("steering_compliance", "gyro_scale", "battery_fade")
-@EVERY
+@every_effect
 def test_at_medium_size_it_shows_in_ten_seconds(name, base_drive):
     channel, least = CHANGES[name]
     of = find_effect(name)
@@ -142,20 +145,20 @@ def test_all_at_once_is_still_a_car(base_drive):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("car", CARS)
+@pytest.mark.parametrize("car", EFFECT_CARS)
 def test_any_two_compose_in_any_order(car):
     """Finite, equal whichever was named first, and equal to the one alone where the other is 0."""
     x = states()[:, :8]
-    p = CARS[car]
+    p = EFFECT_CARS[car]
     some = {n: activate(e, medium(e)) for n, e in catalogue().items()}
-    for a, b in combinations(NAMES, 2):
+    for a, b in combinations(EFFECT_NAMES, 2):
         both = add_effects(p, (some[a], some[b]))
         assert both == add_effects(p, (some[b], some[a]))
         if {some[a].effect.stage, some[b].effect.stage} != {"measurement"}:
-            assert np.isfinite(make_car_step(both, np, DT)(*x)).all(), f"{a} and {b}"
+            assert np.isfinite(make_car_step(both, np, SAMPLE_TIME)(*x)).all(), f"{a} and {b}"
         for channel in {*some[a].effect.signals} & {*some[b].effect.signals}:
             given, now = series(channel)
-            changed = transform_signal(both, channel, given, now, DT)
+            changed = transform_signal(both, channel, given, now, SAMPLE_TIME)
             assert np.isfinite(changed).all(), f"{a} and {b}"
 
 
@@ -198,10 +201,10 @@ def test_a_car_at_rest_without_commands_stays_at_rest(name):
 
 
 @pytest.mark.parametrize("k", [0.003, 0.03])
-@pytest.mark.parametrize("car", CARS)
+@pytest.mark.parametrize("car", EFFECT_CARS)
 def test_compliance_solves_its_own_equation(k, car):
     """F = front(delta - k F), forwards: against a bisection."""
-    p = CARS[car]
+    p = EFFECT_CARS[car]
     front = make_tyres(p.tyres, p.body)[0]
     slip = make_slip(p.body, math, p.slip)
     share = 0.02 if p.slip == "all_speeds" else 0.05    # upstream's slip is bent up to 1 m/s
@@ -223,9 +226,9 @@ def test_compliance_solves_its_own_equation(k, car):
         assert got[5] == pytest.approx(want[5], abs=share * abs(want[5] - rigid[5]))
 
 
-@pytest.mark.parametrize("car", CARS)
+@pytest.mark.parametrize("car", EFFECT_CARS)
 def test_compliance_in_reverse_adds_slip_and_no_more_than_stated(car):
-    p = CARS[car]
+    p = EFFECT_CARS[car]
     draw = np.random.default_rng(6)
     vx, vy, om, delta = draw.uniform([-3, -1, -6, -0.5], [3, 1, 6, 0.5], (20000, 4)).T
     cd = np.cos(delta)

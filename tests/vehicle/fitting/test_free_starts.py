@@ -8,13 +8,13 @@ import pytest
 from dart_hal.vehicle.fitting.covariance import plain_covariance, pool_blocks
 from dart_hal.vehicle.fitting.free_starts import FreeStarts, fit_free_starts
 
-T = np.tile(np.linspace(0.0, 1.0, 12), 5)
+TIMES = np.tile(np.linspace(0.0, 1.0, 12), 5)
 STRETCH = np.repeat(np.arange(5), 12)
 
 
 def readings(p: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """Exponential decay (P, n) to a level, by rate and level p (P, 2), from starts (P, 5)."""
-    fade = np.exp(-p[:, :1] * T)
+    fade = np.exp(-p[:, :1] * TIMES)
     return p[:, 1:] * (1.0 - fade) + starts[:, STRETCH] * fade
 
 
@@ -22,7 +22,7 @@ def readings(p: np.ndarray, starts: np.ndarray) -> np.ndarray:
 def problem():
     rng = np.random.default_rng(0)
     truth = readings(np.array([[2.0, 0.5]]), rng.uniform(1.0, 3.0, (1, 5)))[0]
-    return FreeStarts(readings, truth + rng.normal(0.0, 0.01, len(T)), STRETCH,
+    return FreeStarts(readings, truth + rng.normal(0.0, 0.01, len(TIMES)), STRETCH,
                       np.array([0.1, -1.0]), np.array([9.0, 2.0]), np.array([1e-4, 1e-4]))
 
 
