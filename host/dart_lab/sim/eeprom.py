@@ -13,6 +13,7 @@ from dart_hal.wire.crc import crc16
 from dart_hal.wire.messages import PARAM_BY_NAME, PARAMS
 
 EEPROM_SIZE = 1024
+# Address and magic of the first slot of the identity, and of the parameters.
 IDENTITY_ADDRESS = 0xE0
 IDENTITY_MAGIC = 0x4944
 PARAMS_ADDRESS = 0xA0
@@ -34,6 +35,7 @@ def encode_params(values: Mapping[int, int]) -> bytes:
 
 def make_eeprom(board_id: int, params: Mapping[str, int] | None = None) -> bytes:
     """Return the EEPROM of a board with an id and, if given, other than default parameters."""
+    # An erased EEPROM, in which the second slots remain empty.
     image = bytearray(b"\xff" * EEPROM_SIZE)
     identity = encode_record(IDENTITY_MAGIC, struct.pack("<IH", board_id, 0))
     image[IDENTITY_ADDRESS:IDENTITY_ADDRESS + len(identity)] = identity

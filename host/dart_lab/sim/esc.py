@@ -59,6 +59,7 @@ class Esc:
     def pulse(self, pulse: Pulse) -> None:
         """Take over one complete pulse (rise, fall) [s], which acts at its fall."""
         rise, t = pulse
+        # Neutral before a loss of the signal does not count.
         if t - self._last_pulse > self.params.signal_loss:
             self._neutral_since = None
         self._last_pulse = t
@@ -78,6 +79,7 @@ class Esc:
         """Coast after ``signal_loss`` s without a pulse; neutral is then needed first."""
         if t - self._last_pulse > self.params.signal_loss and self.mode is not EscMode.UNARMED:
             self._set(EscMode.UNARMED, 0.0)
+            # The power was on all the time, so a first pulse of neutral is enough.
             self._neutral_since = None
             self._needed = 0.0
 
@@ -93,6 +95,8 @@ class Esc:
         if self._neutral_since is None:
             self._neutral_since = t
         rested = t - self._neutral_since
+        # Neutral arms the ESC after arm_time, and releases the brake after reverse_gap, so that the
+        # next pulses below neutral drive backward.
         armed = self.mode is EscMode.UNARMED and rested >= self._needed
         released = self.mode is EscMode.BRAKING and rested >= self.params.reverse_gap
         if armed or released or self.mode is EscMode.REVERSE:
@@ -120,6 +124,7 @@ class DelayedEsc(Esc):
         self._waiting = DelayQueue[Pulse]()
 
     def pulse(self, pulse: Pulse) -> None:
+        # The width of the pulse is unchanged: both edges are delayed.
         delay = self.params.delay
         self._waiting.put(pulse[1] + delay, (pulse[0] + delay, pulse[1] + delay))
 

@@ -19,6 +19,7 @@ from dart_lab.sim.world import World
 
 _DECIMAL = r"\d+(\.\d*)?([eE][+-]?\d+)?"
 _SECONDS = r"\d{1,9}(\.\d+)?"  # Finite.
+# target:kind, =value, @start with or without "s", + or " " (a + in a URL) and duration.
 _PATTERN = re.compile(
     rf"(?P<target>\w+):(?P<kind>\w+)(=(?P<value>{_DECIMAL}))?"
     rf"@(?P<start>{_SECONDS})s?([+ ](?P<duration>{_SECONDS})s?)?$", re.ASCII)
@@ -52,6 +53,7 @@ def parse_failure(text: str) -> Failure:
     if name not in FAILURE_KINDS:
         raise UsageError(f"no failure {':'.join(name)}", expected=list_failures())
     kind = FAILURE_KINDS[name]
+    # Without a value the default of the kind, which is NaN for a kind without a value.
     value = kind.default if found["value"] is None else float(found["value"])
     if found["value"] is not None and not (kind.unit and kind.low <= value <= kind.high):
         raise UsageError(f"{':'.join(name)} cannot be {found['value']}", found=text,

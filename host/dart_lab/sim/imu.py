@@ -77,6 +77,7 @@ class Imu:
         self._tilted = any(params.tilt)
         if self._tilted:
             plate = rotation(*params.tilt)
+            # Gravity in the axes of the tilted plate, minus what a level chip removes.
             self._leak = _multiply((GRAVITY * plate[2][0], GRAVITY * plate[2][1],
                                  GRAVITY * (plate[2][2] - 1.0)), rows)
             rows = (_multiply(plate[0], rows), _multiply(plate[1], rows), _multiply(plate[2], rows))
@@ -102,6 +103,7 @@ class Imu:
         # From the centre of mass to the sensor: a + omega_dot x r + omega x (omega x r).
         ax += -omega_dot * y - omega * omega * x
         ay += omega_dot * x - omega * omega * y
+        # The sensor's axes are the columns of the rotation matrix: transposed products.
         rate = p.gyro_scale * (omega if rate is None else rate)
         bx, by, bz = p.gyro_bias
         gyro = (self._zx * rate + bx, self._zy * rate + by, self._zz * rate + bz)

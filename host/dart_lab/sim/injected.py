@@ -59,6 +59,7 @@ class SignalEffects:
     def sensor_inputs(self, mean: MeanMotion, motion: MotionModel, throttle: float,
                       brake: float) -> SensorInputs:
         """Return the sensor inputs of the last tick; throttle: as ``throttle`` returned it."""
+        # The state after the tick; speed, yaw rate and accelerations are means over it.
         self._turns += mean.v_x * self._per_turn * self._dt
         drive = self._drive(throttle, mean.v_x, brake)
         self.now = now = Now(self.now.t + self._dt, mean.v_x, motion.v_y, mean.omega, motion.eta,
@@ -83,6 +84,7 @@ class ServoWithEffects(SteeringServo):
 
     def move(self, t: float, dt: float) -> float:
         now = self._now()._replace(t=t)
+        # Command, lag, effects on the command, slew and play of the servo, effects on the angle.
         target = self._current_target(t)
         if target is not None:
             self._lagged_command += self._lag_gain * (target - self._lagged_command)

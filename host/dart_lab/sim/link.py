@@ -41,6 +41,8 @@ class SimLink(Link):
         self._check_open()
         horizon = self._now + timeout
         while True:
+            # A chunk is due when the world has reached its arrival. Otherwise the world runs to the
+            # next arrival, or to the end of the read.
             due = self._arrived[0].t if self._arrived else float("inf")
             if due <= self._world.t and due <= horizon:
                 chunk = self._arrived.popleft()
@@ -85,6 +87,7 @@ class SimLink(Link):
         world.advance(until)
         for data, t in world.nano.read():
             self._part += data
+            # The line carries whole frames, so that its damage is independent of the chunks.
             if data.endswith(b"\0") or len(self._part) >= MAX_UNDELIMITED_BYTES:
                 arrived, when = self._up.carry(bytes(self._part), t)
                 self._part.clear()

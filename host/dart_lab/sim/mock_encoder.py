@@ -73,6 +73,7 @@ class MockEncoder:
                 self._mark_due = self._time_of(self._next)
 
     def _edge(self, ck: int, edge_min_ck: int) -> None:
+        # As in the firmware: an edge too close to the last one is rejected.
         gap = (ck - self.last_ck) & 0xFFFFFFFF
         if self.count and gap < edge_min_ck:
             self.rejected += 1
@@ -87,6 +88,7 @@ class MockEncoder:
         if self._rate == 0.0 or not self.marks:
             self._mark_due = float("inf")
             return
+        # Marks have unwrapped indices: turn times their number, plus the index in the turn.
         turn, within = divmod(self._phase0, 1.0)
         k = bisect_right(self.marks, within)
         if self._rate < 0.0 and k and self.marks[k - 1] == within:

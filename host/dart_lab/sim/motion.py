@@ -140,6 +140,7 @@ class KinematicMotion:
         r = self.omega
         self.x, self.y, self.eta, vx = self._advance(
             self.x, self.y, self.eta, u, drive.k0, drive.k1, brake, tan)
+        # Without slip: yaw rate = v tan(delta) / wheelbase, v_y of the centre of mass = l_r omega.
         om = vx * tan / self._wheelbase
         vy = self._l_r * om
         self.v_x = vx

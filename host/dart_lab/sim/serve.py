@@ -31,7 +31,7 @@ class PacedWorld:
     def __init__(self, backend: Backend) -> None:
         if not isinstance(backend.link, SimLink):
             raise UsageError(f"{backend.url.text} cannot be served", expected="sim://, without "
-                             "pace: a port is served in real time whatever the URL says")
+                             "pace: a port is always served in real time")
         self._world: World = backend.link._world
         self.lock = threading.Lock()
 
@@ -76,6 +76,7 @@ def _remove_stale_socket(path: Path) -> None:
         try:
             probe.connect(os.fspath(path))
         except OSError:
+            # No server listens: the server has been killed.
             path.unlink()
             return
     raise UsageError(f"{path} is served by another car", expected="a path that is free",

@@ -70,7 +70,9 @@ class DartCarEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             self.car.seed(noise)
             self._lidar.seed([noise])
         else:
+            # A reset in the vector environment takes a step, so the same noise is used up here.
             self.car.skip(self._frame)
+        # Parameters: those of the nominal car times the drawn factors.
         u, factors = self._draws.draw(self.np_random)
         if len(factors) or self.car.vehicle is not self._nominal:
             drawn = factors_by_name(self._draws.spread, factors.tolist())
@@ -96,6 +98,7 @@ class DartCarEnv(gymnasium.Env[Observation, NDArray[np.float32]]):
                              expected="throttle and steering, -1 to 1")
         throttle, steering = (min(1.0, max(-1.0, a)) for a in requested.tolist())
         last = self._command
+        # The reward penalises the change of the clipped commands.
         change = (throttle - last[0]) ** 2 + (steering - last[1]) ** 2
         self._command = [throttle, steering]
         state = self.car.advance(throttle, steering, self._frame)

@@ -67,6 +67,7 @@ class ResetDraws:
 
     def draw(self, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         """Draw (uniform numbers for the task, factors of the parameters)."""
+        # First the draws of the task, then those of the parameters, in the order of the spread.
         u = rng.random(self._draws)
         half = np.array(list(self.spread.values()))
         return u, 1.0 + half * rng.uniform(-1.0, 1.0, len(half))

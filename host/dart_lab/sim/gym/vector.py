@@ -153,6 +153,7 @@ class DartCarVectorEnv(gymnasium.vector.VectorEnv[Array, Array, Array]):
             for row, f in zip(self._factors.values(), factors, strict=True):
                 row[cars] = f
             self._set_vehicles()
+        # Start states and memories of the cars that are reset; the others keep theirs.
         start, memory = self._task.start(np.array([u for u, _ in drawn]).T)
         self.cars.reset(np.array(start), cars)
         self._memory = self._merge_memory(memory, cars)

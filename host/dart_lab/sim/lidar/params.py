@@ -53,6 +53,7 @@ class LidarParams:
         return Mount(self.x, self.y, self.yaw, self.clockwise != 0.0, self.scale)
 
 
+# Options of ``lidar=`` with their ranges.
 LIDAR_OPTIONS = tuple(f.name for f in fields(LidarParams))
 _RANGE = {"rate": (4.0, 12.0), "ripple": (0.0, 0.2), "skew": (-0.005, 0.005), "noise": (0.0, 1.0),
           "dropout": (0.0, 1.0), "least": (0.0, 10.0), "most": (0.1, 16.0), "scale": (0.9, 1.1),

@@ -104,6 +104,7 @@ class LightBatch(LightPlant):
         self.k = self.k.copy()
         self.k[where] = 0
         self.state = _put(self.state, tuple(full), where)
+        # Five normal numbers per car: three biases, two components of the force.
         rows = np.array([self._starts[i].standard_normal(5) for i in where],
                         dtype=full.dtype).reshape(-1, 5).T
         self._servo, self._travel, self._path = _put(
@@ -114,6 +115,7 @@ class LightBatch(LightPlant):
             along, across = (v.copy() for v in self._force.force)
             along[where], across[where] = self._force.start(rows[3:])
             self._force.force = (along, across)
+        # The delayed commands before the start are those of the start.
         for i, pair in enumerate(self._queue):
             throttle, steering = _put(pair, (full[6], full[7]), where)
             self._queue[i] = throttle, steering

@@ -63,7 +63,9 @@ class LightCar(LightPlant):
         self.k = 0
         self.state = tuple(map(float, (x, y, yaw, v_x, v_y, yaw_rate, throttle, steering)))
         self._servo = float(steering)
+        # The delayed commands before the start are those of the start.
         self._queue.extend([(float(throttle), float(steering))] * (self._queue.maxlen or 1))
+        # Five normal numbers: three biases, two components of the force.
         row = self._starts[0].standard_normal(5).tolist()
         self._bias = self._offsets(row)
         if self._force is not None:

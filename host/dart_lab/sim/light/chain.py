@@ -36,6 +36,7 @@ def split_step(step: float, throttle_delay: float, steering_delay: float) -> tup
     """
     (whole_t, switch_t), (whole_s, switch_s) = (
         _split_delay(d, step) for d in (throttle_delay, steering_delay))
+    # Before its switching time within the step a command is one step older.
     cuts = sorted({0.0, switch_t, switch_s, step})
     return tuple(StepPiece(round(b - a, 12), whole_t + (a < switch_t), whole_s + (a < switch_s))
                  for a, b in pairwise(cuts) if b - a > TIME_TOLERANCE)
@@ -76,6 +77,7 @@ def make_slew(rate: float, ops: Ops) -> Callable[[Value, Value, float], tuple[Va
 
     def slew(position: Value, target: Value, duration: float) -> tuple[Value, Value]:
         limit = rate * duration
+        # The ramp lasts |moved| / rate, then the position is constant.
         moved = f.fmax(-limit, f.fmin(limit, target - position))
         return position + moved, position + moved - 0.5 * moved * f.fabs(moved) / limit
 

@@ -44,6 +44,7 @@ class ScalarHistory:
             self._ring[(self._now - k) % depth] = rows(k)
 
     def value(self, signal: int, back: Value) -> Value:
+        # Between the signals k and k + 1 steps ago.
         k = int(back)
         part = back - k
         depth = len(self._ring)

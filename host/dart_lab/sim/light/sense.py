@@ -63,15 +63,16 @@ def history_depth(sensors: Sensors, step: float, delays: Sequence[Value] = ZEROS
 
 
 # Ages this close to a whole number of steps are whole [steps].
-STEP_TOLERANCE = 1e-6
+WHOLE_STEP_TOLERANCE = 1e-6
 
 
 def to_steps(time: Value, step: float) -> Value:
     """Return a time, or an array (n,) of times, in steps, without rounding errors."""
     steps = time / step
     if np.ndim(steps):
-        return np.where(np.abs(steps - np.rint(steps)) < STEP_TOLERANCE, np.rint(steps), steps)
-    return float(round(steps)) if abs(steps - round(steps)) < STEP_TOLERANCE else steps
+        whole = np.rint(steps)
+        return np.where(np.abs(steps - whole) < WHOLE_STEP_TOLERANCE, whole, steps)
+    return float(round(steps)) if abs(steps - round(steps)) < WHOLE_STEP_TOLERANCE else steps
 
 
 class Sampler:

@@ -129,6 +129,7 @@ def overlaps(boxes: FloatArray) -> Array:
     spread = np.einsum("iak,jck->ijac", sides, boxes)
     low = spread.min(axis=3)
     high = spread.max(axis=3)
+    # The same projections of rectangle i itself.
     own = np.einsum("iak,ick->iac", sides, boxes)
     separate = ((low > own.max(axis=2)[:, None]) | (high < own.min(axis=2)[:, None])).any(axis=2)
     touching: Array = ~(separate | separate.T)
