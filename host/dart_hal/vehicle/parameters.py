@@ -33,14 +33,15 @@ MIN_SHAPE = 0.05
 MAX_SHAPE = 20.0
 
 
-def quantity(unit: str, low: float, high: float, **options: Any) -> Any:
-    """A dataclass field that carries its unit and the interval it must lie in."""
-    return field(metadata={"unit": unit, "low": low, "high": high}, **options)
+def quantity(unit: str, low: float, high: float, meaning: str, **options: Any) -> Any:
+    """A dataclass field that carries its unit, the interval it must lie in, and its meaning."""
+    return field(metadata={"unit": unit, "low": low, "high": high, "meaning": meaning}, **options)
 
 
-def force(unit: str, low: float, high: float, **options: Any) -> Any:
+def force(unit: str, low: float, high: float, meaning: str, **options: Any) -> Any:
     """A field as of ``quantity`` whose interval is that of a car of REFERENCE_MASS."""
-    return field(metadata={"unit": unit, "low": low, "high": high, "of_mass": True}, **options)
+    return field(metadata={"unit": unit, "low": low, "high": high, "meaning": meaning,
+                           "of_mass": True}, **options)
 
 
 def scaled_bounds(meta: Any, mass: float) -> tuple[float, float]:
@@ -77,12 +78,15 @@ class BoundedParameters:
 class Body(BoundedParameters):
     """Geometry and inertia. ``front_share`` is the front axle's part of the wheel force."""
 
-    wheelbase: float = quantity("m", 0.03, 5.0)
-    l_f: float = quantity("m", 0.005, 4.0)
-    l_r: float = quantity("m", 0.005, 4.0)
-    mass: float = quantity("kg", 0.01, 5000.0)
-    yaw_inertia: float = quantity("kg m2", 1e-7, 20_000.0)
-    front_share: float = quantity("-", 0.0, 1.0, default=0.5)
+    wheelbase: float = quantity("m", 0.03, 5.0, "axle to axle")
+    l_f: float = quantity("m", 0.005, 4.0, "centre of mass to the front axle")
+    l_r: float = quantity("m", 0.005, 4.0, "centre of mass to the rear axle")
+    mass: float = quantity("kg", 0.01, 5000.0, "of the car, ready to drive")
+    yaw_inertia: float = quantity("kg m2", 1e-7, 20_000.0,
+                                  "about the vertical axis through the centre of mass")
+    front_share: float = quantity("-", 0.0, 1.0,
+                                  "share of the wheel force at the front "
+                                  "axle: 0 rear, 1 front, 0.5 all-wheel drive", default=0.5)
 
     def __post_init__(self) -> None:
         BoundedParameters.__post_init__(self)
@@ -118,41 +122,47 @@ class Body(BoundedParameters):
 class Friction(BoundedParameters):
     """F = -(a tanh(b v) + c v + q v |v|)."""
 
-    a: float = force("N", 0.0, 20.0)
-    b: float = quantity("s/m", 0.1, 200.0)
-    c: float = force("N s/m", -5.0, 20.0)
-    q: float = force("N s2/m2", -5.0, 20.0, default=0.0)
+    a: float = force("N", 0.0, 20.0, "dry friction")
+    b: float = quantity("s/m", 0.1, 200.0, "steepness of the sign of the speed in dry friction")
+    c: float = force("N s/m", -5.0, 20.0, "viscous friction")
+    q: float = force("N s2/m2", -5.0, 20.0, "quadratic drag", default=0.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Motor(BoundedParameters):
     """F = (d - e v) T(tau) - reverse (d + e v) T(-tau); T = smooth max(0, tau + g)."""
 
-    d: float = force("N", 0.0, 200.0)
-    e: float = force("N s/m", 0.0, 100.0)
-    g: float = quantity("-", -0.9, 0.0)
-    reverse: float = quantity("-", 0.0, 1.0, default=0.6)
+    d: float = force("N", 0.0, 200.0, "force per throttle at rest")
+    e: float = force("N s/m", 0.0, 100.0, "loss of that force per speed, by the back EMF")
+    g: float = quantity("-", -0.9, 0.0, "dead band: throttle at which the motor starts, negative")
+    reverse: float = quantity("-", 0.0, 1.0, "force in reverse over that forward", default=0.6)
 
 
 @dataclass(frozen=True, slots=True)
 class Steering(BoundedParameters):
     """Steering map of the paper: amplitudes [rad] and gains, left and right."""
 
-    k_left: float = quantity("-", 0.05, 10.0)
-    a_left_rad: float = quantity("rad", 0.02, 1.4)
-    s0: float = quantity("-", -0.5, 0.5)
-    a_right_rad: float = quantity("rad", 0.02, 1.4)
-    k_right: float = quantity("-", 0.05, 10.0)
+    k_left: float = quantity("-", 0.05, 10.0, "gain of a command to the left")
+    a_left_rad: float = quantity("rad", 0.02, 1.4, "limit of the angle to the left")
+    s0: float = quantity("-", -0.5, 0.5, "command added before the map: trim")
+    a_right_rad: float = quantity("rad", 0.02, 1.4, "limit of the angle to the right")
+    k_right: float = quantity("-", 0.05, 10.0, "gain of a command to the right")
 
 
 @dataclass(frozen=True, slots=True)
 class Delay(BoundedParameters):
     """Pure delays and first-order lags of the two command channels [s]."""
 
-    steering_s: float = quantity("s", 0.0, 1.0, default=0.0)
-    throttle_s: float = quantity("s", 0.0, 1.0, default=0.0)
-    steering_lag_s: float = quantity("s", 0.0, 1.0, default=0.0)
-    throttle_lag_s: float = quantity("s", 0.0, 1.0, default=0.0)
+    steering_s: float = quantity("s", 0.0, 1.0,
+                                 "pure delay from a steering command to the wheels", default=0.0)
+    throttle_s: float = quantity("s", 0.0, 1.0,
+                                 "pure delay from a throttle command to the force", default=0.0)
+    steering_lag_s: float = quantity("s", 0.0, 1.0,
+                                     "time constant of the "
+                                     "first-order lag of the steering", default=0.0)
+    throttle_lag_s: float = quantity("s", 0.0, 1.0,
+                                     "time constant of the "
+                                     "first-order lag of the throttle", default=0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,24 +173,36 @@ class PaperTyres(BoundedParameters):
     that may spin needs a finite ``rear_max``.
     """
 
-    front_D: float = force("N", 0.1, 100.0)  # noqa: N815
-    front_C: float = quantity("-", 0.05, 3.0)  # noqa: N815
-    front_B: float = quantity("1/rad", 0.5, 200.0)  # noqa: N815
-    front_E: float = quantity("-", -20.0, 1.0)  # noqa: N815
-    rear_cornering_stiffness: float = force("N/rad", 0.5, 500.0)
-    rear_max: float = force("N", 0.1, math.inf, default=math.inf)
+    front_D: float = force("N", 0.1, 100.0, "peak side force, both front wheels")  # noqa: N815
+    front_C: float = quantity("-", 0.05, 3.0,  # noqa: N815
+                              "shape factor of the front tyres")
+    front_B: float = quantity("1/rad", 0.5, 200.0,  # noqa: N815
+                              "stiffness of the front tyres: side force "
+                              "at small slip is D C B alpha")
+    front_E: float = quantity("-", -20.0, 1.0,  # noqa: N815
+                              "curvature of the front tyres near their peak")
+    rear_cornering_stiffness: float = force("N/rad", 0.5, 500.0,
+                                            "side force per slip angle, both rear wheels")
+    rear_max: float = force("N", 0.1, math.inf,
+                            "largest side force of the rear axle", default=math.inf)
 
 
 @dataclass(frozen=True, slots=True)
 class AxleTyres(BoundedParameters):
     """Three-parameter magic formula of both axles; D is a coefficient of the axle load."""
 
-    front_D: float = quantity("-", 0.05, 3.0)  # noqa: N815
-    front_C: float = quantity("-", 0.05, 3.0)  # noqa: N815
-    front_B: float = quantity("1/rad", 0.5, 200.0)  # noqa: N815
-    rear_D: float = quantity("-", 0.05, 3.0)  # noqa: N815
-    rear_C: float = quantity("-", 0.05, 3.0)  # noqa: N815
-    rear_B: float = quantity("1/rad", 0.5, 200.0)  # noqa: N815
+    front_D: float = quantity("-", 0.05, 3.0,  # noqa: N815
+                              "peak side force over the load of the front axle")
+    front_C: float = quantity("-", 0.05, 3.0,  # noqa: N815
+                              "shape factor of the front tyres")
+    front_B: float = quantity("1/rad", 0.5, 200.0,  # noqa: N815
+                              "stiffness of the front tyres: side force "
+                              "at small slip is D C B alpha")
+    rear_D: float = quantity("-", 0.05, 3.0,  # noqa: N815
+                             "peak side force over the load of the rear axle")
+    rear_C: float = quantity("-", 0.05, 3.0, "shape factor of the rear tyres")  # noqa: N815
+    rear_B: float = quantity("1/rad", 0.5, 200.0,  # noqa: N815
+                             "stiffness of the rear tyres: D C B per load")
 
 
 MODEL_KINDS = ("dynamic", "kinematic")

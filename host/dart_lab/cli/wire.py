@@ -14,10 +14,13 @@ from dart_hal.wire.messages import MESSAGES, PROTO, SCHEMA
 from dart_lab.pages.effect_page import render_effects
 from dart_lab.pages.error_page import render_errors
 from dart_lab.pages.gate_page import render_gates
+from dart_lab.pages.model_page import render_model_file
 from dart_lab.pages.verb_page import render_verbs
 
 PAGES = {"docs/reference/errors.md": render_errors, "docs/reference/effects.md": render_effects,
-         "docs/reference/gates.md": render_gates, "docs/reference/verbs.md": render_verbs}
+         "docs/reference/gates.md": render_gates,
+         "docs/reference/model_file.md": render_model_file,
+         "docs/reference/verbs.md": render_verbs}
 FORMATS = {"md": emit.render_markdown, "c": emit.render_header}
 
 

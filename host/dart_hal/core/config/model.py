@@ -29,6 +29,30 @@ MODEL_PARAMETERS: dict[str, tuple[str, ...]] = {
 }
 
 
+# Keys of model.toml with their type and meaning, for the reference page.
+MODEL_KEYS: dict[str, tuple[str, str]] = {
+    "schema": ("text", f"kind and version of the file: `{MODEL_SCHEMA}`"),
+    "name": ("text", "name of the model in tables and reports"),
+    "kind": ("`dynamic` or `kinematic`", "bicycle that moves the car: with slip of the tyres, or "
+             "without"),
+    "body": ("table", "sizes and inertia of the car"),
+    "friction": ("table", "resistance to rolling"),
+    "motor": ("table", "force of the motor at the wheels"),
+    "steering": ("table", "map from a steering command to the angle of the road wheels"),
+    "delay": ("table", "delays and lags of both commands"),
+    "tyres": ("table", "side forces of the tyres"),
+    "forms": ("table of texts", "variants of the equations: `slip` = `all_speeds`, `paper` or "
+              "`upstream`, the form of the slip angles"),
+    "speed_loop": ("table of numbers", "numbers of a speed loop of your own; kept and not used"),
+    "effects": ("list of tables", "what the car has beyond the base model: `name` of an effect and "
+                "its `parameters`"),
+    "covariance": ("table", "covariance of parameters of a joint fit: `names` (n) of the form "
+                   "`section.key`, `matrix` (n, n) in their units"),
+    "provenance": ("table", "who wrote the file: command, version, base, SHA-256 of the "
+                   "recordings, source of the sizes"),
+}
+
+
 class EffectEntry(FileTable, frozen=True):
     """One effect of the catalogue with its parameters."""
 
