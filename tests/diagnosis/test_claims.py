@@ -9,11 +9,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from dart_hal.core.config.car import Geometry, SizeErrors
 from dart_hal.vehicle import PAPER
+from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import names
 from dart_hal.vehicle.friction import make_friction
-from dart_hal.vehicle.load import find_model
+from dart_hal.vehicle.load import find_model, vehicle_of
 from dart_hal.vehicle.motor import make_motor
+from dart_hal.vehicle.sizes import SIZES, set_sizes
 from dart_lab.diagnosis import diagnose
 from dart_lab.diagnosis.conclude import _verdict
 from dart_lab.diagnosis.evidence.drive import prepare_drive
@@ -31,6 +34,7 @@ from dart_lab.diagnosis.report.claimed import PICTURES, _measure_curve, pictures
 from dart_lab.diagnosis.report.explain import describe_claim
 from dart_lab.diagnosis.report.page import page
 from dart_lab.diagnosis.result import Claim, Constancy, QuantityChange
+from dart_lab.diagnosis.run import select_free_sizes
 from studies.diagnosis.hidden_drive import Plan, write
 from studies.diagnosis.known_frame import read
 
@@ -78,6 +82,37 @@ def test_of_an_exact_model_nothing_is_claimed(folder):
     found = answer(folder)
     assert found.claims == ()
     assert found.verdict == "nothing_wrong"
+
+
+@pytest.mark.slow
+def test_wrong_size_of_car_toml_is_a_finding_about_car_toml(folder):
+    """The yaw inertia is 60 % larger than a car.toml states; nothing else is wrong."""
+    body = replace(PAPER.body, yaw_inertia=1.6 * PAPER.body.yaw_inertia)
+    train, test = (read(write(folder / f"inertia_{seed}.csv", replace(PAPER, body=body), seed,
+                              Plan(seconds=SECONDS))) for seed in (21, 22))
+    sizes = {key: getattr(PAPER.body, key) for key in SIZES}
+    file = set_sizes(find_model("paper")[0], Geometry(**sizes, std=SizeErrors(
+        wheelbase=0.001, l_f=0.002, mass=0.02, yaw_inertia=0.0006)))
+    sides = check_inputs([train], [test], vehicle_of(file))
+    found = diagnose(file, vehicle_of(file), sides.train, sides.test)
+    assert found.causes == ()
+    (c,) = found.claims
+    assert describe_claim(c)["What"].startswith("Your yaw inertia of car.toml was wrong")
+    inertia = c.quantities["yaw inertia"]
+    assert inertia.after == pytest.approx(1.6 * inertia.before, rel=0.15)
+    assert found.refitted["body.mass"].after == pytest.approx(PAPER.body.mass, abs=0.04)
+    assert found.verdict == "parameters_only"
+
+
+def test_effect_that_is_the_same_as_a_free_size_is_not_looked_for():
+    stated = {"body.mass": 0.02, "body.l_f": 0.002, "body.wheelbase": 0.001}
+    sizes, names = select_free_sizes(stated, ())
+    assert sizes == stated
+    assert set(catalogue()) - set(names) == {"mass", "centre_of_mass"}
+    assert select_free_sizes(stated, ("grip", "mass")) == (stated, ("grip",))
+    assert select_free_sizes(stated, ("mass",)) == ({}, ("mass",)), "it was asked for"
+    assert select_free_sizes({"body.wheelbase": 0.001}, ()) == ({"body.wheelbase": 0.001}, ())
+    assert select_free_sizes({}, ("grip",)) == ({}, ("grip",))
 
 
 @pytest.mark.slow

@@ -69,6 +69,33 @@ def test_predictions_reach_the_noise(joint):
     assert joint.after[2] < 0.06
 
 
+def test_prediction_of_another_centre_of_mass_is_that_of_the_measured_point():
+    """The same motion, read 10 mm behind the centre of mass of the model."""
+    shift = 0.01
+    g = driven(1, 10.0)
+    behind = Problem.of([replace(g, v_y=g.v_y - shift * g.omega)])
+    expected = Problem.of([g]).predict(TRUE)
+    expected[:, 1] -= shift * expected[:, 2]
+    assert behind.predict(TRUE, shift) == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.slow
+def test_sizes_move_within_the_errors_that_car_toml_states():
+    """Of a car that is 25 mm shorter and lighter than its car.toml says."""
+    wrong = with_values(TRUE, {"body.wheelbase": 0.2, "body.l_f": 0.1055, "body.mass": 1.8})
+    problem = Problem.of([driven(1, 30.0), driven(2, 30.0)])
+    known = {"body.wheelbase": 0.02, "body.l_f": 0.02, "body.mass": 0.1, "body.yaw_inertia": 5e-4}
+    free = fit_jointly(problem, wrong, known=known)
+    fixed = fit_jointly(problem, wrong)
+    assert set(free.nuisance) == set(known)
+    assert sum(free.after) < sum(fixed.after)
+    for name, found in free.nuisance.items():
+        assert found.std < 1.01 * known[name]
+        assert abs(found.value - value(PAPER, name)) < 3.0 * known[name]
+    body = free.vehicle.body
+    assert body.l_f + body.l_r == pytest.approx(body.wheelbase)
+
+
 def test_a_lag_enters_the_prediction_without_a_jump():
     problem = Problem.of([driven(1, 10.0)])
     none, hardly = (problem.predict(with_values(TRUE, {

@@ -20,6 +20,9 @@ from dart_hal.vehicle.namespace import Value
 from dart_hal.vehicle.parameters import Vehicle, scaled_bounds
 
 Group = TypeVar("Group")
+LENGTHS = ("wheelbase", "l_f", "l_r")
+# Of the wheelbase, between the centre of mass and an axle: no car has its mass on one axle.
+MIN_AXLE_SHARE = 0.02
 PARAMETER_GROUPS = ("body", "friction", "motor", "steering", "delay", "tyres")
 
 
@@ -106,9 +109,10 @@ def change_values(applied: ActiveEffect, changed: Mapping[str, float]) -> Active
 
 
 def make_setter(p: Vehicle, names: Sequence[str]) -> Callable[[Sequence[float]], Vehicle]:
-    """``with_values`` of the same parameters again and again, unchecked but for the body's.
+    """``with_values`` of the same parameters again and again, unchecked.
 
-    The numbers must be within ``bounds``. Raises UsageError for an unknown name.
+    The numbers must be within ``bounds``. Of the lengths of the body at most two are given, as
+    ``close_lengths`` takes them. Raises UsageError for an unknown name.
     """
     groups: dict[str, list[tuple[str, int]]] = {}
     inside: dict[str, list[tuple[int, int]]] = {}
@@ -118,9 +122,6 @@ def make_setter(p: Vehicle, names: Sequence[str]) -> Callable[[Sequence[float]],
             groups.setdefault(group, []).append((key, i))
         else:
             inside.setdefault(group, []).append((_index(applied, key), i))
-    if "body" in groups:  # its lengths must suit each other
-        return lambda numbers: with_values(p, dict(zip(names, numbers, strict=True)))
-
     def change(applied: ActiveEffect, numbers: Sequence[float]) -> ActiveEffect:
         own = list(applied.values)
         for at, i in inside.get(applied.name, ()):
@@ -129,11 +130,33 @@ def make_setter(p: Vehicle, names: Sequence[str]) -> Callable[[Sequence[float]],
 
     def vehicle(numbers: Sequence[float]) -> Vehicle:
         changes = {group: _replace_fields(getattr(p, group), {key: numbers[i] for key, i in part})
-                   for group, part in groups.items()}
+                   for group, part in groups.items() if group != "body"}
+        if "body" in groups:
+            sizes = {key: numbers[i] for key, i in groups["body"]}
+            lengths = close_lengths({key: getattr(p.body, key) for key in LENGTHS}, sizes)
+            changes["body"] = _replace_fields(p.body, {**sizes, **lengths})
         effects = tuple(change(a, numbers) for a in p.effects) if inside else p.effects
         return _replace_fields(p, {**changes, "effects": effects})
 
     return vehicle
+
+
+def close_lengths(body: Mapping[str, float], changed: Mapping[str, float]) -> dict[str, float]:
+    """Wheelbase, l_f and l_r after a change of one or two of them; {} without one.
+
+    body: all three before. The wheelbase stays l_f + l_r: two changed lengths give the third one.
+    A changed l_f or l_r keeps the wheelbase, a changed wheelbase the share of the axle loads. The
+    centre of mass stays between the axles.
+    """
+    if not set(changed) & set(LENGTHS):
+        return {}
+    wheelbase = changed.get("wheelbase", body["wheelbase"])
+    l_f = changed.get("l_f", wheelbase * body["l_f"] / body["wheelbase"])
+    if "l_r" in changed:
+        l_f = wheelbase - changed["l_r"]
+    nearest = MIN_AXLE_SHARE * wheelbase
+    l_f = min(max(l_f, nearest), wheelbase - nearest)
+    return {"wheelbase": wheelbase, "l_f": l_f, "l_r": wheelbase - l_f}
 
 
 def bind(p: Vehicle, lookup: Callable[[str], Value]) -> Vehicle:

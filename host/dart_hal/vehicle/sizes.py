@@ -13,7 +13,7 @@ import numpy as np
 
 from dart_hal.core.config import ModelFile, Quantity, plain
 from dart_hal.core.config.car import CarConfig, CommandLimits, Geometry
-from dart_hal.core.config.model import Parameters
+from dart_hal.core.config.model import Parameter, Parameters
 from dart_hal.vehicle.namespace import ARRAY
 from dart_hal.vehicle.parameters import Body, Steering
 from dart_hal.vehicle.sets import PAPER
@@ -21,6 +21,8 @@ from dart_hal.vehicle.steering import make_steering
 
 SIZES = {"wheelbase": "m", "l_f": "m", "l_r": "m", "mass": "kg", "yaw_inertia": "kg m2"}
 """Entries of the section body that a car file gives, with their units."""
+CAR_FILE = "car.toml"
+"""First word of ``method`` of a size whose standard error car.toml states; fits may move it."""
 MIN_SIZE_DIFFERENCE = 0.01
 """Relative; sizes that differ by less are the same car's, weighed or measured twice."""
 
@@ -37,13 +39,31 @@ def body_of(size: Geometry, base: Body = PAPER.body) -> Body:
 
 
 def set_sizes(model: ModelFile, size: Geometry) -> ModelFile:
-    """The model with the sizes of a car; entries with a standard error were measured and stay."""
+    """The model with the sizes of a car, and with their standard errors where it states them.
+
+    Entries with a standard error that is not from a car.toml were measured and stay.
+    """
     body = body_of(size)
-    measured = {key for key, entry in model.body.items() if isinstance(entry, Quantity)}
+    errors = size.std.stated()
+    measured = {key for key, entry in model.body.items()
+                if isinstance(entry, Quantity) and not is_from_car_file(entry)}
     geometry = {"wheelbase", "l_f", "l_r"}
     kept = measured - geometry if not geometry <= measured else measured
-    changed: Parameters = {key: getattr(body, key) for key in SIZES if key not in kept}
+    changed: Parameters = {
+        key: Quantity(getattr(body, key), errors[key], CAR_FILE) if key in errors else
+        getattr(body, key) for key in SIZES if key not in kept}
     return msgspec.structs.replace(model, body={**model.body, **changed})
+
+
+def is_from_car_file(entry: Parameter) -> bool:
+    """Whether a size has a standard error that its owner states in car.toml."""
+    return isinstance(entry, Quantity) and (entry.method or "").startswith(CAR_FILE)
+
+
+def list_stated_errors(model: ModelFile) -> dict[str, float]:
+    """Standard errors of sizes that car.toml states, by full name ("body.mass")."""
+    return {f"body.{key}": float(entry.std) for key, entry in model.body.items()
+            if isinstance(entry, Quantity) and is_from_car_file(entry)}
 
 
 def scale_steering_lock(model: ModelFile, car: CarConfig) -> ModelFile:

@@ -12,8 +12,10 @@ from dart_hal.core.errors import UsageError
 from dart_hal.core.timing import SAMPLE
 from dart_hal.recording.dart import Recording, Reference
 from dart_hal.vehicle.compose import apply_parameter_effects
+from dart_hal.vehicle.effects import catalogue
 from dart_hal.vehicle.flat import value
 from dart_hal.vehicle.parameters import Vehicle
+from dart_hal.vehicle.sizes import list_stated_errors
 from dart_lab.identification.evaluation.cases import prepare as prepare_cases
 from dart_lab.identification.shooting.fit import FREE, free_names
 
@@ -33,6 +35,9 @@ from .search.forward import ForwardSearch, SearchResult
 from .search.scan import Progress
 from .search.selection import Settings
 
+# Effects that change a size of the body, by the name of the size.
+SAME_AS_SIZE = {"body.mass": "mass", "body.yaw_inertia": "yaw_inertia",
+                "body.l_f": "centre_of_mass", "body.l_r": "centre_of_mass"}
 # Typical shares of the time until the model is fitted, and until the causes are found.
 FIT_SHARE = 0.15
 SEARCH_SHARE = 0.65
@@ -55,7 +60,8 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
     model, vehicle: as ``find_model`` gives them. train, test: as
     ``inputs.check_inputs`` gives them: all with motion capture, or all without.
     refit: estimate the parameters of the model before the search for effects, from their values in
-    the file and within the standard errors there. only: effects that may be accepted; () = all.
+    the file and within the standard errors there, and the sizes of the car that have a standard
+    error in car.toml. only: effects that may be accepted; () = all.
     false_alarm: probability that an effect is found where nothing is missing.
     jobs: processes; the result does not depend on it as long as linear algebra has one
     thread, as the command line gives it. reference: marker frame
@@ -72,17 +78,19 @@ def diagnose(model: ModelFile, vehicle: Vehicle, train: Sequence[Recording],
                          remedy="leave out --no-refit, or leave out --out-predictor")
     l_r = apply_parameter_effects(vehicle).body.l_r
     known = standard_errors(model) if refit else {}
+    sizes, only = select_free_sizes(list_stated_errors(model) if refit else {}, only)
     files: dict[str, dict[str, Any]] = {}
     sets = [_make_recording_set(role, recordings, l_r, reference, policy.evidence, files)
             for role, recordings in (("train", train), ("test", test))]
     if predictor:
         check_recordings(sets[0])
     free = _select_free_parameters(vehicle, known, sets[0].evidence.has_mocap) if refit else ()
+    free += tuple(sizes)
     frame = find_frame_errors([d.recording for part in sets for d in part.evidence.drives])
-    known = {**known, **frame}
+    known = {**known, **sizes, **frame}
     vehicle = free_frame(vehicle, frame)
-    settings = Settings(free=free, known=known, names=tuple(only), false_alarm=false_alarm,
-                        max_causes=max_causes, jobs=jobs, seed=seed,
+    settings = Settings(free=free, known=known, unbounded=tuple(sizes), names=tuple(only),
+                        false_alarm=false_alarm, max_causes=max_causes, jobs=jobs, seed=seed,
                         policy=policy, refit=refit)
 
     pace = ProgressEstimator(progress)
@@ -119,6 +127,21 @@ def standard_errors(model: ModelFile) -> dict[str, float]:
     return {f"{group}.{key}": float(entry.std) for group in FREE
             for key, entry in getattr(model, group).items()
             if isinstance(entry, Quantity) and entry.std}
+
+
+def select_free_sizes(stated: Mapping[str, float], only: Sequence[str]
+                      ) -> tuple[dict[str, float], tuple[str, ...]]:
+    """Return the sizes of car.toml that a refit estimates, and the effects to look for.
+
+    stated: standard errors by name; only: as in ``diagnose``. A size and an effect such as
+    ``mass`` are the same number, so the effect is not looked for: if the size is wrong, that is a
+    finding about car.toml and no cause in the car. The size is fixed if no other effect remains.
+    """
+    same = {SAME_AS_SIZE[name] for name in stated if name in SAME_AS_SIZE}
+    remaining = tuple(name for name in only or catalogue() if name not in same)
+    if not same or not remaining:
+        return ({} if same else dict(stated)), tuple(only)
+    return dict(stated), remaining
 
 
 def _select_free_parameters(vehicle: Vehicle, known: Mapping[str, float], has_mocap: bool

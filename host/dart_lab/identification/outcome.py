@@ -8,23 +8,29 @@ from typing import Any
 
 import msgspec
 
-from dart_hal.core.config import ModelFile, Quantity
+from dart_hal.core.config import ModelFile, Quantity, plain
 from dart_hal.core.config.model import Covariance
 from dart_hal.recording.dart import Recording, Reference
+from dart_hal.vehicle.flat import LENGTHS, close_lengths, unit
 from dart_hal.vehicle.flat import names as flat_names
-from dart_hal.vehicle.flat import unit
 from dart_hal.vehicle.flat import value as flat_value
 from dart_hal.vehicle.load import vehicle_of
 from dart_hal.vehicle.parameters import Vehicle
 from dart_hal.vehicle.sets import PAPER
+from dart_hal.vehicle.sizes import CAR_FILE, list_stated_errors
 from dart_lab.identification.fit import Estimate, Fit
 from dart_lab.identification.mass import never_weighed, of_mass, weighed
 from dart_lab.identification.report import FileReport, Published
 from dart_lab.identification.write import SECTIONS, Source, rounded, why_unsound
+from dart_lab.report.numbers import with_error
 
 Progress = Callable[[float, str], None]
 Skipped = Sequence[tuple[str, str]]
 """(file, reason) of files that could not be read."""
+JOINT_FIT = f"{CAR_FILE}, joint fit"
+"""Method of a size of car.toml that a joint fit has moved."""
+MAX_SIZE_ERRORS = 2.0
+"""Standard errors of car.toml by which a fit may move a size without a doubt."""
 BODY_STD = {"mass": 0.02, "yaw_inertia": 0.1}
 """Relative standard error of a mass that nobody has weighed with the recordings, as experiments
 have it, and of an inertia: m/12 (length^2 + width^2) of a car is good to a tenth."""
@@ -62,7 +68,9 @@ class Identification:
 
     def over(self, base: ModelFile) -> ModelFile:
         """The base that the fits belong to: with the mass, inertia and effects they hang on."""
-        found = {name: Quantity(e.value, e.std) for name, e in self.nuisance.items()}
+        stated = list_stated_errors(base)
+        found = {name: Quantity(e.value, e.std, JOINT_FIT if name in stated else None)
+                 for name, e in self.nuisance.items()}
         if self.mass is not None:
             found["body.mass"] = Quantity(self.mass.value, self.mass.std)
 
@@ -72,7 +80,13 @@ class Identification:
 
         effects = tuple(msgspec.structs.replace(e, parameters=changed(e.name, e.parameters))
                         for e in base.effects)
-        return msgspec.structs.replace(base, body=changed("body", base.body), effects=effects)
+        body = changed("body", base.body)
+        # Of the lengths that a fit has moved, the remaining one closes the wheelbase.
+        moved = {key: q.value for key in LENGTHS if (q := found.get(f"body.{key}")) is not None}
+        lengths = close_lengths({key: plain(base.body[key]) for key in LENGTHS}, moved) if (
+            moved) else {}
+        body |= {key: length for key, length in lengths.items() if key not in moved}
+        return msgspec.structs.replace(base, body=body, effects=effects)
 
     def to_json(self) -> dict[str, Any]:
         """``fits`` and ``files`` as ``dart-hal identify --json`` prints them."""
@@ -168,11 +182,29 @@ def jointly(recordings: list[Recording], skipped: Skipped, names: Sequence[str],
                     "one fit of all sub-models by multiple shooting, errors over blocks")
     start = vehicle_of(base)
     published = {name: base_values(start, fit) for name, fit in made.fits.items()}
+    fits = made.fits
+    if sizes := describe_moved_sizes(base, made.nuisance):
+        fits = {name: replace(fit, notes=(*fit.notes, sizes)) for name, fit in fits.items()}
     joint = Covariance(made.names, rounded(made.covariance))
     frames = {file: g.reference for file, (_, g) in used.items()}
-    return (Identification(made.fits, files, published, source, joint=joint, frames=frames,
+    return (Identification(fits, files, published, source, joint=joint, frames=frames,
                            compared=_name_comparison(base.name, recordings),
                            nuisance=made.nuisance), recordings)
+
+
+def describe_moved_sizes(base: ModelFile, fitted: Mapping[str, Estimate]) -> str:
+    """State where a joint fit has moved the sizes of car.toml; "" without stated errors."""
+    parts, doubtful = [], []
+    for name, std in list_stated_errors(base).items():
+        if name in fitted:
+            key, found = name.partition(".")[2], fitted[name]
+            before = plain(base.body[key])
+            parts.append(f"{key} {before:.4g} +- {std:.2g} -> "
+                         f"{with_error(found.value, found.std)} {found.unit}")
+            if abs(found.value - before) > MAX_SIZE_ERRORS * std:
+                doubtful.append(key)
+    remedy = f"; measure again: {', '.join(doubtful)}" if doubtful else ""
+    return f"sizes of car.toml: {', '.join(parts)}{remedy}" if parts else ""
 
 
 def _name_comparison(base: str, recordings: Sequence[Recording]) -> str:
@@ -182,7 +214,8 @@ def _name_comparison(base: str, recordings: Sequence[Recording]) -> str:
 
 def _known(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]:
     """Standard errors of the base by name; of its identified sections none that these recordings
-    have made. A mass or an inertia without a stated error is as vague as ``BODY_STD``."""
+    have made. A mass or an inertia without a stated error is as vague as ``BODY_STD``. Lengths
+    have the errors that car.toml states."""
     seen = set(base.provenance.get("files", {}).values())
     again = bool(seen & {r.sha256 for r in recordings})
     tables: dict[str, Mapping[str, Any]] = {effect.name: effect.parameters
@@ -196,7 +229,7 @@ def _known(base: ModelFile, recordings: Sequence[Recording]) -> dict[str, float]
         entry = base.body.get(key)
         known[f"body.{key}"] = (entry.std if isinstance(entry, Quantity)
                                 else share * float(flat_value(vehicle, f"body.{key}")))
-    return known
+    return known | list_stated_errors(base)
 
 
 def _with_body(base: ModelFile, values: Mapping[str, Estimate]) -> ModelFile:

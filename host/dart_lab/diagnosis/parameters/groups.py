@@ -96,6 +96,10 @@ def _total_delay(channel: str) -> Quantity:
     return quantity
 
 
+def _size(key: str) -> Quantity:
+    return lambda p: float(getattr(apply_parameter_effects(p).body, key))
+
+
 GROUPS: Mapping[str, ParameterGroup] = MappingProxyType({
     "friction": ParameterGroup(
         "friction", ("friction.",),
@@ -131,8 +135,23 @@ GROUPS: Mapping[str, ParameterGroup] = MappingProxyType({
         "rear tyres", ("tyres.rear",),
         {"initial cornering stiffness": ("N/rad", _stiffness(1))},
         "Steps of the steering at 1.5 m/s and more: how far the rear swings out."),
+    "wheelbase": ParameterGroup(
+        "wheelbase of car.toml", ("body.wheelbase",), {"axle to axle": ("m", _size("wheelbase"))},
+        "Measure from axle to axle with a tape, on both sides."),
+    "centre of mass": ParameterGroup(
+        "centre of mass of car.toml", ("body.l_f", "body.l_r"),
+        {"to the front axle": ("m", _size("l_f")), "to the rear axle": ("m", _size("l_r"))},
+        "Weigh both axles on kitchen scales, the car level and ready to drive."),
+    "mass": ParameterGroup(
+        "mass of car.toml", ("body.mass",), {"mass": ("kg", _size("mass"))},
+        "Weigh the car on kitchen scales, ready to drive."),
+    "yaw inertia": ParameterGroup(
+        "yaw inertia of car.toml", ("body.yaw_inertia",),
+        {"yaw inertia": ("kg m2", _size("yaw_inertia"))},
+        "Hang the car on two strings and time how it swings about the vertical axis."),
 })
-"""By name. Mass and inertia are never fitted: a fit would reduce them to follow the noise."""
+"""By name. Sizes of the body are fitted only if car.toml states their errors: without these, a fit
+would reduce mass and inertia to follow the noise."""
 
 MERGED: Mapping[frozenset[str], tuple[str, str, Mapping[str, tuple[str, Quantity]]]] = (
     MappingProxyType({

@@ -153,12 +153,18 @@ def largest_changes(d: Diagnosis) -> str:
     return "; ".join(f"{name} {change(m)}" for _, name, m in largest)
 
 
+def describes_size(c: Claim) -> bool:
+    """Check that a claim is about a size that the owner of the car states in car.toml."""
+    return bool(c.parameters) and all(name.startswith("body.") for name in c.parameters)
+
+
 def describe_claim(c: Claim) -> dict[str, str]:
     """Describe parameters that changed in four sentences: what, why, gain and next."""
     merged = {name: sorted(part) for part, (name, *_) in MERGED.items()}
     verb = "were" if c.title.endswith("s") else "was"
-    lead = (f"A small correction of the model's {c.title}" if is_small(c)
-            else f"The model's {c.title} {verb} wrong")
+    mine, small = ("Your", "your") if describes_size(c) else ("The model's", "the model's")
+    lead = (f"A small correction of {small} {c.title}" if is_small(c)
+            else f"{mine} {c.title} {verb} wrong")
     what = f"{lead}: {', '.join(f'{name} {change(q)}' for name, q in c.quantities.items())}."
     why = f"Probability {c.probability:.2f} that the values changed"
     why += ", by however little." if is_small(c) else "."

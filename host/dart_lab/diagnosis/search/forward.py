@@ -104,7 +104,7 @@ class ForwardSearch:
         self._done_share = 0.0
         self._dropped = False
         self._sweeps: Sweeps = {}
-        self._freed: tuple[str, ...] = ()
+        self._freed: tuple[str, ...] = settings.unbounded
 
     def run(self) -> SearchResult:
         """Search until no effect is accepted; free parameters that end on their bound and repeat.

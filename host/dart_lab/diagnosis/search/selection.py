@@ -22,11 +22,14 @@ from .significance import simulate_null
 class Settings:
     """Settings of a search: see ``diagnose``.
 
-    free: parameters of the base that are fitted. refit: the effects of the base are fitted as well.
+    free: parameters of the base that are fitted. unbounded: those that may leave the standard
+    errors of ``known`` at the price of their prior alone. refit: the effects of the base are fitted
+    as well.
     """
 
     free: tuple[str, ...] = ()
     known: Mapping[str, float] = field(default_factory=dict)
+    unbounded: tuple[str, ...] = ()
     names: tuple[str, ...] = ()
     false_alarm: float = 0.01
     max_causes: int = 12

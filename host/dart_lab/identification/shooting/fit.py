@@ -39,9 +39,11 @@ FREE = {
 }
 """What moves: mass and inertia never (a fit shrinks them to mimic noise), and of the front
 tyre two of four, because C and E are told apart from D only beyond the grip limit."""
-NUISANCE = ("body.mass", "body.yaw_inertia", "steering_rate_limit.k", "steering_backlash.k")
+NUISANCE = ("body.mass", "body.yaw_inertia", "steering_rate_limit.k", "steering_backlash.k",
+            "body.wheelbase", "body.l_f", "body.l_r")
 """What moves within its own standard error where that is known, and is no result: forces are only
-known as well as the mass, tyres as the inertia, timing as slew and play of the steering."""
+known as well as the mass, tyres as the inertia, timing as slew and play of the steering, and the
+steering map as the wheelbase."""
 AXLE = ("front_D", "front_B", "rear_D", "rear_B")
 SCALE = (0.15, 0.05, 0.4)  # m/s, m/s, rad/s; typical errors of a first model after a second
 LOSS_SCALE = 2.0  # typical errors from where on a residual counts less than its square
@@ -103,7 +105,7 @@ def fit_jointly(problem: Problem, base: Vehicle, submodels: Sequence[str] = tupl
     present = flat_names(base)
     names = (*results, *(n for n in NUISANCE if n in present and (known or {}).get(n, 0.0) > 0.0))
     space = Coordinates(base, names, known or {})
-    work = _Work(problem, space, progress)
+    work = _Work(problem, space, base.body.l_r, progress)
     scale = np.broadcast_to(np.array(SCALE)[:, None], (*problem.measured.shape[:2], 1))
     x = space.first
     for _ in range(PASSES):
@@ -170,12 +172,17 @@ def fit_from_recordings(recordings: Sequence[Recording], base: Vehicle,
 class _Work:
     """Residuals and Jacobian over the coordinates."""
 
-    def __init__(self, problem: Problem, space: Coordinates, progress: Progress | None) -> None:
+    def __init__(self, problem: Problem, space: Coordinates, l_r: float,
+                 progress: Progress | None) -> None:
+        """l_r: from the rear axle to the point of the measured motion [m]."""
         self._problem, self._space = problem, space
+        self._l_r = l_r
         self._progress, self._rounds = progress, 0
 
     def error(self, x: FloatArray) -> FloatArray:
-        return self._problem.predict(self._space.vehicle(x)) - self._problem.measured
+        vehicle = self._space.vehicle(x)
+        return (self._problem.predict(vehicle, vehicle.body.l_r - self._l_r)
+                - self._problem.measured)
 
     def solve(self, x0: FloatArray, scale: FloatArray) -> Solution:
         space = self._space

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,12 +62,19 @@ class Problem:
                   else g.reference.std[which] for g, _ in self.parts]
         return np.repeat(errors, [len(first) for _, first in self.parts])
 
-    def predict(self, p: Vehicle) -> FloatArray:
+    def predict(self, p: Vehicle, shift: float = 0.0) -> FloatArray:
         """CHANNELS at READ by the model, (len(READ), 3, n).
 
         Samples hold the mean of what a lag has reached: continuous down to no lag at all.
+        shift [m]: the centre of mass of the model ahead of that of the measured motion. The
+        prediction is that of the measured point: v_y there is v_y - shift omega.
         """
-        return np.asarray(predict(p, self.parts, AT, smooth=True, sampled="mean")[:, 3:])
+        parts = self.parts if not shift else [
+            (replace(g, v_y=g.v_y + shift * g.omega), first) for g, first in self.parts]
+        out = np.asarray(predict(p, parts, AT, smooth=True, sampled="mean")[:, 3:])
+        if shift:
+            out[:, 1] -= shift * out[:, 2]
+        return out
 
 
 def _fast(g: Grid, first: IntArray) -> BoolArray:
