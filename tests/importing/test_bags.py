@@ -135,7 +135,7 @@ def test_a_ros1_bag_is_imported_by_topic(log, tmp_path):
 def test_a_missing_topic_lists_what_there_is(log, tmp_path):
     tables = read_tables([write_ros2(tmp_path / "bag", log)])
     mapping, _ = load_map("mushr")
-    with pytest.raises(RecordingError, match="poses.* fits no table") as error:
+    with pytest.raises(RecordingError, match=r"poses.* fits no table") as error:
         convert_tables(tables, mapping)
     assert "/pf/pose/odom" in error.value.found
     assert "table =" in error.value.remedy
