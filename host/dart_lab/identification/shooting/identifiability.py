@@ -63,7 +63,7 @@ def predict_identifiability(recordings: Sequence[Recording], base: Vehicle,
     names = free_names(base, tuple(FREE))
     space = Coordinates(base, names, known or {})
     scale = np.broadcast_to(np.array(SCALE)[:, None], (*problem.measured.shape[:2], 1))
-    slopes = _Work(problem, space, None)._jacobian(space.first, scale)
+    slopes = _Work(problem, space, base.body.l_r, None)._jacobian(space.first, scale)
     relative = np.linalg.inv(CORRELATED**2 * slopes.T @ slopes + np.eye(len(names)))
     std = np.sqrt(np.diag(relative))
     # Remove the information of the prior, 1 in each coordinate.
