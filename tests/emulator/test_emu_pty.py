@@ -63,7 +63,7 @@ class SlowSerial(serial.Serial):
     (1.0, 0.03, True), (0.0, 5.0, False)])  # the control: without the hold it is lost
 def test_a_slow_open_does_not_lose_the_boot_message(served_nano, monkeypatch, hold, patience, kept):
     """Longer than it is and than it must be, so that a busy machine is no third case."""
-    monkeypatch.setattr(pty_module, "HOLD", hold)
+    monkeypatch.setattr(pty_module, "RESET_HOLD_TIME", hold)
     monkeypatch.setattr(SlowSerial, "patience", patience)
     with SlowSerial(served_nano[1].path, 500_000, timeout=5.0 if kept else 0.3) as ser:
         assert (ser.read(1) == b"B") == kept
