@@ -89,7 +89,7 @@ def test_wrong_size_of_car_toml_is_a_finding_about_car_toml(folder):
     """The yaw inertia is 60 % larger than a car.toml states; nothing else is wrong."""
     body = replace(PAPER.body, yaw_inertia=1.6 * PAPER.body.yaw_inertia)
     train, test = (read(write(folder / f"inertia_{seed}.csv", replace(PAPER, body=body), seed,
-                              Plan(seconds=SECONDS))) for seed in (21, 22))
+                              Plan(seconds=CLAIM_SECONDS))) for seed in (21, 22))
     sizes = {key: getattr(PAPER.body, key) for key in SIZES}
     file = set_sizes(find_model("paper")[0], Geometry(**sizes, std=SizeErrors(
         wheelbase=0.001, l_f=0.002, mass=0.02, yaw_inertia=0.0006)))
