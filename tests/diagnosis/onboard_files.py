@@ -30,7 +30,7 @@ def without_mocap(path):
     return path
 
 
-def recorded(folder, p=PAPER, seed=0, seconds=60.0):
+def record_onboard(folder, p=PAPER, seed=0, seconds=60.0):
     path = folder / f"onboard_{seed}.csv"
     return read(without_mocap(hidden_drive.write(path, p, seed,
                                                  hidden_drive.Plan(seconds=seconds))))
@@ -40,7 +40,7 @@ def evidence(*recordings):
     return OnboardEvidence([o for r in recordings for o in prepare_stretches(r)], PAPER.body.l_r)
 
 
-def made(n=120, speed=1.0, **columns):
+def make_recording(n=120, speed=1.0, **columns):
     """A recording by hand: n messages, one each 0.1 s, of a car that rolls straight on."""
     t = columns.pop("t", np.arange(n) * 0.1)
     given = {"throttle": 0.2, "steering": 0.0, "speed": speed, "yaw_rate": 0.0, "accel_x": 0.0,

@@ -12,7 +12,7 @@ from dart_hal.recording.dart.spans import span_index
 from dart_lab.diagnosis.evidence.motion import driving_seconds
 from dart_lab.diagnosis.evidence.onboard_drive import prepare_stretches
 from dart_lab.diagnosis.evidence.split import GUARD_S, MIN_STRETCH_S, hold_out, split
-from tests.diagnosis.onboard_files import made, recorded
+from tests.diagnosis.onboard_files import make_recording, record_onboard
 
 RECORDING_SECONDS = 120.0
 
@@ -23,8 +23,9 @@ def one_sided():
     n = int(RECORDING_SECONDS / 0.1)
     t = np.arange(n) * 0.1
     wave = np.sign(np.sin(2.0 * np.pi * t / 4.0))
-    return made(n, steering=0.3 * np.where(t < 0.5 * RECORDING_SECONDS, 1.0, -1.0) + 0.2 * wave,
-                throttle=0.2 + 0.05 * np.sign(np.sin(2.0 * np.pi * t / 7.0)))
+    return make_recording(n, steering=0.3 * np.where(t < 0.5 * RECORDING_SECONDS, 1.0, -1.0)
+                          + 0.2 * wave,
+                          throttle=0.2 + 0.05 * np.sign(np.sin(2.0 * np.pi * t / 7.0)))
 
 
 def gaps(train, test):
@@ -66,14 +67,15 @@ def test_a_rare_manoeuvre_is_on_both_sides():
     """Steering in 12 s of each minute alone: shifts of the cycle are chosen by what they hold."""
     t = np.arange(1200) * 0.1
     active = t % 30.0 < 18.0
-    r = made(len(t), steering=np.where(active, 0.4 * np.sign(np.sin(2.0 * np.pi * t / 3.0)), 0.0))
+    r = make_recording(len(t),
+                       steering=np.where(active, 0.4 * np.sign(np.sin(2.0 * np.pi * t / 3.0)), 0.0))
     for side in split(r, 0.4):
         spread = [np.std(r.messages.steering[(t >= a) & (t <= b)]) for a, b in side.spans]
         assert sum(s > 0.1 for s in spread) >= 3
 
 
 def test_short_recordings_test_at_their_beginning_and_end_by_turns():
-    short = [made(120) for _ in range(4)]
+    short = [make_recording(120) for _ in range(4)]
     _, test = hold_out(short, 0.4)
     assert [side.spans[0][0] < 1.0 for side in test] == [False, True, False, True]
     for train, tested in zip(*hold_out(short, 0.4), strict=True):
@@ -81,7 +83,7 @@ def test_short_recordings_test_at_their_beginning_and_end_by_turns():
 
 
 def test_windows_of_the_sides_share_no_message(tmp_path):
-    r = recorded(tmp_path, seconds=60.0)
+    r = record_onboard(tmp_path, seconds=60.0)
     times = []
     for side in split(r, 0.4):
         spots = [s.window_starts[None, :] + np.concatenate([s.past_offsets, s.message_offsets])
@@ -95,7 +97,7 @@ def test_windows_of_the_sides_share_no_message(tmp_path):
 
 def test_without_spans_all_of_a_recording_is_judged(tmp_path):
     """The control of the test above."""
-    r = recorded(tmp_path, seconds=30.0)
+    r = record_onboard(tmp_path, seconds=30.0)
     whole = sum(len(s.starts) for s in prepare_stretches(r))
     begin = float(r.messages.arrival[0])
     half = sum(len(s.starts) for s in prepare_stretches(replace(r, spans=((begin, begin + 15.0),))))

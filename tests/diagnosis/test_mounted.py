@@ -40,7 +40,7 @@ def test_a_drive_shows_how_the_accelerometer_is_mounted(tmp_path):
     misaligned = PAPER
     for name, true in places:
         misaligned = apply(misaligned, name, k=true)
-    of_drive = onboard_files.evidence(onboard_files.recorded(tmp_path, misaligned))
+    of_drive = onboard_files.evidence(onboard_files.record_onboard(tmp_path, misaligned))
     _, mounting = fit_mounting_of(of_drive)
     for name, true in places:
         number = mounting[name]["k"]
@@ -53,7 +53,7 @@ def test_a_drive_shows_how_the_accelerometer_is_mounted(tmp_path):
 @pytest.mark.parametrize("knows", [True, False])
 def test_a_model_with_the_mounting_names_nothing_and_states_the_present_one(tmp_path, knows):
     misaligned = apply(PAPER, "imu_yaw", k=0.1)
-    drives = [onboard_files.recorded(tmp_path, misaligned, seed, 40.0) for seed in (1, 2)]
+    drives = [onboard_files.record_onboard(tmp_path, misaligned, seed, 40.0) for seed in (1, 2)]
     file, p = find_model("paper")
     p = apply(p, "imu_yaw", k=0.08) if knows else p
     found = diagnose(file, p, drives[:1], drives[1:], only=("imu_yaw",))
@@ -70,7 +70,7 @@ def test_a_model_with_the_mounting_names_nothing_and_states_the_present_one(tmp_
 
 @pytest.mark.slow
 def test_what_the_model_has_is_not_fitted_twice(tmp_path):
-    of_drive = onboard_files.evidence(onboard_files.recorded(tmp_path, seconds=15.0))
+    of_drive = onboard_files.evidence(onboard_files.record_onboard(tmp_path, seconds=15.0))
     at, mounting = fit_mounting_of(of_drive, apply(PAPER, "imu_yaw", k=0.01))
     assert "imu_yaw" not in at.names
     assert "imu_yaw" not in mounting

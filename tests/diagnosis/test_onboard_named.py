@@ -12,14 +12,14 @@ from dart_hal.vehicle.effects import apply
 from dart_hal.vehicle.load import find_model
 from dart_lab.diagnosis.inputs import check_inputs
 from dart_lab.diagnosis.run import diagnose
-from tests.diagnosis.onboard_files import recorded
+from tests.diagnosis.onboard_files import record_onboard
 
 NEAR = ("quadratic_drag", "rolling_resistance", "motor_deadband", "encoder_scale", "throttle_lag")
 
 
 def diagnose_onboard(folder, p, seed, only=(), seconds=(60.0, 40.0)):
     file, base = find_model("paper")
-    train, test = ([recorded(folder, p, seed + 50 * i, s)] for i, s in enumerate(seconds))
+    train, test = ([record_onboard(folder, p, seed + 50 * i, s)] for i, s in enumerate(seconds))
     sides = check_inputs(train, test, base)
     return diagnose(file, base, sides.train, sides.test, refit=False, only=only)
 
@@ -58,7 +58,7 @@ def test_a_cause_in_a_sensor_is_named_though_the_model_starts_from_that_sensor(t
 def test_parameters_that_a_drive_does_not_determine_are_not_called_found(tmp_path):
     """A refit that predicts the other drive worse is no explanation, and that is reported."""
     file, base = find_model("paper")
-    misled, turning = (recorded(tmp_path, PAPER, seed, 40.0) for seed in (35, 36))
+    misled, turning = (record_onboard(tmp_path, PAPER, seed, 40.0) for seed in (35, 36))
     m = misled.messages
     lie = replace(m, steering=np.full(len(m.steering), 0.6))  # of which the fit makes what it can
     sides = check_inputs([replace(misled, messages=lie)], [turning], base)

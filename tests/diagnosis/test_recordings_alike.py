@@ -29,7 +29,7 @@ from dart_lab.diagnosis.run import make_evidence
 from dart_lab.diagnosis.search.fit import evaluate_point
 from studies.diagnosis import hidden_drive
 from studies.diagnosis.known_frame import read
-from tests.diagnosis.onboard_files import recorded
+from tests.diagnosis.onboard_files import record_onboard
 
 SLIPPERY = apply(PAPER, "grip", k=-0.25)
 WEAK = apply(PAPER, "motor_gain", k=-0.12)
@@ -113,7 +113,7 @@ def test_without_the_errors_of_the_sizes_one_floor_would_be_two(drive):
 @pytest.mark.slow
 def test_by_its_own_sensors_a_car_is_distinguished_from_another(tmp_path):
     """No floor then: how much a tyre holds hides in what no sensor sees. Control: one car."""
-    ours, theirs = ([recorded(tmp_path, p, seed, 30.0) for seed in seeds] for p, seeds in (
+    ours, theirs = ([record_onboard(tmp_path, p, seed, 30.0) for seed in seeds] for p, seeds in (
         (PAPER, (1, 2, 3)), (WEAK, (4, 5))))
     warnings = list_warnings([*ours[:2], theirs[0]], [theirs[1]])
     assert "two floors or cars" in warnings

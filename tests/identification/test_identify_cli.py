@@ -301,8 +301,8 @@ def test_pictures_of_recordings(run, tmp_path):
     pytest.importorskip("matplotlib")
     files = sorted((EXCERPT / "10_step_input_data_rubbery_floor").glob("*14_59_59*"))
     _, document, _ = run("friction", *files, "--plot", "pics", "--dry-run", "--json")
-    told = document["fits"]["friction"]["n"] > 0  # one short file may not tell it
-    expected = {"step_response.png"} | ({"friction.png"} if told else set())
+    identified = document["fits"]["friction"]["n"] > 0  # one short file may not tell it
+    expected = {"step_response.png"} | ({"friction.png"} if identified else set())
     assert {Path(p).name for p in document["plots"]} == expected
     assert document["model"] is None
 

@@ -20,25 +20,25 @@ EXCERPT = Path(__file__).resolve().parents[1] / "recorded" / "data"
 NOT_DRIVEN = Driving(None, "held", 0, 0, 0, 0.0, 0.0, 0.0, 0, 0.0)
 
 
-@pytest.mark.parametrize(("std", "apart", "told"), [
+@pytest.mark.parametrize(("std", "offset", "identifiable"), [
     (0.9 * TIME_KNOWN, True, True),  # a lag of zero can be told: its error counts, not its share
     (1.1 * TIME_KNOWN, True, False), (0.9 * TIME_KNOWN, False, False)])
-def test_a_time_is_told_by_its_error_alone(monkeypatch, std, apart, told):
-    found = Timing(np.array([0.03, 0.0]), std**2 * np.eye(2), apart, (), 100, 0.1, True)
+def test_a_time_is_told_by_its_error_alone(monkeypatch, std, offset, identifiable):
+    found = Timing(np.array([0.03, 0.0]), std**2 * np.eye(2), offset, (), 100, 0.1, True)
     monkeypatch.setattr(delay, "turning_of", lambda *_: object())
     monkeypatch.setattr(delay, "steering_timing", lambda _: found)
     fit = delay.fit_delay([object()], None, PAPER, NOT_DRIVEN, Ledger())
-    assert fit.parameters["steering_s"].identifiable is told
-    assert fit.parameters["steering_lag_s"].identifiable is told
+    assert fit.parameters["steering_s"].identifiable is identifiable
+    assert fit.parameters["steering_lag_s"].identifiable is identifiable
     assert not fit.parameters["throttle_s"].identifiable  # held, nothing known of it
 
 
 def test_progress_grows_and_names_what_comes():
     recordings, _ = read_any(sorted((EXCERPT / "19_step_input_data").glob("*15_28_11*")))
-    told: list[tuple[float, str]] = []
+    reports: list[tuple[float, str]] = []
     fit_submodels(recordings, ("steering", "friction", "tyres"),
-                  progress=lambda share, text: told.append((share, text)))
-    assert [text for _, text in told] == ["straight driving", "steering", "tyres"]
-    shares = [share for share, _ in told]
+                  progress=lambda share, text: reports.append((share, text)))
+    assert [text for _, text in reports] == ["straight driving", "steering", "tyres"]
+    shares = [share for share, _ in reports]
     assert shares[0] == 0.0
     assert all(a < b < 1.0 for a, b in pairwise(shares))

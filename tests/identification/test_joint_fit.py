@@ -55,12 +55,12 @@ def test_every_parameter_lies_within_its_interval(joint):
         scores[name] = (value(joint.vehicle, name) - value(TRUE, name)) / std
     assert np.sqrt(np.mean(np.square(list(scores.values())))) < 1.6, scores
     assert max(abs(s) for s in scores.values()) < 4.0, scores
-    told = [name for fit in joint.fits.values() for name, e in fit.parameters.items()
-            if e.identifiable]
+    identified_names = [name for fit in joint.fits.values() for name, e in fit.parameters.items()
+                        if e.identifiable]
     # the motor's d is not among them: with throttles of 0.2 to 0.32 alone its loss at two standard
     # errors is no parabola, as onset and friction take its place
     assert {"a_left_rad", "s0", "steering_s", "front_D",
-            "rear_cornering_stiffness"} <= set(told)
+            "rear_cornering_stiffness"} <= set(identified_names)
 
 
 def test_predictions_reach_the_noise(joint):

@@ -55,10 +55,10 @@ def calibration(car, direction=1, when=WHEN, std=STD, steering=TRUE):
 @pytest.fixture
 def recorded(tmp_path):
     """run(seed, calibration) -> path of a moment of a car that was calibrated like this, or not."""
-    def run(seed, of=None):
+    def run(seed, car_file=None):
         cars = tmp_path / f"cars-{len(list(tmp_path.iterdir()))}"
-        if of is not None:
-            save_calibration(of, cars / of.car)
+        if car_file is not None:
+            save_calibration(car_file, cars / car_file.car)
         path = cars.with_suffix(".mcap")
         with Car.open(f"sim://?nano=mock&seed={seed}", cars=cars, record=path) as car:
             for _ in car.states(duration=0.05):
@@ -92,13 +92,15 @@ def test_what_was_measured_stands_in_the_model_with_its_error(recorded, tmp_path
 
 @pytest.mark.slow
 def test_errors_of_the_map_go_into_those_of_its_form(recorded):
-    of = calibration("sim-7")
+    car_file = calibration("sim-7")
     with_twice = calibration("sim-7", std=2 * STD)
-    once, twice = (named_model("measured", [recorded(7, c)])[0].steering for c in (of, with_twice))
+    once, twice = (named_model("measured", [recorded(7, c)])[0].steering for c in (car_file,
+                                                                                   with_twice))
     assert twice["a_left_rad"].std == pytest.approx(2.0 * once["a_left_rad"].std, rel=0.05)
-    zigzag = np.array(of.steering.map.angle_rad) + 0.003 * (-1.0) ** np.arange(13)
-    askew = msgspec.structs.replace(of.steering.map, angle_rad=tuple(zigzag.tolist()))
-    strange = msgspec.structs.replace(of, steering=msgspec.structs.replace(of.steering, map=askew))
+    zigzag = np.array(car_file.steering.map.angle_rad) + 0.003 * (-1.0) ** np.arange(13)
+    zigzag_map = msgspec.structs.replace(car_file.steering.map, angle_rad=tuple(zigzag.tolist()))
+    strange = msgspec.structs.replace(car_file, steering=msgspec.structs.replace(car_file.steering,
+                                                                                 map=zigzag_map))
     assert named_model("measured", [recorded(7, strange)])[0].steering["a_left_rad"].std > (
         2.0 * once["a_left_rad"].std), "what the form cannot follow is an error of the form"
 

@@ -34,14 +34,14 @@ def drive(url, path, seconds):
 
 
 @pytest.fixture(scope="module")
-def seen(tmp_path_factory):
+def run_with_poses(tmp_path_factory):
     path = tmp_path_factory.mktemp("run") / "run.mcap"
     return path, drive("sim://?seed=3&nano=mock&physics=kinematic&mocap=1", path, 10.0)
 
 
 @pytest.mark.slow
-def test_the_mocap_of_a_run_shows_what_the_car_did(seen):
-    path, true = seen
+def test_the_mocap_of_a_run_shows_what_the_car_did(run_with_poses):
+    path, true = run_with_poses
     recording, hidden = read_run(path), hidden_mocap(3)
     mocap, messages = recording.mocap, recording.messages
     assert len(mocap) > 1000
@@ -61,28 +61,28 @@ def test_the_mocap_of_a_run_shows_what_the_car_did(seen):
 
 
 @pytest.mark.slow
-def test_its_messages_are_of_the_moment(seen):
-    path, true = seen
+def test_its_messages_are_of_the_moment(run_with_poses):
+    path, true = run_with_poses
     m = read_run(path).messages
     t = np.array([real.t for real in true])
     rate = np.array([real.yaw_rate for real in true])
 
-    def lateness(stamp, value):
+    def time_offset(stamp, value):
         """s by which a series comes later than the truth, least squares along its slope."""
         slope = np.interp(t + 0.02, stamp, value) - np.interp(t - 0.02, stamp, value)
         off = rate - np.interp(t, stamp, value)
         return 0.04 * (off @ slope) / (slope @ slope)
 
-    assert lateness(m.t, m.yaw_rate) == pytest.approx(0.0, abs=0.006)
+    assert time_offset(m.t, m.yaw_rate) == pytest.approx(0.0, abs=0.006)
     means = read_run(path, poses=False)
     assert means.mocap is None
-    assert lateness(means.messages.t, means.messages.yaw_rate) == pytest.approx(0.05, abs=0.01)
+    assert time_offset(means.messages.t, means.messages.yaw_rate) == pytest.approx(0.05, abs=0.01)
     assert np.median(np.diff(m.t)) == pytest.approx(0.02, abs=1e-3)
 
 
 @pytest.mark.slow
-def test_it_is_evaluated_and_its_marker_found(seen):
-    recording = read_run(seen[0])
+def test_it_is_evaluated_and_its_marker_found(run_with_poses):
+    recording = read_run(run_with_poses[0])
     case, = prepare([recording]).cases
     assert len(case) > 5
     found, hidden = fit_reference([recording]), hidden_mocap(3)
@@ -91,8 +91,8 @@ def test_it_is_evaluated_and_its_marker_found(seen):
 
 
 @pytest.mark.slow
-def test_how_far_aside_its_marker_sat_is_told_by_the_wheels(seen):
-    marker, hidden = read_run(seen[0]).marker, hidden_mocap(3)
+def test_how_far_aside_its_marker_sat_is_told_by_the_wheels(run_with_poses):
+    marker, hidden = read_run(run_with_poses[0]).marker, hidden_mocap(3)
     assert abs(hidden.ly) > 0.006
     assert marker.ly == pytest.approx(hidden.ly, abs=0.0015)
 
@@ -117,16 +117,16 @@ def test_a_clock_that_runs_faster_is_followed_and_late_rows_do_not_matter():
     rng = np.random.default_rng(1)
     t = np.arange(0.0, 60.0, 0.01)
     arrival = t + 0.004 + rng.exponential(0.003, len(t))
-    told, notes = to_car_time(1e5 + t * (1 + 2e-4), arrival)
+    car_time, notes = to_car_time(1e5 + t * (1 + 2e-4), arrival)
     assert not notes
-    assert np.abs(told - t - 0.004).max() < 1e-3
+    assert np.abs(car_time - t - 0.004).max() < 1e-3
 
 
 def test_a_source_that_began_anew_is_told_by_its_arrival():
     stamp = np.concatenate([np.arange(100.0, 110.0, 0.01), np.arange(0.0, 10.0, 0.01)])
     arrival = np.arange(len(stamp)) * 0.01 + 0.5
-    told, notes = to_car_time(stamp, arrival)
-    assert np.array_equal(told, arrival)
+    car_time, notes = to_car_time(stamp, arrival)
+    assert np.array_equal(car_time, arrival)
     assert "restarted its clock" in notes
 
 

@@ -54,9 +54,9 @@ def test_run_without_car_files_says_whose_are_used(runs):
     complete = read_any([whole])[0][0]
     assert about_files(complete) == [], "negative control: the run with its attachments"
     found = read_any([bare], car=NamedCar("dart-01", CARS))[0][0]
-    (said,) = about_files(found)
-    assert "holds no files of its car" in said
-    assert "dart-01" in said
+    (note,) = about_files(found)
+    assert "holds no files of its car" in note
+    assert "dart-01" in note
     assert any(f.kind == "car_files" and f.serious for f in check(found).findings)
 
 

@@ -42,8 +42,8 @@ def test_a_diagnosis_takes_what_there_is_and_names_what_is_missing(log, tmp_path
     inputs = check_inputs([r], [], PAPER)
     notes = " ".join(inputs.notes)
     for name in STREAMS[1:]:
-        said = f"no {name}" in notes
-        assert said == ("poses" in streams and name not in streams), notes
+        is_reported = f"no {name}" in notes
+        assert is_reported == ("poses" in streams and name not in streams), notes
     assert "is dead" not in notes
     evidence, windows = make_evidence(inputs.train, PAPER.body.l_r)
     assert sum(windows) > 0

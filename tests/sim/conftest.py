@@ -55,11 +55,11 @@ def driven():
     def drive(url, plan):
         if (url, plan) not in kept:
             try:
-                seen = _PROBE.drive(_MODULE.RawCar, url, plan)
+                record = _PROBE.drive(_MODULE.RawCar, url, plan)
             except EmulatorMissing as missing:
                 pytest.skip(f"no emulator: {missing.what}")
-            seen.car.backend.close()
-            kept[url, plan] = seen
+            record.car.backend.close()
+            kept[url, plan] = record
         return kept[url, plan]
 
     return drive

@@ -11,7 +11,7 @@ EDGE = 0.0412918 / 20               # m, one edge of a nominal ring
 
 
 @dataclass(frozen=True)
-class Seen:
+class PinRecord:
     """Columns of STATE, (n,) each: s, edges, rad/s about z, m/s2; pulses (t, channel, width s)."""
 
     t: np.ndarray
@@ -27,13 +27,13 @@ class Seen:
         """Counted speed over the last 0.1 s [m/s]."""
         return (self.edges[10:] - self.edges[:-10]) * EDGE / (self.t[10:] - self.t[:-10])
 
-    def between(self, start, end):
+    def rows_between(self, start, end):
         """Rows from start to end [s]."""
         return (self.t >= start) & (self.t < end)
 
-    def covered(self, start, end):
+    def counted_distance(self, start, end):
         """Counted distance [m]."""
-        return float(np.ptp(self.edges[self.between(start, end)])) * EDGE
+        return float(np.ptp(self.edges[self.rows_between(start, end)])) * EDGE
 
 
 def pulses(car, steering, throttle):
@@ -50,7 +50,7 @@ def drive(raw_car, url, plan):
     for steering, throttle, seconds in ((0.0, 0.0, 2.2), *plan):
         pulses(car, steering, throttle)
         car.run(seconds)
-    rows = [f.as_si() for f in car.of("STATE")]
-    return Seen(np.array([r["t_ck"] for r in rows]), np.array([r["enc_count"] for r in rows]),
-                np.array([r["gyro"][2] for r in rows]), *np.array(
+    rows = [f.as_si() for f in car.frames_named("STATE")]
+    return PinRecord(np.array([r["t_ck"] for r in rows]), np.array([r["enc_count"] for r in rows]),
+                     np.array([r["gyro"][2] for r in rows]), *np.array(
                     [r["lin_acc"][:2] for r in rows]).T, widths, car)

@@ -46,15 +46,15 @@ class RawCar:
         self.pulses(1500 + 375 * steering, 1500 + 450 * throttle)
         return self.run(seconds)
 
-    def armed(self):
+    def arm(self):
         self.pulses(1500, 1500)
         return self.run(2.2)
 
-    def of(self, name):
+    def frames_named(self, name):
         return [f for f in self.frames if f.message.name == name]
 
     def states(self):
-        return [f.as_si() for f in self.of("STATE")]
+        return [f.as_si() for f in self.frames_named("STATE")]
 
     @property
     def truth(self):

@@ -23,19 +23,19 @@ def pair(world, first, second, *, first_sees=""):
     return Fleet.open([PLAIN.format(1, world, first) + first_sees, PLAIN.format(2, world, second)])
 
 
-def in_room(car, at):
+def in_room(car, start):
     """(x, y, yaw) of the rear axle in the room, by the truth."""
     t = truth(car._engine.backend)
-    c, s = cos(at[2]), sin(at[2])
-    return at[0] + c * t.x - s * t.y, at[1] + s * t.x + c * t.y, at[2] + t.yaw
+    c, s = cos(start[2]), sin(start[2])
+    return start[0] + c * t.x - s * t.y, start[1] + s * t.x + c * t.y, start[2] + t.yaw
 
 
-def middle(true, at):
+def middle(true, start):
     """Of the body of a car that began at ``at``."""
-    c, s = cos(at[2]), sin(at[2])
-    yaw = at[2] + true.yaw
-    return (at[0] + c * true.x - s * true.y + CAR_OUTLINE.ahead * cos(yaw),
-            at[1] + s * true.x + c * true.y + CAR_OUTLINE.ahead * sin(yaw), yaw)
+    c, s = cos(start[2]), sin(start[2])
+    yaw = start[2] + true.yaw
+    return (start[0] + c * true.x - s * true.y + CAR_OUTLINE.ahead * cos(yaw),
+            start[1] + s * true.x + c * true.y + CAR_OUTLINE.ahead * sin(yaw), yaw)
 
 
 def off_body(points, place):
@@ -55,10 +55,10 @@ def hits(fleet, first, second, seconds=1.0):
     found = []
     for _ in fleet.states(duration=seconds):
         for scan in car.lidar.scans():
-            at = in_room(car, first)
+            start = in_room(car, first)
             here = in_room(fleet.cars[1], second)
             mount = car._engine.backend.lidar.unit._params.mount  # as it truly sits
-            room = scan.mounted(mount).points(lambda t, at=at: np.tile(at, (len(t), 1)).T)
+            room = scan.mounted(mount).points(lambda t, start=start: np.tile(start, (len(t), 1)).T)
             room = room[~np.isnan(room).any(axis=1)]
             near = np.hypot(*(room - here[:2]).T) < 0.5
             found.append(off_body(room[near], here))
@@ -70,10 +70,10 @@ FIRST, SECOND = (4.0, 1.0, 0.0), (5.5, 1.0, 0.6)
 
 def test_the_lidar_sees_the_body_of_the_other():
     with pair("seen", "4,1,0", "5.5,1,0.6", first_sees=QUIET) as fleet:
-        seen = hits(fleet, FIRST, SECOND)
-    assert len(seen) > 60
-    assert np.median(seen) < 0.01
-    assert np.quantile(seen, 0.9) < 0.03
+        hit_beams = hits(fleet, FIRST, SECOND)
+    assert len(hit_beams) > 60
+    assert np.median(hit_beams) < 0.01
+    assert np.quantile(hit_beams, 0.9) < 0.03
 
 
 @pytest.mark.slow
@@ -99,8 +99,8 @@ def test_a_contact_is_told_when_it_begins_and_again_after_it_ended():
     first, second = found.enter("red", (0.0, 0.0, 0.0)), found.enter("red", (1.0, 0.0, 0.0))
     second.trail(0.0, 0.0, 0.0, 0.0)
     way = [*range(0, 200), *range(200, 100, -1)]
-    for k, at in enumerate(way):
-        first.trail(0.005 * k, 0.01 * at, 0.0, 0.0)
+    for k, start in enumerate(way):
+        first.trail(0.005 * k, 0.01 * start, 0.0, 0.0)
     assert [c.cars for c in found.contacts] == [("red", "red-2")] * 2
     assert found.contacts[0].t == pytest.approx(0.005 * 70, abs=0.025)
     assert found.contacts[1].t == pytest.approx(0.005 * (200 + 70), abs=0.025)
@@ -120,10 +120,11 @@ def test_cars_that_touch_are_told_once(caplog):
         assert fleet.cars[1].contacts == (contact,)
         assert set(contact.cars) == {"sim-1", "sim-2"}
         worlds = [world_of(car._engine.backend) for car in fleet.cars]
-        told = {late: bodies_overlap(*(middle(world.truth(contact.t + late), at) for world, at in
+        overlaps = {late: bodies_overlap(*(middle(world.truth(contact.t + late), start) for world,
+                                           start in
                                 zip(worlds, ((0.0, 0.0, 0.0), (1.0, 0.0, 1.2)), strict=True)))
-                for late in (-0.025, 0.005)}
-    assert told == {-0.025: False, 0.005: True}, "when it began, within a look of 20 ms"
+                    for late in (-0.025, 0.005)}
+    assert overlaps == {-0.025: False, 0.005: True}, "when it began, within a look of 20 ms"
     assert sum("touch" in text for text in caplog.messages) == 1
 
 
@@ -137,18 +138,19 @@ def test_cars_that_pass_do_not_touch():
         assert fleet.contacts == ()
 
 
-@pytest.mark.parametrize(("at", "touches"), [
+@pytest.mark.parametrize(("start", "touches"), [
     ((0.29, 0.0, 0.0), True), ((0.31, 0.0, 0.0), False), ((0.0, 0.18, 0.0), True),
     ((0.0, 0.20, 0.0), False), ((0.24, 0.0, pi / 2), True), ((0.25, 0.0, pi / 2), False),
     ((0.30, 0.19, 0.0), False), ((0.25, 0.19, pi / 4), True), ((0.33, 0.25, pi / 4), False)])
-def test_two_bodies(at, touches):
+def test_two_bodies(start, touches):
     for turn in (0.0, 1.0):
         c, s = cos(turn), sin(turn)
-        a, b = (1.0, 2.0, turn), (1.0 + c * at[0] - s * at[1], 2.0 + s * at[0] + c * at[1],
-                                  turn + at[2])
+        a, b = (1.0, 2.0, turn), (1.0 + c * start[0] - s * start[1],
+                                  2.0 + s * start[0] + c * start[1],
+                                  turn + start[2])
         assert bodies_overlap(a, b) is touches
         assert bodies_overlap(b, a) is touches
-    assert hypot(*at[:2]) < 0.5
+    assert hypot(*start[:2]) < 0.5
 
 
 def test_a_world_does_not_change_its_cars():
@@ -178,12 +180,12 @@ def test_the_last_car_takes_its_world_with_it():
 def test_one_motion_capture_sees_all_cars_of_a_room():
     """In the room's frame: where ``at`` says, but for the marker, which nobody measured."""
     places = (1.0, 2.0, 0.5), (3.0, -1.0, 2.0)
-    texts = [",".join(map(str, at)) + "&mocap=1" for at in places]
+    texts = [",".join(map(str, start)) + "&mocap=1" for start in places]
     with pair("seen", *texts) as fleet:
         for states in fleet.states(duration=0.5):
             pass
-        for state, at in zip(states, places, strict=True):
+        for state, start in zip(states, places, strict=True):
             assert state.estimate.frame == "mocap"
             pose = state.estimate.pose
-            assert hypot(pose.x - at[0], pose.y - at[1]) < 0.3
-            assert abs(pose.yaw - at[2]) < 0.1
+            assert hypot(pose.x - start[0], pose.y - start[1]) < 0.3
+            assert abs(pose.yaw - start[2]) < 0.1

@@ -33,7 +33,7 @@ def test_the_line_is_silent_for_the_bootloaders_time(raw_car, nano, boot, cause,
     car.run(1.8)
     silence = max(b - a for a, b in pairwise([t for t in car.stamps if t >= before]))
     assert least < silence < most + 0.010  # a frame may have been due at the reset
-    assert car.of("HELLO")[-1].as_dict()["boot_count"] == 2
+    assert car.frames_named("HELLO")[-1].as_dict()["boot_count"] == 2
 
 
 @pytest.mark.parametrize("nano", NANOS)
@@ -52,7 +52,7 @@ def test_every_pin_is_released_meanwhile(raw_car, nano):
 def test_the_firmware_tells_the_bootloaders_apart(raw_car, boot, bootloader, cause):
     """Optiboot clears MCUSR: a brown-out then looks like any reset that keeps the RAM."""
     car = reset(raw_car, "avr", boot, "brownout").run(1.8)
-    hello = car.of("HELLO")[-1].as_dict()
+    hello = car.frames_named("HELLO")[-1].as_dict()
     assert (hello["bootloader"], hello["reset_cause"]) == (bootloader, cause)
 
 
@@ -61,9 +61,9 @@ def test_the_firmware_tells_the_bootloaders_apart(raw_car, boot, bootloader, cau
 def test_a_hardware_watchdog_under_the_old_bootloader_never_ends(raw_car, nano):
     """It leaves the watchdog on at 16 ms; Optiboot switches it off."""
     car = reset(raw_car, nano, "old", "watchdog")
-    seen = len(car.stamps)
+    stamps_before = len(car.stamps)
     car.run(3.0)
-    assert not [t for t in car.stamps[seen:] if t > 2.02]
+    assert not [t for t in car.stamps[stamps_before:] if t > 2.02]
 
 
 def test_a_bootloader_that_does_not_exist(raw_car):

@@ -21,9 +21,9 @@ def transfer(tmp_path):
         client.connect(str(tmp_path / "i2c"))
         client.settimeout(5.0)
 
-        def ask(address: int, data: bytes, wanted: int) -> bytes:
-            client.sendall(struct.pack("<BHH", address, len(data), wanted) + data)
-            return client.recv(1 + wanted)
+        def ask(address: int, data: bytes, size: int) -> bytes:
+            client.sendall(struct.pack("<BHH", address, len(data), size) + data)
+            return client.recv(1 + size)
 
         yield ask
     backend.close()

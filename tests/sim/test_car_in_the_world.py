@@ -28,11 +28,11 @@ def test_a_left_turn_is_driven_and_seen(url):
     world = world_of(backend)
     with Car.over(backend) as car:
         car.arm()
-        seen = []
+        states = []
         for state in car.states(duration=3.0):
             car.drive(steering=0.2, throttle=0.3)
-            seen.append(state)
-        state = seen[-1]
+            states.append(state)
+        state = states[-1]
         true = world.truth(state.t)
         assert true.v_x > 1.0
         assert true.yaw > 1.0

@@ -111,11 +111,12 @@ def test_nonsense_is_refused_in_words(text, kind, words):
 def test_effects_go_with_seeds_failures_and_models(driven):
     """A hidden car with two effects, whose IMU dies on the way."""
     url = f"{PLAIN}&seed=5&physics=kinematic&effect=gyro_bias:0.2,encoder_scale:0.3&fail=imu:off@3"
-    seen, base = driven(url, PLAN), driven(f"{PLAIN}&seed=5&physics=kinematic", PLAN)
-    before = seen.between(2.5, 2.9)
-    assert np.mean(seen.gyro[before] - base.gyro[before]) == pytest.approx(0.2, abs=2e-3)
-    assert seen.covered(0, 9) == pytest.approx(1.3 * base.covered(0, 9), rel=0.01)
-    assert np.ptp(seen.gyro[-30:]) == 0.0 < np.ptp(base.gyro[-30:])
+    record, base = driven(url, PLAN), driven(f"{PLAIN}&seed=5&physics=kinematic", PLAN)
+    before = record.rows_between(2.5, 2.9)
+    assert np.mean(record.gyro[before] - base.gyro[before]) == pytest.approx(0.2, abs=2e-3)
+    assert record.counted_distance(0, 9) == pytest.approx(1.3 * base.counted_distance(0, 9),
+                                                          rel=0.01)
+    assert np.ptp(record.gyro[-30:]) == 0.0 < np.ptp(base.gyro[-30:])
 
 
 def test_the_ring_of_a_repaired_sensor_is_still_the_bad_one(raw_car):

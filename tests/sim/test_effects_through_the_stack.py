@@ -14,7 +14,7 @@ NANOS = ["mock", pytest.param("avr", marks=pytest.mark.emulator)]
 
 
 @pytest.fixture(scope="module")
-def told():
+def measure_car():
     """``told(nano, effects)``: estimated path over the true one, then means of the last 0.4 s:
     yaw rate as told, true speed, true yaw rate."""
     kept = {}
@@ -44,37 +44,37 @@ def told():
 
 @pytest.mark.parametrize("nano", NANOS)
 @pytest.mark.slow
-def test_a_bad_ring_shortens_the_path_and_leaves_the_car_alone(told, nano):
-    plain, seen = told(nano), told(nano, "encoder_ring:missing=0.1")
+def test_a_bad_ring_shortens_the_path_and_leaves_the_car_alone(measure_car, nano):
+    plain, changed = measure_car(nano), measure_car(nano, "encoder_ring:missing=0.1")
     assert plain[0] == pytest.approx(1.0, abs=0.01)
-    assert seen[0] == pytest.approx(0.9, abs=0.015)
+    assert changed[0] == pytest.approx(0.9, abs=0.015)
     # Not to the bit: the first pulse waits for the first State, whose length on the wire, and so
     # its arrival, depends on the count of the ring.
-    assert seen[2:] == pytest.approx(plain[2:], abs=1e-6)
+    assert changed[2:] == pytest.approx(plain[2:], abs=1e-6)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("nano", NANOS)
-def test_a_trimmed_linkage_turns_a_car_that_is_told_to_go_straight(told, nano):
-    plain, seen = told(nano), told(nano, "steering_trim:0.05")
+def test_a_trimmed_linkage_turns_a_car_that_is_told_to_go_straight(measure_car, nano):
+    plain, changed = measure_car(nano), measure_car(nano, "steering_trim:0.05")
     assert abs(plain[1]) < 0.03
-    assert seen[1] == pytest.approx(seen[3], abs=0.03)
-    assert 0.15 < seen[3] < seen[2] * 0.05 / 0.175 * 1.1
+    assert changed[1] == pytest.approx(changed[3], abs=0.03)
+    assert 0.15 < changed[3] < changed[2] * 0.05 / 0.175 * 1.1
 
 
 @pytest.mark.parametrize("nano", NANOS)
 @pytest.mark.slow_except("mock")
-def test_a_board_with_another_clock_drives_faster_and_to_the_left(told, nano):
-    plain, seen = told(nano), told(nano, "pwm_clock:0.01")
-    assert seen[2] > 1.4 * plain[2]
-    assert seen[1] > 0.1
+def test_a_board_with_another_clock_drives_faster_and_to_the_left(measure_car, nano):
+    plain, changed = measure_car(nano), measure_car(nano, "pwm_clock:0.01")
+    assert changed[2] > 1.4 * plain[2]
+    assert changed[1] > 0.1
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("nano", NANOS)
-def test_standing_still_before_arming_takes_a_gyro_bias_off_and_no_scale(told, nano):
+def test_standing_still_before_arming_takes_a_gyro_bias_off_and_no_scale(measure_car, nano):
     turning = "steering_trim:0.05"
-    plain, biased, scaled = (told(nano, turning + more) for more in (
+    plain, biased, scaled = (measure_car(nano, turning + more) for more in (
         "", ",gyro_bias:0.05", ",gyro_scale:0.2"))
     assert biased[1] == pytest.approx(plain[1], abs=5e-3)
     assert scaled[1] == pytest.approx(1.2 * plain[1], rel=0.02)

@@ -16,7 +16,7 @@ from dart_lab.sim.servo import HORN_RAD_PER_US, ServoParams, SteeringServo
 FRAME = 0.02
 
 
-class Stand:
+class EscBench:
     """Feeds an ESC with 50 Hz pulses."""
 
     def __init__(self, params=None):
@@ -35,78 +35,78 @@ class Stand:
         self.esc.check(self.t)
         return self.esc
 
-    def armed(self):
+    def arm(self):
         self.hold(1500, 2.1)
         return self
 
 
 def test_no_drive_before_two_seconds_of_neutral():
-    stand = Stand()
-    assert stand.hold(1700, 5.0).throttle == 0.0
-    stand.hold(1500, 1.9)
-    assert stand.hold(1700, 0.1).throttle == 0.0          # the pull starts the wait anew
-    stand.hold(1500, 2.1)
-    assert stand.hold(1700, 0.1).throttle == pytest.approx(200 / 450)
+    bench = EscBench()
+    assert bench.hold(1700, 5.0).throttle == 0.0
+    bench.hold(1500, 1.9)
+    assert bench.hold(1700, 0.1).throttle == 0.0          # the pull starts the wait anew
+    bench.hold(1500, 2.1)
+    assert bench.hold(1700, 0.1).throttle == pytest.approx(200 / 450)
 
 
 @given(pull=st.floats(-24.0, 24.0))
 def test_dead_band(pull):
-    assert Stand().armed().hold(1500 + pull, 0.1).throttle == 0.0
+    assert EscBench().arm().hold(1500 + pull, 0.1).throttle == 0.0
 
 
 @given(a=st.floats(26.0, 700.0), b=st.floats(26.0, 700.0))
 def test_throttle_rises_with_the_pulse_up_to_saturation(a, b):
     low, high = sorted((a, b))
-    first, second = (Stand().armed().hold(1500 + d, 0.1).throttle for d in (low, high))
+    first, second = (EscBench().arm().hold(1500 + d, 0.1).throttle for d in (low, high))
     assert 0.0 < first <= second <= 1.0
     assert second == pytest.approx(min(1.0, high / 450), abs=1e-9)
 
 
 def test_pull_below_neutral_brakes_after_forward():
-    stand = Stand().armed()
-    stand.hold(1800, 0.5)
-    esc = stand.hold(1275, 0.5)
+    bench = EscBench().arm()
+    bench.hold(1800, 0.5)
+    esc = bench.hold(1275, 0.5)
     assert (esc.mode, esc.throttle, esc.brake) == (EscMode.BRAKING, 0.0, pytest.approx(0.5))
 
 
 def test_second_pull_after_a_rest_reverses():
-    stand = Stand().armed()
-    stand.hold(1800, 0.5)
-    stand.hold(1275, 0.5)
-    stand.hold(1500, 0.2)
-    esc = stand.hold(1275, 0.2)
+    bench = EscBench().arm()
+    bench.hold(1800, 0.5)
+    bench.hold(1275, 0.5)
+    bench.hold(1500, 0.2)
+    esc = bench.hold(1275, 0.2)
     assert (esc.mode, esc.throttle, esc.brake) == (EscMode.REVERSE, pytest.approx(-0.5), 0.0)
 
 
 def test_second_pull_without_a_rest_still_brakes():
-    stand = Stand().armed()
-    stand.hold(1800, 0.5)
-    stand.hold(1275, 0.5)
-    stand.hold(1500, 0.06)
-    assert stand.hold(1275, 0.2).mode is EscMode.BRAKING
+    bench = EscBench().arm()
+    bench.hold(1800, 0.5)
+    bench.hold(1275, 0.5)
+    bench.hold(1500, 0.06)
+    assert bench.hold(1275, 0.2).mode is EscMode.BRAKING
 
 
 def test_forward_again_must_brake_again():
-    stand = Stand().armed()
+    bench = EscBench().arm()
     for width in (1800, 1275, 1500, 1275, 1500, 1800, 1500):
-        stand.hold(width, 0.3)
-    assert stand.hold(1275, 0.2).mode is EscMode.BRAKING
+        bench.hold(width, 0.3)
+    assert bench.hold(1275, 0.2).mode is EscMode.BRAKING
 
 
 def test_signal_loss_coasts_and_wants_neutral_first():
-    stand = Stand().armed()
-    stand.hold(1800, 0.5)
-    assert stand.silence(0.4).throttle > 0.5
-    assert stand.silence(0.2).throttle == 0.0
-    assert stand.hold(1800, 1.0).throttle == 0.0
-    stand.hold(1500, 0.1)
-    assert stand.hold(1800, 0.1).throttle > 0.5
+    bench = EscBench().arm()
+    bench.hold(1800, 0.5)
+    assert bench.silence(0.4).throttle > 0.5
+    assert bench.silence(0.2).throttle == 0.0
+    assert bench.hold(1800, 1.0).throttle == 0.0
+    bench.hold(1500, 0.1)
+    assert bench.hold(1800, 0.1).throttle > 0.5
 
 
 def test_a_moved_neutral_is_not_neutral():
     """Why the PWM clock must be calibrated: 1558 us is throttle."""
-    assert Stand().armed().hold(1558.5, 0.1).throttle > 0.1
-    shifted = Stand(EscParams(neutral_us=1558.5))
+    assert EscBench().arm().hold(1558.5, 0.1).throttle > 0.1
+    shifted = EscBench(EscParams(neutral_us=1558.5))
     shifted.hold(1558.5, 2.1)
     assert shifted.hold(1500.0, 0.1).mode is EscMode.REVERSE
 

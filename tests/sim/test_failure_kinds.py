@@ -19,12 +19,12 @@ def flags(state):
     return {n for k, n in enumerate(STATE_FLAGS) if int(state["flags"]) & 1 << k}
 
 
-class Seen:
+class FailureRecord:
     """States of a turning car while a failure lasts, and when it is over."""
 
     def __init__(self, car):
         self.car, timed = car, []
-        car.armed().pulses(1500 + 375 * 0.4, 1500 + 450 * 0.3)
+        car.arm().pulses(1500 + 375 * 0.4, 1500 + 450 * 0.3)
         now = car.backend.clock.now
         car.run(3.0, lambda f: timed.append((now(), f.as_si()))
                 if f.message.name == "STATE" else None)
@@ -40,13 +40,13 @@ class Seen:
         return [(b - a) & 0xFFFF for a, b in pairwise(counts)]
 
 
-def rate(seen, part):
+def rate(record, part):
     """Edges per second."""
-    steps = seen.counts(part)
+    steps = record.counts(part)
     return 100 * sum(steps) / len(steps)
 
 
-def invalid(seen, part):
+def invalid(record, part):
     return sum("IMU_VALID" not in flags(s) for s in part) / len(part)
 
 
@@ -54,9 +54,9 @@ def equal(values):
     return sum(a == b for a, b in pairwise(values)) / len(values)
 
 
-def turn(seen):
+def turn(record):
     """Yaw rate by the truth at the end of the failure [rad/s]."""
-    return seen.car.world.truth(START + LASTS).yaw_rate
+    return record.car.world.truth(START + LASTS).yaw_rate
 
 
 SYMPTOMS = {
@@ -89,7 +89,7 @@ IN_THE_BRIDGE = {f"imu:{k}" for k in ("off", "stuck", "garbage", "wrong", "inter
 def drive(raw_car, nano, failure):
     text = f"{failure}@{START}+{LASTS}"
     car = raw_car(f"sim://?nano={nano}" + (f"&fail={text}" if failure else ""))
-    return Seen(car)
+    return FailureRecord(car)
 
 
 @pytest.mark.parametrize(("nano", "failure"), [
@@ -98,18 +98,18 @@ def drive(raw_car, nano, failure):
     if nano == "mock" or failure.split("=")[0] in IN_THE_BRIDGE])
 @pytest.mark.slow
 def test_symptom_and_healing(raw_car, nano, failure):
-    seen, symptom = drive(raw_car, nano, failure), SYMPTOMS[failure]
-    assert symptom(seen, seen.during)
-    assert len(seen.after) > 30
-    assert not symptom(seen, seen.after)
+    record, symptom = drive(raw_car, nano, failure), SYMPTOMS[failure]
+    assert symptom(record, record.during)
+    assert len(record.after) > 30
+    assert not symptom(record, record.after)
 
 
 @pytest.mark.slow_except("mock")
 @pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.emulator)])
 def test_no_symptom_without_a_failure(raw_car, nano):
     """The control of all of them."""
-    seen = drive(raw_car, nano, "")
-    assert [f for f, symptom in SYMPTOMS.items() if symptom(seen, seen.during)] == []
+    record = drive(raw_car, nano, "")
+    assert [f for f, symptom in SYMPTOMS.items() if symptom(record, record.during)] == []
 
 
 @pytest.mark.slow
@@ -151,11 +151,12 @@ def test_a_torn_eeprom_byte_leaves_the_parameters_at_old_or_new(raw_car, nth):
     ident = PARAM_BY_NAME["edge_min_us"].id
     car.backend.link.write(encode(PARAM_SET, 0, (ident, 0, 77)))
     car.run(1.5)
-    assert car.of("HELLO")[-1].as_dict()["boot_count"] >= 1
-    assert len({f.as_dict()["boot_nonce"] for f in car.of("HELLO")}) == 2  # the brown-out came
+    assert car.frames_named("HELLO")[-1].as_dict()["boot_count"] >= 1
+    assert len({f.as_dict()["boot_nonce"]
+                for f in car.frames_named("HELLO")}) == 2  # the brown-out came
     car.backend.link.write(encode(PARAM_GET, 1, (PARAM_BY_NAME["safety_out"].id,)))
     car.run(0.3)
-    assert car.of("PARAM_VALUE")[-1].as_dict()["value"] == 2  # the other parameters are whole
+    assert car.frames_named("PARAM_VALUE")[-1].as_dict()["value"] == 2  # others are whole
 
 
 def test_every_target_says_what_it_has():

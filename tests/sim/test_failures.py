@@ -37,7 +37,7 @@ def test_nonsense_lists_what_exists(text):
 
 
 def moving(raw_car, fail):
-    return raw_car(f"sim://?nano=mock&fail={fail}").armed().drive(0.3, 0.3, 3.0)
+    return raw_car(f"sim://?nano=mock&fail={fail}").arm().drive(0.3, 0.3, 3.0)
 
 
 def test_imu_off_and_back(raw_car):
@@ -73,7 +73,7 @@ def test_a_silent_line(raw_car):
 
 def test_reset_of_the_nano(raw_car):
     car = moving(raw_car, "mcu:watchdog@4")
-    boots = [f.as_dict()["boot_count"] for f in car.of("HELLO")]
+    boots = [f.as_dict()["boot_count"] for f in car.frames_named("HELLO")]
     assert boots == [1, 1, 1, 2, 2, 2]
 
 
@@ -105,7 +105,7 @@ def test_what_the_mock_cannot_do_is_said(raw_car):
 def test_every_failure_acts_on_the_emulated_firmware(raw_car, key):
     car = raw_car(f"sim://?nano=avr&fail={key[0]}:{key[1]}@0.6+0.2")
     car.run(1.0)
-    assert len(car.of("STATE")) > 50
+    assert len(car.frames_named("STATE")) > 50
 
 
 def test_failure_values_are_frozen():

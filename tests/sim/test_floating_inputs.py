@@ -101,11 +101,11 @@ def test_users_are_offered_the_good_ones(raw_car):
 # --- levels
 
 
-@pytest.mark.parametrize(("up", "down", "seen"), [
+@pytest.mark.parametrize(("up", "down", "level"), [
     (1e3, None, True), (1e3, 10e3, True), (10e3, None, True), (10e3, 10e3, None)])
-def test_two_pulls_meet(up, down, seen):
+def test_two_pulls_meet(up, down, level):
     """10 k against a board's own 10 k: 1.65 V, neither low nor high."""
-    assert logic_level(divider_voltage(3.3, up, down)) is seen
+    assert logic_level(divider_voltage(3.3, up, down)) is level
 
 
 def test_series_resistors_keep_a_chip_without_supply_alive():
@@ -132,8 +132,8 @@ def test_a_gap_that_the_input_does_not_see_joins():
 
 def test_a_real_gap_separates_and_a_real_stub_stays():
     t = 1.5e-3 + 2 * INPUT_FILTER
-    seen = pulses((0.0, True), (1.5e-3, False), (t, True), (t + 91e-6, False))
-    assert seen == [(0.0, 1.5e-3), (t, t + 91e-6)]
+    found = pulses((0.0, True), (1.5e-3, False), (t, True), (t + 91e-6, False))
+    assert found == [(0.0, 1.5e-3), (t, t + 91e-6)]
 
 
 def test_a_spike_is_no_pulse():

@@ -22,8 +22,8 @@ def model(tmp_path):
 
 
 def episode(env, steps=30, **options):
-    seen = [env.reset(seed=5, options=options or None)[0]]
-    return np.array(seen + [env.step(ACTION)[0] for _ in range(steps)])
+    observations = [env.reset(seed=5, options=options or None)[0]]
+    return np.array(observations + [env.step(ACTION)[0] for _ in range(steps)])
 
 
 def test_what_is_observed_has_the_errors_of_the_sensors():
@@ -39,7 +39,7 @@ def test_what_is_observed_has_the_errors_of_the_sensors():
 def test_vector_and_single_see_the_same(model, randomise):
     single = episode(DartCarEnv(vehicle=model), randomise=randomise)
     env = DartCarVectorEnv(2, vehicle=model)
-    seen = [env.reset(seed=5, options={"randomise": randomise})[0]]
-    seen += [env.step(np.stack([ACTION, ACTION]))[0] for _ in range(30)]
-    assert np.array(seen)[:, 0] == pytest.approx(single, abs=1e-5)
+    observations = [env.reset(seed=5, options={"randomise": randomise})[0]]
+    observations += [env.step(np.stack([ACTION, ACTION]))[0] for _ in range(30)]
+    assert np.array(observations)[:, 0] == pytest.approx(single, abs=1e-5)
     assert np.abs(single - episode(DartCarEnv(), randomise=randomise)).max() > 0.04

@@ -49,9 +49,9 @@ def test_without_gymnasium_it_says_what_to_install():
     assert "gymnasium>=" in done.stdout
 
 
-def follow(env, seen):
+def follow(env, observation):
     """Pure pursuit on the observation, about as the example has learnt it."""
-    s = dict(zip(env.names, seen.tolist(), strict=True))
+    s = dict(zip(env.names, observation.tolist(), strict=True))
     if "x_0.6" not in s:
         return np.array([0.3 + 0.4 * s["error"], 0.0], np.float32)
     bend = 2.0 * s["y_0.6"] / (s["x_0.6"]**2 + s["y_0.6"]**2)
@@ -60,14 +60,14 @@ def follow(env, seen):
 
 def episode(env, policy, seed=0, options=None):
     """(rewards, terminated, truncated, observations, last info)."""
-    seen, _ = env.reset(seed=seed, options=options)
-    rewards, all_seen = [], [seen]
+    observation, _ = env.reset(seed=seed, options=options)
+    rewards, observations = [], [observation]
     while True:
-        seen, reward, terminated, truncated, info = env.step(policy(env, seen))
+        observation, reward, terminated, truncated, info = env.step(policy(env, observation))
         rewards.append(reward)
-        all_seen.append(seen)
+        observations.append(observation)
         if terminated or truncated:
-            return rewards, terminated, truncated, np.array(all_seen), info
+            return rewards, terminated, truncated, np.array(observations), info
 
 
 @pytest.mark.parametrize("options", [{}, {"task": "speed"}, {"vehicle": "paper", "speed": 1.0}],
@@ -75,12 +75,13 @@ def episode(env, policy, seed=0, options=None):
 @pytest.mark.slow_except("path")
 def test_a_good_driver_gets_nearly_one_per_step_and_is_cut_at_the_end(options):
     env = make(**options)
-    rewards, terminated, truncated, seen, _ = episode(env, follow)
+    rewards, terminated, truncated, observation, _ = episode(env, follow)
     assert (terminated, truncated, len(rewards)) == (False, True, 400)
     assert np.mean(rewards) > (0.5 if "vehicle" in options else 0.75)
     assert max(rewards) <= 1.0
     measured = [i for i, name in enumerate(env.names) if name not in ("throttle", "steering")]
-    assert (np.abs(seen) < env.observation_space.high)[:, measured].all(), "nothing was clipped"
+    assert (np.abs(observation) < env.observation_space.high)[:,
+                                                              measured].all(), "nothing was clipped"
 
 
 def test_who_leaves_the_track_is_told_so():
@@ -117,11 +118,11 @@ def test_same_seed_same_bytes():
 
 def test_the_observation_is_what_the_page_says():
     env = make(light=LightConfig())
-    seen, info = env.reset(seed=2)
+    observation, info = env.reset(seed=2)
     for _ in range(40):
-        action = follow(env, seen)
-        seen, _, _, _, info = env.step(action)
-    s = dict(zip(env.names, seen.tolist(), strict=True))
+        action = follow(env, observation)
+        observation, _, _, _, info = env.step(action)
+    s = dict(zip(env.names, observation.tolist(), strict=True))
     state = env.car.state
     assert s["speed"] == pytest.approx(state[3], abs=1e-5)
     assert s["yaw_rate"] == pytest.approx(state[5], abs=1e-5)
@@ -135,8 +136,8 @@ def test_the_observation_is_what_the_page_says():
 def test_a_point_to_the_left_is_positive():
     """On the circle to the left every point ahead lies to the left, on the eight later right."""
     env = make(track="circle", light=LightConfig())
-    seen, _ = env.reset(seed=0)
-    assert dict(zip(env.names, seen.tolist(), strict=True))["y_1.2"] > 0.2
+    observation, _ = env.reset(seed=0)
+    assert dict(zip(env.names, observation.tolist(), strict=True))["y_1.2"] > 0.2
 
 
 def masses(env, n=40, options=None):

@@ -24,7 +24,7 @@ from dart_lab.sim.gym.tasks import OFF_TRACK_REWARD, Memory
 
 RING = Path([(2.0 * pi, 1.0)], closed=True)
 """A circle of 1 m about (0, 1), begun at the origin along x."""
-NOBODY = np.empty((0, 3, 1))
+NO_CARS = np.empty((0, 3, 1))
 
 
 def to_ring(x, y, way, radius):
@@ -40,9 +40,9 @@ def test_boards_are_where_they_are():
     c = GymConfig(track=RING, beams=72)
     eyes, half = RangeSensor(RING, c), c.half_width + BOARD_OFFSET
     pose = 0.05, 0.1, 0.3
-    seen = eyes.ranges(np.array(pose)[:, None], NOBODY)[:, 0]
+    distances = eyes.ranges(np.array(pose)[:, None], NO_CARS)[:, 0]
     x, y = pose[0] + DEFAULT_MOUNT_X * cos(pose[2]), pose[1] + DEFAULT_MOUNT_X * sin(pose[2])
-    for reach, bearing in zip(seen, eyes.bearing, strict=True):
+    for reach, bearing in zip(distances, eyes.bearing, strict=True):
         way = pose[2] + bearing
         true = min(to_ring(x, y, way, 1.0 - half), to_ring(x, y, way, 1.0 + half))
         assert reach == pytest.approx(true, abs=6.0 * MAX_CHORD_ERROR)  # aslant it is further
@@ -54,9 +54,9 @@ def test_nothing_is_seen_through_the_boards(name):
     track = track_named(name)
     eyes, at = RangeSensor(track, GymConfig(track=track, beams=36)), np.arange(0, len(track.x), 9)
     pose = np.array((track.x[at], track.y[at], track.heading[at]))
-    seen = eyes.ranges(pose, np.empty((0, 3, len(at))))
-    assert seen.min() > 0.2
-    assert (seen == MAX_RANGE).mean() <= (0.01 if name == "eight" else 0.0)
+    distances = eyes.ranges(pose, np.empty((0, 3, len(at))))
+    assert distances.min() > 0.2
+    assert (distances == MAX_RANGE).mean() <= (0.01 if name == "eight" else 0.0)
     assert len(eyes.lines) < 300
 
 
@@ -66,11 +66,11 @@ def test_a_car_ahead_is_seen_and_one_behind_a_board_is_not():
     me, gap = np.array((0.3, 0.0, 0.0))[:, None], 1.0
     rear = 0.3 + DEFAULT_MOUNT_X + gap + 0.5 * CAR_OUTLINE.length - CAR_OUTLINE.ahead
     ahead = np.array((rear, 0.0, 0.0)).reshape(1, 3, 1)
-    alone = eyes.ranges(me, NOBODY)[:, 0]
-    seen = eyes.ranges(me, ahead)[:, 0]
-    assert seen[0] == pytest.approx(gap, abs=1e-9)
+    alone = eyes.ranges(me, NO_CARS)[:, 0]
+    distances = eyes.ranges(me, ahead)[:, 0]
+    assert distances[0] == pytest.approx(gap, abs=1e-9)
     assert alone[0] > gap + 0.5
-    assert seen[1:] == pytest.approx(alone[1:])
+    assert distances[1:] == pytest.approx(alone[1:])
     hidden = np.array((0.3, 1.6, pi)).reshape(1, 3, 1)
     assert eyes.ranges(me, hidden)[:, 0] == pytest.approx(alone)
 
@@ -124,11 +124,11 @@ def test_the_picture_shows_them():
 
 
 def test_numpy_sees_what_the_kernel_sees(monkeypatch):
-    seen = []
+    distances = []
     for cast in (rays.fastest_cast(), rays.cast_numpy):
         monkeypatch.setattr("dart_lab.sim.gym.lidar.fastest_cast", lambda cast=cast: cast)
-        seen.append(DartCarEnv(beams=24).reset(seed=6)[0])
-    assert seen[0] == pytest.approx(seen[1], abs=1e-6)
+        distances.append(DartCarEnv(beams=24).reset(seed=6)[0])
+    assert distances[0] == pytest.approx(distances[1], abs=1e-6)
 
 
 @pytest.mark.parametrize("options", [

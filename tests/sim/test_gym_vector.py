@@ -76,16 +76,16 @@ def test_the_step_after_the_end_resets():
     assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
     env.reset(seed=0)
     for k in range(10):
-        seen, _, _, truncated, info = env.step(actions(4, k))
+        observation, _, _, truncated, info = env.step(actions(4, k))
     assert truncated.all()
     assert (info["t"] == 0.5).all()
-    seen, reward, terminated, truncated, info = env.step(actions(4, 11))
+    observation, reward, terminated, truncated, info = env.step(actions(4, 11))
     assert not (terminated | truncated).any()
     assert (reward == 0.0).all()
     assert (info["t"] == 0.0).all()
     assert "offset" not in info
     names = list(env.names)
-    assert (seen[:, [names.index("throttle"), names.index("steering")]] == 0.0).all()
+    assert (observation[:, [names.index("throttle"), names.index("steering")]] == 0.0).all()
 
 
 @pytest.mark.slow
@@ -114,12 +114,12 @@ def test_same_seed_same_bytes():
 def test_spaces_and_default_mode():
     env = gymnasium.make_vec("dart_lab.sim.gym:DartCar-v0", num_envs=7)
     assert isinstance(env, DartCarVectorEnv)
-    seen, _ = env.reset(seed=[10 + i for i in range(7)])
-    assert env.observation_space.contains(seen)
-    assert env.single_observation_space.shape == seen.shape[1:]
+    observation, _ = env.reset(seed=[10 + i for i in range(7)])
+    assert env.observation_space.contains(observation)
+    assert env.single_observation_space.shape == observation.shape[1:]
     assert env.action_space.shape == (7, 2)
     again, _ = env.reset(seed=10)
-    np.testing.assert_array_equal(seen, again)
+    np.testing.assert_array_equal(observation, again)
     with pytest.raises(UsageError):
         env.reset(seed=[1, 2])
 

@@ -50,8 +50,8 @@ class Beating:
         self.died = self.car.backend.clock.now()
         return self
 
-    def widths(self, after=0.0):
-        return {round((f - r) * 1e6, -1) for r, f in self.esc_pulses if r > self.died + after}
+    def widths(self, since=0.0):
+        return {round((f - r) * 1e6, -1) for r, f in self.esc_pulses if r > self.died + since}
 
 
 @pytest.mark.parametrize("cutoff", ["none", "oe", "mux"])

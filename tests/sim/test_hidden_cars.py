@@ -50,7 +50,7 @@ def test_bounds(seed):
 @pytest.mark.slow
 def test_no_car_looks_like_a_stuck_imu(raw_car):
     """Firmware takes 20 equal samples in motion for a dead sensor."""
-    car = raw_car("sim://?nano=mock").armed().drive(0.3, 0.3, 8.0)
+    car = raw_car("sim://?nano=mock").arm().drive(0.3, 0.3, 8.0)
     samples = [(s["lin_acc"], s["gyro"]) for s in car.states()[-300:]]
     runs = [len(set(samples[k:k + 5])) for k in range(len(samples) - 5)]
     assert min(runs) >= 2
@@ -96,8 +96,8 @@ def test_reveal_has_the_shape_of_the_contract(seed):
     assert angles == sorted(angles)
     assert set(shown["sensors"]) == {
         q for q in QUANTITIES if not q.startswith(("mocap.", "lidar."))}
-    seen = reveal_url(Url.parse(f"sim://?seed={seed}&mocap=1&lidar=1"))
-    assert set(seen["sensors"]) == set(QUANTITIES)
+    revealed = reveal_url(Url.parse(f"sim://?seed={seed}&mocap=1&lidar=1"))
+    assert set(revealed["sensors"]) == set(QUANTITIES)
     assert sum(shown["sensors"]["encoder.ring"]) == pytest.approx(20)
 
 

@@ -72,16 +72,16 @@ def test_a_sensor_ahead_feels_the_turn():
 def test_the_world_passes_on_the_yaw_acceleration():
     """Two sensors 0.2 m apart differ by 0.2 omega': summed up, by 0.2 of the yaw rate."""
     def lateral(x):
-        felt = []
+        accelerations = []
         car = replace(hidden_car(0), imu=ImuParams(x=x))
         world = World(car, MockNano())
-        world.nano.set_imu = lambda gyro, accel: felt.append(accel[1])
+        world.nano.set_imu = lambda gyro, accel: accelerations.append(accel[1])
         world.servo.pulse((0.1 - 1.7e-3, 0.1))
         world.esc.throttle, world.esc.mode = 0.3, EscMode.FORWARD
         world.esc.check = lambda t: None
         while world.t < 1.5:
             world.advance(1.5)
-        return np.array(felt), world.truth().yaw_rate
+        return np.array(accelerations), world.truth().yaw_rate
 
     (near, rate), (far, _) = lateral(L_R), lateral(L_R + 0.2)
     assert rate > 0.5

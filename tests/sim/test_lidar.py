@@ -19,7 +19,7 @@ EXACT = LidarParams(noise=0.0, dropout=0.0, jitter=0.0)
 HALL = RoomMap("hall", box(3.0, 2.0, 0.0, 8.0, 6.0), np.empty((0, 4)), (3.0, 2.0, 0.0))
 
 
-def standing(t):
+def resting_pose(t):
     return np.zeros((len(t), 3))
 
 
@@ -29,7 +29,7 @@ def spinning(rate):
     return poses
 
 
-def scans(poses=standing, room=HALL, params=EXACT, seconds=1.0, others=()):
+def scans(poses=resting_pose, room=HALL, params=EXACT, seconds=1.0, others=()):
     """Scans as the host makes them, with the true mount."""
     lidar = SimLidar(LidarUnit(poses, room, params, 1))
     lidar.unit.others += others
@@ -38,10 +38,10 @@ def scans(poses=standing, room=HALL, params=EXACT, seconds=1.0, others=()):
 
 def in_room(poses, room=HALL):
     """``PoseAt`` in the room's frame, for rooms whose start is not turned."""
-    def at(t):
+    def room_pose(t):
         x, y, yaw = poses(t).T
         return x + room.start[0], y + room.start[1], yaw
-    return at
+    return room_pose
 
 
 def off_walls(points, room=HALL):
@@ -61,13 +61,13 @@ def test_points_lie_on_the_walls(params):
     assert len(found) >= 6
     for scan in found:
         assert np.isfinite(scan.range).all()
-        assert off_walls(scan.points(in_room(standing))).max() < 0.006
+        assert off_walls(scan.points(in_room(resting_pose))).max() < 0.006
 
 
 def test_a_wrong_mount_is_seen():
     """The control of the test above."""
     scan = scans(params=replace(EXACT, yaw=0.05))[2].mounted(Mount(x=0.13))
-    assert off_walls(scan.points(in_room(standing))).max() > 0.05
+    assert off_walls(scan.points(in_room(resting_pose))).max() > 0.05
     mirrored = scans()[2].mounted(Mount(x=0.13, inverted=False))
     assert abs(mirrored.bearing + scans()[2].bearing).max() < 1e-6
 
@@ -77,11 +77,12 @@ def bent(params, rate=3.0, seconds=2.0):
     wall = RoomMap("wall", np.array(((-9.0, 1.5, 9.0, 1.5),)), np.empty((0, 4)), (0.0, 0.0, 0.0))
     poses, by_beam, by_scan = spinning(rate), [], []
     for scan in scans(poses, wall, params, seconds)[4:]:
-        at = in_room(poses, wall)
+        room_pose = in_room(poses, wall)
         near = np.abs(scan.range) < 3.0
-        by_beam.append((scan.points(at)[near] - (0.0, 1.5))[:, 1])
+        by_beam.append((scan.points(room_pose)[near] - (0.0, 1.5))[:, 1])
         middle = np.full(len(scan), scan.t.mean())
-        by_scan.append((scan.points(lambda t, middle=middle, at=at: at(middle))[near]
+        by_scan.append((scan.points(lambda t, middle=middle,
+                                    room_pose=room_pose: room_pose(middle))[near]
                         - (0.0, 1.5))[:, 1])
     return [float(np.sqrt(np.mean(np.concatenate(r) ** 2))) for r in (by_beam, by_scan)]
 
@@ -98,9 +99,9 @@ def test_noise_dropouts_and_limits_are_what_is_stated():
     found = scans(params=params, seconds=6.0)
     reach = np.concatenate([s.range for s in found])
     assert np.isnan(reach).mean() == pytest.approx(0.03, abs=0.005)
-    points = np.concatenate([s.points(in_room(standing)) for s in found])
-    beside = points[np.abs(points[:, 0] - 3.0) < 1.0]
-    y = beside[beside[:, 1] > 3.0][:, 1]
+    points = np.concatenate([s.points(in_room(resting_pose)) for s in found])
+    near_edge = points[np.abs(points[:, 0] - 3.0) < 1.0]
+    y = near_edge[near_edge[:, 1] > 3.0][:, 1]
     assert y.std() == pytest.approx(0.015, abs=0.001)
     big = RoomMap("big", box(0.0, 0.0, 0.0, 30.0, 30.0), np.empty((0, 4)), (0.0, 0.0, 0.0))
     assert all(np.isnan(s.range).all() for s in scans(room=big))
@@ -120,7 +121,7 @@ def test_another_car_is_seen_where_it_is_when_the_beam_passes():
     def other(t):
         return box(4.5, 1.0 + 1.0 * t, 0.0, 0.2, 0.2)
 
-    near = [s.points(in_room(standing)) for s in scans(others=(other,), seconds=1.5)]
+    near = [s.points(in_room(resting_pose)) for s in scans(others=(other,), seconds=1.5)]
     for points, scan in zip(near, scans(seconds=1.5), strict=True):
         hit = points[off_walls(points) > 0.1]
         assert len(hit) > 3
@@ -129,7 +130,7 @@ def test_another_car_is_seen_where_it_is_when_the_beam_passes():
 
 
 def test_bytes_come_at_the_pace_of_the_line_with_right_checks():
-    unit = LidarUnit(standing, HALL, replace(EXACT, rate=8.25), 1)
+    unit = LidarUnit(resting_pose, HALL, replace(EXACT, rate=8.25), 1)
     came = unit.chunks(2.0)
     decoder = LidarDecoder()
     beams = [len(p.angle) for data, _ in came for p in decoder.feed(data)]
@@ -163,12 +164,12 @@ def test_damaged_bytes_cost_their_packet_alone():
     lengths = [len(s) for s in found]
     assert min(lengths) < 620 < max(lengths)
     for scan in found:
-        assert off_walls(scan.points(in_room(standing))).max() < 0.006
+        assert off_walls(scan.points(in_room(resting_pose))).max() < 0.006
 
 
 def test_same_seed_same_bytes_and_another_seed_others():
     params = hidden_lidar(4)
-    one, two, other = (b"".join(d for d, _ in LidarUnit(standing, HALL, params, s).chunks(0.5))
+    one, two, other = (b"".join(d for d, _ in LidarUnit(resting_pose, HALL, params, s).chunks(0.5))
                        for s in (4, 4, 5))
     assert one == two != other
 
@@ -185,11 +186,11 @@ def test_what_is_not_stated_is_hidden_in_the_seed():
     assert parse_lidar("noise=0", 7) == replace(hidden_lidar(7), noise=0.0)
 
 
-def between(params):
+def mixed_beams(params):
     """Beams that end in front of a wall and behind the board before it, where nothing is."""
     board = np.array(((0.0, 1.0, 1.0, 1.0),))
     room = RoomMap("board", np.vstack((HALL.lines, board)), HALL.glass, (0.5, 0.0, 0.0))
-    ends = np.vstack([scan.points(in_room(standing, room)) for scan in scans(room=room,
+    ends = np.vstack([scan.points(in_room(resting_pose, room)) for scan in scans(room=room,
                                                                             params=params)])
     inside = (ends[:, 1] > 1.1) & (ends[:, 1] < 4.9) & (ends[:, 0] > -0.9) & (ends[:, 0] < 6.9)
     return int(inside.sum())
@@ -197,5 +198,5 @@ def between(params):
 
 def test_a_beam_that_an_edge_parts_ends_where_nothing_is():
     """The control has no width."""
-    assert between(replace(EXACT, spot=0.01)) > 3
-    assert between(EXACT) == 0
+    assert mixed_beams(replace(EXACT, spot=0.01)) > 3
+    assert mixed_beams(EXACT) == 0

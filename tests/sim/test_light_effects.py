@@ -114,13 +114,13 @@ def test_the_wheels_stand_where_the_signals_say(name):
 def test_readings_by_their_equations():
     start = {"v_x": 1.5, "v_y": 0.02, "yaw_rate": 0.8, "yaw": 0.4}
     plain = LightCar(UPSTREAM_2024)
-    seen = car_with("gyro_bias:0.05,gyro_scale:0.03,encoder_scale:0.04,imu_pitch:0.1,"
-                    "mocap_yaw:0.01,mocap_offset_x:0.02")
-    for car in (plain, seen):
+    changed = car_with("gyro_bias:0.05,gyro_scale:0.03,encoder_scale:0.04,imu_pitch:0.1,"
+                       "mocap_yaw:0.01,mocap_offset_x:0.02")
+    for car in (plain, changed):
         car.reset(**start)
         car.advance(0.3, 0.2, 7)
-    one, other = plain.read(), seen.read()
-    assert seen.state == pytest.approx(plain.state, abs=1e-12)
+    one, other = plain.read(), changed.read()
+    assert changed.state == pytest.approx(plain.state, abs=1e-12)
     assert other.speed == pytest.approx(1.04 * one.speed)
     assert other.yaw_rate == pytest.approx((one.yaw_rate + 0.05) * 1.03 * math.cos(0.1))
     assert other.accel_x == pytest.approx(
@@ -149,11 +149,11 @@ def test_a_latency_of_a_part_of_a_step_is_between():
 
 def test_encoder_slip_follows_the_force():
     p = add_effects(UPSTREAM_2024, parse_effects("encoder_slip:0.04"))
-    plain, seen = LightCar(UPSTREAM_2024), LightCar(p)
-    for car in (plain, seen):
+    plain, changed = LightCar(UPSTREAM_2024), LightCar(p)
+    for car in (plain, changed):
         car.reset(v_x=1.5)
-    pulling = [car.drive(0.6, 0.0, 30).speed for car in (plain, seen)]
-    coasting = [car.drive(0.0, 0.0, 40).speed for car in (plain, seen)]
+    pulling = [car.drive(0.6, 0.0, 30).speed for car in (plain, changed)]
+    coasting = [car.drive(0.0, 0.0, 40).speed for car in (plain, changed)]
     assert pulling[1] > 1.02 * pulling[0]
     assert coasting[1] < 0.99 * coasting[0]
 

@@ -47,19 +47,19 @@ def test_corners_at_an_angle_need_the_sides_of_both():
     mid = OUTLINE.ahead
     crossed = np.array([[-mid, 0.0, 0.0], [0.0, -mid, math.pi / 2]])
     assert overlaps(corners(crossed, Outline(0.4, 0.1)))[0, 1]
-    apart = np.array([[0.0, 0.0, 0.0], [0.28, 0.28, math.pi / 4]])
-    assert not overlaps(corners(apart, OUTLINE)).any()
+    poses = np.array([[0.0, 0.0, 0.0], [0.28, 0.28, math.pi / 4]])
+    assert not overlaps(corners(poses, OUTLINE)).any()
 
 
 def test_cars_meet_and_leave():
     world = LightWorld(["upstream-2024"] * 3, [[0, 0, 0], [3, 0, math.pi], [0, 2, 0]])
     assert not world.contacts().any()
-    seen = []
+    contacts = []
     for _ in range(500):
         world.advance(np.full(3, 0.3), np.zeros(3))
-        seen.append(world.contacts()[0, 1])
+        contacts.append(world.contacts()[0, 1])
         assert not world.contacts()[2].any()
-    first, last = seen.index(True), len(seen) - seen[::-1].index(True)
+    first, last = contacts.index(True), len(contacts) - contacts[::-1].index(True)
     assert 50 < first < last < 450
     assert world.contacts().tolist() == world.contacts().T.tolist()
 

@@ -45,8 +45,8 @@ def test_it_shows_the_marker_in_the_room():
     for pose in rows(params, 3.0):
         t = pose.stamp - 50.0
         car = complex(math.sin(t), 1.0 - math.cos(t))
-        seen = complex(2.0, -1.0) + (car + complex(0.1, 0.02) * np.exp(1j * t)) * np.exp(0.5j)
-        assert complex(pose.x, pose.y) == pytest.approx(seen, abs=1e-9)
+        measured = complex(2.0, -1.0) + (car + complex(0.1, 0.02) * np.exp(1j * t)) * np.exp(0.5j)
+        assert complex(pose.x, pose.y) == pytest.approx(measured, abs=1e-9)
         assert math.remainder(pose.yaw - (t + 0.5 - 0.03), math.tau) == pytest.approx(0, abs=2e-9)
         assert pose.arrival == pytest.approx(t + 0.01, abs=1e-9)
 
@@ -77,8 +77,8 @@ def test_each_fault_shows_and_none_comes_by_itself():
 
 
 def test_noise_is_what_was_asked_for():
-    seen = table(rows(replace(QUIET, noise=1e-3, yaw_noise=2e-3), 60.0))
-    error = (seen - table(rows(QUIET, 60.0)))[:, 2:]
+    measured = table(rows(replace(QUIET, noise=1e-3, yaw_noise=2e-3), 60.0))
+    error = (measured - table(rows(QUIET, 60.0)))[:, 2:]
     error[:, 2] = np.remainder(error[:, 2] + math.pi, math.tau) - math.pi
     assert error.std(axis=0) == pytest.approx((1e-3, 1e-3, 2e-3), rel=0.04)
 
@@ -86,18 +86,18 @@ def test_noise_is_what_was_asked_for():
 @pytest.mark.slow
 def test_a_wrong_frame_shows_what_such_a_set_up_shows():
     right = table(rows(QUIET))
-    told = {frame: table(rows(replace(QUIET, frame=frame)))
-            for frame in ("left", "yup", "mm", "deg", "other")}
-    assert np.allclose(told["left"][:, 2:], right[:, 2:] * (1, -1, -1))
-    assert np.allclose(told["mm"][:, 2:], right[:, 2:] * (1e3, 1e3, 1))
-    assert np.allclose(told["yup"][:, 2], right[:, 2])
-    assert np.ptp(told["yup"][:, 3]) == 0.0
-    assert set(np.abs(told["yup"][:, 4]).round(6)) == {0.0, round(math.pi, 6)}
-    off = told["deg"][:, 4] - np.degrees(right[:, 4])
+    tables = {frame: table(rows(replace(QUIET, frame=frame)))
+              for frame in ("left", "yup", "mm", "deg", "other")}
+    assert np.allclose(tables["left"][:, 2:], right[:, 2:] * (1, -1, -1))
+    assert np.allclose(tables["mm"][:, 2:], right[:, 2:] * (1e3, 1e3, 1))
+    assert np.allclose(tables["yup"][:, 2], right[:, 2])
+    assert np.ptp(tables["yup"][:, 3]) == 0.0
+    assert set(np.abs(tables["yup"][:, 4]).round(6)) == {0.0, round(math.pi, 6)}
+    off = tables["deg"][:, 4] - np.degrees(right[:, 4])
     assert np.allclose(np.exp(1j * off), 1.0, atol=1e-6)
-    far = np.hypot(*(told["other"] - right)[:, 2:4].T)
+    far = np.hypot(*(tables["other"] - right)[:, 2:4].T)
     assert np.ptp(far) > 1.0
-    assert all(np.array_equal(right[:, :2], t[:, :2]) for t in told.values())
+    assert all(np.array_equal(right[:, :2], t[:, :2]) for t in tables.values())
 
 
 @pytest.mark.slow
@@ -112,9 +112,9 @@ def test_a_clock_that_is_set_steps_and_moves_nothing_else():
 
 
 def test_the_truth_tells_what_the_motion_capture_hides():
-    told = reveal_url(Url.parse("sim://?seed=3&mocap=frame=left,step=2"))["mocap"]
-    assert told == asdict(replace(hidden_mocap(3), frame="left", step=2.0))
-    assert told["offset"] > 0.0
+    revealed = reveal_url(Url.parse("sim://?seed=3&mocap=frame=left,step=2"))["mocap"]
+    assert revealed == asdict(replace(hidden_mocap(3), frame="left", step=2.0))
+    assert revealed["offset"] > 0.0
     assert reveal_url(Url.parse("sim://?seed=3"))["mocap"] is None
 
 

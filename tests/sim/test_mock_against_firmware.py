@@ -59,7 +59,7 @@ def wheel(t):
     return 40.0 * math.sin(0.9 * (t - 1.0)) if t < 5.0 else -5.0
 
 
-def of(frames, name):
+def frames_named(frames, name):
     return [f.as_dict() for f, _ in frames if f.message.name == name]
 
 
@@ -73,10 +73,10 @@ def both():
         pytest.skip(f"no emulator: {missing.what}")
     firmware = scenario(nano)
     nano.close()
-    phase = of(firmware, "STATE")[1]["t_ck"] % 20_000
-    states = of(scenario(MockNano(eeprom=make_eeprom(5))), "STATE")
+    phase = frames_named(firmware, "STATE")[1]["t_ck"] % 20_000
+    states = frames_named(scenario(MockNano(eeprom=make_eeprom(5))), "STATE")
     raw = {s["enc_count"]: s["enc_t_ck"] for s in states}
-    late = median(raw[s["enc_count"]] - s["enc_t_ck"] for s in of(firmware, "STATE")
+    late = median(raw[s["enc_count"]] - s["enc_t_ck"] for s in frames_named(firmware, "STATE")
                   if s["enc_count"] in raw)
     mock = scenario(MockNano(eeprom=make_eeprom(5), slot_phase=phase, timer_start=late * 0.5e-6))
     return firmware, mock
@@ -84,7 +84,7 @@ def both():
 
 def paired(both):
     """STATE of the same slot, from the second on (the first one is late)."""
-    firmware, mock = ({s["t_ck"] // 20_000: s for s in of(frames, "STATE")[1:]}
+    firmware, mock = ({s["t_ck"] // 20_000: s for s in frames_named(frames, "STATE")[1:]}
                       for frames in both)
     common = sorted(set(firmware) & set(mock))
     assert len(common) >= 0.99 * SECONDS * 100
@@ -149,14 +149,15 @@ def test_replies_agree(both):
     for name, fields in (("TIME_PONG", ("ping_id", "host_us")),
                          ("PARAM_VALUE", ("id", "status", "req_seq", "value")),
                          ("EDGES", ())):
-        real, made = of(firmware, name), of(mock, name)
+        real, made = frames_named(firmware, name), frames_named(mock, name)
         assert len(real) == len(made) > 0, name
         assert [[r[f] for f in fields] for r in real] == [[r[f] for f in fields] for r in made]
 
 
 def test_edge_intervals_agree(both):
     firmware, mock = (
-        {e["first_count"] + k: i for e in of(frames, "EDGES") for k, i in enumerate(e["interval"])}
+        {e["first_count"] + k: i for e in frames_named(frames, "EDGES") for k,
+         i in enumerate(e["interval"])}
         for frames in both)
     common = set(firmware) & set(mock)
     assert len(common) >= 8
@@ -164,7 +165,7 @@ def test_edge_intervals_agree(both):
 
 
 def test_identity_agrees_but_for_what_marks_the_mock(both):
-    real, made = (of(frames, "HELLO")[0] for frames in both)
+    real, made = (frames_named(frames, "HELLO")[0] for frames in both)
     differing = {k for k in real if real[k] != made[k]}
     assert differing <= {"fw_version", "build", "git", "bootloader"}
     assert made["build"] & 4

@@ -40,13 +40,13 @@ class Talk:
         self.nano.write(encode(message, self.seq, values))
         self.seq += 1
 
-    def of(self, name):
+    def frames_named(self, name):
         return [f.as_dict() for f in self.frames if f.message.name == name]
 
     def ask(self, message, values, reply, seconds=0.1):
         self.frames.clear()
         self.send(message, values)
-        return self.run(seconds).of(reply)
+        return self.run(seconds).frames_named(reply)
 
 
 def beat(token=0, mode=0):
@@ -55,14 +55,14 @@ def beat(token=0, mode=0):
 
 def test_says_that_it_is_a_mock():
     talk = Talk().run(1.0)
-    assert all(h["build"] & 0x04 for h in talk.of("HELLO"))
+    assert all(h["build"] & 0x04 for h in talk.frames_named("HELLO"))
     mock = 1 << m.STATE_FLAGS.index("MOCK")
-    assert all(s["flags"] & mock for s in talk.of("STATE"))
+    assert all(s["flags"] & mock for s in talk.frames_named("STATE"))
 
 
 def test_states_at_100_hz_without_a_gap():
     talk = Talk().run(3.0)
-    stamps = [s["t_ck"] for s in talk.of("STATE")]
+    stamps = [s["t_ck"] for s in talk.frames_named("STATE")]
     assert len(stamps) in (299, 300)
     assert {b - a for a, b in itertools.pairwise(stamps)} == {20_000}
     c = talk.decoder.counters
@@ -79,31 +79,31 @@ def test_frames_take_their_time_on_the_line():
 
 def test_boot_says_hello_three_times_and_on_request():
     talk = Talk().run(0.5)
-    assert len(talk.of("HELLO")) == 3
+    assert len(talk.frames_named("HELLO")) == 3
     (hello,) = talk.ask(m.HELLO_REQ, (m.PROTO, m.SCHEMA, 1), "HELLO")
     assert (hello["proto"], hello["schema"], hello["req_seq"]) == (m.PROTO, m.SCHEMA, 0)
-    assert talk.of("DIAG")
+    assert talk.frames_named("DIAG")
 
 
 def test_reset_starts_anew_with_the_next_boot_count():
     talk = Talk()
     talk.nano.set_wheel(10.0)
     talk.run(1.0)
-    first = talk.of("HELLO")[0]
+    first = talk.frames_named("HELLO")[0]
     talk.frames.clear()
     talk.nano.reset("watchdog")
     talk.run(0.3)
-    second = talk.of("HELLO")[0]
+    second = talk.frames_named("HELLO")[0]
     assert second["boot_count"] == first["boot_count"] + 1
     assert second["boot_nonce"] != first["boot_nonce"]
     assert second["reset_cause"] == 0x18
-    assert talk.of("STATE")[0]["enc_count"] <= 2
-    assert talk.of("STATE")[0]["t_ck"] == 2_000
+    assert talk.frames_named("STATE")[0]["enc_count"] <= 2
+    assert talk.frames_named("STATE")[0]["t_ck"] == 2_000
 
 
 def test_clock_error_shows_in_the_ticks():
     fast, true = Talk(clock_error=0.003).run(10.0), Talk().run(10.0)
-    assert fast.of("STATE")[-1]["t_ck"] - true.of("STATE")[-1]["t_ck"] == 60_000
+    assert fast.frames_named("STATE")[-1]["t_ck"] - true.frames_named("STATE")[-1]["t_ck"] == 60_000
 
 
 def test_pong_carries_the_stamps_of_the_mcu():
@@ -116,14 +116,14 @@ def test_pong_carries_the_stamps_of_the_mcu():
     assert pong["tx_ck"] / 2e6 == pytest.approx(end - 22 * 20e-6, abs=1e-6)
 
 
-@pytest.mark.parametrize(("ident", "value", "status", "after"), [
+@pytest.mark.parametrize(("ident", "value", "status", "expected"), [
     (1, 10, 0, 10), (1, 99, 2, 20), (77, 1, 1, 0)])
-def test_parameters(ident, value, status, after):
+def test_parameters(ident, value, status, expected):
     talk = Talk().run(0.5)
     (reply,) = talk.ask(m.PARAM_SET, (ident, 0, value), "PARAM_VALUE")
-    assert (reply["status"], reply["value"]) == (status, after)
+    assert (reply["status"], reply["value"]) == (status, expected)
     (again,) = talk.ask(m.PARAM_GET, (ident,), "PARAM_VALUE")
-    assert again["value"] == after
+    assert again["value"] == expected
 
 
 def test_ring_b_is_told_once_it_is_enabled():
@@ -131,7 +131,7 @@ def test_ring_b_is_told_once_it_is_enabled():
     talk.ask(m.PARAM_SET, (3, 0, 1), "PARAM_VALUE")
     talk.nano.set_wheel(10.0)
     talk.run(1.0)
-    state = talk.of("STATE")[-1]
+    state = talk.frames_named("STATE")[-1]
     assert state["enc2_count"] == pytest.approx(state["enc_count"] / 2, abs=1)
 
 
@@ -151,7 +151,7 @@ def test_imu_takes_its_time_and_is_never_invented():
     for _ in range(2000):
         talk.nano.set_imu((0.0, 0.0, 1.0), (0.0, 2.0, 0.0))
         talk.run(1e-3)
-    states = talk.of("STATE")
+    states = talk.frames_named("STATE")
     assert not states[0]["flags"] & 1
     assert states[0]["imu_age"] == 65535
     assert states[-1]["flags"] & 1
@@ -166,7 +166,7 @@ def test_a_dead_imu_leaves_the_last_sample_and_its_age():
             talk.nano.set_i2c("dead")
         talk.nano.set_imu((0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
         talk.run(1e-3)
-    last = talk.of("STATE")[-1]
+    last = talk.frames_named("STATE")[-1]
     assert not last["flags"] & 1
     assert last["flags"] & 2
     assert last["gyro"][2] == 900
@@ -180,7 +180,7 @@ def test_damaged_requests_are_counted_and_nothing_else():
     talk.nano.write(bytes(data))
     talk.run(0.5)
     assert talk.nano.params[1] == 20
-    assert talk.of("DIAG")[-1]["rx_crc"] == 1
+    assert talk.frames_named("DIAG")[-1]["rx_crc"] == 1
 
 
 def test_output_goes_live_and_trips_without_beats():
@@ -191,17 +191,17 @@ def test_output_goes_live_and_trips_without_beats():
     talk.run(0.1, beat(token, 1))
     assert talk.nano.supervisor.state is OutputState.LIVE
     live = 1 << m.STATE_FLAGS.index("OUTPUT_LIVE")
-    assert talk.of("STATE")[-1]["flags"] & live
+    assert talk.frames_named("STATE")[-1]["flags"] & live
     talk.run(0.13)
     assert talk.nano.supervisor.state is OutputState.TRIPPED
-    assert talk.of("STATE")[-1]["flags"] & (1 << m.STATE_FLAGS.index("TRIPPED"))
+    assert talk.frames_named("STATE")[-1]["flags"] & (1 << m.STATE_FLAGS.index("TRIPPED"))
 
 
 def test_another_boot_s_token_never_arms():
     talk = Talk().run(0.3)
     talk.run(2.0, beat(talk.nano.nonce ^ 1, 1))
     assert talk.nano.supervisor.state is OutputState.IDLE
-    assert talk.of("STATE")[-1]["flags"] & (1 << m.STATE_FLAGS.index("BEAT_OK"))
+    assert talk.frames_named("STATE")[-1]["flags"] & (1 << m.STATE_FLAGS.index("BEAT_OK"))
 
 
 def good_beats(s, t, seconds, mode):

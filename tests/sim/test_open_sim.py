@@ -63,7 +63,7 @@ def test_coarse_ticks_are_for_the_kinematic_car():
 
 @pytest.mark.slow
 def test_coarse_ticks_give_nearly_the_same_run(raw_car):
-    cars = [raw_car(f"sim://?nano=mock&physics=kinematic&tick={t}").armed().drive(0.3, 0.3, 5.0)
+    cars = [raw_car(f"sim://?nano=mock&physics=kinematic&tick={t}").arm().drive(0.3, 0.3, 5.0)
             for t in (1, 10)]
     fine, coarse = (c.truth for c in cars)
     assert (coarse.x, coarse.y) == pytest.approx((fine.x, fine.y), abs=0.05)

@@ -36,8 +36,8 @@ def filed(tmp_path):
 @pytest.mark.slow_except("paper")
 def test_a_shipped_set_circles_as_in_the_light_simulation(driven, name):
     """Two simulations of one vehicle settle at the same speed and turn."""
-    seen = driven(f"sim://?nano=mock&vehicle={name}", CIRCLE)
-    world = seen.car.world
+    record = driven(f"sim://?nano=mock&vehicle={name}", CIRCLE)
+    world = record.car.world
     light = LightCar(name)
     light.advance(world.esc.throttle, world.servo.command, 600)
     truth = world.truth()
@@ -52,12 +52,12 @@ def test_a_shipped_set_circles_as_in_the_light_simulation(driven, name):
 def test_an_extended_file_circles_as_in_the_light_simulation(driven, filed):
     path = filed(UPSTREAM_2024, "quadratic_drag:0.2,steering_trim:0.02,yaw_damping:0.03,"
                                 "encoder_scale:0.04,gyro_scale:0.06")
-    seen = driven(f"sim://?nano=mock&vehicle={path}", CIRCLE)
+    record = driven(f"sim://?nano=mock&vehicle={path}", CIRCLE)
     light, base = LightCar(path), LightCar(UPSTREAM_2024)
     for car in (light, base):
-        car.advance(seen.car.world.esc.throttle, seen.car.world.servo.command, 600)
+        car.advance(record.car.world.esc.throttle, record.car.world.servo.command, 600)
     reading = light.read()
-    found = np.mean(seen.speed[-20:]), np.mean(seen.gyro[-20:])
+    found = np.mean(record.speed[-20:]), np.mean(record.gyro[-20:])
     assert found == pytest.approx((reading.speed, reading.yaw_rate), rel=0.015)
     assert base.read().speed > 1.1 * reading.speed
 

@@ -102,10 +102,10 @@ def test_oscillator_scale_and_drift():
     assert widths[0] / widths[-1] == pytest.approx(1.01, abs=5e-4)
 
 
-@pytest.mark.parametrize(("pointer", "after"), [(0x45, 0x00), (0xFE, 0x00), (0x06, 0x07)])
-def test_auto_increment_wraps(pointer, after):
+@pytest.mark.parametrize(("pointer", "next_pointer"), [(0x45, 0x00), (0xFE, 0x00), (0x06, 0x07)])
+def test_auto_increment_wraps(pointer, next_pointer):
     b = Bench().start()
-    assert b.read(pointer, 2)[1] == b.read(after)
+    assert b.read(pointer, 2)[1] == b.read(next_pointer)
 
 
 def test_without_auto_increment_the_pointer_stays():

@@ -15,13 +15,13 @@ URL = "sim://?nano=mock&seed=7"
 def scenario(raw_car, url, slice_s, seconds=6.0):
     """Drives by what it sees: commands and beats are answers to frames."""
     car = raw_car(url, slice_s)
-    seen = [0]
+    count = [0]
 
     def react(frame):
         if frame.message.name != "STATE":
             return
-        seen[0] += 1
-        n = seen[0]
+        count[0] += 1
+        n = count[0]
         gyro = frame.as_si()["gyro"][2]
         car.backend.link.write(encode(HEARTBEAT, n, (1, 15000, 15000, 2, 0, 0)))
         if n % 25 == 0:

@@ -64,22 +64,22 @@ def spun(url, lift=True, seconds=1.0, pulse=1600.0):
         if lift:
             backend.workshop.lift()
         with car.raw():
-            seen = []
+            states = []
             for state in car.states(duration=seconds):
                 car.pulses(steering_us=1500.0, throttle_us=pulse)
-                seen.append(state)
+                states.append(state)
         turned = backend.workshop.wheels_turned()
-    return seen, world, turned
+    return states, world, turned
 
 
 @pytest.mark.parametrize("lift", [True, False])
 @pytest.mark.slow_except("True")
 def test_the_body_rests_while_the_wheels_count(lift):
-    seen, world, turned = spun(URL, lift)
-    felt = np.mean([s.accel_x for s in seen[10:60]])
-    assert seen[-1].ticks - seen[0].ticks > 100
+    states, world, turned = spun(URL, lift)
+    accel = np.mean([s.accel_x for s in states[10:60]])
+    assert states[-1].ticks - states[0].ticks > 100
     assert turned == 1
-    assert (abs(felt) < 0.05) == lift
+    assert (abs(accel) < 0.05) == lift
     assert (abs(world.truth().distance) < 1e-9) == lift
 
 
@@ -90,8 +90,8 @@ def test_swapped_leads_turn_the_wheels_backward():
 @pytest.mark.parametrize("fail", ["wheel:stuck", "esc:off"])
 @pytest.mark.slow_except("wheel:stuck")
 def test_a_blocked_wheel_and_an_empty_battery_turn_nothing(fail):
-    seen, _, turned = spun(f"{URL}&fail={fail}@0", seconds=0.6)
-    assert seen[-1].ticks == seen[0].ticks
+    states, _, turned = spun(f"{URL}&fail={fail}@0", seconds=0.6)
+    assert states[-1].ticks == states[0].ticks
     assert turned == 0
 
 

@@ -100,9 +100,10 @@ def test_no_pulse_is_more_than_one_count_off(pulses: list[float], hertz: float) 
 
 
 @given(st.floats(1000, 2000), st.integers(0, 100))
-def test_the_mean_over_a_second_is_within_a_twentieth_of_a_us(pulse: float, before: int) -> None:
+def test_the_mean_over_a_second_is_within_a_twentieth_of_a_us(pulse: float,
+                                                              first_count: int) -> None:
     quantiser = Quantiser(COUNT)
-    for _ in range(before):
+    for _ in range(first_count):
         quantiser.step(pulse)
     sent = [quantiser.step(pulse) * COUNT for _ in range(100)]
     assert abs(sum(sent) / 100 - pulse) < 0.05

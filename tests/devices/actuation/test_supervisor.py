@@ -15,7 +15,7 @@ from dart_hal.devices.actuation.states import ENTRY, GRID, TABLE, check_table, r
 SLOT = 0.01
 
 
-def at(state: ArmState) -> tuple[Supervisor, float]:
+def supervisor_in(state: ArmState) -> tuple[Supervisor, float]:
     """A supervisor in ``state``, and the time."""
     s, t = Supervisor(), 0.0
     if state is ArmState.CLOSED:
@@ -53,7 +53,7 @@ def run(s: Supervisor, t: float, seconds: float, **inputs: object) -> float:
 @pytest.mark.parametrize("state", list(ArmState))
 @pytest.mark.parametrize("event", list(Event))
 def test_every_event_in_every_state_follows_the_table(state, event) -> None:
-    s, t = at(state)
+    s, t = supervisor_in(state)
     s.event(event, t)
     assert s.state is TABLE[state][event]
 
@@ -84,12 +84,12 @@ def test_a_shortcut_into_armed_is_not_accepted(state, event) -> None:
 
 
 def test_arming_takes_two_seconds_of_neutral_and_half_a_second_of_good_checks() -> None:
-    s, t = at(ArmState.ARMING)
+    s, t = supervisor_in(ArmState.ARMING)
     t = run(s, t, 1.98)
     assert s.state is ArmState.ARMING
     t = run(s, t, 0.03)
     assert s.state is ArmState.ARMED
-    s, t = at(ArmState.ARMING)
+    s, t = supervisor_in(ArmState.ARMING)
     t = run(s, t, 1.8)
     s.step(t, refused=("LINK_NOT_GOOD_500MS",))
     t = run(s, t, 0.48)
@@ -99,14 +99,14 @@ def test_arming_takes_two_seconds_of_neutral_and_half_a_second_of_good_checks() 
 
 
 def test_a_refusal_while_arming_disarms_with_the_list() -> None:
-    s, t = at(ArmState.ARMING)
+    s, t = supervisor_in(ArmState.ARMING)
     s.step(t + SLOT, refused=("RUN_STOP", "IMU_STALE", "NEUTRAL_TOO_SHORT"))
     assert s.state is ArmState.DISARMED
     assert set(s.reasons) == {"RUN_STOP", "IMU_STALE"}
 
 
 def test_what_waiting_does_not_cure_ends_arming_in_bounded_time() -> None:
-    s, t = at(ArmState.ARMING)
+    s, t = supervisor_in(ArmState.ARMING)
     run(s, t, 4.1, refused=("CLOCK_NOT_SYNCED",))
     assert s.state is ArmState.DISARMED
     assert s.reasons == ("CLOCK_NOT_SYNCED",)
@@ -115,7 +115,7 @@ def test_what_waiting_does_not_cure_ends_arming_in_bounded_time() -> None:
 @pytest.mark.parametrize("state", [ArmState.CLOSED, ArmState.OPENING, ArmState.FAULT, ArmState.RAW,
                                    ArmState.TRIPPED, ArmState.LOCKED])
 def test_arm_is_refused_by_name_where_it_cannot_lead_to_armed(state: ArmState) -> None:
-    s, t = at(state)
+    s, t = supervisor_in(state)
     with pytest.raises(NotArmed) as caught:
         s.arm(t)
     assert caught.value.reasons
@@ -123,7 +123,7 @@ def test_arm_is_refused_by_name_where_it_cannot_lead_to_armed(state: ArmState) -
 
 
 def test_a_trip_clears_half_a_second_after_its_cause_and_never_rearms() -> None:
-    s, t = at(ArmState.ARMED)
+    s, t = supervisor_in(ArmState.ARMED)
     t = run(s, t, 0.3, causes=("LINK_STALE",))
     assert s.state is ArmState.TRIPPED
     assert s.output.why == ("STALE_LINK", "NOT_ARMED")
@@ -136,7 +136,7 @@ def test_a_trip_clears_half_a_second_after_its_cause_and_never_rearms() -> None:
 
 
 def test_three_trips_in_a_minute_lock_and_only_unlock_opens() -> None:
-    s, t = at(ArmState.LOCKED)
+    s, t = supervisor_in(ArmState.LOCKED)
     assert (s.output.steering, s.beat) == ("held", "STOP")
     t = run(s, t, 70.0)
     assert s.state is ArmState.LOCKED
@@ -151,7 +151,7 @@ def test_three_trips_in_a_minute_lock_and_only_unlock_opens() -> None:
 
 @pytest.mark.parametrize(("interval", "locks"), [(10.0, True), (29.0, True), (30.5, False)])
 def test_the_third_trip_locks_however_calm_it_was_in_between_a_minute(interval, locks) -> None:
-    s, t = at(ArmState.ARMED)
+    s, t = supervisor_in(ArmState.ARMED)
     s.event(Event.TRIP, t, ("LINK_STALE",))
     for _ in range(2):
         t = run(s, t, interval - 0.6)
@@ -163,7 +163,7 @@ def test_the_third_trip_locks_however_calm_it_was_in_between_a_minute(interval, 
 
 
 def test_three_trips_in_more_than_a_minute_do_not_lock() -> None:
-    s, t = at(ArmState.ARMED)
+    s, t = supervisor_in(ArmState.ARMED)
     for _ in range(4):
         s.event(Event.TRIP, t, ("LINK_STALE",))
         assert s.state is ArmState.TRIPPED
@@ -174,20 +174,20 @@ def test_three_trips_in_more_than_a_minute_do_not_lock() -> None:
 
 
 def test_raw_ends_ten_seconds_after_the_last_call_or_at_a_trip() -> None:
-    s, t = at(ArmState.RAW)
+    s, t = supervisor_in(ArmState.RAW)
     t = run(s, t, 9.0)
     s.note_raw_call(t)
     t = run(s, t, 9.9)
     assert s.state is ArmState.RAW
     run(s, t, 0.2)
     assert s.state is ArmState.DISARMED
-    s, t = at(ArmState.RAW)
+    s, t = supervisor_in(ArmState.RAW)
     s.step(t + SLOT, causes=("LINK_STALE",))
     assert s.state is ArmState.DISARMED
 
 
 def test_a_lost_bus_is_a_fault_that_leads_back_to_disarmed() -> None:
-    s, t = at(ArmState.ARMED)
+    s, t = supervisor_in(ArmState.ARMED)
     t = run(s, t, 0.1, bus_ok=False, causes=("PCA_WRITE_FAILED",))
     assert (s.state, s.beat) == (ArmState.FAULT, "STOP")
     s.step(t + SLOT, bus_ok=True)
@@ -195,7 +195,7 @@ def test_a_lost_bus_is_a_fault_that_leads_back_to_disarmed() -> None:
 
 
 def test_a_reboot_of_the_nano_disarms() -> None:
-    s, t = at(ArmState.ARMED)
+    s, t = supervisor_in(ArmState.ARMED)
     s.event(Event.REBOOT, t)
     assert s.state is ArmState.DISARMED
 
@@ -246,7 +246,7 @@ def test_every_refusal_has_a_fact_that_raises_it_alone() -> None:
 def test_all_reasons_are_named_at_once_with_their_remedies() -> None:
     facts = Facts(raw_open=True, hello=False, throttle=0.2)
     assert refusals(facts) == ("NO_HELLO", "THROTTLE_NOT_NEUTRAL", "RAW_MODE_OPEN")
-    s, t = at(ArmState.DISARMED)
+    s, t = supervisor_in(ArmState.DISARMED)
     with pytest.raises(NotArmed) as caught:
         s.arm(t, refusals(facts))
     assert caught.value.reasons == refusals(facts)

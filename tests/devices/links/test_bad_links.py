@@ -179,12 +179,12 @@ def test_what_is_no_terminal_is_no_port():
 
 
 def test_a_port_without_permission_gives_the_command_to_type(monkeypatch, fake):
-    def denied(*args, **options):
+    def deny_access(*args, **options):
         raise PermissionError(errno.EACCES, "Permission denied")
 
     path = fake().path
     monkeypatch.setattr(serial.serialposix, "os", SimpleNamespace(
-        open=denied, O_RDWR=0, O_NOCTTY=0, O_NONBLOCK=0))
+        open=deny_access, O_RDWR=0, O_NOCTTY=0, O_NONBLOCK=0))
     with pytest.raises(PortDenied) as caught:
         SerialLink(path)
     assert "dialout" in clear(caught.value).remedy

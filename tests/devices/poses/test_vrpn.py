@@ -73,8 +73,8 @@ def test_no_bytes_break_the_parser(data):
 
 
 @given(st.integers(0, len(STREAM) - 4), st.binary(max_size=4))
-def test_no_damage_breaks_the_parser(at, data):
-    read_anything(STREAM[:at] + data + STREAM[at + 4:])
+def test_no_damage_breaks_the_parser(offset, data):
+    read_anything(STREAM[:offset] + data + STREAM[offset + 4:])
 
 
 @pytest.mark.parametrize("data", [b"HTTP/1.1 400", b"vrpn: ver. 06.", COOKIE + b"\xff" * 24,

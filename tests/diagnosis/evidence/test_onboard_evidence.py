@@ -13,7 +13,7 @@ from dart_lab.diagnosis.evidence.noise import estimate_noise
 from dart_lab.diagnosis.evidence.onboard import list_limits, pose_only_effects
 from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
 from dart_lab.diagnosis.evidence.space import MessageTiming
-from tests.diagnosis.onboard_files import evidence, recorded
+from tests.diagnosis.onboard_files import evidence, record_onboard
 
 ENCODER = slice(0, None, 2)
 GYRO_ROWS = slice(1, None, 2)
@@ -21,7 +21,7 @@ GYRO_ROWS = slice(1, None, 2)
 
 @pytest.fixture(scope="module")
 def plain(tmp_path_factory):
-    return evidence(recorded(tmp_path_factory.mktemp("plain"), seed=21))
+    return evidence(record_onboard(tmp_path_factory.mktemp("plain"), seed=21))
 
 
 def size(residuals, columns=slice(None)):
@@ -62,7 +62,7 @@ def test_effects_of_the_mocap_change_nothing_and_all_others_something(plain):
     ("gyro_bias", 0.05), ("gyro_latency", 0.08), ("clock_offset", 0.06)])
 def test_a_sensor_that_errs_is_predicted_as_well_once_it_is_known_to(tmp_path, plain, name, k):
     """Its error is in the start of every window, too, and is taken off there."""
-    wrong = evidence(recorded(tmp_path, apply(PAPER, name, k=k), seed=21))
+    wrong = evidence(record_onboard(tmp_path, apply(PAPER, name, k=k), seed=21))
     known = size(wrong.residuals(apply(PAPER, name, k=k)))
     assert known == pytest.approx(size(plain.residuals(PAPER)), rel=0.12)
     assert size(wrong.residuals(PAPER)) > 1.15 * known
@@ -70,7 +70,7 @@ def test_a_sensor_that_errs_is_predicted_as_well_once_it_is_known_to(tmp_path, p
 
 def test_at_rest_a_tilt_and_a_bias_are_measured_at_once(tmp_path):
     tilted = apply(apply(PAPER, "imu_pitch", k=0.05), "gyro_bias", k=0.02)
-    of_drive = evidence(recorded(tmp_path, tilted, seed=22, seconds=90.0))
+    of_drive = evidence(record_onboard(tmp_path, tilted, seed=22, seconds=90.0))
     still = np.concatenate([d.at_rest for d in of_drive.drives])
     assert still.sum() > 10
 
@@ -95,7 +95,7 @@ def test_the_extra_weight_of_a_car_at_rest_is_known_and_taken_off_again(plain):
 
 @pytest.mark.slow
 def test_sensors_that_are_older_than_their_stamps_are_given_their_age(tmp_path):
-    recording = recorded(tmp_path, seed=23)
+    recording = record_onboard(tmp_path, seed=23)
     m = recording.messages
     old = replace(recording, messages=replace(
         m, **{k: np.interp(m.t - 0.01, m.t, getattr(m, k)) for k in ("speed", "yaw_rate")}))

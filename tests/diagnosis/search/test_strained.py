@@ -12,7 +12,7 @@ from dart_lab.diagnosis.grade.accept import Acceptance, accept_effects
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.search.forward import ForwardSearch
 from dart_lab.diagnosis.search.selection import Settings
-from tests.diagnosis.onboard_files import evidence, recorded
+from tests.diagnosis.onboard_files import evidence, record_onboard
 
 WORN = replace(PAPER, tyres=replace(PAPER.tyres, front_D=0.9 * PAPER.tyres.front_D))
 KNOWN = {"tyres.front_D": 0.005 * PAPER.tyres.front_D}
@@ -22,7 +22,7 @@ KNOWN = {"tyres.front_D": 0.005 * PAPER.tyres.front_D}
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """A drive of a car with a worn tyre, as a run of our own."""
-    of_drive = evidence(recorded(tmp_path_factory.mktemp("worn"), WORN, 23, 40.0))
+    of_drive = evidence(record_onboard(tmp_path_factory.mktemp("worn"), WORN, 23, 40.0))
     return type(of_drive)([replace(d, recording=replace(d.recording, schema=RUN))
                            for d in of_drive.drives], PAPER.body.l_r)
 

@@ -12,14 +12,14 @@ from dart_lab.diagnosis.evidence.onboard_drive import MESSAGES_AHEAD
 from dart_lab.diagnosis.policy import USUAL
 from dart_lab.diagnosis.unexplained.driven import remove_driven_motion
 from dart_lab.diagnosis.unexplained.features import window_features
-from tests.diagnosis.onboard_files import evidence, recorded
+from tests.diagnosis.onboard_files import evidence, record_onboard
 
 GYRO_COLUMNS = slice(1, None, 2)
 
 
 @pytest.fixture(scope="module")
 def plain_evidence(tmp_path_factory):
-    return evidence(recorded(tmp_path_factory.mktemp("plain"), seed=21))
+    return evidence(record_onboard(tmp_path_factory.mktemp("plain"), seed=21))
 
 
 def spread(motion):

@@ -18,14 +18,14 @@ from dart_lab.diagnosis.search.selection import Settings
 from dart_lab.diagnosis.unexplained.features import window_features
 from dart_lab.diagnosis.unexplained.structure import find_structure
 from dart_lab.diagnosis.unexplained.waits import remove_frame_wait
-from tests.diagnosis.onboard_files import evidence, recorded
+from tests.diagnosis.onboard_files import evidence, record_onboard
 
 GYRO = slice(1, None, 2)
 
 
 @pytest.fixture(scope="module")
 def plain_evidence(tmp_path_factory):
-    return evidence(recorded(tmp_path_factory.mktemp("plain"), seed=21))
+    return evidence(record_onboard(tmp_path_factory.mktemp("plain"), seed=21))
 
 
 @pytest.fixture

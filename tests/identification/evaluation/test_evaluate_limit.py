@@ -50,9 +50,9 @@ def test_slip_of_a_linear_rear_tyre_is_found(ramps):
 
 @pytest.mark.slow
 def test_the_mounting_angle_is_not_slip(ramps):
-    def turned(case, by):
+    def turned(case, angle):
         g = case.grid
-        c, s = np.cos(by), np.sin(by)
+        c, s = np.cos(angle), np.sin(angle)
         return replace(case, grid=replace(g, v_x=c * g.v_x - s * g.v_y,
                                           v_y=s * g.v_x + c * g.v_y))
 
@@ -119,15 +119,15 @@ def test_bins_that_are_better_are_not_denied_where_the_top_is_thin(ramps):
                         Gain(0.8, np.nan, np.nan, 2, "recordings"),
                         Gain(0.1, -0.1, 0.3, 9, "recordings"))
 
-    def said(*gains):
+    def describe_limit(*gains):
         bins = tuple(Bin(k, k + 1.0, 99, 1.0, 0.5, g) for k, g in enumerate(gains))
         return replace(limit, takeover=(Takeover("vy", "speed", bins),)).sentences()[2]
 
-    assert "better in 2 of 3 bins" in said(good, good, thin)
-    assert "above these too few recordings for an interval" in said(good, good, thin)
-    assert "above these the interval holds 0 as well" in said(good, even)
-    assert "better in none of 2 bins" in said(even, thin)
-    assert "from 1 m/s" in said(thin, good)
+    assert "better in 2 of 3 bins" in describe_limit(good, good, thin)
+    assert "above these too few recordings for an interval" in describe_limit(good, good, thin)
+    assert "above these the interval holds 0 as well" in describe_limit(good, even)
+    assert "better in none of 2 bins" in describe_limit(even, thin)
+    assert "from 1 m/s" in describe_limit(thin, good)
 
 
 def test_edges_need_certainty_all_the_way():
@@ -137,9 +137,9 @@ def test_edges_need_certainty_all_the_way():
 
     t = Takeover("vy", "speed", bins(-0.1, -0.05, 0.1, -0.02, 0.2, 0.3))
     assert (t.holds_to, t.taken_from) == (2.0, 4.0)
-    sure = Takeover("vy", "speed", bins(0.1, 0.2))
-    assert np.isnan(sure.holds_to)
-    assert sure.taken_from == 0.0
+    certain = Takeover("vy", "speed", bins(0.1, 0.2))
+    assert np.isnan(certain.holds_to)
+    assert certain.taken_from == 0.0
     few = Takeover("vy", "speed", (replace(bins(0.1)[0],
                                            gain=Gain(0.5, np.nan, np.nan, 1, "x")),))
     assert np.isnan(few.holds_to)

@@ -43,11 +43,11 @@ def test_the_memory_bound_changes_nothing(driven, monkeypatch):
     cases = [driven(PAPER, weave=0.4, seconds=12.0)]
     whole = predict(PAPER, cases)
     monkeypatch.setattr(rollout, "LANES", 7)
-    seen = []
-    assert np.array_equal(predict(PAPER, cases, seen.append), whole)
-    assert seen == sorted(seen)
-    assert seen[-1] == 1.0
-    assert len(seen) == -(-len(cases[0]) // 7)
+    sizes = []
+    assert np.array_equal(predict(PAPER, cases, sizes.append), whole)
+    assert sizes == sorted(sizes)
+    assert sizes[-1] == 1.0
+    assert len(sizes) == -(-len(cases[0]) // 7)
     assert LANES > 7
 
 

@@ -91,10 +91,10 @@ def files(tmp_path_factory) -> CarFiles:
 @pytest.fixture
 def misses():
     """``misses(fit, truth)`` -> by parameter, how many standard errors the truth is away."""
-    def of(fit: Fit, truth: dict[str, float]) -> dict[str, float]:
+    def relative_errors(fit: Fit, truth: dict[str, float]) -> dict[str, float]:
         return {n: (e.value - truth[n]) / e.std for n, e in fit.parameters.items()
                 if n in truth and e.identifiable and np.isfinite(e.std)}
-    return of
+    return relative_errors
 
 
 @pytest.fixture

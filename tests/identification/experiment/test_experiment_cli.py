@@ -28,20 +28,20 @@ def run(tmp_path, monkeypatch, capsys):
 def test_json_is_one_object_with_fit_recording_and_values_before(run, tmp_path):
     code, out, err = run("tyres", *SIM, "--space", "5", "--out", "one.mcap", "--json",
                          "--plot", "one.png")
-    told = json.loads(out)
+    result = json.loads(out)
     assert code == 0
-    assert told["experiment"] == "tyres"
-    assert told["stopped"] is None
-    assert told["understeer"]["gradient"]["unit"] == "rad s2/m"
-    assert told["base"]["tyres"]["front_D"] == pytest.approx(2.9752, abs=1e-3)
-    assert "motion capture" in " ".join(told["notes"])
+    assert result["experiment"] == "tyres"
+    assert result["stopped"] is None
+    assert result["understeer"]["gradient"]["unit"] == "rad s2/m"
+    assert result["base"]["tyres"]["front_D"] == pytest.approx(2.9752, abs=1e-3)
+    assert "motion capture" in " ".join(result["notes"])
     assert (tmp_path / "one.mcap").stat().st_size > 10_000
     assert (tmp_path / "one.png").stat().st_size > 10_000
     assert "5 m x 5 m" in err
     assert "behind the rear axle" in err
     assert "picture: one.png" in err
     # one understeer gradient in one unit: that of the ramps
-    assert "understeer gradient" not in " ".join(told["fits"]["tyres"]["notes"])
+    assert "understeer gradient" not in " ".join(result["fits"]["tyres"]["notes"])
 
 
 def test_too_small_a_floor_records_nothing(run, tmp_path):
@@ -78,12 +78,12 @@ def test_out_model_holds_the_fit_and_the_mass_it_hangs_on(run, tmp_path):
     url = "sim://?seed=4&nano=mock&physics=kinematic&tick=10"
     code, out, _ = run("friction", "--url", url, "--space", "9x3", "--out", "one.mcap", "--json",
                        "--out-model", "model.toml")
-    told = json.loads(out)
+    result = json.loads(out)
     assert code == 0
-    assert told["model"] == "model.toml"
+    assert result["model"] == "model.toml"
     model = load_model(tmp_path / "model.toml")
-    assert plain(model.friction["a"]) == told["fits"]["friction"]["parameters"]["a"]["value"]
-    assert plain(model.body["mass"]) == told["mass_kg"]["value"]
+    assert plain(model.friction["a"]) == result["fits"]["friction"]["parameters"]["a"]["value"]
+    assert plain(model.body["mass"]) == result["mass_kg"]["value"]
     assert plain(model.motor["d"]) == pytest.approx(28.8878, abs=1e-3)  # not this experiment's
 
 
@@ -169,10 +169,10 @@ def test_ctrl_c_keeps_the_recording_and_says_where(run, monkeypatch, tmp_path):
 @pytest.mark.slow
 def test_a_probe_is_driven_and_recorded_but_not_fitted(run, tmp_path):
     code, out, _ = run("rollouts", *SIM, "--space", "6", "--out", "one.mcap", "--json")
-    told = json.loads(out)
+    result = json.loads(out)
     assert code == 0
-    assert told["stopped"] is None
-    assert "fits" not in told
+    assert result["stopped"] is None
+    assert "fits" not in result
     assert (tmp_path / "one.mcap").stat().st_size > 10_000
     code, out, _ = run("rollouts", *SIM, "--out", "two.mcap", "--out-model", "m.toml", "--json")
     assert code == 2

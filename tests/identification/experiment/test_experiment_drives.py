@@ -35,8 +35,8 @@ class Troubled(PaperCar):
                 self.mode, self.causes = "TRIPPED", ("LINK_STALE",)
             if not self.encoder:
                 state = replace(state, ticks=0, speed=0.0)
-            felt = (state.applied.throttle - 0.15) * 12.0 if self.esc else 0.0
-            yield replace(state, accel_x=max(felt, 0.0),
+            accel = (state.applied.throttle - 0.15) * 12.0 if self.esc else 0.0
+            yield replace(state, accel_x=max(accel, 0.0),
                           yaw_rate=state.yaw_rate if self.imu or state.t < 2.0 else None)
 
     def drive(self, *, steering=0.0, throttle=0.0, **options) -> Applied:
@@ -126,11 +126,11 @@ def test_top_speed_ends_a_drive_that_runs_away(files):
 def test_aborted_run_is_kept_and_its_fit_says_too_little(tmp_path):
     path = tmp_path / "aborted.mcap"
     with Car.open("sim://?seed=3&nano=mock", cars=tmp_path, record=path) as car:
-        files, told = car.files, []
+        files, messages = car.files, []
 
         def interrupt(share: float, text: str) -> None:
-            told.append(text)
-            if len(told) > 20:
+            messages.append(text)
+            if len(messages) > 20:
                 raise KeyboardInterrupt
 
         plan = make_plan("friction", files, Floor(8.0, 3.0), None)

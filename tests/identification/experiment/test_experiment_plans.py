@@ -161,8 +161,8 @@ def test_signals():
 def test_the_floor_that_the_steering_test_asks_for_is_enough(files):
     with pytest.raises(ExperimentFailed) as raised:
         make_plan("steering", files, Floor(3.0, 3.0), None)
-    asked = re.search(r"--space ([0-9.]+)", raised.value.remedy)
-    side = float(asked.group(1))
+    remedy = re.search(r"--space ([0-9.]+)", raised.value.remedy)
+    side = float(remedy.group(1))
     assert make_plan("steering", files, Floor(side, side), None).sweep.radius <= 0.5 * side
     with pytest.raises(ExperimentFailed):  # and not much more than that
         make_plan("steering", files, Floor(side - 0.2, side - 0.2), None)

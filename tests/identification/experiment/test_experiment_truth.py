@@ -123,13 +123,13 @@ def test_identify_reads_the_delay_as_the_experiment_does(experiment):
 @pytest.mark.slow
 def test_understeer_of_a_hidden_car(experiment, true_slope):
     done = experiment("tyres", 6)
-    told = done.outcome.understeer
+    understeer = done.outcome.understeer
     slope = true_slope(done.truth, TYRE_STEERING, *GENTLE)
-    assert abs(told.gradient.value - slope) < FAR * told.gradient.std
-    assert told.gradient.std < 0.0015
-    value, std = told.combination
+    assert abs(understeer.gradient.value - slope) < FAR * understeer.gradient.std
+    assert understeer.gradient.std < 0.0015
+    value, std = understeer.combination
     ratio = done.truth.vehicle.body.wheelbase / done.truth.vehicle.body.mass
-    assert value == pytest.approx(told.gradient.value * ratio, rel=0.01)
+    assert value == pytest.approx(understeer.gradient.value * ratio, rel=0.01)
     assert std > 0.0
     # the two axles each are not told, and nobody pretends they were
     assert not any(e.identifiable for e in done.fit.parameters.values())
@@ -140,9 +140,9 @@ def test_understeer_of_a_hidden_car(experiment, true_slope):
 @pytest.mark.slow
 def test_understeer_through_the_real_firmware(experiment, true_slope):
     done = experiment("tyres", 4, nano="avr")
-    told = done.outcome.understeer
+    understeer = done.outcome.understeer
     slope = true_slope(done.truth, TYRE_STEERING, *GENTLE)
-    assert abs(told.gradient.value - slope) < FAR * told.gradient.std
+    assert abs(understeer.gradient.value - slope) < FAR * understeer.gradient.std
 
 
 @pytest.mark.long
@@ -164,9 +164,9 @@ def test_understeer_over_hidden_cars(experiment, true_slope):
     away = []
     for seed in range(1, 13):
         done = experiment("tyres", seed)
-        told = done.outcome.understeer.gradient
+        understeer = done.outcome.understeer.gradient
         slope = true_slope(done.truth, TYRE_STEERING, *GENTLE)
-        away.append((told.value - slope) / told.std)
+        away.append((understeer.value - slope) / understeer.std)
     assert np.abs(away).max() < FAR
     assert np.mean(np.abs(away) < 1.645) > 0.7
 

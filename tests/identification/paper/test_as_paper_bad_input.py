@@ -104,9 +104,9 @@ def test_one_bad_folder_does_not_cost_the_others(tmp_path):
     write(tmp_path, FOLDERS["friction"], coasting(10))
     made = fit_as_paper(tmp_path)
     assert set(made.fits) == {"motor"}
-    said = [why for report in made.files.values() if not report.used for why in report.why]
-    assert len(said) == 4
-    assert any("friction not fitted" in why and "too few rows" in why for why in said)
+    reasons = [why for report in made.files.values() if not report.used for why in report.why]
+    assert len(reasons) == 4
+    assert any("friction not fitted" in why and "too few rows" in why for why in reasons)
 
 
 def test_a_recording_too_short_for_the_tyres(tmp_path):
@@ -122,12 +122,13 @@ def test_one_level_tells_no_curve(tmp_path):
     """One command, no throttle: amplitudes and gains cannot be told apart."""
     noise = np.random.default_rng(1).normal(size=300)
     one = table(v=1.2 + 0.01 * noise, s=0.5, w=1.0 + 0.05 * noise, tau=0.0)
-    for name, untold in (("steering", {"k_left", "a_left_rad", "s0", "a_right_rad", "k_right"}),
-                         ("motor", {"d", "e", "g"})):
+    for name, unidentified in (("steering",
+                                {"k_left", "a_left_rad", "s0", "a_right_rad", "k_right"}),
+                               ("motor", {"d", "e", "g"})):
         write(tmp_path, FOLDERS[name], one)
         fit = fit_as_paper(tmp_path, [name]).fits[name]
         assert not fit.sound
-        assert {n for n, e in fit.parameters.items() if np.isinf(e.std)} == untold
+        assert {n for n, e in fit.parameters.items() if np.isinf(e.std)} == unidentified
         assert not any(e.identifiable for e in fit.parameters.values())
         assert any("do not tell" in note for note in fit.notes)
 

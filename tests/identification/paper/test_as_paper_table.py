@@ -105,9 +105,9 @@ def test_front_d_and_c_are_called_untold_and_their_product_is_given(made):
     assert not fit.sound
     assert not fit.parameters["front_D"].identifiable
     assert not fit.parameters["front_C"].identifiable
-    told = made.derived["tyres"]["front_stiffness_BCD"]
-    assert told.value * DEGREE == pytest.approx(.308 * .5 * 3.41, rel=5e-3)
-    assert told.std < 0.1 * told.value < 0.5 * fit.parameters["front_D"].std * told.value
+    product = made.derived["tyres"]["front_stiffness_BCD"]
+    assert product.value * DEGREE == pytest.approx(.308 * .5 * 3.41, rel=5e-3)
+    assert product.std < 0.1 * product.value < 0.5 * fit.parameters["front_D"].std * product.value
 
 
 def test_the_delay_of_the_paper_and_what_is_wrong_with_it(made):

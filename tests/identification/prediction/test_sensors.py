@@ -46,8 +46,8 @@ def test_effects_change_what_they_name():
     now = motion(T, CIRCLE)
     assert sensed(carrying("gyro_scale", 0.1), now)[1] == pytest.approx(1.1 * RATE)
     marker = tuple(CIRCLE[:3])
-    for ours, seen in zip(marker, posed(PAPER, T, CIRCLE, marker), strict=True):
-        assert seen is ours
+    for ours, expected in zip(marker, posed(PAPER, T, CIRCLE, marker), strict=True):
+        assert expected is ours
     late = posed(carrying("mocap_latency", 0.02), T, CIRCLE, marker)
     assert late[2][10:] == pytest.approx(CIRCLE[2][8:-2])
 

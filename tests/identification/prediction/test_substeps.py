@@ -8,16 +8,16 @@ import pytest
 from dart_lab.identification.prediction.substeps import FINE, fine, quarters
 
 
-def stepped(at, n=40):
+def stepped(t_step, n=40):
     """Means over samples of a step from -1 to 2 at a time in samples."""
-    return -1.0 + 3.0 * np.clip(np.arange(n) + 1.0 - at, 0.0, 1.0)
+    return -1.0 + 3.0 * np.clip(np.arange(n) + 1.0 - t_step, 0.0, 1.0)
 
 
 def test_means_are_kept_at_any_phase():
     rng = np.random.default_rng(0)
     series = np.repeat(rng.uniform(-1.0, 1.0, 12), 5)
-    at = np.arange(20)[:, None] + np.array([10.0, 10.25, 13.7])
-    got = fine(series, at)
+    t_step = np.arange(20)[:, None] + np.array([10.0, 10.25, 13.7])
+    got = fine(series, t_step)
     assert got.shape == (20 * FINE, 3)
     whole = got.reshape(20, FINE, 3).mean(axis=1)
     assert whole[:, 0] == pytest.approx(series[10:30], abs=1e-12)

@@ -35,9 +35,9 @@ def test_friction_and_motor_of_january(folder):
     assert motor["d"].value + 3.0 * motor["d"].std < PAPER.motor.d
     assert fits["motor"].sound
     assert fits["motor"].rmse < 0.07
-    standing = files["19_step_input_data/car_1_Datarecording_01_22_2024_14_54_30.csv"]
-    assert standing.used == 0
-    assert "the car never moved" in standing.why
+    step_input = files["19_step_input_data/car_1_Datarecording_01_22_2024_14_54_30.csv"]
+    assert step_input.used == 0
+    assert "the car never moved" in step_input.why
 
 
 @pytest.mark.slow

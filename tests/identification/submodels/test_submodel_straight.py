@@ -84,11 +84,11 @@ def test_a_motor_of_another_form_does_not_move_the_friction(workshop, steps, liv
     sag = 1.0 - 0.15 * np.clip(np.cumsum(throttle > 0.0, axis=1) / 500.0, 0.0, 1.0)
     slower = workshop.drive(lively, throttle * sag, 0.0 * throttle, rng)
     recordings = workshop.recordings(replace(slower, throttle=throttle), 80, name="sag")
-    apart = fit_submodels(recordings, ("friction", "motor"))[0]["friction"].parameters
+    other_form = fit_submodels(recordings, ("friction", "motor"))[0]["friction"].parameters
     series, s, x0 = prepared(recordings)
     together = solve_straight(series, s, PAPER, x0, NAMES, PAPER.body.mass)
     for n in "ac":
-        assert abs(apart[n].value - TRUTH[n]) < 2.5 * apart[n].std
+        assert abs(other_form[n].value - TRUTH[n]) < 2.5 * other_form[n].std
     assert abs(together.value("c") - TRUTH["c"]) > 2.5 * together.std("c")
 
 
@@ -148,13 +148,13 @@ def test_a_session_ends_with_an_hour_of_rest(workshop, steps, lively):
     throttle = steps([0.3], rng, pulse=1.0, coast=0.5)
     recording = workshop.recordings(workshop.drive(lively, throttle, 0.0 * throttle, rng), 12)[0]
 
-    def at(name):
+    def rename(name):
         return replace(recording, path=recording.path.parent / name)
 
-    found = sessions_of([at("a/car_1_Datarecording_01_22_2024_11_40_46.csv"),
-                         at("b/car_1_Datarecording_01_22_2024_12_15_11.csv"),
-                         at("b/car_1_Datarecording_01_22_2024_15_00_29.csv"),
-                         at("b/run.csv"), at("c/run.csv")])
+    found = sessions_of([rename("a/car_1_Datarecording_01_22_2024_11_40_46.csv"),
+                         rename("b/car_1_Datarecording_01_22_2024_12_15_11.csv"),
+                         rename("b/car_1_Datarecording_01_22_2024_15_00_29.csv"),
+                         rename("b/run.csv"), rename("c/run.csv")])
     assert found == ["2024-01-22 11:40 a + b", "2024-01-22 11:40 a + b", "2024-01-22 15:00 b",
                      "b", "c"]
 

@@ -102,9 +102,9 @@ def test_the_smoothing_is_what_the_derivative_sees():
     curve, rate = np.sin(9.0 * t), 9.0 * np.cos(9.0 * t)
     weights = smoothing(MOCAP)
     assert weights.sum() == pytest.approx(1.0)
-    seen = np.convolve(rate, weights, mode="same")
+    smoothed = np.convolve(rate, weights, mode="same")
     exact = savgol_derivative(curve, 15)
-    assert seen[30:-30] == pytest.approx(exact[30:-30], abs=0.02)
+    assert smoothed[30:-30] == pytest.approx(exact[30:-30], abs=0.02)
     assert np.max(np.abs(rate - exact)[30:-30]) > 0.2  # without it they differ
 
 
