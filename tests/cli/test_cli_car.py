@@ -157,7 +157,7 @@ def test_broken_car_file_is_not_replaced(verb):
     assert old.read_text() == "geometry = 3\n"
 
 
-def test_terminal_is_asked_for_what_is_missing(verb, monkeypatch):
+def test_what_is_missing_is_requested_at_the_terminal(verb, monkeypatch):
     class CarTerminal(StringIO):
         def isatty(self) -> bool:
             return True

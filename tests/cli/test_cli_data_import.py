@@ -81,7 +81,7 @@ def test_wrong_words_are_refused(verb, log, monkeypatch, words, what):
     assert sorted(p.name for p in log.iterdir()) == ["log.csv", "map.toml"]
 
 
-def test_an_imported_recording_cannot_be_replayed_and_says_so(verb, log):
+def test_an_imported_recording_cannot_be_replayed_and_is_refused(verb, log):
     verb("data", "import", log / "log.csv", "--map", log / "map.toml", "--out", log / "run.mcap")
     ran = verb("replay", log / "run.mcap")
     assert ran.code == 2

@@ -137,7 +137,7 @@ def test_a_dry_run_writes_nothing(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_table_says_value_error_paper_and_what_is_not_told(run):
+def test_the_table_states_value_error_paper_and_what_is_not_reported(run):
     _, out, err = run("tyres", "--as-paper", EXCERPT)
     assert "0.38508 +- 0.00088 N/deg" in out
     assert "22.301" in out  # the paper's, beside it
@@ -228,7 +228,7 @@ def test_files_of_any_kind_are_fitted_and_listed(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_joint_fit_predicts_a_day_that_it_has_not_seen(run, tmp_path):
+def test_a_joint_fit_predicts_a_day_that_it_has_not_observed(run, tmp_path):
     """Fitted to two days of September, judged on one of July beside its base."""
     train = [EXCERPT / name for name in ("81_throttle_ramps", "91_free_driving_16_sept_2024")]
     status, document, _ = run("all", "--joint", *train, EXCERPT / "19_step_input_data", "--json")

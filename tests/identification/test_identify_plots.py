@@ -91,7 +91,7 @@ def test_what_a_joint_fit_held_comes_from_the_base(made):
     assert full["friction"] is made.fits["friction"]
 
 
-def test_a_curve_of_many_sessions_says_so(made):
+def test_a_curve_of_many_sessions_is_reported(made):
     fit = made.fits["friction"]
     assert style.label(fit) == "fit"
     pooled = replace(fit, details={"sessions": 10.0})

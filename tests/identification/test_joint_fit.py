@@ -116,7 +116,7 @@ def test_a_car_without_lags_is_fitted_to_the_end():
 
 
 @pytest.mark.slow
-def test_what_the_data_do_not_show_is_said():
+def test_what_the_data_do_not_show_is_reported():
     """Straight driving tells nothing about tyres and the ends of the steering map."""
     g = driven(3, 30.0)
     rng = np.random.default_rng(3)

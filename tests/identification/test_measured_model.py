@@ -68,7 +68,7 @@ def recorded(tmp_path):
     return run
 
 
-def test_what_was_measured_stands_in_the_model_with_its_error(recorded, tmp_path):
+def test_what_was_measured_is_in_the_model_with_its_error(recorded, tmp_path):
     model, p = named_model("measured", [recorded(7, calibration("sim-7"))])
     assert model.name == "sim-7"
     for key, true in (("k_left", 1.5), ("a_left_rad", 0.33), ("s0", -0.03), ("a_right_rad", 0.39),

@@ -91,7 +91,7 @@ def test_it_is_evaluated_and_its_marker_found(run_with_poses):
 
 
 @pytest.mark.slow
-def test_how_far_aside_its_marker_sat_is_told_by_the_wheels(run_with_poses):
+def test_how_far_aside_its_marker_sat_is_reported_by_the_wheels(run_with_poses):
     marker, hidden = read_run(run_with_poses[0]).marker, hidden_mocap(3)
     assert abs(hidden.ly) > 0.006
     assert marker.ly == pytest.approx(hidden.ly, abs=0.0015)
@@ -122,7 +122,7 @@ def test_a_clock_that_runs_faster_is_followed_and_late_rows_do_not_matter():
     assert np.abs(car_time - t - 0.004).max() < 1e-3
 
 
-def test_a_source_that_began_anew_is_told_by_its_arrival():
+def test_a_source_that_began_again_is_reported_by_its_arrival():
     stamp = np.concatenate([np.arange(100.0, 110.0, 0.01), np.arange(0.0, 10.0, 0.01)])
     arrival = np.arange(len(stamp)) * 0.01 + 0.5
     car_time, notes = to_car_time(stamp, arrival)

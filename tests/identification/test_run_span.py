@@ -26,14 +26,14 @@ def jumping(tmp_path_factory):
 
 
 @pytest.mark.parametrize("every", [FRAMES_PER_MESSAGE, FRAMES_PER_FINE_MESSAGE])
-def test_a_mean_stands_for_its_span(jumping, every):
+def test_a_mean_represents_its_span(jumping, every):
     run = read_run(jumping, every)
     assert np.median(np.diff(run.messages.t)) < 0.5 * FRAMES_PER_MESSAGE * SAMPLE
     assert step_of(run) == pytest.approx(every * SAMPLE)
 
 
 @pytest.mark.slow
-def test_a_coarse_run_is_read_anew_and_a_fine_one_is_not(jumping):
+def test_a_coarse_run_is_read_again_and_a_fine_one_is_not(jumping):
     coarse = read_run(jumping)
     fine = finer(coarse)
     assert fine.span == pytest.approx(FRAMES_PER_FINE_MESSAGE * SAMPLE)
@@ -44,7 +44,7 @@ def test_a_coarse_run_is_read_anew_and_a_fine_one_is_not(jumping):
 
 
 @pytest.mark.slow
-def test_what_a_program_logs_beside_the_car_changes_nothing(tmp_path):
+def test_what_a_program_logs_next_to_the_car_changes_nothing(tmp_path):
     runs = []
     for logs in (False, True):
         path = tmp_path / f"logs_{logs}.mcap"

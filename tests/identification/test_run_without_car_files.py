@@ -49,7 +49,7 @@ def about_files(recording) -> list[str]:
 
 
 @pytest.mark.slow
-def test_run_without_car_files_says_whose_are_used(runs):
+def test_run_without_car_files_states_whose_are_used(runs):
     whole, bare = runs
     complete = read_any([whole])[0][0]
     assert about_files(complete) == [], "negative control: the run with its attachments"

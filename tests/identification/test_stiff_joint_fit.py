@@ -52,14 +52,14 @@ def scores(seconds):
     return out
 
 
-def test_slow_driving_does_not_identify_stiff_tyres_and_the_errors_say_so():
+def test_slow_driving_does_not_identify_stiff_tyres_and_the_errors_report_it():
     found = scores(25.0)
     assert max(abs(z) for z, _ in found.values()) < 3.0
     assert not any(known for _, known in found.values())
 
 
 @pytest.mark.slow
-def test_control_plain_runge_kutta_is_sure_of_what_is_wrong(monkeypatch):
+def test_control_plain_runge_kutta_is_certain_of_what_is_wrong(monkeypatch):
     """As with unstable steps before: errors 100 times too small; only the loss gives them away."""
     monkeypatch.setenv(NATIVE_SWITCH, "0")
     monkeypatch.setitem(integrate.MAX_RELAXATION, "rk4", 1e9)

@@ -96,7 +96,7 @@ def test_columns_without_names_are_found_by_the_data(log):
     assert m.gyro.yaw_rate.column == "5"
 
 
-def test_what_no_data_can_tell_is_a_question(log):
+def test_what_no_data_can_show_is_a_question(log):
     columns = {**log, "steering_angle": 0.4 * log["steering"]}
     del columns["steering"]
     questions = " ".join(guess_map([Table("log", columns)]).questions)

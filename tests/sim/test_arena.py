@@ -93,7 +93,7 @@ def test_all_of_a_world_are_in_one_room():
         backend.close()
 
 
-def test_a_contact_is_told_when_it_begins_and_again_after_it_ended():
+def test_a_contact_is_reported_when_it_begins_and_again_after_it_ended():
     """Two places by themselves: one drives through the other, away, and back into it."""
     found = arena.Arena("by itself")
     first, second = found.enter("red", (0.0, 0.0, 0.0)), found.enter("red", (1.0, 0.0, 0.0))
@@ -110,7 +110,7 @@ def test_a_contact_is_told_when_it_begins_and_again_after_it_ended():
 
 
 @pytest.mark.slow
-def test_cars_that_touch_are_told_once(caplog):
+def test_cars_that_touch_are_reported_once(caplog):
     """The second stands 1 m ahead of the first, which drives into it and through it."""
     with caplog.at_level(logging.WARNING), pair("crash", "0,0,0", "1,0,1.2") as fleet:
         fleet.arm()

@@ -49,7 +49,7 @@ def test_every_pin_is_released_meanwhile(raw_car, nano):
 @pytest.mark.slow_except("optiboot-2-2")
 @pytest.mark.emulator
 @pytest.mark.parametrize(("boot", "bootloader", "cause"), [("old", 1, 0x04), ("optiboot", 2, 0x02)])
-def test_the_firmware_tells_the_bootloaders_apart(raw_car, boot, bootloader, cause):
+def test_the_firmware_distinguishes_the_bootloaders(raw_car, boot, bootloader, cause):
     """Optiboot clears MCUSR: a brown-out then looks like any reset that keeps the RAM."""
     car = reset(raw_car, "avr", boot, "brownout").run(1.8)
     hello = car.frames_named("HELLO")[-1].as_dict()

@@ -35,5 +35,5 @@ def test_a_register_is_written_and_read_back(transfer):
     assert transfer(PCA9685, bytes([PRESCALE]), 1) == bytes([0, 121])
 
 
-def test_nobody_at_an_address_is_an_error_number(transfer):
+def test_an_absent_address_is_an_error_number(transfer):
     assert transfer(0x29, b"\0", 1) == bytes([121])

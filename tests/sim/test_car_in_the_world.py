@@ -20,7 +20,7 @@ URLS = ["sim://?nano=mock", "sim://?nano=mock&seed=3&jitter=usb", "sim://?nano=m
 
 @pytest.mark.slow
 @pytest.mark.parametrize("url", URLS)
-def test_a_left_turn_is_driven_and_seen(url):
+def test_a_left_turn_is_driven_and_observed(url):
     try:
         backend = open_backend(url)
     except EmulatorMissing as missing:

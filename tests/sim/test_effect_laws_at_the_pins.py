@@ -185,7 +185,7 @@ def test_quadratic_drag_balances_the_motor_at_a_lower_speed(pair):
 
 
 @pytest.mark.slow
-def test_a_slope_is_felt_at_rest_and_rolls_the_car(pair):
+def test_a_slope_is_measured_at_rest_and_rolls_the_car(pair):
     plain, changed = pair("road_slope_x:1.0,rolling_resistance:-1", ((STRAIGHT, 0.0, 1.0),))
     assert np.mean(changed.accel_x[50:150]) < -0.4
     assert changed.edges[-1] > plain.edges[-1] == 0
@@ -310,7 +310,7 @@ def test_gyro_scale_and_latency(pair):
 
 @pytest.mark.parametrize("nano", NANOS)
 @pytest.mark.slow_except("mock")
-def test_a_tilted_imu_feels_gravity_and_turns_its_axes(pair, nano):
+def test_a_tilted_imu_measures_gravity_and_turns_its_axes(pair, nano):
     plain, changed = pair("imu_pitch:0.1,imu_roll:0.05", TURN, f"&nano={nano}")
     still = changed.rows_between(1.5, 2.2)
     leak = [np.mean(s[still]) - np.mean(p[still]) for s, p in (

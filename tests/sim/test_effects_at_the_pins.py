@@ -137,7 +137,7 @@ def test_revealed_effects_come_on_top_of_the_car(seed):
     assert shown == plain
 
 
-def test_the_car_file_tells_nothing_of_it():
+def test_the_car_file_shows_nothing_of_it():
     url = f"{PLAIN}&seed=6"
     secret = open_backend(url + "&effect=pwm_clock:0.01,mass:0.2,encoder_scale:0.04")
     assert secret.car_toml == open_backend(url).car_toml

@@ -55,7 +55,7 @@ def test_a_bad_ring_shortens_the_path_and_leaves_the_car_alone(measure_car, nano
 
 @pytest.mark.slow
 @pytest.mark.parametrize("nano", NANOS)
-def test_a_trimmed_linkage_turns_a_car_that_is_told_to_go_straight(measure_car, nano):
+def test_a_trimmed_linkage_turns_a_car_that_is_reported_to_go_straight(measure_car, nano):
     plain, changed = measure_car(nano), measure_car(nano, "steering_trim:0.05")
     assert abs(plain[1]) < 0.03
     assert changed[1] == pytest.approx(changed[3], abs=0.03)
@@ -72,7 +72,7 @@ def test_a_board_with_another_clock_drives_faster_and_to_the_left(measure_car, n
 
 @pytest.mark.slow
 @pytest.mark.parametrize("nano", NANOS)
-def test_standing_still_before_arming_takes_a_gyro_bias_off_and_no_scale(measure_car, nano):
+def test_at_rest_before_arming_takes_a_gyro_bias_off_and_no_scale(measure_car, nano):
     turning = "steering_trim:0.05"
     plain, biased, scaled = (measure_car(nano, turning + more) for more in (
         "", ",gyro_bias:0.05", ",gyro_scale:0.2"))

@@ -93,7 +93,7 @@ def test_forward_again_must_brake_again():
     assert bench.hold(1275, 0.2).mode is EscMode.BRAKING
 
 
-def test_signal_loss_coasts_and_wants_neutral_first():
+def test_signal_loss_coasts_and_requires_neutral_first():
     bench = EscBench().arm()
     bench.hold(1800, 0.5)
     assert bench.silence(0.4).throttle > 0.5

@@ -115,7 +115,7 @@ def test_no_symptom_without_a_failure(raw_car, nano):
 @pytest.mark.slow
 @pytest.mark.emulator
 @pytest.mark.parametrize("failure", ["mcu:hang", "mcu:freeze"])
-def test_a_program_that_stands_sends_nothing(raw_car, failure):
+def test_a_program_at_rest_sends_nothing(raw_car, failure):
     times = [t for t in drive(raw_car, "avr", failure).times if t > START - 0.1]
     assert max(b - a for a, b in zip(times, [*times[1:], START + LASTS], strict=True)) > 0.06
 
@@ -159,7 +159,7 @@ def test_a_torn_eeprom_byte_leaves_the_parameters_at_old_or_new(raw_car, nth):
     assert car.frames_named("PARAM_VALUE")[-1].as_dict()["value"] == 2  # others are whole
 
 
-def test_every_target_says_what_it_has():
+def test_every_target_names_what_it_has():
     with pytest.raises(UsageError) as caught:
         parse_failure("enc:delayed@3")
     assert "enc:wrong=SHARE" in caught.value.expected

@@ -93,7 +93,7 @@ def test_brown_out_of_the_board_ends_the_pulses(raw_car):
     assert car.world.pca.peek(0xFE) == 0x1E
 
 
-def test_what_the_mock_cannot_do_is_said(raw_car):
+def test_what_the_mock_cannot_do_is_reported(raw_car):
     car = raw_car("sim://?nano=mock&fail=mcu:hang@0.1")
     with pytest.raises(UsageError, match="hang"):
         car.run(0.3)

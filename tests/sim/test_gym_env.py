@@ -27,7 +27,7 @@ def make(**options):
 
 @pytest.mark.slow_except("path", "randomised")
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
-def test_gymnasium_has_nothing_to_say(options):
+def test_gymnasium_has_no_warning(options):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(make(**options))
@@ -41,7 +41,7 @@ def test_it_can_be_made_without_an_import():
     assert done.stdout.strip() == "(17,)"
 
 
-def test_without_gymnasium_it_says_what_to_install():
+def test_without_gymnasium_it_names_what_to_install():
     code = ("import sys; sys.modules['gymnasium'] = None\n"
             "from dart_hal.core.errors import UsageError\n"
             "try:\n    import dart_lab.sim.gym\nexcept UsageError as e:\n    print(e.remedy)")
@@ -84,7 +84,7 @@ def test_a_good_driver_gets_nearly_one_per_step_and_is_cut_at_the_end(options):
                                                               measured].all(), "nothing was clipped"
 
 
-def test_who_leaves_the_track_is_told_so():
+def test_who_leaves_the_track_is_reported_so():
     rewards, terminated, truncated, _, info = episode(make(), lambda e, o: np.array([0.4, 0.0]))
     assert (terminated, truncated) == (True, False)
     assert rewards[-1] == -10.0
@@ -92,7 +92,7 @@ def test_who_leaves_the_track_is_told_so():
     assert len(rewards) < 200
 
 
-def test_standing_still_pays_nothing():
+def test_at_rest_pays_nothing():
     rewards, *_, info = episode(make(), lambda e, o: follow(e, o) * [0.0, 1.0])
     assert len(rewards) == 400, "it rolls out on the track"
     assert np.mean(rewards[100:]) == pytest.approx(-(info["offset"] / 0.3) ** 2, abs=0.05)
@@ -116,7 +116,7 @@ def test_same_seed_same_bytes():
     assert runs[0] != runs[2]
 
 
-def test_the_observation_is_what_the_page_says():
+def test_the_observation_is_what_the_page_states():
     env = make(light=LightConfig())
     observation, info = env.reset(seed=2)
     for _ in range(40):

@@ -49,7 +49,7 @@ def test_boards_are_where_they_are():
 
 
 @pytest.mark.parametrize("name", TRACKS)
-def test_nothing_is_seen_through_the_boards(name):
+def test_nothing_is_detected_through_the_boards(name):
     """But at the crossing of the eight, where they end."""
     track = track_named(name)
     eyes, at = RangeSensor(track, GymConfig(track=track, beams=36)), np.arange(0, len(track.x), 9)
@@ -60,7 +60,7 @@ def test_nothing_is_seen_through_the_boards(name):
     assert len(eyes.lines) < 300
 
 
-def test_a_car_ahead_is_seen_and_one_behind_a_board_is_not():
+def test_a_car_ahead_is_detected_and_one_behind_a_board_is_not():
     track = track_named("savoiardo")
     eyes = RangeSensor(track, GymConfig(track=track, beams=4))
     me, gap = np.array((0.3, 0.0, 0.0))[:, None], 1.0
@@ -75,7 +75,7 @@ def test_a_car_ahead_is_seen_and_one_behind_a_board_is_not():
     assert eyes.ranges(me, hidden)[:, 0] == pytest.approx(alone)
 
 
-def test_the_numbers_before_are_the_same_and_the_noise_is_what_is_asked():
+def test_the_numbers_before_are_the_same_and_the_noise_is_what_is_requested():
     plain, seeing = DartCarEnv(), DartCarEnv(beams=8, opponents=1)
     one, two = plain.reset(seed=4)[0], seeing.reset(seed=4)[0]
     assert seeing.names[17:] == ("range_0", "range_45", "range_90", "range_135", "range_180",

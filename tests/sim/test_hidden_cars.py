@@ -122,7 +122,7 @@ def test_revealed_angle_is_the_middle_of_the_loop(raw_car):
 
 
 @pytest.mark.parametrize("seed", [0, 1, 42])
-def test_car_file_parses_and_tells_no_secret(seed):
+def test_car_file_parses_and_shows_no_secret(seed):
     backend = open_backend(f"sim://?nano=mock&seed={seed}")
     car = hidden_car(seed)
     config = parse_config(backend.car_toml, "sim")

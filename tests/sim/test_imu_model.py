@@ -54,14 +54,14 @@ def test_on_a_tilted_plate_a_host_that_knows_the_mounting_reads_the_tilt(yaw, pi
         (0.7 * c(roll), 1.0, -2.0 * c(roll) + 9.81 * s(roll)), abs=1e-12)
 
 
-def test_yaw_comes_first_seen_from_the_body():
+def test_yaw_comes_first_observed_from_the_body():
     """body = Rz(yaw) Ry(pitch) Rx(roll) sensor: the sensor's x axis in the body."""
     forward = np.array(rotation(0.1, 0.2, 0.3)) @ [1.0, 0.0, 0.0]
     assert forward == pytest.approx(
         [math.cos(0.1) * math.cos(0.2), math.sin(0.1) * math.cos(0.2), -math.sin(0.2)])
 
 
-def test_a_sensor_ahead_feels_the_turn():
+def test_a_sensor_ahead_measures_the_turn():
     """0.1 m ahead at omega 2: centripetal -0.4; omega' 5: +0.5 to the left."""
     _, accel = make(x=L_R + 0.1).sense(0.0, 0.0, 2.0, 5.0)
     assert accel == pytest.approx((-0.4, 0.5, 0.0))

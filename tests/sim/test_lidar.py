@@ -64,7 +64,7 @@ def test_points_lie_on_the_walls(params):
         assert off_walls(scan.points(in_room(resting_pose))).max() < 0.006
 
 
-def test_a_wrong_mount_is_seen():
+def test_a_wrong_mount_is_detected():
     """The control of the test above."""
     scan = scans(params=replace(EXACT, yaw=0.05))[2].mounted(Mount(x=0.13))
     assert off_walls(scan.points(in_room(resting_pose))).max() > 0.05
@@ -88,7 +88,7 @@ def bent(params, rate=3.0, seconds=2.0):
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2, 3])
-def test_beside_a_car_that_turns_a_wall_is_straight_by_the_pose_of_each_beam(seed):
+def test_next_to_a_car_that_turns_a_wall_is_straight_by_the_pose_of_each_beam(seed):
     straight, crooked = bent(hidden_lidar(seed))
     assert straight < 0.02
     assert crooked > 3.0 * straight, "one pose for all does as well: nothing is shown"
@@ -117,7 +117,7 @@ def test_glass_gives_nothing_back_and_hides_what_is_behind():
     assert np.isfinite(scan.range[np.abs(scan.bearing) > radians(40.0)]).all()
 
 
-def test_another_car_is_seen_where_it_is_when_the_beam_passes():
+def test_another_car_is_detected_where_it_is_when_the_beam_passes():
     def other(t):
         return box(4.5, 1.0 + 1.0 * t, 0.0, 0.2, 0.2)
 

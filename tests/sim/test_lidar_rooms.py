@@ -45,7 +45,7 @@ def test_no_ray_slips_through_a_corner(cast):
     assert cast(lines, np.zeros_like(way), way) == pytest.approx(np.ones(50), abs=1e-9)
 
 
-def test_the_kernel_says_what_numpy_says():
+def test_the_kernel_agrees_with_numpy():
     if rays.native_cast() is None:
         pytest.skip("no C compiler here")
     for name in ROOMS:
@@ -185,7 +185,7 @@ def test_a_map_that_is_not_there_is_refused():
         room_of("nowhere.yaml", 1)
 
 
-def test_only_the_truth_tells_the_room():
+def test_only_the_truth_shows_the_room():
     shown = reveal_url(Url.parse("sim://?seed=2&lidar=noise=0&map=room"))
     assert shown["lidar"]["noise"] == 0.0
     assert shown["lidar"]["scale"] != 1.0

@@ -78,7 +78,7 @@ def test_nothing_moves_before_the_delay_is_over():
     assert car.state[7] == pytest.approx(1.0)
 
 
-def test_a_lag_is_exponential_whatever_the_step():
+def test_a_lag_is_exponential_for_any_step():
     for step in (0.005, 0.01, 0.02):
         car = LightCar(UPSTREAM_2024, replace(BARE, step=step))
         car.advance(0.4, -0.5, round(0.2 / step))
@@ -120,7 +120,7 @@ def test_dead_band_and_quanta():
 
 
 @pytest.mark.parametrize("p", SETS.values(), ids=SETS)
-def test_a_standing_car_with_turned_wheels_stands(p):
+def test_a_car_at_rest_with_turned_wheels_stays(p):
     car = LightCar(p, BARE)
     car.advance(0.0, 1.0, 200)
     assert max(map(abs, car.state[:6])) < 1e-12

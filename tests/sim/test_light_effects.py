@@ -75,7 +75,7 @@ def test_at_null_the_numbers_are_the_same_to_the_last_bit(name, sensors):
 @pytest.mark.parametrize("name", WITH_SIGNALS)
 @pytest.mark.parametrize("sensors", [PERFECT, RECORDED])
 @pytest.mark.slow_except("*-gyro_bias", "*-mocap_latency")
-def test_a_batch_is_its_cars_also_when_some_begin_anew(name, sensors):
+def test_a_batch_is_its_cars_also_when_some_begin_again(name, sensors):
     """Cars of other sizes of the effect, one of which is reset on the way."""
     config = LightConfig(sensors=sensors)
     vehicles = [add_effects(UPSTREAM_2024, parse_effects(f"{name}:{size}"))
@@ -96,7 +96,7 @@ def test_a_batch_is_its_cars_also_when_some_begin_anew(name, sensors):
 
 @pytest.mark.parametrize("name", [n for n in WITH_SIGNALS
                                   if set(catalogue()[n].signals) & {"steering", "angle"}])
-def test_the_wheels_stand_where_the_signals_say(name):
+def test_the_wheels_are_where_the_signals_put_them(name):
     """A car without slip shows its angle; the law is the one that every simulator steps."""
     p = replace(add_effects(ROLLING, parse_effects(large(name))), delay=ROLLING.delay)
     p = replace(p, delay=replace(p.delay, steering_s=0.0, steering_lag_s=0.0, throttle_s=0.0))

@@ -45,7 +45,7 @@ def test_perfect_sensors_read_the_truth():
         assert math.hypot(r.x - x, r.y - y) == pytest.approx(l_r)
 
 
-def test_the_accelerometer_feels_the_turn():
+def test_the_accelerometer_measures_the_turn():
     car = car_with()
     car.reset(v_x=1.0)
     car.advance(0.28, 0.5, 600)

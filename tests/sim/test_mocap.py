@@ -52,7 +52,7 @@ def test_it_shows_the_marker_in_the_room():
 
 
 @pytest.mark.slow
-def test_it_repeats_however_often_it_is_asked():
+def test_it_repeats_however_often_it_is_requested():
     params = replace(hidden_mocap(3), occlusion=10.0, lock=6.0, outlier=0.01)
     assert np.array_equal(table(rows(params)), table(rows(params, slice_s=0.1)))
     assert not np.array_equal(table(rows(params)), table(rows(replace(params, dropout=0.0))))
@@ -76,7 +76,7 @@ def test_each_fault_shows_and_none_comes_by_itself():
     assert 30 < off.sum() < 240
 
 
-def test_noise_is_what_was_asked_for():
+def test_noise_is_what_was_requested():
     measured = table(rows(replace(QUIET, noise=1e-3, yaw_noise=2e-3), 60.0))
     error = (measured - table(rows(QUIET, 60.0)))[:, 2:]
     error[:, 2] = np.remainder(error[:, 2] + math.pi, math.tau) - math.pi
@@ -111,7 +111,7 @@ def test_a_clock_that_is_set_steps_and_moves_nothing_else():
     assert np.array_equal(stepped[:, 1:], still[:, 1:])
 
 
-def test_the_truth_tells_what_the_motion_capture_hides():
+def test_the_truth_shows_what_the_motion_capture_hides():
     revealed = reveal_url(Url.parse("sim://?seed=3&mocap=frame=left,step=2"))["mocap"]
     assert revealed == asdict(replace(hidden_mocap(3), frame="left", step=2.0))
     assert revealed["offset"] > 0.0
@@ -137,6 +137,6 @@ def test_options_that_mean_nothing_are_refused(text):
         open_sim(Url.parse(f"sim://?nano=mock&mocap={text}"))
 
 
-def test_only_a_car_that_is_seen_has_poses():
+def test_only_a_car_that_is_detected_has_poses():
     assert open_sim(Url.parse("sim://?nano=mock")).poses is None
     assert open_sim(Url.parse("sim://?nano=mock&mocap=1")).poses is not None

@@ -53,7 +53,7 @@ def beat(token=0, mode=0):
     return (1, 15000, 15000, token, mode, 0)
 
 
-def test_says_that_it_is_a_mock():
+def test_states_that_it_is_a_mock():
     talk = Talk().run(1.0)
     assert all(h["build"] & 0x04 for h in talk.frames_named("HELLO"))
     mock = 1 << m.STATE_FLAGS.index("MOCK")
@@ -77,7 +77,7 @@ def test_frames_take_their_time_on_the_line():
             assert end - latch == pytest.approx(LATCH_TO_UART + 44 * 20e-6, abs=25e-6)
 
 
-def test_boot_says_hello_three_times_and_on_request():
+def test_boot_states_hello_three_times_and_on_request():
     talk = Talk().run(0.5)
     assert len(talk.frames_named("HELLO")) == 3
     (hello,) = talk.ask(m.HELLO_REQ, (m.PROTO, m.SCHEMA, 1), "HELLO")
@@ -85,7 +85,7 @@ def test_boot_says_hello_three_times_and_on_request():
     assert talk.frames_named("DIAG")
 
 
-def test_reset_starts_anew_with_the_next_boot_count():
+def test_reset_restarts_with_the_next_boot_count():
     talk = Talk()
     talk.nano.set_wheel(10.0)
     talk.run(1.0)
@@ -126,7 +126,7 @@ def test_parameters(ident, value, status, expected):
     assert again["value"] == expected
 
 
-def test_ring_b_is_told_once_it_is_enabled():
+def test_ring_b_is_reported_once_it_is_enabled():
     talk = Talk().run(0.3)
     talk.ask(m.PARAM_SET, (3, 0, 1), "PARAM_VALUE")
     talk.nano.set_wheel(10.0)

@@ -17,7 +17,7 @@ def no_emulator(monkeypatch, tmp_path):
     return str(tmp_path)
 
 
-def test_mock_takes_over_and_says_exactly_why(no_emulator):
+def test_mock_takes_over_and_states_exactly_why(no_emulator):
     backend = open_backend("sim://")
     assert isinstance(world_of(backend).nano, MockNano)
     (notice,) = backend.notices

@@ -36,7 +36,7 @@ def test_at_a_steady_speed_the_pull_is_the_drive_trains_friction(throttle):
     assert math.copysign(1.0, speed) == math.copysign(1.0, throttle)
 
 
-def test_they_coast_as_mass_and_friction_say():
+def test_they_coast_by_mass_and_friction():
     """Against the closed form of v' = -(a + c v) / m above the knee of the dry friction."""
     car, wheels = stand(speed=2.0)
     seconds = 0.0
@@ -95,7 +95,7 @@ def test_a_blocked_wheel_and_an_empty_battery_turn_nothing(fail):
     assert turned == 0
 
 
-def test_a_car_that_is_not_on_its_stand_drives():
+def test_a_car_that_is_not_lifted_drives():
     _, world, _ = spun(f"{URL}&fail=stand:off@0", seconds=0.6)
     assert world.truth().distance > 0.05
 

@@ -49,7 +49,7 @@ def peeks(source: str, package: str = "dart_lab.diagnosis") -> list[str]:
     return found
 
 
-def test_nobody_outside_peeks():
+def test_no_other_package_reads_it():
     guilty = {}
     for path in sorted(ROOT.rglob("*.py")):
         name = path.relative_to(ROOT).as_posix()

@@ -28,7 +28,7 @@ def test_lock_is_exclusive():
 
 
 @pytest.mark.parametrize("address", [0x41, 0x28])
-def test_nobody_there_is_errno_121(address):
+def test_an_absent_chip_is_errno_121(address):
     with pytest.raises(OSError) as caught:
         make().writeto(address, b"\x00")
     assert caught.value.errno == errno.EREMOTEIO == 121

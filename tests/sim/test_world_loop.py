@@ -29,7 +29,7 @@ def test_right_is_the_mirror_image_with_a_symmetric_map(raw_car):
     assert right.x == pytest.approx(left.x, rel=0.1)
 
 
-def test_a_car_without_pulses_stands_still(raw_car):
+def test_a_car_without_pulses_stays_at_rest(raw_car):
     car = raw_car().run(2.0)
     assert (car.truth.x, car.truth.y, car.truth.yaw) == pytest.approx((0, 0, 0), abs=1e-9)
     assert car.states()[-1]["enc_count"] == 0

@@ -101,7 +101,7 @@ def test_one_recording_gives_no_interval(ramps):
 
 
 @pytest.mark.slow
-def test_the_right_dynamic_model_takes_over_and_a_wrong_one_is_not_said_to(ramps):
+def test_the_right_dynamic_model_takes_over_and_a_wrong_one_is_not_reported_to(ramps):
     limit = kinematic_limit(PAPER, ramps())
     found = {(t.channel, t.by): t for t in limit.takeover}
     assert found["vy", "lateral_acceleration"].taken_from <= 1.5

@@ -88,7 +88,7 @@ def test_out_model_holds_the_fit_and_the_mass_it_hangs_on(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_nothing_is_told_so_no_model_is_written(run, tmp_path):
+def test_nothing_is_reported_so_no_model_is_written(run, tmp_path):
     code, out, err = run("tyres", *SIM, "--space", "5", "--out", "one.mcap", "--json",
                          "--out-model", "model.toml")
     assert code == 0
@@ -133,7 +133,7 @@ class NotSim:
 
 
 @pytest.mark.slow
-def test_a_real_car_wants_floor_and_agreement(run, monkeypatch, tmp_path):
+def test_a_real_car_requires_floor_and_agreement(run, monkeypatch, tmp_path):
     NotSim(monkeypatch)
     code, out, _ = run("tyres", "--url", "serial:///dev/none", "--json")
     assert code == 2
@@ -150,7 +150,7 @@ def test_a_real_car_wants_floor_and_agreement(run, monkeypatch, tmp_path):
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_the_recording_and_says_where(run, monkeypatch, tmp_path):
+def test_ctrl_c_keeps_the_recording_and_names_the_place(run, monkeypatch, tmp_path):
     import dart_lab.identification.experiment.runner as runner
     from dart_lab.identification.experiment.rehearsal import PaperCar
 

@@ -61,7 +61,7 @@ def test_sound_car_drives_to_the_end(files, plan):
     assert car.stops == 1
 
 
-def test_car_that_never_moves_is_said_with_its_cause(files, plan):
+def test_car_that_never_moves_is_reported_with_its_cause(files, plan):
     car = Troubled(files, esc=False)
     with pytest.raises(ExperimentFailed, match="does not move") as error:
         run(car, plan)
@@ -69,7 +69,7 @@ def test_car_that_never_moves_is_said_with_its_cause(files, plan):
     assert car.stops == 1
 
 
-def test_dead_encoder_is_told_from_a_dead_esc(files, plan):
+def test_dead_encoder_is_distinguished_from_a_dead_esc(files, plan):
     car = Troubled(files, encoder=False)
     with pytest.raises(ExperimentFailed, match="encoder does not count"):
         run(car, plan)
@@ -123,7 +123,7 @@ def test_top_speed_ends_a_drive_that_runs_away(files):
 
 
 @pytest.mark.slow
-def test_aborted_run_is_kept_and_its_fit_says_too_little(tmp_path):
+def test_aborted_run_is_kept_and_its_fit_states_too_little(tmp_path):
     path = tmp_path / "aborted.mcap"
     with Car.open("sim://?seed=3&nano=mock", cars=tmp_path, record=path) as car:
         files, messages = car.files, []

@@ -75,7 +75,7 @@ def test_a_corridor_is_driven_straight_and_a_hall_as_an_oval(files):
 
 @pytest.mark.parametrize("name", [*NAMES, *(n for n in PROBES if n != "standstill")])
 @pytest.mark.slow_except("friction")
-def test_too_small_a_floor_says_what_is_needed(name, files):
+def test_too_small_a_floor_names_what_is_needed(name, files):
     with pytest.raises(ExperimentFailed) as error:
         make_plan(name, files, Floor(2.0, 2.0), None)
     assert "2 m x 2 m" in error.value.what
@@ -158,7 +158,7 @@ def test_signals():
 
 
 @pytest.mark.slow
-def test_the_floor_that_the_steering_test_asks_for_is_enough(files):
+def test_the_floor_that_the_steering_test_requests_is_enough(files):
     with pytest.raises(ExperimentFailed) as raised:
         make_plan("steering", files, Floor(3.0, 3.0), None)
     remedy = re.search(r"--space ([0-9.]+)", raised.value.remedy)

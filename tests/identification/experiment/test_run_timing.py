@@ -68,7 +68,7 @@ def test_neutral_is_zero_and_jumps_keep_their_time(pulled, every):
 
 
 @pytest.mark.slow
-def test_thinning_changes_how_many_messages_not_what_they_say(pulled):
+def test_thinning_changes_how_many_messages_not_what_they_state(pulled):
     path, _ = pulled
     coarse, fine = read_run(path).messages, read_run(path, 2).messages
     assert len(fine) > 4 * len(coarse)

@@ -118,7 +118,7 @@ def test_a_recording_too_short_for_the_tyres(tmp_path):
     refused(tmp_path, "tyres", "between 5 and 58.7 s")
 
 
-def test_one_level_tells_no_curve(tmp_path):
+def test_one_level_shows_no_curve(tmp_path):
     """One command, no throttle: amplitudes and gains cannot be told apart."""
     noise = np.random.default_rng(1).normal(size=300)
     one = table(v=1.2 + 0.01 * noise, s=0.5, w=1.0 + 0.05 * noise, tau=0.0)

@@ -99,7 +99,7 @@ def test_both_axles_together_are_the_pooled_rows(made):
     assert set(both.parameters) == {*front.parameters, *rear.parameters}
 
 
-def test_front_d_and_c_are_called_untold_and_their_product_is_given(made):
+def test_front_d_and_c_are_called_unreported_and_their_product_is_given(made):
     fit = made.fits["tyres"]
     assert fit.at_bound == ("front_C",)
     assert not fit.sound

@@ -111,7 +111,7 @@ def test_where_the_servo_is_does_not_hang_on_the_rest_of_the_car(name):
     assert not np.array_equal(a, s)
 
 
-def test_effects_on_commands_enter_where_they_say(empty):
+def test_effects_on_commands_enter_where_they_state(empty):
     rng = np.random.default_rng(3)
     g = replace(empty(300), throttle=rng.uniform(0, 0.5, 300), steering=rng.uniform(-1, 1, 300))
     throttle, angle = actuated(PAPER, g)
@@ -138,7 +138,7 @@ def test_effects_on_commands_enter_where_they_say(empty):
     assert got[0] == angle[0]
 
 
-def test_effects_on_parameters_are_settled_first(empty):
+def test_effects_on_parameters_are_applied_first(empty):
     g = replace(empty(60), steering=np.full(60, 0.5))
 
     def slower(p, seconds):

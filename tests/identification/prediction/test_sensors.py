@@ -28,7 +28,7 @@ def carrying(name, *values):
     return replace(PAPER, effects=(ActiveEffect(find_effect(name), values),))
 
 
-def test_on_a_circle_the_accelerometer_feels_v_omega_and_the_gear_turns():
+def test_on_a_circle_the_accelerometer_measures_v_omega_and_the_gear_turns():
     now = motion(T, CIRCLE)
     wheel, gyro, a_x, a_y = sensed(PAPER, now)
     assert (wheel[7], gyro[7], a_x[7]) == (SPEED, RATE, 0.0)
@@ -58,7 +58,7 @@ def found(pattern: str) -> set[str]:
             if re.search(pattern, f.read_text(encoding="utf-8"), re.MULTILINE)}
 
 
-def test_the_forward_model_stands_once():
+def test_the_forward_model_is_defined_once():
     assert found(r"return motor\(.*\) \+ friction\(") == {"dart_hal/vehicle/motor.py"}
     behind = found(r"^[A-Z_]+(, [A-Z_]+)* = 0\.0[12]0?\b +# s\b.*\b(grid|frames?|pulses)\b")
     above = found(r"^# s; .*\b(grid|frames?|pulses)\b.*\n(#.*\n)*[A-Z_]+ = 0\.0[12]0?$")

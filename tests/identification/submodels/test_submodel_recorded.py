@@ -41,7 +41,7 @@ def test_friction_and_motor_of_january(folder):
 
 
 @pytest.mark.slow
-def test_the_three_days_of_straight_driving_brake_alike_and_hold_their_speeds(folder):
+def test_the_three_days_of_straight_driving_brake_equally_and_hold_their_speeds(folder):
     """Coasting gives one friction; with it and the mean motor, the speeds held are those held."""
     days = [folder(f"{n}_step_input_data{floor}") for n, floor in
             ((10, "_rubbery_floor"), (19, ""), (29, ""))]
@@ -67,7 +67,7 @@ def test_the_steering_map_agrees_with_the_papers(folder):
 
 
 @pytest.mark.slow
-def test_the_steering_answers_sooner_than_the_paper_says(folder):
+def test_the_steering_answers_sooner_than_the_paper_states(folder):
     """0.15 s is one sample times a wrong mean step."""
     fit = fit_submodels(folder("40_sinusoidal_steering_data"), ("delay",))[0]["delay"]
     total = fit.values()["steering_s"] + fit.values()["steering_lag_s"]

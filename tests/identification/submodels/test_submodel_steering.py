@@ -71,7 +71,7 @@ def test_too_few_levels_and_a_wrong_sign_are_refused_in_words(workshop, lively):
 
 
 @pytest.mark.slow
-def test_one_side_only_says_so(workshop, lively):
+def test_one_side_only_is_reported(workshop, lively):
     recordings = [replace(r, messages=replace(
         r.messages, speed=np.where(r.messages.steering > -0.1, r.messages.speed, 0.0)))
         for r in levels(workshop, lively, first=21, name="side")[0]]
@@ -82,7 +82,7 @@ def test_one_side_only_says_so(workshop, lively):
 
 
 @pytest.mark.slow
-def test_two_speeds_at_one_command_tell_the_understeer_gradient(workshop, lively):
+def test_two_speeds_at_one_command_show_the_understeer_gradient(workshop, lively):
     grippy = replace(lively, tyres=replace(lively.tyres, front_D=8.0, front_C=1.2, front_B=4.0,
                                            front_E=0.0, rear_cornering_stiffness=70.0))
     b = grippy.body
@@ -160,7 +160,7 @@ def test_a_hole_in_the_rows_does_not_stretch_the_delay(workshop, lively):
 
 
 @pytest.mark.slow
-def test_steering_that_never_changes_tells_no_delay(workshop, lively):
+def test_steering_that_never_changes_shows_no_delay(workshop, lively):
     d = workshop.drive(lively, np.full((2, 1500), 0.24), np.full((2, 1500), 0.4),
                        np.random.default_rng(9))
     fits, files = fit_submodels(workshop.recordings(d, 300, name="held"), ("delay",))

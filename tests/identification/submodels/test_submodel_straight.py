@@ -169,7 +169,7 @@ def test_the_wider_of_two_covariances_is_narrower_than_neither():
 
 
 @pytest.mark.slow
-def test_the_values_are_worth_having(fits):
+def test_the_values_are_accurate(fits):
     for name, share in (("a", 0.15), ("d", 0.12), ("e", 0.25), ("g", 0.08)):
         got = [(f["friction"].parameters | f["motor"].parameters)[name].value for f in fits]
         assert np.std(got) < share * abs(TRUTH[name])
@@ -226,7 +226,7 @@ def test_twice_the_mass_is_twice_the_forces(sets, fits):
 
 
 @pytest.mark.slow
-def test_one_throttle_level_tells_no_dead_band(workshop, steps, lively):
+def test_one_throttle_level_shows_no_dead_band(workshop, steps, lively):
     rng = np.random.default_rng(5)
     throttle = steps([0.3] * 4, rng)
     recordings = workshop.recordings(
@@ -239,7 +239,7 @@ def test_one_throttle_level_tells_no_dead_band(workshop, steps, lively):
 
 
 @pytest.mark.slow
-def test_without_coasting_the_friction_is_not_told(workshop, steps, lively):
+def test_without_coasting_the_friction_is_not_reported(workshop, steps, lively):
     rng = np.random.default_rng(6)
     throttle = np.repeat([[0.22], [0.25], [0.3], [0.35]], 700, axis=1)
     recordings = workshop.recordings(

@@ -70,7 +70,7 @@ def test_a_wrong_steering_delay_shows_in_the_front(ramps, logged):
 
 
 @pytest.mark.slow
-def test_gentle_turning_tells_a_stiffness_but_no_peak(workshop, car, logged):
+def test_gentle_turning_shows_a_stiffness_but_no_peak(workshop, car, logged):
     rng = np.random.default_rng(7)
     n = 2500
     steering = np.repeat(rng.uniform(-0.2, 0.2, (3, n // 100)), 100, axis=1)
@@ -122,7 +122,7 @@ def test_sessions_are_averaged_with_the_spread_between_them(ramps, logged):
 
 
 @pytest.mark.slow
-def test_the_base_is_given_back_when_nothing_is_told(workshop, steps, lively):
+def test_the_base_is_given_back_when_nothing_is_reported(workshop, steps, lively):
     rng = np.random.default_rng(3)
     throttle = steps([0.25], rng)
     d = workshop.drive(lively, throttle, 0.0 * throttle, rng)
