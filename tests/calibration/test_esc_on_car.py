@@ -156,7 +156,7 @@ def test_a_hidden_esc_with_the_lag_of_the_later_set_is_found(seed, tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize("nano", ["mock", pytest.param("avr", marks=pytest.mark.emulator)])
 def test_esc_of_the_car_without_a_seed_is_measured(nano, tmp_path):
-    """It has a gyro without noise, whose samples on the stand are zeros now and then."""
+    """It has a gyro without noise, whose samples with lifted wheels are zeros now and then."""
     result = Spun(f"sim://?nano={nano}", tmp_path).calibrate()
     assert result.quantities["throttle.neutral_us"].value == pytest.approx(1500.0, abs=1.0)
 

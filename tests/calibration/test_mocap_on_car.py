@@ -55,7 +55,7 @@ def test_a_hidden_marker_is_found_and_used(seed, tmp_path):
     with Car.open(url, cars=tmp_path, record=tmp_path / "run.mcap") as car:
         car.arm()
         for _ in car.states(duration=3.0):
-            car.drive(throttle=0.25)  # straight on, which tells nothing of the marker
+            car.drive(throttle=0.25)  # straight on, which does not determine the marker
     run = read_run(tmp_path / "run.mcap")
     assert run.marker.source == "calibrate mocap"
     assert run.marker.lx == pytest.approx(true.lx, abs=1e-3)

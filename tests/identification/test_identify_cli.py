@@ -140,7 +140,7 @@ def test_a_dry_run_writes_nothing(run, tmp_path):
 def test_the_table_states_value_error_paper_and_what_is_not_reported(run):
     _, out, err = run("tyres", "--as-paper", EXCERPT)
     assert "0.38508 +- 0.00088 N/deg" in out
-    assert "22.301" in out  # the paper's, beside it
+    assert "22.301" in out  # the paper's, in the same row
     assert "at bound" in out
     assert "caution: tyres: front_C stopped at the edge of the allowed interval" in out
     assert "0.38508" not in err
@@ -229,7 +229,7 @@ def test_files_of_any_kind_are_fitted_and_listed(run, tmp_path):
 
 @pytest.mark.slow
 def test_a_joint_fit_predicts_a_day_that_it_has_not_observed(run, tmp_path):
-    """Fitted to two days of September, judged on one of July beside its base."""
+    """Fitted to two days of September, judged on one of July compared with its base."""
     train = [EXCERPT / name for name in ("81_throttle_ramps", "91_free_driving_16_sept_2024")]
     status, document, _ = run("all", "--joint", *train, EXCERPT / "19_step_input_data", "--json")
     assert status == 0
@@ -301,7 +301,7 @@ def test_pictures_of_recordings(run, tmp_path):
     pytest.importorskip("matplotlib")
     files = sorted((EXCERPT / "10_step_input_data_rubbery_floor").glob("*14_59_59*"))
     _, document, _ = run("friction", *files, "--plot", "pics", "--dry-run", "--json")
-    identified = document["fits"]["friction"]["n"] > 0  # one short file may not tell it
+    identified = document["fits"]["friction"]["n"] > 0  # one short file may not identify it
     expected = {"step_response.png"} | ({"friction.png"} if identified else set())
     assert {Path(p).name for p in document["plots"]} == expected
     assert document["model"] is None

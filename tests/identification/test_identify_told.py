@@ -1,4 +1,4 @@
-"""When a delay counts as told, and what a fit says while it works."""
+"""When a delay counts as identified, and what a fit reports while it works."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ NOT_DRIVEN = Driving(None, "held", 0, 0, 0, 0.0, 0.0, 0.0, 0, 0.0)
 
 
 @pytest.mark.parametrize(("std", "offset", "identifiable"), [
-    (0.9 * TIME_KNOWN, True, True),  # a lag of zero can be told: its error counts, not its share
+    (0.9 * TIME_KNOWN, True,
+     True),  # a lag of zero can be identified: its error counts, not its share
     (1.1 * TIME_KNOWN, True, False), (0.9 * TIME_KNOWN, False, False)])
 def test_a_time_is_reported_by_its_error_alone(monkeypatch, std, offset, identifiable):
     found = Timing(np.array([0.03, 0.0]), std**2 * np.eye(2), offset, (), 100, 0.1, True)

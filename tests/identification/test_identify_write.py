@@ -99,7 +99,7 @@ def test_a_joint_covariance_takes_the_place_of_the_single_ones(tmp_path):
 
 
 def test_a_joint_fit_is_written_whole_or_not_at_all():
-    """Friction that was fitted beside a motor means nothing beside another motor."""
+    """Friction that was fitted with one motor means nothing with another motor."""
     fits = {name: fit(name, values) for name, values in (("friction", FRICTION), ("motor", MOTOR))}
     joint = Covariance(("friction.a", "motor.d"), ((0.01, 0.002), (0.002, 0.04)))
     bad = {**fits, "motor": replace(fits["motor"], at_bound=("e",))}

@@ -1,4 +1,4 @@
-"""The joint fit finds what made the data, says how well, and says what it cannot know."""
+"""The joint fit finds what made the data, states how well, and reports what it cannot know."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def test_prediction_of_another_centre_of_mass_is_that_of_the_measured_point():
 
 @pytest.mark.slow
 def test_sizes_move_within_the_errors_that_car_toml_states():
-    """Of a car that is 25 mm shorter and lighter than its car.toml says."""
+    """Of a car that is 25 mm shorter and lighter than in its car.toml."""
     wrong = with_values(TRUE, {"body.wheelbase": 0.2, "body.l_f": 0.1055, "body.mass": 1.8})
     problem = Problem.of([driven(1, 30.0), driven(2, 30.0)])
     known = {"body.wheelbase": 0.02, "body.l_f": 0.02, "body.mass": 0.1, "body.yaw_inertia": 5e-4}
@@ -117,7 +117,7 @@ def test_a_car_without_lags_is_fitted_to_the_end():
 
 @pytest.mark.slow
 def test_what_the_data_do_not_show_is_reported():
-    """Straight driving tells nothing about tyres and the ends of the steering map."""
+    """Straight driving does not identify tyres and the ends of the steering map."""
     g = driven(3, 30.0)
     rng = np.random.default_rng(3)
     noise = 0.01 * rng.standard_normal((3, len(g.t)))  # without noise no error could be tested
@@ -160,7 +160,7 @@ def test_bases_that_cannot_be_moved():
     with pytest.raises(UsageError, match="base of 0"):
         fit_jointly(problem, with_values(PAPER, {"friction.a": 0.0}))
     rolling = fit_jointly(problem, replace(PAPER, kind="kinematic"))
-    assert "tyres" not in rolling.fits, "a bicycle without slip tells nothing of tyres"
+    assert "tyres" not in rolling.fits, "a bicycle without slip does not identify tyres"
 
 
 def test_bad_samples_are_never_predicted():
@@ -199,7 +199,7 @@ def test_descent_stops_at_bounds_and_goes_on_along_them():
 
 
 def test_descent_follows_a_bent_valley_to_its_end():
-    """Rosenbrock's valley: whoever is content with little gain stops half way."""
+    """Rosenbrock's valley: a fit that accepts little gain stops half way."""
     def residual(x):
         return np.array([10.0 * (x[1] - x[0]**2), 1.0 - x[0], 1.0])
 

@@ -1,4 +1,4 @@
-"""What calibration says of a car is where its identification and its diagnosis begin."""
+"""Identification and diagnosis of a car begin at its calibration."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def test_what_was_measured_is_in_the_model_with_its_error(recorded, tmp_path):
     assert model.delay["steering_lag_s"] == Quantity(0.0, 0.005, "calibration"), "none is known too"
     assert model.motor["g"].value == pytest.approx(-0.15)
     assert model.motor["g"].std > 0.1 / 450.0, "what dithering holds is known no better"
-    assert plain(model.motor["d"]) == model.motor["d"] == PAPER.motor.d, "nobody measured it"
+    assert plain(model.motor["d"]) == model.motor["d"] == PAPER.motor.d, "it was not measured"
     assert model.effects == (
         EffectEntry("steering_backlash", {"k": Quantity(0.02, 0.0004, "calibration")}),
         EffectEntry("steering_rate_limit", {"k": Quantity(0.1, 0.002, "calibration")}))
@@ -132,7 +132,7 @@ def test_size_and_mass_are_those_of_the_car(recorded):
         files.config, geometry=heavy))))
     assert p.body.mass == 2.0
     assert p.body.yaw_inertia == pytest.approx(PAPER.body.yaw_inertia * 2.0 / PAPER.body.mass)
-    assert (p.steering, p.effects) == (PAPER.steering, ()), "nobody measured it"
+    assert (p.steering, p.effects) == (PAPER.steering, ()), "it was not measured"
 
 
 @pytest.mark.slow

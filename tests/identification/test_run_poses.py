@@ -49,7 +49,7 @@ def test_the_mocap_of_a_run_shows_what_the_car_did(run_with_poses):
     start = messages.t[0] - messages.arrival[0]  # car's time of the first row
     assert np.ptp(messages.t - messages.arrival) < 1e-9
     for real in true:
-        # the least latency is not to be seen: the row tells of that much earlier
+        # the least latency is not observable: the row is of that much earlier
         t = real.t - start + hidden.latency
         yaw = np.interp(t, mocap.t, mocap.yaw)
         assert np.remainder(yaw - (real.yaw + hidden.yaw - hidden.theta) + np.pi,

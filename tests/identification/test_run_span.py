@@ -1,4 +1,4 @@
-"""What a message of a run stands for does not hang on how often the throttle jumped."""
+"""The span of a message of a run does not depend on how often the throttle jumped."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run whose car files are missing is read with those of another car, and that is said."""
+"""A run whose car files are missing is read with those of another car, and that is reported."""
 
 from __future__ import annotations
 

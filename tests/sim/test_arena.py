@@ -1,4 +1,4 @@
-"""Cars in one world: each lidar sees the others where they are, and a contact is told once."""
+"""Cars in one world: each lidar sees the others where they are, and a contact is reported once."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_a_contact_is_reported_when_it_begins_and_again_after_it_ended():
 
 @pytest.mark.slow
 def test_cars_that_touch_are_reported_once(caplog):
-    """The second stands 1 m ahead of the first, which drives into it and through it."""
+    """The second is 1 m ahead of the first, which drives into it and through it."""
     with caplog.at_level(logging.WARNING), pair("crash", "0,0,0", "1,0,1.2") as fleet:
         fleet.arm()
         for _ in fleet.states(duration=3.0):
@@ -178,7 +178,7 @@ def test_the_last_car_takes_its_world_with_it():
 
 @pytest.mark.slow
 def test_one_motion_capture_sees_all_cars_of_a_room():
-    """In the room's frame: where ``at`` says, but for the marker, which nobody measured."""
+    """In the room's frame: where ``start`` puts it, but for the marker, which was not measured."""
     places = (1.0, 2.0, 0.5), (3.0, -1.0, 2.0)
     texts = [",".join(map(str, start)) + "&mocap=1" for start in places]
     with pair("seen", *texts) as fleet:

@@ -1,4 +1,4 @@
-"""The socket of a simulated car's I2C bus, spoken byte by byte as docs/reference/urls.md says."""
+"""The socket of a simulated car's I2C bus, spoken byte by byte as in docs/reference/urls.md."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A hidden effect shows in the host's numbers by as much as its equation says."""
+"""A hidden effect shows in the host's numbers by as much as by its equation."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_pwm_quantisation_makes_stairs(driven):
 # -- actuator -----------------------------------------------------------------
 
 def step(pair, effect, size, share):
-    """Lateness of the answer of a rolling car without slip to a step of the steering."""
+    """Delay of the answer of a rolling car without slip to a step of the steering."""
     plan = (STEADY, (STRAIGHT + size, 0.3, 1.0))
     pair = pair(effect, plan, "&nano=mock&physics=kinematic")
     return late(*pair, share, BEGIN + 8.0)
@@ -216,7 +216,7 @@ def test_a_weight_further_back_is_a_lighter_front_axle(pair):
 # -- measurement ------------------------------------------------------------------
 
 def intervals(url, raw_car):
-    """Ticks between 40 successive edges of a car at steady speed, asked for by the host."""
+    """Ticks between 40 successive edges of a car at steady speed, requested by the host."""
     car = raw_car(url).arm().drive(STRAIGHT, 0.3, 4.0)
     car.backend.link.write(encode(EDGES_REQ, 0, (5,)))
     car.run(1.0)

@@ -1,4 +1,5 @@
-"""Every effect of the catalogue: hidden in the virtual world and seen by the host, or refused."""
+"""Every effect of the catalogue: hidden in the virtual world and observed by the host, or
+refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole stack over a car with hidden effects: what a user's program is told."""
+"""The whole stack over a car with hidden effects: what a user's program receives."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ NANOS = ["mock", pytest.param("avr", marks=pytest.mark.emulator)]
 
 @pytest.fixture(scope="module")
 def measure_car():
-    """``told(nano, effects)``: estimated path over the true one, then means of the last 0.4 s:
-    yaw rate as told, true speed, true yaw rate."""
+    """``measure_car(nano, effects)``: estimated path over the true one, then means of the last 0.4
+    s: yaw rate as reported, true speed, true yaw rate."""
     kept = {}
 
     def drive(nano, effects=""):

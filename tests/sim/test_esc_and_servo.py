@@ -1,4 +1,4 @@
-"""Laws of the two actuators, seen from their pulses."""
+"""Laws of the two actuators, by their pulses."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_no_drive_before_two_seconds_of_neutral():
     bench = EscBench()
     assert bench.hold(1700, 5.0).throttle == 0.0
     bench.hold(1500, 1.9)
-    assert bench.hold(1700, 0.1).throttle == 0.0          # the pull starts the wait anew
+    assert bench.hold(1700, 0.1).throttle == 0.0          # the pull restarts the wait
     bench.hold(1500, 2.1)
     assert bench.hold(1700, 0.1).throttle == pytest.approx(200 / 450)
 

@@ -20,7 +20,7 @@ NEUTRAL = 1505e-6
 
 
 class Driver:
-    """Neutral, beats, full ahead: and goes on beating and writing whatever happens."""
+    """Neutral, beats, full ahead: and goes on beating and writing in any case."""
 
     def __init__(self, car):
         self.car, self.token, self.n, self.pulses = car, 0, 0, []

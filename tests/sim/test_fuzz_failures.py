@@ -66,7 +66,7 @@ def test_a_million_damaged_failures():
 @given(names, number)
 @example("pca:nack", "1e999")
 def test_what_is_accepted_can_begin_and_end(name, value):
-    """The world does it, or says by UsageError that MockNano has no such thing."""
+    """The world does it, or states by UsageError that MockNano has no such thing."""
     if law(f"{name}={value}@0.001+0.02") is None:
         return
     backend = open_backend(f"sim://?nano=mock&physics=kinematic&fail={name}={value}@0.001 0.02")

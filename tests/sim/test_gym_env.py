@@ -100,7 +100,7 @@ def test_at_rest_pays_nothing():
 
 @pytest.mark.parametrize("task", ["path", "speed"])
 def test_a_change_of_the_commands_costs(task):
-    """Two cars alike until the last command, which no lagging actuator has felt yet."""
+    """Two equal cars until the last command, which no lagging actuator has followed yet."""
     rewards = []
     for last in (0.0, 1.0):
         env = make(task=task, period=0.01)

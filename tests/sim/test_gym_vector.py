@@ -34,7 +34,7 @@ def actions(n, k):
 @pytest.mark.slow
 @pytest.mark.parametrize("options", KINDS.values(), ids=KINDS)
 def test_together_as_alone(options):
-    """150 steps beside gymnasium's own SyncVectorEnv, across many resets."""
+    """150 steps compared with gymnasium's own SyncVectorEnv, across many resets."""
     n = 5
     ours, theirs = make(n, **options), make(n, "sync", **options)
     a, b = ours.reset(seed=5), theirs.reset(seed=5)

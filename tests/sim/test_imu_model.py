@@ -1,4 +1,4 @@
-"""What the IMU feels: mounting, place, scale, bias, noise."""
+"""What the IMU measures: mounting, place, scale, bias, noise."""
 
 from __future__ import annotations
 
@@ -70,7 +70,8 @@ def test_a_sensor_ahead_measures_the_turn():
 
 
 def test_the_world_passes_on_the_yaw_acceleration():
-    """Two sensors 0.2 m apart differ by 0.2 omega': summed up, by 0.2 of the yaw rate."""
+    """Two sensors at a distance of 0.2 m differ by 0.2 omega': summed up, by 0.2 of the yaw
+    rate."""
     def lateral(x):
         accelerations = []
         car = replace(hidden_car(0), imu=ImuParams(x=x))

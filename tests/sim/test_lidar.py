@@ -73,7 +73,7 @@ def test_a_wrong_mount_is_detected():
 
 
 def bent(params, rate=3.0, seconds=2.0):
-    """rms [m] of a wall 1.5 m beside a car that turns, by each beam's pose, and by one pose."""
+    """rms [m] of a wall 1.5 m from a car that turns, by each beam's pose, and by one pose."""
     wall = RoomMap("wall", np.array(((-9.0, 1.5, 9.0, 1.5),)), np.empty((0, 4)), (0.0, 0.0, 0.0))
     poses, by_beam, by_scan = spinning(rate), [], []
     for scan in scans(poses, wall, params, seconds)[4:]:
@@ -156,7 +156,7 @@ def test_the_host_knows_when_each_beam_was_taken(seed):
     error = np.abs([s.start - begin for s, begin in zip(found, true, strict=True)])
     assert error[8:].max() < 0.3e-3
     late = [s.arrival - s.t[-1] for s in found]
-    assert np.ptp(late) > 2e-3, "the control: arrivals tell the time as well"
+    assert np.ptp(late) > 2e-3, "the control: arrivals give the time as well"
 
 
 def test_damaged_bytes_cost_their_packet_alone():

@@ -1,4 +1,4 @@
-"""The disturbance has the same effect whatever the step."""
+"""The disturbance has the same effect with any step."""
 
 from __future__ import annotations
 

@@ -122,7 +122,7 @@ def test_intervals_agree(both):
 
 
 def test_imu_values_agree_within_a_sample(both):
-    """The BNO055 samples on its own clock: up to one period (10 ms) and 2 LSB apart."""
+    """The BNO055 samples on its own clock: up to one period (10 ms) and 2 LSB of difference."""
     compared = 0
     for real, mock in paired(both):
         if real["flags"] & mock["flags"] & 1:
@@ -136,7 +136,7 @@ def test_imu_values_agree_within_a_sample(both):
 
 
 def test_frames_end_at_nearly_the_same_time(both):
-    """The mock's constant from latch to line stands for the firmware's frame builder."""
+    """The mock's constant from latch to line represents the firmware's frame builder."""
     ends = [[(f.as_dict()["t_ck"] // 20_000, t) for f, t in frames if f.message.name == "STATE"]
             for frames in both]
     mock = dict(ends[1])

@@ -43,7 +43,7 @@ def test_a_missing_tooth_is_one_long_interval():
 @given(rates=st.lists(st.floats(-60.0, 60.0), min_size=1, max_size=20), seed=st.integers(0, 999))
 @pytest.mark.slow
 def test_count_is_the_number_of_marks_passed(rates, seed):
-    """Whatever the gear does: every mark that passes the sensor is one edge."""
+    """With any gear, every mark that passes the sensor is one edge."""
     ring = uneven_ring(20, np.random.default_rng(seed))
     encoder = MockEncoder(ring.edges)
     t, phase, expected = 0.0, 0.0, 0
@@ -86,7 +86,7 @@ def test_stamps_are_those_of_the_marks():
 
 def test_glitch_rule_counts_rejects():
     encoder = MockEncoder(even_ring(20).edges)
-    encoder.set_rate(1.0 / (20 * 70e-6), 0.0)  # 70 us apart: every second one is too early
+    encoder.set_rate(1.0 / (20 * 70e-6), 0.0)  # one each 70 us: every second one is too early
     encoder.run(0.14, ticks, 200)
     assert encoder.rejected == pytest.approx(1000, abs=2)
     assert encoder.count == pytest.approx(1000, abs=2)

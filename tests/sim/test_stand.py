@@ -1,4 +1,4 @@
-"""A simulated car on a stand: its wheels spin, its body rests, and hands can turn them."""
+"""A simulated car with lifted wheels: they spin, its body rests, and hands can turn them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Nobody outside ``sim`` learns the truth: read from the sources, not from good will."""
+"""No package outside ``sim`` learns the truth: read from the sources, not from good will."""
 
 from __future__ import annotations
 

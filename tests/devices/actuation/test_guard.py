@@ -444,7 +444,7 @@ def test_a_guard_that_hangs_does_not_hold_up_the_driver(bench: Bench) -> None:
         beats.start()
         beats.join(60.0)
         assert not beats.is_alive()
-        guard.gate()                                          # hears what it said before it hung
+        guard.gate()                                          # reads what it sent before it hung
         time.sleep(2 * BEAT_TIMEOUT)
         assert guard.gate() == "GUARD_SILENT"
     finally:

@@ -217,7 +217,7 @@ def test_a_port_that_vanishes_is_a_lost_link(fake):
 
 def test_a_port_that_takes_nothing_does_not_hold_up_the_pulses(fake):
     nano = fake()
-    nano._done.set()                                        # nobody reads any more
+    nano._done.set()                                        # without a reader from here on
     nano._thread.join()
     link = SerialLink(nano.path)
     for _ in range(300):

@@ -24,7 +24,7 @@ def excerpt() -> Path:
 
 
 def empty_grid(n: int) -> Grid:
-    """Nothing but zeros: 0.01 s, standing."""
+    """Nothing but zeros: 0.01 s, at rest."""
     zero = np.zeros(n)
     return Grid(0.01 * np.arange(n), zero, zero, zero, zero, zero, zero, zero, zero, zero,
                 np.zeros(n, dtype=bool), Reference(0.09, 0.0, 0.0, "made up"))

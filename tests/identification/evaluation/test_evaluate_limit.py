@@ -1,4 +1,4 @@
-"""Where the kinematic model ends: known for simulated cars, unsaid where nothing shows it."""
+"""Where the kinematic model ends: known for simulated cars, not stated where nothing shows it."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def test_loss_of_curvature_is_found_at_its_speed(empty):
     usual = 1.0 / (1.0 + (0.575 / 5.0)**2)
     assert loss.value == pytest.approx(5.0 * np.sqrt(1.0 / (0.95 * usual) - 1.0), rel=0.01)
     accel, speed = loss.spread()
-    assert speed < 0.02 < 0.2 < accel, "this law goes by speed, and the spread says so"
+    assert speed < 0.02 < 0.2 < accel, "this law goes by speed, and the spread shows it"
 
 
 def test_one_recording_gives_no_interval(ramps):
@@ -113,7 +113,7 @@ def test_the_right_dynamic_model_takes_over_and_a_wrong_one_is_not_reported_to(r
 
 @pytest.mark.slow
 def test_bins_that_are_better_are_not_denied_where_the_top_is_thin(ramps):
-    """A picture with shaded bins beside "nothing better" would contradict itself."""
+    """A picture with shaded bins with "nothing better" would contradict itself."""
     limit = kinematic_limit(PAPER, ramps())
     good, thin, even = (Gain(0.5, 0.3, 0.7, 9, "recordings"),
                         Gain(0.8, np.nan, np.nan, 2, "recordings"),

@@ -56,7 +56,7 @@ def test_holding_is_exact_on_a_circle_and_on_a_straight(driven):
     late = replace(circle, windows=replace(circle.windows, start=circle.windows.start[-20:]))
     e = errors(hold([late]), measured([late]))
     assert np.abs(late.grid.omega[-1]) > 0.5
-    assert np.abs(e[-1]).max() < 2e-4, "the speed has settled to some 1e-5 m/s"
+    assert np.abs(e[-1]).max() < 2e-4, "the speed is steady within some 1e-5 m/s"
     g = circle.grid
     straight = replace(late, grid=replace(
         g, x=0.8 * g.t, y=0.6 * g.t, yaw=np.full(len(g), np.arctan2(0.6, 0.8)),

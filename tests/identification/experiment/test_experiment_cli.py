@@ -117,7 +117,7 @@ def test_what_to_type_next_and_a_table_whose_columns_have_names(run):
 
 
 class NotSim:
-    """The backend of sim:// under another scheme: what a real car would be asked."""
+    """The backend of sim:// under another scheme: the questions for a real car."""
 
     def __init__(self, monkeypatch):
         import dart_lab.cli.experiment as verb
@@ -142,7 +142,7 @@ def test_a_real_car_requires_floor_and_agreement(run, monkeypatch, tmp_path):
                          "--out", "one.mcap")
     assert code == 2
     assert "not confirmed" in json.loads(out)["error"]["what"]
-    assert "free floor" in err  # what was going to happen has been said
+    assert "free floor" in err  # what was going to happen has been printed
     code, out, _ = run("tyres", "--url", "serial:///dev/none", "--space", "5", "--json", "--yes",
                        "--mass", "1.65", "--out", "two.mcap")
     assert code == 0  # that car is a simulation after all

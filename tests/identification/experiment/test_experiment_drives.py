@@ -1,4 +1,4 @@
-"""The runner on cars that do not do as they should: it stops them and says why."""
+"""The runner on cars that do not do as they should: it stops them and names the reason."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ def test_friction_of_a_hidden_car(experiment, misses, truth_of):
     away = misses(done.fit, truth_of(done.truth))
     assert {"a", "c"} <= set(away)
     assert all(abs(z) < FAR for z in away.values()), away
-    for name, most in (("a", 0.02), ("c", 0.05)):  # and the intervals are worth having
+    for name, most in (("a", 0.02), ("c", 0.05)):  # and the intervals are useful
         entry = done.fit.parameters[name]
         assert entry.std < most * entry.value
     assert abs(done.outcome.mass.value - done.truth.vehicle.body.mass) < 0.008
@@ -108,7 +108,7 @@ def test_delay_of_hidden_cars(experiment):
 
 @pytest.mark.slow
 def test_identify_reads_the_delay_as_the_experiment_does(experiment):
-    """Whatever the thinning was; and the data check calls good what the fit takes."""
+    """For any thinning; and the data check calls good what the fit takes."""
     done = experiment("delay", 3, QUICK)
     again = fit_submodels([read_run(done.path)], ["delay"], base=done.outcome.base,
                           mass=done.outcome.mass)[0]["delay"]
@@ -131,7 +131,7 @@ def test_understeer_of_a_hidden_car(experiment, true_slope):
     ratio = done.truth.vehicle.body.wheelbase / done.truth.vehicle.body.mass
     assert value == pytest.approx(understeer.gradient.value * ratio, rel=0.01)
     assert std > 0.0
-    # the two axles each are not told, and nobody pretends they were
+    # the two axles each are not identified, and not reported as such
     assert not any(e.identifiable for e in done.fit.parameters.values())
     assert any("cannot be told apart" in note for note in done.fit.notes)
 

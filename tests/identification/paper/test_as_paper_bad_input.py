@@ -119,7 +119,7 @@ def test_a_recording_too_short_for_the_tyres(tmp_path):
 
 
 def test_one_level_shows_no_curve(tmp_path):
-    """One command, no throttle: amplitudes and gains cannot be told apart."""
+    """One command, no throttle: amplitudes and gains are confounded."""
     noise = np.random.default_rng(1).normal(size=300)
     one = table(v=1.2 + 0.01 * noise, s=0.5, w=1.0 + 0.05 * noise, tau=0.0)
     for name, unidentified in (("steering",

@@ -136,7 +136,7 @@ def test_friction_of_the_rubber_floor():
 
 
 def test_the_printed_motor_is_no_optimum(made):
-    """Negative control: were the paper's d, e, g the optimum, this comparison could not tell."""
+    """Negative control: were the paper's d, e, g the optimum, this comparison could not show it."""
     problem, fit = made.problems["motor"], made.fits["motor"]
     p = PAPER.motor
     printed = np.array([p.d, p.e, p.g])
@@ -162,7 +162,7 @@ def test_the_motor_labels_were_made_with_another_friction(made):
 
 
 def test_a_few_rows_at_rest_decide_the_motor(made):
-    """What the handbook says: a late start is taken for a weak motor."""
+    """As in the handbook: a late start is taken for a weak motor."""
     problem = made.problems["motor"]
     throttle, speed = problem.inputs
     keep = ~((throttle > 0.15) & (speed < 0.1))

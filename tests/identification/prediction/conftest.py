@@ -10,7 +10,7 @@ from dart_hal.recording.dart import Grid, Reference
 
 @pytest.fixture
 def empty():
-    """``empty(n)`` -> a grid of nothing but zeros: 0.01 s, standing."""
+    """``empty(n)`` -> a grid of nothing but zeros: 0.01 s, at rest."""
     def make(n: int) -> Grid:
         zero = np.zeros(n)
         return Grid(0.01 * np.arange(n), zero, zero, zero, zero, zero, zero, zero, zero, zero,

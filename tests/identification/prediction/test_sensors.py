@@ -1,4 +1,4 @@
-"""What sensors show of a motion, and that nobody else works it out."""
+"""What sensors show of a motion, and that no other module computes it."""
 
 from __future__ import annotations
 

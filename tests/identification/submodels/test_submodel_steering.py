@@ -1,4 +1,5 @@
-"""Steering map, slip and timing: truth within stated errors; what cannot be told is said."""
+"""Steering map, slip and timing: truth within stated errors; what is not identifiable is
+reported."""
 
 from __future__ import annotations
 
@@ -98,7 +99,7 @@ def test_two_speeds_at_one_command_show_the_understeer_gradient(workshop, lively
     assert found is not None
     value, std = found
     assert abs(value - truth) < 3.0 * std
-    assert value > 2.0 * std  # it is told, not only bracketed
+    assert value > 2.0 * std  # it is identified, not only bracketed
     fit = fit_submodels(recordings, ("tyres",), base=grippy)[0]["tyres"]
     assert fit.n == 0
     assert "no motion capture" in fit.notes[0]

@@ -120,7 +120,8 @@ def test_the_error_of_the_friction_is_in_the_motor(sets):
 
 @pytest.mark.slow
 def test_sessions_of_another_trim_share_one_motor(workshop, steps, lively):
-    """Three days, three dead bands: d and e as of one, g their mean and as unsure as they differ.
+    """Three days, three dead bands: d and e as of one, g their mean and as uncertain as they
+    differ.
 
     With one dead band for all, the motor would be wrong.
     """
@@ -143,7 +144,7 @@ def test_sessions_of_another_trim_share_one_motor(workshop, steps, lively):
 
 
 def test_a_session_ends_with_an_hour_of_rest(workshop, steps, lively):
-    """Whatever the folders; recordings without a time stay with their folder."""
+    """For any folders; recordings without a time stay with their folder."""
     rng = np.random.default_rng(11)
     throttle = steps([0.3], rng, pulse=1.0, coast=0.5)
     recording = workshop.recordings(workshop.drive(lively, throttle, 0.0 * throttle, rng), 12)[0]

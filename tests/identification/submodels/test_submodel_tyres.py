@@ -1,4 +1,4 @@
-"""Tyres by inverse dynamics: the curve is found; what one direction cannot tell is said."""
+"""Tyres by inverse dynamics: the curve is found; what one direction cannot identify is reported."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_crawling_is_refused_because_noise_makes_a_tyre_look_soft(workshop, car,
 
 
 def test_the_smoothing_is_what_the_derivative_sees():
-    """d/dt of a curve by the grid's kernel = its exact rate seen through ``smoothing``."""
+    """d/dt of a curve by the grid's kernel = its exact rate filtered by ``smoothing``."""
     t = 0.01 * np.arange(400)
     curve, rate = np.sin(9.0 * t), 9.0 * np.cos(9.0 * t)
     weights = smoothing(MOCAP)
