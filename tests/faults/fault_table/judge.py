@@ -18,7 +18,7 @@ class Verdict:
     """``measured`` with every layer, ``control`` without its layer (None = not run)."""
 
     case: Case
-    measure_case: Measured
+    measured: Measured
     control: Measured | None
     seconds: float
 
