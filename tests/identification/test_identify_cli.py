@@ -87,7 +87,7 @@ def test_an_unsound_fit_does_not_touch_a_good_file(run, tmp_path):
     assert status == 1
     assert document["model"] is None
     assert document["fits"]["tyres"]["sound"] is False
-    assert "as it was" in err
+    assert "is unchanged" in err
     assert path.read_bytes() == before
 
 

@@ -1,5 +1,6 @@
-"""Verbs of the laboratory: one file per verb, loaded when it is called."""
+"""Verbs of the workstation: one file per verb, loaded when it is called."""
 
+# One line of help for each verb. The entry point dart_hal.verbs names this mapping.
 VERBS = {
     "demo": "calibrate, drive and diagnose an emulated car, and compare with ground truth",
     "identify": "fit the sub-models of the car to recordings; writes model.toml",
@@ -15,6 +16,7 @@ VERBS = {
     "data": "import, check, repair or download recordings",
     "wire": "print the frame table; regenerate the files made from the specification",
 }
+# Group of each verb in dart-hal --help.
 VERB_GROUPS = {
     "start": ("demo",),
     "measure": ("experiment",),

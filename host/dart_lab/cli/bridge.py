@@ -46,6 +46,7 @@ def command(middleware: str, url: str | None, car_name: str, cars: Path | None, 
         states = car.states(duration=duration or inf)
         console.print(f"car {number} on {middleware}: arming" if car.drives else
                       f"car {number} on {middleware}: a recording", markup=False, highlight=False)
+        # A source that waits (a simulation, a recording) is slowed down to real time for ROS.
         Bridge(car, number, node, lambda text: show_notices((text,))).run(
             car.arming(waive=waive), limit_to_real_time(states) if car.waits else states)
         found = summary.as_json({"recording": record} if record else {})

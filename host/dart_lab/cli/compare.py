@@ -12,8 +12,8 @@ from dart_hal.cli.common.options import html_option, json_option
 from dart_hal.cli.common.output import print_json, print_line, show_notices
 from dart_lab.pages.compare_page import difference_rows, lead, statistic_rows, write_page
 
+# Differences on the screen; --html and --json have all.
 MAX_PRINTED_DIFFERENCES = 20
-"""Differences on the screen; --html and --json have all."""
 
 
 @click.command("compare")
@@ -22,10 +22,10 @@ MAX_PRINTED_DIFFERENCES = 20
 @html_option
 @json_option
 def command(a: Path, b: Path, html: Path | None, as_json: bool) -> None:
-    """Put the runs A and B side by side: lengths, losses, speeds, commands, files, firmware.
+    """Compare the runs A and B: lengths, losses, speeds, commands, files, firmware.
 
-    Where both were driven by the same commands, also say when, after the first of them, the
-    speed or the yaw rate first differs for 50 ms.
+    If both were driven by the same commands, also print the time after the first command at
+    which the speed or the yaw rate first differs for 50 ms.
     """
     found = compare(a, b)
     show_notices((*found.a.run.notices, *found.b.run.notices))
@@ -35,21 +35,22 @@ def command(a: Path, b: Path, html: Path | None, as_json: bool) -> None:
     if as_json:
         print_json({**answer, "page": html})
         return
-    _show(found, answer)
+    _print_comparison(found, answer)
     if html is not None:
         print_line(f"report: {html}")
 
 
-def _show(found: Comparison, answer: dict[str, Any]) -> None:
+def _print_comparison(found: Comparison, answer: dict[str, Any]) -> None:
+    """Print one line per run, the statistics, the differences and the conclusion."""
     for name, run in zip("AB", answer["runs"], strict=True):
         print_line(f"{name}  {run['path']}: {run['car']}, {run['duration_s']:.1f} s, "
                     f"{run['distance_m']:.1f} m, {run['lost']} of {run['lost'] + run['frames']} "
-                    "frames "
-                    f"lost, firmware {run['firmware']}")
+                    f"frames lost, firmware {run['firmware']}")
     print_line("")
     for row in statistic_rows(answer["statistics"]):
         print_line(f"{row[0]:<24}{row[1]:<3}" + "".join(f"{cell:>11}" for cell in row[2:]))
     print_line("")
+    # Differences of car, firmware and files.
     rows = difference_rows(found.differs)
     for name, one, other in rows[:MAX_PRINTED_DIFFERENCES]:
         print_line(f"{name}: {one} -> {other}")

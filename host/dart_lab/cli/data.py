@@ -1,4 +1,4 @@
-"""``dart-hal data``: look recordings through, mend one, or bring the published ones here."""
+"""``dart-hal data``: check recordings, repair one, or download the published ones."""
 
 from __future__ import annotations
 
@@ -33,12 +33,13 @@ def command() -> None:
 @json_option
 def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, car_name: str | None,
                   cars: Path | None, as_json: bool) -> int:
-    """Say what is in recordings, what was dropped and why, and what each is good for.
+    """List what is in recordings, what was dropped and why, and what each is good for.
 
-    FILES are DART CSV files, runs (.mcap) or folders of them; what is not here is looked for in
-    the data folder ($DART_DATA, else ~/.local/share/dart-hal/recordings), and without FILES
-    all of it is checked. Exit 0: something is good for a fit or an evaluation, 1: all could
-    be read but nothing is, 2: a file named by itself, or a whole folder, cannot be read.
+    FILES are DART CSV files, runs (.mcap) or folders of them. A name that does not exist here is
+    searched for in the data folder ($DART_DATA, else ~/.local/share/dart-hal/recordings);
+    without FILES the whole data folder is checked. Exit 0: a recording is good for a fit or an
+    evaluation. Exit 1: all are readable, none is good for either. Exit 2: a named file, or a
+    whole folder, cannot be read.
     """
     from dart_hal.car.runs import NamedCar, read_any
 
@@ -46,6 +47,7 @@ def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, car_na
     recordings, skipped = read_any(find(files),
                                    car=NamedCar(car_name, str(cars) if cars else None))
     if car is not None:
+        # A recording without car.toml gets the named car.
         recordings = [r if r.car else replace(r, car=car.config) for r in recordings]
     with progress_bar() as bar:
         task = bar.add_task("checking", total=len(recordings))
@@ -67,12 +69,12 @@ def check_command(files: tuple[Path, ...], plot: Path | None, full: bool, car_na
 
 
 def _plot(checks: list[RecordingCheck], target: Path) -> list[Path]:
-    """One picture for a file name; for a folder one of each recording, and the overview last."""
+    """Draw one picture into a file, or one of each recording and an overview into a folder."""
     from dart_lab.report.recordings import plot_check, plot_overview
 
     if target.suffix:
-        draw = plot_overview(checks, target) if len(checks) > 1 else plot_check(checks[0], target)
-        return [draw]
+        return [plot_overview(checks, target) if len(checks) > 1
+                else plot_check(checks[0], target)]
     pictures: list[Path] = []
     with progress_bar() as bar:
         task = bar.add_task("drawing", total=len(checks))
@@ -90,10 +92,10 @@ def _plot(checks: list[RecordingCheck], target: Path) -> list[Path]:
                 type=click.Path(path_type=Path))
 @json_option
 def repair_command(files: tuple[Path, ...], as_json: bool) -> int:
-    """Write the index of runs (.mcap) that were not closed, so that every tool opens them.
+    """Write the missing index of runs (.mcap) that were not closed, so that every tool opens them.
 
-    All that is whole is kept, what is damaged is left out; the old file is kept as NAME.old.
-    dart-hal reads such a run without this, too.
+    Complete messages are kept, damaged ones are removed. The old file is kept as NAME.old.
+    dart-hal also reads a run that was not repaired.
     """
     done = [repair(file) for file in files]
     if as_json:
@@ -109,19 +111,19 @@ def repair_command(files: tuple[Path, ...], as_json: bool) -> int:
 @click.option("--from", "source", default=None, metavar="DIR|URL",
               help="a folder or an archive (.zip, .tar.gz) that has the files, in any layout; "
               "or an http(s) address (default: the repository at the listed commit)")
-@click.option("--to", type=click.Path(path_type=Path, file_okay=False), default=None,
+@click.option("--to", "folder", type=click.Path(path_type=Path, file_okay=False), default=None,
               help="folder to complete (default: $DART_DATA, else "
               "~/.local/share/dart-hal/recordings)")
 @json_option
-def fetch_command(source: str | None, to: Path | None, as_json: bool) -> int:
-    """Bring the 83 published recordings (33 MB) here, each checked by its SHA-256.
+def fetch_command(source: str | None, folder: Path | None, as_json: bool) -> int:
+    """Download the 83 published recordings (33 MB); each is checked by its SHA-256.
 
-    Files that are there and right are left alone, so an interrupted fetch goes on. Exit 1:
-    some are still missing.
+    Complete files are not downloaded again, so an interrupted download resumes. Exit 1: some
+    files are still missing.
     """
     with progress_bar() as bar:
         task = bar.add_task("fetching", total=None)
-        outcome = fetch(source, to, progress=lambda done, total, name: bar.update(
+        outcome = fetch(source, folder, progress=lambda done, total, name: bar.update(
             task, completed=done, total=total, description=name.rsplit("/", 1)[-1][:48]))
     if as_json:
         print_json(outcome.to_json())

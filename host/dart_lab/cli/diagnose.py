@@ -27,7 +27,7 @@ from dart_hal.core.config import ModelFile
 from dart_hal.core.errors import UsageError
 from dart_hal.recording.dart import Recording, Reference, with_marker_frames
 from dart_hal.recording.fetch import find
-from dart_lab.cli.evaluate import hashes
+from dart_lab.cli.evaluate import list_fitted_hashes
 from dart_lab.diagnosis.evidence.motion import driving_seconds
 from dart_lab.diagnosis.inputs import check_inputs, select_effects
 from dart_lab.diagnosis.result import Diagnosis
@@ -45,7 +45,7 @@ Skipped = list[tuple[str, str]]
 @click.command("diagnose")
 @click.option("--model", default=None, metavar="M",
               help="a model.toml, or paper, paper-printed, upstream-2024; measured: the paper's "
-                   "with what calibration says of the car of the runs (default: measured where "
+                   "with the calibrated values of the car of the runs (default: measured where "
                    "the runs have a calibration, else paper)")
 @click.option("--train", cls=PathsOption, metavar="FILES..",
               help="recordings to find causes in (files or folders, up to the next option)")
@@ -94,22 +94,27 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
     distinguished, and structure that no effect explains, are reported. The exit status is 0
     for every verdict.
     """
-    _check(loose, train, test)
+    # 1. Check the arguments, before any file is read.
+    _check_arguments(loose, train, test)
     names = select_effects(only, exclude)
     model = model or default_model((*train, *test))
     typed = _format_command(locals())
     car = load_named_car(car_name, cars)
     file, _ = named_model(model, (*train, *test))
+    # 2. Read the recordings, and apply the measured sizes of the car to the model.
     with progress_bar() as bar:
         task = bar.add_task("reading", total=1.0)
         number = count(1)
         named = NamedCar(car_name, str(cars) if cars else None)
-        recordings, skipped = _read(train, test, reference, named, lambda file: bar.update(
-            task, completed=READING_FRACTION * (1.0 - UNREAD_FACTOR**next(number)),
-            description=f"reading {file.name}"))
+        recordings, skipped = _read_recordings(
+            train, test, reference, named, lambda file: bar.update(
+                task, completed=READING_FRACTION * (1.0 - UNREAD_FACTOR**next(number)),
+                description=f"reading {file.name}"))
         sizes = apply_car_sizes(model, file, car, [*recordings[0], *recordings[1]], fitting=False)
-        file, vehicle = sizes.model, sizes.vehicle
-        inputs = check_inputs(*recordings, vehicle, hashes(file))
+        file = sizes.model
+        vehicle = sizes.vehicle
+        inputs = check_inputs(*recordings, vehicle, list_fitted_hashes(file))
+        # 3. Diagnose. These modules take long to import, so errors of step 1 and 2 come first.
         from dart_hal.core.process.jobs import choose_processes
         from dart_lab.diagnosis import diagnose
 
@@ -118,10 +123,11 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
                      jobs=jobs or choose_processes(sum(map(driving_seconds, inputs.train))),
                      reference=reference, seed=seed, predictor=out_predictor is not None,
                      progress=lambda share, text: bar.update(
-                         task, completed=READING_FRACTION + (1.0 - READING_FRACTION) * share,
-                                                             description=text))
+                         task, description=text,
+                         completed=READING_FRACTION + (1.0 - READING_FRACTION) * share))
     sizes.show(as_json)
     d = _add_context(d, model, skipped, (*sizes.lines, *inputs.notes))
+    # 4. Write the extended model, the predictor and the page, then print the results.
     if out is not None:
         from dart_lab.diagnosis.write import write_model
 
@@ -151,10 +157,10 @@ def command(model: str | None, train: tuple[Path, ...], test: tuple[Path, ...], 
         from dart_lab.pages.diagnose_suggest import show_suggestions
 
         show_suggestions(suggestions, drives)
-    _next(d, html, test)
+    _print_next_steps(d, html, test)
 
 
-def _check(loose: Sequence[str], train: Sequence[Path], test: Sequence[Path]) -> None:
+def _check_arguments(loose: Sequence[str], train: Sequence[Path], test: Sequence[Path]) -> None:
     """Check the arguments before any file is read. Raises UsageError."""
     if loose:
         raise UsageError(f"{loose[0]} follows no option", found=shlex.join(loose),
@@ -171,10 +177,13 @@ def _check(loose: Sequence[str], train: Sequence[Path], test: Sequence[Path]) ->
                          remedy=f"dart-hal diagnose --model {models[0]} --train FILES")
 
 
-def _read(train: tuple[Path, ...], test: tuple[Path, ...], reference: Reference | None,
+def _read_recordings(train: tuple[Path, ...], test: tuple[Path, ...], reference: Reference | None,
           car: NamedCar, on_file: Callable[[Path], None]
           ) -> tuple[tuple[list[Recording], list[Recording]], Skipped]:
-    """(training recordings, test recordings), skipped files. Both share the marker frames."""
+    """Read (training recordings, test recordings), and list the skipped files.
+
+    Both sets share the marker frames: they are fitted to all recordings of a car together.
+    """
     first, skipped = read_all_unframed(find(train), on_file, car)
     second, more = read_all_unframed(find(test), on_file, car) if test else ([], [])
     both = with_marker_frames([*first, *second], reference)
@@ -184,11 +193,12 @@ def _read(train: tuple[Path, ...], test: tuple[Path, ...], reference: Reference 
 def _add_context(d: Diagnosis, model: str, skipped: Skipped, first: Sequence[str]) -> Diagnosis:
     """Return the diagnosis with the requested model, the skipped files and all notices."""
     unread = {file: {"used": 0, "why": [reason]} for file, reason in skipped}
-    said = tuple(f"{file} was skipped: {reason}" for file, reason in skipped[:MAX_NAMED_FILES])
-    if len(skipped) > len(said):
-        said += (f"{len(skipped) - len(said)} more file(s) were skipped, see the report",)
+    messages = tuple(f"{file} was skipped: {reason}" for file, reason in skipped[:MAX_NAMED_FILES])
+    if len(skipped) > len(messages):
+        messages += (f"{len(skipped) - len(messages)} more file(s) were skipped, see the report",)
     return replace(d, model=model, files={**d.files, **unread},
-                   notes=tuple(dict.fromkeys((*first, *d.notes, *_list_limits(d), *said))))
+                   notes=tuple(dict.fromkeys((*first, *d.notes, *_list_limits(d),
+                                             *messages))))
 
 
 def _list_limits(d: Diagnosis) -> tuple[str, ...]:
@@ -202,26 +212,28 @@ def _list_limits(d: Diagnosis) -> tuple[str, ...]:
 
 def _suggest_drives(d: Diagnosis, file: ModelFile, seed: int) -> tuple[Sequence[Any],
                                                                        Sequence[Any]]:
-    """What to drive for causes, and for parameters; loaded only when asked for: it simulates."""
+    """Simulate drives; return those that separate causes and those that improve parameters."""
+    # Imported here, because only --suggest needs the simulation.
     from dart_lab.diagnosis.suggest import suggest, suggest_parameter_drives
 
     with progress_bar() as bar:
         task = bar.add_task("simulating drives", total=2.0)
 
-        def tell(share: float, text: str, done: float = 0.0) -> None:
+        def show_progress(share: float, text: str, done: float = 0.0) -> None:
             bar.update(task, completed=done + share, description=text)
 
-        return (suggest(d, seed=seed, model=file, progress=tell),
-                suggest_parameter_drives(d, model=file, progress=partial(tell, done=1.0)))
+        return (suggest(d, seed=seed, model=file, progress=show_progress),
+                suggest_parameter_drives(d, model=file,
+                                         progress=partial(show_progress, done=1.0)))
 
 
-def _next(d: Diagnosis, html: Path | None, test: Sequence[Path]) -> None:
+def _print_next_steps(d: Diagnosis, html: Path | None, test: Sequence[Path]) -> None:
     """Print the files that were written and the next command."""
     lines = [f"report: {html}"] if html is not None else []
     if d.written is not None:
         model = shlex.quote(d.written)
         where = shlex.join(map(str, test)) if test else "FILES"
-        # without motion capture there is no path to hold a prediction against
+        # Without motion capture there is no path to compare a prediction with.
         lines += [f"written: {d.written}",
                   f"next: dart-hal evaluate --model {model} {where}" if d.evidence.has_mocap else
                   "next: drive and record again, then dart-hal diagnose --no-refit "

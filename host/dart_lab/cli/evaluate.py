@@ -28,7 +28,7 @@ from dart_lab.identification.measured import MEASURED, default_model, named_mode
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--model", default=None, metavar="M",
               help="a model.toml, or paper, paper-printed, upstream-2024; measured: the paper's "
-                   "with what calibration says of the car of the runs (default: measured where "
+                   "with the calibrated values of the car of the runs (default: measured where "
                    "the runs have a calibration, else paper)")
 @click.option("--kinematic", "as_kinematic", is_flag=True,
               help="the kinematic model with the same parameters: no tyre slip")
@@ -54,26 +54,28 @@ def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
     if not files:
         raise UsageError("no recording named", expected="FILES (recordings or folders of them)",
                          remedy="dart-hal evaluate --model paper FOLDER")
-    _refuse_models(files)
+    # Errors of the arguments are raised here, before the recordings are read.
+    _refuse_model_files(files)
     if html is not None:
-        new_figure()  # refuses where there is no matplotlib
+        new_figure()  # raises at once if matplotlib is missing
     if plot is not None:
-        _drawing().check_target(plot)
+        _import_pictures().check_target(plot)
     if model is not None and model != MEASURED:
-        find_model(model)  # a wrong name is refused before any file is searched for
+        find_model(model)  # raises for a wrong name before the search for files
+    # The default model depends on the recordings: those with a calibration give "measured".
     found = tuple(find(files))
     model = model or default_model(found)
     file, vehicle = named_model(model, found)
     assumed = missing_parameters(file, vehicle)
     if assumed:
-        show_notices((f"{model} does not say {', '.join(assumed)}: the paper's values stand in",))
+        show_notices((f"{model} lacks {', '.join(assumed)}: the paper's values are used",))
     car = load_named_car(car_name, cars)
-    recordings, skipped = _read(found, reference, car_name, cars)
+    recordings, skipped = _read_recordings(found, reference, car_name, cars)
     sizes = apply_car_sizes(model, file, car, recordings, fitting=False)
     sizes.show(as_json)
     vehicle = kinematic(sizes.vehicle) if as_kinematic else sizes.vehicle
-    result = _run(vehicle, recordings, skipped, found, reference, hashes(file))
-    pictures = _drawing().draw(result, plot) if plot is not None else []
+    result = _evaluate(vehicle, recordings, skipped, found, reference, list_fitted_hashes(file))
+    pictures = _import_pictures().draw(result, plot) if plot is not None else []
     answer = {**result.to_json(), "sizes": sizes.to_json(), "plots": pictures, "report": html}
     if html is not None:
         from dart_lab.pages.evaluate_page import write_page
@@ -87,8 +89,8 @@ def command(files: tuple[Path, ...], model: str | None, as_kinematic: bool,
         show(result, pictures)
 
 
-def _refuse_models(files: tuple[Path, ...]) -> None:
-    """A model among the recordings: --model was forgotten."""
+def _refuse_model_files(files: tuple[Path, ...]) -> None:
+    """Raise UsageError for a model among the recordings: --model was forgotten."""
     models = [f for f in files if f.suffix == ".toml"]
     if models:
         others = " ".join(str(f) for f in files if f not in models) or "FOLDER"
@@ -97,13 +99,13 @@ def _refuse_models(files: tuple[Path, ...]) -> None:
                          remedy=f"dart-hal evaluate --model {models[0]} {others}")
 
 
-def hashes(model: ModelFile) -> frozenset[str]:
-    """SHA-256 of the files that a model was fitted to, as its provenance says."""
+def list_fitted_hashes(model: ModelFile) -> frozenset[str]:
+    """Return the SHA-256 of the files in the provenance of a model: it was fitted to them."""
     files = model.provenance.get("files", {})
     return frozenset(map(str, files.values())) if isinstance(files, dict) else frozenset()
 
 
-def _read(files: tuple[Path, ...], reference: Reference | None, car_name: str | None,
+def _read_recordings(files: tuple[Path, ...], reference: Reference | None, car_name: str | None,
           cars: Path | None) -> tuple[list[Recording], list[tuple[str, str]]]:
     with progress_bar() as bar:
         bar.add_task("reading", total=None)
@@ -111,9 +113,9 @@ def _read(files: tuple[Path, ...], reference: Reference | None, car_name: str | 
                         car=NamedCar(car_name, str(cars) if cars else None))
 
 
-def _run(vehicle: Vehicle, recordings: list[Recording], skipped: list[tuple[str, str]],
-         files: tuple[Path, ...], reference: Reference | None, fitted_to: frozenset[str]
-         ) -> Evaluation:
+def _evaluate(vehicle: Vehicle, recordings: list[Recording], skipped: list[tuple[str, str]],
+              files: tuple[Path, ...], reference: Reference | None, fitted_to: frozenset[str]
+              ) -> Evaluation:
     with progress_bar() as bar:
         task = bar.add_task("predicting", total=1.0)
         return evaluate(vehicle, recordings, reference=reference, skipped=skipped,
@@ -122,8 +124,8 @@ def _run(vehicle: Vehicle, recordings: list[Recording], skipped: list[tuple[str,
                         progress=lambda share: bar.update(task, completed=share))
 
 
-def _drawing() -> ModuleType:
-    """Loaded when a picture is asked for: most evaluations draw none."""
+def _import_pictures() -> ModuleType:
+    """Import the drawing module, which most evaluations do not need."""
     from dart_lab.identification.evaluation import pictures
 
     return pictures

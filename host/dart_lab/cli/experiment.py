@@ -41,8 +41,8 @@ from dart_lab.identification.experiment.plot import plot_drive
 from dart_lab.identification.experiment.runner import Drive
 from dart_lab.report.numbers import with_error
 
+# Side of the floor of a simulated car [m] if --space is not given.
 SIM_FLOOR = "10"
-"""m: the floor of a simulated car, where nobody has to say how large theirs is."""
 
 
 @click.command("experiment")
@@ -78,8 +78,8 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
     for dart-hal diagnose, nothing is fitted:
       standstill crawl circles steps staircase weave rollouts launch laps
 
-    Nothing is written but the recording (and --out-model); `dart-hal identify`
-    makes a model.toml of it, `dart-hal diagnose` says what a model gets wrong.
+    Only the recording is written (and --out-model). `dart-hal identify` makes a
+    model.toml of it, `dart-hal diagnose` finds what a model gets wrong.
     """
     if out_model is not None and submodel in PROBES:
         raise UsageError(f"{submodel} fits no sub-model", found="--out-model",
@@ -91,77 +91,83 @@ def command(submodel: str, url: str | None, car_name: str, cars: Path | None, sp
     no_fit = no_fit or submodel in PROBES
     out = out or Path("runs") / f"{submodel}-{datetime.now():%Y%m%d-%H%M%S}.mcap"
     backend = open_backend(url or DEFAULT_URL)
-    try:  # before anything is recorded or asked
+    try:  # raise every error of the request before the recording begins
         simulated = backend.url.scheme == "sim"
         files = load_files(backend, car_name, cars)
-        plan = make_plan(submodel, files, _floor(backend, space, submodel), speed)
+        plan = make_plan(submodel, files, _read_floor(backend, space, submodel), speed)
         weighed = mass_of(files, mass, backend.workshop)
     except BaseException:
         backend.close()
         raise
+    # Drive and record; the fit starts after the car is closed, so that the file is complete.
     with Car.over(backend, car=car_name, cars=cars, record=out, poses=poses) as car:
         show_notices(car.notices)
         if mass is not None or backend.workshop is not None:
             note_mass(car, weighed)
-        _agree(plan, simulated, yes)
-        drive = _drive(car, plan, waive, out)
+        _confirm(plan, simulated, yes)
+        drive = _conduct(car, plan, waive, out)
         source = car.url
     if plot is not None and drive.frames:
         plot_drive(drive, plot)
         console.print(f"picture: {plot}", markup=False, highlight=False)
     outcome = None if no_fit else fit_run(out, submodel, files, weighed)
-    model = _model(outcome, files, out, out_model, submodel) if out_model and outcome else None
+    model = (_write_model(outcome, files, out, out_model, submodel) if out_model and outcome
+             else None)
     if as_json:
         print_json({**to_json(source, out, plan, drive, outcome), "model": model})
     else:
-        show(out, drive, outcome, model)
+        print_results(out, drive, outcome, model)
+    # Exit 1: the drive ended early, or the fit identified nothing.
     if drive.stopped or (outcome is not None and outcome.empty):
         sys.exit(1)
 
 
-def _floor(backend: Backend, space: str | None, submodel: str) -> Floor:
-    """What was said, on sim:// a default. Raises UsageError."""
+def _read_floor(backend: Backend, space: str | None, submodel: str) -> Floor:
+    """Parse --space; sim:// has a default.
+
+    Raises UsageError for a car that cannot be driven, or a real car without --space.
+    """
     if backend.bus is None:
         raise UsageError(f"{backend.url.text} has nothing to drive",
                          expected="a car with its I2C bus",
                          remedy="dart-hal diagnose reads recordings" if submodel in PROBES
                          else f"dart-hal identify {submodel} FILES fits recordings")
     if space is None and backend.url.scheme != "sim":
-        raise UsageError("say how much free floor there is", expected="--space 8 or 12x3",
+        raise UsageError("the size of the free floor is missing", expected="--space 8 or 12x3",
                          remedy=f"dart-hal experiment {submodel} --space METRES")
     return Floor.parse(space or SIM_FLOOR)
 
 
-def _agree(plan: Plan, simulated: bool, yes: bool) -> None:
-    """Say what is coming; ask before a real car moves. Errors: ExperimentFailed."""
+def _confirm(plan: Plan, simulated: bool, yes: bool) -> None:
+    """Print the plan and ask before a real car moves. Raises ExperimentFailed."""
     console.print(f"This {plan}.{' yes (--yes)' if yes else ''}", markup=False, highlight=False)
     for note in plan.notes:
         console.print(f"  {note}", markup=False, highlight=False)
     if simulated or yes:
         return
     if not sys.stdin.isatty():
-        raise ExperimentFailed("not started: not confirmed", found="no terminal to ask at",
+        raise ExperimentFailed("not started: not confirmed", found="no terminal to confirm at",
                                remedy="once the floor is free: the same command with --yes")
     if not click.confirm("Is the floor free? Start", err=True):
-        raise ExperimentFailed("not started: it was not agreed to",
-                               remedy="agree once the floor is free; in a script: --yes")
+        raise ExperimentFailed("not started: not confirmed",
+                               remedy="confirm once the floor is free; in a script: --yes")
 
 
-def _drive(car: Car, plan: Plan, waive: tuple[str, ...], out: Path) -> Drive:
-    """The drive with a bar; what was recorded until a Ctrl-C or a fault is kept, and said."""
+def _conduct(car: Car, plan: Plan, waive: tuple[str, ...], out: Path) -> Drive:
+    """Drive the plan with a progress bar; after Ctrl-C or a fault, print the recording's path."""
     try:
         with progress_bar() as bar:
             task = bar.add_task("arming", total=1.0)
             return conduct(car, plan, lambda share, text: bar.update(
                 task, completed=share, description=text), waive=waive)
     except BaseException:
-        console.print(f"what was driven until then is in {out}", markup=False, highlight=False)
+        console.print(f"recorded until then: {out}", markup=False, highlight=False)
         raise
 
 
-def _model(outcome: Outcome, files: CarFiles, run: Path, target: Path, submodel: str
-           ) -> Path | None:
-    """The file that was written, None and the reason said when no fit is sound."""
+def _write_model(outcome: Outcome, files: CarFiles, run: Path, target: Path, submodel: str
+                 ) -> Path | None:
+    """Write the sound fits; return the file, or None and print the reasons if no fit is sound."""
     typed = f"dart-hal experiment {submodel} --out {run} --out-model {target}"
     written = write_model(outcome, files, run, target, typed)
     for section, why in written.left_out.items():
@@ -171,7 +177,7 @@ def _model(outcome: Outcome, files: CarFiles, run: Path, target: Path, submodel:
 
 def to_json(source: str, out: Path, plan: Plan, drive: Drive, outcome: Outcome | None
             ) -> dict[str, Any]:
-    """The object of ``--json``."""
+    """Return the object of ``--json``."""
     result: dict[str, Any] = {
         "experiment": plan.name, "url": source, "recording": out,
         "duration_s": drive.frames[-1].t if drive.frames else 0.0,
@@ -189,12 +195,12 @@ def to_json(source: str, out: Path, plan: Plan, drive: Drive, outcome: Outcome |
     return result
 
 
-def show(out: Path, drive: Drive, outcome: Outcome | None, model: Path | None) -> None:
-    """The fit beside the model before, and what there is to say about it."""
+def print_results(out: Path, drive: Drive, outcome: Outcome | None, model: Path | None) -> None:
+    """Print the fits with the previous values and notes, the files and the next command."""
     if outcome is not None:
         for name, fit in outcome.fits.items():
-            if fit.n:  # else there is nothing but the values before
-                results.print(_table(name, outcome))
+            if fit.n:  # a fit without samples has only the previous values
+                results.print(_make_table(name, outcome))
             for note in fit.notes:
                 results.print(f"  {note}", style="dim", markup=False, highlight=False)
         if outcome.understeer is not None:
@@ -210,7 +216,7 @@ def show(out: Path, drive: Drive, outcome: Outcome | None, model: Path | None) -
         console.print(f"next: {typed} --out model.toml", markup=False, highlight=False)
 
 
-def _table(name: str, outcome: Outcome) -> Table:
+def _make_table(name: str, outcome: Outcome) -> Table:
     fit = outcome.fits[name]
     table = Table(title=f"{name}: {fit.n} samples, rmse {fit.rmse:.4g} {fit.unit}; +- one "
                         "standard error", box=box.SIMPLE_HEAD, pad_edge=False, title_justify="left")

@@ -36,10 +36,11 @@ DEFAULT_OUT = Path("model.toml")
 
 
 class SubmodelName(click.Choice):  # type: ignore[type-arg]
-    """A choice that says which one may have been meant."""
+    """A choice whose error suggests the closest name."""
 
     def convert(self, value: Any, param: click.Parameter | None,
                 ctx: click.Context | None) -> str:
+        """Return the name. Raises UsageError with the closest name, or ``all``."""
         if value in self.choices:
             return str(value)
         near = difflib.get_close_matches(str(value), self.choices, n=1)
@@ -55,7 +56,7 @@ class SubmodelName(click.Choice):  # type: ignore[type-arg]
                    "to compare with its published values; writes only with --out")
 @click.option("--base", default=None, metavar="MODEL",
               help="source of all that is not identified: a model.toml or paper, paper-printed, "
-                   "upstream-2024; measured: the paper's with what calibration says of the "
+                   "upstream-2024; measured: the paper's with the calibrated values of the "
                    "car of the runs (default: the file of --out if it exists, then measured where "
                    "the runs have a calibration, then paper)")
 @click.option("--out", type=OutputFile(".toml", replaces=False), default=None,
@@ -83,17 +84,18 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     Values come with standard errors. A fit that did not converge or stopped at
     a bound is reported, and never written. Exit status 1: nothing could be identified.
     """
-    _check(submodel, files, root, reference, joint)
+    _check_arguments(submodel, files, root, reference, joint)
     if plot is not None or html is not None:
-        new_figure()  # refuses before the fits, which take longer than to find out
+        new_figure()  # raises before the fits if matplotlib is missing
     files = tuple(find(files)) if files else ()
     names = SECTIONS if submodel == "all" else (submodel,)
     target = out or (DEFAULT_OUT if root is None else None)
     car = load_named_car(car_name, cars, out)
-    start, origin = _base(base, target, files)
+    start, origin = _load_base(base, target, files)
     typed = _format_command(submodel, files, {"--as-paper": root, "--base": base, "--out": out,
                                      "--reference": reference, "--joint": joint or None,
                                      "--car": car_name})
+    # One of three fits: as in the paper, all sub-models jointly, or each sub-model by itself.
     sizes: SizedModel | None = None
     outcome: Identification
     data: Any
@@ -102,7 +104,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
 
         outcome, data = as_paper(root, names, typed)
     elif joint:
-        data, skipped = _read(files, reference, car_name, cars)
+        data, skipped = _read_recordings(files, reference, car_name, cars)
         sizes = apply_car_sizes(origin, start, car, data, fitting=True)
         sizes.show(as_json)
         start = sizes.model
@@ -112,7 +114,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
                                     lambda share, text: bar.update(task, completed=share,
                                                                    description=text))
     else:
-        data, skipped = _read(files, reference, car_name, cars)
+        data, skipped = _read_recordings(files, reference, car_name, cars)
         sizes = apply_car_sizes(origin, start, car, data, fitting=True)
         sizes.show(as_json)
         start = sizes.model
@@ -121,6 +123,7 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
             outcome, data = per_recording(data, skipped, names, sizes.vehicle, typed, reference,
                                           lambda share, text: bar.update(task, completed=share,
                                                                          description=text))
+    # The model: fitted values where the fit is sound, else those of the base model.
     written = model_from(outcome.fits, outcome.over(start), outcome.source,
                          joint=outcome.joint)
     path = None if dry_run or target is None else write(written, target)
@@ -130,10 +133,10 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
         show(outcome, full)
         results.print(f"base: {origin}", markup=False, highlight=False)
     _report_written(written, path, target, dry_run)
-    # last: whatever goes wrong with a picture, the figures above are out and the file is written
+    # Pictures come last: if drawing fails, the results are printed and the model is written.
     drawn, missing = (_draw_pictures(outcome, data, reference, vehicle_of(start)) if plot or html
                       else ({}, {}))
-    pictures = _save(drawn, missing, plot) if plot else []
+    pictures = _save_pictures(drawn, missing, plot) if plot else []
     answer = {**outcome.to_json(), "base": origin, "sizes": sizes and sizes.to_json(),
               "model": path, "plots": pictures,
               "report": html, "left_out": dict(written.left_out)}
@@ -146,12 +149,13 @@ def command(submodel: str, files: tuple[Path, ...], root: Path | None, base: str
     if as_json:
         print_json(answer)
     elif path is not None:
-        _next(path, data)
-    asked_in_vain = out is not None and path is None and not dry_run
-    return 1 if asked_in_vain or not outcome.sound else 0
+        _print_next_steps(path, data)
+    # Exit 1: nothing was identified, or --out was requested and not written.
+    out_not_written = out is not None and path is None and not dry_run
+    return 1 if out_not_written or not outcome.sound else 0
 
 
-def _read(files: Sequence[Path], reference: Reference | None, car_name: str | None,
+def _read_recordings(files: Sequence[Path], reference: Reference | None, car_name: str | None,
           cars: Path | None) -> tuple[list[Recording], list[tuple[str, str]]]:
     with progress_bar() as bar:
         bar.add_task("reading", total=None)
@@ -161,10 +165,11 @@ def _read(files: Sequence[Path], reference: Reference | None, car_name: str | No
     return recordings, skipped
 
 
-def _check(submodel: str, files: Sequence[Path], root: Path | None,
-           reference: Reference | None, joint: bool) -> None:
+def _check_arguments(submodel: str, files: Sequence[Path], root: Path | None,
+                     reference: Reference | None, joint: bool) -> None:
+    """Raise UsageError for options that exclude each other, or without recordings."""
     if joint and (submodel != "all" or root is not None):
-        raise UsageError("--joint fits all sub-models together, in its own way",
+        raise UsageError("--joint fits all sub-models together, by its own method",
                          found=f"identify {submodel}" + (" --as-paper" if root else ""),
                          expected="identify all --joint FILES",
                          remedy="dart-hal identify all --joint FILES")
@@ -181,7 +186,7 @@ def _check(submodel: str, files: Sequence[Path], root: Path | None,
 
 
 def _format_command(submodel: str, files: Sequence[Path], options: dict[str, Any]) -> str:
-    """The command line, for the provenance of the file."""
+    """Return the command line, for the provenance of the file."""
     words = ["dart-hal", "identify", submodel, *map(str, files)]
     for name, value in options.items():
         if isinstance(value, Reference):
@@ -190,9 +195,12 @@ def _format_command(submodel: str, files: Sequence[Path], options: dict[str, Any
     return shlex.join(words)
 
 
-def _base(base: str | None, target: Path | None, files: Sequence[Path]
-          ) -> tuple[ModelFile, str]:
-    """The model whose values stay where nothing is identified, and where it is from."""
+def _load_base(base: str | None, target: Path | None, files: Sequence[Path]
+               ) -> tuple[ModelFile, str]:
+    """Return the model with the values of what is not identified, and its name or file.
+
+    In this order: --base, the file that will be replaced, the default for the recordings.
+    """
     if base is not None:
         return named_model(base, files)[0], base
     if target is not None and target.exists():
@@ -203,7 +211,7 @@ def _base(base: str | None, target: Path | None, files: Sequence[Path]
 
 def _draw_pictures(outcome: Identification, data: Any, reference: Reference | None, base: Vehicle
            ) -> tuple[dict[str, Any], dict[str, str]]:
-    """Pictures by name, and why there is none of the other sub-models."""
+    """Return the pictures by sub-model, and the reasons for missing ones."""
     from dart_lab.identification.paper.evidence import evidence_as_paper
     from dart_lab.identification.plots import completed, evidence_of, figures, missing
 
@@ -213,7 +221,9 @@ def _draw_pictures(outcome: Identification, data: Any, reference: Reference | No
     return figures(evidence, fits), missing(evidence, fits)
 
 
-def _save(drawn: Mapping[str, Any], missing: Mapping[str, str], folder: Path) -> list[Path]:
+def _save_pictures(drawn: Mapping[str, Any], missing: Mapping[str, str], folder: Path
+                   ) -> list[Path]:
+    """Write the pictures; print their paths, and the reasons for missing ones."""
     from dart_lab.identification.plots import draw
 
     pictures = draw(drawn, folder)
@@ -225,11 +235,11 @@ def _save(drawn: Mapping[str, Any], missing: Mapping[str, str], folder: Path) ->
     return pictures
 
 
-def _next(path: Path, data: Any) -> None:
-    """What to type after a model was written."""
-    judged = not isinstance(data, list) or any(r.mocap is not None for r in data)
+def _print_next_steps(path: Path, data: Any) -> None:
+    """Print the commands that follow after a model was written."""
+    has_mocap = not isinstance(data, list) or any(r.mocap is not None for r in data)
     lines = [f"dart-hal evaluate --model {shlex.quote(str(path))} FILES   "
-             "(motion capture that this fit has not seen)"] if judged else []
+             "(motion capture that was not used in this fit)"] if has_mocap else []
     if path.parent.parent.name != "cars":
         lines.append("for a car of your own: the same with --car NAME --out cars/NAME/model.toml")
     for line in lines:
@@ -238,9 +248,9 @@ def _next(path: Path, data: Any) -> None:
 
 def _report_written(written: Written, path: Path | None, target: Path | None,
                     dry_run: bool) -> None:
-    """What is in the model, what is not and why, on standard error."""
+    """Print to standard error which sections were written, and the reasons for the others."""
     for section, why in written.left_out.items():
-        console.print(f"not written: {section}: {why}; the values of the base model stay",
+        console.print(f"not written: {section}: {why}; the values of the base model are kept",
                       style="yellow", markup=False, highlight=False)
     if path is not None:
         console.print(f"written: {path} ({', '.join(written.sections)})", markup=False,
@@ -251,6 +261,6 @@ def _report_written(written: Written, path: Path | None, target: Path | None,
     elif target is None:
         why = "--as-paper compares; --out FILE writes"
     else:
-        untouched = f"; {target} is as it was" if target.exists() else ""
+        untouched = f"; {target} is unchanged" if target.exists() else ""
         why = f"no sound fit of a sub-model{untouched}"
     console.print(f"nothing written: {why}", markup=False, highlight=False)

@@ -17,9 +17,10 @@ from dart_hal.core.config.history import calibration_changes, model_changes
 from dart_hal.core.errors import ConfigError, DartHalError
 from dart_lab.pages.report_page import About, write_page
 
-RUNS = Path("runs")
+# Folder that is read if no runs are named.
+DEFAULT_RUNS = Path("runs")
+# Runs on the page, the newest.
 MAX_RUNS = 10
-"""Runs on the page, the newest."""
 
 
 @click.command("report")
@@ -32,14 +33,16 @@ MAX_RUNS = 10
 @json_option
 def command(car_name: str, cars: Path | None, out: Path, runs: tuple[Path, ...],
             as_json: bool) -> None:
-    """One page for a car: calibrations with intervals and age, last runs, what changed.
+    """Write one page about a car: calibrations with intervals and age, last runs, what changed.
 
-    RUNS are recordings (MCAP) or folders of them; without any, ./runs is read where it is there.
+    RUNS are recordings (MCAP) or folders of them; without any, ./runs is read if it exists.
     The ten newest are shown. Nothing is driven and no port is opened.
     """
-    found, skipped = _digests(runs or ((RUNS,) if RUNS.is_dir() else ()))
-    files = _files(car_name, [cars] if cars else None, found)
-    calibration, model = files.calibration, files.model
+    # The files of a simulated car may exist only inside its runs: read the runs first.
+    found, skipped = _read_digests(runs or ((DEFAULT_RUNS,) if DEFAULT_RUNS.is_dir() else ()))
+    files = _load_files(car_name, [cars] if cars else None, found)
+    calibration = files.calibration
+    model = files.model
     about = About(
         files, found,
         tuple(calibration_changes(calibration, files.folder)) if calibration else (),
@@ -56,31 +59,36 @@ def command(car_name: str, cars: Path | None, out: Path, runs: tuple[Path, ...],
     console.print(f"report: {out}", markup=False, highlight=False)
 
 
-def _files(name: str, folders: list[Path] | None, runs: tuple[Digest, ...]) -> CarFiles:
-    """Of the car; a simulated one has its car.toml in its runs alone. Raises ConfigError."""
+def _load_files(name: str, folders: list[Path] | None, runs: tuple[Digest, ...]) -> CarFiles:
+    """Load the files of a car. Raises ConfigError."""
     try:
         return load_car(name, folders)
     except ConfigError:
+        # The car.toml of a simulated car is only in its runs.
         for run in runs:
             if run.car == name and "car.toml" in run.files:
                 return parse_car(run.files["car.toml"], run.path, folders)
         raise
 
 
-def _digests(given: tuple[Path, ...]) -> tuple[tuple[Digest, ...], tuple[str, ...]]:
-    """The newest runs, the newest first, and what could not be read."""
+def _read_digests(given: tuple[Path, ...]) -> tuple[tuple[Digest, ...], tuple[str, ...]]:
+    """Return the newest runs, newest first, and a message for each skipped one.
+
+    A file that is named by itself is not skipped: its error is raised.
+    """
     paths = {p for path in given for p in (path.rglob("*.mcap") if path.is_dir() else [path])}
     newest = sorted((p for p in paths if p.is_file()), key=lambda p: p.stat().st_mtime,
                     reverse=True)[:MAX_RUNS]
-    out, skipped = [], []
+    digests = []
+    skipped = []
     with progress_bar() as bar:
         task = bar.add_task("reading runs", total=len(newest) or 1)
         for path in newest:
             try:
-                out.append(digest(path))
+                digests.append(digest(path))
             except DartHalError as error:
                 if path in given:
                     raise
                 skipped.append(f"{path} was skipped: {error.what}")
             bar.advance(task)
-    return tuple(out), tuple(skipped)
+    return tuple(digests), tuple(skipped)

@@ -21,8 +21,8 @@ from dart_lab.sim.failures import parse_failure as parse_failure
 from dart_lab.sim.serve import BusServer, PacedWorld
 from dart_lab.sim.truth import reveal_url
 
+# Period of the check that the pacing thread is alive.
 POLL_PERIOD_S = 0.5
-"""s between two looks at whether the pacing thread still lives."""
 
 
 @click.command("sim")
@@ -46,12 +46,12 @@ def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple
             as_json: bool) -> None:
     """The simulated car of a URL: `--reveal` its truth, or serve it with `--pty`.
 
-    Serving leaves the car's file in the folder of the cars, so that other
-    programs open the port with `--car sim-N`. SIGUSR1 pulls the Nano's cable,
-    SIGUSR2 puts it in again, as another port.
+    Serving writes the car's file into the folder of the cars, so that other
+    programs open the port with `--car sim-N`. SIGUSR1 unplugs the Nano's cable,
+    SIGUSR2 plugs it in again, as another port.
     """
     for text in fail:
-        parse_failure(text)  # at once, not when the car is opened
+        parse_failure(text)  # raises now and not when the car is opened
     if model:
         show_notices(("--model is now called --vehicle; the next version no longer knows it",))
     text = url or DEFAULT_URL
@@ -61,7 +61,7 @@ def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple
     if parsed.scheme != "sim":
         raise UsageError("sim serves simulated cars", found=parsed.text, expected="sim://?seed=N")
     if show == pty or ((bus or link) and not pty):
-        raise UsageError("say what to do with the car",
+        raise UsageError("no task for the simulated car",
                          expected="--reveal, or --pty [--bus PATH] [--link PATH]")
     if show:
         _reveal(parsed, as_json)
@@ -70,25 +70,26 @@ def command(url: str | None, vehicle: str | None, model: str | None, fail: tuple
 
 
 def _add_option(url: str, option: str, value: str | None) -> str:
-    """The URL with one more option; given twice, it refuses itself."""
+    """Return the URL with one more option; Url.parse refuses an option that is given twice."""
     if not value:
         return url
     return f"{url}{'&' if '?' in url else '?'}{urlencode({option: value})}"
 
 
 def _reveal(url: Url, as_json: bool) -> None:
+    """Print the true parameters of a simulated car."""
     truth = reveal_url(url)
     if as_json:
         print_json(truth)
         return
     for group, entries in truth["vehicle"].items():
-        if isinstance(entries, dict):  # the rest is its name
+        if isinstance(entries, dict):  # the other entry is the name of the model
             for name, entry in entries.items():
                 unit = entry["unit"].strip("-")
                 results.print(f"{group + '.' + name:32} {entry['value']:.6g} {unit}".rstrip())
     for name, value in truth["sensors"].items():
-        shown = value if isinstance(value, list) else [value]
-        results.print(f"{name:32} " + " ".join(f"{v:.6g}" for v in shown))
+        values = value if isinstance(value, list) else [value]
+        results.print(f"{name:32} " + " ".join(f"{v:.6g}" for v in values))
     for effect in truth["effects"]:
         for name, entry in effect["parameters"].items():
             results.print(f"effect {effect['name'] + '.' + name:25} {entry['value']:.6g} "
@@ -103,11 +104,12 @@ def _reveal(url: Url, as_json: bool) -> None:
         results.print(f"room {truth['room']['name']}: {len(truth['room']['lines'])} lines, start "
                       f"x {x:.3f} m, y {y:.3f} m, yaw {yaw:.3f} rad; --json has them all")
     steering = truth["steering"]
+    # Eight points of the steering map; --json has all of them.
     for i in range(0, len(steering["command"]), len(steering["command"]) // 8):
         results.print(f"command {steering['command'][i]:+.2f}  {steering['angle_rad'][i]:+.4f} rad")
 
 
-def _leave_car_file(backend: Backend, cars: Path | None) -> str:
+def _write_car_file(backend: Backend, cars: Path | None) -> str:
     """Write the car.toml that other programs need; returns the car's name."""
     assert backend.car is not None
     assert backend.car_toml is not None
@@ -117,30 +119,32 @@ def _leave_car_file(backend: Backend, cars: Path | None) -> str:
     return backend.car
 
 
-def _cable(port: Pty, link: Path | None) -> str:
-    """Let signals move the Nano's cable; returns the name of its port."""
-    def pull(*_: object) -> None:
+def _install_signals(port: Pty, link: Path | None) -> str:
+    """Let SIGUSR1 unplug the Nano's cable and SIGUSR2 plug it in; return the name of the port."""
+    def unplug(*_: object) -> None:
         port.unplug()
         if link is not None:
             link.unlink(missing_ok=True)
 
-    def put(*_: object) -> None:
+    def plug(*_: object) -> None:
         port.plug()
         if link is not None:
             link.unlink(missing_ok=True)
             link.symlink_to(port.path)
 
-    signal.signal(signal.SIGUSR1, pull)
-    signal.signal(signal.SIGUSR2, put)
-    put()
+    signal.signal(signal.SIGUSR1, unplug)
+    signal.signal(signal.SIGUSR2, plug)
+    plug()
     return str(link) if link is not None else port.path
 
 
 def _serve(url: Url, bus: Path | None, link: Path | None, cars: Path | None,
            as_json: bool) -> None:
+    """Serve the simulated car in real time until Ctrl-C or SIGTERM."""
     backend = open_backend(url.text)
     show_notices(backend.notices)
-    name = _leave_car_file(backend, cars)
+    name = _write_car_file(backend, cars)
+    # The world runs in real time in its own thread; this thread waits for a signal.
     paced = PacedWorld(backend)
     done = threading.Event()
     signal.signal(signal.SIGTERM, lambda *_: done.set())
@@ -148,7 +152,7 @@ def _serve(url: Url, bus: Path | None, link: Path | None, cars: Path | None,
     served = BusServer(backend, paced, bus) if bus else None
     try:
         with Pty(paced, always=True) as port:
-            device = _cable(port, link)
+            device = _install_signals(port, link)
             address = f"serial://{device}" + (f"?i2c=unix:{bus}" if bus else "")
             if as_json:
                 print_json({"url": address, "pty": device, "bus": bus, "car": name})

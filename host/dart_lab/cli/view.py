@@ -45,35 +45,35 @@ from dart_hal.estimation.localisation.grid import lines_of_grid, read_grid
 @camera_option
 @map_option
 @click.option("--room", default=None, metavar="URL",
-              help="of cars that tell each other where they are: the others are drawn, too")
+              help="group of cars that share their poses: the others are drawn, too")
 @room_key_option
 @json_option
 def command(url: str | None, car_name: str, cars: Path | None, run: Path | None, lan: bool,
             port: int, duration: float | None, max_throttle: float, waive: tuple[str, ...],
             record: Path | None, poses: str | None, lidar: str | None, camera: str | None,
             chart: Path | None, room: str | None, room_key: Path | None, as_json: bool) -> None:
-    """A page in the browser: watch the car, drive it, stop it. RUN: a recording, with a time bar.
+    """Page in a browser: watch the car, drive it, stop it. RUN: a recording, with a time bar.
 
-    Everybody who opens it may stop the car; who has the token may drive it, one at a time.
+    Every visitor may stop the car. A visitor with the token may drive it, one at a time.
     """
     if run is not None:
         play(run, port, lan, duration or inf, as_json)
         return
     with open_car(real_time_url(url), car_name, cars, record, poses, lidar, camera) as car, \
-            ExitStack() as beside:
-        car.raise_on_trip = False  # the page says what tripped it
+            ExitStack() as stack:
+        car.raise_on_trip = False  # the page shows the cause of a trip
         others = None
         if room:
-            others = beside.enter_context(join(car, room, room_key=room_key)).other_poses
-        with car.view(port=port, lan=lan, drives=car.drives, lines=map_lines(car.url, chart),
+            others = stack.enter_context(join(car, room, room_key=room_key)).other_poses
+        with car.view(port=port, lan=lan, drives=car.drives, lines=load_map_lines(car.url, chart),
                       others=others, waive=waive, max_throttle=max_throttle) as page:
             print_page_address(page.urls, lan, as_json)
             page.run(duration or inf)
         car.stop()
 
 
-def map_lines(url: str, chart: Path | None) -> FloatArray | dict[str, FloatArray]:
-    """Of a map's file; without one those of a simulated car's room, by frame."""
+def load_map_lines(url: str, chart: Path | None) -> FloatArray | dict[str, FloatArray]:
+    """Return the lines of a map file, or those of a simulated car's room, by frame."""
     if chart is not None:
         return lines_of_grid(read_grid(chart))
     from dart_lab.sim.room_truth import lines_by_frame
@@ -90,6 +90,7 @@ def play(run: Path, port: int, lan: bool, duration: float, as_json: bool) -> Non
     if not run.is_file():
         raise UsageError(f"there is no recording {run}", expected="an MCAP file of this project",
                          remedy="dart-hal record --help")
+    # Read the whole run first: the time bar jumps to any time of it.
     with Car.open(f"replay://{run}") as car:
         whole = run_of(car)
     with Player(whole, port, lan) as player:

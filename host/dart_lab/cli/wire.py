@@ -1,4 +1,4 @@
-"""``dart-hal wire``: the frame table, and what is generated from the specification."""
+"""``dart-hal wire``: the frame table, and the files that are generated from the specification."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from dart_lab.pages.gate_page import render_gates
 from dart_lab.pages.model_page import render_model_file
 from dart_lab.pages.verb_page import render_verbs
 
+# Generated pages of the handbook, and the functions that render them.
 PAGES = {"docs/reference/errors.md": render_errors, "docs/reference/effects.md": render_effects,
          "docs/reference/gates.md": render_gates,
          "docs/reference/model_file.md": render_model_file,
@@ -24,8 +25,8 @@ PAGES = {"docs/reference/errors.md": render_errors, "docs/reference/effects.md":
 FORMATS = {"md": emit.render_markdown, "c": emit.render_header}
 
 
-def checkout() -> Path:
-    """Root of the source tree; raises UsageError in an installed package."""
+def find_checkout() -> Path:
+    """Return the root of the source tree; raises UsageError in an installed package."""
     root = Path(__file__).resolve().parents[3]
     if not (root / "firmware").is_dir():
         raise UsageError("this needs a checkout of DART-HAL", found=str(root),
@@ -42,7 +43,8 @@ def checkout() -> Path:
 def command(form: str, write: bool, check: bool, as_json: bool) -> int:
     """Print the frame table that Nano and host share."""
     if check:
-        root = checkout()
+        root = find_checkout()
+        # Names of all generated files that differ from what would be written now.
         stale = emit.list_stale(root)
         stale += [name for name, render in PAGES.items() if not (root / name).is_file()
                   or (root / name).read_text(encoding="utf-8") != render()]
@@ -53,9 +55,9 @@ def command(form: str, write: bool, check: bool, as_json: bool) -> int:
                 results.print(f"differs from the specification: {path}  (dart-hal wire --write)")
         return 1 if stale else 0
     if write:
-        emit.write_all(checkout())
+        emit.write_all(find_checkout())
         for name, render in PAGES.items():
-            (checkout() / name).write_text(render(), encoding="utf-8")
+            (find_checkout() / name).write_text(render(), encoding="utf-8")
         console.print("header, docs and golden vectors are up to date")
         return 0
     if as_json:

@@ -11,7 +11,7 @@ import pytest
 from dart_hal import Fleet
 from dart_hal.core.types import START_FRAME
 from dart_hal.estimation.localisation.source import FRAME
-from dart_lab.cli.view import map_lines
+from dart_lab.cli.view import load_map_lines
 from dart_lab.live.view.player import Player
 from dart_lab.live.view.rows import FIELDS
 from dart_lab.live.view.told import others_message
@@ -69,7 +69,7 @@ def test_the_room_of_a_simulated_car_is_drawn_where_its_scans_see_it():
 @pytest.mark.parametrize("url", ["sim://", "sim://?nano=mock&seed=1", "replay://run.mcap",
                                  "serial:///dev/ttyUSB0"])
 def test_a_car_without_a_room_has_no_map(url):
-    assert map_lines(url, None) == {}
+    assert load_map_lines(url, None) == {}
 
 
 @pytest.mark.slow
