@@ -15,7 +15,7 @@ from dart_hal.recording.check.facts import marks, named_time
 from dart_hal.recording.check.findings import DROPPED_KINDS
 from dart_hal.recording.dart import read, read_all
 from dart_hal.recording.dart.reference import SEP_24
-from dart_lab.pages.data_show import broken
+from dart_lab.pages.data_show import wrap_name
 
 
 @pytest.fixture
@@ -286,7 +286,7 @@ def test_finite_numbers_only_in_what_is_printed(excerpt):
     ("2025-04-24-18-18-35", 19, ["2025-04-24-18-18-35"]),
     ("nowheretobreakthisname", 10, ["nowheretob", "reakthisna", "me"])])
 def test_names_break_between_words(name, width, lines):
-    assert broken(name, width).split("\n") == lines
+    assert wrap_name(name, width).split("\n") == lines
 
 
 @pytest.mark.slow

@@ -112,7 +112,7 @@ def test_the_verb(run_file, tmp_path, capsys):
         assert left.value.code in (0, None)
         return capsys.readouterr().out
 
-    assert "left as it is" in run(run_file)
+    assert "not changed" in run(run_file)
     run_file.write_bytes(run_file.read_bytes()[:-300])
     (entry,) = json.loads(run(run_file, "--json"))["files"]
     assert entry["repaired"]

@@ -15,7 +15,7 @@ from dart_hal.cli.common.outputs import OutputFile
 from dart_hal.core.config import CarFiles, load_car, parse_car
 from dart_hal.core.config.history import calibration_changes, model_changes
 from dart_hal.core.errors import ConfigError, DartHalError
-from dart_lab.pages.report_page import About, write_page
+from dart_lab.pages.report_page import CarReport, write_page
 
 # Folder that is read if no runs are named.
 DEFAULT_RUNS = Path("runs")
@@ -43,18 +43,18 @@ def command(car_name: str, cars: Path | None, out: Path, runs: tuple[Path, ...],
     files = _load_files(car_name, [cars] if cars else None, found)
     calibration = files.calibration
     model = files.model
-    about = About(
+    car_report = CarReport(
         files, found,
         tuple(calibration_changes(calibration, files.folder)) if calibration else (),
         tuple(model_changes(model, files.folder / "model.toml")) if model else (),
         datetime.now(timezone.utc))
-    answer = about.to_json(out)
-    write_page(about, out, answer)
+    answer = car_report.to_json(out)
+    write_page(car_report, out, answer)
     show_notices(skipped)
     if as_json:
         print_json(answer)
         return
-    for line in about.to_do():
+    for line in car_report.to_do():
         console.print(line, markup=False, highlight=False)
     console.print(f"report: {out}", markup=False, highlight=False)
 

@@ -1,4 +1,4 @@
-"""Words, rows and the page of ``dart-hal compare``."""
+"""Sentences, table rows and the HTML page of ``dart-hal compare``."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import significant
 
 STATISTICS = ("n", "mean", "std", "min", "max")
-POINTS = 400
-"""Of a curve: about the width of the picture in pixels."""
-LONGEST = 60
-"""Characters of a value in a table."""
+# Points of a curve: about the width of the picture in pixels.
+MAX_CURVE_POINTS = 400
+# Characters of a value in a table.
+MAX_VALUE_LENGTH = 60
 
 
 def lead(found: Comparison) -> str:
-    """The answer in one sentence: whether and when the two part."""
-    same, parted = found.same_commands, found.parted
+    """Return one sentence: whether and when the two runs begin to differ."""
+    same = found.same_commands
+    parted = found.parted
     if same is None:
-        return "one of them was not driven, so that it cannot be said when they part"
+        return "one of them was not driven, so that there is no common start to compare from"
     if same < SAMPLE:
         return "they were driven by different commands from the first one on"
     if parted is None:
@@ -38,28 +39,28 @@ def lead(found: Comparison) -> str:
 
 
 def statistic_rows(statistics: Mapping[str, Sequence[Mapping[str, float]]]) -> list[list[str]]:
-    """A head, then two rows for each channel: A and B."""
+    """Return a head, then two rows for each channel: A and B."""
     rows = [["channel", "", *STATISTICS]]
     for name, both in statistics.items():
         for side, one in zip("AB", both, strict=True):
-            rows.append([_titled(name) if side == "A" else "", side, str(one["n"]),
+            rows.append([_label(name) if side == "A" else "", side, str(one["n"]),
                          *(significant(one.get(key)) for key in STATISTICS[1:])])
     return rows
 
 
-def _titled(name: str) -> str:
-    """A channel with its unit, where it has one."""
+def _label(name: str) -> str:
+    """Return a channel with its unit, if it has one."""
     unit = TABLE_COLUMNS[name].unit if name in TABLE_COLUMNS else ""
     return f"{name} [{unit}]" if unit else name
 
 
 def difference_rows(differs: Sequence[Difference]) -> list[list[str]]:
-    """Name, value in A, value in B."""
-    def short(value: Any) -> str:
+    """Return rows of name, value in A and value in B."""
+    def shorten(value: Any) -> str:
         text = "-" if value is None else str(value)
-        return text if len(text) <= LONGEST else text[:LONGEST - 3] + "..."
+        return text if len(text) <= MAX_VALUE_LENGTH else text[:MAX_VALUE_LENGTH - 3] + "..."
 
-    return [[d.name, short(d.a), short(d.b)] for d in differs]
+    return [[d.name, shorten(d.a), shorten(d.b)] for d in differs]
 
 
 def write_page(found: Comparison, path: Path, answer: dict[str, Any]) -> Path:
@@ -69,7 +70,7 @@ def write_page(found: Comparison, path: Path, answer: dict[str, Any]) -> Path:
             for side, r in zip("AB", answer["runs"], strict=True)]
     head, *rows = statistic_rows(answer["statistics"])
     differ = table(("what", "A", "B"), difference_rows(found.differs))
-    said = lead(found)
+    sentence = lead(found)
     sections = {
         "runs": ("The two runs", table(
             ("", "run", "car", "lasts", "drove", "lost / damaged frames", "firmware"), runs, 3)),
@@ -78,13 +79,13 @@ def write_page(found: Comparison, path: Path, answer: dict[str, Any]) -> Path:
         "differ": ("What differs", differ or el(
             "p", "Car, firmware and files of the car are the same.")),
         "numbers": ("All numbers", page.download(answer, "comparison.json"))}
-    card = page.card(el("p", said[:1].upper() + said[1:] + ".", class_="big"),
+    card = page.card(el("p", sentence[:1].upper() + sentence[1:] + ".", class_="big"),
                      good=found.parted is None and found.same_commands is not None)
     return page.write(path, page.page("comparison", "Two runs side by side", card, sections))
 
 
 def _pictures(found: Comparison) -> Html:
-    """Speed, yaw rate and commands of both over the time since the first command."""
+    """Draw speed, yaw rate and commands of both over the time since the first command."""
     both = resample_from_first_command(found.a), resample_from_first_command(found.b)
     if both[0] is None or both[1] is None:
         return el("p", "One of them was not driven: there is no common beginning.")
@@ -93,9 +94,11 @@ def _pictures(found: Comparison) -> Html:
         series = []
         for drive, style in zip(both, ("before", "after"), strict=True):
             assert drive is not None
-            step = -(-len(drive["t"]) // POINTS)
-            t, y = drive["t"][::step], drive[name][::step]
+            # Every n-th sample, n rounded up, gives at most MAX_CURVE_POINTS.
+            step = -(-len(drive["t"]) // MAX_CURVE_POINTS)
+            t = drive["t"][::step]
+            y = drive[name][::step]
             series.append(charts.Series(t, y, np.full(len(t), np.nan), style, marked=False))
         drawn.append(page.figure(name.replace("_", " "), charts.lines(
-            name, "time since the first command [s]", _titled(name), series)))
+            name, "time since the first command [s]", _label(name), series)))
     return join([svg.legend([("before", "A"), ("after", "B")]), page.figures(drawn)])

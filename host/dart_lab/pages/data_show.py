@@ -1,4 +1,4 @@
-"""What ``dart-hal data`` prints for people."""
+"""Terminal output of ``dart-hal data``."""
 
 from __future__ import annotations
 
@@ -15,24 +15,29 @@ from dart_hal.recording.fetch import FetchOutcome
 from dart_hal.recording.fetch.published import MANUAL_ADVICE
 from dart_hal.recording.repair import Repaired
 
-DETAILED = 3  # files; above it a table, and only what is serious
-FIRST = 5
+# More files are listed in a table, and only with their serious findings.
+MAX_DETAILED_FILES = 3
+# Missing files that are listed; more are counted.
+MAX_LISTED_FILES = 5
+# Words of a file name, between which a line may break. A date with time is one word.
 WORD = re.compile(r"\d\d_\d\d_\d{4}_\d\d_\d\d_\d\d|[^_-]*[_-]|[^_-]+$")
-"""Of a file name: a date and time stays in one piece."""
-NARROW, NAME, LONGEST = 80, 21, 44
-"""Columns of a narrow terminal, of a name there, and of the longest that is worth its room."""
+# A terminal of 80 columns has 21 for a name; a wider one gives its extra columns to the name, up
+# to 44, the length of the longest names.
+NARROW_TERMINAL = 80
+MIN_NAME_COLUMNS = 21
+MAX_NAME_COLUMNS = 44
 
 
 def show_checks(checks: Sequence[RecordingCheck], skipped: Sequence[tuple[str, str]],
                 whole: CheckSummary, full: bool) -> None:
-    """Blocks for a few files, a table for many; the verdicts last."""
-    if full or len(checks) <= DETAILED:
+    """Print a block for each of a few files, a table of many; the summary is last."""
+    if full or len(checks) <= MAX_DETAILED_FILES:
         for c in checks:
-            _block(c)
+            _print_block(c)
     else:
-        results.print(_table(checks))
-        _serious(checks)
-        _counts(checks)
+        results.print(_make_table(checks))
+        _print_serious(checks)
+        _print_counts(checks)
     for path, reason in skipped:
         print_line(f"skipped {path}: {reason}", "yellow")
     for note in whole.notes:
@@ -43,23 +48,27 @@ def show_checks(checks: Sequence[RecordingCheck], skipped: Sequence[tuple[str, s
                 f"evaluation windows; good for: {uses}")
 
 
-def _block(c: RecordingCheck) -> None:
-    f, r, m = c.facts, c.recording, c.facts.mocap
+def _print_block(c: RecordingCheck) -> None:
+    """Print facts, findings, uses and verdict of one recording."""
+    f = c.facts
+    r = c.recording
+    m = c.facts.mocap
     print_line(c.name, "bold")
-    _line("what", f"schema {r.schema}, {f.duration:.1f} s, {f.rows or f.messages} rows, "
-          f"{f.messages} messages every {f.step:.3f} s")
-    _line("when", f"{f.date} by {f.date_from}" if f.date else "not known")
-    _line("commands", f"throttle {_span(f.throttle)} while the gate is open, steering "
-          f"{_span(f.steering)}")
-    _line("motion", f"wheels {_span(f.speed, ' m/s')}, gyro {_span(f.yaw_rate, ' rad/s')}")
+    _print_line("what", f"schema {r.schema}, {f.duration:.1f} s, {f.rows or f.messages} rows, "
+                f"{f.messages} messages every {f.step:.3f} s")
+    _print_line("when", f"{f.date} by {f.date_from}" if f.date else "not known")
+    _print_line("commands", f"throttle {_span(f.throttle)} while the gate is open, steering "
+                f"{_span(f.steering)}")
+    _print_line("motion", f"wheels {_span(f.speed, ' m/s')}, gyro {_span(f.yaw_rate, ' rad/s')}")
     quantum = (f", {r.quantum:.5f} m/s per count" + (f" = {f.marks} marks per shaft turn"
                if f.marks else "") if r.quantum else "")
-    _line("encoder", r.encoder + quantum)
+    _print_line("encoder", r.encoder + quantum)
     if m is not None:
-        _line("mocap", f"{m.rows} rows every {m.step:.3f} s, v_x {_span(m.v_x, ' m/s')}, yaw rate "
-              f"{_span(m.yaw_rate, ' rad/s')}; bad {m.bad:.1%}, false lock {m.false_lock:.1%}, "
-              f"{m.gaps} gap(s) up to {m.longest_gap:.2f} s, {m.outliers} outlier row(s)")
-        _line("markers", _reference(c))
+        _print_line("mocap", f"{m.rows} rows every {m.step:.3f} s, v_x {_span(m.v_x, ' m/s')}, "
+                    f"yaw rate {_span(m.yaw_rate, ' rad/s')}; bad {m.bad:.1%}, "
+                    f"false lock {m.false_lock:.1%}, {m.gaps} gap(s) up to "
+                    f"{m.longest_gap:.2f} s, {m.outliers} outlier row(s)")
+        _print_line("markers", _describe_marker_frame(c))
     for x in c.findings:
         print_line(f"  {'!' if x.serious else '-'} {x}", "yellow" if x.serious else "dim")
     for purpose, use in c.uses.items():
@@ -69,29 +78,32 @@ def _block(c: RecordingCheck) -> None:
     print_line(f"  {c.verdict}", "green" if c.good_for else "red")
 
 
-def _reference(c: RecordingCheck) -> str:
-    known, fitted = c.motion.reference, c.motion.fitted
+def _describe_marker_frame(c: RecordingCheck) -> str:
+    known = c.motion.reference
+    fitted = c.motion.fitted
     text = f"{known} ({known.source})" if known else "not known, and not identified by this driving"
     if fitted and str(fitted) != str(known):
         text += f"; fitted to this recording alone: {fitted}"
     return text
 
 
-def _table(checks: Sequence[RecordingCheck]) -> Table:
+def _make_table(checks: Sequence[RecordingCheck]) -> Table:
     table = Table(box=None, pad_edge=False)
-    width = NAME + min(max(results.width - NARROW, 0), LONGEST - NAME)
-    table.add_column("recording", no_wrap=True, min_width=NAME)
+    width = MIN_NAME_COLUMNS + min(max(results.width - NARROW_TERMINAL, 0),
+                                   MAX_NAME_COLUMNS - MIN_NAME_COLUMNS)
+    table.add_column("recording", no_wrap=True, min_width=MIN_NAME_COLUMNS)
     for name in ("schema", "s", "rows", "encoder", "m/s", "bad"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_column("good for", overflow="fold")
     folder = None
     for c in checks:
-        f, path = c.facts, c.recording.path
+        f = c.facts
+        path = c.recording.path
         if path.parent != folder:
             folder = path.parent
-            table.add_row(f"[bold]{escape(broken(folder_of(path), width))}[/]")
+            table.add_row(f"[bold]{escape(wrap_name(folder_of(path), width))}[/]")
         top = f.speed or (f.mocap.v_x if f.mocap else None)
-        stem = broken(stem_of(path), width - 2).replace("\n", "\n  ")
+        stem = wrap_name(stem_of(path), width - 2).replace("\n", "\n  ")
         table.add_row("  " + escape(stem), c.recording.schema, f"{f.duration:.0f}",
                       str(f.rows or f.messages),
                       f"{f.marks} marks" if f.marks else c.recording.encoder,
@@ -101,8 +113,8 @@ def _table(checks: Sequence[RecordingCheck]) -> Table:
     return table
 
 
-def broken(name: str, width: int) -> str:
-    """A name in lines of at most ``width``, broken behind _ or - where it has one."""
+def wrap_name(name: str, width: int) -> str:
+    """Break a name into lines of at most ``width`` characters, after _ or - if possible."""
     lines = [""]
     for word in WORD.findall(name):
         for piece in (word[i:i + width] for i in range(0, len(word), width)):
@@ -112,15 +124,15 @@ def broken(name: str, width: int) -> str:
     return "\n".join(lines)
 
 
-def _serious(checks: Sequence[RecordingCheck]) -> None:
+def _print_serious(checks: Sequence[RecordingCheck]) -> None:
     for c in checks:
         for x in c.findings:
             if x.serious:
                 print_line(f"! {c.name}: {x}", "yellow")
 
 
-def _counts(checks: Sequence[RecordingCheck]) -> None:
-    """What was dropped or changed in all files, by kind."""
+def _print_counts(checks: Sequence[RecordingCheck]) -> None:
+    """Print by kind what was dropped or changed in all files."""
     kinds: dict[str, list[int]] = {}
     for c in checks:
         for x in c.findings:
@@ -133,32 +145,31 @@ def _counts(checks: Sequence[RecordingCheck]) -> None:
 
 
 def show_fetch(outcome: FetchOutcome) -> None:
-    """What came, what was refused, what is missing and what to do about it."""
+    """Print the files that were refused, replaced or are missing, the total, and the remedy."""
     for r in outcome.refused:
         print_line(f"refused {r.path}: {r.found} ({r.where})", "red")
     for path in outcome.replaced:
-        print_line(f"another {path} was there: kept as {path.rsplit('/', 1)[-1]}.old", "yellow")
-    for path in outcome.missing[:FIRST]:
+        print_line(f"{path} had other content: kept as {path.rsplit('/', 1)[-1]}.old", "yellow")
+    for path in outcome.missing[:MAX_LISTED_FILES]:
         print_line(f"missing {path}", "yellow")
-    if len(outcome.missing) > FIRST:
-        print_line(f"... and {len(outcome.missing) - FIRST} more", "yellow")
+    if len(outcome.missing) > MAX_LISTED_FILES:
+        print_line(f"... and {len(outcome.missing) - MAX_LISTED_FILES} more", "yellow")
     there = len(outcome.present) + len(outcome.fetched)
-    print_line(f"{there} of {outcome.files} recordings in {outcome.to} ({len(outcome.fetched)} "
-               "new)",
-                "green" if outcome.complete else "yellow")
+    print_line(f"{there} of {outcome.files} recordings in {outcome.to} "
+               f"({len(outcome.fetched)} new)",
+               "green" if outcome.complete else "yellow")
     if not outcome.complete:
         print_line(f"to complete it: {MANUAL_ADVICE}")
 
 
 def show_repair(done: Sequence[Repaired]) -> None:
-    """What was kept, what was left out, where the old file is."""
+    """Print how much was kept and removed, and the name of the old file."""
     for d in done:
         if d.old is None:
-            print_line(f"{d.path}: whole, {d.messages} messages; left as it is")
+            print_line(f"{d.path}: complete, {d.messages} messages; not changed")
         else:
-            print_line(f"{d.path}: {d.messages} messages, index written; {d.left_out} bytes that "
-                       "were "
-                        f"not whole are left out; the old file is {d.old.name}", "green")
+            print_line(f"{d.path}: {d.messages} messages, index written; {d.left_out} bytes of "
+                       f"incomplete records are left out; the old file is {d.old.name}", "green")
 
 
 def _span(values: tuple[float, float] | None, unit: str = "") -> str:
@@ -169,5 +180,5 @@ def _short(value: float) -> str:
     return np.format_float_positional(value + 0.0, precision=3, trim="-")
 
 
-def _line(name: str, text: str) -> None:
+def _print_line(name: str, text: str) -> None:
     print_line(f"  {name:<9} {text}")

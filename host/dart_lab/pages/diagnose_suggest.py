@@ -15,7 +15,7 @@ from dart_lab.diagnosis.suggest.sharpen import ParameterDrive
 
 
 def show_suggestions(suggestions: Sequence[Suggestion], drives: Sequence[ParameterDrive]) -> None:
-    """What to drive next, what it would separate or measure, and what to type."""
+    """Print what to drive next, what it would separate or measure, and the commands."""
     if not suggestions and not drives:
         print_line(NOTHING_TO_SUGGEST)
     for one in drives:
@@ -30,19 +30,18 @@ def show_suggestions(suggestions: Sequence[Suggestion], drives: Sequence[Paramet
                 print_line(f"  by hand: {s.by_hand}", style="dim")
             continue
         print_line(f"  {s.description}, on a free floor of {s.space}, judged by {s.needs}")
-        results.print(_table(s))
+        results.print(_make_table(s))
         if s.caution():
             print_line(f"  {s.caution()}", style="yellow")
         for command in s.commands:
             print_line(f"  {command}")
-        print_line("  on a real car with --url; then dart-hal diagnose with the new recording as "
-                   "well"
-                    + (" (drive within the motion capture volume)" if "capture" in s.needs else ""))
+        print_line("  on a real car with --url; then dart-hal diagnose with the new recording too"
+                   + (" (drive within the motion capture volume)" if "capture" in s.needs else ""))
         if not s.enough:
             print_line(f"  by hand: {s.by_hand}", style="dim")
 
 
-def _table(s: Suggestion) -> Table:
+def _make_table(s: Suggestion) -> Table:
     table = Table(title="standard deviations between the two; share of simulated repeats in "
                         "which the true one fits better", title_justify="left",
                   box=box.SIMPLE_HEAD, pad_edge=False)

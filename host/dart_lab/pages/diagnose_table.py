@@ -1,4 +1,4 @@
-"""What ``dart-hal diagnose`` prints: verdict, findings in four sentences, errors by model."""
+"""Terminal output of ``dart-hal diagnose``: verdict, findings, errors by model."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ from dart_lab.diagnosis.result import Diagnosis
 from dart_lab.identification.evaluation import CHANNELS as PREDICTED
 from dart_lab.report.numbers import significant
 
-NARROWEST = 86
-"""Columns that the table takes wherever it is printed."""
-WITH_MEDIANS = 110
-"""Columns of a terminal from which on medians are printed as well: the table with a
-refit and causes is 109 wide with them."""
-COLUMNS = {"given": "given", "refitted": "refitted", "extended": "with causes"}
+# Width of the table in columns, also in a narrower terminal.
+MIN_TABLE_WIDTH = 86
+# Terminal width from which medians are printed as well. The table with a refit and causes is
+# 109 columns wide with medians.
+MEDIANS_MIN_WIDTH = 110
+STAGE_TITLES = {"given": "given", "refitted": "refitted", "extended": "with causes"}
 
 
 def show(d: Diagnosis) -> None:
-    """Print the verdict, one line for each finding, the errors by model, and what is doubtful."""
+    """Print the verdict, one line for each finding, the errors by model, and all doubts."""
     print_line(headline(d), style="bold")
     for line in summary_lines(d):
         print_line(f"  {line}")
@@ -77,27 +77,27 @@ def _show_errors(d: Diagnosis) -> None:
         return
     floor = ["floor"] * bool(d.noise_floor)
     counted = any(c.counts for name in known for c in step_changes(d, name))
-    medians = results.width >= WITH_MEDIANS
+    medians = results.width >= MEDIANS_MIN_WIDTH
     print_line(f"errors 1 s ahead on the test recordings: RMSE{' (median)' * medians}; "
                + f"floor: {NOISE_FLOOR}; " * bool(floor) + f"const.: {CONSTANT_VELOCITY}; "
                + "with each step its change"
                + " and the recordings better:worse" * counted)
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    for title in ("", *floor, "const.", *(COLUMNS[name] for name in d.compared)):
+    for title in ("", *floor, "const.", *(STAGE_TITLES[name] for name in d.compared)):
         table.add_column(title, no_wrap=True)
     for name in known:
-        held, given, *later = (_error(of, name, medians) for of in (
+        held, given, *later = (_format_error(horizons, name, medians) for horizons in (
             d.ctrv, *(stage.horizons for stage in d.compared.values())))
         least = [significant(d.noise_floor[name])] if floor else []
         steps = (f"{error} {c.summary}"
                  for error, c in zip(later, step_changes(d, name), strict=False))
         table.add_row(f"{channel(name)} [{CHANNEL_LABELS[name][1]}]", *least, held, given, *steps)
     Console(file=output, emoji=False, markup=False, highlight=False,
-            width=max(results.width, NARROWEST)).print(table)
+            width=max(results.width, MIN_TABLE_WIDTH)).print(table)
 
 
-def _error(horizons: Mapping[str, Any], name: str, median: bool) -> str:
-    """"0.137 (0.103)": RMSE, and the median where there is room for it."""
+def _format_error(horizons: Mapping[str, Any], name: str, median: bool) -> str:
+    """Return the RMSE, with the median if requested: "0.137 (0.103)"."""
     typical = error_figure(horizons, "1.0", name, "median")
     note = f" ({significant(typical)})" if median and math.isfinite(typical) else ""
     return significant(error_figure(horizons, "1.0", name)) + note

@@ -7,12 +7,12 @@ import textwrap
 from dart_hal.vehicle.effect import EFFECT_STAGES, Effect, Parameter
 from dart_hal.vehicle.effects import equation_text, order_key, own_effects
 
-HEAD = """# Effects
+EFFECTS_HEAD = """# Effects
 
-What a base model lacks, one physical cause per entry. The simulator injects an effect, the
-diagnosis looks for it, an extended `model.toml` carries it. At its null value an effect changes
-nothing, to the last bit. Several act in the order of the stages below, whichever was named first.
-Those on forces need tyres: the kinematic bicycle has none and does not change.
+Each entry is one physical cause that a base model lacks. The simulator injects an effect, the
+diagnosis looks for it, an extended `model.toml` contains it. At its null value an effect changes
+no bit of the result. Several effects act in the order of the stages below, not in that of their
+names in a file. Effects on forces need tyres: the kinematic bicycle has none and does not change.
 
 ```toml
 [[effects]]
@@ -22,58 +22,59 @@ parameters = { k = { value = 0.1, std = 0.02 } }
 
 In a URL or an option: `quadratic_drag:0.1`, several with commas; where an effect has several
 parameters, `encoder_ring:missing=0.05:phase=0.2`. *Sizes* are a small, a medium and a large
-departure from null, of either sign where the interval allows it: what the tests hide. A fit may
-move a parameter *from* .. *to*. A size on an end of that interval, or outside its *physical* range,
-is never accepted as a cause. This page is
-generated from `dart_hal/vehicle/effects/` (`dart-hal wire --write`).
+difference from null, of either sign if the interval allows it; the tests hide these. A fit keeps a
+parameter between *from* and *to*. A size on an end of that interval, or outside its *physical*
+range, is never accepted as a cause. This page is generated from `dart_hal/vehicle/effects/`
+(`dart-hal wire --write`).
 """
 
-WIDTH = 120  # characters of a line of the page
+# Characters of a line of the page.
+LINE_WIDTH = 120
 STAGE_TEXT = {
     "command": "Between the program and the actuators.",
     "actuator": "Servo, linkage, ESC, motor and battery.",
-    "force": "What acts on the car.",
-    "motion": "What the forces move.",
-    "measurement": "What the sensors make of it; the car moves as before.",
+    "force": "Forces on the car.",
+    "motion": "Response of the car to the forces.",
+    "measurement": "Errors of the sensors; the car moves as before.",
 }
 
 
 def render_effects() -> str:
-    """Markdown page of the catalogue, by stage and in the order in which effects act."""
+    """Return the Markdown page of the catalogue, by stage and in the order in which effects act."""
     effects = sorted(own_effects().values(), key=order_key)
-    parts = [HEAD]
+    parts = [EFFECTS_HEAD]
     for stage in EFFECT_STAGES:
         mine = [e for e in effects if e.stage == stage]
         parts.append(f"## {stage.capitalize()}\n\n{STAGE_TEXT[stage]}\n\n"
                      + " · ".join(f"[{e.name}](#{e.name})" for e in mine) + "\n")
-        parts += [section(e) for e in mine]
+        parts += [render_effect(e) for e in mine]
     return "\n".join(parts)
 
 
-def section(of: Effect) -> str:
-    """One effect: sentence, physics, equation, parameters, and what tells it apart."""
-    rows = "\n".join(map(_row, of.parameters))
-    alike = ", ".join(f"[{name}](#{name})" for name in of.confused_with)
-    said = textwrap.fill(f"The car {of.title}. {of.physics}", WIDTH)
-    apart = textwrap.fill(f"To tell them apart: {of.experiment}", WIDTH)
-    return f"""### {of.name}
+def render_effect(effect: Effect) -> str:
+    """Return the section of an effect: physics, equation, parameters, distinguishing drive."""
+    rows = "\n".join(map(_render_row, effect.parameters))
+    confounders = ", ".join(f"[{name}](#{name})" for name in effect.confused_with)
+    physics = textwrap.fill(f"The car {effect.title}. {effect.physics}", LINE_WIDTH)
+    experiment = textwrap.fill(f"To distinguish them: {effect.experiment}", LINE_WIDTH)
+    return f"""### {effect.name}
 
-{said}
+{physics}
 
 ```text
-{equation_text(of)}
+{equation_text(effect)}
 ```
 
 | parameter | meaning | unit | null | from | to | physical | sizes |
 |---|---|---|---|---|---|---|---|
 {rows}
 
-Looks like {alike}.
-{apart}
+Looks like {confounders}.
+{experiment}
 """
 
 
-def _row(q: Parameter) -> str:
+def _render_row(q: Parameter) -> str:
     unit = q.unit + (", per recording" if q.per_recording else "")
     cells = (f"`{q.name}`", q.meaning, unit, *map(_number, (q.null, q.low, q.high)),
              " to ".join(map(_number, q.physical_range)), " ".join(map(_number, q.sizes)))

@@ -6,9 +6,9 @@ import inspect
 
 from dart_hal.core.errors import CATALOGUE
 
-HEAD = """# Errors
+ERRORS_HEAD = """# Errors
 
-Every error says what happened, what was found, what is likely, and what to type. With `--json` a
+Every error names what happened, what was found, the likely cause, and the remedy. With `--json` a
 verb prints it as `{"error": {"code", "what", "found", "try"}}` and exits with 2. The classes live
 in `dart_hal.core.errors`; each also inherits the builtin that a caller would expect. This page is
 generated from them (`dart-hal wire --write`).
@@ -19,11 +19,11 @@ generated from them (`dart-hal wire --write`).
 
 
 def render_errors() -> str:
-    """Markdown page of the catalogue, in the order of the codes."""
+    """Return the Markdown page of the catalogue, in the order of the codes."""
     rows = []
     for code, kind in sorted(CATALOGUE.items()):
         first = (inspect.getdoc(kind) or "").splitlines()[0]
         cells = (code, f"`{kind.__name__}`", first, kind.likely_default or "-",
-                 f"`{kind.remedy_default}`" if kind.remedy_default else "as the message says")
+                 f"`{kind.remedy_default}`" if kind.remedy_default else "see the message")
         rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
-    return HEAD + "\n".join(rows) + "\n"
+    return ERRORS_HEAD + "\n".join(rows) + "\n"

@@ -1,4 +1,4 @@
-"""What is on the page that ``dart-hal evaluate --html`` writes: errors, pictures, recordings."""
+"""HTML page of ``dart-hal evaluate --html``: errors, pictures, recordings."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ from typing import Any
 
 from dart_lab.identification.evaluation import CHANNELS, HORIZONS, UNITS, Evaluation
 from dart_lab.identification.evaluation.pictures import figures
-from dart_lab.pages.evaluate_table import HEADS, caution, gain
+from dart_lab.pages.evaluate_table import CHANNEL_TITLES, caution, describe_gains
 from dart_lab.report import page
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import significant
 from dart_lab.report.page import image
 
-HEAD = [f"{head} [{unit}]" for head, unit in zip(HEADS, UNITS, strict=True)]
-NAMES = {"errors": "Error over the horizon, and by recording", "windows": "Six windows, good to "
-         "bad", "kinematic_limit": "Where the kinematic model ends"}
+ERROR_COLUMNS = [f"{head} [{unit}]" for head, unit in zip(CHANNEL_TITLES, UNITS, strict=True)]
+FIGURE_TITLES = {"errors": "Error over the horizon, and by recording",
+                 "windows": "Six windows, good to bad",
+                 "kinematic_limit": "Where the kinematic model ends"}
 
 
 def write_page(e: Evaluation, path: Path, answer: Mapping[str, Any],
@@ -25,39 +26,40 @@ def write_page(e: Evaluation, path: Path, answer: Mapping[str, Any],
 
     Errors: OSError, UsageError without matplotlib.
     """
-    drawn = [page.figure(NAMES[name], image(figure, NAMES[name]))
+    drawn = [page.figure(FIGURE_TITLES[name], image(figure, FIGURE_TITLES[name]))
              for name, figure in figures(e).items()]
-    warned = caution(e)
-    lead, *gains = gain(e)
+    warning = caution(e)
+    lead, *gains = describe_gains(e)
     limit = e.limit.sentences() if e.limit is not None else []
     result = page.card(el("p", lead[:1].upper() + lead[1:], class_="big"), page.items(gains),
-                       page.notices([*cautions, *([f"Caution: {warned}"] if warned else [])]),
+                       page.notices([*cautions, *([f"Caution: {warning}"] if warning else [])]),
                        good=all(g.low > 0.0 for g in e.gain_over_ctrv(1.0).values()))
     by_file = [row for file in e.model.slices for row in _rows(e, file, 1.0, file)]
     files = [(name, str(use.windows), "; ".join(use.why)) for name, use in e.prepared.files.items()]
     return page.write(path, page.page(
         f"evaluation of {e.vehicle.name}",
         f"How well {e.vehicle.name} ({e.vehicle.kind}) predicts, open loop", result, {
-            "errors": ("Errors by horizon", _errors(
+            "errors": ("Errors by horizon", _error_table(
                 [row for h in HORIZONS for row in _rows(e, f"after {h:g} s", h, None)])),
             "pictures": ("Pictures", join(drawn)),
             "limit": ("How far the kinematic model reaches", page.items(limit)),
-            "recordings": ("Errors after 1 s by recording", _errors(by_file)),
+            "recordings": ("Errors after 1 s by recording", _error_table(by_file)),
             "files": ("Recordings", table(("file", "windows", "why"), files)),
             "numbers": ("All numbers", page.download(answer, "evaluation.json"))}))
 
 
-def _errors(rows: Sequence[Sequence[str]]) -> Html:
-    return table(("", "", "windows", *HEAD), rows, 2, "RMSE, in brackets the median; CTRV: "
-                 "constant turn rate and velocity")
+def _error_table(rows: Sequence[Sequence[str]]) -> Html:
+    return table(("", "", "windows", *ERROR_COLUMNS), rows, 2,
+                 "RMSE, in brackets the median; CTRV: constant turn rate and velocity")
 
 
 def _rows(e: Evaluation, name: str, horizon: float, file: str | None) -> list[list[str]]:
-    """The model's and, below it, those of constant turn rate and velocity."""
+    """Return the row of the model and the row of constant turn rate and velocity (CTRV)."""
     n = str(e.model.errors[..., e.model.slices[file] if file else slice(None)].shape[-1])
     rows = []
     for start, score in ((name, "model", n), e.model), (("", "CTRV", ""), e.ctrv):
-        rmse, median = score.rmse(horizon, file), score.median(horizon, file)
+        rmse = score.rmse(horizon, file)
+        median = score.median(horizon, file)
         rows.append([*start, *(f"{significant(rmse[c])} ({significant(median[c])})"
                                for c in CHANNELS)])
     return rows

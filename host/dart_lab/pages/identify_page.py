@@ -1,4 +1,4 @@
-"""What is on the page that ``dart-hal identify --html`` writes: the terminal's tables, pictures."""
+"""HTML page of ``dart-hal identify --html``: the tables of the terminal, and pictures."""
 
 from __future__ import annotations
 
@@ -8,7 +8,12 @@ from typing import Any
 
 from dart_lab.identification.outcome import Identification
 from dart_lab.identification.write import why_unsound
-from dart_lab.pages.identify_table import heads, notes, parameters, quality
+from dart_lab.pages.identify_table import (
+    group_notes,
+    list_columns,
+    list_parameters,
+    list_residuals,
+)
 from dart_lab.report import page
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import listed
@@ -18,18 +23,21 @@ from dart_lab.report.page import image
 def write_page(outcome: Identification, figures: Mapping[str, Any], missing: Mapping[str, str],
                path: Path, *, command: str, answer: Mapping[str, Any],
                cautions: Sequence[str] = ()) -> Path:
-    """Write the page; figures: by name, missing: why there is none; cautions: about the sizes of
-    the car. Errors: OSError."""
+    """Write the page.
+
+    figures: by name. missing: reasons for missing figures, by name. cautions: about the sizes of
+    the car. Errors: OSError.
+    """
     files = outcome.files
     drawn = [page.figure(name.replace("_", " "), image(f, name)) for name, f in figures.items()]
-    return page.write(path, page.page("identification", "What these recordings say of the car",
+    return page.write(path, page.page("identification", "The car, identified from recordings",
                                       _result(outcome, cautions), {
-        "fits": ("Parameters", _fits(outcome)),
+        "fits": ("Parameters", _tables(outcome)),
         "pictures": ("Data, fit, and the paper's curve", join([
             *drawn, *(page.soft(f"No picture of {name}: {why}.")
-                                   for name, why in missing.items())])),
+                      for name, why in missing.items())])),
         "notes": ("Notes", page.items(f"{', '.join(names)}: {note}"
-                                      for note, names in notes(outcome).items())),
+                                      for note, names in group_notes(outcome).items())),
         "files": ("Recordings", table(
             ("file", "samples used", "left out", "why"),
             [(name, str(r.used), str(r.dropped), "; ".join(r.why)) for name, r in files.items()])),
@@ -40,15 +48,16 @@ def write_page(outcome: Identification, figures: Mapping[str, Any], missing: Map
 def _result(outcome: Identification, cautions: Sequence[str]) -> Html:
     doubts = {name: why for name, fit in outcome.fits.items() if (why := why_unsound(fit))}
     sound = [name for name in outcome.fits if name not in doubts]
-    said = f"Identified: {listed(sound, 'and')}." if sound else "Nothing could be identified."
-    return page.card(el("p", said, class_="big"),
+    sentence = f"Identified: {listed(sound, 'and')}." if sound else "Nothing could be identified."
+    return page.card(el("p", sentence, class_="big"),
                      page.notices([*cautions, *(f"{name}: {why}" for name, why in doubts.items())]),
                      good=bool(sound) and not doubts)
 
 
-def _fits(outcome: Identification) -> Html:
-    rows = [[el("strong", row[0]), *row[1:]] if not row[1] else row for row in parameters(outcome)]
-    fits = quality(outcome)
-    return join([table(heads(outcome), rows, caption="+- one standard error"),
+def _tables(outcome: Identification) -> Html:
+    rows = [[el("strong", row[0]), *row[1:]] if not row[1] else row
+            for row in list_parameters(outcome)]
+    fits = list_residuals(outcome)
+    return join([table(list_columns(outcome), rows, caption="+- one standard error"),
                  table(list(fits[0]), [list(f.values()) for f in fits], 1, "residuals")
                  if fits else Html()])

@@ -1,4 +1,4 @@
-"""The tables of ``dart-hal identify``."""
+"""Terminal output of ``dart-hal identify``."""
 
 from __future__ import annotations
 
@@ -17,43 +17,44 @@ from dart_lab.identification.write import SECTIONS, why_unsound
 from dart_lab.report.numbers import with_error
 
 DEGREES = {"1/rad": "1/deg", "N/rad": "N/deg"}
+# Numbers that differ from file to file in reasons that are otherwise the same.
 NUMBER = re.compile(r"\d+(\.\d+)?(?= (?:step|m/s per count|mocap|row|false|gap|samples slip|"
                     r"change speed|s earlier))")
-"""What differs from file to file in reasons that are the same."""
+# Start of a note on one session.
 SESSION = re.compile(r"20\d\d-\d\d-\d\d\b")
-"""How a note on one session of many begins."""
-NARROW = 90
-"""Columns of a terminal below which the loss, the square of the rmse, is left out."""
-MOST_FILES = 20
-"""Files listed one by one; more are summed up by reason."""
+# Terminal width from which the loss is printed. It is the least informative column: the square
+# of the RMSE.
+LOSS_MIN_WIDTH = 90
+# Files that are listed one by one; more are counted by reason.
+MAX_LISTED_FILES = 20
 
 
 def show(outcome: Identification, full: bool = False) -> None:
-    """Files first, then the fits, so that the result does not scroll away.
+    """Print the files, then the fits, so that the result does not scroll away.
 
-    full: notes of every session also where there are many files.
+    full: print the notes of every session, even of many files.
     """
-    _files(outcome)
-    results.print(_parameters(outcome))
-    results.print(_quality(outcome))
+    _print_files(outcome)
+    results.print(_make_parameter_table(outcome))
+    results.print(_make_residual_table(outcome))
     for name, fit in outcome.fits.items():
         why = why_unsound(fit)
         if why:
             results.print(f"caution: {name}: {why}", style="yellow", markup=False, highlight=False)
-    noted = notes(outcome)
-    short = {} if full or len(outcome.files) <= MOST_FILES else {
-        note: names for note, names in noted.items() if SESSION.match(note)}
-    for note, names in noted.items():
-        if note not in short:
+    notes = group_notes(outcome)
+    hidden = {} if full or len(outcome.files) <= MAX_LISTED_FILES else {
+        note: names for note, names in notes.items() if SESSION.match(note)}
+    for note, names in notes.items():
+        if note not in hidden:
             results.print(f"  {', '.join(names)}: {note}", style="dim", markup=False,
                           highlight=False)
-    if short:
-        results.print(f"  {len(short)} note(s) on single sessions: --full shows them, --json too",
+    if hidden:
+        results.print(f"  {len(hidden)} note(s) on single sessions: --full shows them, --json too",
                       style="dim", markup=False, highlight=False)
 
 
-def notes(outcome: Identification) -> dict[str, list[str]]:
-    """Each note once, with the sub-models that it is about."""
+def group_notes(outcome: Identification) -> dict[str, list[str]]:
+    """Return each note once, with the sub-models that it is about."""
     found: dict[str, list[str]] = {}
     for name, fit in outcome.fits.items():
         for note in fit.notes:
@@ -61,16 +62,18 @@ def notes(outcome: Identification) -> dict[str, list[str]]:
     return found
 
 
-def _files(outcome: Identification) -> None:
+def _print_files(outcome: Identification) -> None:
     reports = outcome.files
     used = sum(1 for r in reports.values() if r.used)
     results.print(f"{used} of {len(reports)} file(s) used, "
                   f"{sum(r.used for r in reports.values())} samples used, "
                   f"{sum(r.dropped for r in reports.values())} left out", highlight=False)
-    if len(reports) <= MOST_FILES:
+    if len(reports) <= MAX_LISTED_FILES:
         lines = [f"  {file}: used {r.used}, left out {r.dropped}"
                  + (f": {'; '.join(r.why)}" if r.why else "") for file, r in reports.items()]
     else:
+        # Count the files by reason. Numbers are replaced by N, and what follows a sub-model's
+        # reason is dropped, so that files with the same reason are counted together.
         counts: dict[str, int] = {}
         for report in reports.values():
             for why in report.why:
@@ -81,38 +84,41 @@ def _files(outcome: Identification) -> None:
         lines = [f"  {why}: {count} file(s)" for why, count in counts.items()]
         whole = sum(1 for report in reports.values() if not report.why)
         lines += [f"  every row used: {whole} file(s)"] if whole else []
-        lines.append("  (--json tells it file by file)")
+        lines.append("  (--json lists every file)")
     for line in lines:
         style = "yellow" if "caution:" in line else "dim"
         results.print(line, style=style, markup=False, highlight=False)
 
 
-def heads(outcome: Identification) -> tuple[str, str, str, str]:
-    """Columns of ``parameters``; the third: what the values are compared with."""
+def list_columns(outcome: Identification) -> tuple[str, str, str, str]:
+    """Return the column titles of the parameters; the values are compared with the third."""
     return ("", "value", "paper" if outcome.compared == PAPER.name else "base", "identifiable")
 
 
-def parameters(outcome: Identification) -> list[tuple[str, str, str, str]]:
-    """Rows of ``heads``; a sub-model's own row has no value, a value in degrees no name."""
+def list_parameters(outcome: Identification) -> list[tuple[str, str, str, str]]:
+    """Return the rows of the parameters, in the columns of ``list_columns``.
+
+    The title row of a sub-model has no value. A value that is repeated in degrees has no name.
+    """
     rows = []
     for name, fit in outcome.fits.items():
         if name == "tyres" and "tyres_front" in outcome.fits:
-            continue  # the same values again
+            continue  # the same values as tyres_front and tyres_rear
         paper = outcome.published[name].values if name in outcome.published else {}
         rows.append((name, "", "", ""))
         for key, e in {**fit.parameters, **outcome.derived.get(name, {})}.items():
-            beside = f"{paper[key]:.5g}" if key in paper else ""
-            rows.append((key, f"{with_error(e.value, e.std)} {e.unit.strip('-')}", beside,
-                         _told(fit, key, e)))
+            compared = f"{paper[key]:.5g}" if key in paper else ""
+            rows.append((key, f"{with_error(e.value, e.std)} {e.unit.strip('-')}", compared,
+                         _is_identifiable(fit, key, e)))
             if e.unit in DEGREES:
-                beside = f"{paper[key] / PER_DEGREE:.4f}" if key in paper else ""
+                compared = f"{paper[key] / PER_DEGREE:.4f}" if key in paper else ""
                 value = with_error(e.value / PER_DEGREE, e.std / PER_DEGREE)
-                rows.append(("", f"{value} {DEGREES[e.unit]}", beside, ""))
+                rows.append(("", f"{value} {DEGREES[e.unit]}", compared, ""))
     return rows
 
 
-def quality(outcome: Identification) -> list[dict[str, str]]:
-    """One row for each fit, by column; a joint fit is one, whatever it is of."""
+def list_residuals(outcome: Identification) -> list[dict[str, str]]:
+    """Return one row for each fit, by column; a joint fit of several sub-models is one row."""
     fits = dict(outcome.fits)
     if outcome.joint is not None and fits:
         first = next(iter(fits.values()))
@@ -127,10 +133,10 @@ def quality(outcome: Identification) -> list[dict[str, str]]:
             for name, fit in fits.items()]
 
 
-def _parameters(outcome: Identification) -> Table:
-    names = heads(outcome)
-    table = _columns("parameters, +- one standard error", names, (names[2],))
-    for name, *cells in parameters(outcome):
+def _make_parameter_table(outcome: Identification) -> Table:
+    names = list_columns(outcome)
+    table = _make_table("parameters, +- one standard error", names, (names[2],))
+    for name, *cells in list_parameters(outcome):
         if not cells[0] and table.row_count:
             table.add_section()
         table.add_row(f"  {name}" if cells[0] and name else name, *cells,
@@ -138,24 +144,24 @@ def _parameters(outcome: Identification) -> Table:
     return table
 
 
-def _quality(outcome: Identification) -> Table:
-    rows = quality(outcome)
-    left_out = {"loss"} if results.width < NARROW else set()
-    shown = [column for column in (rows[0] if rows else {}) if column not in left_out]
-    table = _columns("residuals", shown, ("n", "rmse", "paper's", "loss", "CPU ms"))
+def _make_residual_table(outcome: Identification) -> Table:
+    rows = list_residuals(outcome)
+    excluded = {"loss"} if results.width < LOSS_MIN_WIDTH else set()
+    columns = [column for column in (rows[0] if rows else {}) if column not in excluded]
+    table = _make_table("residuals", columns, ("n", "rmse", "paper's", "loss", "CPU ms"))
     for row in rows:
-        table.add_row(*(row[column] for column in shown))
+        table.add_row(*(row[column] for column in columns))
     return table
 
 
-def _columns(title: str, columns: Sequence[str], right: Sequence[str]) -> Table:
+def _make_table(title: str, columns: Sequence[str], right: Sequence[str]) -> Table:
     table = Table(title=title, box=box.SIMPLE_HEAD, pad_edge=False)
     for name in columns:
         table.add_column(name, justify="right" if name in right else "left", no_wrap=True)
     return table
 
 
-def _told(fit: Fit, key: str, e: Estimate) -> str:
+def _is_identifiable(fit: Fit, key: str, e: Estimate) -> str:
     if key in fit.at_bound:
         return "at bound"
     return "yes" if e.identifiable else "no"

@@ -1,4 +1,4 @@
-"""What is on the page of a car, and what its answer for machines is."""
+"""HTML page and JSON object of ``dart-hal report``: one car."""
 
 from __future__ import annotations
 
@@ -21,22 +21,23 @@ from dart_lab.report import charts, page
 from dart_lab.report.html import Html, el, join, table
 from dart_lab.report.numbers import significant
 
-VERBS = {"pwm": "clock", "throttle": "esc", "steering": "steering", "encoder": "encoder",
-         "imu": "imu", "latency": "latency", "mocap": "mocap", "lidar": "lidar",
-         "steering.slew_us_s": "latency"}
-"""Of ``dart-hal calibrate``, by table of calibration.toml, or by name."""
-SELDOM = "latency.pulse_to_yaw_lag"
-"""Shows where it is long alone, so that nobody is asked for it."""
-CLEAR = 3.0  # common standard errors: a change that is no chance
+# Verb of ``dart-hal calibrate`` by table of calibration.toml, or by the name of a quantity.
+CALIBRATION_VERBS = {
+    "pwm": "clock", "throttle": "esc", "steering": "steering", "encoder": "encoder", "imu": "imu",
+    "latency": "latency", "mocap": "mocap", "lidar": "lidar", "steering.slew_us_s": "latency"}
+# This lag can only be measured if it is long; a car without a value is complete.
+OPTIONAL_QUANTITY = "latency.pulse_to_yaw_lag"
+# Joint standard errors above which a change is reported: by chance in 0.3 % of repeats.
+MIN_CHANGE_Z = 3.0
 
 
 def verb_of(name: str) -> str:
-    """Of ``dart-hal calibrate``, that measures a quantity "table.key"."""
-    return VERBS.get(name) or VERBS[name.partition(".")[0]]
+    """Return the verb of ``dart-hal calibrate`` that measures a quantity "table.key"."""
+    return CALIBRATION_VERBS.get(name) or CALIBRATION_VERBS[name.partition(".")[0]]
 
 
 @dataclass(frozen=True, slots=True)
-class About:
+class CarReport:
     """A car: its files, digests of its runs (newest first), and what changed in its files."""
 
     files: CarFiles
@@ -46,17 +47,21 @@ class About:
     now: datetime
 
     def missing(self) -> list[str]:
-        """What a verb measures and was never measured on this car; of a motion capture and a lidar,
-        which not all have, only where some is."""
+        """List the quantities that were never measured on this car.
+
+        Those of a motion capture or a lidar are listed only if another of them was measured: not
+        every car has these.
+        """
         have = self.files.calibration.quantities() if self.files.calibration else {}
         absent = {verb for verb in ("mocap", "lidar") if verb not in map(verb_of, have)}
-        out = [name for name in QUANTITIES if name not in have and name != SELDOM
+        out = [name for name in QUANTITIES if name not in have and name != OPTIONAL_QUANTITY
                and verb_of(name) not in absent]
-        mapped = self.files.calibration is not None and self.files.calibration.steering.map
-        return out if mapped else ["steering.map", *out]
+        steering_map = (self.files.calibration is not None
+                        and self.files.calibration.steering.map)
+        return out if steering_map else ["steering.map", *out]
 
     def to_do(self) -> list[str]:
-        """What stands out, and what to type; nothing where all is well."""
+        """List what needs attention, with the commands; empty if nothing does."""
         verbs = dict.fromkeys(map(verb_of, self.missing()))
         out = [f"never measured: {', '.join(n for n in self.missing() if verb_of(n) == verb)}; "
                f"dart-hal calibrate {verb}" for verb in verbs]
@@ -64,7 +69,7 @@ class About:
             out += [f"{name}: dart-hal calibrate all" for name in
                     self.files.calibration.warnings(self.now)]
         out += [f"{c.name} moved by {c.z:.1f} standard errors since the version before"
-                for c in (*self.calibration, *self.model) if c.z > CLEAR]
+                for c in (*self.calibration, *self.model) if c.z > MIN_CHANGE_Z]
         for run in self.runs:
             if run.lost or run.damaged:
                 out.append(f"{run.path}: {run.lost} frames lost, {run.damaged} damaged")
@@ -72,12 +77,13 @@ class About:
                     in run.doubts.items()]
         return out
 
-    def changed(self) -> list[str]:
-        """What differs between the last two runs, in words."""
+    def list_run_changes(self) -> list[str]:
+        """Describe how files and firmware differ between the last two runs."""
         if len(self.runs) < 2:
             return []
         new, old = self.runs[:2]
-        out = [f"{name}: {'changed' if name in old.files and name in new.files else 'came or went'}"
+        common = old.files.keys() & new.files.keys()
+        out = [f"{name}: {'changed' if name in common else 'added or removed'}"
                for name in sorted(old.files.keys() | new.files.keys())
                if old.files.get(name) != new.files.get(name)]
         if old.firmware != new.firmware:
@@ -85,66 +91,68 @@ class About:
         return out
 
     def to_json(self, written: Path) -> dict[str, Any]:
-        """The object of ``dart-hal report --json``."""
+        """Return the object of ``dart-hal report --json``."""
         found = self.files.calibration.quantities() if self.files.calibration else {}
         return {"car": self.files.config.name, "page": written,
                 "calibrations": {name: {"value": q.value, "std": q.std, "method": q.method}
                                  for name, q in found.items()},
-                "measured": self._when(), "missing": self.missing(),
+                "measured": self._calibrated_at(), "missing": self.missing(),
                 "runs": [run.to_json() for run in self.runs],
                 "changed": [{"name": c.name, "before": c.before, "now": c.now, "z": c.z}
                             for c in (*self.calibration, *self.model)],
-                "changed_runs": self.changed(), "to_do": self.to_do()}
+                "changed_runs": self.list_run_changes(), "to_do": self.to_do()}
 
-    def _when(self) -> str | None:
+    def _calibrated_at(self) -> str | None:
         when = (self.files.calibration.provenance.get("when")
                 if self.files.calibration is not None else None)
         return when.isoformat() if isinstance(when, datetime) else None
 
 
-def write_page(about: About, path: Path, answer: dict[str, Any]) -> Path:
+def write_page(report: CarReport, path: Path, answer: dict[str, Any]) -> Path:
     """Write the page. Errors: OSError."""
-    todo = about.to_do()
-    lead = "Nothing stands out." if not todo else "What stands out:"
+    todo = report.to_do()
+    lead = "Nothing needs attention." if not todo else "What needs attention:"
     card = page.card(el("p", lead, class_="big"), page.items(todo), good=not todo)
     changes = [(c.name, _number(c.before), _number(c.now),
                 "-" if math.isnan(c.z) else f"{c.z:.1f}")
-               for c in (*about.calibration, *about.model)]
+               for c in (*report.calibration, *report.model)]
     sections = {
-        "calibration": ("Calibrations", _calibration(about)),
-        "runs": (f"Last runs ({len(about.runs)})", _runs(about.runs)),
+        "calibration": ("Calibrations", _calibration(report)),
+        "runs": (f"Last runs ({len(report.runs)})", _runs(report.runs)),
         "changed": ("What changed", join([
-            table(("number", "before", "now", "standard errors apart"), changes, 1),
-            page.items(f"between the last two runs: {line}" for line in about.changed())])
-            if changes or about.changed() else el("p", "Nothing, as far as is recorded.")),
+            table(("number", "before", "now", "difference [standard errors]"), changes, 1),
+            page.items(f"between the last two runs: {line}" for line in report.list_run_changes())])
+            if changes or report.list_run_changes() else el("p", "No change is recorded.")),
         "numbers": ("All numbers", page.download(answer, "report.json"))}
-    name = about.files.config.name
+    name = report.files.config.name
     return page.write(path, page.page(f"report of {name}", f"The car {name}", card, sections))
 
 
-def _calibration(about: About) -> Html:
-    found = about.files.calibration
+def _calibration(report: CarReport) -> Html:
+    found = report.files.calibration
     if found is None:
-        return el("p", f"{about.files.folder}/calibration.toml is not there: nothing was measured.")
+        return el("p", f"{report.files.folder}/calibration.toml does not exist: nothing was "
+                       "measured.")
     rows = [(name, *_interval(q), q.method or "-") for name, q in found.quantities().items()]
     when = found.provenance.get("when")
     age = ""
     if isinstance(when, datetime):
         aware = when if when.tzinfo else when.replace(tzinfo=timezone.utc)
-        age = f"Last written {aware:%d %B %Y}, {(about.now - aware).days} days ago. "
-    return join([el("p", f"{age}File: {about.files.folder}/calibration.toml."), _map(about),
+        age = f"Last written {aware:%d %B %Y}, {(report.now - aware).days} days ago. "
+    return join([el("p", f"{age}File: {report.files.folder}/calibration.toml."), _map(report),
                  table(("quantity", "value", "90 % interval", "how it was measured"), rows, 1)])
 
 
-def _map(about: About) -> Html:
-    """The steering map with its 90 % interval."""
-    found = about.files.calibration.steering.map if about.files.calibration else None
+def _map(report: CarReport) -> Html:
+    """Draw the steering map with its 90 % interval."""
+    found = report.files.calibration.steering.map if report.files.calibration else None
     if found is None:
         return Html()
-    angle, reach = np.degrees(found.angle_rad), INTERVAL_90 * np.degrees(found.std_rad)
+    angle = np.degrees(found.angle_rad)
+    half_width = INTERVAL_90 * np.degrees(found.std_rad)
     return page.figure("Steering map, 90 % interval", charts.lines(
         "steering map", "pulse [us]", "road-wheel angle [deg]",
-        [charts.Series(np.array(found.pulse_us), angle, reach, "after")]))
+        [charts.Series(np.array(found.pulse_us), angle, half_width, "after")]))
 
 
 def _interval(q: Quantity | Quantities) -> tuple[str, str]:
@@ -155,7 +163,7 @@ def _interval(q: Quantity | Quantities) -> tuple[str, str]:
 
 def _runs(runs: Sequence[Digest]) -> Html:
     if not runs:
-        return el("p", "None was given, and there is no folder runs here.")
+        return el("p", "No run was given, and there is no folder ./runs.")
     rows = [(r.path, r.when.replace("T", " ")[:16], f"{r.duration:.1f} s", f"{r.distance:.1f} m",
              f"{r.fastest:.2f} m/s", f"{r.lost} / {r.damaged}",
              "-" if math.isnan(r.period[0]) else " / ".join(f"{1e3 * p:.0f}" for p in r.period),

@@ -9,11 +9,11 @@ import click
 
 from dart_hal.cli.main import cli, group_verbs
 
-HEAD = """# Verbs
+VERBS_HEAD = """# Verbs
 
 Every verb of the command `dart-hal`, with its options. `dart-hal VERB --help` prints the same.
 `--json` prints one JSON object on standard output. Notices go to standard error. The exit status
-is 0 when the work is done, 1 when the answer is no, 2 for input that cannot be used, and 130 after
+is 0 for success, 1 for a negative answer, 2 for input that cannot be used, and 130 after
 Ctrl-C. This page is generated from the program (`dart-hal wire --write`).
 """
 MARKUP = re.compile(r"([|*_$<\\`])")
@@ -30,21 +30,21 @@ def render_verbs() -> str:
                      for name, text in verbs.items()]
         contents.append("")
     sections = (part for verbs in groups.values() for name in verbs for part in _command(name, top))
-    return "\n".join([HEAD, *contents, *sections])
+    return "\n".join([VERBS_HEAD, *contents, *sections])
 
 
 def anchor(title: str) -> str:
-    """Of a heading, as GitHub and the handbook make it."""
+    """Return the anchor of a heading, as GitHub and the handbook make it."""
     return title.lower().replace(" ", "-")
 
 
 def plain(text: str) -> str:
-    """Text that Markdown must not read as markup; on one line."""
+    """Escape Markdown in a text and put it on one line."""
     return MARKUP.sub(r"\\\1", " ".join(text.split()))
 
 
 def _command(name: str, parent: click.Context) -> list[str]:
-    """Sections of a verb and, below it, of its own commands."""
+    """Return the sections of a verb and of its own commands."""
     group = parent.command
     assert isinstance(group, click.Group)
     command = group.get_command(parent, name)
